@@ -1,0 +1,46 @@
+# The two ways in: `make demo` and `make test`. Everything they need goes into .venv and target/.
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+RUST_SOURCES := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name 'Cargo.toml')
+
+.PHONY: demo test test-rust test-python lint bench docs clean
+
+demo: $(VENV)/built
+	$(BIN)/bess run case1 --out demo-case1
+
+test: test-rust test-python
+
+test-rust:
+	cargo test --locked
+
+test-python: $(VENV)/built
+	$(BIN)/python -m pytest
+
+lint: $(VENV)/built
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	cargo fmt --check
+	cargo clippy --workspace --all-targets --locked -- -D warnings
+
+bench: $(VENV)/built
+	cargo bench --locked
+	$(BIN)/python -m pytest benches -o addopts= --benchmark-only
+
+docs: $(VENV)/built
+	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build/html
+
+$(VENV)/tools: pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade pip
+	$(BIN)/python -m pip install --quiet 'maturin>=1.9.4,<2'
+	touch $@
+
+# An editable install: the Python sources are used in place, the Rust core is compiled into them.
+$(VENV)/built: $(VENV)/tools $(RUST_SOURCES)
+	$(BIN)/maturin develop --release --locked --extras dev,docs
+	touch $@
+
+clean:
+	rm -rf $(VENV) target docs/_build

@@ -1,0 +1,37 @@
+"""Power split control of multi-string battery storage, in closed loop with an electro-thermal plant.
+
+The public names are loaded on first use, so that ``import bess`` and ``bess --help`` stay fast.
+"""
+
+from importlib import import_module
+from importlib.metadata import version as _version
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from bess.errors import BessError, InputError, StoppedEarly
+    from bess.parameters import State, System, load_system
+
+_HOMES = {
+    "BessError": "bess.errors",
+    "InputError": "bess.errors",
+    "StoppedEarly": "bess.errors",
+    "State": "bess.parameters",
+    "System": "bess.parameters",
+    "load_system": "bess.parameters",
+}
+
+__all__ = ["BessError", "InputError", "State", "StoppedEarly", "System", "load_system"]
+
+__version__ = _version("bess-powersplit")
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'bess' has no attribute {name!r}")
+    value = getattr(import_module(_HOMES[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOMES})

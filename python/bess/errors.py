@@ -1,0 +1,17 @@
+"""Errors of the package.
+
+Every message names what is wrong, its value with unit, the allowed range and the place, and what to do. Outcomes
+that are to be expected (a time limit, an infeasible node) are statuses, not exceptions.
+"""
+
+
+class BessError(Exception):
+    """Base class of everything this package raises on purpose."""
+
+
+class InputError(BessError, ValueError):
+    """Bad input: a file, a parameter, an argument. The command line turns it into exit status 2."""
+
+
+class StoppedEarly(BessError):
+    """A run was interrupted after its results so far were saved. Exit status 3; resume with ``--resume``."""

@@ -1,0 +1,6 @@
+"""What is known about a plant before it runs: parameters (validated once, immutable) and state (apart from them)."""
+
+from bess.parameters.state import State
+from bess.parameters.system import StringParameters, System, load_system
+
+__all__ = ["State", "StringParameters", "System", "load_system"]

@@ -1,0 +1,10 @@
+"""Conversions between units, in one place."""
+
+from typing import Final
+
+SECONDS_PER_HOUR: Final = 3600.0
+SECONDS_PER_MINUTE: Final = 60.0
+MINUTES_PER_HOUR: Final = 60.0
+WATTS_PER_KW: Final = 1000.0
+PERCENT: Final = 100.0
+ZERO_CELSIUS_K: Final = 273.15

@@ -1,0 +1,1 @@
+//! Discrete-time control model of a battery of parallel strings.

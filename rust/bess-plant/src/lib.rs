@@ -1,0 +1,1 @@
+//! Electro-thermal plant of a battery of parallel strings.

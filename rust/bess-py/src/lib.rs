@@ -1,0 +1,12 @@
+//! Python binding: convert, detach from the interpreter, map errors. No numerics live here.
+
+use pyo3::prelude::*;
+
+mod system;
+
+/// Compiled core of bess.
+#[pymodule]
+mod _core {
+    #[pymodule_export]
+    use crate::system::System;
+}

@@ -1,0 +1,82 @@
+use crate::lut::{check_axis, locate};
+use crate::TableError;
+
+/// Bilinear table `z(x, y)` on a rectangular grid, clamped outside it. One row per `x`, one column per `y`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Grid {
+    x: Vec<f64>,
+    y: Vec<f64>,
+    z: Vec<f64>,
+}
+
+impl Grid {
+    /// Builds a grid from its axes and row-major values; `name` is used in the error.
+    pub fn new(name: &str, x: Vec<f64>, y: Vec<f64>, z: Vec<f64>) -> Result<Self, TableError> {
+        check_axis(name, &x)?;
+        check_axis(name, &y)?;
+        if z.len() != x.len() * y.len() {
+            return Err(TableError::table(
+                name,
+                format!("{} x {} knots but {} values", x.len(), y.len(), z.len()),
+            ));
+        }
+        if let Some(value) = z.iter().find(|v| !v.is_finite()) {
+            return Err(TableError::table(name, format!("value {value} is not finite")));
+        }
+        Ok(Self { x, y, z })
+    }
+
+    /// First axis.
+    pub fn x(&self) -> &[f64] {
+        &self.x
+    }
+
+    /// Second axis.
+    pub fn y(&self) -> &[f64] {
+        &self.y
+    }
+
+    /// Row-major values.
+    pub fn z(&self) -> &[f64] {
+        &self.z
+    }
+
+    /// Value at `(x, y)`, clamped outside the grid.
+    #[inline]
+    pub fn at(&self, x: f64, y: f64) -> f64 {
+        let (row, share_x) = locate(&self.x, x);
+        let low = self.row_at(row, y);
+        if self.x.len() == 1 {
+            return low;
+        }
+        low + share_x * (self.row_at(row + 1, y) - low)
+    }
+
+    #[inline]
+    fn row_at(&self, row: usize, y: f64) -> f64 {
+        let columns = self.y.len();
+        let values = &self.z[row * columns..(row + 1) * columns];
+        if columns == 1 {
+            return values[0];
+        }
+        let (column, share) = locate(&self.y, y);
+        values[column] + share * (values[column + 1] - values[column])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bilinear_function_is_reproduced_inside_and_clamped_outside() {
+        let f = |x: f64, y: f64| 1.0 + 2.0 * x - y + 0.5 * x * y;
+        let (x, y) = (vec![0.0, 1.0, 4.0], vec![-1.0, 2.0]);
+        let z = x.iter().flat_map(|&x| y.iter().map(move |&y| f(x, y))).collect();
+        let grid = Grid::new("g", x, y, z).unwrap();
+        for (x, y) in [(0.0, -1.0), (0.3, 0.7), (3.0, 2.0), (4.0, -1.0)] {
+            assert!((grid.at(x, y) - f(x, y)).abs() < 1e-12);
+        }
+        assert_eq!(grid.at(9.0, 5.0), f(4.0, 2.0));
+    }
+}
