@@ -1,0 +1,50 @@
+"""The way in for users: what `pip install` brings, in an environment that has nothing of this checkout."""
+
+import os
+import subprocess
+import sys
+import venv
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+
+def _run(*command: str | Path, cwd: Path) -> str:
+    done = subprocess.run(
+        [str(part) for part in command], cwd=cwd, capture_output=True, text=True, timeout=900, check=False
+    )
+    assert done.returncode == 0, f"{' '.join(map(str, command))}\n{done.stdout}\n{done.stderr}"
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def empty_environment(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A new virtual environment with the wheel that was built from the sdist, and its `bin` folder."""
+    work = tmp_path_factory.mktemp("wheel")
+    _run(sys.executable, "-m", "build", "--sdist", "--outdir", work / "sdist", ROOT, cwd=work)
+    (sdist,) = (work / "sdist").glob("*.tar.gz")
+    # Compiled dependencies may be shared with the checkout; the crates of the sdist are compiled from it.
+    os.environ.setdefault("CARGO_TARGET_DIR", str(ROOT / "target" / "packaging"))
+    _run(sys.executable, "-m", "pip", "wheel", "--no-deps", "--wheel-dir", work / "wheel", sdist, cwd=work)
+    (wheel,) = (work / "wheel").glob("*.whl")
+    assert "abi3" in wheel.name
+    venv.create(work / "env", with_pip=True)
+    binaries = work / "env" / ("Scripts" if os.name == "nt" else "bin")
+    _run(binaries / "python", "-m", "pip", "install", "--quiet", wheel, cwd=work)
+    return binaries
+
+
+def test_wheel_from_the_sdist_runs_a_study(empty_environment: Path, tmp_path: Path) -> None:
+    _run(empty_environment / "bess", "run", "case1", "--days", "0.25", "--out", tmp_path / "out", cwd=tmp_path)
+    assert (tmp_path / "out" / "kpis.json").is_file()
+
+
+def test_wheel_carries_its_types_and_its_bundled_data(empty_environment: Path, tmp_path: Path) -> None:
+    code = (
+        "import bess, importlib.resources as r; files = r.files('bess'); "
+        "assert files.joinpath('py.typed').is_file() and files.joinpath('_core.pyi').is_file(); "
+        "print(bess.System.reference().n_strings)"
+    )
+    assert _run(empty_environment / "python", "-c", code, cwd=tmp_path).strip() == "2"
