@@ -89,7 +89,7 @@ def test_the_knee_is_the_point_farthest_from_the_chord_whatever_the_units() -> N
 
 
 def test_a_dominated_point_is_never_the_knee() -> None:
-    assert knee_point([[0.0, 1.0], [0.6, 0.6], [0.5, 0.5], [1.0, 0.0]]) == 2
+    assert knee_point([[0.0, 1.0], [0.45, 0.45], [0.4, 0.4], [1.0, 0.0]]) == 2
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,13 @@
 """Pareto fronts: which points are on it, how much they dominate, and where it bends.
 
-All functions take ``points`` of shape ``(n_points, n_objectives)`` and one direction for each objective, ``"min"``
-(the default) or ``"max"``.
+All functions take ``points`` of shape ``(n_points, n_objectives)`` and one direction for each objective,
+``"min"`` (the default) or ``"max"``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -21,8 +22,8 @@ Points = NDArray[np.float64]
 def non_dominated(points: ArrayLike, directions: Sequence[Direction] | None = None) -> NDArray[np.bool_]:
     """Return which points no other point dominates.
 
-    A point dominates another if it is no worse in every objective and better in one. Equal points do not dominate
-    each other, so copies of a front point all stay.
+    A point dominates another if it is no worse in every objective and better in one. Equal points do not
+    dominate each other, so copies of a front point all stay.
 
     Parameters
     ----------
@@ -63,9 +64,9 @@ def hypervolume(
 
     Notes
     -----
-    Slices along the last objective and recurses (While et al., "A faster algorithm for calculating hypervolume",
-    IEEE Trans. Evol. Comput. 10(1), 2006, doi:10.1109/TEVC.2005.851275). Meant for fronts of hundreds of points
-    in up to four or so objectives.
+    Slices along the last objective and recurses (While et al., "A faster algorithm for calculating
+    hypervolume", IEEE Trans. Evol. Comput. 10(1), 2006, doi:10.1109/TEVC.2005.851275). Meant for fronts of
+    hundreds of points in up to four or so objectives.
     """
     costs = _as_costs(points, directions)
     bound = _as_costs(np.atleast_2d(np.asarray(reference, dtype=np.float64)), directions)
@@ -79,10 +80,10 @@ def hypervolume(
 def knee_point(points: ArrayLike, directions: Sequence[Direction] | None = None) -> int:
     """Return the index of the knee: the front point farthest from the chord between the extremes.
 
-    Objectives are scaled to [0, 1] over the front (ideal to nadir). The distance is measured towards the ideal from
-    the plane through the corners ``(1, 0, ...)``, ``(0, 1, ...)``; with two objectives these are the two ends of the
-    front, so the plane is their chord (Das, "On characterizing the knee of the Pareto curve", Struct. Optim. 18,
-    1999, doi:10.1007/BF01195985).
+    Objectives are scaled to [0, 1] over the front (ideal to nadir). The distance is measured towards the ideal
+    from the plane through the corners ``(1, 0, ...)``, ``(0, 1, ...)``; with two objectives these are the two
+    ends of the front, so the plane is their chord (Das, "On characterizing the knee of the Pareto curve",
+    Struct. Optim. 18, 1999, doi:10.1007/BF01195985).
 
     Raises
     ------
@@ -100,7 +101,7 @@ def knee_point(points: ArrayLike, directions: Sequence[Direction] | None = None)
 
 
 def _as_costs(points: ArrayLike, directions: Sequence[Direction] | None) -> Points:
-    costs = np.array(points, dtype=np.float64)
+    costs: Points = np.array(points, dtype=np.float64)
     if costs.ndim != 2 or costs.shape[1] == 0:
         raise InputError(f"points must have shape (n_points, n_objectives), not {costs.shape}")
     if not np.all(np.isfinite(costs)):
@@ -114,7 +115,8 @@ def _as_costs(points: ArrayLike, directions: Sequence[Direction] | None) -> Poin
         raise InputError(f"{len(directions)} directions for {costs.shape[1]} objectives; give one for each")
     if unknown := [direction for direction in directions if direction not in ("min", "max")]:
         raise InputError(f"direction {unknown[0]!r} is neither 'min' nor 'max'")
-    return costs * np.array([1.0 if direction == "min" else -1.0 for direction in directions])
+    signs: Points = np.array([1.0 if direction == "min" else -1.0 for direction in directions])
+    return costs * signs
 
 
 def _dominated_volume(costs: Points, bound: Points) -> float:
@@ -126,7 +128,7 @@ def _dominated_volume(costs: Points, bound: Points) -> float:
     order = costs[np.argsort(costs[:, -1], kind="stable")]
     levels = np.append(order[:, -1], bound[-1])
     volume = 0.0
-    for count, (low, high) in enumerate(zip(levels[:-1], levels[1:], strict=True), start=1):
+    for count, (low, high) in enumerate(pairwise(levels), start=1):
         if high > low:
             slab = order[:count, :-1]
             volume += float(high - low) * _dominated_volume(slab[non_dominated(slab)], bound[:-1])
