@@ -71,18 +71,16 @@ def hypervolume(
     costs = _as_costs(points, directions)
     bound = _as_costs(np.atleast_2d(np.asarray(reference, dtype=np.float64)), directions)
     if bound.shape != (1, costs.shape[1]):
-        raise InputError(
-            f"hypervolume: the reference has {bound.shape[1]} values, the points have {costs.shape[1]} objectives"
-        )
+        raise InputError(f"hypervolume: reference of {bound.shape[1]} values for {costs.shape[1]} objectives")
     return _dominated_volume(costs[np.all(costs < bound[0], axis=1)], bound[0])
 
 
 def knee_point(points: ArrayLike, directions: Sequence[Direction] | None = None) -> int:
     """Return the index of the knee: the front point farthest from the chord between the extremes.
 
-    Objectives are scaled to [0, 1] over the front (ideal to nadir). The distance is measured towards the ideal
-    from the plane through the corners ``(1, 0, ...)``, ``(0, 1, ...)``; with two objectives these are the two
-    ends of the front, so the plane is their chord (Das, "On characterizing the knee of the Pareto curve",
+    Objectives are scaled to [0, 1] over the front (ideal to nadir). The distance is measured towards the
+    ideal from the plane through the corners ``(1, 0, ...)``, ``(0, 1, ...)``; with two objectives these are the
+    two ends of the front, so the plane is their chord (Das, "On characterizing the knee of the Pareto curve",
     Struct. Optim. 18, 1999, doi:10.1007/BF01195985).
 
     Raises
