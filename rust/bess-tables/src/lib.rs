@@ -12,7 +12,7 @@ mod parameters;
 
 pub use error::TableError;
 pub use grid::Grid;
-pub use lut::Lut;
+pub use lut::{locate, Lut};
 pub use parameters::{
     Derating, Direction, Inverter, LumpedThermal, Resistance, SpatialThermal, StringParameters, System,
 };

@@ -63,7 +63,7 @@ pub(crate) fn check_axis(name: &str, x: &[f64]) -> Result<(), TableError> {
 
 /// Segment index and share in `[0, 1]` of `x` on an ascending axis, clamped at both ends.
 #[inline]
-pub(crate) fn locate(axis: &[f64], x: f64) -> (usize, f64) {
+pub fn locate(axis: &[f64], x: f64) -> (usize, f64) {
     let last = axis.len() - 1;
     if last == 0 || x <= axis[0] {
         return (0, 0.0);
