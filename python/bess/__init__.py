@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from bess.errors import BessError, InputError, StoppedEarly
+    from bess.market import read_prices, read_weather
     from bess.parameters import State, System, load_system
 
 _HOMES = {
@@ -18,9 +19,20 @@ _HOMES = {
     "State": "bess.parameters",
     "System": "bess.parameters",
     "load_system": "bess.parameters",
+    "read_prices": "bess.market",
+    "read_weather": "bess.market",
 }
 
-__all__ = ["BessError", "InputError", "State", "StoppedEarly", "System", "load_system"]
+__all__ = [
+    "BessError",
+    "InputError",
+    "State",
+    "StoppedEarly",
+    "System",
+    "load_system",
+    "read_prices",
+    "read_weather",
+]
 
 __version__ = _version("bess-powersplit")
 

@@ -1,0 +1,227 @@
+"""Arbitrage on market prices: a linear program over a rolling look-ahead."""
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from scipy import sparse
+from scipy.optimize import Bounds, LinearConstraint, milp
+
+from bess.ems.forecast import Array, Forecast, steps_in
+from bess.errors import BessError, InputError
+
+_BURNS: Final = 1e-6
+"""Charging and discharging at once above this share of nominal power counts as burning energy."""
+_MIP_GAP: Final = 1e-4
+
+
+class Arbitrage:
+    r"""Plan what to buy and sell, given prices and the energy that is really stored.
+
+    With charging `c`, discharging `d` (AC power), stored energy `e` and efficiencies
+    :math:`\eta_c = \eta_d = \sqrt{\eta}` of the two ways, every plan solves
+
+    .. math:: \max \sum_t \pi_t (d_t - c_t)\,\Delta t \quad\text{s. t.}\quad
+       e_t = e_{t-1} + \eta_c c_t \Delta t - d_t \Delta t / \eta_d,\quad 0 \le e_t \le E,\quad
+       0 \le c_t, d_t \le P,\quad \sum_{t \in \text{day}} d_t \Delta t / \eta_d \le n E .
+
+    Charging and discharging at once never pays where :math:`\pi_t \ge 0`: lowering `c` by :math:`\delta` and `d` by
+    :math:`\eta\delta` leaves `e` as it is, uses fewer cycles and earns :math:`\pi_t (1 - \eta)\,\delta\,\Delta t \ge 0`.
+    So such steps are netted, at no loss. Where the price is negative the same step costs money: the linear
+    program would burn energy for a fee. If its answer does, the program is solved again with one binary for each
+    step of negative price, which allows one direction only.
+
+    A plan depends on its arguments alone, so a run can resume: between two plans (every `replan_h`) the caller
+    keeps the last one.
+
+    Parameters
+    ----------
+    prices : Forecast
+        Prices ahead [EUR/MWh]; `Perfect` for day-ahead prices already published.
+    days : array of int, shape (n_steps,)
+        Day number of each step, for the cycle limit; see :func:`calendar_days`.
+    power_kw : float
+        Nominal AC power of the plant, charging and discharging, > 0.
+    energy_kwh : float
+        Usable stored energy between the SOC limits, > 0.
+    efficiency : float
+        Round trip, AC to AC, in (0, 1].
+    cycles_per_day : float
+        Most full cycles a calendar day: discharged stored energy over `energy_kwh`, > 0.
+    look_ahead_h, replan_h : float
+        How far a plan looks ahead, and how often a new one is due [h]; whole numbers of steps, replan <= look-ahead.
+    dt_h : float
+        Control step [h].
+
+    Raises
+    ------
+    InputError
+        A parameter is outside its range.
+    """
+
+    def __init__(
+        self,
+        prices: Forecast,
+        days: npt.ArrayLike,
+        *,
+        power_kw: float,
+        energy_kwh: float,
+        efficiency: float = 0.9,
+        cycles_per_day: float = 2.0,
+        look_ahead_h: float = 36.0,
+        replan_h: float = 6.0,
+        dt_h: float = 0.25,
+    ):
+        for name, value, unit in (
+            ("power_kw", power_kw, " kW"),
+            ("energy_kwh", energy_kwh, " kWh"),
+            ("cycles_per_day", cycles_per_day, ""),
+        ):
+            if not (np.isfinite(value) and value > 0.0):
+                raise InputError(f"arbitrage: {name} {value}{unit} must be finite and above 0{unit}")
+        if not 0.0 < efficiency <= 1.0:
+            raise InputError(f"arbitrage: efficiency {efficiency} (round trip) is outside (0, 1]")
+        self.look_ahead_steps = steps_in(look_ahead_h, dt_h, "arbitrage: look_ahead_h")
+        self.replan_steps = steps_in(replan_h, dt_h, "arbitrage: replan_h")
+        if self.replan_steps > self.look_ahead_steps:
+            raise InputError(
+                f"arbitrage: replan_h {replan_h} h must not exceed look_ahead_h {look_ahead_h} h"
+            )
+        self.prices = prices
+        self.days = np.asarray(days, dtype=np.int64)
+        self.power_kw, self.energy_kwh, self.dt_h = power_kw, energy_kwh, dt_h
+        self.efficiency, self.cycles_per_day = efficiency, cycles_per_day
+        self._balance: dict[int, sparse.csr_array] = {}
+
+    def is_due(self, step: int) -> bool:
+        """Tell whether a new plan is due at `step`: every `replan_h` from step 0."""
+        return step % self.replan_steps == 0
+
+    def plan(self, step: int, energy_kwh: float, discharged_today_kwh: float = 0.0) -> Array:
+        """Return the demand over the look-ahead that earns most.
+
+        Parameters
+        ----------
+        step : int
+            Present control step, ``0 <= step < n_steps``.
+        energy_kwh : float
+            Energy stored now, above the lower SOC limit, as measured. A plant outside its window (below 0 or above
+            `Arbitrage.energy_kwh`) is let be, and planned no further outside.
+        discharged_today_kwh : float
+            Stored energy discharged since the day of `step` began, counted against `cycles_per_day`, >= 0.
+
+        Returns
+        -------
+        numpy.ndarray, shape (min(look_ahead_steps, steps left),)
+            Demand [kW], positive = discharge.
+
+        Raises
+        ------
+        InputError
+            An argument is outside its range.
+        """
+        if not np.isfinite(energy_kwh):
+            raise InputError(f"arbitrage: stored energy {energy_kwh} kWh at step {step} must be finite")
+        if not (np.isfinite(discharged_today_kwh) and discharged_today_kwh >= 0.0):
+            raise InputError(
+                f"arbitrage: discharged_today_kwh {discharged_today_kwh} kWh must be finite and >= 0 kWh"
+            )
+        price = self.prices.ahead(step, self.look_ahead_steps)
+        days = self.days[step : step + price.size]
+        if days.size != price.size:
+            raise InputError(
+                f"arbitrage: {self.days.size} day numbers do not cover step {step + price.size - 1}"
+            )
+        return self._solve(price, days, energy_kwh, discharged_today_kwh)
+
+    def _solve(
+        self, price: Array, days: npt.NDArray[np.int64], energy_kwh: float, discharged_kwh: float
+    ) -> Array:
+        """Solve the program in per unit: power over `power_kw`, energy over `power_kw` times 1 h."""
+        steps, one_way = price.size, np.sqrt(self.efficiency)
+        held, full = energy_kwh / self.power_kw, self.energy_kwh / self.power_kw
+        lower = np.repeat([0.0, 0.0, min(0.0, held)], steps)
+        upper = np.repeat([1.0, 1.0, max(full, held)], steps)
+        cost = np.concatenate([price, -price, np.zeros(steps)]) / max(1.0, float(np.abs(price).max()))
+        start = np.zeros(steps)
+        start[0] = held
+        limits = [
+            LinearConstraint(self._balance_rows(steps), start, start),
+            self._cycles(days, discharged_kwh),
+        ]
+        plan = _optimum(cost, lower, upper, limits)
+        negative = np.flatnonzero(price < 0.0)
+        if np.minimum(plan[negative], plan[steps + negative]).max(initial=0.0) > _BURNS:
+            plan = _one_direction(cost, lower, upper, limits, negative)
+        charge, discharge = plan[:steps], plan[steps : 2 * steps]
+        stored = one_way * charge - discharge / one_way
+        return self.power_kw * -np.where(stored > 0.0, stored / one_way, stored * one_way)
+
+    def _balance_rows(self, steps: int) -> sparse.csr_array:
+        """Rows of ``e_t - e_{t-1} - eta_c c_t dt + d_t dt / eta_d = e_0 [t = 0]``, kept for each length of plan."""
+        if steps not in self._balance:
+            one_way = np.sqrt(self.efficiency)
+            unit = sparse.eye_array(steps)
+            change = unit - sparse.eye_array(steps, k=-1)
+            self._balance[steps] = sparse.hstack(
+                [-one_way * self.dt_h * unit, self.dt_h / one_way * unit, change], format="csr"
+            )
+        return self._balance[steps]
+
+    def _cycles(self, days: npt.NDArray[np.int64], discharged_kwh: float) -> LinearConstraint:
+        """One row for each day of the plan: stored energy discharged within what the cycle limit leaves."""
+        numbers, day = np.unique(days, return_inverse=True)
+        steps = days.size
+        per_step = np.full(steps, self.dt_h / np.sqrt(self.efficiency))
+        rows = sparse.csr_array((per_step, (day, steps + np.arange(steps))), shape=(numbers.size, 3 * steps))
+        allowed = np.full(numbers.size, self.cycles_per_day * self.energy_kwh)
+        allowed[day[0]] = max(0.0, allowed[day[0]] - discharged_kwh)
+        return LinearConstraint(rows, -np.inf, allowed / self.power_kw)
+
+
+def calendar_days(index: pd.DatetimeIndex, time_zone: str) -> npt.NDArray[np.int64]:
+    """Return the number of the local calendar day of each time, ascending; index is time-zone aware."""
+    local = index.tz_convert(time_zone).tz_localize(None)
+    return local.normalize().to_numpy().astype("datetime64[D]").astype(np.int64)
+
+
+def _one_direction(
+    cost: Array, lower: Array, upper: Array, limits: list[LinearConstraint], steps: npt.NDArray[np.intp]
+) -> Array:
+    """Solve again with a binary for each of `steps`: charging (1) or discharging (0)."""
+    size, count, n_steps = cost.size, steps.size, cost.size // 3
+    row = np.arange(count)
+    one = np.ones(count)
+    charging = sparse.csr_array(
+        (np.r_[one, -one], (np.r_[row, row], np.r_[steps, size + row])), (count, size + count)
+    )
+    discharging = sparse.csr_array(
+        (np.r_[one, one], (np.r_[row, row], np.r_[n_steps + steps, size + row])), (count, size + count)
+    )
+    wider = [
+        LinearConstraint(
+            sparse.hstack([limit.A, sparse.csr_array((limit.A.shape[0], count))]), limit.lb, limit.ub
+        )
+        for limit in limits
+    ]
+    wider += [LinearConstraint(charging, -np.inf, 0.0), LinearConstraint(discharging, -np.inf, 1.0)]
+    zeros = np.zeros(count)
+    return _optimum(np.r_[cost, zeros], np.r_[lower, zeros], np.r_[upper, one], wider, count)[:size]
+
+
+def _optimum(
+    cost: Array, lower: Array, upper: Array, limits: list[LinearConstraint], binaries: int = 0
+) -> Array:
+    integrality = np.zeros(cost.size)
+    integrality[cost.size - binaries :] = 1
+    answer = milp(
+        cost,
+        integrality=integrality,
+        bounds=Bounds(lower, upper),
+        constraints=limits,
+        options={"mip_rel_gap": _MIP_GAP},
+    )
+    if answer.x is None:
+        raise BessError(f"arbitrage: HiGHS found no plan ({answer.message})")
+    return np.asarray(answer.x, dtype=np.float64)

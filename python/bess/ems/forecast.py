@@ -1,0 +1,111 @@
+"""The seam for forecasts: what is known at a step about the steps ahead."""
+
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+from bess.errors import InputError
+
+Array = npt.NDArray[np.float64]
+
+
+@runtime_checkable
+class Forecast(Protocol):
+    """Anything that foretells a series, of demand (kW) or of prices (EUR/MWh).
+
+    A forecast is stateless: the same call gives the same answer, so an interrupted run can resume.
+    """
+
+    def ahead(self, step: int, horizon: int) -> Array:
+        """Return the series at `step`, `step` + 1, … as foreseen at the beginning of `step`.
+
+        Parameters
+        ----------
+        step : int
+            Index of the present control step; its own value is known, not foretold.
+        horizon : int
+            Steps wanted, `step` included, ``>= 1``.
+
+        Returns
+        -------
+        numpy.ndarray, shape (min(horizon, steps left),)
+            Shorter than `horizon` where the series ends.
+        """
+        ...
+
+
+class Perfect:
+    """Knows the future: the forecast is the series itself.
+
+    Parameters
+    ----------
+    values : array, shape (n_steps,)
+        The series that comes true; finite.
+    """
+
+    def __init__(self, values: npt.ArrayLike):
+        self.values = _series(values)
+
+    def ahead(self, step: int, horizon: int) -> Array:
+        """Return the true values; see :class:`Forecast`."""
+        return self.values[_present(step, horizon, self.values.size) : step + horizon].copy()
+
+
+class Persistence:
+    """Foretells each step by the latest known value at the same time of day.
+
+    The present value is known. A later step takes the value of one day before it, or of as many days as it
+    takes to reach the past; where the record does not reach back that far, the present value is held.
+
+    Parameters
+    ----------
+    values : array, shape (n_steps,)
+        The series that comes true; finite.
+    dt_h : float
+        Control step in hours; must divide a day.
+    """
+
+    def __init__(self, values: npt.ArrayLike, dt_h: float = 0.25):
+        self.values = _series(values)
+        self.steps_per_day = steps_in(24.0, dt_h, "a day")
+
+    def ahead(self, step: int, horizon: int) -> Array:
+        """Return the values of the day before; see :class:`Forecast`."""
+        start = _present(step, horizon, self.values.size)
+        later = np.arange(start, min(start + horizon, self.values.size))
+        days_back = -(-(later - start) // self.steps_per_day)
+        source = later - days_back * self.steps_per_day
+        return np.where(source < 0, self.values[start], self.values[np.maximum(source, 0)])
+
+
+def steps_in(duration_h: float, dt_h: float, what: str) -> int:
+    """Return how many control steps `duration_h` holds; raise InputError unless it is a whole number >= 1."""
+    if not (np.isfinite(dt_h) and dt_h > 0.0):
+        raise InputError(f"control step {dt_h} h must be above 0 h")
+    steps = duration_h / dt_h if np.isfinite(duration_h) else 0.0
+    if round(steps) < 1 or abs(steps - round(steps)) > 1e-9 * steps:
+        raise InputError(
+            f"{what} ({duration_h} h) must be a whole number of control steps of {dt_h} h, at least one"
+        )
+    return round(steps)
+
+
+def _series(values: npt.ArrayLike) -> Array:
+    series = np.array(values, dtype=np.float64)
+    if series.ndim != 1 or series.size == 0:
+        raise InputError(f"a forecast needs a series of at least one value; its shape is {series.shape}")
+    if not np.isfinite(series).all():
+        raise InputError(
+            f"a forecast needs finite values; value {int(np.argmin(np.isfinite(series)))} is not"
+        )
+    series.flags.writeable = False
+    return series
+
+
+def _present(step: int, horizon: int, size: int) -> int:
+    if not 0 <= step < size:
+        raise InputError(f"step {step} is outside the series of {size} steps [0, {size - 1}]")
+    if horizon < 1:
+        raise InputError(f"horizon {horizon} steps must be at least 1")
+    return step

@@ -1,0 +1,89 @@
+"""Demand profiles: from a file as it comes, or bundled."""
+
+from collections.abc import Callable
+from os import PathLike
+from typing import Final, Literal
+
+import numpy as np
+import pandas as pd
+
+from bess.ems.forecast import Array, steps_in
+from bess.errors import InputError
+
+_TO_KW: Final = {"W": 1e-3, "kW": 1.0, "MW": 1e3}
+
+_DAY: Final = (
+    (2.5, -1, "hi"), (0.5, -1, "lo"), (0.5, 0, "lo"), (4.75, 1, "hi"), (0.75, 1, "lo"), (0.5, 0, "lo"),
+    (5.0, -1, "hi"), (0.75, -1, "lo"), (0.5, 0, "lo"), (4.75, 1, "hi"), (0.75, 1, "lo"), (0.5, 0, "lo"),
+    (2.0, -1, "hi"), (0.25, 0, "lo"),
+)  # fmt: skip
+"""One day of the two-cycle profile: hours, direction (+1 discharge), level."""
+
+
+def two_cycles_48h(hi_kw: float = 78.0, lo_kw: float = 30.0, dt_h: float = 0.25) -> Array:
+    """Return two days of two arbitrage cycles each, shape (48 / dt_h,), kW in total, positive = discharge.
+
+    The profile of section a8 of the reference parameters: from SOC 0.5, blocks at `hi_kw` with tails at `lo_kw`.
+    `dt_h` must divide a quarter of an hour, on which the blocks begin.
+    """
+    for name, value in (("hi_kw", hi_kw), ("lo_kw", lo_kw)):
+        if not (np.isfinite(value) and value >= 0.0):
+            raise InputError(f"profile two-cycle-48h: {name} {value} kW must be finite and >= 0 kW")
+    per_quarter = steps_in(0.25, dt_h, "profile two-cycle-48h: its quarter of an hour")
+    level = {"hi": hi_kw, "lo": lo_kw}
+    power = [sign * level[name] for _, sign, name in _DAY]
+    quarters = [round(hours / 0.25) for hours, _, _ in _DAY]
+    return np.tile(np.repeat(power, quarters), 2).astype(np.float64).repeat(per_quarter)
+
+
+PROFILES: Final[dict[str, Callable[..., Array]]] = {"two-cycle-48h": two_cycles_48h}
+"""Bundled profiles by name; their keywords are parameters of the profile and ``dt_h``."""
+
+
+def bundled_profile(name: str, **parameters: float) -> Array:
+    """Return the bundled profile `name` [kW, positive = discharge]; see :data:`PROFILES`."""
+    if name not in PROFILES:
+        raise InputError(f"profile {name!r} is not bundled; there are {', '.join(sorted(PROFILES))}")
+    return PROFILES[name](**parameters)
+
+
+def read_profile(
+    path: str | PathLike[str],
+    *,
+    column: str | None = None,
+    unit: str = "kW",
+    positive: Literal["discharge", "charge"] = "discharge",
+    scale: float = 1.0,
+    dt_h: float = 0.25,
+    time_zone: str | None = None,
+) -> pd.Series:
+    """Read a demand profile from a CSV or Parquet file.
+
+    Parameters
+    ----------
+    path : path
+        CSV (any of comma, semicolon, tab; decimal point or comma) or Parquet, with a column of times.
+    column : str, optional
+        Name of the power column; needed if there are several.
+    unit : {"kW", "W", "MW"}
+        Unit of the file, or a number of kW for one unit by way of `scale`.
+    positive : {"discharge", "charge"}
+        What a positive number of the file means.
+    scale : float
+        Factor on the power, such as the peak of a profile in per unit; > 0.
+    dt_h : float
+        Control step [h]; the file's step must divide it (power is averaged) or be a multiple (power is held).
+    time_zone : str, optional
+        Zone of times without one, such as ``"Europe/Berlin"`` or ``"UTC"``.
+
+    Returns
+    -------
+    pandas.Series
+        Power [kW], positive = discharge, labelled at the start of the step, UTC, regular; repairs in ``attrs``.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read as such; the sentence says where and what to do.
+    """
+    raise NotImplementedError

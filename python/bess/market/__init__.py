@@ -1,0 +1,7 @@
+"""Market and weather files, as people have them, to gap-free series in UTC."""
+
+from bess.market.prices import read_prices
+from bess.market.repairs import Repair, Repairs
+from bess.market.weather import read_weather
+
+__all__ = ["Repair", "Repairs", "read_prices", "read_weather"]
