@@ -79,9 +79,9 @@ def knee_point(points: ArrayLike, directions: Sequence[Direction] | None = None)
     """Return the index of the knee: the front point farthest from the chord between the extremes.
 
     Objectives are scaled to [0, 1] over the front (ideal to nadir). The distance is measured towards the
-    ideal from the plane through the corners ``(1, 0, ...)``, ``(0, 1, ...)``; with two objectives these are the
-    two ends of the front, so the plane is their chord (Das, "On characterizing the knee of the Pareto curve",
-    Struct. Optim. 18, 1999, doi:10.1007/BF01195985).
+    ideal from the plane through the corners ``(1, 0, ...)``, ``(0, 1, ...)``. With two objectives these are
+    the two ends of the front, so the plane is their chord (Das, "On characterizing the knee of the Pareto
+    curve", Struct. Optim. 18, 1999, doi:10.1007/BF01195985).
 
     Raises
     ------

@@ -1,0 +1,94 @@
+"""What every chart reads from a result: the dataset, its time axis, and states that begin with the initial one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bess.errors import InputError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+class HasDataset(Protocol):
+    """What :func:`bess.run` returns."""
+
+    @property
+    def dataset(self) -> xr.Dataset:
+        """The record of the run."""
+
+
+Result: TypeAlias = "xr.Dataset | HasDataset"
+Results: TypeAlias = "Result | Mapping[str, Result]"
+
+_HOURS_UP_TO = 96.0
+_DAILY_FROM_DAYS = 31.0
+
+
+def dataset_of(result: Result) -> xr.Dataset:
+    """Return the dataset of a result; a dataset is returned as it is."""
+    dataset: xr.Dataset = getattr(result, "dataset", result)  # type: ignore[assignment]
+    if dataset.sizes.get("time", 0) == 0:
+        raise InputError("the result has no time steps yet; run the study first")
+    return dataset
+
+
+def named(results: Results) -> dict[str, xr.Dataset]:
+    """Return datasets by name; a single result gets the empty name."""
+    # A dataset is a mapping of its variables, so it has to be ruled out first.
+    if isinstance(results, Mapping) and not hasattr(results, "sizes"):
+        return {name: dataset_of(result) for name, result in results.items()}
+    return {"": dataset_of(results)}  # type: ignore[arg-type]
+
+
+def step_h(dataset: xr.Dataset) -> float:
+    """Length of a step [h]."""
+    times = dataset["time"].values
+    if len(times) < 2:
+        return 0.25
+    return float((times[1] - times[0]) / np.timedelta64(1, "s")) / 3600.0
+
+
+class TimeAxis:
+    """Instants of a result: hours since the start for runs of up to four days, else dates in UTC.
+
+    Attributes
+    ----------
+    start : ndarray, shape (n,)
+        Start of each step.
+    edges : ndarray, shape (n + 1,)
+        The same, and the end of the last step.
+    label : str
+        For the axis.
+    steps_per_day : int
+        At least 1.
+    daily : bool
+        Whether the run is so long that days are drawn, not steps.
+    """
+
+    def __init__(self, dataset: xr.Dataset) -> None:
+        times = dataset["time"].values.astype("datetime64[s]")
+        step = np.timedelta64(round(step_h(dataset) * 3600.0), "s")
+        edges: NDArray[Any] = np.append(times, times[-1] + step)
+        hours = (edges - edges[0]) / np.timedelta64(3600, "s")
+        if hours[-1] <= _HOURS_UP_TO:
+            self.edges = hours
+            self.label = f"Time since {np.datetime_as_string(edges[0], unit='m').replace('T', ' ')} UTC (h)"
+        else:
+            self.edges = edges
+            self.label = "Time (UTC)"
+        self.start = self.edges[:-1]
+        self.steps_per_day = max(round(24.0 / step_h(dataset)), 1)
+        self.daily = bool(hours[-1] > 24.0 * _DAILY_FROM_DAYS)
+
+
+def with_initial(dataset: xr.Dataset, variable: str) -> NDArray[np.float64]:
+    """State at the start and at the end of every step, shape ``(n + 1, n_strings)``."""
+    values = dataset[variable].values.astype(np.float64)
+    initial = dataset.attrs.get(f"initial_{variable}")
+    first = np.full(values.shape[1], np.nan) if initial is None else np.atleast_1d(initial).astype(np.float64)
+    return np.vstack([np.broadcast_to(first, values.shape[1]), values])

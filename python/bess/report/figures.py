@@ -1,0 +1,59 @@
+"""Figures for papers and slides: each a function from a result (or results by name) to a matplotlib figure.
+
+Nothing is read from or written to disk here, and the caller's matplotlib settings are left alone. Save with
+:func:`bess.report.save_figure`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from typing import ParamSpec
+
+from matplotlib.figure import Figure
+
+from bess.report import charts
+from bess.report.chart import Chart
+from bess.report.draw import draw
+from bess.report.kpi_figures import kpi_bars, kpi_radar
+from bess.report.maps import inverter_pattern, node_temperatures
+
+P = ParamSpec("P")
+
+
+def _drawn(chart: Callable[P, Chart]) -> Callable[P, Figure]:
+    """Return the figure of a chart function, with its arguments and documentation."""
+
+    @wraps(chart)
+    def figure(*args: P.args, **kwargs: P.kwargs) -> Figure:
+        return draw(chart(*args, **kwargs))
+
+    figure.__annotations__ = {**chart.__annotations__, "return": Figure}
+    return figure
+
+
+strings = _drawn(charts.strings)
+string_spread = _drawn(charts.string_spread)
+mean_temperature = _drawn(charts.mean_temperature)
+derating_curves = _drawn(charts.derating_curves)
+power_split = _drawn(charts.power_split)
+solver_effort = _drawn(charts.solver_effort)
+market_dispatch = _drawn(charts.market_dispatch)
+kpi_lines = _drawn(charts.kpi_lines)
+pareto_front = _drawn(charts.pareto_front)
+
+__all__ = [
+    "derating_curves",
+    "inverter_pattern",
+    "kpi_bars",
+    "kpi_lines",
+    "kpi_radar",
+    "market_dispatch",
+    "mean_temperature",
+    "node_temperatures",
+    "pareto_front",
+    "power_split",
+    "solver_effort",
+    "string_spread",
+    "strings",
+]

@@ -1,0 +1,120 @@
+"""Charts as plain dictionaries for plotly.js; plotly's Python side is not needed to make them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from bess.report.chart import Chart, Panel, Series, Values
+from bess.report.style import BACKGROUND, INK
+
+_PANEL_HEIGHT_PX = 210
+_GRID = "#E3E3E3"
+
+
+def plotly_figure(chart: Chart) -> dict[str, Any]:
+    """Return ``{"data": [...], "layout": {...}}``; panels stand one above the other and share the horizontal axis.
+
+    Panels that the printed figure sets side by side are stacked as well: a telephone is narrow.
+    """
+    count = len(chart.panels)
+    data: list[dict[str, Any]] = []
+    gap = 0.28 / count if any(panel.title for panel in chart.panels) else 0.16 / count
+    height = (1.0 - gap * (count - 1)) / count
+    layout: dict[str, Any] = {
+        "height": 110 + _PANEL_HEIGHT_PX * count,
+        "margin": {"l": 62, "r": 58, "t": 12, "b": 48},
+        "font": {"family": "system-ui, sans-serif", "size": 12, "color": INK},
+        "hovermode": "x unified" if count == 1 else "closest",
+        "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0, "itemwidth": 30},
+        "paper_bgcolor": "white",
+        "plot_bgcolor": "white",
+        "annotations": [],
+        "xaxis": {
+            "anchor": f"y{count if count > 1 else ''}", "title": {"text": chart.x_label}, "gridcolor": _GRID,
+            "zeroline": False, "automargin": True,
+        },
+    }  # fmt: skip
+    shown: set[str] = set()
+    for index, panel in enumerate(chart.panels):
+        top = 1.0 - index * (height + gap)
+        _panel(data, layout, panel, index, (max(top - height, 0.0), top), shown, count)
+    return {"data": data, "layout": layout}
+
+
+def _panel(
+    data: list[dict[str, Any]],
+    layout: dict[str, Any],
+    panel: Panel,
+    index: int,
+    domain: tuple[float, float],
+    shown: set[str],
+    count: int,
+) -> None:
+    number = "" if index == 0 else str(index + 1)
+    axis: dict[str, Any] = {
+        "domain": list(domain), "title": {"text": panel.y_label, "standoff": 4}, "gridcolor": _GRID,
+        "zerolinecolor": "#BBBBBB", "automargin": True, "type": "log" if panel.log else "linear",
+    }  # fmt: skip
+    if panel.y_limits is not None:
+        axis["range"] = list(np.log10(panel.y_limits) if panel.log else panel.y_limits)
+    if panel.background is not None:
+        behind = f"{count + index + 1}"
+        reach = 1.15 * float(np.nanmax(np.abs(panel.background.y), initial=1e-9))
+        layout[f"yaxis{behind}"] = {
+            "domain": list(domain), "side": "right", "anchor": "x", "range": [-reach, reach], "showgrid": False,
+            "title": {"text": panel.background_label, "standoff": 4}, "color": "#6A6A6A", "zeroline": False,
+            "automargin": True,
+        }  # fmt: skip
+        axis["overlaying"] = f"y{behind}"
+        data += _traces(panel.background, f"y{behind}", shown, fill=True)
+    layout[f"yaxis{number}"] = axis
+    for series in panel.series:
+        data += _traces(series, f"y{number}", shown)
+    if panel.title:
+        layout["annotations"].append(
+            {"xref": "paper", "x": 0, "xanchor": "left", "yref": "paper", "y": domain[1], "yanchor": "bottom",
+             "text": panel.title, "showarrow": False, "font": {"size": 12}}
+        )  # fmt: skip
+
+
+def _traces(series: Series, axis: str, shown: set[str], *, fill: bool = False) -> list[dict[str, Any]]:
+    trace: dict[str, Any] = {
+        "type": "scatter", "x": _column(series.x), "y": _column(series.y), "yaxis": axis, "name": series.label,
+        "legendgroup": series.label, "showlegend": bool(series.label) and series.label not in shown,
+        "mode": "markers" if series.kind in ("dots", "star") else "lines",
+    }  # fmt: skip
+    shown.add(series.label)
+    stepped = fill or series.kind in ("step", "band")
+    trace["line"] = {
+        "color": series.colour, "width": 1.6, "shape": "hv" if stepped else "linear",
+        "dash": "dash" if series.dashed else "solid",
+    }  # fmt: skip
+    if not series.label:
+        trace["hoverinfo"] = "skip"
+    match series.kind:
+        case "dots":
+            trace["marker"] = {"color": series.colour, "size": 4}
+        case "star":
+            trace["marker"] = {"color": series.colour, "size": 15, "symbol": "star"}
+        case "band":
+            trace |= {"fill": "tonexty", "fillcolor": series.colour}
+            trace["line"]["width"] = 0
+    if fill:
+        trace |= {"fill": "tozeroy", "fillcolor": "rgba(154,154,154,0.28)"}
+        trace["line"] |= {"width": 0, "color": BACKGROUND}
+    if series.kind != "band":
+        return [trace]
+    base = np.zeros(len(series.y)) if series.base is None else series.base
+    floor = {
+        **trace, "y": _column(base), "fill": "none", "showlegend": False, "hoverinfo": "skip",
+    }  # fmt: skip
+    return [floor, trace]
+
+
+def _column(values: Values) -> list[Any]:
+    """Numbers to five digits (JSON has no NaN: null makes a gap), instants as text in UTC."""
+    if np.issubdtype(values.dtype, np.datetime64):
+        return [str(value) for value in np.datetime_as_string(values, unit="s")]
+    return [float(f"{value:.5g}") if np.isfinite(value) else None for value in values.astype(float)]

@@ -1,0 +1,96 @@
+"""Maps over time: which inverters run, and where along the air path it is hot."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.dates import date2num
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+
+from bess.errors import InputError
+from bess.report.data import Result, TimeAxis, dataset_of
+from bess.report.long_runs import daily
+from bess.report.style import DOUBLE_COLUMN_IN, styled
+
+_CHARGING, _OFF, _DISCHARGING = "#56B4E9", "#EFEFEF", "#D55E00"
+
+
+@styled
+def inverter_pattern(result: Result) -> Figure:
+    """Which inverter charges, discharges or is off at each step; of more than a month, the hours on of each day."""
+    dataset = dataset_of(result)
+    time = TimeAxis(dataset)
+    running = np.sign(np.round(dataset["delivered_kw"].values, 6))
+    n_strings = running.shape[1]
+    height = 0.85 + min(0.3 * n_strings, 3.2 + 0.02 * n_strings)
+    figure = Figure(figsize=(DOUBLE_COLUMN_IN, height), layout="constrained")
+    axes = figure.subplots()
+    place: dict[str, Any] = {
+        "aspect": "auto",
+        "interpolation": "nearest",
+        "extent": (*_horizontal(axes, time), n_strings - 0.5, -0.5),
+        "rasterized": True,
+    }
+    if time.daily:
+        hours = 24.0 * daily(time, np.abs(running))[2]
+        image = axes.imshow(hours.T, cmap="viridis", vmin=0.0, vmax=24.0, **place)
+        figure.colorbar(image, ax=axes, label="Hours on per day", pad=0.01)
+    else:
+        norm = BoundaryNorm([-1.5, -0.5, 0.5, 1.5], 3)
+        axes.imshow(running.T, cmap=ListedColormap([_CHARGING, _OFF, _DISCHARGING]), norm=norm, **place)
+        named = ((_CHARGING, "on, charging"), (_DISCHARGING, "on, discharging"), (_OFF, "off"))
+        handles = [Patch(color=colour, label=name) for colour, name in named]
+        figure.legend(handles=handles, loc="outside upper center", ncols=3)
+    axes.yaxis.set_major_locator(MaxNLocator(nbins=12, integer=True, min_n_ticks=1))
+    axes.set_yticks(np.arange(n_strings - 1) + 0.5, minor=True)
+    axes.grid(visible=False)
+    axes.grid(visible=True, which="minor", axis="y", color="white", linewidth=min(3.0, 24.0 / n_strings))
+    axes.tick_params(which="minor", length=0)
+    axes.set_ylabel("String")
+    axes.set_xlabel(time.label)
+    return figure
+
+
+@styled
+def node_temperatures(result: Result) -> Figure:
+    """Space-time map of the node temperatures along the air path, one panel for each string, one colour scale."""
+    dataset = dataset_of(result)
+    if "node_temperature_c" not in dataset:
+        raise InputError("the result has no node_temperature_c; ask for it in the study's [output]")
+    time = TimeAxis(dataset)
+    field = dataset["node_temperature_c"]
+    n_strings, n_nodes = field.sizes["string"], field.sizes["node"]
+    columns = 1 if n_strings <= 3 else (2 if n_strings <= 8 else 4)
+    rows = -(-n_strings // columns)
+    height = 2.0 if rows == 1 else (1.35 if rows <= 4 else 0.95)
+    figure = Figure(figsize=(DOUBLE_COLUMN_IN, rows * height + 0.5), layout="constrained")
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    low, high = float(field.min()), float(field.max())
+    image = None
+    for index, axes in enumerate(panels):
+        if index >= n_strings:
+            axes.remove()
+            continue
+        image = axes.imshow(
+            field.isel(string=index).values.T, aspect="auto", origin="lower", cmap="inferno", vmin=low, vmax=high,
+            extent=(*_horizontal(axes, time), -0.5, n_nodes - 0.5), rasterized=True,
+        )  # fmt: skip
+        axes.set_title(f"string {index}", loc="left", fontsize=7.5, pad=2)
+        axes.grid(visible=False)
+        axes.tick_params(labelbottom=index + columns >= n_strings)
+    figure.supylabel("Node (0 = air inlet)", fontsize=8)
+    figure.supxlabel(time.label, fontsize=8)
+    figure.colorbar(image, ax=list(panels[:n_strings]), label="Temperature (°C)", aspect=30, pad=0.01)
+    return figure
+
+
+def _horizontal(axes: Any, time: TimeAxis) -> tuple[float, float]:
+    """Ends of the time axis as numbers; images do not take dates themselves."""
+    if not np.issubdtype(time.edges.dtype, np.datetime64):
+        return float(time.edges[0]), float(time.edges[-1])
+    axes.xaxis_date()
+    return float(date2num(time.edges[0])), float(date2num(time.edges[-1]))

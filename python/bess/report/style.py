@@ -1,0 +1,97 @@
+"""How figures look: sizes, fonts, colours that colour-blind readers can tell apart, and how they are saved."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import Any, Final, ParamSpec
+
+from matplotlib import colormaps, rc_context
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+
+P = ParamSpec("P")
+
+SINGLE_COLUMN_IN: Final = 3.5
+DOUBLE_COLUMN_IN: Final = 7.2
+
+# Okabe and Ito's palette, without yellow, which is too pale for lines on white.
+PALETTE: Final = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000")
+CHARGE: Final = "#56B4E9"
+DISCHARGE: Final = "#0072B2"
+AVAILABILITY: Final = "#D55E00"
+DERATING: Final = "#E69F00"
+INVERTER: Final = "#CC79A7"
+BATTERY: Final = "#009E73"
+BACKGROUND: Final = "#9A9A9A"
+INK: Final = "#222222"
+
+_RC: Final[dict[str, Any]] = {
+    "axes.axisbelow": True,
+    "axes.edgecolor": INK,
+    "axes.grid": True,
+    "axes.labelsize": 8,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlesize": 8,
+    "date.converter": "concise",
+    "figure.constrained_layout.h_pad": 0.03,
+    "figure.dpi": 100,
+    "font.family": "DejaVu Sans",
+    "font.size": 8,
+    "grid.color": "#E3E3E3",
+    "grid.linewidth": 0.5,
+    "legend.fontsize": 7.5,
+    "legend.frameon": False,
+    "lines.linewidth": 1.2,
+    "path.simplify_threshold": 0.2,
+    # Element ids come from this salt, so the same figure gives the same file.
+    "svg.hashsalt": "bess",
+    "xtick.labelsize": 7.5,
+    "ytick.labelsize": 7.5,
+}
+
+
+def styled(function: Callable[P, Figure]) -> Callable[P, Figure]:
+    """Run a figure function with the style of this module, whatever the caller's settings are."""
+
+    @wraps(function)
+    def wrapper(*args: P.args, **kwargs: P.kwargs) -> Figure:
+        with rc_context({**_RC}):
+            return function(*args, **kwargs)
+
+    return wrapper
+
+
+def colours(count: int) -> list[str]:
+    """Return ``count`` colours: the palette while it lasts, else a perceptually even map without its pale end."""
+    if count <= len(PALETTE):
+        return list(PALETTE[:count])
+    return [to_hex(colormaps["viridis"](0.92 * index / (count - 1))) for index in range(count)]
+
+
+def save_figure(figure: Figure, path: str | Path, *, dpi: int = 200) -> tuple[Path, Path]:
+    """Save a figure as SVG and PNG; the same figure gives the same bytes.
+
+    Parameters
+    ----------
+    figure
+        What a function of :mod:`bess.report.figures` returned.
+    path
+        File name; its suffix is replaced by ``.svg`` and ``.png``.
+    dpi
+        Resolution of the PNG [dots per inch].
+
+    Returns
+    -------
+    tuple of Path
+        The SVG and the PNG file.
+    """
+    stem = Path(path)
+    svg, png = (stem.with_name(stem.name.removesuffix(stem.suffix) + suffix) for suffix in (".svg", ".png"))
+    svg.parent.mkdir(parents=True, exist_ok=True)
+    with rc_context({**_RC}):
+        figure.savefig(svg, dpi=dpi, metadata={"Date": None, "Creator": None})
+        figure.savefig(png, dpi=dpi, metadata={"Software": None})
+    return svg, png
