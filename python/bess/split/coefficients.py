@@ -1,0 +1,195 @@
+"""Parameter values of the relaxation: the plant's constants, and coefficients at points or over boxes of states.
+
+Over boxes every value is at its safe end, so that the relaxation contains every trajectory of the control model that
+stays in them; a box that is one point freezes the coefficients there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bess.parameters import System
+from bess.split.envelope import Envelope
+from bess.split.relaxation import INVERTER_PIECES, LOSSES
+from bess.units import SECONDS_PER_HOUR, WATTS_PER_KW
+
+Array = NDArray[np.float64]
+
+THETA_ZERO_C = 25.0
+THETA_UNIT_K = 10.0
+SOC_MARGIN = 1e-6
+"""A string that sheds ends within this of its SOC limit."""
+
+FROZEN_WIDTH = 1e-5
+"""Relative width given to frozen voltages: opposite rows that coincide would leave the program without interior."""
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """Ranges of the state at the step boundaries, each of shape ``(n_strings, n_steps + 1)``."""
+
+    soc_lo: Array
+    soc_hi: Array
+    tau_lo: Array
+    tau_hi: Array
+
+
+@dataclass(frozen=True)
+class Coefficients:
+    """Ranges of derating factor ``k``, voltage [V] and ``y = V^2/R`` [kW] at the start of each step, with an affine
+    overestimator ``y_0 + y_soc soc + y_tau tau`` of ``y`` and an affine underestimator ``g_0 + g_tau tau`` of ``1 - k``.
+    """
+
+    k_lo: Array
+    k_hi: Array
+    v_lo: Array
+    v_hi: Array
+    y_lo: Array
+    y_hi: Array
+    y_0: Array
+    y_soc: Array
+    y_tau: Array
+    g_0: Array
+    g_tau: Array
+
+
+@dataclass(frozen=True)
+class PlantConstants:
+    """What the relaxation needs to know of a plant and a step length; arrays over strings, powers in kW."""
+
+    nominal_kw: Array
+    inverter_kw: Array
+    battery_kw: Array
+    soc_per_ampere: Array
+    keep: Array
+    kelvin_per_kw: Array
+    soc_min: Array
+    soc_max: Array
+    envelopes: dict[int, list[Envelope]]
+    """By sign of power (+1 discharge), one for each string, per unit of nominal power and ``w_N``."""
+
+    @classmethod
+    def of(cls, system: System, battery_kw: Array, dt_h: float) -> PlantConstants:
+        """Collect the constants; ``battery_kw`` is the nominal battery loss ``h_N`` of each string."""
+        strings = system.strings
+        inverter_kw = np.array([s.inverter.loss_charge[-1] for s in strings]) * system.nominal_kw
+        k1 = np.array([s.thermal.lumped.k1_k_per_j for s in strings])
+        k2 = np.array([s.thermal.lumped.k2_per_s for s in strings])
+        seconds = dt_h * SECONDS_PER_HOUR
+        envelopes = {}
+        for sign, name in ((1, "loss_discharge"), (-1, "loss_charge")):
+            envelopes[sign] = [
+                Envelope.of_table(
+                    np.array(s.inverter.load),
+                    np.array(getattr(s.inverter, name)) / s.inverter.loss_charge[-1],
+                    INVERTER_PIECES,
+                )
+                for s in strings
+            ]
+        return cls(
+            nominal_kw=system.nominal_kw,
+            inverter_kw=inverter_kw,
+            battery_kw=battery_kw,
+            soc_per_ampere=dt_h / system.capacity_ah,
+            keep=1.0 - k2 * seconds,
+            kelvin_per_kw=k1 * seconds * WATTS_PER_KW,
+            soc_min=np.array([s.battery.soc_min for s in strings]),
+            soc_max=np.array([s.battery.soc_max for s in strings]),
+            envelopes=envelopes,
+        )
+
+    @property
+    def scale_kw(self) -> Array:
+        """Unit of each cost variable (a, d, w, h) [kW], shape ``(n_strings, 4)``."""
+        return np.stack([self.nominal_kw, self.nominal_kw, self.inverter_kw, self.battery_kw], axis=1)
+
+    def physics(
+        self, demand_kw: Array, limit_kw: Array, ambient_c: Array, boxes: Boxes, data: Coefficients
+    ) -> dict[str, Array]:
+        """Values of every parameter but cuts, caps and costs.
+
+        Parameters
+        ----------
+        demand_kw : ndarray, shape (n_steps,)
+            Demand within what the limits allow, signed.
+        limit_kw : ndarray, shape (n_strings, n_steps)
+            Largest request of each string.
+        ambient_c : ndarray, shape (n_steps,)
+        boxes, data
+            States and coefficients.
+        """
+        n_strings, n_steps = limit_kw.shape
+        direction = np.where(demand_kw >= 0.0, 1.0, -1.0)
+        sign = np.broadcast_to(direction, (n_strings, n_steps))
+        base_kw = self.nominal_kw.mean()
+        nominal, inverter, battery = (
+            x[:, None] for x in (self.nominal_kw, self.inverter_kw, self.battery_kw)
+        )
+        limit = limit_kw / nominal
+        g_hi = 1.0 - data.k_lo
+
+        # A string that sheds ends full (charge), or empty or where the discharge root ends (discharge).
+        level = np.where(sign > 0.0, self._empty_level(data.y_lo, limit_kw, boxes), self.soc_max[:, None])
+        edge = sign * level + SOC_MARGIN
+        reach = np.where(sign > 0.0, boxes.soc_hi[:, 1:], -boxes.soc_lo[:, 1:])
+        slack = np.maximum(reach - edge, 0.0)
+
+        # I R / V at the largest power and the smallest y.
+        load = limit_kw * (1.0 + np.where(sign > 0.0, inverter / nominal, 0.0))
+        discharge = 0.5 * (1.0 - np.sqrt(np.maximum(1.0 - 4.0 * load / data.y_lo, 0.0)))
+        charge = 0.5 * (np.sqrt(1.0 + 4.0 * load / data.y_lo) - 1.0)
+
+        y_unit = battery / nominal**2
+        per_volt = nominal * WATTS_PER_KW * self.soc_per_ampere[:, None]
+        width = np.maximum(FROZEN_WIDTH - (data.v_hi / data.v_lo - 1.0), 0.0)
+        theta = THETA_UNIT_K
+        values = {
+            "share": self.nominal_kw / base_kw,
+            "demand": np.abs(demand_kw) / base_kw,
+            "limit": limit,
+            "sign": sign,
+            "derating_lo": 1.0 - data.k_hi,
+            "derating_hi": g_hi,
+            "derating_theta": limit * data.g_tau * theta,
+            "derating_0": limit * (data.g_0 + data.g_tau * THETA_ZERO_C - g_hi),
+            "full_0": edge + slack,
+            "full_slack": slack,
+            "inverter_share": sign * inverter / nominal,
+            "battery_share": sign * battery / nominal,
+            "heat_chord": np.where(sign > 0.0, discharge, charge) * nominal / battery,
+            "y_lo": data.y_lo * y_unit,
+            "y_hi": data.y_hi * y_unit,
+            "y_soc": data.y_soc * y_unit,
+            "y_theta": data.y_tau * theta * y_unit,
+            "y_0": (data.y_0 + data.y_tau * THETA_ZERO_C - data.y_lo) * y_unit,
+            "current_lo": per_volt / (data.v_hi * (1.0 + width)),
+            "current_hi": per_volt / (data.v_lo * (1.0 - width)),
+            "soc_lo": boxes.soc_lo[:, 1:],
+            "soc_hi": boxes.soc_hi[:, 1:],
+            "keep": np.broadcast_to(self.keep[:, None], sign.shape),
+            "heating": np.broadcast_to((self.kelvin_per_kw * self.battery_kw)[:, None] / theta, sign.shape),
+            "air": (1.0 - self.keep[:, None]) * (ambient_c - THETA_ZERO_C) / theta,
+        }
+        for name in ("slope", "intercept"):
+            lines = {s: np.stack([getattr(e, name) for e in self.envelopes[s]], axis=1) for s in (1, -1)}
+            for j in range(INVERTER_PIECES):
+                key = f"inverter_{'slope' if name == 'slope' else '0'}_{j}"
+                values[key] = np.where(sign > 0.0, lines[1][j][:, None], lines[-1][j][:, None])
+            chord = {s: np.array([getattr(e, f"chord_{name}") for e in self.envelopes[s]]) for s in (1, -1)}
+            key = f"inverter_chord_{'slope' if name == 'slope' else '0'}"
+            values[key] = np.where(sign > 0.0, chord[1][:, None], chord[-1][:, None])
+        return values
+
+    def _empty_level(self, y_lo: Array, limit_kw: Array, boxes: Boxes) -> Array:
+        """SOC at or below which a discharging string may shed: its lower limit, or anywhere it can reach if the real
+        root ``p + w <= V^2 / 4R`` may end below the largest request."""
+        rootless = y_lo / 4.0 < limit_kw * (1.0 + (self.inverter_kw / self.nominal_kw)[:, None])
+        return np.where(rootless, boxes.soc_hi[:, 1:], self.soc_min[:, None])
+
+
+def costs(prefix: str, cost: Array) -> dict[str, Array]:
+    """Parameters of a cost row from costs ``(n_strings, 4)`` in the units of the variables."""
+    return {f"{prefix}_{name}": cost[:, i] for i, name in enumerate(LOSSES)}

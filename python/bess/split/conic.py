@@ -1,0 +1,184 @@
+"""A CVXPY problem compiled once into an affine map from parameters to Clarabel data, and its nodes.
+
+CVXPY is asked once, for the tensors that turn a parameter vector into ``(q, A, b)``; after that a refresh is one sparse
+product, and a node is one Clarabel call without CVXPY. Variables that a node fixes leave the problem together with
+the rows that become empty: equal bounds on both sides leave no interior, a known cause of "insufficient progress".
+Every node builds its own solver, so an answer depends on its data alone and never on what was solved before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+import clarabel
+import cvxpy as cp
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+FEASIBILITY_TOLERANCE = 1e-6
+"""Largest violation of a row without free variables before the node counts as infeasible (per unit)."""
+
+BOUND_MARGIN = 1e-6
+"""Relative amount by which a dual objective is lowered, for the dual residual Clarabel leaves."""
+
+
+class NodeStatus(Enum):
+    """What a node's solve established."""
+
+    SOLVED = "solved"
+    INFEASIBLE = "certified infeasible"
+    UNKNOWN = "not solved"
+
+
+@dataclass(frozen=True)
+class ConicSolution:
+    """Outcome of one node: ``bound`` is a lower bound of its optimum (-inf if the solver failed)."""
+
+    status: NodeStatus
+    bound: float
+    x: Array | None
+
+
+@dataclass(frozen=True)
+class ConicData:
+    """One instance ``min q'x + offset, A x + s = b, s in K``; ``K`` is zero, nonnegative, then 3-cones."""
+
+    q: Array
+    offset: float
+    A: sp.csc_array
+    b: Array
+    n_zero: int
+    n_nonneg: int
+
+
+class ConicProgram:
+    """Affine map from named parameters to Clarabel data."""
+
+    def __init__(
+        self,
+        problem: cp.Problem,
+        variables: Mapping[str, cp.Variable],
+        parameters: Mapping[str, cp.Parameter],
+    ) -> None:
+        for parameter in parameters.values():
+            parameter.value = np.zeros(parameter.shape)
+        data, _, _ = problem.get_problem_data("CLARABEL", solver_opts={})
+        program, dims = data["param_prob"], data["dims"]
+        if any(size != 3 for size in dims.soc) or dims.exp or dims.psd:
+            raise ValueError("only rotated cones of three rows are expected")
+        self.n_zero, self.n_nonneg = dims.zero, dims.nonneg
+        self.n_rows, self.n_columns = program.constr_size, program.x.size
+        self.slices = {
+            name: slice(program.var_id_to_col[v.id], program.var_id_to_col[v.id] + v.size)
+            for name, v in variables.items()
+        }
+        self.shapes = {name: v.shape for name, v in variables.items()}
+        self._places = {
+            name: slice(program.param_id_to_col[p.id], program.param_id_to_col[p.id] + p.size)
+            for name, p in parameters.items()
+        }
+        self._n_parameters = program.total_param_size
+
+        # vec([A | b]), column-major, is affine in the parameters; rows of the tensor that are not empty are the
+        # pattern. CVXPY keeps constraints as A x + b in K, Clarabel wants A x + s = b.
+        tensor = sp.csr_array(program.A)
+        used = np.flatnonzero(np.diff(tensor.indptr))
+        in_b = used // self.n_rows == self.n_columns
+        entries = used[~in_b]
+        self._a_map = -sp.csr_array(tensor[entries])
+        self._rows = (entries % self.n_rows).astype(np.int32)
+        columns = entries // self.n_rows
+        self._indptr = np.searchsorted(columns, np.arange(self.n_columns + 1)).astype(np.int32)
+        start = self.n_rows * self.n_columns
+        self._b_map = sp.csr_array(tensor[start : start + self.n_rows])
+        self._q_map = sp.csr_array(program.q)
+
+    def load(self, values: Mapping[str, Array | float]) -> ConicData:
+        """Return the instance for these parameter values; every parameter must be given."""
+        theta = np.empty(self._n_parameters + 1)
+        theta[-1] = 1.0
+        if values.keys() != self._places.keys():
+            raise ValueError(f"parameters {sorted(values.keys() ^ self._places.keys())} are missing or unknown")
+        for name, place in self._places.items():
+            theta[place] = np.ravel(values[name], order="F")
+        q = self._q_map @ theta
+        A = sp.csc_array(
+            (self._a_map @ theta, self._rows, self._indptr), shape=(self.n_rows, self.n_columns)
+        )
+        return ConicData(q[:-1], float(q[-1]), A, self._b_map @ theta, self.n_zero, self.n_nonneg)
+
+    def value(self, x: Array, name: str) -> Array:
+        """Return the variable ``name`` at the point ``x``."""
+        return x[self.slices[name]].reshape(self.shapes[name], order="F")
+
+
+def solve(data: ConicData, fixed: NDArray[np.bool_], x_fixed: Array) -> ConicSolution:
+    """Solve an instance with the variables ``fixed`` held at ``x_fixed``.
+
+    Parameters
+    ----------
+    data
+        Instance.
+    fixed : ndarray of bool, shape (n_columns,)
+        Variables that leave the problem.
+    x_fixed : ndarray, shape (n_columns,)
+        Their values; ignored where free.
+    """
+    free = np.flatnonzero(~fixed)
+    held = np.where(fixed, x_fixed, 0.0)
+    b = data.b - data.A @ held
+    columns = data.A[:, free]
+    used = np.zeros(b.size, dtype=bool)
+    used[columns.indices[columns.data != 0.0]] = True
+
+    zero_end, cone_start = data.n_zero, data.n_zero + data.n_nonneg
+    cones_used = used[cone_start:].reshape(-1, 3).any(axis=1)
+    empty = ~used
+    if (
+        np.any(np.abs(b[:zero_end][empty[:zero_end]]) > FEASIBILITY_TOLERANCE)
+        or np.any(b[zero_end:cone_start][empty[zero_end:cone_start]] < -FEASIBILITY_TOLERANCE)
+        or _outside_cone(b[cone_start:].reshape(-1, 3)[~cones_used])
+    ):
+        return ConicSolution(NodeStatus.INFEASIBLE, np.inf, None)
+
+    used[cone_start:] = np.repeat(cones_used, 3)
+    kept = np.flatnonzero(used)
+    offset = data.offset + float(data.q @ held)
+    n_zero, n_nonneg = int(used[:zero_end].sum()), int(used[zero_end:cone_start].sum())
+    cones = [clarabel.ZeroConeT(n_zero)] if n_zero else []
+    cones += [clarabel.NonnegativeConeT(n_nonneg)] if n_nonneg else []
+    cones += [clarabel.SecondOrderConeT(3)] * int(cones_used.sum())
+    A = sp.csc_array(columns[kept])
+    A.eliminate_zeros()
+    q = data.q[free]
+    P = sp.csc_array((free.size, free.size))
+    for refine in (False, True):
+        solver = clarabel.DefaultSolver(P, q, A, b[kept], cones, _settings(refine))
+        answer = solver.solve()
+        status = str(answer.status)
+        if status == "Solved":
+            x = held.copy()
+            x[free] = answer.x
+            bound = answer.obj_val_dual + offset
+            return ConicSolution(NodeStatus.SOLVED, bound - BOUND_MARGIN * (1.0 + abs(bound)), x)
+        if status == "PrimalInfeasible":
+            return ConicSolution(NodeStatus.INFEASIBLE, np.inf, None)
+    return ConicSolution(NodeStatus.UNKNOWN, -np.inf, None)
+
+
+def _outside_cone(rows: Array) -> bool:
+    return bool(np.any(rows[:, 0] + FEASIBILITY_TOLERANCE < np.hypot(rows[:, 1], rows[:, 2])))
+
+
+def _settings(refine: bool) -> clarabel.DefaultSettings:
+    # Without iterative refinement a node costs about half; it is the retry.
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.presolve_enable = False
+    settings.iterative_refinement_enable = refine
+    return settings

@@ -1,0 +1,145 @@
+"""What a power split returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from bess.split.rollout import Rollout
+
+Array = NDArray[np.float64]
+
+
+class SplitStatus(Enum):
+    """How the search for a split ended; ``str()`` is a sentence, ``code`` the integer stored in results."""
+
+    NO_DEMAND = (0, "There is no demand within the horizon, so every string stays off.")
+    OPTIMAL = (1, "The gap between the split and the convexified program is closed.")
+    TREE_CLOSED = (
+        2,
+        "Every node is closed; the gap that is left comes from coefficients that move with the state.",
+    )
+    NODE_LIMIT = (3, "The node limit was reached; this is the best split found.")
+    TIME_LIMIT = (4, "The time limit was reached; this is the best split found.")
+    SOLVER_FAILED = (5, "The solver failed on the relaxation; this is the best split found, without a bound of its own.")
+    PROPORTIONAL = (6, "No split was found; the demand is shared in proportion to nominal power.")
+
+    def __init__(self, code: int, sentence: str) -> None:
+        self.code = code
+        self.sentence = sentence
+
+    def __str__(self) -> str:
+        return self.sentence
+
+    @property
+    def is_fallback(self) -> bool:
+        """Whether the answer was taken because the search could not finish."""
+        return self in (SplitStatus.TIME_LIMIT, SplitStatus.SOLVER_FAILED, SplitStatus.PROPORTIONAL)
+
+
+@dataclass(frozen=True)
+class GroupResult:
+    """One priority: its members, and its objective against lower bounds.
+
+    Attributes
+    ----------
+    priority : int
+    members : tuple of str
+        Objectives blended in this group.
+    objective : float
+        Weighted sum of normalised losses of the returned requests, from the roll-out.
+    bound : float
+        Lower bound of the nonlinear control model.
+    search_bound : float
+        Lower bound of the program with coefficients frozen along the returned requests; zero weights count with
+        their tie-break weight here.
+    gap, search_gap : float
+        Relative distance of the objective from each.
+    """
+
+    priority: int
+    members: tuple[str, ...]
+    objective: float
+    bound: float
+    search_bound: float
+    gap: float
+    search_gap: float
+
+
+@dataclass(frozen=True)
+class Split:
+    """Answer of the power split for one horizon. Powers are kW, positive = discharge.
+
+    Attributes
+    ----------
+    request_kw : ndarray, shape (n_strings, n_steps)
+        Set-points.
+    inverter_on, low_soc, saturated : ndarray of bool, shape (n_strings, n_steps)
+        Inverter delivers; SOC is below the low-SOC switch at the start of the step; power is shed at a SOC limit.
+    rollout : Rollout
+        Control model under these requests.
+    availability_loss_kw : float
+        Sum over strings and steps.
+    objective, bound, gap, search_gap : float
+        Of the lowest priority, see :class:`GroupResult`.
+    groups : tuple of GroupResult
+        Every priority, the highest first.
+    unmet_kw : ndarray, shape (n_steps,)
+        Demand above what the strings may be asked for, ``>= 0``.
+    nodes : int
+        Relaxations solved by Clarabel.
+    solve_time_s : float
+    status : SplitStatus
+    """
+
+    request_kw: Array
+    inverter_on: NDArray[np.bool_]
+    low_soc: NDArray[np.bool_]
+    saturated: NDArray[np.bool_]
+    rollout: Rollout
+    groups: tuple[GroupResult, ...]
+    unmet_kw: Array
+    nodes: int
+    solve_time_s: float
+    status: SplitStatus
+
+    @property
+    def availability_loss_kw(self) -> float:
+        """Availability loss, summed over strings and steps [kW]."""
+        return float(self.rollout.availability_loss_kw.sum())
+
+    @property
+    def objective(self) -> float:
+        """Objective of the lowest priority."""
+        return self.groups[-1].objective
+
+    @property
+    def bound(self) -> float:
+        """Rigorous lower bound of :attr:`objective`."""
+        return self.groups[-1].bound
+
+    @property
+    def gap(self) -> float:
+        """Relative distance of :attr:`objective` from :attr:`bound`."""
+        return self.groups[-1].gap
+
+    @property
+    def search_gap(self) -> float:
+        """Relative distance of the objective from the optimum of the convexified program."""
+        return self.groups[-1].search_gap
+
+    @property
+    def fallback(self) -> bool:
+        """Whether the search could not finish and the best split known was taken."""
+        return self.status.is_fallback
+
+
+def relative_gap(objective: float, bound: float) -> float:
+    """Return ``(objective - bound) / objective``, 0 where both vanish."""
+    difference = max(objective - bound, 0.0)
+    return 0.0 if difference <= 1e-12 else difference / abs(objective)

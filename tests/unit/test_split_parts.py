@@ -1,0 +1,152 @@
+"""Objectives, envelopes, lexicographic driver, and the compiled relaxation."""
+
+import cvxpy as cp
+import numpy as np
+import pytest
+
+import bess
+from bess.split import lexicographic
+from bess.split.conic import ConicProgram, NodeStatus, solve
+from bess.split.envelope import Envelope
+from bess.split.objectives import Objective, Objectives
+from bess.split.relaxation import build, compiled
+
+
+def test_default_objectives_are_case_1():
+    goals = Objectives()
+    assert goals.groups == ((0,), (1, 2, 3))
+    assert [o.weight for o in goals.members] == [1, 1, 1, 1]
+
+
+def test_groups_follow_priorities_larger_first():
+    goals = Objectives(
+        availability=Objective(1.0, 5), derating=2.0, inverter=Objective(0.5, 3), battery=Objective(1.0, 3)
+    )
+    assert goals.groups == ((0,), (2, 3), (1,))
+
+
+def test_zero_weight_is_a_tie_break_in_the_search_only():
+    goals, scale = Objectives(battery=0.0), np.ones((2, 4))
+    assert goals.costs(scale, tie_break=False)[1, 0, 3] == 0.0
+    assert goals.costs(scale, tie_break=True)[1, 0, 3] == 1e-3
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        {"inverter": -1.0},
+        {"battery": float("nan")},
+        {"derating": float("inf")},
+        {"inverter": "much"},
+        {"inverter": True},
+        {"normalisation": "none"},
+        dict.fromkeys(("availability", "derating", "inverter", "battery"), 0.0),
+    ],
+)
+def test_bad_weights_are_refused(arguments):
+    with pytest.raises(bess.InputError):
+        Objectives(**arguments)
+
+
+@pytest.mark.parametrize("priority", [1.5, 2.0, "2", True, None])
+def test_priority_must_be_an_integer(priority):
+    with pytest.raises(bess.InputError, match="integer"):
+        Objective(1.0, priority)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_envelope_is_below_and_chord_above_any_table(seed):
+    rng = np.random.default_rng(seed)
+    x = np.concatenate([[0.0], np.sort(rng.uniform(0.01, 0.99, 9)), [1.0]])
+    y = rng.uniform(0.1, 1.0, 11)
+    envelope = Envelope.of_table(x, y, 6)
+    below = np.max(envelope.slope * x[:, None] + envelope.intercept, axis=1)
+    assert np.all(below <= y + 1e-12)
+    assert np.max(y - below) == pytest.approx(envelope.largest_distance)
+    assert np.all(envelope.chord_slope * x + envelope.chord_intercept >= y - 1e-12)
+
+
+def test_envelope_of_a_convex_table_with_enough_pieces_is_the_table():
+    x = np.linspace(0.0, 1.0, 6)
+    envelope = Envelope.of_table(x, 0.1 + x**2, 5)
+    assert envelope.largest_distance == pytest.approx(0.0, abs=1e-12)
+
+
+def test_reference_inverter_is_convex_and_six_lines_miss_it_by_less_than_a_thousandth():
+    inverter = bess.System.reference().strings[0].inverter
+    loss = np.array(inverter.loss_discharge) / inverter.loss_discharge[-1]
+    assert Envelope.of_table(np.array(inverter.load), loss, 6).largest_distance < 2e-3
+
+
+def test_each_group_is_capped_at_its_optimum_plus_tolerance():
+    seen = []
+
+    def solve_group(group, caps):
+        seen.append(caps)
+        return 10.0**group, group
+
+    assert lexicographic.lexicographic(solve_group, [0.5, 0.0, 0.0], [0.1, 0.1, 0.0]) == [0, 1, 2]
+    assert seen == [(), (1.5,), (1.5, 11.0)]
+
+
+def test_relaxation_is_dpp():
+    assert build(2, 4, 1).problem.is_dpp()
+
+
+def test_compiled_map_gives_the_data_cvxpy_gives():
+    relaxation = build(2, 3, 1)
+    program = ConicProgram(relaxation.problem, relaxation.variables, relaxation.parameters)
+    rng = np.random.default_rng(0)
+    values = {name: rng.uniform(0.5, 1.5, p.shape) for name, p in relaxation.parameters.items()}
+    for name, value in values.items():
+        relaxation.parameters[name].value = value
+    data, _, _ = relaxation.problem.get_problem_data("CLARABEL", solver_opts={})
+    ours = program.load(values)
+    assert abs(ours.A - data["A"]).max() < 1e-12
+    np.testing.assert_allclose(ours.b, data["b"], atol=1e-12)
+    np.testing.assert_allclose(ours.q, data["c"], atol=1e-12)
+
+
+def test_relaxation_is_compiled_once_for_each_size():
+    assert compiled(2, 2, 1) is compiled(2, 2, 1)
+
+
+def _norm_program():
+    x, t, limit = cp.Variable(3), cp.Variable(), cp.Parameter(3)
+    # ||(x0 + x1 - 3, x1 - x2)|| <= t, x <= limit, x >= 0
+    constraints = [
+        cp.SOC(cp.reshape(t, (1,), order="F"), cp.reshape(cp.hstack([x[0] + x[1] - 3.0, x[1] - x[2]]), (2, 1), order="F")),
+        x <= limit,
+        x >= 0,
+    ]
+    return ConicProgram(cp.Problem(cp.Minimize(t), constraints), {"x": x, "t": t}, {"limit": limit})
+
+
+def test_a_fixed_variable_leaves_the_problem_and_the_bound_matches_the_closed_form():
+    program = _norm_program()
+    data = program.load({"limit": np.array([1.0, 1.0, 0.0])})
+    fixed = np.zeros(program.n_columns, dtype=bool)
+    fixed[program.slices["x"].start + 2] = True
+    answer = solve(data, fixed, np.zeros(program.n_columns))
+    assert answer.status is NodeStatus.SOLVED
+    # x0 = 1, x2 = 0, x1 = 1: minimise (x1 - 2)^2 + x1^2.
+    assert answer.bound == pytest.approx(np.sqrt(2.0), abs=1e-5)
+    assert answer.bound <= np.sqrt(2.0)
+    assert program.value(answer.x, "x") == pytest.approx([1.0, 1.0, 0.0], abs=1e-4)
+
+
+def test_a_fixed_value_that_breaks_a_row_is_infeasible_without_a_solve():
+    program = _norm_program()
+    data = program.load({"limit": np.array([1.0, 1.0, 0.0])})
+    fixed, values = np.zeros(program.n_columns, dtype=bool), np.zeros(program.n_columns)
+    fixed[program.slices["x"].start] = True
+    values[program.slices["x"].start] = 2.0
+    assert solve(data, fixed, values).status is NodeStatus.INFEASIBLE
+
+
+def test_an_unsolvable_node_gives_no_bound():
+    program = _norm_program()
+    data = program.load({"limit": np.array([np.nan, 1.0, 0.0])})
+    answer = solve(data, np.zeros(program.n_columns, dtype=bool), np.zeros(program.n_columns))
+    assert answer.status is NodeStatus.UNKNOWN
+    assert answer.bound == -np.inf
