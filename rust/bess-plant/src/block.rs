@@ -1,0 +1,378 @@
+//! `W` strings stepped side by side through a whole schedule.
+
+use bess_tables::{Direction, Resistance, StringParameters};
+
+use crate::electrical::{Demand, Operation};
+use crate::lanes::Lanes;
+use crate::line::{any, Line, Lines};
+use crate::measured::{self, Scratch};
+use crate::plant::{DeratingLaw, Schedule};
+use crate::record::{Limits, Record};
+use crate::thermal::{AirPath, Coefficients};
+use crate::totals::Totals;
+
+/// Time base of the integral gain [s].
+const INTEGRAL_STEP_S: f64 = 900.0;
+
+/// State of one lane.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct LaneState {
+    pub(crate) soc: f64,
+    pub(crate) node_temperature_c: Vec<f64>,
+    pub(crate) integral_k: f64,
+    pub(crate) inverter_on: bool,
+}
+
+/// Lanes with the same number of nodes. Lanes beyond `ids` repeat the last one; nobody reads them.
+#[derive(Debug, Clone)]
+pub(crate) struct Block<const W: usize> {
+    ids: Vec<usize>,
+    strings: [StringParameters; W],
+    law: DeratingLaw,
+    step_s: f64,
+    air_path: AirPath<W>,
+    scratch: Scratch,
+    any_measured: bool,
+    k_per_w: Lanes<W>,
+    soc_per_a: Lanes<W>,
+    soc_min: Lanes<W>,
+    soc_max: Lanes<W>,
+    soc: Lanes<W>,
+    integral_k: Lanes<W>,
+    /// 1 for an inverter that is on, else 0.
+    on: Lanes<W>,
+    factor_lines: Lines<W>,
+    charge_v_lines: Lines<W>,
+    discharge_v_lines: Lines<W>,
+    low_soc_lines: Lines<W>,
+    loss_lines: Lines<W>,
+}
+
+impl<const W: usize> Block<W> {
+    /// `members`: lane number and parameters, at most `W`, at least one, all with the same number of nodes.
+    pub(crate) fn new(members: &[(usize, &StringParameters)], law: DeratingLaw, step_s: f64) -> Self {
+        let strings: [StringParameters; W] =
+            std::array::from_fn(|l| members[l.min(members.len() - 1)].1.clone());
+        let nodes = strings[0].spatial.nodes;
+        let coefficients = std::array::from_fn(|l| Coefficients::new(&strings[l].spatial, step_s));
+        let each = |f: &dyn Fn(&StringParameters) -> f64| Lanes::from_fn(|l| f(&strings[l]));
+        Self {
+            ids: members.iter().map(|&(id, _)| id).collect(),
+            air_path: AirPath::new(&coefficients, nodes),
+            scratch: Scratch::new(nodes, strings.iter().map(|s| &s.resistance)),
+            any_measured: strings.iter().any(|s| matches!(s.resistance, Resistance::Measured { .. })),
+            k_per_w: Lanes::from_fn(|l| coefficients[l].k_per_w),
+            soc_per_a: each(&|s| step_s / (3600.0 * s.capacity_ah)),
+            soc_min: each(&|s| s.soc_min),
+            soc_max: each(&|s| s.soc_max),
+            soc: Lanes::ZERO,
+            integral_k: Lanes::ZERO,
+            on: Lanes::ZERO,
+            factor_lines: Lines::unknown(),
+            charge_v_lines: Lines::unknown(),
+            discharge_v_lines: Lines::unknown(),
+            low_soc_lines: Lines::unknown(),
+            loss_lines: Lines::unknown(),
+            strings,
+            law,
+            step_s,
+        }
+    }
+
+    /// Lane numbers, in order.
+    pub(crate) fn ids(&self) -> &[usize] {
+        &self.ids
+    }
+
+    /// One state for each lane of `ids`.
+    pub(crate) fn set_state(&mut self, states: &[&LaneState]) {
+        for lane in 0..W {
+            let state = states[lane.min(states.len() - 1)];
+            self.soc.0[lane] = state.soc;
+            self.integral_k.0[lane] = state.integral_k;
+            self.on.0[lane] = f64::from(u8::from(state.inverter_on));
+            for (node, &value) in self.air_path.temperature.iter_mut().zip(&state.node_temperature_c) {
+                node.0[lane] = value;
+            }
+        }
+        self.air_path.look_up(&std::array::from_fn(|l| &self.strings[l].resistance));
+    }
+
+    pub(crate) fn state(&self, lane: usize) -> LaneState {
+        LaneState {
+            soc: self.soc.0[lane],
+            node_temperature_c: self.air_path.temperature.iter().map(|node| node.0[lane]).collect(),
+            integral_k: self.integral_k.0[lane],
+            inverter_on: self.on.0[lane] != 0.0,
+        }
+    }
+
+    /// Runs the schedule with the widest instructions at hand. They change the speed, not one bit of the result.
+    pub(crate) fn run(&mut self, schedule: &Schedule, record: &mut Record) {
+        #[cfg(target_arch = "x86_64")]
+        if std::arch::is_x86_feature_detected!("avx2") {
+            // SAFETY: the processor has just been asked for AVX2.
+            unsafe { self.run_avx2(schedule, record) };
+            return;
+        }
+        self.run_portable(schedule, record);
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    unsafe fn run_avx2(&mut self, schedule: &Schedule, record: &mut Record) {
+        self.run_portable(schedule, record);
+    }
+
+    #[inline(always)]
+    pub(crate) fn run_portable(&mut self, schedule: &Schedule, record: &mut Record) {
+        for step in 0..schedule.steps {
+            let member = |l: usize| self.ids[l.min(self.ids.len() - 1)];
+            let request_w = Lanes::from_fn(|l| schedule.request_w(step, member(l)));
+            let ambient_c = Lanes::from_fn(|l| schedule.ambient_c(step, member(l)));
+            let mut limits = [Limits::NONE; W];
+            let totals = self.control_step(request_w, ambient_c, schedule.substeps, &mut limits);
+            self.report(step, request_w, &totals, &limits, schedule.substeps, record);
+        }
+    }
+
+    #[inline(always)]
+    fn control_step(
+        &mut self,
+        request_w: Lanes<W>,
+        ambient_c: Lanes<W>,
+        substeps: usize,
+        limits: &mut [Limits; W],
+    ) -> Totals<W> {
+        let magnitude_w = Lanes::from_fn(|l| request_w.0[l].abs());
+        let sign = Lanes::from_fn(|l| if request_w.0[l] < 0.0 { -1.0 } else { 1.0 });
+        let direction: [Direction; W] =
+            std::array::from_fn(|l| if sign.0[l] < 0.0 { Direction::Charge } else { Direction::Discharge });
+        // The loss table in force changes with the direction.
+        self.loss_lines = Lines::unknown();
+        if self.law == DeratingLaw::Pi {
+            let share = substeps as f64 * self.step_s / INTEGRAL_STEP_S;
+            let excess_k = self.excess_k();
+            self.integral_k = (self.integral_k + excess_k * Lanes::splat(share)).at_least(Lanes::ZERO);
+        }
+        let mut totals = Totals::new();
+        for _ in 0..substeps {
+            self.plant_step(magnitude_w, sign, &direction, ambient_c, &mut totals, limits);
+        }
+        totals
+    }
+
+    #[inline(always)]
+    fn plant_step(
+        &mut self,
+        magnitude_w: Lanes<W>,
+        sign: Lanes<W>,
+        direction: &[Direction; W],
+        ambient_c: Lanes<W>,
+        totals: &mut Totals<W>,
+        limits: &mut [Limits; W],
+    ) {
+        let zero = Lanes::ZERO;
+        let mean_c = self.air_path.mean_temperature();
+        let soc = self.soc;
+
+        let factor = self.derating_factor(mean_c);
+        let wanted_w = factor * magnitude_w;
+        let strings = &self.strings;
+
+        let charge_v =
+            self.charge_v_lines.at(soc, |l, at| Line::of_grid(&strings[l].ocv_charge, at, mean_c.0[l]));
+        let discharge_v =
+            self.discharge_v_lines.at(soc, |l, at| Line::of_grid(&strings[l].ocv_discharge, at, mean_c.0[l]));
+        let low_soc = self.low_soc_lines.at(soc, |l, at| low_soc_line(&strings[l].resistance, at));
+        let resistance = self.air_path.mean_resistance() * low_soc;
+
+        // Where no limit is near: V I - R I^2 = sign p + w, small root.
+        let loss_at =
+            self.loss_lines.at(wanted_w, |l, at| Line::of(strings[l].inverter.loss(direction[l]), at));
+        let loss_w = wanted_w.if_positive(loss_at, zero);
+        let power_w = sign * wanted_w + loss_w;
+        let voltage_v = power_w.if_positive(discharge_v, charge_v);
+        let discriminant = voltage_v * voltage_v - Lanes::splat(4.0) * resistance * power_w;
+        let root = discriminant.at_least(zero).sqrt();
+        let current_a = (power_w + power_w).divided_by(voltage_v + root);
+        let soc_end = soc - current_a * self.soc_per_a;
+
+        let mut drawn = Drawn {
+            delivered_w: wanted_w,
+            loss_w,
+            voltage_v,
+            current_a,
+            resistance,
+            node_factor: low_soc,
+            soc: soc_end,
+        };
+        let mut special = [0; W];
+        for lane in 0..W {
+            special[lane] = u64::from(discriminant.0[lane] < 0.0)
+                | u64::from(soc_end.0[lane] < self.soc_min.0[lane])
+                | u64::from(soc_end.0[lane] > self.soc_max.0[lane]);
+        }
+        if self.any_measured || any(&special) {
+            for lane in 0..W {
+                let demand = Demand {
+                    direction: direction[lane],
+                    wanted_w: wanted_w.0[lane],
+                    soc: soc.0[lane],
+                    charge_v: charge_v.0[lane],
+                    discharge_v: discharge_v.0[lane],
+                    step_s: self.step_s,
+                };
+                self.special_lane(lane, special[lane] != 0, &demand, &mut drawn, &mut limits[lane]);
+            }
+        }
+        self.soc = drawn.soc;
+
+        let squared = drawn.current_a * drawn.current_a;
+        let heat_w = squared * drawn.resistance;
+        let on = drawn.delivered_w.if_positive(Lanes::splat(1.0), zero);
+        totals.delivered_w = totals.delivered_w + drawn.delivered_w;
+        totals.availability_loss_w = totals.availability_loss_w + (wanted_w - drawn.delivered_w);
+        totals.derating_loss_w = totals.derating_loss_w + (magnitude_w - wanted_w);
+        totals.loss_on_w = totals.loss_on_w + drawn.loss_w;
+        totals.off_steps = totals.off_steps + (Lanes::splat(1.0) - on);
+        totals.heat_w = totals.heat_w + heat_w;
+        totals.chemical_w = totals.chemical_w + drawn.voltage_v * drawn.current_a;
+        totals.current_a = totals.current_a + drawn.current_a;
+        totals.factor = totals.factor + factor;
+        totals.starts = totals.starts + on * (Lanes::splat(1.0) - self.on);
+        self.on = on;
+
+        let heating = self.k_per_w * squared * drawn.node_factor;
+        let tables = std::array::from_fn(|l| &self.strings[l].resistance);
+        totals.hottest_c = self.air_path.advance(heating, ambient_c, totals.hottest_c, &tables);
+    }
+
+    /// Replaces what was drawn from a lane that has a limit, or a resistance that depends on its own current.
+    #[cold]
+    #[inline(never)]
+    fn special_lane(
+        &mut self,
+        lane: usize,
+        limited: bool,
+        demand: &Demand,
+        drawn: &mut Drawn<W>,
+        limits: &mut Limits,
+    ) {
+        let string = &self.strings[lane];
+        // A string that charges with less than its inverter loses discharges a little; its charge table serves.
+        if let Some(tables) = measured::tables(&string.resistance, demand.direction) {
+            let temperatures = self.air_path.temperature.iter().map(|node| node.0[lane]);
+            drawn.resistance.0[lane] =
+                self.scratch.solve(tables, demand.soc, temperatures, string.capacity_ah, |r| {
+                    demand.current_a(string, r)
+                });
+            drawn.node_factor.0[lane] = 1.0;
+            for (node, resistance) in self.air_path.resistance.iter_mut().enumerate() {
+                resistance.0[lane] = self.scratch.node(node);
+            }
+        } else if !limited {
+            return;
+        }
+        let Operation { delivered_w, loss_w, voltage_v, current_a, soc, limits: bound } =
+            demand.operate(string, drawn.resistance.0[lane]);
+        drawn.delivered_w.0[lane] = delivered_w;
+        drawn.loss_w.0[lane] = loss_w;
+        drawn.voltage_v.0[lane] = voltage_v;
+        drawn.current_a.0[lane] = current_a;
+        drawn.soc.0[lane] = soc;
+        *limits = limits.with(bound);
+    }
+
+    #[inline(always)]
+    fn excess_k(&self) -> Lanes<W> {
+        self.air_path.mean_temperature() - Lanes::from_fn(|l| self.strings[l].derating.start_c)
+    }
+
+    /// Share of the request that is let through, in `[0, 1]`.
+    #[inline(always)]
+    fn derating_factor(&mut self, mean_c: Lanes<W>) -> Lanes<W> {
+        let strings = &self.strings;
+        let factor = match self.law {
+            DeratingLaw::Table => {
+                self.factor_lines.at(mean_c, |l, at| Line::of(&strings[l].derating.factor, at))
+            }
+            DeratingLaw::Pi => {
+                let excess_k = self.excess_k().at_least(Lanes::ZERO);
+                let kp = Lanes::from_fn(|l| strings[l].derating.kp_per_k);
+                let ki = Lanes::from_fn(|l| strings[l].derating.ki_per_k_step);
+                Lanes::splat(1.0) - kp * excess_k - ki * self.integral_k
+            }
+        };
+        factor.at_least(Lanes::ZERO).at_most(Lanes::splat(1.0))
+    }
+
+    fn report(
+        &self,
+        step: usize,
+        request_w: Lanes<W>,
+        totals: &Totals<W>,
+        limits: &[Limits; W],
+        substeps: usize,
+        record: &mut Record,
+    ) {
+        let n = substeps as f64;
+        let mean_c = self.air_path.mean_temperature();
+        for (lane, &id) in self.ids.iter().enumerate() {
+            let at = step * record.lanes + id;
+            let sign = if request_w.0[lane] < 0.0 { -1.0 } else { 1.0 };
+            let standby_w = totals.off_steps.0[lane] * self.strings[lane].inverter.off_loss_w;
+            let loss_w = totals.loss_on_w.0[lane] + standby_w;
+            let (heat_w, chemical_w) = (totals.heat_w.0[lane], totals.chemical_w.0[lane]);
+            record.delivered_w[at] = sign * totals.delivered_w.0[lane] / n;
+            record.availability_loss_w[at] = totals.availability_loss_w.0[lane] / n;
+            record.derating_loss_w[at] = totals.derating_loss_w.0[lane] / n;
+            record.inverter_loss_w[at] = loss_w / n;
+            record.battery_loss_w[at] = heat_w / n;
+            record.chemical_w[at] = chemical_w / n;
+            record.current_a[at] = totals.current_a.0[lane] / n;
+            record.soc[at] = self.soc.0[lane];
+            record.temperature_c[at] = mean_c.0[lane];
+            record.node_max_c[at] = totals.hottest_c.0[lane];
+            record.derating_factor[at] = totals.factor.0[lane] / n;
+            record.inverter_starts[at] = totals.starts.0[lane];
+            // An inverter that is off takes its standby from the grid, beside the delivered power.
+            let ac_w = standby_w - sign * totals.delivered_w.0[lane];
+            record.ledger_residual_j[at] = (ac_w - (heat_w + loss_w - chemical_w)) * self.step_s;
+            let derated = totals.derating_loss_w.0[lane] > 0.0;
+            record.limits[at] = limits[lane].with(if derated { Limits::DERATING } else { Limits::NONE });
+            if !record.node_temperature_c.is_empty() {
+                for (node, value) in self.air_path.temperature.iter().enumerate() {
+                    record.node_temperature_c[at * record.nodes + node] = value.0[lane];
+                }
+            }
+        }
+    }
+}
+
+/// What flows in one plant step.
+struct Drawn<const W: usize> {
+    delivered_w: Lanes<W>,
+    loss_w: Lanes<W>,
+    voltage_v: Lanes<W>,
+    current_a: Lanes<W>,
+    /// Electrical resistance of the string [Ohm].
+    resistance: Lanes<W>,
+    /// Factor from a node's stored resistance to the one in force.
+    node_factor: Lanes<W>,
+    soc: Lanes<W>,
+}
+
+/// Factor on `f_T` below the low-SOC switch, 1 above it.
+fn low_soc_line(resistance: &Resistance, soc: f64) -> Line {
+    match resistance {
+        Resistance::Measured { .. } => Line::constant(f64::NEG_INFINITY, f64::INFINITY, 1.0),
+        Resistance::Switched { switch_soc, .. } if soc >= *switch_soc => {
+            Line::constant(*switch_soc, f64::INFINITY, 1.0)
+        }
+        Resistance::Switched { soc_factor, switch_soc, .. } => {
+            let line = Line::of(soc_factor, soc);
+            Line { high: line.high.min(*switch_soc), ..line }
+        }
+    }
+}

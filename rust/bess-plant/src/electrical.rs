@@ -1,0 +1,162 @@
+//! One string at one instant: inverter, Rint battery and what limits them.
+//!
+//! Signs: power and current positive in discharge. Of delivered AC power `p` the battery sees `p + w`:
+//! `V I - R I^2 = p + w`. This file is the scalar form with every limit; the block evaluates the same balance
+//! side by side where no limit is near.
+
+use bess_tables::{Direction, StringParameters};
+
+use crate::record::Limits;
+
+/// What one string is asked for, and the state it is in.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Demand {
+    pub(crate) direction: Direction,
+    /// AC power after derating, magnitude [W].
+    pub(crate) wanted_w: f64,
+    pub(crate) soc: f64,
+    /// Open-circuit voltage of each direction [V].
+    pub(crate) charge_v: f64,
+    pub(crate) discharge_v: f64,
+    pub(crate) step_s: f64,
+}
+
+/// What it does.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Operation {
+    /// Delivered AC power, magnitude [W].
+    pub(crate) delivered_w: f64,
+    /// Inverter loss that the battery or the AC side covers while on [W].
+    pub(crate) loss_w: f64,
+    /// Open-circuit voltage in force [V].
+    pub(crate) voltage_v: f64,
+    /// String current [A], positive in discharge.
+    pub(crate) current_a: f64,
+    /// SOC at the end of the step.
+    pub(crate) soc: f64,
+    pub(crate) limits: Limits,
+}
+
+/// Small root of `V I - R I^2 = P`, in the form that also holds for `R -> 0`. Needs `V^2 >= 4 R P`.
+#[inline]
+pub(crate) fn rint_current(voltage_v: f64, resistance_ohm: f64, power_w: f64) -> f64 {
+    let discriminant = voltage_v * voltage_v - 4.0 * resistance_ohm * power_w;
+    2.0 * power_w / (voltage_v + discriminant.max(0.0).sqrt())
+}
+
+impl Demand {
+    /// Current if nothing limits it, and the voltage it flows at.
+    fn unlimited(&self, delivered_w: f64, loss_w: f64, resistance_ohm: f64) -> (f64, f64) {
+        let power_w = match self.direction {
+            Direction::Discharge => delivered_w + loss_w,
+            Direction::Charge => loss_w - delivered_w,
+        };
+        // Charging with less than the inverter loses takes the rest from the battery.
+        let voltage_v = if power_w > 0.0 { self.discharge_v } else { self.charge_v };
+        (voltage_v, rint_current(voltage_v, resistance_ohm, power_w))
+    }
+
+    /// The operation with the largest delivered power, not above `wanted_w`, that stays within the SOC window at
+    /// the end of the step and has a real current.
+    pub(crate) fn operate(&self, string: &StringParameters, resistance_ohm: f64) -> Operation {
+        let mut limits = Limits::NONE;
+        let loss = string.inverter.loss(self.direction);
+        let mut delivered_w = self.wanted_w;
+        if delivered_w > 0.0 {
+            let (target_w, binding) = self.battery_limit(string, resistance_ohm);
+            let sign = if self.direction == Direction::Discharge { 1.0 } else { -1.0 };
+            let net = |p: f64| p + sign * loss.at(p);
+            if net(delivered_w) > target_w {
+                limits = binding;
+                delivered_w = largest_below(loss.x(), net, target_w, delivered_w);
+            }
+            if self.direction == Direction::Charge && self.empties(string, delivered_w, resistance_ohm) {
+                limits = Limits::SOC_EMPTY;
+                delivered_w = 0.0;
+            }
+        }
+        let loss_w = if delivered_w > 0.0 { loss.at(delivered_w) } else { 0.0 };
+        let (voltage_v, current_a) = self.unlimited(delivered_w, loss_w, resistance_ohm);
+        // Only rounding is left to clip: the power above was solved for the window.
+        let soc = self.soc_after(string, current_a).clamp(string.soc_min, string.soc_max);
+        Operation { delivered_w, loss_w, voltage_v, current_a, soc, limits }
+    }
+
+    /// Current that `operate` would settle at: what the measured tables iterate on.
+    pub(crate) fn current_a(&self, string: &StringParameters, resistance_ohm: f64) -> f64 {
+        self.operate(string, resistance_ohm).current_a
+    }
+
+    fn soc_after(&self, string: &StringParameters, current_a: f64) -> f64 {
+        self.soc - current_a * self.step_s / (3600.0 * string.capacity_ah)
+    }
+
+    /// Largest battery power (magnitude, in the direction of the demand) [W], and what sets it.
+    fn battery_limit(&self, string: &StringParameters, resistance_ohm: f64) -> (f64, Limits) {
+        let per_soc_a = 3600.0 * string.capacity_ah / self.step_s;
+        match self.direction {
+            Direction::Charge => {
+                let current_a = (string.soc_max - self.soc) * per_soc_a;
+                (self.charge_v * current_a + resistance_ohm * current_a * current_a, Limits::SOC_FULL)
+            }
+            Direction::Discharge => {
+                let room_a = (self.soc - string.soc_min) * per_soc_a;
+                let root_a = self.discharge_v / (2.0 * resistance_ohm);
+                let power = |i: f64| self.discharge_v * i - resistance_ohm * i * i;
+                if room_a < root_a {
+                    (power(room_a), Limits::SOC_EMPTY)
+                } else {
+                    (power(root_a), Limits::ROOT)
+                }
+            }
+        }
+    }
+
+    fn empties(&self, string: &StringParameters, delivered_w: f64, resistance_ohm: f64) -> bool {
+        let loss_w = string.inverter.loss(self.direction).at(delivered_w);
+        let (_, current_a) = self.unlimited(delivered_w, loss_w, resistance_ohm);
+        current_a > 0.0 && self.soc_after(string, current_a) < string.soc_min
+    }
+}
+
+/// Largest `p` in `[0, start]` with `net(p) <= target`, for a `net` that is linear between `knots` and above the
+/// target at `start`; 0 where there is none.
+fn largest_below(knots: &[f64], net: impl Fn(f64) -> f64, target: f64, start: f64) -> f64 {
+    let (mut high, mut net_high) = (start, net(start));
+    for &low in knots.iter().rev().filter(|&&knot| knot < start) {
+        let net_low = net(low);
+        if net_low <= target {
+            let share = (target - net_low) / (net_high - net_low);
+            return (low + share * (high - low)).clamp(low, high);
+        }
+        (high, net_high) = (low, net_low);
+    }
+    0.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_root_tends_to_p_over_v_for_small_resistance_and_to_half_the_short_circuit_current() {
+        assert_eq!(rint_current(700.0, 0.0, 70e3), 100.0);
+        assert!((rint_current(700.0, 1e-12, 70e3) - 100.0).abs() < 1e-9);
+        let (v, r) = (700.0, 0.12);
+        let top = rint_current(v, r, v * v / (4.0 * r));
+        assert!((top - v / (2.0 * r)).abs() < 1e-4 * top);
+        for power in [-90e3, -1.0, 0.0, 1.0, 90e3] {
+            let i = rint_current(v, r, power);
+            assert!((v * i - r * i * i - power).abs() <= 1e-10, "{power}");
+        }
+    }
+
+    #[test]
+    fn the_inverse_of_the_inverter_finds_the_largest_power_below_a_target() {
+        let net = |p: f64| p + 10.0 + if p > 50.0 { 0.2 * (p - 50.0) } else { 0.0 };
+        let knots = [0.0, 50.0, 100.0];
+        assert!((largest_below(&knots, net, 40.0, 100.0) - 30.0).abs() < 1e-12);
+        assert!((largest_below(&knots, net, 84.0, 100.0) - 70.0).abs() < 1e-12);
+        assert_eq!(largest_below(&knots, net, 9.0, 100.0), 0.0);
+    }
+}

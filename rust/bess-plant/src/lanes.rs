@@ -1,0 +1,71 @@
+//! A bundle of `W` numbers, one for each string that is stepped side by side.
+//!
+//! Every operation acts lane by lane and in the order written, without fused or re-associated arithmetic, so a
+//! lane's result does not depend on its neighbours, on `W`, or on the instruction set the loops are compiled to.
+
+use std::ops::{Add, Mul, Sub};
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(align(32))]
+pub(crate) struct Lanes<const W: usize>(pub(crate) [f64; W]);
+
+impl<const W: usize> Lanes<W> {
+    pub(crate) const ZERO: Self = Self([0.0; W]);
+
+    #[inline(always)]
+    pub(crate) fn splat(value: f64) -> Self {
+        Self([value; W])
+    }
+
+    #[inline(always)]
+    pub(crate) fn from_fn(f: impl Fn(usize) -> f64) -> Self {
+        let mut out = [0.0; W];
+        for (lane, value) in out.iter_mut().enumerate() {
+            *value = f(lane);
+        }
+        Self(out)
+    }
+
+    #[inline(always)]
+    pub(crate) fn sqrt(self) -> Self {
+        Self::from_fn(|l| self.0[l].sqrt())
+    }
+
+    #[inline(always)]
+    pub(crate) fn divided_by(self, other: Self) -> Self {
+        Self::from_fn(|l| self.0[l] / other.0[l])
+    }
+
+    /// The larger one. Written as a comparison because that is one instruction; `f64::max` also orders NaN.
+    #[inline(always)]
+    pub(crate) fn at_least(self, other: Self) -> Self {
+        Self::from_fn(|l| if self.0[l] > other.0[l] { self.0[l] } else { other.0[l] })
+    }
+
+    /// The smaller one.
+    #[inline(always)]
+    pub(crate) fn at_most(self, other: Self) -> Self {
+        Self::from_fn(|l| if self.0[l] < other.0[l] { self.0[l] } else { other.0[l] })
+    }
+
+    /// `yes` in the lanes that are positive, `no` in the others.
+    #[inline(always)]
+    pub(crate) fn if_positive(self, yes: Self, no: Self) -> Self {
+        Self::from_fn(|l| if self.0[l] > 0.0 { yes.0[l] } else { no.0[l] })
+    }
+}
+
+macro_rules! lane_by_lane {
+    ($trait:ident, $method:ident, $operator:tt) => {
+        impl<const W: usize> $trait for Lanes<W> {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(self, other: Self) -> Self {
+                Self::from_fn(|l| self.0[l] $operator other.0[l])
+            }
+        }
+    };
+}
+lane_by_lane!(Add, add, +);
+lane_by_lane!(Sub, sub, -);
+lane_by_lane!(Mul, mul, *);

@@ -1,0 +1,116 @@
+//! Piecewise linear tables, remembered as the straight line they are on now.
+//!
+//! State moves little from one plant step to the next, so the segment found last is nearly always right: a
+//! look-up is two comparisons, one product and one sum. The segment is a function of the argument alone
+//! (half-open), never of the past, so a restored plant continues bit by bit.
+
+use bess_tables::{locate, Grid, Lut};
+
+use crate::lanes::Lanes;
+
+/// `intercept + slope * x` for `low <= x < high`.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Line {
+    pub(crate) low: f64,
+    pub(crate) high: f64,
+    pub(crate) intercept: f64,
+    pub(crate) slope: f64,
+}
+
+impl Line {
+    pub(crate) fn constant(low: f64, high: f64, intercept: f64) -> Self {
+        Self { low, high, intercept, slope: 0.0 }
+    }
+
+    /// A value that must be asked for again at the next step.
+    pub(crate) fn once(value: f64) -> Self {
+        Self::constant(f64::INFINITY, f64::NEG_INFINITY, value)
+    }
+
+    /// The segment of a table that holds `at`; constant beyond both ends.
+    pub(crate) fn of_knots(x: &[f64], y: &[f64], at: f64) -> Self {
+        let last = x.len() - 1;
+        if at < x[0] {
+            return Self::constant(f64::NEG_INFINITY, x[0], y[0]);
+        }
+        if at >= x[last] {
+            return Self::constant(x[last], f64::INFINITY, y[last]);
+        }
+        let (segment, _) = locate(x, at);
+        let slope = (y[segment + 1] - y[segment]) / (x[segment + 1] - x[segment]);
+        Self { low: x[segment], high: x[segment + 1], intercept: y[segment] - slope * x[segment], slope }
+    }
+
+    pub(crate) fn of(table: &Lut, at: f64) -> Self {
+        Self::of_knots(table.x(), table.y(), at)
+    }
+
+    /// Along the first axis of a grid. Where the second axis matters too, the value holds only once.
+    pub(crate) fn of_grid(grid: &Grid, x: f64, y: f64) -> Self {
+        if grid.y().len() == 1 {
+            Self::of_knots(grid.x(), grid.z(), x)
+        } else {
+            Self::once(grid.at(x, y))
+        }
+    }
+}
+
+/// One line for each lane.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Lines<const W: usize> {
+    low: Lanes<W>,
+    high: Lanes<W>,
+    intercept: Lanes<W>,
+    slope: Lanes<W>,
+}
+
+impl<const W: usize> Lines<W> {
+    /// Nothing known yet: every lane is looked up at first use.
+    pub(crate) fn unknown() -> Self {
+        let mut lines =
+            Self { low: Lanes::ZERO, high: Lanes::ZERO, intercept: Lanes::ZERO, slope: Lanes::ZERO };
+        (0..W).for_each(|lane| lines.set(lane, Line::once(0.0)));
+        lines
+    }
+
+    pub(crate) fn set(&mut self, lane: usize, line: Line) {
+        self.low.0[lane] = line.low;
+        self.high.0[lane] = line.high;
+        self.intercept.0[lane] = line.intercept;
+        self.slope.0[lane] = line.slope;
+    }
+
+    /// 0 where `x` is on the known line, not 0 elsewhere.
+    #[inline(always)]
+    pub(crate) fn left(&self, x: Lanes<W>) -> [u64; W] {
+        let mut out = [0; W];
+        for lane in 0..W {
+            let below = u64::from(x.0[lane] < self.low.0[lane]);
+            let above = u64::from(x.0[lane] >= self.high.0[lane]);
+            out[lane] = below | above;
+        }
+        out
+    }
+
+    #[inline(always)]
+    pub(crate) fn value(&self, x: Lanes<W>) -> Lanes<W> {
+        self.intercept + self.slope * x
+    }
+
+    /// Values at `x`; lanes that have left their segment are looked up again by `find`.
+    #[inline(always)]
+    pub(crate) fn at(&mut self, x: Lanes<W>, find: impl Fn(usize, f64) -> Line) -> Lanes<W> {
+        let left = self.left(x);
+        if any(&left) {
+            for lane in (0..W).filter(|&lane| left[lane] != 0) {
+                self.set(lane, find(lane, x.0[lane]));
+            }
+        }
+        self.value(x)
+    }
+}
+
+#[inline(always)]
+pub(crate) fn any<const W: usize>(flags: &[u64; W]) -> bool {
+    flags.iter().fold(0, |all, flag| all | flag) != 0
+}

@@ -1,0 +1,261 @@
+use bess_tables::{StringParameters, System};
+
+use crate::block::{Block, LaneState};
+use crate::check::{check_all, check_range, TEMPERATURE_C};
+use crate::record::Record;
+use crate::thermal::Coefficients;
+use crate::PlantError;
+
+/// Values beyond a limit by no more than this share of it are rounding, not bad input.
+const ROUNDING: f64 = 1e-9;
+
+/// How the derating factor follows from temperature.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum DeratingLaw {
+    /// Table over mean temperature.
+    #[default]
+    Table,
+    /// `k = clip(1 - Kp max(e, 0) - Ki I, 0, 1)`, `e = mean temperature - start`; `I <- max(0, I + e)` once per
+    /// control step, scaled by its length over 15 min.
+    Pi,
+}
+
+/// State of a plant, complete: a plant that is given it continues bit by bit.
+///
+/// Lanes are `scenario * n_strings + string`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlantState {
+    /// State of charge of each lane.
+    pub soc: Vec<f64>,
+    /// Node temperatures [degC], `max_nodes` for each lane; a string with fewer nodes leaves the rest unread.
+    pub node_temperature_c: Vec<f64>,
+    /// Integral of the PI law [K x 15 min].
+    pub derating_integral_k: Vec<f64>,
+    /// Whether the inverter was on at the end of the last plant step.
+    pub inverter_on: Vec<bool>,
+}
+
+/// Requests and ambient of a run.
+#[derive(Debug, Clone, Copy)]
+pub struct Schedule<'a> {
+    /// Control steps.
+    pub(crate) steps: usize,
+    /// Plant steps in each of them.
+    pub(crate) substeps: usize,
+    lanes: usize,
+    strings: usize,
+    request_w: &'a [f64],
+    ambient_c: &'a [f64],
+}
+
+impl Schedule<'_> {
+    #[inline]
+    pub(crate) fn request_w(&self, step: usize, lane: usize) -> f64 {
+        self.request_w[step * self.lanes + lane]
+    }
+
+    #[inline]
+    pub(crate) fn ambient_c(&self, step: usize, lane: usize) -> f64 {
+        self.ambient_c[step * (self.lanes / self.strings) + lane / self.strings]
+    }
+}
+
+/// Strings, in one or more independent scenarios, that are stepped side by side.
+///
+/// Blocks of eight lanes, and one of four where four suffice. A lane's results depend on nothing but itself.
+#[derive(Debug, Clone)]
+pub struct Plant {
+    strings: Vec<StringParameters>,
+    scenarios: usize,
+    step_s: f64,
+    eights: Vec<Block<8>>,
+    fours: Vec<Block<4>>,
+}
+
+impl Plant {
+    /// A plant in `state`, or an error if the plant step [s] is not stable for every string, or the state is not one.
+    pub fn new(
+        system: &System,
+        scenarios: usize,
+        step_s: f64,
+        law: DeratingLaw,
+        state: &PlantState,
+    ) -> Result<Self, PlantError> {
+        let strings = system.strings.clone();
+        check_range("plant step", step_s, "s", (f64::MIN_POSITIVE, f64::MAX), String::new)?;
+        for (string, parameters) in strings.iter().enumerate() {
+            let number = Coefficients::new(&parameters.spatial, step_s).stability_number();
+            if number > 1.0 {
+                let nodes = parameters.spatial.nodes;
+                // Rounded down, so that the step named in the message is accepted.
+                let largest_s = (step_s / number * 1e4).floor() / 1e4;
+                return Err(PlantError::Unstable { string, step_s, nodes, number, largest_s });
+            }
+        }
+        let mut lanes: Vec<_> =
+            (0..scenarios * strings.len()).map(|id| (id, &strings[id % strings.len()])).collect();
+        lanes.sort_by_key(|(_, string)| string.spatial.nodes);
+        let (mut eights, mut fours) = (Vec::new(), Vec::new());
+        for equal in lanes.chunk_by(|a, b| a.1.spatial.nodes == b.1.spatial.nodes) {
+            for members in equal.chunks(8) {
+                if members.len() > 4 {
+                    eights.push(Block::new(members, law, step_s));
+                } else {
+                    fours.push(Block::new(members, law, step_s));
+                }
+            }
+        }
+        let mut plant = Self { strings, scenarios, step_s, eights, fours };
+        plant.set_state(state)?;
+        Ok(plant)
+    }
+
+    /// Strings times scenarios.
+    pub fn lanes(&self) -> usize {
+        self.scenarios * self.strings.len()
+    }
+
+    /// Most thermal nodes of any string.
+    pub fn max_nodes(&self) -> usize {
+        self.strings.iter().map(|s| s.spatial.nodes).max().unwrap_or(0)
+    }
+
+    /// Plant step [s].
+    pub fn step_s(&self) -> f64 {
+        self.step_s
+    }
+
+    /// The whole state.
+    pub fn state(&self) -> PlantState {
+        let (lanes, nodes) = (self.lanes(), self.max_nodes());
+        let mut state = PlantState {
+            soc: vec![0.0; lanes],
+            node_temperature_c: vec![f64::NAN; lanes * nodes],
+            derating_integral_k: vec![0.0; lanes],
+            inverter_on: vec![false; lanes],
+        };
+        let eights = self.eights.iter().flat_map(|block| each_lane(block.ids(), |l| block.state(l)));
+        let fours = self.fours.iter().flat_map(|block| each_lane(block.ids(), |l| block.state(l)));
+        for (id, lane) in eights.chain(fours) {
+            state.soc[id] = lane.soc;
+            let own = lane.node_temperature_c.len();
+            state.node_temperature_c[id * nodes..id * nodes + own].copy_from_slice(&lane.node_temperature_c);
+            state.derating_integral_k[id] = lane.integral_k;
+            state.inverter_on[id] = lane.inverter_on;
+        }
+        state
+    }
+
+    /// Replaces the state; nothing changes if it is refused. SOC beyond its window by rounding is put on the limit.
+    pub fn set_state(&mut self, state: &PlantState) -> Result<(), PlantError> {
+        let lanes = self.lane_states(state)?;
+        for block in &mut self.eights {
+            let own: Vec<_> = block.ids().iter().map(|&id| &lanes[id]).collect();
+            block.set_state(&own);
+        }
+        for block in &mut self.fours {
+            let own: Vec<_> = block.ids().iter().map(|&id| &lanes[id]).collect();
+            block.set_state(&own);
+        }
+        Ok(())
+    }
+
+    /// Advances by `request_w.len() / lanes` control steps of `duration_s`.
+    ///
+    /// `request_w[step * lanes + lane]` [W] is positive in discharge; `ambient_c[step * scenarios + scenario]`
+    /// [degC] is the air inlet temperature. Nothing changes if the input is refused.
+    pub fn run(
+        &mut self,
+        request_w: &[f64],
+        ambient_c: &[f64],
+        duration_s: f64,
+        keep_nodes: bool,
+    ) -> Result<Record, PlantError> {
+        let lanes = self.lanes();
+        let steps = request_w.len() / lanes;
+        check_all("request", request_w, steps * lanes)?;
+        check_all("ambient temperature", ambient_c, steps * self.scenarios)?;
+        for (at, &value) in request_w.iter().enumerate() {
+            let (step, string) = (at / lanes, at % lanes % self.strings.len());
+            let nominal_w = self.strings[string].inverter.nominal_w;
+            let limit = nominal_w * (1.0 + ROUNDING);
+            if !(-limit..=limit).contains(&value) {
+                return Err(PlantError::Range {
+                    place: format!("step {step}, string {string}: "),
+                    name: "requested power",
+                    value: value / 1e3,
+                    unit: "kW",
+                    low: -nominal_w / 1e3,
+                    high: nominal_w / 1e3,
+                });
+            }
+        }
+        for (at, &value) in ambient_c.iter().enumerate() {
+            let place = || format!("step {}: ", at / self.scenarios);
+            check_range("ambient temperature", value, "degC", TEMPERATURE_C, place)?;
+        }
+        let schedule = Schedule {
+            steps,
+            substeps: self.substeps(duration_s)?,
+            lanes,
+            strings: self.strings.len(),
+            request_w,
+            ambient_c,
+        };
+        let mut record = Record::new(steps, lanes, self.max_nodes(), keep_nodes);
+        self.eights.iter_mut().for_each(|block| block.run(&schedule, &mut record));
+        self.fours.iter_mut().for_each(|block| block.run(&schedule, &mut record));
+        Ok(record)
+    }
+
+    fn substeps(&self, duration_s: f64) -> Result<usize, PlantError> {
+        let (ratio, step_s) = (duration_s / self.step_s, self.step_s);
+        let whole = ratio.round();
+        // NaN fails the first comparison; a year of one-second steps is far below the last bound.
+        if whole >= 1.0 && (ratio - whole).abs() <= ROUNDING * whole && whole < 1e9 {
+            Ok(whole as usize)
+        } else {
+            Err(PlantError::Division { step_s, duration_s })
+        }
+    }
+
+    fn lane_states(&self, state: &PlantState) -> Result<Vec<LaneState>, PlantError> {
+        let (lanes, nodes) = (self.lanes(), self.max_nodes());
+        check_all("soc", &state.soc, lanes)?;
+        check_all("node temperature", &state.node_temperature_c, lanes * nodes)?;
+        check_all("derating integral", &state.derating_integral_k, lanes)?;
+        check_all("inverter state", &state.inverter_on, lanes)?;
+        let mut out = Vec::with_capacity(lanes);
+        for id in 0..lanes {
+            let string = id % self.strings.len();
+            let parameters = &self.strings[string];
+            let place = || format!("string {string}: ");
+            let window = (parameters.soc_min, parameters.soc_max);
+            let tolerant = (window.0 - ROUNDING, window.1 + ROUNDING);
+            if !(tolerant.0..=tolerant.1).contains(&state.soc[id]) {
+                check_range("soc", state.soc[id], "", window, place)?;
+            }
+            let first = id * nodes;
+            let own = &state.node_temperature_c[first..first + parameters.spatial.nodes];
+            for &value in own {
+                check_range("node temperature", value, "degC", TEMPERATURE_C, place)?;
+            }
+            let integral_k = state.derating_integral_k[id];
+            check_range("derating integral", integral_k, "K", (0.0, f64::MAX), place)?;
+            out.push(LaneState {
+                soc: state.soc[id].clamp(window.0, window.1),
+                node_temperature_c: own.to_vec(),
+                integral_k,
+                inverter_on: state.inverter_on[id],
+            });
+        }
+        Ok(out)
+    }
+}
+
+fn each_lane<'a>(
+    ids: &'a [usize],
+    state: impl Fn(usize) -> LaneState + 'a,
+) -> impl Iterator<Item = (usize, LaneState)> + 'a {
+    ids.iter().enumerate().map(move |(lane, &id)| (id, state(lane)))
+}

@@ -1,0 +1,86 @@
+//! What a plant reports of each control step.
+
+/// Bit set of the limits that bound within a control step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Limits(pub u8);
+
+impl Limits {
+    /// Nothing bound.
+    pub const NONE: Self = Self(0);
+    /// Temperature derating cut the request.
+    pub const DERATING: Self = Self(1);
+    /// No SOC room left to charge.
+    pub const SOC_FULL: Self = Self(2);
+    /// No SOC left to discharge (or to carry an inverter whose loss exceeds the charging power).
+    pub const SOC_EMPTY: Self = Self(4);
+    /// The battery's largest power, `V^2 / 4R`.
+    pub const ROOT: Self = Self(8);
+
+    /// Both sets together.
+    #[must_use]
+    pub fn with(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+}
+
+macro_rules! record {
+    ($($(#[$doc:meta])* $field:ident),* $(,)?) => {
+        /// Flows of every control step, lane by lane: value `[step * lanes + lane]`. Power and loss are means over
+        /// the step; positive power and current are discharge.
+        #[derive(Debug, Clone, PartialEq)]
+        pub struct Record {
+            $($(#[$doc])* pub $field: Vec<f64>,)*
+            /// Limits that bound within the step.
+            pub limits: Vec<Limits>,
+            /// Node temperatures at the end of the step [degC], `nodes` values for each lane; empty if not asked for.
+            pub node_temperature_c: Vec<f64>,
+            /// Lanes of the record.
+            pub lanes: usize,
+            /// Values kept for each lane in `node_temperature_c`.
+            pub nodes: usize,
+        }
+
+        impl Record {
+            pub(crate) fn new(steps: usize, lanes: usize, nodes: usize, keep_nodes: bool) -> Self {
+                let size = steps * lanes;
+                Self {
+                    $($field: vec![0.0; size],)*
+                    limits: vec![Limits::NONE; size],
+                    // Strings with fewer nodes than the longest leave the rest undefined.
+                    node_temperature_c: vec![f64::NAN; if keep_nodes { size * nodes } else { 0 }],
+                    lanes,
+                    nodes,
+                }
+            }
+        }
+    };
+}
+
+record! {
+    /// Delivered AC power [W].
+    delivered_w,
+    /// Wanted after derating, not delivered [W].
+    availability_loss_w,
+    /// Requested, not wanted because of derating [W].
+    derating_loss_w,
+    /// Inverter loss, standby included [W].
+    inverter_loss_w,
+    /// Ohmic battery loss [W].
+    battery_loss_w,
+    /// Power taken from the chemical store, `V I` [W].
+    chemical_w,
+    /// String current [A].
+    current_a,
+    /// SOC at the end of the step.
+    soc,
+    /// Mean temperature at the end of the step [degC].
+    temperature_c,
+    /// Hottest node within the step [degC].
+    node_max_c,
+    /// Derating factor.
+    derating_factor,
+    /// Off-to-on transitions of the inverter.
+    inverter_starts,
+    /// AC energy - (chemical change + heat + inverter loss) [J].
+    ledger_residual_j,
+}

@@ -1,0 +1,193 @@
+//! Heat along the air path: forward in time, central in space.
+//!
+//! `rho cp A T_t = k A T_xx + q(x) - U b (T - T_air(x))` on `n` cells of width `dx`. Per cell and step
+//!
+//! ```text
+//! T_i += Fo (T_i-1 - 2 T_i + T_i+1) + heat_i - lateral (T_i - mean air in the cell)
+//! mean air in the cell: T_i - (T_i - T_a,i) (1 - g) / ntu,   T_a,i+1 = T_i + (T_a,i - T_i) g,   g = exp(-ntu)
+//! ```
+//!
+//! with `ntu = U b dx / (m cp)`. The air is quasi-steady. At both ends the flux passes half a cell and the
+//! surface film in series (Robin), `U_end = 1 / (1/U + dx/2k)`, which keeps the scheme second order in space.
+//! The form is conservative: what leaves one cell enters the next or the air.
+
+use bess_tables::{Lut, Resistance, SpatialThermal};
+
+use crate::lanes::Lanes;
+use crate::line::{any, Line, Lines};
+
+/// What one string's parameters and the plant step make of the equation.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Coefficients {
+    /// `k dt / (rho cp dx^2)`.
+    pub(crate) fourier: f64,
+    /// `U b dt / (rho cp A)`.
+    pub(crate) lateral: f64,
+    /// `U_end dt / (rho cp dx)`.
+    pub(crate) end: f64,
+    /// `ntu` of one cell.
+    pub(crate) ntu: f64,
+    /// Temperature step of a node [K] per watt of string heat, were all of it in the node; nodes share by `R_i / n`.
+    pub(crate) k_per_w: f64,
+}
+
+impl Coefficients {
+    pub(crate) fn new(thermal: &SpatialThermal, step_s: f64) -> Self {
+        let dx = thermal.length_m / thermal.nodes as f64;
+        let heat_capacity_j_m3k = thermal.density_kg_m3 * thermal.specific_heat_j_kgk;
+        let node_j_k = heat_capacity_j_m3k * thermal.section_m2 * dx;
+        let lateral_w_mk = thermal.lateral_u_w_m2k * thermal.width_m;
+        let (film, conduction) = (thermal.end_u_w_m2k, thermal.conductivity_w_mk / (0.5 * dx));
+        let end_u_w_m2k = if film > 0.0 { film * conduction / (film + conduction) } else { 0.0 };
+        Self {
+            fourier: thermal.conductivity_w_mk * step_s / (heat_capacity_j_m3k * dx * dx),
+            lateral: lateral_w_mk * step_s / (heat_capacity_j_m3k * thermal.section_m2),
+            end: end_u_w_m2k * step_s / (heat_capacity_j_m3k * dx),
+            ntu: lateral_w_mk * dx / (thermal.air_flow_kg_s * thermal.air_cp_j_kgk),
+            k_per_w: step_s / (node_j_k * thermal.nodes as f64 * f64::from(thermal.packs_per_string)),
+        }
+    }
+
+    /// `2 Fo + lateral`, or the same sum of an end cell where that is larger. Not above 1 in a stable plant.
+    pub(crate) fn stability_number(&self) -> f64 {
+        (2.0 * self.fourier).max(self.fourier + self.end) + self.lateral
+    }
+
+    /// `exp(-ntu)`.
+    fn air_decay(&self) -> f64 {
+        (-self.ntu).exp()
+    }
+
+    /// `(1 - g) / ntu`, 1 where nothing goes to the air.
+    fn mean_air_share(&self) -> f64 {
+        if self.ntu > 0.0 {
+            -(-self.ntu).exp_m1() / self.ntu
+        } else {
+            1.0
+        }
+    }
+}
+
+/// Node temperatures of `W` strings and the resistance they cause.
+#[derive(Debug, Clone)]
+pub(crate) struct AirPath<const W: usize> {
+    fourier: Lanes<W>,
+    end: Lanes<W>,
+    /// `lateral (1 - g) / ntu`.
+    to_air: Lanes<W>,
+    air_decay: Lanes<W>,
+    air_gain: Lanes<W>,
+    /// Node temperatures [degC].
+    pub(crate) temperature: Vec<Lanes<W>>,
+    /// Resistance of the string, were all of it at the temperature of the node [Ohm].
+    pub(crate) resistance: Vec<Lanes<W>>,
+    lines: Vec<Lines<W>>,
+    temperature_sum: Lanes<W>,
+    resistance_sum: Lanes<W>,
+    per_node: Lanes<W>,
+}
+
+impl<const W: usize> AirPath<W> {
+    pub(crate) fn new(coefficients: &[Coefficients; W], nodes: usize) -> Self {
+        let each = |f: fn(&Coefficients) -> f64| Lanes::from_fn(|l| f(&coefficients[l]));
+        Self {
+            fourier: each(|c| c.fourier),
+            end: each(|c| c.end),
+            to_air: each(|c| c.lateral * c.mean_air_share()),
+            air_decay: each(Coefficients::air_decay),
+            air_gain: each(|c| 1.0 - c.air_decay()),
+            temperature: vec![Lanes::ZERO; nodes],
+            resistance: vec![Lanes::ZERO; nodes],
+            lines: vec![Lines::unknown(); nodes],
+            temperature_sum: Lanes::ZERO,
+            resistance_sum: Lanes::ZERO,
+            per_node: Lanes::splat(1.0 / nodes as f64),
+        }
+    }
+
+    /// Mean temperature [degC].
+    #[inline(always)]
+    pub(crate) fn mean_temperature(&self) -> Lanes<W> {
+        self.temperature_sum * self.per_node
+    }
+
+    /// Resistance of the string: its nodes are in series [Ohm].
+    #[inline(always)]
+    pub(crate) fn mean_resistance(&self) -> Lanes<W> {
+        self.resistance_sum * self.per_node
+    }
+
+    /// One plant step. `heating` [K/Ohm] times a node's resistance is its temperature step by heat; `hottest` is
+    /// raised to the hottest node.
+    #[inline(always)]
+    pub(crate) fn advance(
+        &mut self,
+        heating: Lanes<W>,
+        inlet: Lanes<W>,
+        hottest: Lanes<W>,
+        tables: &[&Resistance; W],
+    ) -> Lanes<W> {
+        let nodes = self.temperature.len();
+        let (temperature, resistance) = (&mut self.temperature[..nodes], &mut self.resistance[..nodes]);
+        let lines = &self.lines[..nodes];
+
+        let mut air = inlet;
+        let mut here = temperature[0];
+        let mut inflow = self.end * (inlet - here);
+        let mut hottest = hottest;
+        let (mut temperature_sum, mut resistance_sum) = (Lanes::ZERO, Lanes::ZERO);
+        let mut left = [0; W];
+        for node in 0..nodes {
+            let to_air = self.to_air * (here - air);
+            air = self.air_decay * air + self.air_gain * here;
+            let (next, outflow) = if node + 1 < nodes {
+                let next = temperature[node + 1];
+                (next, self.fourier * (here - next))
+            } else {
+                (here, self.end * (here - air))
+            };
+            let now = here + ((inflow - outflow) + (heating * resistance[node] - to_air));
+            let r = lines[node].value(now);
+            temperature[node] = now;
+            resistance[node] = r;
+            temperature_sum = temperature_sum + now;
+            resistance_sum = resistance_sum + r;
+            hottest = hottest.at_least(now);
+            let outside = lines[node].left(now);
+            for lane in 0..W {
+                left[lane] |= outside[lane];
+            }
+            inflow = outflow;
+            here = next;
+        }
+        self.temperature_sum = temperature_sum;
+        self.resistance_sum = resistance_sum;
+        if any(&left) {
+            self.look_up(tables);
+        }
+        hottest
+    }
+
+    /// Finds the table segment of every node anew and sums up, in the order of [`Self::advance`].
+    #[cold]
+    #[inline(never)]
+    pub(crate) fn look_up(&mut self, tables: &[&Resistance; W]) {
+        (self.temperature_sum, self.resistance_sum) = (Lanes::ZERO, Lanes::ZERO);
+        for node in 0..self.temperature.len() {
+            let now = self.temperature[node];
+            let r = self.lines[node].at(now, |lane, at| node_line(tables[lane], at));
+            self.resistance[node] = r;
+            self.temperature_sum = self.temperature_sum + now;
+            self.resistance_sum = self.resistance_sum + r;
+        }
+    }
+}
+
+/// Resistance over temperature of one node. Measured tables depend on SOC and current too: their nodes are
+/// filled in at every step by the electrical model, so here any value does.
+fn node_line(table: &Resistance, temperature_c: f64) -> Line {
+    match table {
+        Resistance::Switched { temperature, .. } => Line::of(temperature as &Lut, temperature_c),
+        Resistance::Measured { .. } => Line::constant(f64::NEG_INFINITY, f64::INFINITY, 0.0),
+    }
+}
