@@ -8,11 +8,21 @@ from importlib.metadata import version as _version
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from bess.components import (
+        inverter_from_efficiency,
+        inverter_from_loss,
+        inverter_from_sandia,
+        read_inverter,
+    )
     from bess.errors import BessError, InputError, StoppedEarly
     from bess.market import read_prices, read_weather
     from bess.parameters import State, System, load_system
 
 _HOMES = {
+    "inverter_from_efficiency": "bess.components",
+    "inverter_from_loss": "bess.components",
+    "inverter_from_sandia": "bess.components",
+    "read_inverter": "bess.components",
     "BessError": "bess.errors",
     "InputError": "bess.errors",
     "StoppedEarly": "bess.errors",
@@ -29,7 +39,11 @@ __all__ = [
     "State",
     "StoppedEarly",
     "System",
+    "inverter_from_efficiency",
+    "inverter_from_loss",
+    "inverter_from_sandia",
     "load_system",
+    "read_inverter",
     "read_prices",
     "read_weather",
 ]

@@ -1,11 +1,62 @@
-"""Nested documents (TOML tables): merging them, and saying what is wrong with them."""
+"""Nested documents (TOML tables): reading, merging, and saying what is wrong with them."""
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import ValidationError
+
+from bess.errors import InputError
+
+_DEEPEST = 12
+_SHOWN_PROBLEMS = 4
+_PLAIN_WORDS = {
+    "extra_forbidden": "unknown key",
+    "missing": "missing",
+    "float_type": "must be a number",
+    "int_type": "must be a whole number",
+    "finite_number": "must be a finite number",
+    "string_type": "must be a text",
+    "tuple_type": "must be a list",
+    "model_type": "must be a table",
+    "invalid_key": "keys must be texts",
+}
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Parse a TOML file; whatever is wrong with it becomes an :class:`InputError` that names it."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except (OSError, UnicodeDecodeError, ValueError) as error:
+        # TOMLDecodeError is a ValueError; so is the refusal of a path with a NUL in it.
+        what = "not valid TOML" if isinstance(error, tomllib.TOMLDecodeError) else "cannot be read"
+        raise InputError(f"{path}: {what} ({error})") from error
+    except RecursionError:
+        raise InputError(f"{path}: tables or lists are nested too deeply") from None
+
+
+def plain(value: object, name: str, place: str = "", depth: int = 0) -> Any:
+    """Return a copy of ``value`` of tables, lists, texts and numbers; refuse anything else by its key."""
+    if depth > _DEEPEST:
+        raise InputError(f"{name}: {place[:80]}...: nested deeper than {_DEEPEST} levels")
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {
+            str(key): plain(item, name, f"{place}.{key}".lstrip("."), depth + 1)
+            for key, item in value.items()
+        }
+    if isinstance(value, list | tuple):
+        return [plain(item, name, f"{place}[{index}]", depth + 1) for index, item in enumerate(value)]
+    if isinstance(value, str | int | float):
+        return value
+    raise InputError(f"{name}: {place} = {value!r}: must be a number, a text, a list or a table")
 
 
 def deep_merge(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:
@@ -24,20 +75,27 @@ def describe(
 ) -> str:
     """One sentence for each problem of a validation, joined by ``; ``: file, key, value, what is allowed."""
     rename = rename or {}
+    problems = error.errors(include_url=False)
     sentences = []
-    for problem in error.errors(include_url=False):
+    for problem in problems[:_SHOWN_PROBLEMS]:
         path = ""
         for part in problem["loc"]:
             path += f"[{part}]" if isinstance(part, int) else f".{rename.get(part, part)}"
         key = (prefix + path.lstrip(".")).rstrip(".")
-        if problem["type"] == "extra_forbidden":
-            sentences.append(f"{key}: unknown key")
-            continue
-        if problem["type"] == "missing":
-            sentences.append(f"{key}: missing")
-            continue
-        value = problem["input"]
         message = problem["msg"].removeprefix("Value error, ")
-        shown = "" if isinstance(value, Mapping | list | tuple | type(None)) else f" = {value!r}"
-        sentences.append(f"{key}{shown}: {message[:1].lower() + message[1:]}")
+        message = _PLAIN_WORDS.get(problem["type"], message[:1].lower() + message[1:])
+        shown = "" if problem["type"] == "extra_forbidden" else _shown(problem["input"])
+        sentences.append(f"{key}{shown}: {message}")
+    if len(problems) > _SHOWN_PROBLEMS:
+        sentences.append(f"and {len(problems) - _SHOWN_PROBLEMS} more problems")
     return f"{name}: " + "; ".join(sentences)
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, Mapping | list | tuple | type(None)):
+        return ""
+    try:
+        text = repr(value)
+    except ValueError:  # an integer with more digits than Python prints
+        text = "a very large number"
+    return f" = {text if len(text) <= 60 else text[:57] + '...'}"

@@ -56,7 +56,8 @@ def _vector(name: str, values: ArrayLike, limits: tuple[float, float], unit: str
         # The comparison is false for NaN, so NaN is refused here as well.
         if not limits[0] - 1e-9 <= value <= limits[1] + 1e-9:
             raise InputError(
-                f"state: string {index}: {name} {value:g}{unit} is outside [{limits[0]:g}, {limits[1]:g}]{unit}"
+                f"state: string {index}: {name} {value:g}{unit} is outside "
+                f"[{limits[0]:g}, {limits[1]:g}]{unit}"
             )
     array.flags.writeable = False
     return array

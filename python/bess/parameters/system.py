@@ -3,34 +3,20 @@
 from __future__ import annotations
 
 import json
-import tomllib
 from collections.abc import Mapping
 from functools import cached_property
-from importlib import resources
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from bess import _core
+from bess.components.registry import SYSTEMS, system_document
 from bess.errors import InputError
-from bess.parameters.documents import deep_merge, describe
-from bess.parameters.sections import Battery, Control, Derating, Inverter, Section, Site, Thermal
+from bess.parameters.documents import plain, read_toml
+from bess.parameters.parse import PER_STRING_SITE, StringParameters, parse_strings
 from bess.parameters.state import State
-
-_OVERRIDABLE = ("system", "battery", "inverter", "derating", "thermal")
-
-
-class StringParameters(Section):
-    """All sections of one string."""
-
-    site: Site
-    battery: Battery
-    inverter: Inverter
-    derating: Derating
-    thermal: Thermal
 
 
 class System:
@@ -42,6 +28,9 @@ class System:
     ----------
     name : str
         Where the description came from.
+    document : dict
+        The description as given: tables of numbers, texts and lists. ``System(system.document)`` is an equal
+        system.
     strings : tuple of StringParameters
         One entry for each string.
     control : Control
@@ -54,8 +43,8 @@ class System:
 
     def __init__(self, document: Mapping[str, Any], *, name: str = "system") -> None:
         self.name = name
-        self.document: dict[str, Any] = json.loads(json.dumps(document))
-        strings, self.control = _parse(self.document, name)
+        self.document: dict[str, Any] = plain(document, name)
+        strings, self.control = parse_strings(self.document, name)
         self.strings: tuple[StringParameters, ...] = strings
         self.ambient_c: float = strings[0].site.ambient_c
         try:
@@ -67,8 +56,8 @@ class System:
 
     @classmethod
     def reference(cls, n_strings: int = 2) -> Self:
-        """Return the reference system (two NMC strings of 92 kW / 266 kWh), with any number of equal strings."""
-        document = tomllib.loads(resources.files("bess.data.systems").joinpath("reference.toml").read_text())
+        """Return the reference system (NMC strings of 92 kW / 266 kWh), any number of equal ones."""
+        document = system_document("reference")
         document["system"]["n_strings"] = n_strings
         return cls(document, name="reference")
 
@@ -117,6 +106,32 @@ class System:
             if not low - 1e-9 <= soc <= high + 1e-9:
                 raise InputError(f"string {index}: soc {soc:g} is outside its window [{low:g}, {high:g}]")
 
+    def to_toml(self) -> str:
+        """The system as a file that names no bundled component and reads back to equal strings.
+
+        Sections that all strings share are written once, the others in one ``[[string]]`` table for each
+        string.
+        """
+        import tomli_w  # only this function needs it
+
+        sections = []
+        for string in self.strings:
+            tables = string.model_dump(exclude_none=True)
+            site = tables.pop("site")
+            sections.append({"system": {key: site[key] for key in PER_STRING_SITE}, **tables})
+        shared = {key: value for key, value in sections[0].items() if all(s[key] == value for s in sections)}
+        site = {"n_strings": self.n_strings, "ambient_c": self.ambient_c}
+        document = {
+            **shared,
+            "system": {**site, **shared.get("system", {})},
+            "control": self.control.model_dump(),
+        }
+        if len(shared) < len(sections[0]):
+            document["string"] = [
+                {key: value for key, value in s.items() if key not in shared} for s in sections
+            ]
+        return tomli_w.dumps(document)
+
     def __repr__(self) -> str:
         return (
             f"System({self.name!r}, n_strings={self.n_strings}, "
@@ -125,75 +140,22 @@ class System:
 
 
 def load_system(path: str | Path) -> System:
-    """Read a system file (TOML, format of ``bess list`` systems) and check all of it.
+    """Read a system file (TOML) and check all of it.
 
     Parameters
     ----------
     path
-        File to read. ``[[string]]`` tables override any section for one string, in the order of the strings.
+        File to read, or the name of a bundled system (``bess list``). ``[[string]]`` tables override any
+        section for one string, in the order of the strings. ``battery.cell`` and ``inverter.model`` name
+        bundled components; keys beside them override single values.
 
     Raises
     ------
     InputError
-        With the file, the key, its value and what is allowed; all problems at once.
+        With the file, the key, its value and what is allowed.
     """
-    path = Path(path)
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such system file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read ({error})") from error
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not valid TOML ({error})") from error
-    return System(document, name=str(path))
-
-
-def _parse(document: Mapping[str, Any], name: str) -> tuple[tuple[StringParameters, ...], Control]:
-    known = {*_OVERRIDABLE, "control", "string"}
-    if unknown := sorted(set(document) - known):
-        raise InputError(f"{name}: unknown section {unknown[0]!r}; allowed: {', '.join(sorted(known))}")
-    overrides = document.get("string", [])
-    if not isinstance(overrides, list) or not all(isinstance(entry, dict) for entry in overrides):
-        raise InputError(f"{name}: string: write one [[string]] table for each string")
-    site = document.get("system", {})
-    if not isinstance(site, dict):
-        raise InputError(f"{name}: system: must be a table")
-    try:
-        control = Control.model_validate(document.get("control", {}))
-        n_strings = Site.model_validate({"n_strings": len(overrides) or 1, **site}).n_strings
-    except ValidationError as error:
-        raise InputError(describe(error, name, prefix=_section_of(error))) from error
-    if len(overrides) > n_strings:
-        raise InputError(f"{name}: {len(overrides)} [[string]] tables for system.n_strings = {n_strings}")
-
-    base = {key: document.get(key, {}) for key in _OVERRIDABLE}
-    base["system"] = {**site, "n_strings": n_strings}
-    plain = _string(base, name) if len(overrides) < n_strings else None
-    strings = []
-    for index in range(n_strings):
-        if index >= len(overrides):
-            assert plain is not None
-            strings.append(plain)
-            continue
-        override = overrides[index]
-        if unknown := sorted(set(override) - set(_OVERRIDABLE)):
-            raise InputError(
-                f"{name}: string[{index}].{unknown[0]}: unknown section; allowed: {', '.join(_OVERRIDABLE)}"
-            )
-        if "n_strings" in override.get("system", {}):
-            raise InputError(f"{name}: string[{index}].system.n_strings: belongs to [system]")
-        strings.append(_string(deep_merge(base, override), name, place=f"string[{index}]."))
-    return tuple(strings), control
-
-
-def _string(sections: Mapping[str, Any], name: str, place: str = "") -> StringParameters:
-    renamed = {"site" if key == "system" else key: value for key, value in sections.items()}
-    try:
-        return StringParameters.model_validate(renamed)
-    except ValidationError as error:
-        raise InputError(describe(error, name, prefix=place, rename={"site": "system"})) from error
-
-
-def _section_of(error: ValidationError) -> str:
-    return "control." if error.title == "Control" else "system."
+    if str(path) in SYSTEMS:
+        return System(system_document(str(path)), name=str(path))
+    if not Path(path).is_file():
+        raise InputError(f"{path}: no such system file; bundled systems are {', '.join(SYSTEMS)}")
+    return System(read_toml(Path(path)), name=str(path))

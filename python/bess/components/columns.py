@@ -1,0 +1,61 @@
+"""Small tables from text files and Parquet, as columns of texts or numbers."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bess.errors import InputError
+
+Columns = dict[str, list[str]]
+
+
+def read_columns(path: str | Path) -> Columns:
+    """Read a table with one header line, separated by ``,``, ``;`` or tab, or a Parquet file; cells as text.
+
+    A comma is a decimal comma where ``;`` or a tab separates the columns. Rows may be shorter than the
+    header.
+    """
+    path = Path(path)
+    try:
+        if path.suffix == ".parquet":
+            import pyarrow.parquet as pq
+
+            table = pq.read_table(path).to_pydict()
+            return {str(k): ["nan" if v is None else str(v) for v in column] for k, column in table.items()}
+        text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:  # also undecodable text and files that are not Parquet
+        raise InputError(f"{path}: cannot be read as a table ({error})") from error
+    lines = text.splitlines()
+    if len(lines) < 2:
+        raise InputError(f"{path}: has {len(lines)} lines; a table has a header and at least one row")
+    separator = max(";\t,", key=lines[0].count)
+    rows = list(csv.reader(io.StringIO(text), delimiter=separator))
+    header, body = rows[0], [row for row in rows[1:] if any(cell.strip() for cell in row)]
+    for number, row in enumerate(rows[1:], start=2):
+        if len(row) > len(header):
+            raise InputError(f"{path}: line {number} has {len(row)} cells, the header has {len(header)}")
+    columns = {}
+    for index, name in enumerate(header):
+        cells = [row[index].strip() if index < len(row) else "" for row in body]
+        columns[name.strip()] = [cell.replace(",", ".") for cell in cells] if separator != "," else cells
+    return columns
+
+
+def numbers(path: str | Path, columns: Columns, name: str) -> NDArray[np.float64]:
+    """Column ``name`` as numbers; empty cells are NaN."""
+    values = np.empty(len(columns[name]))
+    for row, cell in enumerate(columns[name]):
+        try:
+            values[row] = float(cell) if cell else np.nan
+        except ValueError:
+            raise InputError(
+                f"{path}: row {row + 1} of column {name!r} is {cell!r}, must be a number"
+            ) from None
+    return values

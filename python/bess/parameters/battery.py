@@ -1,0 +1,163 @@
+"""Section ``[battery]`` of a system file: one string's battery, with electrical tables at cell level."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Annotated, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from bess.parameters.quantities import (
+    CellCapacity,
+    CellMass,
+    CellResistance,
+    CellVoltage,
+    Count,
+    Fraction,
+    RateAxis,
+    Ratio,
+    SocAxis,
+    TemperatureAxis,
+    ascending,
+    same_length,
+    within,
+)
+from bess.parameters.section import Section
+
+Resistances = tuple[CellResistance, ...]
+
+
+class OcvTable(Section):
+    """Open-circuit voltage of one cell [V] over SOC and, optionally, temperature [degC].
+
+    Without ``temperature_c`` each direction is one list over SOC; with it, one such list for each
+    temperature. The gap between ``charge`` and ``discharge`` is the hysteresis.
+    """
+
+    soc: SocAxis
+    temperature_c: TemperatureAxis = (25.0,)
+    charge: tuple[tuple[CellVoltage, ...], ...]
+    discharge: tuple[tuple[CellVoltage, ...], ...]
+
+    _ascend = field_validator("soc", "temperature_c")(ascending)
+
+    @field_validator("charge", "discharge", mode="before")
+    @classmethod
+    def _one_row(cls, value: object) -> object:
+        """A flat list is a table of one temperature."""
+        if isinstance(value, list | tuple) and value and not isinstance(value[0], list | tuple):
+            return (tuple(value),)
+        return value
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for name in ("charge", "discharge"):
+            rows = getattr(self, name)
+            same_length("temperature_c", self.temperature_c, name, rows)
+            for row in rows:
+                same_length("soc", self.soc, name, row)
+                for index, (low, high) in enumerate(pairwise(row)):
+                    if high < low:
+                        raise ValueError(
+                            f"{name} must not fall with SOC, but falls from {low:g} V at soc "
+                            f"{self.soc[index]:g} to {high:g} V at soc {self.soc[index + 1]:g}"
+                        )
+        for charge_row, discharge_row in zip(self.charge, self.discharge, strict=True):
+            for soc, charge, discharge in zip(self.soc, charge_row, discharge_row, strict=True):
+                if charge < discharge:
+                    raise ValueError(
+                        f"charge OCV {charge:g} V is below discharge OCV {discharge:g} V at soc {soc:g}; "
+                        "hysteresis cannot give energy back"
+                    )
+        return self
+
+
+class ResistanceOverTemperature(Section):
+    """Cell resistance [mOhm] over temperature [degC], ``f_T``; clamped outside."""
+
+    temperature_c: TemperatureAxis
+    resistance_mohm: Resistances
+
+    _ascend = field_validator("temperature_c")(ascending)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        same_length("temperature_c", self.temperature_c, "resistance_mohm", self.resistance_mohm)
+        return self
+
+
+class ResistanceOverSoc(Section):
+    """Cell resistance [mOhm] over SOC, ``f_soc``; used below ``low_soc_switch`` only."""
+
+    soc: SocAxis
+    resistance_mohm: Resistances
+
+    _ascend = field_validator("soc")(ascending)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        same_length("soc", self.soc, "resistance_mohm", self.resistance_mohm)
+        return self
+
+
+class ResistanceTable(Section):
+    """Measured cell resistance [mOhm], indexed ``[c_rate][temperature][soc]``, each direction on its own.
+
+    The plant reads it at the C-rate that flows. The controller has no inner iteration and reads it at
+    ``control_c_rate``.
+    """
+
+    soc: SocAxis
+    temperature_c: TemperatureAxis
+    c_rate: RateAxis
+    control_c_rate: Ratio
+    charge_mohm: tuple[tuple[Resistances, ...], ...]
+    discharge_mohm: tuple[tuple[Resistances, ...], ...]
+
+    _ascend = field_validator("soc", "temperature_c", "c_rate")(ascending)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for name in ("charge_mohm", "discharge_mohm"):
+            blocks = getattr(self, name)
+            same_length("c_rate", self.c_rate, name, blocks)
+            for rows in blocks:
+                same_length("temperature_c", self.temperature_c, name, rows)
+                for row in rows:
+                    same_length("soc", self.soc, name, row)
+        return self
+
+
+class Battery(Section):
+    """Battery of one string; electrical tables are at cell level."""
+
+    cells_series: Count
+    cells_parallel: Count
+    cell_capacity_ah: CellCapacity
+    cell_mass_kg: CellMass
+    soc_min: Fraction = 0.0
+    soc_max: Fraction = 1.0
+    availability_epsilon: Annotated[float, Field(strict=True), within(0.0, 0.05)] = 1e-3
+    low_soc_switch: Fraction = 0.10
+    r_scale: Ratio = 1.0
+    ocv_v: OcvTable
+    resistance_temperature: ResistanceOverTemperature | None = None
+    resistance_soc: ResistanceOverSoc | None = None
+    resistance_table: ResistanceTable | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.soc_min >= self.soc_max:
+            raise ValueError(f"soc_min {self.soc_min:g} must be below soc_max {self.soc_max:g}")
+        low, high = self.ocv_v.soc[0], self.ocv_v.soc[-1]
+        if self.soc_min < low or self.soc_max > high:
+            raise ValueError(
+                f"the SOC window [{self.soc_min:g}, {self.soc_max:g}] leaves the OCV table "
+                f"[{low:g}, {high:g}], which is never extrapolated"
+            )
+        switched = (self.resistance_temperature is not None, self.resistance_soc is not None)
+        if (switched, self.resistance_table is None) not in (((True, True), True), ((False, False), False)):
+            raise ValueError(
+                "give either resistance_temperature together with resistance_soc, or resistance_table"
+            )
+        return self

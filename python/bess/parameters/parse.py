@@ -1,0 +1,90 @@
+"""From a system document to the validated sections of every string."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+from pydantic import ValidationError
+
+from bess.errors import InputError
+from bess.parameters.battery import Battery
+from bess.parameters.documents import describe
+from bess.parameters.library import put_over
+from bess.parameters.section import Section
+from bess.parameters.sections import About, Control, Derating, Inverter, Site, Thermal
+
+_T = TypeVar("_T", bound=Section)
+
+_OVERRIDABLE = ("system", "battery", "inverter", "derating", "thermal")
+PER_STRING_SITE = ("initial_soc", "initial_temperature_c")
+
+
+class StringParameters(Section):
+    """All sections of one string."""
+
+    site: Site
+    battery: Battery
+    inverter: Inverter
+    derating: Derating
+    thermal: Thermal
+
+
+def parse_strings(document: Mapping[str, Any], name: str) -> tuple[tuple[StringParameters, ...], Control]:
+    """Check a whole document; return its strings, each with all its sections, and the control section."""
+    if not isinstance(document, Mapping):
+        raise InputError(f"{name}: a system is a table of sections, not {type(document).__name__}")
+    known = {*_OVERRIDABLE, "about", "control", "string"}
+    if unknown := sorted(set(document) - known):
+        raise InputError(f"{name}: unknown section {unknown[0]!r}; allowed: {', '.join(sorted(known))}")
+    overrides = document.get("string", [])
+    if not isinstance(overrides, list) or not all(isinstance(entry, Mapping) for entry in overrides):
+        raise InputError(f"{name}: string: write one [[string]] table for each string")
+    site = document.get("system", {})
+    if not isinstance(site, Mapping):
+        raise InputError(f"{name}: system: must be a table")
+    if "about" in document:
+        _validated(About, document["about"], name, "about.")
+    control = _validated(Control, document.get("control", {}), name, "control.")
+    whole_site = {"n_strings": len(overrides) or 1, **site}
+    n_strings = _validated(Site, whole_site, name, "system.").n_strings
+    if len(overrides) > n_strings:
+        raise InputError(f"{name}: {len(overrides)} [[string]] tables for system.n_strings = {n_strings}")
+
+    base = {key: document.get(key, {}) for key in _OVERRIDABLE} | {"system": whole_site}
+    if len(overrides) < n_strings:
+        plain_string = _string({}, base, name, "")
+    strings = []
+    for index in range(n_strings):
+        if index >= len(overrides):
+            strings.append(plain_string)
+            continue
+        place, override = f"string[{index}].", overrides[index]
+        if unknown := sorted(set(override) - set(_OVERRIDABLE)):
+            raise InputError(
+                f"{name}: {place}{unknown[0]}: unknown section; allowed: {', '.join(_OVERRIDABLE)}"
+            )
+        own_site = override.get("system", {})
+        if isinstance(own_site, Mapping) and (misplaced := sorted(set(own_site) - set(PER_STRING_SITE))):
+            raise InputError(
+                f"{name}: {place}system.{misplaced[0]}: not a key of one string; "
+                f"allowed: {', '.join(PER_STRING_SITE)}"
+            )
+        strings.append(_string(base, override, name, place))
+    return tuple(strings), control
+
+
+def _string(base: Mapping[str, Any], override: Mapping[str, Any], name: str, place: str) -> StringParameters:
+    try:
+        sections = put_over(put_over({}, base), override)
+    except InputError as error:
+        raise InputError(f"{name}: {place}{error}") from error
+    renamed = {"site" if key == "system" else key: value for key, value in sections.items()}
+    return _validated(StringParameters, renamed, name, place)
+
+
+def _validated(kind: type[_T], table: object, name: str, prefix: str) -> _T:
+    try:
+        return kind.model_validate(table)
+    except ValidationError as error:
+        raise InputError(describe(error, name, prefix=prefix, rename={"site": "system"})) from error

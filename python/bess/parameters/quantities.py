@@ -1,0 +1,60 @@
+"""Numbers of a system file: each kind with its unit and the range in which it makes physical sense.
+
+A range is wide enough for any plant that could be built and narrow enough that no product of two values
+overflows. Strings and booleans are not numbers here, and neither are NaN and infinity.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Annotated
+
+from pydantic import AfterValidator, Field
+
+_STRICT = Field(strict=True)
+
+
+def within(
+    low: float, high: float, unit: str = "", *, above: bool = False, below: bool = False
+) -> AfterValidator:
+    """Refuse a number outside ``[low, high]``; ``above`` and ``below`` leave that end out of the range."""
+    allowed = f"{'(' if above else '['}{low:g}, {high:g}{')' if below else ']'}{unit and ' ' + unit}"
+
+    def check(value: float) -> float:
+        if low < value < high or (value == low and not above) or (value == high and not below):
+            return value
+        raise ValueError(f"must be in {allowed}")
+
+    return AfterValidator(check)
+
+
+Count = Annotated[int, _STRICT, within(1, 10_000)]
+Fraction = Annotated[float, _STRICT, within(0.0, 1.0)]
+Loss = Annotated[float, _STRICT, within(0.0, 1.0, "of nominal power", below=True)]
+Ratio = Annotated[float, _STRICT, within(0.0, 100.0, above=True)]
+Temperature = Annotated[float, _STRICT, within(-60.0, 150.0, "degC")]
+CellVoltage = Annotated[float, _STRICT, within(0.0, 10.0, "V", above=True)]
+CellResistance = Annotated[float, _STRICT, within(0.0, 1e6, "mOhm", above=True)]
+CellCapacity = Annotated[float, _STRICT, within(0.0, 1e5, "Ah", above=True)]
+CellMass = Annotated[float, _STRICT, within(0.0, 1e4, "kg", above=True)]
+Power = Annotated[float, _STRICT, within(0.0, 1e6, "kW", above=True)]
+Positive = Annotated[float, _STRICT, within(0.0, 1e6, above=True)]
+NonNegative = Annotated[float, _STRICT, within(0.0, 1e6)]
+
+SocAxis = Annotated[tuple[Fraction, ...], Field(min_length=2)]
+TemperatureAxis = Annotated[tuple[Temperature, ...], Field(min_length=1)]
+RateAxis = Annotated[tuple[Ratio, ...], Field(min_length=1)]
+
+
+def ascending(values: tuple[float, ...]) -> tuple[float, ...]:
+    """Return ``values`` if they strictly ascend."""
+    for first, second in pairwise(values):
+        if second <= first:
+            raise ValueError(f"knots must ascend, but {second:g} follows {first:g}")
+    return values
+
+
+def same_length(axis_name: str, axis: tuple[float, ...], name: str, values: tuple[object, ...]) -> None:
+    """Raise unless a table has one value for each knot of its axis."""
+    if len(values) != len(axis):
+        raise ValueError(f"{name} has {len(values)} values, {axis_name} has {len(axis)}; give one per knot")
