@@ -4,7 +4,7 @@ use bess_tables::{Direction, Resistance, StringParameters};
 
 use crate::electrical::{Demand, Operation};
 use crate::lanes::Lanes;
-use crate::line::{any, Line, Lines};
+use crate::line::{Line, Lines};
 use crate::measured::{self, Scratch};
 use crate::plant::{DeratingLaw, Schedule};
 use crate::record::{Limits, Record};
@@ -207,13 +207,13 @@ impl<const W: usize> Block<W> {
             node_factor: low_soc,
             soc: soc_end,
         };
-        let mut special = [0; W];
-        for lane in 0..W {
-            special[lane] = u64::from(discriminant.0[lane] < 0.0)
-                | u64::from(soc_end.0[lane] < self.soc_min.0[lane])
-                | u64::from(soc_end.0[lane] > self.soc_max.0[lane]);
-        }
-        if self.any_measured || any(&special) {
+        let (soc_min, soc_max) = (self.soc_min, self.soc_max);
+        let special = |lane: usize| {
+            (discriminant.0[lane] < 0.0)
+                | (soc_end.0[lane] < soc_min.0[lane])
+                | (soc_end.0[lane] > soc_max.0[lane])
+        };
+        if self.any_measured || (0..W).fold(false, |any, lane| any | special(lane)) {
             for lane in 0..W {
                 let demand = Demand {
                     direction: direction[lane],
@@ -223,7 +223,7 @@ impl<const W: usize> Block<W> {
                     discharge_v: discharge_v.0[lane],
                     step_s: self.step_s,
                 };
-                self.special_lane(lane, special[lane] != 0, &demand, &mut drawn, &mut limits[lane]);
+                self.special_lane(lane, special(lane), &demand, &mut drawn, &mut limits[lane]);
             }
         }
         self.soc = drawn.soc;

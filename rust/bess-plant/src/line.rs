@@ -80,16 +80,10 @@ impl<const W: usize> Lines<W> {
         self.slope.0[lane] = line.slope;
     }
 
-    /// 0 where `x` is on the known line, not 0 elsewhere.
+    /// Distance of `x` from the two ends of the known line; `x` has left it where [`Margin::left`] says so.
     #[inline(always)]
-    pub(crate) fn left(&self, x: Lanes<W>) -> [u64; W] {
-        let mut out = [0; W];
-        for lane in 0..W {
-            let below = u64::from(x.0[lane] < self.low.0[lane]);
-            let above = u64::from(x.0[lane] >= self.high.0[lane]);
-            out[lane] = below | above;
-        }
-        out
+    pub(crate) fn margin(&self, x: Lanes<W>) -> Margin<W> {
+        Margin { low: x - self.low, high: self.high - x }
     }
 
     #[inline(always)]
@@ -100,9 +94,9 @@ impl<const W: usize> Lines<W> {
     /// Values at `x`; lanes that have left their segment are looked up again by `find`.
     #[inline(always)]
     pub(crate) fn at(&mut self, x: Lanes<W>, find: impl Fn(usize, f64) -> Line) -> Lanes<W> {
-        let left = self.left(x);
-        if any(&left) {
-            for lane in (0..W).filter(|&lane| left[lane] != 0) {
+        let margin = self.margin(x);
+        if margin.any_left() {
+            for lane in (0..W).filter(|&lane| margin.left(lane)) {
                 self.set(lane, find(lane, x.0[lane]));
             }
         }
@@ -110,7 +104,30 @@ impl<const W: usize> Lines<W> {
     }
 }
 
-#[inline(always)]
-pub(crate) fn any<const W: usize>(flags: &[u64; W]) -> bool {
-    flags.iter().fold(0, |all, flag| all | flag) != 0
+/// Distances from both ends of a half-open segment. Kept as numbers, because their minimum over many nodes is one
+/// instruction for each end.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Margin<const W: usize> {
+    low: Lanes<W>,
+    high: Lanes<W>,
+}
+
+impl<const W: usize> Margin<W> {
+    pub(crate) const WIDE: Self = Self { low: Lanes([f64::INFINITY; W]), high: Lanes([f64::INFINITY; W]) };
+
+    /// The smaller distance of both.
+    #[inline(always)]
+    pub(crate) fn narrowed(self, other: Self) -> Self {
+        Self { low: self.low.at_most(other.low), high: self.high.at_most(other.high) }
+    }
+
+    #[inline(always)]
+    pub(crate) fn left(&self, lane: usize) -> bool {
+        self.low.0[lane] < 0.0 || self.high.0[lane] <= 0.0
+    }
+
+    #[inline(always)]
+    pub(crate) fn any_left(&self) -> bool {
+        (0..W).fold(false, |any, lane| any | self.left(lane))
+    }
 }

@@ -14,7 +14,7 @@
 use bess_tables::{Lut, Resistance, SpatialThermal};
 
 use crate::lanes::Lanes;
-use crate::line::{any, Line, Lines};
+use crate::line::{Line, Lines, Margin};
 
 /// What one string's parameters and the plant step make of the equation.
 #[derive(Debug, Clone, Copy)]
@@ -127,45 +127,49 @@ impl<const W: usize> AirPath<W> {
         hottest: Lanes<W>,
         tables: &[&Resistance; W],
     ) -> Lanes<W> {
-        let nodes = self.temperature.len();
-        let (temperature, resistance) = (&mut self.temperature[..nodes], &mut self.resistance[..nodes]);
-        let lines = &self.lines[..nodes];
-
+        let last = self.temperature.len() - 1;
         let mut air = inlet;
-        let mut here = temperature[0];
+        let mut here = self.temperature[0];
         let mut inflow = self.end * (inlet - here);
-        let mut hottest = hottest;
-        let (mut temperature_sum, mut resistance_sum) = (Lanes::ZERO, Lanes::ZERO);
-        let mut left = [0; W];
-        for node in 0..nodes {
-            let to_air = self.to_air * (here - air);
+        let mut sums =
+            Sums { temperature: Lanes::ZERO, resistance: Lanes::ZERO, hottest, margin: Margin::WIDE };
+        for node in 0..last {
+            let next = self.temperature[node + 1];
+            let outflow = self.fourier * (here - next);
+            self.node(node, here, air, inflow - outflow, heating, &mut sums);
             air = self.air_decay * air + self.air_gain * here;
-            let (next, outflow) = if node + 1 < nodes {
-                let next = temperature[node + 1];
-                (next, self.fourier * (here - next))
-            } else {
-                (here, self.end * (here - air))
-            };
-            let now = here + ((inflow - outflow) + (heating * resistance[node] - to_air));
-            let r = lines[node].value(now);
-            temperature[node] = now;
-            resistance[node] = r;
-            temperature_sum = temperature_sum + now;
-            resistance_sum = resistance_sum + r;
-            hottest = hottest.at_least(now);
-            let outside = lines[node].left(now);
-            for lane in 0..W {
-                left[lane] |= outside[lane];
-            }
-            inflow = outflow;
-            here = next;
+            (inflow, here) = (outflow, next);
         }
-        self.temperature_sum = temperature_sum;
-        self.resistance_sum = resistance_sum;
-        if any(&left) {
+        let outlet = self.air_decay * air + self.air_gain * here;
+        let outflow = self.end * (here - outlet);
+        self.node(last, here, air, inflow - outflow, heating, &mut sums);
+
+        self.temperature_sum = sums.temperature;
+        self.resistance_sum = sums.resistance;
+        if sums.margin.any_left() {
             self.look_up(tables);
         }
-        hottest
+        sums.hottest
+    }
+
+    #[inline(always)]
+    fn node(
+        &mut self,
+        node: usize,
+        here: Lanes<W>,
+        air: Lanes<W>,
+        conducted: Lanes<W>,
+        heating: Lanes<W>,
+        sums: &mut Sums<W>,
+    ) {
+        let now = here + (conducted + (heating * self.resistance[node] - self.to_air * (here - air)));
+        let resistance = self.lines[node].value(now);
+        self.temperature[node] = now;
+        self.resistance[node] = resistance;
+        sums.temperature = sums.temperature + now;
+        sums.resistance = sums.resistance + resistance;
+        sums.hottest = sums.hottest.at_least(now);
+        sums.margin = sums.margin.narrowed(self.lines[node].margin(now));
     }
 
     /// Finds the table segment of every node anew and sums up, in the order of [`Self::advance`].
@@ -181,6 +185,14 @@ impl<const W: usize> AirPath<W> {
             self.resistance_sum = self.resistance_sum + r;
         }
     }
+}
+
+/// Over the nodes.
+struct Sums<const W: usize> {
+    temperature: Lanes<W>,
+    resistance: Lanes<W>,
+    hottest: Lanes<W>,
+    margin: Margin<W>,
 }
 
 /// Resistance over temperature of one node. Measured tables depend on SOC and current too: their nodes are
