@@ -1,12 +1,14 @@
 """Claims about system files: the reference is right, overrides reach one string, errors say what is wrong."""
 
 import copy
+import tomllib
 from typing import Any
 
 import numpy as np
 import pytest
 
 import bess
+from bess.components.registry import SYSTEMS
 
 
 @pytest.fixture
@@ -46,6 +48,28 @@ def test_a_string_table_overrides_any_section_of_one_string(document: dict[str, 
         ("control.plant_step_s", 7.0, "does not divide the control step"),
         ("system.n_strings", 0, "system.n_strings = 0"),
         ("weather", {}, "unknown section 'weather'"),
+        ("inverter.nominal_kw", "92", "inverter.nominal_kw = '92': must be a number"),
+        ("inverter.nominal_kw", 1e300, "inverter.nominal_kw = 1e+300: must be in (0, 1e+06] kW"),
+        ("inverter.nominal_kw", True, "inverter.nominal_kw = True: must be a number"),
+        ("inverter.model", "no-such", "inverter.model = 'no-such': no such name; bundled are"),
+        ("inverter.loss_discharge", [0.3] + [0.01] * 10, "more AC power would mean less DC power"),
+        ("battery.cell_capacity_ah", -94.0, "battery.cell_capacity_ah = -94.0: must be in (0, 100000] Ah"),
+        ("battery.cells_series", 10**400, "must be in [1, 10000]"),
+        (
+            "battery.ocv_v.charge",
+            [float("nan")] * 15,
+            "ocv_v.charge[0][0] = nan: must be a finite number",
+        ),
+        ("derating.factor", "0.5", "derating.factor = '0.5': must be a list"),
+        ("thermal.spatial", 3, "thermal.spatial = 3: must be a table"),
+        ("about.licence", 3, "about.licence = 3: must be a text"),
+        ("string", [{"system": {"n_strings": 2}}], "string[0].system.n_strings: not a key of one"),
+        (
+            "string",
+            [{}, {"battery": {"r_scale": 0.0}}],
+            "string[1].battery.r_scale = 0.0: must be in",
+        ),
+        ("string", [{}] * 3, "3 [[string]] tables for system.n_strings = 2"),
     ],
 )
 def test_errors_name_the_key_the_value_and_what_is_allowed(
@@ -60,6 +84,40 @@ def test_errors_name_the_key_the_value_and_what_is_allowed(
         bess.System(document, name="plant.toml")
     assert str(caught.value).startswith("plant.toml: ")
     assert expected in str(caught.value)
+
+
+@pytest.mark.parametrize("name", sorted(SYSTEMS))
+def test_a_bundled_system_round_trips_through_toml(name: str) -> None:
+    system = bess.load_system(name)
+    assert bess.System(system.document).strings == system.strings
+    again = bess.System(tomllib.loads(system.to_toml()))
+    assert again.strings == system.strings
+    assert again.control == system.control
+    assert " cell = " not in system.to_toml()
+
+
+def test_a_named_cell_replaces_the_cell_of_the_base_and_keys_beside_it_override(
+    document: dict[str, Any],
+) -> None:
+    document["string"] = [
+        {
+            "battery": {"cell": "samsung-94ah", "cell_capacity_ah": 80.0},
+            "inverter": {"model": "princeton-gtib-100"},
+        },
+        {},
+    ]
+    first, second = bess.System(document).strings
+    assert first.battery.resistance_table is not None
+    assert first.battery.resistance_temperature is None
+    assert first.battery.cell_capacity_ah == 80.0
+    assert first.battery.cells_series == 192
+    assert first.inverter.nominal_kw == 100.0
+    assert second.battery.resistance_table is None
+
+
+def test_a_missing_file_names_the_bundled_systems() -> None:
+    with pytest.raises(bess.InputError, match="no such system file; bundled systems are reference"):
+        bess.load_system("referense")
 
 
 def test_an_ocv_that_falls_is_refused(document: dict[str, Any]) -> None:

@@ -161,8 +161,6 @@ def _is_output(axis: str, direction: Direction) -> bool:
 def _curve(x: NDArray[np.float64], loss: NDArray[np.float64], axis: str, direction: Direction) -> Curve:
     output = x if _is_output(axis, direction) else x - loss
     ac = output if direction == "discharge" else output + loss
+    _refuse_rows(ac, ac < 0.0, "discharge AC power / nominal", "at least 0: the loss exceeds the DC power")
     informative = (x > 0.0) | (loss > 0.0)
-    _refuse_rows(
-        output, output < 0.0, f"{direction} output power / nominal", "at least 0: the loss exceeds the input"
-    )
     return ac[informative], loss[informative]
