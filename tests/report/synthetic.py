@@ -18,7 +18,10 @@ def record(
 ) -> xr.Dataset:
     """Two cycles a day; ``concentrate`` = 1 gives all power to few strings, 0 shares it equally."""
     rng = np.random.default_rng(seed)
-    day = np.repeat([-78, -30, 0, 78, 30, 0, -78, -30, 0, 78, 30, 0, -78, 0], [10, 2, 2, 19, 3, 2, 20, 3, 2, 19, 3, 2, 8, 1])
+    day = np.repeat(
+        [-78, -30, 0, 78, 30, 0, -78, -30, 0, 78, 30, 0, -78, 0],
+        [10, 2, 2, 19, 3, 2, 20, 3, 2, 19, 3, 2, 8, 1],
+    )
     demand = np.resize(day, steps) * n_strings / 2.0
     soc, temperature = np.full(n_strings, 0.5), np.full(n_strings, 25.0)
     rows: dict[str, list] = {}

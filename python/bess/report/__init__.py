@@ -1,1 +1,6 @@
-"""Figures and the self-contained HTML page of a run, a scenario set or a sweep."""
+"""Figures and the self-contained HTML page of a run, a set of scenarios, or a sweep."""
+
+from bess.report.page import write_report
+from bess.report.style import save_figure
+
+__all__ = ["save_figure", "write_report"]

@@ -1,4 +1,4 @@
-"""What every chart reads from a result: the dataset, its time axis, and states that begin with the initial one."""
+"""What every chart reads from a result: dataset, time axis, and states that begin with the initial one."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _DAILY_FROM_DAYS = 31.0
 
 def dataset_of(result: Result) -> xr.Dataset:
     """Return the dataset of a result; a dataset is returned as it is."""
-    dataset: xr.Dataset = getattr(result, "dataset", result)  # type: ignore[assignment]
+    dataset: xr.Dataset = getattr(result, "dataset", result)  # type: ignore[arg-type]
     if dataset.sizes.get("time", 0) == 0:
         raise InputError("the result has no time steps yet; run the study first")
     return dataset

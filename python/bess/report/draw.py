@@ -119,7 +119,9 @@ def _handle(label: str, series: Series) -> Any:
         case "dots":
             return Line2D([], [], color=series.colour, linestyle="none", marker=".", label=label)
         case "star":
-            return Line2D([], [], color=series.colour, linestyle="none", marker="*", markersize=9, label=label)
+            return Line2D(
+                [], [], color=series.colour, linestyle="none", marker="*", markersize=9, label=label
+            )
         case _:
             style: Any = (0, (4, 2)) if series.dashed else "-"
             return Line2D([], [], color=series.colour, linestyle=style, label=label)

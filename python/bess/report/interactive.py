@@ -14,7 +14,7 @@ _GRID = "#E3E3E3"
 
 
 def plotly_figure(chart: Chart) -> dict[str, Any]:
-    """Return ``{"data": [...], "layout": {...}}``; panels stand one above the other and share the horizontal axis.
+    """Return ``{"data": [...], "layout": {...}}``; panels stand one above the other and share the time axis.
 
     Panels that the printed figure sets side by side are stacked as well: a telephone is narrow.
     """
@@ -32,10 +32,13 @@ def plotly_figure(chart: Chart) -> dict[str, Any]:
         "plot_bgcolor": "white",
         "annotations": [],
         "xaxis": {
-            "anchor": f"y{count if count > 1 else ''}", "title": {"text": chart.x_label}, "gridcolor": _GRID,
-            "zeroline": False, "automargin": True,
+            "anchor": f"y{count if count > 1 else ''}",
+            "title": {"text": chart.x_label},
+            "gridcolor": _GRID,
+            "zeroline": False,
+            "automargin": True,
         },
-    }  # fmt: skip
+    }
     shown: set[str] = set()
     for index, panel in enumerate(chart.panels):
         top = 1.0 - index * (height + gap)
@@ -54,19 +57,29 @@ def _panel(
 ) -> None:
     number = "" if index == 0 else str(index + 1)
     axis: dict[str, Any] = {
-        "domain": list(domain), "title": {"text": panel.y_label, "standoff": 4}, "gridcolor": _GRID,
-        "zerolinecolor": "#BBBBBB", "automargin": True, "type": "log" if panel.log else "linear",
-    }  # fmt: skip
+        "domain": list(domain),
+        "title": {"text": panel.y_label, "standoff": 4},
+        "gridcolor": _GRID,
+        "zerolinecolor": "#BBBBBB",
+        "automargin": True,
+        "type": "log" if panel.log else "linear",
+    }
     if panel.y_limits is not None:
         axis["range"] = list(np.log10(panel.y_limits) if panel.log else panel.y_limits)
     if panel.background is not None:
         behind = f"{count + index + 1}"
         reach = 1.15 * float(np.nanmax(np.abs(panel.background.y), initial=1e-9))
         layout[f"yaxis{behind}"] = {
-            "domain": list(domain), "side": "right", "anchor": "x", "range": [-reach, reach], "showgrid": False,
-            "title": {"text": panel.background_label, "standoff": 4}, "color": "#6A6A6A", "zeroline": False,
+            "domain": list(domain),
+            "side": "right",
+            "anchor": "x",
+            "range": [-reach, reach],
+            "showgrid": False,
+            "title": {"text": panel.background_label, "standoff": 4},
+            "color": "#6A6A6A",
+            "zeroline": False,
             "automargin": True,
-        }  # fmt: skip
+        }
         axis["overlaying"] = f"y{behind}"
         data += _traces(panel.background, f"y{behind}", shown, fill=True)
     layout[f"yaxis{number}"] = axis
@@ -74,23 +87,39 @@ def _panel(
         data += _traces(series, f"y{number}", shown)
     if panel.title:
         layout["annotations"].append(
-            {"xref": "paper", "x": 0, "xanchor": "left", "yref": "paper", "y": domain[1], "yanchor": "bottom",
-             "text": panel.title, "showarrow": False, "font": {"size": 12}}
-        )  # fmt: skip
+            {
+                "xref": "paper",
+                "x": 0,
+                "xanchor": "left",
+                "yref": "paper",
+                "y": domain[1],
+                "yanchor": "bottom",
+                "text": panel.title,
+                "showarrow": False,
+                "font": {"size": 12},
+            }
+        )
 
 
 def _traces(series: Series, axis: str, shown: set[str], *, fill: bool = False) -> list[dict[str, Any]]:
     trace: dict[str, Any] = {
-        "type": "scatter", "x": _column(series.x), "y": _column(series.y), "yaxis": axis, "name": series.label,
-        "legendgroup": series.label, "showlegend": bool(series.label) and series.label not in shown,
+        "type": "scatter",
+        "x": _column(series.x),
+        "y": _column(series.y),
+        "yaxis": axis,
+        "name": series.label,
+        "legendgroup": series.label,
+        "showlegend": bool(series.label) and series.label not in shown,
         "mode": "markers" if series.kind in ("dots", "star") else "lines",
-    }  # fmt: skip
+    }
     shown.add(series.label)
     stepped = fill or series.kind in ("step", "band")
     trace["line"] = {
-        "color": series.colour, "width": 1.6, "shape": "hv" if stepped else "linear",
+        "color": series.colour,
+        "width": 1.6,
+        "shape": "hv" if stepped else "linear",
         "dash": "dash" if series.dashed else "solid",
-    }  # fmt: skip
+    }
     if not series.label:
         trace["hoverinfo"] = "skip"
     match series.kind:
@@ -108,8 +137,12 @@ def _traces(series: Series, axis: str, shown: set[str], *, fill: bool = False) -
         return [trace]
     base = np.zeros(len(series.y)) if series.base is None else series.base
     floor = {
-        **trace, "y": _column(base), "fill": "none", "showlegend": False, "hoverinfo": "skip",
-    }  # fmt: skip
+        **trace,
+        "y": _column(base),
+        "fill": "none",
+        "showlegend": False,
+        "hoverinfo": "skip",
+    }
     return [floor, trace]
 
 

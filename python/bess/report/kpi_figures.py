@@ -57,8 +57,9 @@ def kpi_bars(kpis: Kpis) -> Figure:
 def kpi_radar(kpis: Kpis) -> Figure:
     """Radar of KPIs, one polygon for each scenario, better outwards.
 
-    Every axis runs from the worst to the best value met, which are written at its ends: differences of a tenth
-    of a point stay visible, and nobody has to guess their size. An axis on which all are equal is drawn full.
+    Every axis runs from the worst to the best value met, which are written at its ends: differences of a
+    tenth of a point stay visible, and nobody has to guess their size. An axis on which all are equal is
+    drawn full.
     """
     _check(kpis, RADAR_KPIS)
     if len(kpis) < 2:
@@ -80,18 +81,20 @@ def kpi_radar(kpis: Kpis) -> Figure:
     markers = "osD^vP*"
     for index, (row, name, colour) in enumerate(zip(radius, kpis, colours(len(kpis)), strict=True)):
         outline = np.append(row, row[0])
-        axes.plot(closed, outline, color=colour, marker=markers[index % 7], markersize=4, label=name, zorder=3)
+        axes.plot(
+            closed, outline, color=colour, marker=markers[index % 7], markersize=4, label=name, zorder=3
+        )
         axes.fill(closed, outline, color=colour, alpha=0.08, linewidth=0)
     axes.set_ylim(0.0, 1.05)
     axes.set_yticks([_INNERMOST, 1.0], ["", ""])
     axes.set_xticks(angles, ["" for _ in angles])
     axes.spines["polar"].set_visible(False)
     for angle, key, low, high in zip(angles, RADAR_KPIS, worst, best, strict=True):
-        name = KPI_NAMES[key]
-        side = np.sin(angle)
+        kpi = KPI_NAMES[key]
+        side, above = np.sin(angle), np.cos(angle)
         where = "center" if abs(side) < 0.1 else ("left" if side > 0 else "right")
-        above = np.cos(angle)
-        text = f"{name.text}\nbest {high:.{name.decimals}f} {name.unit}\nworst {low:.{name.decimals}f} {name.unit}"
+        ends = [f"{value:.{kpi.decimals}f} {kpi.unit}" for value in (high, low)]
+        text = f"{kpi.text}\nbest {ends[0]}\nworst {ends[1]}"
         axes.annotate(
             text, (angle, 1.05), xytext=(7 * side, 7 * above), textcoords="offset points", ha=where,
             va="bottom" if above > 0.9 else ("top" if above < -0.9 else "center"), fontsize=7, color=INK,
@@ -107,4 +110,6 @@ def _check(kpis: Kpis, needed: tuple[str, ...]) -> None:
     for name, entry in kpis.items():
         for key in needed:
             if key not in entry or not np.isfinite(entry[key]):
-                raise InputError(f"scenario {name!r}: KPI {key} is {entry.get(key, 'missing')}; it cannot be drawn")
+                raise InputError(
+                    f"scenario {name!r}: KPI {key} is {entry.get(key, 'missing')}; it cannot be drawn"
+                )

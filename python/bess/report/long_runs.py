@@ -1,8 +1,8 @@
 """Curves of long runs: light enough for a page, and still showing every peak.
 
 Up to a month a curve is drawn as recorded, thinned to ``POINTS_PER_SERIES`` points by keeping the
-smallest and the largest value of each bucket. Of longer runs each day is drawn as its mean, with a pale band from its
-smallest to its largest value: a year of cycles as one line would be a solid block of colour.
+smallest and the largest value of each bucket. Of longer runs each day is drawn as its mean, with a pale
+band from its smallest to its largest value: a year of cycles as one line would be a solid block of colour.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def curve(
 
 
 def daily(time: TimeAxis, values: Values) -> tuple[Values, Values, Values, Values]:
-    """Edges of the days, shape ``(days + 1,)``, and minimum, mean and maximum of each day, shape ``(days, ...)``."""
+    """Edges of the days ``(days + 1,)``, and minimum, mean and maximum of each day ``(days, ...)``."""
     starts = np.arange(0, len(values), time.steps_per_day)
     counts = np.diff(np.append(starts, len(values))).reshape(-1, *[1] * (values.ndim - 1))
     return (
@@ -71,7 +71,7 @@ def daily(time: TimeAxis, values: Values) -> tuple[Values, Values, Values, Value
 
 
 def thin(x: Values, y: Values, limit: int = POINTS_PER_SERIES) -> tuple[Values, Values]:
-    """Keep at most about ``limit`` points: of each bucket the smallest and the largest value, and both ends."""
+    """Keep about ``limit`` points: of each bucket the smallest and the largest value, and both ends."""
     if len(y) <= limit:
         return x, y
     size = -(-len(y) // max(limit // 2, 1))
@@ -92,4 +92,5 @@ def held(values: Values) -> Values:
 
 def pale(colour: str) -> str:
     """Mix a colour with white."""
-    return to_hex([_PALE + (1.0 - _PALE) * part for part in to_rgb(colour)])
+    red, green, blue = (_PALE + (1.0 - _PALE) * part for part in to_rgb(colour))
+    return to_hex((red, green, blue))

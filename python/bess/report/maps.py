@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import BoundaryNorm, ListedColormap, Normalize
 from matplotlib.dates import date2num
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -21,7 +22,7 @@ _CHARGING, _OFF, _DISCHARGING = "#56B4E9", "#EFEFEF", "#D55E00"
 
 @styled
 def inverter_pattern(result: Result) -> Figure:
-    """Which inverter charges, discharges or is off at each step; of more than a month, the hours on of each day."""
+    """Which inverter charges, discharges or is off; of more than a month, the hours on of each day."""
     dataset = dataset_of(result)
     time = TimeAxis(dataset)
     running = np.sign(np.round(dataset["delivered_kw"].values, 6))
@@ -57,7 +58,7 @@ def inverter_pattern(result: Result) -> Figure:
 
 @styled
 def node_temperatures(result: Result) -> Figure:
-    """Space-time map of the node temperatures along the air path, one panel for each string, one colour scale."""
+    """Space-time map of node temperatures along the air path, a panel for each string, one colour scale."""
     dataset = dataset_of(result)
     if "node_temperature_c" not in dataset:
         raise InputError("the result has no node_temperature_c; ask for it in the study's [output]")
@@ -70,21 +71,25 @@ def node_temperatures(result: Result) -> Figure:
     figure = Figure(figsize=(DOUBLE_COLUMN_IN, rows * height + 0.5), layout="constrained")
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     low, high = float(field.min()), float(field.max())
-    image = None
+    shade: dict[str, Any] = {"cmap": "inferno", "vmin": low, "vmax": high, "origin": "lower"}
     for index, axes in enumerate(panels):
         if index >= n_strings:
             axes.remove()
             continue
-        image = axes.imshow(
-            field.isel(string=index).values.T, aspect="auto", origin="lower", cmap="inferno", vmin=low, vmax=high,
-            extent=(*_horizontal(axes, time), -0.5, n_nodes - 0.5), rasterized=True,
-        )  # fmt: skip
+        axes.imshow(
+            field.isel(string=index).values.T,
+            aspect="auto",
+            extent=(*_horizontal(axes, time), -0.5, n_nodes - 0.5),
+            rasterized=True,
+            **shade,
+        )
         axes.set_title(f"string {index}", loc="left", fontsize=7.5, pad=2)
         axes.grid(visible=False)
         axes.tick_params(labelbottom=index + columns >= n_strings)
     figure.supylabel("Node (0 = air inlet)", fontsize=8)
     figure.supxlabel(time.label, fontsize=8)
-    figure.colorbar(image, ax=list(panels[:n_strings]), label="Temperature (°C)", aspect=30, pad=0.01)
+    scale = ScalarMappable(Normalize(low, high), "inferno")
+    figure.colorbar(scale, ax=list(panels[:n_strings]), label="Temperature (°C)", aspect=30, pad=0.01)
     return figure
 
 

@@ -1,4 +1,4 @@
-"""How figures look: sizes, fonts, colours that colour-blind readers can tell apart, and how they are saved."""
+"""How figures look (sizes, fonts, colours that colour-blind readers can tell apart), and how to save them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ BATTERY: Final = "#009E73"
 BACKGROUND: Final = "#9A9A9A"
 INK: Final = "#222222"
 
-_RC: Final[dict[str, Any]] = {
+_RC: Final[Any] = {
     "axes.axisbelow": True,
     "axes.edgecolor": INK,
     "axes.grid": True,
@@ -58,14 +58,14 @@ def styled(function: Callable[P, Figure]) -> Callable[P, Figure]:
 
     @wraps(function)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> Figure:
-        with rc_context({**_RC}):
+        with rc_context(_RC):
             return function(*args, **kwargs)
 
     return wrapper
 
 
 def colours(count: int) -> list[str]:
-    """Return ``count`` colours: the palette while it lasts, else a perceptually even map without its pale end."""
+    """Return ``count`` colours: the palette while it lasts, else an even map without its pale end."""
     if count <= len(PALETTE):
         return list(PALETTE[:count])
     return [to_hex(colormaps["viridis"](0.92 * index / (count - 1))) for index in range(count)]
@@ -91,7 +91,7 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: int = 200) -> tuple[Pa
     stem = Path(path)
     svg, png = (stem.with_name(stem.name.removesuffix(stem.suffix) + suffix) for suffix in (".svg", ".png"))
     svg.parent.mkdir(parents=True, exist_ok=True)
-    with rc_context({**_RC}):
+    with rc_context(_RC):
         figure.savefig(svg, dpi=dpi, metadata={"Date": None, "Creator": None})
         figure.savefig(png, dpi=dpi, metadata={"Software": None})
     return svg, png

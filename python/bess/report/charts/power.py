@@ -9,7 +9,7 @@ from bess.report.data import Result, TimeAxis, dataset_of
 from bess.report.long_runs import daily, held
 from bess.report.style import AVAILABILITY, BATTERY, DERATING, DISCHARGE, INVERTER
 
-_MOST_STRINGS = 6
+_MOST_STRINGS = 4
 
 _REQUEST = (
     ("delivered_kw", "delivered", DISCHARGE),
@@ -20,11 +20,11 @@ _CONVERSION = (("inverter_loss_kw", "inverter loss", INVERTER), ("battery_loss_k
 
 
 def power_split(result: Result) -> Chart:
-    """Requested power = delivered + lost (left) and conversion losses (right) of every string, stacked over time.
+    """Requested power = delivered + lost (left), conversion losses (right), stacked, for every string.
 
-    The height of the left stack is the request, upwards in discharge, downwards in charge. Above six strings their
-    sum is drawn, since the stacks would not be readable; of a run of more than a month, daily means, with charge
-    and discharge apart, so that they do not cancel.
+    The height of the left stack is the request, upwards in discharge, downwards in charge. Above four
+    strings their sum is drawn, since the stacks would not be readable; of a run of more than a month, daily
+    means, with charge and discharge apart, so that they do not cancel.
     """
     dataset = dataset_of(result)
     time = TimeAxis(dataset)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
+from numpy.typing import ArrayLike
 
 from bess.report.chart import Chart, Panel, Series, Values
 from bess.report.data import Result, TimeAxis, dataset_of
@@ -14,7 +13,7 @@ from bess.report.style import AVAILABILITY, BATTERY, DISCHARGE, INVERTER
 _SMALLEST_GAP_PCT = 1e-4
 
 
-def solver_effort(result: Result, solve_time_s: Sequence[float] | None = None) -> Chart:
+def solver_effort(result: Result, solve_time_s: ArrayLike | None = None) -> Chart:
     """Solve time, nodes and gap of every step; steps that fell back are marked.
 
     Parameters
@@ -34,7 +33,9 @@ def solver_effort(result: Result, solve_time_s: Sequence[float] | None = None) -
     panels = []
     if solve_time_s is not None:
         spent = 1e3 * np.asarray(solve_time_s, dtype=float)
-        panels.append(Panel("Solve time (ms)", (_dots(time.start, spent, INVERTER),), log=bool(np.any(spent > 0))))
+        panels.append(
+            Panel("Solve time (ms)", (_dots(time.start, spent, INVERTER),), log=bool(np.any(spent > 0)))
+        )
     effort = [_dots(time.start, nodes, DISCHARGE)]
     fell_back = dataset["fallback"].values.astype(bool)
     if fell_back.any():

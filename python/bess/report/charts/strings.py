@@ -13,7 +13,8 @@ from bess.report.style import BACKGROUND, colours
 def strings(result: Result) -> Chart:
     """SOC and mean temperature of every string, with the demand behind.
 
-    Of a run of more than a month: the daily mean of every string, behind them the daily range over all strings.
+    Of a run of more than a month: the daily mean of every string, behind them the daily range over all
+    strings.
     """
     dataset = dataset_of(result)
     time = TimeAxis(dataset)
@@ -22,7 +23,10 @@ def strings(result: Result) -> Chart:
     if not time.daily:
         (demand,) = curve(time, dataset["demand_kw"].values, BACKGROUND, "demand, positive = discharge")
     panels = []
-    for variable, label, limits in (("soc", "SOC", (-0.02, 1.02)), ("temperature_c", "Temperature (°C)", None)):
+    for variable, label, limits in (
+        ("soc", "SOC", (-0.02, 1.02)),
+        ("temperature_c", "Temperature (°C)", None),
+    ):
         states = with_initial(dataset, variable)
         lines: list[Series] = []
         if time.daily:

@@ -1,0 +1,150 @@
+"""One self-contained HTML page, and the figures beside it."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from bess import __version__
+from bess.report.chart import Chart
+from bess.report.contents import MOST_COMPARED, Exhibit, comparison, details
+from bess.report.interactive import plotly_figure
+from bess.report.paper import comparisons, is_case_2, reading
+from bess.report.runs import Run, runs_in
+from bess.report.style import save_figure
+from bess.report.sweep_table import SweepTable, read_sweep
+from bess.report.tables import kpi_rows, other_rows
+from bess.report.words import summary, warnings
+from bess.simulation.atomic import write_bytes
+
+REPORT = "report.html"
+FIGURES = "figures"
+_PACKAGES = ("numpy", "clarabel", "cvxpy", "xarray", "matplotlib", "plotly")
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A figure on the page."""
+
+    id: str
+    title: str
+    caption: str
+    svg: str
+    spec: str
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading and its figures."""
+
+    id: str
+    title: str
+    figures: list[Shown]
+
+
+def write_report(directory: str | Path) -> Path:
+    """Write ``report.html`` and ``figures/`` for a run, a set of scenarios, or a sweep.
+
+    The page needs no network and no other file. Unfinished runs are shown as far as they got, and said to be.
+
+    Parameters
+    ----------
+    directory
+        ``--out`` of ``bess run`` or ``bess sweep``.
+
+    Returns
+    -------
+    Path
+        The page.
+
+    Raises
+    ------
+    InputError
+        If there is no run to show.
+    """
+    directory = Path(directory)
+    runs, problems = runs_in(directory)
+    sweep = read_sweep(directory)
+    few = len(runs) <= MOST_COMPARED
+    folder = directory / FIGURES
+    sections = []
+    if sweep is not None:
+        problems |= sweep.failed
+        sections.append(_section("front", "The sweep", sweep.exhibits(), folder, ""))
+    if few:
+        sections.append(_section("comparison", "Key figures", comparison(runs), folder, ""))
+        for name, run in runs.items():
+            title = "The run" if len(runs) == 1 else f"Scenario {name}"
+            prefix = "" if len(runs) == 1 else f"{name}-"
+            sections.append(_section(f"run-{name}", title, details(run), folder, prefix))
+    page = _render(directory, runs, problems, sweep, [section for section in sections if section.figures])
+    path = directory / REPORT
+    write_bytes(path, page.encode())
+    return path
+
+
+def _section(id_: str, title: str, exhibits: Iterable[Exhibit], folder: Path, prefix: str) -> Section:
+    return Section(id_, title, [_show(exhibit, folder, prefix) for exhibit in exhibits])
+
+
+def _show(exhibit: Exhibit, folder: Path, prefix: str) -> Shown:
+    figure, chart = exhibit.drawn()
+    svg, _ = save_figure(figure, folder / f"{prefix}{exhibit.name}.svg")
+    return Shown(
+        id=prefix + exhibit.name,
+        title=exhibit.title,
+        caption=exhibit.caption,
+        svg=base64.b64encode(svg.read_bytes()).decode(),
+        spec="" if chart is None else _json(chart),
+    )
+
+
+def _json(chart: Chart) -> str:
+    # "</" would end the script element that holds the data.
+    return json.dumps(plotly_figure(chart), allow_nan=False, separators=(",", ":")).replace("</", "<\\/")
+
+
+def _render(
+    directory: Path,
+    runs: dict[str, Run],
+    problems: dict[str, str],
+    sweep: SweepTable | None,
+    sections: list[Section],
+) -> str:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from plotly.offline import get_plotlyjs
+
+    environment = Environment(
+        loader=PackageLoader("bess.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True,
+    )  # fmt: skip
+    first = next(iter(runs.values()))
+    kpis = {name: run.kpis for name, run in runs.items()}
+    if sweep is not None and sweep.kpis:
+        kpis = {name: sweep.kpis[name] for name in sweep.kpis}
+    paper = comparisons(kpis) if is_case_2(runs) else []
+    values: dict[str, Any] = {
+        "title": first.study.get("title") or directory.resolve().name,
+        "summary": summary(runs) if len(runs) <= MOST_COMPARED else [],
+        "front": sweep.front_sentence() if sweep is not None else "",
+        "warnings": warnings(runs if len(runs) <= MOST_COMPARED else {}, problems),
+        "names": list(kpis),
+        "tall": len(kpis) > MOST_COMPARED,
+        "kpi_rows": kpi_rows(kpis),
+        "other_rows": other_rows(kpis),
+        "parameters": sweep.parameters if sweep is not None else {},
+        "paper": paper,
+        "reading": reading(paper) if paper else [],
+        "sections": sections,
+        "studies": {name: run.study_toml for name, run in list(runs.items())[:MOST_COMPARED]},
+        "version": first.identity["version"],
+        "report_version": __version__,
+        "packages": {name: version(name) for name in _PACKAGES},
+        "plotly": get_plotlyjs() if any(figure.spec for s in sections for figure in s.figures) else "",
+    }
+    return environment.get_template("report.html.j2").render(values)

@@ -1,0 +1,114 @@
+"""Case 2 beside the paper it reproduces: what was reported, what came out, how to read the difference.
+
+Source: Tanjavooru, Pant, Hamacher, Hesse, arXiv:2507.04800, sections "Case 2" and "Discussions".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from bess.report.runs import Run
+
+Kpis = Mapping[str, Mapping[str, float]]
+
+_WEIGHTS: Final = {"S1": (1.0, 0.0), "S2": (0.5, 0.5), "S3": (0.0, 1.0)}
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One statement of the paper."""
+
+    statement: str
+    paper: str
+    here: str
+    agrees: bool
+
+
+def is_case_2(runs: Mapping[str, Run]) -> bool:
+    """Whether these runs are the paper's scenarios S1 to S3: their names and their weights."""
+    return set(runs) == set(_WEIGHTS) and all(
+        (_weight(run, "inverter"), _weight(run, "battery")) == _WEIGHTS[name] for name, run in runs.items()
+    )
+
+
+def comparisons(kpis: Kpis) -> list[Comparison]:
+    """Each statement of the paper on S1 to S3, checked against KPIs."""
+    highest = [
+        _highest("inverter_efficiency_pct", "Highest inverter efficiency", "S1", kpis),
+        _highest("battery_efficiency_pct", "Highest battery efficiency", "S3", kpis),
+        _highest("derating_efficiency_pct", "Highest derating efficiency", "S3", kpis),
+        _highest("system_efficiency_pct", "Highest system efficiency", "S2", kpis),
+    ]
+    peak = {name: entry["peak_mean_temperature_c"] for name, entry in kpis.items()}
+    cooler = peak["S1"] - peak["S2"]
+    temperature = [
+        Comparison(
+            "Highest peak of the mean temperature", "S1, 51 °C", _ranking(peak, "°C", 1), _top(peak) == "S1"
+        ),
+        Comparison("S2 cooler than S1 by (peak)", "5 K", f"{cooler:.1f} K", cooler > 2.0),
+    ]
+    gains = [
+        _gain("S2 over S1, battery efficiency", "about 1 point", "battery_efficiency_pct", "S1", kpis),
+        _gain("S2 over S3, inverter efficiency", "about 1.5 points", "inverter_efficiency_pct", "S3", kpis),
+        _gain("S2 over S1, derating efficiency", "about 2 points", "derating_efficiency_pct", "S1", kpis),
+    ]
+    availability = {name: entry["availability_pct"] for name, entry in kpis.items()}
+    sustained = Comparison(
+        "Availability of S2 not below that of S1",
+        "“maintaining higher availability”",
+        _ranking(availability, "%", 2),
+        availability["S2"] >= availability["S1"] - 0.05,
+    )
+    return [*highest, *temperature, *gains, sustained]
+
+
+def reading(rows: list[Comparison]) -> list[str]:
+    """How to read the table, whichever way it came out."""
+    failed = [row.statement[0].lower() + row.statement[1:] for row in rows if not row.agrees]
+    verdict = (
+        "All statements of the paper come out."
+        if not failed
+        else f"{len(rows) - len(failed)} of {len(rows)} statements of the paper come out; these do not: "
+        + "; ".join(failed)
+        + "."
+    )
+    return [
+        verdict,
+        "The paper publishes neither its demand nor its cell, inverter and cooling parameters, so "
+        "absolute numbers cannot be compared. The reference system was built from published components; "
+        "pack size, heat transfer, no-load loss and the level of the 48 h demand were fitted so that S1 "
+        "peaks near 51 °C and the inverter gap between S2 and S3 is near 1.5 points. Those two are no "
+        "independent confirmation. Not fitted: which scenario has the highest system efficiency, how "
+        "much cooler S2 stays than S1, and the gaps in battery and derating efficiency.",
+        "Where a gap is smaller than the paper's, the likely reasons are the demand (how much of it "
+        "lies where one inverter suffices), the derating law (the table here; the integrating law of "
+        "the paper's plant is stricter), and that losses here are those of the plant, while a "
+        "relaxation may report others.",
+    ]
+
+
+def _weight(run: Run, objective: str) -> float | None:
+    goal = run.study.get("policy", {}).get("objectives", {}).get(objective)
+    weight = goal.get("weight") if isinstance(goal, Mapping) else goal
+    return None if weight is None else float(weight)
+
+
+def _highest(key: str, statement: str, expected: str, kpis: Kpis) -> Comparison:
+    values = {name: entry[key] for name, entry in kpis.items()}
+    return Comparison(statement, expected, _ranking(values, "%", 2), _top(values) == expected)
+
+
+def _gain(statement: str, paper: str, key: str, rival: str, kpis: Kpis) -> Comparison:
+    gain = kpis["S2"][key] - kpis[rival][key]
+    return Comparison(statement, paper, f"{gain:+.2f} points", gain > 0.0)
+
+
+def _top(values: Mapping[str, float]) -> str:
+    return max(values, key=lambda name: values[name])
+
+
+def _ranking(values: Mapping[str, float], unit: str, decimals: int) -> str:
+    ranked = sorted(values, key=lambda name: -values[name])
+    return ", ".join(f"{name} {values[name]:.{decimals}f} {unit}" for name in ranked)

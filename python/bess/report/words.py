@@ -1,0 +1,103 @@
+"""What a report says in words: the summary, and what a reader has to be warned of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from bess.report.data import step_h
+from bess.report.kpi_names import KPI_NAMES
+from bess.report.runs import Run
+
+_LEDGER_TOLERANCE_KWH = 1e-6
+
+
+def summary(runs: Mapping[str, Run]) -> list[str]:
+    """Sentences on what ran and what came out."""
+    first = next(iter(runs.values()))
+    data = first.dataset
+    hours = data.sizes["time"] * step_h(data)
+    length = f"{hours:g} h" if hours < 24 * 14 else f"{hours / 24:.4g} days"
+    n_strings = data.sizes["string"]
+    start = np.datetime_as_string(data["time"].values[0], unit="m").replace("T", " ")
+    plural = "s" if n_strings > 1 else ""
+    steps = f"{data.sizes['time']:,} steps"
+    what = f"{n_strings} string{plural} over {length} ({steps}), from {start} UTC"
+    if len(runs) == 1:
+        return [f"{what}. {_one(first)}"]
+    judged = ("system_efficiency_pct", "availability_pct", "peak_mean_temperature_c")
+    values = ({name: run.kpis[key] for name, run in runs.items()} for key in judged)
+    return [f"{len(runs)} scenarios: {what}.", *map(_best_of, judged, values)]
+
+
+def _one(run: Run) -> str:
+    data, kpis = run.dataset, run.kpis
+    asked = float(np.abs(data["demand_kw"]).sum()) * step_h(data)
+    delivered = float(np.abs(data["delivered_kw"].sum("string")).sum()) * step_h(data)
+    return (
+        f"{delivered:,.0f} of {asked:,.0f} kWh asked for (charge and discharge) were delivered: availability "
+        f"{kpis['availability_pct']:.2f} %, derating efficiency {kpis['derating_efficiency_pct']:.2f} %. "
+        f"System efficiency was {kpis['system_efficiency_pct']:.2f} % (inverter "
+        f"{kpis['inverter_efficiency_pct']:.2f} %, battery {kpis['battery_efficiency_pct']:.2f} %). The mean "
+        f"temperature peaked at {kpis['peak_mean_temperature_c']:.1f} °C, the hottest node reached "
+        f"{kpis['peak_node_temperature_c']:.1f} °C."
+    )
+
+
+def _best_of(key: str, values: Mapping[str, float]) -> str:
+    name = KPI_NAMES[key]
+    sign = 1.0 if name.better == "max" else -1.0
+    ranked = sorted(values, key=lambda scenario: -sign * values[scenario])
+    best, worst = ranked[0], ranked[-1]
+    difference = abs(values[best] - values[worst])
+    unit = "points" if name.unit == "%" else "K"
+    word = "Highest" if name.better == "max" else "Lowest"
+    shown = f"{values[best]:.{name.decimals}f} {name.unit}"
+    if round(difference, name.decimals) == 0.0:
+        return f"{name.text} is {shown} in every scenario."
+    return (
+        f"{word} {name.text[0].lower() + name.text[1:]}: {best} with {shown}, "
+        f"{difference:.{name.decimals}f} {unit} better than {worst}."
+    )
+
+
+def warnings(runs: Mapping[str, Run], problems: Mapping[str, str]) -> list[str]:
+    """One sentence for each thing that limits what the numbers mean."""
+    found = [f"{name} is missing: {reason}" for name, reason in problems.items()]
+    for name, run in runs.items():
+        found += [f"{name}: {sentence}" for sentence in _warnings_of(run)]
+    return found
+
+
+def _warnings_of(run: Run) -> list[str]:
+    data = run.dataset
+    steps = data.sizes["time"]
+    found = []
+    if not run.finished:
+        total = run.identity["frame"]["n_steps"]
+        end = np.datetime_as_string(data["time"].values[-1], unit="m").replace("T", " ")
+        found.append(
+            f"stopped early; everything here covers the first {steps:,} of {total:,} steps, up to {end} UTC."
+        )
+    fallbacks = int(data["fallback"].sum())
+    if fallbacks:
+        found.append(f"in {fallbacks:,} of {steps:,} steps a fallback replaced the optimiser's answer.")
+    unmet = float(data["unmet_kw"].sum()) * step_h(data)
+    if unmet > 0.0:
+        short = int((data["unmet_kw"] > 0.0).sum())
+        found.append(
+            f"{unmet:,.1f} kWh of demand in {short:,} steps were above the power in service and unmet."
+        )
+    target = run.study.get("policy", {}).get("gap")
+    gap = data["solver_search_gap"].values
+    if target is not None and np.any(gap > target):
+        above = gap[gap > target]
+        found.append(
+            f"in {above.size:,} of {steps:,} steps the search stopped above its target gap of "
+            f"{100 * target:g} % (worst {100 * above.max():.2g} %)."
+        )
+    residual = float(np.abs(data["ledger_residual_kwh"]).max())
+    if residual > _LEDGER_TOLERANCE_KWH:
+        found.append(f"the energy ledger does not close: residual of up to {residual:.2g} kWh in a step.")
+    return found

@@ -1,0 +1,50 @@
+"""Workers for a sweep: a local cluster of processes, or a scheduler that is already there."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from bess.errors import BessError, InputError
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+_CONNECT_TIMEOUT_S = 20
+# Scenarios are the parallelism; threads inside a worker would only compete with its neighbours.
+_ONE_THREAD = {"RAYON_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+
+
+@contextmanager
+def workers_for(workers: int | None, scheduler: str | None) -> Iterator[Client]:
+    """Yield a Dask client; what was started here is stopped at the end.
+
+    Raises
+    ------
+    InputError
+        If both are given, or ``workers`` is not positive.
+    BessError
+        If the scheduler does not answer.
+    """
+    from distributed import Client, LocalCluster
+
+    if workers is not None and scheduler is not None:
+        raise InputError("give either --workers or --scheduler: an existing scheduler has its own workers")
+    if scheduler is not None:
+        try:
+            client = Client(scheduler, timeout=_CONNECT_TIMEOUT_S)
+        except (OSError, ValueError, TypeError) as error:
+            raise BessError(f"--scheduler {scheduler}: no Dask scheduler answers there ({error})") from error
+        with client:
+            yield client
+        return
+    count = workers if workers is not None else os.cpu_count() or 1
+    if count < 1:
+        raise InputError(f"--workers {count}: needs at least 1")
+    cluster = LocalCluster(
+        n_workers=count, threads_per_worker=1, processes=True, dashboard_address=None, env=_ONE_THREAD
+    )
+    with cluster, Client(cluster) as client:
+        yield client
