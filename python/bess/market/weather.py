@@ -1,9 +1,28 @@
 """Ambient temperature from weather files."""
 
-from os import PathLike
-from typing import Literal
+import re
+from dataclasses import replace
+from os import PathLike, fspath
+from typing import Final
 
+import numpy as np
 import pandas as pd
+
+from bess.market.columns import Columns, read_columns
+from bess.market.files import fail, read_bytes
+from bess.market.regular import Fill, regular
+from bess.market.repairs import Repairs
+
+_NAMES: Final = re.compile(
+    r"temperature\b.*|(air|ambient|outdoor|dry.?bulb)[ _-]?temp(erature)?.*|temp|temp_air|t_?air|t_?amb(ient)?|"
+    r"ta|tt|tt_10|tt_tu|t2m|tl|lufttemperatur.*|au(ss|ß)entemperatur.*|temperatur\b.*|temperature_c|ambient_c",
+    re.IGNORECASE,
+)
+_LOWEST_C: Final = -90.0
+_HIGHEST_C: Final = 60.0
+_MISSING_C: Final = -999.0
+"""What the German weather service writes for a missing value."""
+_LONGEST_STEP_S: Final = 3 * 3600
 
 
 def read_weather(
@@ -11,7 +30,61 @@ def read_weather(
     *,
     column: str | None = None,
     time_zone: str | None = None,
-    fill: Literal["previous", "interpolate", "previous_day"] | None = None,
+    fill: Fill | None = None,
 ) -> pd.Series:
-    """Read the ambient temperature [degC] of a weather file as a gap-free series in UTC."""
-    raise NotImplementedError
+    """Read the ambient temperature of a weather file as a series in UTC without gaps.
+
+    Read are tables (CSV with any header block before them, Parquet, in archives too) with a column of times, or
+    year, month, day, hour and minute, as the German weather service, HiSim and Meteonorm write them.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    column : str, optional
+        Name of the temperature column; needed if its name does not tell.
+    time_zone : str, optional
+        Clock of times without one. Weather services write UTC, which is assumed (and reported) by default.
+    fill : {"previous", "interpolate", "previous_day"}, optional
+        How to fill gaps longer than an hour, which are an error otherwise.
+
+    Returns
+    -------
+    pandas.Series
+        Ambient temperature [degC], labelled at the start of the step, in UTC; ``attrs`` hold ``units`` and ``repairs``.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read as such; one sentence names file, line and remedy.
+    """
+    name = fspath(path)
+    repairs = Repairs()
+    columns = read_columns(name, read_bytes(path), repairs)
+    if time_zone is None and not columns.stamps.labelled.any():
+        repairs.add(
+            "assumed-utc", "took times without a zone as UTC", columns.stamps.wall.size, columns.lines[0]
+        )
+        time_zone = "UTC"
+    chosen = _temperature(columns) if column is None else columns.choose(column, "temperature")
+    rows = columns.rows(chosen, time_zone, repairs)
+    absent = rows.values == _MISSING_C
+    rows = replace(rows, values=np.where(absent, np.nan, rows.values))
+    odd = (rows.values < _LOWEST_C) | (rows.values > _HIGHEST_C)
+    if odd.any():
+        i = int(np.argmax(odd))
+        fail(
+            name,
+            int(rows.lines[i]),
+            f"temperature {rows.values[i]:g} degC in column {chosen!r} is outside [{_LOWEST_C:g}, {_HIGHEST_C:g}] degC; "
+            "choose the right column, and convert kelvin or tenths of a degree first",
+        )
+    series = regular(rows, fill, repairs, longest_step_s=_LONGEST_STEP_S).rename("temperature_c")
+    series.attrs = {"units": "degC", "repairs": repairs}
+    repairs.report(name)
+    return series
+
+
+def _temperature(columns: Columns) -> str:
+    named = [name for name in columns.names if _NAMES.fullmatch(name.strip())]
+    return named[0] if len(named) == 1 else columns.choose(None, "temperature")

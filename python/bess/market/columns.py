@@ -1,0 +1,194 @@
+"""Plain files, CSV or Parquet: one or two columns of time, and columns of numbers by name."""
+
+import io
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from bess.market.clock import Rows, clock_of, to_utc
+from bess.market.files import fail
+from bess.market.numbers import parse_numbers
+from bess.market.repairs import Repairs
+from bess.market.stamps import FORMATS, Stamps, parse_stamps
+from bess.market.table import Table, read_table
+
+_CLOCK_CELL: Final = re.compile(r"\d{1,2}:\d\d(:\d\d)?")
+_UNIT: Final = re.compile(r"\s*[\[(].*?[\])]")
+
+
+@dataclass(frozen=True)
+class Columns:
+    """A file of times and named columns.
+
+    Attributes
+    ----------
+    path : str
+    stamps : Stamps
+    lines : list of int
+        Line (CSV) or row (Parquet) of each time, from 1.
+    names : list of str
+        The columns that are not times.
+    values : callable
+        From a name to its numbers, NaN where missing.
+    """
+
+    path: str
+    stamps: Stamps
+    lines: list[int]
+    names: list[str]
+    values: Callable[[str], npt.NDArray[np.float64]]
+
+    def choose(self, wanted: str | None, what: str) -> str:
+        """Return the column called `wanted`, or the only one; raise InputError, listing them, otherwise."""
+        if wanted is not None:
+            for plain in (str.casefold, lambda name: _UNIT.sub("", name).casefold()):
+                for name in self.names:
+                    if plain(name) == wanted.casefold():
+                        return name
+        elif len(self.names) == 1:
+            return self.names[0]
+        problem = (
+            f"there is no column {wanted!r}"
+            if wanted is not None
+            else f"which column is the {what} is not clear"
+        )
+        fail(self.path, 1, f"{problem}; give one of: {', '.join(self.names) or '(none)'}")
+
+    def rows(self, name: str, time_zone: str | None, repairs: Repairs) -> Rows:
+        """Return the numbers of one column in UTC; times need an offset in the file or a `time_zone`."""
+        labelled = self.stamps.labelled
+        if labelled.all():
+            self._check_offsets()
+            clock = UTC
+        elif labelled.any():
+            odd = int(np.argmax(labelled != labelled[0]))
+            has, other = ("has no", "has one") if labelled[0] else ("has a", "has none")
+            fail(
+                self.path,
+                self.lines[odd],
+                f"the time {has} UTC offset while line {self.lines[0]} {other}: mixed time zones; write all times alike",
+            )
+        elif time_zone is None:
+            fail(
+                self.path,
+                self.lines[0],
+                f"the time {self.stamps.wall[0]:%Y-%m-%d %H:%M} has no time zone; give time_zone, such as "
+                "'UTC' or 'Europe/Berlin'",
+            )
+        else:
+            clock = clock_of(time_zone)
+        return to_utc(
+            self.path, self.stamps, self.values(name), self.lines, clock, repairs, drop_skipped=False
+        )
+
+    def _check_offsets(self) -> None:
+        """Offsets may differ by the hour of summer time, not more."""
+        offset = self.stamps.offset_h
+        far = np.abs(offset - offset[0]) > 1.0
+        if far.any():
+            i = int(np.argmax(far))
+            fail(
+                self.path,
+                self.lines[i],
+                f"the time is {offset[i]:+g} h from UTC while line {self.lines[0]} is {offset[0]:+g} h: "
+                "mixed time zones; write all times in one zone",
+            )
+
+
+def read_columns(path: str, raw: bytes, repairs: Repairs) -> Columns:
+    """Read a plain CSV or Parquet file."""
+    return _parquet(path, raw) if raw[:4] == b"PAR1" else csv_columns(read_table(path, raw, repairs))
+
+
+def csv_columns(table: Table) -> Columns:
+    """Find the times in a table, and parse them."""
+    used, cells = _time_cells(table)
+    label = " + ".join(table.header[i] for i in used)
+    stamps = parse_stamps(table.path, label, cells, table.lines)
+    others = [i for i in range(len(table.header)) if i not in used]
+    index = {table.header[i] or f"column {i + 1}": i for i in others}
+    if len(index) != len(others):
+        fail(table.path, 1, f"two columns have the same name; name them apart: {', '.join(table.header)}")
+    default = "," if table.separator != "," and not _has_points(table, others) else "."
+
+    def values(name: str) -> npt.NDArray[np.float64]:
+        return parse_numbers(table.path, name, table.column(index[name]), table.lines, default)
+
+    return Columns(table.path, stamps, table.lines, list(index), values)
+
+
+def _has_points(table: Table, columns: list[int]) -> bool:
+    return any("." in row[i] and "," not in row[i] for row in table.rows for i in columns)
+
+
+def _time_cells(table: Table) -> tuple[list[int], list[str]]:
+    """Return the columns that hold the time, and one text for each row."""
+    parts = [table.named(name) for name in ("year", "month", "day", "hour")]
+    if None not in parts:
+        minute = table.named("minute")
+        used = [i for i in (*parts, minute) if i is not None]
+        texts = [[row[i].strip().zfill(2) for i in used] for row in table.rows]
+        return used, [f"{t[0]}-{t[1]}-{t[2]} {t[3]}:{t[4] if minute is not None else '00'}" for t in texts]
+    first = table.named("MESS_DATUM") or 0
+    cells = table.column(first)
+    if len(table.header) > first + 1:
+        second = table.column(first + 1)
+        if _CLOCK_CELL.fullmatch(second[0]) and ":" not in cells[0]:
+            return [first, first + 1], [f"{day} {clock}" for day, clock in zip(cells, second, strict=True)]
+        if not _is_time(cells[0]) and _is_time(second[0]):
+            fail(
+                table.path,
+                table.lines[0],
+                f"columns {table.header[0]!r} and {table.header[1]!r} are swapped: put the time first",
+            )
+    return [first], cells
+
+
+def _is_time(cell: str) -> bool:
+    text = cell.replace("T", " ")[:16].strip()
+    return any(not pd.isna(pd.to_datetime(text, format=form, errors="coerce")) for form in FORMATS)
+
+
+def _parquet(path: str, raw: bytes) -> Columns:
+    try:
+        frame = pd.read_parquet(io.BytesIO(raw))
+    except (OSError, ValueError) as error:
+        fail(
+            path,
+            None,
+            f"the Parquet file is damaged or truncated ({str(error).splitlines()[0]}); fetch it again",
+        )
+    if not isinstance(frame.index, pd.DatetimeIndex):
+        times = [
+            c
+            for c in frame.columns
+            if isinstance(frame[c].dtype, pd.DatetimeTZDtype) or frame[c].dtype.kind == "M"
+        ]
+        if not times:
+            fail(
+                path,
+                None,
+                f"no column of times among {', '.join(map(str, frame.columns))}; store one as a timestamp",
+            )
+        frame = frame.set_index(times[0])
+    index = pd.DatetimeIndex(frame.index)
+    if index.hasnans:
+        fail(path, int(np.argmax(index.isna())) + 1, "has no time; remove the row")
+    aware = index.tz is not None
+    stamps = Stamps(
+        index.tz_convert("UTC").tz_localize(None) if aware else index,
+        np.full(index.size, 0.0 if aware else np.nan),
+    )
+    names = [str(c) for c in frame.columns if pd.api.types.is_numeric_dtype(frame[c].dtype)]
+    frame.columns = frame.columns.map(str)
+
+    def values(name: str) -> npt.NDArray[np.float64]:
+        return frame[name].to_numpy(dtype=np.float64, na_value=np.nan)
+
+    return Columns(path, stamps, list(range(1, index.size + 1)), names, values)

@@ -1,0 +1,123 @@
+"""CSV exports of the ENTSO-E Transparency Platform: the old one, and the new one with areas and sequences.
+
+The header names the clock; ``CET`` and ``CET/CEST`` both mean the clock with summer time. The old export has an
+empty row for the hour that summer time skips, the new one marks times on these days with ``(CET)`` or ``(CEST)``.
+"""
+
+import re
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from bess.market.clock import clock_of, to_utc
+from bess.market.files import fail
+from bess.market.numbers import parse_numbers
+from bess.market.quotes import Array, Quotes, check_unit, only_product, whole_days
+from bess.market.repairs import Repairs
+from bess.market.stamps import Stamps, parse_stamps
+from bess.market.table import Table
+from bess.market.zones import SPLIT, wanted_codes, zone_code
+
+Positions = npt.NDArray[np.intp]
+
+_TIME: Final = re.compile(r"(?:MTU|Time)\b\s*(?:\((\w+)[^)]*\))?", re.IGNORECASE)
+_INTERVAL: Final = re.compile(r"\d\d\d\d \d\d?:\d\d.* - .*\d\d?:\d\d")
+_CLOCKS: Final = {"UTC": "UTC", "GMT": "UTC", "WET": "Europe/Lisbon", "EET": "Europe/Helsinki"}
+
+
+def matches(table: Table) -> bool:
+    """Tell whether the first column holds market time units."""
+    return bool(_TIME.match(table.header[0]) and _INTERVAL.search(table.rows[0][0]))
+
+
+def read(table: Table, zone: str, product: str | None, time_zone: str | None, repairs: Repairs) -> Quotes:
+    """Return the day-ahead prices of `zone`; of several sequences the lowest, later ones only beyond its time."""
+    only_product(table.path, product)
+    price = next(
+        (i for i, name in enumerate(table.header) if name.casefold().startswith("day-ahead price")), None
+    )
+    if price is None:
+        fail(
+            table.path,
+            1,
+            f"no column 'Day-ahead Price' among {', '.join(table.header)}; export day-ahead prices",
+        )
+    check_unit(table.path, 1, table.header[price])
+    head = _TIME.match(table.header[0])
+    named = (head[1] or "CET").upper() if head else "CET"
+    clock = clock_of(time_zone or _CLOCKS.get(named, "Europe/Brussels"))
+    starts = [cell.split(" - ")[0].strip() for cell in table.column(0)]
+    stamps = parse_stamps(table.path, table.header[0], starts, table.lines)
+    values = parse_numbers(table.path, table.header[price], table.column(price), table.lines)
+    which = _of_zone(table, zone, stamps.wall, repairs)
+    which = which[_of_sequence(table, which, stamps.wall, values, repairs)]
+    lines = [table.lines[i] for i in which]
+    rows = to_utc(
+        table.path, Stamps(stamps.wall[which], stamps.offset_h[which]), values[which], lines, clock, repairs
+    )
+    if np.isnan(rows.values).all():
+        fail(
+            table.path,
+            lines[0],
+            f"to line {lines[-1]}: zone {zone!r} has no value at all; choose another file",
+        )
+    return Quotes(whole_days(rows, table, clock, repairs), "ENTSO-E", zone_code(zone), "day_ahead")
+
+
+def _of_zone(table: Table, zone: str, wall: pd.DatetimeIndex, repairs: Repairs) -> Positions:
+    """Return the rows of `zone`, and before October 2018 those of the zone it came out of, in order of time."""
+    area = table.named("Area", "Bidding Zone", "BZN")
+    if area is None:
+        named = [name for name in table.header if name.startswith("BZN|")]
+        names, everything = named, np.arange(wall.size)
+        if not named or zone_code(named[0]) in wanted_codes(zone):
+            return everything
+    else:
+        cells = table.column(area)
+        names = sorted(set(cells))
+        code = {name: zone_code(name) for name in names}
+        here = np.array([code[cell] for cell in cells])
+        wanted = [c for c in wanted_codes(zone) if c in code.values()]
+        if len(wanted) == 2:
+            old = wall < pd.Timestamp(SPLIT)
+            before, after = (
+                np.flatnonzero(old & (here == wanted[1])),
+                np.flatnonzero(~old & (here == wanted[0])),
+            )
+            line = table.lines[before[0]] if before.size else None
+            repairs.add("zone-join", f"took {wanted[1]} until {SPLIT}", before.size, line)
+            return np.concatenate([before, after])
+        if wanted:
+            return np.flatnonzero(here == wanted[0])
+    listed = ", ".join(name.removeprefix("BZN|") for name in names)
+    fail(
+        table.path,
+        1,
+        f"zone {zone!r} is not in this file; choose another zone or file, the file has: {listed}",
+    )
+
+
+def _of_sequence(
+    table: Table, which: Positions, wall: pd.DatetimeIndex, values: Array, repairs: Repairs
+) -> Positions:
+    """Return positions in `which` of one price for each time: the first sequence, others only beyond its time."""
+    column = table.named("Sequence")
+    if column is None:
+        return np.arange(which.size)
+    cells = np.array([table.rows[i][column].strip() for i in which])
+    full = sorted(
+        set(cells[~np.isnan(values[which])]), key=lambda name: ("without" not in name.casefold(), name)
+    )
+    chosen = np.flatnonzero(cells == full[0]) if full else np.arange(which.size)
+    for name in full[1:]:
+        times = wall[which]
+        beyond = (cells == name) & ((times < times[chosen].min()) | (times > times[chosen].max()))
+        if beyond.any():
+            first = table.lines[which[int(np.argmax(beyond))]]
+            repairs.add("sequence-join", f"took {name!r} beyond the time of {full[0]!r}", beyond.sum(), first)
+            extra = np.flatnonzero(beyond)
+            earlier = extra[times[extra] < times[chosen].min()]
+            chosen = np.concatenate([earlier, chosen, np.setdiff1d(extra, earlier)])
+    return chosen

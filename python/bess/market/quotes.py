@@ -1,0 +1,120 @@
+"""What every price format returns, and what the exports of market platforms have in common."""
+
+import re
+from dataclasses import dataclass
+from datetime import tzinfo
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from bess.market.clock import Rows
+from bess.market.files import fail
+from bess.market.repairs import Repairs
+from bess.market.table import Table
+from bess.market.zones import SPLIT, wanted_codes, zone_code
+
+Array = npt.NDArray[np.float64]
+
+_FOREIGN: Final = re.compile(
+    r"\b(USD|GBP|PLN|CHF|CZK|HUF|RON|BGN|DKK|NOK|SEK)\b|£|\$|/\s*kWh|ct\b", re.IGNORECASE
+)
+
+
+@dataclass(frozen=True)
+class Quotes:
+    """Prices of one zone and product: rows in UTC [EUR/MWh], and what they are."""
+
+    rows: Rows
+    source: str
+    zone: str
+    product: str
+
+
+def check_unit(path: str, line: int, column: str) -> None:
+    """Raise InputError if the name of a column says another unit than EUR/MWh."""
+    other = _FOREIGN.search(column)
+    if other:
+        fail(path, line, f"column {column!r} is in another unit ({other[0]}) than EUR/MWh; convert it first")
+
+
+def only_product(path: str, product: str | None, there: str = "day_ahead") -> str:
+    """Return the one product of a format; raise InputError if another is wanted."""
+    if product not in (None, there):
+        fail(path, 1, f"there is no product {product!r} in this file; it holds {there}")
+    return there
+
+
+def join_zone(
+    path: str,
+    zone: str,
+    there: dict[str, Array],
+    names: list[str],
+    rows: Rows,
+    clock: tzinfo,
+    repairs: Repairs,
+) -> Array:
+    """Return the prices of `zone` from those of each zone code.
+
+    Until 2018-09-30 Germany and Luxembourg shared a zone with Austria: the series DE-LU takes its prices.
+    """
+    code, *before = wanted_codes(zone)
+    listed = f"the file has: {', '.join(names)}"
+    codes = [c for c in (code, *before) if c in there]
+    if not codes:
+        fail(path, 1, f"zone {zone!r} is not in this file; choose another zone or file, {listed}")
+    joined = there.get(code, np.full(rows.utc.size, np.nan)).copy()
+    if before and before[0] in there:
+        old = (
+            np.isnan(joined)
+            & np.asarray(rows.utc < pd.Timestamp(SPLIT, tz=clock))
+            & ~np.isnan(there[before[0]])
+        )
+        joined[old] = there[before[0]][old]
+        repairs.add(
+            "zone-join", f"took {before[0]} until {SPLIT}", old.sum(), rows.lines[int(np.argmax(old))]
+        )
+    if np.isnan(joined).all():
+        full = [name for name in names if not np.isnan(there[zone_code(name)]).all()]
+        fail(
+            path,
+            int(rows.lines[0]),
+            f"to line {rows.lines[-1]}: zone {zone!r} has no value at all; choose another file, or one of the zones "
+            f"with values: {', '.join(full) or '(none)'}",
+        )
+    return joined
+
+
+def whole_days(rows: Rows, table: Table, clock: tzinfo, repairs: Repairs) -> Rows:
+    """Drop the stray rows that an export has after its last day, and refuse one that breaks off.
+
+    Platforms export whole local days. A lone row at midnight, or a few on 1 January, belong to the next export.
+    A file that ends within a day and within a line (no line break) was cut off: its last number cannot be trusted.
+    """
+    local = rows.utc.tz_convert(clock)
+    days = local.normalize()
+    last = np.asarray(days == days[-1])
+    begins = local[0] == days[0]
+    new_year = days[-1].dayofyear == 1 and days[-1].year > days[0].year and not _ends_day(rows.utc, clock)
+    if begins and last.sum() < last.size and (new_year or (last.sum() == 1 and local[-1] == days[-1])):
+        first = int(np.argmax(last))
+        repairs.add("stray-rows", "dropped rows after the last whole day", last.sum(), int(rows.lines[first]))
+        return rows.take(~last)
+    if not _ends_day(rows.utc, clock):
+        if not table.ends_clean and last.sum() < last.size:
+            fail(
+                rows.path,
+                int(rows.lines[-1]),
+                f"is the last one, at {local[-1]:%Y-%m-%d %H:%M}, within a day and without a line break: "
+                "the file is truncated; fetch it again",
+            )
+        repairs.add("part-of-a-day", "the last day is not complete", 1, int(rows.lines[-1]))
+    return rows
+
+
+def _ends_day(utc: pd.DatetimeIndex, clock: tzinfo) -> bool:
+    if utc.size < 2:
+        return True
+    end = (utc[-1] + (utc[-1] - utc[-2])).tz_convert(clock)
+    return bool(end == end.normalize())

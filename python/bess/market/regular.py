@@ -1,0 +1,150 @@
+"""Rows in UTC to a regular series without gaps."""
+
+from typing import Final, Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from bess.errors import InputError
+from bess.market.clock import Rows
+from bess.market.files import fail
+from bess.market.repairs import Repairs
+
+Fill = Literal["previous", "interpolate", "previous_day"]
+"""How gaps longer than an hour are filled: the last value, a straight line, or the values of the day before."""
+
+_HOUR: Final = 3600
+_DAY: Final = 24 * _HOUR
+_RUN: Final = 3
+"""Rows in a row that make another step a change of step, not a gap."""
+_SHARE: Final = 0.05
+
+Array = npt.NDArray[np.float64]
+
+
+def regular(rows: Rows, fill: Fill | None, repairs: Repairs, *, longest_step_s: int = _HOUR) -> pd.Series:
+    """Return a gap-free series with a regular step, labelled at the interval's start, in UTC.
+
+    Missing values at both ends are cut. Gaps of up to an hour are bridged by a straight line. Where a file changes
+    to a finer step, the coarse values are held. All of that is reported.
+
+    Raises
+    ------
+    InputError
+        No values; times that repeat, go back or are irregular; a gap longer than an hour without `fill`.
+    """
+    if fill is not None and fill not in get_args(Fill):
+        raise InputError(f"fill {fill!r} is unknown; allowed are {', '.join(get_args(Fill))}")
+    if rows.utc.size > 1:
+        _check_order(rows)
+    known = np.flatnonzero(~np.isnan(rows.values))
+    if known.size < 2:
+        first, last = rows.lines[0], rows.lines[-1]
+        text = f"to line {last}: {known.size} of {rows.values.size} values are there; choose another column or file"
+        fail(rows.path, first, text)
+    cut = known[0] + rows.values.size - 1 - known[-1]
+    line = rows.lines[0] if known[0] else rows.lines[min(known[-1] + 1, rows.values.size - 1)]
+    repairs.add("ends-cut", "cut missing values at the ends", cut, line)
+    rows = rows.take(known)
+    seconds = _seconds(rows.utc)
+    step, span = _step(rows, np.diff(seconds), longest_step_s)
+    place = (seconds - seconds[0]) // step
+    values = np.full(place[-1] + span[-1], np.nan)
+    for k in range(int(span.max())):
+        held = span > k
+        values[place[held] + k] = rows.values[held]
+    coarse = span > 1
+    if coarse.any():
+        text = f"held values of a coarser step over steps of {step // 60} min"
+        repairs.add("step-change", text, coarse.sum(), rows.lines[int(np.argmax(coarse))])
+    _fill_gaps(rows, values, place, step, fill, repairs)
+    index = pd.date_range(rows.utc[0], periods=values.size, freq=pd.Timedelta(seconds=step), name="time")
+    return pd.Series(values, index=index)
+
+
+def _seconds(utc: pd.DatetimeIndex) -> npt.NDArray[np.int64]:
+    return np.asarray(utc.as_unit("s").asi8)
+
+
+def _check_order(rows: Rows) -> None:
+    back = np.diff(_seconds(rows.utc)) <= 0
+    if back.any():
+        i = int(np.argmax(back)) + 1
+        same = np.flatnonzero(rows.utc[:i] == rows.utc[i])
+        when = f"{rows.utc[i]:%Y-%m-%d %H:%M} UTC"
+        if same.size:
+            fail(
+                rows.path,
+                rows.lines[i],
+                f"repeats {when} of line {rows.lines[same[0]]}; remove one of the two rows",
+            )
+        fail(rows.path, rows.lines[i], f"goes back to {when}; sort the rows by ascending time")
+
+
+def _step(rows: Rows, gaps: npt.NDArray[np.int64], longest_s: int) -> tuple[int, npt.NDArray[np.int64]]:
+    """Return the step [s] and how many steps each row covers (1, or more in a part with a coarser step)."""
+    sizes, counts = np.unique(gaps, return_counts=True)
+    usual = sizes[np.argmax(counts)]
+    often = (counts >= 8) | (counts >= _SHARE * gaps.size)
+    step = int(min(size for size in sizes[often] if usual % size == 0) if often.any() else usual)
+    odd = gaps % step != 0
+    if odd.any():
+        i = int(np.argmax(odd))
+        fail(rows.path, rows.lines[i + 1], f"comes {gaps[i] / 60:g} min after line {rows.lines[i]}, not a multiple of "
+             f"the step of {step / 60:g} min; give a regular series")  # fmt: skip
+    if step > longest_s or _DAY % step:
+        fail(rows.path, rows.lines[1], f"the step of {step / _HOUR:g} h is not one of at most {longest_s / _HOUR:g} h "
+             "that divides a day; export hours or quarter hours")  # fmt: skip
+    span = np.ones(gaps.size + 1, dtype=np.int64)
+    edges = np.flatnonzero(np.r_[True, gaps[1:] != gaps[:-1], True])
+    for start, end in zip(edges[:-1], edges[1:], strict=True):
+        if step < gaps[start] <= _HOUR and end - start >= _RUN:
+            span[start:end] = gaps[start] // step
+            if end == gaps.size:
+                span[end] = gaps[start] // step
+    return step, span
+
+
+def _fill_gaps(
+    rows: Rows, values: Array, place: npt.NDArray[np.int64], step: int, fill: Fill | None, repairs: Repairs
+) -> None:
+    """Fill the gaps of `values` in place."""
+    missing = np.isnan(values)
+    edges = np.flatnonzero(np.diff(np.r_[False, missing, False].astype(np.int8)))
+    known = ~missing
+    line_after = lambda position: rows.lines[np.searchsorted(place, position)]  # noqa: E731
+    for start, end in zip(edges[::2], edges[1::2], strict=True):
+        duration_h = (end - start) * step / _HOUR
+        if duration_h <= 1.0:
+            repairs.add(
+                "gap-filled",
+                "bridged a gap of up to an hour by a straight line",
+                end - start,
+                line_after(end),
+            )
+        elif fill is None:
+            when = rows.utc[0] + pd.Timedelta(seconds=int(start) * step)
+            fail(
+                rows.path,
+                line_after(end),
+                f"follows a gap of {duration_h:g} h from {when:%Y-%m-%d %H:%M} UTC, longer than 1 h; "
+                "complete the file or choose fill='previous', 'interpolate' or 'previous_day'",
+            )
+        else:
+            repairs.add(
+                f"gap-{fill}", f"filled a gap of {duration_h:g} h ({fill})", end - start, line_after(end)
+            )
+        if duration_h > 1.0 and fill == "previous":
+            values[start:end] = values[start - 1]
+        elif duration_h > 1.0 and fill == "previous_day":
+            if start < _DAY // step:
+                fail(
+                    rows.path,
+                    line_after(end),
+                    "follows a gap without a day before it; choose fill='interpolate'",
+                )
+            for position in range(start, end):
+                values[position] = values[position - _DAY // step]
+        else:
+            values[start:end] = np.interp(np.arange(start, end), np.flatnonzero(known), values[known])

@@ -1,0 +1,145 @@
+"""Text to a table of cells: separator, header, and rows of equal length."""
+
+import csv
+import io
+import re
+from collections import Counter
+from dataclasses import dataclass
+from itertools import islice
+from typing import Final
+
+from bess.market.files import decode, fail
+from bess.market.repairs import Repairs
+
+_SEPARATORS: Final = (";", "\t", ",")
+_SAMPLE: Final = 50
+_LIKE_DATA: Final = re.compile(r"\W*\d")
+
+
+@dataclass(frozen=True)
+class Table:
+    """Cells of a CSV file as text.
+
+    Attributes
+    ----------
+    path : str
+        For messages.
+    header : list of str
+        Column names, stripped; trailing columns without a name are cut.
+    rows : list of list of str
+        At least as many cells as the header.
+    lines : list of int
+        Line of the file in which each row ends (1-based).
+    separator : str
+    ends_clean : bool
+        The last line ends with a line break, as in most exports that are complete.
+    """
+
+    path: str
+    header: list[str]
+    rows: list[list[str]]
+    lines: list[int]
+    separator: str
+    ends_clean: bool
+
+    def column(self, index: int) -> list[str]:
+        """Return the stripped cells of one column."""
+        return [row[index].strip() for row in self.rows]
+
+    def named(self, *names: str) -> int | None:
+        """Return the index of the first column with one of `names`, in their order, ignoring case."""
+        lowered = [name.casefold() for name in self.header]
+        return next((lowered.index(name.casefold()) for name in names if name.casefold() in lowered), None)
+
+
+def read_table(path: str, raw: bytes, repairs: Repairs) -> Table:
+    """Split a CSV file into cells; raise InputError where it is not a table."""
+    text = decode(path, raw, repairs)
+    separator = _separator(text)
+    if separator is None:
+        text = _unwrapped(text)
+        separator = _separator(text)
+        if separator is None:
+            fail(
+                path, 1, "has no columns: neither semicolon, tab nor comma separates it; save the file as CSV"
+            )
+        repairs.add("quoted-lines", "every line was one quoted cell", text.count("\n"))
+    numbered = _cells(path, text, separator)
+    if not numbered:
+        fail(path, 1, "the file holds no rows; fetch it again")
+    start = _header(path, numbered, separator)
+    header = [cell.strip() for cell in numbered[start][1]]
+    if _is_data(header):
+        header, start = [f"column {i + 1}" for i in range(len(header))], start - 1
+    while header and not header[-1]:
+        header.pop()
+    body = numbered[start + 1 :]
+    if not body:
+        fail(path, numbered[start][0], "is the last one: there is a header but no data; fetch the file again")
+    for line, row in body:
+        if len(row) < len(header) or any(cell.strip() for cell in row[len(header) :]):
+            _ragged(path, line, len(row), len(header), last=line == body[-1][0])
+    ends_clean = text.endswith(("\n", "\r"))
+    return Table(path, header, [row for _, row in body], [line for line, _ in body], separator, ends_clean)
+
+
+def _cells(path: str, text: str, separator: str) -> list[tuple[int, list[str]]]:
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
+    try:
+        return [
+            (reader.line_num, row)
+            for row in reader
+            if any(map(str.strip, row)) and not row[0].startswith(("#", "sep="))
+        ]
+    except csv.Error as error:
+        fail(path, reader.line_num, f"cannot be split into cells ({error}); fetch the file again")
+
+
+def _separator(text: str) -> str | None:
+    """Return the separator with which most of the first lines have the same number (> 1) of cells."""
+
+    def share(separator: str) -> float:
+        sample = io.StringIO(text, newline="")
+        counts = Counter(map(len, islice(csv.reader(sample, delimiter=separator), _SAMPLE)))
+        cells, lines = max(counts.items(), key=lambda item: item[1])
+        return lines / counts.total() if cells > 1 else 0.0
+
+    try:
+        best = max(_SEPARATORS, key=share)
+        return best if share(best) > 0.0 else None
+    except csv.Error:
+        return None
+
+
+def _unwrapped(text: str) -> str:
+    """Undo a spreadsheet that has quoted each line as one cell."""
+    lines = text.splitlines()
+    return (
+        "\n".join(line[1:-1].replace('""', '"') if line[:1] == line[-1:] == '"' else line for line in lines)
+        + "\n"
+    )
+
+
+def _header(path: str, numbered: list[tuple[int, list[str]]], separator: str) -> int:
+    """Return the index of the header: the first row as wide as most rows; a preamble may come before it."""
+    width = Counter(len(row) for _, row in numbered[:_SAMPLE]).most_common(1)[0][0]
+    start = next(i for i, (_, row) in enumerate(numbered) if len(row) == width)
+    first = numbered[0]
+    if start and _is_data(numbered[start][1]):
+        _ragged(path, numbered[start][0], width, len(first[1]), last=False)
+    return start
+
+
+def _is_data(row: list[str]) -> bool:
+    return sum(bool(_LIKE_DATA.match(cell)) for cell in row) * 2 > sum(map(bool, row))
+
+
+def _ragged(path: str, line: int, cells: int, columns: int, *, last: bool) -> None:
+    if last and cells < columns:
+        fail(path, line, f"ends after {cells} of {columns} columns: the file is truncated; fetch it again")
+    fail(
+        path,
+        line,
+        f"has {cells} cells where the header has {columns} columns: wrong or mixed separator; "
+        "separate header and rows alike, by a character that numbers do not use",
+    )

@@ -1,0 +1,70 @@
+"""Bidding zones by any of their names."""
+
+import re
+import unicodedata
+from typing import Final
+
+_NAMES: Final = {
+    "DE-LU": "DE/LU, DE, Germany, Deutschland, Germany/Luxembourg, Deutschland/Luxemburg, Allemagne/Luxembourg, "
+    "Germania/Lussemburgo, Alemania/Luxemburgo, 10Y1001A1001A82H",
+    "DE-AT-LU": "Germany/Austria/Luxembourg, Deutschland/Österreich/Luxemburg, 10Y1001A1001A63L",
+    "AT": "Austria, Österreich, 10YAT-APG------L",
+    "BE": "Belgium, Belgien, 10YBE----------2",
+    "BG": "Bulgaria, Bulgarien",
+    "CH": "Switzerland, Schweiz, 10YCH-SWISSGRIDZ",
+    "CZ": "Czech Republic, Czechia, Tschechien, 10YCZ-CEPS-----N",
+    "DK1": "Denmark 1, Dänemark 1, DK-1, 10YDK-1--------W",
+    "DK2": "Denmark 2, Dänemark 2, DK-2, 10YDK-2--------M",
+    "EE": "Estonia, Estland",
+    "ES": "Spain, Spanien, 10YES-REE------0",
+    "FI": "Finland, Finnland, 10YFI-1--------U",
+    "FR": "France, Frankreich, 10YFR-RTE------C",
+    "GR": "Greece, Griechenland",
+    "HR": "Croatia, Kroatien",
+    "HU": "Hungary, Ungarn",
+    "IT-North": "Northern Italy, Italy (North), Italien (Nord), IT-Nord, IT-NORTH",
+    "LT": "Lithuania, Litauen",
+    "LV": "Latvia, Lettland",
+    "NL": "Netherlands, Niederlande, 10YNL----------L",
+    "NO1": "Norway 1, Norwegen 1",
+    "NO2": "Norway 2, Norwegen 2",
+    "NO3": "Norway 3, Norwegen 3",
+    "NO4": "Norway 4, Norwegen 4",
+    "NO5": "Norway 5, Norwegen 5",
+    "PL": "Poland, Polen, 10YPL-AREA-----S",
+    "PT": "Portugal, 10YPT-REN------W",
+    "RO": "Romania, Rumänien",
+    "SE1": "Sweden 1, Schweden 1",
+    "SE2": "Sweden 2, Schweden 2",
+    "SE3": "Sweden 3, Schweden 3",
+    "SE4": "Sweden 4, Schweden 4",
+    "SI": "Slovenia, Slowenien",
+    "SK": "Slovakia, Slowakei",
+}
+SPLIT: Final = "2018-10-01"
+"""From this local day on Germany and Luxembourg have a zone without Austria."""
+
+
+def _key(name: str) -> str:
+    plain = unicodedata.normalize("NFKD", name.casefold())
+    return re.sub(r"[^a-z0-9]", "", plain.removeprefix("bzn|").removeprefix("cty|"))
+
+
+_CODES: Final = {_key(alias): code for code, names in _NAMES.items() for alias in (code, *names.split(", "))}
+
+
+def zone_code(name: str) -> str:
+    """Return the code of a zone known by `name`; an unknown name is its own code, in plain letters."""
+    key = _key(name)
+    return _CODES.get(key, key)
+
+
+def is_zone(name: str) -> bool:
+    """Tell whether `name` is that of a known zone."""
+    return _key(name) in _CODES
+
+
+def wanted_codes(zone: str) -> tuple[str, ...]:
+    """Return the codes that make up the series of `zone`: its own, and the one it came out of."""
+    code = zone_code(zone)
+    return (code, "DE-AT-LU") if code == "DE-LU" else (code,)
