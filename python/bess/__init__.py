@@ -8,6 +8,7 @@ from importlib.metadata import version as _version
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from bess.analysis.kpis import kpis
     from bess.components import (
         inverter_from_efficiency,
         inverter_from_loss,
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
     from bess.errors import BessError, InputError, StoppedEarly
     from bess.market import read_prices, read_weather
     from bess.parameters import State, System, load_system
+    from bess.plant import Fleet, Plant
+    from bess.simulation import Result, Study, load_study, open_result, run, run_scenarios
 
 _HOMES = {
     "inverter_from_efficiency": "bess.components",
@@ -26,26 +29,44 @@ _HOMES = {
     "BessError": "bess.errors",
     "InputError": "bess.errors",
     "StoppedEarly": "bess.errors",
+    "Fleet": "bess.plant",
+    "Plant": "bess.plant",
     "State": "bess.parameters",
     "System": "bess.parameters",
     "load_system": "bess.parameters",
     "read_prices": "bess.market",
     "read_weather": "bess.market",
+    "Result": "bess.simulation",
+    "Study": "bess.simulation",
+    "load_study": "bess.simulation",
+    "open_result": "bess.simulation",
+    "run": "bess.simulation",
+    "run_scenarios": "bess.simulation",
+    "kpis": "bess.analysis.kpis",
 }
 
 __all__ = [
     "BessError",
+    "Fleet",
     "InputError",
+    "Plant",
+    "Result",
     "State",
     "StoppedEarly",
+    "Study",
     "System",
     "inverter_from_efficiency",
     "inverter_from_loss",
     "inverter_from_sandia",
+    "kpis",
+    "load_study",
     "load_system",
+    "open_result",
     "read_inverter",
     "read_prices",
     "read_weather",
+    "run",
+    "run_scenarios",
 ]
 
 __version__ = _version("bess-powersplit")

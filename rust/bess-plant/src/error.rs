@@ -31,7 +31,7 @@ pub enum PlantError {
         expected: usize,
     },
     /// A value outside its range (NaN included).
-    #[error("{place}{name} {value} {unit} is outside [{low}, {high}] {unit}")]
+    #[error("{place}{name} {value}{unit} is outside [{low}, {high}]{unit}")]
     Range {
         /// Where: `step 3, string 1: `.
         place: String,
@@ -39,7 +39,7 @@ pub enum PlantError {
         name: &'static str,
         /// The value.
         value: f64,
-        /// Unit.
+        /// Unit, with a leading blank.
         unit: &'static str,
         /// Lowest allowed value.
         low: f64,

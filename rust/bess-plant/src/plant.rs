@@ -9,6 +9,9 @@ use crate::PlantError;
 /// Values beyond a limit by no more than this share of it are rounding, not bad input.
 const ROUNDING: f64 = 1e-9;
 
+/// Plant steps that make sense [s].
+const STEP_S: (f64, f64) = (1e-3, 86_400.0);
+
 /// How the derating factor follows from temperature.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum DeratingLaw {
@@ -82,7 +85,7 @@ impl Plant {
         state: &PlantState,
     ) -> Result<Self, PlantError> {
         let strings = system.strings.clone();
-        check_range("plant step", step_s, "s", (f64::MIN_POSITIVE, f64::MAX), String::new)?;
+        check_range("plant step", step_s, " s", STEP_S, String::new)?;
         for (string, parameters) in strings.iter().enumerate() {
             let number = Coefficients::new(&parameters.spatial, step_s).stability_number();
             if number > 1.0 {
@@ -181,10 +184,10 @@ impl Plant {
             let limit = nominal_w * (1.0 + ROUNDING);
             if !(-limit..=limit).contains(&value) {
                 return Err(PlantError::Range {
-                    place: format!("step {step}, string {string}: "),
+                    place: format!("{}step {step}, string {string}: ", self.scenario(at % lanes)),
                     name: "requested power",
                     value: value / 1e3,
-                    unit: "kW",
+                    unit: " kW",
                     low: -nominal_w / 1e3,
                     high: nominal_w / 1e3,
                 });
@@ -192,7 +195,7 @@ impl Plant {
         }
         for (at, &value) in ambient_c.iter().enumerate() {
             let place = || format!("step {}: ", at / self.scenarios);
-            check_range("ambient temperature", value, "degC", TEMPERATURE_C, place)?;
+            check_range("ambient temperature", value, " degC", TEMPERATURE_C, place)?;
         }
         let schedule = Schedule {
             steps,
@@ -206,6 +209,14 @@ impl Plant {
         self.eights.iter_mut().for_each(|block| block.run(&schedule, &mut record));
         self.fours.iter_mut().for_each(|block| block.run(&schedule, &mut record));
         Ok(record)
+    }
+
+    /// Text that names the scenario of a lane, where there are several.
+    fn scenario(&self, lane: usize) -> String {
+        if self.scenarios == 1 {
+            return String::new();
+        }
+        format!("scenario {}, ", lane / self.strings.len())
     }
 
     fn substeps(&self, duration_s: f64) -> Result<usize, PlantError> {
@@ -229,7 +240,7 @@ impl Plant {
         for id in 0..lanes {
             let string = id % self.strings.len();
             let parameters = &self.strings[string];
-            let place = || format!("string {string}: ");
+            let place = || format!("{}string {string}: ", self.scenario(id));
             let window = (parameters.soc_min, parameters.soc_max);
             let tolerant = (window.0 - ROUNDING, window.1 + ROUNDING);
             if !(tolerant.0..=tolerant.1).contains(&state.soc[id]) {
@@ -238,10 +249,10 @@ impl Plant {
             let first = id * nodes;
             let own = &state.node_temperature_c[first..first + parameters.spatial.nodes];
             for &value in own {
-                check_range("node temperature", value, "degC", TEMPERATURE_C, place)?;
+                check_range("node temperature", value, " degC", TEMPERATURE_C, place)?;
             }
             let integral_k = state.derating_integral_k[id];
-            check_range("derating integral", integral_k, "K", (0.0, f64::MAX), place)?;
+            check_range("derating integral", integral_k, " K", (0.0, f64::MAX), place)?;
             out.push(LaneState {
                 soc: state.soc[id].clamp(window.0, window.1),
                 node_temperature_c: own.to_vec(),

@@ -2,11 +2,14 @@
 
 use pyo3::prelude::*;
 
+mod plant;
 mod system;
 
 /// Compiled core of bess.
 #[pymodule]
 mod _core {
+    #[pymodule_export]
+    use crate::plant::Plant;
     #[pymodule_export]
     use crate::system::System;
 }

@@ -1,0 +1,179 @@
+"""Independent scenarios of one plant, stepped side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bess import _core
+from bess.errors import InputError
+from bess.parameters import State, System
+from bess.plant.flows import Flows
+from bess.plant.inputs import ambient, numbers, refusals
+from bess.plant.snapshot import PlantSnapshot
+
+_CONTROL_STEP_S = 900.0
+
+
+class Fleet:
+    """Independent scenarios of one plant, stepped side by side in one call.
+
+    Each differs in its state, its requests and its ambient; none influences another. Parameters and behaviour
+    are those of :class:`~bess.Plant`, with the scenario as one more leading axis of every array.
+
+    Parameters
+    ----------
+    system
+        The plant.
+    states
+        One state for each scenario.
+    plant_step_s, derating_law, ambient_c
+        As for :class:`~bess.Plant`.
+
+    Raises
+    ------
+    InputError
+        If a state does not fit the system, or the plant step is not stable (the message names the largest).
+    """
+
+    def __init__(
+        self,
+        system: System,
+        states: Sequence[State],
+        *,
+        plant_step_s: float | None = None,
+        derating_law: Literal["table", "pi"] = "table",
+        ambient_c: float | None = None,
+    ) -> None:
+        if not states:
+            raise InputError("plant: needs at least one state")
+        for state in states:
+            system.check_state(state)
+        self.system = system
+        self.n_scenarios = len(states)
+        self.ambient_c = system.ambient_c if ambient_c is None else float(ambient_c)
+        nodes = max(string.thermal.spatial.nodes for string in system.strings)
+        self._shape = (self.n_scenarios, system.n_strings)
+        temperature_c = np.array([state.temperature_c for state in states])
+        start = PlantSnapshot(
+            soc=np.array([state.soc for state in states]),
+            node_temperature_c=np.repeat(temperature_c[..., None], nodes, axis=2),
+            derating_integral_k=np.zeros(self._shape),
+            inverter_on=np.zeros(self._shape, dtype=np.bool_),
+        )
+        step_s = system.control.plant_step_s if plant_step_s is None else float(plant_step_s)
+        with refusals():
+            self._core = _core.Plant(system.core, self.n_scenarios, step_s, derating_law, _flat(start))
+
+    @property
+    def plant_step_s(self) -> float:
+        """Plant step [s]."""
+        return self._core.plant_step_s
+
+    @property
+    def states(self) -> list[State]:
+        """Measured state of each scenario."""
+        snapshot = self.snapshot()
+        mean_c = np.nanmean(snapshot.node_temperature_c, axis=2)
+        return [State(soc, mean) for soc, mean in zip(snapshot.soc, mean_c, strict=True)]
+
+    def step(
+        self,
+        request_kw: ArrayLike,
+        duration_s: float = _CONTROL_STEP_S,
+        *,
+        ambient_c: ArrayLike | None = None,
+    ) -> Flows:
+        """Advance every scenario by one control step.
+
+        Parameters
+        ----------
+        request_kw
+            Set-points [kW], shape ``(n_scenarios, n_strings)``, positive = discharge.
+        duration_s
+            Length of the control step [s], a multiple of the plant step.
+        ambient_c
+            Air inlet temperature [degC], one for all or shape ``(n_scenarios, 1)``; the plant's own if None.
+
+        Returns
+        -------
+        Flows
+            Arrays of shape ``(n_scenarios, n_strings)``, node temperatures included.
+        """
+        request = numbers("request_kw", request_kw, self._shape, "kW")
+        flows = self.run(request[:, None, :], duration_s, ambient_c=ambient_c, nodes=True)
+        return flows.map(lambda array: array[:, 0])
+
+    def run(
+        self,
+        request_kw: ArrayLike,
+        step_s: float = _CONTROL_STEP_S,
+        *,
+        ambient_c: ArrayLike | None = None,
+        nodes: bool = False,
+    ) -> Flows:
+        """Advance every scenario through a horizon, in one call of the core.
+
+        Parameters
+        ----------
+        request_kw
+            Set-points [kW], shape ``(n_scenarios, n_steps, n_strings)``, positive = discharge.
+        step_s
+            Length of a control step [s], a multiple of the plant step.
+        ambient_c
+            Air inlet temperature [degC]: one value, one per step, or shape ``(n_scenarios, n_steps)``.
+        nodes
+            Keep the node temperatures of every step.
+
+        Returns
+        -------
+        Flows
+            Arrays of shape ``(n_scenarios, n_steps, n_strings)``.
+
+        Raises
+        ------
+        InputError
+            On a wrong shape, NaN, a request above nominal power, or a step that the plant step does not
+            divide. Nothing has advanced then.
+        """
+        scenarios, strings = self._shape
+        request = numbers("request_kw", request_kw, (scenarios, "n_steps", strings), "kW")
+        steps = request.shape[1]
+        air_c = ambient(ambient_c, self.ambient_c, scenarios, steps)
+        with refusals():
+            flat = self._core.run(
+                np.ascontiguousarray(request.swapaxes(0, 1)).ravel(), air_c.ravel(), float(step_s), nodes
+            )
+        shape = (steps, scenarios, strings)
+        array = {name: values.reshape(shape) for name, values in flat.items() if name != "node_temperature_c"}
+        array["inverter_starts"] = array["inverter_starts"].astype(np.int64)
+        array["ledger_residual_kwh"] = array["ledger_residual_kwh"].sum(axis=2)
+        node_c = flat["node_temperature_c"].reshape(*shape, self._core.max_nodes) if nodes else None
+        return Flows(**array, node_temperature_c=node_c).map(lambda values: values.swapaxes(0, 1))
+
+    def snapshot(self) -> PlantSnapshot:
+        """Return everything the fleet remembers, to be given to :meth:`restore`."""
+        flat = self._core.state()
+        return PlantSnapshot(
+            soc=flat["soc"].reshape(self._shape),
+            node_temperature_c=flat["node_temperature_c"].reshape(*self._shape, -1),
+            derating_integral_k=flat["derating_integral_k"].reshape(self._shape),
+            inverter_on=flat["inverter_on"].reshape(self._shape),
+        )
+
+    def restore(self, snapshot: PlantSnapshot) -> None:
+        """Go back (or on) to a snapshot; the fleet continues from it bit by bit."""
+        with refusals():
+            self._core.set_state(_flat(snapshot))
+
+
+def _flat(snapshot: PlantSnapshot) -> dict[str, NDArray[np.float64] | NDArray[np.bool_]]:
+    return {
+        "soc": np.asarray(snapshot.soc, dtype=np.float64).ravel(),
+        "node_temperature_c": np.asarray(snapshot.node_temperature_c, dtype=np.float64).ravel(),
+        "derating_integral_k": np.asarray(snapshot.derating_integral_k, dtype=np.float64).ravel(),
+        "inverter_on": np.asarray(snapshot.inverter_on, dtype=np.bool_).ravel(),
+    }

@@ -1,0 +1,92 @@
+"""What a plant reports of its control steps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from enum import IntFlag
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+class Limit(IntFlag):
+    """Limits that bound within a control step, as bits of :attr:`Flows.limits`."""
+
+    DERATING = 1
+    """Temperature derating cut the request."""
+    SOC_FULL = 2
+    """The string was full: charging was cut."""
+    SOC_EMPTY = 4
+    """The string was empty: discharging was cut, or charging with less power than the inverter loses."""
+    ROOT = 8
+    """The battery's largest power, where the current is half the short-circuit current."""
+
+
+@dataclass(frozen=True)
+class Flows:
+    """Flows of one control step (``Plant.step``) or of several (``Plant.run``).
+
+    The last axis of every array but the last two is the string; before it stands the step (``run``) and
+    before that the scenario (:class:`~bess.plant.Fleet`). Powers are means over the control step. Positive power
+    and current are discharge, losses are ``>= 0``, and ``|request| = |delivered| + availability loss + derating
+    loss``.
+
+    Attributes
+    ----------
+    delivered_kw : ndarray
+        Delivered AC power [kW], signed.
+    availability_loss_kw : ndarray
+        Wanted after derating, not delivered because a limit bound [kW].
+    derating_loss_kw : ndarray
+        Requested, not wanted because of the temperature [kW].
+    inverter_loss_kw : ndarray
+        Inverter loss [kW], with the standby of an inverter that is off; the grid supplies that beside
+        ``delivered_kw``.
+    battery_loss_kw : ndarray
+        Ohmic loss ``R I^2`` [kW]: the heat that the strings take up.
+    chemical_kw : ndarray
+        Power taken from the chemical store, ``V I`` [kW], signed.
+    current_a : ndarray
+        String current [A], signed.
+    soc, temperature_c : ndarray
+        State of charge and mean temperature [degC] at the end of the step.
+    node_max_c : ndarray
+        Hottest node within the step [degC].
+    derating_factor : ndarray
+        Share of the request that the temperature let through.
+    limits : ndarray of uint8
+        Bits of :class:`Limit` that bound within the step.
+    inverter_starts : ndarray of int64
+        Off-to-on transitions.
+    ledger_residual_kwh : ndarray
+        AC energy - (chemical change + heat + inverter loss) of all strings [kWh]; no string axis.
+    node_temperature_c : ndarray or None
+        Node temperatures at the end of the step [degC], with the node as one more axis after the string (NaN
+        beyond the nodes of a string that has fewer than others); None if not asked for.
+    """
+
+    delivered_kw: Floats
+    availability_loss_kw: Floats
+    derating_loss_kw: Floats
+    inverter_loss_kw: Floats
+    battery_loss_kw: Floats
+    chemical_kw: Floats
+    current_a: Floats
+    soc: Floats
+    temperature_c: Floats
+    node_max_c: Floats
+    derating_factor: Floats
+    limits: NDArray[np.uint8]
+    inverter_starts: NDArray[np.int64]
+    ledger_residual_kwh: Floats
+    node_temperature_c: Floats | None
+
+    def map(self, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Flows:
+        """Return flows with ``change`` applied to every array, to pick or move leading axes."""
+        values: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
+        changed: dict[str, Any] = {n: None if v is None else change(v) for n, v in values.items()}
+        return Flows(**changed)

@@ -1,0 +1,54 @@
+"""Arguments of the plant to arrays the core takes; everything it refuses becomes an :class:`InputError`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bess.errors import InputError
+
+
+@contextmanager
+def refusals() -> Iterator[None]:
+    """Turn what the core refuses into an :class:`InputError`."""
+    try:
+        yield
+    except ValueError as error:
+        raise InputError(f"plant: {error}") from error
+
+
+def numbers(name: str, values: ArrayLike, shape: tuple[int | str, ...], unit: str) -> NDArray[np.float64]:
+    """Return ``values`` as float64 of the given shape, in which a text stands for any length.
+
+    Raises
+    ------
+    InputError
+        If they are no numbers or have another shape.
+    """
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"plant: {name}: needs numbers [{unit}] ({error})") from error
+    fits = array.ndim == len(shape) and all(
+        isinstance(want, str) or have == want for have, want in zip(array.shape, shape, strict=True)
+    )
+    if not fits:
+        wanted = ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "")
+        raise InputError(f"plant: {name} [{unit}] has shape {array.shape}, needs ({wanted})")
+    return array
+
+
+def ambient(values: ArrayLike | None, default_c: float, scenarios: int, steps: int) -> NDArray[np.float64]:
+    """Return the air inlet temperature [degC], shape ``(steps, scenarios)``.
+
+    ``values`` is one value, one per step, or ``(scenarios, steps)``.
+    """
+    array = np.asarray(default_c if values is None else values)
+    if array.ndim == 2:
+        return numbers("ambient_c", array, (scenarios, steps), "degC").T
+    if array.ndim == 1:
+        return np.repeat(numbers("ambient_c", array, (steps,), "degC")[:, None], scenarios, axis=1)
+    return np.full((steps, scenarios), numbers("ambient_c", array, (), "degC"))

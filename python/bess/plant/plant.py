@@ -1,0 +1,164 @@
+"""One plant: the truth that a controller is run against."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bess.parameters import State, System
+from bess.plant.fleet import Fleet
+from bess.plant.flows import Flows
+from bess.plant.inputs import numbers
+from bess.plant.snapshot import PlantSnapshot
+
+
+class Plant:
+    """Electro-thermal plant of a battery of parallel strings, each behind its own inverter.
+
+    Every plant step (10 s) each string is derated by its temperature, limited by its SOC window and its
+    voltage, and advanced: inverter loss at delivered power, Rint current, heat, a one-dimensional thermal model
+    along the air path with the resistance of every node at its own temperature, SOC by charge. What is requested
+    and not delivered is reported as derating loss or availability loss. Not modelled: self-discharge, ageing,
+    voltage dynamics, start-up time of inverters.
+
+    Parameters
+    ----------
+    system
+        The plant.
+    state
+        Initial state; all nodes of a string start at its mean temperature.
+    plant_step_s
+        Inner step [s]; None takes the system's (10 s).
+    derating_law
+        "table": factor over mean temperature; "pi": the PI law with the system's gains.
+    ambient_c
+        Air inlet temperature [degC] where a step gives none; None takes the system's.
+
+    Raises
+    ------
+    InputError
+        If the state does not fit the system, or the plant step is not stable (the message names the largest).
+
+    Examples
+    --------
+    >>> import bess
+    >>> system = bess.System.reference(n_strings=2)
+    >>> plant = bess.Plant(system, bess.State(soc=[0.5, 0.5], temperature_c=[25.0, 25.0]))
+    >>> flows = plant.step([46.0, 0.0])
+    >>> flows.delivered_kw.round(6).tolist()
+    [46.0, 0.0]
+    """
+
+    def __init__(
+        self,
+        system: System,
+        state: State,
+        *,
+        plant_step_s: float | None = None,
+        derating_law: Literal["table", "pi"] = "table",
+        ambient_c: float | None = None,
+    ) -> None:
+        self._fleet = Fleet(
+            system, [state], plant_step_s=plant_step_s, derating_law=derating_law, ambient_c=ambient_c
+        )
+
+    @property
+    def system(self) -> System:
+        """The plant's parameters."""
+        return self._fleet.system
+
+    @property
+    def plant_step_s(self) -> float:
+        """Plant step [s]."""
+        return self._fleet.plant_step_s
+
+    @property
+    def state(self) -> State:
+        """Measured state: SOC and mean temperature of each string."""
+        return self._fleet.states[0]
+
+    def step(
+        self, request_kw: ArrayLike, duration_s: float = 900.0, *, ambient_c: float | None = None
+    ) -> Flows:
+        """Advance by one control step.
+
+        Parameters
+        ----------
+        request_kw
+            Set-points [kW], shape ``(n_strings,)``, positive = discharge.
+        duration_s
+            Length of the control step [s], a multiple of the plant step.
+        ambient_c
+            Air inlet temperature [degC]; the plant's own if None.
+
+        Returns
+        -------
+        Flows
+            Arrays of shape ``(n_strings,)``, node temperatures included.
+
+        Raises
+        ------
+        InputError
+            As for :meth:`run`.
+        """
+        request = numbers("request_kw", request_kw, (self.system.n_strings,), "kW")
+        return self._fleet.step(request[None], duration_s, ambient_c=ambient_c).map(lambda array: array[0])
+
+    def run(
+        self,
+        request_kw: ArrayLike,
+        step_s: float = 900.0,
+        *,
+        ambient_c: ArrayLike | None = None,
+        nodes: bool = False,
+    ) -> Flows:
+        """Advance through a horizon in one call; bit by bit the same as one :meth:`step` after the other.
+
+        Parameters
+        ----------
+        request_kw
+            Set-points [kW], shape ``(n_steps, n_strings)``, positive = discharge.
+        step_s
+            Length of a control step [s], a multiple of the plant step.
+        ambient_c
+            Air inlet temperature [degC], one value or one per step; the plant's own if None.
+        nodes
+            Keep the node temperatures of every step.
+
+        Returns
+        -------
+        Flows
+            Arrays of shape ``(n_steps, n_strings)``.
+
+        Raises
+        ------
+        InputError
+            On a wrong shape, NaN, a request above nominal power, or a step that the plant step does not
+            divide. Nothing has advanced then.
+        """
+        request = numbers("request_kw", request_kw, ("n_steps", self.system.n_strings), "kW")
+        flows = self._fleet.run(request[None], step_s, ambient_c=ambient_c, nodes=nodes)
+        return flows.map(lambda array: array[0])
+
+    def snapshot(self) -> PlantSnapshot:
+        """Return everything the plant remembers, to be given to :meth:`restore`."""
+        whole = self._fleet.snapshot()
+        return PlantSnapshot(
+            soc=whole.soc[0],
+            node_temperature_c=whole.node_temperature_c[0],
+            derating_integral_k=whole.derating_integral_k[0],
+            inverter_on=whole.inverter_on[0],
+        )
+
+    def restore(self, snapshot: PlantSnapshot) -> None:
+        """Go back (or on) to a snapshot; the plant continues from it bit by bit."""
+        self._fleet.restore(
+            PlantSnapshot(
+                soc=np.asarray(snapshot.soc)[None],
+                node_temperature_c=np.asarray(snapshot.node_temperature_c)[None],
+                derating_integral_k=np.asarray(snapshot.derating_integral_k)[None],
+                inverter_on=np.asarray(snapshot.inverter_on)[None],
+            )
+        )

@@ -1,0 +1,33 @@
+"""The complete state of a plant, for checkpoints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class PlantSnapshot:
+    """Everything a plant remembers: one that is restored to it continues bit by bit.
+
+    The fields are plain arrays, so a checkpoint may store them by name and build the snapshot again from
+    them. A :class:`~bess.plant.Fleet` has the scenario as one more leading axis.
+
+    Attributes
+    ----------
+    soc : ndarray, shape (n_strings,)
+        State of charge.
+    node_temperature_c : ndarray, shape (n_strings, n_nodes)
+        Node temperatures [degC]; NaN beyond the nodes of a string that has fewer than others.
+    derating_integral_k : ndarray, shape (n_strings,)
+        Integral of the PI derating law [K, per 15 min]; 0 under the table law.
+    inverter_on : ndarray of bool, shape (n_strings,)
+        Whether each inverter ran at the end of the last plant step.
+    """
+
+    soc: NDArray[np.float64]
+    node_temperature_c: NDArray[np.float64]
+    derating_integral_k: NDArray[np.float64]
+    inverter_on: NDArray[np.bool_]

@@ -1,0 +1,140 @@
+use bess_plant::{DeratingLaw, PlantError, PlantState, Record};
+use numpy::{IntoPyArray, PyReadonlyArray1};
+use pyo3::exceptions::{PyKeyError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::system::System;
+
+const W_PER_KW: f64 = 1e3;
+const J_PER_KWH: f64 = 3.6e6;
+
+/// Electro-thermal plant of one or more scenarios. Arrays are flat, in the order (step, scenario, string, node).
+#[pyclass(module = "bess._core")]
+pub struct Plant {
+    inner: bess_plant::Plant,
+}
+
+fn refused(error: PlantError) -> PyErr {
+    PyValueError::new_err(error.to_string())
+}
+
+fn floats(array: &PyReadonlyArray1<'_, f64>) -> PyResult<Vec<f64>> {
+    Ok(array.as_array().to_vec())
+}
+
+fn plant_state(state: &Bound<'_, PyDict>) -> PyResult<PlantState> {
+    let item = |key: &'static str| state.get_item(key)?.ok_or_else(|| PyKeyError::new_err(key));
+    let numbers = |key| -> PyResult<Vec<f64>> { floats(&item(key)?.extract()?) };
+    Ok(PlantState {
+        soc: numbers("soc")?,
+        node_temperature_c: numbers("node_temperature_c")?,
+        derating_integral_k: numbers("derating_integral_k")?,
+        inverter_on: item("inverter_on")?.extract::<PyReadonlyArray1<'_, bool>>()?.as_array().to_vec(),
+    })
+}
+
+#[pymethods]
+impl Plant {
+    /// `derating_law` is "table" or "pi"; `state` as `Plant.state` gives it.
+    #[new]
+    fn new(
+        py: Python<'_>,
+        system: &System,
+        scenarios: usize,
+        plant_step_s: f64,
+        derating_law: &str,
+        state: &Bound<'_, PyDict>,
+    ) -> PyResult<Self> {
+        let law = match derating_law {
+            "table" => DeratingLaw::Table,
+            "pi" => DeratingLaw::Pi,
+            other => {
+                return Err(PyValueError::new_err(format!("derating law '{other}': use 'table' or 'pi'")))
+            }
+        };
+        let state = plant_state(state)?;
+        let inner = py
+            .detach(|| bess_plant::Plant::new(&system.inner, scenarios, plant_step_s, law, &state))
+            .map_err(refused)?;
+        Ok(Self { inner })
+    }
+
+    /// Strings times scenarios.
+    #[getter]
+    fn lanes(&self) -> usize {
+        self.inner.lanes()
+    }
+
+    /// Most thermal nodes of any string.
+    #[getter]
+    fn max_nodes(&self) -> usize {
+        self.inner.max_nodes()
+    }
+
+    /// Plant step [s].
+    #[getter]
+    fn plant_step_s(&self) -> f64 {
+        self.inner.step_s()
+    }
+
+    /// The whole state, as flat arrays.
+    fn state<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let state = self.inner.state();
+        let out = PyDict::new(py);
+        out.set_item("soc", state.soc.into_pyarray(py))?;
+        out.set_item("node_temperature_c", state.node_temperature_c.into_pyarray(py))?;
+        out.set_item("derating_integral_k", state.derating_integral_k.into_pyarray(py))?;
+        out.set_item("inverter_on", state.inverter_on.into_pyarray(py))?;
+        Ok(out)
+    }
+
+    /// Replaces the state.
+    fn set_state(&mut self, state: &Bound<'_, PyDict>) -> PyResult<()> {
+        self.inner.set_state(&plant_state(state)?).map_err(refused)
+    }
+
+    /// Advances through all requests [kW]; flat arrays by name, in kW, A, degC and kWh.
+    fn run<'py>(
+        &mut self,
+        py: Python<'py>,
+        request_kw: PyReadonlyArray1<'py, f64>,
+        ambient_c: PyReadonlyArray1<'py, f64>,
+        duration_s: f64,
+        keep_nodes: bool,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let request_w: Vec<f64> = request_kw.as_array().iter().map(|p| p * W_PER_KW).collect();
+        let ambient_c = floats(&ambient_c)?;
+        let inner = &mut self.inner;
+        let record = py
+            .detach(|| inner.run(&request_w, &ambient_c, duration_s, keep_nodes))
+            .map_err(refused)?;
+        to_dict(py, record)
+    }
+}
+
+fn to_dict(py: Python<'_>, record: Record) -> PyResult<Bound<'_, PyDict>> {
+    let out = PyDict::new(py);
+    let scaled = |values: Vec<f64>, unit: f64| -> Vec<f64> { values.into_iter().map(|v| v / unit).collect() };
+    for (name, values, unit) in [
+        ("delivered_kw", record.delivered_w, W_PER_KW),
+        ("availability_loss_kw", record.availability_loss_w, W_PER_KW),
+        ("derating_loss_kw", record.derating_loss_w, W_PER_KW),
+        ("inverter_loss_kw", record.inverter_loss_w, W_PER_KW),
+        ("battery_loss_kw", record.battery_loss_w, W_PER_KW),
+        ("chemical_kw", record.chemical_w, W_PER_KW),
+        ("current_a", record.current_a, 1.0),
+        ("soc", record.soc, 1.0),
+        ("temperature_c", record.temperature_c, 1.0),
+        ("node_max_c", record.node_max_c, 1.0),
+        ("derating_factor", record.derating_factor, 1.0),
+        ("inverter_starts", record.inverter_starts, 1.0),
+        ("ledger_residual_kwh", record.ledger_residual_j, J_PER_KWH),
+    ] {
+        out.set_item(name, scaled(values, unit).into_pyarray(py))?;
+    }
+    let limits: Vec<u8> = record.limits.into_iter().map(|limits| limits.0).collect();
+    out.set_item("limits", limits.into_pyarray(py))?;
+    out.set_item("node_temperature_c", record.node_temperature_c.into_pyarray(py))?;
+    Ok(out)
+}
