@@ -6,14 +6,13 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 from scipy import sparse
-from scipy.optimize import Bounds, LinearConstraint, milp
 
 from bess.ems.forecast import Array, Forecast, steps_in
-from bess.errors import BessError, InputError
+from bess.ems.program import Program
+from bess.errors import InputError
 
 _BURNS: Final = 1e-6
 """Charging and discharging at once above this share of nominal power counts as burning energy."""
-_MIP_GAP: Final = 1e-4
 
 
 class Arbitrage:
@@ -26,14 +25,15 @@ class Arbitrage:
        e_t = e_{t-1} + \eta_c c_t \Delta t - d_t \Delta t / \eta_d,\quad 0 \le e_t \le E,\quad
        0 \le c_t, d_t \le P,\quad \sum_{t \in \text{day}} d_t \Delta t / \eta_d \le n E .
 
-    Charging and discharging at once never pays where :math:`\pi_t \ge 0`: lowering `c` by :math:`\delta` and `d` by
-    :math:`\eta\delta` leaves `e` as it is, uses fewer cycles and earns :math:`\pi_t (1 - \eta)\,\delta\,\Delta t \ge 0`.
-    So such steps are netted, at no loss. Where the price is negative the same step costs money: the linear
-    program would burn energy for a fee. If its answer does, the program is solved again with one binary for each
-    step of negative price, which allows one direction only.
+    Charging and discharging at once never pays where :math:`\pi_t \ge 0`: lowering `c` by :math:`\delta` and
+    `d` by :math:`\eta\delta` leaves `e` as it is, uses fewer cycles and earns
+    :math:`\pi_t (1 - \eta)\,\delta\,\Delta t \ge 0`. So such steps are netted, at no loss. Where the price is
+    negative the same step costs money: the linear program would burn energy for a fee. If its answer does,
+    the program is solved again with one binary for each step of negative price, which allows one direction
+    only.
 
-    A plan depends on its arguments alone, so a run can resume: between two plans (every `replan_h`) the caller
-    keeps the last one.
+    A plan depends on its arguments alone, so a run can resume: between two plans (every `replan_h`) the
+    caller keeps the last one.
 
     Parameters
     ----------
@@ -50,7 +50,8 @@ class Arbitrage:
     cycles_per_day : float
         Most full cycles a calendar day: discharged stored energy over `energy_kwh`, > 0.
     look_ahead_h, replan_h : float
-        How far a plan looks ahead, and how often a new one is due [h]; whole numbers of steps, replan <= look-ahead.
+        How far a plan looks ahead, and how often a new one is due [h]; whole numbers of steps, and
+        `replan_h` <= `look_ahead_h`.
     dt_h : float
         Control step [h].
 
@@ -106,8 +107,8 @@ class Arbitrage:
         step : int
             Present control step, ``0 <= step < n_steps``.
         energy_kwh : float
-            Energy stored now, above the lower SOC limit, as measured. A plant outside its window (below 0 or above
-            `Arbitrage.energy_kwh`) is let be, and planned no further outside.
+            Energy stored now, above the lower SOC limit, as measured. A plant outside its window (below 0 or
+            above the usable energy) is let be, and planned no further outside.
         discharged_today_kwh : float
             Stored energy discharged since the day of `step` began, counted against `cycles_per_day`, >= 0.
 
@@ -141,25 +142,28 @@ class Arbitrage:
         """Solve the program in per unit: power over `power_kw`, energy over `power_kw` times 1 h."""
         steps, one_way = price.size, np.sqrt(self.efficiency)
         held, full = energy_kwh / self.power_kw, self.energy_kwh / self.power_kw
-        lower = np.repeat([0.0, 0.0, min(0.0, held)], steps)
-        upper = np.repeat([1.0, 1.0, max(full, held)], steps)
-        cost = np.concatenate([price, -price, np.zeros(steps)]) / max(1.0, float(np.abs(price).max()))
-        start = np.zeros(steps)
+        start, idle = np.zeros(steps), np.zeros(steps)
         start[0] = held
-        limits = [
-            LinearConstraint(self._balance_rows(steps), start, start),
-            self._cycles(days, discharged_kwh),
-        ]
-        plan = _optimum(cost, lower, upper, limits)
+        daily, allowed = self._cycles(days, discharged_kwh)
+        program = Program(
+            cost=np.concatenate([price, -price, idle]) / max(1.0, float(np.abs(price).max())),
+            lower=np.repeat([0.0, 0.0, min(0.0, held)], steps),
+            upper=np.repeat([1.0, 1.0, max(full, held)], steps),
+            rows=sparse.vstack([self._balance_rows(steps), daily], format="csr"),
+            least=np.concatenate([start, np.full(allowed.size, -np.inf)]),
+            most=np.concatenate([start, allowed]),
+        )
+        plan = program.optimum()
         negative = np.flatnonzero(price < 0.0)
         if np.minimum(plan[negative], plan[steps + negative]).max(initial=0.0) > _BURNS:
-            plan = _one_direction(cost, lower, upper, limits, negative)
+            plan = program.exclusive(steps + negative, negative).optimum()
         charge, discharge = plan[:steps], plan[steps : 2 * steps]
         stored = one_way * charge - discharge / one_way
-        return self.power_kw * -np.where(stored > 0.0, stored / one_way, stored * one_way)
+        demand: Array = self.power_kw * -np.where(stored > 0.0, stored / one_way, stored * one_way)
+        return demand
 
     def _balance_rows(self, steps: int) -> sparse.csr_array:
-        """Rows of ``e_t - e_{t-1} - eta_c c_t dt + d_t dt / eta_d = e_0 [t = 0]``, kept for each length of plan."""
+        """Rows of ``e_t - e_{t-1} - eta_c c_t dt + d_t dt / eta_d``, kept for each length of plan."""
         if steps not in self._balance:
             one_way = np.sqrt(self.efficiency)
             unit = sparse.eye_array(steps)
@@ -169,59 +173,18 @@ class Arbitrage:
             )
         return self._balance[steps]
 
-    def _cycles(self, days: npt.NDArray[np.int64], discharged_kwh: float) -> LinearConstraint:
-        """One row for each day of the plan: stored energy discharged within what the cycle limit leaves."""
+    def _cycles(self, days: npt.NDArray[np.int64], discharged_kwh: float) -> tuple[sparse.csr_array, Array]:
+        """Rows of the stored energy discharged on each day, and what the cycle limit leaves of it."""
         numbers, day = np.unique(days, return_inverse=True)
         steps = days.size
         per_step = np.full(steps, self.dt_h / np.sqrt(self.efficiency))
         rows = sparse.csr_array((per_step, (day, steps + np.arange(steps))), shape=(numbers.size, 3 * steps))
         allowed = np.full(numbers.size, self.cycles_per_day * self.energy_kwh)
         allowed[day[0]] = max(0.0, allowed[day[0]] - discharged_kwh)
-        return LinearConstraint(rows, -np.inf, allowed / self.power_kw)
+        return rows, allowed / self.power_kw
 
 
 def calendar_days(index: pd.DatetimeIndex, time_zone: str) -> npt.NDArray[np.int64]:
     """Return the number of the local calendar day of each time, ascending; index is time-zone aware."""
     local = index.tz_convert(time_zone).tz_localize(None)
     return local.normalize().to_numpy().astype("datetime64[D]").astype(np.int64)
-
-
-def _one_direction(
-    cost: Array, lower: Array, upper: Array, limits: list[LinearConstraint], steps: npt.NDArray[np.intp]
-) -> Array:
-    """Solve again with a binary for each of `steps`: charging (1) or discharging (0)."""
-    size, count, n_steps = cost.size, steps.size, cost.size // 3
-    row = np.arange(count)
-    one = np.ones(count)
-    charging = sparse.csr_array(
-        (np.r_[one, -one], (np.r_[row, row], np.r_[steps, size + row])), (count, size + count)
-    )
-    discharging = sparse.csr_array(
-        (np.r_[one, one], (np.r_[row, row], np.r_[n_steps + steps, size + row])), (count, size + count)
-    )
-    wider = [
-        LinearConstraint(
-            sparse.hstack([limit.A, sparse.csr_array((limit.A.shape[0], count))]), limit.lb, limit.ub
-        )
-        for limit in limits
-    ]
-    wider += [LinearConstraint(charging, -np.inf, 0.0), LinearConstraint(discharging, -np.inf, 1.0)]
-    zeros = np.zeros(count)
-    return _optimum(np.r_[cost, zeros], np.r_[lower, zeros], np.r_[upper, one], wider, count)[:size]
-
-
-def _optimum(
-    cost: Array, lower: Array, upper: Array, limits: list[LinearConstraint], binaries: int = 0
-) -> Array:
-    integrality = np.zeros(cost.size)
-    integrality[cost.size - binaries :] = 1
-    answer = milp(
-        cost,
-        integrality=integrality,
-        bounds=Bounds(lower, upper),
-        constraints=limits,
-        options={"mip_rel_gap": _MIP_GAP},
-    )
-    if answer.x is None:
-        raise BessError(f"arbitrage: HiGHS found no plan ({answer.message})")
-    return np.asarray(answer.x, dtype=np.float64)

@@ -76,7 +76,8 @@ class Persistence:
         later = np.arange(start, min(start + horizon, self.values.size))
         days_back = -(-(later - start) // self.steps_per_day)
         source = later - days_back * self.steps_per_day
-        return np.where(source < 0, self.values[start], self.values[np.maximum(source, 0)])
+        held: Array = np.where(source < 0, self.values[start], self.values[np.maximum(source, 0)])
+        return held
 
 
 def steps_in(duration_h: float, dt_h: float, what: str) -> int:

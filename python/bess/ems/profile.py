@@ -1,7 +1,7 @@
 """Demand profiles: from a file as it comes, or bundled."""
 
 from collections.abc import Callable
-from os import PathLike
+from os import PathLike, fspath
 from typing import Final, Literal
 
 import numpy as np
@@ -9,8 +9,13 @@ import pandas as pd
 
 from bess.ems.forecast import Array, steps_in
 from bess.errors import InputError
+from bess.market.columns import read_columns
+from bess.market.files import read_bytes
+from bess.market.regular import regular
+from bess.market.repairs import Repairs
 
 _TO_KW: Final = {"W": 1e-3, "kW": 1.0, "MW": 1e3}
+_SIGN: Final = {"discharge": 1.0, "charge": -1.0}
 
 _DAY: Final = (
     (2.5, -1, "hi"), (0.5, -1, "lo"), (0.5, 0, "lo"), (4.75, 1, "hi"), (0.75, 1, "lo"), (0.5, 0, "lo"),
@@ -23,7 +28,7 @@ _DAY: Final = (
 def two_cycles_48h(hi_kw: float = 78.0, lo_kw: float = 30.0, dt_h: float = 0.25) -> Array:
     """Return two days of two arbitrage cycles each, shape (48 / dt_h,), kW in total, positive = discharge.
 
-    The profile of section a8 of the reference parameters: from SOC 0.5, blocks at `hi_kw` with tails at `lo_kw`.
+    From SOC 0.5 of the reference plant: blocks at `hi_kw` with tails at `lo_kw`.
     `dt_h` must divide a quarter of an hour, on which the blocks begin.
     """
     for name, value in (("hi_kw", hi_kw), ("lo_kw", lo_kw)):
@@ -66,7 +71,7 @@ def read_profile(
     column : str, optional
         Name of the power column; needed if there are several.
     unit : {"kW", "W", "MW"}
-        Unit of the file, or a number of kW for one unit by way of `scale`.
+        Unit of the file.
     positive : {"discharge", "charge"}
         What a positive number of the file means.
     scale : float
@@ -79,11 +84,45 @@ def read_profile(
     Returns
     -------
     pandas.Series
-        Power [kW], positive = discharge, labelled at the start of the step, UTC, regular; repairs in ``attrs``.
+        Power [kW], positive = discharge, labelled at the start of the step, in UTC, regular; ``attrs`` hold
+        ``units`` and ``repairs``.
 
     Raises
     ------
     InputError
-        The file cannot be read as such; the sentence says where and what to do.
+        The file cannot be read as such, or a parameter is outside its range; the sentence says where and what
+        to do.
     """
-    raise NotImplementedError
+    name = fspath(path)
+    if unit not in _TO_KW:
+        raise InputError(f"profile {name}: unit {unit!r} is unknown; allowed are {', '.join(_TO_KW)}")
+    if positive not in _SIGN:
+        raise InputError(f"profile {name}: positive {positive!r} is unknown; allowed are {', '.join(_SIGN)}")
+    if not (np.isfinite(scale) and scale > 0.0):
+        raise InputError(f"profile {name}: scale {scale} must be finite and above 0")
+    repairs = Repairs()
+    columns = read_columns(name, read_bytes(path), repairs)
+    series = regular(columns.rows(columns.choose(column, "power"), time_zone, repairs), None, repairs)
+    power = _resampled(name, series, dt_h) * (_SIGN[positive] * _TO_KW[unit] * scale)
+    power = power.rename("demand_kw")
+    power.attrs = {"units": "kW", "repairs": repairs}
+    repairs.report(name)
+    return power
+
+
+def _resampled(name: str, series: pd.Series, dt_h: float) -> pd.Series:
+    """Average finer values over control steps of `dt_h`, or hold coarser ones; a part of a step is cut."""
+    file_h = (series.index[1] - series.index[0]) / pd.Timedelta(hours=1)
+    values = series.to_numpy()
+    if file_h <= dt_h:
+        per_step = steps_in(dt_h, file_h, f"profile {name}: control step over the step of the file")
+        whole = values.size // per_step
+        if whole == 0:
+            raise InputError(
+                f"profile {name}: {values.size * file_h:g} h is less than one step of {dt_h:g} h"
+            )
+        values = values[: whole * per_step].reshape(whole, per_step).mean(axis=1)
+    else:
+        values = values.repeat(steps_in(file_h, dt_h, f"profile {name}: the step of the file"))
+    index = pd.date_range(series.index[0], periods=values.size, freq=pd.Timedelta(hours=dt_h), name="time")
+    return pd.Series(values, index=index)

@@ -84,8 +84,8 @@ def to_utc(
 ) -> Rows:
     """Place the rows of a file in UTC; a label in a cell goes before the clock.
 
-    Rows in the hour that summer time skips are dropped if `drop_skipped` (exports, whose clock is known) or if they
-    are empty; otherwise they are an error, since the clock is then probably another one.
+    Rows in the hour that summer time skips are dropped if `drop_skipped` (exports, whose clock is known) or
+    if they are empty; otherwise they are an error, since the clock is then probably another one.
     """
     utc = localise(stamps.wall, clock)
     labelled = stamps.labelled
@@ -121,7 +121,7 @@ def by_label(stamps: Stamps) -> npt.NDArray[np.datetime64]:
 
 
 def _interleaved(rows: Rows, wall: pd.DatetimeIndex, clock: tzinfo) -> Rows:
-    """Put the repeated hour in order where a spreadsheet has sorted it by the clock (2:00, 2:00, 2:15, 2:15)."""
+    """Put the repeated hour in order where it was sorted by the clock (2:00, 2:00, 2:15, 2:15)."""
     twice = np.flatnonzero(wall.tz_localize(clock, ambiguous="NaT", nonexistent="NaT").isna())
     order = np.arange(wall.size)
     order[twice] = twice[np.argsort(rows.utc[twice], kind="stable")]

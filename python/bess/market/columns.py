@@ -4,8 +4,8 @@ import io
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import UTC
-from typing import Final
+from datetime import UTC, tzinfo
+from typing import Final, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -65,14 +65,15 @@ class Columns:
         labelled = self.stamps.labelled
         if labelled.all():
             self._check_offsets()
-            clock = UTC
+            clock: tzinfo = UTC
         elif labelled.any():
             odd = int(np.argmax(labelled != labelled[0]))
             has, other = ("has no", "has one") if labelled[0] else ("has a", "has none")
             fail(
                 self.path,
                 self.lines[odd],
-                f"the time {has} UTC offset while line {self.lines[0]} {other}: mixed time zones; write all times alike",
+                f"the time {has} UTC offset while line {self.lines[0]} {other}: mixed time zones; "
+                "write all times alike",
             )
         elif time_zone is None:
             fail(
@@ -115,7 +116,7 @@ def csv_columns(table: Table) -> Columns:
     index = {table.header[i] or f"column {i + 1}": i for i in others}
     if len(index) != len(others):
         fail(table.path, 1, f"two columns have the same name; name them apart: {', '.join(table.header)}")
-    default = "," if table.separator != "," and not _has_points(table, others) else "."
+    default: Literal[",", "."] = "," if table.separator != "," and not _has_points(table, others) else "."
 
     def values(name: str) -> npt.NDArray[np.float64]:
         return parse_numbers(table.path, name, table.column(index[name]), table.lines, default)

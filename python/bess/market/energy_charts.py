@@ -1,8 +1,8 @@
 """Exports of Energy-Charts: day-ahead and intraday, any language, one or two header lines.
 
-With offsets (``2023-01-01T00:00+01:00``) the clock is what it shows: the offsets are wrong on some rows of a year,
-near the days and hours at which summer time begins and ends in other months. Without offsets (``01/01/2021 00:00``)
-the clock is UTC+1 all year, unless the hour that summer time skips is absent.
+With offsets (``2023-01-01T00:00+01:00``) the clock is what it shows: the offsets are wrong on some rows of a
+year, near the days and hours at which summer time begins and ends in other months. Without offsets
+(``01/01/2021 00:00``) the clock is UTC+1 all year, unless the hour that summer time skips is absent.
 """
 
 import re
@@ -91,7 +91,9 @@ def _column(table: Table, zone: str, product: str | None, units: list[str]) -> t
     """Return the column of the zone and product wanted, and the product's name."""
     priced = {i: _product(name) for i, name in enumerate(table.header) if i}
     priced = {
-        i: p or "price" for i, p in priced.items() if p or "/MWh" in units[i] and "CO2" not in table.header[i]
+        i: p or "price"
+        for i, p in priced.items()
+        if p or ("/MWh" in units[i] and "CO2" not in table.header[i])
     }
     listed = ", ".join(f"{table.header[i]} [{p}]" for i, p in priced.items()) or "(none)"
     if not priced:

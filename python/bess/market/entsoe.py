@@ -1,7 +1,8 @@
 """CSV exports of the ENTSO-E Transparency Platform: the old one, and the new one with areas and sequences.
 
-The header names the clock; ``CET`` and ``CET/CEST`` both mean the clock with summer time. The old export has an
-empty row for the hour that summer time skips, the new one marks times on these days with ``(CET)`` or ``(CEST)``.
+The header names the clock; ``CET`` and ``CET/CEST`` both mean the clock with summer time. The old export has
+an empty row for the hour that summer time skips, the new one marks times on these days with ``(CET)`` or
+``(CEST)``.
 """
 
 import re
@@ -33,7 +34,7 @@ def matches(table: Table) -> bool:
 
 
 def read(table: Table, zone: str, product: str | None, time_zone: str | None, repairs: Repairs) -> Quotes:
-    """Return the day-ahead prices of `zone`; of several sequences the lowest, later ones only beyond its time."""
+    """Return the day-ahead prices of `zone`; of several sequences the first, others only beyond its time."""
     only_product(table.path, product)
     price = next(
         (i for i, name in enumerate(table.header) if name.casefold().startswith("day-ahead price")), None
@@ -67,7 +68,7 @@ def read(table: Table, zone: str, product: str | None, time_zone: str | None, re
 
 
 def _of_zone(table: Table, zone: str, wall: pd.DatetimeIndex, repairs: Repairs) -> Positions:
-    """Return the rows of `zone`, and before October 2018 those of the zone it came out of, in order of time."""
+    """Return the rows of `zone`, before October 2018 those of the zone it came out of, in order of time."""
     area = table.named("Area", "Bidding Zone", "BZN")
     if area is None:
         named = [name for name in table.header if name.startswith("BZN|")]
@@ -102,7 +103,7 @@ def _of_zone(table: Table, zone: str, wall: pd.DatetimeIndex, repairs: Repairs) 
 def _of_sequence(
     table: Table, which: Positions, wall: pd.DatetimeIndex, values: Array, repairs: Repairs
 ) -> Positions:
-    """Return positions in `which` of one price for each time: the first sequence, others only beyond its time."""
+    """Return positions in `which`: those of the first sequence, of others only beyond its time."""
     column = table.named("Sequence")
     if column is None:
         return np.arange(which.size)

@@ -72,8 +72,8 @@ def decode(path: str, raw: bytes, repairs: Repairs) -> str:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         bad = raw[: error.start].count(b"\n") + 1
-    for number, line in enumerate(raw.splitlines(), 1):
-        if not line.isascii() and _is_utf8(line):
+    for number, text in enumerate(raw.splitlines(), 1):
+        if not text.isascii() and _is_utf8(text):
             fail(
                 path,
                 bad,

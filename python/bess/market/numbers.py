@@ -60,8 +60,8 @@ def _decimal(path: str, name: str, texts: list[str], lines: list[int], default: 
         fail(
             path,
             lines[max(comma, point)],
-            f"column {name!r} has a decimal comma in line {lines[comma]} and a decimal point in line {lines[point]}; "
-            "write all numbers alike",
+            f"column {name!r} has a decimal comma in line {lines[comma]} and a decimal point in line "
+            f"{lines[point]}; write all numbers alike",
         )
     if comma is not None:
         return ","

@@ -14,7 +14,11 @@ from bess.market.repairs import Repairs
 from bess.market.table import read_table
 from bess.market.zones import is_zone, zone_code
 
-FORMATS: Final = (entsoe, smard, energy_charts)
+FORMATS: Final = (
+    (entsoe.matches, entsoe.read),
+    (smard.matches, smard.read),
+    (energy_charts.matches, energy_charts.read),
+)
 """Formats tried in this order on the content of a CSV file; what none of them matches is a plain table."""
 
 
@@ -36,15 +40,16 @@ def read_prices(
     path : path
         The file.
     zone : str
-        Bidding zone by code or name: ``"DE-LU"``, ``"DE/LU"``, ``"Germany/Luxembourg"``, ``"BZN|PT"``; in a plain
-        table of several columns also the name of a column. ``DE-LU`` is continued before October 2018 by the zone
-        with Austria if the file holds it.
+        Bidding zone by code or name: ``"DE-LU"``, ``"DE/LU"``, ``"Germany/Luxembourg"``, ``"BZN|PT"``; in a
+        plain table of several columns also the name of a column. ``DE-LU`` is continued before October 2018 by the
+        zone with Austria if the file holds it.
     product : str, optional
         Needed only for intraday files of Energy-Charts: ``"day_ahead"``, ``"id1"``, ``"id3"``, ``"auction"``,
-        ``"ida1"``, ``"index"``, ``"average"``, ``"low"``, ``"high"``. By default day-ahead, else ID1, else auction.
+        ``"ida1"``, ``"index"``, ``"average"``, ``"low"``, ``"high"``. By default day-ahead, else
+        ID1, else auction.
     time_zone : str, optional
-        Clock of times without one in plain tables, such as ``"Europe/Berlin"``, ``"UTC"`` or ``"UTC+1"``. Exports
-        are read with the clock of their platform unless it is given.
+        Clock of times without one in plain tables, such as ``"Europe/Berlin"``, ``"UTC"`` or ``"UTC+1"``.
+        Exports are read with the clock of their platform unless it is given.
     fill : {"previous", "interpolate", "previous_day"}, optional
         How to fill gaps longer than an hour, which are an error otherwise.
 
@@ -80,9 +85,9 @@ def _quotes(
     if raw[:4] == b"PAR1":
         return _plain(read_columns(path, raw, repairs), zone, product, time_zone, repairs)
     table = read_table(path, raw, repairs)
-    for form in FORMATS:
-        if form.matches(table):
-            return form.read(table, zone, product, time_zone, repairs)
+    for matches, read in FORMATS:
+        if matches(table):
+            return read(table, zone, product, time_zone, repairs)
     return _plain(csv_columns(table), zone, product, time_zone, repairs)
 
 

@@ -80,7 +80,7 @@ def join_zone(
         fail(
             path,
             int(rows.lines[0]),
-            f"to line {rows.lines[-1]}: zone {zone!r} has no value at all; choose another file, or one of the zones "
+            f"to line {rows.lines[-1]}: zone {zone!r} has no value at all; choose another file, or a zone "
             f"with values: {', '.join(full) or '(none)'}",
         )
     return joined
@@ -89,8 +89,9 @@ def join_zone(
 def whole_days(rows: Rows, table: Table, clock: tzinfo, repairs: Repairs) -> Rows:
     """Drop the stray rows that an export has after its last day, and refuse one that breaks off.
 
-    Platforms export whole local days. A lone row at midnight, or a few on 1 January, belong to the next export.
-    A file that ends within a day and within a line (no line break) was cut off: its last number cannot be trusted.
+    Platforms export whole local days. A lone row at midnight, or a few on 1 January, belong to the next
+    export. A file that ends within a day and within a line (no line break) was cut off: its last number
+    cannot be trusted.
     """
     local = rows.utc.tz_convert(clock)
     days = local.normalize()

@@ -1,5 +1,6 @@
 """Rows in UTC to a regular series without gaps."""
 
+from itertools import pairwise
 from typing import Final, Literal, get_args
 
 import numpy as np
@@ -12,7 +13,7 @@ from bess.market.files import fail
 from bess.market.repairs import Repairs
 
 Fill = Literal["previous", "interpolate", "previous_day"]
-"""How gaps longer than an hour are filled: the last value, a straight line, or the values of the day before."""
+"""How gaps longer than an hour are filled: last value, straight line, values of the day before."""
 
 _HOUR: Final = 3600
 _DAY: Final = 24 * _HOUR
@@ -26,8 +27,8 @@ Array = npt.NDArray[np.float64]
 def regular(rows: Rows, fill: Fill | None, repairs: Repairs, *, longest_step_s: int = _HOUR) -> pd.Series:
     """Return a gap-free series with a regular step, labelled at the interval's start, in UTC.
 
-    Missing values at both ends are cut. Gaps of up to an hour are bridged by a straight line. Where a file changes
-    to a finer step, the coarse values are held. All of that is reported.
+    Missing values at both ends are cut. Gaps of up to an hour are bridged by a straight line. Where a file
+    changes to a finer step, the coarse values are held. All of that is reported.
 
     Raises
     ------
@@ -41,7 +42,7 @@ def regular(rows: Rows, fill: Fill | None, repairs: Repairs, *, longest_step_s: 
     known = np.flatnonzero(~np.isnan(rows.values))
     if known.size < 2:
         first, last = rows.lines[0], rows.lines[-1]
-        text = f"to line {last}: {known.size} of {rows.values.size} values are there; choose another column or file"
+        text = f"to line {last}: {known.size} of {rows.values.size} values are there; choose another column"
         fail(rows.path, first, text)
     cut = known[0] + rows.values.size - 1 - known[-1]
     line = rows.lines[0] if known[0] else rows.lines[min(known[-1] + 1, rows.values.size - 1)]
@@ -91,14 +92,22 @@ def _step(rows: Rows, gaps: npt.NDArray[np.int64], longest_s: int) -> tuple[int,
     odd = gaps % step != 0
     if odd.any():
         i = int(np.argmax(odd))
-        fail(rows.path, rows.lines[i + 1], f"comes {gaps[i] / 60:g} min after line {rows.lines[i]}, not a multiple of "
-             f"the step of {step / 60:g} min; give a regular series")  # fmt: skip
+        fail(
+            rows.path,
+            int(rows.lines[i + 1]),
+            f"comes {gaps[i] / 60:g} min after line {rows.lines[i]}, not a multiple of the step of "
+            f"{step / 60:g} min; give a regular series",
+        )
     if step > longest_s or _DAY % step:
-        fail(rows.path, rows.lines[1], f"the step of {step / _HOUR:g} h is not one of at most {longest_s / _HOUR:g} h "
-             "that divides a day; export hours or quarter hours")  # fmt: skip
+        fail(
+            rows.path,
+            int(rows.lines[1]),
+            f"the step of {step / _HOUR:g} h does not divide a day, or is above {longest_s / _HOUR:g} h; "
+            "export hours or quarter hours",
+        )
     span = np.ones(gaps.size + 1, dtype=np.int64)
     edges = np.flatnonzero(np.r_[True, gaps[1:] != gaps[:-1], True])
-    for start, end in zip(edges[:-1], edges[1:], strict=True):
+    for start, end in pairwise(edges):
         if step < gaps[start] <= _HOUR and end - start >= _RUN:
             span[start:end] = gaps[start] // step
             if end == gaps.size:
@@ -113,35 +122,33 @@ def _fill_gaps(
     missing = np.isnan(values)
     edges = np.flatnonzero(np.diff(np.r_[False, missing, False].astype(np.int8)))
     known = ~missing
-    line_after = lambda position: rows.lines[np.searchsorted(place, position)]  # noqa: E731
     for start, end in zip(edges[::2], edges[1::2], strict=True):
+        line = int(rows.lines[np.searchsorted(place, end)])
         duration_h = (end - start) * step / _HOUR
         if duration_h <= 1.0:
             repairs.add(
                 "gap-filled",
                 "bridged a gap of up to an hour by a straight line",
                 end - start,
-                line_after(end),
+                line,
             )
         elif fill is None:
             when = rows.utc[0] + pd.Timedelta(seconds=int(start) * step)
             fail(
                 rows.path,
-                line_after(end),
+                line,
                 f"follows a gap of {duration_h:g} h from {when:%Y-%m-%d %H:%M} UTC, longer than 1 h; "
                 "complete the file or choose fill='previous', 'interpolate' or 'previous_day'",
             )
         else:
-            repairs.add(
-                f"gap-{fill}", f"filled a gap of {duration_h:g} h ({fill})", end - start, line_after(end)
-            )
+            repairs.add(f"gap-{fill}", f"filled a gap of {duration_h:g} h ({fill})", end - start, line)
         if duration_h > 1.0 and fill == "previous":
             values[start:end] = values[start - 1]
         elif duration_h > 1.0 and fill == "previous_day":
             if start < _DAY // step:
                 fail(
                     rows.path,
-                    line_after(end),
+                    line,
                     "follows a gap without a day before it; choose fill='interpolate'",
                 )
             for position in range(start, end):

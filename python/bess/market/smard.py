@@ -1,7 +1,7 @@
 """Exports of SMARD, the platform of the German regulator: German and English, old and new layout.
 
-Clock: Europe/Berlin, without a mark for the repeated hour. The end of the interval is not read: in spring it is
-wrong by a day.
+Clock: Europe/Berlin, without a mark for the repeated hour. The end of the interval is not read: in spring it
+is wrong by a day.
 """
 
 import re
@@ -56,8 +56,8 @@ def _stamps(table: Table) -> Stamps:
             first = parse_stamps(table.path, table.header[end], table.column(end)[:1], table.lines)
             if first.wall[0] <= stamps.wall[0]:
                 names = f"{table.header[both]!r} and {table.header[end]!r}"
-                fail(table.path, table.lines[0], f"columns {names} are swapped: the interval ends before it begins; "
-                     "swap them back")  # fmt: skip
+                text = f"columns {names} are swapped: the interval ends before it begins; swap them back"
+                fail(table.path, table.lines[0], text)
         return stamps
     day, clock = table.named(*_DAY), table.named(*_CLOCK)
     if day is None or clock is None:
@@ -73,7 +73,8 @@ def _stamps(table: Table) -> Stamps:
 def _zones(table: Table, zone: str) -> tuple[list[str], dict[str, Array]]:
     """Return the names of all zones, and the prices of those that are wanted (the others are not parsed)."""
     wanted = wanted_codes(zone)
-    names, there = [], {}
+    names: list[str] = []
+    there: dict[str, Array] = {}
     for i, header in enumerate(table.header):
         match = _PRICE.match(header)
         if not match:

@@ -83,7 +83,7 @@ def _parse(texts: list[str]) -> pd.DatetimeIndex:
         if pd.isna(pd.to_datetime(texts[0], format=form, errors="coerce")) and fewest <= len(texts):
             continue
         wall = pd.DatetimeIndex(pd.to_datetime(texts, format=form, errors="coerce"))
-        left = int(wall.isna().sum())
+        left = int(np.count_nonzero(wall.isna()))
         if left < fewest:
             best, fewest = wall, left
         if left == 0:

@@ -14,8 +14,8 @@ from bess.market.regular import Fill, regular
 from bess.market.repairs import Repairs
 
 _NAMES: Final = re.compile(
-    r"temperature\b.*|(air|ambient|outdoor|dry.?bulb)[ _-]?temp(erature)?.*|temp|temp_air|t_?air|t_?amb(ient)?|"
-    r"ta|tt|tt_10|tt_tu|t2m|tl|lufttemperatur.*|au(ss|ß)entemperatur.*|temperatur\b.*|temperature_c|ambient_c",
+    r"temperature\b.*|(air|ambient|outdoor|dry.?bulb)[ _-]?temp(erature)?.*|temp|temp_air|t_?air|"
+    r"t_?amb(ient)?|ta|tt|tt_10|tt_tu|t2m|tl|lufttemperatur.*|au(ss|ß)entemperatur.*|temperatur\b.*|temperature_c|ambient_c",
     re.IGNORECASE,
 )
 _LOWEST_C: Final = -90.0
@@ -34,8 +34,8 @@ def read_weather(
 ) -> pd.Series:
     """Read the ambient temperature of a weather file as a series in UTC without gaps.
 
-    Read are tables (CSV with any header block before them, Parquet, in archives too) with a column of times, or
-    year, month, day, hour and minute, as the German weather service, HiSim and Meteonorm write them.
+    Read are tables (CSV with any header block before them, Parquet, in archives too) with a column of times,
+    or year, month, day, hour and minute, as the German weather service, HiSim and Meteonorm write them.
 
     Parameters
     ----------
@@ -51,7 +51,8 @@ def read_weather(
     Returns
     -------
     pandas.Series
-        Ambient temperature [degC], labelled at the start of the step, in UTC; ``attrs`` hold ``units`` and ``repairs``.
+        Ambient temperature [degC], labelled at the start of the step, in UTC; ``attrs`` hold ``units`` and
+        ``repairs``.
 
     Raises
     ------
@@ -76,8 +77,8 @@ def read_weather(
         fail(
             name,
             int(rows.lines[i]),
-            f"temperature {rows.values[i]:g} degC in column {chosen!r} is outside [{_LOWEST_C:g}, {_HIGHEST_C:g}] degC; "
-            "choose the right column, and convert kelvin or tenths of a degree first",
+            f"temperature {rows.values[i]:g} degC in column {chosen!r} is outside "
+            f"[{_LOWEST_C:g}, {_HIGHEST_C:g}] degC; choose the right column, and convert kelvin or tenths of a degree first",
         )
     series = regular(rows, fill, repairs, longest_step_s=_LONGEST_STEP_S).rename("temperature_c")
     series.attrs = {"units": "degC", "repairs": repairs}

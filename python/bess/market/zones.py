@@ -5,8 +5,8 @@ import unicodedata
 from typing import Final
 
 _NAMES: Final = {
-    "DE-LU": "DE/LU, DE, Germany, Deutschland, Germany/Luxembourg, Deutschland/Luxemburg, Allemagne/Luxembourg, "
-    "Germania/Lussemburgo, Alemania/Luxemburgo, 10Y1001A1001A82H",
+    "DE-LU": "DE/LU, DE, Germany, Deutschland, Germany/Luxembourg, Deutschland/Luxemburg, "
+    "Allemagne/Luxembourg, Germania/Lussemburgo, Alemania/Luxemburgo, 10Y1001A1001A82H",
     "DE-AT-LU": "Germany/Austria/Luxembourg, Deutschland/Österreich/Luxemburg, 10Y1001A1001A63L",
     "AT": "Austria, Österreich, 10YAT-APG------L",
     "BE": "Belgium, Belgien, 10YBE----------2",
