@@ -1,0 +1,5 @@
+"""``python -m bess`` is ``bess``."""
+
+from bess.cli import main
+
+main()

@@ -1,0 +1,130 @@
+"""Key figures of a run, from the plant's record only (MODEL.md section 7)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bess.units import PERCENT
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from bess.simulation import Result
+
+Array = NDArray[np.float64]
+
+_KWH_PER_MWH = 1000.0
+
+
+def kpis(result: Result | xr.Dataset) -> dict[str, float]:
+    """Return the key figures of a result or dataset.
+
+    With demand ``D`` (all of it, also what is unmet), requests ``u``, availability loss ``a``, derating loss
+    ``d``, inverter loss ``w`` and battery heat ``h``, sums over strings and steps, 0/0 = 100 %:
+
+    - ``availability_pct`` ``1 - sum a / sum |D|``; unmet demand was asked of no string, so it is no lost
+      availability but ``unmet_kwh``, and lowers ``fulfilment_pct``;
+    - ``derating_efficiency_pct`` ``1 - sum d / sum |u|``, ``inverter_efficiency_pct`` with ``w``,
+      ``battery_efficiency_pct`` with ``h``, ``system_efficiency_pct`` with ``w + h``;
+    - ``fulfilment_pct`` ``sum |delivered| / sum |D|``;
+    - ``peak_mean_temperature_c`` of the mean over strings, ``peak_string_temperature_c`` of the hottest
+      string's mean (both with the initial state), ``peak_node_temperature_c`` of the hottest node;
+    - ``soc_spread_max``, ``soc_spread_mean`` of the largest minus the smallest SOC; ``full_cycles`` half the
+      SOC travelled, mean over strings; ``inverter_starts_mean``, ``inverter_starts_max`` per inverter;
+    - energies in kWh; ``ledger_residual_ratio``, the sum of absolute residuals over the delivered energy;
+    - ``fallback_steps``, ``solver_steps``, and ``median``, ``p95`` and ``max`` of gaps and nodes over the
+      steps with a solve; for market studies ``revenue_eur``.
+
+    A :class:`bess.simulation.Result` adds the wall-clock ``solve_time_s_*``.
+    """
+    dataset: Any = getattr(result, "dataset", result)
+    values = {name: float(value) for name, value in _figures(dataset)}
+    times = getattr(result, "solve_time_s", None)
+    return values if times is None else values | solve_time_kpis(times)
+
+
+def solve_time_kpis(solve_time_s: Array) -> dict[str, float]:
+    """Median, 95th percentile and largest wall-clock time of a solve [s]."""
+    return {name: float(value) for name, value in _spread("solve_time_s", solve_time_s)}
+
+
+def _figures(dataset: xr.Dataset) -> Iterator[tuple[str, Any]]:
+    dt_h = float(dataset.attrs["step_h"])
+
+    def energy_kwh(name: str) -> float:
+        return float(np.abs(dataset[name].values).sum()) * dt_h
+
+    demand, request = energy_kwh("demand_kw"), energy_kwh("request_kw")
+    delivered, unmet = energy_kwh("delivered_kw"), energy_kwh("unmet_kw")
+    shed, derated = energy_kwh("availability_loss_kw"), energy_kwh("derating_loss_kw")
+    inverter, battery = energy_kwh("inverter_loss_kw"), energy_kwh("battery_loss_kw")
+    yield "availability_pct", _left_pct(shed, demand)
+    yield "derating_efficiency_pct", _left_pct(derated, request)
+    yield "inverter_efficiency_pct", _left_pct(inverter, request)
+    yield "battery_efficiency_pct", _left_pct(battery, request)
+    yield "system_efficiency_pct", _left_pct(inverter + battery, request)
+    yield "fulfilment_pct", _left_pct(demand - delivered, demand)
+    yield from _temperatures(dataset)
+    yield from _operation(dataset)
+    yield "demand_kwh", demand
+    yield "unmet_kwh", unmet
+    yield "request_kwh", request
+    yield "delivered_kwh", delivered
+    yield "availability_loss_kwh", shed
+    yield "derating_loss_kwh", derated
+    yield "inverter_loss_kwh", inverter
+    yield "battery_loss_kwh", battery
+    residual = float(np.abs(dataset["ledger_residual_kwh"].values).sum())
+    yield "ledger_residual_ratio", residual / delivered if delivered > 0.0 else residual
+    if "price_eur_mwh" in dataset:
+        sold_kw = dataset["delivered_kw"].values.sum(axis=1)
+        yield "revenue_eur", (sold_kw * dataset["price_eur_mwh"].values).sum() * dt_h / _KWH_PER_MWH
+    yield from _solver(dataset)
+
+
+def _temperatures(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
+    states = _with_initial(dataset, "temperature_c")
+    yield "peak_mean_temperature_c", states.mean(axis=1).max()
+    yield "peak_string_temperature_c", states.max()
+    yield "peak_node_temperature_c", dataset["node_max_c"].values.max()
+
+
+def _operation(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
+    soc = _with_initial(dataset, "soc")
+    spread = soc.max(axis=1) - soc.min(axis=1)
+    yield "soc_spread_max", spread.max()
+    yield "soc_spread_mean", spread.mean()
+    yield "full_cycles", np.abs(np.diff(soc, axis=0)).sum(axis=0).mean() / 2.0
+    starts = dataset["inverter_starts"].values.sum(axis=0)
+    yield "inverter_starts_mean", starts.mean()
+    yield "inverter_starts_max", starts.max()
+
+
+def _solver(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
+    solved = dataset["solver_nodes"].values > 0
+    yield "fallback_steps", dataset["fallback"].values.sum()
+    yield "solver_steps", solved.sum()
+    for name in ("solver_gap", "solver_search_gap", "solver_nodes"):
+        values = dataset[name].values[solved].astype(np.float64)
+        yield from _spread(name, values[np.isfinite(values)])
+
+
+def _spread(name: str, values: Array) -> Iterator[tuple[str, float]]:
+    """Nothing for a run without solves: there is no such figure then."""
+    if values.size:
+        yield f"{name}_median", np.median(values)
+        yield f"{name}_p95", np.quantile(values, 0.95)
+        yield f"{name}_max", values.max()
+
+
+def _left_pct(loss: float, total: float) -> float:
+    return PERCENT if total == 0.0 else PERCENT * (1.0 - loss / total)
+
+
+def _with_initial(dataset: xr.Dataset, name: str) -> Array:
+    initial = np.atleast_1d(np.asarray(dataset.attrs[f"initial_{name}"], dtype=np.float64))
+    return np.concatenate([initial[None, :], dataset[name].values])

@@ -1,0 +1,137 @@
+"""The commands. Everything heavy is imported inside them, so that ``bess --help`` stays fast."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+app = typer.Typer(
+    name="bess",
+    help="Power split control of multi-string battery storage, in closed loop with an electro-thermal plant.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+
+StudyName = Annotated[
+    str, typer.Argument(metavar="STUDY", help="Bundled study (see bess list) or a TOML file.")
+]
+Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results.")]
+Days = Annotated[float | None, typer.Option("--days", help="Length of the run; sets run.days.")]
+Assignments = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="KEY=VALUE", help="Set a key of the study, such as policy.horizon_steps=4."
+    ),
+]
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        from bess import __version__
+
+        print(f"bess {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def bess(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    """Take the options that belong to no command."""
+
+
+@app.command()
+def run(
+    study: StudyName,
+    out: Out = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue an unfinished run in DIR.")] = False,
+    days: Days = None,
+    assignments: Assignments = None,
+) -> None:
+    """Run a study in closed loop and print its key figures."""
+    from bess.cli.kpi_table import kpi_table
+    from bess.simulation import load_study, run, run_scenarios
+
+    loaded = load_study(study, _values(days, assignments))
+    folder = _folder(out, loaded.name, resume)
+    if loaded.scenario or loaded.sweep:
+        results = run_scenarios(loaded, out=folder, resume=resume)
+    else:
+        results = {loaded.name: run(loaded, out=folder, resume=resume)}
+    print(kpi_table({name: result.kpis for name, result in results.items()}))
+    print(f"\nResults are in {folder}; bess report {folder} draws them.")
+
+
+@app.command()
+def sweep(
+    study: StudyName,
+    out: Out = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes of a local Dask cluster.")] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="An existing Dask scheduler.")
+    ] = None,
+    days: Days = None,
+    assignments: Assignments = None,
+) -> None:
+    """Run all scenarios and sweep points of a study side by side on Dask; finished ones are skipped."""
+    from bess.simulation import load_study
+    from bess.sweep import run_sweep
+
+    loaded = load_study(study, _values(days, assignments))
+    run_sweep(loaded, out or Path("results") / loaded.name, workers=workers, scheduler=scheduler)
+
+
+@app.command()
+def report(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run or of several.")],
+) -> None:
+    """Draw the figures of a run and write a self-contained HTML page."""
+    from bess.report import write_report
+
+    print(write_report(directory))
+
+
+@app.command()
+def check(study: StudyName, days: Days = None, assignments: Assignments = None) -> None:
+    """Validate a study and the data it names; run nothing."""
+    from bess.cli.checking import findings
+    from bess.simulation import load_study
+
+    for line in findings(load_study(study, _values(days, assignments))):
+        print(line)
+
+
+@app.command("list")
+def list_() -> None:
+    """List bundled studies, systems, cells, inverters and policies."""
+    from bess.cli.listing import listing
+
+    print(listing())
+
+
+def _values(days: float | None, assignments: list[str] | None) -> dict[str, Any]:
+    from bess.simulation.keys import parse_assignment
+
+    values = dict(parse_assignment(text) for text in assignments or [])
+    return values if days is None else {**values, "run.days": days}
+
+
+def _folder(out: Path | None, name: str, resume: bool) -> Path:
+    """``--out``, or a folder that does not exist yet."""
+    from bess.errors import InputError
+
+    if out is not None:
+        return out
+    if resume:
+        raise InputError("--resume: name the folder of the run with --out")
+    folder, number = Path("results") / name, 1
+    while folder.exists():
+        number += 1
+        folder = Path("results") / f"{name}-{number}"
+    return folder

@@ -1,0 +1,38 @@
+"""What ``bess check`` finds out about a study without running it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from bess.policies import build_policy
+from bess.simulation import Study, expand
+from bess.simulation.inputs import prepare
+from bess.simulation.run import policy_settings
+
+
+def findings(study: Study) -> Iterator[str]:
+    """Yield lines for people.
+
+    Raises
+    ------
+    InputError
+        The first thing that is wrong, in any of its runs.
+    """
+    runs = expand(study)
+    seen = None
+    for name, each in runs.items():
+        inputs = prepare(each)
+        build_policy(each.policy.name, inputs.system, policy_settings(each, inputs))
+        times = inputs.grid.times
+        facts = [
+            f"system: {inputs.system}",
+            f"steps: {times.size} of {inputs.grid.step_s / 60:g} min from {times[0]} UTC",
+            *inputs.notes,
+            f"ambient: {inputs.ambient_c.min():g} to {inputs.ambient_c.max():g} degC",
+            f"policy: {each.policy.name}, horizon {inputs.horizon_steps} steps",
+        ]
+        yield name if facts != seen else f"{name}: the same data"
+        if facts != seen:
+            yield from (f"  {fact}" for fact in facts)
+        seen = facts
+    yield f"{study.name}: {len(runs)} run{'s' if len(runs) > 1 else ''}, nothing wrong"

@@ -1,0 +1,23 @@
+"""What comes with the package."""
+
+from __future__ import annotations
+
+from bess.components.registry import list_cells, list_inverters, list_systems
+from bess.policies import POLICIES
+from bess.simulation import bundled_studies
+
+
+def listing() -> str:
+    """Return all bundled things by kind, one line each."""
+    kinds = {
+        "studies": bundled_studies(),
+        "systems": {entry.name: entry.description for entry in list_systems()},
+        "cells": {entry.name: entry.description for entry in list_cells()},
+        "inverters": {entry.name: entry.description for entry in list_inverters()},
+        "policies": {name: description for name, (_, description) in POLICIES.items()},
+    }
+    width = max(len(name) for entries in kinds.values() for name in entries)
+    return "\n\n".join(
+        "\n".join([kind, *(f"  {name.ljust(width)}  {text}" for name, text in entries.items())])
+        for kind, entries in kinds.items()
+    )

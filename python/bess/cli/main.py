@@ -1,0 +1,52 @@
+"""Entry point: one line on standard error for what went wrong, and the exit status that goes with it."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from typing import Final
+
+import typer
+
+from bess.cli.app import app
+from bess.errors import BessError, InputError, StoppedEarly
+
+DONE: Final = 0
+FAILED: Final = 1
+BAD_INPUT: Final = 2
+STOPPED: Final = 3
+
+# typer carries its own copy of click since 0.26; this finds the base of usage errors in either.
+_UsageError: Final = typer.BadParameter.__bases__[0]
+
+
+def main() -> None:
+    """Run the command line and exit with its status."""
+    # Outside the closed loop SIGTERM ends the program the way Ctrl-C does.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    sys.exit(_status())
+
+
+def _status() -> int:
+    try:
+        return app(standalone_mode=False) or DONE
+    except InputError as error:
+        return _say(str(error), BAD_INPUT)
+    except StoppedEarly as error:
+        return _say(str(error), STOPPED)
+    except BessError as error:
+        return _say(str(error), FAILED)
+    except (typer.Abort, KeyboardInterrupt):
+        return _say("stopped; what was saved before stays, continue with --resume", STOPPED)
+    except BrokenPipeError:
+        sys.stderr.close()
+        return FAILED
+    except Exception as error:
+        if isinstance(error, _UsageError):
+            return _say(f"{error} (see bess --help)", BAD_INPUT)
+        raise
+
+
+def _say(message: str, status: int) -> int:
+    print("bess: " + " ".join(message.split()), file=sys.stderr)
+    return status

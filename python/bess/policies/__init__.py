@@ -1,0 +1,19 @@
+"""Policies: how the demand of a step is shared among the strings.
+
+A new policy is one file and one line in ``POLICIES``.
+"""
+
+from bess.policies.policy import NO_OPTIMISATION, Decision, Policy, Situation, SolverReport
+from bess.policies.registry import POLICIES, build_policy
+from bess.policies.settings import Settings
+
+__all__ = [
+    "NO_OPTIMISATION",
+    "POLICIES",
+    "Decision",
+    "Policy",
+    "Settings",
+    "Situation",
+    "SolverReport",
+    "build_policy",
+]

@@ -1,0 +1,73 @@
+"""Mixed-integer model predictive control: the power split over the horizon, its first step applied."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bess.parameters import System
+from bess.policies.policy import Decision, Situation, SolverReport
+from bess.policies.settings import Settings
+
+if TYPE_CHECKING:
+    from bess.split import PowerSplit
+
+
+class MpcPolicy:
+    """Calls one compiled :class:`bess.PowerSplit` in every step in which something is asked."""
+
+    def __init__(self, splitter: PowerSplit, statuses: Mapping[int, str]) -> None:
+        self._splitter = splitter
+        self.statuses = statuses
+
+    def __call__(self, situation: Situation) -> Decision:
+        """Solve over the horizon; an idle step needs no solve."""
+        if situation.demand_kw[0] == 0.0:
+            return Decision(np.zeros_like(situation.limit_kw))
+        split = self._splitter(
+            situation.state,
+            situation.demand_kw,
+            ambient_c=situation.ambient_c,
+            limit_kw=situation.limit_kw,
+        )
+        report = SolverReport(
+            status=split.status.code,
+            gap=split.gap,
+            search_gap=split.search_gap,
+            nodes=split.nodes,
+            solve_time_s=split.solve_time_s,
+            fallback=split.fallback,
+        )
+        return Decision(split.request_kw[:, 0].copy(), report)
+
+    def memory(self) -> dict[str, Any]:
+        """The plan from which the next search starts."""
+        return {"warm_start": self._splitter.warm_start}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Start the next search from the plan of the checkpoint."""
+        self._splitter.warm_start = memory["warm_start"]
+
+
+def build(system: System, settings: Settings) -> MpcPolicy:
+    """Compile the power split for a system; imports the optimiser, which takes a second or two."""
+    from bess.split import Objectives, PowerSplit
+    from bess.split.objectives import Objective
+    from bess.split.outcome import SplitStatus
+
+    goals = {
+        name: Objective(**value) if isinstance(value, Mapping) else value
+        for name, value in settings.objectives.items()
+    }
+    splitter = PowerSplit(
+        system,
+        settings.horizon_steps,
+        objectives=Objectives(**goals),
+        dt_h=settings.dt_h,
+        gap=settings.gap,
+        node_limit=settings.node_limit,
+        time_limit_s=settings.time_limit_s,
+    )
+    return MpcPolicy(splitter, {status.code: str(status) for status in SplitStatus})

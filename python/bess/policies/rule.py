@@ -1,0 +1,106 @@
+"""Policies without a solver: a rule for sharing, and what all of them have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bess.parameters import State, System
+from bess.policies.capability import Capability
+from bess.policies.policy import NO_OPTIMISATION, Decision, Situation
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Task:
+    """A demand to share in one direction; powers are magnitudes [kW].
+
+    Attributes
+    ----------
+    demand_kw : float
+        Total to share.
+    discharge : bool
+        Direction.
+    capability_kw : ndarray, shape (n_strings,)
+        What each string can take over the whole step without shedding.
+    state : State
+        Measured state.
+    """
+
+    demand_kw: float
+    discharge: bool
+    capability_kw: Vector
+    state: State
+
+
+Share = Callable[[System, Task], Vector]
+"""A rule: powers [kW] up to each string's capability, in total the demand or, if less, all they can take."""
+
+
+class RulePolicy:
+    """Shares every step's demand by a rule, without looking ahead.
+
+    What no string can take is requested all the same, spread over the free inverter power, so that the plant
+    records it as lost availability.
+    """
+
+    statuses: Mapping[int, str] = {NO_OPTIMISATION: "no optimisation needed"}
+
+    def __init__(self, system: System, dt_h: float, share: Share) -> None:
+        self._system = system
+        self._share = share
+        self._capability = Capability(system, dt_h)
+
+    def __call__(self, situation: Situation) -> Decision:
+        """Share the demand of this step."""
+        demand_kw = float(situation.demand_kw[0])
+        limit_kw = situation.limit_kw
+        if demand_kw == 0.0:
+            return Decision(np.zeros_like(limit_kw))
+        discharge = demand_kw > 0.0
+        capability_kw = np.minimum(self._capability(situation, discharge), limit_kw)
+        task = Task(abs(demand_kw), discharge, capability_kw, situation.state)
+        power_kw = np.minimum(self._share(self._system, task), limit_kw)
+        rest_kw = task.demand_kw - float(power_kw.sum())
+        if rest_kw > 0.0:
+            free_kw = limit_kw - power_kw
+            power_kw = np.minimum(power_kw + water_fill(rest_kw, free_kw, free_kw), limit_kw)
+        return Decision(np.copysign(power_kw, demand_kw))
+
+    def memory(self) -> dict[str, Any]:
+        """Nothing: a rule looks at the situation only."""
+        return {}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Nothing to restore."""
+
+
+def water_fill(total_kw: float, weights: Vector, caps_kw: Vector) -> Vector:
+    """Share ``total_kw`` in proportion to ``weights``; what would exceed a cap goes to the others.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Powers [kW], each at most its cap, in total ``min(total_kw, caps_kw.sum())``. Strings without weight
+        get power only when all others are at their caps.
+    """
+    power_kw = np.zeros_like(caps_kw)
+    open_ = caps_kw > 0.0
+    rest_kw = total_kw
+    while rest_kw > 0.0 and open_.any():
+        share = np.where(open_, weights, 0.0)
+        if share.sum() <= 0.0:
+            share = np.where(open_, caps_kw, 0.0)
+        wanted_kw = power_kw + rest_kw * (share / share.sum())
+        over = open_ & (wanted_kw >= caps_kw)
+        if not over.any():
+            return np.asarray(wanted_kw)
+        power_kw = np.where(over, caps_kw, power_kw)
+        open_ &= ~over
+        rest_kw = total_kw - float(power_kw.sum())
+    return power_kw

@@ -1,0 +1,14 @@
+"""In proportion to the energy left (discharge) or the room left (charge): SOCs converge."""
+
+import numpy as np
+
+from bess.parameters import System
+from bess.policies.rule import Task, Vector, water_fill
+
+
+def share(system: System, task: Task) -> Vector:
+    """Weights are the energy [kWh] between the SOC and the end of its window in the direction of power."""
+    window = np.array([(string.battery.soc_min, string.battery.soc_max) for string in system.strings])
+    left = task.state.soc - window[:, 0] if task.discharge else window[:, 1] - task.state.soc
+    weights = np.maximum(left, 0.0) * system.nominal_energy_kwh
+    return water_fill(task.demand_kw, weights, task.capability_kw)

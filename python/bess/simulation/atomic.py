@@ -1,0 +1,65 @@
+"""Writing files so that a crash leaves the old file or the new one, and a full disk a clear message."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from bess.errors import BessError
+
+_TEMPORARY = ".tmp"
+
+
+@contextmanager
+def clear_errors(path: Path) -> Iterator[None]:
+    """Turn an operating system error met while writing ``path`` into one sentence that says what is safe."""
+    try:
+        yield
+    except OSError as error:
+        code = error.errno if error.errno is not None else _errno_in(str(error))
+        full = code in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+        cause = "the disk is full, make room" if full else f"cannot be written ({error.strerror or error})"
+        raise BessError(
+            f"{path}: {cause}; everything saved before is intact, continue with --resume"
+        ) from error
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Yield a temporary path; on success it is flushed to the disk and takes the place of ``path``."""
+    temporary = path.with_name(path.name + _TEMPORARY)
+    with clear_errors(path):
+        try:
+            yield temporary
+            with temporary.open("rb+") as file:
+                os.fsync(file.fileno())
+            temporary.replace(path)
+            sync_directory(path.parent)
+        except OSError:
+            temporary.unlink(missing_ok=True)
+            raise
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write a whole file atomically and durably."""
+    with replacing(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def sync_directory(path: Path) -> None:
+    """Make the names in a directory durable."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _errno_in(message: str) -> int | None:
+    """HDF5 reports the operating system's error number in its text only."""
+    _, found, rest = message.partition("errno = ")
+    digits = rest.split(",")[0].strip()
+    return int(digits) if found and digits.isdigit() else None

@@ -1,0 +1,130 @@
+"""One control step after the other: demand, policy, plant, record."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bess.errors import BessError
+from bess.plant import Plant, PlantSnapshot
+from bess.policies import Decision, Policy, Situation
+from bess.simulation.inputs import Inputs
+from bess.simulation.schema import FLOWS
+
+_TOLERANCE = 1e-9
+"""Relative slack for sums of set-points against the demand: rounding only."""
+
+
+class ClosedLoop:
+    """A policy acting on a plant.
+
+    Attributes
+    ----------
+    step : int
+        Index of the next step.
+    """
+
+    def __init__(self, inputs: Inputs, policy: Policy, plant: Plant, *, node_temperatures: bool) -> None:
+        self._inputs = inputs
+        self._policy = policy
+        self._plant = plant
+        self._flows = (*FLOWS, "node_temperature_c") if node_temperatures else FLOWS
+        strings = inputs.system.strings
+        self._soc_min = np.array([string.battery.soc_min for string in strings])
+        self._energy_kwh = inputs.system.nominal_energy_kwh
+        self.step = 0
+
+    def advance(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Run one control step.
+
+        Returns
+        -------
+        record, log : dict
+            Values of this step by the names of the result, and the line for the log.
+        """
+        step, inputs = self.step, self._inputs
+        state = self._plant.state
+        energy_kwh = float(((state.soc - self._soc_min) * self._energy_kwh).sum())
+        limit_kw = inputs.limit_kw[step]
+        total_kw = float(limit_kw.sum())
+        ahead_kw = inputs.demand.ahead(step, inputs.horizon_steps, energy_kwh)
+        demand_kw = float(ahead_kw[0])
+        served_kw = np.clip(ahead_kw, -total_kw, total_kw)
+        ambient_c = float(inputs.ambient_c[step])
+        decision = self._decide(Situation(state, served_kw, ambient_c, limit_kw))
+        flows = self._plant.step(
+            decision.request_kw, duration_s=float(inputs.grid.step_s), ambient_c=ambient_c
+        )
+        solver = decision.solver
+        record: dict[str, Any] = {
+            "demand_kw": demand_kw,
+            "unmet_kw": abs(demand_kw - float(served_kw[0])),
+            "ambient_c": ambient_c,
+            "request_kw": decision.request_kw,
+            "solver_status": solver.status,
+            "solver_gap": solver.gap,
+            "solver_search_gap": solver.search_gap,
+            "solver_nodes": solver.nodes,
+            "fallback": int(solver.fallback),
+        }
+        if inputs.price_eur_mwh is not None:
+            record["price_eur_mwh"] = inputs.price_eur_mwh[step]
+        for name in self._flows:
+            record[name] = getattr(flows, name)
+        self._check(record)
+        log = {
+            "step": step,
+            "time": str(np.datetime64(inputs.grid.start_s + step * inputs.grid.step_s, "s")) + "Z",
+            "status": self._policy.statuses[solver.status],
+            "gap": solver.gap,
+            "search_gap": solver.search_gap,
+            "nodes": solver.nodes,
+            "fallback": solver.fallback,
+            "unmet_kw": record["unmet_kw"],
+            "solve_time_s": solver.solve_time_s,
+        }
+        self.step += 1
+        return record, log
+
+    def checkpoint(self) -> dict[str, Any]:
+        """Everything the next step depends on."""
+        return {
+            "step": self.step,
+            "plant": vars(self._plant.snapshot()),
+            "policy": self._policy.memory(),
+            "demand": self._inputs.demand.memory(),
+        }
+
+    def restore(self, checkpoint: Mapping[str, Any]) -> None:
+        """Continue after the step at which :meth:`checkpoint` was called."""
+        self.step = checkpoint["step"]
+        self._plant.restore(PlantSnapshot(**checkpoint["plant"]))
+        self._policy.recall(checkpoint["policy"])
+        self._inputs.demand.recall(checkpoint["demand"])
+
+    def _decide(self, situation: Situation) -> Decision:
+        decision = self._policy(situation)
+        request_kw, demand_kw = decision.request_kw, situation.demand_kw[0]
+        slack_kw = _TOLERANCE * max(1.0, float(situation.limit_kw.sum()))
+        # Written so that NaN fails as well.
+        held = np.abs(request_kw) <= situation.limit_kw + slack_kw
+        if not (held.all() and abs(request_kw.sum() - demand_kw) <= slack_kw):
+            raise BessError(
+                f"step {self.step}: the policy requested {_listed(request_kw)} kW for {demand_kw:g} kW "
+                f"within {_listed(situation.limit_kw)} kW; this is an error of the policy"
+            )
+        return decision
+
+    def _check(self, record: Mapping[str, Any]) -> None:
+        for name in FLOWS:
+            if not np.isfinite(record[name]).all():
+                raise BessError(
+                    f"step {self.step}: the plant returned {name} = {record[name]}; please report this"
+                )
+
+
+def _listed(values: NDArray[np.float64]) -> str:
+    return "[" + ", ".join(f"{value:g}" for value in values[:8]) + (", ...]" if values.size > 8 else "]")

@@ -1,0 +1,158 @@
+"""From the section ``[demand]`` of a study to its control steps and what is asked in each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bess.errors import InputError
+from bess.parameters import System
+from bess.simulation.demand import ArbitrageSource, DemandSource, ProfileSource
+from bess.simulation.grid import Grid, Series, seconds_of
+from bess.simulation.sections import ArbitrageDemand, ProfileDemand
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from bess.simulation.study import Study
+
+_DEFAULT_START = datetime(2024, 1, 1, tzinfo=UTC)
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Demand of a run.
+
+    Attributes
+    ----------
+    grid : Grid
+        Control steps of the run.
+    source : DemandSource
+        What is asked in each.
+    price_eur_mwh : ndarray, shape (n_steps,), or None
+        Market studies only.
+    files : list of Path
+        Files that were read.
+    notes : list of str
+        What was found in them, for people.
+    """
+
+    grid: Grid
+    source: DemandSource
+    price_eur_mwh: Array | None = None
+    files: list[Path] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+def demand_of(study: Study, system: System, step_s: float, horizon: int) -> Asked:
+    """Read what the section ``[demand]`` names and lay it onto the control steps of the run."""
+    if isinstance(study.demand, ArbitrageDemand):
+        return _arbitrage(study, study.demand, system, step_s)
+    return _profile(study, study.demand, system, step_s, horizon)
+
+
+def _profile(study: Study, choice: ProfileDemand, system: System, step_s: float, horizon: int) -> Asked:
+    from bess.ems import PROFILES, Perfect, Persistence, bundled_profile, read_profile
+
+    dt_h = step_s / 3600.0
+    repairs: list[str] = []
+    if choice.file in PROFILES:
+        series = Series(
+            values=bundled_profile(choice.file, dt_h=dt_h) * choice.scale,
+            start_s=seconds_of(study.run.start or _DEFAULT_START),
+            step_s=round(step_s),
+            what=f"profile {choice.file}",
+            key="demand.file",
+        )
+    else:
+        read = read_profile(
+            choice.file,
+            column=choice.column,
+            unit=choice.unit,
+            positive=choice.positive,
+            scale=choice.scale,
+            dt_h=dt_h,
+            time_zone=choice.time_zone,
+        )
+        series = Series.from_pandas(read, choice.file, "demand.file")
+        repairs = _repairs(read)
+    start = study.run.start or series.start
+    grid = Grid.of(start, step_s, study.run.days or series.days_from(start, step_s))
+    # A forecast may look past the end of the run, as far as the profile goes.
+    wanted = grid.longer(horizon)
+    if choice.repeat:
+        period = series.on(Grid(series.start_s, grid.step_s, wanted.n_steps), whole=False)
+        first = (grid.start_s - series.start_s) // grid.step_s
+        values = period[(first + np.arange(wanted.n_steps)) % period.size]
+    else:
+        series.on(grid)
+        values = series.on(wanted, whole=False)
+    forecast = Perfect(values) if choice.forecast == "perfect" else Persistence(values, dt_h)
+    asked = values[: grid.n_steps]
+    above = int((np.abs(asked) > system.nominal_kw.sum() * (1.0 + 1e-9)).sum())
+    notes = [f"demand: {series.what}, {asked.min():g} to {asked.max():g} kW", *repairs]
+    if above:
+        notes.append(
+            f"demand is above the {system.nominal_kw.sum():g} kW of the plant in {above} steps (unmet)"
+        )
+    return Asked(
+        grid, ProfileSource(forecast), None, [] if choice.file in PROFILES else [Path(choice.file)], notes
+    )
+
+
+def _arbitrage(study: Study, choice: ArbitrageDemand, system: System, step_s: float) -> Asked:
+    from bess.ems import Arbitrage, Perfect, Persistence
+    from bess.ems.arbitrage import calendar_days
+    from bess.market import read_prices
+
+    if choice.prices is None:
+        raise InputError(
+            f"{study.name}: demand.prices is not set: name a price file (SMARD, Energy-Charts or ENTSO-E "
+            "export), for example --set demand.prices=FILE.csv"
+        )
+    read = read_prices(
+        choice.prices, choice.zone, choice.product, time_zone=choice.time_zone, fill=choice.fill
+    )
+    series = Series.from_pandas(read, choice.prices, "demand.prices")
+    start = study.run.start or series.start
+    grid = Grid.of(start, step_s, study.run.days or series.days_from(start, step_s))
+    price = series.on(grid)
+    wanted = grid.longer(round(choice.look_ahead_h / grid.dt_h))
+    ahead = series.on(wanted, whole=False)
+    window = np.array([string.battery.soc_max - string.battery.soc_min for string in system.strings])
+    energy_kwh = float((system.nominal_energy_kwh * window).sum())
+    power_kw = float(system.nominal_kw.sum())
+    arbitrage = Arbitrage(
+        Perfect(ahead) if choice.forecast == "perfect" else Persistence(ahead, grid.dt_h),
+        calendar_days(_index(wanted, ahead.size), choice.market_time_zone),
+        power_kw=min(power_kw, choice.max_power_kw or power_kw),
+        energy_kwh=min(energy_kwh, choice.max_energy_kwh or energy_kwh),
+        efficiency=choice.efficiency,
+        cycles_per_day=choice.cycles_per_day,
+        look_ahead_h=choice.look_ahead_h,
+        replan_h=choice.replan_h,
+        dt_h=grid.dt_h,
+    )
+    notes = [
+        f"prices: {choice.prices}, min / mean / max of the run "
+        f"{price.min():.2f} / {price.mean():.2f} / {price.max():.2f} EUR/MWh",
+        *_repairs(read),
+    ]
+    return Asked(grid, ArbitrageSource(arbitrage), price, [Path(choice.prices)], notes)
+
+
+def _index(grid: Grid, n_steps: int) -> pd.DatetimeIndex:
+    import pandas as pd
+
+    return pd.DatetimeIndex(grid.times[:n_steps]).tz_localize("UTC")
+
+
+def _repairs(series: pd.Series[float]) -> list[str]:
+    return [f"repaired: {repair}" for repair in series.attrs.get("repairs", ())]

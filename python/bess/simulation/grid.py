@@ -1,0 +1,124 @@
+"""The control steps of a run, and series from files laid onto them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bess.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_S_PER_DAY = 86_400
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Control steps of equal length from ``start`` on, in whole seconds since 1970 (UTC)."""
+
+    start_s: int
+    step_s: int
+    n_steps: int
+
+    @classmethod
+    def of(cls, start: datetime, step_s: float, days: float) -> Grid:
+        """Return the steps of ``days`` days; a part of a step is refused."""
+        steps = days * _S_PER_DAY / step_s
+        if abs(steps - round(steps)) > 1e-6 or round(steps) < 1:
+            raise InputError(
+                f"run.days = {days:g}: must be a whole number of steps of {step_s / 60:g} min, at least one"
+            )
+        return cls(seconds_of(start), round(step_s), round(steps))
+
+    @property
+    def times(self) -> NDArray[np.datetime64]:
+        """Start of each step, UTC."""
+        return (self.start_s + self.step_s * np.arange(self.n_steps)).astype("datetime64[s]")
+
+    @property
+    def dt_h(self) -> float:
+        """Length of a step [h]."""
+        return self.step_s / 3600.0
+
+    def longer(self, n_steps: int) -> Grid:
+        """Return the same steps and ``n_steps`` more."""
+        return Grid(self.start_s, self.step_s, self.n_steps + n_steps)
+
+
+def seconds_of(instant: datetime) -> int:
+    """Whole seconds since 1970 of a time-zone aware instant."""
+    return round(instant.timestamp())
+
+
+@dataclass(frozen=True)
+class Series:
+    """A regular series read from a file; ``what`` and ``key`` are for messages."""
+
+    values: NDArray[np.float64]
+    start_s: int
+    step_s: int
+    what: str
+    key: str
+
+    @classmethod
+    def from_pandas(cls, series: pd.Series[float], what: str, key: str) -> Series:
+        """Take over a gap-free series with a time-zone aware index."""
+        import pandas as pd
+
+        utc = pd.DatetimeIndex(series.index).tz_convert("UTC").tz_localize(None)
+        seconds = utc.to_numpy().astype("datetime64[s]").astype(np.int64)
+        if seconds.size < 2:
+            raise InputError(f"{key}: {what} has {seconds.size} values; at least two are needed")
+        return cls(
+            np.asarray(series, dtype=np.float64), int(seconds[0]), int(seconds[1] - seconds[0]), what, key
+        )
+
+    @property
+    def start(self) -> datetime:
+        """Start of the first value."""
+        return datetime.fromtimestamp(self.start_s, tz=UTC)
+
+    def days_from(self, start: datetime, step_s: float) -> float:
+        """Days of whole control steps from ``start`` to the end of the series."""
+        steps = (self.start_s + self.step_s * self.values.size - seconds_of(start)) // step_s
+        return steps * step_s / _S_PER_DAY
+
+    def on(self, grid: Grid, *, whole: bool = True) -> NDArray[np.float64]:
+        """Return the mean over each step of ``grid``, a value holding until the next.
+
+        Parameters
+        ----------
+        whole
+            Refuse a series that ends before the grid does; otherwise return what there is.
+        """
+        end_s = self.start_s + self.step_s * self.values.size
+        if self.start_s > grid.start_s or grid.start_s >= end_s:
+            self._refuse(grid)
+        n_steps = min(grid.n_steps, (end_s - grid.start_s) // grid.step_s)
+        if n_steps < grid.n_steps and whole:
+            self._refuse(grid)
+        # The integral of a held series is piecewise linear: its differences are exact means for any steps.
+        knots = self.start_s + self.step_s * np.arange(self.values.size + 1)
+        edges = grid.start_s + grid.step_s * np.arange(n_steps + 1)
+        if self.step_s % grid.step_s == 0 and (grid.start_s - self.start_s) % grid.step_s == 0:
+            return self.values[(edges[:-1] - self.start_s) // self.step_s]
+        integral = np.concatenate([[0.0], np.cumsum(self.values * self.step_s)])
+        return np.asarray(np.diff(np.interp(edges, knots, integral)) / grid.step_s)
+
+    def _refuse(self, grid: Grid) -> None:
+        have = (self.start_s, self.start_s + self.step_s * self.values.size)
+        need = (grid.start_s, grid.start_s + grid.step_s * grid.n_steps)
+        raise InputError(
+            f"{self.key}: {self.what} covers {_span(*have)}, the run needs {_span(*need)}; "
+            "set run.start and run.days"
+        )
+
+
+def _span(first_s: int, last_s: int) -> str:
+    first, last = (datetime.fromtimestamp(s, tz=UTC).strftime("%Y-%m-%d %H:%M") for s in (first_s, last_s))
+    return f"{first} to {last} UTC"

@@ -1,0 +1,115 @@
+"""Everything a closed loop needs, made from a study: system, steps, demand, ambient, limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bess.errors import InputError
+from bess.parameters import System
+from bess.simulation.demand import DemandSource
+from bess.simulation.demand_choice import demand_of
+from bess.simulation.grid import Grid, Series, seconds_of
+from bess.simulation.plant_choice import build_system
+from bess.simulation.sections import Event
+from bess.simulation.study import Study
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """A study with its data.
+
+    Attributes
+    ----------
+    system : System
+        The plant's parameters.
+    grid : Grid
+        Control steps.
+    horizon_steps : int
+        Steps the policy is told of.
+    demand : DemandSource
+        Asked once for each step.
+    price_eur_mwh : ndarray, shape (n_steps,), or None
+        Market studies only.
+    ambient_c : ndarray, shape (n_steps,)
+        Ambient temperature [degC].
+    limit_kw : ndarray, shape (n_steps, n_strings)
+        Power of each inverter in service.
+    files : list of Path
+        Files the study read.
+    notes : list of str
+        What was found in them, for people.
+    """
+
+    system: System
+    grid: Grid
+    horizon_steps: int
+    demand: DemandSource
+    price_eur_mwh: Array | None
+    ambient_c: Array
+    limit_kw: Array
+    files: list[Path]
+    notes: list[str]
+
+
+def prepare(study: Study) -> Inputs:
+    """Read all files of a study and check that they cover the run.
+
+    Raises
+    ------
+    InputError
+        From any file, or where the parts of a study do not fit each other.
+    """
+    system = build_system(study.system, study.run)
+    step_s = system.control.step_min * 60.0
+    if step_s != round(step_s):
+        raise InputError(
+            f"{system.name}: control.step_min = {system.control.step_min:g}: must be whole seconds"
+        )
+    horizon = study.policy.horizon_steps or system.control.horizon_steps
+    asked = demand_of(study, system, step_s, horizon)
+    grid, files = asked.grid, list(asked.files)
+    ambient = np.full(grid.n_steps, system.ambient_c)
+    if study.weather.file is not None:
+        ambient = _ambient(study, study.weather.file, grid)
+        files.append(Path(study.weather.file))
+    limit = _limits(study.event, system, grid)
+    return Inputs(
+        system, grid, horizon, asked.source, asked.price_eur_mwh, ambient, limit, files, asked.notes
+    )
+
+
+def _ambient(study: Study, file: str, grid: Grid) -> Array:
+    from bess.market import read_weather
+
+    choice = study.weather
+    read = read_weather(file, column=choice.column, time_zone=choice.time_zone, fill=choice.fill)
+    return Series.from_pandas(read, file, "weather.file").on(grid) + choice.offset_k
+
+
+def _limits(events: tuple[Event, ...], system: System, grid: Grid) -> Array:
+    limit = np.broadcast_to(system.nominal_kw, (grid.n_steps, system.n_strings))
+    if events:
+        limit = limit.copy()
+    for number, event in enumerate(events):
+        if event.string >= system.n_strings:
+            raise InputError(
+                f"event[{number}].string = {event.string}: the system has strings 0 to {system.n_strings - 1}"
+            )
+        first, last = (
+            (seconds_of(instant) - grid.start_s) / grid.step_s for instant in (event.start, event.end)
+        )
+        if last <= 0 or first >= grid.n_steps:
+            raise InputError(
+                f"event[{number}]: {event.start:%Y-%m-%d %H:%M} to {event.end:%Y-%m-%d %H:%M} UTC "
+                "is outside the run"
+            )
+        # A step in which the limit holds for a part counts as a whole.
+        steps = slice(max(0, int(np.floor(first))), int(np.ceil(last)))
+        limit[steps, event.string] = np.minimum(limit[steps, event.string], event.limit_kw)
+    return limit

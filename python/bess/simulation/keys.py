@@ -1,0 +1,124 @@
+"""Dotted keys of a study: which exist, how one is set, and which one was probably meant."""
+
+from __future__ import annotations
+
+import copy
+import difflib
+import tomllib
+from collections.abc import Iterator, Mapping
+from typing import Any, get_args
+
+from pydantic import BaseModel
+
+from bess.errors import InputError
+
+Document = dict[str, Any]
+_ANY = "*"
+
+
+def known_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
+    """Dotted keys of ``model``; ``*`` stands for any name below, or any index of, a table."""
+    for name, field in model.model_fields.items():
+        key = prefix + name
+        sections = list(_sections(field.annotation))
+        origins = _origins(field.annotation)
+        if not sections or float in origins:
+            yield key
+        if not sections and dict in origins:
+            yield f"{key}.{_ANY}"
+        many = tuple in origins
+        for section in sections:
+            yield from known_keys(section, f"{key}.{_ANY}." if many else f"{key}.")
+
+
+def check_keys(document: Mapping[str, Any], model: type[BaseModel], place: str) -> None:
+    """Raise :class:`InputError` for the first key of ``document`` that ``model`` does not have."""
+    known = sorted(set(known_keys(model)))
+    for key in _leaves(document, ""):
+        if not any(_matches(key, pattern) for pattern in known):
+            names = [pattern for pattern in known if _ANY not in pattern]
+            raise InputError(f"{place}: {key}: unknown key; {nearest(key, names)}")
+
+
+def nearest(name: str, names: list[str]) -> str:
+    """The part of an error message that says what was probably meant."""
+    close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+    return f"did you mean {close[0]!r}?" if close else f"allowed: {', '.join(names)}"
+
+
+def with_value(document: Mapping[str, Any], key: str, value: Any) -> Document:
+    """Return a copy of ``document`` in which the dotted ``key`` has ``value``; an index addresses a list."""
+    changed = copy.deepcopy(dict(document))
+    node: Any = changed
+    *path, last = key.split(".")
+    for part in path:
+        node = _child(node, part, key)
+    if isinstance(node, list):
+        node[_index(node, last, key)] = value
+    else:
+        node[last] = value
+    return changed
+
+
+def parse_assignment(text: str) -> tuple[str, Any]:
+    """Split ``key=value``; the value is TOML, and a word that is none is taken as text."""
+    key, found, raw = text.partition("=")
+    key, raw = key.strip(), raw.strip()
+    if not found or not key or not raw:
+        raise InputError(f"--set {text!r}: write key=value, for example --set policy.horizon_steps=4")
+    try:
+        return key, tomllib.loads(f"value = {raw}")["value"]
+    except tomllib.TOMLDecodeError as error:
+        if raw[0] in "[{\"'":
+            raise InputError(f"--set {text!r}: {raw} is not a TOML value ({error})") from error
+        return key, raw
+
+
+def _child(node: Any, part: str, key: str) -> Any:
+    if isinstance(node, list):
+        return node[_index(node, part, key)]
+    child = node.setdefault(part, {})
+    if not isinstance(child, dict | list):
+        raise InputError(f"{key}: {part} = {child!r} has no keys below it")
+    return child
+
+
+def _index(node: list[Any], part: str, key: str) -> int:
+    if part.isdigit() and int(part) < len(node):
+        return int(part)
+    raise InputError(f"{key}: {part!r} is no index of a list of {len(node)} entries (from 0)")
+
+
+def _leaves(node: Any, prefix: str) -> Iterator[str]:
+    if isinstance(node, Mapping) and (node or not prefix):
+        for name, value in node.items():
+            yield from _leaves(value, f"{prefix}.{name}" if prefix else str(name))
+    elif isinstance(node, list) and node and all(isinstance(entry, Mapping) for entry in node):
+        for index, entry in enumerate(node):
+            yield from _leaves(entry, f"{prefix}.{index}")
+    else:
+        yield prefix
+
+
+def _matches(key: str, pattern: str) -> bool:
+    """Whether ``key`` is the pattern, a section above it, or below a free table."""
+    parts, wanted = key.split("."), pattern.split(".")
+    if wanted[-1] == _ANY and len(parts) >= len(wanted):
+        parts = parts[: len(wanted)]
+    return len(parts) <= len(wanted) and all(
+        want in (_ANY, part) for part, want in zip(parts, wanted, strict=False)
+    )
+
+
+def _origins(annotation: Any) -> set[Any]:
+    origins = {annotation, getattr(annotation, "__origin__", None)}
+    for argument in get_args(annotation):
+        origins |= {argument, getattr(argument, "__origin__", None)}
+    return origins
+
+
+def _sections(annotation: Any) -> Iterator[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for argument in get_args(annotation):
+        yield from _sections(argument)

@@ -1,0 +1,74 @@
+"""From the parts of a run to one NetCDF file, in memory that does not grow with the length of the run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bess.simulation.schema import VARIABLES
+from bess.simulation.store import Record
+
+_CHUNK_STEPS = 960
+_EPOCH = np.datetime64("1970-01-01T00:00:00", "s")
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What a record needs to become a dataset.
+
+    Attributes
+    ----------
+    time : ndarray of datetime64[s], shape (n_steps,)
+        Start of each step, UTC.
+    attrs : dict
+        Attributes of the dataset.
+    variable_attrs : dict
+        Attributes of single variables beside units and long name.
+    """
+
+    time: NDArray[np.datetime64]
+    attrs: Mapping[str, Any]
+    variable_attrs: Mapping[str, Mapping[str, Any]]
+
+
+def write_netcdf(path: Path, frame: Frame, records: Iterator[tuple[int, Record]]) -> None:
+    """Write ``records`` (first step and arrays of consecutive steps) one after the other.
+
+    Raises
+    ------
+    OSError
+        As met while writing; ``path`` is then of no use.
+    """
+    import h5netcdf
+
+    with h5netcdf.File(path, "w") as file:
+        file.attrs.update(dict(frame.attrs))
+        n_steps = frame.time.size
+        file.dimensions = {"time": n_steps}
+        time = file.create_variable("time", ("time",), np.int64)
+        time.attrs.update({"units": "seconds since 1970-01-01", "calendar": "proleptic_gregorian"})
+        time.attrs.update({"long_name": "start of the step (UTC)"})
+        time[:] = (frame.time - _EPOCH).astype(np.int64)
+        for first, record in records:
+            for name, values in record.items():
+                if name not in file.variables:
+                    _create(file, name, values, n_steps, frame.variable_attrs.get(name, {}))
+                file.variables[name][first : first + len(values)] = values
+
+
+def _create(file: Any, name: str, values: NDArray[Any], n_steps: int, attrs: Mapping[str, Any]) -> None:
+    variable = VARIABLES[name]
+    for dimension, size in zip(variable.dims[1:], values.shape[1:], strict=True):
+        if dimension not in file.dimensions:
+            file.dimensions[dimension] = size
+            index = file.create_variable(dimension, (dimension,), np.int64)
+            index.attrs["long_name"] = f"index of the {dimension}, from 0"
+            index[:] = np.arange(size)
+    chunks = (min(n_steps, _CHUNK_STEPS), *values.shape[1:])
+    created = file.create_variable(name, variable.dims, np.dtype(variable.dtype), chunks=chunks)
+    created.attrs.update({"units": variable.units, "long_name": variable.long_name, **attrs})

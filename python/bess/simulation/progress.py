@@ -1,0 +1,73 @@
+"""Progress on standard error: a bar with the time left on a terminal, plain lines elsewhere."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+Update = Callable[[int], None]
+"""Takes the number of steps done so far."""
+
+_LINE_EVERY_S = 10.0
+
+
+@contextmanager
+def reporting(label: str, total: int, *, shown: bool) -> Iterator[Update]:
+    """Yield the function to call after every step."""
+    if not shown:
+        yield lambda done: None
+    elif sys.stderr.isatty():
+        with _bar(label, total) as update:
+            yield update
+    else:
+        yield _lines(label, total)
+
+
+@contextmanager
+def _bar(label: str, total: int) -> Iterator[Update]:
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True)) as progress:
+        task = progress.add_task(label, total=total)
+        yield lambda done: progress.update(task, completed=done)
+
+
+def _lines(label: str, total: int) -> Update:
+    started = time.monotonic()
+    last = started
+    first_done: int | None = None
+
+    def update(done: int) -> None:
+        nonlocal last, first_done
+        now = time.monotonic()
+        first_done = done if first_done is None else first_done
+        if now - last < _LINE_EVERY_S and done < total:
+            return
+        last = now
+        rate = (done - first_done) / (now - started) if now > started else 0.0
+        left = f", {(total - done) / rate:.0f} s left" if rate > 0.0 and done < total else ""
+        print(
+            f"{label}: step {done} of {total} ({100.0 * done / total:.0f} %){left}",
+            file=sys.stderr,
+            flush=True,
+        )
+
+    return update

@@ -1,0 +1,190 @@
+"""``bess.run``: a study in closed loop, saved as it goes."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bess.analysis.kpis import kpis, solve_time_kpis
+from bess.errors import InputError, StoppedEarly
+from bess.plant import Plant
+from bess.policies import Policy, Settings, build_policy
+from bess.simulation.atomic import replacing, write_bytes
+from bess.simulation.closed_loop import ClosedLoop
+from bess.simulation.frame import describe_frame, frame_of
+from bess.simulation.identity import Identity, differences, identity_of, read_identity, write_identity
+from bess.simulation.inputs import Inputs, prepare
+from bess.simulation.interrupt import stop_requests
+from bess.simulation.netcdf import write_netcdf
+from bess.simulation.progress import reporting
+from bess.simulation.result import RESULTS, Result, open_netcdf
+from bess.simulation.steplog import StepLog, solve_times_s
+from bess.simulation.store import Lock, parts, records, remove_parts, write_part
+from bess.simulation.study import Study
+
+PART_STEPS = 96
+"""Steps after which a part is saved at the latest: what a crash can cost, and what is held in memory."""
+PART_SECONDS = 20.0
+"""Time after which a part is saved even if it is shorter."""
+
+
+def run(
+    study: Study, *, progress: bool = True, out: str | Path | None = None, resume: bool = False
+) -> Result:
+    """Run a study in closed loop over the plant.
+
+    Parameters
+    ----------
+    study
+        One run; see :func:`bess.run_scenarios` for a study of several.
+    progress
+        Show progress on standard error.
+    out
+        Folder for the results; without it they are kept in memory only. A folder that holds this very run,
+        finished, is opened and nothing is run again.
+    resume
+        Continue an unfinished run in ``out``. What comes out is what an uninterrupted run gives, to the last
+        bit.
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    InputError
+        From the study or its data; ``out`` holds something else; on resume, what has changed.
+    StoppedEarly
+        Ctrl-C or SIGTERM; everything so far is saved if ``out`` is given.
+    BessError
+        The disk is full, among others; everything saved before is intact.
+    """
+    if study.scenario or study.sweep:
+        raise InputError(
+            f"{study.name}: is a study of several runs; use bess.run_scenarios"
+        )
+    if out is not None:
+        return _run_in(Path(out), study, progress=progress, resume=resume)
+    if resume:
+        raise InputError("--resume: name the folder of the run with --out")
+    with tempfile.TemporaryDirectory(prefix="bess-") as scratch:
+        try:
+            result = _run_in(Path(scratch), study, progress=progress, resume=False)
+        except StoppedEarly as error:
+            raise StoppedEarly(
+                f"{study.name}: stopped; nothing is kept of a run without a folder (out)"
+            ) from error
+        with result.dataset as dataset:
+            return Result(dataset.load(), result.kpis, None, result.solve_time_s)
+
+
+def _run_in(directory: Path, study: Study, *, progress: bool, resume: bool) -> Result:
+    inputs = prepare(study)
+    policy = build_policy(study.policy.name, inputs.system, policy_settings(study, inputs))
+    identity = identity_of(study, inputs.system, inputs.files)
+    identity["frame"] = describe_frame(study, inputs, policy.statuses)
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"{directory}: is no folder for results ({error.strerror}); use another --out"
+        ) from error
+    with Lock(directory):
+        if not _is_finished(directory, identity, resume=resume):
+            _complete(directory, study, inputs, policy, progress=progress)
+            _assemble(directory, identity)
+        return _finish(directory)
+
+
+def _is_finished(directory: Path, identity: Identity, *, resume: bool) -> bool:
+    """Look at what is in the folder already; write the identity of a new run into an empty one."""
+    old = read_identity(directory)
+    if old is None:
+        if others := sorted(path.name for path in directory.iterdir() if path.name != ".lock"):
+            raise InputError(
+                f"{directory}: holds {others[0]!r} and no run; use a new or empty folder for --out"
+            )
+        write_identity(directory, identity)
+        return False
+    if changed := differences(old, identity):
+        shown = "; ".join(changed[:5]) + (f"; and {len(changed) - 5} more" if len(changed) > 5 else "")
+        raise InputError(f"{directory}: holds another run ({shown}); use another --out, or delete the folder")
+    finished = (directory / RESULTS).exists()
+    if not finished and not resume:
+        raise InputError(
+            f"{directory}: holds this run, unfinished; continue with --resume, or delete the folder"
+        )
+    return finished
+
+
+def _complete(directory: Path, study: Study, inputs: Inputs, policy: Policy, *, progress: bool) -> None:
+    """Run from the last checkpoint, or from the first step, to the end."""
+    write_bytes(directory / "study.toml", study.to_toml().encode())
+    plant = Plant(inputs.system, inputs.system.initial_state(), derating_law=study.run.derating_law)
+    loop = ClosedLoop(inputs, policy, plant, node_temperatures=study.output.node_temperatures)
+    log_bytes = 0
+    if saved := parts(directory):
+        checkpoint = saved[-1].checkpoint()
+        loop.restore(checkpoint["loop"])
+        log_bytes = checkpoint["log_bytes"]
+    n_steps = inputs.grid.n_steps
+    with (
+        StepLog(directory, log_bytes) as log,
+        reporting(study.name, n_steps, shown=progress) as update,
+        stop_requests() as stop_asked,
+    ):
+        while loop.step < n_steps and not stop_asked():
+            first, deadline = loop.step, time.monotonic() + PART_SECONDS
+            rows: list[dict[str, Any]] = []
+            while loop.step < n_steps and len(rows) < PART_STEPS and not stop_asked():
+                row, line = loop.advance()
+                rows.append(row)
+                log.write(line)
+                update(loop.step)
+                if time.monotonic() > deadline:
+                    break
+            _save(directory, first, rows, loop, log)
+        if loop.step < n_steps:
+            raise StoppedEarly(
+                f"{study.name}: stopped after step {loop.step} of {n_steps}; all is saved in {directory}; "
+                "continue with --resume"
+            )
+
+
+def _save(directory: Path, first: int, rows: list[dict[str, Any]], loop: ClosedLoop, log: StepLog) -> None:
+    """Log first, so that the log on disk is never shorter than the checkpoint says."""
+    record = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    write_part(directory, first, record, {"loop": loop.checkpoint(), "log_bytes": log.sync()})
+
+
+def _assemble(directory: Path, identity: Identity) -> None:
+    with replacing(directory / RESULTS) as temporary:
+        write_netcdf(temporary, frame_of(identity), records(directory))
+
+
+def _finish(directory: Path) -> Result:
+    """KPIs from the record, then away with the parts; done again if a crash came in between."""
+    dataset = open_netcdf(directory / RESULTS)
+    times = solve_times_s(directory)
+    values = kpis(dataset) | solve_time_kpis(times)
+    write_bytes(directory / "kpis.json", json.dumps(values, indent=1).encode())
+    remove_parts(directory)
+    return Result(dataset, values, directory, times)
+
+
+def policy_settings(study: Study, inputs: Inputs) -> Settings:
+    """What a study says about its policy, with the horizon and step of its data."""
+    choice = study.policy
+    return Settings(
+        dt_h=inputs.grid.dt_h,
+        horizon_steps=inputs.horizon_steps,
+        objectives=choice.objectives.model_dump(),
+        gap=choice.gap,
+        node_limit=choice.node_limit,
+        time_limit_s=choice.time_limit_s,
+    )

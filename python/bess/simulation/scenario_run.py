@@ -1,0 +1,54 @@
+"""A study of several runs, one after the other, a sub-folder each. ``bess sweep`` runs them in parallel."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from bess.errors import InputError
+from bess.simulation.atomic import write_bytes
+from bess.simulation.identity import IDENTITY
+from bess.simulation.result import Result
+from bess.simulation.run import run
+from bess.simulation.scenarios import expand
+from bess.simulation.study import Study
+
+
+def run_scenarios(
+    study: Study, *, progress: bool = True, out: str | Path | None = None, resume: bool = False
+) -> dict[str, Result]:
+    """Run every scenario and sweep point of a study; parameters as for :func:`bess.run`.
+
+    Returns
+    -------
+    dict of str to Result
+        By the name of the run, which is also its folder in ``out``. Finished ones are opened, not run again.
+    """
+    runs = expand(study)
+    if out is None:
+        return {name: run(each, progress=progress) for name, each in runs.items()}
+    folder = Path(out)
+    prepare_folder(folder, study)
+    results = {
+        name: run(each, progress=progress, out=folder / name, resume=resume) for name, each in runs.items()
+    }
+    write_summary(folder, {name: result.kpis for name, result in results.items()})
+    return results
+
+
+def prepare_folder(folder: Path, study: Study) -> None:
+    """Make the folder that holds one sub-folder for each run, with the study as resolved."""
+    if (folder / IDENTITY).exists():
+        raise InputError(f"{folder}: holds a single run; use another --out")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"{folder}: is no folder for results ({error.strerror}); use another --out"
+        ) from error
+    write_bytes(folder / "study.toml", study.to_toml().encode())
+
+
+def write_summary(folder: Path, kpis: dict[str, dict[str, float]]) -> None:
+    """Write ``kpis.json`` of a folder of runs: the key figures by name."""
+    write_bytes(folder / "kpis.json", json.dumps(kpis, indent=1).encode())

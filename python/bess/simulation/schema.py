@@ -1,0 +1,70 @@
+"""Variables of a result, as in the table of ``ARCHITECTURE.md``: dimensions, units, meaning, type on disk."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+RECORD_FORMAT = 1
+"""Number of the layout of a run directory; a run of another layout is not continued."""
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One variable of the result."""
+
+    dims: tuple[str, ...]
+    units: str
+    long_name: str
+    dtype: str = "f8"
+
+
+_T = ("time",)
+_TS = ("time", "string")
+
+VARIABLES: dict[str, Variable] = {
+    "demand_kw": Variable(_T, "kW", "power asked of the plant, positive = discharge"),
+    "unmet_kw": Variable(_T, "kW", "part of the demand above the power in service, asked of no string"),
+    "price_eur_mwh": Variable(_T, "EUR/MWh", "market price"),
+    "ambient_c": Variable(_T, "degC", "ambient (air inlet) temperature"),
+    "request_kw": Variable(_TS, "kW", "set-point of each string (AC), positive = discharge"),
+    "delivered_kw": Variable(_TS, "kW", "delivered AC power, mean over the step, positive = discharge"),
+    "availability_loss_kw": Variable(_TS, "kW", "requested, not delivered: SOC, voltage and root limits"),
+    "derating_loss_kw": Variable(_TS, "kW", "requested, not delivered: temperature derating"),
+    "inverter_loss_kw": Variable(_TS, "kW", "inverter loss"),
+    "battery_loss_kw": Variable(_TS, "kW", "heat in the battery"),
+    "current_a": Variable(_TS, "A", "mean string current, positive = discharge"),
+    "soc": Variable(_TS, "1", "state of charge at the end of the step"),
+    "temperature_c": Variable(_TS, "degC", "mean temperature over the nodes at the end of the step"),
+    "node_max_c": Variable(_TS, "degC", "temperature of the hottest node within the step"),
+    "node_temperature_c": Variable(
+        ("time", "string", "node"), "degC", "node temperature at the end of the step", "f4"
+    ),
+    "derating_factor": Variable(_TS, "1", "derating factor, mean over the step"),
+    "limits": Variable(_TS, "1", "limits that bound within the step", "i4"),
+    "inverter_starts": Variable(_TS, "1", "off-to-on transitions within the step", "i4"),
+    "ledger_residual_kwh": Variable(
+        _T, "kWh", "AC energy - (chemical change + heat + inverter loss) of all strings"
+    ),
+    "solver_status": Variable(_T, "1", "outcome of the policy's optimisation", "i4"),
+    "solver_gap": Variable(_T, "1", "relative gap to the rigorous bound"),
+    "solver_search_gap": Variable(_T, "1", "relative gap of the convexified program"),
+    "solver_nodes": Variable(_T, "1", "branch-and-bound nodes", "i4"),
+    "fallback": Variable(_T, "1", "1 where a fallback took the place of the optimiser's answer", "i4"),
+}
+
+FLOWS = (
+    "delivered_kw",
+    "availability_loss_kw",
+    "derating_loss_kw",
+    "inverter_loss_kw",
+    "battery_loss_kw",
+    "current_a",
+    "soc",
+    "temperature_c",
+    "node_max_c",
+    "derating_factor",
+    "limits",
+    "inverter_starts",
+    "ledger_residual_kwh",
+)
+"""Variables that come from the plant as they are."""

@@ -1,0 +1,215 @@
+"""Sections of a study file, one class each, checked once at load."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
+
+from bess.parameters.quantities import Count, Fraction, NonNegative, Positive, Temperature, within
+from bess.parameters.section import Section
+
+
+def _aware(value: datetime) -> datetime:
+    if value.tzinfo is None:
+        raise ValueError("has no time zone; write for example 2024-01-01T00:00:00Z")
+    return value.astimezone(UTC)
+
+
+Fill = Literal["previous", "interpolate", "previous_day"]
+Instant = Annotated[datetime, AfterValidator(_aware)]
+
+
+class SystemChoice(Section):
+    """Section ``[system]``: which plant, and what is changed in it.
+
+    ``file`` is a bundled system (``bess list``) or a system file. ``parameters`` holds sections of a system
+    file that are put over it, such as ``parameters.battery.r_scale = 1.2``. Initial values are one number for
+    all strings or one for each.
+    """
+
+    file: str = "reference"
+    n_strings: Annotated[int, Field(ge=1, le=1000)] | None = None
+    ambient_c: Temperature | None = None
+    initial_soc: Fraction | tuple[Fraction, ...] | None = None
+    initial_temperature_c: Temperature | tuple[Temperature, ...] | None = None
+    parameters: dict[str, Any] = Field(default_factory=dict)
+
+
+class ProfileDemand(Section):
+    """Section ``[demand]`` with ``kind = "profile"``: a series of power, as given.
+
+    ``file`` is a bundled profile or a CSV or Parquet file, read as :func:`bess.ems.read_profile` says;
+    ``repeat`` starts it again at its end.
+    """
+
+    kind: Literal["profile"] = "profile"
+    file: str
+    column: str | None = None
+    unit: Literal["kW", "W", "MW"] = "kW"
+    positive: Literal["discharge", "charge"] = "discharge"
+    scale: Positive = 1.0
+    time_zone: str | None = None
+    repeat: bool = False
+    forecast: Literal["perfect", "persistence"] = "perfect"
+
+
+class ArbitrageDemand(Section):
+    """Section ``[demand]`` with ``kind = "arbitrage"``: buy and sell at the prices of a market file.
+
+    The file is read as :func:`bess.read_prices` says, the program is that of :class:`bess.ems.Arbitrage`.
+    ``max_power_kw`` and ``max_energy_kwh`` keep below what the plant has; ``market_time_zone`` is that of the
+    trading day, to which ``cycles_per_day`` applies. ``forecast`` is that of prices.
+    """
+
+    kind: Literal["arbitrage"] = "arbitrage"
+    prices: str | None = None
+    zone: str = "DE-LU"
+    product: str | None = None
+    time_zone: str | None = None
+    fill: Fill | None = None
+    market_time_zone: str = "Europe/Berlin"
+    max_power_kw: Positive | None = None
+    max_energy_kwh: Positive | None = None
+    efficiency: Annotated[float, within(0.0, 1.0, above=True)] = 0.9
+    cycles_per_day: Positive = 2.0
+    look_ahead_h: Positive = 36.0
+    replan_h: Positive = 6.0
+    forecast: Literal["perfect", "persistence"] = "perfect"
+
+
+def _kind(demand: object) -> str | None:
+    """``kind`` as given, or what the other keys imply."""
+    if not isinstance(demand, Mapping):
+        return getattr(demand, "kind", None)
+    kind = demand.get("kind", "arbitrage" if "prices" in demand else "profile")
+    return kind if kind in ("profile", "arbitrage") else None
+
+
+Demand = Annotated[
+    Annotated[ProfileDemand, Tag("profile")] | Annotated[ArbitrageDemand, Tag("arbitrage")],
+    Discriminator(
+        _kind,
+        custom_error_type="kind",
+        custom_error_message='must be a table with kind = "profile" (and file) or "arbitrage" (and prices)',
+    ),
+]
+
+
+class WeatherChoice(Section):
+    """Section ``[weather]``: ambient temperature from a file; without it, it is that of the system.
+
+    The file is read as :func:`bess.market.read_weather` says. ``offset_k`` is added, such as for a warm
+    container.
+    """
+
+    file: str | None = None
+    column: str | None = None
+    time_zone: str | None = None
+    fill: Fill | None = None
+    offset_k: Annotated[float, within(-50.0, 50.0, "K")] = 0.0
+
+
+class Goal(Section):
+    """One objective in full: weight, priority (larger first; equal = weighted sum), tolerances."""
+
+    weight: NonNegative = 1.0
+    priority: int = 1
+    abs_tol: NonNegative = 1e-6
+    rel_tol: NonNegative = 1e-4
+
+
+class ObjectiveChoice(Section):
+    """Section ``[policy.objectives]``: a weight each, or a table with priority and tolerances as well.
+
+    By default availability has priority 2 and the others 1.
+    """
+
+    availability: NonNegative | Goal = 1.0
+    derating: NonNegative | Goal = 1.0
+    inverter: NonNegative | Goal = 1.0
+    battery: NonNegative | Goal = 1.0
+
+
+class PolicyChoice(Section):
+    """Section ``[policy]``: which policy; all but ``name`` and ``horizon_steps`` is for ``mpc``.
+
+    With ``time_limit_s`` the answer depends on how fast the machine is; ``node_limit`` bounds the work
+    repeatably.
+    """
+
+    name: str = "mpc"
+    horizon_steps: Annotated[int, Field(ge=1, le=96)] | None = None
+    objectives: ObjectiveChoice = ObjectiveChoice()
+    gap: Annotated[float, Field(gt=0.0, lt=1.0)] = 1e-3
+    node_limit: Count = 100
+    time_limit_s: Positive | None = None
+
+
+class RunChoice(Section):
+    """Section ``[run]``: period and plant. ``start`` and ``days`` default to what the demand covers."""
+
+    start: Instant | None = None
+    days: Annotated[float, within(0.0, 36_525.0, "days", above=True)] | None = None
+    plant_step_s: Positive | None = None
+    derating_law: Literal["table", "pi"] = "table"
+
+
+class OutputChoice(Section):
+    """Section ``[output]``: what is recorded beside the table of ``ARCHITECTURE.md``."""
+
+    node_temperatures: bool = False
+
+
+class Event(Section):
+    """Table ``[[event]]``: the inverter of ``string`` (from 0) gives no more than ``limit_kw`` for a while.
+
+    ``limit_kw = 0`` takes the string out of service. The policy learns of an event when it begins.
+    """
+
+    string: Annotated[int, Field(ge=0)]
+    start: Instant
+    end: Instant
+    limit_kw: NonNegative = 0.0
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.end <= self.start:
+            raise ValueError(f"end {self.end:%Y-%m-%d %H:%M} is not after start {self.start:%Y-%m-%d %H:%M}")
+        return self
+
+
+class Scenario(Section):
+    """Table ``[[scenario]]``: a name, and the keys it sets (dotted, as with ``--set``)."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._=+-]*$")]
+    set: dict[str, Any]
+
+
+class Axis(Section):
+    """Table ``[[sweep]]``: one axis of a sweep; several axes are combined with each other.
+
+    Either ``key`` with ``values`` or with a range (``start``, ``stop``, ``count`` points), or ``simplex``:
+    keys whose values are all shares ``i / divisions`` that sum to 1.
+    """
+
+    key: str | None = None
+    values: tuple[Any, ...] | None = None
+    start: float | None = None
+    stop: float | None = None
+    count: Annotated[int, Field(ge=2)] | None = None
+    simplex: Annotated[tuple[str, ...], Field(min_length=2)] | None = None
+    divisions: Count | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        given = {name for name in type(self).model_fields if getattr(self, name) is not None}
+        allowed = ({"key", "values"}, {"key", "start", "stop", "count"}, {"simplex", "divisions"})
+        if given not in allowed:
+            raise ValueError(
+                "an axis is key + values, key + start + stop + count, or simplex + divisions, not "
+                + (" + ".join(sorted(given)) or "empty")
+            )
+        return self
