@@ -116,6 +116,8 @@ class Referee:
         return (np.array(weights) / scale / n) @ losses[1:]
 
     def _shares(self, demand: float) -> tuple[float, float]:
+        if demand == 0.0:
+            return 0.0, 1.0
         nominal = [s.nominal_w / KW for s in self.strings]
         return max(0.0, 1.0 - nominal[1] / abs(demand)), min(1.0, nominal[0] / abs(demand))
 

@@ -11,8 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bess import _core
 from bess.parameters import System
 from bess.split.envelope import Envelope
+from bess.split.inputs import HorizonInputs
 from bess.split.relaxation import INVERTER_PIECES, LOSSES
 from bess.units import SECONDS_PER_HOUR, WATTS_PER_KW
 
@@ -20,11 +22,11 @@ Array = NDArray[np.float64]
 
 THETA_ZERO_C = 25.0
 THETA_UNIT_K = 10.0
-SOC_MARGIN = 1e-6
+LIMIT_MARGIN = 1e-6
 """A string that sheds ends within this of its SOC limit."""
 
-FROZEN_WIDTH = 1e-5
-"""Relative width given to frozen voltages: opposite rows that coincide would leave the program without interior."""
+CURRENT_MARGIN = 1e-5
+"""Slack of the charge balance: opposite rows that coincide would leave the program without interior."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,14 @@ class Boxes:
     soc_hi: Array
     tau_lo: Array
     tau_hi: Array
+
+    @property
+    def at_starts(self) -> tuple[Array, Array, Array, Array]:
+        """The four ranges at the starts of the steps, ``(n_strings, n_steps)``."""
+        first, second, third, fourth = (
+            np.ascontiguousarray(x[:, :-1]) for x in (self.soc_lo, self.soc_hi, self.tau_lo, self.tau_hi)
+        )
+        return first, second, third, fourth
 
 
 @dataclass(frozen=True)
@@ -55,6 +65,13 @@ class Coefficients:
     g_0: Array
     g_tau: Array
 
+    @classmethod
+    def over(cls, horizon: _core.ControlHorizon, boxes: Boxes) -> Coefficients:
+        """Read the tables over boxes of states."""
+        k_lo, k_hi, v_lo, v_hi, _, _, y_lo, y_hi = horizon.ranges(*boxes.at_starts)
+        z=np.zeros_like(k_lo)
+        return cls(k_lo, k_hi, v_lo, v_hi, y_lo, y_hi, y_hi, z, z, 1-k_hi, z)
+
 
 @dataclass(frozen=True)
 class PlantConstants:
@@ -63,6 +80,8 @@ class PlantConstants:
     nominal_kw: Array
     inverter_kw: Array
     battery_kw: Array
+    no_load_kw: Array
+    reverse_kw: Array
     soc_per_ampere: Array
     keep: Array
     kelvin_per_kw: Array
@@ -75,7 +94,7 @@ class PlantConstants:
     def of(cls, system: System, battery_kw: Array, dt_h: float) -> PlantConstants:
         """Collect the constants; ``battery_kw`` is the nominal battery loss ``h_N`` of each string."""
         strings = system.strings
-        inverter_kw = np.array([s.inverter.loss_charge[-1] for s in strings]) * system.nominal_kw
+        largest = np.array([max(*s.inverter.loss_charge, *s.inverter.loss_discharge) for s in strings])
         k1 = np.array([s.thermal.lumped.k1_k_per_j for s in strings])
         k2 = np.array([s.thermal.lumped.k2_per_s for s in strings])
         seconds = dt_h * SECONDS_PER_HOUR
@@ -84,15 +103,18 @@ class PlantConstants:
             envelopes[sign] = [
                 Envelope.of_table(
                     np.array(s.inverter.load),
-                    np.array(getattr(s.inverter, name)) / s.inverter.loss_charge[-1],
+                    np.array(getattr(s.inverter, name)) / unit,
                     INVERTER_PIECES,
                 )
-                for s in strings
+                for s, unit in zip(strings, largest, strict=True)
             ]
         return cls(
             nominal_kw=system.nominal_kw,
-            inverter_kw=inverter_kw,
+            inverter_kw=largest * system.nominal_kw,
             battery_kw=battery_kw,
+            no_load_kw=np.array([s.inverter.loss_discharge[0] for s in strings]) * system.nominal_kw,
+            reverse_kw=system.nominal_kw
+            * [np.max(np.subtract(s.inverter.loss_charge, s.inverter.load)) for s in strings],
             soc_per_ampere=dt_h / system.capacity_ah,
             keep=1.0 - k2 * seconds,
             kelvin_per_kw=k1 * seconds * WATTS_PER_KW,
@@ -106,21 +128,9 @@ class PlantConstants:
         """Unit of each cost variable (a, d, w, h) [kW], shape ``(n_strings, 4)``."""
         return np.stack([self.nominal_kw, self.nominal_kw, self.inverter_kw, self.battery_kw], axis=1)
 
-    def physics(
-        self, demand_kw: Array, limit_kw: Array, ambient_c: Array, boxes: Boxes, data: Coefficients
-    ) -> dict[str, Array]:
-        """Values of every parameter but cuts, caps and costs.
-
-        Parameters
-        ----------
-        demand_kw : ndarray, shape (n_steps,)
-            Demand within what the limits allow, signed.
-        limit_kw : ndarray, shape (n_strings, n_steps)
-            Largest request of each string.
-        ambient_c : ndarray, shape (n_steps,)
-        boxes, data
-            States and coefficients.
-        """
+    def physics(self, inputs: HorizonInputs, boxes: Boxes, data: Coefficients) -> dict[str, Array]:
+        """Values of every parameter but cuts, caps and costs, with reachable states ``boxes``."""
+        demand_kw, limit_kw, ambient_c = inputs.demand_kw, inputs.limit_kw, inputs.ambient_c
         n_strings, n_steps = limit_kw.shape
         direction = np.where(demand_kw >= 0.0, 1.0, -1.0)
         sign = np.broadcast_to(direction, (n_strings, n_steps))
@@ -131,20 +141,21 @@ class PlantConstants:
         limit = limit_kw / nominal
         g_hi = 1.0 - data.k_lo
 
-        # A string that sheds ends full (charge), or empty or where the discharge root ends (discharge).
-        level = np.where(sign > 0.0, self._empty_level(data.y_lo, limit_kw, boxes), self.soc_max[:, None])
-        edge = sign * level + SOC_MARGIN
+        edge = self._shedding_edge(sign, limit_kw, boxes, data)
         reach = np.where(sign > 0.0, boxes.soc_hi[:, 1:], -boxes.soc_lo[:, 1:])
         slack = np.maximum(reach - edge, 0.0)
 
         # I R / V at the largest power and the smallest y.
-        load = limit_kw * (1.0 + np.where(sign > 0.0, inverter / nominal, 0.0))
+        load = limit_kw + np.where(sign > 0.0, inverter, 0.0)
         discharge = 0.5 * (1.0 - np.sqrt(np.maximum(1.0 - 4.0 * load / data.y_lo, 0.0)))
         charge = 0.5 * (np.sqrt(1.0 + 4.0 * load / data.y_lo) - 1.0)
+        heat_chord = np.where(sign > 0.0, discharge, charge) * nominal / battery
+        # An inverter that draws less from the grid than it loses takes the rest from the battery: P < 0 in charge.
+        reverse = np.where(sign > 0.0, 0.0, self.reverse_kw[:, None] / nominal)
 
         y_unit = battery / nominal**2
         per_volt = nominal * WATTS_PER_KW * self.soc_per_ampere[:, None]
-        width = np.maximum(FROZEN_WIDTH - (data.v_hi / data.v_lo - 1.0), 0.0)
+        current_lo, current_hi = per_volt / data.v_hi, per_volt / data.v_lo
         theta = THETA_UNIT_K
         values = {
             "share": self.nominal_kw / base_kw,
@@ -159,14 +170,16 @@ class PlantConstants:
             "full_slack": slack,
             "inverter_share": sign * inverter / nominal,
             "battery_share": sign * battery / nominal,
-            "heat_chord": np.where(sign > 0.0, discharge, charge) * nominal / battery,
+            "heat_chord": heat_chord,
+            "heat_0": 2.0 * heat_chord * reverse,
             "y_lo": data.y_lo * y_unit,
             "y_hi": data.y_hi * y_unit,
             "y_soc": data.y_soc * y_unit,
             "y_theta": data.y_tau * theta * y_unit,
             "y_0": (data.y_0 + data.y_tau * THETA_ZERO_C - data.y_lo) * y_unit,
-            "current_lo": per_volt / (data.v_hi * (1.0 + width)),
-            "current_hi": per_volt / (data.v_lo * (1.0 - width)),
+            "current_lo": current_lo,
+            "current_hi": current_hi,
+            "current_0": (current_hi - current_lo) * reverse + CURRENT_MARGIN,
             "soc_lo": boxes.soc_lo[:, 1:],
             "soc_hi": boxes.soc_hi[:, 1:],
             "keep": np.broadcast_to(self.keep[:, None], sign.shape),
@@ -183,11 +196,23 @@ class PlantConstants:
             values[key] = np.where(sign > 0.0, chord[1][:, None], chord[-1][:, None])
         return values
 
-    def _empty_level(self, y_lo: Array, limit_kw: Array, boxes: Boxes) -> Array:
-        """SOC at or below which a discharging string may shed: its lower limit, or anywhere it can reach if the real
-        root ``p + w <= V^2 / 4R`` may end below the largest request."""
-        rootless = y_lo / 4.0 < limit_kw * (1.0 + (self.inverter_kw / self.nominal_kw)[:, None])
-        return np.where(rootless, boxes.soc_hi[:, 1:], self.soc_min[:, None])
+    def may_shed(self, inputs: HorizonInputs, boxes: Boxes, data: Coefficients) -> NDArray[np.bool_]:
+        """Whether a string can reach the limit at which power is shed, shape ``(n_strings, n_steps)``."""
+        sign = np.where(inputs.demand_kw >= 0.0, 1.0, -1.0) * np.ones_like(inputs.limit_kw)
+        nearest = np.where(sign > 0.0, boxes.soc_lo[:, 1:], -boxes.soc_hi[:, 1:])
+        at_limit: NDArray[np.bool_] = nearest <= self._shedding_edge(sign, inputs.limit_kw, boxes, data)
+        return at_limit & (inputs.demand_kw != 0.0)
+
+    def _shedding_edge(self, sign: Array, limit_kw: Array, boxes: Boxes, data: Coefficients) -> Array:
+        """``sign * soc`` at the end of a step in which a string sheds is at most this.
+
+        It is full (charge); or empty but for less than the no-load loss needs, or anywhere it can be where the real
+        root, ``p + w <= V^2 / 4R``, may end below the largest request (discharge).
+        """
+        rootless = data.y_lo / 4.0 < limit_kw + self.inverter_kw[:, None]
+        stranded = 2.0 * (self.no_load_kw * WATTS_PER_KW * self.soc_per_ampere)[:, None] / data.v_lo
+        empty = np.where(rootless, boxes.soc_hi[:, 1:], self.soc_min[:, None] + stranded)
+        return np.where(sign > 0.0, empty, -self.soc_max[:, None]) + LIMIT_MARGIN
 
 
 def costs(prefix: str, cost: Array) -> dict[str, Array]:

@@ -27,7 +27,6 @@ class SplitStatus(Enum):
     NODE_LIMIT = (3, "The node limit was reached; this is the best split found.")
     TIME_LIMIT = (4, "The time limit was reached; this is the best split found.")
     SOLVER_FAILED = (5, "The solver failed on the relaxation; this is the best split found, without a bound of its own.")
-    PROPORTIONAL = (6, "No split was found; the demand is shared in proportion to nominal power.")
 
     def __init__(self, code: int, sentence: str) -> None:
         self.code = code
@@ -39,7 +38,7 @@ class SplitStatus(Enum):
     @property
     def is_fallback(self) -> bool:
         """Whether the answer was taken because the search could not finish."""
-        return self in (SplitStatus.TIME_LIMIT, SplitStatus.SOLVER_FAILED, SplitStatus.PROPORTIONAL)
+        return self in (SplitStatus.TIME_LIMIT, SplitStatus.SOLVER_FAILED)
 
 
 @dataclass(frozen=True)

@@ -79,14 +79,14 @@ def build(n_strings: int, n_steps: int, n_caps: int) -> Relaxation:
         # Battery loss, h V^2/R >= (V I)^2, in perspective form: z = on V^2/R; and h <= (R I / V) V I.
         cp.SOC(cp.vec(z + h, order="F"),
                cp.vstack([cp.vec(2 * P, order="F"), cp.vec(z - h, order="F")])),
-        h <= cp.multiply(par("heat_chord"), P),
+        h <= cp.multiply(par("heat_chord"), P) + par("heat_0"),
         # V^2/R: its largest value in the box, and an affine overestimator in the state.
         z <= cp.multiply(par("y_hi"), on),
         z <= cp.multiply(par("y_lo"), on) + cp.multiply(par("y_soc"), soc[:, :-1])
         + cp.multiply(par("y_theta"), theta[:, :-1]) + par("y_0"),
         # Charge balance with the voltage in its range.
-        cp.multiply(sign, soc[:, :-1] - soc[:, 1:]) >= cp.multiply(par("current_lo"), P),
-        cp.multiply(sign, soc[:, :-1] - soc[:, 1:]) <= cp.multiply(par("current_hi"), P),
+        cp.multiply(sign, soc[:, :-1] - soc[:, 1:]) >= cp.multiply(par("current_lo"), P) - par("current_0"),
+        cp.multiply(sign, soc[:, :-1] - soc[:, 1:]) <= cp.multiply(par("current_hi"), P) + parameters["current_0"],
         soc[:, 1:] >= par("soc_lo"), soc[:, 1:] <= par("soc_hi"),
         # Heat balance.
         theta[:, 1:] == cp.multiply(par("keep"), theta[:, :-1]) + cp.multiply(par("heating"), h) + par("air"),

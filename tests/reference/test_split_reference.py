@@ -1,0 +1,103 @@
+"""The power split against exhaustive search by an independent referee (two strings, four steps)."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bess
+
+sys.path.insert(0, str(Path(__file__).parent))
+from referee import Referee  # noqa: E402
+
+STEPS = 4
+WEIGHTS = {"ones": (1.0, 1.0, 1.0), "S1": (1.0, 1.0, 0.0), "S2": (1.0, 0.5, 0.5), "S3": (1.0, 0.0, 1.0)}
+KINDS = ("regular", "hot", "full", "empty", "mixed")
+
+
+@pytest.fixture(scope="module")
+def system():
+    return bess.System.reference(n_strings=2)
+
+
+@pytest.fixture(scope="module")
+def splitters(system):
+    return {
+        name: bess.PowerSplit(
+            system, STEPS, bess.Objectives(derating=w[0], inverter=w[1], battery=w[2])
+        )
+        for name, w in WEIGHTS.items()
+    }
+
+
+def case(kind, seed):
+    """Random state and demand; the demand never exceeds what one interval of the plant can be asked for."""
+    rng = np.random.default_rng((KINDS.index(kind), seed))
+    size = rng.uniform(5.0, 180.0, STEPS)
+    if kind == "regular":
+        state = bess.State(rng.uniform(0.3, 0.7, 2), rng.uniform(25.0, 40.0, 2))
+        demand = size * rng.choice([-1.0, 1.0])
+    elif kind == "hot":
+        state = bess.State(rng.uniform(0.35, 0.65, 2), rng.uniform(45.0, 54.0, 2))
+        demand = size * 0.6 * rng.choice([-1.0, 1.0])
+    elif kind == "full":
+        state = bess.State(rng.uniform(0.85, 1.0, 2), rng.uniform(25.0, 40.0, 2))
+        demand = -size
+    elif kind == "empty":
+        state = bess.State(rng.uniform(0.0, 0.15, 2), rng.uniform(25.0, 40.0, 2))
+        demand = size
+    else:
+        state = bess.State(rng.uniform(0.2, 0.8, 2), rng.uniform(25.0, 44.0, 2))
+        demand = size * rng.choice([-1.0, 0.0, 1.0], STEPS)
+    return state, demand
+
+
+def check(system, splitters, kind, seed):
+    state, demand = case(kind, seed)
+    referee = Referee(system, state, demand)
+    for name, weights in WEIGHTS.items():
+        splitters[name].warm_start = None
+        split = splitters[name](state, demand)
+        where = f"{kind} {seed} {name}"
+        least_kw, best = referee.best(weights)
+
+        np.testing.assert_allclose(split.request_kw.sum(axis=0), demand, atol=1e-6, err_msg=where)
+        share = np.divide(split.request_kw[0], demand, out=np.ones(STEPS), where=demand != 0.0)
+        losses = referee.losses(share[None])[:, 0]
+        assert losses[0] == pytest.approx(split.availability_loss_kw, abs=1e-6), where
+        assert float(referee.objective(losses[:, None], weights)[0]) == pytest.approx(
+            split.objective, rel=1e-9, abs=1e-12
+        ), where
+
+        assert split.availability_loss_kw <= least_kw + 0.05, where
+        # A shed kilowatt has no losses: compare at equal availability.
+        slack = max(split.availability_loss_kw - least_kw, 0.0) + 0.005
+        _, at_equal = referee.best(weights, tolerance_kw=slack)
+        assert split.objective <= max(best, at_equal) * 1.001 + 1e-9, where
+        assert split.groups[0].bound * STEPS * 2 * 92.0 <= least_kw + 1e-6, where
+        assert split.bound <= min(best, split.objective) * (1.0 + 1e-9) + 1e-12, where
+        assert split.search_gap >= 0.0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("seed", range(20))
+def test_split_is_that_of_exhaustive_search(system, splitters, kind, seed):
+    check(system, splitters, kind, seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("hundred", range(4))
+def test_split_is_that_of_exhaustive_search_on_thousands_of_states(system, splitters, kind, hundred):
+    for seed in range(1000 + 100 * hundred, 1100 + 100 * hundred):
+        check(system, splitters, kind, seed)
+
+
+def test_the_referee_finds_more_with_a_finer_grid_only_by_rounding(system):
+    for kind in KINDS:
+        state, demand = case(kind, 0)
+        referee = Referee(system, state, demand)
+        coarse, fine = referee.best((1.0, 1.0, 1.0)), referee.best((1.0, 1.0, 1.0), points=17)
+        assert coarse[0] == pytest.approx(fine[0], abs=0.05)
+        assert coarse[1] == pytest.approx(fine[1], rel=1e-3)
