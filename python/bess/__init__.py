@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from bess.parameters import State, System, load_system
     from bess.plant import Fleet, Plant
     from bess.simulation import Result, Study, load_study, open_result, run, run_scenarios
+    from bess.split.rollout import Rollout, rollout
 
 _HOMES = {
     "inverter_from_efficiency": "bess.components",
@@ -43,6 +44,8 @@ _HOMES = {
     "run": "bess.simulation",
     "run_scenarios": "bess.simulation",
     "kpis": "bess.analysis.kpis",
+    "Rollout": "bess.split.rollout",
+    "rollout": "bess.split.rollout",
 }
 
 __all__ = [
@@ -51,6 +54,7 @@ __all__ = [
     "InputError",
     "Plant",
     "Result",
+    "Rollout",
     "State",
     "StoppedEarly",
     "Study",
@@ -65,6 +69,7 @@ __all__ = [
     "read_inverter",
     "read_prices",
     "read_weather",
+    "rollout",
     "run",
     "run_scenarios",
 ]

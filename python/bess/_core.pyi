@@ -2,19 +2,16 @@ from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
-from typing_extensions import disjoint_base
 
-__all__ = ["Plant", "System"]
+__all__ = ["ControlHorizon", "ControlModel", "Plant", "System"]
 
 @final
-@disjoint_base
 class System:
     def __new__(cls, document: str) -> System: ...
     @property
     def n_strings(self) -> int: ...
 
 @final
-@disjoint_base
 class Plant:
     def __new__(
         cls,
@@ -39,3 +36,64 @@ class Plant:
         duration_s: float,
         keep_nodes: bool,
     ) -> dict[str, NDArray[Any]]: ...
+
+@final
+@disjoint_base
+class ControlModel:
+    def __new__(cls, system: System) -> ControlModel: ...
+    def rollout(
+        self,
+        soc0: NDArray[np.float64],
+        temperature0_c: NDArray[np.float64],
+        request_kw: NDArray[np.float64],
+        ambient_c: NDArray[np.float64],
+        dt_h: float,
+    ) -> list[NDArray[np.float64]]: ...
+    def max_power_kw(
+        self,
+        soc0: NDArray[np.float64],
+        temperature0_c: NDArray[np.float64],
+        discharge: bool,
+        dt_h: float,
+    ) -> NDArray[np.float64]: ...
+    def nominal_loss_kw(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+
+@final
+@disjoint_base
+class ControlHorizon:
+    def __new__(
+        cls,
+        system: System,
+        soc0: NDArray[np.float64],
+        temperature0_c: NDArray[np.float64],
+        demand_kw: NDArray[np.float64],
+        ambient_c: NDArray[np.float64],
+        dt_h: float,
+        limit_kw: NDArray[np.float64],
+        costs: NDArray[np.float64],
+        tol_abs: NDArray[np.float64],
+        tol_rel: NDArray[np.float64],
+    ) -> ControlHorizon: ...
+    def evaluate(self, request_kw: NDArray[np.float64]) -> NDArray[np.float64]: ...
+    def greedy(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+    def search(
+        self, starts_kw: NDArray[np.float64], max_rollouts: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], int]: ...
+    def reachable(self) -> list[NDArray[np.float64]]: ...
+    def step_bounds(
+        self,
+        soc_low: NDArray[np.float64],
+        soc_high: NDArray[np.float64],
+        temperature_low_c: NDArray[np.float64],
+        temperature_high_c: NDArray[np.float64],
+    ) -> list[NDArray[np.float64]]: ...
+    def coefficients(
+        self, soc: NDArray[np.float64], temperature_c: NDArray[np.float64]
+    ) -> list[NDArray[np.float64]]: ...
+    def ranges(
+        self,
+        soc_low: NDArray[np.float64],
+        soc_high: NDArray[np.float64],
+        temperature_low_c: NDArray[np.float64],
+        temperature_high_c: NDArray[np.float64],
+    ) -> list[NDArray[np.float64]]: ...

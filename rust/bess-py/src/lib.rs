@@ -2,12 +2,15 @@
 
 use pyo3::prelude::*;
 
+mod control;
 mod plant;
 mod system;
 
 /// Compiled core of bess.
 #[pymodule]
 mod _core {
+    #[pymodule_export]
+    use crate::control::{ControlHorizon, ControlModel};
     #[pymodule_export]
     use crate::plant::Plant;
     #[pymodule_export]

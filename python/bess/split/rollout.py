@@ -1,0 +1,144 @@
+"""The control model on given requests (MODEL.md section 3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bess import _core
+from bess.errors import InputError
+from bess.parameters import State, System
+from bess.parameters.state import TEMPERATURE_RANGE_C
+
+# A request may exceed nominal power by the rounding of a sum, relative.
+_SLACK: Final = 1e-9
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """What a schedule of requests does. Powers are kW, positive = discharge; losses are ``>= 0``.
+
+    All arrays have the shape of the requests, ``(..., n_strings, n_steps)``.
+
+    Attributes
+    ----------
+    delivered_kw : ndarray
+        AC power of each string.
+    availability_loss_kw, derating_loss_kw : ndarray
+        Requested but not delivered, for lack of SOC (or of a real root of the current) and for temperature.
+    inverter_loss_kw, battery_loss_kw : ndarray
+        Losses of the delivered power.
+    current_a : ndarray
+        String current; positive = discharge.
+    soc, temperature_c : ndarray
+        State at the END of each step.
+    """
+
+    delivered_kw: NDArray[np.float64]
+    availability_loss_kw: NDArray[np.float64]
+    derating_loss_kw: NDArray[np.float64]
+    inverter_loss_kw: NDArray[np.float64]
+    battery_loss_kw: NDArray[np.float64]
+    current_a: NDArray[np.float64]
+    soc: NDArray[np.float64]
+    temperature_c: NDArray[np.float64]
+
+
+def rollout(
+    system: System,
+    state: State,
+    request_kw: ArrayLike,
+    dt_h: float = 0.25,
+    ambient_c: ArrayLike | None = None,
+) -> Rollout:
+    """Roll requests out with the control model, the controller's picture of the plant (MODEL.md section 3).
+
+    Parameters
+    ----------
+    system : System
+        The plant's parameters.
+    state : State
+        Measured state at the start.
+    request_kw : array_like, shape (..., n_strings, n_steps)
+        Requested AC power [kW], positive = discharge, at most nominal power; a batch of schedules is rolled out in
+        one call. All strings of a step share its sign.
+    dt_h : float
+        Length of a step [h].
+    ambient_c : float or array_like, shape (n_steps,), optional
+        Ambient temperature [degC]; the system's by default.
+
+    Returns
+    -------
+    Rollout
+        Arrays of the shape of ``request_kw``.
+
+    Raises
+    ------
+    InputError
+        If a shape, a value or a sign is not as above, or ``state`` does not fit ``system``.
+    """
+    if not isinstance(state, State):
+        raise InputError(f"state must be a bess.State, not {type(state).__name__}")
+    system.check_state(state)
+    request = _numbers("request_kw", request_kw)
+    if request.ndim < 2 or request.shape[-2] != system.n_strings or request.shape[-1] == 0:
+        raise InputError(
+            f"request_kw has shape {request.shape}; give (n_strings, n_steps) with n_strings = {system.n_strings} "
+            "and at least one step, or a batch of them along leading axes"
+        )
+    _check_requests(system, request)
+    if _numbers("dt_h", dt_h).ndim or not 0.0 < dt_h <= 24.0:
+        raise InputError(f"dt_h = {dt_h!r} h must be one number in (0, 24]")
+
+    shape, n_steps = request.shape, request.shape[-1]
+    arrays = _core.ControlModel(system.core).rollout(
+        state.soc,
+        state.temperature_c,
+        request.reshape(-1, system.n_strings, n_steps),
+        _ambient(system, ambient_c, n_steps),
+        dt_h,
+    )
+    return Rollout(*(array.reshape(shape) for array in arrays))
+
+
+def _numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} must hold numbers ({error})") from error
+    if not np.all(np.isfinite(array)):
+        place = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise InputError(f"{name}{list(place)} = {array[place]} is not finite")
+    return array
+
+
+def _check_requests(system: System, request: NDArray[np.float64]) -> None:
+    above = np.abs(request) > system.nominal_kw[:, None] * (1.0 + _SLACK)
+    if np.any(above):
+        *_, string, step = place = tuple(int(i) for i in np.argwhere(above)[0])
+        nominal = system.nominal_kw[string]
+        raise InputError(
+            f"request_kw: string {string}, step {step}: {request[place]:g} kW is outside [-{nominal:g}, {nominal:g}] kW"
+        )
+    mixed = np.any(request > 0.0, axis=-2) & np.any(request < 0.0, axis=-2)
+    if np.any(mixed):
+        step = int(np.argwhere(mixed)[0][-1])
+        raise InputError(
+            f"request_kw: step {step} has both signs; all strings of a step charge, or all discharge"
+        )
+
+
+def _ambient(system: System, ambient_c: ArrayLike | None, n_steps: int) -> NDArray[np.float64]:
+    ambient = _numbers("ambient_c", system.ambient_c if ambient_c is None else ambient_c)
+    if ambient.shape not in ((), (n_steps,)):
+        raise InputError(
+            f"ambient_c has shape {ambient.shape}; give one value, or one for each of {n_steps} steps"
+        )
+    low, high = TEMPERATURE_RANGE_C
+    outside = ambient[(ambient < low) | (ambient > high)]
+    if outside.size:
+        raise InputError(f"ambient_c {outside.flat[0]:g} degC is outside [{low:g}, {high:g}] degC")
+    return np.ascontiguousarray(np.broadcast_to(ambient, n_steps))

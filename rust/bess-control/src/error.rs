@@ -1,0 +1,75 @@
+use thiserror::Error;
+
+/// Input that the control model cannot use. The text names the thing, its value and what is allowed.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum ControlError {
+    /// An array has the wrong number of values.
+    #[error("{name}: needs {expected} values, has {actual}")]
+    Length {
+        /// Which array.
+        name: &'static str,
+        /// Values needed.
+        expected: usize,
+        /// Values given.
+        actual: usize,
+    },
+    /// A number outside what is allowed.
+    #[error("{name}: {value} at position {position} is outside [{low}, {high}]{unit}")]
+    Range {
+        /// Which array.
+        name: &'static str,
+        /// Flat position in the array.
+        position: usize,
+        /// The value.
+        value: f64,
+        /// Smallest value allowed.
+        low: f64,
+        /// Largest value allowed.
+        high: f64,
+        /// Unit, with a leading space.
+        unit: &'static str,
+    },
+    /// Requests of one step with both signs.
+    #[error("step {step}: requests of both signs (string {string} asks for {value_w} W against the others)")]
+    MixedSigns {
+        /// The step.
+        step: usize,
+        /// The string against the others.
+        string: usize,
+        /// Its request, positive = discharge [W].
+        value_w: f64,
+    },
+    /// More demand than the strings may be asked for.
+    #[error("step {step}: demand of {demand_w} W is above the sum of the limits, {limit_w} W")]
+    DemandAboveLimits {
+        /// The step.
+        step: usize,
+        /// Demand [W].
+        demand_w: f64,
+        /// Sum of the limits [W].
+        limit_w: f64,
+    },
+}
+
+/// Checks the length of an array.
+pub(crate) fn check_length(name: &'static str, values: &[f64], expected: usize) -> Result<(), ControlError> {
+    if values.len() == expected {
+        return Ok(());
+    }
+    Err(ControlError::Length { name, expected, actual: values.len() })
+}
+
+/// Checks that every value lies in `[low, high]`; NaN does not.
+pub(crate) fn check_range(
+    name: &'static str,
+    values: &[f64],
+    (low, high): (f64, f64),
+    unit: &'static str,
+) -> Result<(), ControlError> {
+    match values.iter().position(|v| !(low..=high).contains(v)) {
+        None => Ok(()),
+        Some(position) => {
+            Err(ControlError::Range { name, position, value: values[position], low, high, unit })
+        }
+    }
+}

@@ -1,0 +1,326 @@
+//! The data of one split problem: strings, measured state, demand, limits, costs.
+
+use bess_tables::{Direction, System};
+
+use crate::error::{check_length, check_range};
+use crate::model::{Flow, Interval, StringModel, StringState};
+use crate::ControlError;
+
+/// Most groups of objectives.
+pub const MAX_GROUPS: usize = 4;
+/// Cost of each group.
+pub type Costs = [f64; MAX_GROUPS];
+
+const SOC_SLACK: f64 = 1e-9;
+const POWER_SLACK: f64 = 1e-9;
+const TEMPERATURE_RANGE_C: (f64, f64) = (-100.0, 1000.0);
+
+/// The control model of a plant, without a problem.
+#[derive(Debug, Clone)]
+pub struct ControlModel {
+    strings: Vec<StringModel>,
+}
+
+impl ControlModel {
+    /// Prepares all strings.
+    pub fn new(system: &System) -> Self {
+        Self { strings: system.strings.iter().cloned().map(StringModel::new).collect() }
+    }
+
+    /// The strings.
+    pub fn strings(&self) -> &[StringModel] {
+        &self.strings
+    }
+
+    /// Checks measured states and pairs them up.
+    pub fn states(&self, soc: &[f64], temperature_c: &[f64]) -> Result<Vec<StringState>, ControlError> {
+        check_length("soc", soc, self.strings.len())?;
+        check_length("temperature_c", temperature_c, self.strings.len())?;
+        check_range("temperature_c", temperature_c, TEMPERATURE_RANGE_C, " degC")?;
+        for (position, (string, &value)) in self.strings.iter().zip(soc).enumerate() {
+            let (low, high) = (string.parameters.soc_min, string.parameters.soc_max);
+            if !(low - SOC_SLACK..=high + SOC_SLACK).contains(&value) {
+                return Err(ControlError::Range { name: "soc", position, value, low, high, unit: "" });
+            }
+        }
+        let clamped = self
+            .strings
+            .iter()
+            .zip(soc)
+            .map(|(s, soc)| soc.clamp(s.parameters.soc_min, s.parameters.soc_max));
+        Ok(clamped
+            .zip(temperature_c)
+            .map(|(soc, &temperature_c)| StringState { soc, temperature_c })
+            .collect())
+    }
+
+    /// Directions of the steps of one schedule of signed requests `(M, T)` [W]; all strings of a step share it.
+    pub fn directions(&self, request_w: &[f64], n_steps: usize) -> Result<Vec<Direction>, ControlError> {
+        let mut directions = vec![Direction::Discharge; n_steps];
+        for (step, direction) in directions.iter_mut().enumerate() {
+            let mut sign = 0.0;
+            for (string, model) in self.strings.iter().enumerate() {
+                let value = request_w[string * n_steps + step];
+                let nominal = model.nominal_w();
+                if value.is_nan() || value.abs() > nominal * (1.0 + POWER_SLACK) {
+                    let position = string * n_steps + step;
+                    let (low, high) = (-nominal, nominal);
+                    return Err(ControlError::Range {
+                        name: "request",
+                        position,
+                        value,
+                        low,
+                        high,
+                        unit: " W",
+                    });
+                }
+                if value * sign < 0.0 {
+                    return Err(ControlError::MixedSigns { step, string, value_w: value });
+                }
+                if value != 0.0 {
+                    sign = value;
+                }
+            }
+            *direction = direction_of(sign);
+        }
+        Ok(directions)
+    }
+
+    /// Largest AC power that each string can deliver over the next interval, before derating [W].
+    pub fn limits_w(&self, states: &[StringState], direction: Direction, dt_h: f64) -> Vec<f64> {
+        let limit = |(string, state): (&StringModel, &StringState)| {
+            string.limit_w(&string.coefficients(direction, *state), direction, state.soc, dt_h)
+        };
+        self.strings.iter().zip(states).map(limit).collect()
+    }
+
+    /// Constants that normalise the losses: inverter loss at `p_N` in charge, and
+    /// `h_N = R(soc 0.5, 25 degC) (p_N / OCV_dch(0.5))^2`, for each string [W].
+    pub fn nominal_losses_w(&self) -> (Vec<f64>, Vec<f64>) {
+        let heat = |string: &StringModel| {
+            let middle = StringState { soc: 0.5, temperature_c: 25.0 };
+            let c = string.coefficients(Direction::Discharge, middle);
+            c.resistance_ohm * (string.nominal_w() / c.voltage_v).powi(2)
+        };
+        let inverter = |string: &StringModel| string.loss(Direction::Charge).at(string.nominal_w()).0;
+        (self.strings.iter().map(inverter).collect(), self.strings.iter().map(heat).collect())
+    }
+}
+
+/// Direction of a signed power; zero counts as discharge, in which nothing flows.
+pub fn direction_of(power: f64) -> Direction {
+    if power < 0.0 {
+        Direction::Charge
+    } else {
+        Direction::Discharge
+    }
+}
+
+/// What one unit of each loss costs a string, for each group [1/W]: availability, derating, inverter, battery.
+pub type LossCosts = [f64; 4];
+
+/// Everything about one split problem. Arrays over strings and steps are string-major, `(M, T)`.
+#[derive(Debug, Clone, Copy)]
+pub struct Problem<'a> {
+    /// Measured SOC `(M,)`.
+    pub soc: &'a [f64],
+    /// Measured mean temperature `(M,)` [degC].
+    pub temperature_c: &'a [f64],
+    /// Demand, positive = discharge `(T,)` [W].
+    pub demand_w: &'a [f64],
+    /// Ambient temperature `(T,)` [degC].
+    pub ambient_c: &'a [f64],
+    /// Length of a step [h].
+    pub dt_h: f64,
+    /// Upper limits of the requests `(M, T)` [W].
+    pub limit_w: &'a [f64],
+    /// Costs `(G, M, 4)` [1/W], groups in order of priority.
+    pub costs: &'a [f64],
+    /// Absolute tolerance of each group.
+    pub tolerance_abs: &'a [f64],
+    /// Relative tolerance of each group.
+    pub tolerance_rel: &'a [f64],
+}
+
+/// A split problem, checked, as the search needs it. Requests are magnitudes from here on.
+#[derive(Debug, Clone)]
+pub struct ControlHorizon {
+    pub(crate) model: ControlModel,
+    pub(crate) start: Vec<StringState>,
+    pub(crate) demand_w: Vec<f64>,
+    pub(crate) intervals: Vec<Interval>,
+    pub(crate) limit_w: Vec<f64>,
+    /// `(M, G)`, so that the costs of one string lie together.
+    pub(crate) costs: Vec<LossCosts>,
+    pub(crate) n_groups: usize,
+    pub(crate) tolerance_abs: Vec<f64>,
+    pub(crate) tolerance_rel: Vec<f64>,
+}
+
+impl ControlHorizon {
+    /// Checks a problem.
+    pub fn new(model: ControlModel, problem: &Problem<'_>) -> Result<Self, ControlError> {
+        let (n_strings, n_steps) = (model.strings().len(), problem.demand_w.len());
+        let n_groups = problem.tolerance_abs.len();
+        let start = model.states(problem.soc, problem.temperature_c)?;
+        check_length("ambient_c", problem.ambient_c, n_steps)?;
+        check_length("limit", problem.limit_w, n_strings * n_steps)?;
+        check_length("costs", problem.costs, n_groups * n_strings * 4)?;
+        check_length("tol_rel", problem.tolerance_rel, n_groups)?;
+        check_range("groups", &[n_groups as f64], (1.0, MAX_GROUPS as f64), "")?;
+        check_range("dt_h", &[problem.dt_h], (f64::MIN_POSITIVE, f64::MAX), " h")?;
+        check_range("ambient_c", problem.ambient_c, TEMPERATURE_RANGE_C, " degC")?;
+        check_range("costs", problem.costs, (0.0, f64::MAX), " 1/W")?;
+        check_range("tol_abs", problem.tolerance_abs, (0.0, f64::MAX), "")?;
+        check_range("tol_rel", problem.tolerance_rel, (0.0, f64::MAX), "")?;
+        check_range("demand", problem.demand_w, (-f64::MAX, f64::MAX), " W")?;
+        for (string, limits) in model.strings().iter().zip(problem.limit_w.chunks(n_steps.max(1))) {
+            check_range("limit", limits, (0.0, string.nominal_w() * (1.0 + POWER_SLACK)), " W")?;
+        }
+        for (step, demand) in problem.demand_w.iter().enumerate() {
+            let limit_w: f64 = (0..n_strings).map(|m| problem.limit_w[m * n_steps + step]).sum();
+            if demand.abs() > limit_w * (1.0 + POWER_SLACK) {
+                return Err(ControlError::DemandAboveLimits { step, demand_w: *demand, limit_w });
+            }
+        }
+        let intervals = problem.demand_w.iter().zip(problem.ambient_c).map(|(&demand, &ambient_c)| {
+            Interval { direction: direction_of(demand), ambient_c, dt_h: problem.dt_h }
+        });
+        let of_string = |m: usize| (0..n_groups).map(move |g| (g * n_strings + m) * 4);
+        let costs = (0..n_strings).flat_map(of_string).map(|first| {
+            let c = &problem.costs[first..first + 4];
+            [c[0], c[1], c[2], c[3]]
+        });
+        Ok(Self {
+            start,
+            demand_w: problem.demand_w.iter().map(|d| d.abs()).collect(),
+            intervals: intervals.collect(),
+            limit_w: problem.limit_w.to_vec(),
+            costs: costs.collect(),
+            n_groups,
+            tolerance_abs: problem.tolerance_abs.to_vec(),
+            tolerance_rel: problem.tolerance_rel.to_vec(),
+            model,
+        })
+    }
+
+    /// Number of strings.
+    pub fn n_strings(&self) -> usize {
+        self.start.len()
+    }
+
+    /// Number of steps.
+    pub fn n_steps(&self) -> usize {
+        self.intervals.len()
+    }
+
+    /// Number of groups.
+    pub fn n_groups(&self) -> usize {
+        self.n_groups
+    }
+
+    /// Direction of each step.
+    pub fn direction(&self, step: usize) -> Direction {
+        self.intervals[step].direction
+    }
+
+    /// Strings of the plant.
+    pub(crate) fn string(&self, m: usize) -> &StringModel {
+        &self.model.strings()[m]
+    }
+
+    /// Costs of one string, one entry for each group.
+    #[inline]
+    pub(crate) fn costs_of(&self, m: usize) -> &[LossCosts] {
+        &self.costs[m * self.n_groups..(m + 1) * self.n_groups]
+    }
+
+    /// Limit of one request [W].
+    #[inline]
+    pub(crate) fn limit(&self, m: usize, t: usize) -> f64 {
+        self.limit_w[m * self.n_steps() + t]
+    }
+
+    /// One step of one string; adds its costs.
+    #[inline]
+    pub(crate) fn advance(
+        &self,
+        m: usize,
+        t: usize,
+        state: StringState,
+        request_w: f64,
+        costs: &mut Costs,
+    ) -> Flow {
+        let flow = self.string(m).step(state, request_w, &self.intervals[t]);
+        for (total, c) in costs.iter_mut().zip(self.costs_of(m)) {
+            *total += c[0] * flow.availability_w
+                + c[1] * flow.derating_w
+                + c[2] * flow.inverter_w
+                + c[3] * flow.battery_w;
+        }
+        flow
+    }
+
+    /// Objectives of a schedule of requests `(M, T)` [W]: each string over time, then over the strings. Every
+    /// other place that sums costs keeps this order, so that results agree to the last bit.
+    pub fn objectives(&self, request_w: &[f64]) -> Costs {
+        let n_steps = self.n_steps();
+        let mut totals = [0.0; MAX_GROUPS];
+        for (m, requests) in request_w.chunks_exact(n_steps).enumerate() {
+            let mut costs = [0.0; MAX_GROUPS];
+            let mut state = self.start[m];
+            for (t, &request) in requests.iter().enumerate() {
+                state = self.advance(m, t, state, request, &mut costs).end;
+            }
+            add(&mut totals, &costs);
+        }
+        totals
+    }
+
+    /// Objectives of a batch of schedules `(B, M, T)` [W], `(B, G)`.
+    pub fn evaluate(&self, requests_w: &[f64]) -> Vec<f64> {
+        let size = self.n_strings() * self.n_steps();
+        let groups = self.n_groups;
+        requests_w
+            .chunks_exact(size)
+            .flat_map(|request| self.objectives(request).into_iter().take(groups))
+            .collect()
+    }
+
+    /// Magnitudes of signed requests; an error where one points against the demand or is above its limit.
+    pub fn magnitudes(&self, requests_w: &[f64]) -> Result<Vec<f64>, ControlError> {
+        let n_steps = self.n_steps();
+        let size = (self.n_strings() * n_steps).max(1);
+        let mut magnitudes = Vec::with_capacity(requests_w.len());
+        for (position, &value) in requests_w.iter().enumerate() {
+            let (m, t) = (position % size / n_steps, position % n_steps);
+            let nominal = self.string(m).nominal_w();
+            let (low, high) = match self.intervals[t].direction {
+                _ if self.demand_w[t] == 0.0 => (0.0, 0.0),
+                Direction::Charge => (-self.limit(m, t), 0.0),
+                Direction::Discharge => (0.0, self.limit(m, t)),
+            };
+            // Rounding of an optimiser outside is let through, nothing more.
+            let slack = 1e-6 * nominal;
+            if !(low - slack..=high + slack).contains(&value) {
+                return Err(ControlError::Range { name: "request", position, value, low, high, unit: " W" });
+            }
+            magnitudes.push(value.clamp(low, high).abs());
+        }
+        Ok(magnitudes)
+    }
+
+    /// Signs of the demand on a schedule of magnitudes `(M, T)`.
+    pub fn signed(&self, request_w: &[f64]) -> Vec<f64> {
+        let sign = |t: usize| if self.direction(t) == Direction::Charge { -1.0 } else { 1.0 };
+        request_w.iter().enumerate().map(|(i, u)| sign(i % self.n_steps()) * u).collect()
+    }
+}
+
+/// Adds costs of all groups.
+#[inline]
+pub(crate) fn add(totals: &mut Costs, costs: &Costs) {
+    for (total, cost) in totals.iter_mut().zip(costs) {
+        *total += cost;
+    }
+}

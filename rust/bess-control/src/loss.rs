@@ -1,0 +1,146 @@
+use bess_tables::{Direction, Lut};
+
+/// Inverter loss of one direction over delivered AC power, with what is needed to invert it.
+///
+/// The battery's internal power is `g(p) = p - w(p)` in charge and `p + w(p)` in discharge. A table whose slope
+/// leaves `(-1, 1)` makes `g` fall somewhere; the set of powers below a limit is then not an interval. The
+/// largest deliverable power is taken as the end of the first interval (inverse of the running maximum of `g`),
+/// so that every power below it is deliverable too. On monotone tables both agree.
+#[derive(Debug, Clone)]
+pub(crate) struct LossCurve {
+    direction: Direction,
+    power: Vec<f64>,
+    loss: Vec<f64>,
+    /// Running maximum of `g` over the knots.
+    internal: Vec<f64>,
+}
+
+impl LossCurve {
+    pub fn new(table: &Lut, direction: Direction, nominal_w: f64) -> Self {
+        let inner = table.x().iter().copied().filter(|&x| x > 0.0 && x < nominal_w);
+        let knots: Vec<f64> = std::iter::once(0.0).chain(inner).chain(std::iter::once(nominal_w)).collect();
+        let mut curve = Self { direction, power: vec![], loss: vec![], internal: vec![] };
+        let mut highest = f64::NEG_INFINITY;
+        for (index, &p) in knots.iter().enumerate() {
+            let g = curve.direction_power(p, table.at(p));
+            if index > 0 && g > highest {
+                let before = knots[index - 1];
+                let g_before = curve.direction_power(before, table.at(before));
+                if g_before < highest {
+                    let crossing = before + (highest - g_before) / (g - g_before) * (p - before);
+                    curve.push(crossing, table.at(crossing), highest);
+                }
+            }
+            highest = highest.max(g);
+            curve.push(p, table.at(p), highest);
+        }
+        curve
+    }
+
+    fn push(&mut self, power: f64, loss: f64, internal: f64) {
+        self.power.push(power);
+        self.loss.push(loss);
+        self.internal.push(internal);
+    }
+
+    /// `g` for a delivered power and its loss [W].
+    #[inline]
+    pub fn direction_power(&self, power_w: f64, loss_w: f64) -> f64 {
+        match self.direction {
+            Direction::Charge => power_w - loss_w,
+            Direction::Discharge => power_w + loss_w,
+        }
+    }
+
+    /// Knots [W].
+    pub fn power(&self) -> &[f64] {
+        &self.power
+    }
+
+    /// Losses at the knots [W].
+    pub fn loss(&self) -> &[f64] {
+        &self.loss
+    }
+
+    /// Loss and running maximum of `g` at a power [W].
+    #[inline]
+    pub fn at(&self, power_w: f64) -> (f64, f64) {
+        let last = self.power.len() - 1;
+        if power_w >= self.power[last] {
+            return (self.loss[last], self.internal[last]);
+        }
+        let mut segment = 0;
+        while power_w >= self.power[segment + 1] {
+            segment += 1;
+        }
+        let share = (power_w - self.power[segment]) / (self.power[segment + 1] - self.power[segment]);
+        let between = |y: &[f64]| y[segment] + share * (y[segment + 1] - y[segment]);
+        (between(&self.loss), between(&self.internal))
+    }
+
+    /// Largest AC power whose internal power, and that of every smaller one, is at most `internal_w` [W].
+    #[inline]
+    pub fn largest_power(&self, internal_w: f64) -> f64 {
+        let above = self.internal.partition_point(|&g| g <= internal_w);
+        if above == 0 {
+            return 0.0;
+        }
+        if above == self.internal.len() {
+            return self.power[above - 1];
+        }
+        let (low, high) = (self.internal[above - 1], self.internal[above]);
+        let share = (internal_w - low) / (high - low);
+        self.power[above - 1] + share * (self.power[above] - self.power[above - 1])
+    }
+
+    /// Smallest and largest `g` over the delivered powers `[low, high]` of an inverter that is on [W].
+    pub fn internal_range(&self, low: f64, high: f64) -> (f64, f64) {
+        let g = |p: f64| self.direction_power(p, self.at(p).0);
+        let inside = self.power.iter().copied().filter(|&p| p > low && p < high).map(g);
+        inside
+            .chain([g(low), g(high)])
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), g| (a.min(g), b.max(g)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn largest_power_inverts_a_monotone_table_in_both_directions() {
+        let table = Lut::new("w", vec![0.0, 50.0, 100.0], vec![2.0, 3.0, 7.0]).unwrap();
+        for direction in [Direction::Charge, Direction::Discharge] {
+            let curve = LossCurve::new(&table, direction, 100.0);
+            for p in [1.0, 49.0, 50.0, 73.5, 100.0] {
+                let g = curve.direction_power(p, table.at(p));
+                assert!((curve.largest_power(g) - p).abs() < 1e-12);
+            }
+        }
+    }
+
+    #[test]
+    fn a_discharge_that_cannot_carry_the_no_load_loss_delivers_nothing() {
+        let table = Lut::new("w", vec![0.0, 100.0], vec![2.0, 3.0]).unwrap();
+        let curve = LossCurve::new(&table, Direction::Discharge, 100.0);
+        assert_eq!(curve.largest_power(1.9), 0.0);
+        assert_eq!(curve.largest_power(2.0), 0.0);
+        assert!(curve.largest_power(2.1) > 0.0);
+    }
+
+    #[test]
+    fn every_power_below_the_largest_one_is_deliverable_on_a_table_that_folds_back() {
+        // g rises to 60, falls to 40, rises to 90.
+        let table = Lut::new("w", vec![0.0, 50.0, 60.0, 100.0], vec![0.0, 10.0, -20.0, -10.0]).unwrap();
+        let curve = LossCurve::new(&table, Direction::Discharge, 100.0);
+        assert!((curve.largest_power(50.0) - 50.0 * 50.0 / 60.0).abs() < 1e-12);
+        assert!(curve.largest_power(60.0) > 60.0);
+        for internal in [20.0, 55.0, 61.0, 80.0] {
+            let largest = curve.largest_power(internal);
+            for step in 1..=100 {
+                let p = largest * f64::from(step) / 100.0;
+                assert!(p + table.at(p) <= internal + 1e-9);
+            }
+        }
+    }
+}

@@ -1,0 +1,154 @@
+//! Ranges of the coefficients over boxes of states, taken from the tables' own knots.
+
+use bess_tables::{Direction, Lut, Resistance};
+
+use crate::model::StringModel;
+
+/// A closed interval.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Range {
+    /// Lower end.
+    pub low: f64,
+    /// Upper end.
+    pub high: f64,
+}
+
+impl Range {
+    /// The interval of one value.
+    pub fn point(value: f64) -> Self {
+        Self { low: value, high: value }
+    }
+
+    const EMPTY: Self = Self { low: f64::INFINITY, high: f64::NEG_INFINITY };
+
+    fn include(&mut self, value: f64) {
+        self.low = self.low.min(value);
+        self.high = self.high.max(value);
+    }
+}
+
+/// States that one string may be in.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StateBox {
+    /// State of charge.
+    pub soc: Range,
+    /// Mean temperature [degC].
+    pub temperature_c: Range,
+}
+
+/// Coefficients over a box.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CoefficientRanges {
+    /// Derating factor.
+    pub derating: Range,
+    /// Open-circuit voltage [V].
+    pub voltage_v: Range,
+    /// Resistance [Ohm].
+    pub resistance_ohm: Range,
+    /// `V^2 / R` [W]: heat is a function of internal power and this number alone, and falls with it.
+    pub power_scale_w: Range,
+}
+
+impl StringModel {
+    /// Ranges of `k`, `V`, `R` and `V^2 / R` over a box.
+    ///
+    /// The box is cut at every knot (and at the low-SOC switch, where the resistance jumps). Within a piece `V`
+    /// and `R` are bilinear, so their extremes lie at its corners and are exact. `V^2 / R` is bounded by the
+    /// extremes of a piece, which is exact where `V` rises and `R` does not rise with SOC, and `V` does not
+    /// depend on temperature.
+    pub fn ranges(&self, direction: Direction, states: &StateBox) -> CoefficientRanges {
+        let p = &self.parameters;
+        let ocv = match direction {
+            Direction::Charge => &p.ocv_charge,
+            Direction::Discharge => &p.ocv_discharge,
+        };
+        let mut socs = vec![states.soc.low, states.soc.high];
+        let mut temperatures = vec![states.temperature_c.low, states.temperature_c.high];
+        let inside = |values: &[f64], range: &Range| -> Vec<f64> {
+            values.iter().copied().filter(|&v| v > range.low && v < range.high).collect()
+        };
+        socs.extend(inside(ocv.x(), &states.soc));
+        temperatures.extend(inside(ocv.y(), &states.temperature_c));
+        let mut switch = f64::NEG_INFINITY;
+        match &p.resistance {
+            Resistance::Switched { temperature, soc_factor, switch_soc } => {
+                socs.extend(inside(soc_factor.x(), &states.soc));
+                socs.extend(inside(&[*switch_soc], &states.soc));
+                temperatures.extend(inside(temperature.x(), &states.temperature_c));
+                switch = *switch_soc;
+            }
+            Resistance::Measured { charge, discharge, .. } => {
+                let grids = if direction == Direction::Charge { charge } else { discharge };
+                for grid in grids {
+                    socs.extend(inside(grid.x(), &states.soc));
+                    temperatures.extend(inside(grid.y(), &states.temperature_c));
+                }
+            }
+        }
+        socs.sort_unstable_by(f64::total_cmp);
+        temperatures.sort_unstable_by(f64::total_cmp);
+
+        let mut out = CoefficientRanges {
+            derating: lut_range(&p.derating.factor, &states.temperature_c),
+            voltage_v: Range::EMPTY,
+            resistance_ohm: Range::EMPTY,
+            power_scale_w: Range::EMPTY,
+        };
+        for soc in socs.windows(2) {
+            for temperature_c in temperatures.windows(2) {
+                let (mut v, mut r) = (Range::EMPTY, Range::EMPTY);
+                let is_point = soc[0] == soc[1];
+                // One formula of R holds in the whole piece; a piece below the switch includes the limit there.
+                let below = if is_point { soc[0] < switch } else { soc[1] <= switch };
+                for &s in soc {
+                    for &t in temperature_c {
+                        v.include(p.ocv(direction, s, t));
+                        r.include(self.resistance_on_side(direction, s, t, below));
+                    }
+                }
+                // A box that ends on the switch from below may also be on it.
+                if below && soc[1] == switch && switch == states.soc.high {
+                    for &t in temperature_c {
+                        r.include(self.resistance_on_side(direction, switch, t, false));
+                    }
+                }
+                for value in [v.low, v.high] {
+                    out.voltage_v.include(value);
+                }
+                for value in [r.low, r.high] {
+                    out.resistance_ohm.include(value);
+                }
+                out.power_scale_w.include(v.low * v.low / r.high);
+                out.power_scale_w.include(v.high * v.high / r.low);
+            }
+        }
+        out
+    }
+
+    fn resistance_on_side(&self, direction: Direction, soc: f64, temperature_c: f64, below: bool) -> f64 {
+        match &self.parameters.resistance {
+            Resistance::Switched { temperature, soc_factor, .. } => {
+                let at_temperature = temperature.at(temperature_c);
+                if below {
+                    soc_factor.at(soc) * at_temperature
+                } else {
+                    at_temperature
+                }
+            }
+            measured @ Resistance::Measured { .. } => measured.control_at(direction, soc, temperature_c),
+        }
+    }
+}
+
+/// Range of a piecewise linear table over an interval of its argument.
+fn lut_range(lut: &Lut, x: &Range) -> Range {
+    let mut range = Range::EMPTY;
+    range.include(lut.at(x.low));
+    range.include(lut.at(x.high));
+    for (&knot, &value) in lut.x().iter().zip(lut.y()) {
+        if knot > x.low && knot < x.high {
+            range.include(value);
+        }
+    }
+    range
+}

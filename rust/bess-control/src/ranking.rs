@@ -1,0 +1,41 @@
+//! Which of two vectors of group objectives is better, group after group.
+
+use crate::horizon::{Costs, MAX_GROUPS};
+
+/// Differences below this share are rounding.
+const ROUNDING: f64 = 1e-12;
+
+/// Lexicographic order with the higher groups held under a ceiling.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Ranking {
+    /// The group that is minimised; those before it only have to stay under their ceilings.
+    pub group: usize,
+    pub n_groups: usize,
+    pub ceilings: Costs,
+}
+
+impl Ranking {
+    pub fn new(n_groups: usize) -> Self {
+        Self { group: 0, n_groups, ceilings: [f64::INFINITY; MAX_GROUPS] }
+    }
+
+    /// Whether `a` is better than `b` by more than rounding. Ties go to the next group.
+    #[inline]
+    pub fn better(&self, a: &Costs, b: &Costs) -> bool {
+        for g in 0..self.n_groups {
+            let (x, y) = if g < self.group {
+                (a[g].max(self.ceilings[g]), b[g].max(self.ceilings[g]))
+            } else {
+                (a[g], b[g])
+            };
+            let slack = ROUNDING * x.abs().max(y.abs());
+            if x < y - slack {
+                return true;
+            }
+            if x > y + slack {
+                return false;
+            }
+        }
+        false
+    }
+}

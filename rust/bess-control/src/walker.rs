@@ -1,0 +1,120 @@
+//! A schedule with the states and costs along it, so that a change is costed from the changed step on and only
+//! for the strings that it touches.
+
+use crate::horizon::{add, ControlHorizon, Costs, MAX_GROUPS};
+use crate::model::StringState;
+
+/// A string on its way through the horizon.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Progress {
+    pub state: StringState,
+    pub costs: Costs,
+}
+
+/// A schedule over the steps `first..end`, rolled out.
+#[derive(Debug, Clone)]
+pub(crate) struct Walker<'a> {
+    pub horizon: &'a ControlHorizon,
+    pub first: usize,
+    pub end: usize,
+    /// `(M, end - first)` [W].
+    pub request_w: Vec<f64>,
+    /// `(M, end - first + 1)`: at the start of each step, and at the end.
+    progress: Vec<Progress>,
+    /// Steps of single strings computed so far.
+    pub string_steps: std::cell::Cell<u64>,
+}
+
+impl<'a> Walker<'a> {
+    pub fn new(
+        horizon: &'a ControlHorizon,
+        first: usize,
+        start: &[StringState],
+        request_w: Vec<f64>,
+    ) -> Self {
+        let end = first + request_w.len() / horizon.n_strings();
+        let n_steps = end - first;
+        let blank = Progress { state: start[0], costs: [0.0; MAX_GROUPS] };
+        let progress = vec![blank; start.len() * (n_steps + 1)];
+        let mut walker = Self { horizon, first, end, request_w, progress, string_steps: 0.into() };
+        for (m, &state) in start.iter().enumerate() {
+            walker.progress[m * (n_steps + 1)].state = state;
+            walker.roll(m, first);
+        }
+        walker
+    }
+
+    fn n_steps(&self) -> usize {
+        self.end - self.first
+    }
+
+    #[inline]
+    pub fn request(&self, m: usize, t: usize) -> f64 {
+        self.request_w[m * self.n_steps() + t - self.first]
+    }
+
+    /// Where a string stands at the start of a step.
+    #[inline]
+    pub fn at(&self, m: usize, t: usize) -> &Progress {
+        &self.progress[m * (self.n_steps() + 1) + t - self.first]
+    }
+
+    /// Sets a request; the progress is stale until [`Self::roll`].
+    pub fn set(&mut self, m: usize, t: usize, request_w: f64) {
+        let index = m * self.n_steps() + t - self.first;
+        self.request_w[index] = request_w;
+    }
+
+    /// Rolls a string out again from a step on.
+    pub fn roll(&mut self, m: usize, from: usize) {
+        let base = m * (self.n_steps() + 1);
+        for t in from..self.end {
+            let mut next = self.progress[base + t - self.first];
+            next.state = self.horizon.advance(m, t, next.state, self.request(m, t), &mut next.costs).end;
+            self.progress[base + t + 1 - self.first] = next;
+        }
+        self.count(self.end - from);
+    }
+
+    /// Takes a string from step `from` to the start of step `to`, asking for `request_w` in the first of them.
+    #[inline]
+    pub fn advance(
+        &self,
+        m: usize,
+        mut progress: Progress,
+        from: usize,
+        to: usize,
+        request_w: f64,
+    ) -> Progress {
+        let mut request = request_w;
+        for t in from..to {
+            progress.state = self.horizon.advance(m, t, progress.state, request, &mut progress.costs).end;
+            if t + 1 < to {
+                request = self.request(m, t + 1);
+            }
+        }
+        self.count(to - from);
+        progress
+    }
+
+    /// Objectives with the final costs of some strings replaced; summed in the order of the strings.
+    #[inline]
+    pub fn objectives_with(&self, changed: &[(usize, Costs)]) -> Costs {
+        let mut totals = [0.0; MAX_GROUPS];
+        for m in 0..self.horizon.n_strings() {
+            let replaced = changed.iter().find(|(string, _)| *string == m);
+            add(&mut totals, replaced.map_or(&self.at(m, self.end).costs, |(_, costs)| costs));
+        }
+        totals
+    }
+
+    /// Objectives of the schedule.
+    pub fn objectives(&self) -> Costs {
+        self.objectives_with(&[])
+    }
+
+    #[inline]
+    fn count(&self, steps: usize) {
+        self.string_steps.set(self.string_steps.get() + steps as u64);
+    }
+}
