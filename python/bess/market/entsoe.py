@@ -112,13 +112,14 @@ def _of_sequence(
         set(cells[~np.isnan(values[which])]), key=lambda name: ("without" not in name.casefold(), name)
     )
     chosen = np.flatnonzero(cells == full[0]) if full else np.arange(which.size)
+    times = wall[which]
     for name in full[1:]:
-        times = wall[which]
-        beyond = (cells == name) & ((times < times[chosen].min()) | (times > times[chosen].max()))
+        end = times[chosen[-1]] + (times[chosen[-1]] - times[chosen[-2]] if chosen.size > 1 else pd.Timedelta(0))
+        beyond = (cells == name) & ((times < times[chosen[0]]) | (times >= end))
         if beyond.any():
             first = table.lines[which[int(np.argmax(beyond))]]
             repairs.add("sequence-join", f"took {name!r} beyond the time of {full[0]!r}", beyond.sum(), first)
             extra = np.flatnonzero(beyond)
-            earlier = extra[times[extra] < times[chosen].min()]
+            earlier = extra[times[extra] < times[chosen[0]]]
             chosen = np.concatenate([earlier, chosen, np.setdiff1d(extra, earlier)])
     return chosen

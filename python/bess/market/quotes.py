@@ -13,7 +13,7 @@ from bess.market.clock import Rows
 from bess.market.files import fail
 from bess.market.repairs import Repairs
 from bess.market.table import Table
-from bess.market.zones import SPLIT, wanted_codes, zone_code
+from bess.market.zones import SPLIT, wanted_codes
 
 Array = npt.NDArray[np.float64]
 
@@ -55,12 +55,12 @@ def join_zone(
     clock: tzinfo,
     repairs: Repairs,
 ) -> Array:
-    """Return the prices of `zone` from those of each zone code.
+    """Return the prices of `zone` from those of each zone code; `names` are the zones with any value.
 
     Until 2018-09-30 Germany and Luxembourg shared a zone with Austria: the series DE-LU takes its prices.
     """
     code, *before = wanted_codes(zone)
-    listed = f"the file has: {', '.join(names)}"
+    listed = f"the file has: {', '.join(names) or '(none)'}"
     codes = [c for c in (code, *before) if c in there]
     if not codes:
         fail(path, 1, f"zone {zone!r} is not in this file; choose another zone or file, {listed}")
@@ -76,12 +76,10 @@ def join_zone(
             "zone-join", f"took {before[0]} until {SPLIT}", old.sum(), rows.lines[int(np.argmax(old))]
         )
     if np.isnan(joined).all():
-        full = [name for name in names if not np.isnan(there[zone_code(name)]).all()]
         fail(
             path,
             int(rows.lines[0]),
-            f"to line {rows.lines[-1]}: zone {zone!r} has no value at all; choose another file, or a zone "
-            f"with values: {', '.join(full) or '(none)'}",
+            f"to line {rows.lines[-1]}: zone {zone!r} has no value at all; choose another zone or file, {listed}",
         )
     return joined
 
@@ -97,7 +95,7 @@ def whole_days(rows: Rows, table: Table, clock: tzinfo, repairs: Repairs) -> Row
     days = local.normalize()
     last = np.asarray(days == days[-1])
     begins = local[0] == days[0]
-    new_year = days[-1].dayofyear == 1 and days[-1].year > days[0].year and not _ends_day(rows.utc, clock)
+    new_year = days[-1].day_of_year == 1 and days[-1].year > days[0].year and not _ends_day(rows.utc, clock)
     if begins and last.sum() < last.size and (new_year or (last.sum() == 1 and local[-1] == days[-1])):
         first = int(np.argmax(last))
         repairs.add("stray-rows", "dropped rows after the last whole day", last.sum(), int(rows.lines[first]))

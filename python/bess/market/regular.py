@@ -20,6 +20,8 @@ _DAY: Final = 24 * _HOUR
 _RUN: Final = 3
 """Rows in a row that make another step a change of step, not a gap."""
 _SHARE: Final = 0.05
+_OFTEN: Final = 8
+"""A finer step is one that occurs in this share, or this number, of rows."""
 
 Array = npt.NDArray[np.float64]
 
@@ -86,9 +88,9 @@ def _check_order(rows: Rows) -> None:
 def _step(rows: Rows, gaps: npt.NDArray[np.int64], longest_s: int) -> tuple[int, npt.NDArray[np.int64]]:
     """Return the step [s] and how many steps each row covers (1, or more in a part with a coarser step)."""
     sizes, counts = np.unique(gaps, return_counts=True)
-    usual = sizes[np.argmax(counts)]
-    often = (counts >= 8) | (counts >= _SHARE * gaps.size)
-    step = int(min(size for size in sizes[often] if usual % size == 0) if often.any() else usual)
+    usual = sizes[counts == counts.max()].max()
+    often = counts >= min(_OFTEN, max(_RUN, _SHARE * gaps.size))
+    step = int(min([usual, *(size for size in sizes[often] if usual % size == 0)]))
     odd = gaps % step != 0
     if odd.any():
         i = int(np.argmax(odd))

@@ -12,7 +12,7 @@ import numpy as np
 
 from bess.market.clock import clock_of, to_utc
 from bess.market.files import fail
-from bess.market.numbers import parse_numbers
+from bess.market.numbers import MISSING, parse_numbers
 from bess.market.quotes import Array, Quotes, check_unit, join_zone, only_product, whole_days
 from bess.market.repairs import Repairs
 from bess.market.stamps import Stamps, parse_stamps
@@ -71,7 +71,7 @@ def _stamps(table: Table) -> Stamps:
 
 
 def _zones(table: Table, zone: str) -> tuple[list[str], dict[str, Array]]:
-    """Return the names of all zones, and the prices of those that are wanted (the others are not parsed)."""
+    """Return the names of zones with any value, and the prices of those that are wanted (the others are not parsed)."""
     wanted = wanted_codes(zone)
     names: list[str] = []
     there: dict[str, Array] = {}
@@ -79,7 +79,8 @@ def _zones(table: Table, zone: str) -> tuple[list[str], dict[str, Array]]:
         match = _PRICE.match(header)
         if not match:
             continue
-        names.append(match[1])
+        if any(row[i].strip().lower() not in MISSING for row in table.rows):
+            names.append(match[1])
         code = zone_code(match[1])
         if code in wanted:
             check_unit(table.path, 1, header)

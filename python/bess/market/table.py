@@ -124,9 +124,10 @@ def _header(path: str, numbered: list[tuple[int, list[str]]], separator: str) ->
     """Return the index of the header: the first row as wide as most rows; a preamble may come before it."""
     width = Counter(len(row) for _, row in numbered[:_SAMPLE]).most_common(1)[0][0]
     start = next(i for i, (_, row) in enumerate(numbered) if len(row) == width)
-    first = numbered[0]
-    if start and _is_data(numbered[start][1]):
-        _ragged(path, numbered[start][0], width, len(first[1]), last=False)
+    for _, row in numbered[:start]:
+        split_otherwise = (len(next(csv.reader([separator.join(row)], delimiter=s))) for s in _SEPARATORS)
+        if _is_data(numbered[start][1]) or width in split_otherwise:
+            _ragged(path, numbered[start][0], width, len(row), last=False)
     return start
 
 
