@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from bess.parameters import State, System, load_system
     from bess.plant import Fleet, Plant
     from bess.simulation import Result, Study, load_study, open_result, run, run_scenarios
+    from bess.split.objectives import Objective, Objectives
+    from bess.split.outcome import GroupResult, Split, SplitStatus
+    from bess.split.power_split import PowerSplit, split_power
     from bess.split.rollout import Rollout, rollout
 
 _HOMES = {
@@ -44,6 +47,13 @@ _HOMES = {
     "run": "bess.simulation",
     "run_scenarios": "bess.simulation",
     "kpis": "bess.analysis.kpis",
+    "Objective": "bess.split.objectives",
+    "Objectives": "bess.split.objectives",
+    "GroupResult": "bess.split.outcome",
+    "Split": "bess.split.outcome",
+    "SplitStatus": "bess.split.outcome",
+    "PowerSplit": "bess.split.power_split",
+    "split_power": "bess.split.power_split",
     "Rollout": "bess.split.rollout",
     "rollout": "bess.split.rollout",
 }
@@ -51,10 +61,16 @@ _HOMES = {
 __all__ = [
     "BessError",
     "Fleet",
+    "GroupResult",
     "InputError",
+    "Objective",
+    "Objectives",
     "Plant",
+    "PowerSplit",
     "Result",
     "Rollout",
+    "Split",
+    "SplitStatus",
     "State",
     "StoppedEarly",
     "Study",
@@ -72,6 +88,7 @@ __all__ = [
     "rollout",
     "run",
     "run_scenarios",
+    "split_power",
 ]
 
 __version__ = _version("bess-powersplit")

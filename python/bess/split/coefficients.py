@@ -69,8 +69,7 @@ class Coefficients:
     def over(cls, horizon: _core.ControlHorizon, boxes: Boxes) -> Coefficients:
         """Read the tables over boxes of states."""
         k_lo, k_hi, v_lo, v_hi, _, _, y_lo, y_hi = horizon.ranges(*boxes.at_starts)
-        z=np.zeros_like(k_lo)
-        return cls(k_lo, k_hi, v_lo, v_hi, y_lo, y_hi, y_hi, z, z, 1-k_hi, z)
+        return cls(k_lo, k_hi, v_lo, v_hi, y_lo, y_hi, *horizon.planes(*boxes.at_starts))
 
 
 @dataclass(frozen=True)

@@ -159,6 +159,7 @@ class PowerSplit:
             true=search if same else Model(self._horizon(inputs, true_costs), true_costs),
             tolerances=self.objectives.tolerances,
             alike=self._alike,
+            rollout=lambda request: self._rollout(inputs, request),
         )
 
     def _horizon(self, inputs: HorizonInputs, costs: Array) -> _core.ControlHorizon:
@@ -178,6 +179,9 @@ class PowerSplit:
             rel_tol,
         )
 
+    def _rollout(self, inputs: HorizonInputs, request: Array) -> Rollout:
+        return rollout(self.system, inputs.state, request, self.dt_h, ambient_c=inputs.ambient_c)
+
     def _answer(
         self,
         inputs: HorizonInputs,
@@ -188,7 +192,7 @@ class PowerSplit:
         started: float,
         task: Task | None = None,
     ) -> Split:
-        result = rollout(self.system, inputs.state, request, self.dt_h, ambient_c=inputs.ambient_c)
+        result = self._rollout(inputs, request)
         groups = self._groups(result, frozen, rigorous, task)
         soc_start = np.concatenate([inputs.state.soc[:, None], result.soc[:, :-1]], axis=1)
         switch = np.array([s.battery.low_soc_switch for s in self.system.strings])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +18,7 @@ from bess.split.inputs import HorizonInputs
 from bess.split.lexicographic import lexicographic
 from bess.split.outcome import relative_gap
 from bess.split.programs import Programs
+from bess.split.rollout import Rollout
 
 Array = NDArray[np.float64]
 
@@ -58,6 +59,8 @@ class Task:
         Absolute and relative.
     alike : ndarray of bool, shape (n_strings - 1,)
         Whether string ``m + 1`` has the parameters of string ``m``.
+    rollout : callable
+        What requests ``(n_strings, n_steps)`` [kW] do.
     """
 
     constants: PlantConstants
@@ -66,6 +69,7 @@ class Task:
     true: Model
     tolerances: tuple[Array, Array]
     alike: NDArray[np.bool_]
+    rollout: Callable[[Array], Rollout]
 
 
 @dataclass(frozen=True)
