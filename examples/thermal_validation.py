@@ -57,7 +57,7 @@ class Measurement:
 
     @property
     def temperature_c(self) -> Array:
-        return self.sensors_c.mean(axis=0)
+        return np.asarray(self.sensors_c.mean(axis=0))
 
     @property
     def c_rate(self) -> float:
