@@ -15,17 +15,27 @@ from bess.simulation.store import write_part
 
 
 def write_run(
-    directory: Path, dataset: xr.Dataset, name: str = "demo", *, policy: dict[str, Any] | None = None, done: int | None = None
+    directory: Path,
+    dataset: xr.Dataset,
+    name: str = "demo",
+    *,
+    policy: dict[str, Any] | None = None,
+    done: int | None = None,
 ) -> Path:
     """Write a finished run, or one that was stopped after ``done`` steps."""
     directory.mkdir(parents=True)
     steps, n_strings = dataset.sizes["time"], dataset.sizes["string"]
-    study = {"name": name, "title": f"Study of {name}", "policy": {"name": "mpc", "gap": 1e-3, **(policy or {})}}
+    study = {
+        "name": name,
+        "title": f"Study of {name}",
+        "policy": {"name": "mpc", "gap": 1e-3, **(policy or {})},
+    }
     initial = {key: value.tolist() for key, value in dataset.attrs.items()}
     frame = {
-        "start_s": int(dataset["time"].values[0].astype("datetime64[s]").astype(int)), "step_s": 900, "n_steps": steps,
+        "start_s": int(dataset["time"].values[0].astype("datetime64[s]").astype(int)),
+        "step_s": 900, "n_steps": steps,
         "attrs": {"title": study["title"], "step_h": 0.25, "time_zone": "UTC", **initial},
-        "statuses": {"0": "no optimisation needed", "1": "optimal within the gap"}, "limit_flags": {"1": "soc_max"},
+        "statuses": {"0": "none", "1": "optimal"}, "limit_flags": {"1": "soc_max"},
     }  # fmt: skip
     system = bess.System.reference(n_strings).document
     identity = {"version": "0.0.test", "study": study, "system": system, "files": {}, "frame": frame}
@@ -38,6 +48,8 @@ def write_run(
     else:
         write_part(directory, 0, {key: values[:done] for key, values in arrays.items()}, {"step": done})
     times = np.random.default_rng(1).lognormal(-4, 0.6, steps)
-    lines = [json.dumps({"step": i, "solve_time_s": None if i % 5 == 0 else float(t)}) for i, t in enumerate(times)]
+    lines = [
+        json.dumps({"step": i, "solve_time_s": None if i % 5 == 0 else float(t)}) for i, t in enumerate(times)
+    ]
     (directory / "log.jsonl").write_text("\n".join(lines) + "\n")
     return directory

@@ -1,4 +1,4 @@
-"""Records of the shape of a run, made by a small model of its own: plausible to look at, quick for a whole year."""
+"""Records of the shape of a run, by a small model of their own: plausible to look at, quick for a year."""
 
 import numpy as np
 import xarray as xr
@@ -26,7 +26,7 @@ def record(
     soc, temperature = np.full(n_strings, 0.5), np.full(n_strings, 25.0)
     rows: dict[str, list] = {}
     was_on = np.zeros(n_strings, dtype=bool)
-    for step, power in enumerate(demand):
+    for power in demand:
         order = np.argsort(soc if power < 0 else -soc)
         greedy = np.zeros(n_strings)
         left = abs(power)
@@ -58,7 +58,8 @@ def record(
     gap = rng.lognormal(-7, 1.5, steps)
     variables |= {
         "demand_kw": ("time", demand.astype(float)), "unmet_kw": ("time", np.zeros(steps)),
-        "ambient_c": ("time", np.full(steps, 25.0)), "ledger_residual_kwh": ("time", rng.normal(0, 1e-12, steps)),
+        "ambient_c": ("time", np.full(steps, 25.0)),
+        "ledger_residual_kwh": ("time", rng.normal(0, 1e-12, steps)),
         "solver_status": ("time", np.ones(steps, dtype=int)), "solver_gap": ("time", gap),
         "solver_search_gap": ("time", gap / 3), "solver_nodes": ("time", rng.poisson(4, steps)),
         "fallback": ("time", (np.arange(steps) % 97 == 50).astype(int)),

@@ -11,11 +11,14 @@ from matplotlib.figure import Figure
 
 from bess.report import charts, figures
 from bess.report.chart import Chart
+from bess.report.data import TimeAxis
 from bess.report.draw import draw
 from bess.report.runs import Run
 
 MOST_COMPARED = 8
-"""More scenarios than this are shown as a table and a front, not one by one."""
+"""More scenarios than this are shown as a table and a front."""
+MOST_DETAILED = 4
+"""More scenarios than this are compared, but not shown one by one."""
 
 
 @dataclass(frozen=True)
@@ -84,17 +87,20 @@ def details(run: Run) -> Iterator[Exhibit]:
             "Price, dispatch and mean state of charge.",
             partial(charts.market_dispatch, data),
         )
+    daily = TimeAxis(data).daily
     yield Exhibit(
         "strings",
         "State of the strings",
-        "State of charge and mean temperature of every string, demand behind.",
+        "State of charge and temperature: daily mean of every string, daily range over all of them in grey."
+        if daily
+        else "State of charge and mean temperature of every string, demand behind.",
         partial(charts.strings, data),
     )
     yield Exhibit(
         "power",
         "Where the power went",
-        "Left: the request, split into what was delivered and what was lost to derating and to availability "
-        "(upwards discharge, downwards charge). Right: conversion losses.",
+        "Requested: what was delivered, and what was lost to derating and to availability (discharge "
+        "upwards, charge downwards). Loss: in inverters and batteries." + (" Daily means." if daily else ""),
         partial(charts.power_split, data),
     )
     yield Exhibit(

@@ -9,7 +9,12 @@ import numpy as np
 from bess.report.chart import Chart, Panel, Series, Values
 from bess.report.style import BACKGROUND, INK
 
-_PANEL_HEIGHT_PX = 210
+_PANEL_PX = 200
+_SMALL_PANEL_PX = 130
+_MOST_TALL_PANELS = 4
+_GAP_PX = 26
+_TITLE_PX = 18
+_MOST_LEGEND_ENTRIES = 10
 _GRID = "#E3E3E3"
 
 
@@ -19,15 +24,17 @@ def plotly_figure(chart: Chart) -> dict[str, Any]:
     Panels that the printed figure sets side by side are stacked as well: a telephone is narrow.
     """
     count = len(chart.panels)
+    panel_px = _PANEL_PX if count <= _MOST_TALL_PANELS else _SMALL_PANEL_PX
+    title_px = _TITLE_PX if any(panel.title for panel in chart.panels) else 0
+    plot_px = panel_px * count + (_GAP_PX + title_px) * (count - 1)
+    height, gap = panel_px / plot_px, (_GAP_PX + title_px) / plot_px
     data: list[dict[str, Any]] = []
-    gap = 0.28 / count if any(panel.title for panel in chart.panels) else 0.16 / count
-    height = (1.0 - gap * (count - 1)) / count
     layout: dict[str, Any] = {
-        "height": 110 + _PANEL_HEIGHT_PX * count,
+        "height": plot_px + 110,
         "margin": {"l": 62, "r": 58, "t": 12, "b": 48},
         "font": {"family": "system-ui, sans-serif", "size": 12, "color": INK},
         "hovermode": "x unified" if count == 1 else "closest",
-        "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0, "itemwidth": 30},
+        "legend": {"orientation": "h", "x": 0, "y": 1.0 + title_px / plot_px, "yanchor": "bottom"},
         "paper_bgcolor": "white",
         "plot_bgcolor": "white",
         "annotations": [],
@@ -43,6 +50,10 @@ def plotly_figure(chart: Chart) -> dict[str, Any]:
     for index, panel in enumerate(chart.panels):
         top = 1.0 - index * (height + gap)
         _panel(data, layout, panel, index, (max(top - height, 0.0), top), shown, count)
+    names = {trace["name"] for trace in data if trace["showlegend"]}
+    if len(names) > _MOST_LEGEND_ENTRIES:
+        # A telephone would show nothing but the legend; pointing at a line still names it.
+        layout["showlegend"] = False
     return {"data": data, "layout": layout}
 
 
@@ -62,8 +73,15 @@ def _panel(
         "gridcolor": _GRID,
         "zerolinecolor": "#BBBBBB",
         "automargin": True,
+        "tickmode": "auto",
+        "tickformat": "~g" if panel.log else "",
         "type": "log" if panel.log else "linear",
     }
+    if panel.log:
+        shown_y = np.concatenate([series.y.astype(float) for series in panel.series])
+        low, high = np.nanmin(shown_y), np.nanmax(shown_y)
+        # Decades only, or 1, 2 and 5 of each.
+        axis["dtick"] = 1 if high > 50.0 * low else "D2"
     if panel.y_limits is not None:
         axis["range"] = list(np.log10(panel.y_limits) if panel.log else panel.y_limits)
     if panel.background is not None:
@@ -79,6 +97,7 @@ def _panel(
             "color": "#6A6A6A",
             "zeroline": False,
             "automargin": True,
+            "tickmode": "auto",
         }
         axis["overlaying"] = f"y{behind}"
         data += _traces(panel.background, f"y{behind}", shown, fill=True)

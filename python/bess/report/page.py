@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -12,7 +13,7 @@ from typing import Any
 
 from bess import __version__
 from bess.report.chart import Chart
-from bess.report.contents import MOST_COMPARED, Exhibit, comparison, details
+from bess.report.contents import MOST_COMPARED, MOST_DETAILED, Exhibit, comparison, details
 from bess.report.interactive import plotly_figure
 from bess.report.paper import comparisons, is_case_2, reading
 from bess.report.runs import Run, runs_in
@@ -24,6 +25,7 @@ from bess.simulation.atomic import write_bytes
 
 REPORT = "report.html"
 FIGURES = "figures"
+_REM_PER_INCH = 6.4
 _PACKAGES = ("numpy", "clarabel", "cvxpy", "xarray", "matplotlib", "plotly")
 
 
@@ -36,6 +38,7 @@ class Shown:
     caption: str
     svg: str
     spec: str
+    width_rem: float
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,8 @@ def write_report(directory: str | Path) -> Path:
         problems |= sweep.failed
         sections.append(_section("front", "The sweep", sweep.exhibits(), folder, ""))
     if few:
-        sections.append(_section("comparison", "Key figures", comparison(runs), folder, ""))
+        sections.append(_section("comparison", "Overview", comparison(runs), folder, ""))
+    if len(runs) <= MOST_DETAILED:
         for name, run in runs.items():
             title = "The run" if len(runs) == 1 else f"Scenario {name}"
             prefix = "" if len(runs) == 1 else f"{name}-"
@@ -101,6 +105,7 @@ def _show(exhibit: Exhibit, folder: Path, prefix: str) -> Shown:
         caption=exhibit.caption,
         svg=base64.b64encode(svg.read_bytes()).decode(),
         spec="" if chart is None else _json(chart),
+        width_rem=round(_REM_PER_INCH * figure.get_figwidth(), 1),
     )
 
 
@@ -129,7 +134,7 @@ def _render(
         kpis = {name: sweep.kpis[name] for name in sweep.kpis}
     paper = comparisons(kpis) if is_case_2(runs) else []
     values: dict[str, Any] = {
-        "title": first.study.get("title") or directory.resolve().name,
+        "title": _title(directory),
         "summary": summary(runs) if len(runs) <= MOST_COMPARED else [],
         "front": sweep.front_sentence() if sweep is not None else "",
         "warnings": warnings(runs if len(runs) <= MOST_COMPARED else {}, problems),
@@ -148,3 +153,12 @@ def _render(
         "plotly": get_plotlyjs() if any(figure.spec for s in sections for figure in s.figures) else "",
     }
     return environment.get_template("report.html.j2").render(values)
+
+
+def _title(directory: Path) -> str:
+    """Title of the study that the folder was made from, else the name of the folder."""
+    try:
+        study = tomllib.loads((directory / "study.toml").read_text(encoding="utf-8"))
+    except (FileNotFoundError, tomllib.TOMLDecodeError):
+        study = {}
+    return str(study.get("title") or study.get("name") or directory.resolve().name)

@@ -47,7 +47,7 @@ def comparisons(kpis: Kpis) -> list[Comparison]:
         Comparison(
             "Highest peak of the mean temperature", "S1, 51 °C", _ranking(peak, "°C", 1), _top(peak) == "S1"
         ),
-        Comparison("S2 cooler than S1 by (peak)", "5 K", f"{cooler:.1f} K", cooler > 2.0),
+        Comparison("Peak of S2 below that of S1", "5 K", f"{cooler:.1f} K", cooler > 2.0),
     ]
     gains = [
         _gain("S2 over S1, battery efficiency", "about 1 point", "battery_efficiency_pct", "S1", kpis),
@@ -66,13 +66,13 @@ def comparisons(kpis: Kpis) -> list[Comparison]:
 
 def reading(rows: list[Comparison]) -> list[str]:
     """How to read the table, whichever way it came out."""
-    failed = [row.statement[0].lower() + row.statement[1:] for row in rows if not row.agrees]
+    failed = [row.statement for row in rows if not row.agrees]
     verdict = (
         "All statements of the paper come out."
         if not failed
-        else f"{len(rows) - len(failed)} of {len(rows)} statements of the paper come out; these do not: "
-        + "; ".join(failed)
-        + "."
+        else f"{len(rows) - len(failed)} of {len(rows)} statements of the paper come out; these do not: “"
+        + "”, “".join(failed)
+        + "”."
     )
     return [
         verdict,
@@ -111,4 +111,4 @@ def _top(values: Mapping[str, float]) -> str:
 
 def _ranking(values: Mapping[str, float], unit: str, decimals: int) -> str:
     ranked = sorted(values, key=lambda name: -values[name])
-    return ", ".join(f"{name} {values[name]:.{decimals}f} {unit}" for name in ranked)
+    return ", ".join(f"{name}\u00a0{values[name]:.{decimals}f}\u00a0{unit}" for name in ranked)

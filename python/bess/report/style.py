@@ -79,7 +79,7 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: int = 200) -> tuple[Pa
     figure
         What a function of :mod:`bess.report.figures` returned.
     path
-        File name; its suffix is replaced by ``.svg`` and ``.png``.
+        File name; ``.svg`` and ``.png`` are put in place of its ending, if it is one of them.
     dpi
         Resolution of the PNG [dots per inch].
 
@@ -88,10 +88,15 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: int = 200) -> tuple[Pa
     tuple of Path
         The SVG and the PNG file.
     """
-    stem = Path(path)
-    svg, png = (stem.with_name(stem.name.removesuffix(stem.suffix) + suffix) for suffix in (".svg", ".png"))
+    path = Path(path)
+    stem = path.stem if path.suffix in (".svg", ".png") else path.name
+    svg, png = path.with_name(f"{stem}.svg"), path.with_name(f"{stem}.png")
     svg.parent.mkdir(parents=True, exist_ok=True)
     with rc_context(_RC):
         figure.savefig(svg, dpi=dpi, metadata={"Date": None, "Creator": None})
+        # The layout just found serves the second file as well; finding it is most of the work.
+        engine = figure.get_layout_engine()
+        figure.set_layout_engine("none")
         figure.savefig(png, dpi=dpi, metadata={"Software": None})
+        figure.set_layout_engine(engine)
     return svg, png

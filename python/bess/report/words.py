@@ -48,17 +48,18 @@ def _one(run: Run) -> str:
 def _best_of(key: str, values: Mapping[str, float]) -> str:
     name = KPI_NAMES[key]
     sign = 1.0 if name.better == "max" else -1.0
-    ranked = sorted(values, key=lambda scenario: -sign * values[scenario])
-    best, worst = ranked[0], ranked[-1]
-    difference = abs(values[best] - values[worst])
-    unit = "points" if name.unit == "%" else "K"
-    word = "Highest" if name.better == "max" else "Lowest"
-    shown = f"{values[best]:.{name.decimals}f} {name.unit}"
-    if round(difference, name.decimals) == 0.0:
+    rounded = {scenario: round(value, name.decimals) for scenario, value in values.items()}
+    best, worst = (sign * extreme(sign * value for value in rounded.values()) for extreme in (max, min))
+    shown = f"{best:.{name.decimals}f} {name.unit}"
+    if best == worst:
         return f"{name.text} is {shown} in every scenario."
+    first = " and ".join(scenario for scenario, value in rounded.items() if value == best)
+    last = " and ".join(scenario for scenario, value in rounded.items() if value == worst)
+    word = "Highest" if name.better == "max" else "Lowest"
+    unit = "points" if name.unit == "%" else "K"
     return (
-        f"{word} {name.text[0].lower() + name.text[1:]}: {best} with {shown}, "
-        f"{difference:.{name.decimals}f} {unit} better than {worst}."
+        f"{word} {name.text[0].lower() + name.text[1:]}: {first} with {shown}, "
+        f"{abs(best - worst):.{name.decimals}f} {unit} better than {last}."
     )
 
 
@@ -87,7 +88,7 @@ def _warnings_of(run: Run) -> list[str]:
     if unmet > 0.0:
         short = int((data["unmet_kw"] > 0.0).sum())
         found.append(
-            f"{unmet:,.1f} kWh of demand in {short:,} steps were above the power in service and unmet."
+            f"{unmet:,.1f} kWh of demand in {short:,} of {steps:,} steps exceeded the power in service."
         )
     target = run.study.get("policy", {}).get("gap")
     gap = data["solver_search_gap"].values

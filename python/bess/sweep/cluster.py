@@ -44,7 +44,7 @@ def workers_for(workers: int | None, scheduler: str | None) -> Iterator[Client]:
     if count < 1:
         raise InputError(f"--workers {count}: needs at least 1")
     cluster = LocalCluster(
-        n_workers=count, threads_per_worker=1, processes=True, dashboard_address=None, env=_ONE_THREAD
+        n_workers=count, threads_per_worker=1, processes=True, dashboard_address=":0", env=_ONE_THREAD
     )
     with cluster, Client(cluster) as client:
         yield client

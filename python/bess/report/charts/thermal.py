@@ -59,7 +59,7 @@ def derating_curves(
             temperature,
             np.clip(1.0 - kp * excess - ki * excess**2 / (2.0 * ramp), 0.0, 1.0),
             colour,
-            f"$K_p$ = {kp:.3g} 1/K, $K_i$ = {ki:.2g} 1/(K step)",
+            f"Kₚ = {kp:.3g} 1/K, Kᵢ = {ki:.2g} 1/(K step)",
         )
         for (kp, ki), colour in zip(gains, colours(len(gains)), strict=True)
     ]

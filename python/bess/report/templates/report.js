@@ -3,8 +3,7 @@
   const coarse = window.matchMedia("(pointer: coarse)").matches;
   const settings = {
     responsive: true,
-    displaylogo: false,
-    modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
+    displayModeBar: false,
   };
 
   // The still picture stays until the interactive one is complete, and comes back if it fails.

@@ -1,0 +1,169 @@
+"""Claims about what charts show: nothing is invented, nothing is lost, and a year stays light."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from matplotlib.colors import to_rgb
+from synthetic import kpis, record
+
+import bess
+from bess.report import charts
+from bess.report.chart import Chart
+from bess.report.data import TimeAxis, with_initial
+from bess.report.interactive import plotly_figure
+from bess.report.kpi_names import KPI_NAMES
+from bess.report.long_runs import POINTS_PER_SERIES, daily, thin
+from bess.report.style import PALETTE, colours
+
+
+@pytest.fixture(scope="module")
+def year():
+    return record(10, 35_040, price=True)
+
+
+def series(chart: Chart, panel: int, label: str = ""):
+    return [entry for entry in chart.panels[panel].series if entry.label == label or not label]
+
+
+@given(arrays(np.float64, st.integers(1, 400), elements=st.floats(-1e6, 1e6)), st.integers(2, 60))
+def test_thinning_keeps_both_ends_and_every_bucket_extreme(values: np.ndarray, limit: int) -> None:
+    x, y = thin(np.arange(len(values)), values, limit)
+    assert len(y) <= limit + 4 or len(values) <= limit
+    np.testing.assert_array_equal(values[x], y)
+    assert (y.min(), y.max()) == (values.min(), values.max())
+    assert (x[0], x[-1]) == (0, len(values) - 1)
+    assert np.all(np.diff(x) > 0)
+
+
+def test_the_height_of_the_power_stack_is_the_request() -> None:
+    data = record(2, 192, concentrate=1.0)
+    chart = charts.power_split(data)
+    for string, panel in ((0, 0), (1, 2)):
+        stacks = series(chart, panel)
+        up, down = stacks[2].y[:-1], stacks[5].y[:-1]
+        np.testing.assert_allclose(up + down, data["request_kw"].values[:, string], atol=1e-9)
+        assert np.all(up >= 0.0) and np.all(down <= 0.0)
+
+
+def test_the_loss_stack_ends_at_inverter_plus_battery_loss() -> None:
+    data = record(3, 96)
+    top = series(charts.power_split(data), 1, "battery loss")[0].y[:-1]
+    expected = (data["inverter_loss_kw"] + data["battery_loss_kw"]).values[:, 0]
+    np.testing.assert_allclose(top, expected)
+
+
+def test_charge_and_discharge_of_a_long_run_do_not_cancel() -> None:
+    data = record(6, 40 * 96)
+    chart = charts.power_split(data)
+    up, down = series(chart, 0)[2].y, series(chart, 0)[5].y
+    asked = np.abs(data["request_kw"].values).sum()
+    assert 96 * (up[:-1].sum() - down[:-1].sum()) == pytest.approx(asked)
+
+
+def test_states_start_with_the_initial_one() -> None:
+    data = record(2, 10)
+    assert with_initial(data, "soc").shape == (11, 2)
+    line = series(charts.strings(data), 0, "string 1")[0]
+    assert line.y[0] == 0.5 and line.y[-1] == data["soc"].values[-1, 1]
+    assert line.x[-1] == 2.5
+
+
+def test_daily_bands_hold_every_value_and_daily_means_the_energy() -> None:
+    data = record(2, 40 * 96 + 17)
+    values = data["delivered_kw"].values
+    edges, low, mean, high = daily(TimeAxis(data), values)
+    assert len(edges) == 42 and mean.shape == (41, 2)
+    day = np.arange(len(values)) // 96
+    assert np.all(values >= low[day]) and np.all(values <= high[day])
+    np.testing.assert_allclose((mean[:-1] * 96).sum() + mean[-1].sum() * 17, values.sum())
+
+
+@pytest.mark.parametrize(
+    "make", [charts.strings, charts.power_split, charts.solver_effort, charts.market_dispatch]
+)
+def test_a_year_of_many_strings_is_light(make, year) -> None:
+    chart = make(year)
+    sizes = [len(entry.y) for panel in chart.panels for entry in panel.series]
+    assert max(sizes) <= POINTS_PER_SERIES + 4
+    assert sum(sizes) < 45_000
+    assert len(json.dumps(plotly_figure(chart))) < 1_500_000
+
+
+@pytest.mark.parametrize("steps", [192, 40 * 96])
+def test_interactive_data_are_those_of_the_chart(steps: int) -> None:
+    chart = charts.strings(record(2, steps))
+    drawn = plotly_figure(chart)
+    text = json.dumps(drawn, allow_nan=False)
+    by_name = {(trace["name"], trace["yaxis"]): trace for trace in json.loads(text)["data"]}
+    line = series(chart, 0, "string 1")[0]
+    np.testing.assert_allclose(by_name["string 1", "y"]["y"], line.y, rtol=1e-4)
+    assert sum(trace["showlegend"] for trace in drawn["data"] if trace["name"] == "string 1") == 1
+
+
+def test_missing_numbers_become_gaps_not_zeros() -> None:
+    data = record(1, 8)
+    data["solver_gap"][3] = np.nan
+    trace = next(t for t in plotly_figure(charts.solver_effort(data))["data"] if t["name"] == "rigorous gap")
+    assert trace["y"][3] is None and None not in trace["y"][:3]
+
+
+def test_steps_that_fell_back_are_marked() -> None:
+    data = record(2, 192)
+    marked = series(charts.solver_effort(data), 0, "fell back")[0]
+    assert len(marked.x) == int(data["fallback"].sum()) == 2
+
+
+def test_derating_gains_of_the_system_follow_its_table() -> None:
+    own = charts.derating_curves(bess.System.reference()).panels[0].series
+    law, table = own[1], own[-1]
+    np.testing.assert_allclose(np.interp(table.x, law.x, law.y), table.y, atol=0.01)
+    assert np.all(own[0].y >= law.y - 1e-12) and np.all(own[2].y <= law.y + 1e-12)
+
+
+def test_the_front_is_drawn_without_dominated_points_and_with_its_knee() -> None:
+    base = kpis(record(2, 8))
+    points = {"a": (98.0, 98.0), "b": (98.8, 97.8), "c": (99.0, 97.0), "bad": (98.1, 97.1)}
+    named = {
+        n: base | {"battery_efficiency_pct": x, "inverter_efficiency_pct": y} for n, (x, y) in points.items()
+    }
+    chart = charts.pareto_front(named)
+    assert series(chart, 0, "front")[0].x.tolist() == [98.0, 98.8, 99.0]
+    assert series(chart, 0, "dominated")[0].x.tolist() == [98.1]
+    assert series(chart, 0, "knee: b")[0].y.tolist() == [97.8]
+
+
+def test_kpis_over_a_parameter_are_in_the_order_of_the_parameter() -> None:
+    base = kpis(record(2, 8))
+    named = {str(w): base | {"inverter_efficiency_pct": 97.0 + w} for w in (1.0, 0.0, 0.5)}
+    panel = list(KPI_NAMES).index("inverter_efficiency_pct")
+    line = charts.kpi_lines(named, [1.0, 0.0, 0.5], "weight").panels[panel].series[0]
+    assert line.x.tolist() == [0.0, 0.5, 1.0] and line.y.tolist() == [97.0, 97.5, 98.0]
+
+
+# Machado, Oliveira, Fernandes, "A physiologically-based model for simulation of color vision
+# deficiency", 2009.
+DEFICIENCIES = {
+    "none": np.eye(3),
+    "protanopia": [
+        [0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998],
+    ],
+    "deuteranopia": [
+        [0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881],
+    ],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("matrix", DEFICIENCIES.values(), ids=DEFICIENCIES)
+def test_colour_blind_readers_can_tell_the_palette_apart(matrix) -> None:
+    linear = np.array([to_rgb(colour) for colour in PALETTE]) ** 2.2
+    seen = np.clip(linear @ np.array(matrix).T, 0.0, 1.0) ** (1 / 2.2)
+    distance = np.linalg.norm(seen[:, None] - seen[None], axis=2) + np.eye(len(seen))
+    assert distance.min() > 0.12
+
+
+def test_every_string_has_a_colour_of_its_own() -> None:
+    assert all(len(set(colours(count))) == count for count in (1, 2, 7, 8, 32))

@@ -1,0 +1,124 @@
+"""Claims about figures: they draw for any number of strings, say their units, and hide no data."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from synthetic import kpis, record
+
+import bess
+from bess.errors import InputError
+from bess.report import figures, save_figure
+
+PLAIN = ("SOC", "Mean SOC", "Nodes", "String", "Derating factor", "Node (0 = air inlet)", "string", "")
+
+
+def of_one_run(n_strings: int) -> dict[str, Callable[[], Figure]]:
+    data = record(n_strings, 96, concentrate=0.9, nodes=5, price=True)
+    times = np.random.default_rng(0).lognormal(-4, 0.5, 96)
+    return {
+        "strings": lambda: figures.strings(data),
+        "string_spread": lambda: figures.string_spread(data),
+        "mean_temperature": lambda: figures.mean_temperature(data),
+        "power_split": lambda: figures.power_split(data),
+        "inverter_pattern": lambda: figures.inverter_pattern(data),
+        "node_temperatures": lambda: figures.node_temperatures(data),
+        "solver_effort": lambda: figures.solver_effort(data, times),
+        "market_dispatch": lambda: figures.market_dispatch(data),
+        "kpi_bars": lambda: figures.kpi_bars({"": kpis(data)}),
+    }
+
+
+def of_scenarios() -> dict[str, Callable[[], Figure]]:
+    runs = {name: record(2, 96, concentrate=c) for name, c in (("S1", 1.0), ("S2", 0.5), ("S3", 0.0))}
+    named = {name: kpis(data) for name, data in runs.items()}
+    return {
+        "kpi_bars": lambda: figures.kpi_bars(named),
+        "kpi_radar": lambda: figures.kpi_radar(named),
+        "mean_temperature": lambda: figures.mean_temperature(runs),
+        "string_spread": lambda: figures.string_spread(runs),
+        "pareto_front": lambda: figures.pareto_front(named),
+        "kpi_lines": lambda: figures.kpi_lines(named, [0.0, 0.5, 1.0], "battery weight"),
+        "derating_curves": lambda: figures.derating_curves(bess.System.reference()),
+    }
+
+
+CASES = [(f"{name}-{count}", make) for count in (1, 2, 9, 32) for name, make in of_one_run(count).items()]
+CASES += list(of_scenarios().items())
+
+
+@pytest.mark.parametrize("make", [make for _, make in CASES], ids=[name for name, _ in CASES])
+def test_a_figure_draws_with_units_and_a_legend_that_covers_no_axes(make: Callable[[], Figure]) -> None:
+    figure = make()
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    renderer = canvas.get_renderer()
+    data_areas = [axes.get_window_extent(renderer) for axes in figure.axes]
+    for legend in figure.legends:
+        box = legend.get_window_extent(renderer)
+        assert not any(box.overlaps(area) for area in data_areas)
+        assert box.x0 >= 0 and box.x1 <= figure.bbox.x1
+    for axes in figure.axes:
+        assert axes.get_legend() is None
+        for label in (axes.get_xlabel(), axes.get_ylabel()):
+            assert "(" in label or "%" in label or label in PLAIN or label.startswith(("Hours", "battery"))
+
+
+@pytest.mark.parametrize("name", ["strings-2", "node_temperatures-1", "kpi_radar"])
+def test_the_same_figure_is_saved_as_the_same_bytes(name: str, tmp_path: Path) -> None:
+    make = dict(CASES)[name]
+    first = [path.read_bytes() for path in save_figure(make(), tmp_path / "a.svg")]
+    second = [path.read_bytes() for path in save_figure(make(), tmp_path / "b.png")]
+    assert first == second
+    assert first[0].startswith(b"<?xml") and first[1].startswith(b"\x89PNG")
+
+
+def test_a_file_name_with_a_dot_keeps_its_name(tmp_path: Path) -> None:
+    svg, png = save_figure(Figure(), tmp_path / "w=0.5")
+    assert (svg.name, png.name) == ("w=0.5.svg", "w=0.5.png")
+
+
+def test_settings_of_the_caller_are_left_alone() -> None:
+    with mpl.rc_context():
+        mpl.rcParams["font.size"] = 23.0
+        before = dict(mpl.rcParams)
+        figures.strings(record(2, 8))
+        assert dict(mpl.rcParams) == before
+
+
+def test_the_radar_reaches_out_for_the_best_and_in_for_the_worst() -> None:
+    base = kpis(record(2, 8))
+    named = {
+        "hot": base | {"peak_mean_temperature_c": 51.0},
+        "cool": base | {"peak_mean_temperature_c": 45.0},
+    }
+    axes = figures.kpi_radar(named).axes[0]
+    radius = {line.get_label(): line.get_ydata()[5] for line in axes.lines}
+    assert radius == {"hot": 0.25, "cool": 1.0}
+    assert any("best 45.0 °C\nworst 51.0 °C" in text.get_text() for text in axes.texts)
+
+
+def test_bars_show_the_values_of_the_kpis() -> None:
+    named = {"": kpis(record(2, 96))}
+    axes = figures.kpi_bars(named).axes[0]
+    tops = [bar.get_y() + bar.get_height() for bar in axes.patches]
+    np.testing.assert_allclose(tops, [named[""][key] for key in list(named[""])[:5]])
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: figures.kpi_radar({"only": kpis(record(1, 8))}), "at least two"),
+        (lambda: figures.kpi_bars({"x": {"availability_pct": 99.0}}), "derating_efficiency_pct is missing"),
+        (lambda: figures.node_temperatures(record(1, 8)), "no node_temperature_c"),
+        (lambda: figures.market_dispatch(record(1, 8)), "not a market study"),
+        (lambda: figures.strings(record(1, 8).isel(time=slice(0))), "no time steps"),
+    ],
+)
+def test_what_cannot_be_drawn_is_said(call: Callable[[], Figure], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        call()

@@ -1,0 +1,145 @@
+"""Claims about the page: one file, complete, the same every time, and readable without pictures."""
+
+import json
+from collections import Counter
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from folders import write_run
+from synthetic import record
+
+from bess.report import write_report
+
+WEIGHTS = {"S1": (1.0, 0.0), "S2": (0.5, 0.5), "S3": (0.0, 1.0)}
+
+
+class Page(HTMLParser):
+    """Every start tag with its attributes, and the text of every script of data."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str]]] = []
+        self.data: list[str] = []
+        self.text = ""
+        self._in_data = False
+        source = path.read_text(encoding="utf-8")
+        # The library itself is not HTML of ours.
+        start = (
+            source.rindex("<script>", 0, source.index("plotly.js v"))
+            if "plotly.js v" in source
+            else len(source)
+        )
+        self.feed(source[:start])
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        named = {key: value or "" for key, value in attrs}
+        self.tags.append((tag, named))
+        self._in_data = tag == "script" and named.get("type") == "application/json"
+
+    def handle_endtag(self, tag: str) -> None:
+        self._in_data = False
+
+    def handle_data(self, data: str) -> None:
+        if self._in_data:
+            self.data.append(data)
+        else:
+            self.text += data
+
+    def all(self, tag: str) -> list[dict[str, str]]:
+        return [attrs for name, attrs in self.tags if name == tag]
+
+
+@pytest.fixture(scope="module")
+def case_2(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    directory = tmp_path_factory.mktemp("report") / "case2"
+    for seed, (name, (w3, w4)) in enumerate(WEIGHTS.items()):
+        data = record(2, 96, concentrate=w3, nodes=8, seed=seed)
+        write_run(directory / name, data, name, policy={"objectives": {"inverter": w3, "battery": w4}})
+    (directory / "study.toml").write_text('title = "Paper <case 2>"\n')
+    write_report(directory)
+    return directory
+
+
+@pytest.fixture(scope="module")
+def page(case_2: Path) -> Page:
+    return Page(case_2 / "report.html")
+
+
+def test_the_page_asks_for_no_other_file(page: Page) -> None:
+    assert not [attrs for attrs in page.all("script") if "src" in attrs]
+    assert all(attrs["href"].startswith("data:") for attrs in page.all("link"))
+    assert all(attrs["src"].startswith("data:image/svg+xml;base64,") for attrs in page.all("img"))
+    assert all(attrs["href"].startswith("#") for attrs in page.all("a"))
+
+
+def test_the_library_is_on_the_page_once(case_2: Path) -> None:
+    source = (case_2 / "report.html").read_text(encoding="utf-8")
+    assert source.count("plotly.js v") == 1
+    assert len(source) < 12e6
+
+
+def test_every_link_has_its_target_and_every_id_is_unique(page: Page) -> None:
+    ids = Counter(attrs["id"] for _, attrs in page.tags if "id" in attrs)
+    assert max(ids.values()) == 1
+    assert {attrs["href"][1:] for attrs in page.all("a")} <= set(ids)
+
+
+def test_pictures_have_texts_and_tables_have_headers(page: Page) -> None:
+    assert len(page.all("img")) > 10
+    assert all(len(attrs["alt"]) > 20 for attrs in page.all("img"))
+    assert all(attrs.get("scope") in ("col", "row") for attrs in page.all("th"))
+    assert len(page.all("caption")) == len(page.all("table")) >= 2
+
+
+def test_every_interactive_figure_has_data_and_a_still_picture(page: Page) -> None:
+    charts = [attrs for attrs in page.all("div") if attrs.get("class") == "chart"]
+    assert len(charts) == len(page.data) == 12
+    assert len(page.all("figure")) == len(page.all("img")) > len(charts)
+    assert all(json.loads(text)["data"] for text in page.data)
+
+
+def test_text_of_a_study_cannot_become_markup(page: Page) -> None:
+    assert "Paper <case 2>" in page.text
+    assert 'name = "mpc" # <&>' in page.text
+
+
+def test_case_2_is_set_beside_the_paper(page: Page) -> None:
+    assert "What the paper reports" in page.text and "arXiv:2507.04800" in page.text
+
+
+def test_figures_are_saved_beside_the_page(case_2: Path) -> None:
+    names = {path.name for path in (case_2 / "figures").iterdir()}
+    for stem in (
+        "kpis",
+        "radar",
+        "mean-temperature",
+        "spread",
+        "derating",
+        "S2-strings",
+        "S3-nodes",
+        "S1-solver",
+    ):
+        assert {f"{stem}.svg", f"{stem}.png"} <= names
+
+
+def test_the_same_results_give_the_same_page(case_2: Path) -> None:
+    before = (case_2 / "report.html").read_bytes()
+    assert write_report(case_2).read_bytes() == before
+
+
+def test_one_run_and_a_stopped_run_have_a_page(tmp_path: Path) -> None:
+    data = record(1, 96, price=True)
+    whole = Page(write_report(write_run(tmp_path / "whole", data)))
+    part = Page(write_report(write_run(tmp_path / "part", data, done=30)))
+    assert "stopped early" in part.text and "stopped early" not in whole.text
+    assert any(attrs.get("id") == "figure-market" for attrs in whole.all("figure"))
+    assert "What the paper reports" not in whole.text
+
+
+def test_many_scenarios_become_a_table_of_lines(tmp_path: Path) -> None:
+    for index in range(10):
+        write_run(tmp_path / f"w{index}", record(2, 24, concentrate=index / 9), f"w{index}")
+    page = Page(write_report(tmp_path))
+    assert not page.all("figure")
+    assert {f"w{index}" for index in range(10)} <= set(page.text.split())

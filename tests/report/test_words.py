@@ -1,0 +1,153 @@
+"""Claims about what the report says: it warns when it must, marks the best, and judges the paper fairly."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from folders import write_run
+from synthetic import kpis, record
+
+from bess.errors import InputError
+from bess.report.paper import comparisons, is_case_2, reading
+from bess.report.runs import Run, runs_in
+from bess.report.tables import kpi_rows, other_rows
+from bess.report.words import summary, warnings
+
+BASE = {
+    "availability_pct": 99.0, "derating_efficiency_pct": 98.0, "inverter_efficiency_pct": 97.0,
+    "battery_efficiency_pct": 98.0, "system_efficiency_pct": 96.0, "peak_mean_temperature_c": 45.0,
+}  # fmt: skip
+# What section 8 of the model specification expects of S1 to S3.
+PAPER = {
+    "S1": BASE
+    | {"inverter_efficiency_pct": 97.9, "peak_mean_temperature_c": 51.0, "derating_efficiency_pct": 96.8},
+    "S2": BASE
+    | {"inverter_efficiency_pct": 97.8, "battery_efficiency_pct": 98.5, "system_efficiency_pct": 96.3},
+    "S3": BASE
+    | {"battery_efficiency_pct": 99.0, "derating_efficiency_pct": 100.0, "peak_mean_temperature_c": 41.0},
+}
+
+
+def one(directory: Path, **changes: object) -> dict[str, Run]:
+    data = record(2, 96)
+    data["fallback"][:] = 0
+    data["solver_search_gap"][:] = 1e-4
+    for name, value in changes.items():
+        data[name][5] = value
+    write_run(directory / "run", data)
+    return runs_in(directory / "run")[0]
+
+
+def test_a_clean_run_has_no_warnings(tmp_path: Path) -> None:
+    assert warnings(one(tmp_path), {}) == []
+
+
+@pytest.mark.parametrize(
+    ("variable", "value", "message"),
+    [
+        ("fallback", 1, "in 1 of 96 steps a fallback"),
+        ("unmet_kw", 40.0, "10.0 kWh of demand in 1 of 96 steps exceeded"),
+        (
+            "solver_search_gap",
+            0.02,
+            "in 1 of 96 steps the search stopped above its target gap of 0.1 % (worst 2 %)",
+        ),
+        ("ledger_residual_kwh", -0.5, "residual of up to 0.5 kWh"),
+    ],
+)
+def test_what_limits_the_numbers_is_said(tmp_path: Path, variable: str, value: float, message: str) -> None:
+    (sentence,) = warnings(one(tmp_path, **{variable: value}), {})
+    assert message in sentence
+
+
+def test_a_stopped_run_is_shown_as_far_as_it_got(tmp_path: Path) -> None:
+    data = record(2, 96)
+    write_run(tmp_path / "run", data, done=40)
+    runs, _ = runs_in(tmp_path / "run")
+    assert any("first 40 of 96 steps" in sentence for sentence in warnings(runs, {}))
+    expected = kpis(data.isel(time=slice(40)))
+    assert runs["demo"].kpis["system_efficiency_pct"] == pytest.approx(expected["system_efficiency_pct"])
+
+
+def test_solve_times_are_those_of_their_steps(tmp_path: Path) -> None:
+    times = one(tmp_path)["demo"].solve_time_s
+    assert times is not None and len(times) == 96
+    assert np.isnan(times[::5]).all() and np.isfinite(times[1:5]).all()
+
+
+def test_the_summary_names_the_best_scenario_and_ties(tmp_path: Path) -> None:
+    for name, share in (("A", 0.0), ("B", 0.0), ("C", 1.0)):
+        write_run(tmp_path / name, record(2, 96, concentrate=share), name)
+    runs, _ = runs_in(tmp_path)
+    values = {name: run.kpis["system_efficiency_pct"] for name, run in runs.items()}
+    assert values["C"] > values["A"] == values["B"]
+    sentence = next(text for text in summary(runs) if "system efficiency" in text)
+    assert sentence.startswith("Highest system efficiency: C with") and sentence.endswith(
+        "better than A and B."
+    )
+
+
+def test_the_best_of_each_row_is_marked_and_the_rest_are_behind() -> None:
+    rows = {row.label: row for row in kpi_rows(PAPER)}
+    inverter = rows["Inverter efficiency (%)"].cells
+    assert [cell.best for cell in inverter] == [True, False, False]
+    assert [cell.behind for cell in inverter] == ["", "-0.10", "-0.90"]
+    temperature = rows["Peak mean temperature (°C)"].cells
+    assert [cell.text for cell in temperature if cell.best] == ["41.0"]
+    assert not any(cell.best for cell in rows["Availability (%)"].cells)
+
+
+def test_kpis_of_any_name_are_listed_with_their_unit() -> None:
+    rows = other_rows(
+        {"": BASE | {"unmet_kwh": 12.0, "solver_gap_max": float("nan"), "soc_spread_max": 0.0123}}
+    )
+    assert [(row.label, row.cells[0].text) for row in rows] == [
+        ("Unmet (kWh)", "12"), ("Solver gap max", "–"), ("SOC spread max", "0.0123"),
+    ]  # fmt: skip
+
+
+def test_all_statements_agree_on_the_numbers_the_specification_expects() -> None:
+    rows = comparisons(PAPER)
+    assert len(rows) == 10 and all(row.agrees for row in rows)
+    assert reading(rows)[0] == "All statements of the paper come out."
+
+
+@pytest.mark.parametrize(
+    ("scenario", "key", "value", "statement"),
+    [
+        ("S3", "inverter_efficiency_pct", 99.0, "Highest inverter efficiency"),
+        ("S1", "system_efficiency_pct", 97.0, "Highest system efficiency"),
+        ("S2", "peak_mean_temperature_c", 50.5, "Peak of S2 below that of S1"),
+        ("S2", "availability_pct", 98.0, "Availability of S2 not below that of S1"),
+    ],
+)
+def test_an_ordering_that_does_not_come_out_is_said(
+    scenario: str, key: str, value: float, statement: str
+) -> None:
+    changed = {name: dict(entry) for name, entry in PAPER.items()}
+    changed[scenario][key] = value
+    rows = comparisons(changed)
+    assert statement in [row.statement for row in rows if not row.agrees]
+    assert statement in reading(rows)[0]
+
+
+def test_only_the_papers_weights_are_compared_with_the_paper(tmp_path: Path) -> None:
+    def runs(weights: dict[str, tuple[float, float]]) -> dict[str, Run]:
+        return {
+            name: Run(
+                name,
+                tmp_path,
+                {"study": {"policy": {"objectives": {"inverter": w3, "battery": {"weight": w4}}}}},
+            )
+            for name, (w3, w4) in weights.items()
+        }
+
+    case_2 = {"S1": (1.0, 0.0), "S2": (0.5, 0.5), "S3": (0.0, 1.0)}
+    assert is_case_2(runs(case_2))
+    assert not is_case_2(runs(case_2 | {"S2": (0.4, 0.6)}))
+    assert not is_case_2(runs({"S1": (1.0, 0.0)}))
+
+
+def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="holds no run"):
+        runs_in(tmp_path)

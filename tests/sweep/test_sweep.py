@@ -1,0 +1,162 @@
+"""Claims about sweeps: every scenario is run once, whatever happens to the others and to the workers."""
+
+import json
+import os
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import bess
+from bess.errors import BessError, InputError
+from bess.simulation import expand, load_study, run
+from bess.simulation.result import RESULTS, open_result
+from bess.simulation.study import Study
+from bess.sweep import run_sweep
+
+STUDY = """
+title = "Initial SOC and temperature"
+[demand]
+file = "two-cycle-48h"
+repeat = true
+[policy]
+name = "equal"
+[run]
+days = {days}
+[[scenario]]
+name = "cold"
+set = {{ "system.initial_temperature_c" = 15.0 }}
+[[scenario]]
+name = "warm"
+set = {{ "system.initial_temperature_c" = 35.0 }}
+[[sweep]]
+key = "system.initial_soc"
+values = [0.2, 0.5, 0.8]
+"""
+
+
+def study_of(folder: Path, days: float, extra: str = "") -> Study:
+    path = folder / "soc.toml"
+    path.write_text(STUDY.format(days=days) + extra)
+    return load_study(path)
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[Any]:
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0") as cluster:
+        yield cluster
+
+
+def test_a_sweep_runs_every_combination_and_tables_it(tmp_path: Path, cluster: Any) -> None:
+    study = study_of(tmp_path, 0.5)
+    result = run_sweep(study, tmp_path / "out", scheduler=cluster.scheduler_address, progress=False)
+    assert list(result.outcomes) == list(expand(study)) and len(result.outcomes) == 6
+    assert result.failed == {} and result.skipped == []
+    table = result.table()
+    assert table["status"].tolist() == ["done"] * 6
+    assert table["system.initial_soc"].tolist() == [0.2, 0.5, 0.8] * 2
+    assert table["system.initial_temperature_c"].tolist() == [15.0] * 3 + [35.0] * 3
+    pd.testing.assert_frame_equal(
+        pd.read_parquet(tmp_path / "out" / "sweep.parquet")[["name", "system_efficiency_pct"]],
+        table[["name", "system_efficiency_pct"]],
+    )
+    alone = run(expand(study)["warm_initial_soc=0.8"], progress=False)
+    row = table[table["name"] == "warm_initial_soc=0.8"].iloc[0]
+    assert row["system_efficiency_pct"] == alone.kpis["system_efficiency_pct"]
+
+    written = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").glob(f"*/{RESULTS}")}
+    again = run_sweep(study, tmp_path / "out", scheduler=cluster.scheduler_address, progress=False)
+    assert sorted(again.skipped) == sorted(result.outcomes)
+    assert {path: path.stat().st_mtime_ns for path in written} == written
+    assert again.table()["system_efficiency_pct"].tolist() == table["system_efficiency_pct"].tolist()
+
+
+def test_a_failed_scenario_is_reported_and_the_rest_finished(tmp_path: Path, cluster: Any) -> None:
+    broken = '\n[[sweep]]\nkey = "demand.file"\nvalues = ["two-cycle-48h", "no-such-file.csv"]\n'
+    study = study_of(tmp_path, 0.25, broken)
+    result = run_sweep(study, tmp_path / "out", scheduler=cluster.scheduler_address, progress=False)
+    assert len(result.failed) == 6 and all("no-such-file.csv" in error for error in result.failed.values())
+    table = result.table().set_index("name")
+    assert (table["status"] == "done").sum() == 6
+    assert table.loc[list(result.failed), "system_efficiency_pct"].isna().all()
+    from bess.report import write_report
+
+    page = write_report(tmp_path / "out").read_text(encoding="utf-8")
+    assert all(f"{name} is missing" in page for name in result.failed)
+    assert "Pareto front" in page and "Hypervolume" in page
+
+
+def test_a_killed_worker_does_not_lose_the_sweep(tmp_path: Path, cluster: Any) -> None:
+    study = study_of(tmp_path, 15)
+    out = tmp_path / "out"
+    finished: list[Any] = []
+    sweep = threading.Thread(
+        target=lambda: finished.append(
+            run_sweep(study, out, scheduler=cluster.scheduler_address, progress=False)
+        )
+    )
+    sweep.start()
+    workers = {worker.pid for worker in cluster.workers.values()}
+    name, pid = _in_mid_run(out, workers)
+    os.kill(pid, signal.SIGKILL)
+    assert not (out / name / RESULTS).exists()
+    sweep.join(timeout=120)
+    assert not sweep.is_alive()
+    (result,) = finished
+    assert result.failed == {} and len(result.outcomes) == 6
+    assert pid not in {worker.pid for worker in cluster.workers.values()}
+    undisturbed = run(expand(study)[name], progress=False)
+    with open_result(out / name) as dataset:
+        for variable in undisturbed.dataset.data_vars:
+            np.testing.assert_array_equal(dataset[variable].values, undisturbed.dataset[variable].values)
+
+
+def _in_mid_run(out: Path, workers: set[int], patience_s: float = 60.0) -> tuple[str, int]:
+    """Name and process of a scenario that has saved a part and is not finished."""
+    deadline = time.monotonic() + patience_s
+    while time.monotonic() < deadline:
+        for lock in out.glob("*/.lock"):
+            text = lock.read_text()
+            if text.isdigit() and int(text) in workers and list(lock.parent.glob("parts/*.npz")):
+                return lock.parent.name, int(text)
+        time.sleep(0.005)
+    raise AssertionError("no scenario was seen in mid-run")
+
+
+def test_a_local_cluster_of_processes_is_the_default(tmp_path: Path) -> None:
+    path = tmp_path / "one.toml"
+    path.write_text('[demand]\nfile = "two-cycle-48h"\n[policy]\nname = "equal"\n[run]\ndays = 0.25\n')
+    result = run_sweep(path, tmp_path / "out", workers=1, progress=False)
+    assert list(result.outcomes) == ["one"] and result.failed == {}
+    kpis = json.loads((tmp_path / "out" / "one" / "kpis.json").read_text())
+    assert result.table()["availability_pct"].tolist() == [kpis["availability_pct"]]
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "error", "message"),
+    [
+        ({"workers": 2, "scheduler": "tcp://127.0.0.1:1"}, InputError, "either --workers or --scheduler"),
+        ({"workers": 0}, InputError, "--workers 0"),
+    ],
+)
+def test_bad_choices_of_workers_are_refused(
+    tmp_path: Path, kwargs: Any, error: type[BessError], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        run_sweep(study_of(tmp_path, 0.25), tmp_path / "out", progress=False, **kwargs)
+
+
+def test_the_bundled_front_has_21_weights_that_sum_to_one() -> None:
+    runs = expand(bess.load_study("pareto"))
+    goals = [study.policy.objectives for study in runs.values()]
+    assert len(runs) == 21
+    assert all(goal.inverter + goal.battery == pytest.approx(1.0) for goal in goals)
+    assert sorted(goal.inverter for goal in goals) == pytest.approx([i / 20 for i in range(21)])
