@@ -2,22 +2,32 @@
 
 from __future__ import annotations
 
-from bess.components.registry import list_cells, list_inverters, list_systems
+from bess.components.registry import Entry, list_cells, list_inverters, list_systems
 from bess.policies import POLICIES
 from bess.simulation import bundled_studies
 
 
 def listing() -> str:
-    """Return all bundled things by kind, one line each."""
+    """Return all bundled things by kind; systems, cells and inverters with source and licence."""
     kinds = {
         "studies": bundled_studies(),
-        "systems": {entry.name: entry.description for entry in list_systems()},
-        "cells": {entry.name: entry.description for entry in list_cells()},
-        "inverters": {entry.name: entry.description for entry in list_inverters()},
+        "systems": {entry.name: _sourced(entry) for entry in list_systems()},
+        "cells": {entry.name: _sourced(entry) for entry in list_cells()},
+        "inverters": {entry.name: _sourced(entry) for entry in list_inverters()},
         "policies": {name: description for name, (_, description) in POLICIES.items()},
     }
     width = max(len(name) for entries in kinds.values() for name in entries)
+    indent = "\n" + " " * (width + 4)
     return "\n\n".join(
-        "\n".join([kind, *(f"  {name.ljust(width)}  {text}" for name, text in entries.items())])
+        "\n".join(
+            [
+                kind,
+                *(f"  {name.ljust(width)}  {text}".replace("\n", indent) for name, text in entries.items()),
+            ]
+        )
         for kind, entries in kinds.items()
     )
+
+
+def _sourced(entry: Entry) -> str:
+    return f"{entry.description}\nsource: {entry.source}\nlicence: {entry.licence}"
