@@ -1,0 +1,223 @@
+"""A real plant: one measured day of M5BAT (RWTH Aachen, 6 MW, ten units) as demand for ten unequal strings.
+
+    python examples/m5bat.py DATA [--policies equal priority mpc] [--figures DIR]
+
+DATA is a folder with m5bat_bess_battery_together_sample.parquet (1 s, plant and units 1 and 10) and
+m5bat_2023-04-07_15min.parquet in bess/, and m5bat_inverter_steady_samples.parquet in inverter/. Printed are
+the inverter loss line against the measured steady seconds, what the two measured units did, and what each
+policy makes of the same 15-min power.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+import bess
+from bess.policies import Settings, Situation, build_policy
+
+DT_H = 0.25
+MEASURED_UNITS = {"batt1": 0, "batt10": 9}  # name in the data: index in the system
+RUNNING_KW = 1.0
+POWER_BINS_KW = [-1, 50, 200, 400, 600, 800, 1000, 1700]
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What a policy made of the day; arrays of shape (96, 10)."""
+
+    request_kw: Array
+    delivered_kw: Array
+    inverter_loss_kw: Array
+    battery_loss_kw: Array
+    soc: Array
+    fallbacks: int
+    seconds: float
+
+    @property
+    def units_on(self) -> Array:
+        return (np.abs(self.request_kw) > RUNNING_KW).sum(axis=1)
+
+
+def replay(policy_name: str, demand_kw: Array, *, horizon_steps: int = 4) -> Replay:
+    """Run the bundled system ``m5bat`` through the day; the forecast is perfect."""
+    system = bess.load_system("m5bat")
+    policy = build_policy(policy_name, system, Settings(DT_H, horizon_steps, node_limit=20))
+    plant = bess.Plant(system, system.initial_state())
+    requests, flows, fallbacks = [], [], 0
+    begin = time.perf_counter()
+    for step in range(demand_kw.size):
+        ahead = demand_kw[step : step + horizon_steps]
+        ahead = np.pad(ahead, (0, horizon_steps - ahead.size))
+        decision = policy(Situation(plant.state, ahead, system.ambient_c, system.nominal_kw))
+        requests.append(decision.request_kw)
+        fallbacks += decision.solver.fallback
+        flows.append(plant.step(decision.request_kw, 3600.0 * DT_H))
+    return Replay(
+        request_kw=np.array(requests),
+        delivered_kw=np.array([f.delivered_kw for f in flows]),
+        inverter_loss_kw=np.array([f.inverter_loss_kw for f in flows]),
+        battery_loss_kw=np.array([f.battery_loss_kw for f in flows]),
+        soc=np.array([f.soc for f in flows]),
+        fallbacks=fallbacks,
+        seconds=time.perf_counter() - begin,
+    )
+
+
+def loss_line_kw(apparent_kva: Array) -> Array:
+    """Loss of one unit by the bundled table "m5bat-630", here over apparent power, as it was measured."""
+    table = bess.load_system("m5bat").strings[0].inverter
+    return np.asarray(
+        table.nominal_kw * np.interp(apparent_kva / table.nominal_kw, table.load, table.loss_discharge)
+    )
+
+
+def steady_table(samples: pd.DataFrame) -> pd.DataFrame:
+    """Median measured loss [kW] and the loss line, in bins of power, without and with reactive power."""
+    kvar = samples.q_kvar.abs()
+    bins = samples.assign(reactive=np.select([kvar < 60.0, kvar > 150.0], ["no Q", "Q > 150 kvar"], ""))
+    bins = bins[bins.reactive != ""]
+    edges = [-420, -200, -140, -100, -60, -20, 20, 60, 100, 140, 200, 320]
+    bins["bin"] = pd.cut(bins.pac_kW, edges)
+    bins["line_kw"] = loss_line_kw(np.hypot(bins.pac_kW, bins.q_kvar).to_numpy())
+    table = bins.groupby(["reactive", "bin"], observed=True).agg(
+        seconds=("loss_kW", "size"),
+        power_kw=("pac_kW", "median"),
+        measured_kw=("loss_kW", "median"),
+        line_kw=("line_kw", "median"),
+    )
+    return table[table.seconds >= 30].round(2)
+
+
+def unit_day(second: pd.DataFrame, unit: str) -> dict[str, float]:
+    """Running share, starts, energies and inverter loss of one measured unit over the day."""
+    running = second[f"Mode_PQ_{unit}"].to_numpy() == 1
+    active_kw = second[f"P_AC_{unit}"].to_numpy()
+    dc_kw = second[f"I_DC_Batt_{unit}"].to_numpy() * second[f"U_DC_Batt_{unit}"].to_numpy() / 1e5
+    apparent = np.hypot(active_kw, second[f"Q_AC_{unit}"].to_numpy())
+    # Sums over whole running periods: the DC columns lag by three seconds, which cancels in a sum.
+    near = np.convolve(running, np.ones(7), "same") > 0.5
+    return {
+        "running_share": float(running.mean()),
+        "starts": int((np.diff(running.astype(int)) == 1).sum()),
+        "discharged_kwh": float(active_kw[active_kw > 0].sum() / 3600.0),
+        "charged_kwh": float(-active_kw[active_kw < 0].sum() / 3600.0),
+        "measured_loss_kwh": float((dc_kw - active_kw)[near].sum() / 3600.0),
+        "line_loss_kwh": float(loss_line_kw(apparent[running]).sum() / 3600.0),
+    }
+
+
+def units_by_power(second: pd.DataFrame, demand_kw: Array, replays: dict[str, Replay]) -> pd.DataFrame:
+    """Running units over the power of the plant: measured for two of ten, and those of each policy.
+
+    Where unit 10 runs it carries a share of the plant's power; its inverse is the number of units that carry
+    power if they carry equal parts of it. That is as near as the data come to a count.
+    """
+    bins = pd.cut(second.M5BAT_P.abs(), POWER_BINS_KW)
+    table = pd.DataFrame({"seconds": bins.groupby(bins, observed=True).size()})
+    for unit in MEASURED_UNITS:
+        table[f"{unit} running"] = second[f"Mode_PQ_{unit}"].groupby(bins, observed=True).mean()
+    share = (second.P_AC_batt10 / second.M5BAT_P.where(second.M5BAT_P.abs() > POWER_BINS_KW[1])).where(
+        second.Mode_PQ_batt10 == 1
+    )
+    table["real units, 1 / share of unit 10"] = 1.0 / share.groupby(bins, observed=True).median()
+    quarter_bins = pd.cut(np.abs(demand_kw), POWER_BINS_KW)
+    for name, r in replays.items():
+        table[f"{name}, units"] = pd.Series(r.units_on).groupby(quarter_bins, observed=True).mean()
+    return table.round(2)
+
+
+def policy_table(demand_kw: Array, replays: dict[str, Replay]) -> pd.DataFrame:
+    """One column for each policy."""
+    gross_kwh = np.abs(demand_kw).sum() * DT_H
+    rows = {}
+    for name, r in replays.items():
+        on = np.abs(r.request_kw) > RUNNING_KW
+        starts = (on & ~np.vstack([np.zeros_like(on[:1]), on[:-1]])).sum()
+        losses_kwh = (r.inverter_loss_kw + r.battery_loss_kw).sum() * DT_H
+        rows[name] = {
+            "units running, mean": r.units_on.mean(),
+            "units running, most": r.units_on.max(),
+            "unit 1 running, share": on[:, 0].mean(),
+            "unit 10 running, share": on[:, 9].mean(),
+            "starts of all units": starts,
+            "inverter loss, kWh": r.inverter_loss_kw.sum() * DT_H,
+            "battery loss, kWh": r.battery_loss_kw.sum() * DT_H,
+            "both, % of throughput": 100.0 * losses_kwh / gross_kwh,
+            "not delivered, kWh": gross_kwh - np.abs(r.delivered_kw).sum() * DT_H,
+            "steps without optimum": r.fallbacks,
+            "seconds": r.seconds,
+        }
+    return pd.DataFrame(rows).round(2) + 0.0  # no negative zeros
+
+
+def draw(
+    folder: Path, demand_kw: Array, replays: dict[str, Replay], samples: pd.DataFrame, second: pd.DataFrame
+) -> None:
+    """Both figures of the documentation page."""
+    import matplotlib as mpl
+
+    mpl.use("svg")
+    import matplotlib.pyplot as plt
+
+    mpl.rcParams |= {"svg.hashsalt": "bess", "svg.fonttype": "none"}
+    hours = np.arange(demand_kw.size) * DT_H
+    figure, axes = plt.subplots(3, 1, figsize=(8, 7), sharex=True, layout="constrained")
+    axes[0].step(hours, demand_kw, where="post", color="black", linewidth=1)
+    axes[0].set_ylabel("plant power [kW]\n(+ discharge)")
+    for name, r in replays.items():
+        axes[1].step(hours, r.units_on, where="post", label=name, linewidth=1)
+    axes[1].set_ylabel("units running (model)")
+    axes[1].legend(ncols=len(replays))
+    quarter = second.index.floor("15min")
+    for unit, number in (("batt1", 1), ("batt10", 10)):
+        share = second[f"Mode_PQ_{unit}"].groupby(quarter).mean().to_numpy()
+        axes[2].step(hours, share, where="post", label=f"unit {number}", linewidth=1)
+    axes[2].set(ylabel="running (measured),\nshare of 15 min", xlabel="hour of 2023-04-07, UTC")
+    axes[2].legend(ncols=2)
+    figure.savefig(folder / "m5bat-day.svg", metadata={"Date": None})
+
+    table = steady_table(samples).reset_index()
+    figure, axis = plt.subplots(figsize=(7, 4), layout="constrained")
+    for label, rows in table.groupby("reactive"):
+        axis.plot(rows.power_kw, rows.measured_kw, "o", label=f"measured medians, {label}")
+    power = np.linspace(-330.0, 330.0, 221)
+    axis.plot(power, loss_line_kw(np.abs(power)), label="m5bat-630, no Q", linewidth=1)
+    axis.plot(power, loss_line_kw(np.hypot(power, 215.0)), label="m5bat-630, 215 kvar", linewidth=1)
+    axis.set(xlabel="AC power of a unit [kW] (+ discharge)", ylabel="inverter loss [kW]", ylim=(0.0, 14.0))
+    axis.legend()
+    figure.savefig(folder / "m5bat-loss.svg", metadata={"Date": None})
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("data", type=Path)
+    parser.add_argument("--policies", nargs="+", default=["equal", "priority", "mpc"])
+    parser.add_argument("--figures", type=Path)
+    arguments = parser.parse_args()
+    samples = pd.read_parquet(arguments.data / "inverter/m5bat_inverter_steady_samples.parquet")
+    second = pd.read_parquet(arguments.data / "bess/m5bat_bess_battery_together_sample.parquet")
+    day = pd.read_parquet(arguments.data / "bess/m5bat_2023-04-07_15min.parquet")
+    demand_kw = day.M5BAT_P.to_numpy(dtype=np.float64)
+
+    print(steady_table(samples).to_string(), end="\n\n")
+    print(pd.DataFrame({u: unit_day(second, u) for u in MEASURED_UNITS}).round(2).to_string(), end="\n\n")
+    gross = [np.abs(demand_kw).sum() * DT_H, second.M5BAT_P.abs().sum() / 3600.0]
+    print(f"energy moved: {gross[0]:.0f} kWh in 15-min means, {gross[1]:.0f} kWh in seconds", end="\n\n")
+    replays = {name: replay(name, demand_kw) for name in arguments.policies}
+    print(units_by_power(second, demand_kw, replays).to_string(), end="\n\n")
+    print(policy_table(demand_kw, replays).to_string())
+    if arguments.figures is not None:
+        draw(arguments.figures, demand_kw, replays, samples, second)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,52 @@
+"""Claims about the measured plant M5BAT: the loss line, and what policies make of a day."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pandas as pd
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+DATA = ROOT.parent / "shared" / "data"
+pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason=f"the measured day is not at {DATA}")
+
+
+@pytest.fixture(scope="module")
+def m5bat() -> ModuleType:
+    sys.path.insert(0, str(ROOT / "examples"))
+    try:
+        import m5bat
+    finally:
+        sys.path.pop(0)
+    module: ModuleType = m5bat
+    return module
+
+
+def test_the_bundled_loss_line_meets_the_measured_medians_without_reactive_power(m5bat: ModuleType) -> None:
+    samples = pd.read_parquet(DATA / "inverter/m5bat_inverter_steady_samples.parquet")
+    table = m5bat.steady_table(samples).loc["no Q"]
+    error = (table.line_kw - table.measured_kw).abs()
+    assert len(table) >= 9
+    assert error[table.power_kw.abs() < 150.0].max() < 0.35
+    assert error.max() < 1.5, "the data hold medians to 1.5 kW"
+
+
+def test_losses_of_both_measured_units_over_the_day_agree_with_the_line(m5bat: ModuleType) -> None:
+    second = pd.read_parquet(DATA / "bess/m5bat_bess_battery_together_sample.parquet")
+    for unit, tolerance in (("batt1", 0.05), ("batt10", 0.2)):
+        day = m5bat.unit_day(second, unit)
+        assert day["line_loss_kwh"] == pytest.approx(day["measured_loss_kwh"], rel=tolerance)
+
+
+def test_the_day_is_delivered_by_an_equal_split_and_fewer_units_lose_less_in_inverters(
+    m5bat: ModuleType,
+) -> None:
+    demand_kw = pd.read_parquet(DATA / "bess/m5bat_2023-04-07_15min.parquet").M5BAT_P.to_numpy(np.float64)
+    equal, priority = (m5bat.replay(name, demand_kw) for name in ("equal", "priority"))
+    np.testing.assert_allclose(equal.delivered_kw.sum(axis=1), demand_kw, atol=1e-6)
+    assert priority.units_on.mean() < 2.0 < equal.units_on.mean()
+    assert priority.inverter_loss_kw.sum() < 0.3 * equal.inverter_loss_kw.sum()
