@@ -376,3 +376,40 @@ fn low_soc_line(resistance: &Resistance, soc: f64) -> Line {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::common;
+
+    /// Eight strings through all regimes: full, empty, hot, idle.
+    fn record<const W: usize>(run: impl Fn(&mut Block<W>, &Schedule, &mut Record)) -> Record {
+        let system = common::reference(W);
+        let members: Vec<_> = system.strings.iter().enumerate().collect();
+        let mut block = Block::<W>::new(&members, DeratingLaw::Pi, 10.0);
+        let states: Vec<_> = (0..W)
+            .map(|l| LaneState {
+                soc: l as f64 / (W - 1) as f64,
+                node_temperature_c: (0..40)
+                    .map(|node| 20.0 + 5.0 * l as f64 + 0.1 * f64::from(node))
+                    .collect(),
+                integral_k: 0.3,
+                inverter_on: false,
+            })
+            .collect();
+        block.set_state(&states.iter().collect::<Vec<_>>());
+        let (steps, substeps) = (30, 90);
+        let request_w: Vec<f64> = (0..steps * W).map(|at| 92e3 * (0.37 * at as f64).sin()).collect();
+        let ambient_c = vec![25.0; steps];
+        let schedule =
+            Schedule { steps, substeps, lanes: W, strings: W, request_w: &request_w, ambient_c: &ambient_c };
+        let mut record = Record::new(steps, W, 40, true);
+        run(&mut block, &schedule, &mut record);
+        record
+    }
+
+    #[test]
+    fn the_widest_instructions_at_hand_change_no_bit() {
+        assert_eq!(record::<8>(Block::run), record::<8>(Block::run_portable));
+    }
+}

@@ -8,6 +8,13 @@
 //! SI units, temperatures in degC, power and current positive in discharge. Many strings, or many scenarios of
 //! the same plant, are stepped side by side; nothing is allocated per plant step.
 
+// The helpers that integration tests and benches share name the crate.
+#[cfg(test)]
+extern crate self as bess_plant;
+#[cfg(test)]
+#[path = "../tests/common/mod.rs"]
+mod common;
+
 mod block;
 mod check;
 mod electrical;

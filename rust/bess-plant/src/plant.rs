@@ -45,10 +45,10 @@ pub struct Schedule<'a> {
     pub(crate) steps: usize,
     /// Plant steps in each of them.
     pub(crate) substeps: usize,
-    lanes: usize,
-    strings: usize,
-    request_w: &'a [f64],
-    ambient_c: &'a [f64],
+    pub(crate) lanes: usize,
+    pub(crate) strings: usize,
+    pub(crate) request_w: &'a [f64],
+    pub(crate) ambient_c: &'a [f64],
 }
 
 impl Schedule<'_> {

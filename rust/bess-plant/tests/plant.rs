@@ -1,0 +1,140 @@
+//! Claims about the plant that need many cases, or the binary alone.
+
+use bess_plant::{DeratingLaw, Limits, Plant, PlantError, PlantState, Record};
+use proptest::prelude::*;
+use serde_json::json;
+
+mod common;
+
+const STEP_S: f64 = 10.0;
+const CONTROL_S: f64 = 900.0;
+
+fn run(system: &bess_tables::System, scenarios: usize, state: &PlantState, request_w: &[f64]) -> Record {
+    let mut plant = Plant::new(system, scenarios, STEP_S, DeratingLaw::Table, state).unwrap();
+    let steps = request_w.len() / plant.lanes();
+    plant.run(request_w, &vec![25.0; steps * scenarios], CONTROL_S, true).unwrap()
+}
+
+fn spread_state(system: &bess_tables::System, soc: &[f64], temperature_c: &[f64]) -> PlantState {
+    let mut state = common::uniform_state(system, 1, 0.5, 25.0);
+    let nodes = state.node_temperature_c.len() / soc.len();
+    state.soc.copy_from_slice(soc);
+    for (own, &value) in state.node_temperature_c.chunks_mut(nodes).zip(temperature_c) {
+        own.fill(value);
+    }
+    state
+}
+
+/// Values of one string, whatever ran beside it.
+fn lane(record: &Record, id: usize) -> Vec<u64> {
+    let pick =
+        |values: &[f64]| -> Vec<u64> { values.chunks(record.lanes).map(|step| step[id].to_bits()).collect() };
+    [&record.delivered_w, &record.soc, &record.temperature_c, &record.current_a, &record.inverter_loss_w]
+        .iter()
+        .flat_map(|values| pick(values))
+        .collect()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn nothing_is_shed_silently_and_the_ledger_closes(
+        soc in prop::collection::vec(0.0..=1.0, 5),
+        temperature_c in prop::collection::vec(-10.0..62.0, 5),
+        request in prop::collection::vec(-92e3..=92e3, 15),
+    ) {
+        let system = common::reference(5);
+        let record = run(&system, 1, &spread_state(&system, &soc, &temperature_c), &request);
+        for (at, &asked_w) in request.iter().enumerate() {
+            let (shed_w, derated_w) = (record.availability_loss_w[at], record.derating_loss_w[at]);
+            prop_assert!(shed_w >= 0.0 && derated_w >= 0.0);
+            prop_assert!(record.inverter_loss_w[at] >= 0.0 && record.battery_loss_w[at] >= 0.0);
+            prop_assert!((record.delivered_w[at].abs() + shed_w + derated_w - asked_w.abs()).abs() < 1e-7);
+            prop_assert!((0.0..=1.0).contains(&record.soc[at]));
+            prop_assert!(record.ledger_residual_j[at].abs() < 1e-4);
+            prop_assert!((shed_w <= 1e-6 && derated_w <= 1e-6) || record.limits[at] != Limits::NONE);
+        }
+    }
+
+    #[test]
+    fn a_string_does_not_feel_how_many_run_beside_it(
+        soc in prop::collection::vec(0.0..=1.0, 11),
+        temperature_c in prop::collection::vec(10.0..60.0, 11),
+        request in prop::collection::vec(-92e3..=92e3, 22),
+    ) {
+        let system = common::reference(11);
+        let together = run(&system, 1, &spread_state(&system, &soc, &temperature_c), &request);
+        let one = common::reference(1);
+        for id in 0..11 {
+            let own: Vec<f64> = request.chunks(11).map(|step| step[id]).collect();
+            let alone = run(&one, 1, &spread_state(&one, &soc[id..=id], &temperature_c[id..=id]), &own);
+            prop_assert_eq!(lane(&together, id), lane(&alone, 0));
+        }
+    }
+
+    #[test]
+    fn scenarios_are_plants_of_their_own(request in prop::collection::vec(-92e3..=92e3, 12)) {
+        let system = common::reference(2);
+        let fleet = run(&system, 3, &common::uniform_state(&system, 3, 0.5, 40.0), &request);
+        for scenario in 0..3 {
+            let own: Vec<f64> =
+                request.chunks(6).flat_map(|step| step[2 * scenario..2 * scenario + 2].to_vec()).collect();
+            let alone = run(&system, 1, &common::uniform_state(&system, 1, 0.5, 40.0), &own);
+            for string in 0..2 {
+                prop_assert_eq!(lane(&fleet, 2 * scenario + string), lane(&alone, string));
+            }
+        }
+    }
+}
+
+#[test]
+fn a_plant_that_is_given_its_state_continues_bit_by_bit() {
+    let system = common::reference(3);
+    let request: Vec<f64> = (0..3 * 40).map(|at| 1e3 * common::two_cycles_kw(at / 3)).collect();
+    let start = common::uniform_state(&system, 1, 0.5, 44.0);
+    let whole = run(&system, 1, &start, &request);
+    let mut first = Plant::new(&system, 1, STEP_S, DeratingLaw::Table, &start).unwrap();
+    first.run(&request[..60], &[25.0; 20], CONTROL_S, false).unwrap();
+    let mut second = Plant::new(&system, 1, STEP_S, DeratingLaw::Table, &first.state()).unwrap();
+    let rest = second.run(&request[60..], &[25.0; 20], CONTROL_S, false).unwrap();
+    assert_eq!(rest.temperature_c, whole.temperature_c[60..]);
+    assert_eq!(rest.soc, whole.soc[60..]);
+    assert_eq!(rest.inverter_starts, whole.inverter_starts[60..]);
+}
+
+#[test]
+fn strings_may_have_different_numbers_of_nodes() {
+    let mut coarse = common::reference_string();
+    coarse["thermal"]["spatial"]["nodes"] = json!(10);
+    let mixed = common::system(&[coarse.clone(), common::reference_string()]);
+    let state = common::uniform_state(&mixed, 1, 0.5, 25.0);
+    let record = run(&mixed, 1, &state, &[46e3, 46e3]);
+    let own = common::system(&[coarse]);
+    let alone = run(&own, 1, &common::uniform_state(&own, 1, 0.5, 25.0), &[46e3]);
+    assert_eq!(lane(&record, 0), lane(&alone, 0));
+    assert!(record.node_temperature_c[10..40].iter().all(|value| value.is_nan()));
+    assert!(record.node_temperature_c[40..].iter().all(|value| value.is_finite()));
+}
+
+#[test]
+fn bad_input_is_refused_and_names_place_value_and_range() {
+    let system = common::reference(2);
+    let state = common::uniform_state(&system, 1, 0.5, 25.0);
+    let mut plant = Plant::new(&system, 1, STEP_S, DeratingLaw::Table, &state).unwrap();
+    let mut refused = |request: &[f64], ambient: &[f64], duration: f64| {
+        plant.run(request, ambient, duration, false).unwrap_err().to_string()
+    };
+    assert_eq!(
+        refused(&[0.0, 0.0, 0.0, -95e3], &[25.0; 2], 900.0),
+        "step 1, string 1: requested power -95 kW is outside [-92, 92] kW"
+    );
+    assert!(refused(&[f64::NAN, 0.0], &[25.0], 900.0).contains("requested power NaN kW"));
+    assert!(refused(&[0.0; 3], &[25.0], 900.0).contains("request: 3 values, needs 2"));
+    assert!(refused(&[0.0; 2], &[f64::INFINITY], 900.0).contains("ambient temperature inf degC"));
+    assert!(refused(&[0.0; 2], &[25.0], 905.0).contains("does not divide a control step of 905 s"));
+
+    let unstable = Plant::new(&system, 1, 2000.0, DeratingLaw::Table, &state).unwrap_err();
+    let PlantError::Unstable { largest_s, .. } = unstable else { panic!("{unstable}") };
+    assert!(Plant::new(&system, 1, largest_s, DeratingLaw::Table, &state).is_ok());
+}
