@@ -38,7 +38,6 @@ class Plant:
     ) -> dict[str, NDArray[Any]]: ...
 
 @final
-@disjoint_base
 class ControlModel:
     def __new__(cls, system: System) -> ControlModel: ...
     def rollout(
@@ -59,7 +58,6 @@ class ControlModel:
     def nominal_loss_kw(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
 
 @final
-@disjoint_base
 class ControlHorizon:
     def __new__(
         cls,
@@ -91,6 +89,13 @@ class ControlHorizon:
         self, soc: NDArray[np.float64], temperature_c: NDArray[np.float64]
     ) -> list[NDArray[np.float64]]: ...
     def ranges(
+        self,
+        soc_low: NDArray[np.float64],
+        soc_high: NDArray[np.float64],
+        temperature_low_c: NDArray[np.float64],
+        temperature_high_c: NDArray[np.float64],
+    ) -> list[NDArray[np.float64]]: ...
+    def planes(
         self,
         soc_low: NDArray[np.float64],
         soc_high: NDArray[np.float64],

@@ -108,7 +108,8 @@ class ReferenceString:
         feasible = [p for p in trials if p > 0 and self._feasible(p, r, charging)]
         if not feasible:
             return 0.0
-        low, high = max(feasible), max(feasible) + wanted / 400.0
+        low = float(max(feasible))
+        high = low + wanted / 400.0
         for _ in range(80):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if self._feasible(middle, r, charging) else (low, middle)

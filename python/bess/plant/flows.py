@@ -31,9 +31,9 @@ class Flows:
     """Flows of one control step (``Plant.step``) or of several (``Plant.run``).
 
     The last axis of every array but the last two is the string; before it stands the step (``run``) and
-    before that the scenario (:class:`~bess.plant.Fleet`). Powers are means over the control step. Positive power
-    and current are discharge, losses are ``>= 0``, and ``|request| = |delivered| + availability loss + derating
-    loss``.
+    before that the scenario (:class:`~bess.plant.Fleet`). Powers are means over the control step.
+    Positive power and current are discharge, losses are ``>= 0``, and ``|request| = |delivered| +
+    availability loss + derating loss``.
 
     Attributes
     ----------

@@ -18,10 +18,10 @@ class Plant:
     """Electro-thermal plant of a battery of parallel strings, each behind its own inverter.
 
     Every plant step (10 s) each string is derated by its temperature, limited by its SOC window and its
-    voltage, and advanced: inverter loss at delivered power, Rint current, heat, a one-dimensional thermal model
-    along the air path with the resistance of every node at its own temperature, SOC by charge. What is requested
-    and not delivered is reported as derating loss or availability loss. Not modelled: self-discharge, ageing,
-    voltage dynamics, start-up time of inverters.
+    voltage, and advanced: inverter loss at delivered power, Rint current, heat, a one-dimensional
+    thermal model along the air path with the resistance of every node at its own temperature, SOC by
+    charge. What is requested and not delivered is reported as derating loss or availability loss. Not
+    modelled: self-discharge, ageing, voltage dynamics, start-up time of inverters.
 
     Parameters
     ----------

@@ -316,31 +316,15 @@ impl<const W: usize> Block<W> {
         substeps: usize,
         record: &mut Record,
     ) {
-        let n = substeps as f64;
         let mean_c = self.air_path.mean_temperature();
         for (lane, &id) in self.ids.iter().enumerate() {
             let at = step * record.lanes + id;
             let sign = if request_w.0[lane] < 0.0 { -1.0 } else { 1.0 };
-            let standby_w = totals.off_steps.0[lane] * self.strings[lane].inverter.off_loss_w;
-            let loss_w = totals.loss_on_w.0[lane] + standby_w;
-            let (heat_w, chemical_w) = (totals.heat_w.0[lane], totals.chemical_w.0[lane]);
-            record.delivered_w[at] = sign * totals.delivered_w.0[lane] / n;
-            record.availability_loss_w[at] = totals.availability_loss_w.0[lane] / n;
-            record.derating_loss_w[at] = totals.derating_loss_w.0[lane] / n;
-            record.inverter_loss_w[at] = loss_w / n;
-            record.battery_loss_w[at] = heat_w / n;
-            record.chemical_w[at] = chemical_w / n;
-            record.current_a[at] = totals.current_a.0[lane] / n;
+            let off_loss_w = self.strings[lane].inverter.off_loss_w;
+            totals.write(lane, sign, off_loss_w, (substeps, self.step_s), at, record);
             record.soc[at] = self.soc.0[lane];
             record.temperature_c[at] = mean_c.0[lane];
-            record.node_max_c[at] = totals.hottest_c.0[lane];
-            record.derating_factor[at] = totals.factor.0[lane] / n;
-            record.inverter_starts[at] = totals.starts.0[lane];
-            // An inverter that is off takes its standby from the grid, beside the delivered power.
-            let ac_w = standby_w - sign * totals.delivered_w.0[lane];
-            record.ledger_residual_j[at] = (ac_w - (heat_w + loss_w - chemical_w)) * self.step_s;
-            let derated = totals.derating_loss_w.0[lane] > 0.0;
-            record.limits[at] = limits[lane].with(if derated { Limits::DERATING } else { Limits::NONE });
+            record.limits[at] = record.limits[at].with(limits[lane]);
             if !record.node_temperature_c.is_empty() {
                 for (node, value) in self.air_path.temperature.iter().enumerate() {
                     record.node_temperature_c[at * record.nodes + node] = value.0[lane];

@@ -86,7 +86,10 @@ impl Plant {
     ) -> Result<Self, PlantError> {
         let strings = system.strings.clone();
         check_range("plant step", step_s, " s", STEP_S, String::new)?;
+        check_range("number of scenarios", scenarios as f64, "", (1.0, 1e6), String::new)?;
         for (string, parameters) in strings.iter().enumerate() {
+            let place = || format!("string {string}: ");
+            check_range("thermal nodes", parameters.spatial.nodes as f64, "", (1.0, 1e6), place)?;
             let number = Coefficients::new(&parameters.spatial, step_s).stability_number();
             if number > 1.0 {
                 let nodes = parameters.spatial.nodes;

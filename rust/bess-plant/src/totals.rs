@@ -1,4 +1,5 @@
 use crate::lanes::Lanes;
+use crate::record::{Limits, Record};
 
 /// Sums over the plant steps of one control step.
 #[derive(Debug, Clone, Copy)]
@@ -31,6 +32,40 @@ impl<const W: usize> Totals<W> {
             factor: Lanes::ZERO,
             starts: Lanes::ZERO,
             hottest_c: Lanes::splat(f64::NEG_INFINITY),
+        }
+    }
+
+    /// Writes the flows of one lane as entry `at`: means over `substeps` plant steps of `step_s`, the ledger, and
+    /// whether derating bound.
+    pub(crate) fn write(
+        &self,
+        lane: usize,
+        sign: f64,
+        off_loss_w: f64,
+        (substeps, step_s): (usize, f64),
+        at: usize,
+        record: &mut Record,
+    ) {
+        let n = substeps as f64;
+        let delivered_w = sign * self.delivered_w.0[lane];
+        let standby_w = self.off_steps.0[lane] * off_loss_w;
+        let loss_w = self.loss_on_w.0[lane] + standby_w;
+        let (heat_w, chemical_w) = (self.heat_w.0[lane], self.chemical_w.0[lane]);
+        record.delivered_w[at] = delivered_w / n;
+        record.availability_loss_w[at] = self.availability_loss_w.0[lane] / n;
+        record.derating_loss_w[at] = self.derating_loss_w.0[lane] / n;
+        record.inverter_loss_w[at] = loss_w / n;
+        record.battery_loss_w[at] = heat_w / n;
+        record.chemical_w[at] = chemical_w / n;
+        record.current_a[at] = self.current_a.0[lane] / n;
+        record.node_max_c[at] = self.hottest_c.0[lane];
+        record.derating_factor[at] = self.factor.0[lane] / n;
+        record.inverter_starts[at] = self.starts.0[lane];
+        // An inverter that is off takes its standby from the grid, beside the delivered power.
+        let ac_w = standby_w - delivered_w;
+        record.ledger_residual_j[at] = (ac_w - (heat_w + loss_w - chemical_w)) * step_s;
+        if self.derating_loss_w.0[lane] > 0.0 {
+            record.limits[at] = Limits::DERATING;
         }
     }
 }

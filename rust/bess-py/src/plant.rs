@@ -106,9 +106,8 @@ impl Plant {
         let request_w: Vec<f64> = request_kw.as_array().iter().map(|p| p * W_PER_KW).collect();
         let ambient_c = floats(&ambient_c)?;
         let inner = &mut self.inner;
-        let record = py
-            .detach(|| inner.run(&request_w, &ambient_c, duration_s, keep_nodes))
-            .map_err(refused)?;
+        let record =
+            py.detach(|| inner.run(&request_w, &ambient_c, duration_s, keep_nodes)).map_err(refused)?;
         to_dict(py, record)
     }
 }
