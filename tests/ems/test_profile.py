@@ -88,7 +88,7 @@ def test_bad_input_is_refused(table, arguments, match):
 def test_an_unknown_bundled_profile_and_a_negative_level_are_refused():
     with pytest.raises(InputError, match="'week' is not bundled; there are two-cycle-48h"):
         bundled_profile("week")
-    with pytest.raises(InputError, match="hi_kw -1.0 kW must be finite and >= 0 kW"):
+    with pytest.raises(InputError, match=r"hi_kw -1\.0 kW must be finite and >= 0 kW"):
         bundled_profile("two-cycle-48h", hi_kw=-1.0)
 
 

@@ -1,4 +1,4 @@
-"""Writers of synthetic exports, made like those of the platforms: a known series in UTC to the text of a file."""
+"""Writers of synthetic exports like those of the platforms: from a known series to the text of a file."""
 
 import numpy as np
 import pandas as pd
@@ -31,9 +31,9 @@ def english(value: float) -> str:
 
 
 def _ends(wall: pd.DatetimeIndex) -> pd.DatetimeIndex:
-    """Ends of the intervals on the clock; the one before the hour skipped in spring is a day early, as in SMARD."""
+    """Ends of the intervals; that before the hour skipped in spring is a day early, as in SMARD."""
     step = wall[1] - wall[0]
-    ends = list(wall[1:]) + [wall[-1] + step]
+    ends = [*wall[1:], wall[-1] + step]
     ends = [
         b if b == a + step or b <= a else a + step - pd.Timedelta(days=1)
         for a, b in zip(wall, ends, strict=True)
@@ -58,7 +58,8 @@ def smard_de(series: pd.Series, zones: dict[str, pd.Series] | None = None, *, st
 def smard_de_day_and_clock(series: pd.Series) -> str:
     wall = series.index.tz_convert(BERLIN).tz_localize(None)
     rows = [
-        "Datum;Anfang;Ende;Deutschland/Luxemburg [€/MWh] Originalauflösungen;Österreich [€/MWh] Originalauflösungen"
+        "Datum;Anfang;Ende;Deutschland/Luxemburg [€/MWh] Originalauflösungen;"
+        "Österreich [€/MWh] Originalauflösungen"
     ]
     rows += [f"{a:%d.%m.%Y};{a:%H:%M};{b:%H:%M};{german(v)};{german(v + 1)}"
              for a, b, v in zip(wall, _ends(wall), series, strict=True)]  # fmt: skip
@@ -72,7 +73,8 @@ def _american(time: pd.Timestamp) -> tuple[str, str]:
 def smard_en(series: pd.Series) -> str:
     wall = series.index.tz_convert(BERLIN).tz_localize(None)
     rows = [
-        "Start date;End date;Germany/Luxembourg [€/MWh] Original resolutions;Austria [€/MWh] Original resolutions"
+        "Start date;End date;Germany/Luxembourg [€/MWh] Original resolutions;"
+        "Austria [€/MWh] Original resolutions"
     ]
     rows += [";".join((" ".join(_american(a)), " ".join(_american(b)), english(v), english(v + 1)))
              for a, b, v in zip(wall, _ends(wall), series, strict=True)]  # fmt: skip
@@ -134,7 +136,7 @@ def entsoe_old(series: pd.Series) -> str:
 
 
 def entsoe_new(areas: dict[str, pd.Series], clock: str = BERLIN, sequence: str = "Without Sequence") -> str:
-    """With (CET) and (CEST) where the offset changes within or beside an interval, all areas below each other."""
+    """With (CET) and (CEST) where the offset changes in or beside an interval; one area below the other."""
     label = "UTC" if clock == "UTC" else "CET/CEST"
     rows = [f'"MTU ({label})","Area","Sequence","Day-ahead Price (EUR/MWh)","Intraday Period ({label})",'
             '"Intraday Price (EUR/MWh)"']  # fmt: skip

@@ -1,4 +1,4 @@
-"""A broken file gives one sentence that names the file, the line and the remedy; never a plausible wrong answer."""
+"""A broken file gives one sentence that names file, line and remedy; never a plausible wrong answer."""
 
 import gzip
 
@@ -105,7 +105,7 @@ def test_swapped_columns_of_a_plain_table_are_refused(tmp_path):
 def test_a_year_without_values_is_refused(writer, tmp_path):
     year = truth("2024-01-01", "2024-12-31", 60) * np.nan
     text = writer(year).replace('"nan"', '""')
-    refused(tmp_path, text, r"line [23]: to line \d+: .*(no value|0 of 87\d\d values).*choose")
+    refused(tmp_path, text, r"line [23]: from here to line \d+ .*(no value|0 of 87\d\d values).*choose")
 
 
 @pytest.mark.parametrize("form", TEXTS)
@@ -215,7 +215,7 @@ def test_small_faults_are_named_with_their_line(text, match, tmp_path):
 @given(form=st.sampled_from(sorted(TEXTS)), data=st.data())
 @example(form="smard-de", data=None)
 def test_a_damaged_export_is_refused_or_read_without_inventing_prices(form, data, tmp_path):
-    """Any bytes overwritten or cut: an InputError of one sentence, or a gap-free series of plausible length."""
+    """Any bytes overwritten or cut: one sentence, or a gap-free series no longer than it was."""
     raw = bytearray(TEXTS[form].encode())
     if data is not None:
         start = data.draw(st.integers(0, len(raw) - 1))

@@ -53,7 +53,7 @@ def test_a_column_of_several_is_chosen_by_zone_or_name(tmp_path):
     frame.to_csv(path, index_label="time")
     for zone, shift in (("DE-LU", 0), ("France", 1), ("scenario", 2)):
         equal(bess.read_prices(path, zone=zone), SERIES + shift)
-    with pytest.raises(InputError, match="zone 'PT' is not in this file.*Germany/Luxembourg, FR, scenario"):
+    with pytest.raises(InputError, match=r"zone 'PT' is not in this file.*Germany/Luxembourg, FR, scenario"):
         bess.read_prices(path, zone="PT")
 
 

@@ -1,4 +1,4 @@
-"""Files of the families that are not at hand: other years, steps, languages, layouts, zones; written synthetically."""
+"""Files of the families that are not at hand: other years, steps, languages, layouts and zones; synthetic."""
 
 import gzip
 import zipfile
@@ -125,13 +125,20 @@ def test_every_repair_is_reported_once(tmp_path, caplog):
 
 
 @pytest.mark.parametrize("stray", ["01/01/2022 00:00,,,69.66,,\n", "01/01/2022 00:00,,,,,\n", ""])
-def test_an_intraday_year_of_fixed_clock_has_no_change_of_the_clock_and_no_stray_row(stray, tmp_path):
-    expected = truth("2021-01-01", "2021-12-31", 15, clock="Etc/GMT-1")
-    path = save(tmp_path, energy_charts_intraday(expected, stray))
+def test_stray_rows_of_the_next_year_are_dropped(stray, tmp_path):
+    expected = truth("2021-12-01", "2021-12-31", 15, clock="Etc/GMT-1")
+    series = bess.read_prices(save(tmp_path, energy_charts_intraday(expected, stray)))
+    equal(series, expected)
+    assert series.attrs["repairs"].rows("stray-rows") == bool(stray)
+
+
+def test_an_intraday_year_of_fixed_clock_has_no_change_of_the_clock(tmp_path):
+    expected = truth("2020-01-01", "2020-12-31", 15, clock="Etc/GMT-1")
+    path = save(tmp_path, energy_charts_intraday(expected))
     series = bess.read_prices(path)
     equal(series, expected)
     assert series.attrs["product"] == "id1"
-    assert len(series) == 35_040
+    assert len(series) == 35_136
     equal(bess.read_prices(path, product="ID3"), (expected - 2).round(2))
     equal(bess.read_prices(path, product="auction"), (expected - 1).round(2))
     with pytest.raises(bess.InputError, match=r"product='ida1' is none.*ID3-Price \[id3\]"):
@@ -144,6 +151,16 @@ def test_a_year_that_changes_from_hours_to_quarter_hours_is_read_in_quarter_hour
     series = bess.read_prices(save(tmp_path, entsoe_new({"BZN|DE-LU": both})))
     equal(series, both.resample("15min").ffill())
     assert series.attrs["repairs"].rows("step-change") == hours.size
+
+
+def test_an_hourly_product_among_quarter_hours_is_held_until_it_changes(tmp_path):
+    hours, quarters = truth("2025-09-29", "2025-09-30", 60), truth("2025-10-01", "2025-10-02", 15)
+    sparse = hours.reindex(truth("2025-09-29", "2025-10-02", 15).index)
+    sparse[quarters.index] = quarters
+    series = bess.read_prices(save(tmp_path, energy_charts(sparse)))
+    equal(series, sparse.ffill())
+    hourly = bess.read_prices(save(tmp_path, energy_charts(sparse[: quarters.index[0]].iloc[:-1])))
+    equal(hourly, hours)
 
 
 def test_of_several_sequences_the_first_is_taken(tmp_path):

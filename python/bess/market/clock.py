@@ -112,6 +112,7 @@ def to_utc(
         text = "took the repeated hour of autumn in the order of the file"
         repairs.add("autumn-hour", text, again.sum(), lines[int(np.argmax(again))])
         rows = _interleaved(rows, stamps.wall[~gone], clock)
+    _check_order(rows)
     return rows
 
 
@@ -126,3 +127,15 @@ def _interleaved(rows: Rows, wall: pd.DatetimeIndex, clock: tzinfo) -> Rows:
     order = np.arange(wall.size)
     order[twice] = twice[np.argsort(rows.utc[twice], kind="stable")]
     return rows.take(order)
+
+
+def _check_order(rows: Rows) -> None:
+    back = rows.utc[1:] <= rows.utc[:-1]
+    if back.any():
+        i = int(np.argmax(back)) + 1
+        same = np.flatnonzero(rows.utc[:i] == rows.utc[i])
+        when = f"{rows.utc[i]:%Y-%m-%d %H:%M} UTC"
+        if same.size:
+            first = rows.lines[same[0]]
+            fail(rows.path, int(rows.lines[i]), f"repeats {when} of line {first}; remove one of the two rows")
+        fail(rows.path, int(rows.lines[i]), f"goes back to {when}; sort the rows by ascending time")

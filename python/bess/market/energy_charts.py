@@ -46,6 +46,8 @@ _ALIASES: Final = {
     "intraday_auction": "auction",
     "ida": "auction",
 }
+_UNIT: Final = re.compile(r"\bMWh?\b")
+_PRICE: Final = re.compile(r"/\s*MWh")
 _LABEL: Final = re.compile(r"\(([^()]*)\)")
 _TIME: Final = re.compile(r"dat(e|um|a)\b|fecha|tag\b", re.IGNORECASE)
 _UTC1: Final = timezone(timedelta(hours=1))
@@ -79,7 +81,7 @@ def read(table: Table, zone: str, product: str | None, time_zone: str | None, re
 
 
 def _has_units(table: Table) -> bool:
-    return not table.rows[0][0].strip() and any("/MWh" in cell or "MW)" in cell for cell in table.rows[0])
+    return not table.rows[0][0].strip() and any(map(_UNIT.search, table.rows[0]))
 
 
 def _product(header: str) -> str | None:
@@ -93,7 +95,7 @@ def _column(table: Table, zone: str, product: str | None, units: list[str]) -> t
     priced = {
         i: p or "price"
         for i, p in priced.items()
-        if p or ("/MWh" in units[i] and "CO2" not in table.header[i])
+        if p or (_PRICE.search(units[i]) and "CO2" not in table.header[i])
     }
     listed = ", ".join(f"{table.header[i]} [{p}]" for i, p in priced.items()) or "(none)"
     if not priced:

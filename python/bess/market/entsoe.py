@@ -62,7 +62,7 @@ def read(table: Table, zone: str, product: str | None, time_zone: str | None, re
         fail(
             table.path,
             lines[0],
-            f"to line {lines[-1]}: zone {zone!r} has no value at all; choose another file",
+            f"from here to line {lines[-1]} zone {zone!r} has no value; choose another file",
         )
     return Quotes(whole_days(rows, table, clock, repairs), "ENTSO-E", zone_code(zone), "day_ahead")
 
@@ -114,7 +114,9 @@ def _of_sequence(
     chosen = np.flatnonzero(cells == full[0]) if full else np.arange(which.size)
     times = wall[which]
     for name in full[1:]:
-        end = times[chosen[-1]] + (times[chosen[-1]] - times[chosen[-2]] if chosen.size > 1 else pd.Timedelta(0))
+        end = times[chosen[-1]] + (
+            times[chosen[-1]] - times[chosen[-2]] if chosen.size > 1 else pd.Timedelta(0)
+        )
         beyond = (cells == name) & ((times < times[chosen[0]]) | (times >= end))
         if beyond.any():
             first = table.lines[which[int(np.argmax(beyond))]]

@@ -41,8 +41,8 @@ def read_prices(
         The file.
     zone : str
         Bidding zone by code or name: ``"DE-LU"``, ``"DE/LU"``, ``"Germany/Luxembourg"``, ``"BZN|PT"``; in a
-        plain table of several columns also the name of a column. ``DE-LU`` is continued before October 2018 by the
-        zone with Austria if the file holds it.
+        plain table of several columns also the name of a column. ``DE-LU`` is continued before October 2018
+        by the zone with Austria if the file holds it.
     product : str, optional
         Needed only for intraday files of Energy-Charts: ``"day_ahead"``, ``"id1"``, ``"id3"``, ``"auction"``,
         ``"ida1"``, ``"index"``, ``"average"``, ``"low"``, ``"high"``. By default day-ahead, else
@@ -58,6 +58,12 @@ def read_prices(
     pandas.Series
         Prices [EUR/MWh], each for the interval from its label (UTC) to the next; ``attrs`` hold ``units``,
         ``zone``, ``product``, ``source`` and ``repairs`` (:class:`bess.market.Repairs`).
+
+    Notes
+    -----
+    Repairs, each reported once: the hour that summer time skips and the one it repeats, stray rows after the
+    last day, wrong UTC offsets, missing values at the ends (cut), gaps of up to an hour (a straight line), a
+    change to a finer step (coarse values are held), another encoding.
 
     Raises
     ------

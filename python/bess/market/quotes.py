@@ -18,7 +18,7 @@ from bess.market.zones import SPLIT, wanted_codes
 Array = npt.NDArray[np.float64]
 
 _FOREIGN: Final = re.compile(
-    r"\b(USD|GBP|PLN|CHF|CZK|HUF|RON|BGN|DKK|NOK|SEK)\b|£|\$|/\s*kWh|ct\b", re.IGNORECASE
+    r"\b(USD|GBP|PLN|CHF|CZK|HUF|RON|BGN|DKK|NOK|SEK)\b|£|\$|(?<!M)kWh|\bct\b|[\[(]MWh?[\])]", re.IGNORECASE
 )
 
 
@@ -79,7 +79,8 @@ def join_zone(
         fail(
             path,
             int(rows.lines[0]),
-            f"to line {rows.lines[-1]}: zone {zone!r} has no value at all; choose another zone or file, {listed}",
+            f"from here to line {rows.lines[-1]} zone {zone!r} has no value; "
+            f"choose another zone or file, {listed}",
         )
     return joined
 

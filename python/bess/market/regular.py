@@ -35,17 +35,15 @@ def regular(rows: Rows, fill: Fill | None, repairs: Repairs, *, longest_step_s: 
     Raises
     ------
     InputError
-        No values; times that repeat, go back or are irregular; a gap longer than an hour without `fill`.
+        No values; irregular times; a gap longer than an hour without `fill`.
     """
     if fill is not None and fill not in get_args(Fill):
         raise InputError(f"fill {fill!r} is unknown; allowed are {', '.join(get_args(Fill))}")
-    if rows.utc.size > 1:
-        _check_order(rows)
     known = np.flatnonzero(~np.isnan(rows.values))
     if known.size < 2:
         first, last = rows.lines[0], rows.lines[-1]
-        text = f"to line {last}: {known.size} of {rows.values.size} values are there; choose another column"
-        fail(rows.path, first, text)
+        there = f"from here to line {last} there are {known.size} of {rows.values.size} values"
+        fail(rows.path, int(first), f"{there}, and a series needs two; choose another column")
     cut = known[0] + rows.values.size - 1 - known[-1]
     line = rows.lines[0] if known[0] else rows.lines[min(known[-1] + 1, rows.values.size - 1)]
     repairs.add("ends-cut", "cut missing values at the ends", cut, line)
@@ -68,21 +66,6 @@ def regular(rows: Rows, fill: Fill | None, repairs: Repairs, *, longest_step_s: 
 
 def _seconds(utc: pd.DatetimeIndex) -> npt.NDArray[np.int64]:
     return np.asarray(utc.as_unit("s").asi8)
-
-
-def _check_order(rows: Rows) -> None:
-    back = np.diff(_seconds(rows.utc)) <= 0
-    if back.any():
-        i = int(np.argmax(back)) + 1
-        same = np.flatnonzero(rows.utc[:i] == rows.utc[i])
-        when = f"{rows.utc[i]:%Y-%m-%d %H:%M} UTC"
-        if same.size:
-            fail(
-                rows.path,
-                rows.lines[i],
-                f"repeats {when} of line {rows.lines[same[0]]}; remove one of the two rows",
-            )
-        fail(rows.path, rows.lines[i], f"goes back to {when}; sort the rows by ascending time")
 
 
 def _step(rows: Rows, gaps: npt.NDArray[np.int64], longest_s: int) -> tuple[int, npt.NDArray[np.int64]]:

@@ -6,7 +6,7 @@ is wrong by a day.
 
 import re
 from dataclasses import replace
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
@@ -54,7 +54,7 @@ def _stamps(table: Table) -> Stamps:
         stamps = parse_stamps(table.path, table.header[both], table.column(both), table.lines)
         if end is not None:
             first = parse_stamps(table.path, table.header[end], table.column(end)[:1], table.lines)
-            if first.wall[0] <= stamps.wall[0]:
+            if first.wall[0] < stamps.wall[0]:
                 names = f"{table.header[both]!r} and {table.header[end]!r}"
                 text = f"columns {names} are swapped: the interval ends before it begins; swap them back"
                 fail(table.path, table.lines[0], text)
@@ -71,8 +71,9 @@ def _stamps(table: Table) -> Stamps:
 
 
 def _zones(table: Table, zone: str) -> tuple[list[str], dict[str, Array]]:
-    """Return the names of zones with any value, and the prices of those that are wanted (the others are not parsed)."""
+    """Return the names of zones with any value, and the prices of those wanted (others are not parsed)."""
     wanted = wanted_codes(zone)
+    decimal: Literal[",", "."] = "," if table.named("Datum von", "Datum") is not None else "."
     names: list[str] = []
     there: dict[str, Array] = {}
     for i, header in enumerate(table.header):
@@ -84,8 +85,7 @@ def _zones(table: Table, zone: str) -> tuple[list[str], dict[str, Array]]:
         code = zone_code(match[1])
         if code in wanted:
             check_unit(table.path, 1, header)
-            german = not header.isascii() or "," in "".join(row[i] for row in table.rows[:96])
-            values = parse_numbers(table.path, header, table.column(i), table.lines, "," if german else ".")
+            values = parse_numbers(table.path, header, table.column(i), table.lines, decimal)
             if code not in there or np.isnan(there[code]).sum() > np.isnan(values).sum():
                 there[code] = values
     return names, there

@@ -24,6 +24,8 @@ _CLOCKS: Final = ("%H:%M", "%H:%M:%S", "%I:%M %p", "%I:%M:%S %p", "%H:%M:%S.%f")
 FORMATS: Final = (*(f"{d} {c}" for d in _DATES for c in _CLOCKS), "%Y%m%d%H%M", "%Y%m%d%H", *_DATES)
 """Formats tried in this order; the first that fits every cell is taken."""
 
+_YEARS: Final = (1980, 2200)
+"""Other years are numbers taken for times."""
 _OFFSET: Final = re.compile(
     r"(.*\d:\d\d(?::\d\d(?:\.\d+)?)?)\s*(?:\(?(Z|UTC|GMT|CET|CEST)\)?|([+-])(\d\d):?(\d\d))"
 )
@@ -64,8 +66,9 @@ def parse_stamps(path: str, name: str, cells: list[str], lines: list[int]) -> St
             offset[i] = shift
         texts.append(_SPACES.sub(" ", cell).strip())
     wall = _parse(texts)
-    if wall.hasnans:
-        bad = int(np.argmax(wall.isna()))
+    odd = np.asarray(wall.isna() | (wall.year < _YEARS[0]) | (wall.year > _YEARS[1]))
+    if odd.any():
+        bad = int(np.argmax(odd))
         fail(
             path,
             lines[bad],

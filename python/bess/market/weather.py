@@ -78,7 +78,7 @@ def read_weather(
             name,
             int(rows.lines[i]),
             f"temperature {rows.values[i]:g} degC in column {chosen!r} is outside "
-            f"[{_LOWEST_C:g}, {_HIGHEST_C:g}] degC; choose the right column, and convert kelvin or tenths of a degree first",
+            f"[{_LOWEST_C:g}, {_HIGHEST_C:g}] degC; choose the right column, or convert it to degC first",
         )
     series = regular(rows, fill, repairs, longest_step_s=_LONGEST_STEP_S).rename("temperature_c")
     series.attrs = {"units": "degC", "repairs": repairs}
