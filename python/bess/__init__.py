@@ -19,11 +19,13 @@ if TYPE_CHECKING:
     from bess.market import read_prices, read_weather
     from bess.parameters import State, System, load_system
     from bess.plant import Fleet, Plant
+    from bess.report import write_report
     from bess.simulation import Result, Study, load_study, open_result, run, run_scenarios
     from bess.split.objectives import Objective, Objectives
     from bess.split.outcome import GroupResult, Split, SplitStatus
     from bess.split.power_split import PowerSplit, split_power
     from bess.split.rollout import Rollout, rollout
+    from bess.sweep import SweepResult, run_sweep
 
 _HOMES = {
     "inverter_from_efficiency": "bess.components",
@@ -56,6 +58,9 @@ _HOMES = {
     "split_power": "bess.split.power_split",
     "Rollout": "bess.split.rollout",
     "rollout": "bess.split.rollout",
+    "SweepResult": "bess.sweep",
+    "run_sweep": "bess.sweep",
+    "write_report": "bess.report",
 }
 
 __all__ = [
@@ -74,6 +79,7 @@ __all__ = [
     "State",
     "StoppedEarly",
     "Study",
+    "SweepResult",
     "System",
     "inverter_from_efficiency",
     "inverter_from_loss",
@@ -88,7 +94,9 @@ __all__ = [
     "rollout",
     "run",
     "run_scenarios",
+    "run_sweep",
     "split_power",
+    "write_report",
 ]
 
 __version__ = _version("bess-powersplit")

@@ -8,7 +8,7 @@ from folders import write_run
 from synthetic import kpis, record
 
 from bess.errors import InputError
-from bess.report.paper import comparisons, is_case_2, reading
+from bess.report.paper import Verdict, comparisons, is_case_2, reading
 from bess.report.runs import Run, runs_in
 from bess.report.tables import kpi_rows, other_rows
 from bess.report.words import summary, warnings
@@ -87,6 +87,19 @@ def test_the_summary_names_the_best_scenario_and_ties(tmp_path: Path) -> None:
     )
 
 
+def test_policies_are_set_against_the_equal_split(tmp_path: Path) -> None:
+    for name, share in (("equal", 0.0), ("mpc", 1.0)):
+        write_run(tmp_path / name, record(2, 96, concentrate=share), name, policy={"name": name})
+    runs, _ = runs_in(tmp_path)
+    system, availability = (
+        runs["mpc"].kpis[key] - runs["equal"].kpis[key]
+        for key in ("system_efficiency_pct", "availability_pct")
+    )
+    expected = f"mpc against the equal split: system efficiency {system:+.2f} points, "
+    expected += f"availability {availability:+.2f} points"
+    assert any(sentence.startswith(expected) for sentence in summary(runs))
+
+
 def test_the_best_of_each_row_is_marked_and_the_rest_are_behind() -> None:
     rows = {row.label: row for row in kpi_rows(PAPER)}
     inverter = rows["Inverter efficiency (%)"].cells
@@ -108,8 +121,15 @@ def test_kpis_of_any_name_are_listed_with_their_unit() -> None:
 
 def test_all_statements_agree_on_the_numbers_the_specification_expects() -> None:
     rows = comparisons(PAPER)
-    assert len(rows) == 10 and all(row.agrees for row in rows)
-    assert reading(rows)[0] == "All statements of the paper come out."
+    assert len(rows) == 10 and {row.verdict for row in rows} == {Verdict.YES}
+    assert reading(rows)[0] == "10 of the paper's 10 statements come out."
+
+
+def test_a_difference_much_smaller_than_the_papers_is_not_called_agreement() -> None:
+    changed = PAPER | {"S2": PAPER["S2"] | {"battery_efficiency_pct": 98.2}}
+    rows = {row.statement: row for row in comparisons(changed)}
+    assert rows["S2 over S1, battery efficiency"].verdict is Verdict.DIRECTION
+    assert "less than half of the size: “S2 over S1, battery efficiency”" in reading(list(rows.values()))[0]
 
 
 @pytest.mark.parametrize(
@@ -127,7 +147,7 @@ def test_an_ordering_that_does_not_come_out_is_said(
     changed = {name: dict(entry) for name, entry in PAPER.items()}
     changed[scenario][key] = value
     rows = comparisons(changed)
-    assert statement in [row.statement for row in rows if not row.agrees]
+    assert statement in [row.statement for row in rows if row.verdict is not Verdict.YES]
     assert statement in reading(rows)[0]
 
 

@@ -95,7 +95,7 @@ def test_a_failed_scenario_is_reported_and_the_rest_finished(tmp_path: Path, clu
 
 
 def test_a_killed_worker_does_not_lose_the_sweep(tmp_path: Path, cluster: Any) -> None:
-    study = study_of(tmp_path, 15)
+    study = study_of(tmp_path, 8)
     out = tmp_path / "out"
     finished: list[Any] = []
     sweep = threading.Thread(

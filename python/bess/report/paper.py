@@ -7,13 +7,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Final
 
 from bess.report.runs import Run
 
 Kpis = Mapping[str, Mapping[str, float]]
 
+_SAME_AVAILABILITY_PCT: Final = 0.05
 _WEIGHTS: Final = {"S1": (1.0, 0.0), "S2": (0.5, 0.5), "S3": (0.0, 1.0)}
+
+
+class Verdict(StrEnum):
+    """Whether a statement of the paper came out."""
+
+    YES = "yes"
+    DIRECTION = "direction only"
+    NO = "no"
 
 
 @dataclass(frozen=True)
@@ -23,7 +33,7 @@ class Comparison:
     statement: str
     paper: str
     here: str
-    agrees: bool
+    verdict: Verdict
 
 
 def is_case_2(runs: Mapping[str, Run]) -> bool:
@@ -42,38 +52,36 @@ def comparisons(kpis: Kpis) -> list[Comparison]:
         _highest("system_efficiency_pct", "Highest system efficiency", "S2", kpis),
     ]
     peak = {name: entry["peak_mean_temperature_c"] for name, entry in kpis.items()}
-    cooler = peak["S1"] - peak["S2"]
-    temperature = [
-        Comparison(
-            "Highest peak of the mean temperature", "S1, 51 °C", _ranking(peak, "°C", 1), _top(peak) == "S1"
-        ),
-        Comparison("Peak of S2 below that of S1", "5 K", f"{cooler:.1f} K", cooler > 2.0),
-    ]
-    gains = [
-        _gain("S2 over S1, battery efficiency", "about 1 point", "battery_efficiency_pct", "S1", kpis),
-        _gain("S2 over S3, inverter efficiency", "about 1.5 points", "inverter_efficiency_pct", "S3", kpis),
-        _gain("S2 over S1, derating efficiency", "about 2 points", "derating_efficiency_pct", "S1", kpis),
+    hottest = Comparison(
+        "Highest peak of the mean temperature",
+        "S1, 51 °C",
+        _ranking(peak, "°C", 1),
+        _verdict(_top(peak) == "S1"),
+    )
+    differences = [
+        _difference("Peak of S2 below that of S1", 5.0, "K", peak["S1"] - peak["S2"]),
+        _gain("S2 over S1, battery efficiency", 1.0, "battery_efficiency_pct", "S1", kpis),
+        _gain("S2 over S3, inverter efficiency", 1.5, "inverter_efficiency_pct", "S3", kpis),
+        _gain("S2 over S1, derating efficiency", 2.0, "derating_efficiency_pct", "S1", kpis),
     ]
     availability = {name: entry["availability_pct"] for name, entry in kpis.items()}
     sustained = Comparison(
         "Availability of S2 not below that of S1",
         "“maintaining higher availability”",
         _ranking(availability, "%", 2),
-        availability["S2"] >= availability["S1"] - 0.05,
+        _verdict(availability["S2"] >= availability["S1"] - _SAME_AVAILABILITY_PCT),
     )
-    return [*highest, *temperature, *gains, sustained]
+    return [*highest, hottest, *differences, sustained]
 
 
 def reading(rows: list[Comparison]) -> list[str]:
     """How to read the table, whichever way it came out."""
-    failed = [row.statement for row in rows if not row.agrees]
-    verdict = (
-        "All statements of the paper come out."
-        if not failed
-        else f"{len(rows) - len(failed)} of {len(rows)} statements of the paper come out; these do not: “"
-        + "”, “".join(failed)
-        + "”."
-    )
+    counts = {verdict: [row.statement for row in rows if row.verdict is verdict] for verdict in Verdict}
+    verdict = f"{len(counts[Verdict.YES])} of the paper's {len(rows)} statements come out."
+    if weak := counts[Verdict.DIRECTION]:
+        verdict += f" In direction, but with less than half of the size: {_listed(weak)}."
+    if failed := counts[Verdict.NO]:
+        verdict += f" Not at all: {_listed(failed)}."
     return [
         verdict,
         "The paper publishes neither its demand nor its cell, inverter and cooling parameters, so "
@@ -97,12 +105,24 @@ def _weight(run: Run, objective: str) -> float | None:
 
 def _highest(key: str, statement: str, expected: str, kpis: Kpis) -> Comparison:
     values = {name: entry[key] for name, entry in kpis.items()}
-    return Comparison(statement, expected, _ranking(values, "%", 2), _top(values) == expected)
+    return Comparison(statement, expected, _ranking(values, "%", 2), _verdict(_top(values) == expected))
 
 
-def _gain(statement: str, paper: str, key: str, rival: str, kpis: Kpis) -> Comparison:
-    gain = kpis["S2"][key] - kpis[rival][key]
-    return Comparison(statement, paper, f"{gain:+.2f} points", gain > 0.0)
+def _gain(statement: str, paper: float, key: str, rival: str, kpis: Kpis) -> Comparison:
+    return _difference(statement, paper, "points", kpis["S2"][key] - kpis[rival][key])
+
+
+def _difference(statement: str, paper: float, unit: str, here: float) -> Comparison:
+    verdict = Verdict.YES if here >= paper / 2.0 else (Verdict.DIRECTION if here > 0.0 else Verdict.NO)
+    return Comparison(statement, f"about {paper:g} {unit}", f"{here:+.2f} {unit}", verdict)
+
+
+def _verdict(agrees: bool) -> Verdict:
+    return Verdict.YES if agrees else Verdict.NO
+
+
+def _listed(statements: list[str]) -> str:
+    return ", ".join(f"“{statement}”" for statement in statements)
 
 
 def _top(values: Mapping[str, float]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -28,7 +28,26 @@ def summary(runs: Mapping[str, Run]) -> list[str]:
         return [f"{what}. {_one(first)}"]
     judged = ("system_efficiency_pct", "availability_pct", "peak_mean_temperature_c")
     values = ({name: run.kpis[key] for name, run in runs.items()} for key in judged)
-    return [f"{len(runs)} scenarios: {what}.", *map(_best_of, judged, values)]
+    return [f"{len(runs)} scenarios: {what}.", *map(_best_of, judged, values), *_against_equal_split(runs)]
+
+
+def _against_equal_split(runs: Mapping[str, Run]) -> Iterator[str]:
+    """Every scenario of another policy against the simplest one, if there is one of each."""
+    policies = {name: run.study.get("policy", {}).get("name") for name, run in runs.items()}
+    baseline = next((name for name, policy in policies.items() if policy == "equal"), None)
+    if baseline is None:
+        return
+    for name, policy in policies.items():
+        if policy == "equal":
+            continue
+        gains = [
+            runs[name].kpis[key] - runs[baseline].kpis[key]
+            for key in ("system_efficiency_pct", "availability_pct", "peak_mean_temperature_c")
+        ]
+        yield (
+            f"{name} against the equal split: system efficiency {gains[0]:+.2f} points, availability "
+            f"{gains[1]:+.2f} points, peak mean temperature {gains[2]:+.1f} K."
+        )
 
 
 def _one(run: Run) -> str:

@@ -140,6 +140,6 @@ def _bar(total: int, visible: bool) -> Iterator[Any]:
         def advance(name: str, outcome: Outcome) -> None:
             bar.advance(task)
             if outcome.status == "failed":
-                bar.console.print(f"{name} failed: {outcome.error}", markup=False)
+                bar.console.print(f"{name} failed: {outcome.error}", markup=False, soft_wrap=True)
 
         yield advance
