@@ -12,7 +12,7 @@ from bess.policies.policy import Decision, Situation, SolverReport
 from bess.policies.settings import Settings
 
 if TYPE_CHECKING:
-    from bess.split import PowerSplit
+    from bess import PowerSplit
 
 
 class MpcPolicy:
@@ -25,6 +25,7 @@ class MpcPolicy:
     def __call__(self, situation: Situation) -> Decision:
         """Solve over the horizon; an idle step needs no solve."""
         if situation.demand_kw[0] == 0.0:
+            self._skip()
             return Decision(np.zeros_like(situation.limit_kw))
         split = self._splitter(
             situation.state,
@@ -42,6 +43,12 @@ class MpcPolicy:
         )
         return Decision(split.request_kw[:, 0].copy(), report)
 
+    def _skip(self) -> None:
+        """Move the plan on by one step, as a solve would have."""
+        plan = self._splitter.warm_start
+        if plan is not None:
+            self._splitter.warm_start = np.pad(plan[:, 1:], ((0, 0), (0, 1)))
+
     def memory(self) -> dict[str, Any]:
         """The plan from which the next search starts."""
         return {"warm_start": self._splitter.warm_start}
@@ -53,11 +60,11 @@ class MpcPolicy:
 
 def build(system: System, settings: Settings) -> MpcPolicy:
     """Compile the power split for a system; imports the optimiser, which takes a second or two."""
-    from bess.split import Objectives, PowerSplit
+    from bess import Objectives, PowerSplit
     from bess.split.objectives import Objective
     from bess.split.outcome import SplitStatus
 
-    goals = {
+    goals: dict[str, Any] = {
         name: Objective(**value) if isinstance(value, Mapping) else value
         for name, value in settings.objectives.items()
     }

@@ -3,11 +3,14 @@
 use crate::horizon::ControlHorizon;
 use crate::one_step::solve;
 use crate::one_step_curve::{CostCurve, Terms};
+use crate::planes::Planes;
 use crate::ranges::{CoefficientRanges, StateBox};
 
 /// Safety for the rounding in a bound.
 const ROUNDING: f64 = 1e-11;
 const MAX_SLOPES: usize = 12;
+/// Shares of the bound that are given up for a smaller slope./// Highest slope, in units of the steepest marginal cost.
+const HIGHEST_SLOPE: f64 = 2e3;
 
 /// `sum_m cost + slope * sum_m shed >= phi` for every decision of a step.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -23,6 +26,13 @@ impl ControlHorizon {
     pub fn ranges(&self, boxes: &[StateBox]) -> Vec<CoefficientRanges> {
         let n_steps = self.n_steps();
         let at = |(i, states)| self.string(i / n_steps).ranges(self.direction(i % n_steps), states);
+        boxes.iter().enumerate().map(at).collect()
+    }
+
+    /// Planes over boxes of states `(M, T)`, each in the direction of its step.
+    pub fn planes(&self, boxes: &[StateBox]) -> Vec<Planes> {
+        let n_steps = self.n_steps();
+        let at = |(i, states)| self.string(i / n_steps).planes(self.direction(i % n_steps), states);
         boxes.iter().enumerate().map(at).collect()
     }
 
@@ -67,8 +77,9 @@ impl ControlHorizon {
 fn step_bound(mut curves: Vec<CostCurve>, demand_w: f64) -> StepBound {
     let nothing_shed = solve(&curves, demand_w).bound;
     let steepest = curves.iter().map(CostCurve::steepest).fold(0.0, f64::max);
-    // A demand just above what fewer strings can take would need a slope without end.
-    let highest = 20.0 * steepest.max(if nothing_shed.is_finite() { nothing_shed / demand_w } else { 0.0 });
+    // A demand just above what fewer strings can take would need a slope without end: it saves a no-load loss.
+    let highest =
+        HIGHEST_SLOPE * steepest.max(if nothing_shed.is_finite() { nothing_shed / demand_w } else { 0.0 });
     let mut slope = curves.iter().map(|c| c.terms.costs[1]).fold(0.0, f64::max);
     if nothing_shed.is_infinite() {
         slope = slope.max(2.0 * steepest);

@@ -1,5 +1,7 @@
 //! Moves of the local search: power shifted between two strings, in one step or in two.
 
+use bess_tables::Direction;
+
 use crate::horizon::Costs;
 use crate::ranking::Ranking;
 use crate::walker::Walker;
@@ -7,6 +9,10 @@ use crate::walker::Walker;
 /// Uniform shares tried in a line search, and in each direction of a two-step search.
 const SHARES: usize = 25;
 const SHARES_OF_PAIR: usize = 9;
+
+/// A request that does no more than switch the inverter on, as a share of the limit. In charge such an inverter takes
+/// its no-load loss from the battery, which makes room in a full one.
+const SWITCHED_ON: f64 = 1e-6;
 
 /// Two strings and a step: what the first of them may be asked for while their sum stays.
 #[derive(Debug, Clone, Copy)]
@@ -79,7 +85,23 @@ impl Line {
         let (low, high) = (self.low_w, self.high_w);
         let inside = special.into_iter().filter(move |u| *u > low && *u < high);
         let uniform = (0..SHARES).map(move |n| low + (high - low) * n as f64 / (SHARES - 1) as f64);
-        uniform.chain(inside)
+        uniform.chain(inside).chain(self.ends(walker))
+    }
+
+    /// Just inside both ends: the string there is on and does nothing. Of use in charge only.
+    fn ends(&self, walker: &Walker<'_>) -> impl Iterator<Item = f64> {
+        let shift = SWITCHED_ON * self.width();
+        let ends = match walker.horizon.direction(self.step) {
+            Direction::Charge => vec![self.low_w + shift, self.high_w - shift],
+            Direction::Discharge => vec![],
+        };
+        ends.into_iter()
+    }
+
+    /// Uniform requests over the line, and its ends.
+    fn grid(&self, walker: &Walker<'_>) -> Vec<f64> {
+        let share = |n: usize| self.low_w + self.width() * n as f64 / (SHARES_OF_PAIR - 1) as f64;
+        (0..SHARES_OF_PAIR).map(share).chain(self.ends(walker)).collect()
     }
 
     /// Tries shares, switching and saturation points; then closes in on the best. True if the schedule improved.
@@ -142,11 +164,9 @@ impl Plane {
     pub fn search(&self, walker: &mut Walker<'_>, ranking: &Ranking) -> bool {
         let here = (walker.request(self.first.strings.0, self.first.step), self.here_second(walker));
         let mut best = (here, walker.objectives());
-        let share =
-            |line: &Line, n: usize| line.low_w + line.width() * n as f64 / (SHARES_OF_PAIR - 1) as f64;
-        for a in 0..SHARES_OF_PAIR {
-            let seconds = (0..SHARES_OF_PAIR).map(|b| share(&self.second, b));
-            self.try_at(walker, ranking, share(&self.first, a), seconds, &mut best);
+        let seconds = self.second.grid(walker);
+        for first_w in self.first.grid(walker) {
+            self.try_at(walker, ranking, first_w, seconds.iter().copied(), &mut best);
         }
         let mut step = 0.5 / (SHARES_OF_PAIR - 1) as f64;
         while step > 1e-3 {

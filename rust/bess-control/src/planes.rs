@@ -27,11 +27,8 @@ impl StringModel {
     /// Within a piece `V` and `R` are affine along each axis, so `V^2 / R` less a plane is convex along each axis and
     /// largest at a corner; `1 - k` is piecewise linear. Both planes are exact for a box that is a point.
     pub fn planes(&self, direction: Direction, states: &StateBox) -> Planes {
-        let corners: Vec<Corner> = self
-            .pieces(direction, states)
-            .iter()
-            .flat_map(|piece| self.corners(direction, piece))
-            .collect();
+        let corners: Vec<Corner> =
+            self.pieces(direction, states).iter().flat_map(|piece| self.corners(direction, piece)).collect();
         let scale = |c: &Corner| c.voltage_v * c.voltage_v / c.resistance_ohm;
         let per_soc = chord(&corners, |c| c.soc, scale);
         let per_k = chord(&corners, |c| c.temperature_c, scale);
@@ -43,10 +40,8 @@ impl StringModel {
         let derated = |t: f64| 1.0 - factor.at(t);
         let derated_per_k = if high > low { (derated(high) - derated(low)) / (high - low) } else { 0.0 };
         let knots = factor.x().iter().copied().filter(|&t| t > low && t < high);
-        let lowest = knots
-            .chain([low, high])
-            .map(|t| derated(t) - derated_per_k * t)
-            .fold(f64::INFINITY, f64::min);
+        let lowest =
+            knots.chain([low, high]).map(|t| derated(t) - derated_per_k * t).fold(f64::INFINITY, f64::min);
         Planes {
             power_scale_w,
             power_scale_per_soc: per_soc,

@@ -49,6 +49,23 @@ pub struct CoefficientRanges {
     pub power_scale_w: Range,
 }
 
+/// Part of a box in which one formula holds.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Piece {
+    pub soc: [f64; 2],
+    pub temperature_c: [f64; 2],
+    pub below_switch: bool,
+}
+
+/// Coefficients at one state.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Corner {
+    pub soc: f64,
+    pub temperature_c: f64,
+    pub voltage_v: f64,
+    pub resistance_ohm: f64,
+}
+
 impl StringModel {
     /// Ranges of `k`, `V`, `R` and `V^2 / R` over a box.
     ///
@@ -57,6 +74,32 @@ impl StringModel {
     /// extremes of a piece, which is exact where `V` rises and `R` does not rise with SOC, and `V` does not
     /// depend on temperature.
     pub fn ranges(&self, direction: Direction, states: &StateBox) -> CoefficientRanges {
+        let mut out = CoefficientRanges {
+            derating: lut_range(&self.parameters.derating.factor, &states.temperature_c),
+            voltage_v: Range::EMPTY,
+            resistance_ohm: Range::EMPTY,
+            power_scale_w: Range::EMPTY,
+        };
+        for piece in self.pieces(direction, states) {
+            let (mut v, mut r) = (Range::EMPTY, Range::EMPTY);
+            for corner in self.corners(direction, &piece) {
+                v.include(corner.voltage_v);
+                r.include(corner.resistance_ohm);
+            }
+            for value in [v.low, v.high] {
+                out.voltage_v.include(value);
+            }
+            for value in [r.low, r.high] {
+                out.resistance_ohm.include(value);
+            }
+            out.power_scale_w.include(v.low * v.low / r.high);
+            out.power_scale_w.include(v.high * v.high / r.low);
+        }
+        out
+    }
+
+    /// Parts of a box in each of which `V` and `R` are bilinear.
+    pub(crate) fn pieces(&self, direction: Direction, states: &StateBox) -> Vec<Piece> {
         let p = &self.parameters;
         let ocv = match direction {
             Direction::Charge => &p.ocv_charge,
@@ -88,41 +131,32 @@ impl StringModel {
         socs.sort_unstable_by(f64::total_cmp);
         temperatures.sort_unstable_by(f64::total_cmp);
 
-        let mut out = CoefficientRanges {
-            derating: lut_range(&p.derating.factor, &states.temperature_c),
-            voltage_v: Range::EMPTY,
-            resistance_ohm: Range::EMPTY,
-            power_scale_w: Range::EMPTY,
-        };
-        for soc in socs.windows(2) {
-            for temperature_c in temperatures.windows(2) {
-                let (mut v, mut r) = (Range::EMPTY, Range::EMPTY);
-                let is_point = soc[0] == soc[1];
+        let mut pieces = Vec::with_capacity(socs.len() * temperatures.len());
+        for temperature_c in temperatures.windows(2) {
+            let temperature_c = [temperature_c[0], temperature_c[1]];
+            for soc in socs.windows(2) {
                 // One formula of R holds in the whole piece; a piece below the switch includes the limit there.
-                let below = if is_point { soc[0] < switch } else { soc[1] <= switch };
-                for &s in soc {
-                    for &t in temperature_c {
-                        v.include(p.ocv(direction, s, t));
-                        r.include(self.resistance_on_side(direction, s, t, below));
-                    }
-                }
-                // A box that ends on the switch from below may also be on it.
-                if below && soc[1] == switch && switch == states.soc.high {
-                    for &t in temperature_c {
-                        r.include(self.resistance_on_side(direction, switch, t, false));
-                    }
-                }
-                for value in [v.low, v.high] {
-                    out.voltage_v.include(value);
-                }
-                for value in [r.low, r.high] {
-                    out.resistance_ohm.include(value);
-                }
-                out.power_scale_w.include(v.low * v.low / r.high);
-                out.power_scale_w.include(v.high * v.high / r.low);
+                let below_switch = if soc[0] == soc[1] { soc[0] < switch } else { soc[1] <= switch };
+                pieces.push(Piece { soc: [soc[0], soc[1]], temperature_c, below_switch });
+            }
+            // A box that ends on the switch from below may also be on it.
+            if states.soc.high == switch {
+                pieces.push(Piece { soc: [switch, switch], temperature_c, below_switch: false });
             }
         }
-        out
+        pieces
+    }
+
+    /// Coefficients at the four corners of a piece, with the formula of that piece.
+    pub(crate) fn corners(&self, direction: Direction, piece: &Piece) -> [Corner; 4] {
+        let [s0, s1] = piece.soc;
+        let [t0, t1] = piece.temperature_c;
+        [(s0, t0), (s0, t1), (s1, t0), (s1, t1)].map(|(soc, temperature_c)| Corner {
+            soc,
+            temperature_c,
+            voltage_v: self.parameters.ocv(direction, soc, temperature_c),
+            resistance_ohm: self.resistance_on_side(direction, soc, temperature_c, piece.below_switch),
+        })
     }
 
     fn resistance_on_side(&self, direction: Direction, soc: f64, temperature_c: f64, below: bool) -> f64 {

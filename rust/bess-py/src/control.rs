@@ -1,4 +1,4 @@
-use bess_control::{ControlError, Costs, Problem, Range, Rollouts, StateBox};
+use bess_control::{ControlError, Problem, Range, Rollouts, StateBox};
 use bess_tables::Direction;
 use numpy::ndarray::{Array1, Array2, Array3, ArrayView};
 use numpy::{
@@ -130,15 +130,17 @@ impl ControlHorizon {
         self.inner.magnitudes(&flat(view, W_PER_KW)).map_err(refused)
     }
 
+    /// The request as it leaves, in kW, and the objectives of exactly that request.
     fn schedule<'py>(
         &self,
         py: Python<'py>,
         request_w: &[f64],
-        objectives: &Costs,
-    ) -> (Matrix<'py>, Bound<'py, PyArray1<f64>>) {
-        let request_kw = self.inner.signed(request_w).into_iter().map(|p| p / W_PER_KW).collect();
-        let groups = Array1::from_vec(objectives[..self.inner.n_groups()].to_vec());
-        (matrix(py, self.inner.n_strings(), self.inner.n_steps(), request_kw), groups.into_pyarray(py))
+    ) -> PyResult<(Matrix<'py>, Bound<'py, PyArray1<f64>>)> {
+        let request_kw: Vec<f64> = self.inner.signed(request_w).into_iter().map(|p| p / W_PER_KW).collect();
+        let rounded: Vec<f64> = request_kw.iter().map(|p| p * W_PER_KW).collect();
+        let objectives = self.inner.evaluate(&self.inner.magnitudes(&rounded).map_err(refused)?);
+        let request = matrix(py, self.inner.n_strings(), self.inner.n_steps(), request_kw);
+        Ok((request, Array1::from_vec(objectives).into_pyarray(py)))
     }
 
     fn boxes(
@@ -221,9 +223,9 @@ impl ControlHorizon {
     }
 
     /// Each step's optimum at the state reached: request `(M, T)` [kW] and objectives `(G,)`.
-    fn greedy<'py>(&self, py: Python<'py>) -> (Matrix<'py>, Bound<'py, PyArray1<f64>>) {
+    fn greedy<'py>(&self, py: Python<'py>) -> PyResult<(Matrix<'py>, Bound<'py, PyArray1<f64>>)> {
         let best = py.detach(|| self.inner.greedy());
-        self.schedule(py, &best.request_w, &best.objectives)
+        self.schedule(py, &best.request_w)
     }
 
     /// Local search from `(B, M, T)` [kW]: request `(M, T)`, objectives `(G,)`, roll-outs used.
@@ -238,7 +240,7 @@ impl ControlHorizon {
             return Err(PyValueError::new_err("starts: give at least one schedule"));
         }
         let (best, used) = py.detach(|| self.inner.search(&starts_w, max_rollouts));
-        let (request, objectives) = self.schedule(py, &best.request_w, &best.objectives);
+        let (request, objectives) = self.schedule(py, &best.request_w)?;
         Ok((request, objectives, used))
     }
 
@@ -314,6 +316,30 @@ impl ControlHorizon {
             pick(&|r| r.resistance_ohm.high),
             pick(&|r| r.power_scale_w.low / W_PER_KW),
             pick(&|r| r.power_scale_w.high / W_PER_KW),
+        ])
+    }
+
+    /// Planes over boxes of states: `V^2 / R <= y0 + y1 soc + y2 tau` [kW] and `1 - k >= g0 + g1 tau`: five arrays `(M, T)`.
+    fn planes<'py>(
+        &self,
+        py: Python<'py>,
+        soc_low: PyReadonlyArray2<'py, f64>,
+        soc_high: PyReadonlyArray2<'py, f64>,
+        temperature_low_c: PyReadonlyArray2<'py, f64>,
+        temperature_high_c: PyReadonlyArray2<'py, f64>,
+    ) -> PyResult<[Matrix<'py>; 5]> {
+        let boxes = self.boxes(&soc_low, &soc_high, &temperature_low_c, &temperature_high_c)?;
+        let planes = self.inner.planes(&boxes);
+        let (rows, columns) = (self.inner.n_strings(), self.inner.n_steps());
+        let pick = |value: &dyn Fn(&bess_control::Planes) -> f64| {
+            matrix(py, rows, columns, planes.iter().map(value).collect())
+        };
+        Ok([
+            pick(&|p| p.power_scale_w / W_PER_KW),
+            pick(&|p| p.power_scale_per_soc / W_PER_KW),
+            pick(&|p| p.power_scale_per_k / W_PER_KW),
+            pick(&|p| p.derated),
+            pick(&|p| p.derated_per_k),
         ])
     }
 }
