@@ -80,11 +80,21 @@ def sweep(
     assignments: Assignments = None,
 ) -> None:
     """Run all scenarios and sweep points of a study side by side on Dask; finished ones are skipped."""
+    from bess.errors import BessError
     from bess.simulation import load_study
     from bess.sweep import run_sweep
 
     loaded = load_study(study, _values(days, assignments))
-    run_sweep(loaded, out or Path("results") / loaded.name, workers=workers, scheduler=scheduler)
+    folder = out or Path("results") / loaded.name
+    done = run_sweep(loaded, folder, workers=workers, scheduler=scheduler)
+    failed = done.failed
+    print(
+        f"{len(done.outcomes)} runs in {folder}: {len(done.outcomes) - len(failed)} done "
+        f"({len(done.skipped)} of them before), {len(failed)} failed; bess report {folder} draws them."
+    )
+    if failed:
+        reasons = "; ".join(f"{name}: {error}" for name, error in failed.items())
+        raise BessError(f"{len(failed)} of {len(done.outcomes)} runs failed: {reasons}")
 
 
 @app.command()

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from bess.policies import build_policy
 from bess.simulation import Study, expand
 from bess.simulation.inputs import prepare
-from bess.simulation.run import policy_settings
+from bess.simulation.runner import policy_settings
 
 
 def findings(study: Study) -> Iterator[str]:

@@ -32,5 +32,5 @@ class Settings:
     horizon_steps: int = 8
     objectives: Mapping[str, Any] = field(default_factory=dict)
     gap: float = 1e-3
-    node_limit: int = 100
+    node_limit: int = 60
     time_limit_s: float | None = None

@@ -1,7 +1,7 @@
 """Studies, the closed loop, and its results on disk."""
 
 from bess.simulation.result import Result, open_result, scenario_directories
-from bess.simulation.run import run
+from bess.simulation.runner import run
 from bess.simulation.scenario_run import prepare_folder, run_scenarios, write_summary
 from bess.simulation.scenarios import expand
 from bess.simulation.study import Study, bundled_studies, load_study

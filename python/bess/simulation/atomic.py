@@ -10,7 +10,8 @@ from pathlib import Path
 
 from bess.errors import BessError
 
-_TEMPORARY = ".tmp"
+TEMPORARY = ".tmp"
+"""What is added to a name while a file is being written."""
 
 
 @contextmanager
@@ -30,7 +31,7 @@ def clear_errors(path: Path) -> Iterator[None]:
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a temporary path; on success it is flushed to the disk and takes the place of ``path``."""
-    temporary = path.with_name(path.name + _TEMPORARY)
+    temporary = path.with_name(path.name + TEMPORARY)
     with clear_errors(path):
         try:
             yield temporary

@@ -41,7 +41,7 @@ def read_identity(directory: Path) -> Identity | None:
     """Identity of the run in ``directory``, or None if there is none."""
     try:
         identity: Identity = json.loads((directory / IDENTITY).read_text(encoding="utf-8"))
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return None
     except (OSError, ValueError) as error:
         raise InputError(f"{directory / IDENTITY}: cannot be read ({error}); use another --out") from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,8 @@ from bess.simulation.schema import VARIABLES
 from bess.simulation.store import Record
 
 _CHUNK_STEPS = 960
+_BOOK_KEEPING_BYTES = 1 << 18
+_ZEROS = bytes(1 << 20)
 _EPOCH = np.datetime64("1970-01-01T00:00:00", "s")
 
 
@@ -46,19 +49,37 @@ def write_netcdf(path: Path, frame: Frame, records: Iterator[tuple[int, Record]]
     """
     import h5netcdf
 
+    first_record = next(records)
+    n_steps = frame.time.size
+    # HDF5 crashes the process if a write fails, so a full disk has to show before it begins.
+    _try_size(path, _largest_size(first_record[1], n_steps))
     with h5netcdf.File(path, "w") as file:
         file.attrs.update(dict(frame.attrs))
-        n_steps = frame.time.size
         file.dimensions = {"time": n_steps}
         time = file.create_variable("time", ("time",), np.int64)
         time.attrs.update({"units": "seconds since 1970-01-01", "calendar": "proleptic_gregorian"})
         time.attrs.update({"long_name": "start of the step (UTC)"})
         time[:] = (frame.time - _EPOCH).astype(np.int64)
-        for first, record in records:
+        for first, record in itertools.chain([first_record], records):
             for name, values in record.items():
                 if name not in file.variables:
                     _create(file, name, values, n_steps, frame.variable_attrs.get(name, {}))
                 file.variables[name][first : first + len(values)] = values
+
+
+def _largest_size(record: Record, n_steps: int) -> int:
+    """Bytes of all whole chunks, and a generous share for HDF5's own book-keeping."""
+    chunk = min(n_steps, _CHUNK_STEPS)
+    steps = -(-n_steps // chunk) * chunk
+    values = sum(steps * values[0].size * values.dtype.itemsize for values in record.values())
+    return int(1.02 * values) + 8 * n_steps + _BOOK_KEEPING_BYTES
+
+
+def _try_size(path: Path, size: int) -> None:
+    """Raise OSError unless a file of this size can be written."""
+    with path.open("wb") as file:
+        for start in range(0, size, len(_ZEROS)):
+            file.write(_ZEROS[: size - start])
 
 
 def _create(file: Any, name: str, values: NDArray[Any], n_steps: int, attrs: Mapping[str, Any]) -> None:

@@ -9,7 +9,7 @@ from bess.errors import InputError
 from bess.simulation.atomic import write_bytes
 from bess.simulation.identity import IDENTITY
 from bess.simulation.result import Result
-from bess.simulation.run import run
+from bess.simulation.runner import run
 from bess.simulation.scenarios import expand
 from bess.simulation.study import Study
 

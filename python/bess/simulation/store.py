@@ -26,6 +26,7 @@ from bess.simulation.atomic import clear_errors, write_bytes
 from bess.simulation.codec import pack, unpack
 
 PARTS = "parts"
+LOCK = ".lock"
 _RECORD = "record/"
 _CHECKPOINT = "checkpoint/"
 
@@ -98,7 +99,7 @@ class Lock:
     """Keeps a second process out of a run directory; the system releases it even after ``kill -9``."""
 
     def __init__(self, directory: Path) -> None:
-        self._path = directory / ".lock"
+        self._path = directory / LOCK
         self._file: IO[str] | None = None
 
     def __enter__(self) -> Self:

@@ -14,17 +14,24 @@ from bess.analysis.kpis import kpis, solve_time_kpis
 from bess.errors import InputError, StoppedEarly
 from bess.plant import Plant
 from bess.policies import Policy, Settings, build_policy
-from bess.simulation.atomic import replacing, write_bytes
+from bess.simulation.atomic import TEMPORARY, replacing, write_bytes
 from bess.simulation.closed_loop import ClosedLoop
 from bess.simulation.frame import describe_frame, frame_of
-from bess.simulation.identity import Identity, differences, identity_of, read_identity, write_identity
+from bess.simulation.identity import (
+    IDENTITY,
+    Identity,
+    differences,
+    identity_of,
+    read_identity,
+    write_identity,
+)
 from bess.simulation.inputs import Inputs, prepare
 from bess.simulation.interrupt import stop_requests
 from bess.simulation.netcdf import write_netcdf
 from bess.simulation.progress import reporting
 from bess.simulation.result import RESULTS, Result, open_netcdf
 from bess.simulation.steplog import StepLog, solve_times_s
-from bess.simulation.store import Lock, parts, records, remove_parts, write_part
+from bess.simulation.store import LOCK, Lock, parts, records, remove_parts, write_part
 from bess.simulation.study import Study
 
 PART_STEPS = 96
@@ -65,9 +72,7 @@ def run(
         The disk is full, among others; everything saved before is intact.
     """
     if study.scenario or study.sweep:
-        raise InputError(
-            f"{study.name}: is a study of several runs; use bess.run_scenarios"
-        )
+        raise InputError(f"{study.name}: is a study of several runs; use bess.run_scenarios")
     if out is not None:
         return _run_in(Path(out), study, progress=progress, resume=resume)
     if resume:
@@ -105,7 +110,8 @@ def _is_finished(directory: Path, identity: Identity, *, resume: bool) -> bool:
     """Look at what is in the folder already; write the identity of a new run into an empty one."""
     old = read_identity(directory)
     if old is None:
-        if others := sorted(path.name for path in directory.iterdir() if path.name != ".lock"):
+        own = {LOCK, IDENTITY + TEMPORARY}
+        if others := sorted({path.name for path in directory.iterdir()} - own):
             raise InputError(
                 f"{directory}: holds {others[0]!r} and no run; use a new or empty folder for --out"
             )

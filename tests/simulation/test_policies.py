@@ -1,0 +1,155 @@
+"""Claims that hold for every policy in the registry, and what sets each rule apart."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as stn
+
+import bess
+from bess.policies import POLICIES, Settings, Situation, build_policy
+from bess.policies.capability import Capability
+from bess.policies.rule import water_fill
+
+SYSTEMS = {n: bess.System.reference(n_strings=n) for n in (1, 2, 3, 5)}
+RULES = [name for name in POLICIES if name != "mpc"]
+DT_H = 0.25
+
+
+def situation(
+    soc: list[float],
+    demand_kw: float,
+    temperature_c: list[float] | None = None,
+    limit_kw: list[float] | None = None,
+) -> Situation:
+    system = SYSTEMS[len(soc)]
+    return Situation(
+        state=bess.State(soc, temperature_c or [25.0] * len(soc)),
+        demand_kw=np.array([demand_kw, 0.0]),
+        ambient_c=25.0,
+        limit_kw=system.nominal_kw if limit_kw is None else np.array(limit_kw),
+    )
+
+
+@st.composite
+def situations(draw: st.DrawFn) -> Situation:
+    n = draw(st.sampled_from(list(SYSTEMS)))
+    soc = draw(stn.arrays(float, n, elements=st.floats(0.0, 1.0)))
+    temperature_c = draw(stn.arrays(float, n, elements=st.floats(0.0, 70.0)))
+    limit_kw = draw(stn.arrays(float, n, elements=st.sampled_from([0.0, 30.0, 92.0])))
+    total = float(limit_kw.sum())
+    demand_kw = draw(st.floats(-1.0, 1.0)) * total
+    return Situation(bess.State(soc, temperature_c), np.array([demand_kw, 0.0]), 25.0, limit_kw)
+
+
+@pytest.mark.parametrize("name", RULES)
+@given(case=situations())
+@settings(max_examples=100, deadline=None)
+def test_requests_sum_to_the_demand_in_one_direction_within_the_limits(name: str, case: Situation) -> None:
+    request_kw = build_policy(name, SYSTEMS[case.state.n_strings], Settings(DT_H))(case).request_kw
+    assert request_kw.sum() == pytest.approx(case.demand_kw[0], abs=1e-9)
+    assert (np.abs(request_kw) <= case.limit_kw).all()
+    assert (request_kw * case.demand_kw[0] >= 0.0).all()
+
+
+@pytest.mark.parametrize("name", RULES)
+@given(case=situations())
+@settings(max_examples=100, deadline=None)
+def test_no_string_is_overcharged_while_another_could_take_more(name: str, case: Situation) -> None:
+    system = SYSTEMS[case.state.n_strings]
+    request_kw = np.abs(build_policy(name, system, Settings(DT_H))(case).request_kw)
+    able_kw = np.minimum(Capability(system, DT_H)(case, bool(case.demand_kw[0] > 0.0)), case.limit_kw)
+    beyond = request_kw > able_kw + 1e-9
+    assert not beyond.any() or (request_kw >= able_kw - 1e-9).all()
+
+
+@pytest.mark.parametrize("name", [rule for rule in RULES if rule != "priority"])
+@given(case=situations(), seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=50, deadline=None)
+def test_permuting_equal_strings_permutes_the_requests(name: str, case: Situation, seed: int) -> None:
+    policy = build_policy(name, SYSTEMS[case.state.n_strings], Settings(DT_H))
+    order = np.random.default_rng(seed).permutation(case.state.n_strings)
+    state = bess.State(case.state.soc[order], case.state.temperature_c[order])
+    permuted = Situation(state, case.demand_kw, case.ambient_c, case.limit_kw[order])
+    np.testing.assert_allclose(
+        policy(permuted).request_kw, policy(case).request_kw[order], rtol=1e-12, atol=1e-9
+    )
+
+
+@pytest.mark.parametrize("name", POLICIES)
+def test_an_idle_step_asks_for_nothing_and_needs_no_solve(name: str) -> None:
+    policy = build_policy(name, SYSTEMS[2], Settings(DT_H, horizon_steps=2))
+    decision = policy(situation([0.5, 0.5], 0.0))
+    np.testing.assert_array_equal(decision.request_kw, [0.0, 0.0])
+    assert decision.solver.status == 0
+    assert decision.solver.nodes == 0
+
+
+@pytest.mark.parametrize("name", POLICIES)
+def test_a_policy_goes_on_from_its_memory(name: str) -> None:
+    cases = [situation([0.5, 0.6], demand) for demand in (60.0, 80.0, -40.0)]
+    first = build_policy(name, SYSTEMS[2], Settings(DT_H, horizon_steps=2))
+    first(cases[0])
+    second = build_policy(name, SYSTEMS[2], Settings(DT_H, horizon_steps=2))
+    second.recall(first.memory())
+    for case in cases[1:]:
+        np.testing.assert_array_equal(first(case).request_kw, second(case).request_kw)
+
+
+def request(name: str, case: Situation) -> list[float]:
+    values = build_policy(name, SYSTEMS[case.state.n_strings], Settings(DT_H))(case).request_kw
+    return [round(float(value), 9) for value in values]
+
+
+def test_equal_gives_every_string_the_same() -> None:
+    assert request("equal", situation([0.3, 0.5, 0.7], -90.0)) == [-30.0, -30.0, -30.0]
+
+
+def test_equal_gives_what_an_empty_string_cannot_take_to_the_others() -> None:
+    assert request("equal", situation([0.0, 0.5, 0.7], 90.0)) == [0.0, 45.0, 45.0]
+
+
+def test_equal_respects_an_inverter_limit() -> None:
+    assert request("equal", situation([0.5, 0.5], 90.0, limit_kw=[10.0, 92.0])) == [10.0, 80.0]
+
+
+def test_what_no_string_can_take_is_requested_all_the_same() -> None:
+    values = request("equal", situation([0.0, 0.0], 60.0))
+    assert values == [30.0, 30.0]
+
+
+def test_priority_fills_one_string_then_the_next() -> None:
+    assert request("priority", situation([0.5, 0.5, 0.5], 60.0)) == [60.0, 0.0, 0.0]
+    assert request("priority", situation([0.5, 0.5, 0.5], -120.0)) == [-92.0, -28.0, 0.0]
+
+
+def test_soc_shares_by_energy_left_in_discharge_and_by_room_in_charge() -> None:
+    assert request("soc", situation([0.2, 0.6], 80.0)) == [20.0, 60.0]
+    assert request("soc", situation([0.2, 0.6], -60.0)) == [-40.0, -20.0]
+
+
+def test_temperature_shares_by_the_distance_from_the_end_of_derating() -> None:
+    assert request("temperature", situation([0.5, 0.5], 60.0, [50.0, 40.0])) == [20.0, 40.0]
+    assert request("temperature", situation([0.5, 0.5], 60.0, [62.0, 40.0])) == [0.0, 60.0]
+
+
+@given(
+    total=st.floats(0.0, 500.0),
+    weights=stn.arrays(float, 4, elements=st.floats(0.0, 10.0)),
+    caps=stn.arrays(float, 4, elements=st.floats(0.0, 100.0)),
+)
+def test_water_filling_fills_up_to_the_caps_and_is_proportional_below(
+    total: float, weights: np.ndarray, caps: np.ndarray
+) -> None:
+    powers = water_fill(total, weights, caps)
+    assert (powers <= caps).all() and (powers >= 0.0).all()
+    assert powers.sum() == pytest.approx(min(total, caps.sum()), abs=1e-9)
+    free = (powers < caps) & (weights > 0.0)
+    if free.sum() > 1 and powers[free].max() > 0.0:
+        ratios = powers[free] / weights[free]
+        np.testing.assert_allclose(ratios, ratios[0], rtol=1e-9, atol=1e-12)
+
+
+def test_an_unknown_policy_is_refused_with_the_ones_there_are() -> None:
+    with pytest.raises(bess.InputError, match="allowed: equal, priority, soc, temperature, mpc"):
+        build_policy("greedy", SYSTEMS[2], Settings(DT_H))

@@ -1,0 +1,226 @@
+"""Claims about study files: defaults, overrides, scenarios, sweeps, and errors that say what to do."""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bess
+from bess.policies import POLICIES
+from bess.simulation import bundled_studies, expand
+from bess.simulation.inputs import prepare
+from bess.simulation.keys import parse_assignment
+
+MINIMAL = '[demand]\nfile = "two-cycle-48h"\n'
+
+
+def written(folder: Path, text: str, name: str = "study.toml") -> Path:
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("name", bundled_studies())
+def test_every_bundled_study_loads_expands_and_survives_a_round_trip(name: str, tmp_path: Path) -> None:
+    study = bess.load_study(name)
+    for run in expand(study).values():
+        assert run.policy.name in POLICIES
+    assert bess.load_study(written(tmp_path, study.to_toml())) == study
+
+
+def test_case_studies_need_no_data_files() -> None:
+    for name in ("case1", "case2"):
+        for run in expand(bess.load_study(name)).values():
+            inputs = prepare(run)
+            assert inputs.files == []
+            assert inputs.grid.n_steps == 192
+
+
+def test_case2_has_the_weights_of_the_paper() -> None:
+    weights = {
+        name: (run.policy.objectives.inverter, run.policy.objectives.battery)
+        for name, run in expand(bess.load_study("case2")).items()
+    }
+    assert weights == {"S1": (1.0, 0.0), "S2": (0.5, 0.5), "S3": (0.0, 1.0)}
+
+
+def test_a_study_file_is_named_after_itself_and_its_paths_are_relative_to_it(tmp_path: Path) -> None:
+    study = bess.load_study(written(tmp_path, '[demand]\nfile = "load.csv"\n', "plant-a.toml"))
+    assert study.name == "plant-a"
+    assert study.demand.file == str(tmp_path / "load.csv")  # type: ignore[union-attr]
+
+
+def test_paths_on_the_command_line_are_relative_to_the_working_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    study = bess.load_study("arbitrage-2024", {"demand.prices": "prices.csv"})
+    assert study.demand.prices == str(tmp_path / "prices.csv")  # type: ignore[union-attr]
+
+
+def test_a_change_leaves_the_original_as_it_is() -> None:
+    study = bess.load_study("case1")
+    changed = study.with_values({"policy.horizon_steps": 4, "system.parameters.battery.r_scale": 1.5})
+    assert study.policy.horizon_steps is None
+    assert changed.policy.horizon_steps == 4
+    assert prepare(changed).system.strings[0].battery.r_scale == 1.5
+
+
+def test_initial_values_are_one_for_all_strings_or_one_for_each() -> None:
+    values = {
+        "system.n_strings": 3,
+        "system.initial_soc": [0.2, 0.5, 0.8],
+        "system.initial_temperature_c": 30,
+    }
+    state = prepare(bess.load_study("case1", values)).system.initial_state()
+    np.testing.assert_array_equal(state.soc, [0.2, 0.5, 0.8])
+    np.testing.assert_array_equal(state.temperature_c, [30.0, 30.0, 30.0])
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        (
+            {"policy.horizn_steps": 4},
+            "policy.horizn_steps: unknown key; did you mean 'policy.horizon_steps'?",
+        ),
+        ({"run.dayz": 4}, "did you mean 'run.days'?"),
+        ({"policy.objectives.invertr": 1}, "did you mean 'policy.objectives.inverter'?"),
+        ({"run.days": -1.0}, "run.days = -1.0: must be in (0, 36525] days"),
+        ({"run.days": float("nan")}, "run.days = nan"),
+        ({"run.days": 0.3}, "whole number of steps of 15 min"),
+        (
+            {"run.days": 3, "demand.repeat": False},
+            "the run needs 2024-01-01 00:00 to 2024-01-04 00:00 UTC; set run.start and run.days",
+        ),
+        ({"run.start": "2024-01-01T00:00:00"}, "has no time zone; write for example"),
+        ({"run.plant_step_s": 7.0}, "does not divide the control step"),
+        ({"run.derating_law": "pid"}, "run.derating_law"),
+        ({"policy.name": "mpcc"}, "allowed: equal, priority"),
+        ({"policy.gap": 0.0}, "policy.gap"),
+        ({"policy.horizon_steps": 0}, "policy.horizon_steps"),
+        ({"system.initial_soc": [0.5, 0.5, 0.5]}, "system.initial_soc: 3 values for 2 strings"),
+        ({"system.initial_soc": 1.2}, "system.initial_soc"),
+        ({"system.parameters.battery.r_scale": -1.0}, "battery.r_scale = -1"),
+        ({"system.file": "referenz"}, "referenz"),
+        ({"demand.scale": "two"}, "demand.scale"),
+        ({"demand": 3}, "demand = 3: must be a table"),
+        (
+            {"event": [{"string": 2, "start": "2024-01-01T00:00Z", "end": "2024-01-01T01:00Z"}]},
+            "strings 0 to 1",
+        ),
+        (
+            {"event": [{"string": 0, "start": "2024-01-01T02:00Z", "end": "2024-01-01T01:00Z"}]},
+            "not after start",
+        ),
+        (
+            {"event": [{"string": 0, "start": "2025-01-01T00:00Z", "end": "2025-01-02T01:00Z"}]},
+            "outside the run",
+        ),
+    ],
+)
+def test_bad_values_are_refused_with_key_value_and_what_is_allowed(
+    values: dict[str, Any], expected: str
+) -> None:
+    from bess.policies import build_policy
+    from bess.simulation.runner import policy_settings
+
+    with pytest.raises(bess.InputError) as caught:
+        study = bess.load_study("case1", values)
+        inputs = prepare(study)
+        build_policy(study.policy.name, inputs.system, policy_settings(study, inputs))
+    assert expected in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("[demand]\nfle = 'x'\n", "demand.fle: unknown key; did you mean 'demand.file'?"),
+        ("[demnd]\nfile = 'x'\n", "demnd.file: unknown key; did you mean 'demand.file'?"),
+        ("", "demand: missing"),
+        ("[demand\n", "not valid TOML"),
+        (MINIMAL + "[[scenario]]\nname = 'a/b'\nset = {}\n", "scenario[0].name = 'a/b'"),
+        (MINIMAL + "[[sweep]]\nkey = 'policy.gap'\n", "an axis is key + values"),
+    ],
+)
+def test_bad_files_are_refused_with_their_name(text: str, expected: str, tmp_path: Path) -> None:
+    path = written(tmp_path, text)
+    with pytest.raises(bess.InputError) as caught:
+        bess.load_study(path)
+    assert str(path) in str(caught.value)
+    assert expected in str(caught.value)
+
+
+def test_a_missing_study_names_the_nearest_bundled_one() -> None:
+    with pytest.raises(bess.InputError, match="did you mean 'case1'"):
+        bess.load_study("case11")
+
+
+def test_scenarios_are_combined_with_every_point_of_every_axis(tmp_path: Path) -> None:
+    text = MINIMAL + (
+        '[[scenario]]\nname = "cold"\nset = { "system.ambient_c" = 5.0 }\n'
+        '[[scenario]]\nname = "hot"\nset = { "system.ambient_c" = 35.0 }\n'
+        '[[sweep]]\nkey = "policy.horizon_steps"\nvalues = [4, 8]\n'
+        '[[sweep]]\nkey = "demand.scale"\nstart = 0.5\nstop = 1.5\ncount = 3\n'
+    )
+    runs = expand(bess.load_study(written(tmp_path, text)))
+    assert len(runs) == 2 * 2 * 3
+    run = runs["hot_horizon_steps=8_scale=1.5"]
+    assert (run.name, run.system.ambient_c) == ("hot_horizon_steps=8_scale=1.5", 35.0)
+    assert run.policy.horizon_steps == 8
+    assert run.demand.scale == 1.5  # type: ignore[union-attr]
+    assert run.scenario == run.sweep == ()
+
+
+def test_a_simplex_has_all_shares_that_sum_to_one(tmp_path: Path) -> None:
+    keys = ", ".join(f'"policy.objectives.{name}"' for name in ("derating", "inverter", "battery"))
+    text = MINIMAL + f"[[sweep]]\nsimplex = [{keys}]\ndivisions = 4\n"
+    goals = [run.policy.objectives for run in expand(bess.load_study(written(tmp_path, text))).values()]
+    points = {(goal.derating, goal.inverter, goal.battery) for goal in goals}
+    assert len(points) == len(goals) == 15  # (4 + 2 over 2)
+    assert all(sum(point) == 1.0 for point in points)  # type: ignore[arg-type]
+
+
+def test_a_wrong_key_in_a_sweep_is_refused_before_anything_runs(tmp_path: Path) -> None:
+    text = MINIMAL + '[[sweep]]\nkey = "policy.horizonsteps"\nvalues = [4, 8]\n'
+    with pytest.raises(bess.InputError, match=r"did you mean 'policy\.horizon_steps'"):
+        expand(bess.load_study(written(tmp_path, text)))
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("a.b=3", ("a.b", 3)),
+        ("a.b = 3.5", ("a.b", 3.5)),
+        ("a=[0.4, 0.6]", ("a", [0.4, 0.6])),
+        ("a=true", ("a", True)),
+        ("a=some/file.csv", ("a", "some/file.csv")),
+        ('a="quoted"', ("a", "quoted")),
+        ("a=b=c", ("a", "b=c")),
+    ],
+)
+def test_an_assignment_is_a_key_and_a_toml_value(text: str, expected: tuple[str, object]) -> None:
+    assert parse_assignment(text) == expected
+
+
+@pytest.mark.parametrize("text", ["a", "=3", "a=", "a=[1, 2"])
+def test_a_broken_assignment_is_refused(text: str) -> None:
+    with pytest.raises(bess.InputError, match="--set"):
+        parse_assignment(text)
+
+
+def test_a_profile_that_repeats_starts_again_at_its_end() -> None:
+    inputs = prepare(bess.load_study("case1", {"run.days": 5, "demand.repeat": True}))
+    values = np.array([inputs.demand.ahead(step, 1, 0.0)[0] for step in range(inputs.grid.n_steps)])
+    np.testing.assert_array_equal(values[192:384], values[:192])
+    assert values.max() == 78.0 and values.min() == -78.0
+
+
+def test_the_resolved_study_names_every_default() -> None:
+    document = tomllib.loads(bess.load_study("case1").to_toml())
+    assert document["policy"]["gap"] == 1e-3
+    assert document["demand"]["kind"] == "profile"
+    assert document["run"]["derating_law"] == "table"
