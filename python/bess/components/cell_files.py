@@ -19,7 +19,7 @@ from bess.errors import InputError
 from bess.units import ZERO_CELSIUS_K
 
 _KELVIN = re.compile(r"(?<!\d)([23]\d\d(?:\.\s*\d+)?)\s*K?")
-_C_RATE = re.compile(r"([\d.]+)\s*C\b")
+_C_RATE = re.compile(r"(\d+(?:\.\d+)?)\s*C\b")
 # Largest value of a table: a small cell has some 0.2 Ohm in the cold, a large one 0.5 mOhm or more.
 _OHM_BELOW = 0.25
 
@@ -60,6 +60,8 @@ def read_ocv(
     curves = [tuple(numbers(path, columns, name) for name in pairs[t]) for t in temperatures]
     soc = _fraction(path, curves[0][0])
     ocv = np.array([np.interp(soc, _fraction(path, axis), values) for axis, values in curves])
+    if not ((ocv > 0.0) & (ocv <= 10.0)).all():
+        raise InputError(f"{path}: OCV reaches from {ocv.min():g} to {ocv.max():g} V, must stay in (0, 10] V")
     half = np.zeros_like(soc)
     if hysteresis is not None:
         gap = read_columns(hysteresis)
@@ -120,9 +122,9 @@ def read_resistance(path: str | Path, *, control_c_rate: float) -> dict[str, Any
     wanted = [(d, r, t) for d in ("charge_mohm", "discharge_mohm") for r in rates for t in temperatures]
     if not values or (absent := [key for key in wanted if key not in values]):
         raise InputError(f"{path}: no resistance column for {absent[0] if values else 'R_Ch and R_DCh'}")
-    largest = max(float(np.max(v)) for v in values.values())
-    if not all((v > 0.0).all() for v in values.values()):
-        raise InputError(f"{path}: a resistance is missing or not above 0")
+    smallest, largest = (float(f(list(values.values()))) for f in (np.min, np.max))
+    if not (smallest > 0.0 and largest < 1e3):
+        raise InputError(f"{path}: resistances reach from {smallest:g} to {largest:g}, must be in (0, 1000)")
     milli = 1000.0 if largest < _OHM_BELOW else 1.0
     return {
         "soc": soc.tolist(),
@@ -142,7 +144,9 @@ def _kelvin(title: str) -> float | None:
 
 
 def _fraction(path: str | Path, soc: NDArray[np.float64]) -> NDArray[np.float64]:
-    soc = soc / 100.0 if soc.max() > 1.5 else soc
+    soc = soc / 100.0 if soc.max(initial=0.0) > 1.5 else soc
+    if soc.size < 2:
+        raise InputError(f"{path}: has {soc.size} rows; a table over SOC needs at least 2")
     if not ((soc >= 0.0) & (soc <= 1.0)).all() or not (np.diff(soc) > 0.0).all():
         raise InputError(f"{path}: SOC must ascend within 0 to 1 (or 0 to 100 %)")
     return soc

@@ -36,26 +36,33 @@ def read_columns(path: str | Path) -> Columns:
     if len(lines) < 2:
         raise InputError(f"{path}: has {len(lines)} lines; a table has a header and at least one row")
     separator = max(";\t,", key=lines[0].count)
-    rows = list(csv.reader(io.StringIO(text), delimiter=separator))
+    try:
+        rows = list(csv.reader(io.StringIO(text), delimiter=separator))
+    except csv.Error as error:
+        raise InputError(f"{path}: cannot be read as a table ({error})") from error
     header, body = rows[0], [row for row in rows[1:] if any(cell.strip() for cell in row)]
     for number, row in enumerate(rows[1:], start=2):
         if len(row) > len(header):
             raise InputError(f"{path}: line {number} has {len(row)} cells, the header has {len(header)}")
+    if not body:
+        raise InputError(f"{path}: has a header and no rows")
     columns = {}
     for index, name in enumerate(header):
         cells = [row[index].strip() if index < len(row) else "" for row in body]
-        columns[name.strip()] = [cell.replace(",", ".") for cell in cells] if separator != "," else cells
+        columns[" ".join(name.split())] = (
+            [cell.replace(",", ".") for cell in cells] if separator != "," else cells
+        )
     return columns
 
 
-def numbers(path: str | Path, columns: Columns, name: str) -> NDArray[np.float64]:
-    """Column ``name`` as numbers; empty cells are NaN."""
+def numbers(path: str | Path, columns: Columns, name: str, *, gaps: bool = False) -> NDArray[np.float64]:
+    """Column ``name`` as finite numbers; with ``gaps``, empty cells and NaN are NaN."""
     values = np.empty(len(columns[name]))
     for row, cell in enumerate(columns[name]):
         try:
-            values[row] = float(cell) if cell else np.nan
+            values[row] = float(cell) if cell or not gaps else np.nan
         except ValueError:
-            raise InputError(
-                f"{path}: row {row + 1} of column {name!r} is {cell!r}, must be a number"
-            ) from None
+            values[row] = np.inf
+        if not (np.isfinite(values[row]) or (gaps and np.isnan(values[row]))):
+            raise InputError(f"{path}: row {row + 1} of column {name!r} is {cell!r}, must be a number")
     return values

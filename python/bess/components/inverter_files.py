@@ -16,7 +16,13 @@ from bess.errors import InputError
 _MAX_ERROR = 5e-5
 _SANDIA = ("Paco", "Pdco", "Vdco", "Pso", "C0", "C1", "C2", "C3", "Pnt")
 _SAMPLED_SANDIA = ("name", "Paco_W", "Vdc", "p_pu", "loss_W")
-_BSLIB = ("ID", "BAT2AC_a_out", "BAT2AC_b_out", "BAT2AC_c_out", "P_BAT2AC_out [W]")
+_BSLIB = (
+    "ID",
+    "P_AC2BAT_in [W]",
+    "P_BAT2AC_out [W]",
+    *(f"AC2BAT_{letter}_in" for letter in "abc"),
+    *(f"BAT2AC_{letter}_out" for letter in "abc"),
+)
 
 
 def read_inverter(
@@ -132,10 +138,10 @@ def _from_bslib_row(path: str | Path, columns: Columns, row: int, max_error: flo
     """Loss ``a x**2 + b x + c`` [W] over AC power ``x`` / the direction's nominal AC power."""
 
     def value(name: str) -> float:
-        return float(numbers(path, {name: columns[name][row : row + 1]}, name)[0])
+        return float(numbers(path, {name: columns[name][row : row + 1]}, name, gaps=True)[0])
 
     nominal_w = {"AC2BAT": value("P_AC2BAT_in [W]"), "BAT2AC": value("P_BAT2AC_out [W]")}
-    if not nominal_w["BAT2AC"] > 0.0:
+    if not nominal_w["BAT2AC"] > 0.0 or nominal_w["AC2BAT"] <= 0.0:
         raise InputError(f"{columns['ID'][row]} has no battery inverter (no BAT2AC values)")
     nominal = float(np.nanmin(list(nominal_w.values())))
     load = np.linspace(0.0, 1.0, 201)
@@ -183,8 +189,8 @@ def _from_plain(
         power_unit = "fraction"
     return inverter_from_efficiency(
         power,
-        charge=numbers(path, columns, charging[0]) if charging else None,
-        discharge=numbers(path, columns, discharging[0]) if discharging else None,
+        charge=numbers(path, columns, charging[0], gaps=True) if charging else None,
+        discharge=numbers(path, columns, discharging[0], gaps=True) if discharging else None,
         nominal_kw=nominal_kw,
         power_unit=power_unit,
         axis=axis,

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from bess.components.knots import reduced_knots
 from bess.errors import InputError
@@ -54,6 +54,20 @@ class LossTable:
         }
 
 
+def check_losses(load: ArrayLike, loss: ArrayLike, direction: Literal["charge", "discharge"]) -> None:
+    """Raise ``ValueError`` where more AC power would mean less DC power, or a loss is outside [0, 1)."""
+    x, w = np.asarray(load, dtype=np.float64), np.asarray(loss, dtype=np.float64)
+    if not ((w >= 0.0) & (w < 1.0)).all():
+        raise ValueError(f"{direction} loss must be in [0, 1) of nominal power everywhere")
+    dc = x + w if direction == "discharge" else x - w
+    if (falling := np.flatnonzero(np.diff(dc) <= 0.0)).size:
+        i = int(falling[0])
+        raise ValueError(
+            f"{direction} loss goes from {w[i]:g} at load {x[i]:g} to {w[i + 1]:g} at load {x[i + 1]:g}, so "
+            "that more AC power would mean less DC power; a loss may not change faster than the load"
+        )
+
+
 def table_from_curves(
     charge: Curve | None, discharge: Curve | None, *, nominal_kw: float, off_loss: float, max_error: float
 ) -> LossTable:
@@ -67,6 +81,11 @@ def table_from_curves(
     load = np.unique(np.concatenate([curves[0][0], curves[1][0]]))
     rows = np.array([np.interp(load, *curve) for curve in curves])
     kept, error = reduced_knots(load, rows, max_error)
+    try:
+        check_losses(load[kept], rows[0, kept], "charge")
+        check_losses(load[kept], rows[1, kept], "discharge")
+    except ValueError as refusal:
+        raise InputError(f"inverter table: {refusal}") from refusal
     return LossTable(nominal_kw, load[kept], rows[0, kept], rows[1, kept], off_loss, error)
 
 

@@ -49,6 +49,8 @@ def inverter_from_sandia(
     InputError
         If the coefficients give no efficiency between 0 and 1 somewhere between no load and ``paco_w``.
     """
+    if not 0.0 <= pnt_w < 0.1 * paco_w:
+        raise InputError(f"Sandia coefficients: Pnt {pnt_w:g} W must be at least 0 and below 10 % of Paco")
     excess_v = 0.0 if vdc_v is None else vdc_v - vdco_v
     a = pdco_w * (1.0 + c1_per_v * excess_v)
     b = pso_w * (1.0 + c2_per_v * excess_v)

@@ -7,6 +7,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, field_validator, model_validator
 
+from bess.components.loss_table import check_losses
 from bess.parameters.quantities import (
     Count,
     Fraction,
@@ -54,16 +55,10 @@ class Inverter(Section):
     def _check(self) -> Self:
         if self.load[0] != 0.0 or self.load[-1] != 1.0:
             raise ValueError(f"load must run from 0 to 1, not from {self.load[0]:g} to {self.load[-1]:g}")
-        for name, sign in (("loss_charge", -1.0), ("loss_discharge", 1.0)):
-            losses = getattr(self, name)
-            same_length("load", self.load, name, losses)
-            # DC power is x - loss in charge and x + loss in discharge: more AC power must mean more DC power.
-            for (x0, w0), (x1, w1) in pairwise(zip(self.load, losses, strict=True)):
-                if x1 + sign * w1 <= x0 + sign * w0:
-                    raise ValueError(
-                        f"{name} goes from {w0:g} at load {x0:g} to {w1:g} at load {x1:g}, so that more AC "
-                        "power would mean less DC power; a loss may not change faster than the load"
-                    )
+        same_length("load", self.load, "loss_charge", self.loss_charge)
+        same_length("load", self.load, "loss_discharge", self.loss_discharge)
+        check_losses(self.load, self.loss_charge, "charge")
+        check_losses(self.load, self.loss_discharge, "discharge")
         return self
 
 
