@@ -74,7 +74,8 @@ def test_a_plan_keeps_every_limit(price, start, efficiency, cycles, used):
         0, start * ENERGY_KWH, used * ENERGY_KWH
     )
     assert plan.shape == price.shape
-    assert np.abs(plan).max() <= POWER_KW * (1 + 1e-7)
+    assert np.abs(plan).max() <= POWER_KW
+    assert not ((plan != 0.0) & (np.abs(plan) < 1e-6 * POWER_KW)).any()
     change = stored(plan, efficiency)
     energy = start * ENERGY_KWH + np.cumsum(change)
     assert energy.min() >= -1e-6 * ENERGY_KWH
@@ -209,3 +210,16 @@ def test_bad_arguments_of_a_plan_are_refused():
             arbitrage.plan(*arguments)
     with pytest.raises(InputError, match="3 day numbers do not cover step 23"):
         planner(np.ones(24), days=[0, 0, 0]).plan(0, 0.0)
+
+
+@pytest.mark.parametrize("foreseen", [[], [1.0, np.nan], np.ones(25), np.ones((2, 2))])
+def test_a_forecast_of_the_user_is_checked(foreseen):
+    class Mine:
+        def ahead(self, step: int, horizon: int) -> np.ndarray:
+            return np.asarray(foreseen, dtype=float)
+
+    arbitrage = Arbitrage(
+        Mine(), np.zeros(30, dtype=int), power_kw=1.0, energy_kwh=1.0, dt_h=1.0, look_ahead_h=24.0
+    )
+    with pytest.raises(InputError, match="at step 0 the price forecast must be 1 to 24 finite values"):
+        arbitrage.plan(0, 0.0)

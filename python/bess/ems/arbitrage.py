@@ -11,8 +11,8 @@ from bess.ems.forecast import Array, Forecast, steps_in
 from bess.ems.program import Program
 from bess.errors import InputError
 
-_BURNS: Final = 1e-6
-"""Charging and discharging at once above this share of nominal power counts as burning energy."""
+_TOLERANCE: Final = 1e-6
+"""Share of nominal power below which an answer of the solver is zero (its own tolerance is 1e-7)."""
 
 
 class Arbitrage:
@@ -129,6 +129,10 @@ class Arbitrage:
                 f"arbitrage: discharged_today_kwh {discharged_today_kwh} kWh must be finite and >= 0 kWh"
             )
         price = self.prices.ahead(step, self.look_ahead_steps)
+        if price.ndim != 1 or not 0 < price.size <= self.look_ahead_steps or not np.isfinite(price).all():
+            raise InputError(
+                f"arbitrage: at step {step} the price forecast must be 1 to {self.look_ahead_steps} finite values"
+            )
         days = self.days[step : step + price.size]
         if days.size != price.size:
             raise InputError(
@@ -155,11 +159,13 @@ class Arbitrage:
         )
         plan = program.optimum()
         negative = np.flatnonzero(price < 0.0)
-        if np.minimum(plan[negative], plan[steps + negative]).max(initial=0.0) > _BURNS:
+        if np.minimum(plan[negative], plan[steps + negative]).max(initial=0.0) > _TOLERANCE:
             plan = program.exclusive(steps + negative, negative).optimum()
         charge, discharge = plan[:steps], plan[steps : 2 * steps]
         stored = one_way * charge - discharge / one_way
-        demand: Array = self.power_kw * -np.where(stored > 0.0, stored / one_way, stored * one_way)
+        share = -np.where(stored > 0.0, stored / one_way, stored * one_way)
+        share[np.abs(share) < _TOLERANCE] = 0.0
+        demand: Array = self.power_kw * np.clip(share, -1.0, 1.0)
         return demand
 
     def _balance_rows(self, steps: int) -> sparse.csr_array:
