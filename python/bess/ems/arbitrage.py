@@ -131,7 +131,8 @@ class Arbitrage:
         price = self.prices.ahead(step, self.look_ahead_steps)
         if price.ndim != 1 or not 0 < price.size <= self.look_ahead_steps or not np.isfinite(price).all():
             raise InputError(
-                f"arbitrage: at step {step} the price forecast must be 1 to {self.look_ahead_steps} finite values"
+                f"arbitrage: at step {step} the price forecast must be 1 to "
+                f"{self.look_ahead_steps} finite values"
             )
         days = self.days[step : step + price.size]
         if days.size != price.size:
