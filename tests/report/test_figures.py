@@ -65,7 +65,13 @@ def test_a_figure_draws_with_units_and_a_legend_that_covers_no_axes(make: Callab
     for axes in figure.axes:
         assert axes.get_legend() is None
         for label in (axes.get_xlabel(), axes.get_ylabel()):
-            assert "(" in label or "%" in label or label in PLAIN or label.startswith(("Hours", "battery"))
+            assert (
+                "(" in label
+                or "%" in label
+                or label == "°C"
+                or label in PLAIN
+                or label.startswith(("Hours", "battery"))
+            )
 
 
 @pytest.mark.parametrize("name", ["strings-2", "node_temperatures-1", "kpi_radar"])

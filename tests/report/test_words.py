@@ -69,6 +69,19 @@ def test_a_stopped_run_is_shown_as_far_as_it_got(tmp_path: Path) -> None:
     assert runs["demo"].kpis["system_efficiency_pct"] == pytest.approx(expected["system_efficiency_pct"])
 
 
+def test_of_many_scenarios_the_warnings_are_counted(tmp_path: Path) -> None:
+    for index in range(10):
+        data = record(2, 24)
+        data["fallback"][:] = index // 8
+        write_run(tmp_path / f"w{index}", data, f"w{index}")
+    (tmp_path / "w3" / "results.nc").unlink()
+    found = warnings(runs_in(tmp_path)[0], {})
+    assert found == [
+        "1 of 10 scenarios stopped early, among them w3.",
+        "2 of 10 scenarios: steps in which a fallback replaced the optimiser's answer; most in w8, 24.",
+    ]
+
+
 def test_solve_times_are_those_of_their_steps(tmp_path: Path) -> None:
     times = one(tmp_path)["demo"].solve_time_s
     assert times is not None and len(times) == 96

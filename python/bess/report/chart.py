@@ -31,6 +31,8 @@ class Series:
         How it is drawn.
     dashed : bool
         Whether a line is broken.
+    names : tuple of str
+        Names of the points, shown where one points at them.
     """
 
     x: Values
@@ -40,6 +42,7 @@ class Series:
     kind: Literal["line", "step", "dots", "star", "band"] = "line"
     base: Values | None = None
     dashed: bool = False
+    names: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

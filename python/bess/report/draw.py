@@ -77,7 +77,9 @@ def _series(axes: Axes, series: Series) -> None:
         case "step":
             axes.plot(x, y, color=series.colour, drawstyle="steps-post", **dash)
         case "dots":
-            axes.plot(x, y, color=series.colour, linestyle="none", marker=".", markersize=3)
+            axes.plot(
+                x, y, color=series.colour, linestyle="none", marker=".", markersize=3 if len(x) > 100 else 6
+            )
         case "star":
             axes.plot(x, y, color=series.colour, linestyle="none", marker="*", markersize=13, zorder=5)
         case "band":

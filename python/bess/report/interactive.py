@@ -9,6 +9,7 @@ import numpy as np
 from bess.report.chart import Chart, Panel, Series, Values
 from bess.report.style import BACKGROUND, INK
 
+_ALONE_PX = 300
 _PANEL_PX = 200
 _SMALL_PANEL_PX = 130
 _MOST_TALL_PANELS = 4
@@ -24,7 +25,7 @@ def plotly_figure(chart: Chart) -> dict[str, Any]:
     Panels that the printed figure sets side by side are stacked as well: a telephone is narrow.
     """
     count = len(chart.panels)
-    panel_px = _PANEL_PX if count <= _MOST_TALL_PANELS else _SMALL_PANEL_PX
+    panel_px = _ALONE_PX if count == 1 else (_PANEL_PX if count <= _MOST_TALL_PANELS else _SMALL_PANEL_PX)
     title_px = _TITLE_PX if any(panel.title for panel in chart.panels) else 0
     plot_px = panel_px * count + (_GAP_PX + title_px) * (count - 1)
     height, gap = panel_px / plot_px, (_GAP_PX + title_px) / plot_px
@@ -147,9 +148,11 @@ def _traces(series: Series, axis: str, shown: set[str], *, fill: bool = False) -
     }
     if not series.label:
         trace["hoverinfo"] = "skip"
+    if series.names:
+        trace |= {"text": list(series.names), "hovertemplate": "%{text}<br>%{x:.2f}, %{y:.2f}<extra></extra>"}
     match series.kind:
         case "dots":
-            trace["marker"] = {"color": series.colour, "size": 4}
+            trace["marker"] = {"color": series.colour, "size": 4 if len(series.x) > 100 else 7}
         case "star":
             trace["marker"] = {"color": series.colour, "size": 15, "symbol": "star"}
         case "band":

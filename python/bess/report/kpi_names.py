@@ -35,3 +35,5 @@ KPI_NAMES: Final[dict[str, KpiName]] = {
 
 EFFICIENCIES: Final = tuple(name for name in KPI_NAMES if name.endswith("_pct"))
 RADAR_KPIS: Final = (*EFFICIENCIES, "peak_mean_temperature_c")
+MOST_COMPARED: Final = 8
+"""More scenarios than this are shown as a table and a front, not side by side."""

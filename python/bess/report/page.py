@@ -13,8 +13,9 @@ from typing import Any
 
 from bess import __version__
 from bess.report.chart import Chart
-from bess.report.contents import MOST_COMPARED, MOST_DETAILED, Exhibit, comparison, details
+from bess.report.contents import MOST_DETAILED, Exhibit, comparison, details
 from bess.report.interactive import plotly_figure
+from bess.report.kpi_names import MOST_COMPARED
 from bess.report.paper import comparisons, is_case_2, reading
 from bess.report.runs import Run, runs_in
 from bess.report.style import save_figure
@@ -137,7 +138,7 @@ def _render(
         "title": _title(directory),
         "summary": summary(runs) if len(runs) <= MOST_COMPARED else [],
         "front": sweep.front_sentence() if sweep is not None else "",
-        "warnings": warnings(runs if len(runs) <= MOST_COMPARED else {}, problems),
+        "warnings": warnings(runs, problems),
         "names": list(kpis),
         "tall": len(kpis) > MOST_COMPARED,
         "kpi_rows": kpi_rows(kpis),
@@ -146,7 +147,7 @@ def _render(
         "paper": paper,
         "reading": reading(paper) if paper else [],
         "sections": sections,
-        "studies": {name: run.study_toml for name, run in list(runs.items())[:MOST_COMPARED]},
+        "studies": _studies(directory, runs),
         "version": first.identity["version"],
         "report_version": __version__,
         "packages": {name: version(name) for name in _PACKAGES},
@@ -162,3 +163,10 @@ def _title(directory: Path) -> str:
     except (FileNotFoundError, tomllib.TOMLDecodeError):
         study = {}
     return str(study.get("title") or study.get("name") or directory.resolve().name)
+
+
+def _studies(directory: Path, runs: dict[str, Run]) -> dict[str, str]:
+    """Studies to print: that of every run, or of many the one they were made from."""
+    if len(runs) <= MOST_DETAILED or not (directory / "study.toml").exists():
+        return {name: run.study_toml for name, run in list(runs.items())[:MOST_DETAILED]}
+    return {"The study of all scenarios": (directory / "study.toml").read_text(encoding="utf-8")}

@@ -7,10 +7,11 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from bess.report.data import step_h
-from bess.report.kpi_names import KPI_NAMES
+from bess.report.kpi_names import KPI_NAMES, MOST_COMPARED
 from bess.report.runs import Run
 
 _LEDGER_TOLERANCE_KWH = 1e-6
+_LEDGER_TOLERANCE = 1e-9
 
 
 def summary(runs: Mapping[str, Run]) -> list[str]:
@@ -83,11 +84,45 @@ def _best_of(key: str, values: Mapping[str, float]) -> str:
 
 
 def warnings(runs: Mapping[str, Run], problems: Mapping[str, str]) -> list[str]:
-    """One sentence for each thing that limits what the numbers mean."""
+    """One sentence for each thing that limits what the numbers mean; of many scenarios, one for each kind."""
     found = [f"{name} is missing: {reason}" for name, reason in problems.items()]
+    if len(runs) > MOST_COMPARED:
+        return found + list(_warnings_of_many(runs))
     for name, run in runs.items():
         found += [f"{name}: {sentence}" for sentence in _warnings_of(run)]
     return found
+
+
+def _warnings_of_many(runs: Mapping[str, Run]) -> Iterator[str]:
+    """The same from KPIs alone: the records of hundreds of scenarios are not opened for it."""
+    stopped = [name for name, run in runs.items() if not run.finished]
+    if stopped:
+        yield f"{len(stopped)} of {len(runs)} scenarios stopped early, among them {stopped[0]}."
+    limits = {
+        "fallback_steps": ("steps in which a fallback replaced the optimiser's answer", 0.0),
+        "unmet_kwh": ("kWh of demand above the power in service", 0.0),
+        "ledger_residual_ratio": ("of the energy missing in the ledger", _LEDGER_TOLERANCE),
+    }
+    for key, (text, limit) in limits.items():
+        worst, count = _worst(runs, {name: run.kpis.get(key, 0.0) - limit for name, run in runs.items()})
+        if count:
+            most = f"most in {worst}, {runs[worst].kpis[key]:.4g}"
+            yield f"{count} of {len(runs)} scenarios: {text}; {most}."
+    excess = {
+        name: run.kpis.get("solver_search_gap_max", 0.0) - run.study.get("policy", {}).get("gap", np.inf)
+        for name, run in runs.items()
+    }
+    worst, count = _worst(runs, excess)
+    if count:
+        yield (
+            f"{count} of {len(runs)} scenarios: steps in which the search stopped above its target gap; worst in "
+            f"{worst}, {100 * runs[worst].kpis['solver_search_gap_max']:.2g} %."
+        )
+
+
+def _worst(runs: Mapping[str, Run], excess: Mapping[str, float]) -> tuple[str, int]:
+    """Scenario with the largest excess, and how many have any."""
+    return max(runs, key=lambda name: excess[name]), sum(value > 0.0 for value in excess.values())
 
 
 def _warnings_of(run: Run) -> list[str]:

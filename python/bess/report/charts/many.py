@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Literal
 
 import numpy as np
 
 from bess.analysis.pareto import knee_point, non_dominated
-from bess.report.chart import Chart, Panel, Series
+from bess.report.chart import Chart, Panel, Series, Values
 from bess.report.kpi_names import KPI_NAMES, RADAR_KPIS
 from bess.report.style import AVAILABILITY, BACKGROUND, DISCHARGE, colours
 
@@ -31,16 +32,20 @@ def pareto_front(
     points = np.array([[kpis[name][x], kpis[name][y]] for name in names], dtype=float)
     directions = [KPI_NAMES[x].better, KPI_NAMES[y].better]
     on_front = non_dominated(points, directions)
-    front = points[on_front][np.argsort(points[on_front][:, 0])]
+    order = np.flatnonzero(on_front)[np.argsort(points[on_front][:, 0])]
     knee = knee_point(points, directions)
+
+    def dots(rows: Sequence[int] | Values, colour: str, label: str, kind: Literal["dots", "star"]) -> Series:
+        x, y = points[list(rows)].T
+        return Series(x, y, colour, label, kind, names=tuple(names[row] for row in rows))
+
     series = [
-        Series(front[:, 0], front[:, 1], DISCHARGE, "front"),
-        Series(front[:, 0], front[:, 1], DISCHARGE, "", "dots"),
-        Series(points[[knee], 0], points[[knee], 1], AVAILABILITY, f"knee: {names[knee]}", "star"),
+        Series(points[order, 0], points[order, 1], DISCHARGE, "front"),
+        dots(order, DISCHARGE, "", "dots"),
+        dots([knee], AVAILABILITY, f"knee: {names[knee]}", "star"),
     ]
     if not on_front.all():
-        rest = points[~on_front]
-        series.insert(0, Series(rest[:, 0], rest[:, 1], BACKGROUND, "dominated", "dots"))
+        series.insert(0, dots(np.flatnonzero(~on_front), BACKGROUND, "dominated", "dots"))
     ends = {names[int(np.argmin(points[:, 0]))], names[int(np.argmax(points[:, 0]))]} - {names[knee]}
     notes = tuple((kpis[name][x], kpis[name][y], name) for name in sorted(ends))
     return Chart(
@@ -69,5 +74,5 @@ def kpi_lines(kpis: Mapping[str, Mapping[str, float]], values: Sequence[float], 
     for key, colour in zip(RADAR_KPIS, colours(len(RADAR_KPIS)), strict=True):
         y = np.array([entry[key] for entry in kpis.values()], dtype=float)[order]
         line = (Series(x, y, colour), Series(x, y, colour, kind="dots"))
-        panels.append(Panel(KPI_NAMES[key].label, line))
+        panels.append(Panel(KPI_NAMES[key].unit, line, title=KPI_NAMES[key].text))
     return Chart(label, tuple(panels), columns=2, panel_height_in=1.3)
