@@ -24,7 +24,7 @@ from bess.policies import Settings, Situation, build_policy
 
 DT_H = 0.25
 MEASURED_UNITS = {"batt1": 0, "batt10": 9}  # name in the data: index in the system
-RUNNING_KW = 1.0
+RUNNING_KW = 1e-3
 POWER_BINS_KW = [-1, 50, 200, 400, 600, 800, 1000, 1700]
 Array = NDArray[np.float64]
 
@@ -191,8 +191,8 @@ def draw(
     power = np.linspace(-330.0, 330.0, 221)
     axis.plot(power, loss_line_kw(np.abs(power)), label="m5bat-630, no Q", linewidth=1)
     axis.plot(power, loss_line_kw(np.hypot(power, 215.0)), label="m5bat-630, 215 kvar", linewidth=1)
-    axis.set(xlabel="AC power of a unit [kW] (+ discharge)", ylabel="inverter loss [kW]", ylim=(0.0, 14.0))
-    axis.legend()
+    axis.set(xlabel="AC power of a unit [kW] (+ discharge)", ylabel="inverter loss [kW]", ylim=(0.0, 15.0))
+    axis.legend(loc="upper center", fontsize="small")
     figure.savefig(folder / "m5bat-loss.svg", metadata={"Date": None})
 
 
