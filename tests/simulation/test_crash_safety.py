@@ -202,7 +202,7 @@ def test_a_full_disk_is_one_clear_error_and_nothing_is_lost(
 
     with monkeypatch.context() as patch:
         patch.setattr(Path, "write_bytes", full)
-        with pytest.raises(bess.BessError, match="the disk is full, make room.*--resume"):
+        with pytest.raises(bess.BessError, match=r"the disk is full, make room.*--resume"):
             bess.run(short, progress=False, out=directory)
     assert bess.open_result(directory).sizes["time"] == 16
     bess.run(short, progress=False, out=directory, resume=True)

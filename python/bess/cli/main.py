@@ -43,7 +43,8 @@ def _status() -> int:
         return FAILED
     except Exception as error:
         if isinstance(error, _UsageError):
-            return _say(f"{error} (see bess --help)", BAD_INPUT)
+            message = getattr(error, "format_message", error.__str__)()
+            return _say(f"{message} (see bess --help)", BAD_INPUT)
         raise
 
 

@@ -1,25 +1,25 @@
-"""What each string can take over one step."""
+"""What each string can take over one step, by the control model."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bess import _core
 from bess.parameters import System
 from bess.policies.policy import Situation
 
 
 class Capability:
-    """Estimate from the energy left or the room left at nominal voltage, without losses."""
+    """Largest power of each string that its SOC window and its voltage allow (MODEL.md section 3, item 3)."""
 
     def __init__(self, system: System, dt_h: float) -> None:
+        self._model = _core.ControlModel(system.core)
         self._nominal_kw = system.nominal_kw
-        self._full_kw = system.nominal_energy_kwh / dt_h
-        self._soc_min = np.array([string.battery.soc_min for string in system.strings])
-        self._soc_max = np.array([string.battery.soc_max for string in system.strings])
+        self._dt_h = dt_h
 
     def __call__(self, situation: Situation, discharge: bool) -> NDArray[np.float64]:
-        """Largest power [kW] of each string in one direction."""
-        soc = situation.state.soc
-        left = soc - self._soc_min if discharge else self._soc_max - soc
-        return np.asarray(np.minimum(self._nominal_kw, np.maximum(left, 0.0) * self._full_kw))
+        """Return AC powers [kW], magnitudes, shape ``(n_strings,)``."""
+        state = situation.state
+        largest_kw = self._model.max_power_kw(state.soc, state.temperature_c, discharge, self._dt_h)
+        return np.clip(largest_kw, 0.0, self._nominal_kw)

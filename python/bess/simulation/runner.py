@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -99,6 +100,9 @@ def _run_in(directory: Path, study: Study, *, progress: bool, resume: bool) -> R
         raise InputError(
             f"{directory}: is no folder for results ({error.strerror}); use another --out"
         ) from error
+    if progress:
+        for note in inputs.notes:
+            print(f"{study.name}: {note}", file=sys.stderr)
     with Lock(directory):
         if not _is_finished(directory, identity, resume=resume):
             _complete(directory, study, inputs, policy, progress=progress)

@@ -1,0 +1,202 @@
+"""Claims about the command: what it prints, its exit statuses, one line for every error, and a fast start."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import bess
+from bess.cli.kpi_table import kpi_table
+from bess.policies import POLICIES
+from bess.simulation import bundled_studies
+
+SHARED = Path(__file__).parents[3] / "shared/data/prices"
+PRICES = SHARED / "smard_de_viertelstunde_2024_berechnet_resaved.csv"
+
+
+def command(*words: str, folder: Path | None = None) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "bess", *words], capture_output=True, text=True, check=False, cwd=folder
+    )
+
+
+def refused(*words: str, folder: Path | None = None) -> str:
+    """The one line on standard error of a command that ends with status 2."""
+    ended = command(*words, folder=folder)
+    assert ended.returncode == 2, ended.stderr
+    assert ended.stdout == ""
+    lines = ended.stderr.strip().splitlines()
+    assert len(lines) == 1 and lines[0].startswith("bess: "), ended.stderr
+    return lines[0]
+
+
+def test_help_and_version_load_none_of_the_heavy_libraries() -> None:
+    heavy = {
+        "cvxpy",
+        "pandas",
+        "xarray",
+        "scipy",
+        "matplotlib",
+        "distributed",
+        "plotly",
+        "h5py",
+        "numpy",
+    }
+    for words in (["--help"], ["--version"], ["run", "--help"]):
+        script = (
+            "import sys\nfrom bess.cli import main\n"
+            f"sys.argv = ['bess', *{words!r}]\n"
+            "try:\n    main()\nexcept SystemExit as ended:\n    assert not ended.code\n"
+            "print(','.join(name for name in sys.modules if '.' not in name), file=sys.stderr)\n"
+        )
+        ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+        loaded = set(ended.stderr.strip().split(","))
+        assert not loaded & heavy
+        assert ended.stdout
+
+
+def test_import_loads_none_of_the_heavy_libraries() -> None:
+    script = "import sys, bess; print(','.join(sys.modules))"
+    loaded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
+    assert not {"cvxpy", "pandas", "xarray", "scipy", "matplotlib", "distributed"} & set(
+        loaded.strip().split(",")
+    )
+
+
+def test_version_is_that_of_the_package() -> None:
+    assert command("--version").stdout == f"bess {bess.__version__}\n"
+
+
+def test_list_names_everything_that_comes_along() -> None:
+    text = command("list").stdout
+    for name in [*bundled_studies(), *POLICIES, "reference", "samsung-94ah", "sinamics-s120"]:
+        assert name in text
+
+
+def test_run_writes_the_documented_files_and_prints_the_key_figures(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    ended = command("run", "case1", "--days", "0.5", "--set", "policy.name=equal", "--out", str(out))
+    assert ended.returncode == 0, ended.stderr
+    assert {path.name for path in out.iterdir()} >= {"study.toml", "results.nc", "kpis.json", "log.jsonl"}
+    kpis = json.loads((out / "kpis.json").read_text())
+    assert f"{kpis['system_efficiency_pct']:.2f}" in ended.stdout
+    assert "step 48 of 48 (100 %)" in ended.stderr
+    assert "\x1b" not in ended.stderr + ended.stdout
+    assert bess.open_result(out).sizes["time"] == 48
+    line = json.loads((out / "log.jsonl").read_text().splitlines()[0])
+    assert set(line) >= {"step", "time", "status", "gap", "nodes", "solve_time_s", "fallback"}
+
+
+def test_the_resolved_study_runs_again_to_the_same_result(tmp_path: Path) -> None:
+    first, second = tmp_path / "first", tmp_path / "second"
+    assert (
+        command("run", "case1", "--days", "0.25", "--set", "policy.name=soc", "--out", str(first)).returncode
+        == 0
+    )
+    assert command("run", str(first / "study.toml"), "--out", str(second)).returncode == 0
+    assert bess.open_result(first).identical(bess.open_result(second))
+
+
+def test_scenarios_get_a_sub_folder_each(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    ended = command("run", "case2", "--days", "0.25", "--set", "policy.name=equal", "--out", str(out))
+    assert ended.returncode == 0, ended.stderr
+    for name in ("S1", "S2", "S3"):
+        assert bess.open_result(out / name).sizes["time"] == 24
+        assert (out / name / "kpis.json").exists()
+        assert name in ended.stdout.splitlines()[0]
+
+
+def test_without_out_every_run_gets_a_folder_of_its_own(tmp_path: Path) -> None:
+    words = ("run", "case1", "--days", "0.25", "--set", "policy.name=equal")
+    for _ in range(2):
+        assert command(*words, folder=tmp_path).returncode == 0
+    assert {path.name for path in (tmp_path / "results").iterdir()} == {"case1", "case1-2"}
+
+
+def test_check_runs_nothing_and_says_what_it_found(tmp_path: Path) -> None:
+    ended = command(
+        "check", "case1", "--set", "demand.scale=3", "--set", "policy.name=equal", folder=tmp_path
+    )
+    assert ended.returncode == 0
+    assert "192 of 15 min from 2024-01-01T00:00:00 UTC" in ended.stdout
+    assert "-234 to 234 kW" in ended.stdout
+    assert "above the 184 kW of the plant" in ended.stdout
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_check_names_the_prices_it_found() -> None:
+    if not PRICES.exists():
+        pytest.skip(f"{PRICES} is not there")
+    text = command("check", "arbitrage-2024", "--set", f"demand.prices={PRICES}").stdout
+    assert "-135.45 / 78.51 / 936.28 EUR/MWh" in text
+    assert "35136 of 15 min" in text
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["run", "nosuch"], "nosuch: no such study"),
+        (["run", "missing.toml"], "missing.toml: no such study; check the path"),
+        (["run"], "Missing argument"),
+        (["fly"], "No such command 'fly'"),
+        (["run", "case1", "--dayz", "1"], "No such option: --dayz"),
+        (["run", "case1", "--days", "soon"], "--days"),
+        (["run", "case1", "--days", "-2"], "run.days = -2.0: must be in (0, 36525] days"),
+        (["run", "case1", "--set", "policy.horizon=4"], "did you mean 'policy.horizon_steps'?"),
+        (["run", "case1", "--set", "policy.horizon_steps"], "write key=value"),
+        (["run", "case1", "--set", "policy.horizon_steps=[4"], "is not a TOML value"),
+        (["run", "case1", "--set", "policy.horizon_steps=many"], "policy.horizon_steps = 'many'"),
+        (["run", "case1", "--set", "demand.file=none.csv"], "none.csv"),
+        (["run", "case1", "--set", "system.file=none.toml"], "none.toml: no such file"),
+        (["run", "case1", "--set", "weather.file=none.csv"], "none.csv"),
+        (["run", "case1", "--resume"], "--resume: name the folder of the run with --out"),
+        (["run", "arbitrage-2024"], "demand.prices is not set"),
+        (["run", "arbitrage-2024", "--set", "demand.prices=none.csv"], "none.csv"),
+        (["report", "nowhere"], "nowhere"),
+        (["sweep", "case1", "--workers", "0"], "--workers"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(words: list[str], expected: str, tmp_path: Path) -> None:
+    assert expected in refused(*words, folder=tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_wrong_zone_names_the_zones_of_the_file() -> None:
+    if not PRICES.exists():
+        pytest.skip(f"{PRICES} is not there")
+    line = refused("run", "arbitrage-2024", "--set", f"demand.prices={PRICES}", "--set", "demand.zone=FR")
+    assert "FR" in line and "Deutschland/Luxemburg" in line
+
+
+def test_gaps_and_nan_in_a_profile_are_refused(tmp_path: Path) -> None:
+    rows = [f"2024-06-01T{hour:02d}:{minute:02d}Z,10" for hour in range(8) for minute in (0, 15, 30, 45)]
+    broken = {
+        "gap": rows[:8] + rows[20:],
+        "nan": [row.replace(",10", ",nan") if 8 <= i < 20 else row for i, row in enumerate(rows)],
+    }
+    for name, lines in broken.items():
+        path = tmp_path / f"{name}.csv"
+        path.write_text("time,power_kw\n" + "\n".join(lines) + "\n")
+        line = refused("run", "case1", "--set", f"demand.file={path}", "--out", str(tmp_path / "out"))
+        assert str(path) in line
+        assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_that_cannot_be_made_is_bad_input(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    assert "is no folder for results" in refused("run", "case1", "--out", str(tmp_path / "out"))
+
+
+def test_the_table_has_a_column_for_each_run_and_a_dash_for_what_it_lacks() -> None:
+    lines = kpi_table(
+        {"A": {"availability_pct": 99.5}, "B": {"availability_pct": 98.25, "revenue_eur": 3.0}}
+    ).splitlines()
+    assert lines[0].split() == ["A", "B"]
+    assert lines[1].split() == ["availability", "%", "99.50", "98.25"]
+    assert lines[2].split() == ["revenue", "EUR", "-", "3.00"]
+    assert len({len(line) for line in lines}) == 1
