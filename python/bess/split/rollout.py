@@ -63,8 +63,8 @@ def rollout(
     state : State
         Measured state at the start.
     request_kw : array_like, shape (..., n_strings, n_steps)
-        Requested AC power [kW], positive = discharge, at most nominal power; a batch of schedules is rolled out in
-        one call. All strings of a step share its sign.
+        Requested AC power [kW], positive = discharge, at most nominal power. A batch of schedules is rolled
+        out in one call. All strings of a step share its sign.
     dt_h : float
         Length of a step [h].
     ambient_c : float or array_like, shape (n_steps,), optional
@@ -86,8 +86,8 @@ def rollout(
     request = _numbers("request_kw", request_kw)
     if request.ndim < 2 or request.shape[-2] != system.n_strings or request.shape[-1] == 0:
         raise InputError(
-            f"request_kw has shape {request.shape}; give (n_strings, n_steps) with n_strings = {system.n_strings} "
-            "and at least one step, or a batch of them along leading axes"
+            f"request_kw has shape {request.shape}; give (n_strings, n_steps) with n_strings = "
+            f"{system.n_strings} and at least one step, or a batch of them along leading axes"
         )
     _check_requests(system, request)
     if _numbers("dt_h", dt_h).ndim or not 0.0 < dt_h <= 24.0:
@@ -121,7 +121,8 @@ def _check_requests(system: System, request: NDArray[np.float64]) -> None:
         *_, string, step = place = tuple(int(i) for i in np.argwhere(above)[0])
         nominal = system.nominal_kw[string]
         raise InputError(
-            f"request_kw: string {string}, step {step}: {request[place]:g} kW is outside [-{nominal:g}, {nominal:g}] kW"
+            f"request_kw: string {string}, step {step}: {request[place]:g} kW is outside "
+            f"[-{nominal:g}, {nominal:g}] kW"
         )
     mixed = np.any(request > 0.0, axis=-2) & np.any(request < 0.0, axis=-2)
     if np.any(mixed):

@@ -9,7 +9,9 @@ use crate::ranges::{CoefficientRanges, StateBox};
 /// Safety for the rounding in a bound.
 const ROUNDING: f64 = 1e-11;
 const MAX_SLOPES: usize = 12;
-/// Shares of the bound that are given up for a smaller slope./// Highest slope, in units of the steepest marginal cost.
+/// Share of the bound that is given up for a smaller slope.
+const GAP_OF_SLOPE: f64 = 1e-9;
+/// Highest slope, in units of the steepest marginal cost.
 const HIGHEST_SLOPE: f64 = 2e3;
 
 /// `sum_m cost + slope * sum_m shed >= phi` for every decision of a step.
@@ -107,5 +109,3 @@ fn step_bound(mut curves: Vec<CostCurve>, demand_w: f64) -> StepBound {
     let phi = solve(&curves, demand_w).bound;
     StepBound { phi: phi - ROUNDING * phi.abs(), shed_slope: slope }
 }
-
-const GAP_OF_SLOPE: f64 = 1e-9;

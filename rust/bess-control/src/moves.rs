@@ -45,43 +45,40 @@ impl Line {
         (first, (self.sum_w - first).max(0.0))
     }
 
-    /// Objectives with the first string at `first_w`.
-    fn cost(&self, walker: &Walker<'_>, first_w: f64) -> Costs {
+    /// Objectives with the first string at `first_w`, the requests of later steps as they are or following.
+    fn cost(&self, walker: &Walker<'_>, shift: Shift) -> Costs {
         let (i, j) = self.strings;
-        let (u, v) = self.pair(first_w);
-        let end = walker.end;
-        let a = walker.advance(i, *walker.at(i, self.step), self.step, end, u);
-        let b = walker.advance(j, *walker.at(j, self.step), self.step, end, v);
-        walker.objectives_with(&[(i, a.costs), (j, b.costs)])
+        let (u, v) = self.pair(shift.first_w);
+        let (a, b) = if shift.follows {
+            walker.follow(self.strings, self.step, (u, v), |_, _| ())
+        } else {
+            let a = walker.advance(i, *walker.at(i, self.step), self.step, walker.end, u);
+            let b = walker.advance(j, *walker.at(j, self.step), self.step, walker.end, v);
+            (a.costs, b.costs)
+        };
+        walker.objectives_with(&[(i, a), (j, b)])
     }
 
     /// Asks the first string for `first_w` and the other for the rest.
-    fn commit(&self, walker: &mut Walker<'_>, first_w: f64) {
+    fn commit(&self, walker: &mut Walker<'_>, shift: Shift) {
         let (i, j) = self.strings;
-        let (u, v) = self.pair(first_w);
-        walker.set(i, self.step, u);
-        walker.set(j, self.step, v);
+        let pair = self.pair(shift.first_w);
+        let mut changes = vec![(self.step, pair)];
+        if shift.follows {
+            changes.clear();
+            walker.follow(self.strings, self.step, pair, |t, pair| changes.push((t, pair)));
+        }
+        for (t, (u, v)) in changes {
+            walker.set(i, t, u);
+            walker.set(j, t, v);
+        }
         walker.roll(i, self.step);
         walker.roll(j, self.step);
     }
 
-    /// The first request at which a string starts to shed.
-    fn saturation(&self, walker: &Walker<'_>, m: usize) -> f64 {
-        let horizon = walker.horizon;
-        let state = walker.at(m, self.step).state;
-        let interval = &horizon.intervals[self.step];
-        let c = horizon.string(m).coefficients(interval.direction, state);
-        let limit = horizon.string(m).limit_w(&c, interval.direction, state.soc, interval.dt_h);
-        if c.derating > 0.0 {
-            limit / c.derating
-        } else {
-            0.0
-        }
-    }
-
     fn candidates(&self, walker: &Walker<'_>) -> impl Iterator<Item = f64> {
-        let (i, j) = self.strings;
-        let special = [self.saturation(walker, i), self.sum_w - self.saturation(walker, j)];
+        let edge = |m: usize| walker.edge(m, self.step, walker.at(m, self.step).state);
+        let special = [edge(self.strings.0), self.sum_w - edge(self.strings.1)];
         let (low, high) = (self.low_w, self.high_w);
         let inside = special.into_iter().filter(move |u| *u > low && *u < high);
         let uniform = (0..SHARES).map(move |n| low + (high - low) * n as f64 / (SHARES - 1) as f64);
@@ -91,11 +88,8 @@ impl Line {
     /// Just inside both ends: the string there is on and does nothing. Of use in charge only.
     fn ends(&self, walker: &Walker<'_>) -> impl Iterator<Item = f64> {
         let shift = SWITCHED_ON * self.width();
-        let ends = match walker.horizon.direction(self.step) {
-            Direction::Charge => vec![self.low_w + shift, self.high_w - shift],
-            Direction::Discharge => vec![],
-        };
-        ends.into_iter()
+        let charges = walker.horizon.direction(self.step) == Direction::Charge;
+        [self.low_w + shift, self.high_w - shift].into_iter().filter(move |_| charges)
     }
 
     /// Uniform requests over the line, and its ends.
@@ -104,52 +98,64 @@ impl Line {
         (0..SHARES_OF_PAIR).map(share).chain(self.ends(walker)).collect()
     }
 
-    /// Tries shares, switching and saturation points; then closes in on the best. True if the schedule improved.
-    pub fn search(&self, walker: &mut Walker<'_>, ranking: &Ranking) -> bool {
-        let here = walker.request(self.strings.0, self.step);
-        let mut best = (here, walker.objectives());
+    /// Tries shares, switching points and edges; then closes in on the best.
+    pub fn search(&self, walker: &mut Walker<'_>, ranking: &Ranking) {
+        let mut best = self.here(walker);
         for first_w in self.candidates(walker) {
             self.try_at(walker, ranking, first_w, &mut best);
         }
         let mut step = self.width() / (2 * (SHARES - 1)) as f64;
         while step > 1e-3 * self.width() {
-            let centre = best.0;
+            let centre = best.0.first_w;
             self.try_at(walker, ranking, centre - step, &mut best);
             self.try_at(walker, ranking, centre + step, &mut best);
             step *= 0.5;
         }
-        self.take(walker, here, best.0)
+        self.take(walker, best.0);
     }
 
-    /// One shift by `step_w` either way. True if the schedule improved.
-    pub fn nudge(&self, walker: &mut Walker<'_>, ranking: &Ranking, step_w: f64) -> bool {
-        let here = walker.request(self.strings.0, self.step);
-        let mut best = (here, walker.objectives());
-        for first_w in [here - step_w, here + step_w] {
-            if first_w >= self.low_w && first_w <= self.high_w {
-                self.try_at(walker, ranking, first_w, &mut best);
-            }
-        }
-        self.take(walker, here, best.0)
+    /// One shift by `step_w` either way.
+    pub fn nudge(&self, walker: &mut Walker<'_>, ranking: &Ranking, step_w: f64) {
+        let mut best = self.here(walker);
+        let centre = best.0.first_w;
+        self.try_at(walker, ranking, centre - step_w, &mut best);
+        self.try_at(walker, ranking, centre + step_w, &mut best);
+        self.take(walker, best.0);
     }
 
-    fn try_at(&self, walker: &Walker<'_>, ranking: &Ranking, first_w: f64, best: &mut (f64, Costs)) {
+    fn here(&self, walker: &Walker<'_>) -> (Shift, Costs) {
+        let first_w = walker.request(self.strings.0, self.step);
+        (Shift { first_w, follows: false }, walker.objectives())
+    }
+
+    fn try_at(&self, walker: &Walker<'_>, ranking: &Ranking, first_w: f64, best: &mut (Shift, Costs)) {
         if first_w < self.low_w || first_w > self.high_w {
             return;
         }
-        let costs = self.cost(walker, first_w);
-        if ranking.better(&costs, &best.1) {
-            *best = (first_w, costs);
+        for follows in [false, true] {
+            if follows && !walker.has_edge_after(self.strings, self.step) {
+                continue;
+            }
+            let shift = Shift { first_w, follows };
+            let costs = self.cost(walker, shift);
+            if ranking.better(&costs, &best.1) {
+                *best = (shift, costs);
+            }
         }
     }
 
-    fn take(&self, walker: &mut Walker<'_>, here: f64, best: f64) -> bool {
-        if best == here {
-            return false;
+    fn take(&self, walker: &mut Walker<'_>, best: Shift) {
+        if best != self.here(walker).0 {
+            self.commit(walker, best);
         }
-        self.commit(walker, best);
-        true
     }
+}
+
+/// A new request of the first string, and whether strings that are on their edge later stay on it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Shift {
+    first_w: f64,
+    follows: bool,
 }
 
 /// The same two strings in two steps, the first before the second.
@@ -160,8 +166,8 @@ pub(crate) struct Plane {
 }
 
 impl Plane {
-    /// Tries a grid of shares in both steps, then closes in. True if the schedule improved.
-    pub fn search(&self, walker: &mut Walker<'_>, ranking: &Ranking) -> bool {
+    /// Tries a grid of shares in both steps, then closes in.
+    pub fn search(&self, walker: &mut Walker<'_>, ranking: &Ranking) {
         let here = (walker.request(self.first.strings.0, self.first.step), self.here_second(walker));
         let mut best = (here, walker.objectives());
         let seconds = self.second.grid(walker);
@@ -181,12 +187,11 @@ impl Plane {
                 step *= 0.5;
             }
         }
-        if best.0 == here {
-            return false;
+        if best.0 != here {
+            let (first_w, second_w) = best.0;
+            self.first.commit(walker, Shift { first_w, follows: false });
+            self.second.commit(walker, Shift { first_w: second_w, follows: false });
         }
-        self.first.commit(walker, best.0 .0);
-        self.second.commit(walker, best.0 .1);
-        true
     }
 
     fn here_second(&self, walker: &Walker<'_>) -> f64 {

@@ -22,13 +22,19 @@ impl Ranking {
     /// Whether `a` is better than `b` by more than rounding. Ties go to the next group.
     #[inline]
     pub fn better(&self, a: &Costs, b: &Costs) -> bool {
+        self.better_by(a, b, ROUNDING)
+    }
+
+    /// Whether `a` is better than `b` by more than a share.
+    #[inline]
+    pub fn better_by(&self, a: &Costs, b: &Costs, share: f64) -> bool {
         for g in 0..self.n_groups {
             let (x, y) = if g < self.group {
                 (a[g].max(self.ceilings[g]), b[g].max(self.ceilings[g]))
             } else {
                 (a[g], b[g])
             };
-            let slack = ROUNDING * x.abs().max(y.abs());
+            let slack = share * x.abs().max(y.abs());
             if x < y - slack {
                 return true;
             }

@@ -7,6 +7,10 @@ use crate::walker::Walker;
 
 /// Smallest shift of the polish, as a share of nominal power.
 const FINEST: f64 = 1e-7;
+/// A pass that gains less than this share is the last of its kind.
+const WORTHWHILE: f64 = 1e-6;
+/// The same for the polish.
+const NOTICEABLE: f64 = 1e-9;
 /// More strings than this pair up with their neighbours only, in the order of their requests.
 const ALL_PAIRS: usize = 3;
 
@@ -84,65 +88,70 @@ pub(crate) fn improve(walker: &mut Walker<'_>, budget: u64) {
 /// Passes over single steps until they gain nothing, then over pairs of steps; from the start after any gain.
 fn descend(walker: &mut Walker<'_>, ranking: &Ranking, budget: u64) {
     loop {
-        while single_steps(walker, ranking, budget) {}
-        if !pairs_of_steps(walker, ranking, budget) {
+        while gains(walker, ranking, budget, single_steps) {}
+        if !gains(walker, ranking, budget, pairs_of_steps) {
             return;
         }
     }
 }
 
-fn single_steps(walker: &mut Walker<'_>, ranking: &Ranking, budget: u64) -> bool {
-    let mut improved = false;
+/// Whether a pass gained enough for another one.
+fn gains(walker: &mut Walker<'_>, ranking: &Ranking, budget: u64, pass: Pass) -> bool {
+    let before = walker.objectives();
+    pass(walker, ranking, budget);
+    walker.string_steps.get() < budget && ranking.better_by(&walker.objectives(), &before, WORTHWHILE)
+}
+
+type Pass = fn(&mut Walker<'_>, &Ranking, u64);
+
+fn single_steps(walker: &mut Walker<'_>, ranking: &Ranking, budget: u64) {
     for step in walker.first..walker.end {
         for strings in pairs(walker, step) {
             if walker.string_steps.get() >= budget {
-                return false;
+                return;
             }
             if let Some(line) = Line::new(walker, step, strings) {
-                improved |= line.search(walker, ranking);
+                line.search(walker, ranking);
             }
         }
     }
-    improved
 }
 
-fn pairs_of_steps(walker: &mut Walker<'_>, ranking: &Ranking, budget: u64) -> bool {
-    let mut improved = false;
+fn pairs_of_steps(walker: &mut Walker<'_>, ranking: &Ranking, budget: u64) {
     for distance in 1..walker.end - walker.first {
         for first in walker.first..walker.end - distance {
             for strings in pairs(walker, first) {
                 if walker.string_steps.get() >= budget {
-                    return false;
+                    return;
                 }
                 let second = first + distance;
                 let lines = (Line::new(walker, first, strings), Line::new(walker, second, strings));
                 if let (Some(first), Some(second)) = lines {
-                    improved |= Plane { first, second }.search(walker, ranking);
+                    Plane { first, second }.search(walker, ranking);
                 }
             }
         }
     }
-    improved
 }
 
-/// Shifts that halve whenever a pass gains nothing.
+/// Shifts that shrink whenever a pass gains nothing.
 fn polish(walker: &mut Walker<'_>, ranking: &Ranking, budget: u64) {
     let nominal = |m: usize| walker.horizon.string(m).nominal_w();
     let largest = (0..walker.horizon.n_strings()).map(nominal).fold(0.0, f64::max);
     let mut share = 1e-2;
     while share > FINEST {
-        let mut improved = false;
+        let before = walker.objectives();
         for step in walker.first..walker.end {
             for strings in pairs(walker, step) {
                 if walker.string_steps.get() >= budget {
                     return;
                 }
                 if let Some(line) = Line::new(walker, step, strings) {
-                    improved |= line.nudge(walker, ranking, share * largest);
+                    line.nudge(walker, ranking, share * largest);
                 }
             }
         }
-        if !improved {
+        if !ranking.better_by(&walker.objectives(), &before, NOTICEABLE) {
             share *= 0.25;
         }
     }

@@ -1,0 +1,138 @@
+"""Random systems, states and problems for the properties of the control model."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import bess
+from bess import _core
+
+DT_H = 0.25
+AMBIENT_C = 25.0
+CORNERS = {
+    "regular": ((0.42, 0.58), (25.0, 40.0)),
+    "full": ((0.93, 1.0), (25.0, 40.0)),
+    "empty": ((0.0, 0.09), (25.0, 40.0)),
+    "hot": ((0.42, 0.58), (45.5, 54.0)),
+}
+
+
+def differing(n_strings: int, rng: np.random.Generator) -> bess.System:
+    """Strings that differ in size, inverter, resistance, tables and SOC window."""
+    document = copy.deepcopy(bess.System.reference(n_strings).document)
+    ocv = document["battery"]["ocv_v"]
+    document["string"] = []
+    for m in range(n_strings):
+        parallel = int(rng.integers(3, 6))
+        document["string"].append(
+            {
+                "battery": {
+                    "cells_parallel": parallel,
+                    "r_scale": float(rng.uniform(0.3, 1.6)),
+                    "soc_min": [0.0, 0.03][m % 2],
+                    "soc_max": [1.0, 0.97][m % 2],
+                    "ocv_v": {
+                        "soc": ocv["soc"],
+                        "temperature_c": [0.0, 50.0],
+                        "charge": [ocv["charge"], [v + 0.01 for v in ocv["charge"]]],
+                        "discharge": [ocv["discharge"], [v + 0.01 for v in ocv["discharge"]]],
+                    },
+                },
+                "inverter": {
+                    "nominal_kw": float(rng.uniform(60.0, 110.0)),
+                    # Not convex, to see that nothing relies on it.
+                    "load": [0.0, 0.1, 0.3, 0.6, 1.0],
+                    "loss_charge": [0.006, 0.012, 0.011, 0.019, 0.022],
+                    "loss_discharge": [0.005, 0.011, 0.010, 0.016, 0.024],
+                },
+            }
+        )
+    return bess.System(document, name="differing")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A split problem and its compiled control model."""
+
+    system: bess.System
+    state: bess.State
+    demand_kw: NDArray[np.float64]
+    limit_kw: NDArray[np.float64]
+    costs: NDArray[np.float64]
+    horizon: Any
+
+    @property
+    def sign(self) -> NDArray[np.float64]:
+        return np.where(self.demand_kw < 0.0, -1.0, 1.0)
+
+    def random_requests(self, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
+        """Feasible schedules ``(n, n_strings, n_steps)``: random order and shares, some strings off."""
+        n_strings, n_steps = self.limit_kw.shape
+        out = np.zeros((n, n_strings, n_steps))
+        for b in range(n):
+            for t in range(n_steps):
+                left = abs(float(self.demand_kw[t]))
+                order = rng.permutation(n_strings)
+                for place, m in enumerate(order):
+                    rest = self.limit_kw[order[place + 1 :], t].sum()
+                    low, high = max(0.0, left - rest), min(left, self.limit_kw[m, t])
+                    share = rng.choice([0.0, 1.0, rng.random()])
+                    out[b, m, t] = low + share * max(high - low, 0.0)
+                    left -= out[b, m, t]
+        return out * self.sign
+
+    def cost_by_group(self, roll: bess.Rollout, parts: slice) -> NDArray[np.float64]:
+        """Costs ``(..., G, T)`` of some kinds of loss, summed over strings."""
+        losses = np.stack(
+            [
+                roll.availability_loss_kw,
+                roll.derating_loss_kw,
+                roll.inverter_loss_kw,
+                roll.battery_loss_kw,
+            ]
+        )
+        return np.einsum("gml,l...mt->...gt", self.costs[..., parts], losses[parts])
+
+
+def case(
+    seed: int,
+    corner: str,
+    n_strings: int = 2,
+    n_steps: int = 4,
+    weights: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0),
+    like: bool = False,
+    load: tuple[float, float] = (0.05, 1.0),
+) -> Case:
+    rng = np.random.default_rng(seed)
+    system = bess.System.reference(n_strings) if like else differing(n_strings, rng)
+    (soc_low, soc_high), temperature = CORNERS[corner]
+    low = np.array([s.battery.soc_min for s in system.strings])
+    high = np.array([s.battery.soc_max for s in system.strings])
+    soc = np.clip(rng.uniform(soc_low, soc_high, n_strings), low, high)
+    state = bess.State(soc, rng.uniform(*temperature, n_strings))
+    sign = {"full": -1.0, "empty": 1.0}.get(corner, rng.choice([-1.0, 1.0]))
+    demand = sign * rng.uniform(*load, n_steps) * system.nominal_kw.sum()
+    limit = np.repeat(system.nominal_kw[:, None], n_steps, axis=1)
+    inverter_kw, battery_kw = _core.ControlModel(system.core).nominal_loss_kw()
+    scale = 1.0 / np.stack([system.nominal_kw, system.nominal_kw, inverter_kw, battery_kw], axis=1)
+    scale /= n_strings * n_steps
+    first = np.array([weights[0], 0.0, 0.0, 0.0])
+    costs = np.stack([scale * first, scale * (np.array(weights) - first)])
+    horizon = _core.ControlHorizon(
+        system.core,
+        state.soc,
+        state.temperature_c,
+        demand,
+        np.full(n_steps, AMBIENT_C),
+        DT_H,
+        limit,
+        costs,
+        np.array([1e-7, 1e-7]),
+        np.array([1e-6, 1e-6]),
+    )
+    return Case(system, state, demand, limit, costs, horizon)

@@ -1,0 +1,178 @@
+"""Claims about the control model and its bounds on random systems, states and schedules."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from control_cases import AMBIENT_C, CORNERS, DT_H, case
+from control_oracle import rollout as oracle
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import bess
+
+SEEDS = st.integers(0, 2**32 - 1)
+corners = pytest.mark.parametrize("corner", sorted(CORNERS))
+
+
+@corners
+@pytest.mark.parametrize("like", [True, False])
+@settings(max_examples=25, deadline=None)
+@given(seed=SEEDS)
+def test_rollout_equals_an_independent_reading_of_the_specification(
+    corner: str, like: bool, seed: int
+) -> None:
+    problem = case(seed, corner, n_strings=3, n_steps=5, like=like)
+    (request,) = problem.random_requests(np.random.default_rng(seed), 1)
+    roll = bess.rollout(problem.system, problem.state, request, DT_H)
+    expected = oracle(problem.system, problem.state, request, DT_H, AMBIENT_C)
+    for name, values in expected.items():
+        np.testing.assert_allclose(getattr(roll, name), values, rtol=1e-7, atol=2e-5, err_msg=name)
+
+
+@corners
+@settings(max_examples=25, deadline=None)
+@given(seed=SEEDS)
+def test_losses_are_not_negative_and_delivered_plus_lost_is_requested(corner: str, seed: int) -> None:
+    problem = case(seed, corner, n_strings=3, n_steps=8)
+    requests = problem.random_requests(np.random.default_rng(seed), 4)
+    roll = bess.rollout(problem.system, problem.state, requests, DT_H)
+    for name in ("availability", "derating", "inverter", "battery"):
+        assert np.all(getattr(roll, f"{name}_loss_kw") >= 0.0), name
+    total = np.abs(roll.delivered_kw) + roll.availability_loss_kw + roll.derating_loss_kw
+    np.testing.assert_allclose(total, np.abs(requests), atol=1e-9)
+    for string, soc in zip(problem.system.strings, np.moveaxis(roll.soc, -2, 0), strict=True):
+        assert np.all((soc >= string.battery.soc_min) & (soc <= string.battery.soc_max))
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=SEEDS)
+def test_strings_do_not_depend_on_their_order_or_on_the_rest_of_a_batch(seed: int) -> None:
+    problem = case(seed, "regular", n_strings=4, n_steps=6, like=True)
+    requests = problem.random_requests(np.random.default_rng(seed), 3)
+    order = np.random.default_rng(seed).permutation(4)
+    roll = bess.rollout(problem.system, problem.state, requests, DT_H)
+    moved = bess.State(problem.state.soc[order], problem.state.temperature_c[order])
+    for name in bess.Rollout.__dataclass_fields__:
+        values = getattr(roll, name)
+        permuted = getattr(bess.rollout(problem.system, moved, requests[:, order], DT_H), name)
+        alone = getattr(bess.rollout(problem.system, problem.state, requests[1], DT_H), name)
+        np.testing.assert_array_equal(permuted, values[:, order])
+        np.testing.assert_array_equal(alone, values[1])
+
+
+@corners
+@settings(max_examples=20, deadline=None)
+@given(seed=SEEDS)
+def test_objectives_are_the_costs_of_the_rollout(corner: str, seed: int) -> None:
+    problem = case(seed, corner, n_strings=3, n_steps=5)
+    requests = problem.random_requests(np.random.default_rng(seed), 4)
+    roll = bess.rollout(problem.system, problem.state, requests, DT_H)
+    costs = problem.cost_by_group(roll, slice(0, 4)).sum(axis=-1)
+    np.testing.assert_allclose(problem.horizon.evaluate(requests), costs, rtol=1e-12, atol=1e-15)
+
+
+@corners
+@settings(max_examples=30, deadline=None)
+@given(seed=SEEDS)
+def test_reachable_boxes_contain_every_rollout(corner: str, seed: int) -> None:
+    problem = case(seed, corner, n_strings=3, n_steps=8)
+    requests = problem.random_requests(np.random.default_rng(seed), 12)
+    roll = bess.rollout(problem.system, problem.state, requests, DT_H)
+    soc_low, soc_high, t_low, t_high = problem.horizon.reachable()
+    assert np.all((roll.soc >= soc_low[:, 1:]) & (roll.soc <= soc_high[:, 1:]))
+    assert np.all((roll.temperature_c >= t_low[:, 1:]) & (roll.temperature_c <= t_high[:, 1:]))
+
+
+@corners
+@settings(max_examples=30, deadline=None)
+@given(seed=SEEDS, spread=st.sampled_from([0.0, 0.01, 0.1]))
+def test_ranges_contain_the_coefficients_of_every_state_in_a_box(
+    corner: str, seed: int, spread: float
+) -> None:
+    problem = case(seed, corner, n_strings=3, n_steps=4)
+    rng = np.random.default_rng(seed)
+    low = np.minimum(np.repeat(problem.state.soc[:, None], 4, axis=1), 1.0 - spread)
+    cool = np.repeat(problem.state.temperature_c[:, None], 4, axis=1)
+    warm = cool + 50.0 * spread
+    k_lo, k_hi, v_lo, v_hi, r_lo, r_hi, y_lo, y_hi = problem.horizon.ranges(low, low + spread, cool, warm)
+    for _ in range(20):
+        soc, temperature = low + spread * rng.random(low.shape), cool + (warm - cool) * rng.random(cool.shape)
+        k, v, r = problem.horizon.coefficients(soc, temperature)
+        ends = [(k_lo, k, k_hi), (v_lo, v, v_hi), (r_lo, r, r_hi), (y_lo, v**2 / r / 1e3, y_hi)]
+        for lowest, value, highest in ends:
+            assert np.all(value >= lowest * (1 - 1e-12))
+            assert np.all(value <= highest * (1 + 1e-12))
+
+
+@corners
+@pytest.mark.parametrize("weights", [(1, 1, 1, 1), (1, 1, 1, 0), (1, 1, 0, 1), (1, 0, 1, 1)])
+@pytest.mark.parametrize("n_strings", [2, 5])
+@settings(max_examples=10, deadline=None)
+@given(seed=SEEDS)
+def test_no_decision_of_a_step_costs_less_than_its_cut(
+    corner: str, weights: tuple[float, float, float, float], n_strings: int, seed: int
+) -> None:
+    problem = case(seed, corner, n_strings=n_strings, n_steps=6, weights=weights)
+    requests = problem.random_requests(np.random.default_rng(seed), 30)
+    roll = bess.rollout(problem.system, problem.state, requests, DT_H)
+    reachable = problem.horizon.reachable()
+    phi, slope = problem.horizon.step_bounds(*(np.ascontiguousarray(a[:, :-1]) for a in reachable))
+    shed = roll.availability_loss_kw.sum(axis=-2)[:, None, :]
+    cost = problem.cost_by_group(roll, slice(1, 4)) + slope * shed
+    assert np.all(cost >= phi - 1e-12)
+    assert np.any(phi > 0.0)
+
+
+@corners
+@settings(max_examples=10, deadline=None)
+@given(seed=SEEDS)
+def test_cuts_at_frozen_states_hold_for_every_decision_from_these_states(corner: str, seed: int) -> None:
+    problem = case(seed, corner, n_strings=3, n_steps=1)
+    requests = problem.random_requests(np.random.default_rng(seed), 300)
+    roll = bess.rollout(problem.system, problem.state, requests, DT_H)
+    soc, temperature = problem.state.soc[:, None], problem.state.temperature_c[:, None]
+    phi, slope = problem.horizon.step_bounds(soc, soc, temperature, temperature)
+    shed = roll.availability_loss_kw.sum(axis=-2)[:, None, :]
+    assert np.all(problem.cost_by_group(roll, slice(1, 4)) + slope * shed >= phi - 1e-12)
+
+
+@pytest.mark.parametrize("weights", [(1, 1, 1, 1), (1, 1, 1, 1e-3), (1, 1, 1e-3, 1)])
+@pytest.mark.parametrize("corner", ["regular", "hot"])
+@pytest.mark.parametrize("n_strings", [2, 3, 8])
+@settings(max_examples=10, deadline=None)
+@given(seed=SEEDS)
+def test_frozen_cuts_add_up_to_the_greedy_objective_where_nothing_is_shed(
+    weights: tuple[float, float, float, float], corner: str, n_strings: int, seed: int
+) -> None:
+    problem = case(seed, corner, n_strings, 4, weights, like=True, load=(0.05, 0.85))
+    request, objectives = problem.horizon.greedy()
+    roll = bess.rollout(problem.system, problem.state, request, DT_H)
+    soc = np.concatenate([problem.state.soc[:, None], roll.soc[:, :-1]], axis=1)
+    temperature = np.concatenate([problem.state.temperature_c[:, None], roll.temperature_c[:, :-1]], axis=1)
+    phi, _ = problem.horizon.step_bounds(soc, soc, temperature, temperature)
+    assert objectives[0] == 0.0
+    np.testing.assert_allclose(phi[1].sum(), objectives[1], rtol=1e-5)
+
+
+@corners
+@settings(max_examples=10, deadline=None)
+@given(seed=SEEDS)
+def test_search_and_greedy_are_feasible_repeatable_and_report_what_evaluate_says(
+    corner: str, seed: int
+) -> None:
+    problem = case(seed, corner, n_strings=3, n_steps=4)
+    starts = problem.random_requests(np.random.default_rng(seed), 2)
+    horizon = problem.horizon
+    for request, objectives in (horizon.greedy(), horizon.search(starts, 1500)[:2]):
+        magnitude = request * problem.sign
+        np.testing.assert_allclose(magnitude.sum(axis=0), np.abs(problem.demand_kw), rtol=1e-9)
+        assert np.all((magnitude >= 0.0) & (magnitude <= problem.limit_kw * (1 + 1e-15)))
+        np.testing.assert_array_equal(horizon.evaluate(request[None])[0], objectives)
+    again = horizon.search(starts, 1500)
+    np.testing.assert_array_equal(again[0], request)
+    tolerance = 1e-7 + 1e-6 * objectives[0]
+    for start in horizon.evaluate(starts):
+        assert objectives[0] <= start[0] + tolerance
+        if start[0] <= objectives[0]:
+            assert objectives[1] <= start[1] * (1 + 1e-9) + 1e-12
