@@ -85,7 +85,7 @@ def _pick(names: list[str], model: str | None) -> str:
         name for name in names if model is None or model in name
     ]
     if len(set(found)) != 1:
-        some = ", ".join(sorted(set(found or names))[:6])
+        some = ", ".join(map(repr, sorted(set(found or names))[:6]))
         raise InputError(
             f"model {model!r} fits {len(set(found))} of {len(set(names))} inverters; choose one of {some}"
         )
@@ -142,7 +142,7 @@ def _from_bslib_row(path: str | Path, columns: Columns, row: int, max_error: flo
 
     nominal_w = {"AC2BAT": value("P_AC2BAT_in [W]"), "BAT2AC": value("P_BAT2AC_out [W]")}
     if not nominal_w["BAT2AC"] > 0.0 or nominal_w["AC2BAT"] <= 0.0:
-        raise InputError(f"{columns['ID'][row]} has no battery inverter (no BAT2AC values)")
+        raise InputError(f"{columns['ID'][row]!r} has no battery inverter (no BAT2AC values)")
     nominal = float(np.nanmin(list(nominal_w.values())))
     load = np.linspace(0.0, 1.0, 201)
     curves = {}
