@@ -56,6 +56,28 @@ def assert_same(directory: Path, reference: bess.Result) -> None:
     assert not list(directory.rglob("*.tmp"))
 
 
+def test_an_optimised_run_continues_to_the_same_bits(
+    small_parts: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study = bess.load_study("case1", {"run.days": 0.5, "policy.horizon_steps": 4})
+    reference = bess.run(study, progress=False)
+    assert reference.kpis["solver_steps"] > 40
+    calls = iter(range(20))
+    step = bess.Plant.step
+
+    def cut(plant: bess.Plant, *arguments: Any, **options: Any) -> Any:
+        if next(calls, None) is None:
+            raise PowerCut
+        return step(plant, *arguments, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(bess.Plant, "step", cut)
+        with pytest.raises(PowerCut):
+            bess.run(study, progress=False, out=tmp_path / "run")
+    bess.run(study, progress=False, out=tmp_path / "run", resume=True)
+    assert_same(tmp_path / "run", reference)
+
+
 def test_a_run_on_disk_is_the_run_in_memory(short: Study, small_parts: None, tmp_path: Path) -> None:
     result = bess.run(short, progress=False, out=tmp_path / "run")
     assert_same(tmp_path / "run", bess.run(short, progress=False))
@@ -146,7 +168,7 @@ def test_an_arbitrage_plan_under_way_survives_a_crash(
 ) -> None:
     if not PRICES.exists():
         pytest.skip(f"{PRICES} is not there")
-    values = {"demand.prices": str(PRICES), "run.days": 2, "demand.replan_h": 11.0}
+    values = {"policy.name": "soc", "demand.prices": str(PRICES), "run.days": 2, "demand.replan_h": 11.0}
     study = bess.load_study("arbitrage-2024", values)
     reference = bess.run(study, progress=False)
     step = bess.Plant.step

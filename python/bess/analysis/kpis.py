@@ -105,7 +105,7 @@ def _operation(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
 
 
 def _solver(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
-    solved = dataset["solver_nodes"].values > 0
+    solved = dataset["solver_status"].values != 0
     yield "fallback_steps", dataset["fallback"].values.sum()
     yield "solver_steps", solved.sum()
     for name in ("solver_gap", "solver_search_gap", "solver_nodes"):
