@@ -78,7 +78,7 @@ def test_the_whole_file_is_read(read: Any, text: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("read", "text"), READERS)
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150, deadline=None, derandomize=True)
 @given(data=st.data())
 def test_a_broken_file_is_a_table_or_one_input_error(
     read: Any, text: str, data: st.DataObject, tmp_path_factory: pytest.TempPathFactory

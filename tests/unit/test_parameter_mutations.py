@@ -71,7 +71,7 @@ def _mutate(document: Any, path: tuple[Any, ...], kind: str, value: Any) -> None
         document[key] = value
 
 
-@settings(max_examples=400, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=400, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(change, min_size=1, max_size=3))
 def test_a_mutated_document_is_a_system_or_one_input_error(changes: list[tuple[Any, str, Any]]) -> None:
     document = copy.deepcopy(REFERENCE)
@@ -91,7 +91,7 @@ def test_a_mutated_document_is_a_system_or_one_input_error(changes: list[tuple[A
         )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150, deadline=None, derandomize=True)
 @given(st.binary(max_size=60))
 def test_any_bytes_are_a_system_file_or_one_input_error(tmp_path_factory: Any, content: bytes) -> None:
     path = tmp_path_factory.getbasetemp() / "plant.toml"

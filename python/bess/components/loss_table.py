@@ -15,6 +15,7 @@ Curve = tuple[NDArray[np.float64], NDArray[np.float64]]
 """AC power and loss of one direction, as fractions of nominal AC power."""
 
 _LONGEST_EXTRAPOLATION = 0.1
+_LARGEST_KW = 1e6
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,12 @@ class LossTable:
         }
 
 
+def check_nominal(nominal_kw: float) -> None:
+    """Raise :class:`InputError` unless ``nominal_kw`` is a power that an inverter can have."""
+    if not 0.0 < nominal_kw <= _LARGEST_KW:
+        raise InputError(f"nominal_kw {nominal_kw:g} kW must be in (0, {_LARGEST_KW:g}] kW")
+
+
 def check_losses(load: ArrayLike, loss: ArrayLike, direction: Literal["charge", "discharge"]) -> None:
     """Raise ``ValueError`` where more AC power would mean less DC power, or a loss is outside [0, 1)."""
     x, w = np.asarray(load, dtype=np.float64), np.asarray(loss, dtype=np.float64)
@@ -75,6 +82,9 @@ def table_from_curves(
 
     A direction without a curve gets the losses of the other at the same AC power.
     """
+    check_nominal(nominal_kw)
+    if not 0.0 <= off_loss < 0.1:
+        raise InputError(f"off_loss {off_loss:g} must be in [0, 0.1) of nominal power")
     if charge is None and discharge is None:
         raise InputError("inverter table: give values of charge, of discharge, or of both")
     curves = [_completed(curve) for curve in (charge or discharge, discharge or charge) if curve is not None]

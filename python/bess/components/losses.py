@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bess.components.loss_table import Curve, LossTable, table_from_curves
+from bess.components.loss_table import Curve, LossTable, check_nominal, table_from_curves
 from bess.errors import InputError
 
 Axis = Literal["ac", "dc", "input", "output"]
@@ -127,8 +127,7 @@ def inverter_from_loss(
 
 
 def _per_unit(power: ArrayLike, unit: str, nominal_kw: float, axis: str) -> NDArray[np.float64]:
-    if not (np.isfinite(nominal_kw) and nominal_kw > 0.0):
-        raise InputError(f"nominal_kw {nominal_kw:g} kW must be finite and above 0")
+    check_nominal(nominal_kw)
     scale = {"fraction": 1.0, "percent": 0.01, "kw": 1.0 / nominal_kw, "w": 1e-3 / nominal_kw}
     if unit not in scale:
         raise InputError(f"power_unit {unit!r}: allowed are {', '.join(scale)}")
