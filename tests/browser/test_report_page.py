@@ -14,15 +14,15 @@ from synthetic import record
 from bess.report import write_report
 
 WIDTHS = (1400, 390)
-WEIGHTS = {"S1": (1.0, 0.0), "S2": (0.5, 0.5), "S3": (0.0, 1.0)}
+CHARTS = 9
+"""Three over both scenarios, three of each."""
 
 
 @pytest.fixture(scope="module")
-def case_2(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    directory = tmp_path_factory.mktemp("browser") / "case2"
-    for seed, (name, (w3, w4)) in enumerate(WEIGHTS.items()):
-        data = record(2, 96, concentrate=w3, nodes=8, seed=seed)
-        write_run(directory / name, data, name, policy={"objectives": {"inverter": w3, "battery": w4}})
+def scenarios(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    directory = tmp_path_factory.mktemp("browser") / "scenarios"
+    for name, share in (("S1", 1.0), ("S3", 0.0)):
+        write_run(directory / name, record(2, 96, concentrate=share, nodes=8), name)
     return write_report(directory)
 
 
@@ -52,9 +52,11 @@ def opened(browser: Any, page: Path, width: int) -> list[Any]:
 
 
 @pytest.mark.parametrize("width", WIDTHS)
-def test_every_figure_is_drawn_without_a_word_on_the_console(browser: Any, case_2: Path, width: int) -> None:
-    charts = opened(browser, case_2, width)
-    assert len(charts) == 12
+def test_every_figure_is_drawn_without_a_word_on_the_console(
+    browser: Any, scenarios: Path, width: int
+) -> None:
+    charts = opened(browser, scenarios, width)
+    assert len(charts) == CHARTS
     for chart in charts:
         traces = chart.find_elements("css selector", ".scatterlayer .trace")
         assert traces and chart.size["height"] > 150
@@ -62,15 +64,15 @@ def test_every_figure_is_drawn_without_a_word_on_the_console(browser: Any, case_
 
 
 @pytest.mark.parametrize("width", WIDTHS)
-def test_nothing_makes_the_page_scroll_sideways(browser: Any, case_2: Path, width: int) -> None:
-    opened(browser, case_2, width)
+def test_nothing_makes_the_page_scroll_sideways(browser: Any, scenarios: Path, width: int) -> None:
+    opened(browser, scenarios, width)
     script = "return [document.documentElement.scrollWidth, document.documentElement.clientWidth]"
     wide, visible = browser.execute_script(script)
     assert wide <= visible
 
 
-def test_links_lead_to_their_sections_and_pictures_load(browser: Any, case_2: Path) -> None:
-    opened(browser, case_2, 1400)
+def test_links_lead_to_their_sections_and_pictures_load(browser: Any, scenarios: Path) -> None:
+    opened(browser, scenarios, 1400)
     for link in browser.find_elements("css selector", "nav a"):
         link.click()
         target = browser.current_url.rpartition("#")[2]
@@ -78,7 +80,7 @@ def test_links_lead_to_their_sections_and_pictures_load(browser: Any, case_2: Pa
     widths = browser.execute_script(
         "return [...document.querySelectorAll('.still img')].map(i => i.naturalWidth)"
     )
-    assert len(widths) > 12 and min(widths) > 100
+    assert len(widths) > CHARTS and min(widths) > 100
     saved = browser.execute_script(
         "return [...document.querySelectorAll('.save')].map(a => [a.download, a.href])"
     )
@@ -88,8 +90,8 @@ def test_links_lead_to_their_sections_and_pictures_load(browser: Any, case_2: Pa
     )
 
 
-def test_print_shows_the_still_pictures_instead(browser: Any, case_2: Path) -> None:
-    opened(browser, case_2, 1400)
+def test_print_shows_the_still_pictures_instead(browser: Any, scenarios: Path) -> None:
+    opened(browser, scenarios, 1400)
     shown = (
         "return [...document.querySelectorAll(arguments[0])]"
         ".filter(e => getComputedStyle(e).display != 'none').length"
@@ -98,7 +100,7 @@ def test_print_shows_the_still_pictures_instead(browser: Any, case_2: Path) -> N
     browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
     try:
         assert browser.execute_script(shown, ".chart") == 0
-        assert browser.execute_script(shown, ".still") == stills + 12
+        assert browser.execute_script(shown, ".still") == stills + CHARTS
     finally:
         browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
 

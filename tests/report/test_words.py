@@ -95,9 +95,8 @@ def test_the_summary_names_the_best_scenario_and_ties(tmp_path: Path) -> None:
     values = {name: run.kpis["system_efficiency_pct"] for name, run in runs.items()}
     assert values["C"] > values["A"] == values["B"]
     sentence = next(text for text in summary(runs) if "system efficiency" in text)
-    assert sentence.startswith("Highest system efficiency: C with") and sentence.endswith(
-        "better than A and B."
-    )
+    assert sentence.startswith("Highest system efficiency: C with")
+    assert sentence.endswith("better than A, B.")
 
 
 def test_policies_are_set_against_the_equal_split(tmp_path: Path) -> None:
@@ -179,6 +178,13 @@ def test_only_the_papers_weights_are_compared_with_the_paper(tmp_path: Path) -> 
     assert is_case_2(runs(case_2))
     assert not is_case_2(runs(case_2 | {"S2": (0.4, 0.6)}))
     assert not is_case_2(runs({"S1": (1.0, 0.0)}))
+
+
+def test_scenarios_keep_the_order_of_their_study(tmp_path: Path) -> None:
+    for name in ("a", "b", "c"):
+        write_run(tmp_path / name, record(1, 8), name)
+    (tmp_path / "kpis.json").write_text('{"c": {}, "a": {}}')
+    assert list(runs_in(tmp_path)[0]) == ["c", "a", "b"]
 
 
 def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:

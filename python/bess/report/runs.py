@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -101,7 +102,9 @@ def runs_in(directory: Path) -> tuple[dict[str, Run], dict[str, str]]:
     """
     runs: dict[str, Run] = {}
     problems: dict[str, str] = {}
-    for name, folder in scenario_directories(directory).items():
+    folders = scenario_directories(directory)
+    for name in sorted(folders, key=_order_in(directory)):
+        folder = folders[name]
         run = Run(name, folder, read_identity(folder) or {})
         try:
             _ = run.kpis
@@ -113,3 +116,13 @@ def runs_in(directory: Path) -> tuple[dict[str, Run], dict[str, str]]:
         reason = next(iter(problems.values()), f"{directory}: holds no run")
         raise InputError(f"{reason}; bess report needs the folder that bess run or bess sweep wrote")
     return runs, problems
+
+
+def _order_in(directory: Path) -> Callable[[str], tuple[int, str]]:
+    """Order of the study file, as the summary of all runs has it; names it does not have come last."""
+    try:
+        summary = list(json.loads((directory / "kpis.json").read_text(encoding="utf-8")))
+    except FileNotFoundError:
+        summary = []
+    places = {name: index for index, name in enumerate(summary)}
+    return lambda name: (places.get(name, len(places)), name)

@@ -29,9 +29,14 @@ class SweepTable:
     kpis: dict[str, dict[str, float]]
     failed: dict[str, str]
 
+    @property
+    def has_front(self) -> bool:
+        """Whether a number was swept: a handful of named scenarios is compared, but forms no front."""
+        return len(self.kpis) >= _FEWEST_POINTS and any(True for _ in self._numeric_parameters())
+
     def exhibits(self) -> Iterator[Exhibit]:
         """Front of inverter and battery efficiency, and KPIs over the parameter if one number was swept."""
-        if len(self.kpis) < _FEWEST_POINTS:
+        if not self.has_front:
             return
         yield Exhibit(
             "front",
@@ -53,7 +58,7 @@ class SweepTable:
 
     def front_sentence(self) -> str:
         """Size of the front, its knee, and its hypervolume."""
-        if len(self.kpis) < _FEWEST_POINTS:
+        if not self.has_front:
             return ""
         names = list(self.kpis)
         points = np.array([[row[_X], row[_Y]] for row in self.kpis.values()])

@@ -73,8 +73,8 @@ def _best_of(key: str, values: Mapping[str, float]) -> str:
     shown = f"{best:.{name.decimals}f} {name.unit}"
     if best == worst:
         return f"{name.text} is {shown} in every scenario."
-    first = " and ".join(scenario for scenario, value in rounded.items() if value == best)
-    last = " and ".join(scenario for scenario, value in rounded.items() if value == worst)
+    first = ", ".join(scenario for scenario, value in rounded.items() if value == best)
+    last = ", ".join(scenario for scenario, value in rounded.items() if value == worst)
     word = "Highest" if name.better == "max" else "Lowest"
     unit = "points" if name.unit == "%" else "K"
     return (
@@ -114,9 +114,10 @@ def _warnings_of_many(runs: Mapping[str, Run]) -> Iterator[str]:
     }
     worst, count = _worst(runs, excess)
     if count:
+        gap = 100 * runs[worst].kpis["solver_search_gap_max"]
         yield (
-            f"{count} of {len(runs)} scenarios: steps in which the search stopped above its target gap; worst in "
-            f"{worst}, {100 * runs[worst].kpis['solver_search_gap_max']:.2g} %."
+            f"{count} of {len(runs)} scenarios: steps in which the search stopped above its target gap; "
+            f"worst in {worst}, {gap:.2g} %."
         )
 
 

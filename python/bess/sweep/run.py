@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bess.errors import StoppedEarly
-from bess.simulation import prepare_folder
+from bess.simulation import prepare_folder, write_summary
 from bess.simulation.scenarios import expand
 from bess.simulation.study import Study, load_study
 from bess.sweep.cluster import workers_for
@@ -108,6 +108,8 @@ def run_sweep(
         ) from None
     finally:
         write_table(directory, keys, studies, outcomes)
+        done = {name: outcomes[name].kpis for name in studies if name in outcomes and outcomes[name].kpis}
+        write_summary(directory, done)
     return SweepResult(directory, {name: outcomes[name] for name in studies})
 
 
