@@ -55,13 +55,14 @@ def _one(run: Run) -> str:
     data, kpis = run.dataset, run.kpis
     asked = float(np.abs(data["demand_kw"]).sum()) * step_h(data)
     delivered = float(np.abs(data["delivered_kw"].sum("string")).sum()) * step_h(data)
+    revenue = f" Revenue: {kpis['revenue_eur']:,.0f} EUR." if "revenue_eur" in kpis else ""
     return (
         f"{delivered:,.0f} of {asked:,.0f} kWh asked for (charge and discharge) were delivered: availability "
         f"{kpis['availability_pct']:.2f} %, derating efficiency {kpis['derating_efficiency_pct']:.2f} %. "
         f"System efficiency was {kpis['system_efficiency_pct']:.2f} % (inverter "
         f"{kpis['inverter_efficiency_pct']:.2f} %, battery {kpis['battery_efficiency_pct']:.2f} %). The mean "
         f"temperature peaked at {kpis['peak_mean_temperature_c']:.1f} °C, the hottest node reached "
-        f"{kpis['peak_node_temperature_c']:.1f} °C."
+        f"{kpis['peak_node_temperature_c']:.1f} °C.{revenue}"
     )
 
 
