@@ -1,5 +1,6 @@
 """Claims about the record of a run: balances, limits, KPIs, events, unmet demand, and repeatability."""
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,8 @@ import pytest
 import xarray as xr
 
 import bess
-from bess.policies import POLICIES
+from bess.policies import POLICIES, Decision, Situation
+from bess.policies.rule import RulePolicy
 
 
 def run(values: dict[str, Any] | None = None) -> bess.Result:
@@ -251,3 +253,37 @@ def test_real_prices_and_weather_make_a_demand_that_earns_money() -> None:
     assert result.kpis["revenue_eur"] > 0.0
     assert result.kpis["full_cycles"] > 1.0
     assert result.dataset.ambient_c.values.std() > 0.0
+
+
+@pytest.mark.parametrize(
+    ("name", "broken", "expected"),
+    [("soc", np.nan, "step 3: the plant returned soc"), ("delivered_kw", np.inf, "returned delivered_kw")],
+)
+def test_a_plant_that_returns_no_number_ends_the_run(
+    name: str, broken: float, expected: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    step = bess.Plant.step
+    calls = iter(range(4))
+
+    def failing(plant: bess.Plant, *arguments: Any, **options: Any) -> Any:
+        flows = step(plant, *arguments, **options)
+        return (
+            dataclasses.replace(flows, **{name: getattr(flows, name) * broken})
+            if next(calls, 0) == 3
+            else flows
+        )
+
+    monkeypatch.setattr(bess.Plant, "step", failing)
+    with pytest.raises(bess.BessError, match=expected):
+        run({"run.days": 0.25})
+
+
+def test_a_policy_that_misses_the_demand_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    def half(policy: RulePolicy, situation: Situation) -> Decision:
+        return Decision(np.full(2, situation.demand_kw[0] / 4.0))
+
+    monkeypatch.setattr(RulePolicy, "__call__", half)
+    with pytest.raises(
+        bess.BessError, match=r"step 0: the policy requested \[-19\.5, -19\.5\] kW for -78 kW"
+    ):
+        run({"run.days": 0.25})

@@ -374,7 +374,7 @@ def same(first: Any, second: Any) -> bool:
         return first.keys() == second.keys() and all(same(first[key], second[key]) for key in first)
     if isinstance(first, np.ndarray):
         return first.tobytes() == second.tobytes() and first.shape == second.shape
-    return type(first) is type(second) and (first == second or (first != first and second != second))
+    return type(first) is type(second) and bool(first == second or (first != first and second != second))
 
 
 @given(TREES)

@@ -135,7 +135,7 @@ def test_temperature_shares_by_the_distance_from_the_end_of_derating() -> None:
 
 @given(
     total=st.floats(0.0, 500.0),
-    weights=stn.arrays(float, 4, elements=st.floats(0.0, 10.0)),
+    weights=stn.arrays(float, 4, elements=st.just(0.0) | st.floats(1e-6, 10.0)),
     caps=stn.arrays(float, 4, elements=st.floats(0.0, 100.0)),
 )
 def test_water_filling_fills_up_to_the_caps_and_is_proportional_below(

@@ -172,7 +172,7 @@ def test_scenarios_are_combined_with_every_point_of_every_axis(tmp_path: Path) -
     assert (run.name, run.system.ambient_c) == ("hot_horizon_steps=8_scale=1.5", 35.0)
     assert run.policy.horizon_steps == 8
     assert run.demand.scale == 1.5  # type: ignore[union-attr]
-    assert run.scenario == run.sweep == ()
+    assert not run.scenario and not run.sweep
 
 
 def test_a_simplex_has_all_shares_that_sum_to_one(tmp_path: Path) -> None:

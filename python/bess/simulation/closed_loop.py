@@ -74,7 +74,6 @@ class ClosedLoop:
             record["price_eur_mwh"] = inputs.price_eur_mwh[step]
         for name in self._flows:
             record[name] = getattr(flows, name)
-        self._check(record)
         log = {
             "step": step,
             "time": str(np.datetime64(inputs.grid.start_s + step * inputs.grid.step_s, "s")) + "Z",
@@ -118,13 +117,18 @@ class ClosedLoop:
             )
         return decision
 
-    def _check(self, record: Mapping[str, Any]) -> None:
-        for name in FLOWS:
-            if not np.isfinite(record[name]).all():
-                raise BessError(
-                    f"step {self.step}: the plant returned {name} = {record[name]}; please report this"
-                )
-
 
 def _listed(values: NDArray[np.float64]) -> str:
     return "[" + ", ".join(f"{value:g}" for value in values[:8]) + (", ...]" if values.size > 8 else "]")
+
+
+def check_finite(first_step: int, record: Mapping[str, NDArray[Any]]) -> None:
+    """Raise if the plant returned anything but finite numbers; arrays have the steps along the first axis."""
+    for name in FLOWS:
+        finite = np.isfinite(record[name].reshape(len(record[name]), -1)).all(axis=1)
+        if not finite.all():
+            step = int(np.argmin(finite))
+            raise BessError(
+                f"step {first_step + step}: the plant returned {name} = {record[name][step]}; "
+                "please report this"
+            )

@@ -49,10 +49,11 @@ def write_netcdf(path: Path, frame: Frame, records: Iterator[tuple[int, Record]]
     """
     import h5netcdf
 
-    first_record = next(records)
+    batches = _batches(records)
+    first_batch = next(batches)
     n_steps = frame.time.size
     # HDF5 crashes the process if a write fails, so a full disk has to show before it begins.
-    _try_size(path, _largest_size(first_record[1], n_steps))
+    _try_size(path, _largest_size(first_batch[1], n_steps))
     with h5netcdf.File(path, "w") as file:
         file.attrs.update(dict(frame.attrs))
         file.dimensions = {"time": n_steps}
@@ -60,11 +61,29 @@ def write_netcdf(path: Path, frame: Frame, records: Iterator[tuple[int, Record]]
         time.attrs.update({"units": "seconds since 1970-01-01", "calendar": "proleptic_gregorian"})
         time.attrs.update({"long_name": "start of the step (UTC)"})
         time[:] = (frame.time - _EPOCH).astype(np.int64)
-        for first, record in itertools.chain([first_record], records):
+        for first, record in itertools.chain([first_batch], batches):
             for name, values in record.items():
                 if name not in file.variables:
                     _create(file, name, values, n_steps, frame.variable_attrs.get(name, {}))
                 file.variables[name][first : first + len(values)] = values
+
+
+def _batches(records: Iterator[tuple[int, Record]]) -> Iterator[tuple[int, Record]]:
+    """Join records to batches of about a chunk: HDF5's cost is by the call."""
+    waiting: list[Record] = []
+    first = steps = 0
+    for _, record in records:
+        waiting.append(record)
+        steps += len(record["demand_kw"])
+        if steps >= _CHUNK_STEPS:
+            yield first, _joined(waiting)
+            first, steps, waiting = first + steps, 0, []
+    if waiting:
+        yield first, _joined(waiting)
+
+
+def _joined(records: list[Record]) -> Record:
+    return {name: np.concatenate([record[name] for record in records]) for name in records[0]}
 
 
 def _largest_size(record: Record, n_steps: int) -> int:

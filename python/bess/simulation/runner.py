@@ -16,7 +16,7 @@ from bess.errors import InputError, StoppedEarly
 from bess.plant import Plant
 from bess.policies import Policy, Settings, build_policy
 from bess.simulation.atomic import TEMPORARY, replacing, write_bytes
-from bess.simulation.closed_loop import ClosedLoop
+from bess.simulation.closed_loop import ClosedLoop, check_finite
 from bess.simulation.frame import describe_frame, frame_of
 from bess.simulation.identity import (
     IDENTITY,
@@ -37,7 +37,7 @@ from bess.simulation.study import Study
 
 PART_STEPS = 96
 """Steps after which a part is saved at the latest: what a crash can cost, and what is held in memory."""
-PART_SECONDS = 20.0
+PART_SECONDS = 5.0
 """Time after which a part is saved even if it is shorter."""
 
 
@@ -169,6 +169,7 @@ def _complete(directory: Path, study: Study, inputs: Inputs, policy: Policy, *, 
 def _save(directory: Path, first: int, rows: list[dict[str, Any]], loop: ClosedLoop, log: StepLog) -> None:
     """Log first, so that the log on disk is never shorter than the checkpoint says."""
     record = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    check_finite(first, record)
     write_part(directory, first, record, {"loop": loop.checkpoint(), "log_bytes": log.sync()})
 
 
