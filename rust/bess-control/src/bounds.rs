@@ -10,7 +10,9 @@ use crate::ranges::{CoefficientRanges, StateBox};
 const ROUNDING: f64 = 1e-11;
 const MAX_SLOPES: usize = 12;
 /// Share of the bound that is given up for a smaller slope.
-const GAP_OF_SLOPE: f64 = 1e-9;
+const GAP_OF_SLOPE: f64 = 1e-7;
+/// Slopes are this much steeper than they would have to be, so that few are tried.
+const MARGIN_OF_SLOPE: f64 = 1e-2;
 /// Highest slope, in units of the steepest marginal cost.
 const HIGHEST_SLOPE: f64 = 2e3;
 
@@ -83,9 +85,8 @@ fn step_bound(mut curves: Vec<CostCurve>, demand_w: f64) -> StepBound {
     let highest =
         HIGHEST_SLOPE * steepest.max(if nothing_shed.is_finite() { nothing_shed / demand_w } else { 0.0 });
     let mut slope = curves.iter().map(|c| c.terms.costs[1]).fold(0.0, f64::max);
-    if nothing_shed.is_infinite() {
-        slope = slope.max(2.0 * steepest);
-    }
+    // Shedding everything saves all: no smaller slope will do.
+    slope = slope.max(if nothing_shed.is_finite() { nothing_shed / demand_w } else { 2.0 * steepest });
     for _ in 0..MAX_SLOPES {
         for curve in &mut curves {
             curve.terms.shed_cost = slope;
@@ -101,7 +102,7 @@ fn step_bound(mut curves: Vec<CostCurve>, demand_w: f64) -> StepBound {
             return StepBound { phi: phi - ROUNDING * phi.abs(), shed_slope: slope };
         }
         // Dinkelbach: the slope at which what this answer sheds no longer pays.
-        slope = ((slope + missing / answer.shed_w) * (1.0 + 1e-9)).min(highest);
+        slope = ((slope + missing / answer.shed_w) * (1.0 + MARGIN_OF_SLOPE)).min(highest);
     }
     for curve in &mut curves {
         curve.terms.shed_cost = slope;

@@ -289,23 +289,28 @@ impl ControlHorizon {
 
     /// Magnitudes of signed requests; an error where one points against the demand or is above its limit.
     pub fn magnitudes(&self, requests_w: &[f64]) -> Result<Vec<f64>, ControlError> {
-        let n_steps = self.n_steps();
-        let size = (self.n_strings() * n_steps).max(1);
+        let bounds: Vec<(f64, f64)> = (0..self.n_strings() * self.n_steps())
+            .map(|i| {
+                let t = i % self.n_steps();
+                match self.direction(t) {
+                    _ if self.demand_w[t] == 0.0 => (0.0, 0.0),
+                    Direction::Charge => (-self.limit_w[i], 0.0),
+                    Direction::Discharge => (0.0, self.limit_w[i]),
+                }
+            })
+            .collect();
+        // Rounding of an optimiser outside is let through, nothing more.
+        let slack =
+            1e-6 * (0..self.n_strings()).map(|m| self.string(m).nominal_w()).fold(f64::INFINITY, f64::min);
         let mut magnitudes = Vec::with_capacity(requests_w.len());
-        for (position, &value) in requests_w.iter().enumerate() {
-            let (m, t) = (position % size / n_steps, position % n_steps);
-            let nominal = self.string(m).nominal_w();
-            let (low, high) = match self.intervals[t].direction {
-                _ if self.demand_w[t] == 0.0 => (0.0, 0.0),
-                Direction::Charge => (-self.limit(m, t), 0.0),
-                Direction::Discharge => (0.0, self.limit(m, t)),
-            };
-            // Rounding of an optimiser outside is let through, nothing more.
-            let slack = 1e-6 * nominal;
-            if !(low - slack..=high + slack).contains(&value) {
-                return Err(ControlError::Range { name: "request", position, value, low, high, unit: " W" });
+        for schedule in requests_w.chunks_exact(bounds.len().max(1)) {
+            for (&value, &(low, high)) in schedule.iter().zip(&bounds) {
+                if !(low - slack..=high + slack).contains(&value) {
+                    let (name, position, unit) = ("request", magnitudes.len(), " W");
+                    return Err(ControlError::Range { name, position, value, low, high, unit });
+                }
+                magnitudes.push(value.clamp(low, high).abs());
             }
-            magnitudes.push(value.clamp(low, high).abs());
         }
         Ok(magnitudes)
     }

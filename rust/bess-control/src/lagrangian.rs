@@ -1,6 +1,6 @@
 //! Lower bounds of the one-step problem: one price of the demand for all strings.
 
-use crate::one_step_curve::CostCurve;
+use crate::one_step_curve::{CostCurve, Response};
 
 const MAX_PRICES: usize = 80;
 const GAP: f64 = 1e-12;
@@ -28,18 +28,17 @@ impl Choice {
 }
 
 /// The Lagrangian at one price.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Copy)]
 struct AtPrice {
     price: f64,
     /// Lower bound of the one-step optimum.
     bound: f64,
     total_w: f64,
-    request_w: Vec<f64>,
     shed_w: f64,
-    /// Free strings, most eager to be on first; the first `n_on` of them are on.
-    order: Vec<usize>,
-    n_on: usize,
 }
+
+/// A free string with its answers on and off.
+type Open = (usize, Response, Response);
 
 /// Best Lagrangian bound, with the requests that go with it.
 #[derive(Debug, Clone)]
@@ -55,42 +54,44 @@ pub(crate) struct Dual {
     pub n_on: usize,
 }
 
-fn at_price(curves: &[CostCurve], choice: &Choice, demand_w: f64, price: f64) -> AtPrice {
-    let mut out = AtPrice { price, request_w: vec![0.0; curves.len()], ..AtPrice::default() };
-    let mut free = Vec::new();
-    let mut value = 0.0;
+/// The Lagrangian at a price. `open` is scratch and ends up with the free strings, most eager to be on first;
+/// `visit` sees the answer of each string.
+fn at_price(
+    curves: &[CostCurve],
+    choice: &Choice,
+    demand_w: f64,
+    price: f64,
+    open: &mut Vec<Open>,
+    mut visit: impl FnMut(usize, bool, &Response),
+) -> AtPrice {
+    let (mut value, mut total_w, mut shed_w) = (0.0, 0.0, 0.0);
+    let mut take = |m: usize, on: bool, response: &Response| {
+        value += response.value;
+        total_w += response.request_w;
+        shed_w += response.shed_w;
+        visit(m, on, response);
+    };
+    open.clear();
     for (m, (curve, mode)) in curves.iter().zip(&choice.modes).enumerate() {
-        let response = match mode {
-            Mode::On => curve.on(price),
-            Mode::Off => curve.off(price),
-            Mode::Free => {
-                free.push((m, curve.on(price), curve.off(price)));
-                continue;
-            }
-        };
-        value += response.value;
-        out.request_w[m] = response.request_w;
-        out.shed_w += response.shed_w;
+        match mode {
+            Mode::On => take(m, true, &curve.on(price)),
+            Mode::Off => take(m, false, &curve.off(price)),
+            Mode::Free => open.push((m, curve.on(price), curve.off(price))),
+        }
     }
-    free.sort_by(|a, b| (a.1.value - a.2.value).total_cmp(&(b.1.value - b.2.value)));
-    out.n_on = choice
+    open.sort_by(|a, b| (a.1.value - a.2.value).total_cmp(&(b.1.value - b.2.value)));
+    let n_on = choice
         .free_to_switch_on()
-        .unwrap_or_else(|| free.iter().take_while(|(_, on, off)| on.value < off.value).count());
-    for (rank, (m, on, off)) in free.iter().enumerate() {
-        let response = if rank < out.n_on { on } else { off };
-        value += response.value;
-        out.request_w[*m] = response.request_w;
-        out.shed_w += response.shed_w;
-        out.order.push(*m);
+        .unwrap_or_else(|| open.iter().take_while(|(_, on, off)| on.value < off.value).count());
+    for (rank, (m, on, off)) in open.iter().enumerate() {
+        take(*m, rank < n_on, if rank < n_on { on } else { off });
     }
-    out.total_w = out.request_w.iter().sum();
-    out.bound = value + price * demand_w;
-    out
+    AtPrice { price, bound: value + price * demand_w, total_w, shed_w }
 }
 
 /// Bound at one price only.
 pub(crate) fn bound_at(curves: &[CostCurve], choice: &Choice, demand_w: f64, price: f64) -> f64 {
-    at_price(curves, choice, demand_w, price).bound
+    at_price(curves, choice, demand_w, price, &mut Vec::new(), |_, _, _| ()).bound
 }
 
 /// Largest total request that a choice can take without shedding [W].
@@ -118,7 +119,7 @@ pub(crate) fn maximise(curves: &[CostCurve], choice: &Choice, demand_w: f64, gue
     let must_serve = curves.iter().all(|c| c.terms.shed_cost.is_infinite());
     let possible = choice
         .free_to_switch_on()
-        .map_or(true, |n| n <= choice.modes.iter().filter(|m| **m == Mode::Free).count());
+        .is_none_or(|n| n <= choice.modes.iter().filter(|m| **m == Mode::Free).count());
     if !possible || (must_serve && capacity_w(curves, choice) < demand_w * (1.0 - 1e-12)) {
         return Dual {
             bound: f64::INFINITY,
@@ -130,7 +131,8 @@ pub(crate) fn maximise(curves: &[CostCurve], choice: &Choice, demand_w: f64, gue
         };
     }
     let steepest = curves.iter().map(CostCurve::steepest).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
-    let at = |price: f64| at_price(curves, choice, demand_w, price);
+    let mut open = Vec::with_capacity(curves.len());
+    let mut at = |price: f64| at_price(curves, choice, demand_w, price, &mut open, |_, _, _| ());
     let first = at(guess);
     let (mut low, mut high) = (None, None);
     let mut step = 0.1 * steepest;
@@ -149,7 +151,7 @@ pub(crate) fn maximise(curves: &[CostCurve], choice: &Choice, demand_w: f64, gue
     }
     let (mut low, mut high) = match (low, high) {
         (Some(low), Some(high)) => (low, high),
-        (Some(only), None) | (None, Some(only)) => return close(only.clone(), only, demand_w),
+        (Some(only), None) | (None, Some(only)) => return close(curves, choice, demand_w, only, only),
         (None, None) => unreachable!("one price was tried"),
     };
     while used < MAX_PRICES {
@@ -175,16 +177,31 @@ pub(crate) fn maximise(curves: &[CostCurve], choice: &Choice, demand_w: f64, gue
             high = point;
         }
     }
-    close(low, high, demand_w)
+    close(curves, choice, demand_w, low, high)
 }
 
 /// The better bound, and the mixture of both requests that meets the demand.
-fn close(low: AtPrice, high: AtPrice, demand_w: f64) -> Dual {
+fn close(curves: &[CostCurve], choice: &Choice, demand_w: f64, low: AtPrice, high: AtPrice) -> Dual {
     let gap = high.total_w - low.total_w;
     let share = if gap > 0.0 { ((demand_w - low.total_w) / gap).clamp(0.0, 1.0) } else { 0.0 };
-    let mix = |a: f64, b: f64| a + share * (b - a);
-    let request_w = low.request_w.iter().zip(&high.request_w).map(|(a, b)| mix(*a, *b)).collect();
-    let shed_w = mix(low.shed_w, high.shed_w);
     let best = if high.bound > low.bound { high } else { low };
-    Dual { bound: best.bound, price: best.price, request_w, shed_w, order: best.order, n_on: best.n_on }
+    let mut request_w = vec![0.0; curves.len()];
+    let mut open = Vec::with_capacity(curves.len());
+    for (point, weight) in [(low, 1.0 - share), (high, share)] {
+        at_price(curves, choice, demand_w, point.price, &mut open, |m, _, response| {
+            request_w[m] += weight * response.request_w;
+        });
+    }
+    let mut n_on = 0;
+    at_price(curves, choice, demand_w, best.price, &mut open, |m, on, _| {
+        n_on += usize::from(on && choice.modes[m] == Mode::Free);
+    });
+    Dual {
+        bound: best.bound,
+        price: best.price,
+        request_w,
+        shed_w: low.shed_w + share * (high.shed_w - low.shed_w),
+        order: open.iter().map(|(m, _, _)| *m).collect(),
+        n_on,
+    }
 }

@@ -13,13 +13,15 @@ pub(crate) struct LossCurve {
     loss: Vec<f64>,
     /// Running maximum of `g` over the knots.
     internal: Vec<f64>,
+    /// Slopes of both between the knots; of the last knot, zero.
+    slopes: Vec<(f64, f64)>,
 }
 
 impl LossCurve {
     pub fn new(table: &Lut, direction: Direction, nominal_w: f64) -> Self {
         let inner = table.x().iter().copied().filter(|&x| x > 0.0 && x < nominal_w);
         let knots: Vec<f64> = std::iter::once(0.0).chain(inner).chain(std::iter::once(nominal_w)).collect();
-        let mut curve = Self { direction, power: vec![], loss: vec![], internal: vec![] };
+        let mut curve = Self { direction, power: vec![], loss: vec![], internal: vec![], slopes: vec![] };
         let mut highest = f64::NEG_INFINITY;
         for (index, &p) in knots.iter().enumerate() {
             let g = curve.direction_power(p, table.at(p));
@@ -34,6 +36,12 @@ impl LossCurve {
             highest = highest.max(g);
             curve.push(p, table.at(p), highest);
         }
+        for index in 1..curve.power.len() {
+            let run = curve.power[index] - curve.power[index - 1];
+            let rise = |y: &[f64]| (y[index] - y[index - 1]) / run;
+            curve.slopes.push((rise(&curve.loss), rise(&curve.internal)));
+        }
+        curve.slopes.push((0.0, 0.0));
         curve
     }
 
@@ -65,17 +73,14 @@ impl LossCurve {
     /// Loss and running maximum of `g` at a power [W].
     #[inline]
     pub fn at(&self, power_w: f64) -> (f64, f64) {
-        let last = self.power.len() - 1;
-        if power_w >= self.power[last] {
-            return (self.loss[last], self.internal[last]);
-        }
         let mut segment = 0;
-        while power_w >= self.power[segment + 1] {
-            segment += 1;
+        for &knot in &self.power[1..] {
+            // Counting instead of leaving the loop early: requests are random to the branch predictor.
+            segment += usize::from(power_w >= knot);
         }
-        let share = (power_w - self.power[segment]) / (self.power[segment + 1] - self.power[segment]);
-        let between = |y: &[f64]| y[segment] + share * (y[segment + 1] - y[segment]);
-        (between(&self.loss), between(&self.internal))
+        let beyond = power_w - self.power[segment];
+        let (loss_slope, internal_slope) = self.slopes[segment];
+        (self.loss[segment] + loss_slope * beyond, self.internal[segment] + internal_slope * beyond)
     }
 
     /// Largest AC power whose internal power, and that of every smaller one, is at most `internal_w` [W].

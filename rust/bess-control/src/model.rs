@@ -134,37 +134,31 @@ impl StringModel {
             return self.idle(state, derating_w, 0.0, interval);
         }
 
-        let curve = self.loss(direction);
-        let internal_limit = self.internal_limit_w(&c, direction, state.soc, interval.dt_h);
-        let (mut inverter_w, internal) = curve.at(wanted);
-        let mut delivered_w = wanted;
-        if internal > internal_limit {
-            delivered_w = curve.largest_power(internal_limit).min(wanted);
-            inverter_w = curve.at(delivered_w).0;
-        }
-        if delivered_w <= 0.0 {
-            return self.idle(state, derating_w, wanted, interval);
-        }
-
-        let internal = curve.direction_power(delivered_w, inverter_w);
-        let (v, r) = (c.voltage_v, c.resistance_ohm);
         let p = &self.parameters;
-        // Small root in its stable form; the root exists because internal <= limit <= V^2 / 4R.
-        let (current_a, soc) = match direction {
-            Direction::Charge => {
-                let current = 2.0 * internal / (v + (v * v + 4.0 * r * internal).max(0.0).sqrt());
-                (current, state.soc + current * interval.dt_h / p.capacity_ah)
+        let curve = self.loss(direction);
+        let (mut inverter_w, highest_internal) = curve.at(wanted);
+        let mut delivered_w = wanted;
+        let (mut current_a, has_root) = small_root(&c, direction, highest_internal);
+        let mut soc = self.soc_after(state.soc, current_a, interval);
+        // Most requests are deliverable; only the others need the limit, which is an inversion.
+        let fits = has_root && soc <= p.soc_max && (direction == Direction::Charge || soc >= p.soc_min);
+        if !fits || curve.direction_power(wanted, inverter_w) != highest_internal {
+            let internal_limit = self.internal_limit_w(&c, direction, state.soc, interval.dt_h);
+            if highest_internal > internal_limit {
+                delivered_w = curve.largest_power(internal_limit).min(wanted);
+                inverter_w = curve.at(delivered_w).0;
             }
-            Direction::Discharge => {
-                let current = 2.0 * internal / (v + (v * v - 4.0 * r * internal).max(0.0).sqrt());
-                (current, state.soc - current * interval.dt_h / p.capacity_ah)
+            if delivered_w <= 0.0 {
+                return self.idle(state, derating_w, wanted, interval);
             }
-        };
+            (current_a, _) = small_root(&c, direction, curve.direction_power(delivered_w, inverter_w));
+            soc = self.soc_after(state.soc, current_a, interval);
+        }
         if soc < p.soc_min && direction == Direction::Charge {
             // Less from the grid than the inverter needs, and an empty battery to make up for it.
             return self.idle(state, derating_w, wanted, interval);
         }
-        let battery_w = r * current_a * current_a;
+        let battery_w = c.resistance_ohm * current_a * current_a;
         Flow {
             delivered_w,
             availability_w: wanted - delivered_w,
@@ -177,6 +171,15 @@ impl StringModel {
                 soc: soc.clamp(p.soc_min, p.soc_max),
                 temperature_c: self.warmed(state.temperature_c, battery_w, interval),
             },
+        }
+    }
+
+    #[inline]
+    fn soc_after(&self, soc: f64, current_a: f64, interval: &Interval) -> f64 {
+        let charge = current_a * interval.dt_h / self.parameters.capacity_ah;
+        match interval.direction {
+            Direction::Charge => soc + charge,
+            Direction::Discharge => soc - charge,
         }
     }
 
@@ -202,4 +205,16 @@ impl StringModel {
             },
         }
     }
+}
+
+/// Current [A] of `V I +- R I^2 = internal_w`, the small root in its stable form, and whether there is one. Without one
+/// (or a rounding error short of it) the current of the double root.
+#[inline]
+fn small_root(c: &Coefficients, direction: Direction, internal_w: f64) -> (f64, bool) {
+    let (v, product) = (c.voltage_v, 4.0 * c.resistance_ohm * internal_w);
+    let square = match direction {
+        Direction::Charge => v * v + product,
+        Direction::Discharge => v * v - product,
+    };
+    (2.0 * internal_w / (v + square.max(0.0).sqrt()), square >= 0.0)
 }

@@ -24,9 +24,9 @@ impl ControlHorizon {
             let mut states =
                 StateBox { soc: Range::point(start.soc), temperature_c: Range::point(start.temperature_c) };
             boxes.push(states);
-            for t in 0..n_steps {
-                let others = totals[t] - self.limit(m, t);
-                let slack = 1e-9 * totals[t];
+            for (t, total) in totals.iter().enumerate() {
+                let others = total - self.limit(m, t);
+                let slack = 1e-9 * total;
                 let requests = Range {
                     low: (self.demand_w[t] - others - slack).max(0.0),
                     high: self.limit(m, t).min(self.demand_w[t]) * (1.0 + 1e-12),

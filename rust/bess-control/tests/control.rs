@@ -1,0 +1,111 @@
+//! Properties of the control model and of what the search builds on it, on random states and requests.
+#![allow(missing_docs)]
+
+use bess_control::{ControlModel, Interval, Range, StateBox, StringModel, StringState};
+use bess_tables::Direction;
+use proptest::prelude::*;
+
+mod common;
+
+fn string() -> StringModel {
+    ControlModel::new(&common::reference(1)).strings()[0].clone()
+}
+
+fn interval(charge: bool, dt_h: f64) -> Interval {
+    let direction = if charge { Direction::Charge } else { Direction::Discharge };
+    Interval { direction, ambient_c: 25.0, dt_h }
+}
+
+proptest! {
+    #[test]
+    fn power_heat_and_loss_balance_whatever_is_asked(
+        charge: bool, soc in 0.0..=1.0, temperature_c in 0.0..65.0, request_w in 0.0..92e3, dt_h in 0.01..1.0,
+    ) {
+        let (string, interval) = (string(), interval(charge, dt_h));
+        let state = StringState { soc, temperature_c };
+        let flow = string.step(state, request_w, &interval);
+        let c = string.coefficients(interval.direction, state);
+        prop_assert!(flow.availability_w >= 0.0 && flow.derating_w >= 0.0);
+        prop_assert!(flow.inverter_w >= 0.0 && flow.battery_w >= 0.0);
+        prop_assert!((0.0..=1.0).contains(&flow.end.soc));
+        let total = flow.delivered_w + flow.availability_w + flow.derating_w;
+        prop_assert!((total - request_w).abs() <= 1e-9 * request_w);
+        let chemical = c.voltage_v * flow.current_a;
+        let balance = if charge {
+            flow.delivered_w - flow.inverter_w - flow.battery_w - chemical
+        } else {
+            chemical - flow.delivered_w - flow.inverter_w - flow.battery_w
+        };
+        // At the double root of a discharge half of the digits of the current are lost.
+        prop_assert!(balance.abs() <= 1e-6 * (1.0 + chemical.abs()), "balance {balance} W");
+    }
+
+    #[test]
+    fn a_larger_request_never_delivers_less(
+        charge: bool, soc in 0.0..=1.0, temperature_c in 0.0..65.0, request_w in 3e3..92e3, share in 0.5..1.0,
+    ) {
+        let (string, interval) = (string(), interval(charge, 0.25));
+        let state = StringState { soc, temperature_c };
+        let less = string.step(state, share * request_w, &interval);
+        let more = string.step(state, request_w, &interval);
+        prop_assert!(more.delivered_w >= less.delivered_w - 1e-6);
+    }
+
+    #[test]
+    fn the_limit_is_what_a_string_delivers_when_asked_for_all(
+        charge: bool, soc in 0.0..=1.0, temperature_c in 0.0..45.0, dt_h in 0.05..4.0,
+    ) {
+        let (string, interval) = (string(), interval(charge, dt_h));
+        let state = StringState { soc, temperature_c };
+        let c = string.coefficients(interval.direction, state);
+        let limit = string.limit_w(&c, interval.direction, soc, dt_h);
+        let flow = string.step(state, 92e3, &interval);
+        prop_assert!((flow.delivered_w - limit.min(92e3)).abs() < 1e-6);
+    }
+
+    #[test]
+    fn ranges_of_a_point_are_the_coefficients_there(
+        charge: bool, soc in prop_oneof![0.0..=1.0, Just(0.1), Just(0.05)], temperature_c in 0.0..65.0,
+    ) {
+        let (string, direction) = (string(), interval(charge, 0.25).direction);
+        let c = string.coefficients(direction, StringState { soc, temperature_c });
+        let point = StateBox { soc: Range::point(soc), temperature_c: Range::point(temperature_c) };
+        let ranges = string.ranges(direction, &point);
+        prop_assert_eq!(ranges.derating, Range::point(c.derating));
+        prop_assert_eq!(ranges.voltage_v, Range::point(c.voltage_v));
+        prop_assert_eq!(ranges.resistance_ohm, Range::point(c.resistance_ohm));
+    }
+}
+
+#[test]
+fn a_box_across_the_switch_sees_both_resistances() {
+    let string = string();
+    let states =
+        StateBox { soc: Range { low: 0.05, high: 0.2 }, temperature_c: Range { low: 25.0, high: 30.0 } };
+    let range = string.ranges(Direction::Discharge, &states).resistance_ohm;
+    assert!((range.high - 4.0 * 0.12).abs() < 1e-12);
+    assert!((range.low - 2.201 * 0.048).abs() < 1e-12);
+}
+
+#[test]
+fn objectives_of_a_batch_are_those_of_its_members_to_the_last_bit() {
+    let horizon = common::horizon(&common::reference(3), 6, 0.5);
+    let size = 18;
+    let batch: Vec<f64> = (0..4 * size).map(|i| common::uniform(i as u64) * common::NOMINAL_W).collect();
+    let all = horizon.evaluate(&batch);
+    for (member, request) in batch.chunks(size).enumerate() {
+        assert_eq!(horizon.objectives(request)[..2], all[2 * member..2 * member + 2]);
+    }
+}
+
+#[test]
+fn a_search_reports_the_objectives_of_its_schedule_and_keeps_to_its_budget() {
+    for soc in [0.03, 0.5, 0.97] {
+        let horizon = common::horizon(&common::reference(2), 8, soc);
+        let greedy = horizon.greedy();
+        let (best, used) = horizon.search(&greedy.request_w, 500);
+        assert_eq!(horizon.objectives(&best.request_w), best.objectives);
+        assert!(best.objectives[0] <= greedy.objectives[0] * (1.0 + 1e-4) + 1e-6);
+        assert!(used < 600, "{used} roll-outs");
+    }
+}
