@@ -1,7 +1,7 @@
 """The power split beside Gurobi on the same equations, in one run.
 
-``python -m pytest benches/test_split_rivals.py -o addopts= -s``. Gurobi's wheel carries a size-limited licence: 200
-variables with quadratic constraints, which two strings over five steps stay below.
+``python -m pytest benches/test_split_rivals.py -o addopts= -s``. Gurobi's wheel carries a size-limited
+licence: 200 variables with quadratic constraints, which two strings over five steps stay below.
 """
 
 import time
@@ -45,7 +45,8 @@ def test_at_least_a_hundred_times_faster_than_gurobi_and_no_worse(steps):
             ratios.append(theirs_ms[-1] / ours_ms[-1])
     geometric = float(np.exp(np.mean(np.log(ratios))))
     print(
-        f"\n2 strings x {steps} steps: bess {np.median(ours_ms):.2f} ms, Gurobi {np.median(theirs_ms):.0f} ms (median); "
+        f"\n2 strings x {steps} steps: bess {np.median(ours_ms):.2f} ms, "
+        f"Gurobi {np.median(theirs_ms):.0f} ms (median); "
         f"geometric mean of the ratio {geometric:.0f}, smallest {min(ratios):.0f}"
     )
     assert geometric >= 100.0

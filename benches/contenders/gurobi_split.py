@@ -1,7 +1,7 @@
 """The power split of MODEL section 3 as a nonconvex mixed-integer program, given to Gurobi.
 
-The same equations, tables and objective, for states where nothing has to be shed (availability loss 0). The wheel's
-size-limited licence allows 200 variables with quadratic constraints: two strings, five steps.
+The same equations, tables and objective, for states where nothing has to be shed (availability loss 0). The
+wheel's size-limited licence allows 200 variables with quadratic constraints: two strings, five steps.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ def split(
     dt_h: float = 0.25,
     time_limit_s: float = 60.0,
 ) -> tuple[np.ndarray, float, float]:
-    """Return Gurobi's requests (n_strings, n_steps) [kW, signed], its objective, and the time of ``optimize`` [s]."""
+    """Return Gurobi's requests (n_strings, n_steps) [kW, signed], its objective, and the time of
+    ``optimize`` [s]."""
     n_strings, n_steps = system.n_strings, len(demand_kw)
     with gp.Env(params={"OutputFlag": 0}) as env, gp.Model(env=env) as model:
         model.Params.NonConvex = 2
@@ -104,5 +105,7 @@ def _table(model, x, knots, values):  # type: ignore[no-untyped-def]
     if isinstance(x, float):
         return float(np.interp(x, knots, values))
     y = model.addVar(lb=float(np.min(values)), ub=float(np.max(values)))
-    model.addGenConstrPWL(x, y, [knots[0] - 100.0, *knots, knots[-1] + 100.0], [values[0], *values, values[-1]])
+    model.addGenConstrPWL(
+        x, y, [knots[0] - 100.0, *knots, knots[-1] + 100.0], [values[0], *values, values[-1]]
+    )
     return y

@@ -1,8 +1,8 @@
 """An independent referee of the power split: the control model in plain NumPy, and exhaustive search over it.
 
-Written from the equations (see the docstring of each function), not from the package: it reads the system's parameter
-sections and shares no code with the optimiser or the Rust core. Two strings; ``share`` is the part of the demand asked
-of string 0.
+Written from the equations (see the docstring of each function), not from the package: it reads the system's
+parameter sections and shares no code with the optimiser or the Rust core. Two strings; ``share`` is
+the part of the demand asked of string 0.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ class StringModel:
         return np.array(inverter.load) * self.nominal_w, np.array(loss) * self.nominal_w
 
     def coefficients(self, sign: float, soc: np.ndarray, tau: np.ndarray):
-        """``k = K(tau)``, ``V = OCV(soc)``, ``R = f_T(tau)``, times ``f_soc(soc) / f_T(25)`` below the switch."""
+        """``k = K(tau)``, ``V = OCV(soc)``, ``R = f_T(tau)``, times ``f_soc(soc) / f_T(25)`` below the
+        switch."""
         battery, derating = self.parameters.battery, self.parameters.derating
         ocv = battery.ocv_v.discharge[0] if sign > 0 else battery.ocv_v.charge[0]
         k = np.interp(tau, derating.temperature_c, derating.factor)
@@ -90,16 +91,26 @@ class Referee:
         return [StringModel(s) for s in self.system.strings]
 
     def losses(self, share: np.ndarray) -> np.ndarray:
-        """Return the sums over strings and steps of ``a, d, w, h`` [kW], shape ``(4, batch)``, of ``(batch, steps)``."""
+        """Return the sums over strings and steps of ``a, d, w, h`` [kW], shape ``(4, batch)``, of ``(batch,
+        steps)``."""
+        request = np.stack([share, 1.0 - share], axis=1) * np.abs(self.demand_kw)
+        return self.follow(request)
+
+    def follow(self, request_kw: np.ndarray) -> np.ndarray:
+        """The same for magnitudes of requests, ``(batch, strings, steps)``."""
         strings = self.strings
-        soc = [np.full(share.shape[0], s) for s in self.state.soc]
-        tau = [np.full(share.shape[0], t) for t in self.state.temperature_c]
-        total = np.zeros((4, share.shape[0]))
+        soc = [np.full(request_kw.shape[0], s) for s in self.state.soc]
+        tau = [np.full(request_kw.shape[0], t) for t in self.state.temperature_c]
+        total = np.zeros((4, request_kw.shape[0]))
         for t, demand in enumerate(self.demand_kw):
             for m, string in enumerate(strings):
-                part = share[:, t] if m == 0 else 1.0 - share[:, t]
                 flows, soc[m], tau[m] = string.step(
-                    np.sign(demand), soc[m], tau[m], part * abs(demand) * KW, self.system.ambient_c, self.dt_h
+                    np.sign(demand),
+                    soc[m],
+                    tau[m],
+                    request_kw[:, m, t] * KW,
+                    self.system.ambient_c,
+                    self.dt_h,
                 )
                 total += np.array(flows)
         return total / KW
@@ -124,7 +135,8 @@ class Referee:
     def best(
         self, weights: tuple[float, float, float], points: int = 9, tolerance_kw: float = 0.005
     ) -> tuple[float, float]:
-        """Return the smallest availability loss [kW] and, within ``tolerance_kw`` of it, the smallest objective."""
+        """Return the smallest availability loss [kW] and, within ``tolerance_kw`` of it, the smallest
+        objective."""
         limits = np.array([self._shares(d) for d in self.demand_kw])
         axes = [np.linspace(low, high, points) for low, high in limits]
         grid = np.stack([g.ravel() for g in np.meshgrid(*axes, indexing="ij")], axis=1)

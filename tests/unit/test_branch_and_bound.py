@@ -1,4 +1,5 @@
-"""Branch and bound on problems whose optimum is known: knapsack by dynamic programming, subsets by enumeration."""
+"""Branch and bound on problems whose optimum is known: knapsack by dynamic programming, subsets by
+enumeration."""
 
 import itertools
 import time
@@ -10,7 +11,8 @@ from bess.split.branch_and_bound import Closure, Node, search
 
 
 class Knapsack:
-    """Minimise ``-value @ x`` with ``weight @ x <= capacity``; the relaxation is Dantzig's fractional bound."""
+    """Minimise ``-value @ x`` with ``weight @ x <= capacity``; the relaxation is Dantzig's fractional
+    bound."""
 
     def __init__(self, value, weight, capacity):
         self.value, self.weight, self.capacity = value, weight, capacity
@@ -49,7 +51,8 @@ class Knapsack:
 
 
 class ClosestSubset:
-    """Minimise the distance of ``A x`` to ``target`` over binaries; the relaxation is the box-constrained norm."""
+    """Minimise the distance of ``A x`` to ``target`` over binaries; the relaxation is the box-constrained
+    norm."""
 
     def __init__(self, A, target):
         self.A, self.target, self.best = A, target, np.inf
@@ -132,7 +135,11 @@ def test_nodes_whose_solve_failed_do_not_prune():
 def test_a_failed_leaf_keeps_the_bound_open():
     class Failing(Knapsack):
         def solve(self, lower, upper):
-            return super().solve(lower, upper) if (lower == 0).any() and (upper == 1).any() else Node(-np.inf, None)
+            return (
+                super().solve(lower, upper)
+                if (lower == 0).any() and (upper == 1).any()
+                else Node(-np.inf, None)
+            )
 
     problem = Failing(np.array([2.0, 3.0]), np.array([2, 3]), 4)
     outcome = search(problem, *free(2), gap=0.0, node_limit=100)

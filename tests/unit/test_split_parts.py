@@ -3,6 +3,7 @@
 import cvxpy as cp
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 import bess
 from bess.split import lexicographic
@@ -102,7 +103,8 @@ def test_compiled_map_gives_the_data_cvxpy_gives():
         relaxation.parameters[name].value = value
     data, _, _ = relaxation.problem.get_problem_data("CLARABEL", solver_opts={})
     ours = program.load(values)
-    assert abs(ours.A - data["A"]).max() < 1e-12
+    A = sp.coo_array((ours.values, (ours.pattern.rows, ours.pattern.columns)), shape=data["A"].shape)
+    assert abs(A - data["A"]).max() < 1e-12
     np.testing.assert_allclose(ours.b, data["b"], atol=1e-12)
     np.testing.assert_allclose(ours.q, data["c"], atol=1e-12)
 
@@ -115,7 +117,10 @@ def _norm_program():
     x, t, limit = cp.Variable(3), cp.Variable(), cp.Parameter(3)
     # ||(x0 + x1 - 3, x1 - x2)|| <= t, x <= limit, x >= 0
     constraints = [
-        cp.SOC(cp.reshape(t, (1,), order="F"), cp.reshape(cp.hstack([x[0] + x[1] - 3.0, x[1] - x[2]]), (2, 1), order="F")),
+        cp.SOC(
+            cp.reshape(t, (1,), order="F"),
+            cp.reshape(cp.hstack([x[0] + x[1] - 3.0, x[1] - x[2]]), (2, 1), order="F"),
+        ),
         x <= limit,
         x >= 0,
     ]

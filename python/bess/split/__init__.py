@@ -1,1 +1,2 @@
-"""Power split: objectives, relaxation, branch and bound, and the control model it decides with (MODEL.md 3, 4)."""
+"""Power split: objectives, relaxation, branch and bound, and the control model it decides with (MODEL.md 3,
+4)."""

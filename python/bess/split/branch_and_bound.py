@@ -1,9 +1,9 @@
 """Best-first branch and bound over binaries, for any relaxation that can solve a node.
 
-A relaxation is known only through :class:`Relaxation`: it solves a node given bounds on the binaries and says what
-that established. Only nodes that were solved, or certified infeasible, prune; a node whose solve failed keeps the
-bound of its parent and is branched on. Incumbents are the relaxation's business: it is shown each solved node and
-answers with the best objective it knows.
+A relaxation is known only through :class:`Relaxation`: it solves a node given bounds on the binaries and
+says what that established. Only nodes that were solved, or certified infeasible, prune; a node whose solve
+failed keeps the bound of its parent and is branched on. Incumbents are the relaxation's business: it is
+asked for the best objective it knows.
 """
 
 from __future__ import annotations
@@ -112,9 +112,7 @@ def search(
         if bound == np.inf:
             return
         free = upper > lower
-        if not free.any() or (
-            answer.binaries is not None and _is_integral(answer.binaries[free])
-        ):
+        if not free.any() or (answer.binaries is not None and _is_integral(answer.binaries[free])):
             closed = min(closed, bound)
             return
         heapq.heappush(heap, (bound, next(order), lower, upper, answer.binaries))

@@ -1,7 +1,8 @@
-"""Parameter values of the relaxation: the plant's constants, and coefficients at points or over boxes of states.
+"""Parameter values of the relaxation: the plant's constants, and coefficients at points or over boxes of
+states.
 
-Over boxes every value is at its safe end, so that the relaxation contains every trajectory of the control model that
-stays in them; a box that is one point freezes the coefficients there.
+Over boxes every value is at its safe end, so that the relaxation contains every trajectory of the control
+model that stays in them; a box that is one point freezes the coefficients there.
 """
 
 from __future__ import annotations
@@ -49,8 +50,9 @@ class Boxes:
 
 @dataclass(frozen=True)
 class Coefficients:
-    """Ranges of derating factor ``k``, voltage [V] and ``y = V^2/R`` [kW] at the start of each step, with an affine
-    overestimator ``y_0 + y_soc soc + y_tau tau`` of ``y`` and an affine underestimator ``g_0 + g_tau tau`` of ``1 - k``.
+    """Ranges of derating factor ``k``, voltage [V] and ``y = V^2/R`` [kW] at the start of each step, with an
+    affine overestimator ``y_0 + y_soc soc + y_tau tau`` of ``y`` and an affine underestimator ``g_0 + g_tau
+    tau`` of ``1 - k``.
     """
 
     k_lo: Array
@@ -86,8 +88,8 @@ class PlantConstants:
     kelvin_per_kw: Array
     soc_min: Array
     soc_max: Array
-    envelopes: dict[int, list[Envelope]]
-    """By sign of power (+1 discharge), one for each string, per unit of nominal power and ``w_N``."""
+    lines: tuple[dict[str, Array], dict[str, Array]]
+    """Parameters of the inverter loss in charge and in discharge, per unit."""
 
     @classmethod
     def of(cls, system: System, battery_kw: Array, dt_h: float) -> PlantConstants:
@@ -97,16 +99,17 @@ class PlantConstants:
         k1 = np.array([s.thermal.lumped.k1_k_per_j for s in strings])
         k2 = np.array([s.thermal.lumped.k2_per_s for s in strings])
         seconds = dt_h * SECONDS_PER_HOUR
-        envelopes = {}
-        for sign, name in ((1, "loss_discharge"), (-1, "loss_charge")):
-            envelopes[sign] = [
-                Envelope.of_table(
-                    np.array(s.inverter.load),
-                    np.array(getattr(s.inverter, name)) / unit,
-                    INVERTER_PIECES,
-                )
-                for s, unit in zip(strings, largest, strict=True)
-            ]
+        lines = tuple(
+            _lines(
+                [
+                    Envelope.of_table(
+                        np.array(s.inverter.load), np.array(getattr(s.inverter, name)) / unit, INVERTER_PIECES
+                    )
+                    for s, unit in zip(strings, largest, strict=True)
+                ]
+            )
+            for name in ("loss_charge", "loss_discharge")
+        )
         return cls(
             nominal_kw=system.nominal_kw,
             inverter_kw=largest * system.nominal_kw,
@@ -119,7 +122,7 @@ class PlantConstants:
             kelvin_per_kw=k1 * seconds * WATTS_PER_KW,
             soc_min=np.array([s.battery.soc_min for s in strings]),
             soc_max=np.array([s.battery.soc_max for s in strings]),
-            envelopes=envelopes,
+            lines=(lines[0], lines[1]),
         )
 
     @property
@@ -149,7 +152,8 @@ class PlantConstants:
         discharge = 0.5 * (1.0 - np.sqrt(np.maximum(1.0 - 4.0 * load / data.y_lo, 0.0)))
         charge = 0.5 * (np.sqrt(1.0 + 4.0 * load / data.y_lo) - 1.0)
         heat_chord = np.where(sign > 0.0, discharge, charge) * nominal / battery
-        # An inverter that draws less from the grid than it loses takes the rest from the battery: P < 0 in charge.
+        # An inverter that draws less from the grid than it loses takes the rest from the battery: P < 0 in
+        # charge.
         reverse = np.where(sign > 0.0, 0.0, self.reverse_kw[:, None] / nominal)
 
         y_unit = battery / nominal**2
@@ -185,33 +189,46 @@ class PlantConstants:
             "heating": np.broadcast_to((self.kelvin_per_kw * self.battery_kw)[:, None] / theta, sign.shape),
             "air": (1.0 - self.keep[:, None]) * (ambient_c - THETA_ZERO_C) / theta,
         }
-        for name in ("slope", "intercept"):
-            lines = {s: np.stack([getattr(e, name) for e in self.envelopes[s]], axis=1) for s in (1, -1)}
-            for j in range(INVERTER_PIECES):
-                key = f"inverter_{'slope' if name == 'slope' else '0'}_{j}"
-                values[key] = np.where(sign > 0.0, lines[1][j][:, None], lines[-1][j][:, None])
-            chord = {s: np.array([getattr(e, f"chord_{name}") for e in self.envelopes[s]]) for s in (1, -1)}
-            key = f"inverter_chord_{'slope' if name == 'slope' else '0'}"
-            values[key] = np.where(sign > 0.0, chord[1][:, None], chord[-1][:, None])
+        charge_lines, discharge_lines = self.lines
+        for name, for_charge in charge_lines.items():
+            values[name] = np.where(sign > 0.0, discharge_lines[name][:, None], for_charge[:, None])
         return values
 
     def may_shed(self, inputs: HorizonInputs, boxes: Boxes, data: Coefficients) -> NDArray[np.bool_]:
         """Whether a string can reach the limit at which power is shed, shape ``(n_strings, n_steps)``."""
         sign = np.where(inputs.demand_kw >= 0.0, 1.0, -1.0) * np.ones_like(inputs.limit_kw)
         nearest = np.where(sign > 0.0, boxes.soc_lo[:, 1:], -boxes.soc_hi[:, 1:])
-        at_limit: NDArray[np.bool_] = nearest <= self._shedding_edge(sign, inputs.limit_kw, boxes, data)
-        return at_limit & (inputs.demand_kw != 0.0)
+        edge = self._shedding_edge(sign, inputs.limit_kw, boxes, data)
+        at_limit: NDArray[np.bool_] = (nearest <= edge) & (inputs.demand_kw != 0.0)
+        return at_limit
 
     def _shedding_edge(self, sign: Array, limit_kw: Array, boxes: Boxes, data: Coefficients) -> Array:
         """``sign * soc`` at the end of a step in which a string sheds is at most this.
 
-        It is full (charge); or empty but for less than the no-load loss needs, or anywhere it can be where the real
-        root, ``p + w <= V^2 / 4R``, may end below the largest request (discharge).
+        In discharge it is empty but for less than the no-load loss needs, or anywhere it can be where the
+        real root, ``p + w <= V^2 / 4R``, may end below the largest request. In charge it is full, or was
+        empty at the start and would have to make up for the no-load loss.
         """
         rootless = data.y_lo / 4.0 < limit_kw + self.inverter_kw[:, None]
-        stranded = 2.0 * (self.no_load_kw * WATTS_PER_KW * self.soc_per_ampere)[:, None] / data.v_lo
+        per_kw = 2.0 * WATTS_PER_KW * self.soc_per_ampere[:, None] / data.v_lo
+        stranded = self.no_load_kw[:, None] * per_kw
+        drained = self.reverse_kw[:, None] * per_kw
         empty = np.where(rootless, boxes.soc_hi[:, 1:], self.soc_min[:, None] + stranded)
-        return np.where(sign > 0.0, empty, -self.soc_max[:, None]) + LIMIT_MARGIN
+        may_drain = boxes.soc_lo[:, :-1] <= self.soc_min[:, None] + drained
+        full = np.where(may_drain, -boxes.soc_lo[:, 1:], -self.soc_max[:, None])
+        return np.where(sign > 0.0, empty, full) + LIMIT_MARGIN
+
+
+def _lines(envelopes: list[Envelope]) -> dict[str, Array]:
+    """Parameters of the inverter loss from one envelope for each string."""
+    values = {
+        "inverter_chord_slope": np.array([e.chord_slope for e in envelopes]),
+        "inverter_chord_0": np.array([e.chord_intercept for e in envelopes]),
+    }
+    for j in range(INVERTER_PIECES):
+        values[f"inverter_slope_{j}"] = np.array([e.slope[j] for e in envelopes])
+        values[f"inverter_0_{j}"] = np.array([e.intercept[j] for e in envelopes])
+    return values
 
 
 def costs(prefix: str, cost: Array) -> dict[str, Array]:

@@ -1,9 +1,10 @@
 """A CVXPY problem compiled once into an affine map from parameters to Clarabel data, and its nodes.
 
-CVXPY is asked once, for the tensors that turn a parameter vector into ``(q, A, b)``; after that a refresh is one sparse
-product, and a node is one Clarabel call without CVXPY. Variables that a node fixes leave the problem together with
-the rows that become empty: equal bounds on both sides leave no interior, a known cause of "insufficient progress".
-Every node builds its own solver, so an answer depends on its data alone and never on what was solved before.
+CVXPY is asked once, for the tensors that turn a parameter vector into ``(q, A, b)``; after that a refresh is
+one sparse product, and a node is one Clarabel call without CVXPY. Variables that a node fixes leave the
+problem together with the rows that become empty: equal bounds on both sides leave no interior, a known cause
+of "insufficient progress". Every node builds its own solver, so an answer depends on its data alone and
+never on what was solved before.
 """
 
 from __future__ import annotations
@@ -45,15 +46,24 @@ class ConicSolution:
 
 
 @dataclass(frozen=True)
+class Pattern:
+    """Places of the entries of ``A``, column by column, and the rows of the zero and the nonnegative cone."""
+
+    rows: NDArray[np.int64]
+    columns: NDArray[np.int64]
+    n_zero: int
+    n_nonneg: int
+
+
+@dataclass(frozen=True)
 class ConicData:
     """One instance ``min q'x + offset, A x + s = b, s in K``; ``K`` is zero, nonnegative, then 3-cones."""
 
     q: Array
     offset: float
-    A: sp.csc_array
+    pattern: Pattern
+    values: Array
     b: Array
-    n_zero: int
-    n_nonneg: int
 
 
 class ConicProgram:
@@ -71,8 +81,8 @@ class ConicProgram:
         program, dims = data["param_prob"], data["dims"]
         if any(size != 3 for size in dims.soc) or dims.exp or dims.psd:
             raise ValueError("only rotated cones of three rows are expected")
-        self.n_zero, self.n_nonneg = dims.zero, dims.nonneg
-        self.n_rows, self.n_columns = program.constr_size, program.x.size
+        self.n_columns = program.x.size
+        n_rows = program.constr_size
         self.slices = {
             name: slice(program.var_id_to_col[v.id], program.var_id_to_col[v.id] + v.size)
             for name, v in variables.items()
@@ -84,18 +94,15 @@ class ConicProgram:
         }
         self._n_parameters = program.total_param_size
 
-        # vec([A | b]), column-major, is affine in the parameters; rows of the tensor that are not empty are the
+        # vec([A | b]), column-major, is affine in the parameters; rows of the tensor that are not empty are
+        # the
         # pattern. CVXPY keeps constraints as A x + b in K, Clarabel wants A x + s = b.
         tensor = sp.csr_array(program.A)
         used = np.flatnonzero(np.diff(tensor.indptr))
-        in_b = used // self.n_rows == self.n_columns
-        entries = used[~in_b]
+        entries = used[used < n_rows * self.n_columns]
+        self._pattern = Pattern(entries % n_rows, entries // n_rows, dims.zero, dims.nonneg)
         self._a_map = -sp.csr_array(tensor[entries])
-        self._rows = (entries % self.n_rows).astype(np.int32)
-        columns = entries // self.n_rows
-        self._indptr = np.searchsorted(columns, np.arange(self.n_columns + 1)).astype(np.int32)
-        start = self.n_rows * self.n_columns
-        self._b_map = sp.csr_array(tensor[start : start + self.n_rows])
+        self._b_map = sp.csr_array(tensor[n_rows * self.n_columns :])
         self._q_map = sp.csr_array(program.q)
 
     def load(self, values: Mapping[str, Array | float]) -> ConicData:
@@ -103,14 +110,13 @@ class ConicProgram:
         theta = np.empty(self._n_parameters + 1)
         theta[-1] = 1.0
         if values.keys() != self._places.keys():
-            raise ValueError(f"parameters {sorted(values.keys() ^ self._places.keys())} are missing or unknown")
+            raise ValueError(
+                f"parameters {sorted(values.keys() ^ self._places.keys())} are missing or unknown"
+            )
         for name, place in self._places.items():
             theta[place] = np.ravel(values[name], order="F")
         q = self._q_map @ theta
-        A = sp.csc_array(
-            (self._a_map @ theta, self._rows, self._indptr), shape=(self.n_rows, self.n_columns)
-        )
-        return ConicData(q[:-1], float(q[-1]), A, self._b_map @ theta, self.n_zero, self.n_nonneg)
+        return ConicData(q[:-1], float(q[-1]), self._pattern, self._a_map @ theta, self._b_map @ theta)
 
     def value(self, x: Array, name: str) -> Array:
         """Return the variable ``name`` at the point ``x``."""
@@ -129,15 +135,16 @@ def solve(data: ConicData, fixed: NDArray[np.bool_], x_fixed: Array) -> ConicSol
     x_fixed : ndarray, shape (n_columns,)
         Their values; ignored where free.
     """
-    free = np.flatnonzero(~fixed)
+    pattern, values = data.pattern, data.values
     held = np.where(fixed, x_fixed, 0.0)
-    b = data.b - data.A @ held
-    columns = data.A[:, free]
+    b = data.b - np.bincount(pattern.rows, values * held[pattern.columns], minlength=data.b.size)
+    entries = np.flatnonzero(~fixed[pattern.columns] & (values != 0.0))
     used = np.zeros(b.size, dtype=bool)
-    used[columns.indices[columns.data != 0.0]] = True
+    used[pattern.rows[entries]] = True
 
-    zero_end, cone_start = data.n_zero, data.n_zero + data.n_nonneg
+    zero_end, cone_start = pattern.n_zero, pattern.n_zero + pattern.n_nonneg
     cones_used = used[cone_start:].reshape(-1, 3).any(axis=1)
+    used[cone_start:] = np.repeat(cones_used, 3)
     empty = ~used
     if (
         np.any(np.abs(b[:zero_end][empty[:zero_end]]) > FEASIBILITY_TOLERANCE)
@@ -146,20 +153,22 @@ def solve(data: ConicData, fixed: NDArray[np.bool_], x_fixed: Array) -> ConicSol
     ):
         return ConicSolution(NodeStatus.INFEASIBLE, np.inf, None)
 
-    used[cone_start:] = np.repeat(cones_used, 3)
-    kept = np.flatnonzero(used)
-    offset = data.offset + float(data.q @ held)
+    free = np.flatnonzero(~fixed)
+    row_of = np.cumsum(used) - 1
+    counts = np.bincount(pattern.columns[entries], minlength=fixed.size)[free]
+    shape = (int(used.sum()), free.size)
+    A = sp.csc_array(
+        (values[entries], row_of[pattern.rows[entries]], np.concatenate([[0], np.cumsum(counts)])),
+        shape=shape,
+    )
     n_zero, n_nonneg = int(used[:zero_end].sum()), int(used[zero_end:cone_start].sum())
     cones = [clarabel.ZeroConeT(n_zero)] if n_zero else []
     cones += [clarabel.NonnegativeConeT(n_nonneg)] if n_nonneg else []
     cones += [clarabel.SecondOrderConeT(3)] * int(cones_used.sum())
-    A = sp.csc_array(columns[kept])
-    A.eliminate_zeros()
-    q = data.q[free]
+    offset = data.offset + float(data.q @ held)
     P = sp.csc_array((free.size, free.size))
     for refine in (False, True):
-        solver = clarabel.DefaultSolver(P, q, A, b[kept], cones, _settings(refine))
-        answer = solver.solve()
+        answer = clarabel.DefaultSolver(P, data.q[free], A, b[used], cones, _settings(refine)).solve()
         status = str(answer.status)
         if status == "Solved":
             x = held.copy()

@@ -1,4 +1,5 @@
-"""Convex envelopes of tables: the inverter loss enters the relaxation as the largest of a few straight lines."""
+"""Convex envelopes of tables: the inverter loss enters the relaxation as the largest of a few straight
+lines."""
 
 from __future__ import annotations
 

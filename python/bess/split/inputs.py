@@ -57,12 +57,14 @@ class HorizonInputs:
         demand = _array("demand_kw", demand_kw)
         if demand.ndim != 1 or demand.size != n_steps:
             raise InputError(
-                f"demand_kw has shape {demand.shape}, but the split is for a horizon of {n_steps} steps; give one "
-                "value for each step, or build a PowerSplit with that horizon"
+                f"demand_kw has shape {demand.shape}, but the split is for a horizon of {n_steps} steps; "
+                "give one value for each step, or build a PowerSplit with that horizon"
             )
         ambient = _array("ambient_c", system.ambient_c if ambient_c is None else ambient_c)
         if ambient.shape not in ((), (n_steps,)):
-            raise InputError(f"ambient_c has shape {ambient.shape}; give one value, or one for each of {n_steps} steps")
+            raise InputError(
+                f"ambient_c has shape {ambient.shape}; give one value, or one for each of {n_steps} steps"
+            )
         low, high = TEMPERATURE_RANGE_C
         if np.any((ambient < low) | (ambient > high)):
             worst = ambient.ravel()[np.argmax(np.abs(ambient))]
@@ -76,7 +78,7 @@ class HorizonInputs:
                 limit = np.broadcast_to(limit[:, None], nominal.shape)
             if limit.shape != nominal.shape:
                 raise InputError(
-                    f"limit_kw has shape {limit.shape}; give one value for each string, or for each string and step "
+                    f"limit_kw has shape {limit.shape}; give one value for each string (and step), "
                     f"{nominal.shape}"
                 )
             bad = np.argwhere((limit < 0.0) | (limit > nominal * (1.0 + 1e-9)))
@@ -113,7 +115,7 @@ def check_settings(
     fastest = max(s.thermal.lumped.k2_per_s for s in system.strings) * dt_h * 3600.0
     if fastest >= 1.0:
         raise InputError(
-            f"dt_h {dt_h:g} h is too long for the lumped thermal model: k2 dt is {fastest:g} and must be below 1"
+            f"dt_h {dt_h:g} h is too long for the lumped thermal model: k2 dt is {fastest:g}, not below 1"
         )
 
 

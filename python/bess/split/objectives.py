@@ -13,7 +13,8 @@ from bess.errors import InputError
 
 NAMES: Final = ("availability", "derating", "inverter", "battery")
 TIE_BREAK_WEIGHT: Final = 1e-3
-"""Weight inside the search of an objective whose weight is zero: nothing else would press its loss onto its table."""
+"""Weight inside the search of an objective whose weight is zero: nothing else would press its loss onto its
+table."""
 
 Normalisation = Literal["constant", "payoff"]
 
@@ -29,14 +30,14 @@ class Objective:
     priority : int
         Larger is minimised first; equal priorities are blended.
     abs_tol, rel_tol : float
-        Its group may be worse than its optimum ``F*`` by ``max(abs_tol, rel_tol |F*|)`` while lower priorities are
-        minimised; the group takes the smallest of its members.
+        Its group may be worse than its optimum ``F*`` by ``max(abs_tol, rel_tol |F*|)`` while lower
+        priorities are minimised; the group takes the smallest of its members.
     """
 
     weight: float = 1.0
     priority: int = 1
-    abs_tol: float = 1e-6
-    rel_tol: float = 1e-4
+    abs_tol: float = 2e-5
+    rel_tol: float = 5e-5
 
     def __post_init__(self) -> None:
         if isinstance(self.priority, bool) or not isinstance(self.priority, int | np.integer):
@@ -50,7 +51,8 @@ class Objective:
 
 @dataclass(frozen=True, init=False)
 class Objectives:
-    """The four objectives. Keywords take a weight, or an :class:`Objective` for priority and tolerances as well.
+    """The four objectives. Keywords take a weight, or an :class:`Objective` for priority and tolerances as
+    well.
 
     Availability has priority 2 by default, the others 1 (case 1 of the paper); ``Objectives(inverter=0.5,
     battery=0.5)`` is weighting S2 of its case 2.
@@ -60,8 +62,8 @@ class Objectives:
     availability, derating, inverter, battery : float or Objective
         Availability loss, derating loss, inverter loss, battery loss.
     normalisation : {"constant", "payoff"}
-        Divide each loss by its value at nominal power on every string and step (MODEL.md section 3), or by its
-        range over the optima of the single objectives, found anew for each call.
+        Divide each loss by its value at nominal power on every string and step (MODEL.md section 3), or by
+        its range over the optima of the single objectives, found anew for each call.
 
     Raises
     ------
@@ -87,9 +89,7 @@ class Objectives:
         for name, given in zip(NAMES, (availability, derating, inverter, battery), strict=True):
             default = Objective(priority=2 if name == "availability" else 1)
             try:
-                value = (
-                    given if isinstance(given, Objective) else Objective(given, default.priority)
-                )
+                value = given if isinstance(given, Objective) else Objective(given, default.priority)
             except InputError as error:
                 raise InputError(f"{name}: {error}") from None
             object.__setattr__(self, name, value)

@@ -26,7 +26,10 @@ class SplitStatus(Enum):
     )
     NODE_LIMIT = (3, "The node limit was reached; this is the best split found.")
     TIME_LIMIT = (4, "The time limit was reached; this is the best split found.")
-    SOLVER_FAILED = (5, "The solver failed on the relaxation; this is the best split found, without a bound of its own.")
+    SOLVER_FAILED = (
+        5,
+        "The solver failed on the relaxation; this is the best split found, without a bound of its own.",
+    )
 
     def __init__(self, code: int, sentence: str) -> None:
         self.code = code
@@ -55,8 +58,8 @@ class GroupResult:
     bound : float
         Lower bound of the nonlinear control model.
     search_bound : float
-        Lower bound of the program with coefficients frozen along the returned requests; zero weights count with
-        their tie-break weight here.
+        Lower bound of the program with coefficients frozen along the returned requests; zero weights count
+        with their tie-break weight here.
     gap, search_gap : float
         Relative distance of the objective from each.
     """
@@ -79,7 +82,8 @@ class Split:
     request_kw : ndarray, shape (n_strings, n_steps)
         Set-points.
     inverter_on, low_soc, saturated : ndarray of bool, shape (n_strings, n_steps)
-        Inverter delivers; SOC is below the low-SOC switch at the start of the step; power is shed at a SOC limit.
+        Inverter delivers; SOC is below the low-SOC switch at the start of the step; power is shed at a SOC
+        limit.
     rollout : Rollout
         Control model under these requests.
     availability_loss_kw : float

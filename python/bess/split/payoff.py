@@ -1,4 +1,5 @@
-"""Normalisation by a payoff table: each loss is divided by its range over the optima of the single objectives."""
+"""Normalisation by a payoff table: each loss is divided by its range over the optima of the single
+objectives."""
 
 from __future__ import annotations
 

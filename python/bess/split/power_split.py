@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,8 +16,8 @@ from bess.split.coefficients import PlantConstants
 from bess.split.inputs import HorizonInputs, check_settings
 from bess.split.objectives import NAMES, Objectives
 from bess.split.outcome import GroupResult, Split, SplitStatus, relative_gap
-from bess.split.rollout import Rollout, rollout
 from bess.split.payoff import payoff_scale
+from bess.split.rollout import Rollout, rollout
 from bess.split.search import Bounds, Limits, Model, Search, Task
 
 Array = NDArray[np.float64]
@@ -59,7 +60,7 @@ class PowerSplit:
     Attributes
     ----------
     warm_start : ndarray or None
-        Requests ``(n_strings, n_steps)`` [kW] that the next call starts from: those of the last call, one step on.
+        Requests ``(n_strings, n_steps)`` [kW] that the next call starts from: those of the last, one step on.
         Saving and restoring it makes a closed loop resumable to the last bit.
     """
 
@@ -71,7 +72,7 @@ class PowerSplit:
         dt_h: float = 0.25,
         gap: float = 1e-3,
         time_limit_s: float | None = None,
-        node_limit: int = 60,
+        node_limit: int = 30,
     ) -> None:
         check_settings(system, horizon_steps, dt_h, gap, time_limit_s, node_limit)
         if objectives is not None and not isinstance(objectives, Objectives):
@@ -86,7 +87,7 @@ class PowerSplit:
         self._scale_per_kw = 1.0 / (nominal * system.n_strings * horizon_steps)
         self._constants = PlantConstants.of(system, battery_kw, dt_h)
         strings = [s.model_dump(exclude={"site"}) for s in system.strings]
-        self._alike = np.array([a == b for a, b in zip(strings, strings[1:], strict=False)], dtype=bool)
+        self._alike = np.array([a == b for a, b in pairwise(strings)], dtype=bool)
         self._warm_start: Array | None = None
 
     @property
@@ -134,7 +135,9 @@ class PowerSplit:
         inputs = HorizonInputs.check(self.system, self.horizon_steps, state, demand_kw, ambient_c, limit_kw)
         if not inputs.demand_kw.any():
             idle = Bounds(values=(0.0,) * len(self.objectives.groups), closures=(), nodes=0, failed=False)
-            return self._answer(inputs, np.zeros_like(inputs.limit_kw), idle, idle, SplitStatus.NO_DEMAND, started)
+            return self._answer(
+                inputs, np.zeros_like(inputs.limit_kw), idle, idle, SplitStatus.NO_DEMAND, started
+            )
 
         deadline = None if self.time_limit_s is None else started + self.time_limit_s
         task = self._task(inputs)

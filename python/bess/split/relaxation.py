@@ -1,14 +1,17 @@
 """The convex relaxation of the power split, written once in CVXPY (MODEL.md section 4).
 
-One program for ``n_strings`` strings over ``n_steps`` steps. Everything that changes from call to call is a parameter,
-so it is compiled once and re-used. It serves two data sets (:mod:`bess.split.coefficients`): coefficients frozen along
-a schedule, which makes it the convexified program on which the search stops, and their ranges over the reachable
-states, which makes its optimum a lower bound of the nonlinear control model.
+One program for ``n_strings`` strings over ``n_steps`` steps. Everything that changes from call to call is a
+parameter, so it is compiled once and re-used. It serves two data sets (:mod:`bess.split.coefficients`):
+coefficients frozen along a schedule, which makes it the convexified program on which the search stops, and
+their ranges over the reachable states, which makes its optimum a lower bound of the nonlinear control model.
 
-All quantities are per unit: powers of the string's nominal power, losses of the string's loss at nominal power
-(``w_N``, ``h_N``), temperature as ``theta = (tau - 25 degC) / 10 K``. Powers are magnitudes, ``sign`` is +1 in
-discharge and -1 in charge.
+All quantities are per unit: powers of the string's nominal power, losses of the string's loss at nominal
+power (``w_N``, ``h_N``), temperature as ``theta = (tau - 25 degC) / 10 K``. Powers are magnitudes, ``sign``
+is +1 in discharge and -1 in charge.
 """
+
+# mypy: disable-error-code="attr-defined"
+# (cvxpy exports its atoms in a way mypy does not see)
 
 from __future__ import annotations
 
@@ -53,16 +56,21 @@ def build(n_strings: int, n_steps: int, n_caps: int) -> Relaxation:
     p, a, d = var("p"), var("a"), var("d")  # delivered AC power; shed at the limit; lost to derating
     w, h = var("w"), var("h")  # inverter loss, battery loss
     P, z = var("P"), var("z")  # internal power V I; V^2/R of a string that runs, 0 of one that is off
-    soc, theta = var("soc", n_steps + 1), var("theta", n_steps + 1)  # at step boundaries; column 0 is measured
+    soc, theta = (
+        var("soc", n_steps + 1),
+        var("theta", n_steps + 1),
+    )  # at step boundaries; column 0 is measured
     u = p + a + d  # the request
     sign = par("sign")
+    taken = cp.multiply(sign, soc[:, :-1] - soc[:, 1:])  # charge moved, in units of soc, >= 0
 
     constraints = [
         # The strings share the demand.
         par("share", (n_strings,)) @ u == par("demand", (n_steps,)),
         p >= 0, a >= 0, d >= 0, u <= par("limit"), p <= cp.multiply(parameters["limit"], on), on <= 1,
         full >= 0, full <= 1,
-        # Derating, d = (1 - k(tau)) u: interval of 1 - k, and McCormick with its convex underestimator in theta.
+        # Derating, d = (1 - k(tau)) u: interval of 1 - k, and McCormick with its convex underestimator in
+        # theta.
         d >= cp.multiply(par("derating_lo"), u),
         d <= cp.multiply(par("derating_hi"), u),
         d >= cp.multiply(parameters["derating_hi"], u)
@@ -75,7 +83,7 @@ def build(n_strings: int, n_steps: int, n_caps: int) -> Relaxation:
           for j in range(INVERTER_PIECES)),
         w <= cp.multiply(par("inverter_chord_slope"), p) + cp.multiply(par("inverter_chord_0"), on),
         # Internal power V I: AC power plus losses in discharge, minus losses in charge.
-        P == p + cp.multiply(par("inverter_share"), w) + cp.multiply(par("battery_share"), h),
+        p + cp.multiply(par("inverter_share"), w) + cp.multiply(par("battery_share"), h) == P,
         # Battery loss, h V^2/R >= (V I)^2, in perspective form: z = on V^2/R; and h <= (R I / V) V I.
         cp.SOC(cp.vec(z + h, order="F"),
                cp.vstack([cp.vec(2 * P, order="F"), cp.vec(z - h, order="F")])),
@@ -85,8 +93,8 @@ def build(n_strings: int, n_steps: int, n_caps: int) -> Relaxation:
         z <= cp.multiply(par("y_lo"), on) + cp.multiply(par("y_soc"), soc[:, :-1])
         + cp.multiply(par("y_theta"), theta[:, :-1]) + par("y_0"),
         # Charge balance with the voltage in its range.
-        cp.multiply(sign, soc[:, :-1] - soc[:, 1:]) >= cp.multiply(par("current_lo"), P) - par("current_0"),
-        cp.multiply(sign, soc[:, :-1] - soc[:, 1:]) <= cp.multiply(par("current_hi"), P) + parameters["current_0"],
+        taken >= cp.multiply(par("current_lo"), P) - par("current_0"),
+        taken <= cp.multiply(par("current_hi"), P) + parameters["current_0"],
         soc[:, 1:] >= par("soc_lo"), soc[:, 1:] <= par("soc_hi"),
         # Heat balance.
         theta[:, 1:] == cp.multiply(par("keep"), theta[:, :-1]) + cp.multiply(par("heating"), h) + par("air"),

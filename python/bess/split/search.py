@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from bess import _core
 from bess.split import branch_and_bound
 from bess.split.branch_and_bound import Closure, Outcome
 from bess.split.coefficients import Boxes, Coefficients, PlantConstants
-from bess.split.incumbent import is_better, repaired
+from bess.split.incumbent import Incumbent, repaired
 from bess.split.inputs import HorizonInputs
 from bess.split.lexicographic import lexicographic
 from bess.split.outcome import relative_gap
@@ -22,9 +22,10 @@ from bess.split.rollout import Rollout
 
 Array = NDArray[np.float64]
 
-FREEZINGS = 2
-"""Times the coefficients are frozen along an incumbent that the tree then improves."""
-
+SAMPLES, SAMPLED_STARTS, SEED = 1500, 4, 1
+KICK_ROUNDS, KICKS = 4, 9
+SHARPNESS = (0.3, 1.0, 30.0)
+"""Exponents of uniform shares: nearly equal shares, any, nearly all to one string."""
 
 
 @dataclass(frozen=True)
@@ -93,47 +94,76 @@ class Search:
         self.may_shed = task.constants.may_shed(
             inputs, self.boxes, Coefficients.over(task.search.horizon, self.boxes)
         )
-        self.request = self._usable(inputs.limit_kw)
-        self.objectives = task.search.horizon.evaluate(self.request[None])[0]
+        proportional = self._usable(inputs.limit_kw)
+        objectives = task.search.horizon.evaluate(proportional[None])[0]
+        self.incumbent = Incumbent(proportional, objectives, *task.tolerances)
+
+    @property
+    def request(self) -> Array:
+        """Best requests known [kW, signed]."""
+        return self.incumbent.request
 
     def offer(self, requests: Array) -> None:
         """Roll requests ``(batch, n_strings, n_steps)`` out and keep the best."""
         for request, objectives in zip(requests, self.task.search.horizon.evaluate(requests), strict=True):
-            self._keep_better(request, objectives)
+            self.incumbent.offer(request, objectives)
 
     def find_incumbent(self, warm_start: Array | None) -> None:
-        """Greedy pass and warm start, then local search on the control model from the better of both."""
-        self._keep_better(*self.task.search.horizon.greedy())
+        """Local search on the control model from a greedy pass and, where power may be shed, from other
+        starts.
+
+        Steps that share a scarce SOC make local optima; the best of a sample leads out of most of them.
+        """
+        greedy, _ = self.task.search.horizon.greedy()
+        starts = [greedy]
         if warm_start is not None:
-            self.offer(self._usable(np.maximum(warm_start * self.sign, 0.0))[None])
-        self._improve()
+            starts.append(self._usable(np.maximum(warm_start * self.sign, 0.0)))
+        if not self.may_shed.any():
+            self._improve(np.stack(starts))
+            return
+        rng = np.random.default_rng(SEED)
+        self._improve(np.stack([*starts, self.request, *self._best_of_sample(rng)]))
+        for _ in range(KICK_ROUNDS):
+            if self._late():
+                break
+            self._improve(self._kicked(rng))
 
-    def _improve(self) -> None:
-        request, objectives, _ = self.task.search.horizon.search(self.request[None], self.limits.rollouts)
-        self._keep_better(request, objectives)
+    def _random(self, rng: np.random.Generator, n: int) -> Array:
+        """Schedules in which each step is shared at random, or given to one string."""
+        shape = (n, *self.request.shape)
+        share = rng.uniform(size=shape) ** rng.choice(SHARPNESS, size=(n, 1, shape[-1]))
+        return self._usable(share * self.task.inputs.limit_kw)
 
-    def _keep_better(self, request: Array, objectives: Array) -> None:
-        if is_better(objectives, self.objectives, *self.task.tolerances):
-            self.request, self.objectives = request, objectives
+    def _best_of_sample(self, rng: np.random.Generator) -> Array:
+        requests = self._random(rng, SAMPLES)
+        objectives = self.task.search.horizon.evaluate(requests)
+        return requests[np.lexsort(np.round(objectives, 4).T[::-1])[:SAMPLED_STARTS]]
+
+    def _kicked(self, rng: np.random.Generator) -> Array:
+        """The incumbent with a few steps shared anew."""
+        n_steps = self.request.shape[1]
+        share = rng.uniform(size=(KICKS, n_steps))
+        anew = share <= np.sort(share, axis=1)[np.arange(KICKS), np.arange(KICKS) % 3 % n_steps][:, None]
+        return np.where(anew[:, None, :], self._random(rng, KICKS), self.request)
+
+    def _improve(self, starts: Array) -> None:
+        for start in starts:
+            request, objectives, _ = self.task.search.horizon.search(start[None], self.limits.rollouts)
+            self.incumbent.offer(request, objectives)
 
     def rigorous_bounds(self) -> Bounds:
-        """Bounds of the nonlinear control model: one-step optima over the reachable states, and one relaxation."""
+        """Bounds of the nonlinear control model: one-step optima over the reachable states, and one
+        relaxation."""
         return self._bounds(self.task.true, self.boxes, 1, frozen=False)
 
     def frozen_bounds(self) -> Bounds:
-        """Bounds of the program with coefficients frozen along the incumbent.
-
-        Where the tree finds a better incumbent, local search goes on from there and the bounds are taken anew.
-        """
-        nodes = 0
-        for _ in range(FREEZINGS):
-            incumbent = self.request
-            bounds = self._bounds(self.task.search, self._trajectory(), self.limits.nodes, frozen=True)
-            nodes += bounds.nodes
-            if self.request is incumbent:
-                break
-            self._improve()
-        return replace(bounds, nodes=nodes)
+        """Bounds of the program with coefficients frozen along the incumbent; the tree may still improve
+        that."""
+        before = self.request
+        bounds = self._bounds(self.task.search, self._trajectory(), self.limits.nodes, frozen=True)
+        if self.request is not before:
+            self._improve(self.request[None])
+        return bounds
 
     def _trajectory(self) -> Boxes:
         """States along the incumbent, as boxes that are points."""
@@ -174,7 +204,8 @@ class Search:
             if relative_gap(value, start) <= self.limits.gap:
                 return value, Outcome(Closure.GAP, start, 0)
             if frozen and not sheds.any():
-                # Frozen coefficients and nothing to shed: the steps are independent and this is their optimum.
+                # Frozen coefficients and nothing to shed: the steps are independent and this is their
+                # optimum.
                 return value, Outcome(Closure.TREE, start, 0)
             if self._late():
                 return value, Outcome(Closure.TIME_LIMIT, start, 0)

@@ -1,4 +1,5 @@
-"""One lexicographic stage as branch and bound sees it: nodes of the conic program, and where incumbents come from."""
+"""One lexicographic stage as branch and bound sees it: nodes of the conic program, and where incumbents come
+from."""
 
 from __future__ import annotations
 
@@ -23,7 +24,8 @@ class Settled:
     ----------
     may_run, may_shed, may_derate : ndarray of bool
     ordered : ndarray of bool, shape (n_strings - 1,)
-        String ``m + 1`` is like string ``m`` in every respect, so in the first step it runs only if ``m`` does.
+        String ``m + 1`` is like string ``m`` in every respect, so in the first step it runs only if ``m``
+        does.
     soc, theta : ndarray, shape (n_strings,)
         Measured state, per unit.
     """
