@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+STEEPEST_CUT = 1e4
+"""Largest coefficient of shed power in a step cut, per unit."""
+
 
 class Programs:
     """Relaxations of all stages over the same coefficients.
@@ -51,11 +54,13 @@ class Programs:
         self._units = self._cost.max(axis=(1, 2))
         cut = costs("cut", self._cost[-1] / self._units[-1])
         del cut["cut_a"]
+        # The slope grows without limit as the demand vanishes; such a cut says nothing and scales badly.
+        useful = shed_slope < STEEPEST_CUT * self._units[-1] / constants.nominal_kw.max()
         self._values = {
             **constants.physics(inputs, boxes, coefficients),
             **cut,
-            "cut_a": (shed_slope * constants.nominal_kw[:, None]) / self._units[-1],
-            "cut_0": step_bound / self._units[-1],
+            "cut_a": np.where(useful, shed_slope, 0.0) * constants.nominal_kw[:, None] / self._units[-1],
+            "cut_0": np.where(useful, step_bound, 0.0) / self._units[-1],
         }
         alike = task.alike & (np.diff(inputs.state.soc) == 0.0) & (np.diff(inputs.state.temperature_c) == 0.0)
         alike &= np.all(np.diff(inputs.limit_kw, axis=0) == 0.0, axis=1)

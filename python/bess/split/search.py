@@ -118,15 +118,18 @@ class Search:
         starts = [greedy]
         if warm_start is not None:
             starts.append(self._usable(np.maximum(warm_start * self.sign, 0.0)))
-        if not self.may_shed.any():
-            self._improve(np.stack(starts))
+        self._improve(np.stack(starts))
+        if not self._trajectory_sheds():
             return
         rng = np.random.default_rng(SEED)
-        self._improve(np.stack([*starts, self.request, *self._best_of_sample(rng)]))
+        self._improve(np.stack([self._usable(self.task.inputs.limit_kw), *self._best_of_sample(rng)]))
         for _ in range(KICK_ROUNDS):
             if self._late():
                 break
             self._improve(self._kicked(rng))
+
+    def _trajectory_sheds(self) -> bool:
+        return bool(self.may_shed.any() and self.task.rollout(self.request).availability_loss_kw.any())
 
     def _random(self, rng: np.random.Generator, n: int) -> Array:
         """Schedules in which each step is shared at random, or given to one string."""
