@@ -29,6 +29,7 @@ CELL = {
         "temperature_c": [10.0, 25.0, 40.0, 60.0],
         "resistance_mohm": [1.9, 1.2, 0.85, 0.6],
     },
+    "resistance_soc": {"soc": [0.0, 0.03, 0.1], "resistance_mohm": [9.0, 3.0, 1.2]},  # meets 1.2 at 25 degC
 }
 
 
