@@ -13,5 +13,5 @@ class InputError(BessError, ValueError):
     """Bad input: a file, a parameter, an argument. The command line turns it into exit status 2."""
 
 
-class StoppedEarly(BessError):
+class StoppedEarly(BessError):  # noqa: N818 - an outcome, not a fault
     """A run was interrupted after its results so far were saved. Exit status 3; resume with ``--resume``."""
