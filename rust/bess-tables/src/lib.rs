@@ -5,6 +5,7 @@
 //! Units are SI throughout (W, A, V, Ohm, s), temperatures in degC, charge in Ah; cell values have become
 //! string values.
 
+mod document;
 mod error;
 mod grid;
 mod lut;

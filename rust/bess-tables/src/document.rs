@@ -1,0 +1,261 @@
+//! The system description as the Python side writes it after validating it (cell level, units and field names of the
+//! TOML format), turned into string-level tables.
+
+use serde::Deserialize;
+
+use crate::lut::check_axis;
+use crate::{
+    Derating, Grid, Inverter, LumpedThermal, Lut, Resistance, SpatialThermal, StringParameters, System,
+    TableError,
+};
+
+const WATTS_PER_KW: f64 = 1e3;
+const OHM_PER_MILLIOHM: f64 = 1e-3;
+const REFERENCE_TEMPERATURE_C: f64 = 25.0;
+
+impl System {
+    /// Reads the resolved description that the Python side writes after validating it: a list of strings, each
+    /// with all its sections, in the units of the TOML format.
+    pub fn from_json(text: &str) -> Result<Self, TableError> {
+        let document: Document =
+            serde_json::from_str(text).map_err(|error| TableError::Document(error.to_string()))?;
+        let strings = document
+            .strings
+            .into_iter()
+            .enumerate()
+            .map(|(index, string)| string.build(index))
+            .collect::<Result<Vec<_>, _>>()?;
+        if strings.is_empty() {
+            return Err(TableError::Document("a system needs at least one string".to_owned()));
+        }
+        Ok(Self { strings })
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Document {
+    strings: Vec<StringDocument>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct StringDocument {
+    battery: BatteryDocument,
+    inverter: InverterDocument,
+    derating: DeratingDocument,
+    thermal: ThermalDocument,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct BatteryDocument {
+    cells_series: u32,
+    cells_parallel: u32,
+    cell_capacity_ah: f64,
+    #[serde(rename = "cell_mass_kg")]
+    _cell_mass_kg: f64,
+    soc_min: f64,
+    soc_max: f64,
+    availability_epsilon: f64,
+    low_soc_switch: f64,
+    r_scale: f64,
+    ocv_v: OcvDocument,
+    resistance_temperature: Option<ResistanceTemperatureDocument>,
+    resistance_soc: Option<ResistanceSocDocument>,
+    resistance_table: Option<ResistanceTableDocument>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct OcvDocument {
+    soc: Vec<f64>,
+    temperature_c: Vec<f64>,
+    /// One row per temperature.
+    charge: Vec<Vec<f64>>,
+    discharge: Vec<Vec<f64>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ResistanceTemperatureDocument {
+    temperature_c: Vec<f64>,
+    resistance_mohm: Vec<f64>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ResistanceSocDocument {
+    soc: Vec<f64>,
+    resistance_mohm: Vec<f64>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ResistanceTableDocument {
+    soc: Vec<f64>,
+    temperature_c: Vec<f64>,
+    c_rate: Vec<f64>,
+    control_c_rate: f64,
+    /// Indexed `[c_rate][temperature][soc]`.
+    charge_mohm: Vec<Vec<Vec<f64>>>,
+    discharge_mohm: Vec<Vec<Vec<f64>>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct InverterDocument {
+    nominal_kw: f64,
+    load: Vec<f64>,
+    loss_charge: Vec<f64>,
+    loss_discharge: Vec<f64>,
+    off_loss: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct DeratingDocument {
+    start_c: f64,
+    #[serde(rename = "stop_c")]
+    _stop_c: f64,
+    kp_per_k: f64,
+    ki_per_k_step: f64,
+    temperature_c: Vec<f64>,
+    factor: Vec<f64>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ThermalDocument {
+    spatial: SpatialThermal,
+    lumped: LumpedThermal,
+}
+
+impl StringDocument {
+    fn build(self, index: usize) -> Result<StringParameters, TableError> {
+        let series = f64::from(self.battery.cells_series);
+        let parallel = f64::from(self.battery.cells_parallel);
+        let ohm = OHM_PER_MILLIOHM * self.battery.r_scale * series / parallel;
+        let name = |table: &str| format!("string {index}: {table}");
+
+        let ocv = |label: &str, rows: &[Vec<f64>], document: &OcvDocument| {
+            let z = by_soc(&name(label), &document.soc, &document.temperature_c, rows, series)?;
+            Grid::new(&name(label), document.soc.clone(), document.temperature_c.clone(), z)
+        };
+        let ocv_charge = ocv("battery.ocv_v.charge", &self.battery.ocv_v.charge, &self.battery.ocv_v)?;
+        let ocv_discharge =
+            ocv("battery.ocv_v.discharge", &self.battery.ocv_v.discharge, &self.battery.ocv_v)?;
+
+        let resistance = self.battery.resistance(&name, ohm)?;
+        let nominal_w = self.inverter.nominal_kw * WATTS_PER_KW;
+        let loss = |label: &str, loss: &[f64]| {
+            Lut::new(
+                &name(label),
+                self.inverter.load.iter().map(|x| x * nominal_w).collect(),
+                loss.iter().map(|y| y * nominal_w).collect(),
+            )
+        };
+        Ok(StringParameters {
+            capacity_ah: self.battery.cell_capacity_ah * parallel,
+            soc_min: self.battery.soc_min,
+            soc_max: self.battery.soc_max,
+            availability_epsilon: self.battery.availability_epsilon,
+            low_soc_switch: self.battery.low_soc_switch,
+            ocv_charge,
+            ocv_discharge,
+            resistance,
+            inverter: Inverter {
+                nominal_w,
+                loss_charge: loss("inverter.loss_charge", &self.inverter.loss_charge)?,
+                loss_discharge: loss("inverter.loss_discharge", &self.inverter.loss_discharge)?,
+                off_loss_w: self.inverter.off_loss * nominal_w,
+            },
+            derating: Derating {
+                factor: Lut::new(
+                    &name("derating.factor"),
+                    self.derating.temperature_c,
+                    self.derating.factor,
+                )?,
+                start_c: self.derating.start_c,
+                kp_per_k: self.derating.kp_per_k,
+                ki_per_k_step: self.derating.ki_per_k_step,
+            },
+            spatial: self.thermal.spatial,
+            lumped: self.thermal.lumped,
+        })
+    }
+}
+
+impl BatteryDocument {
+    fn resistance(&self, name: &impl Fn(&str) -> String, ohm: f64) -> Result<Resistance, TableError> {
+        let scaled = |values: &[f64], factor: f64| values.iter().map(|v| v * factor).collect::<Vec<_>>();
+        match (&self.resistance_temperature, &self.resistance_soc, &self.resistance_table) {
+            (Some(temperature), Some(soc), None) => {
+                let f_t = Lut::new(
+                    &name("battery.resistance_temperature"),
+                    temperature.temperature_c.clone(),
+                    temperature.resistance_mohm.clone(),
+                )?;
+                let factor = 1.0 / f_t.at(REFERENCE_TEMPERATURE_C);
+                Ok(Resistance::Switched {
+                    temperature: Lut::new(
+                        &name("battery.resistance_temperature"),
+                        temperature.temperature_c.clone(),
+                        scaled(&temperature.resistance_mohm, ohm),
+                    )?,
+                    soc_factor: Lut::new(
+                        &name("battery.resistance_soc"),
+                        soc.soc.clone(),
+                        scaled(&soc.resistance_mohm, factor),
+                    )?,
+                    switch_soc: self.low_soc_switch,
+                })
+            }
+            (None, None, Some(table)) => {
+                let grids = |label: &str, blocks: &[Vec<Vec<f64>>]| {
+                    if blocks.len() != table.c_rate.len() {
+                        return Err(TableError::table(
+                            &name(label),
+                            format!("{} C-rates but {} tables", table.c_rate.len(), blocks.len()),
+                        ));
+                    }
+                    blocks
+                        .iter()
+                        .map(|rows| {
+                            let z = by_soc(&name(label), &table.soc, &table.temperature_c, rows, ohm)?;
+                            Grid::new(&name(label), table.soc.clone(), table.temperature_c.clone(), z)
+                        })
+                        .collect::<Result<Vec<_>, _>>()
+                };
+                check_axis(&name("battery.resistance_table.c_rate"), &table.c_rate)?;
+                Ok(Resistance::Measured {
+                    c_rate: table.c_rate.clone(),
+                    charge: grids("battery.resistance_table.charge_mohm", &table.charge_mohm)?,
+                    discharge: grids("battery.resistance_table.discharge_mohm", &table.discharge_mohm)?,
+                    control_c_rate: table.control_c_rate,
+                })
+            }
+            _ => Err(TableError::table(
+                &name("battery"),
+                "give either resistance_temperature with resistance_soc, or resistance_table",
+            )),
+        }
+    }
+}
+
+/// Rows per temperature (as files have them) to row-major values with SOC as the first axis, scaled.
+fn by_soc(
+    name: &str,
+    soc: &[f64],
+    temperature_c: &[f64],
+    rows: &[Vec<f64>],
+    factor: f64,
+) -> Result<Vec<f64>, TableError> {
+    if rows.len() != temperature_c.len() || rows.iter().any(|row| row.len() != soc.len()) {
+        return Err(TableError::table(
+            name,
+            format!("needs {} rows (temperatures) of {} values (SOC)", temperature_c.len(), soc.len()),
+        ));
+    }
+    Ok((0..soc.len()).flat_map(|i| rows.iter().map(move |row| row[i] * factor)).collect())
+}
