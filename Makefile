@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 RUST_SOURCES := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name 'Cargo.toml')
 
-.PHONY: demo test test-rust test-python lint bench docs clean
+.PHONY: demo test test-rust test-python lint bench cases docs clean
 
 demo: $(VENV)/built
 	$(BIN)/bess run case1 --out demo-case1
@@ -24,9 +24,17 @@ lint: $(VENV)/built
 	cargo fmt --check
 	cargo clippy --workspace --all-targets --locked -- -D warnings
 
+# The rivals are optional: what cannot be installed is a row of the table that says so.
 bench: $(VENV)/built
+	-$(BIN)/maturin develop --release --locked --extras dev,docs,bench
+	-$(BIN)/python -m pip install --quiet --no-deps --ignore-requires-python simses==2.1.1
 	cargo bench --locked
 	$(BIN)/python -m pytest benches -o addopts= --benchmark-only
+	$(BIN)/python benches/table.py
+
+# Runs the paper's cases (about two minutes) and writes the tables and figures that cases.md and the README show.
+cases: $(VENV)/built
+	$(BIN)/python docs/make_cases.py results/cases
 
 docs: $(VENV)/built
 	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build/html

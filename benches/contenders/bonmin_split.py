@@ -1,7 +1,7 @@
 """The power split of MODEL section 3 as a smooth mixed-integer program, given to Bonmin through CasADi.
 
-The same equations and objective, for states where nothing has to be shed (availability loss 0). Bonmin wants smooth
-functions, so each table becomes the cubic spline through its knots.
+The same equations and objective, for states where nothing has to be shed (availability loss 0). Bonmin wants
+smooth functions, so each table becomes the cubic spline through its knots.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def split(
     dt_h: float = 0.25,
     time_limit_s: float = 60.0,
 ) -> tuple[np.ndarray, float, float]:
-    """Return Bonmin's requests (n_strings, n_steps) [kW, signed], its objective, and the time of the solve [s]."""
+    """Return Bonmin's requests (n_strings, n_steps) [kW, signed], objective, and time of the solve [s]."""
     n_strings, n_steps = system.n_strings, len(demand_kw)
     requests = ca.MX.sym("u", n_strings, n_steps)
     on = ca.MX.sym("on", n_strings, n_steps)
@@ -36,7 +36,8 @@ def split(
         nominal = inverter.nominal_kw
         ohm_of = _spline("r", string.battery.resistance_temperature.temperature_c,
                          np.array(battery.resistance_temperature.resistance_mohm)
-                         * 1e-3 * battery.r_scale * battery.cells_series / battery.cells_parallel)  # fmt: skip
+                         * 1e-3 * battery.r_scale * battery.cells_series
+                         / battery.cells_parallel)  # fmt: skip
         factor_of = _spline("k", string.derating.temperature_c, np.array(string.derating.factor))
         cell_v = np.interp(0.5, battery.ocv_v.soc, battery.ocv_v.discharge[0]) * battery.cells_series
         heat_nominal = float(ohm_of(25.0)) * (nominal * 1e3 / cell_v) ** 2 / 1e3

@@ -1,4 +1,4 @@
-"""PySAM BatteryStateful (NREL SAM's battery with its lumped thermal model) at 15 min and at 10 s, no control."""
+"""PySAM BatteryStateful (NREL SAM's battery, lumped thermal model) at 15 min or at 10 s, no control."""
 
 import json
 import resource

@@ -1,11 +1,10 @@
-"""SimSES 2.1.1 simulating two strings, no control: lumped thermal at 15 min, or its container model at 10 s."""
+"""SimSES 2.1.1, two strings, no control: lumped thermal at 15 min, or its container model at 10 s."""
 
 import json
 import resource
 import sys
 
 import simses
-from two_cycles import series
 from simses.battery.battery import Battery
 from simses.converter.converter import Converter
 from simses.model.cell.samsung94Ah_nmc import Samsung94AhNMC
@@ -13,6 +12,7 @@ from simses.model.converter.sinamics import SinamicsS120
 from simses.model.thermal.containers import FortyFtContainer
 from simses.thermal.ambient import AmbientThermalModel
 from simses.thermal.container import ConstantCopHvac, ContainerThermalModel, ThermostatStrategy
+from two_cycles import series
 
 STRINGS = 2
 

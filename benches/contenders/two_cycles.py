@@ -1,4 +1,4 @@
-"""The load every contender gets: two arbitrage cycles a day, per unit of string power, positive = discharge."""
+"""The load of every contender: two arbitrage cycles a day, per unit of power, positive = discharge."""
 
 # (hours, power per unit); parameters: docs/parameters.md, section on demand.
 DAY = (

@@ -1,0 +1,175 @@
+"""One table: this package beside its rivals, measured in the same run. How to read it: docs/benchmarks.md.
+
+    python benches/table.py [--days N] [--states N] [--prices FILE] [--out FILE]
+
+Every contender runs in a process of its own; a rival that is not installed is a row that says so.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from contender import Outcome, run_contender
+from machine import describe_machine
+
+REPEATS = 3
+HORIZONS = (4, 8, 16, 32)
+STRINGS = (2, 8, 32)
+PRICES = Path(__file__).parents[2] / "shared/data/prices/smard_de_viertelstunde_2024_berechnet_resaved.csv"
+
+
+@dataclass
+class Bench:
+    """Collects rows for the eye and figures for the file."""
+
+    table: Table
+    figures: dict[str, Any] = field(default_factory=dict)
+
+    def row(self, name: str, outcome: Outcome, shown: Callable[[Any], tuple[str, str]]) -> None:
+        """Add a contender: its figure and what to compare, or why it has none."""
+        self.figures[name] = outcome.figures if outcome.figures is not None else {"missing": outcome.reason}
+        cells = shown(outcome.figures) if outcome.figures is not None else ("–", outcome.reason)
+        self.table.add_row(name, *cells)
+
+
+def plants(bench: Bench, days: float) -> float | None:
+    """String-years without control; returns that of SimSES at 10 s."""
+    own_days = max(365.0, days)  # so fast that less would measure the clock
+    runs = {
+        "bess plant, 2 strings, 10 s, 40 nodes": ("bess_plant.py", own_days, 2),
+        "bess plant, 8 strings, 10 s, 40 nodes": ("bess_plant.py", own_days, 8),
+        "SimSES container, 10 s": ("simses_year.py", days, "container"),
+        "SimSES lumped, 15 min": ("simses_year.py", 20 * days, "lumped"),
+        "PySAM BatteryStateful, 15 min": ("pysam_year.py", 20 * days, 900),
+    }
+    done = {name: median_of_runs(*arguments) for name, arguments in runs.items()}
+    ours, simses = (done[name].figures for name in (next(iter(runs)), "SimSES container, 10 s"))
+    bench.table.add_section()
+    for name, outcome in done.items():
+
+        def shown(figures: Any) -> tuple[str, str]:
+            cpu_s = figures["string_year_cpu_s"]
+            ratio = f"{cpu_s / ours['string_year_cpu_s']:.3g} x the first row" if ours else ""
+            return f"{cpu_s:.3g} CPU s / string-year", ratio
+
+        bench.row(name, outcome, shown)
+    return simses["string_year_cpu_s"] if simses else None
+
+
+def loops(bench: Bench, days: float, prices: Path | None, simses_s: float | None) -> None:
+    """Years of closed loop, beside two string-years of SimSES without control."""
+    bench.table.add_section()
+
+    def shown(figures: Any) -> tuple[str, str]:
+        note = f"{figures['solves_per_day']:.0f} solves / day, {figures['peak_memory_mb']:.0f} MB"
+        if simses_s is not None:
+            note = f"{figures['year_cpu_s'] / (2 * simses_s):.3g} x SimSES 10 s, 2 strings; " + note
+        return f"{figures['year_cpu_s']:.0f} CPU s / year", note
+
+    bench.row("bess closed loop, MPC, two-cycle profile", run_contender("bess_loop.py", days), shown)
+    name = "bess closed loop, MPC, day-ahead prices"
+    if prices is None or not prices.is_file():
+        bench.row(name, Outcome(None, f"no price file ({prices}); give --prices"), shown)
+    else:
+        bench.row(name, run_contender("bess_loop.py", days, prices), shown)
+
+
+def splits(bench: Bench, states: int) -> None:
+    """Two strings, four steps: ours, Gurobi, Bonmin on the same states."""
+    bench.table.add_section()
+    done = {name: run_contender("splits.py", name, states) for name in ("bess", "gurobi", "bonmin")}
+    ours = keyed(done["bess"])
+    for name, outcome in done.items():
+        theirs = keyed(outcome)
+        both = [key for key in ours if key in theirs]
+
+        def shown(figures: Any, theirs: Any = theirs, both: Any = both, name: str = name) -> tuple[str, str]:
+            if not both:
+                return "–", "solved none of the states"
+            median_ms = 1e3 * np.median([theirs[key]["seconds"] for key in both])
+            if name == "bess":
+                return f"{median_ms:.3g} ms", f"{len(both)} states and weights"
+            ratio = [theirs[key]["seconds"] / ours[key]["seconds"] for key in both]
+            worse = [ours[key]["objective"] / theirs[key]["objective"] - 1.0 for key in both]
+            summary = {
+                "geometric_mean_ratio": float(np.exp(np.mean(np.log(ratio)))),
+                "smallest_ratio": float(min(ratio)),
+                "our_objective_worse_by_at_most": float(max(worse)),
+                "our_objective_better_by_at_most": float(-min(worse)),
+                "solved": f"{len(both)} of {len(figures)}",
+            }
+            bench.figures[f"{name} against bess"] = summary
+            return f"{median_ms:.3g} ms", (
+                f"{summary['geometric_mean_ratio']:.0f} x (geometric mean; least {min(ratio):.0f}); "
+                f"our objective {100 * min(worse):+.4f} to {100 * max(worse):+.4f} %"
+            )
+
+        bench.row(f"split, 2 strings x 4 steps: {name}", outcome, shown)
+
+
+def growth(bench: Bench, states: int) -> None:
+    """Time of a split over strings and over steps."""
+    bench.table.add_section()
+    sizes = [(2, steps) for steps in HORIZONS] + [(strings, 8) for strings in STRINGS if strings != 2]
+    for strings, steps in sizes:
+        outcome = run_contender("bess_growth.py", strings, steps, states)
+        bench.row(
+            f"bess split, {strings} strings x {steps} steps",
+            outcome,
+            lambda figures: (
+                f"{1e3 * figures['median_s']:.3g} ms",
+                f"{figures['median_nodes']:.0f} nodes, gap {100 * figures['median_search_gap']:.2g} % "
+                f"(rigorous {100 * figures['median_gap']:.2g} %), worst {1e3 * figures['worst_s']:.3g} ms",
+            ),
+        )
+
+
+def median_of_runs(script: str, *arguments: object) -> Outcome:
+    """The run with the median CPU time of three."""
+    runs = [run_contender(script, *arguments) for _ in range(REPEATS)]
+    if any(run.figures is None for run in runs):
+        return next(run for run in runs if run.figures is None)
+    return sorted(runs, key=lambda run: run.figures["string_year_cpu_s"])[REPEATS // 2]
+
+
+def keyed(outcome: Outcome) -> dict[tuple[str, int], Any]:
+    """Results by weights and seed, those with an answer."""
+    entries = outcome.figures or []
+    return {(entry["weights"], entry["seed"]): entry for entry in entries if "seconds" in entry}
+
+
+def main() -> None:
+    """Measure, print, write."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--days", type=float, default=7.0, help="simulated days of SimSES and the loop")
+    parser.add_argument("--states", type=int, default=5, help="seeded states of each split")
+    parser.add_argument("--prices", type=Path, default=PRICES, help="price file for the closed loop")
+    parser.add_argument("--out", type=Path, default=Path(__file__).with_name("results.json"))
+    chosen = parser.parse_args()
+    machine = describe_machine()
+    title = f"{machine['cpu']}, {machine['cores']} cores, {machine['date']}"
+    bench = Bench(Table("", "measured", "beside", title=title, title_justify="left"))
+    simses_s = plants(bench, chosen.days)
+    loops(bench, chosen.days, chosen.prices, simses_s)
+    splits(bench, chosen.states)
+    growth(bench, chosen.states)
+    console = Console()
+    # Into a file or a pipe, a table as wide as it needs.
+    (console if console.is_terminal else Console(width=140)).print(bench.table)
+    settings = {"days": chosen.days, "states": chosen.states}
+    text = json.dumps({"machine": machine, "settings": settings, "figures": bench.figures}, indent=1)
+    chosen.out.write_text(text + "\n", encoding="utf-8")
+    print(f"All figures are in {chosen.out}.")
+
+
+if __name__ == "__main__":
+    main()
