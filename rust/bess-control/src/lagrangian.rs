@@ -4,6 +4,8 @@ use crate::one_step_curve::{CostCurve, Response};
 
 const MAX_PRICES: usize = 80;
 const GAP: f64 = 1e-12;
+/// A total this close to the demand (relative) meets it: the sum of all limits may round to just below.
+const ROUNDING: f64 = 1e-12;
 
 /// Whether a string's inverter runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -120,7 +122,7 @@ pub(crate) fn maximise(curves: &[CostCurve], choice: &Choice, demand_w: f64, gue
     let possible = choice
         .free_to_switch_on()
         .is_none_or(|n| n <= choice.modes.iter().filter(|m| **m == Mode::Free).count());
-    if !possible || (must_serve && capacity_w(curves, choice) < demand_w * (1.0 - 1e-12)) {
+    if !possible || (must_serve && capacity_w(curves, choice) < demand_w * (1.0 - ROUNDING)) {
         return Dual {
             bound: f64::INFINITY,
             price: guess,
@@ -137,8 +139,9 @@ pub(crate) fn maximise(curves: &[CostCurve], choice: &Choice, demand_w: f64, gue
     let (mut low, mut high) = (None, None);
     let mut step = 0.1 * steepest;
     let mut price = guess;
+    let below = |point: &AtPrice| point.total_w < demand_w * (1.0 - ROUNDING);
     let sort = |point: AtPrice, low: &mut Option<AtPrice>, high: &mut Option<AtPrice>| {
-        let side = if point.total_w <= demand_w { low } else { high };
+        let side = if below(&point) { low } else { high };
         *side = Some(point);
     };
     sort(first, &mut low, &mut high);
@@ -156,7 +159,7 @@ pub(crate) fn maximise(curves: &[CostCurve], choice: &Choice, demand_w: f64, gue
     };
     while used < MAX_PRICES {
         let (miss_low, miss_high) = (demand_w - low.total_w, high.total_w - demand_w);
-        if miss_low <= 0.0 {
+        if miss_high <= 0.0 {
             break;
         }
         let width = high.price - low.price;
@@ -171,7 +174,7 @@ pub(crate) fn maximise(curves: &[CostCurve], choice: &Choice, demand_w: f64, gue
         let share = if share > 0.0 && share < width { share } else { 0.5 * width };
         let point = at(low.price + share);
         used += 1;
-        if point.total_w <= demand_w {
+        if below(&point) {
             low = point;
         } else {
             high = point;
