@@ -33,8 +33,9 @@ def kpis(result: Result | xr.Dataset) -> dict[str, float]:
     - ``fulfilment_pct`` ``sum |delivered| / sum |D|``;
     - ``peak_mean_temperature_c`` of the mean over strings, ``peak_string_temperature_c`` of the hottest
       string's mean (both with the initial state), ``peak_node_temperature_c`` of the hottest node;
-    - ``soc_spread_max``, ``soc_spread_mean`` of the largest minus the smallest SOC; ``full_cycles`` half the
-      SOC travelled, mean over strings; ``inverter_starts_mean``, ``inverter_starts_max`` per inverter;
+    - ``soc_spread_start``, ``_end``, ``_mean`` and ``_max`` of the largest minus the smallest SOC, the same
+      of the strings' temperatures with ``temperature_spread_..._k``; ``full_cycles`` half the SOC travelled,
+      mean over strings; ``inverter_starts_mean``, ``inverter_starts_max`` per inverter;
     - energies in kWh; ``ledger_residual_ratio``, the sum of absolute residuals over the delivered energy;
     - ``fallback_steps``, ``solver_steps``, and ``median``, ``p95`` and ``max`` of gaps and nodes over the
       steps with a solve; for market studies ``revenue_eur``.
@@ -91,17 +92,24 @@ def _temperatures(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
     yield "peak_mean_temperature_c", states.mean(axis=1).max()
     yield "peak_string_temperature_c", states.max()
     yield "peak_node_temperature_c", dataset["node_max_c"].values.max()
+    for moment, spread_k in _between_strings(states):
+        yield f"temperature_spread_{moment}_k", spread_k
 
 
 def _operation(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
     soc = _with_initial(dataset, "soc")
-    spread = soc.max(axis=1) - soc.min(axis=1)
-    yield "soc_spread_max", spread.max()
-    yield "soc_spread_mean", spread.mean()
+    for moment, spread in _between_strings(soc):
+        yield f"soc_spread_{moment}", spread
     yield "full_cycles", np.abs(np.diff(soc, axis=0)).sum(axis=0).mean() / 2.0
     starts = dataset["inverter_starts"].values.sum(axis=0)
     yield "inverter_starts_mean", starts.mean()
     yield "inverter_starts_max", starts.max()
+
+
+def _between_strings(states: Array) -> Iterator[tuple[str, float]]:
+    """Largest minus smallest over the strings of ``(n_times, n_strings)``."""
+    spread = np.ptp(states, axis=1)
+    yield from (("start", spread[0]), ("end", spread[-1]), ("mean", spread.mean()), ("max", spread.max()))
 
 
 def _solver(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:

@@ -14,6 +14,8 @@ _ROWS = {
     "peak_mean_temperature_c": ("peak of the mean temperature", "degC", 1),
     "peak_string_temperature_c": ("peak temperature of a string", "degC", 1),
     "peak_node_temperature_c": ("hottest node", "degC", 1),
+    "soc_spread_start": ("SOC spread at the start", "", 3),
+    "soc_spread_end": ("SOC spread at the end", "", 3),
     "soc_spread_max": ("largest SOC spread", "", 3),
     "full_cycles": ("full cycles", "", 2),
     "inverter_starts_mean": ("starts of an inverter", "", 1),

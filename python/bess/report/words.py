@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from bess.report.data import step_h
+from bess.report.differing import event_sentences, spread_sentences
 from bess.report.kpi_names import KPI_NAMES, MOST_COMPARED
 from bess.report.runs import Run
 
@@ -26,10 +27,16 @@ def summary(runs: Mapping[str, Run]) -> list[str]:
     steps = f"{data.sizes['time']:,} steps"
     what = f"{n_strings} string{plural} over {length} ({steps}), from {start} UTC"
     if len(runs) == 1:
-        return [f"{what}. {_one(first)}"]
+        return [f"{what}. {_one(first)}", *event_sentences(first), *spread_sentences(runs)]
     judged = ("system_efficiency_pct", "availability_pct", "peak_mean_temperature_c")
     values = ({name: run.kpis[key] for name, run in runs.items()} for key in judged)
-    return [f"{len(runs)} scenarios: {what}.", *map(_best_of, judged, values), *_against_equal_split(runs)]
+    return [
+        f"{len(runs)} scenarios: {what}.",
+        *event_sentences(first),
+        *map(_best_of, judged, values),
+        *_against_equal_split(runs),
+        *spread_sentences(runs),
+    ]
 
 
 def _against_equal_split(runs: Mapping[str, Run]) -> Iterator[str]:
@@ -41,13 +48,19 @@ def _against_equal_split(runs: Mapping[str, Run]) -> Iterator[str]:
     for name, policy in policies.items():
         if policy == "equal":
             continue
-        gains = [
+        system, availability, derating, peak_k = (
             runs[name].kpis[key] - runs[baseline].kpis[key]
-            for key in ("system_efficiency_pct", "availability_pct", "peak_mean_temperature_c")
-        ]
+            for key in (
+                "system_efficiency_pct",
+                "availability_pct",
+                "derating_efficiency_pct",
+                "peak_mean_temperature_c",
+            )
+        )
         yield (
-            f"{name} against the equal split: system efficiency {gains[0]:+.2f} points, availability "
-            f"{gains[1]:+.2f} points, peak mean temperature {gains[2]:+.1f} K."
+            f"{name} against the equal split: system efficiency {system:+.2f} points, availability "
+            f"{availability:+.2f} points, derating efficiency {derating:+.2f} points, peak mean temperature "
+            f"{peak_k:+.1f} K."
         )
 
 
