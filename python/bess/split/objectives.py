@@ -62,8 +62,9 @@ class Objectives:
     availability, derating, inverter, battery : float or Objective
         Availability loss, derating loss, inverter loss, battery loss.
     normalisation : {"constant", "payoff"}
-        Divide each loss by its value at nominal power on every string and step (MODEL.md section 3), or by
-        its range over the optima of the single objectives, found anew for each call.
+        Divide each loss by its value at nominal power on every string and step, so that a kWh counts the same
+        in whichever string it is lost (MODEL.md section 3), or by its range over the optima of the single
+        objectives, found anew for each call.
 
     Raises
     ------

@@ -84,7 +84,9 @@ class PowerSplit:
         self._model = _core.ControlModel(system.core)
         inverter_kw, battery_kw = self._model.nominal_loss_kw()
         nominal = np.stack([system.nominal_kw, system.nominal_kw, inverter_kw, battery_kw], axis=1)
-        self._scale_per_kw = 1.0 / (nominal * system.n_strings * horizon_steps)
+        # One constant for the plant: a kWh lost counts the same in whichever string it is lost.
+        whole = np.broadcast_to(nominal.mean(axis=0), nominal.shape)
+        self._scale_per_kw = 1.0 / (whole * system.n_strings * horizon_steps)
         self._constants = PlantConstants.of(system, battery_kw, dt_h)
         strings = [s.model_dump(exclude={"site"}) for s in system.strings]
         self._alike = np.array([a == b for a, b in pairwise(strings)], dtype=bool)

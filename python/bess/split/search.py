@@ -24,6 +24,9 @@ Array = NDArray[np.float64]
 
 SAMPLES, SAMPLED_STARTS, SEED = 1500, 4, 1
 KICK_ROUNDS, KICKS = 4, 9
+ROUNDING = 1e-12
+"""A demand this close to the sum of the limits (relative) asks every string for its limit."""
+
 SHARPNESS = (0.3, 1.0, 30.0)
 """Exponents of uniform shares: nearly equal shares, any, nearly all to one string."""
 
@@ -94,6 +97,7 @@ class Search:
         self.may_shed = task.constants.may_shed(
             inputs, self.boxes, Coefficients.over(task.search.horizon, self.boxes)
         )
+        self.forced = not _is_free(np.abs(inputs.demand_kw), inputs.limit_kw).any()
         proportional = self._usable(inputs.limit_kw)
         objectives = task.search.horizon.evaluate(proportional[None])[0]
         self.incumbent = Incumbent(proportional, objectives, *task.tolerances)
@@ -114,6 +118,8 @@ class Search:
 
         Steps that share a scarce SOC make local optima; the best of a sample leads out of most of them.
         """
+        if self.forced:
+            return
         greedy, _ = self.task.search.horizon.greedy()
         starts = [greedy]
         if warm_start is not None:
@@ -190,9 +196,12 @@ class Search:
 
     def _bounds(self, model: Model, states: Boxes, node_limit: int, *, frozen: bool) -> Bounds:
         """Bounds of every group, from the one-step optima where they suffice, else from the relaxation."""
+        if self.forced:
+            return _exact(model.horizon.evaluate(self.request[None])[0])
         phi, shed_slope = model.horizon.step_bounds(*states.at_starts)
         sheds = self.may_shed.any(axis=0)
-        from_steps = np.where(sheds, 0.0, phi).sum(axis=1)
+        most_kw = np.where(sheds, np.abs(self.task.inputs.demand_kw), 0.0)
+        abs_tol, _ = self.task.tolerances
         programs: Programs | None = None
         outcomes = []
         failed = False
@@ -203,8 +212,10 @@ class Search:
             def incumbent() -> float:
                 return float(model.horizon.evaluate(self.request[None])[0, group])
 
-            value, start = incumbent(), float(from_steps[group])
-            if relative_gap(value, start) <= self.limits.gap:
+            value = incumbent()
+            shed_cost, budget_kw = _shedding(model.costs, group, caps)
+            start = least_cost(phi[group], shed_slope[group], shed_cost, most_kw, budget_kw)
+            if relative_gap(value, start) <= self.limits.gap or value - start <= abs_tol[group]:
                 return value, Outcome(Closure.GAP, start, 0)
             if frozen and not sheds.any():
                 # Frozen coefficients and nothing to shed: the steps are independent and this is their
@@ -222,6 +233,7 @@ class Search:
                 stage,
                 *stage.root(),
                 gap=self.limits.gap,
+                abs_gap=abs_tol[group],
                 node_limit=node_limit,
                 deadline=self.limits.deadline,
                 start_bound=start,
@@ -236,3 +248,36 @@ class Search:
             sum(outcome.nodes for outcome in outcomes),
             failed,
         )
+
+
+def _is_free(demand_kw: Array, limit_kw: Array) -> NDArray[np.bool_]:
+    """Steps in which there is something to decide: more than one string can run, and not all have to."""
+    several = np.count_nonzero(limit_kw, axis=0) > 1
+    free: NDArray[np.bool_] = several & (demand_kw > 0.0) & (demand_kw < limit_kw.sum(axis=0) * (1.0 - ROUNDING))
+    return free
+
+
+def _exact(objectives: Array) -> Bounds:
+    """Bounds of the only schedule there is."""
+    values = tuple(float(x) for x in objectives)
+    return Bounds(values, (Closure.GAP,) * len(values), 0, failed=False)
+
+
+def least_cost(phi: Array, shed_slope: Array, shed_cost: float, most_kw: Array, budget_kw: float) -> float:
+    """Least sum over the steps of ``max(phi - shed_slope a, 0) + shed_cost a``, with ``a <= most_kw`` in each
+    step and ``sum a <= budget_kw``: what step cuts alone say about a horizon.
+
+    The steepest step is shed first, each until its cut is used up.
+    """
+    order = np.argsort(-shed_slope, kind="stable")
+    phi, saved = phi[order], np.maximum(shed_slope[order] - shed_cost, 0.0)
+    useful_kw = np.minimum(most_kw[order], phi / np.where(saved > 0.0, shed_slope[order], np.inf))
+    left_kw = np.maximum(budget_kw - np.cumsum(useful_kw) + useful_kw, 0.0)
+    return float((phi - saved * np.minimum(useful_kw, left_kw)).sum())
+
+
+def _shedding(costs: Array, group: int, caps: Sequence[float]) -> tuple[float, float]:
+    """Smallest cost of a shed kW in a group, and the most that the groups before it let be shed [kW]."""
+    cheapest = costs[:, :, 0].min(axis=1)
+    allowed = [cap / cost for cap, cost in zip(caps, cheapest, strict=False) if cost > 0.0]
+    return float(cheapest[group]), min(allowed, default=np.inf)

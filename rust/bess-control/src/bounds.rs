@@ -84,6 +84,10 @@ fn step_bound(mut curves: Vec<CostCurve>, demand_w: f64) -> StepBound {
     // A demand just above what fewer strings can take would need a slope without end: it saves a no-load loss.
     let highest =
         HIGHEST_SLOPE * steepest.max(if nothing_shed.is_finite() { nothing_shed / demand_w } else { 0.0 });
+    if !highest.is_finite() {
+        // A demand of next to nothing.
+        return StepBound::default();
+    }
     let mut slope = curves.iter().map(|c| c.terms.costs[1]).fold(0.0, f64::max);
     // Shedding everything saves all: no smaller slope will do.
     slope = slope.max(if nothing_shed.is_finite() { nothing_shed / demand_w } else { 2.0 * steepest });
