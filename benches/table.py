@@ -1,6 +1,6 @@
 """One table: this package beside its rivals, measured in the same run. How to read it: docs/benchmarks.md.
 
-    python benches/table.py [--days N] [--states N] [--prices FILE] [--out FILE]
+    python benches/table.py [--days N] [--states N] [--prices FILE] [--out FILE] [--markdown FILE]
 
 Every contender runs in a process of its own; a rival that is not installed is a row that says so.
 """
@@ -32,6 +32,7 @@ class Bench:
     """Collects rows for the eye and figures for the file."""
 
     table: Table
+    rows: list[tuple[str, str, str]] = field(default_factory=list)
     figures: dict[str, Any] = field(default_factory=dict)
 
     def row(self, name: str, outcome: Outcome, shown: Callable[[Any], tuple[str, str]]) -> None:
@@ -39,6 +40,16 @@ class Bench:
         self.figures[name] = outcome.figures if outcome.figures is not None else {"missing": outcome.reason}
         cells = shown(outcome.figures) if outcome.figures is not None else ("–", outcome.reason)
         self.table.add_row(name, *cells)
+        self.rows.append((name, *cells))
+
+    def markdown(self, machine: dict[str, Any]) -> str:
+        """The table for the documentation, with where and with what it was measured."""
+        head = [("", "measured", "beside"), ("---", "---", "---")]
+        lines = ["| " + " | ".join(row) + " |" for row in (*head, *self.rows)]
+        versions = ", ".join(f"{name} {number}" for name, number in machine["packages"].items() if number)
+        where = f"{machine['cpu']}, {machine['cores']} cores, load {machine['load_before'][0]:.1f} before"
+        note = f"Measured {machine['date'][:10]} on {where}; Python {machine['python']}, {versions}."
+        return "\n".join(["<!-- written by benches/table.py --markdown -->", "", *lines, "", note, ""])
 
 
 def plants(bench: Bench, days: float) -> float | None:
@@ -154,6 +165,7 @@ def main() -> None:
     parser.add_argument("--states", type=int, default=5, help="seeded states of each split")
     parser.add_argument("--prices", type=Path, default=PRICES, help="price file for the closed loop")
     parser.add_argument("--out", type=Path, default=Path(__file__).with_name("results.json"))
+    parser.add_argument("--markdown", type=Path, help="write the table for the documentation as well")
     chosen = parser.parse_args()
     machine = describe_machine()
     title = f"{machine['cpu']}, {machine['cores']} cores, {machine['date']}"
@@ -168,6 +180,8 @@ def main() -> None:
     settings = {"days": chosen.days, "states": chosen.states}
     text = json.dumps({"machine": machine, "settings": settings, "figures": bench.figures}, indent=1)
     chosen.out.write_text(text + "\n", encoding="utf-8")
+    if chosen.markdown is not None:
+        chosen.markdown.write_text(bench.markdown(machine), encoding="utf-8")
     print(f"All figures are in {chosen.out}.")
 
 
