@@ -34,6 +34,7 @@ bench: $(VENV)/built
 
 # Runs the paper's cases (about two minutes) and writes the tables and figures that cases.md and the README show.
 cases: $(VENV)/built
+	rm -rf results/cases
 	$(BIN)/python docs/make_cases.py results/cases
 
 docs: $(VENV)/built
