@@ -37,6 +37,7 @@ class Replay:
     delivered_kw: Array
     inverter_loss_kw: Array
     battery_loss_kw: Array
+    derating_loss_kw: Array
     soc: Array
     fallbacks: int
     seconds: float
@@ -65,6 +66,7 @@ def replay(policy_name: str, demand_kw: Array, *, horizon_steps: int = 4) -> Rep
         delivered_kw=np.array([f.delivered_kw for f in flows]),
         inverter_loss_kw=np.array([f.inverter_loss_kw for f in flows]),
         battery_loss_kw=np.array([f.battery_loss_kw for f in flows]),
+        derating_loss_kw=np.array([f.derating_loss_kw for f in flows]),
         soc=np.array([f.soc for f in flows]),
         fallbacks=fallbacks,
         seconds=time.perf_counter() - begin,
@@ -152,6 +154,11 @@ def policy_table(demand_kw: Array, replays: dict[str, Replay]) -> pd.DataFrame:
             "battery loss, kWh": r.battery_loss_kw.sum() * DT_H,
             "both, % of throughput": 100.0 * losses_kwh / gross_kwh,
             "not delivered, kWh": gross_kwh - np.abs(r.delivered_kw).sum() * DT_H,
+            "of that by derating, kWh": r.derating_loss_kw.sum() * DT_H,
+            "largest share of one unit, %": 100.0
+            * np.abs(r.delivered_kw).sum(axis=0).max()
+            * DT_H
+            / gross_kwh,
             "steps without optimum": r.fallbacks,
             "seconds": r.seconds,
         }
@@ -172,8 +179,9 @@ def draw(
     figure, axes = plt.subplots(3, 1, figsize=(8, 7), sharex=True, layout="constrained")
     axes[0].step(hours, demand_kw, where="post", color="black", linewidth=1)
     axes[0].set_ylabel("plant power [kW]\n(+ discharge)")
-    for name, r in replays.items():
-        axes[1].step(hours, r.units_on, where="post", label=name, linewidth=1)
+    for index, (name, r) in enumerate(replays.items()):
+        width = 1.0 + len(replays) - index  # counts that coincide stay visible
+        axes[1].step(hours, r.units_on, where="post", label=name, linewidth=width)
     axes[1].set_ylabel("units running (model)")
     axes[1].legend(ncols=len(replays))
     quarter = second.index.floor("15min")
