@@ -122,7 +122,7 @@ def test_check_runs_nothing_and_says_what_it_found(tmp_path: Path) -> None:
         "check", "case1", "--set", "demand.scale=3", "--set", "policy.name=equal", folder=tmp_path
     )
     assert ended.returncode == 0
-    assert "192 of 15 min from 2024-01-01T00:00:00 UTC" in ended.stdout
+    assert "period: 2024-01-01 00:00 to 2024-01-03 00:00 UTC, 192 steps of 15 min" in ended.stdout
     assert "-234 to 234 kW" in ended.stdout
     assert "above the 184 kW of the plant" in ended.stdout
     assert list(tmp_path.iterdir()) == []
@@ -133,7 +133,7 @@ def test_check_names_the_prices_it_found() -> None:
         pytest.skip(f"{PRICES} is not there")
     text = command("check", "arbitrage-2024", "--set", f"demand.prices={PRICES}").stdout
     assert "-135.45 / 78.51 / 936.28 EUR/MWh" in text
-    assert "35136 of 15 min" in text
+    assert "2023-12-31 23:00 to 2024-12-31 23:00 UTC, 35136 steps of 15 min" in text
 
 
 @pytest.mark.parametrize(

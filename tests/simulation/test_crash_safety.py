@@ -1,6 +1,7 @@
 """Claims about runs that are killed, interrupted, starved of disk, or resumed as something else."""
 
 import errno
+import itertools
 import json
 import os
 import random
@@ -9,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +26,7 @@ from bess.simulation.codec import pack, unpack
 from bess.simulation.store import Lock
 
 BESS = [sys.executable, "-m", "bess"]
-LONG = {"policy.name": "soc", "run.days": 40, "demand.repeat": True, "system.initial_soc": [0.2, 0.7]}
+LONG = {"policy.name": "soc", "run.days": 120, "demand.repeat": True, "system.initial_soc": [0.2, 0.7]}
 PRICES = Path(__file__).parents[3] / "shared/data/prices/smard_de_viertelstunde_2024_berechnet_resaved.csv"
 
 
@@ -199,8 +201,9 @@ def test_a_stop_saves_exits_with_3_and_can_be_continued(number: signal.Signals, 
         assert process.poll() is None, process.stderr and process.stderr.read()
         time.sleep(0.005)
     process.send_signal(number)
-    message = process.communicate(timeout=60)[1].strip().splitlines()[-1]
-    assert process.returncode == 3
+    said = process.communicate(timeout=60)[1]
+    assert process.returncode == 3, said
+    message = said.strip().splitlines()[-1]
     assert "all is saved in" in message and "--resume" in message
     saved = bess.open_result(directory)
     assert 0 < saved.sizes["time"] < 300 * 96
@@ -208,6 +211,22 @@ def test_a_stop_saves_exits_with_3_and_can_be_continued(number: signal.Signals, 
     whole = bess.run(bess.load_study("case1", {**values, "run.days": 10}), progress=False).dataset
     steps = min(saved.sizes["time"], 960)
     np.testing.assert_array_equal(saved.soc.values[:steps], whole.soc.values[:steps])
+
+
+def test_a_stop_between_two_looks_at_the_flag_still_saves_a_part(
+    short: Study, small_parts: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The loop looks at the flag before a part and after each step; the stop comes right after a look."""
+    reference = bess.run(short, progress=False)
+    for looks in (1, 2, 17, 18):
+        answers = itertools.chain([False] * looks, itertools.repeat(True))
+        with monkeypatch.context() as patch:
+            patch.setattr(run_module, "stop_requests", lambda a=answers: nullcontext(lambda: next(a)))
+            with pytest.raises(bess.StoppedEarly, match=r"stopped after step \d+ of 48"):
+                bess.run(short, progress=False, out=tmp_path / str(looks))
+        assert bess.open_result(tmp_path / str(looks)).sizes["time"] >= 1
+    bess.run(short, progress=False, out=tmp_path / "1", resume=True)
+    assert_same(tmp_path / "1", reference)
 
 
 def test_a_full_disk_is_one_clear_error_and_nothing_is_lost(

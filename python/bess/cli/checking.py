@@ -23,10 +23,8 @@ def findings(study: Study) -> Iterator[str]:
     for name, each in runs.items():
         inputs = prepare(each)
         build_policy(each.policy.name, inputs.system, policy_settings(each, inputs))
-        times = inputs.grid.times
         facts = [
             f"system: {inputs.system}",
-            f"steps: {times.size} of {inputs.grid.step_s / 60:g} min from {times[0]} UTC",
             *inputs.notes,
             f"ambient: {inputs.ambient_c.min():g} to {inputs.ambient_c.max():g} degC",
             f"policy: {each.policy.name}, horizon {inputs.horizon_steps} steps",

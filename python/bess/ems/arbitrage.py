@@ -51,7 +51,9 @@ class Arbitrage:
         Most full cycles a calendar day: discharged stored energy over `energy_kwh`, > 0.
     look_ahead_h, replan_h : float
         How far a plan looks ahead, and how often a new one is due [h]; whole numbers of steps, and
-        `replan_h` <= `look_ahead_h`.
+        `replan_h` <= `look_ahead_h`. The plan does not know of derating, so it is made anew more often than
+        prices come: with two strings at full power on German prices of 2024, every 12 h or 24 h earns 5 %
+        less than every 6 h.
     dt_h : float
         Control step [h].
 

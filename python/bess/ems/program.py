@@ -6,7 +6,6 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 from scipy import sparse
-from scipy.optimize import Bounds, LinearConstraint, milp
 
 from bess.ems.forecast import Array
 from bess.errors import BessError
@@ -32,6 +31,9 @@ class Program:
 
     def optimum(self) -> Array:
         """Return an optimal point, the same for the same program; raise BessError if there is none."""
+        # Loaded here: it takes half a second, which runs without a market need not spend.
+        from scipy.optimize import Bounds, LinearConstraint, milp
+
         integrality = np.zeros(self.cost.size, dtype=np.int64)
         integrality[self.cost.size - self.binaries :] = 1
         answer = milp(

@@ -55,7 +55,10 @@ class Fleet:
         self.system = system
         self.n_scenarios = len(states)
         self.ambient_c = system.ambient_c if ambient_c is None else float(ambient_c)
-        nodes = max(string.thermal.spatial.nodes for string in system.strings)
+        self._nodes = np.array([string.thermal.spatial.nodes for string in system.strings])
+        nodes = int(self._nodes.max())
+        # Strings with fewer nodes than others have NaN beyond theirs.
+        self._real = np.arange(nodes) < self._nodes[:, None]
         self._shape = (self.n_scenarios, system.n_strings)
         temperature_c = np.array([state.temperature_c for state in states])
         start = PlantSnapshot(
@@ -76,9 +79,10 @@ class Fleet:
     @property
     def states(self) -> list[State]:
         """Measured state of each scenario."""
-        snapshot = self.snapshot()
-        mean_c = np.nanmean(snapshot.node_temperature_c, axis=2)
-        return [State(soc, mean) for soc, mean in zip(snapshot.soc, mean_c, strict=True)]
+        flat = self._core.state()
+        node_c = flat["node_temperature_c"].reshape(*self._shape, -1)
+        mean_c = node_c.sum(axis=2, where=self._real) / self._nodes
+        return [State(soc, mean) for soc, mean in zip(flat["soc"].reshape(self._shape), mean_c, strict=True)]
 
     def step(
         self,
@@ -104,8 +108,8 @@ class Fleet:
             Arrays of shape ``(n_scenarios, n_strings)``, node temperatures included.
         """
         request = numbers("request_kw", request_kw, self._shape, "kW")
-        flows = self.run(request[:, None, :], duration_s, ambient_c=ambient_c, nodes=True)
-        return flows.map(lambda array: array[:, 0])
+        air_c = ambient(ambient_c, self.ambient_c, self.n_scenarios, 1)
+        return self.advance(request, air_c, duration_s, self._shape, nodes=True)
 
     def run(
         self,
@@ -143,16 +147,33 @@ class Fleet:
         request = numbers("request_kw", request_kw, (scenarios, "n_steps", strings), "kW")
         steps = request.shape[1]
         air_c = ambient(ambient_c, self.ambient_c, scenarios, steps)
+        flows = self.advance(request.swapaxes(0, 1), air_c, step_s, (steps, scenarios, strings), nodes=nodes)
+        return flows.map(lambda values: values.swapaxes(0, 1))
+
+    def advance(
+        self,
+        request_kw: NDArray[np.float64],
+        air_c: NDArray[np.float64],
+        step_s: float,
+        shape: tuple[int, ...],
+        *,
+        nodes: bool,
+    ) -> Flows:
+        """Call the core with requests in its order (step, scenario, string); give flows of ``shape``.
+
+        ``shape`` ends with the strings; axes of length 1 before it may be left out. ``air_c`` is in the order
+        (step, scenario).
+        """
         with refusals():
-            flat = self._core.run(
-                np.ascontiguousarray(request.swapaxes(0, 1)).ravel(), air_c.ravel(), float(step_s), nodes
-            )
-        shape = (steps, scenarios, strings)
-        array = {name: values.reshape(shape) for name, values in flat.items() if name != "node_temperature_c"}
+            array = self._core.run(request_kw.ravel(), air_c.ravel(), float(step_s), nodes)
+        node_c = array.pop("node_temperature_c")
+        if len(shape) > 1:
+            array = {name: values.reshape(shape) for name, values in array.items()}
         array["inverter_starts"] = array["inverter_starts"].astype(np.int64)
-        array["ledger_residual_kwh"] = array["ledger_residual_kwh"].sum(axis=2)
-        node_c = flat["node_temperature_c"].reshape(*shape, self._core.max_nodes) if nodes else None
-        return Flows(**array, node_temperature_c=node_c).map(lambda values: values.swapaxes(0, 1))
+        array["ledger_residual_kwh"] = array["ledger_residual_kwh"].sum(axis=-1)
+        return Flows(
+            **array, node_temperature_c=node_c.reshape(*shape, self._core.max_nodes) if nodes else None
+        )
 
     def snapshot(self) -> PlantSnapshot:
         """Return everything the fleet remembers, to be given to :meth:`restore`."""

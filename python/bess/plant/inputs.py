@@ -32,8 +32,9 @@ def numbers(name: str, values: ArrayLike, shape: tuple[int | str, ...], unit: st
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(f"plant: {name}: needs numbers [{unit}] ({error})") from error
-    fits = array.ndim == len(shape) and all(
-        isinstance(want, str) or have == want for have, want in zip(array.shape, shape, strict=True)
+    fits = array.shape == shape or (
+        array.ndim == len(shape)
+        and all(isinstance(want, str) or have == want for have, want in zip(array.shape, shape, strict=True))
     )
     if not fits:
         wanted = ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "")
@@ -46,7 +47,9 @@ def ambient(values: ArrayLike | None, default_c: float, scenarios: int, steps: i
 
     ``values`` is one value, one per step, or ``(scenarios, steps)``.
     """
-    array = np.asarray(default_c if values is None else values)
+    if values is None or isinstance(values, float):
+        return np.full((steps, scenarios), default_c if values is None else values)
+    array = np.asarray(values)
     if array.ndim == 2:
         return numbers("ambient_c", array, (scenarios, steps), "degC").T
     if array.ndim == 1:

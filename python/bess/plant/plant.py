@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from bess.parameters import State, System
 from bess.plant.fleet import Fleet
 from bess.plant.flows import Flows
-from bess.plant.inputs import numbers
+from bess.plant.inputs import ambient, numbers
 from bess.plant.snapshot import PlantSnapshot
 
 
@@ -104,7 +104,8 @@ class Plant:
             As for :meth:`run`.
         """
         request = numbers("request_kw", request_kw, (self.system.n_strings,), "kW")
-        return self._fleet.step(request[None], duration_s, ambient_c=ambient_c).map(lambda array: array[0])
+        air_c = ambient(ambient_c, self._fleet.ambient_c, 1, 1)
+        return self._fleet.advance(request, air_c, duration_s, request.shape, nodes=True)
 
     def run(
         self,
@@ -139,8 +140,8 @@ class Plant:
             divide. Nothing has advanced then.
         """
         request = numbers("request_kw", request_kw, ("n_steps", self.system.n_strings), "kW")
-        flows = self._fleet.run(request[None], step_s, ambient_c=ambient_c, nodes=nodes)
-        return flows.map(lambda array: array[0])
+        air_c = ambient(ambient_c, self._fleet.ambient_c, 1, request.shape[0])
+        return self._fleet.advance(request, air_c, step_s, request.shape, nodes=nodes)
 
     def snapshot(self) -> PlantSnapshot:
         """Return everything the plant remembers, to be given to :meth:`restore`."""

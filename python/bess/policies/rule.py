@@ -89,14 +89,16 @@ def water_fill(total_kw: float, weights: Vector, caps_kw: Vector) -> Vector:
         Powers [kW], each at most its cap, in total ``min(total_kw, caps_kw.sum())``. Strings without weight
         get power only when all others are at their caps.
     """
-    power_kw = np.zeros_like(caps_kw)
+    power_kw = np.zeros(caps_kw.size)
     open_ = caps_kw > 0.0
     rest_kw = total_kw
     while rest_kw > 0.0 and open_.any():
-        share = np.where(open_, weights, 0.0)
-        if share.sum() <= 0.0:
-            share = np.where(open_, caps_kw, 0.0)
-        wanted_kw = power_kw + rest_kw * (share / share.sum())
+        share = open_ * weights
+        whole = share.sum()
+        if whole <= 0.0:
+            share = open_ * caps_kw
+            whole = share.sum()
+        wanted_kw = power_kw + rest_kw * (share / whole)
         over = open_ & (wanted_kw >= caps_kw)
         if not over.any():
             return np.asarray(wanted_kw)

@@ -33,6 +33,7 @@ class ClosedLoop:
         self._plant = plant
         self._flows = (*FLOWS, "node_temperature_c") if node_temperatures else FLOWS
         strings = inputs.system.strings
+        self._total_kw = inputs.limit_kw.sum(axis=1)
         self._soc_min = np.array([string.battery.soc_min for string in strings])
         self._energy_kwh = inputs.system.nominal_energy_kwh
         self.step = 0
@@ -48,13 +49,12 @@ class ClosedLoop:
         step, inputs = self.step, self._inputs
         state = self._plant.state
         energy_kwh = float(((state.soc - self._soc_min) * self._energy_kwh).sum())
-        limit_kw = inputs.limit_kw[step]
-        total_kw = float(limit_kw.sum())
+        limit_kw, total_kw = inputs.limit_kw[step], self._total_kw[step]
         ahead_kw = inputs.demand.ahead(step, inputs.horizon_steps, energy_kwh)
         demand_kw = float(ahead_kw[0])
-        served_kw = np.clip(ahead_kw, -total_kw, total_kw)
+        served_kw = np.minimum(np.maximum(ahead_kw, -total_kw), total_kw)
         ambient_c = float(inputs.ambient_c[step])
-        decision = self._decide(Situation(state, served_kw, ambient_c, limit_kw))
+        decision = self._decide(Situation(state, served_kw, ambient_c, limit_kw), total_kw)
         flows = self._plant.step(
             decision.request_kw, duration_s=float(inputs.grid.step_s), ambient_c=ambient_c
         )
@@ -104,10 +104,10 @@ class ClosedLoop:
         self._policy.recall(checkpoint["policy"])
         self._inputs.demand.recall(checkpoint["demand"])
 
-    def _decide(self, situation: Situation) -> Decision:
+    def _decide(self, situation: Situation, total_kw: float) -> Decision:
         decision = self._policy(situation)
         request_kw, demand_kw = decision.request_kw, situation.demand_kw[0]
-        slack_kw = _TOLERANCE * max(1.0, float(situation.limit_kw.sum()))
+        slack_kw = _TOLERANCE * max(1.0, total_kw)
         # Written so that NaN fails as well.
         held = np.abs(request_kw) <= situation.limit_kw + slack_kw
         if not (held.all() and abs(request_kw.sum() - demand_kw) <= slack_kw):

@@ -82,7 +82,7 @@ def _profile(study: Study, choice: ProfileDemand, system: System, step_s: float,
             time_zone=choice.time_zone,
         )
         series = Series.from_pandas(read, choice.file, "demand.file")
-        repairs = _repairs(read)
+        repairs = repair_notes(read)
     start = study.run.start or series.start
     grid = Grid.of(start, step_s, study.run.days or series.days_from(start, step_s))
     # A forecast may look past the end of the run, as far as the profile goes.
@@ -143,7 +143,7 @@ def _arbitrage(study: Study, choice: ArbitrageDemand, system: System, step_s: fl
     notes = [
         f"prices: {choice.prices}, min / mean / max of the run "
         f"{price.min():.2f} / {price.mean():.2f} / {price.max():.2f} EUR/MWh",
-        *_repairs(read),
+        *repair_notes(read),
     ]
     return Asked(grid, ArbitrageSource(arbitrage), price, [Path(choice.prices)], notes)
 
@@ -154,5 +154,6 @@ def _index(grid: Grid, n_steps: int) -> pd.DatetimeIndex:
     return pd.DatetimeIndex(grid.times[:n_steps]).tz_localize("UTC")
 
 
-def _repairs(series: pd.Series[float]) -> list[str]:
+def repair_notes(series: pd.Series[float]) -> list[str]:
+    """What a reader changed in a file, a sentence each."""
     return [f"repaired: {repair}" for repair in series.attrs.get("repairs", ())]

@@ -35,6 +35,10 @@ class Grid:
             )
         return cls(seconds_of(start), round(step_s), round(steps))
 
+    def __str__(self) -> str:
+        end_s = self.start_s + self.step_s * self.n_steps
+        return f"{_span(self.start_s, end_s)}, {self.n_steps} steps of {self.step_s / 60:g} min"
+
     @property
     def times(self) -> NDArray[np.datetime64]:
         """Start of each step, UTC."""

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from bess.errors import InputError
 from bess.parameters import System
 from bess.simulation.demand import DemandSource
-from bess.simulation.demand_choice import demand_of
+from bess.simulation.demand_choice import demand_of, repair_notes
 from bess.simulation.grid import Grid, Series, seconds_of
 from bess.simulation.plant_choice import build_system
-from bess.simulation.sections import Event
+from bess.simulation.sections import Event, WeatherChoice
 from bess.simulation.study import Study
 
 Array = NDArray[np.float64]
@@ -74,22 +74,24 @@ def prepare(study: Study) -> Inputs:
     horizon = study.policy.horizon_steps or system.control.horizon_steps
     asked = demand_of(study, system, step_s, horizon)
     grid, files = asked.grid, list(asked.files)
+    notes = [f"period: {grid}", *asked.notes]
     ambient = np.full(grid.n_steps, system.ambient_c)
     if study.weather.file is not None:
-        ambient = _ambient(study, study.weather.file, grid)
+        ambient, found = _ambient(study.weather, study.weather.file, grid)
         files.append(Path(study.weather.file))
+        notes += found
     limit = _limits(study.event, system, grid)
-    return Inputs(
-        system, grid, horizon, asked.source, asked.price_eur_mwh, ambient, limit, files, asked.notes
-    )
+    return Inputs(system, grid, horizon, asked.source, asked.price_eur_mwh, ambient, limit, files, notes)
 
 
-def _ambient(study: Study, file: str, grid: Grid) -> Array:
+def _ambient(choice: WeatherChoice, file: str, grid: Grid) -> tuple[Array, list[str]]:
+    """Ambient temperature [degC] of each step, and what was found in the file."""
     from bess.market import read_weather
 
-    choice = study.weather
     read = read_weather(file, column=choice.column, time_zone=choice.time_zone, fill=choice.fill)
-    return Series.from_pandas(read, file, "weather.file").on(grid) + choice.offset_k
+    values = Series.from_pandas(read, file, "weather.file").on(grid) + choice.offset_k
+    notes = [f"weather: {file}, {values.min():g} to {values.max():g} degC"]
+    return values, notes + repair_notes(read)
 
 
 def _limits(events: tuple[Event, ...], system: System, grid: Grid) -> Array:

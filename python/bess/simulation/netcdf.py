@@ -61,11 +61,14 @@ def write_netcdf(path: Path, frame: Frame, records: Iterator[tuple[int, Record]]
         time.attrs.update({"units": "seconds since 1970-01-01", "calendar": "proleptic_gregorian"})
         time.attrs.update({"long_name": "start of the step (UTC)"})
         time[:] = (frame.time - _EPOCH).astype(np.int64)
+        # Looked up once: every look-up in the file opens the variable anew.
+        variables = {
+            name: _create(file, name, values, n_steps, frame.variable_attrs.get(name, {}))
+            for name, values in first_batch[1].items()
+        }
         for first, record in itertools.chain([first_batch], batches):
             for name, values in record.items():
-                if name not in file.variables:
-                    _create(file, name, values, n_steps, frame.variable_attrs.get(name, {}))
-                file.variables[name][first : first + len(values)] = values
+                variables[name][first : first + len(values)] = values
 
 
 def _batches(records: Iterator[tuple[int, Record]]) -> Iterator[tuple[int, Record]]:
@@ -101,7 +104,7 @@ def _try_size(path: Path, size: int) -> None:
             file.write(_ZEROS[: size - start])
 
 
-def _create(file: Any, name: str, values: NDArray[Any], n_steps: int, attrs: Mapping[str, Any]) -> None:
+def _create(file: Any, name: str, values: NDArray[Any], n_steps: int, attrs: Mapping[str, Any]) -> Any:
     variable = VARIABLES[name]
     for dimension, size in zip(variable.dims[1:], values.shape[1:], strict=True):
         if dimension not in file.dimensions:
@@ -112,3 +115,4 @@ def _create(file: Any, name: str, values: NDArray[Any], n_steps: int, attrs: Map
     chunks = (min(n_steps, _CHUNK_STEPS), *values.shape[1:])
     created = file.create_variable(name, variable.dims, np.dtype(variable.dtype), chunks=chunks)
     created.attrs.update({"units": variable.units, "long_name": variable.long_name, **attrs})
+    return created

@@ -11,6 +11,7 @@ Update = Callable[[int], None]
 """Takes the number of steps done so far."""
 
 _LINE_EVERY_S = 10.0
+_BAR_EVERY_S = 0.1
 
 
 @contextmanager
@@ -47,7 +48,16 @@ def _bar(label: str, total: int) -> Iterator[Update]:
     )
     with Progress(*columns, console=Console(stderr=True)) as progress:
         task = progress.add_task(label, total=total)
-        yield lambda done: progress.update(task, completed=done)
+        shown = 0.0
+
+        def update(done: int) -> None:
+            nonlocal shown
+            now = time.monotonic()
+            if now - shown > _BAR_EVERY_S or done == total:
+                shown = now
+                progress.update(task, completed=done)
+
+        yield update
 
 
 def _lines(label: str, total: int) -> Update:

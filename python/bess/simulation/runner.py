@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bess.analysis.kpis import kpis, solve_time_kpis
 from bess.errors import InputError, StoppedEarly
@@ -35,10 +36,10 @@ from bess.simulation.steplog import StepLog, solve_times_s
 from bess.simulation.store import LOCK, Lock, parts, records, remove_parts, write_part
 from bess.simulation.study import Study
 
-PART_STEPS = 96
-"""Steps after which a part is saved at the latest: what a crash can cost, and what is held in memory."""
+PART_STEPS = 960
+"""Steps after which a part is saved at the latest: what is held in memory."""
 PART_SECONDS = 5.0
-"""Time after which a part is saved even if it is shorter."""
+"""Time after which a part is saved even if it is shorter: what a crash can cost."""
 
 
 def run(
@@ -151,13 +152,16 @@ def _complete(directory: Path, study: Study, inputs: Inputs, policy: Policy, *, 
         while loop.step < n_steps and not stop_asked():
             first, deadline = loop.step, time.monotonic() + PART_SECONDS
             rows: list[dict[str, Any]] = []
-            while loop.step < n_steps and len(rows) < PART_STEPS and not stop_asked():
+            lines: list[dict[str, Any]] = []
+            whole = False
+            while not whole:  # a stop may be asked for at any moment: a part has one step at least
                 row, line = loop.advance()
                 rows.append(row)
-                log.write(line)
+                lines.append(line)
                 update(loop.step)
-                if time.monotonic() > deadline:
-                    break
+                whole = loop.step == n_steps or len(rows) == PART_STEPS
+                whole = whole or stop_asked() or time.monotonic() > deadline
+            log.write(lines)
             _save(directory, first, rows, loop, log)
         if loop.step < n_steps:
             raise StoppedEarly(
@@ -168,9 +172,15 @@ def _complete(directory: Path, study: Study, inputs: Inputs, policy: Policy, *, 
 
 def _save(directory: Path, first: int, rows: list[dict[str, Any]], loop: ClosedLoop, log: StepLog) -> None:
     """Log first, so that the log on disk is never shorter than the checkpoint says."""
-    record = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    record = {name: _stacked([row[name] for row in rows]) for name in rows[0]}
     check_finite(first, record)
     write_part(directory, first, record, {"loop": loop.checkpoint(), "log_bytes": log.sync()})
+
+
+def _stacked(values: list[Any]) -> NDArray[Any]:
+    """Values of the steps with the steps along a new first axis."""
+    shape = np.shape(values[0])
+    return np.concatenate(values).reshape(-1, *shape) if shape else np.array(values)
 
 
 def _assemble(directory: Path, identity: Identity) -> None:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -27,14 +26,14 @@ class StepLog:
             self._file = self._path.open("ab")
             self._file.truncate(offset)
 
-    def write(self, line: Mapping[str, Any]) -> None:
-        """Append one line; NaN becomes ``null``."""
-        plain = {
-            key: None if isinstance(value, float) and math.isnan(value) else value
-            for key, value in line.items()
-        }
+    def write(self, lines: Iterable[Mapping[str, Any]]) -> None:
+        """Append lines; NaN becomes ``null``."""
+        text = "".join(
+            json.dumps({key: None if value != value else value for key, value in line.items()}) + "\n"
+            for line in lines
+        )
         with clear_errors(self._path):
-            self._file.write(json.dumps(plain).encode() + b"\n")
+            self._file.write(text.encode())
 
     def sync(self) -> int:
         """Make all lines durable and return the length of the file."""
