@@ -52,6 +52,7 @@ class ProfileDemand(Section):
     positive: Literal["discharge", "charge"] = "discharge"
     scale: Positive = 1.0
     time_zone: str | None = None
+    fill: Fill | None = None
     repeat: bool = False
     forecast: Literal["perfect", "persistence"] = "perfect"
 
@@ -144,7 +145,7 @@ class PolicyChoice(Section):
     horizon_steps: Annotated[int, Field(ge=1, le=96)] | None = None
     objectives: ObjectiveChoice = ObjectiveChoice()
     gap: Annotated[float, Field(gt=0.0, lt=1.0)] = 1e-3
-    node_limit: Count = 60
+    node_limit: Count = 4
     time_limit_s: Positive | None = None
 
 
