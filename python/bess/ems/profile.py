@@ -11,7 +11,7 @@ from bess.ems.forecast import Array, steps_in
 from bess.errors import InputError
 from bess.market.columns import read_columns
 from bess.market.files import read_bytes
-from bess.market.regular import regular
+from bess.market.regular import Fill, regular
 from bess.market.repairs import Repairs
 
 _TO_KW: Final = {"W": 1e-3, "kW": 1.0, "MW": 1e3}
@@ -61,6 +61,7 @@ def read_profile(
     scale: float = 1.0,
     dt_h: float = 0.25,
     time_zone: str | None = None,
+    fill: Fill | None = None,
 ) -> pd.Series:
     """Read a demand profile from a CSV or Parquet file.
 
@@ -80,6 +81,8 @@ def read_profile(
         Control step [h]; the file's step must divide it (power is averaged) or be a multiple (power is held).
     time_zone : str, optional
         Zone of times without one, such as ``"Europe/Berlin"`` or ``"UTC"``.
+    fill : {"previous", "interpolate", "previous_day"}, optional
+        How to fill gaps and NaN, which are an error otherwise, however short.
 
     Returns
     -------
@@ -102,7 +105,8 @@ def read_profile(
         raise InputError(f"profile {name}: scale {scale} must be finite and above 0")
     repairs = Repairs()
     columns = read_columns(name, read_bytes(path), repairs)
-    series = regular(columns.rows(columns.choose(column, "power"), time_zone, repairs), None, repairs)
+    rows = columns.rows(columns.choose(column, "power"), time_zone, repairs)
+    series = regular(rows, fill, repairs, bridged_s=0)
     power = _resampled(name, series, dt_h) * (_SIGN[positive] * _TO_KW[unit] * scale)
     power = power.rename("demand_kw")
     power.attrs = {"units": "kW", "repairs": repairs}

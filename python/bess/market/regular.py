@@ -26,16 +26,24 @@ _OFTEN: Final = 8
 Array = npt.NDArray[np.float64]
 
 
-def regular(rows: Rows, fill: Fill | None, repairs: Repairs, *, longest_step_s: int = _HOUR) -> pd.Series:
+def regular(
+    rows: Rows,
+    fill: Fill | None,
+    repairs: Repairs,
+    *,
+    longest_step_s: int = _HOUR,
+    bridged_s: int = _HOUR,
+) -> pd.Series:
     """Return a gap-free series with a regular step, labelled at the interval's start, in UTC.
 
-    Missing values at both ends are cut. Gaps of up to an hour are bridged by a straight line. Where a file
-    changes to a finer step, the coarse values are held. All of that is reported.
+    Missing values at both ends are cut. Gaps of up to `bridged_s` are bridged by a straight line. Where a
+    file changes to a finer step, the coarse values are held if they are no longer than that. All of that is
+    reported. With `bridged_s` 0 all of it is refused, unless `fill` says what to do with gaps.
 
     Raises
     ------
     InputError
-        No values; irregular times; a gap longer than an hour without `fill`.
+        No values; irregular times; a gap longer than `bridged_s` without `fill`.
     """
     if fill is not None and fill not in get_args(Fill):
         raise InputError(f"fill {fill!r} is unknown; allowed are {', '.join(get_args(Fill))}")
@@ -46,10 +54,12 @@ def regular(rows: Rows, fill: Fill | None, repairs: Repairs, *, longest_step_s: 
         fail(rows.path, int(first), f"{there}, and a series needs two; choose another column")
     cut = known[0] + rows.values.size - 1 - known[-1]
     line = rows.lines[0] if known[0] else rows.lines[min(known[-1] + 1, rows.values.size - 1)]
+    if cut and not bridged_s and fill is None:
+        fail(rows.path, int(line), f"{cut} values at the ends of the series are missing; cut these rows")
     repairs.add("ends-cut", "cut missing values at the ends", cut, line)
     rows = rows.take(known)
     seconds = _seconds(rows.utc)
-    step, span = _step(rows, np.diff(seconds), longest_step_s)
+    step, span = _step(rows, np.diff(seconds), longest_step_s, bridged_s)
     place = (seconds - seconds[0]) // step
     values = np.full(place[-1] + span[-1], np.nan)
     for k in range(int(span.max())):
@@ -59,7 +69,7 @@ def regular(rows: Rows, fill: Fill | None, repairs: Repairs, *, longest_step_s: 
     if coarse.any():
         text = f"held values of a coarser step over steps of {step // 60} min"
         repairs.add("step-change", text, coarse.sum(), rows.lines[int(np.argmax(coarse))])
-    _fill_gaps(rows, values, place, step, fill, repairs)
+    _fill_gaps(rows, values, place, step, fill, repairs, bridged_s / _HOUR)
     index = pd.date_range(rows.utc[0], periods=values.size, freq=pd.Timedelta(seconds=step), name="time")
     return pd.Series(values, index=index)
 
@@ -68,7 +78,9 @@ def _seconds(utc: pd.DatetimeIndex) -> npt.NDArray[np.int64]:
     return np.asarray(utc.as_unit("s").asi8)
 
 
-def _step(rows: Rows, gaps: npt.NDArray[np.int64], longest_s: int) -> tuple[int, npt.NDArray[np.int64]]:
+def _step(
+    rows: Rows, gaps: npt.NDArray[np.int64], longest_s: int, bridged_s: int
+) -> tuple[int, npt.NDArray[np.int64]]:
     """Return the step [s] and how many steps each row covers (1, or more in a part with a coarser step)."""
     sizes, counts = np.unique(gaps, return_counts=True)
     usual = sizes[counts == counts.max()].max()
@@ -93,7 +105,7 @@ def _step(rows: Rows, gaps: npt.NDArray[np.int64], longest_s: int) -> tuple[int,
     span = np.ones(gaps.size + 1, dtype=np.int64)
     edges = np.flatnonzero(np.r_[True, gaps[1:] != gaps[:-1], True])
     for start, end in pairwise(edges):
-        if step < gaps[start] <= _HOUR and end - start >= _RUN:
+        if step < gaps[start] <= bridged_s and end - start >= _RUN:
             span[start:end] = gaps[start] // step
             if end == gaps.size:
                 span[end] = gaps[start] // step
@@ -101,7 +113,13 @@ def _step(rows: Rows, gaps: npt.NDArray[np.int64], longest_s: int) -> tuple[int,
 
 
 def _fill_gaps(
-    rows: Rows, values: Array, place: npt.NDArray[np.int64], step: int, fill: Fill | None, repairs: Repairs
+    rows: Rows,
+    values: Array,
+    place: npt.NDArray[np.int64],
+    step: int,
+    fill: Fill | None,
+    repairs: Repairs,
+    bridged_h: float,
 ) -> None:
     """Fill the gaps of `values` in place."""
     missing = np.isnan(values)
@@ -110,7 +128,7 @@ def _fill_gaps(
     for start, end in zip(edges[::2], edges[1::2], strict=True):
         line = int(rows.lines[np.searchsorted(place, end)])
         duration_h = (end - start) * step / _HOUR
-        if duration_h <= 1.0:
+        if duration_h <= bridged_h:
             repairs.add(
                 "gap-filled",
                 "bridged a gap of up to an hour by a straight line",
@@ -122,14 +140,15 @@ def _fill_gaps(
             fail(
                 rows.path,
                 line,
-                f"follows a gap of {duration_h:g} h from {when:%Y-%m-%d %H:%M} UTC, longer than 1 h; "
-                "complete the file or choose fill='previous', 'interpolate' or 'previous_day'",
+                f"follows a gap of {duration_h:g} h from {when:%Y-%m-%d %H:%M} UTC"
+                f"{f', longer than {bridged_h:g} h' if bridged_h else ''}; complete the file or choose "
+                "fill='previous', 'interpolate' or 'previous_day'",
             )
         else:
             repairs.add(f"gap-{fill}", f"filled a gap of {duration_h:g} h ({fill})", end - start, line)
-        if duration_h > 1.0 and fill == "previous":
+        if duration_h > bridged_h and fill == "previous":
             values[start:end] = values[start - 1]
-        elif duration_h > 1.0 and fill == "previous_day":
+        elif duration_h > bridged_h and fill == "previous_day":
             if start < _DAY // step:
                 fail(
                     rows.path,

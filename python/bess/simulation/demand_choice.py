@@ -80,6 +80,7 @@ def _profile(study: Study, choice: ProfileDemand, system: System, step_s: float,
             scale=choice.scale,
             dt_h=dt_h,
             time_zone=choice.time_zone,
+            fill=choice.fill,
         )
         series = Series.from_pandas(read, choice.file, "demand.file")
         repairs = repair_notes(read)
