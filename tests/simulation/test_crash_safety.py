@@ -124,10 +124,9 @@ def test_a_power_cut_at_any_write_loses_nothing(
 def kill_until_done(command: list[str], directory: Path, kills: int, pause_s: Iterator[float]) -> int:
     """Run, kill -9 and resume ``kills`` times, then let it finish; return the kills that struck."""
     struck = 0
-    for _ in range(kills):
-        process = subprocess.Popen(
-            [*command, "--resume"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        )
+    for number in range(kills):
+        resume = ["--resume"] if number else []
+        process = subprocess.Popen([*command, *resume], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         begun = len(list((directory / "parts").glob("*.npz")))
         while process.poll() is None and len(list((directory / "parts").glob("*.npz"))) <= begun:
             time.sleep(0.002)

@@ -137,6 +137,8 @@ def _folder(out: Path | None, name: str, resume: bool) -> Path:
     from bess.errors import InputError
 
     if out is not None:
+        if resume and not (out.is_dir() and any(out.iterdir())):
+            raise InputError(f"--resume: {out} holds no run to continue; leave --resume out to begin one")
         return out
     if resume:
         raise InputError("--resume: name the folder of the run with --out")

@@ -27,8 +27,9 @@ def read_bytes(path: str | PathLike[str]) -> bytes:
         raw = Path(name).read_bytes()
     except FileNotFoundError:
         fail(name, None, "there is no such file; check the path")
-    except OSError as error:
-        fail(name, None, f"cannot be read ({error.strerror or error}); check the path and its permissions")
+    except (OSError, ValueError) as error:  # a path with a NUL in it is a ValueError
+        cause = getattr(error, "strerror", None) or error
+        fail(name, None, f"cannot be read ({cause}); check the path and its permissions")
     try:
         if raw[:2] == b"\x1f\x8b":
             raw = gzip.decompress(raw)

@@ -75,20 +75,29 @@ def describe(
 ) -> str:
     """One sentence for each problem of a validation, joined by ``; ``: file, key, value, what is allowed."""
     rename = rename or {}
-    problems = error.errors(include_url=False)
-    sentences = []
-    for problem in problems[:_SHOWN_PROBLEMS]:
+    problems: dict[str, list[str]] = {}
+    for problem in error.errors(include_url=False):
+        unknown = problem["type"] == "extra_forbidden"
         path = ""
         for part in problem["loc"]:
-            path += f"[{part}]" if isinstance(part, int) else f".{rename.get(part, part)}"
+            if isinstance(part, int):
+                path += f"[{part}]"
+            elif unknown or not _is_kind(part):
+                path += f".{rename.get(part, part)}"
         key = (prefix + path.lstrip(".")).rstrip(".")
         message = problem["msg"].removeprefix("Value error, ")
         message = _PLAIN_WORDS.get(problem["type"], message[:1].lower() + message[1:])
-        shown = "" if problem["type"] == "extra_forbidden" else _shown(problem["input"])
-        sentences.append(f"{key}{shown}: {message}")
-    if len(problems) > _SHOWN_PROBLEMS:
-        sentences.append(f"and {len(problems) - _SHOWN_PROBLEMS} more problems")
+        problems.setdefault(key + ("" if unknown else _shown(problem["input"])), []).append(message)
+    sentences = [f"{key}: {' or '.join(messages)}" for key, messages in problems.items()]
+    if len(sentences) > _SHOWN_PROBLEMS:
+        more = len(sentences) - _SHOWN_PROBLEMS
+        sentences[_SHOWN_PROBLEMS:] = [f"and {more} more problem{'s' if more > 1 else ''}"]
     return f"{name}: " + "; ".join(sentences)
+
+
+def _is_kind(part: str) -> bool:
+    """Whether a part of a location is one of the types a value may have, which pydantic puts there."""
+    return "[" in part or part[:1].isupper()
 
 
 def _shown(value: object) -> str:

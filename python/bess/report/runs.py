@@ -122,7 +122,7 @@ def _order_in(directory: Path) -> Callable[[str], tuple[int, str]]:
     """Order of the study file, as the summary of all runs has it; names it does not have come last."""
     try:
         summary = list(json.loads((directory / "kpis.json").read_text(encoding="utf-8")))
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         summary = []
     places = {name: index for index, name in enumerate(summary)}
     return lambda name: (places.get(name, len(places)), name)

@@ -14,6 +14,7 @@ from bess.errors import InputError
 from bess.parameters import System
 from bess.simulation.demand import ArbitrageSource, DemandSource, ProfileSource
 from bess.simulation.grid import Grid, Series, seconds_of
+from bess.simulation.keys import check_bundled
 from bess.simulation.sections import ArbitrageDemand, ProfileDemand
 
 if TYPE_CHECKING:
@@ -63,6 +64,7 @@ def _profile(study: Study, choice: ProfileDemand, system: System, step_s: float,
 
     dt_h = step_s / 3600.0
     repairs: list[str] = []
+    check_bundled("demand.file", choice.file, PROFILES)
     if choice.file in PROFILES:
         series = Series(
             values=bundled_profile(choice.file, dt_h=dt_h) * choice.scale,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,6 +33,12 @@ class Grid:
             raise InputError(
                 f"run.days = {days:g}: must be a whole number of steps of {step_s / 60:g} min, at least one"
             )
+        try:
+            start + timedelta(days=days)
+        except OverflowError:
+            raise InputError(
+                f"run.start = {start:%Y-%m-%d %H:%M}: the run ends after the year 9999"
+            ) from None
         return cls(seconds_of(start), round(step_s), round(steps))
 
     def __str__(self) -> str:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import copy
 import difflib
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
 from typing import Any, get_args
 
 from pydantic import BaseModel
@@ -44,6 +45,12 @@ def nearest(name: str, names: list[str]) -> str:
     """The part of an error message that says what was probably meant."""
     close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
     return f"did you mean {close[0]!r}?" if close else f"allowed: {', '.join(names)}"
+
+
+def check_bundled(key: str, name: str, bundled: Iterable[str]) -> None:
+    """Refuse a name that is neither bundled nor that of a file: one without a folder and an ending."""
+    if name not in bundled and not Path(name).suffix and Path(name).name == name:
+        raise InputError(f"{key} = {name!r}: nothing bundled is called so; {nearest(name, list(bundled))}")
 
 
 def with_value(document: Mapping[str, Any], key: str, value: Any) -> Document:

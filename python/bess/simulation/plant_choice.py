@@ -9,6 +9,7 @@ from bess.components.registry import SYSTEMS, system_document
 from bess.errors import InputError
 from bess.parameters import System
 from bess.parameters.documents import deep_merge, read_toml
+from bess.simulation.keys import check_bundled
 from bess.simulation.sections import RunChoice, SystemChoice
 
 
@@ -21,6 +22,7 @@ def build_system(choice: SystemChoice, run: RunChoice) -> System:
         From the system file, or a list of initial values that is not one for each string.
     """
     bundled = choice.file in SYSTEMS
+    check_bundled("system.file", choice.file, SYSTEMS)
     document = system_document(choice.file) if bundled else read_toml(Path(choice.file))
     document = deep_merge(document, choice.parameters)
     site: dict[str, Any] = dict(document.get("system", {}))

@@ -101,11 +101,11 @@ def _run_in(directory: Path, study: Study, *, progress: bool, resume: bool) -> R
         raise InputError(
             f"{directory}: is no folder for results ({error.strerror}); use another --out"
         ) from error
-    if progress:
-        for note in inputs.notes:
-            print(f"{study.name}: {note}", file=sys.stderr)
     with Lock(directory):
         if not _is_finished(directory, identity, resume=resume):
+            if progress:
+                for note in inputs.notes:
+                    print(f"{study.name}: {note}", file=sys.stderr)
             _complete(directory, study, inputs, policy, progress=progress)
             _assemble(directory, identity)
         return _finish(directory)
