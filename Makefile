@@ -7,6 +7,7 @@ RUST_SOURCES := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name 'C
 .PHONY: demo test test-rust test-python lint bench cases docs clean
 
 demo: $(VENV)/built
+	rm -rf demo-case1
 	$(BIN)/bess run case1 --out demo-case1
 
 test: test-rust test-python

@@ -20,6 +20,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import bess
+import bess.simulation.identity as identity_module
 import bess.simulation.runner as run_module
 from bess.simulation import Study
 from bess.simulation.codec import pack, unpack
@@ -298,6 +299,22 @@ def test_a_changed_version_is_refused_on_resume(
     begun(short, tmp_path / "run", monkeypatch)
     monkeypatch.setattr("bess.simulation.identity.__version__", "99.0")
     with pytest.raises(bess.InputError, match=r'version: ".*" -> "99\.0"'):
+        bess.run(short, progress=False, out=tmp_path / "run", resume=True)
+
+
+def test_edited_code_is_refused_on_resume_naming_the_file(
+    short: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun(short, tmp_path / "run", monkeypatch)
+    package = Path(bess.__file__).parent
+    policy = package / "policies" / "soc.py"
+    assert {"policies/soc.py", "plant/plant.py"} < set(identity_module._code())
+    assert any(name.startswith("_core") for name in identity_module._code())
+    original = identity_module._sha256
+    monkeypatch.setattr(
+        identity_module, "_sha256", lambda path: "edited" if path == policy else original(path)
+    )
+    with pytest.raises(bess.InputError, match=r'code\.policies/soc\.py: "[0-9a-f]{16}" -> "edited"'):
         bess.run(short, progress=False, out=tmp_path / "run", resume=True)
 
 

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import bess
 from bess import __version__
 from bess.errors import InputError
 from bess.parameters import System
@@ -18,12 +19,16 @@ from bess.simulation.study import Study
 IDENTITY = "run.json"
 Identity = dict[str, Any]
 
+_NOT_PART_OF_A_RUN = ("cli", "report", "sweep")
+"""Folders of the package that do not change what a run gives."""
+
 
 def identity_of(study: Study, system: System, files: list[Path]) -> Identity:
-    """Version, study as resolved, every number of the system, and a hash of every data file."""
+    """Version and code, study as resolved, every number of the system, and a hash of every data file."""
     identity = {
         "format": RECORD_FORMAT,
         "version": __version__,
+        "code": _code(),
         "study": study.document(),
         "system": system.document,
         "files": {str(path): _sha256(path) for path in files},
@@ -68,6 +73,18 @@ def _leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
             yield from _leaves(value, f"{prefix}[{index}]")
     else:
         yield prefix, json.dumps(node)
+
+
+def _code() -> dict[str, str]:
+    """Hashes of the modules and the compiled core that results depend on: an edited one gives other bits."""
+    package = Path(bess.__file__).parent
+    paths = [*package.rglob("*.py"), *package.glob("_core*")]
+    names = {path.relative_to(package).as_posix(): path for path in paths if path.suffix != ".pyi"}
+    return {
+        name: _sha256(path)[:16]
+        for name, path in sorted(names.items())
+        if name.partition("/")[0] not in _NOT_PART_OF_A_RUN
+    }
 
 
 def _sha256(path: Path) -> str:
