@@ -1,7 +1,7 @@
 """Errors of the package.
 
-Every message names what is wrong, its value with unit, the allowed range and the place, and what to do. Outcomes
-that are to be expected (a time limit, an infeasible node) are statuses, not exceptions.
+Every message names what is wrong, its value with unit, the allowed range and the place, and what to do.
+Outcomes that are to be expected (a time limit, an infeasible node) are statuses, not exceptions.
 """
 
 

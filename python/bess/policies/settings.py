@@ -23,8 +23,8 @@ class Settings:
     gap : float
         Relative gap at which a search stops.
     node_limit : int
-        Most nodes of a search. In closed loop a few suffice: with 1, 4 and 30 the KPIs of a week of case 1 were the
-        same, for what further nodes raise is the bound, not the split.
+        Most nodes of a search. In closed loop a few suffice: with 1, 4 and 30 the KPIs of a week of
+        case 1 were the same, for what further nodes raise is the bound, not the split.
     time_limit_s : float or None
         Longest time of a search; answers then depend on the machine.
     """
@@ -33,5 +33,5 @@ class Settings:
     horizon_steps: int = 8
     objectives: Mapping[str, Any] = field(default_factory=dict)
     gap: float = 1e-3
-    node_limit: int = 4
+    node_limit: int = 1
     time_limit_s: float | None = None
