@@ -90,15 +90,15 @@ def test_near_full_and_empty_the_split_is_that_of_exhaustive_search_but_for_a_fe
     system, splitters, kind
 ):
     excesses = [e for seed in range(15) for e in check(system, splitters, kind, seed)]
-    assert np.quantile(excesses, 0.9) <= 1e-3
-    assert max(excesses) <= 0.02
+    assert np.quantile(excesses, 0.97) <= 1e-3
+    assert max(excesses) <= 0.005
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_split_is_that_of_exhaustive_search_on_thousands_of_states(system, splitters, kind):
     excesses = [e for seed in range(1000, 1400) for e in check(system, splitters, kind, seed)]
-    share = 0.9 if kind in ("full", "empty") else 0.999
+    share = 0.97 if kind in ("full", "empty") else 0.999
     assert np.quantile(excesses, share) <= 1e-3
 
 

@@ -22,13 +22,13 @@ from bess.split.rollout import Rollout
 
 Array = NDArray[np.float64]
 
-SAMPLES, SAMPLED_STARTS, SEED = 1500, 4, 1
-KICK_ROUNDS, KICKS = 4, 9
+SAMPLES, SAMPLED_STARTS, SEED = 1500, 8, 1
+KICKS, KICK_ROUNDS, IDLE_ROUNDS = 9, 6, 2
 ROUNDING = 1e-12
 """A demand this close to the sum of the limits (relative) asks every string for its limit."""
 
-SHARPNESS = (0.3, 1.0, 30.0)
-"""Exponents of uniform shares: nearly equal shares, any, nearly all to one string."""
+SHARPNESS = (0.3, 1.0, np.inf)
+"""Exponents of uniform shares: nearly equal shares, any, all to one string."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class Search:
         self.may_shed = task.constants.may_shed(
             inputs, self.boxes, Coefficients.over(task.search.horizon, self.boxes)
         )
-        self.forced = not _is_free(np.abs(inputs.demand_kw), inputs.limit_kw).any()
+        self.free_steps = np.flatnonzero(_is_free(np.abs(inputs.demand_kw), inputs.limit_kw))
         proportional = self._usable(inputs.limit_kw)
         objectives = task.search.horizon.evaluate(proportional[None])[0]
         self.incumbent = Incumbent(proportional, objectives, *task.tolerances)
@@ -116,9 +116,10 @@ class Search:
         """Local search on the control model from a greedy pass and, where power may be shed, from other
         starts.
 
-        Steps that share a scarce SOC make local optima; the best of a sample leads out of most of them.
+        Steps that share a scarce SOC make local optima. A closed loop carries a good schedule along from
+        step to step; a call without that memory looks for one among samples.
         """
-        if self.forced:
+        if not self.free_steps.size:
             return
         greedy, _ = self.task.search.horizon.greedy()
         starts = [greedy]
@@ -127,20 +128,30 @@ class Search:
         self._improve(np.stack(starts))
         if not self._trajectory_sheds():
             return
+        self._improve(self._usable(self.task.inputs.limit_kw)[None])
+        if self.free_steps.size < 2 or warm_start is not None:
+            return
         rng = np.random.default_rng(SEED)
-        self._improve(np.stack([self._usable(self.task.inputs.limit_kw), *self._best_of_sample(rng)]))
+        self._improve(self._best_of_sample(rng))
+        idle = 0
         for _ in range(KICK_ROUNDS):
-            if self._late():
+            if self._late() or idle == IDLE_ROUNDS:
                 break
+            before = self.request
             self._improve(self._kicked(rng))
+            idle = idle + 1 if self.request is before else 0
 
     def _trajectory_sheds(self) -> bool:
         return bool(self.may_shed.any() and self.task.rollout(self.request).availability_loss_kw.any())
 
     def _random(self, rng: np.random.Generator, n: int) -> Array:
-        """Schedules in which each step is shared at random, or given to one string."""
+        """Schedules in which each step is shared at random, or given to one string; in every other of them,
+        all steps alike."""
         shape = (n, *self.request.shape)
-        share = rng.uniform(size=shape) ** rng.choice(SHARPNESS, size=(n, 1, shape[-1]))
+        sharpness = rng.choice(SHARPNESS, size=(n, 1, shape[-1]))
+        sharpness[::2] = sharpness[::2, :, :1]
+        share = rng.uniform(size=shape)
+        share = (share / share.max(axis=1, keepdims=True)) ** sharpness
         return self._usable(share * self.task.inputs.limit_kw)
 
     def _best_of_sample(self, rng: np.random.Generator) -> Array:
@@ -149,10 +160,10 @@ class Search:
         return requests[np.lexsort(np.round(objectives, 4).T[::-1])[:SAMPLED_STARTS]]
 
     def _kicked(self, rng: np.random.Generator) -> Array:
-        """The incumbent with a few steps shared anew."""
-        n_steps = self.request.shape[1]
-        share = rng.uniform(size=(KICKS, n_steps))
-        anew = share <= np.sort(share, axis=1)[np.arange(KICKS), np.arange(KICKS) % 3 % n_steps][:, None]
+        """The incumbent with one to three of its free steps shared anew."""
+        anew = np.zeros((KICKS, self.request.shape[1]), dtype=bool)
+        for kick in range(KICKS):
+            anew[kick, rng.permutation(self.free_steps)[: 1 + kick % 3]] = True
         return np.where(anew[:, None, :], self._random(rng, KICKS), self.request)
 
     def _improve(self, starts: Array) -> None:
@@ -196,7 +207,7 @@ class Search:
 
     def _bounds(self, model: Model, states: Boxes, node_limit: int, *, frozen: bool) -> Bounds:
         """Bounds of every group, from the one-step optima where they suffice, else from the relaxation."""
-        if self.forced:
+        if not self.free_steps.size:
             return _exact(model.horizon.evaluate(self.request[None])[0])
         phi, shed_slope = model.horizon.step_bounds(*states.at_starts)
         sheds = self.may_shed.any(axis=0)
@@ -253,7 +264,9 @@ class Search:
 def _is_free(demand_kw: Array, limit_kw: Array) -> NDArray[np.bool_]:
     """Steps in which there is something to decide: more than one string can run, and not all have to."""
     several = np.count_nonzero(limit_kw, axis=0) > 1
-    free: NDArray[np.bool_] = several & (demand_kw > 0.0) & (demand_kw < limit_kw.sum(axis=0) * (1.0 - ROUNDING))
+    free: NDArray[np.bool_] = (
+        several & (demand_kw > 0.0) & (demand_kw < limit_kw.sum(axis=0) * (1.0 - ROUNDING))
+    )
     return free
 
 

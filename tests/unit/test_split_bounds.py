@@ -1,0 +1,56 @@
+"""Bounds that need no relaxation: step cuts under a limit on what is shed, and schedules without a choice."""
+
+import numpy as np
+import pytest
+
+import bess
+from bess.split.outcome import SplitStatus
+from bess.split.search import least_cost
+
+SYSTEM = bess.System.reference(n_strings=2)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_least_cost_is_the_least_over_a_grid_of_what_may_be_shed(seed):
+    rng = np.random.default_rng(seed)
+    phi, slope = rng.uniform(0.0, 2.0, 3), rng.uniform(0.1, 3.0, 3)
+    most, budget, price = rng.uniform(0.0, 1.0, 3), rng.uniform(0.0, 2.0), rng.choice([0.0, 0.7])
+    axes = np.meshgrid(*(np.linspace(0.0, m, 41) for m in most))
+    shed = np.stack([a.ravel() for a in axes], axis=1)
+    shed = shed[shed.sum(axis=1) <= budget]
+    best = (np.maximum(phi - slope * shed, 0.0) + price * shed).sum(axis=1).min()
+    least = least_cost(phi, slope, float(price), most, float(budget))
+    assert least <= best + 1e-12
+    assert least >= best - 3 * slope.max() * most.max() / 40
+
+
+def test_where_nothing_may_be_shed_the_step_cuts_add_up():
+    phi = np.array([1.0, 2.0])
+    assert least_cost(phi, np.array([5.0, 7.0]), 0.0, np.zeros(2), np.inf) == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize("soc", [0.04, 0.5, 0.97])
+def test_a_schedule_without_a_choice_is_optimal_without_a_solve(soc):
+    state = bess.State([soc, soc], [30.0, 45.0])
+    for demand, limit in (([-184.0, 184.0, 184.0], None), ([50.0, -92.0, 20.0], [0.0, 92.0])):
+        split = bess.PowerSplit(SYSTEM, 3)(state, demand, limit_kw=limit)
+        assert (split.status, split.nodes, split.gap) == (SplitStatus.OPTIMAL, 0, 0.0)
+        np.testing.assert_allclose(split.request_kw.sum(axis=0), demand, rtol=1e-12)
+
+
+def test_full_power_in_some_steps_leaves_the_bound_tight():
+    split = bess.PowerSplit(SYSTEM, 4)(bess.State([0.5, 0.5], [30.0, 31.0]), [184.0, 97.0, -184.0, -184.0])
+    assert split.search_gap <= 1e-3
+    assert split.gap <= 0.01
+
+
+def test_a_kwh_counts_the_same_in_whichever_string_it_is_lost():
+    document = bess.System.reference().document
+    document["system"]["n_strings"] = 2
+    document["string"] = [{}, {"inverter": {"nominal_kw": 46.0}}]
+    system = bess.System(document)
+    for soc in ([0.001, 0.6], [0.6, 0.001]):
+        split = bess.PowerSplit(system, 1)(bess.State(soc, [30.0, 30.0]), [138.0])
+        shed_kw = split.availability_loss_kw
+        assert shed_kw > 40.0
+        assert split.groups[0].objective == pytest.approx(shed_kw / 138.0, rel=1e-9)
