@@ -1,0 +1,254 @@
+"""Claim: whatever arrays the core is given, it answers or raises ValueError or TypeError; no panic."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import bess
+from bess import _core
+
+CORE = bess.System.reference(n_strings=2).core
+N, STEPS, NODES = 2, 3, 40
+SOC, TEMPERATURE = np.array([0.5, 0.4]), np.array([25.0, 30.0])
+DEMAND, AMBIENT = np.array([50.0, -40.0, 0.0]), np.full(STEPS, 25.0)
+STATE = {
+    "soc": SOC,
+    "node_temperature_c": np.full(N * NODES, 25.0),
+    "derating_integral_k": np.zeros(N),
+    "inverter_on": np.zeros(N, dtype=np.bool_),
+}
+LIMIT = np.full((N, STEPS), 92.0)
+COSTS = np.ones((2, N, 4))
+
+
+def plant(state: dict[str, Any] | None = None) -> _core.Plant:
+    return _core.Plant(CORE, 1, 10.0, "table", STATE if state is None else state)
+
+
+def horizon(**changes: Any) -> _core.ControlHorizon:
+    given_ = {
+        "soc0": SOC,
+        "temperature0_c": TEMPERATURE,
+        "demand_kw": DEMAND,
+        "ambient_c": AMBIENT,
+        "dt_h": 0.25,
+        "limit_kw": LIMIT,
+        "costs": COSTS,
+        "tol_abs": np.full(2, 1e-6),
+        "tol_rel": np.full(2, 1e-4),
+    } | changes
+    return _core.ControlHorizon(CORE, *given_.values())
+
+
+def _step(request: Any) -> Any:
+    return plant().run(request, np.array([25.0]), 900.0, True)
+
+
+def _state(name: str) -> Callable[[Any], Any]:
+    return lambda value: plant({**STATE, name: value}).run(np.zeros(N), np.array([25.0]), 900.0, True)
+
+
+def _set_state(name: str) -> Callable[[Any], Any]:
+    return lambda value: plant().set_state({**STATE, name: value})
+
+
+def _searched(name: str) -> Callable[[Any], Any]:
+    def call(value: Any) -> Any:
+        made = horizon(**{name: value})
+        return made.greedy(), made.reachable(), made.search(np.zeros((1, N, STEPS)), 40)
+
+    return call
+
+
+def _box(method: str, index: int) -> Callable[[Any], Any]:
+    box = [np.full((N, STEPS), value) for value in (0.2, 0.8, 20.0, 40.0)]
+
+    def call(value: Any) -> Any:
+        return getattr(horizon(), method)(*[value if i == index else each for i, each in enumerate(box)])
+
+    return call
+
+
+MODEL = _core.ControlModel(CORE)
+REQUEST = np.zeros((1, N, STEPS))
+CALLS: dict[str, Callable[[Any], Any]] = {
+    "plant.run request": _step,
+    "plant.run ambient": lambda value: plant().run(np.zeros(N), value, 900.0, False),
+    **{f"plant state {name}": _state(name) for name in STATE},
+    **{f"plant set_state {name}": _set_state(name) for name in STATE},
+    "rollout soc": lambda value: MODEL.rollout(value, TEMPERATURE, REQUEST, AMBIENT, 0.25),
+    "rollout temperature": lambda value: MODEL.rollout(SOC, value, REQUEST, AMBIENT, 0.25),
+    "rollout request": lambda value: MODEL.rollout(SOC, TEMPERATURE, value, AMBIENT, 0.25),
+    "rollout ambient": lambda value: MODEL.rollout(SOC, TEMPERATURE, REQUEST, value, 0.25),
+    "max_power soc": lambda value: MODEL.max_power_kw(value, TEMPERATURE, True, 0.25),
+    "max_power temperature": lambda value: MODEL.max_power_kw(SOC, value, False, 0.25),
+    **{
+        f"horizon {name}": _searched(name)
+        for name in (
+            "soc0",
+            "temperature0_c",
+            "demand_kw",
+            "ambient_c",
+            "limit_kw",
+            "costs",
+            "tol_abs",
+            "tol_rel",
+        )
+    },
+    "horizon evaluate": lambda value: horizon().evaluate(value),
+    "horizon search": lambda value: horizon().search(value, 40),
+    **{
+        f"horizon {method} {i}": _box(method, i)
+        for method in ("step_bounds", "ranges", "planes")
+        for i in range(4)
+    },
+    "horizon coefficients soc": lambda value: horizon().coefficients(value, np.full((N, STEPS), 25.0)),
+    "horizon coefficients temperature": lambda value: horizon().coefficients(np.full((N, STEPS), 0.5), value),
+}
+SCALARS: dict[str, Callable[[float], Any]] = {
+    "plant step": lambda value: _core.Plant(CORE, 1, value, "table", STATE),
+    "plant duration": lambda value: plant().run(np.zeros(N), np.array([25.0]), value, False),
+    "rollout dt": lambda value: MODEL.rollout(SOC, TEMPERATURE, REQUEST, AMBIENT, value),
+    "max_power dt": lambda value: MODEL.max_power_kw(SOC, TEMPERATURE, True, value),
+    "horizon dt": lambda value: horizon(dt_h=value).greedy(),
+}
+SHAPES = [(), (0,), (1,), (N,), (STEPS,), (N * NODES,), (4,), (0, STEPS), (N, STEPS), (STEPS, N), (2, 4)]
+SHAPES += [(1, N, STEPS), (0, N, STEPS), (2, N, STEPS), (2, N, 4), (1, N, 0), (N, 0), (1, 1, 1, 1)]
+SHAPES += [(N,), (STEPS,), (N, STEPS), (1, N, STEPS)] * 2
+VALUES = st.sampled_from(
+    [
+        np.nan,
+        np.inf,
+        -np.inf,
+        -0.0,
+        0.0,
+        1e-320,
+        1e300,
+        -1e300,
+        -1.0,
+        0.5,
+        1.0,
+        1.0 + 1e-12,
+        25.0,
+        90.0,
+        150.0,
+    ]
+)
+
+
+@st.composite
+def arrays(draw: st.DrawFn) -> Any:
+    shape = draw(st.sampled_from(SHAPES))
+    size = int(np.prod(shape))
+    pool = draw(st.lists(VALUES, min_size=1, max_size=4))
+    values: Any = np.array([pool[i % len(pool)] for i in range(size)], dtype=np.float64).reshape(shape)
+    form = draw(
+        st.sampled_from(["plain"] * 4 + ["strided", "fortran", "reversed", "f4", "int", "object", "list"])
+    )
+    with np.errstate(all="ignore"):
+        if form == "strided" and shape:
+            values = np.repeat(values, 2, axis=-1)[..., ::2]
+        elif form == "fortran":
+            values = np.asfortranarray(values)
+        elif form == "reversed" and shape:
+            values = values[::-1]
+        elif form == "f4":
+            values = values.astype(np.float32)
+        elif form == "int":
+            values = np.zeros(shape, dtype=np.int64)
+        elif form == "object":
+            values = values.astype(object)
+        elif form == "list":
+            values = values.tolist()
+    return values
+
+
+def answers_or_refuses(call: Callable[[Any], Any], value: Any) -> None:
+    try:
+        call(value)
+    except (ValueError, TypeError) as error:
+        assert str(error)
+
+
+def test_the_calls_are_answered_when_nothing_is_hostile() -> None:
+    """So that what follows tries the arrays, not a mistake of the test."""
+    fitting: dict[str, Any] = {
+        "plant.run request": np.zeros(N),
+        "plant.run ambient": np.array([25.0]),
+        **{
+            f"plant {kind}{name}": value for kind in ("state ", "set_state ") for name, value in STATE.items()
+        },
+        "horizon costs": COSTS,
+        "horizon limit_kw": LIMIT,
+        "horizon demand_kw": DEMAND,
+        "horizon ambient_c": AMBIENT,
+        "horizon tol_abs": np.full(2, 1e-6),
+        "horizon tol_rel": np.full(2, 1e-4),
+        "rollout request": REQUEST,
+        "rollout ambient": AMBIENT,
+        "horizon evaluate": REQUEST,
+        "horizon search": REQUEST,
+    }
+    for name, call in CALLS.items():
+        temperature = "temperature" in name or name[-1] in "23"
+        box = np.full((N, STEPS), 30.0 if temperature else 0.5)
+        alone = TEMPERATURE if temperature else SOC
+        boxed = (name[-1].isdigit() and name[-2] == " ") or "coefficients" in name
+        call(fitting.get(name, box if boxed else alone))
+
+
+@pytest.mark.parametrize("name", CALLS)
+@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=True)
+@given(value=arrays())
+def test_a_hostile_array_is_answered_or_refused(name: str, value: Any) -> None:
+    answers_or_refuses(CALLS[name], value)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CALLS)
+@settings(max_examples=1000, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(value=arrays())
+def test_a_thousand_hostile_arrays_are_answered_or_refused(name: str, value: Any) -> None:
+    answers_or_refuses(CALLS[name], value)
+
+
+@pytest.mark.parametrize("name", SCALARS)
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 0.0, -1.0, 1e-320, 1e-9, 7.0, 1e300])
+def test_a_hostile_number_is_answered_or_refused(name: str, value: float) -> None:
+    answers_or_refuses(SCALARS[name], value)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["plant.run request", "plant state soc", "rollout request", "horizon demand_kw", "max_power temperature"],
+)
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_what_is_no_number_is_refused_not_computed_with(name: str, bad: float) -> None:
+    shapes = {"rollout request": (1, N, STEPS), "horizon demand_kw": (STEPS,)}
+    with pytest.raises(ValueError, match=r"\w"):
+        CALLS[name](np.full(shapes.get(name, (N,)), bad))
+
+
+@pytest.mark.parametrize("count", [0, 2**40])
+def test_an_impossible_number_of_scenarios_is_refused(count: int) -> None:
+    with pytest.raises(ValueError, match=r"\w"):
+        _core.Plant(CORE, count, 10.0, "table", STATE)
+
+
+def test_a_state_without_a_key_or_of_another_type_is_refused() -> None:
+    with pytest.raises((KeyError, ValueError, TypeError)):
+        plant({"soc": SOC})
+    with pytest.raises((KeyError, ValueError, TypeError)):
+        plant({**STATE, "inverter_on": np.zeros(N)})
+
+
+@pytest.mark.parametrize("document", ["", "{", "null", "[]", '{"x": 1}', "\x00", "[" * 10_000])
+def test_a_document_that_is_none_is_refused(document: str) -> None:
+    with pytest.raises(ValueError, match=r"\w"):
+        _core.System(document)
