@@ -37,7 +37,9 @@ def empty_environment(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_wheel_from_the_sdist_runs_a_study(empty_environment: Path, tmp_path: Path) -> None:
-    _run(empty_environment / "bess", "run", "case1", "--days", "0.25", "--out", tmp_path / "out", cwd=tmp_path)
+    _run(
+        empty_environment / "bess", "run", "case1", "--days", "0.25", "--out", tmp_path / "out", cwd=tmp_path
+    )
     assert (tmp_path / "out" / "kpis.json").is_file()
 
 
