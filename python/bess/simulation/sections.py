@@ -145,7 +145,7 @@ class PolicyChoice(Section):
     horizon_steps: Annotated[int, Field(ge=1, le=96)] | None = None
     objectives: ObjectiveChoice = ObjectiveChoice()
     gap: Annotated[float, Field(gt=0.0, lt=1.0)] = 1e-3
-    node_limit: Count = 4
+    node_limit: Count = 1
     time_limit_s: Positive | None = None
 
 
