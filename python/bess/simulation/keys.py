@@ -75,7 +75,7 @@ def parse_assignment(text: str) -> tuple[str, Any]:
         raise InputError(f"--set {text!r}: write key=value, for example --set policy.horizon_steps=4")
     try:
         return key, tomllib.loads(f"value = {raw}")["value"]
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         if raw[0] in "[{\"'":
             raise InputError(f"--set {text!r}: {raw} is not a TOML value ({error})") from error
         return key, raw

@@ -78,5 +78,5 @@ def _compositions(total: int, parts: int) -> Iterator[tuple[int, ...]]:
 
 
 def _label(key: str, value: Any) -> str:
-    shown = f"{value:.6g}" if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
+    shown = f"{value:.6g}" if isinstance(value, float) else str(value)
     return re.sub(r"[^A-Za-z0-9._=+-]+", "-", f"{key.rpartition('.')[2]}={shown}").strip("-")

@@ -124,7 +124,7 @@ def load_study(name: str | Path, values: Mapping[str, Any] | None = None) -> Stu
         stem, folder = path.stem, path.resolve().parent
     try:
         document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # also an integer of more digits than Python takes
         raise InputError(f"{name}: not valid TOML ({error})") from error
     document = {"name": stem, **document}
     check_keys(document, Study, str(name))
