@@ -10,6 +10,9 @@ use crate::walker::Walker;
 const SHARES: usize = 25;
 const SHARES_OF_PAIR: usize = 9;
 
+/// Most moves that close in on the best of a two-step search.
+const CLOSING_MOVES: usize = 30;
+
 /// A request that does no more than switch the inverter on, as a share of the limit. In charge such an inverter takes
 /// its no-load loss from the battery, which makes room in a full one.
 const SWITCHED_ON: f64 = 1e-6;
@@ -175,7 +178,10 @@ impl Plane {
             self.try_at(walker, ranking, first_w, seconds.iter().copied(), &mut best);
         }
         let mut step = 0.5 / (SHARES_OF_PAIR - 1) as f64;
-        while step > 1e-3 {
+        for _ in 0..CLOSING_MOVES {
+            if step < 1e-3 {
+                break;
+            }
             let (x, y) = best.0;
             let (dx, dy) = (step * self.first.width(), step * self.second.width());
             let before = best.0;

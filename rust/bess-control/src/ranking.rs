@@ -2,9 +2,6 @@
 
 use crate::horizon::{Costs, MAX_GROUPS};
 
-/// Differences below this share are rounding.
-const ROUNDING: f64 = 1e-12;
-
 /// Lexicographic order with the higher groups held under a ceiling.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Ranking {
@@ -19,10 +16,10 @@ impl Ranking {
         Self { group: 0, n_groups, ceilings: [f64::INFINITY; MAX_GROUPS] }
     }
 
-    /// Whether `a` is better than `b` by more than rounding. Ties go to the next group.
+    /// Whether `a` is better than `b`. Ties go to the next group. Exact, hence transitive: a descent cannot cycle.
     #[inline]
     pub fn better(&self, a: &Costs, b: &Costs) -> bool {
-        self.better_by(a, b, ROUNDING)
+        self.better_by(a, b, 0.0)
     }
 
     /// Whether `a` is better than `b` by more than a share.
