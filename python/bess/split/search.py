@@ -122,10 +122,10 @@ class Search:
         if not self.free_steps.size:
             return
         greedy, _ = self.task.search.horizon.greedy()
-        starts = [greedy]
+        self.offer(greedy[None])
         if warm_start is not None:
-            starts.append(self._usable(np.maximum(warm_start * self.sign, 0.0)))
-        self._improve(np.stack(starts))
+            self.offer(self._usable(np.maximum(warm_start * self.sign, 0.0))[None])
+        self._improve(self.request[None])
         if not self._trajectory_sheds():
             return
         self._improve(self._usable(self.task.inputs.limit_kw)[None])
