@@ -27,6 +27,9 @@ FEASIBILITY_TOLERANCE = 1e-6
 BOUND_MARGIN = 1e-6
 """Relative amount by which a dual objective is lowered, for the dual residual Clarabel leaves."""
 
+LARGEST_VALUE = 100.0
+"""No variable of the per-unit program is larger; a dual residual costs at most this much of the bound."""
+
 
 class NodeStatus(Enum):
     """What a node's solve established."""
@@ -170,11 +173,16 @@ def solve(data: ConicData, fixed: NDArray[np.bool_], x_fixed: Array) -> ConicSol
     for refine in (False, True):
         answer = clarabel.DefaultSolver(P, data.q[free], A, b[used], cones, _settings(refine)).solve()
         status = str(answer.status)
-        if status == "Solved":
+        if status in ("Solved", "AlmostSolved"):
             x = held.copy()
             x[free] = answer.x
             bound = answer.obj_val_dual + offset
-            return ConicSolution(NodeStatus.SOLVED, bound - BOUND_MARGIN * (1.0 + abs(bound)), x)
+            bound -= BOUND_MARGIN * (1.0 + abs(bound))
+            if status == "AlmostSolved":
+                # What is left is primal as a rule. The dual point is a bound all the same, less what its own
+                # residual q + A'z can amount to over all points of the program.
+                bound -= LARGEST_VALUE * float(np.abs(data.q[free] + A.T @ np.array(answer.z)).sum())
+            return ConicSolution(NodeStatus.SOLVED, bound, x)
         if status == "PrimalInfeasible":
             return ConicSolution(NodeStatus.INFEASIBLE, np.inf, None)
     return ConicSolution(NodeStatus.UNKNOWN, -np.inf, None)

@@ -1,0 +1,49 @@
+"""The order of imports that ARCHITECTURE.md promises."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import bess
+
+SOURCE = Path(bess.__file__).parent
+
+# Every folder may import those to its left, never one to its right.
+ORDER = [
+    ("errors", "units", "_core"),
+    ("components",),
+    ("parameters",),
+    ("market", "plant", "split"),
+    ("ems", "policies"),
+    ("analysis",),
+    ("simulation",),
+    ("sweep",),
+    ("report",),
+    ("cli",),
+]
+RANK = {name: rank for rank, names in enumerate(ORDER) for name in names}
+
+
+class _WithoutTypes(ast.NodeTransformer):
+    """Leaves out what is imported for annotations only."""
+
+    def visit_If(self, node: ast.If) -> ast.If | None:
+        return None if ast.unparse(node.test) == "TYPE_CHECKING" else node
+
+
+def _imported(path: Path) -> set[str]:
+    names = set()
+    for node in ast.walk(_WithoutTypes().visit(ast.parse(path.read_text(encoding="utf-8")))):
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("bess."):
+            names.add(node.module.split(".")[1])
+        elif isinstance(node, ast.Import):
+            names |= {a.name.split(".")[1] for a in node.names if a.name.startswith("bess.")}
+    return names & RANK.keys()
+
+
+@pytest.mark.parametrize("folder", [name for name in RANK if (SOURCE / name).is_dir()])
+def test_imports_run_one_way(folder: str) -> None:
+    for path in sorted((SOURCE / folder).rglob("*.py")):
+        for name in _imported(path) - {folder}:
+            assert RANK[name] < RANK[folder], f"{path.relative_to(SOURCE)} imports bess.{name}"
