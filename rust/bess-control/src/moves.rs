@@ -11,7 +11,7 @@ const SHARES: usize = 25;
 const SHARES_OF_PAIR: usize = 9;
 
 /// Most moves that close in on the best of a two-step search.
-const CLOSING_MOVES: usize = 30;
+const CLOSING_MOVES: usize = 15;
 
 /// A request that does no more than switch the inverter on, as a share of the limit. In charge such an inverter takes
 /// its no-load loss from the battery, which makes room in a full one.

@@ -106,6 +106,7 @@ fn a_search_reports_the_objectives_of_its_schedule_and_keeps_to_its_budget() {
         let (best, used) = horizon.search(&greedy.request_w, 500);
         assert_eq!(horizon.objectives(&best.request_w), best.objectives);
         assert!(best.objectives[0] <= greedy.objectives[0] * (1.0 + 1e-4) + 1e-6);
-        assert!(used < 600, "{used} roll-outs");
+        // The move under way is finished: a grid over two steps of up to 11 x 11 points and 15 closing moves of 9.
+        assert!(used <= 500 + 11 * 11 + 15 * 9, "{used} roll-outs");
     }
 }
