@@ -3,6 +3,7 @@
 //!
 //! SI units; requests are magnitudes with a direction for each step (that of the demand).
 
+mod balanced;
 mod bounds;
 mod error;
 mod greedy;
