@@ -46,7 +46,7 @@ def pareto_front(
     ]
     if not on_front.all():
         series.insert(0, dots(np.flatnonzero(~on_front), BACKGROUND, "dominated", "dots"))
-    ends = {names[int(np.argmin(points[:, 0]))], names[int(np.argmax(points[:, 0]))]} - {names[knee]}
+    ends = {names[order[0]], names[order[-1]]} - {names[knee]}
     notes = tuple((kpis[name][x], kpis[name][y], name) for name in sorted(ends))
     return Chart(
         KPI_NAMES[x].label,
