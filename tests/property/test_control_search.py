@@ -54,7 +54,7 @@ def test_search_reaches_what_exhaustive_search_finds(
     demand = problem.demand_kw / problem.limit_kw.sum(axis=0)
     starts = np.stack([greedy, problem.limit_kw * demand])
     _, objectives, used = problem.horizon.search(starts, 3000)
-    assert used <= 3300  # a move that has begun is finished
+    assert used <= 3100
     per_kw = problem.costs[0, :, 0].max()
     assert objectives[0] <= exhaustive(problem)[0] + 0.05 * per_kw
     # No schedule is better in the second group without being worse in the first.

@@ -241,17 +241,6 @@ impl ControlHorizon {
         self.limit_w[m * self.n_steps() + t]
     }
 
-    /// The largest request of which a string in this state sheds nothing.
-    pub(crate) fn edge(&self, m: usize, t: usize, state: StringState) -> f64 {
-        let interval = &self.intervals[t];
-        let string = self.string(m);
-        let c = string.coefficients(interval.direction, state);
-        if c.derating <= 0.0 {
-            return 0.0;
-        }
-        string.limit_w(&c, interval.direction, state.soc, interval.dt_h) / c.derating
-    }
-
     /// One step of one string; adds its costs.
     #[inline]
     pub(crate) fn advance(

@@ -3,7 +3,6 @@
 //!
 //! SI units; requests are magnitudes with a direction for each step (that of the demand).
 
-mod balanced;
 mod bounds;
 mod error;
 mod greedy;

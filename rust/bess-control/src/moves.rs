@@ -80,7 +80,7 @@ impl Line {
     }
 
     fn candidates(&self, walker: &Walker<'_>) -> impl Iterator<Item = f64> {
-        let edge = |m: usize| walker.horizon.edge(m, self.step, walker.at(m, self.step).state);
+        let edge = |m: usize| walker.edge(m, self.step, walker.at(m, self.step).state);
         let special = [edge(self.strings.0), self.sum_w - edge(self.strings.1)];
         let (low, high) = (self.low_w, self.high_w);
         let inside = special.into_iter().filter(move |u| *u > low && *u < high);

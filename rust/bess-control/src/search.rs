@@ -25,26 +25,21 @@ pub struct Schedule {
 
 impl ControlHorizon {
     /// Local search from some schedules `(B, M, T)` (magnitudes): group after group, each start by itself, the best
-    /// taken at the end. Where all of them fall short in the first group, one more start keeps the strings level.
-    /// `max_rollouts` bounds the work, counted in roll-outs of all strings over all steps; returns the
-    /// number used (a move that has begun is finished).
+    /// taken at the end. `max_rollouts` bounds the work, counted in roll-outs of all strings over all steps; returns the
+    /// number used.
     pub fn search(&self, starts_w: &[f64], max_rollouts: usize) -> (Schedule, usize) {
         let size = self.n_strings() * self.n_steps();
-        let mut starts: Vec<Vec<f64>> = starts_w.chunks_exact(size.max(1)).map(<[f64]>::to_vec).collect();
-        if starts.iter().all(|start| self.objectives(start)[0] > 0.0) {
-            // Strings that reach the ends of their windows together: of use where something has to be shed.
-            starts.push(self.balanced());
-        }
-        let n_starts = starts.len();
+        let n_starts = (starts_w.len() / size.max(1)).max(1);
         let mut best: Option<Schedule> = None;
         let mut used = 0;
-        for (index, start) in starts.into_iter().enumerate() {
+        for (index, start) in starts_w.chunks_exact(size).enumerate() {
             let share = (max_rollouts.saturating_sub(used)) / (n_starts - index);
-            let mut walker = Walker::new(self, 0, &self.start, start);
+            let mut walker = Walker::new(self, 0, &self.start, start.to_vec());
             let budget = (share * size) as u64;
             improve(&mut walker, budget);
             used += (walker.string_steps.get() as usize).div_ceil(size);
             let found = Schedule { objectives: walker.objectives(), request_w: walker.request_w };
+            // Both ends have their own best values; the better of them sets the ceilings for the comparison.
             best = Some(match best {
                 Some(held) if !self.beats(&found.objectives, &held.objectives) => held,
                 _ => found,

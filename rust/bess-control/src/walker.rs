@@ -76,7 +76,7 @@ impl<'a> Walker<'a> {
         let base = m * (self.n_steps() + 1);
         for t in from..self.end {
             let mut next = self.progress[base + t - self.first];
-            let edge_w = self.horizon.edge(m, t, next.state);
+            let edge_w = self.edge(m, t, next.state);
             let index = m * self.n_steps() + t - self.first;
             self.on_edge[index] =
                 edge_w > 0.0 && (self.request_w[index] - edge_w).abs() < EDGE_WIDTH * edge_w;
@@ -107,6 +107,17 @@ impl<'a> Walker<'a> {
         progress
     }
 
+    /// The largest request of which a string in this state sheds nothing.
+    pub fn edge(&self, m: usize, t: usize, state: StringState) -> f64 {
+        let interval = &self.horizon.intervals[t];
+        let string = self.horizon.string(m);
+        let c = string.coefficients(interval.direction, state);
+        if c.derating <= 0.0 {
+            return 0.0;
+        }
+        string.limit_w(&c, interval.direction, state.soc, interval.dt_h) / c.derating
+    }
+
     /// Whether either string is on its edge after a step, so that [`Self::follow`] differs from [`Self::advance`].
     pub fn has_edge_after(&self, (i, j): (usize, usize), step: usize) -> bool {
         let row =
@@ -132,9 +143,9 @@ impl<'a> Walker<'a> {
                     ((u + v - self.horizon.limit(j, t)).max(0.0), self.horizon.limit(i, t).min(u + v));
                 let index = |m: usize| m * self.n_steps() + t - self.first;
                 let wanted = if self.on_edge[index(i)] {
-                    self.horizon.edge(i, t, a.state)
+                    self.edge(i, t, a.state)
                 } else if self.on_edge[index(j)] {
-                    u + v - self.horizon.edge(j, t, b.state)
+                    u + v - self.edge(j, t, b.state)
                 } else {
                     u
                 };
