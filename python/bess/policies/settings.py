@@ -23,8 +23,8 @@ class Settings:
     gap : float
         Relative gap at which a search stops.
     node_limit : int
-        Most nodes of a search. In closed loop a few suffice: with 1, 4 and 30 the KPIs of a week of
-        case 1 were the same, for what further nodes raise is the bound, not the split.
+        Most nodes of each stage of a search. In closed loop one suffices: with 1, 4 and 30 the KPIs of a
+        week of case 1 were the same, for what further nodes raise is the bound, not the split.
     time_limit_s : float or None
         Longest time of a search; answers then depend on the machine.
     """
