@@ -84,7 +84,12 @@ class ControlHorizon:
         soc_high: NDArray[np.float64],
         temperature_low_c: NDArray[np.float64],
         temperature_high_c: NDArray[np.float64],
-    ) -> list[NDArray[np.float64]]: ...
+        costs: NDArray[np.float64],
+        budget_kw: float,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]: ...
+    def confine(
+        self, request_kw: NDArray[np.float64], costs: NDArray[np.float64], shed_budget_kw: float
+    ) -> tuple[float, list[NDArray[np.float64]]]: ...
     def coefficients(
         self, soc: NDArray[np.float64], temperature_c: NDArray[np.float64]
     ) -> list[NDArray[np.float64]]: ...
@@ -101,4 +106,6 @@ class ControlHorizon:
         soc_high: NDArray[np.float64],
         temperature_low_c: NDArray[np.float64],
         temperature_high_c: NDArray[np.float64],
+        soc: NDArray[np.float64],
+        temperature_c: NDArray[np.float64],
     ) -> list[NDArray[np.float64]]: ...

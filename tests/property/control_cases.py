@@ -107,7 +107,9 @@ def case(
     weights: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0),
     like: bool = False,
     load: tuple[float, float] = (0.05, 1.0),
+    turns: bool = False,
 ) -> Case:
+    """A problem with one direction, or one whose direction ``turns`` at random."""
     rng = np.random.default_rng(seed)
     system = bess.System.reference(n_strings) if like else differing(n_strings, rng)
     (soc_low, soc_high), temperature = CORNERS[corner]
@@ -117,6 +119,8 @@ def case(
     state = bess.State(soc, rng.uniform(*temperature, n_strings))
     sign = {"full": -1.0, "empty": 1.0}.get(corner, rng.choice([-1.0, 1.0]))
     demand = sign * rng.uniform(*load, n_steps) * system.nominal_kw.sum()
+    if turns:
+        demand *= rng.choice([-1.0, 1.0], n_steps)
     limit = np.repeat(system.nominal_kw[:, None], n_steps, axis=1)
     inverter_kw, battery_kw = _core.ControlModel(system.core).nominal_loss_kw()
     scale = 1.0 / np.stack([system.nominal_kw, system.nominal_kw, inverter_kw, battery_kw], axis=1)

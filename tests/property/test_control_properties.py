@@ -117,11 +117,13 @@ def test_no_decision_of_a_step_costs_less_than_its_cut(
     requests = problem.random_requests(np.random.default_rng(seed), 30)
     roll = bess.rollout(problem.system, problem.state, requests, DT_H)
     reachable = problem.horizon.reachable()
-    phi, slope = problem.horizon.step_bounds(*(np.ascontiguousarray(a[:, :-1]) for a in reachable))
-    shed = roll.availability_loss_kw.sum(axis=-2)[:, None, :]
-    cost = problem.cost_by_group(roll, slice(1, 4)) + slope * shed
-    assert np.all(cost >= phi - 1e-12)
-    assert np.any(phi > 0.0)
+    boxes = [np.ascontiguousarray(a[:, :-1]) for a in reachable]
+    shed = roll.availability_loss_kw.sum(axis=-2)
+    cost = problem.cost_by_group(roll, slice(1, 4))[:, 1]
+    for budget_kw in (np.inf, 5.0, 0.0):
+        phi, slope, _ = problem.horizon.step_bounds(*boxes, problem.costs[1], budget_kw)
+        assert np.all(cost + slope * shed >= phi - 1e-12)
+        assert np.any(phi > 0.0)
 
 
 @corners
@@ -132,9 +134,10 @@ def test_cuts_at_frozen_states_hold_for_every_decision_from_these_states(corner:
     requests = problem.random_requests(np.random.default_rng(seed), 300)
     roll = bess.rollout(problem.system, problem.state, requests, DT_H)
     soc, temperature = problem.state.soc[:, None], problem.state.temperature_c[:, None]
-    phi, slope = problem.horizon.step_bounds(soc, soc, temperature, temperature)
-    shed = roll.availability_loss_kw.sum(axis=-2)[:, None, :]
-    assert np.all(problem.cost_by_group(roll, slice(1, 4)) + slope * shed >= phi - 1e-12)
+    boxes = soc, soc, temperature, temperature
+    phi, slope, _ = problem.horizon.step_bounds(*boxes, problem.costs[1], np.inf)
+    shed = roll.availability_loss_kw.sum(axis=-2)
+    assert np.all(problem.cost_by_group(roll, slice(1, 4))[:, 1] + slope * shed >= phi - 1e-12)
 
 
 @pytest.mark.parametrize("weights", [(1, 1, 1, 1), (1, 1, 1, 1e-3), (1, 1, 1e-3, 1)])
@@ -150,9 +153,57 @@ def test_frozen_cuts_add_up_to_the_greedy_objective_where_nothing_is_shed(
     roll = bess.rollout(problem.system, problem.state, request, DT_H)
     soc = np.concatenate([problem.state.soc[:, None], roll.soc[:, :-1]], axis=1)
     temperature = np.concatenate([problem.state.temperature_c[:, None], roll.temperature_c[:, :-1]], axis=1)
-    phi, _ = problem.horizon.step_bounds(soc, soc, temperature, temperature)
+    boxes = soc, soc, temperature, temperature
+    phi, _, best = problem.horizon.step_bounds(*boxes, problem.costs[1], np.inf)
     assert objectives[0] == 0.0
-    np.testing.assert_allclose(phi[1].sum(), objectives[1], rtol=1e-5)
+    np.testing.assert_allclose(phi.sum(), objectives[1], rtol=1e-5)
+    np.testing.assert_allclose(best.sum(axis=0), problem.demand_kw, rtol=1e-9)
+    np.testing.assert_allclose(problem.horizon.evaluate(best[None])[0], objectives, rtol=1e-5, atol=1e-12)
+
+
+@corners
+@pytest.mark.parametrize("weights", [(1, 1, 1, 1), (1, 1, 1, 0), (1, 1, 0, 1), (1, 0, 1, 1)])
+@pytest.mark.parametrize(("n_strings", "turns"), [(2, False), (2, True), (4, True)])
+@settings(max_examples=15, deadline=None)
+@given(seed=SEEDS)
+def test_no_schedule_leaves_the_confined_states_and_costs_less_than_a_known_one(
+    corner: str, weights: tuple[float, float, float, float], n_strings: int, turns: bool, seed: int
+) -> None:
+    problem = case(seed, corner, n_strings, 6, weights, like=seed % 2 == 0, turns=turns)
+    rng = np.random.default_rng(seed)
+    far = problem.random_requests(rng, 40)
+    start, _, _ = problem.horizon.search(far[:1], 2000)
+    share = rng.uniform(0.0, 0.2, (40, 1, 1))
+    near = (1.0 - share) * start + share * problem.random_requests(rng, 40)
+    schedules = np.concatenate([start[None], near, far])
+    roll = bess.rollout(problem.system, problem.state, schedules, DT_H)
+    cost = problem.cost_by_group(roll, slice(0, 4))[:, 1].sum(axis=-1)
+    shed = roll.availability_loss_kw.sum(axis=(-2, -1))
+    for known in (0, 5, 30, 45):
+        bound, boxes = problem.horizon.confine(schedules[known], problem.costs[1], shed[known])
+        assert bound <= cost[known]
+        allowed = shed <= shed[known]
+        assert np.all(cost[allowed] >= bound)
+        soc_low, soc_high, cool, warm = (box[:, 1:] for box in boxes)
+        no_worse = allowed & (cost <= cost[known])
+        assert no_worse[known]
+        assert np.all(roll.soc[no_worse] >= soc_low)
+        assert np.all(roll.soc[no_worse] <= soc_high)
+        assert np.all(roll.temperature_c[no_worse] >= cool)
+        assert np.all(roll.temperature_c[no_worse] <= warm)
+
+
+def test_where_battery_losses_count_a_good_schedule_confines_the_states_to_a_fraction_of_the_reachable() -> (
+    None
+):
+    problem = case(3, "regular", 2, 8, (1, 1, 0, 1), like=True, load=(0.3, 0.6))
+    known, _ = problem.horizon.greedy()
+    bound, boxes = problem.horizon.confine(known, problem.costs[1], 0.0)
+    objective = problem.horizon.evaluate(known[None])[0, 1]
+    assert bound >= 0.999 * objective
+    reachable = problem.horizon.reachable()
+    for low, high in ((0, 1), (2, 3)):
+        assert np.mean((boxes[high] - boxes[low])[:, -1] / (reachable[high] - reachable[low])[:, -1]) < 0.2
 
 
 @corners

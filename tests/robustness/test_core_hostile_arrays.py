@@ -66,15 +66,21 @@ def _searched(name: str) -> Callable[[Any], Any]:
     return call
 
 
-def _box(method: str, index: int) -> Callable[[Any], Any]:
-    box = [np.full((N, STEPS), value) for value in (0.2, 0.8, 20.0, 40.0)]
+BOX = [np.full((N, STEPS), value) for value in (0.2, 0.8, 20.0, 40.0)]
 
+
+def _box(method: str, index: int) -> Callable[[Any], Any]:
     def call(value: Any) -> Any:
-        return getattr(horizon(), method)(*[value if i == index else each for i, each in enumerate(box)])
+        arguments = [value if i == index else each for i, each in enumerate(BOX)]
+        return getattr(horizon(), method)(*arguments, *AFTER_BOXES.get(method, ()))
 
     return call
 
 
+AFTER_BOXES: dict[str, tuple[Any, ...]] = {
+    "step_bounds": (np.ones((N, 4)), np.inf),
+    "planes": (np.full((N, STEPS), 0.5), np.full((N, STEPS), 25.0)),
+}
 MODEL = _core.ControlModel(CORE)
 REQUEST = np.zeros((1, N, STEPS))
 CALLS: dict[str, Callable[[Any], Any]] = {
@@ -108,6 +114,9 @@ CALLS: dict[str, Callable[[Any], Any]] = {
         for method in ("step_bounds", "ranges", "planes")
         for i in range(4)
     },
+    "horizon step_bounds costs": lambda value: horizon().step_bounds(*BOX, value, np.inf),
+    "horizon confine request": lambda value: horizon().confine(value, np.ones((N, 4)), 0.0),
+    "horizon confine costs": lambda value: horizon().confine(np.zeros((N, STEPS)), value, 0.0),
     "horizon coefficients soc": lambda value: horizon().coefficients(value, np.full((N, STEPS), 25.0)),
     "horizon coefficients temperature": lambda value: horizon().coefficients(np.full((N, STEPS), 0.5), value),
 }
@@ -116,6 +125,8 @@ SCALARS: dict[str, Callable[[float], Any]] = {
     "plant duration": lambda value: plant().run(np.zeros(N), np.array([25.0]), value, False),
     "rollout dt": lambda value: MODEL.rollout(SOC, TEMPERATURE, REQUEST, AMBIENT, value),
     "max_power dt": lambda value: MODEL.max_power_kw(SOC, TEMPERATURE, True, value),
+    "step_bounds budget": lambda value: horizon().step_bounds(*BOX, np.ones((N, 4)), value),
+    "confine budget": lambda value: horizon().confine(np.zeros((N, STEPS)), np.ones((N, 4)), value),
     "horizon dt": lambda value: horizon(dt_h=value).greedy(),
 }
 SHAPES = [(), (0,), (1,), (N,), (STEPS,), (N * NODES,), (4,), (0, STEPS), (N, STEPS), (STEPS, N), (2, 4)]
@@ -194,6 +205,9 @@ def test_the_calls_are_answered_when_nothing_is_hostile() -> None:
         "rollout ambient": AMBIENT,
         "horizon evaluate": REQUEST,
         "horizon search": REQUEST,
+        "horizon step_bounds costs": COSTS[0],
+        "horizon confine costs": COSTS[0],
+        "horizon confine request": REQUEST[0],
     }
     for name, call in CALLS.items():
         temperature = "temperature" in name or name[-1] in "23"

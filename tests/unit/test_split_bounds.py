@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import bess
+from bess.split.bounding import least_cost
 from bess.split.outcome import SplitStatus
-from bess.split.search import least_cost
 
 SYSTEM = bess.System.reference(n_strings=2)
 

@@ -68,10 +68,11 @@ class Coefficients:
     g_tau: Array
 
     @classmethod
-    def over(cls, horizon: _core.ControlHorizon, boxes: Boxes) -> Coefficients:
-        """Read the tables over boxes of states."""
+    def over(cls, horizon: _core.ControlHorizon, boxes: Boxes, near: Boxes) -> Coefficients:
+        """Read the tables over boxes of states; planes are closest at the points ``near``."""
+        soc, _, temperature_c, _ = near.at_starts
         k_lo, k_hi, v_lo, v_hi, _, _, y_lo, y_hi = horizon.ranges(*boxes.at_starts)
-        return cls(k_lo, k_hi, v_lo, v_hi, y_lo, y_hi, *horizon.planes(*boxes.at_starts))
+        return cls(k_lo, k_hi, v_lo, v_hi, y_lo, y_hi, *horizon.planes(*boxes.at_starts, soc, temperature_c))
 
 
 @dataclass(frozen=True)

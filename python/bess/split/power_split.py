@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from bess import _core
 from bess.errors import InputError
 from bess.parameters import State, System
+from bess.split.bounding import Bounding, Bounds
 from bess.split.branch_and_bound import Closure
 from bess.split.coefficients import PlantConstants
 from bess.split.inputs import HorizonInputs, check_settings
@@ -18,7 +19,7 @@ from bess.split.objectives import NAMES, Objectives
 from bess.split.outcome import GroupResult, Split, SplitStatus, relative_gap
 from bess.split.payoff import payoff_scale
 from bess.split.rollout import Rollout, rollout
-from bess.split.search import Bounds, Limits, Model, Search, Task
+from bess.split.search import Limits, Model, Search, Task
 
 Array = NDArray[np.float64]
 
@@ -145,8 +146,8 @@ class PowerSplit:
         task = self._task(inputs)
         search = Search(task, Limits(self.gap, self.node_limit, ROLLOUTS, deadline))
         search.find_incumbent(self._warm_start)
-        rigorous = search.rigorous_bounds()
-        frozen = search.frozen_bounds()
+        bounding = Bounding(search)
+        rigorous, frozen = bounding.rigorous(), bounding.frozen()
         return self._answer(inputs, search.request, frozen, rigorous, _status(frozen), started, task)
 
     def _task(self, inputs: HorizonInputs) -> Task:

@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 STEEPEST_CUT = 1e4
 """Largest coefficient of shed power in a step cut, per unit."""
 
+IN_KW = np.array([0.0, 0.0, 1.0, 1.0])
+"""Costs of a cut that counts inverter and battery losses in kW."""
+
 
 class Programs:
     """Relaxations of all stages over the same coefficients.
@@ -33,8 +36,9 @@ class Programs:
         Frozen, or ranges over ``boxes``.
     cost : ndarray, shape (n_groups, n_strings, 4)
         Costs of the losses [1/kW].
-    step_bound, shed_slope : ndarray, shape (n_steps,)
-        Step cuts of the last group.
+    step_cut : callable
+        Step cuts for given costs ``(n_strings, 4)`` [1/kW]: ``phi`` and the slope of shed power [1/kW], each
+        ``(n_steps,)``.
     """
 
     def __init__(
@@ -44,24 +48,15 @@ class Programs:
         may_shed: NDArray[np.bool_],
         coefficients: Coefficients,
         cost: Array,
-        step_bound: Array,
-        shed_slope: Array,
+        step_cut: Callable[[Array], tuple[Array, Array]],
     ) -> None:
         inputs, constants = task.inputs, task.constants
         n_strings, n_steps = inputs.limit_kw.shape
         self._program = compiled(n_strings, n_steps, cost.shape[0] - 1)
         self._cost = cost * constants.scale_kw
         self._units = self._cost.max(axis=(1, 2))
-        cut = costs("cut", self._cost[-1] / self._units[-1])
-        del cut["cut_a"]
-        # The slope grows without limit as the demand vanishes; such a cut says nothing and scales badly.
-        useful = shed_slope < STEEPEST_CUT * self._units[-1] / constants.nominal_kw.max()
-        self._values = {
-            **constants.physics(inputs, boxes, coefficients),
-            **cut,
-            "cut_a": np.where(useful, shed_slope, 0.0) * constants.nominal_kw[:, None] / self._units[-1],
-            "cut_0": np.where(useful, step_bound, 0.0) / self._units[-1],
-        }
+        self._nominal_kw, self._unit_kw, self._step_cut = constants.nominal_kw, constants.scale_kw, step_cut
+        self._values = constants.physics(inputs, boxes, coefficients)
         alike = task.alike & (np.diff(inputs.state.soc) == 0.0) & (np.diff(inputs.state.temperature_c) == 0.0)
         alike &= np.all(np.diff(inputs.limit_kw, axis=0) == 0.0, axis=1)
         self._settled = Settled(
@@ -81,10 +76,28 @@ class Programs:
         propose: Callable[[Array, Array], None],
     ) -> Stage:
         """Minimise ``group`` with the groups before it at most ``caps``."""
-        values = {**self._values, **costs("cost", self._cost[group] / self._units[group])}
+        values: dict[str, Array | float] = {**self._values, **self._cut(group)}
+        values |= costs("cost", self._cost[group] / self._units[group])
         for g in range(self._cost.shape[0] - 1):
             active = g < len(caps)
             weight = self._cost[g] / self._units[g] if active else np.zeros_like(self._cost[g])
             values |= costs(f"cap{g}", weight) | {f"cap{g}": caps[g] / self._units[g] if active else 1.0}
         data = self._program.load(values)
         return Stage(self._program, data, self._settled, self._units[group], incumbent, propose)
+
+    def _cut(self, group: int) -> dict[str, Array]:
+        """Step cuts in the costs of the group; where it has no losses, in kW, because these use up the charge
+        that is left."""
+        cost = self._cost[group]
+        if not cost[:, 1:].any():
+            cost = self._unit_kw * IN_KW
+        unit = cost.max()
+        phi, slope = self._step_cut(cost / self._unit_kw)
+        cut = costs("cut", cost / unit)
+        del cut["cut_a"]
+        # The slope grows without limit as the demand vanishes; such a cut says nothing and scales badly.
+        useful = slope < STEEPEST_CUT * unit / self._nominal_kw.max()
+        return cut | {
+            "cut_a": np.where(useful, slope, 0.0) * self._nominal_kw[:, None] / unit,
+            "cut_0": np.where(useful, phi, 0.0) / unit,
+        }

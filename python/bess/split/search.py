@@ -1,23 +1,18 @@
-"""One call of the power split: incumbents from the control model, lower bounds from the relaxation."""
+"""The search for a good split: incumbents come from the control model alone."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bess import _core
-from bess.split import branch_and_bound
-from bess.split.branch_and_bound import Closure, Outcome
-from bess.split.coefficients import Boxes, Coefficients, PlantConstants
+from bess.split.coefficients import PlantConstants
 from bess.split.incumbent import Incumbent, repaired
 from bess.split.inputs import HorizonInputs
-from bess.split.lexicographic import lexicographic
-from bess.split.outcome import relative_gap
-from bess.split.programs import Programs
 from bess.split.rollout import Rollout
 
 Array = NDArray[np.float64]
@@ -76,16 +71,6 @@ class Task:
     rollout: Callable[[Array], Rollout]
 
 
-@dataclass(frozen=True)
-class Bounds:
-    """Lower bounds of each group, and what the searches behind them established."""
-
-    values: tuple[float, ...]
-    closures: tuple[Closure, ...]
-    nodes: int
-    failed: bool
-
-
 class Search:
     """The search for one split."""
 
@@ -93,12 +78,8 @@ class Search:
         self.task, self.limits = task, limits
         inputs = task.inputs
         self.sign = np.where(inputs.demand_kw < 0.0, -1.0, 1.0)
-        self.boxes = Boxes(*task.search.horizon.reachable())
-        self.may_shed = task.constants.may_shed(
-            inputs, self.boxes, Coefficients.over(task.search.horizon, self.boxes)
-        )
         self.free_steps = np.flatnonzero(_is_free(np.abs(inputs.demand_kw), inputs.limit_kw))
-        proportional = self._usable(inputs.limit_kw)
+        proportional = self.usable(inputs.limit_kw)
         objectives = task.search.horizon.evaluate(proportional[None])[0]
         self.incumbent = Incumbent(proportional, objectives, *task.tolerances)
 
@@ -124,25 +105,25 @@ class Search:
         greedy, _ = self.task.search.horizon.greedy()
         self.offer(greedy[None])
         if warm_start is not None:
-            self.offer(self._usable(np.maximum(warm_start * self.sign, 0.0))[None])
-        self._improve(self.request[None])
+            self.offer(self.usable(np.maximum(warm_start * self.sign, 0.0))[None])
+        self.improve(self.request[None])
         if not self._trajectory_sheds():
             return
-        self._improve(self._usable(self.task.inputs.limit_kw)[None])
+        self.improve(self.usable(self.task.inputs.limit_kw)[None])
         if self.free_steps.size < 2 or warm_start is not None:
             return
         rng = np.random.default_rng(SEED)
-        self._improve(self._best_of_sample(rng))
+        self.improve(self._best_of_sample(rng))
         idle = 0
         for _ in range(KICK_ROUNDS):
-            if self._late() or idle == IDLE_ROUNDS:
+            if self.late() or idle == IDLE_ROUNDS:
                 break
             before = self.request
-            self._improve(self._kicked(rng))
+            self.improve(self._kicked(rng))
             idle = idle + 1 if self.request is before else 0
 
     def _trajectory_sheds(self) -> bool:
-        return bool(self.may_shed.any() and self.task.rollout(self.request).availability_loss_kw.any())
+        return bool(self.task.rollout(self.request).availability_loss_kw.any())
 
     def _random(self, rng: np.random.Generator, n: int) -> Array:
         """Schedules in which each step is shared at random, or given to one string; in every other of them,
@@ -152,7 +133,7 @@ class Search:
         sharpness[::2] = sharpness[::2, :, :1]
         share = rng.uniform(size=shape)
         share = (share / share.max(axis=1, keepdims=True)) ** sharpness
-        return self._usable(share * self.task.inputs.limit_kw)
+        return self.usable(share * self.task.inputs.limit_kw)
 
     def _best_of_sample(self, rng: np.random.Generator) -> Array:
         requests = self._random(rng, SAMPLES)
@@ -166,99 +147,25 @@ class Search:
             anew[kick, rng.permutation(self.free_steps)[: 1 + kick % 3]] = True
         return np.where(anew[:, None, :], self._random(rng, KICKS), self.request)
 
-    def _improve(self, starts: Array) -> None:
+    def improve(self, starts: Array) -> None:
+        """Local search on the control model from each of ``(n, n_strings, n_steps)``."""
         for start in starts:
             request, objectives, _ = self.task.search.horizon.search(start[None], self.limits.rollouts)
             self.incumbent.offer(request, objectives)
 
-    def rigorous_bounds(self) -> Bounds:
-        """Bounds of the nonlinear control model: one-step optima over the reachable states, and one
-        relaxation."""
-        return self._bounds(self.task.true, self.boxes, 1, frozen=False)
-
-    def frozen_bounds(self) -> Bounds:
-        """Bounds of the program with coefficients frozen along the incumbent; the tree may still improve
-        that."""
-        before = self.request
-        bounds = self._bounds(self.task.search, self._trajectory(), self.limits.nodes, frozen=True)
-        if self.request is not before:
-            self._improve(self.request[None])
-        return bounds
-
-    def _trajectory(self) -> Boxes:
-        """States along the incumbent, as boxes that are points."""
-        state, roll = self.task.inputs.state, self.task.rollout(self.request)
-        soc = np.concatenate([state.soc[:, None], roll.soc], axis=1)
-        temperature = np.concatenate([state.temperature_c[:, None], roll.temperature_c], axis=1)
-        return Boxes(soc, soc, temperature, temperature)
-
-    def _propose(self, request_pu: Array, on: Array) -> None:
+    def propose(self, request_pu: Array, on: Array) -> None:
         """Offer the point of a node, and the same with only those strings that it rather runs."""
         wanted = np.maximum(request_pu, 0.0) * self.task.constants.nominal_kw[:, None]
-        self.offer(np.stack([self._usable(wanted), self._usable(np.where(on > 0.5, wanted, 0.0))]))
+        self.offer(np.stack([self.usable(wanted), self.usable(np.where(on > 0.5, wanted, 0.0))]))
 
-    def _usable(self, magnitude_kw: Array) -> Array:
+    def usable(self, magnitude_kw: Array) -> Array:
         """Requests in these proportions that meet the demand within the limits, signed."""
         inputs = self.task.inputs
         return repaired(magnitude_kw, np.abs(inputs.demand_kw), inputs.limit_kw) * self.sign
 
-    def _late(self) -> bool:
+    def late(self) -> bool:
+        """Whether the time limit has struck."""
         return self.limits.deadline is not None and time.perf_counter() >= self.limits.deadline
-
-    def _bounds(self, model: Model, states: Boxes, node_limit: int, *, frozen: bool) -> Bounds:
-        """Bounds of every group, from the one-step optima where they suffice, else from the relaxation."""
-        if not self.free_steps.size:
-            return _exact(model.horizon.evaluate(self.request[None])[0])
-        phi, shed_slope = model.horizon.step_bounds(*states.at_starts)
-        sheds = self.may_shed.any(axis=0)
-        most_kw = np.where(sheds, np.abs(self.task.inputs.demand_kw), 0.0)
-        abs_tol, _ = self.task.tolerances
-        programs: Programs | None = None
-        outcomes = []
-        failed = False
-
-        def solve(group: int, caps: Sequence[float]) -> tuple[float, Outcome]:
-            nonlocal programs, failed
-
-            def incumbent() -> float:
-                return float(model.horizon.evaluate(self.request[None])[0, group])
-
-            value = incumbent()
-            shed_cost, budget_kw = _shedding(model.costs, group, caps)
-            start = least_cost(phi[group], shed_slope[group], shed_cost, most_kw, budget_kw)
-            if relative_gap(value, start) <= self.limits.gap or value - start <= abs_tol[group]:
-                return value, Outcome(Closure.GAP, start, 0)
-            if frozen and not sheds.any():
-                # Frozen coefficients and nothing to shed: the steps are independent and this is their
-                # optimum.
-                return value, Outcome(Closure.TREE, start, 0)
-            if self._late():
-                return value, Outcome(Closure.TIME_LIMIT, start, 0)
-            if programs is None:
-                coefficients = Coefficients.over(model.horizon, states)
-                programs = Programs(
-                    self.task, self.boxes, self.may_shed, coefficients, model.costs, phi[-1], shed_slope[-1]
-                )
-            stage = programs.stage(group, caps, incumbent, self._propose)
-            outcome = branch_and_bound.search(
-                stage,
-                *stage.root(),
-                gap=self.limits.gap,
-                abs_gap=abs_tol[group],
-                node_limit=node_limit,
-                deadline=self.limits.deadline,
-                start_bound=start,
-            )
-            failed = failed or stage.failures == outcome.nodes
-            return incumbent(), outcome
-
-        outcomes = lexicographic(solve, *self.task.tolerances)
-        return Bounds(
-            tuple(outcome.bound for outcome in outcomes),
-            tuple(outcome.closure for outcome in outcomes),
-            sum(outcome.nodes for outcome in outcomes),
-            failed,
-        )
 
 
 def _is_free(demand_kw: Array, limit_kw: Array) -> NDArray[np.bool_]:
@@ -268,29 +175,3 @@ def _is_free(demand_kw: Array, limit_kw: Array) -> NDArray[np.bool_]:
         several & (demand_kw > 0.0) & (demand_kw < limit_kw.sum(axis=0) * (1.0 - ROUNDING))
     )
     return free
-
-
-def _exact(objectives: Array) -> Bounds:
-    """Bounds of the only schedule there is."""
-    values = tuple(float(x) for x in objectives)
-    return Bounds(values, (Closure.GAP,) * len(values), 0, failed=False)
-
-
-def least_cost(phi: Array, shed_slope: Array, shed_cost: float, most_kw: Array, budget_kw: float) -> float:
-    """Least sum over the steps of ``max(phi - shed_slope a, 0) + shed_cost a``, with ``a <= most_kw`` in each
-    step and ``sum a <= budget_kw``: what step cuts alone say about a horizon.
-
-    The steepest step is shed first, each until its cut is used up.
-    """
-    order = np.argsort(-shed_slope, kind="stable")
-    phi, saved = phi[order], np.maximum(shed_slope[order] - shed_cost, 0.0)
-    useful_kw = np.minimum(most_kw[order], phi / np.where(saved > 0.0, shed_slope[order], np.inf))
-    left_kw = np.maximum(budget_kw - np.cumsum(useful_kw) + useful_kw, 0.0)
-    return float((phi - saved * np.minimum(useful_kw, left_kw)).sum())
-
-
-def _shedding(costs: Array, group: int, caps: Sequence[float]) -> tuple[float, float]:
-    """Smallest cost of a shed kW in a group, and the most that the groups before it let be shed [kW]."""
-    cheapest = costs[:, :, 0].min(axis=1)
-    allowed = [cap / cost for cap, cost in zip(caps, cheapest, strict=False) if cost > 0.0]
-    return float(cheapest[group]), min(allowed, default=np.inf)

@@ -30,7 +30,11 @@ fn control(criterion: &mut Criterion) {
         group.bench_function(name("reachable"), |b| b.iter(|| horizon.reachable()));
         let boxes: Vec<StateBox> =
             horizon.reachable().chunks(n_steps + 1).flat_map(|row| row[..n_steps].to_vec()).collect();
-        group.bench_function(name("step_bounds"), |b| b.iter(|| horizon.step_bounds(&boxes)));
+        let costs = vec![[0.0, 1e-5, 1e-5, 1e-5]; n_strings];
+        group.bench_function(name("confine"), |b| b.iter(|| horizon.confine(&start, &costs, 0.0)));
+        group.bench_function(name("step_bounds"), |b| {
+            b.iter(|| horizon.step_bounds(&boxes, &costs, f64::INFINITY))
+        });
     }
     group.finish();
 }

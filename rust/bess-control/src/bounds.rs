@@ -1,10 +1,13 @@
 //! Step cuts: lower bounds of what any decision of one step costs, over boxes of states.
 
-use crate::horizon::ControlHorizon;
-use crate::one_step::solve;
+use crate::error::check_range;
+use crate::horizon::{ControlHorizon, LossCosts};
+use crate::model::StringState;
+use crate::one_step::{solve, OneStep};
 use crate::one_step_curve::{CostCurve, Terms};
 use crate::planes::Planes;
 use crate::ranges::{CoefficientRanges, StateBox};
+use crate::ControlError;
 
 /// Safety for the rounding in a bound.
 const ROUNDING: f64 = 1e-11;
@@ -25,6 +28,15 @@ pub struct StepBound {
     pub shed_slope: f64,
 }
 
+/// Step cuts of a horizon.
+#[derive(Debug, Clone)]
+pub struct StepBounds {
+    /// One for each step.
+    pub bounds: Vec<StepBound>,
+    /// The best requests of every step by itself if nothing is shed, `(M, T)` [W].
+    pub request_w: Vec<f64>,
+}
+
 impl ControlHorizon {
     /// Ranges of the coefficients over boxes of states `(M, T)`, each in the direction of its step.
     pub fn ranges(&self, boxes: &[StateBox]) -> Vec<CoefficientRanges> {
@@ -33,84 +45,109 @@ impl ControlHorizon {
         boxes.iter().enumerate().map(at).collect()
     }
 
-    /// Planes over boxes of states `(M, T)`, each in the direction of its step.
-    pub fn planes(&self, boxes: &[StateBox]) -> Vec<Planes> {
+    /// Planes over boxes of states `(M, T)`, each in the direction of its step, closest at the states `at`.
+    pub fn planes(&self, boxes: &[StateBox], at: &[StringState]) -> Vec<Planes> {
         let n_steps = self.n_steps();
-        let at = |(i, states)| self.string(i / n_steps).planes(self.direction(i % n_steps), states);
-        boxes.iter().enumerate().map(at).collect()
+        let plane = |(i, (states, at)): (usize, (&StateBox, &StringState))| {
+            self.string(i / n_steps).planes(self.direction(i % n_steps), states, *at)
+        };
+        boxes.iter().zip(at).enumerate().map(plane).collect()
     }
 
-    /// Step cuts for all groups, `(G, T)`, over boxes of the states at the start of each step, `(M, T)`.
+    /// Step cuts of one objective, `(T,)`, over boxes of the states at the start of each step, `(M, T)`. `costs` are
+    /// those of the losses, `(M,)`; the first entry of each, of what is shed, has no part in a cut.
     ///
-    /// Any decision splits the request into delivered, derated and shed power, so the least of
-    /// `cost + slope * shed` over all such splits, with `k` anywhere in its range and `V^2 / R` at its upper end, is a
-    /// bound for every slope. The slope returned is the smallest at which nothing is shed.
-    pub fn step_bounds(&self, boxes: &[StateBox]) -> Vec<StepBound> {
-        let mut out = vec![StepBound::default(); self.n_groups() * self.n_steps()];
-        for t in 0..self.n_steps() {
-            if self.demand_w[t] <= 0.0 {
+    /// Any decision splits the request into delivered, derated and shed power, so the least of `cost + slope * shed`
+    /// over all such splits, with `k` and `V^2 / R` anywhere in their ranges, is a bound for every slope. The slope
+    /// returned is the best one if at most `budget_w` is shed: without a limit, the smallest at which nothing is.
+    pub fn step_bounds(
+        &self,
+        boxes: &[StateBox],
+        costs: &[LossCosts],
+        budget_w: f64,
+    ) -> Result<StepBounds, ControlError> {
+        check_range("costs", costs.as_flattened(), (0.0, f64::MAX), " 1/W")?;
+        check_range("budget", &[budget_w], (0.0, f64::INFINITY), " W")?;
+        let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
+        let no_losses = costs.iter().all(|c| c[1..].iter().all(|&c| c == 0.0));
+        let mut out = StepBounds {
+            bounds: vec![StepBound::default(); n_steps],
+            request_w: vec![0.0; n_strings * n_steps],
+        };
+        for t in 0..n_steps {
+            if self.demand_w[t] <= 0.0 || no_losses {
                 continue;
             }
             let direction = self.direction(t);
-            let ranges: Vec<_> = (0..self.n_strings())
-                .map(|m| self.string(m).ranges(direction, &boxes[m * self.n_steps() + t]))
-                .collect();
-            for g in 0..self.n_groups() {
-                let terms = (0..self.n_strings()).map(|m| Terms {
+            let curve = |m: usize| {
+                let string = self.string(m);
+                let ranges = string.ranges(direction, &boxes[m * n_steps + t]);
+                let terms = Terms {
                     direction,
                     limit_w: self.limit(m, t),
-                    deliverable_w: self.string(m).nominal_w(),
-                    derating: ranges[m].derating,
-                    power_scale_w: ranges[m].power_scale_w.high,
-                    costs: self.costs_of(m)[g],
+                    deliverable_w: string.nominal_w(),
+                    derating: ranges.derating,
+                    power_scale_w: ranges.power_scale_w,
+                    scale_price: 0.0,
+                    power_price: 0.0,
+                    costs: costs[m],
                     shed_cost: f64::INFINITY,
-                });
-                let curves: Vec<_> = terms
-                    .enumerate()
-                    .map(|(m, terms)| CostCurve::new(self.string(m).loss(direction), terms))
-                    .collect();
-                if curves.iter().any(|c| c.terms.costs[1..].iter().any(|&c| c > 0.0)) {
-                    out[g * self.n_steps() + t] = step_bound(curves, self.demand_w[t]);
-                }
+                };
+                CostCurve::new(string.loss(direction), terms)
+            };
+            let mut curves: Vec<_> = (0..n_strings).map(curve).collect();
+            let (bound, request_w) = step_bound(&mut curves, self.demand_w[t], budget_w);
+            out.bounds[t] = bound;
+            for (m, request) in request_w.into_iter().enumerate() {
+                out.request_w[m * n_steps + t] = request;
             }
         }
-        out
+        Ok(out)
     }
 }
 
-fn step_bound(mut curves: Vec<CostCurve>, demand_w: f64) -> StepBound {
-    let nothing_shed = solve(&curves, demand_w).bound;
+/// Step cut of curves whose shed cost is infinite; it is the slope of the cut afterwards. Where little may be shed, a
+/// slope that lets it be shed may be better than the steep one at which nothing is. Returns the best requests if nothing
+/// is, too.
+pub(crate) fn step_bound(curves: &mut [CostCurve], demand_w: f64, budget_w: f64) -> (StepBound, Vec<f64>) {
+    let OneStep { bound: nothing_shed, request_w, .. } = solve(curves, demand_w);
     let steepest = curves.iter().map(CostCurve::steepest).fold(0.0, f64::max);
+    // What shedding cannot save: the price of the scales.
+    let idle: f64 = curves.iter().map(|c| c.terms.scale_price * c.terms.power_scale_w.low).sum();
+    let saved = if nothing_shed.is_finite() { (nothing_shed - idle) / demand_w } else { 2.0 * steepest };
     // A demand just above what fewer strings can take would need a slope without end: it saves a no-load loss.
-    let highest =
-        HIGHEST_SLOPE * steepest.max(if nothing_shed.is_finite() { nothing_shed / demand_w } else { 0.0 });
-    if !highest.is_finite() {
-        // A demand of next to nothing.
-        return StepBound::default();
-    }
+    let highest = HIGHEST_SLOPE * steepest.max(saved);
     let mut slope = curves.iter().map(|c| c.terms.costs[1]).fold(0.0, f64::max);
     // Shedding everything saves all: no smaller slope will do.
-    slope = slope.max(if nothing_shed.is_finite() { nothing_shed / demand_w } else { 2.0 * steepest });
-    for _ in 0..MAX_SLOPES {
-        for curve in &mut curves {
+    slope = slope.max(saved);
+    let mut best = StepBound::default();
+    // A demand of next to nothing has no slope.
+    let tries = if highest.is_finite() { MAX_SLOPES } else { 0 };
+    let most_w = if budget_w < demand_w { budget_w } else { 0.0 };
+    let worth = |bound: &StepBound| bound.phi - bound.shed_slope * most_w;
+    for attempt in 0..tries {
+        for curve in curves.iter_mut() {
             curve.terms.shed_cost = slope;
         }
-        let answer = solve(&curves, demand_w);
+        let answer = solve(curves, demand_w);
         let phi = answer.bound;
+        let bound = StepBound { phi: phi - ROUNDING * phi.abs(), shed_slope: slope };
+        if attempt == 0 || worth(&bound) > worth(&best) {
+            best = bound;
+        }
         let missing = nothing_shed - phi;
         if missing <= GAP_OF_SLOPE * phi.abs()
             || answer.shed_w <= 0.0
             || slope >= highest
             || missing.is_infinite()
         {
-            return StepBound { phi: phi - ROUNDING * phi.abs(), shed_slope: slope };
+            break;
         }
         // Dinkelbach: the slope at which what this answer sheds no longer pays.
         slope = ((slope + missing / answer.shed_w) * (1.0 + MARGIN_OF_SLOPE)).min(highest);
     }
-    for curve in &mut curves {
-        curve.terms.shed_cost = slope;
+    for curve in curves.iter_mut() {
+        curve.terms.shed_cost = best.shed_slope;
     }
-    let phi = solve(&curves, demand_w).bound;
-    StepBound { phi: phi - ROUNDING * phi.abs(), shed_slope: slope }
+    (best, request_w)
 }

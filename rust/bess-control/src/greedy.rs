@@ -72,7 +72,9 @@ impl ControlHorizon {
                 limit_w: self.limit(m, t),
                 deliverable_w: string.limit_w(&c, direction, states[m].soc, self.intervals[t].dt_h),
                 derating: Range::point(c.derating),
-                power_scale_w: c.voltage_v * c.voltage_v / c.resistance_ohm,
+                power_scale_w: Range::point(c.voltage_v * c.voltage_v / c.resistance_ohm),
+                scale_price: 0.0,
+                power_price: 0.0,
                 costs: self.costs_of(m)[group],
                 shed_cost: f64::INFINITY,
             };

@@ -23,6 +23,11 @@ pub(crate) struct Choice {
 }
 
 impl Choice {
+    /// Every string may be on or off.
+    pub fn free(n_strings: usize) -> Self {
+        Self { modes: vec![Mode::Free; n_strings], count: None }
+    }
+
     pub fn free_to_switch_on(&self) -> Option<usize> {
         let on = self.modes.iter().filter(|m| **m == Mode::On).count();
         self.count.map(|count| count.saturating_sub(on))

@@ -4,6 +4,7 @@
 //! SI units; requests are magnitudes with a direction for each step (that of the demand).
 
 mod bounds;
+mod confine;
 mod error;
 mod greedy;
 mod horizon;
@@ -21,7 +22,8 @@ mod rollout;
 mod search;
 mod walker;
 
-pub use bounds::StepBound;
+pub use bounds::{StepBound, StepBounds};
+pub use confine::Confined;
 pub use error::ControlError;
 pub use horizon::{direction_of, ControlHorizon, ControlModel, Costs, LossCosts, Problem, MAX_GROUPS};
 pub use model::{Coefficients, Flow, Interval, StringModel, StringState};

@@ -49,7 +49,7 @@ impl Ord for Node {
 /// the Lagrangian of a number has no gap for them), then on the string at the border.
 pub(crate) fn solve(curves: &[CostCurve], demand_w: f64) -> OneStep {
     let n = curves.len();
-    let free = Choice { modes: vec![Mode::Free; n], count: None };
+    let free = Choice::free(n);
     let root = maximise(curves, &free, demand_w, 0.0);
     let mut best = OneStep { bound: f64::INFINITY, request_w: root.request_w, shed_w: root.shed_w };
     if root.bound.is_infinite() {

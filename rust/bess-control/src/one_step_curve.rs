@@ -5,7 +5,7 @@ use bess_tables::Direction;
 use crate::horizon::LossCosts;
 use crate::loss::LossCurve;
 use crate::ranges::Range;
-use crate::reach::heat_w;
+use crate::reach::{heat_share, heat_w};
 
 /// What a string may do in the interval, and at what cost.
 #[derive(Debug, Clone, Copy)]
@@ -17,21 +17,35 @@ pub(crate) struct Terms {
     pub deliverable_w: f64,
     /// Derating factor lies in this range and takes its cheapest value.
     pub derating: Range,
-    /// `V^2 / R` at its optimistic end [W].
-    pub power_scale_w: f64,
+    /// `V^2 / R` lies in this range [W] and takes its cheapest value at the price below.
+    pub power_scale_w: Range,
+    /// What each watt of `V^2 / R` costs, inverter on or off [1/W]; a sensitivity of the step's cost to the state.
+    pub scale_price: f64,
+    /// What each watt of internal power costs, besides its loss [1/W].
+    pub power_price: f64,
     /// Costs of derating, inverter and battery loss [1/W]; the first entry is not used.
     pub costs: LossCosts,
     /// Price of a shed watt, at least the cost of derating; infinite where nothing may be shed.
     pub shed_cost: f64,
 }
 
-/// One segment of the loss table: delivered power `[p0, p1]`, on which loss and internal power are linear, so
-/// that `q(p) = c_inverter w(p) + c_battery h(g(p))` is smooth and convex.
+/// How the cheapest `V^2 / R` goes with the internal power.
+#[derive(Debug, Clone, Copy)]
+enum Scale {
+    /// It stays [W].
+    At(f64),
+    /// It keeps `R I / V` constant, so that heat and price are proportional to the power, with this factor.
+    Follows(f64),
+}
+
+/// Part of a segment of the loss table: delivered power `[p0, p1]`, on which loss and internal power are linear,
+/// so that `q(p) = c_inverter w(p) + min_y (c_battery h(g(p), y) + price y)` is smooth and convex.
 #[derive(Debug, Clone, Copy)]
 struct Piece {
     p0: f64,
     p1: f64,
     g0: f64,
+    scale: Scale,
     loss_slope: f64,
     q0: f64,
     q1: f64,
@@ -66,17 +80,24 @@ impl CostCurve {
         let mut out = Self { terms, pieces: Vec::with_capacity(curve.power().len() + 2), split: 0 };
         let deliverable = match terms.direction {
             Direction::Charge => terms.deliverable_w,
-            Direction::Discharge => terms.deliverable_w.min(curve.largest_power(0.25 * terms.power_scale_w)),
+            Direction::Discharge => {
+                terms.deliverable_w.min(curve.largest_power(0.25 * terms.power_scale_w.high))
+            }
         };
         let largest = deliverable.min(terms.derating.high * terms.limit_w);
         let sure = terms.derating.low * terms.limit_w;
+        let [from_g, to_g] = out.following();
         for (p, w) in curve.power().windows(2).zip(curve.loss().windows(2)) {
             let slope = (w[1] - w[0]) / (p[1] - p[0]);
+            let loss = |x: f64| w[0] + slope * (x - p[0]);
+            let start = curve.direction_power(p[0], w[0]);
+            let at = |g: f64| p[0] + (g - start) / out.through(slope);
+            let mut ends =
+                [sure, at(0.0), at(from_g), at(to_g), p[1]].map(|x| if x < p[1] { x } else { p[1] });
+            ends.sort_unstable_by(f64::total_cmp);
             let mut from = p[0];
-            let cut = if sure > p[0] && sure < p[1] { sure } else { p[1] };
-            for to in [cut.min(largest), p[1].min(largest)] {
+            for to in ends.map(|end| end.min(largest)) {
                 if to > from {
-                    let loss = |x: f64| w[0] + slope * (x - p[0]);
                     out.push(curve, (from, loss(from)), (to, loss(to)), slope);
                     from = to;
                     if to <= sure {
@@ -88,34 +109,82 @@ impl CostCurve {
         out
     }
 
+    /// `R I / V` at which a watt of `V^2 / R` saves as much heat as it costs: `dh/dy = -s^2 / (1 +- 2 s)`.
+    fn balanced_share(&self) -> f64 {
+        let ratio = self.terms.scale_price / self.terms.costs[3];
+        match self.terms.direction {
+            // Nothing to save: the smallest scale is the cheapest.
+            _ if !ratio.is_finite() => f64::INFINITY,
+            Direction::Charge => ratio + (ratio * ratio + ratio).sqrt(),
+            Direction::Discharge => ratio / (ratio + (ratio * ratio + ratio).sqrt()).max(f64::MIN_POSITIVE),
+        }
+    }
+
+    /// Internal powers between which the cheapest `V^2 / R` lies inside its range [W].
+    fn following(&self) -> [f64; 2] {
+        let s = self.balanced_share();
+        let per_scale = match self.terms.direction {
+            _ if s.is_infinite() => f64::INFINITY,
+            Direction::Charge => s * (1.0 + s),
+            Direction::Discharge => s * (1.0 - s),
+        };
+        let Range { low, high } = self.terms.power_scale_w;
+        [low * per_scale, high * per_scale]
+    }
+
     fn push(&mut self, curve: &LossCurve, (p0, w0): (f64, f64), (p1, w1): (f64, f64), loss_slope: f64) {
         let (g0, g1) = (curve.direction_power(p0, w0), curve.direction_power(p1, w1));
         let [_, _, c_inverter, c_battery] = self.terms.costs;
-        let scale = self.terms.power_scale_w;
-        let direction = self.terms.direction;
-        let q = |w: f64, g: f64| c_inverter * w + c_battery * heat_w(g, scale, direction);
+        let Range { low, high } = self.terms.power_scale_w;
+        let [from_g, to_g] = self.following();
+        let middle = 0.5 * (g0 + g1);
+        let (scale, price_of) = if middle < 0.0 {
+            // An inverter that draws from the battery in charge: heat at one end of the range, price at the other.
+            (Scale::At(high), low)
+        } else if middle <= from_g {
+            (Scale::At(low), low)
+        } else if middle >= to_g {
+            (Scale::At(high), high)
+        } else {
+            (Scale::Follows(self.heat_slope(self.balanced_share())), 0.0)
+        };
+        let heat = |g: f64| match scale {
+            Scale::At(y) => heat_w(g, y, self.terms.direction),
+            Scale::Follows(factor) => factor * g,
+        };
+        let Terms { scale_price, power_price, .. } = self.terms;
+        let q =
+            |w: f64, g: f64| c_inverter * w + c_battery * heat(g) + power_price * g + scale_price * price_of;
         let through = self.through(loss_slope);
         let slope = |g: f64| {
-            if c_battery == 0.0 {
-                return c_inverter * loss_slope;
-            }
-            let x = g / scale;
-            let heat_slope = match direction {
-                Direction::Charge => 1.0 - 1.0 / (1.0 + 4.0 * x).max(0.0).sqrt(),
-                Direction::Discharge => 1.0 / (1.0 - 4.0 * x).max(0.0).sqrt() - 1.0,
+            let heat_slope = match scale {
+                _ if c_battery == 0.0 => 0.0,
+                Scale::At(y) => self.heat_slope(heat_share(g / y, self.terms.direction)),
+                Scale::Follows(factor) => factor,
             };
-            c_inverter * loss_slope + c_battery * through * heat_slope
+            c_inverter * loss_slope + through * (c_battery * heat_slope + power_price)
         };
-        self.pieces.push(Piece {
+        let piece = Piece {
             p0,
             p1,
             g0,
+            scale,
             loss_slope,
             q0: q(w0, g0),
             q1: q(w1, g1),
             slope0: slope(g0),
             slope1: slope(g1),
-        });
+        };
+        self.pieces.push(piece);
+    }
+
+    /// `dh/dg` where `R I / V` has this value.
+    #[inline]
+    fn heat_slope(&self, share: f64) -> f64 {
+        match self.terms.direction {
+            Direction::Charge => 2.0 * share / (1.0 + 2.0 * share),
+            Direction::Discharge => 2.0 * share / (1.0 - 2.0 * share),
+        }
     }
 
     /// `dg/dp` on a segment.
@@ -158,12 +227,13 @@ impl CostCurve {
     /// Response of a string whose inverter is off.
     #[inline]
     pub fn off(&self, price: f64) -> Response {
+        let Terms { limit_w, derating, power_scale_w, scale_price, .. } = self.terms;
+        let idle = scale_price * power_scale_w.low;
         let gain = self.shed_price() - price;
         if gain < 0.0 {
-            let Terms { limit_w, derating, .. } = self.terms;
-            Response { value: gain * limit_w, request_w: limit_w, shed_w: derating.low * limit_w }
+            Response { value: idle + gain * limit_w, request_w: limit_w, shed_w: derating.low * limit_w }
         } else {
-            Response { value: 0.0, request_w: 0.0, shed_w: 0.0 }
+            Response { value: idle, request_w: 0.0, shed_w: 0.0 }
         }
     }
 
@@ -228,10 +298,15 @@ impl CostCurve {
 
     #[inline]
     fn stationary(&self, piece: &Piece, slope: f64) -> (f64, f64) {
+        let Scale::At(scale) = piece.scale else {
+            // A straight line has its minimum at an end.
+            return (f64::INFINITY, piece.p0);
+        };
         let [_, _, c_inverter, c_battery] = self.terms.costs;
-        let (scale, direction) = (self.terms.power_scale_w, self.terms.direction);
+        let direction = self.terms.direction;
         let through = self.through(piece.loss_slope);
-        let heat_slope = -(slope + c_inverter * piece.loss_slope) / (c_battery * through);
+        let linear = c_inverter * piece.loss_slope + self.terms.power_price * through;
+        let heat_slope = -(slope + linear) / (c_battery * through);
         let x = match direction {
             Direction::Charge => 0.25 * ((1.0 - heat_slope).powi(-2) - 1.0),
             Direction::Discharge => 0.25 * (1.0 - (1.0 + heat_slope).powi(-2)),
@@ -239,9 +314,19 @@ impl CostCurve {
         let p = (piece.p0 + (x * scale - piece.g0) / through).clamp(piece.p0, piece.p1);
         let g = piece.g0 + through * (p - piece.p0);
         let heat_0 = heat_w(piece.g0, scale, direction);
-        let q = piece.q0
-            + c_inverter * piece.loss_slope * (p - piece.p0)
-            + c_battery * (heat_w(g, scale, direction) - heat_0);
+        let heat = heat_w(g, scale, direction);
+        let q = piece.q0 + linear * (p - piece.p0) + c_battery * (heat - heat_0);
         (q + slope * p, p)
+    }
+
+    /// Response of a string whose inverter is on or off, whichever is better.
+    #[inline]
+    pub fn free(&self, price: f64) -> Response {
+        let (on, off) = (self.on(price), self.off(price));
+        if on.value < off.value {
+            on
+        } else {
+            off
+        }
     }
 }

@@ -19,7 +19,18 @@ impl Range {
         Self { low: value, high: value }
     }
 
-    const EMPTY: Self = Self { low: f64::INFINITY, high: f64::NEG_INFINITY };
+    /// The smallest interval that contains both.
+    pub fn union(&self, other: &Self) -> Self {
+        Self { low: self.low.min(other.low), high: self.high.max(other.high) }
+    }
+
+    /// What is in both; the lower end is above the upper one if nothing is.
+    pub fn intersection(&self, other: &Self) -> Self {
+        Self { low: self.low.max(other.low), high: self.high.min(other.high) }
+    }
+
+    /// Contains nothing.
+    pub(crate) const EMPTY: Self = Self { low: f64::INFINITY, high: f64::NEG_INFINITY };
 
     fn include(&mut self, value: f64) {
         self.low = self.low.min(value);
@@ -34,6 +45,16 @@ pub struct StateBox {
     pub soc: Range,
     /// Mean temperature [degC].
     pub temperature_c: Range,
+}
+
+impl StateBox {
+    /// What is in both.
+    pub fn intersection(&self, other: &Self) -> Self {
+        Self {
+            soc: self.soc.intersection(&other.soc),
+            temperature_c: self.temperature_c.intersection(&other.temperature_c),
+        }
+    }
 }
 
 /// Coefficients over a box.

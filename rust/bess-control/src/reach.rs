@@ -4,44 +4,48 @@ use bess_tables::Direction;
 
 use crate::horizon::ControlHorizon;
 use crate::model::{StringModel, SECONDS_PER_HOUR};
-use crate::ranges::{Range, StateBox};
+use crate::ranges::{CoefficientRanges, Range, StateBox};
 use crate::Interval;
 
 /// Outward rounding: a bound must hold for the roll-out's floating-point numbers too.
 const SOC_ROUNDING: f64 = 1e-12;
 const TEMPERATURE_ROUNDING_K: f64 = 1e-9;
+/// Boxes are cut at these SOC: voltage and resistance change most where little charge is left.
+const BORDERS_SOC: [f64; 3] = [0.05, 0.1, 0.25];
 
 impl ControlHorizon {
     /// Boxes `(M, T + 1)` that contain the state at the start of each step, and at the end of the last, of every
     /// schedule with `sum u = demand` and `0 <= u <= limit`.
     pub fn reachable(&self) -> Vec<StateBox> {
         let n_steps = self.n_steps();
-        let total = |t: usize| (0..self.n_strings()).map(|m| self.limit(m, t)).sum::<f64>();
-        let totals: Vec<f64> = (0..n_steps).map(total).collect();
         let mut boxes = Vec::with_capacity(self.n_strings() * (n_steps + 1));
         for m in 0..self.n_strings() {
             let start = self.start[m];
             let mut states =
                 StateBox { soc: Range::point(start.soc), temperature_c: Range::point(start.temperature_c) };
             boxes.push(states);
-            for (t, total) in totals.iter().enumerate() {
-                let others = total - self.limit(m, t);
-                let slack = 1e-9 * total;
-                let requests = Range {
-                    low: (self.demand_w[t] - others - slack).max(0.0),
-                    high: self.limit(m, t).min(self.demand_w[t]) * (1.0 + 1e-12),
-                };
-                states = self.string(m).reach(&states, &requests, &self.intervals[t]);
+            for (t, interval) in self.intervals.iter().enumerate() {
+                states = self.string(m).reach(&states, &self.request_range(m, t), interval);
                 boxes.push(states);
             }
         }
         boxes
     }
+
+    /// What a string may be asked for, given what the others can take [W].
+    pub(crate) fn request_range(&self, m: usize, t: usize) -> Range {
+        let total: f64 = (0..self.n_strings()).map(|m| self.limit(m, t)).sum();
+        let others = total - self.limit(m, t);
+        Range {
+            low: (self.demand_w[t] - others - 1e-9 * total).max(0.0),
+            high: self.limit(m, t).min(self.demand_w[t]) * (1.0 + 1e-12),
+        }
+    }
 }
 
 impl StringModel {
     /// Box of the states at the end of an interval that starts in a box, for a range of requests.
-    fn reach(&self, states: &StateBox, requests_w: &Range, interval: &Interval) -> StateBox {
+    pub(crate) fn reach(&self, states: &StateBox, requests_w: &Range, interval: &Interval) -> StateBox {
         let direction = interval.direction;
         let (current_a, heat_w) = if requests_w.high <= 0.0 {
             (Range::point(0.0), Range::point(0.0))
@@ -72,27 +76,40 @@ impl StringModel {
         }
     }
 
-    fn current_and_heat(
+    /// Whether there is a state in the box, and a request in the range, of which something is shed.
+    pub(crate) fn may_shed(
         &self,
         states: &StateBox,
         requests_w: &Range,
-        direction: Direction,
-        dt_h: f64,
-    ) -> (Range, Range) {
-        let p = &self.parameters;
-        let c = self.ranges(direction, states);
-        let (v, r) = (c.voltage_v, c.resistance_ohm);
-        let per_soc = p.capacity_ah / dt_h;
-        let room = match direction {
-            Direction::Charge => Range { low: p.soc_max - states.soc.high, high: p.soc_max - states.soc.low },
-            Direction::Discharge => {
-                Range { low: states.soc.low - p.soc_min, high: states.soc.high - p.soc_min }
-            }
-        };
-        let room = Range { low: room.low.max(0.0) * per_soc, high: room.high.max(0.0) * per_soc };
+        current_a: &Range,
+        interval: &Interval,
+    ) -> bool {
+        if requests_w.high <= 0.0 {
+            return false;
+        }
+        let c = self.ranges(interval.direction, states);
+        let room = self.room(states, interval.direction, interval.dt_h);
+        // An inverter that draws more than it charges may find the battery empty.
+        let drained = current_a.low * interval.dt_h / self.parameters.capacity_ah;
+        c.derating.high * requests_w.high >= self.limits(&c, &room, interval.direction).low
+            || states.soc.low + drained.min(0.0) < self.parameters.soc_min + SOC_ROUNDING && drained < 0.0
+    }
 
-        let curve = self.loss(direction);
-        let internal_limit = |v: f64, r: f64, room: f64| match direction {
+    /// Smallest and largest current that fills (empties) a string within a step [A].
+    fn room(&self, states: &StateBox, direction: Direction, dt_h: f64) -> Range {
+        let p = &self.parameters;
+        let per_soc = p.capacity_ah / dt_h;
+        let (low, high) = match direction {
+            Direction::Charge => (p.soc_max - states.soc.high, p.soc_max - states.soc.low),
+            Direction::Discharge => (states.soc.low - p.soc_min, states.soc.high - p.soc_min),
+        };
+        Range { low: low.max(0.0) * per_soc, high: high.max(0.0) * per_soc }
+    }
+
+    /// Smallest and largest limit of the AC power over a box [W].
+    fn limits(&self, c: &CoefficientRanges, room: &Range, direction: Direction) -> Range {
+        let (v, r) = (c.voltage_v, c.resistance_ohm);
+        let internal = |v: f64, r: f64, room: f64| match direction {
             Direction::Charge => room * (v + r * room),
             Direction::Discharge => {
                 let current = room.min(0.5 * v / r);
@@ -103,8 +120,46 @@ impl StringModel {
             Direction::Charge => ((v.high, r.high), (v.low, r.low)),
             Direction::Discharge => ((v.high, r.low), (v.low, r.high)),
         };
-        let largest = curve.largest_power(internal_limit(easy.0, easy.1, room.high));
-        let smallest = curve.largest_power(internal_limit(hard.0, hard.1, room.low));
+        let curve = self.loss(direction);
+        Range {
+            low: curve.largest_power(internal(hard.0, hard.1, room.low)),
+            high: curve.largest_power(internal(easy.0, easy.1, room.high)),
+        }
+    }
+
+    /// Current and heat over a box of states and a range of requests: over parts of it, so that what a nearly empty
+    /// string could do if it had more charge does not count.
+    pub(crate) fn current_and_heat(
+        &self,
+        states: &StateBox,
+        requests_w: &Range,
+        direction: Direction,
+        dt_h: f64,
+    ) -> (Range, Range) {
+        let (mut current, mut heat) = (Range::EMPTY, Range::EMPTY);
+        let mut low = states.soc.low;
+        let borders = BORDERS_SOC.iter().copied().filter(|b| *b > states.soc.low && *b < states.soc.high);
+        for high in borders.chain([states.soc.high]) {
+            let part = StateBox { soc: Range { low, high }, ..*states };
+            let (i, h) = self.current_and_heat_of_part(&part, requests_w, direction, dt_h);
+            (current, heat) = (current.union(&i), heat.union(&h));
+            low = high;
+        }
+        (current, heat)
+    }
+
+    fn current_and_heat_of_part(
+        &self,
+        states: &StateBox,
+        requests_w: &Range,
+        direction: Direction,
+        dt_h: f64,
+    ) -> (Range, Range) {
+        let c = self.ranges(direction, states);
+        let (v, r) = (c.voltage_v, c.resistance_ohm);
+        let room = self.room(states, direction, dt_h);
+        let curve = self.loss(direction);
+        let Range { low: smallest, high: largest } = self.limits(&c, &room, direction);
         let delivered = Range {
             low: (c.derating.low * requests_w.low).min(smallest),
             high: (c.derating.high * requests_w.high).min(largest),
@@ -146,15 +201,21 @@ impl StringModel {
     }
 }
 
-/// Battery heat at an internal power `g` and scale `y = V^2 / R` [W]: `y ((sqrt(1 +- 4 g / y) - 1) / 2)^2`. Convex in
-/// `g`, falling with `y`. Beyond the root limit of discharge, its value there.
+/// `R I / V` at an internal power `x V^2 / R`: `(sqrt(1 +- 4 x) - 1) / 2`, in its stable form. Beyond the root limit
+/// of discharge, its value there.
 #[inline]
-pub(crate) fn heat_w(internal_w: f64, scale_w: f64, direction: Direction) -> f64 {
-    let x = internal_w / scale_w;
+pub(crate) fn heat_share(x: f64, direction: Direction) -> f64 {
     let root = match direction {
         Direction::Charge => (1.0 + 4.0 * x).max(0.0).sqrt(),
         Direction::Discharge => (1.0 - 4.0 * x).max(0.0).sqrt(),
     };
-    let share = 2.0 * x / (1.0 + root);
+    2.0 * x / (1.0 + root)
+}
+
+/// Battery heat at an internal power `g` and scale `y = V^2 / R` [W], `y (R I / V)^2`. Convex in `g` and `y`
+/// together, falling with `y`.
+#[inline]
+pub(crate) fn heat_w(internal_w: f64, scale_w: f64, direction: Direction) -> f64 {
+    let share = heat_share(internal_w / scale_w, direction);
     scale_w * share * share
 }

@@ -1,4 +1,4 @@
-use bess_control::{ControlError, Problem, Range, Rollouts, StateBox};
+use bess_control::{ControlError, LossCosts, Problem, Range, Rollouts, StateBox, StringState};
 use bess_tables::Direction;
 use numpy::ndarray::{Array1, Array2, Array3, ArrayView};
 use numpy::{
@@ -11,6 +11,7 @@ use crate::system::System;
 
 const W_PER_KW: f64 = 1e3;
 
+type Vector<'py> = Bound<'py, PyArray1<f64>>;
 type Matrix<'py> = Bound<'py, PyArray2<f64>>;
 type Cube<'py> = Bound<'py, PyArray3<f64>>;
 
@@ -28,6 +29,44 @@ fn matrix<'py>(py: Python<'py>, rows: usize, columns: usize, values: Vec<f64>) -
 
 fn shape_error(name: &str, needed: &[usize], given: &[usize]) -> PyErr {
     PyValueError::new_err(format!("{name}: needs shape {needed:?}, has {given:?}"))
+}
+
+/// Boxes of states from four arrays of one shape: low and high of SOC and of temperature.
+fn boxes(shape: [usize; 2], arrays: [&PyReadonlyArray2<'_, f64>; 4]) -> PyResult<Vec<StateBox>> {
+    for array in arrays {
+        if array.as_array().shape() != shape {
+            return Err(shape_error("states", &shape, array.as_array().shape()));
+        }
+    }
+    let [soc_low, soc_high, t_low, t_high] = arrays.map(|array| flat(array.as_array(), 1.0));
+    (0..soc_low.len())
+        .map(|i| {
+            let soc = Range { low: soc_low[i], high: soc_high[i] };
+            let temperature_c = Range { low: t_low[i], high: t_high[i] };
+            if soc.low <= soc.high && temperature_c.low <= temperature_c.high {
+                Ok(StateBox { soc, temperature_c })
+            } else {
+                Err(PyValueError::new_err(format!("states: empty box or NaN at position {i}")))
+            }
+        })
+        .collect()
+}
+
+/// The same four arrays from boxes.
+fn box_arrays<'py>(py: Python<'py>, boxes: &[StateBox], n_strings: usize) -> [Matrix<'py>; 4] {
+    let pick = |f: fn(&StateBox) -> f64| {
+        matrix(py, n_strings, boxes.len() / n_strings, boxes.iter().map(f).collect())
+    };
+    [pick(|b| b.soc.low), pick(|b| b.soc.high), pick(|b| b.temperature_c.low), pick(|b| b.temperature_c.high)]
+}
+
+/// Costs of the losses of each string [1/W] from an array `(M, 4)` [1/kW].
+fn loss_costs(costs: &PyReadonlyArray2<'_, f64>, n_strings: usize) -> PyResult<Vec<LossCosts>> {
+    let costs = costs.as_array();
+    if costs.shape() != [n_strings, 4] {
+        return Err(shape_error("costs", &[n_strings, 4], costs.shape()));
+    }
+    Ok(flat(costs, 1.0 / W_PER_KW).chunks_exact(4).map(|c| [c[0], c[1], c[2], c[3]]).collect())
 }
 
 /// Control model of a plant (MODEL.md section 3).
@@ -143,32 +182,9 @@ impl ControlHorizon {
         Ok((request, Array1::from_vec(objectives).into_pyarray(py)))
     }
 
-    fn boxes(
-        &self,
-        soc_low: &PyReadonlyArray2<'_, f64>,
-        soc_high: &PyReadonlyArray2<'_, f64>,
-        temperature_low_c: &PyReadonlyArray2<'_, f64>,
-        temperature_high_c: &PyReadonlyArray2<'_, f64>,
-    ) -> PyResult<Vec<StateBox>> {
-        let shape = [self.inner.n_strings(), self.inner.n_steps()];
-        let arrays = [soc_low, soc_high, temperature_low_c, temperature_high_c];
-        for array in arrays {
-            if array.as_array().shape() != shape {
-                return Err(shape_error("states", &shape, array.as_array().shape()));
-            }
-        }
-        let [soc_low, soc_high, t_low, t_high] = arrays.map(|array| flat(array.as_array(), 1.0));
-        (0..soc_low.len())
-            .map(|i| {
-                let soc = Range { low: soc_low[i], high: soc_high[i] };
-                let temperature_c = Range { low: t_low[i], high: t_high[i] };
-                if soc.low <= soc.high && temperature_c.low <= temperature_c.high {
-                    Ok(StateBox { soc, temperature_c })
-                } else {
-                    Err(PyValueError::new_err(format!("states: empty box or NaN at position {i}")))
-                }
-            })
-            .collect()
+    /// Boxes of the states at the start of each step.
+    fn boxes(&self, arrays: [&PyReadonlyArray2<'_, f64>; 4]) -> PyResult<Vec<StateBox>> {
+        boxes([self.inner.n_strings(), self.inner.n_steps()], arrays)
     }
 }
 
@@ -247,18 +263,13 @@ impl ControlHorizon {
     /// Bounds of all reachable states, `(M, T + 1)`: SOC low and high, temperature low and high [degC].
     fn reachable<'py>(&self, py: Python<'py>) -> [Matrix<'py>; 4] {
         let boxes = py.detach(|| self.inner.reachable());
-        let pick = |f: fn(&StateBox) -> f64| {
-            matrix(py, self.inner.n_strings(), self.inner.n_steps() + 1, boxes.iter().map(f).collect())
-        };
-        [
-            pick(|b| b.soc.low),
-            pick(|b| b.soc.high),
-            pick(|b| b.temperature_c.low),
-            pick(|b| b.temperature_c.high),
-        ]
+        box_arrays(py, &boxes, self.inner.n_strings())
     }
 
-    /// Step cuts over boxes of states `(M, T)`: `phi (G, T)` and what a shed kW may save `(G, T)` [1/kW].
+    /// Step cuts of one objective over boxes of states `(M, T)`, with costs of the losses `(M, 4)` [1/kW]: `phi (T,)` and
+    /// what a shed kW may save `(T,)` [1/kW], the best if at most `budget_kw` is shed in a step; and the best requests of
+    /// each step if nothing is, `(M, T)` [kW, signed].
+    #[allow(clippy::too_many_arguments)]
     fn step_bounds<'py>(
         &self,
         py: Python<'py>,
@@ -266,13 +277,42 @@ impl ControlHorizon {
         soc_high: PyReadonlyArray2<'py, f64>,
         temperature_low_c: PyReadonlyArray2<'py, f64>,
         temperature_high_c: PyReadonlyArray2<'py, f64>,
-    ) -> PyResult<[Matrix<'py>; 2]> {
-        let boxes = self.boxes(&soc_low, &soc_high, &temperature_low_c, &temperature_high_c)?;
-        let bounds = py.detach(|| self.inner.step_bounds(&boxes));
-        let shape = (self.inner.n_groups(), self.inner.n_steps());
-        let phi = bounds.iter().map(|b| b.phi).collect();
-        let slope = bounds.iter().map(|b| b.shed_slope * W_PER_KW).collect();
-        Ok([matrix(py, shape.0, shape.1, phi), matrix(py, shape.0, shape.1, slope)])
+        costs: PyReadonlyArray2<'py, f64>,
+        budget_kw: f64,
+    ) -> PyResult<(Vector<'py>, Vector<'py>, Matrix<'py>)> {
+        let boxes = self.boxes([&soc_low, &soc_high, &temperature_low_c, &temperature_high_c])?;
+        let costs = loss_costs(&costs, self.inner.n_strings())?;
+        let answer =
+            py.detach(|| self.inner.step_bounds(&boxes, &costs, budget_kw * W_PER_KW)).map_err(refused)?;
+        let phi: Vec<f64> = answer.bounds.iter().map(|b| b.phi).collect();
+        let slope: Vec<f64> = answer.bounds.iter().map(|b| b.shed_slope * W_PER_KW).collect();
+        let request = self.inner.signed(&answer.request_w).iter().map(|u| u / W_PER_KW).collect();
+        Ok((
+            Array1::from_vec(phi).into_pyarray(py),
+            Array1::from_vec(slope).into_pyarray(py),
+            matrix(py, self.inner.n_strings(), self.inner.n_steps(), request),
+        ))
+    }
+
+    /// Bounds the cost of every schedule, given costs of the losses `(M, 4)` [1/kW], and the states of those that cost no
+    /// more than `request_kw` `(M, T)` and shed at most `shed_budget_kw` in all: the bound, and boxes like `reachable`.
+    fn confine<'py>(
+        &self,
+        py: Python<'py>,
+        request_kw: PyReadonlyArray2<'py, f64>,
+        costs: PyReadonlyArray2<'py, f64>,
+        shed_budget_kw: f64,
+    ) -> PyResult<(f64, [Matrix<'py>; 4])> {
+        let shape = [self.inner.n_strings(), self.inner.n_steps()];
+        if request_kw.as_array().shape() != shape {
+            return Err(shape_error("request", &shape, request_kw.as_array().shape()));
+        }
+        let request_w = self.inner.magnitudes(&flat(request_kw.as_array(), W_PER_KW)).map_err(refused)?;
+        let costs = loss_costs(&costs, shape[0])?;
+        let answer = py
+            .detach(|| self.inner.confine(&request_w, &costs, shed_budget_kw * W_PER_KW))
+            .map_err(refused)?;
+        Ok((answer.bound, box_arrays(py, &answer.boxes, shape[0])))
     }
 
     /// `k`, `V` [V] and `R` [Ohm] at states `(M, T)`, each in the direction of its step.
@@ -282,7 +322,7 @@ impl ControlHorizon {
         soc: PyReadonlyArray2<'py, f64>,
         temperature_c: PyReadonlyArray2<'py, f64>,
     ) -> PyResult<[Matrix<'py>; 3]> {
-        let boxes = self.boxes(&soc, &soc, &temperature_c, &temperature_c)?;
+        let boxes = self.boxes([&soc, &soc, &temperature_c, &temperature_c])?;
         let ranges = self.inner.ranges(&boxes);
         let (rows, columns) = (self.inner.n_strings(), self.inner.n_steps());
         Ok([
@@ -301,7 +341,7 @@ impl ControlHorizon {
         temperature_low_c: PyReadonlyArray2<'py, f64>,
         temperature_high_c: PyReadonlyArray2<'py, f64>,
     ) -> PyResult<[Matrix<'py>; 8]> {
-        let boxes = self.boxes(&soc_low, &soc_high, &temperature_low_c, &temperature_high_c)?;
+        let boxes = self.boxes([&soc_low, &soc_high, &temperature_low_c, &temperature_high_c])?;
         let ranges = self.inner.ranges(&boxes);
         let (rows, columns) = (self.inner.n_strings(), self.inner.n_steps());
         let pick = |end: &dyn Fn(&bess_control::CoefficientRanges) -> f64| {
@@ -319,7 +359,9 @@ impl ControlHorizon {
         ])
     }
 
-    /// Planes over boxes of states: `V^2 / R <= y0 + y1 soc + y2 tau` [kW] and `1 - k >= g0 + g1 tau`: five arrays `(M, T)`.
+    /// Planes over boxes of states: `V^2 / R <= y0 + y1 soc + y2 tau` [kW] and `1 - k >= g0 + g1 tau`: five arrays
+    /// `(M, T)`, closest at the given states.
+    #[allow(clippy::too_many_arguments)]
     fn planes<'py>(
         &self,
         py: Python<'py>,
@@ -327,9 +369,14 @@ impl ControlHorizon {
         soc_high: PyReadonlyArray2<'py, f64>,
         temperature_low_c: PyReadonlyArray2<'py, f64>,
         temperature_high_c: PyReadonlyArray2<'py, f64>,
+        soc: PyReadonlyArray2<'py, f64>,
+        temperature_c: PyReadonlyArray2<'py, f64>,
     ) -> PyResult<[Matrix<'py>; 5]> {
-        let boxes = self.boxes(&soc_low, &soc_high, &temperature_low_c, &temperature_high_c)?;
-        let planes = self.inner.planes(&boxes);
+        let boxes = self.boxes([&soc_low, &soc_high, &temperature_low_c, &temperature_high_c])?;
+        let points = self.boxes([&soc, &soc, &temperature_c, &temperature_c])?;
+        let state = |b: &StateBox| StringState { soc: b.soc.low, temperature_c: b.temperature_c.low };
+        let at: Vec<_> = points.iter().map(state).collect();
+        let planes = self.inner.planes(&boxes, &at);
         let (rows, columns) = (self.inner.n_strings(), self.inner.n_steps());
         let pick = |value: &dyn Fn(&bess_control::Planes) -> f64| {
             matrix(py, rows, columns, planes.iter().map(value).collect())
