@@ -39,7 +39,7 @@ class Program(Protocol):
         """State ``left <= right``."""
 
     def minimise(self, objective: Term, gap: float, time_limit_s: float) -> tuple[float, bool]:
-        """Solve; return the seconds it took and whether the gap was proven within the limit."""
+        """Solve; return the seconds it took and whether the gap was reached within the limit."""
 
     def value(self, term: Term) -> float:
         """Return a term's value in the solution."""
@@ -58,7 +58,7 @@ class Answer:
     seconds : float
         Wall-clock time of the solve alone, without building the program.
     finished : bool
-        The gap was proven; if not, this is the best split known when the time limit struck.
+        The gap was reached; if not, this is the best split known when the search stopped.
     """
 
     request_kw: np.ndarray

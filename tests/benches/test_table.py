@@ -88,7 +88,7 @@ def test_a_time_limit_is_never_called_finished(name: str, package: str) -> None:
     assert np.abs(found.request_kw).sum(axis=0) == pytest.approx(np.abs(demand_kw), abs=1e-3)
 
 
-def test_a_stopped_rival_is_a_lower_bound_and_not_a_solved_state(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stopped_rival_is_a_lower_bound_and_not_at_the_gap(monkeypatch: pytest.MonkeyPatch) -> None:
     import table
 
     def entry(seed: int, seconds: float, finished: bool) -> dict[str, object]:
@@ -108,10 +108,10 @@ def test_a_stopped_rival_is_a_lower_bound_and_not_a_solved_state(monkeypatch: py
     bench = table.Bench(table.Table("", "measured", "beside"))
     table.splits(bench, 3)
     beside = {name.rpartition(" ")[2]: row for name, _, row in bench.rows}
-    assert beside["gurobi"].startswith("100 x (") and beside["gurobi"].endswith("; 3 of 3 solved")
-    assert beside["bonmin"] == "0 of 3 solved"
+    assert beside["gurobi"].startswith("100 x (") and beside["gurobi"].endswith("; 3 of 3 to the gap")
+    assert beside["bonmin"] == "0 of 3 to the gap"
     assert beside["scip"].startswith("at least 1000 x (")
-    assert beside["scip"].endswith("; 1 of 3 solved, 1 stopped at the time limit with a split")
+    assert beside["scip"].endswith("; 1 of 3 to the gap, 1 stopped at the time limit with a split")
     assert bench.figures["scip against bess"]["without_a_split"] == 1
 
 
