@@ -19,6 +19,7 @@ PACKAGES = (
     "NREL-PySAM",
     "gurobipy",
     "casadi",
+    "pyscipopt",
 )
 
 

@@ -1,16 +1,17 @@
 """One solver on seeded regular states: time and objective of each power split.
 
-    python splits.py bess|gurobi|bonmin STATES [STEPS]
+    python splits.py bess|gurobi|bonmin|scip STATES [STEPS]
 
 States and weights are the same for every solver: SOC 0.35 to 0.65, 25 to 40 degC, 20 to 150 kW, so that
 nothing has to be shed, which the rivals' programs cannot. The objective is that of the control model under
-the requests, also for the rivals, whose programs approximate it.
+the requests, also for the rivals; what a rival's own variables say is given beside it.
 """
 
 import json
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
@@ -20,13 +21,14 @@ import bess
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from contenders.equations import Answer, nominal_losses_kw, split
+
 WEIGHTS = {"ones": (1.0, 1.0, 1.0), "S1": (1.0, 1.0, 0.0), "S2": (1.0, 0.5, 0.5), "S3": (1.0, 0.0, 1.0)}
 REPEATS = 5
 CRUMB_KW = 1e-2
 
 Weights = tuple[float, float, float]
-Solve = Callable[[bess.State, np.ndarray], tuple[float, np.ndarray, str]]
-"""Seconds, requests [kW], status."""
+Solve = Callable[[bess.State, np.ndarray], Answer]
 
 
 def regular(seed: int, strings: int, steps: int) -> tuple[bess.State, np.ndarray]:
@@ -41,25 +43,26 @@ def ours(system: bess.System, steps: int, weights: Weights) -> Solve:
     goals = bess.Objectives(derating=weights[0], inverter=weights[1], battery=weights[2])
     splitter = bess.PowerSplit(system, steps, goals)
 
-    def solve(state: bess.State, demand_kw: np.ndarray) -> tuple[float, np.ndarray, str]:
+    def solve(state: bess.State, demand_kw: np.ndarray) -> Answer:
         times = []
         for _ in range(1 + REPEATS):
             splitter.warm_start = None
             started = time.perf_counter()
-            split = splitter(state, demand_kw)
+            found = splitter(state, demand_kw)
             times.append(time.perf_counter() - started)
-        return float(np.median(times[1:])), split.request_kw, split.status.name
+        finished = found.status is bess.SplitStatus.OPTIMAL
+        return Answer(found.request_kw, found.objective, float(np.median(times[1:])), finished)
 
     return solve
 
 
 def rival(name: str, system: bess.System, weights: Weights) -> Solve:
-    """Gurobi or Bonmin on the same equations."""
+    """Another solver on the same equations."""
     module = import_module(f"contenders.{name}_split")
 
-    def solve(state: bess.State, demand_kw: np.ndarray) -> tuple[float, np.ndarray, str]:
-        request_kw, _, seconds = module.split(system, state, demand_kw, weights)
-        return seconds, without_crumbs(request_kw), "solved"
+    def solve(state: bess.State, demand_kw: np.ndarray) -> Answer:
+        found = split(module.Program(), system, state, demand_kw, weights)
+        return replace(found, request_kw=without_crumbs(found.request_kw))
 
     return solve
 
@@ -77,18 +80,9 @@ def objective(
     losses = bess.rollout(system, state, request_kw)
     total = 0.0
     for m, string in enumerate(system.strings):
-        battery, nominal = string.battery, string.inverter.nominal_kw
-        table = battery.resistance_temperature
-        ohm = np.interp(25.0, table.temperature_c, table.resistance_mohm) * 1e-3 * battery.r_scale
-        ohm *= battery.cells_series / battery.cells_parallel
-        volt = np.interp(0.5, battery.ocv_v.soc, battery.ocv_v.discharge[0]) * battery.cells_series
-        worst_kw = (
-            nominal,
-            string.inverter.loss_charge[-1] * nominal,
-            ohm * (nominal * 1e3 / volt) ** 2 / 1e3,
-        )
         kinds = (losses.derating_loss_kw, losses.inverter_loss_kw, losses.battery_loss_kw)
-        total += sum(w * k[m].sum() / n for w, k, n in zip(weights, kinds, worst_kw, strict=True))
+        shares = [kind[m].sum() / worst for kind, worst in zip(kinds, nominal_losses_kw(string), strict=True)]
+        total += float(np.dot(weights, shares))
     return total / request_kw.size, float(losses.availability_loss_kw.sum())
 
 
@@ -101,13 +95,14 @@ def main(solver: str, states: int, steps: int = 4) -> None:
             entry: dict[str, object] = {"weights": label, "seed": seed}
             try:
                 state, demand_kw = regular(seed, 2, steps)
-                seconds, request_kw, status = solve(state, demand_kw)
-                value, shed_kw = objective(system, state, request_kw, weights)
-                missed_kw = float(np.abs(request_kw.sum(axis=0) - demand_kw).max())
-                entry |= {"seconds": seconds, "objective": value, "status": status}
+                found = solve(state, demand_kw)
+                value, shed_kw = objective(system, state, found.request_kw, weights)
+                missed_kw = float(np.abs(found.request_kw.sum(axis=0) - demand_kw).max())
+                entry |= {"seconds": found.seconds, "finished": found.finished}
+                entry |= {"objective": value, "own_objective": found.objective}
                 entry |= {"availability_loss_kw": shed_kw, "demand_missed_kw": missed_kw}
             except RuntimeError as error:  # no split found: a result, too
-                entry["status"] = str(error)
+                entry["missing"] = str(error)
             print("RESULT", json.dumps(entry), flush=True)
 
 
