@@ -79,7 +79,9 @@ class Bounding:
             sheds = self._may_shed(model, group).any(axis=0)
             most_kw = np.where(sheds, np.abs(self._task.inputs.demand_kw), 0.0)
             start = least_cost(phi, slope, shed_cost, most_kw, budget_kw)
-            if not self._task.rollout(self._search.usable(np.abs(request))).availability_loss_kw.any():
+            request = self._search.usable(np.abs(request))
+            self._search.offer(request[None])
+            if not self._task.rollout(request).availability_loss_kw.any():
                 # Nothing is shed where every step is at its own optimum: so it is that of all steps together.
                 return self._value(model, group), Outcome(self._closed(model, group, start), start, 0)
             return self._relaxed(model, group, caps, trajectory, start, self._limits.nodes)

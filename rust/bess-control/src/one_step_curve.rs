@@ -92,8 +92,10 @@ impl CostCurve {
             let loss = |x: f64| w[0] + slope * (x - p[0]);
             let start = curve.direction_power(p[0], w[0]);
             let at = |g: f64| p[0] + (g - start) / out.through(slope);
-            let mut ends =
-                [sure, at(0.0), at(from_g), at(to_g), p[1]].map(|x| if x < p[1] { x } else { p[1] });
+            // Without a price of the scale its upper end is the cheapest at any power.
+            let changes = if terms.scale_price > 0.0 { [0.0, from_g, to_g].map(at) } else { [p[1]; 3] };
+            let [first, second, third] = changes;
+            let mut ends = [sure, first, second, third, p[1]].map(|x| if x < p[1] { x } else { p[1] });
             ends.sort_unstable_by(f64::total_cmp);
             let mut from = p[0];
             for to in ends.map(|end| end.min(largest)) {
@@ -138,7 +140,9 @@ impl CostCurve {
         let Range { low, high } = self.terms.power_scale_w;
         let [from_g, to_g] = self.following();
         let middle = 0.5 * (g0 + g1);
-        let (scale, price_of) = if middle < 0.0 {
+        let (scale, price_of) = if self.terms.scale_price == 0.0 {
+            (Scale::At(high), 0.0)
+        } else if middle < 0.0 {
             // An inverter that draws from the battery in charge: heat at one end of the range, price at the other.
             (Scale::At(high), low)
         } else if middle <= from_g {
