@@ -85,7 +85,7 @@ class ControlHorizon:
         temperature_low_c: NDArray[np.float64],
         temperature_high_c: NDArray[np.float64],
         costs: NDArray[np.float64],
-        budget_kw: float,
+        budget_kw: NDArray[np.float64],
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]: ...
     def confine(
         self, request_kw: NDArray[np.float64], costs: NDArray[np.float64], shed_budget_kw: float

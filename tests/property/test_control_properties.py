@@ -120,8 +120,8 @@ def test_no_decision_of_a_step_costs_less_than_its_cut(
     boxes = [np.ascontiguousarray(a[:, :-1]) for a in reachable]
     shed = roll.availability_loss_kw.sum(axis=-2)
     cost = problem.cost_by_group(roll, slice(1, 4))[:, 1]
-    for budget_kw in (np.inf, 5.0, 0.0):
-        phi, slope, _ = problem.horizon.step_bounds(*boxes, problem.costs[1], budget_kw)
+    for budget_kw in (np.inf, 5.0):
+        phi, slope, _ = problem.horizon.step_bounds(*boxes, problem.costs[1], np.full(6, budget_kw))
         assert np.all(cost + slope * shed >= phi - 1e-12)
         assert np.any(phi > 0.0)
 
@@ -135,7 +135,7 @@ def test_cuts_at_frozen_states_hold_for_every_decision_from_these_states(corner:
     roll = bess.rollout(problem.system, problem.state, requests, DT_H)
     soc, temperature = problem.state.soc[:, None], problem.state.temperature_c[:, None]
     boxes = soc, soc, temperature, temperature
-    phi, slope, _ = problem.horizon.step_bounds(*boxes, problem.costs[1], np.inf)
+    phi, slope, _ = problem.horizon.step_bounds(*boxes, problem.costs[1], np.full(1, np.inf))
     shed = roll.availability_loss_kw.sum(axis=-2)
     assert np.all(problem.cost_by_group(roll, slice(1, 4))[:, 1] + slope * shed >= phi - 1e-12)
 
@@ -154,7 +154,7 @@ def test_frozen_cuts_add_up_to_the_greedy_objective_where_nothing_is_shed(
     soc = np.concatenate([problem.state.soc[:, None], roll.soc[:, :-1]], axis=1)
     temperature = np.concatenate([problem.state.temperature_c[:, None], roll.temperature_c[:, :-1]], axis=1)
     boxes = soc, soc, temperature, temperature
-    phi, _, best = problem.horizon.step_bounds(*boxes, problem.costs[1], np.inf)
+    phi, _, best = problem.horizon.step_bounds(*boxes, problem.costs[1], np.zeros(4))
     assert objectives[0] == 0.0
     np.testing.assert_allclose(phi.sum(), objectives[1], rtol=1e-5)
     np.testing.assert_allclose(best.sum(axis=0), problem.demand_kw, rtol=1e-9)

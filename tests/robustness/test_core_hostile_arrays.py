@@ -78,7 +78,7 @@ def _box(method: str, index: int) -> Callable[[Any], Any]:
 
 
 AFTER_BOXES: dict[str, tuple[Any, ...]] = {
-    "step_bounds": (np.ones((N, 4)), np.inf),
+    "step_bounds": (np.ones((N, 4)), np.full(STEPS, np.inf)),
     "planes": (np.full((N, STEPS), 0.5), np.full((N, STEPS), 25.0)),
 }
 MODEL = _core.ControlModel(CORE)
@@ -114,7 +114,8 @@ CALLS: dict[str, Callable[[Any], Any]] = {
         for method in ("step_bounds", "ranges", "planes")
         for i in range(4)
     },
-    "horizon step_bounds costs": lambda value: horizon().step_bounds(*BOX, value, np.inf),
+    "horizon step_bounds costs": lambda value: horizon().step_bounds(*BOX, value, np.zeros(STEPS)),
+    "horizon step_bounds budget": lambda value: horizon().step_bounds(*BOX, np.ones((N, 4)), value),
     "horizon confine request": lambda value: horizon().confine(value, np.ones((N, 4)), 0.0),
     "horizon confine costs": lambda value: horizon().confine(np.zeros((N, STEPS)), value, 0.0),
     "horizon coefficients soc": lambda value: horizon().coefficients(value, np.full((N, STEPS), 25.0)),
@@ -125,7 +126,6 @@ SCALARS: dict[str, Callable[[float], Any]] = {
     "plant duration": lambda value: plant().run(np.zeros(N), np.array([25.0]), value, False),
     "rollout dt": lambda value: MODEL.rollout(SOC, TEMPERATURE, REQUEST, AMBIENT, value),
     "max_power dt": lambda value: MODEL.max_power_kw(SOC, TEMPERATURE, True, value),
-    "step_bounds budget": lambda value: horizon().step_bounds(*BOX, np.ones((N, 4)), value),
     "confine budget": lambda value: horizon().confine(np.zeros((N, STEPS)), np.ones((N, 4)), value),
     "horizon dt": lambda value: horizon(dt_h=value).greedy(),
 }
@@ -206,6 +206,7 @@ def test_the_calls_are_answered_when_nothing_is_hostile() -> None:
         "horizon evaluate": REQUEST,
         "horizon search": REQUEST,
         "horizon step_bounds costs": COSTS[0],
+        "horizon step_bounds budget": np.zeros(STEPS),
         "horizon confine costs": COSTS[0],
         "horizon confine request": REQUEST[0],
     }

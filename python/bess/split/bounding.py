@@ -73,11 +73,10 @@ class Bounding:
 
         def solve(group: int, caps: Sequence[float]) -> tuple[float, Outcome]:
             shed_cost, budget_kw = _shedding(model.costs, group, caps)
+            most_kw = self._most_shed_kw(self._may_shed(model, group))
             phi, slope, request = model.horizon.step_bounds(
-                *trajectory.at_starts, model.costs[group], budget_kw
+                *trajectory.at_starts, model.costs[group], np.minimum(most_kw, budget_kw)
             )
-            sheds = self._may_shed(model, group).any(axis=0)
-            most_kw = np.where(sheds, np.abs(self._task.inputs.demand_kw), 0.0)
             start = least_cost(phi, slope, shed_cost, most_kw, budget_kw)
             request = self._search.usable(np.abs(request))
             self._search.offer(request[None])
@@ -118,13 +117,15 @@ class Bounding:
             return value, Outcome(closure, start, 0)
         if self._search.late():
             return value, Outcome(Closure.TIME_LIMIT, start, 0)
+        may_shed = self._may_shed(model, group)
+        most_kw = self._most_shed_kw(may_shed)
         programs = Programs(
             self._task,
             self._boxes[group],
-            self._may_shed(model, group),
+            may_shed,
             Coefficients.over(model.horizon, states, self._trajectory()),
             model.costs,
-            lambda costs: model.horizon.step_bounds(*states.at_starts, costs, np.inf)[:2],
+            lambda costs: model.horizon.step_bounds(*states.at_starts, costs, most_kw)[:2],
         )
         stage = programs.stage(group, caps, lambda: self._value(model, group), self._search.propose)
         outcome = branch_and_bound.search(
@@ -153,6 +154,10 @@ class Bounding:
         boxes = self._boxes[group]
         coefficients = Coefficients.over(model.horizon, boxes, boxes)
         return self._task.constants.may_shed(self._task.inputs, boxes, coefficients)
+
+    def _most_shed_kw(self, may_shed: NDArray[np.bool_]) -> Array:
+        """What can be shed in each step ``(n_steps,)``."""
+        return np.where(may_shed.any(axis=0), np.abs(self._task.inputs.demand_kw), 0.0)
 
     def _trajectory(self) -> Boxes:
         """States along the incumbent, as boxes that are points."""

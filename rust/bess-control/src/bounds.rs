@@ -1,6 +1,6 @@
 //! Step cuts: lower bounds of what any decision of one step costs, over boxes of states.
 
-use crate::error::check_range;
+use crate::error::{check_length, check_range};
 use crate::horizon::{ControlHorizon, LossCosts};
 use crate::model::StringState;
 use crate::one_step::{solve, OneStep};
@@ -59,15 +59,17 @@ impl ControlHorizon {
     ///
     /// Any decision splits the request into delivered, derated and shed power, so the least of `cost + slope * shed`
     /// over all such splits, with `k` and `V^2 / R` anywhere in their ranges, is a bound for every slope. The slope
-    /// returned is the best one if at most `budget_w` is shed: without a limit, the smallest at which nothing is.
+    /// returned is the best one if at most `budget_w` `(T,)` is shed: without a limit, the smallest at which nothing is;
+    /// where nothing may be, zero.
     pub fn step_bounds(
         &self,
         boxes: &[StateBox],
         costs: &[LossCosts],
-        budget_w: f64,
+        budget_w: &[f64],
     ) -> Result<StepBounds, ControlError> {
         check_range("costs", costs.as_flattened(), (0.0, f64::MAX), " 1/W")?;
-        check_range("budget", &[budget_w], (0.0, f64::INFINITY), " W")?;
+        check_length("budget", budget_w, self.n_steps())?;
+        check_range("budget", budget_w, (0.0, f64::INFINITY), " W")?;
         let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
         let no_losses = costs.iter().all(|c| c[1..].iter().all(|&c| c == 0.0));
         let mut out = StepBounds {
@@ -96,7 +98,7 @@ impl ControlHorizon {
                 CostCurve::new(string.loss(direction), terms)
             };
             let mut curves: Vec<_> = (0..n_strings).map(curve).collect();
-            let (bound, request_w) = step_bound(&mut curves, self.demand_w[t], budget_w);
+            let (bound, request_w) = step_bound(&mut curves, self.demand_w[t], budget_w[t]);
             out.bounds[t] = bound;
             for (m, request) in request_w.into_iter().enumerate() {
                 out.request_w[m * n_steps + t] = request;
@@ -107,10 +109,13 @@ impl ControlHorizon {
 }
 
 /// Step cut of curves whose shed cost is infinite; it is the slope of the cut afterwards. Where little may be shed, a
-/// slope that lets it be shed may be better than the steep one at which nothing is. Returns the best requests if nothing
-/// is, too.
+/// slope that lets it be shed may be better than the steep one at which nothing is; without a budget there is none.
+/// Returns the best requests if nothing is shed, too.
 pub(crate) fn step_bound(curves: &mut [CostCurve], demand_w: f64, budget_w: f64) -> (StepBound, Vec<f64>) {
     let OneStep { bound: nothing_shed, request_w, .. } = solve(curves, demand_w);
+    if budget_w == 0.0 {
+        return (StepBound { phi: nothing_shed - ROUNDING * nothing_shed.abs(), shed_slope: 0.0 }, request_w);
+    }
     let steepest = curves.iter().map(CostCurve::steepest).fold(0.0, f64::max);
     // What shedding cannot save: the price of the scales.
     let idle: f64 = curves.iter().map(|c| c.terms.scale_price * c.terms.power_scale_w.low).sum();

@@ -14,7 +14,6 @@ use crate::error::{check_length, check_range};
 use crate::horizon::{ControlHorizon, LossCosts};
 use crate::lagrangian::{maximise, Choice};
 use crate::model::{StringState, SECONDS_PER_HOUR};
-use crate::one_step::solve;
 use crate::one_step_curve::{CostCurve, Terms};
 use crate::planes::Planes;
 use crate::ranges::{CoefficientRanges, Range, StateBox};
@@ -146,16 +145,25 @@ impl ControlHorizon {
         let known = self.known(request_w, costs);
         let cutoff = known.cost;
         let cheapest_shed = costs.iter().map(|c| c[0]).fold(f64::INFINITY, f64::min);
-        let mut last = f64::INFINITY;
+        let (mut last, mut priced) = (f64::INFINITY, false);
         let valueless = Known { scale_price: vec![0.0; request_w.len()], ..known.clone() };
         for _ in 0..ROUNDS {
             let boxes = std::mem::take(&mut best.boxes);
             let reach = Reach::new(self, &boxes, &known.states);
-            let rounds = [&valueless, &known].map(|known| {
+            let bounded = |known: &Known| {
                 let round = Round::new(&reach, costs, &known.scale_price, shed_budget_w);
                 (round.bound - round.saved(shed_budget_w, cheapest_shed), round)
-            });
-            let (bound, round) = if rounds[0].0 > rounds[1].0 { &rounds[0] } else { &rounds[1] };
+            };
+            // Over wide boxes the planes may lie so high that the values of the state do more harm than good.
+            let mut held = bounded(&known);
+            if !priced {
+                let without = bounded(&valueless);
+                priced = held.0 >= without.0;
+                if !priced {
+                    held = without;
+                }
+            }
+            let (bound, round) = held;
             best.bound = best.bound.max(bound - ROUNDING * cutoff).min(cutoff);
             let slack = cutoff - bound + ROUNDING * cutoff;
             if slack <= CLOSED * cutoff || slack > WORTHWHILE * last {
@@ -163,7 +171,7 @@ impl ControlHorizon {
                 break;
             }
             last = slack;
-            match Cutoff::new(round, slack).narrowed() {
+            match Cutoff::new(&round, slack).narrowed() {
                 Some(boxes) => best.boxes = boxes,
                 None => {
                     best = Confined { bound: cutoff, boxes };
@@ -271,11 +279,8 @@ impl<'a> Round<'a> {
             let curve = |m: usize| round.curve(m, t, &values[m], f64::INFINITY);
             let (mut curves, constants): (Vec<_>, Vec<_>) = (0..n_strings).map(curve).unzip();
             let price = maximise(&curves, &Choice::free(n_strings), demand_w, 0.0).price;
-            let mut bound = if reach.may_shed[t] {
-                step_bound(&mut curves, demand_w, shed_budget_w).0
-            } else {
-                StepBound { phi: solve(&curves, demand_w).bound, shed_slope: f64::INFINITY }
-            };
+            let budget_w = if reach.may_shed[t] { shed_budget_w } else { 0.0 };
+            let (mut bound, _) = step_bound(&mut curves, demand_w, budget_w);
             bound.phi += constants.iter().sum::<f64>();
             round.bound += bound.phi;
             round.steps.push(Some(Step { values, curves, constants, bound, price }));
@@ -491,7 +496,7 @@ impl<'a> Cutoff<'a> {
                 sign > 0.0
             }
         };
-        let (curve, constant) = self.round.curve(m, t, &values, step.bound.shed_slope);
+        let (curve, constant) = self.round.curve(m, t, &values, step.curves[m].terms.shed_cost);
         let shifted = if eager { &around.below[k] } else { &around.above[k] };
         let bound = |at: &AtPrice| at.bound - at.parts[m] + curve.free(at.price).value + constant;
         bound(&around.best).max(bound(shifted))

@@ -7,6 +7,9 @@ use crate::loss::LossCurve;
 use crate::ranges::Range;
 use crate::reach::{heat_share, heat_w};
 
+/// Slopes that differ by less (relative) are equal.
+const SLOPE_ROUNDING: f64 = 1e-9;
+
 /// What a string may do in the interval, and at what cost.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Terms {
@@ -73,11 +76,14 @@ pub(crate) struct CostCurve {
     pieces: Vec<Piece>,
     /// Pieces up to here deliver at most `k_min * limit`.
     split: usize,
+    /// Slopes rise from piece to piece, so that there is only one minimum.
+    convex: bool,
 }
 
 impl CostCurve {
     pub fn new(curve: &LossCurve, terms: Terms) -> Self {
-        let mut out = Self { terms, pieces: Vec::with_capacity(curve.power().len() + 2), split: 0 };
+        let mut out =
+            Self { terms, pieces: Vec::with_capacity(curve.power().len() + 2), split: 0, convex: true };
         let deliverable = match terms.direction {
             Direction::Charge => terms.deliverable_w,
             Direction::Discharge => {
@@ -179,6 +185,11 @@ impl CostCurve {
             slope0: slope(g0),
             slope1: slope(g1),
         };
+        self.convex &= self
+            .pieces
+            .last()
+            .is_none_or(|before| before.slope1 <= piece.slope0 + SLOPE_ROUNDING * piece.slope0.abs())
+            && piece.slope0 <= piece.slope1;
         self.pieces.push(piece);
     }
 
@@ -281,8 +292,17 @@ impl CostCurve {
     /// Minimum of `q(p) + slope * p` over some pieces, and where.
     #[inline]
     fn minimise(&self, range: std::ops::Range<usize>, slope: f64) -> (f64, f64) {
+        let pieces = &self.pieces[range];
+        if self.convex {
+            let Some(last) = pieces.last() else { return (f64::INFINITY, 0.0) };
+            return match pieces.get(pieces.partition_point(|piece| piece.slope1 + slope < 0.0)) {
+                None => (last.q1 + slope * last.p1, last.p1),
+                Some(piece) if piece.slope0 + slope < 0.0 => self.stationary(piece, slope),
+                Some(piece) => (piece.q0 + slope * piece.p0, piece.p0),
+            };
+        }
         let mut best = (f64::INFINITY, 0.0);
-        for piece in &self.pieces[range] {
+        for piece in pieces {
             let (at0, at1) = (piece.q0 + slope * piece.p0, piece.q1 + slope * piece.p1);
             if at0 < best.0 {
                 best = (at0, piece.p0);
@@ -303,8 +323,8 @@ impl CostCurve {
     #[inline]
     fn stationary(&self, piece: &Piece, slope: f64) -> (f64, f64) {
         let Scale::At(scale) = piece.scale else {
-            // A straight line has its minimum at an end.
-            return (f64::INFINITY, piece.p0);
+            // A straight line (but for rounding) has its minimum at an end.
+            return (piece.q0 + slope * piece.p0, piece.p0);
         };
         let [_, _, c_inverter, c_battery] = self.terms.costs;
         let direction = self.terms.direction;

@@ -267,7 +267,7 @@ impl ControlHorizon {
     }
 
     /// Step cuts of one objective over boxes of states `(M, T)`, with costs of the losses `(M, 4)` [1/kW]: `phi (T,)` and
-    /// what a shed kW may save `(T,)` [1/kW], the best if at most `budget_kw` is shed in a step; and the best requests of
+    /// what a shed kW may save `(T,)` [1/kW], the best if at most `budget_kw` `(T,)` is shed in a step; and the best requests of
     /// each step if nothing is, `(M, T)` [kW, signed].
     #[allow(clippy::too_many_arguments)]
     fn step_bounds<'py>(
@@ -278,12 +278,12 @@ impl ControlHorizon {
         temperature_low_c: PyReadonlyArray2<'py, f64>,
         temperature_high_c: PyReadonlyArray2<'py, f64>,
         costs: PyReadonlyArray2<'py, f64>,
-        budget_kw: f64,
+        budget_kw: PyReadonlyArray1<'py, f64>,
     ) -> PyResult<(Vector<'py>, Vector<'py>, Matrix<'py>)> {
         let boxes = self.boxes([&soc_low, &soc_high, &temperature_low_c, &temperature_high_c])?;
         let costs = loss_costs(&costs, self.inner.n_strings())?;
-        let answer =
-            py.detach(|| self.inner.step_bounds(&boxes, &costs, budget_kw * W_PER_KW)).map_err(refused)?;
+        let budget_w = flat(budget_kw.as_array(), W_PER_KW);
+        let answer = py.detach(|| self.inner.step_bounds(&boxes, &costs, &budget_w)).map_err(refused)?;
         let phi: Vec<f64> = answer.bounds.iter().map(|b| b.phi).collect();
         let slope: Vec<f64> = answer.bounds.iter().map(|b| b.shed_slope * W_PER_KW).collect();
         let request = self.inner.signed(&answer.request_w).iter().map(|u| u / W_PER_KW).collect();
