@@ -18,10 +18,10 @@ from bess.split.rollout import Rollout
 
 Array = NDArray[np.float64]
 
-SAMPLES, SAMPLED_STARTS, SEED = 1500, 3, 1
+SAMPLES, SAMPLED_STARTS, SEED = 1500, 6, 1
 EXCHANGES = 12
 """Most exchanges tried before the search looks whether they gain anything."""
-EFFORT = 30
+EFFORT = 45
 """Roll-outs after which no exchange is tried any more, in those of one descent."""
 WORTHWHILE = 1e-6
 """Gain of a round of exchanges that asks for another one, relative."""
