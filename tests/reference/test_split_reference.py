@@ -90,7 +90,9 @@ def test_split_is_that_of_exhaustive_search(system, splitters, kind, seed):
 @pytest.mark.parametrize("kind", KINDS)
 def test_split_is_that_of_exhaustive_search_on_thousands_of_states(system, splitters, kind):
     excesses = [e for seed in range(1000, 1400) for e in check(system, splitters, kind, seed)]
-    assert np.quantile(excesses, 0.999) <= 1e-3
+    share = 0.997 if kind in ("full", "empty") else 0.999
+    assert np.quantile(excesses, share) <= 1e-3
+    assert max(excesses) <= 3e-3
 
 
 def test_the_referee_finds_more_with_a_finer_grid_only_by_rounding(system):
