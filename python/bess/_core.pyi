@@ -77,6 +77,13 @@ class ControlHorizon:
     def search(
         self, starts_kw: NDArray[np.float64], max_rollouts: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], int]: ...
+    def descend(
+        self,
+        start_kw: NDArray[np.float64],
+        group: int,
+        ceilings: NDArray[np.float64],
+        max_rollouts: int,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], int]: ...
     def reachable(self) -> list[NDArray[np.float64]]: ...
     def step_bounds(
         self,

@@ -133,10 +133,17 @@ class Referee:
         return max(0.0, 1.0 - nominal[1] / abs(demand)), min(1.0, nominal[0] / abs(demand))
 
     def best(
-        self, weights: tuple[float, float, float], points: int = 9, tolerance_kw: float = 0.005
+        self,
+        weights: tuple[float, float, float],
+        points: int = 9,
+        tolerance_kw: float = 0.005,
+        ceiling_kw: float | None = None,
     ) -> tuple[float, float]:
-        """Return the smallest availability loss [kW] and, within ``tolerance_kw`` of it, the smallest
-        objective."""
+        """Return the smallest availability loss [kW] and the smallest objective of what sheds at most
+        ``ceiling_kw``: by default, ``tolerance_kw`` more than the smallest.
+
+        A few watts of availability loss are worth several per mille of the objective, so that two schedules
+        compare only under the same ceiling."""
         limits = np.array([self._shares(d) for d in self.demand_kw])
         axes = [np.linspace(low, high, points) for low, high in limits]
         grid = np.stack([g.ravel() for g in np.meshgrid(*axes, indexing="ij")], axis=1)
@@ -148,7 +155,8 @@ class Referee:
                 value = self.objective(losses, weights)
                 if stage == "availability":
                     return losses[0] + 1e-3 * value
-                return value + 1e3 * np.maximum(losses[0] - least - tolerance_kw, 0.0)
+                ceiling = least + tolerance_kw if ceiling_kw is None else ceiling_kw
+                return value + 1e3 * np.maximum(losses[0] - ceiling, 0.0)
 
             if stage == "availability" and losses[0].min() == 0.0:
                 least = 0.0

@@ -13,6 +13,9 @@ from referee import Referee
 
 STEPS = 4
 WEIGHTS = {"ones": (1.0, 1.0, 1.0), "S1": (1.0, 1.0, 0.0), "S2": (1.0, 0.5, 0.5), "S3": (1.0, 0.0, 1.0)}
+TOLERANCE_KW = 2e-5 * 2 * STEPS * 92.0
+"""What the losses may cost in availability: 15 W, by the default of the objectives."""
+
 KINDS = ("regular", "hot", "full", "empty", "mixed")
 
 
@@ -60,7 +63,7 @@ def check(system, splitters, kind, seed):
         splitters[name].warm_start = None
         split = splitters[name](state, demand)
         where = f"{kind} {seed} {name}"
-        least_kw, best = referee.best(weights)
+        least_kw, best = referee.best(weights, ceiling_kw=split.availability_loss_kw)
 
         np.testing.assert_allclose(split.request_kw.sum(axis=0), demand, atol=1e-6, err_msg=where)
         losses = referee.follow(np.abs(split.request_kw)[None])[:, 0]
@@ -69,37 +72,27 @@ def check(system, splitters, kind, seed):
             split.objective, rel=1e-9, abs=1e-12
         ), where
 
-        assert split.availability_loss_kw <= least_kw + 0.05, where
+        assert split.availability_loss_kw <= least_kw + TOLERANCE_KW + 0.01, where
         assert split.groups[0].bound * STEPS * 2 * 92.0 <= least_kw + 1e-6, where
         assert split.bound <= min(best, split.objective) * (1.0 + 1e-9) + 1e-12, where
         assert split.search_gap >= 0.0
         excesses.append(split.objective / max(best, 1e-12) - 1.0 if best > 0.0 else split.objective)
-        if split.availability_loss_kw < least_kw - 0.003:
-            excesses.pop()  # The split sheds less than the referee found possible; its losses do not compare.
     return excesses
 
 
-@pytest.mark.parametrize("kind", ["regular", "hot", "mixed"])
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("seed", range(25))
 def test_split_is_that_of_exhaustive_search(system, splitters, kind, seed):
     assert max(check(system, splitters, kind, seed)) <= 1e-3
-
-
-@pytest.mark.parametrize("kind", ["full", "empty"])
-def test_near_full_and_empty_the_split_is_that_of_exhaustive_search_but_for_a_few_states(
-    system, splitters, kind
-):
-    excesses = [e for seed in range(15) for e in check(system, splitters, kind, seed)]
-    assert np.quantile(excesses, 0.97) <= 1e-3
-    assert max(excesses) <= 0.005
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_split_is_that_of_exhaustive_search_on_thousands_of_states(system, splitters, kind):
     excesses = [e for seed in range(1000, 1400) for e in check(system, splitters, kind, seed)]
-    share = 0.97 if kind in ("full", "empty") else 0.999
+    share = 0.997 if kind in ("full", "empty") else 0.999
     assert np.quantile(excesses, share) <= 1e-3
+    assert max(excesses) <= 3e-3
 
 
 def test_the_referee_finds_more_with_a_finer_grid_only_by_rounding(system):

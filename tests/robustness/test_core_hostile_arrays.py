@@ -109,6 +109,8 @@ CALLS: dict[str, Callable[[Any], Any]] = {
     },
     "horizon evaluate": lambda value: horizon().evaluate(value),
     "horizon search": lambda value: horizon().search(value, 40),
+    "horizon descend": lambda value: horizon().descend(value, 1, np.zeros(1), 40),
+    "horizon descend ceilings": lambda value: horizon().descend(REQUEST, 1, value, 40),
     **{
         f"horizon {method} {i}": _box(method, i)
         for method in ("step_bounds", "ranges", "planes")
@@ -209,6 +211,8 @@ def test_the_calls_are_answered_when_nothing_is_hostile() -> None:
         "horizon step_bounds budget": np.zeros(STEPS),
         "horizon confine costs": COSTS[0],
         "horizon confine request": REQUEST[0],
+        "horizon descend": REQUEST,
+        "horizon descend ceilings": np.zeros(1),
     }
     for name, call in CALLS.items():
         temperature = "temperature" in name or name[-1] in "23"

@@ -28,6 +28,16 @@ class Incumbent:
         self._abs_tol, self._rel_tol = abs_tol, rel_tol
         self._lowest = objectives.copy()
 
+    @property
+    def ceilings(self) -> Array:
+        """Ceiling of each group; there is none for the last."""
+        return np.array([*(self._ceiling(group) for group in range(self.objectives.size - 1)), np.inf])
+
+    @property
+    def standing(self) -> Array:
+        """Smallest value seen of each group, and of the last the value held."""
+        return np.array([*self._lowest[:-1], self.objectives[-1]])
+
     def offer(self, request: Array, objectives: Array) -> None:
         """Take ``request`` if it comes before what is held."""
         if not np.all(np.isfinite(objectives)):

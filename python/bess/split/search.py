@@ -11,14 +11,20 @@ from numpy.typing import NDArray
 
 from bess import _core
 from bess.split.coefficients import PlantConstants
+from bess.split.exchanges import exchanges
 from bess.split.incumbent import Incumbent, repaired
 from bess.split.inputs import HorizonInputs
 from bess.split.rollout import Rollout
 
 Array = NDArray[np.float64]
 
-SAMPLES, SAMPLED_STARTS, SEED = 1500, 8, 1
-KICKS, KICK_ROUNDS, IDLE_ROUNDS = 9, 6, 2
+SAMPLES, SAMPLED_STARTS, SEED = 1500, 6, 1
+EXCHANGES = 12
+"""Most exchanges tried before the search looks whether they gain anything."""
+EFFORT = 45
+"""Roll-outs after which no exchange is tried any more, in those of one descent."""
+WORTHWHILE = 1e-6
+"""Gain of a round of exchanges that asks for another one, relative."""
 ROUNDING = 1e-12
 """A demand this close to the sum of the limits (relative) asks every string for its limit."""
 
@@ -81,6 +87,7 @@ class Search:
         self.free_steps = np.flatnonzero(_is_free(np.abs(inputs.demand_kw), inputs.limit_kw))
         proportional = self.usable(inputs.limit_kw)
         objectives = task.search.horizon.evaluate(proportional[None])[0]
+        self.rollouts = 0
         self.incumbent = Incumbent(proportional, objectives, *task.tolerances)
 
     @property
@@ -94,11 +101,11 @@ class Search:
             self.incumbent.offer(request, objectives)
 
     def find_incumbent(self, warm_start: Array | None) -> None:
-        """Local search on the control model from a greedy pass and, where power may be shed, from other
-        starts.
+        """Local search on the control model from a greedy pass and, where a string is full or empty or soon
+        is, from other starts.
 
         Steps that share a scarce SOC make local optima. A closed loop carries a good schedule along from
-        step to step; a call without that memory looks for one among samples.
+        step to step; a call without that memory looks for one among samples and exchanges.
         """
         if not self.free_steps.size:
             return
@@ -107,23 +114,21 @@ class Search:
         if warm_start is not None:
             self.offer(self.usable(np.maximum(warm_start * self.sign, 0.0))[None])
         self.improve(self.request[None])
-        if not self._trajectory_sheds():
-            return
-        self.improve(self.usable(self.task.inputs.limit_kw)[None])
-        if self.free_steps.size < 2 or warm_start is not None:
+        roll = self.task.rollout(self.request)
+        if roll.availability_loss_kw.any():
+            self.improve(self.usable(self.task.inputs.limit_kw)[None])
+        if warm_start is not None or self.free_steps.size < 2 or not self._is_scarce(roll):
             return
         rng = np.random.default_rng(SEED)
         self.improve(self._best_of_sample(rng))
-        idle = 0
-        for _ in range(KICK_ROUNDS):
-            if self.late() or idle == IDLE_ROUNDS:
-                break
-            before = self.request
-            self.improve(self._kicked(rng))
-            idle = idle + 1 if self.request is before else 0
+        self._exchange(rng)
 
-    def _trajectory_sheds(self) -> bool:
-        return bool(self.task.rollout(self.request).availability_loss_kw.any())
+    def _is_scarce(self, roll: Rollout) -> bool:
+        """Whether one more step like the largest of the horizon takes some string to an end of its window."""
+        constants = self.task.constants
+        soc = np.concatenate([self.task.inputs.state.soc[:, None], roll.soc], axis=1)
+        room = np.minimum(soc - constants.soc_min[:, None], constants.soc_max[:, None] - soc).min(axis=1)
+        return bool((room < np.abs(np.diff(soc)).max()).any())
 
     def _random(self, rng: np.random.Generator, n: int) -> Array:
         """Schedules in which each step is shared at random, or given to one string; in every other of them,
@@ -140,18 +145,45 @@ class Search:
         objectives = self.task.search.horizon.evaluate(requests)
         return requests[np.lexsort(np.round(objectives, 4).T[::-1])[:SAMPLED_STARTS]]
 
-    def _kicked(self, rng: np.random.Generator) -> Array:
-        """The incumbent with one to three of its free steps shared anew."""
-        anew = np.zeros((KICKS, self.request.shape[1]), dtype=bool)
-        for kick in range(KICKS):
-            anew[kick, rng.permutation(self.free_steps)[: 1 + kick % 3]] = True
-        return np.where(anew[:, None, :], self._random(rng, KICKS), self.request)
-
     def improve(self, starts: Array) -> None:
-        """Local search on the control model from each of ``(n, n_strings, n_steps)``."""
+        """Local search on the control model from each of ``(n, n_strings, n_steps)``, group after group; a
+        start that cannot get under the ceiling of one is given up."""
         for start in starts:
-            request, objectives, _ = self.task.search.horizon.search(start[None], self.limits.rollouts)
-            self.incumbent.offer(request, objectives)
+            request = start
+            for group in range(self.incumbent.objectives.size):
+                request, objectives = self._descend(request, group)
+                if objectives[group] > self.incumbent.ceilings[group]:
+                    break
+
+    def _descend(self, start: Array, group: int) -> tuple[Array, Array]:
+        """Minimise one group under the ceilings of those before it."""
+        ceilings, most = self.incumbent.ceilings, self.limits.rollouts
+        request, objectives, used = self.task.search.horizon.descend(start[None], group, ceilings, most)
+        self.rollouts += used
+        self.incumbent.offer(request, objectives)
+        return request, objectives
+
+    def _exchange(self, rng: np.random.Generator) -> None:
+        """Exchanges between steps, for the sake of one group after the other; once more from the first group
+        that they improve."""
+        group = 0
+        while group < self.incumbent.objectives.size:
+            before = self.incumbent.standing
+            for start in self._exchanged(rng):
+                if self.late() or self.rollouts > EFFORT * self.limits.rollouts:
+                    return
+                self._descend(start, group)
+            gains = np.flatnonzero(self.incumbent.standing < before * (1.0 - WORTHWHILE))
+            group = int(gains[0]) if gains.size else group + 1
+
+    def _exchanged(self, rng: np.random.Generator) -> Array:
+        """Exchanges within the incumbent, all offered."""
+        inputs, delivered = self.task.inputs, self.task.rollout(self.request).delivered_kw
+        demand = np.abs(inputs.demand_kw)
+        given = np.abs(self.request), np.abs(delivered), demand, inputs.limit_kw
+        requests = exchanges(*given, rng, EXCHANGES) * self.sign
+        self.offer(requests)
+        return requests
 
     def propose(self, request_pu: Array, on: Array) -> None:
         """Offer the point of a node, and the same with only those strings that it rather runs."""

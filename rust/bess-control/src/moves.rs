@@ -13,6 +13,9 @@ const SHARES_OF_PAIR: usize = 9;
 /// Most moves that close in on the best of a two-step search.
 const CLOSING_MOVES: usize = 15;
 
+/// Evaluations to find where a ceiling is met.
+const CROSSING: usize = 4;
+
 /// A request that does no more than switch the inverter on, as a share of the limit. In charge such an inverter takes
 /// its no-load loss from the battery, which makes room in a full one.
 const SWITCHED_ON: f64 = 1e-6;
@@ -173,9 +176,10 @@ impl Plane {
     pub fn search(&self, walker: &mut Walker<'_>, ranking: &Ranking) {
         let here = (walker.request(self.first.strings.0, self.first.step), self.here_second(walker));
         let mut best = (here, walker.objectives());
-        let seconds = self.second.grid(walker);
+        let mut seconds = self.second.grid(walker);
+        seconds.sort_by(f64::total_cmp);
         for first_w in self.first.grid(walker) {
-            self.try_at(walker, ranking, first_w, seconds.iter().copied(), &mut best);
+            self.try_row(walker, ranking, first_w, &seconds, &mut best);
         }
         let mut step = 0.5 / (SHARES_OF_PAIR - 1) as f64;
         for _ in 0..CLOSING_MOVES {
@@ -186,8 +190,7 @@ impl Plane {
             let (dx, dy) = (step * self.first.width(), step * self.second.width());
             let before = best.0;
             for shift in [-1.0, 0.0, 1.0] {
-                let seconds = [-1.0, 0.0, 1.0].into_iter().map(|s| y + s * dy);
-                self.try_at(walker, ranking, x + shift * dx, seconds, &mut best);
+                self.try_row(walker, ranking, x + shift * dx, &[y - dy, y, y + dy], &mut best);
             }
             if best.0 == before {
                 step *= 0.5;
@@ -204,13 +207,14 @@ impl Plane {
         walker.request(self.second.strings.0, self.second.step)
     }
 
-    /// One first request against several second ones; the way to the second step is rolled out once.
-    fn try_at(
+    /// One first request against several ascending second ones, and those between them that just meet the ceilings; the
+    /// way to the second step is rolled out once.
+    fn try_row(
         &self,
         walker: &Walker<'_>,
         ranking: &Ranking,
         first_w: f64,
-        seconds_w: impl Iterator<Item = f64>,
+        seconds_w: &[f64],
         best: &mut ((f64, f64), Costs),
     ) {
         let inside = |line: &Line, w: f64| w >= line.low_w && w <= line.high_w;
@@ -222,14 +226,53 @@ impl Plane {
         let (u, v) = self.first.pair(first_w);
         let a = walker.advance(i, *walker.at(i, from), from, to, u);
         let b = walker.advance(j, *walker.at(j, from), from, to, v);
-        for second_w in seconds_w.filter(|w| inside(&self.second, *w)) {
+        let costs_at = |second_w: f64| {
             let (u, v) = self.second.pair(second_w);
             let a = walker.advance(i, a, to, end, u);
             let b = walker.advance(j, b, to, end, v);
-            let costs = walker.objectives_with(&[(i, a.costs), (j, b.costs)]);
-            if ranking.better(&costs, &best.1) {
-                *best = ((first_w, second_w), costs);
+            walker.objectives_with(&[(i, a.costs), (j, b.costs)])
+        };
+        let best_cost = best.1[ranking.group];
+        let mut consider = |second_w: f64, costs: &Costs| {
+            if ranking.better(costs, &best.1) {
+                *best = ((first_w, second_w), *costs);
             }
+        };
+        let mut before: Option<(f64, Costs)> = None;
+        for &second_w in seconds_w.iter().filter(|w| inside(&self.second, **w)) {
+            let costs = costs_at(second_w);
+            consider(second_w, &costs);
+            if let Some((other_w, other)) = before {
+                let ends = [(other_w, ranking.excess(&other)), (second_w, ranking.excess(&costs))];
+                if (ends[0].1 > 0.0) != (ends[1].1 > 0.0) {
+                    // Worth a look where a straight line between both ends comes below the best.
+                    let part = ends[0].1 / (ends[0].1 - ends[1].1);
+                    let g = ranking.group;
+                    if other[g] + (costs[g] - other[g]) * part < best_cost {
+                        let met = crossing(ends, |w| ranking.excess(&costs_at(w)));
+                        consider(met, &costs_at(met));
+                    }
+                }
+            }
+            before = Some((second_w, costs));
         }
     }
+}
+
+/// Where a function of different sign at both ends is just not positive: false position, the end that stays trusted half
+/// as much (Illinois).
+fn crossing(ends: [(f64, f64); 2], excess: impl Fn(f64) -> f64) -> f64 {
+    let [mut inside, mut outside] = if ends[0].1 > 0.0 { [ends[1], ends[0]] } else { ends };
+    for _ in 0..CROSSING {
+        let w = inside.0 + (outside.0 - inside.0) * inside.1 / (inside.1 - outside.1);
+        let value = excess(w);
+        if value > 0.0 {
+            outside = (w, value);
+            inside.1 *= 0.5;
+        } else {
+            inside = (w, value);
+            outside.1 *= 0.5;
+        }
+    }
+    inside.0
 }

@@ -16,6 +16,12 @@ impl Ranking {
         Self { group: 0, n_groups, ceilings: [f64::INFINITY; MAX_GROUPS] }
     }
 
+    /// How far the groups before the one that is minimised are above their ceilings: the largest, negative below all.
+    #[inline]
+    pub fn excess(&self, costs: &Costs) -> f64 {
+        (0..self.group).map(|g| costs[g] - self.ceilings[g]).fold(f64::NEG_INFINITY, f64::max)
+    }
+
     /// Whether `a` is better than `b`. Ties go to the next group. Exact, hence transitive: a descent cannot cycle.
     #[inline]
     pub fn better(&self, a: &Costs, b: &Costs) -> bool {

@@ -48,6 +48,25 @@ impl ControlHorizon {
         (best.expect("at least one start"), used)
     }
 
+    /// Minimises one group from a schedule `(M, T)` (magnitudes), those before it under their ceilings: where the start is
+    /// above one of them, that comes first. `max_rollouts` as in [`Self::search`].
+    pub fn descend(
+        &self,
+        start_w: &[f64],
+        group: usize,
+        ceilings: &[f64],
+        max_rollouts: usize,
+    ) -> (Schedule, usize) {
+        let size = self.n_strings() * self.n_steps();
+        let mut ranking = Ranking::new(self.n_groups());
+        ranking.group = group;
+        ranking.ceilings[..group].copy_from_slice(&ceilings[..group]);
+        let mut walker = Walker::new(self, 0, &self.start, start_w.to_vec());
+        minimise(&mut walker, &ranking, (max_rollouts * size) as u64);
+        let used = (walker.string_steps.get() as usize).div_ceil(size);
+        (Schedule { objectives: walker.objectives(), request_w: walker.request_w }, used)
+    }
+
     /// Whether `a` is better than `b`, with differences within the tolerances of a group left to the next.
     pub(crate) fn beats(&self, a: &Costs, b: &Costs) -> bool {
         let mut ranking = Ranking::new(self.n_groups());
@@ -71,17 +90,27 @@ pub(crate) fn improve(walker: &mut Walker<'_>, budget: u64) {
     let mut kept = walker.clone();
     for group in 0..horizon.n_groups() {
         ranking.group = group;
-        // Costs are not negative: a group at zero is at its optimum.
-        if walker.objectives()[group] > 0.0 {
-            descend(walker, &ranking, budget);
-            polish(walker, &ranking, budget);
-        }
+        minimise(walker, &ranking, budget);
         ranking.ceilings[group] = horizon.ceiling(group, walker.objectives()[group]);
     }
     // A later group may have used the tolerance of an earlier one, never more; but a start is never made worse.
     if horizon.beats(&kept.objectives(), &walker.objectives()) {
         kept.string_steps = walker.string_steps.clone();
         *walker = kept;
+    }
+}
+
+/// Minimises the group of a ranking.
+fn minimise(walker: &mut Walker<'_>, ranking: &Ranking, budget: u64) {
+    let costs = walker.objectives();
+    // Costs are not negative: a group at zero is at its optimum.
+    if ranking.excess(&costs) > 0.0 || costs[ranking.group] > 0.0 {
+        if ranking.excess(&costs) > 0.0 {
+            // Under the ceilings by small steps: wide moves may leave the valley that the start was chosen for.
+            polish(walker, ranking, budget);
+        }
+        descend(walker, ranking, budget);
+        polish(walker, ranking, budget);
     }
 }
 

@@ -260,6 +260,33 @@ impl ControlHorizon {
         Ok((request, objectives, used))
     }
 
+    /// Minimises one group from `(1, M, T)` [kW] under the ceilings of those before it: request `(M, T)`, objectives
+    /// `(G,)`, roll-outs used.
+    fn descend<'py>(
+        &self,
+        py: Python<'py>,
+        start_kw: PyReadonlyArray3<'py, f64>,
+        group: usize,
+        ceilings: PyReadonlyArray1<'py, f64>,
+        max_rollouts: usize,
+    ) -> PyResult<(Matrix<'py>, Bound<'py, PyArray1<f64>>, usize)> {
+        let ceilings = flat(ceilings.as_array(), 1.0);
+        if group >= self.inner.n_groups() || ceilings.len() < group {
+            let n_groups = self.inner.n_groups();
+            return Err(PyValueError::new_err(format!(
+                "group {group} of {n_groups} needs the ceilings of all groups before it, not {}",
+                ceilings.len()
+            )));
+        }
+        let start_w = self.requests("start", &start_kw)?;
+        if start_kw.as_array().shape()[0] != 1 {
+            return Err(PyValueError::new_err("start: give one schedule"));
+        }
+        let (best, used) = py.detach(|| self.inner.descend(&start_w, group, &ceilings, max_rollouts));
+        let (request, objectives) = self.schedule(py, &best.request_w)?;
+        Ok((request, objectives, used))
+    }
+
     /// Bounds of all reachable states, `(M, T + 1)`: SOC low and high, temperature low and high [degC].
     fn reachable<'py>(&self, py: Python<'py>) -> [Matrix<'py>; 4] {
         let boxes = py.detach(|| self.inner.reachable());
