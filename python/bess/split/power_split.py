@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 SATURATED_KW = 1e-9
 """Availability loss above which a string counts as saturated."""
 
-ROLLOUTS = 4000
+ROLLOUTS = 2000
 """Effort of the local search on the control model, for each call."""
 
 STATUS = {

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 SAMPLES, SAMPLED_STARTS, SEED = 1500, 6, 1
 EXCHANGES = 12
 """Most exchanges tried before the search looks whether they gain anything."""
-EFFORT = 45
+EFFORT = 90
 """Roll-outs after which no exchange is tried any more, in those of one descent."""
 WORTHWHILE = 1e-6
 """Gain of a round of exchanges that asks for another one, relative."""
@@ -101,7 +101,7 @@ class Search:
             self.incumbent.offer(request, objectives)
 
     def find_incumbent(self, warm_start: Array | None) -> None:
-        """Local search on the control model from a greedy pass and, where a string is full or empty or soon
+        """Local search on the control model from a greedy pass and, where the plant is full or empty or soon
         is, from other starts.
 
         Steps that share a scarce SOC make local optima. A closed loop carries a good schedule along from
@@ -124,11 +124,13 @@ class Search:
         self._exchange(rng)
 
     def _is_scarce(self, roll: Rollout) -> bool:
-        """Whether one more step like the largest of the horizon takes some string to an end of its window."""
+        """Whether something is shed, or one more step like the largest of the horizon takes all strings
+        together to an end of their windows."""
         constants = self.task.constants
         soc = np.concatenate([self.task.inputs.state.soc[:, None], roll.soc], axis=1)
-        room = np.minimum(soc - constants.soc_min[:, None], constants.soc_max[:, None] - soc).min(axis=1)
-        return bool((room < np.abs(np.diff(soc)).max()).any())
+        room = np.minimum(soc - constants.soc_min[:, None], constants.soc_max[:, None] - soc)
+        moved = np.abs(np.diff(soc)).sum(axis=0)
+        return bool(roll.availability_loss_kw.any() or room.sum(axis=0).min() < moved.max())
 
     def _random(self, rng: np.random.Generator, n: int) -> Array:
         """Schedules in which each step is shared at random, or given to one string; in every other of them,
