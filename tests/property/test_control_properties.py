@@ -106,6 +106,30 @@ def test_ranges_contain_the_coefficients_of_every_state_in_a_box(
 
 
 @corners
+@pytest.mark.parametrize("like", [True, False])
+@settings(max_examples=25, deadline=None)
+@given(seed=SEEDS)
+def test_planes_hold_over_the_box_and_touch_at_a_point(corner: str, like: bool, seed: int) -> None:
+    problem = case(seed, corner, n_strings=3, n_steps=4, like=like)
+    rng = np.random.default_rng(seed)
+    low, high, cool, warm = (np.ascontiguousarray(a[:, :-1]) for a in problem.horizon.reachable())
+
+    def states() -> tuple[np.ndarray, np.ndarray]:
+        return low + (high - low) * rng.random(low.shape), cool + (warm - cool) * rng.random(cool.shape)
+
+    near = states()
+    planes = problem.horizon.planes(low, high, cool, warm, *near)
+    for soc, temperature in [near, *(states() for _ in range(20))]:
+        y_0, y_soc, y_tau, g_0, g_tau = planes
+        k, v, r = problem.horizon.coefficients(soc, temperature)
+        y = v**2 / r / 1e3
+        assert np.all(y_0 + y_soc * soc + y_tau * temperature >= y * (1 - 1e-12))
+        assert np.all(g_0 + g_tau * temperature <= 1.0 - k + 1e-12)
+        point = problem.horizon.planes(soc, soc, temperature, temperature, soc, temperature)
+        np.testing.assert_allclose(point[0] + point[1] * soc + point[2] * temperature, y, rtol=1e-9)
+
+
+@corners
 @pytest.mark.parametrize("weights", [(1, 1, 1, 1), (1, 1, 1, 0), (1, 1, 0, 1), (1, 0, 1, 1)])
 @pytest.mark.parametrize("n_strings", [2, 5])
 @settings(max_examples=10, deadline=None)

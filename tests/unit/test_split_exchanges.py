@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bess.split.exchanges import exchanges
+from bess.split.exchanges import exchanges, swapped
 
 DEMAND = np.array([30.0, 90.0, 80.0, 60.0])
 LIMIT = np.full((2, 4), 92.0)
@@ -45,3 +45,19 @@ def test_limits_hold_and_a_step_that_only_one_string_can_serve_is_left_to_it(n_s
         assert (schedule <= limit + 1e-9).all()
         np.testing.assert_allclose(schedule.sum(axis=0), demand)
         assert schedule[0, 0] == pytest.approx(demand[0])
+
+
+def test_neighbours_in_the_order_change_places_from_every_step_on():
+    request = np.arange(12.0).reshape(3, 4)
+    found = swapped(request, np.array([2, 0, 1]), 100)
+    assert found.shape == (8, 3, 4)
+    np.testing.assert_array_equal(found[0], request[[2, 1, 0]])
+    np.testing.assert_array_equal(found[2], [[0, 1, 10, 11], [4, 5, 6, 7], [8, 9, 2, 3]])
+    np.testing.assert_array_equal(found[4], request[[1, 0, 2]])
+
+
+def test_of_many_swaps_some_all_over_the_plant_are_tried():
+    found = swapped(np.arange(32.0 * 96).reshape(32, 96), np.arange(32), 64)
+    assert 32 <= len(found) <= 64
+    changed = (found != np.arange(32.0 * 96).reshape(32, 96)).any(axis=(0, 2))
+    assert changed.mean() > 0.9

@@ -1,4 +1,4 @@
-"""Schedules next to a given one: a string does in one step what it did in another, and the others make up."""
+"""Schedules next to a given one that a descent does not find: its moves touch one or two steps each."""
 
 from __future__ import annotations
 
@@ -57,4 +57,33 @@ def exchanges(
         least = np.maximum(demand_kw - room.sum(axis=0), 0.0)  # what the others cannot take
         schedule[m] = np.clip(row, least, np.minimum(limit_kw[m], demand_kw))
         schedule[others] = repaired(request_kw[others], demand_kw - schedule[m], room)
+    return out
+
+
+def swapped(request_kw: Array, order: NDArray[np.intp], most: int) -> Array:
+    """Neighbours in an order of the strings change places from some step on.
+
+    Which of two strings runs first is decided for the whole horizon at once: schedules in which they change
+    places are all far from each other.
+
+    Parameters
+    ----------
+    request_kw : ndarray, shape (n_strings, n_steps)
+    order : ndarray of int, shape (n_strings,)
+    most : int
+        Of more swaps than these, every so many.
+
+    Returns
+    -------
+    ndarray, shape (n, n_strings, n_steps)
+        In proportion only: a string may now be asked for more than its limit.
+    """
+    n_strings, n_steps = request_kw.shape
+    n_swaps = (n_strings - 1) * n_steps
+    chosen = np.arange(0, n_swaps, -(-n_swaps // most))
+    out = np.repeat(request_kw[None], chosen.size, axis=0)
+    for schedule, swap in zip(out, chosen, strict=True):
+        pair, step = divmod(int(swap), n_steps)
+        one, other = order[pair], order[pair + 1]
+        schedule[[one, other], step:] = schedule[[other, one], step:]
     return out

@@ -11,16 +11,20 @@ from numpy.typing import NDArray
 
 from bess import _core
 from bess.split.coefficients import PlantConstants
-from bess.split.exchanges import exchanges
+from bess.split.exchanges import exchanges, swapped
 from bess.split.incumbent import Incumbent, repaired
 from bess.split.inputs import HorizonInputs
 from bess.split.rollout import Rollout
 
 Array = NDArray[np.float64]
 
-SAMPLES, SAMPLED_STARTS, SEED = 1500, 6, 1
+SAMPLED_STEPS, SAMPLED_STARTS, SEED = 50_000, 12, 1
+"""Steps of strings rolled out for a sample of schedules, and how many of these become starts."""
+LEAST_SAMPLES = 1500
 EXCHANGES = 12
 """Most exchanges tried before the search looks whether they gain anything."""
+MOST_SWAPS = 64
+"""Most swaps of strings that are tried."""
 EFFORT = 90
 """Roll-outs after which no exchange is tried any more, in those of one descent."""
 WORTHWHILE = 1e-6
@@ -114,6 +118,7 @@ class Search:
         if warm_start is not None:
             self.offer(self.usable(np.maximum(warm_start * self.sign, 0.0))[None])
         self.improve(self.request[None])
+        self._swap()
         roll = self.task.rollout(self.request)
         if roll.availability_loss_kw.any():
             self.improve(self.usable(self.task.inputs.limit_kw)[None])
@@ -122,6 +127,15 @@ class Search:
         rng = np.random.default_rng(SEED)
         self.improve(self._best_of_sample(rng))
         self._exchange(rng)
+
+    def _swap(self) -> None:
+        """Let strings that are next to each other in what they do change places from some step on."""
+        order = np.argsort(-np.abs(self.request).sum(axis=1), kind="stable")
+        swaps = swapped(np.abs(self.request), order, MOST_SWAPS)
+        before = self.request
+        self.offer(self.usable(swaps))
+        if self.request is not before:
+            self.improve(self.request[None])
 
     def _is_scarce(self, roll: Rollout) -> bool:
         """Whether something is shed, or one more step like the largest of the horizon takes all strings
@@ -143,7 +157,7 @@ class Search:
         return self.usable(share * self.task.inputs.limit_kw)
 
     def _best_of_sample(self, rng: np.random.Generator) -> Array:
-        requests = self._random(rng, SAMPLES)
+        requests = self._random(rng, max(LEAST_SAMPLES, SAMPLED_STEPS // self.request.size))
         objectives = self.task.search.horizon.evaluate(requests)
         return requests[np.lexsort(np.round(objectives, 4).T[::-1])[:SAMPLED_STARTS]]
 

@@ -1,0 +1,55 @@
+"""Both gaps over eight steps with two strings, where no string comes near an end of its window."""
+
+import numpy as np
+import pytest
+
+import bess
+
+STEPS = 8
+WEIGHTS = {"ones": (1.0, 1.0, 1.0), "S1": (1.0, 1.0, 0.0), "S2": (1.0, 0.5, 0.5), "S3": (1.0, 0.0, 1.0)}
+NEAR_AN_END = 0.1
+
+
+@pytest.fixture(scope="module")
+def splits():
+    """Splits of the seeded states, for each weighting."""
+    system = bess.System.reference(n_strings=2)
+    found = {}
+    for name, (derating, inverter, battery) in WEIGHTS.items():
+        goals = bess.Objectives(derating=derating, inverter=inverter, battery=battery)
+        splitter = bess.PowerSplit(system, STEPS, goals)
+        found[name] = []
+        for seed in range(80):
+            rng = np.random.default_rng((7, seed))
+            state = bess.State(rng.uniform(0.35, 0.65, 2), rng.uniform(25.0, 40.0, 2))
+            # One direction, or one that changes every hour.
+            sign = rng.choice([-1.0, 1.0]) * np.where(
+                np.arange(STEPS) // 4 == 1, rng.choice([-1.0, 1.0]), 1.0
+            )
+            splitter.warm_start = None
+            split = splitter(state, sign * rng.uniform(20.0, 150.0, STEPS))
+            soc = split.rollout.soc
+            if soc.min() > NEAR_AN_END and soc.max() < 1.0 - NEAR_AN_END:
+                found[name].append(split)
+    return found
+
+
+@pytest.mark.parametrize("name", WEIGHTS)
+def test_the_search_closes_its_gap_with_next_to_no_nodes(splits, name):
+    assert len(splits[name]) >= 40
+    assert np.median([split.search_gap for split in splits[name]]) <= 1e-3
+    assert np.median([split.nodes for split in splits[name]]) <= 1
+
+
+@pytest.mark.parametrize("name", WEIGHTS)
+def test_the_rigorous_gap_is_below_half_a_per_cent_in_the_median_and_a_few_per_cent_at_worst(splits, name):
+    gaps = [split.gap for split in splits[name]]
+    assert np.median(gaps) <= 0.005
+    assert max(gaps) <= 0.03
+
+
+def test_where_only_battery_losses_count_the_rigorous_gap_is_closed(splits):
+    """The values of the state and the cutoff leave next to nothing where the costs are convex."""
+    gaps = [split.gap for split in splits["S3"]]
+    assert np.median(gaps) <= 5e-4
+    assert max(gaps) <= 1e-3
