@@ -65,3 +65,14 @@ def test_a_node_that_clarabel_almost_solves_still_gives_a_bound():
     assert not split.fallback
     assert split.search_gap <= 1e-3
     assert split.bound <= split.objective
+
+
+def test_a_plant_and_a_horizon_too_large_for_the_relaxation_have_an_answer_and_a_bound_all_the_same():
+    system = bess.System.reference(n_strings=5)
+    hours = np.arange(96) // 4
+    demand = np.where(hours % 2 == 0, 1.0, -1.0) * (150.0 + 20.0 * (hours % 7))
+    split = bess.PowerSplit(system, 96)(bess.State(np.linspace(0.3, 0.7, 5), np.full(5, 30.0)), demand)
+    np.testing.assert_allclose(split.request_kw.sum(axis=0), demand, rtol=1e-9)
+    assert split.nodes == 0
+    assert not split.fallback
+    assert 0.5 * split.objective < split.bound <= split.objective

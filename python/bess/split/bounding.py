@@ -22,6 +22,11 @@ RELAXED_ABOVE = 1e-2
 """Rigorous gap above which the one-step problems get help from a relaxation over the whole horizon."""
 
 
+LARGEST_RELAXATION = 400
+"""Steps of strings above which no relaxation is solved: the memory to compile it grows with their square
+(1 GB at 384, 4 GB at 768), and the one-step problems say nearly as much."""
+
+
 @dataclass(frozen=True)
 class Bounds:
     """Lower bounds of each group, and what the searches behind them established."""
@@ -42,8 +47,10 @@ class Bounding:
         self._search = search
         self._task, self._limits = search.task, search.limits
         self._failed = False
-        # States, for each group, of the schedules that are no worse than the incumbent.
+        # For each group: states of the schedules that are no worse than the incumbent, and who can shed in
+        # them.
         self._boxes: list[Boxes] = []
+        self._may_shed: list[NDArray[np.bool_]] = []
 
     def rigorous(self) -> Bounds:
         """Bounds of the nonlinear control model: one-step problems over the states of all schedules that are
@@ -56,6 +63,7 @@ class Bounding:
             _, budget_kw = _shedding(model.costs, group, caps)
             start, boxes = model.horizon.confine(self._search.request, model.costs[group], budget_kw)
             self._boxes.append(Boxes(*boxes))
+            self._may_shed.append(self._sheds_within(self._boxes[group]))
             if relative_gap(self._value(model, group), start) <= RELAXED_ABOVE:
                 return self._value(model, group), Outcome(Closure.GAP, start, 0)
             return self._relaxed(model, group, caps, self._boxes[group], start, node_limit=1)
@@ -73,7 +81,7 @@ class Bounding:
 
         def solve(group: int, caps: Sequence[float]) -> tuple[float, Outcome]:
             shed_cost, budget_kw = _shedding(model.costs, group, caps)
-            most_kw = self._most_shed_kw(self._may_shed(model, group))
+            most_kw = self._most_shed_kw(group)
             phi, slope, request = model.horizon.step_bounds(
                 *trajectory.at_starts, model.costs[group], np.minimum(most_kw, budget_kw)
             )
@@ -117,12 +125,13 @@ class Bounding:
             return value, Outcome(closure, start, 0)
         if self._search.late():
             return value, Outcome(Closure.TIME_LIMIT, start, 0)
-        may_shed = self._may_shed(model, group)
-        most_kw = self._most_shed_kw(may_shed)
+        if self._search.request.size > LARGEST_RELAXATION:
+            return value, Outcome(Closure.NODE_LIMIT, start, 0)
+        most_kw = self._most_shed_kw(group)
         programs = Programs(
             self._task,
             self._boxes[group],
-            may_shed,
+            self._may_shed[group],
             Coefficients.over(model.horizon, states, self._trajectory()),
             model.costs,
             lambda costs: model.horizon.step_bounds(*states.at_starts, costs, most_kw)[:2],
@@ -150,14 +159,14 @@ class Bounding:
         within = value - bound <= self._task.tolerances[0][group]
         return Closure.GAP if within or relative_gap(value, bound) <= self._limits.gap else Closure.TREE
 
-    def _may_shed(self, model: Model, group: int) -> NDArray[np.bool_]:
-        boxes = self._boxes[group]
-        coefficients = Coefficients.over(model.horizon, boxes, boxes)
+    def _sheds_within(self, boxes: Boxes) -> NDArray[np.bool_]:
+        coefficients = Coefficients.over(self._task.true.horizon, boxes, boxes)
         return self._task.constants.may_shed(self._task.inputs, boxes, coefficients)
 
-    def _most_shed_kw(self, may_shed: NDArray[np.bool_]) -> Array:
+    def _most_shed_kw(self, group: int) -> Array:
         """What can be shed in each step ``(n_steps,)``."""
-        return np.where(may_shed.any(axis=0), np.abs(self._task.inputs.demand_kw), 0.0)
+        sheds = self._may_shed[group].any(axis=0)
+        return np.where(sheds, np.abs(self._task.inputs.demand_kw), 0.0)
 
     def _trajectory(self) -> Boxes:
         """States along the incumbent, as boxes that are points."""

@@ -56,7 +56,7 @@ class PowerSplit:
     time_limit_s : float, optional
         Wall-clock limit of a call; the best split known is returned and flagged.
     node_limit : int
-        Largest number of relaxations solved in one stage.
+        Largest number of relaxations solved in one stage; none are for more than 400 steps of strings.
 
     Attributes
     ----------
