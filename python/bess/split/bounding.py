@@ -18,7 +18,7 @@ from bess.split.search import Model, Search
 
 Array = NDArray[np.float64]
 
-RELAXED_ABOVE = 1e-2
+RELAXED_ABOVE = 3e-2
 """Rigorous gap above which the one-step problems get help from a relaxation over the whole horizon."""
 
 
