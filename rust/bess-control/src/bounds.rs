@@ -114,7 +114,9 @@ impl ControlHorizon {
 pub(crate) fn step_bound(curves: &mut [CostCurve], demand_w: f64, budget_w: f64) -> (StepBound, Vec<f64>) {
     let OneStep { bound: nothing_shed, request_w, .. } = solve(curves, demand_w);
     if budget_w == 0.0 {
-        return (StepBound { phi: nothing_shed - ROUNDING * nothing_shed.abs(), shed_slope: 0.0 }, request_w);
+        // Infinite where the demand cannot be met at all: then nothing follows.
+        let phi = if nothing_shed.is_finite() { nothing_shed - ROUNDING * nothing_shed.abs() } else { 0.0 };
+        return (StepBound { phi, shed_slope: 0.0 }, request_w);
     }
     let steepest = curves.iter().map(CostCurve::steepest).fold(0.0, f64::max);
     // What shedding cannot save: the price of the scales.
