@@ -23,8 +23,8 @@ RELAXED_ABOVE = 3e-2
 
 
 RELAXED_STEPS = 16
-"""Longest horizon for which that is done if nothing is shed: beyond it closes a tenth to a quarter of the gap for
-a third of the time."""
+"""Longest horizon for which that is done if nothing is shed: beyond it closes a tenth to a quarter of the gap
+for a third of the time."""
 
 LARGEST_RELAXATION = 400
 """Steps of strings above which no relaxation is solved: the memory to compile it grows with their square
