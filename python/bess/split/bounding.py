@@ -58,7 +58,8 @@ class Bounding:
 
     def rigorous(self) -> Bounds:
         """Bounds of the nonlinear control model: one-step problems over the states of all schedules that are
-        no worse than the incumbent, then one relaxation over these states if much is missing and it can help."""
+        no worse than the incumbent, then one relaxation over these states if much is missing and that can
+        help."""
         model = self._task.true
         if not self._search.free_steps.size:
             return _exact(model.horizon.evaluate(self._search.request[None])[0])
