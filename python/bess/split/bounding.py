@@ -21,7 +21,6 @@ Array = NDArray[np.float64]
 RELAXED_ABOVE = 3e-2
 """Rigorous gap above which the one-step problems get help from a relaxation over the whole horizon."""
 
-
 RELAXED_STEPS = 16
 """Longest horizon for which that is done if nothing is shed: beyond it closes a tenth to a quarter of the gap
 for a third of the time."""
@@ -74,7 +73,7 @@ class Bounding:
             self._may_shed.append(self._sheds_within(self._boxes[group]))
             value = self._value(model, group)
             if (long and not sheds) or relative_gap(value, start) <= RELAXED_ABOVE:
-                return value, Outcome(Closure.GAP, start, 0)
+                return value, Outcome(self._closed(model, group, start), start, 0)
             return self._relaxed(model, group, caps, self._boxes[group], start, node_limit=1)
 
         return self._bounds(solve)

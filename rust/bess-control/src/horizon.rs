@@ -150,6 +150,8 @@ pub struct ControlHorizon {
     pub(crate) demand_w: Vec<f64>,
     pub(crate) intervals: Vec<Interval>,
     pub(crate) limit_w: Vec<f64>,
+    /// Sum over the strings, `(T,)`.
+    pub(crate) total_limit_w: Vec<f64>,
     /// `(M, G)`, so that the costs of one string lie together.
     pub(crate) costs: Vec<LossCosts>,
     pub(crate) n_groups: usize,
@@ -177,8 +179,9 @@ impl ControlHorizon {
         for (string, limits) in model.strings().iter().zip(problem.limit_w.chunks(n_steps.max(1))) {
             check_range("limit", limits, (0.0, string.nominal_w() * (1.0 + POWER_SLACK)), " W")?;
         }
-        for (step, demand) in problem.demand_w.iter().enumerate() {
-            let limit_w: f64 = (0..n_strings).map(|m| problem.limit_w[m * n_steps + step]).sum();
+        let total = |step: usize| (0..n_strings).map(|m| problem.limit_w[m * n_steps + step]).sum();
+        let total_limit_w: Vec<f64> = (0..n_steps).map(total).collect();
+        for (step, (demand, &limit_w)) in problem.demand_w.iter().zip(&total_limit_w).enumerate() {
             if demand.abs() > limit_w * (1.0 + POWER_SLACK) {
                 return Err(ControlError::DemandAboveLimits { step, demand_w: *demand, limit_w });
             }
@@ -196,6 +199,7 @@ impl ControlHorizon {
             demand_w: problem.demand_w.iter().map(|d| d.abs()).collect(),
             intervals: intervals.collect(),
             limit_w: problem.limit_w.to_vec(),
+            total_limit_w,
             costs: costs.collect(),
             n_groups,
             tolerance_abs: problem.tolerance_abs.to_vec(),

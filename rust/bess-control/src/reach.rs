@@ -34,7 +34,7 @@ impl ControlHorizon {
 
     /// What a string may be asked for, given what the others can take [W].
     pub(crate) fn request_range(&self, m: usize, t: usize) -> Range {
-        let total: f64 = (0..self.n_strings()).map(|m| self.limit(m, t)).sum();
+        let total = self.total_limit_w[t];
         let others = total - self.limit(m, t);
         Range {
             low: (self.demand_w[t] - others - 1e-9 * total).max(0.0),
@@ -50,7 +50,7 @@ impl StringModel {
         let (current_a, heat_w) = if requests_w.high <= 0.0 {
             (Range::point(0.0), Range::point(0.0))
         } else {
-            self.current_and_heat(states, requests_w, direction, interval.dt_h)
+            self.current_and_heat(states, requests_w, interval)
         };
         let p = &self.parameters;
         let per_ampere = interval.dt_h / p.capacity_ah;
@@ -76,10 +76,12 @@ impl StringModel {
         }
     }
 
-    /// Whether there is a state in the box, and a request in the range, of which something is shed.
+    /// Whether there is a state in the box, whose coefficients and currents are known, and a request in the range, of
+    /// which something is shed.
     pub(crate) fn may_shed(
         &self,
         states: &StateBox,
+        c: &CoefficientRanges,
         requests_w: &Range,
         current_a: &Range,
         interval: &Interval,
@@ -87,11 +89,10 @@ impl StringModel {
         if requests_w.high <= 0.0 {
             return false;
         }
-        let c = self.ranges(interval.direction, states);
         let room = self.room(states, interval.direction, interval.dt_h);
         // An inverter that draws more than it charges may find the battery empty.
         let drained = current_a.low * interval.dt_h / self.parameters.capacity_ah;
-        c.derating.high * requests_w.high >= self.limits(&c, &room, interval.direction).low
+        c.derating.high * requests_w.high >= self.limits(c, &room, interval.direction).low
             || states.soc.low + drained.min(0.0) < self.parameters.soc_min + SOC_ROUNDING && drained < 0.0
     }
 
@@ -133,15 +134,14 @@ impl StringModel {
         &self,
         states: &StateBox,
         requests_w: &Range,
-        direction: Direction,
-        dt_h: f64,
+        interval: &Interval,
     ) -> (Range, Range) {
         let (mut current, mut heat) = (Range::EMPTY, Range::EMPTY);
         let mut low = states.soc.low;
         let borders = BORDERS_SOC.iter().copied().filter(|b| *b > states.soc.low && *b < states.soc.high);
         for high in borders.chain([states.soc.high]) {
             let part = StateBox { soc: Range { low, high }, ..*states };
-            let (i, h) = self.current_and_heat_of_part(&part, requests_w, direction, dt_h);
+            let (i, h) = self.current_and_heat_of_part(&part, requests_w, interval);
             (current, heat) = (current.union(&i), heat.union(&h));
             low = high;
         }
@@ -152,12 +152,12 @@ impl StringModel {
         &self,
         states: &StateBox,
         requests_w: &Range,
-        direction: Direction,
-        dt_h: f64,
+        interval: &Interval,
     ) -> (Range, Range) {
+        let direction = interval.direction;
         let c = self.ranges(direction, states);
         let (v, r) = (c.voltage_v, c.resistance_ohm);
-        let room = self.room(states, direction, dt_h);
+        let room = self.room(states, direction, interval.dt_h);
         let curve = self.loss(direction);
         let Range { low: smallest, high: largest } = self.limits(&c, &room, direction);
         let delivered = Range {

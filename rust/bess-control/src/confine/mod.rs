@@ -40,7 +40,6 @@ pub struct Confined {
 
 /// A schedule: its cost, the states at the start of its steps `(M, T)`, and how fast its cost falls with the `V^2 / R`
 /// there, `-dh/dy = s^2 / (1 +- 2 s)` with `s = R I / V`.
-#[derive(Debug, Clone)]
 struct Known {
     cost: f64,
     states: Vec<StringState>,
@@ -68,18 +67,18 @@ impl ControlHorizon {
         let cutoff = known.cost;
         let cheapest_shed = costs.iter().map(|c| c[0]).fold(f64::INFINITY, f64::min);
         let (mut last, mut priced) = (f64::INFINITY, false);
-        let valueless = Known { scale_price: vec![0.0; request_w.len()], ..known.clone() };
+        let no_prices = vec![0.0; request_w.len()];
         for _ in 0..ROUNDS {
             let boxes = std::mem::take(&mut best.boxes);
             let span = Span::new(self, &boxes, &known.states);
-            let bounded = |known: &Known| {
-                let round = Round::new(&span, costs, &known.scale_price, shed_budget_w);
+            let bounded = |scale_price: &[f64]| {
+                let round = Round::new(&span, costs, scale_price, shed_budget_w);
                 (round.bound - round.saved(shed_budget_w, cheapest_shed), round)
             };
             // Over wide boxes the planes may lie so high that the values of the state do more harm than good.
-            let mut held = bounded(&known);
+            let mut held = bounded(&known.scale_price);
             if !priced {
-                let without = bounded(&valueless);
+                let without = bounded(&no_prices);
                 priced = held.0 >= without.0;
                 if !priced {
                     held = without;

@@ -64,11 +64,11 @@ impl<'a> Span<'a> {
             for t in 0..n_steps {
                 let states = &boxes[m * (n_steps + 1) + t];
                 let (interval, requests) = (&horizon.intervals[t], horizon.request_range(m, t));
-                ranges.push(string.ranges(interval.direction, states));
+                let coefficients = string.ranges(interval.direction, states);
                 planes.push(string.planes(interval.direction, states, near[m * n_steps + t]));
-                let (current, heat) =
-                    string.current_and_heat(states, &requests, interval.direction, interval.dt_h);
-                may_shed[t] |= string.may_shed(states, &requests, &current, interval);
+                let (current, heat) = string.current_and_heat(states, &requests, interval);
+                may_shed[t] |= string.may_shed(states, &coefficients, &requests, &current, interval);
+                ranges.push(coefficients);
                 current_a.push(current);
                 heat_w.push(heat);
             }
