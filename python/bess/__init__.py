@@ -19,12 +19,14 @@ if TYPE_CHECKING:
     from bess.market import read_prices, read_weather
     from bess.parameters import State, System, load_system
     from bess.plant import Fleet, Plant
+    from bess.record import Result, open_result
     from bess.report import write_report
-    from bess.simulation import Result, Study, load_study, open_result, run, run_scenarios
+    from bess.simulation import run, run_scenarios
     from bess.split.objectives import Objective, Objectives
     from bess.split.outcome import GroupResult, Split, SplitStatus
     from bess.split.power_split import PowerSplit, split_power
     from bess.split.rollout import Rollout, rollout
+    from bess.study import Study, load_study
     from bess.sweep import SweepResult, run_sweep
 
 _HOMES = {
@@ -42,10 +44,10 @@ _HOMES = {
     "load_system": "bess.parameters",
     "read_prices": "bess.market",
     "read_weather": "bess.market",
-    "Result": "bess.simulation",
-    "Study": "bess.simulation",
-    "load_study": "bess.simulation",
-    "open_result": "bess.simulation",
+    "Result": "bess.record",
+    "Study": "bess.study",
+    "load_study": "bess.study",
+    "open_result": "bess.record",
     "run": "bess.simulation",
     "run_scenarios": "bess.simulation",
     "kpis": "bess.analysis.kpis",

@@ -11,7 +11,7 @@ import pytest
 import bess
 from bess.cli.kpi_table import kpi_table
 from bess.policies import POLICIES
-from bess.simulation import bundled_studies
+from bess.study import bundled_studies
 
 SHARED = Path(__file__).parents[3] / "shared/data/prices"
 PRICES = SHARED / "smard_de_viertelstunde_2024_berechnet_resaved.csv"

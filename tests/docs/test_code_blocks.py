@@ -11,7 +11,7 @@ import pytest
 
 import bess
 from bess.policies import POLICIES
-from bess.simulation.study import Study
+from bess.study.study import Study
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("**/*.md"))]

@@ -9,9 +9,9 @@ import xarray as xr
 from synthetic import kpis
 
 import bess
-from bess.simulation.frame import frame_of
-from bess.simulation.netcdf import write_netcdf
-from bess.simulation.store import write_part
+from bess.record.frame import frame_of
+from bess.record.netcdf import write_netcdf
+from bess.record.store import write_part
 
 
 def write_run(

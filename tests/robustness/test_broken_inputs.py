@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 import bess
 from bess.ems import read_profile
 from bess.policies import build_policy
-from bess.simulation import Study, expand
 from bess.simulation.inputs import prepare
-from bess.simulation.keys import parse_assignment
 from bess.simulation.runner import policy_settings
+from bess.study import Study, expand
+from bess.study.keys import parse_assignment
 
 FEW = settings(max_examples=100, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 MANY = settings(max_examples=5000, deadline=None, suppress_health_check=list(HealthCheck))

@@ -20,11 +20,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import bess
-import bess.simulation.identity as identity_module
+import bess.record.identity as identity_module
 import bess.simulation.runner as run_module
-from bess.simulation import Study
-from bess.simulation.codec import pack, unpack
-from bess.simulation.store import Lock
+from bess.record.codec import pack, unpack
+from bess.record.store import Lock
+from bess.study import Study
 
 BESS = [sys.executable, "-m", "bess"]
 LONG = {"policy.name": "soc", "run.days": 120, "demand.repeat": True, "system.initial_soc": [0.2, 0.7]}
@@ -297,7 +297,7 @@ def test_a_changed_version_is_refused_on_resume(
     short: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     begun(short, tmp_path / "run", monkeypatch)
-    monkeypatch.setattr("bess.simulation.identity.__version__", "99.0")
+    monkeypatch.setattr("bess.record.identity.__version__", "99.0")
     with pytest.raises(bess.InputError, match=r'version: ".*" -> "99\.0"'):
         bess.run(short, progress=False, out=tmp_path / "run", resume=True)
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import bess
+from bess.record import Result
 from bess.report import charts
 from bess.report.contents import comparison
 from bess.report.runs import Run, runs_in
 from bess.report.words import summary
-from bess.simulation import Result
-from bess.simulation.scenarios import expand
+from bess.study.scenarios import expand
 
 STUDY = bess.load_study("differing")
 RULES = ("equal", "priority", "soc", "temperature")

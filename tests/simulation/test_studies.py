@@ -9,9 +9,9 @@ import pytest
 
 import bess
 from bess.policies import POLICIES
-from bess.simulation import bundled_studies, expand
 from bess.simulation.inputs import prepare
-from bess.simulation.keys import parse_assignment
+from bess.study import bundled_studies, expand
+from bess.study.keys import parse_assignment
 
 MINIMAL = '[demand]\nfile = "two-cycle-48h"\n'
 

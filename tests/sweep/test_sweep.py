@@ -15,9 +15,10 @@ import pytest
 
 import bess
 from bess.errors import BessError, InputError
-from bess.simulation import expand, load_study, run
-from bess.simulation.result import RESULTS, open_result
-from bess.simulation.study import Study
+from bess.record.result import RESULTS, open_result
+from bess.simulation import run
+from bess.study import expand, load_study
+from bess.study.study import Study
 from bess.sweep import run_sweep
 
 STUDY = """

@@ -13,7 +13,7 @@ from bess.units import PERCENT
 if TYPE_CHECKING:
     import xarray as xr
 
-    from bess.simulation import Result
+    from bess.record import Result
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ def kpis(result: Result | xr.Dataset) -> dict[str, float]:
     - ``fallback_steps``, ``solver_steps``, and ``median``, ``p95`` and ``max`` of gaps and nodes over the
       steps with a solve; for market studies ``revenue_eur``.
 
-    A :class:`bess.simulation.Result` adds the wall-clock ``solve_time_s_*``.
+    A :class:`bess.Result` adds the wall-clock ``solve_time_s_*``.
     """
     dataset: Any = getattr(result, "dataset", result)
     values = {name: float(value) for name, value in _figures(dataset)}

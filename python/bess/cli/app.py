@@ -56,7 +56,8 @@ def run(
 ) -> None:
     """Run a study in closed loop and print its key figures."""
     from bess.cli.kpi_table import kpi_table
-    from bess.simulation import load_study, run, run_scenarios
+    from bess.simulation import run, run_scenarios
+    from bess.study import load_study
 
     loaded = load_study(study, _values(days, assignments))
     folder = _folder(out, loaded.name, resume)
@@ -81,7 +82,7 @@ def sweep(
 ) -> None:
     """Run all scenarios and sweep points of a study side by side on Dask; finished ones are skipped."""
     from bess.errors import BessError
-    from bess.simulation import load_study
+    from bess.study import load_study
     from bess.sweep import run_sweep
 
     loaded = load_study(study, _values(days, assignments))
@@ -111,7 +112,7 @@ def report(
 def check(study: StudyName, days: Days = None, assignments: Assignments = None) -> None:
     """Validate a study and the data it names; run nothing."""
     from bess.cli.checking import findings
-    from bess.simulation import load_study
+    from bess.study import load_study
 
     for line in findings(load_study(study, _values(days, assignments))):
         print(line)
@@ -126,7 +127,7 @@ def list_() -> None:
 
 
 def _values(days: float | None, assignments: list[str] | None) -> dict[str, Any]:
-    from bess.simulation.keys import parse_assignment
+    from bess.study.keys import parse_assignment
 
     values = dict(parse_assignment(text) for text in assignments or [])
     return values if days is None else {**values, "run.days": days}

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from bess.policies import build_policy
-from bess.simulation import Study, expand
 from bess.simulation.inputs import prepare
 from bess.simulation.runner import policy_settings
+from bess.study import Study, expand
 
 
 def findings(study: Study) -> Iterator[str]:

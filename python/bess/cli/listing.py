@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bess.components.registry import Entry, list_cells, list_inverters, list_systems
 from bess.policies import POLICIES
-from bess.simulation import bundled_studies
+from bess.study import bundled_studies
 
 
 def listing() -> str:

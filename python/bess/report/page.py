@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from bess import __version__
+from bess.record.atomic import write_bytes
 from bess.report.chart import Chart
 from bess.report.contents import MOST_DETAILED, Exhibit, comparison, details
 from bess.report.interactive import plotly_figure
@@ -22,7 +23,6 @@ from bess.report.style import save_figure
 from bess.report.sweep_table import SweepTable, read_sweep
 from bess.report.tables import kpi_rows, other_rows
 from bess.report.words import summary, warnings
-from bess.simulation.atomic import write_bytes
 
 REPORT = "report.html"
 FIGURES = "figures"

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bess.errors import BessError, InputError
-from bess.simulation.identity import read_identity
-from bess.simulation.result import RESULTS, open_result, scenario_directories
-from bess.simulation.steplog import LOG
+from bess.record.identity import read_identity
+from bess.record.result import RESULTS, open_result, scenario_directories
+from bess.record.steplog import LOG
 
 if TYPE_CHECKING:
     import xarray as xr

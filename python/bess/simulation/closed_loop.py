@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from bess.errors import BessError
 from bess.plant import Plant, PlantSnapshot
 from bess.policies import Decision, Policy, Situation
+from bess.record.schema import FLOWS
 from bess.simulation.inputs import Inputs
-from bess.simulation.schema import FLOWS
 
 _TOLERANCE = 1e-9
 """Relative slack for sums of set-points against the demand: rounding only."""

@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from bess.errors import InputError
 from bess.parameters import System
 from bess.simulation.demand import ArbitrageSource, DemandSource, ProfileSource
-from bess.simulation.grid import Grid, Series, seconds_of
-from bess.simulation.keys import check_bundled
-from bess.simulation.sections import ArbitrageDemand, ProfileDemand
+from bess.study.grid import Grid, Series, seconds_of
+from bess.study.keys import check_bundled
+from bess.study.sections import ArbitrageDemand, ProfileDemand
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from bess.simulation.study import Study
+    from bess.study.study import Study
 
 _DEFAULT_START = datetime(2024, 1, 1, tzinfo=UTC)
 

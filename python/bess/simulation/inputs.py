@@ -12,10 +12,10 @@ from bess.errors import InputError
 from bess.parameters import System
 from bess.simulation.demand import DemandSource
 from bess.simulation.demand_choice import demand_of, repair_notes
-from bess.simulation.grid import Grid, Series, seconds_of
-from bess.simulation.plant_choice import build_system
-from bess.simulation.sections import Event, WeatherChoice
-from bess.simulation.study import Study
+from bess.study.grid import Grid, Series, seconds_of
+from bess.study.plant_choice import build_system
+from bess.study.sections import Event, WeatherChoice
+from bess.study.study import Study
 
 Array = NDArray[np.float64]
 

@@ -16,10 +16,9 @@ from bess.analysis.kpis import kpis, solve_time_kpis
 from bess.errors import InputError, StoppedEarly
 from bess.plant import Plant
 from bess.policies import Policy, Settings, build_policy
-from bess.simulation.atomic import TEMPORARY, replacing, write_bytes
-from bess.simulation.closed_loop import ClosedLoop, check_finite
-from bess.simulation.frame import describe_frame, frame_of
-from bess.simulation.identity import (
+from bess.record.atomic import TEMPORARY, replacing, write_bytes
+from bess.record.frame import describe_frame, frame_of
+from bess.record.identity import (
     IDENTITY,
     Identity,
     differences,
@@ -27,14 +26,15 @@ from bess.simulation.identity import (
     read_identity,
     write_identity,
 )
+from bess.record.netcdf import write_netcdf
+from bess.record.result import RESULTS, Result, open_netcdf
+from bess.record.steplog import StepLog, solve_times_s
+from bess.record.store import LOCK, Lock, parts, records, remove_parts, write_part
+from bess.simulation.closed_loop import ClosedLoop, check_finite
 from bess.simulation.inputs import Inputs, prepare
 from bess.simulation.interrupt import stop_requests
-from bess.simulation.netcdf import write_netcdf
 from bess.simulation.progress import reporting
-from bess.simulation.result import RESULTS, Result, open_netcdf
-from bess.simulation.steplog import StepLog, solve_times_s
-from bess.simulation.store import LOCK, Lock, parts, records, remove_parts, write_part
-from bess.simulation.study import Study
+from bess.study.study import Study
 
 PART_STEPS = 960
 """Steps after which a part is saved at the latest: what is held in memory."""
@@ -94,7 +94,7 @@ def _run_in(directory: Path, study: Study, *, progress: bool, resume: bool) -> R
     inputs = prepare(study)
     policy = build_policy(study.policy.name, inputs.system, policy_settings(study, inputs))
     identity = identity_of(study, inputs.system, inputs.files)
-    identity["frame"] = describe_frame(study, inputs, policy.statuses)
+    identity["frame"] = describe_frame(study, inputs.system, inputs.grid, policy.statuses)
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -6,12 +6,12 @@ import json
 from pathlib import Path
 
 from bess.errors import InputError
-from bess.simulation.atomic import write_bytes
-from bess.simulation.identity import IDENTITY
-from bess.simulation.result import Result
+from bess.record.atomic import write_bytes
+from bess.record.identity import IDENTITY
+from bess.record.result import Result
 from bess.simulation.runner import run
-from bess.simulation.scenarios import expand
-from bess.simulation.study import Study
+from bess.study.scenarios import expand
+from bess.study.study import Study
 
 
 def run_scenarios(

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from bess.errors import StoppedEarly
 from bess.simulation import prepare_folder, write_summary
-from bess.simulation.scenarios import expand
-from bess.simulation.study import Study, load_study
+from bess.study.scenarios import expand
+from bess.study.study import Study, load_study
 from bess.sweep.cluster import workers_for
 from bess.sweep.table import SWEEP_CSV, swept_keys, write_table
 from bess.sweep.task import Outcome, run_scenario

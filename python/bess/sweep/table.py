@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from bess.simulation.atomic import write_bytes
-from bess.simulation.study import Study
+from bess.record.atomic import write_bytes
+from bess.study.study import Study
 from bess.sweep.task import Outcome
 
 SWEEP_CSV: Final = "sweep.csv"

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Literal
 
 from bess.errors import BessError
-from bess.simulation.result import RESULTS
-from bess.simulation.study import Study
+from bess.record.result import RESULTS
+from bess.study.study import Study
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,95 @@
+"""What defines a run, so that one is never continued as another."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import bess
+from bess import __version__
+from bess.errors import InputError
+from bess.parameters import System
+from bess.record.atomic import write_bytes
+from bess.record.schema import RECORD_FORMAT
+from bess.study.study import Study
+
+IDENTITY = "run.json"
+Identity = dict[str, Any]
+
+_NOT_PART_OF_A_RUN = ("cli", "report", "sweep")
+"""Folders of the package that do not change what a run gives."""
+
+
+def identity_of(study: Study, system: System, files: list[Path]) -> Identity:
+    """Version and code, study as resolved, every number of the system, and a hash of every data file."""
+    identity = {
+        "format": RECORD_FORMAT,
+        "version": __version__,
+        "code": _code(),
+        "study": study.document(),
+        "system": system.document,
+        "files": {str(path): _sha256(path) for path in files},
+    }
+    plain: Identity = json.loads(json.dumps(identity, default=str))
+    return plain
+
+
+def write_identity(directory: Path, identity: Identity) -> None:
+    """Write it before the first step."""
+    write_bytes(directory / IDENTITY, json.dumps(identity, indent=1).encode())
+
+
+def read_identity(directory: Path) -> Identity | None:
+    """Identity of the run in ``directory``, or None if there is none."""
+    try:
+        identity: Identity = json.loads((directory / IDENTITY).read_text(encoding="utf-8"))
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except (OSError, ValueError) as error:
+        raise InputError(f"{directory / IDENTITY}: cannot be read ({error}); use another --out") from error
+    return identity
+
+
+def differences(old: Identity, new: Identity) -> list[str]:
+    """What differs, as ``key: old -> new``; the frame follows from the rest."""
+    before, after = (dict(_leaves({**identity, "frame": None})) for identity in (old, new))
+    missing = "(not set)"
+    return [
+        f"{key}: {before.get(key, missing)} -> {after.get(key, missing)}"
+        for key in sorted({*before, *after})
+        if before.get(key, missing) != after.get(key, missing)
+    ]
+
+
+def _leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
+    if isinstance(node, Mapping) and node:
+        for key, value in node.items():
+            yield from _leaves(value, f"{prefix}.{key}" if prefix else key)
+    elif isinstance(node, list) and any(isinstance(entry, Mapping) for entry in node):
+        for index, value in enumerate(node):
+            yield from _leaves(value, f"{prefix}[{index}]")
+    else:
+        yield prefix, json.dumps(node)
+
+
+def _code() -> dict[str, str]:
+    """Hashes of the modules and the compiled core that results depend on: an edited one gives other bits."""
+    package = Path(bess.__file__).parent
+    paths = [*package.rglob("*.py"), *package.glob("_core*")]
+    names = {path.relative_to(package).as_posix(): path for path in paths if path.suffix != ".pyi"}
+    return {
+        name: _sha256(path)[:16]
+        for name, path in sorted(names.items())
+        if name.partition("/")[0] not in _NOT_PART_OF_A_RUN
+    }
+
+
+def _sha256(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error

@@ -1,0 +1,105 @@
+"""What a run gives back, and reading it again from its directory."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bess.errors import InputError
+from bess.record.frame import frame_of
+from bess.record.identity import IDENTITY, read_identity
+from bess.record.netcdf import write_netcdf
+from bess.record.store import parts, records
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+RESULTS = "results.nc"
+
+
+@dataclass(frozen=True)
+class Result:
+    """Outcome of :func:`bess.run`.
+
+    Attributes
+    ----------
+    dataset : xarray.Dataset
+        The record, as in ``ARCHITECTURE.md``. Read lazily from ``directory`` if there is one.
+    kpis : dict
+        As :func:`bess.kpis` gives them.
+    directory : Path or None
+        Where the run is stored.
+    solve_time_s : ndarray
+        Wall-clock time [s] of each solve; another run measures other times.
+    """
+
+    dataset: xr.Dataset
+    kpis: dict[str, float]
+    directory: Path | None
+    solve_time_s: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+
+
+def open_result(directory: str | Path) -> xr.Dataset:
+    """Open the record of a finished run, or what is there of an unfinished one.
+
+    A finished run is read lazily, as its variables are used; of an unfinished one, all whole parts are
+    loaded.
+
+    Parameters
+    ----------
+    directory
+        ``--out`` of the run, or a scenario's folder in it.
+
+    Raises
+    ------
+    InputError
+        No run there, nothing saved yet, or several scenarios.
+    """
+    directory = Path(directory)
+    if (directory / RESULTS).exists():
+        return open_netcdf(directory / RESULTS)
+    identity = read_identity(directory)
+    if identity is None:
+        raise InputError(f"{directory}: {_what_else(directory)}")
+    saved = parts(directory)
+    if not saved:
+        raise InputError(f"{directory}: nothing has been saved yet; continue the run with --resume")
+    n_steps = saved[-1].first_step + len(saved[-1].record()["demand_kw"])
+    with tempfile.TemporaryDirectory(prefix="bess-") as scratch:
+        path = Path(scratch) / RESULTS
+        write_netcdf(path, frame_of(identity, n_steps), records(directory))
+        with open_netcdf(path) as dataset:
+            return dataset.load()
+
+
+def scenario_directories(directory: str | Path) -> dict[str, Path]:
+    """Folders of the runs in ``directory`` by name; one run is itself, under the name of its study."""
+    directory = Path(directory)
+    if (identity := read_identity(directory)) is not None:
+        return {identity["study"]["name"]: directory}
+    return {path.name: path for path in _runs_in(directory)}
+
+
+def open_netcdf(path: Path) -> xr.Dataset:
+    """Open a results file lazily."""
+    import xarray as xr
+
+    return xr.open_dataset(path, engine="h5netcdf")
+
+
+def _runs_in(directory: Path) -> Iterator[Path]:
+    if directory.is_dir():
+        yield from sorted(path.parent for path in directory.glob(f"*/{IDENTITY}"))
+
+
+def _what_else(directory: Path) -> str:
+    names = [path.name for path in _runs_in(directory)]
+    if names:
+        return f"holds several runs; open one of {', '.join(names[:8])}{', ...' if len(names) > 8 else ''}"
+    return "holds no run" if directory.is_dir() else "no such folder"

@@ -1,0 +1,127 @@
+"""A run on disk: parts of the record, each with the checkpoint that continues after it.
+
+A part is one file that appears by a rename, so at any moment the directory holds a gap-free record from step
+0 and the state of everything at its end. What was under way when the process died is computed again on
+resume.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import io
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, Self
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bess.errors import BessError, InputError
+from bess.record.atomic import clear_errors, write_bytes
+from bess.record.codec import pack, unpack
+
+PARTS = "parts"
+LOCK = ".lock"
+_RECORD = "record/"
+_CHECKPOINT = "checkpoint/"
+
+Record = dict[str, NDArray[Any]]
+
+
+@dataclass(frozen=True)
+class Part:
+    """Some consecutive steps of the record."""
+
+    path: Path
+
+    @property
+    def first_step(self) -> int:
+        """Index of its first step; the file is named after it."""
+        return int(self.path.stem)
+
+    def record(self) -> Record:
+        """Arrays with the steps along the first axis."""
+        return self._read(_RECORD)
+
+    def checkpoint(self) -> dict[str, Any]:
+        """State of everything after its last step."""
+        return unpack(self._read(_CHECKPOINT))
+
+    def _read(self, prefix: str) -> Record:
+        try:
+            with np.load(self.path, allow_pickle=False) as archive:
+                return {
+                    name.removeprefix(prefix): archive[name]
+                    for name in archive.files
+                    if name.startswith(prefix)
+                }
+        except (OSError, ValueError, BadZipFile) as error:
+            raise BessError(
+                f"{self.path}: damaged ({error}); delete it and all later parts, then --resume"
+            ) from error
+
+
+def write_part(directory: Path, first_step: int, record: Record, checkpoint: Mapping[str, Any]) -> None:
+    """Save steps from ``first_step`` on, and the state after them, in one atomic write."""
+    arrays = {_RECORD + name: array for name, array in record.items()}
+    arrays |= {_CHECKPOINT + name: array for name, array in pack(checkpoint).items()}
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)  # type: ignore[arg-type]
+    with clear_errors(directory):
+        (directory / PARTS).mkdir(exist_ok=True)
+    write_bytes(directory / PARTS / f"{first_step:08d}.npz", buffer.getvalue())
+
+
+def parts(directory: Path) -> list[Part]:
+    """Parts in the order of their steps."""
+    return [Part(path) for path in sorted((directory / PARTS).glob("*.npz"))]
+
+
+def records(directory: Path) -> Iterator[tuple[int, Record]]:
+    """First step and arrays of one part after the other; one part in memory at a time."""
+    for part in parts(directory):
+        yield part.first_step, part.record()
+
+
+def remove_parts(directory: Path) -> None:
+    """Delete the parts, newest first, so that what a crash leaves is still gap-free."""
+    for part in reversed(parts(directory)):
+        part.path.unlink()
+    shutil.rmtree(directory / PARTS, ignore_errors=True)
+
+
+class Lock:
+    """Keeps a second process out of a run directory; the system releases it even after ``kill -9``."""
+
+    def __init__(self, directory: Path) -> None:
+        self._path = directory / LOCK
+        self._file: IO[str] | None = None
+
+    def __enter__(self) -> Self:
+        with clear_errors(self._path):
+            file = self._path.open("a+")
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            file.seek(0)
+            owner = file.read().strip() or "unknown"
+            file.close()
+            raise InputError(
+                f"{self._path.parent}: another run (process {owner}) writes there; wait or use another --out"
+            ) from error
+        file.truncate(0)
+        file.write(str(os.getpid()))
+        file.flush()
+        self._file = file
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._file is not None:
+            self._file.close()

@@ -1,0 +1,6 @@
+"""Study files: what a run is asked to be, checked before anything runs."""
+
+from bess.study.scenarios import expand
+from bess.study.study import Study, bundled_studies, load_study
+
+__all__ = ["Study", "bundled_studies", "expand", "load_study"]

@@ -1,0 +1,50 @@
+"""The system a study runs on: a file or bundled name with the study's changes put over it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from bess.components.registry import SYSTEMS, system_document
+from bess.errors import InputError
+from bess.parameters import System
+from bess.parameters.documents import deep_merge, read_toml
+from bess.study.keys import check_bundled
+from bess.study.sections import RunChoice, SystemChoice
+
+
+def build_system(choice: SystemChoice, run: RunChoice) -> System:
+    """Return the system as the study wants it.
+
+    Raises
+    ------
+    InputError
+        From the system file, or a list of initial values that is not one for each string.
+    """
+    bundled = choice.file in SYSTEMS
+    check_bundled("system.file", choice.file, SYSTEMS)
+    document = system_document(choice.file) if bundled else read_toml(Path(choice.file))
+    document = deep_merge(document, choice.parameters)
+    site: dict[str, Any] = dict(document.get("system", {}))
+    strings = [dict(entry) for entry in document.get("string", [])]
+    n_strings = choice.n_strings or site.get("n_strings") or len(strings) or 1
+    if choice.n_strings is not None or strings:
+        site["n_strings"] = n_strings
+    if choice.ambient_c is not None:
+        site["ambient_c"] = choice.ambient_c
+    for key in ("initial_soc", "initial_temperature_c"):
+        value = getattr(choice, key)
+        if value is None:
+            continue
+        values = list(value) if isinstance(value, tuple) else [value] * n_strings
+        if len(values) != n_strings:
+            raise InputError(f"system.{key}: {len(values)} values for {n_strings} strings")
+        strings += [{} for _ in range(n_strings - len(strings))]
+        for index, number in enumerate(values):
+            strings[index] = deep_merge(strings[index], {"system": {key: number}})
+    document["system"] = site
+    if strings:
+        document["string"] = strings
+    if run.plant_step_s is not None:
+        document["control"] = {**document.get("control", {}), "plant_step_s": run.plant_step_s}
+    return System(document, name=choice.file)

@@ -1,0 +1,82 @@
+"""From a study with scenarios and sweep axes to plain studies with a name each."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from bess.errors import InputError
+from bess.study.sections import Axis
+from bess.study.study import Study
+
+_LARGEST = 100_000
+
+
+def expand(study: Study) -> dict[str, Study]:
+    """Return the runs a study consists of, by name; without scenarios and axes, itself under its own name.
+
+    Scenarios are combined with every point of the sweep, axes with each other. A name is that of the scenario
+    and the last part of each swept key with its value, such as ``S2_horizon_steps=4``, and serves as a
+    folder.
+
+    Raises
+    ------
+    InputError
+        Unknown key, value out of range, or two runs of one name.
+    """
+    plain = study.model_copy(update={"scenario": (), "sweep": ()})
+    if not study.scenario and not study.sweep:
+        return {study.name: plain}
+    named: list[tuple[str, Mapping[str, Any]]] = [(s.name, s.set) for s in study.scenario] or [("", {})]
+    axes = [list(_points(axis)) for axis in study.sweep]
+    count = len(named)
+    for axis_points in axes:
+        count *= len(axis_points)
+    if count > _LARGEST:
+        raise InputError(f"{study.name}: sweep: {count} runs are more than {_LARGEST}")
+    runs: dict[str, Study] = {}
+    for (scenario, settings), *points in itertools.product(named, *axes):
+        values = dict(settings)
+        for point in points:
+            values |= point
+        swept = "_".join(_label(key, value) for point in points for key, value in point.items())
+        name = "_".join(part for part in (scenario, swept) if part)
+        if name in runs:
+            raise InputError(
+                f"{study.name}: two runs are called {name!r}; give scenarios and values of their own"
+            )
+        runs[name] = plain.with_values({"name": name, **values})
+    return runs
+
+
+def _points(axis: Axis) -> Iterator[dict[str, Any]]:
+    if axis.simplex is not None:
+        assert axis.divisions is not None
+        for shares in _compositions(axis.divisions, len(axis.simplex)):
+            yield {key: share / axis.divisions for key, share in zip(axis.simplex, shares, strict=True)}
+        return
+    assert axis.key is not None
+    if axis.values is not None:
+        yield from ({axis.key: value} for value in axis.values)
+        return
+    assert axis.start is not None and axis.stop is not None and axis.count is not None
+    step = (axis.stop - axis.start) / (axis.count - 1)
+    for index in range(axis.count):
+        value = axis.stop if index == axis.count - 1 else axis.start + index * step
+        yield {axis.key: int(value) if value == int(value) else value}
+
+
+def _compositions(total: int, parts: int) -> Iterator[tuple[int, ...]]:
+    """All tuples of ``parts`` non-negative integers that sum to ``total``."""
+    if parts == 1:
+        yield (total,)
+        return
+    for first in range(total + 1):
+        yield from ((first, *rest) for rest in _compositions(total - first, parts - 1))
+
+
+def _label(key: str, value: Any) -> str:
+    shown = f"{value:.6g}" if isinstance(value, float) else str(value)
+    return re.sub(r"[^A-Za-z0-9._=+-]+", "-", f"{key.rpartition('.')[2]}={shown}").strip("-")

@@ -1,0 +1,153 @@
+"""A study: everything that defines a closed-loop run, read from TOML and checked as a whole."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Any, Self
+
+from pydantic import ValidationError
+
+from bess.errors import InputError
+from bess.parameters.documents import describe
+from bess.parameters.section import Section
+from bess.study.keys import check_keys, nearest, with_value
+from bess.study.sections import (
+    Axis,
+    Demand,
+    Event,
+    OutputChoice,
+    PolicyChoice,
+    RunChoice,
+    Scenario,
+    SystemChoice,
+    WeatherChoice,
+)
+
+_PATHS = (("system", "file"), ("demand", "file"), ("demand", "prices"), ("weather", "file"))
+"""Keys that name files. A name without a folder and an ending is that of something bundled."""
+
+
+class Study(Section):
+    """A study file with all defaults filled in and all paths absolute. Immutable.
+
+    Read one with :func:`bess.load_study`; change one with :meth:`with_values`.
+    """
+
+    name: str
+    title: str = ""
+    system: SystemChoice = SystemChoice()
+    demand: Demand
+    weather: WeatherChoice = WeatherChoice()
+    policy: PolicyChoice = PolicyChoice()
+    run: RunChoice = RunChoice()
+    output: OutputChoice = OutputChoice()
+    event: tuple[Event, ...] = ()
+    scenario: tuple[Scenario, ...] = ()
+    sweep: tuple[Axis, ...] = ()
+
+    @classmethod
+    def from_document(cls, document: Mapping[str, Any], place: str) -> Self:
+        """Check a study given as nested dictionaries; ``place`` is what errors call it.
+
+        Raises
+        ------
+        InputError
+            With the place, the key, its value and what is allowed.
+        """
+        check_keys(document, cls, place)
+        try:
+            return cls.model_validate(document)
+        except ValidationError as error:
+            # The kind of demand is known from its keys; pydantic names it as if it were one.
+            text = re.sub(r"\bdemand\.(profile|arbitrage)\b", "demand", describe(error, place))
+            raise InputError(text) from error
+
+    def with_values(self, values: Mapping[str, Any]) -> Self:
+        """Return this study with dotted keys set, checked again; paths are relative to the working folder."""
+        if not values:
+            return self
+        document = self.model_dump(exclude_unset=True, exclude_none=True)
+        for key, value in values.items():
+            if "." not in key and isinstance(value, Mapping):
+                raise InputError(f"{key}: give one key of this section, such as {key}.NAME = VALUE")
+            document = with_value(document, key, value)
+            check_keys(with_value({}, key, value) if "." in key else {key: value}, type(self), "--set")
+        document = _with_absolute_paths(document, Path.cwd())
+        return self.from_document(document, self.name)
+
+    def document(self) -> dict[str, Any]:
+        """The study as nested dictionaries, without keys that are not set."""
+        return self.model_dump(exclude_none=True)
+
+    def to_toml(self) -> str:
+        """The study as resolved, as a study file."""
+        import tomli_w
+
+        return tomli_w.dumps(self.document())
+
+
+def bundled_studies() -> dict[str, str]:
+    """Names of the studies that come with the package, with their titles."""
+    names = {}
+    for entry in sorted(resources.files("bess.data.studies").iterdir(), key=lambda entry: entry.name):
+        if entry.name.endswith(".toml"):
+            names[entry.name.removesuffix(".toml")] = tomllib.loads(entry.read_text("utf-8")).get("title", "")
+    return names
+
+
+def load_study(name: str | Path, values: Mapping[str, Any] | None = None) -> Study:
+    """Read a study by its bundled name (``case1``, ``case2``, ...) or from a TOML file.
+
+    Parameters
+    ----------
+    name
+        Bundled name or path. Relative paths inside the file are relative to the file.
+    values
+        Dotted keys to set over those of the file, such as ``{"run.days": 7}``.
+
+    Raises
+    ------
+    InputError
+        File not found, not TOML, an unknown key (with the nearest one), or a value out of range.
+    """
+    path = Path(name)
+    bundled = bundled_studies()
+    if str(name) in bundled:
+        text = resources.files("bess.data.studies").joinpath(f"{name}.toml").read_text("utf-8")
+        stem, folder = str(name), None
+    else:
+        text = _read(path, list(bundled))
+        stem, folder = path.stem, path.resolve().parent
+    try:
+        document = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # also an integer of more digits than Python takes
+        raise InputError(f"{name}: not valid TOML ({error})") from error
+    document = {"name": stem, **document}
+    check_keys(document, Study, str(name))
+    if folder is not None:
+        document = _with_absolute_paths(document, folder)
+    return Study.from_document(document, str(name)).with_values(values or {})
+
+
+def _read(path: Path, bundled: list[str]) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (FileNotFoundError, NotADirectoryError):
+        hint = nearest(path.name, bundled) if not path.suffix else "check the path"
+        raise InputError(f"{path}: no such study; {hint}") from None
+    except (OSError, UnicodeDecodeError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read ({error})") from error
+
+
+def _with_absolute_paths(document: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Resolve the files a study names against ``folder``; bundled names stay as they are."""
+    for section, key in _PATHS:
+        table = document.get(section)
+        value = table.get(key) if isinstance(table, Mapping) else None
+        if isinstance(value, str) and (Path(value).suffix or Path(value).name != value):
+            document = with_value(document, f"{section}.{key}", str((folder / value).absolute()))
+    return document

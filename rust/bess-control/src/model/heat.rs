@@ -1,0 +1,22 @@
+//! Battery heat as a function of internal power and `V^2 / R`.
+
+use bess_tables::Direction;
+
+/// `R I / V` at an internal power `x V^2 / R`: `(sqrt(1 +- 4 x) - 1) / 2`, in its stable form. Beyond the root limit
+/// of discharge, its value there.
+#[inline]
+pub(crate) fn heat_share(x: f64, direction: Direction) -> f64 {
+    let root = match direction {
+        Direction::Charge => (1.0 + 4.0 * x).max(0.0).sqrt(),
+        Direction::Discharge => (1.0 - 4.0 * x).max(0.0).sqrt(),
+    };
+    2.0 * x / (1.0 + root)
+}
+
+/// Battery heat at an internal power `g` and scale `y = V^2 / R` [W], `y (R I / V)^2`. Convex in `g` and `y`
+/// together, falling with `y`.
+#[inline]
+pub(crate) fn heat_w(internal_w: f64, scale_w: f64, direction: Direction) -> f64 {
+    let share = heat_share(internal_w / scale_w, direction);
+    scale_w * share * share
+}

@@ -1,0 +1,220 @@
+//! The control model of one string over one interval. Magnitudes with a direction, SI units.
+
+use bess_tables::{Direction, StringParameters};
+
+use super::loss::LossCurve;
+
+pub(crate) const SECONDS_PER_HOUR: f64 = 3600.0;
+
+/// Measured or predicted state of a string.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StringState {
+    /// State of charge.
+    pub soc: f64,
+    /// Mean temperature [degC].
+    pub temperature_c: f64,
+}
+
+/// What stays constant within an interval: taken from the state at its start.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Coefficients {
+    /// Derating factor.
+    pub derating: f64,
+    /// Open-circuit voltage [V].
+    pub voltage_v: f64,
+    /// Resistance [Ohm].
+    pub resistance_ohm: f64,
+}
+
+/// What one string does in one interval. Powers and current are magnitudes in the interval's direction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Flow {
+    /// Delivered AC power [W].
+    pub delivered_w: f64,
+    /// Wanted but not deliverable [W].
+    pub availability_w: f64,
+    /// Lost to derating [W].
+    pub derating_w: f64,
+    /// Inverter loss [W].
+    pub inverter_w: f64,
+    /// Battery heat [W].
+    pub battery_w: f64,
+    /// Current [A]; negative in charge while the no-load loss exceeds the power from the grid.
+    pub current_a: f64,
+    /// State at the end.
+    pub end: StringState,
+}
+
+/// Length and surroundings of an interval.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Interval {
+    /// Direction of all strings.
+    pub direction: Direction,
+    /// Ambient temperature [degC].
+    pub ambient_c: f64,
+    /// Length [h].
+    pub dt_h: f64,
+}
+
+/// One string with its inverter tables ready to be inverted.
+#[derive(Debug, Clone)]
+pub struct StringModel {
+    pub(crate) parameters: StringParameters,
+    charge: LossCurve,
+    discharge: LossCurve,
+}
+
+impl StringModel {
+    /// Prepares a string.
+    pub fn new(parameters: StringParameters) -> Self {
+        let inverter = &parameters.inverter;
+        let charge = LossCurve::new(&inverter.loss_charge, Direction::Charge, inverter.nominal_w);
+        let discharge = LossCurve::new(&inverter.loss_discharge, Direction::Discharge, inverter.nominal_w);
+        Self { parameters, charge, discharge }
+    }
+
+    /// Nominal AC power `p_N` [W].
+    #[inline]
+    pub fn nominal_w(&self) -> f64 {
+        self.parameters.inverter.nominal_w
+    }
+
+    #[inline]
+    pub(crate) fn loss(&self, direction: Direction) -> &LossCurve {
+        match direction {
+            Direction::Charge => &self.charge,
+            Direction::Discharge => &self.discharge,
+        }
+    }
+
+    /// `k`, `V`, `R` at a state.
+    #[inline]
+    pub fn coefficients(&self, direction: Direction, state: StringState) -> Coefficients {
+        let StringState { soc, temperature_c } = state;
+        Coefficients {
+            derating: self.parameters.derating.factor.at(temperature_c),
+            voltage_v: self.parameters.ocv(direction, soc, temperature_c),
+            resistance_ohm: self.parameters.resistance.control_at(direction, soc, temperature_c),
+        }
+    }
+
+    /// Largest internal power `V I +- R I^2` that keeps `soc` in its window at the interval's end [W].
+    #[inline]
+    fn internal_limit_w(&self, c: &Coefficients, direction: Direction, soc: f64, dt_h: f64) -> f64 {
+        let per_soc = self.parameters.capacity_ah / dt_h;
+        match direction {
+            Direction::Charge => {
+                let current = (self.parameters.soc_max - soc).max(0.0) * per_soc;
+                current * (c.voltage_v + c.resistance_ohm * current)
+            }
+            Direction::Discharge => {
+                let root = 0.5 * c.voltage_v / c.resistance_ohm;
+                let current = ((soc - self.parameters.soc_min).max(0.0) * per_soc).min(root);
+                current * (c.voltage_v - c.resistance_ohm * current)
+            }
+        }
+    }
+
+    /// Largest AC power that the string can deliver over the interval, at most `p_N` [W].
+    pub fn limit_w(&self, c: &Coefficients, direction: Direction, soc: f64, dt_h: f64) -> f64 {
+        self.loss(direction).largest_power(self.internal_limit_w(c, direction, soc, dt_h))
+    }
+
+    /// Carries out a request of `request_w >= 0` from `state`.
+    #[inline]
+    pub fn step(&self, state: StringState, request_w: f64, interval: &Interval) -> Flow {
+        if request_w <= 0.0 {
+            return self.idle(state, 0.0, 0.0, interval);
+        }
+        let direction = interval.direction;
+        let c = self.coefficients(direction, state);
+        let derating_w = (1.0 - c.derating) * request_w;
+        let wanted = request_w - derating_w;
+        if wanted <= 0.0 {
+            return self.idle(state, derating_w, 0.0, interval);
+        }
+
+        let p = &self.parameters;
+        let curve = self.loss(direction);
+        let (mut inverter_w, highest_internal) = curve.at(wanted);
+        let mut delivered_w = wanted;
+        let (mut current_a, has_root) = small_root(&c, direction, highest_internal);
+        let mut soc = self.soc_after(state.soc, current_a, interval);
+        // Most requests are deliverable; only the others need the limit, which is an inversion.
+        let fits = has_root && soc <= p.soc_max && (direction == Direction::Charge || soc >= p.soc_min);
+        if !fits || curve.direction_power(wanted, inverter_w) != highest_internal {
+            let internal_limit = self.internal_limit_w(&c, direction, state.soc, interval.dt_h);
+            if highest_internal > internal_limit {
+                delivered_w = curve.largest_power(internal_limit).min(wanted);
+                inverter_w = curve.at(delivered_w).0;
+            }
+            if delivered_w <= 0.0 {
+                return self.idle(state, derating_w, wanted, interval);
+            }
+            (current_a, _) = small_root(&c, direction, curve.direction_power(delivered_w, inverter_w));
+            soc = self.soc_after(state.soc, current_a, interval);
+        }
+        if soc < p.soc_min && direction == Direction::Charge {
+            // Less from the grid than the inverter needs, and an empty battery to make up for it.
+            return self.idle(state, derating_w, wanted, interval);
+        }
+        let battery_w = c.resistance_ohm * current_a * current_a;
+        Flow {
+            delivered_w,
+            availability_w: wanted - delivered_w,
+            derating_w,
+            inverter_w,
+            battery_w,
+            current_a,
+            end: StringState {
+                // A string at its limit ends on the limit but for rounding.
+                soc: soc.clamp(p.soc_min, p.soc_max),
+                temperature_c: self.warmed(state.temperature_c, battery_w, interval),
+            },
+        }
+    }
+
+    #[inline]
+    fn soc_after(&self, soc: f64, current_a: f64, interval: &Interval) -> f64 {
+        let charge = current_a * interval.dt_h / self.parameters.capacity_ah;
+        match interval.direction {
+            Direction::Charge => soc + charge,
+            Direction::Discharge => soc - charge,
+        }
+    }
+
+    #[inline]
+    fn warmed(&self, temperature_c: f64, battery_w: f64, interval: &Interval) -> f64 {
+        let lumped = &self.parameters.lumped;
+        let rate = lumped.k1_k_per_j * battery_w - lumped.k2_per_s * (temperature_c - interval.ambient_c);
+        temperature_c + interval.dt_h * SECONDS_PER_HOUR * rate
+    }
+
+    #[inline]
+    fn idle(&self, state: StringState, derating_w: f64, availability_w: f64, interval: &Interval) -> Flow {
+        Flow {
+            delivered_w: 0.0,
+            availability_w,
+            derating_w,
+            inverter_w: 0.0,
+            battery_w: 0.0,
+            current_a: 0.0,
+            end: StringState {
+                soc: state.soc,
+                temperature_c: self.warmed(state.temperature_c, 0.0, interval),
+            },
+        }
+    }
+}
+
+/// Current [A] of `V I +- R I^2 = internal_w`, the small root in its stable form, and whether there is one. Without one
+/// (or a rounding error short of it) the current of the double root.
+#[inline]
+fn small_root(c: &Coefficients, direction: Direction, internal_w: f64) -> (f64, bool) {
+    let (v, product) = (c.voltage_v, 4.0 * c.resistance_ohm * internal_w);
+    let square = match direction {
+        Direction::Charge => v * v + product,
+        Direction::Discharge => v * v - product,
+    };
+    (2.0 * internal_w / (v + square.max(0.0).sqrt()), square >= 0.0)
+}

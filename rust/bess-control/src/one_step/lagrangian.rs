@@ -1,0 +1,215 @@
+//! Lower bounds of the one-step problem: one price of the demand for all strings.
+
+use super::curve::{CostCurve, Response};
+
+const MAX_PRICES: usize = 80;
+const GAP: f64 = 1e-12;
+/// A total this close to the demand (relative) meets it: the sum of all limits may round to just below.
+const ROUNDING: f64 = 1e-12;
+
+/// Whether a string's inverter runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Mode {
+    Free,
+    On,
+    Off,
+}
+
+/// Some strings fixed, and of all strings exactly `count` on, if given.
+#[derive(Debug, Clone)]
+pub(crate) struct Choice {
+    pub modes: Vec<Mode>,
+    pub count: Option<usize>,
+}
+
+impl Choice {
+    /// Every string may be on or off.
+    pub fn free(n_strings: usize) -> Self {
+        Self { modes: vec![Mode::Free; n_strings], count: None }
+    }
+
+    pub fn free_to_switch_on(&self) -> Option<usize> {
+        let on = self.modes.iter().filter(|m| **m == Mode::On).count();
+        self.count.map(|count| count.saturating_sub(on))
+    }
+}
+
+/// The Lagrangian at one price.
+#[derive(Debug, Clone, Copy)]
+struct AtPrice {
+    price: f64,
+    /// Lower bound of the one-step optimum.
+    bound: f64,
+    total_w: f64,
+    shed_w: f64,
+}
+
+/// A free string with its answers on and off.
+type Open = (usize, Response, Response);
+
+/// Best Lagrangian bound, with the requests that go with it.
+#[derive(Debug, Clone)]
+pub(crate) struct Dual {
+    pub bound: f64,
+    pub price: f64,
+    /// Sums to the demand; optimal if the modes are fixed and the curves convex [W].
+    pub request_w: Vec<f64>,
+    pub shed_w: f64,
+    /// Free strings, most eager to be on first.
+    pub order: Vec<usize>,
+    /// So many of them are on.
+    pub n_on: usize,
+}
+
+/// The Lagrangian at a price. `open` is scratch and ends up with the free strings, most eager to be on first;
+/// `visit` sees the answer of each string.
+fn at_price(
+    curves: &[CostCurve],
+    choice: &Choice,
+    demand_w: f64,
+    price: f64,
+    open: &mut Vec<Open>,
+    mut visit: impl FnMut(usize, bool, &Response),
+) -> AtPrice {
+    let (mut value, mut total_w, mut shed_w) = (0.0, 0.0, 0.0);
+    let mut take = |m: usize, on: bool, response: &Response| {
+        value += response.value;
+        total_w += response.request_w;
+        shed_w += response.shed_w;
+        visit(m, on, response);
+    };
+    open.clear();
+    for (m, (curve, mode)) in curves.iter().zip(&choice.modes).enumerate() {
+        match mode {
+            Mode::On => take(m, true, &curve.on(price)),
+            Mode::Off => take(m, false, &curve.off(price)),
+            Mode::Free => open.push((m, curve.on(price), curve.off(price))),
+        }
+    }
+    open.sort_by(|a, b| (a.1.value - a.2.value).total_cmp(&(b.1.value - b.2.value)));
+    let n_on = choice
+        .free_to_switch_on()
+        .unwrap_or_else(|| open.iter().take_while(|(_, on, off)| on.value < off.value).count());
+    for (rank, (m, on, off)) in open.iter().enumerate() {
+        take(*m, rank < n_on, if rank < n_on { on } else { off });
+    }
+    AtPrice { price, bound: value + price * demand_w, total_w, shed_w }
+}
+
+/// Bound at one price only.
+pub(crate) fn bound_at(curves: &[CostCurve], choice: &Choice, demand_w: f64, price: f64) -> f64 {
+    at_price(curves, choice, demand_w, price, &mut Vec::new(), |_, _, _| ()).bound
+}
+
+/// Largest total request that a choice can take without shedding [W].
+fn capacity_w(curves: &[CostCurve], choice: &Choice) -> f64 {
+    let mut free = Vec::new();
+    let mut total = 0.0;
+    for (curve, mode) in curves.iter().zip(&choice.modes) {
+        match mode {
+            Mode::On => total += curve.largest_request(true),
+            Mode::Off => total += curve.largest_request(false),
+            Mode::Free => free.push(curve.largest_request(true)),
+        }
+    }
+    free.sort_by(|a, b| b.total_cmp(a));
+    // A string that derates everything takes its request also when off; it must not be left out.
+    let spare = if curves.iter().any(|c| c.terms.derating.low <= 0.0) { free.len() } else { 0 };
+    let n_on = choice.free_to_switch_on().unwrap_or(free.len()).max(spare);
+    total + free.iter().take(n_on).sum::<f64>()
+}
+
+/// Maximises the Lagrangian over the price: concave, so bracketed by the sign of `demand - total`. Secant steps on
+/// the total (exact for quadratic costs) alternate with intersections of supporting lines (exact for kinks). Every
+/// price gives a valid bound, so stopping early loses tightness, not validity.
+pub(crate) fn maximise(curves: &[CostCurve], choice: &Choice, demand_w: f64, guess: f64) -> Dual {
+    let must_serve = curves.iter().all(|c| c.terms.shed_cost.is_infinite());
+    let possible = choice
+        .free_to_switch_on()
+        .is_none_or(|n| n <= choice.modes.iter().filter(|m| **m == Mode::Free).count());
+    if !possible || (must_serve && capacity_w(curves, choice) < demand_w * (1.0 - ROUNDING)) {
+        return Dual {
+            bound: f64::INFINITY,
+            price: guess,
+            request_w: vec![0.0; curves.len()],
+            shed_w: 0.0,
+            order: vec![],
+            n_on: 0,
+        };
+    }
+    let steepest = curves.iter().map(CostCurve::steepest).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
+    let mut open = Vec::with_capacity(curves.len());
+    let mut at = |price: f64| at_price(curves, choice, demand_w, price, &mut open, |_, _, _| ());
+    let first = at(guess);
+    let (mut low, mut high) = (None, None);
+    let mut step = 0.1 * steepest;
+    let mut price = guess;
+    let below = |point: &AtPrice| point.total_w < demand_w * (1.0 - ROUNDING);
+    let sort = |point: AtPrice, low: &mut Option<AtPrice>, high: &mut Option<AtPrice>| {
+        let side = if below(&point) { low } else { high };
+        *side = Some(point);
+    };
+    sort(first, &mut low, &mut high);
+    let mut used = 1;
+    while (low.is_none() || high.is_none()) && used < MAX_PRICES {
+        price += if high.is_none() { step } else { -step };
+        step *= 2.0;
+        sort(at(price), &mut low, &mut high);
+        used += 1;
+    }
+    let (mut low, mut high) = match (low, high) {
+        (Some(low), Some(high)) => (low, high),
+        (Some(only), None) | (None, Some(only)) => return close(curves, choice, demand_w, only, only),
+        (None, None) => unreachable!("one price was tried"),
+    };
+    while used < MAX_PRICES {
+        let (miss_low, miss_high) = (demand_w - low.total_w, high.total_w - demand_w);
+        if miss_high <= 0.0 {
+            break;
+        }
+        let width = high.price - low.price;
+        // Supporting lines meet at this price; their value there bounds the optimum of the Lagrangian.
+        let meet = (high.bound - low.bound + miss_high * width) / (miss_low + miss_high);
+        let best = low.bound.max(high.bound);
+        if low.bound + miss_low * meet - best <= GAP * best.abs() || width <= 1e-15 * steepest {
+            break;
+        }
+        let secant = miss_low / (miss_low + miss_high) * width;
+        let share = if used % 2 == 0 { meet } else { secant };
+        let share = if share > 0.0 && share < width { share } else { 0.5 * width };
+        let point = at(low.price + share);
+        used += 1;
+        if below(&point) {
+            low = point;
+        } else {
+            high = point;
+        }
+    }
+    close(curves, choice, demand_w, low, high)
+}
+
+/// The better bound, and the mixture of both requests that meets the demand.
+fn close(curves: &[CostCurve], choice: &Choice, demand_w: f64, low: AtPrice, high: AtPrice) -> Dual {
+    let gap = high.total_w - low.total_w;
+    let share = if gap > 0.0 { ((demand_w - low.total_w) / gap).clamp(0.0, 1.0) } else { 0.0 };
+    let best = if high.bound > low.bound { high } else { low };
+    let mut request_w = vec![0.0; curves.len()];
+    let mut open = Vec::with_capacity(curves.len());
+    for (point, weight) in [(low, 1.0 - share), (high, share)] {
+        at_price(curves, choice, demand_w, point.price, &mut open, |m, _, response| {
+            request_w[m] += weight * response.request_w;
+        });
+    }
+    let mut n_on = 0;
+    at_price(curves, choice, demand_w, best.price, &mut open, |m, on, _| {
+        n_on += usize::from(on && choice.modes[m] == Mode::Free);
+    });
+    Dual {
+        bound: best.bound,
+        price: best.price,
+        request_w,
+        shed_w: low.shed_w + share * (high.shed_w - low.shed_w),
+        order: open.iter().map(|(m, _, _)| *m).collect(),
+        n_on,
+    }
+}

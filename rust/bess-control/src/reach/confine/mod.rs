@@ -1,0 +1,124 @@
+//! Lower bounds of a horizon, and the states that a schedule can reach which costs no more than a known one.
+//!
+//! One-step problems bound a horizon once their coefficients are at the best end of what each string can reach. Two
+//! things make that tight. The first is a value of the state: a step pays for a high `V^2 / R`, and earlier steps are
+//! paid for the charge and the warmth that make it high, so that what one step gains another has to earn. The second is
+//! the cutoff: a schedule that costs no more than a known one exceeds the bound by no more than the slack between the
+//! two, so a string's charge cannot stray far from where it should be; that is a knapsack, bounded by rewarding the
+//! string for straying. Narrower boxes give a higher bound, and so on.
+
+mod cutoff;
+mod round;
+
+use bess_tables::Direction;
+
+use crate::error::{check_length, check_range};
+use crate::model::{ControlHorizon, LossCosts, StateBox, StringState};
+use crate::ControlError;
+use cutoff::Cutoff;
+use round::{Round, Span};
+
+/// Most rounds of bounding and narrowing.
+const ROUNDS: usize = 8;
+/// A round that leaves more than this share of the slack is the last.
+const WORTHWHILE: f64 = 0.75;
+/// A slack below this share of the cost is small enough.
+const CLOSED: f64 = 2e-4;
+/// Safety for rounding, relative to the cost.
+const ROUNDING: f64 = 1e-9;
+
+/// What is known of every schedule that costs no more than a given one.
+#[derive(Debug, Clone)]
+pub struct Confined {
+    /// None costs less than this.
+    pub bound: f64,
+    /// Its states, at the start of each step and at the end of the last, `(M, T + 1)`.
+    pub boxes: Vec<StateBox>,
+}
+
+/// A schedule: its cost, the states at the start of its steps `(M, T)`, and how fast its cost falls with the `V^2 / R`
+/// there, `-dh/dy = s^2 / (1 +- 2 s)` with `s = R I / V`.
+struct Known {
+    cost: f64,
+    states: Vec<StringState>,
+    scale_price: Vec<f64>,
+}
+
+impl ControlHorizon {
+    /// Bounds the cost of every schedule, and the states of those that cost no more than `request_w` `(M, T)`, which
+    /// sheds at most `shed_budget_w` in all. `costs` `(M,)` [1/W] are those of the losses.
+    pub fn confine(
+        &self,
+        request_w: &[f64],
+        costs: &[LossCosts],
+        shed_budget_w: f64,
+    ) -> Result<Confined, ControlError> {
+        check_length("costs", costs.as_flattened(), 4 * self.n_strings())?;
+        check_range("costs", costs.as_flattened(), (0.0, f64::MAX), " 1/W")?;
+        check_range("shed_budget", &[shed_budget_w], (0.0, f64::INFINITY), " W")?;
+        let mut best = Confined { bound: 0.0, boxes: self.reachable() };
+        if costs.iter().all(|c| c[1..].iter().all(|&c| c == 0.0)) {
+            // Only what is shed costs: no state is worth more than another.
+            return Ok(best);
+        }
+        let known = self.known(request_w, costs);
+        let cutoff = known.cost;
+        let cheapest_shed = costs.iter().map(|c| c[0]).fold(f64::INFINITY, f64::min);
+        let (mut last, mut priced) = (f64::INFINITY, false);
+        let no_prices = vec![0.0; request_w.len()];
+        for _ in 0..ROUNDS {
+            let boxes = std::mem::take(&mut best.boxes);
+            let span = Span::new(self, &boxes, &known.states);
+            let bounded = |scale_price: &[f64]| {
+                let round = Round::new(&span, costs, scale_price, shed_budget_w);
+                (round.bound - round.saved(shed_budget_w, cheapest_shed), round)
+            };
+            // Over wide boxes the planes may lie so high that the values of the state do more harm than good.
+            let mut held = bounded(&known.scale_price);
+            if !priced {
+                let without = bounded(&no_prices);
+                priced = held.0 >= without.0;
+                if !priced {
+                    held = without;
+                }
+            }
+            let (bound, round) = held;
+            best.bound = best.bound.max(bound - ROUNDING * cutoff).min(cutoff);
+            let slack = cutoff - bound + ROUNDING * cutoff;
+            if slack <= CLOSED * cutoff || slack > WORTHWHILE * last {
+                best.boxes = boxes;
+                break;
+            }
+            last = slack;
+            match Cutoff::new(&round, slack).narrowed() {
+                Some(boxes) => best.boxes = boxes,
+                None => {
+                    best = Confined { bound: cutoff, boxes };
+                    break;
+                }
+            }
+        }
+        Ok(best)
+    }
+
+    /// A schedule rolled out.
+    fn known(&self, request_w: &[f64], costs: &[LossCosts]) -> Known {
+        let mut known = Known { cost: 0.0, states: vec![], scale_price: vec![] };
+        for (m, requests) in request_w.chunks_exact(self.n_steps()).enumerate() {
+            let mut state = self.start[m];
+            for (t, &request) in requests.iter().enumerate() {
+                let c = self.string(m).coefficients(self.direction(t), state);
+                let flow = self.string(m).step(state, request, &self.intervals[t]);
+                let losses = [flow.availability_w, flow.derating_w, flow.inverter_w, flow.battery_w];
+                known.cost += costs[m].iter().zip(losses).map(|(c, loss)| c * loss).sum::<f64>();
+                let share = (flow.current_a * c.resistance_ohm / c.voltage_v).max(0.0);
+                let sign = if self.direction(t) == Direction::Charge { 1.0 } else { -1.0 };
+                let price = costs[m][3] * share * share / (1.0 + 2.0 * sign * share).max(0.1);
+                known.scale_price.push(price);
+                known.states.push(state);
+                state = flow.end;
+            }
+        }
+        known
+    }
+}

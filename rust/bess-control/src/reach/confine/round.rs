@@ -1,0 +1,216 @@
+//! Bounds of all steps over boxes of states, with the values of the state.
+
+use bess_tables::Direction;
+
+use crate::model::{
+    heat_w, CoefficientRanges, ControlHorizon, LossCosts, Range, StateBox, StringState, SECONDS_PER_HOUR,
+};
+use crate::one_step::{maximise, Choice, CostCurve, Terms};
+use crate::reach::{step_bound, Planes, StepBound};
+
+/// What the state of a string is worth at a step.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Values {
+    /// Price of `V^2 / R` in the step itself [1/W].
+    pub(super) scale_price: f64,
+    /// Value of a unit of SOC gained in the step.
+    pub(super) charge: f64,
+    /// Value of a kelvin of warming by the heat of the step.
+    pub(super) warmth: f64,
+}
+
+/// One step over boxes, with the values of the state: one entry for each string.
+pub(super) struct Step {
+    pub(super) values: Vec<Values>,
+    pub(super) curves: Vec<CostCurve>,
+    pub(super) constants: Vec<f64>,
+    pub(super) bound: StepBound,
+    /// Best price of the demand [1/W].
+    pub(super) price: f64,
+}
+
+/// Boxes `(M, T + 1)`, and what the strings can do in them `(M, T)`.
+pub(super) struct Span<'a> {
+    pub(super) horizon: &'a ControlHorizon,
+    pub(super) boxes: &'a [StateBox],
+    pub(super) ranges: Vec<CoefficientRanges>,
+    pub(super) planes: Vec<Planes>,
+    pub(super) current_a: Vec<Range>,
+    pub(super) heat_w: Vec<Range>,
+    /// `(T,)`
+    pub(super) may_shed: Vec<bool>,
+}
+
+/// Bounds of all steps over boxes.
+pub(super) struct Round<'a> {
+    pub(super) span: &'a Span<'a>,
+    pub(super) costs: &'a [LossCosts],
+    /// None where there is no demand.
+    pub(super) steps: Vec<Option<Step>>,
+    /// Lower bound of the cost of any schedule, if nothing is shed.
+    pub(super) bound: f64,
+}
+
+impl<'a> Span<'a> {
+    pub(super) fn new(horizon: &'a ControlHorizon, boxes: &'a [StateBox], near: &[StringState]) -> Self {
+        let n_steps = horizon.n_steps();
+        let mut may_shed = vec![false; n_steps];
+        let (mut ranges, mut planes, mut current_a, mut heat_w) = (vec![], vec![], vec![], vec![]);
+        for m in 0..horizon.n_strings() {
+            let string = horizon.string(m);
+            for t in 0..n_steps {
+                let states = &boxes[m * (n_steps + 1) + t];
+                let (interval, requests) = (&horizon.intervals[t], horizon.request_range(m, t));
+                let coefficients = string.ranges(interval.direction, states);
+                planes.push(string.planes(interval.direction, states, near[m * n_steps + t]));
+                let (current, heat) = string.current_and_heat(states, &requests, interval);
+                may_shed[t] |= string.may_shed(states, &coefficients, &requests, &current, interval);
+                ranges.push(coefficients);
+                current_a.push(current);
+                heat_w.push(heat);
+            }
+        }
+        Self { horizon, boxes, ranges, planes, current_a, heat_w, may_shed }
+    }
+
+    /// Place of a string and a step in arrays `(M, T)`.
+    pub(super) fn cell(&self, m: usize, t: usize) -> usize {
+        m * self.horizon.n_steps() + t
+    }
+
+    /// Share of a temperature difference that is left after a step.
+    pub(super) fn keep(&self, m: usize, t: usize) -> f64 {
+        let dt_s = self.horizon.intervals[t].dt_h * SECONDS_PER_HOUR;
+        1.0 - dt_s * self.horizon.string(m).parameters.lumped.k2_per_s
+    }
+
+    /// Kelvin of warming for each watt of heat in a step.
+    pub(super) fn kelvin_per_w(&self, m: usize, t: usize) -> f64 {
+        let dt_s = self.horizon.intervals[t].dt_h * SECONDS_PER_HOUR;
+        dt_s * self.horizon.string(m).parameters.lumped.k1_k_per_j
+    }
+}
+
+impl<'a> Round<'a> {
+    pub(super) fn new(
+        span: &'a Span<'a>,
+        costs: &'a [LossCosts],
+        scale_price: &[f64],
+        shed_budget_w: f64,
+    ) -> Self {
+        let horizon = span.horizon;
+        let (n_strings, n_steps) = (horizon.n_strings(), horizon.n_steps());
+        let mut round = Self { span, costs, steps: Vec::with_capacity(n_steps), bound: 0.0 };
+        let mut values = Vec::with_capacity(n_strings);
+        for m in 0..n_strings {
+            let (of_string, worth) = round.values(m, &scale_price[m * n_steps..(m + 1) * n_steps]);
+            values.push(of_string);
+            round.bound -= worth;
+        }
+        for t in 0..n_steps {
+            let demand_w = horizon.demand_w[t];
+            if demand_w <= 0.0 {
+                round.steps.push(None);
+                continue;
+            }
+            let values: Vec<Values> = (0..n_strings).map(|m| values[m][t]).collect();
+            let curve = |m: usize| round.curve(m, t, &values[m], f64::INFINITY);
+            let (mut curves, constants): (Vec<_>, Vec<_>) = (0..n_strings).map(curve).unzip();
+            let price = maximise(&curves, &Choice::free(n_strings), demand_w, 0.0).price;
+            let budget_w = if span.may_shed[t] { shed_budget_w } else { 0.0 };
+            let (mut bound, _) = step_bound(&mut curves, demand_w, budget_w);
+            bound.phi += constants.iter().sum::<f64>();
+            round.bound += bound.phi;
+            round.steps.push(Some(Step { values, curves, constants, bound, price }));
+        }
+        round
+    }
+
+    /// Values of a string's state: what `V^2 / R` later in the horizon gains from charge and warmth now; and what it is
+    /// worth along a string that stays idle.
+    fn values(&self, m: usize, prices: &[f64]) -> (Vec<Values>, f64) {
+        let (span, n_steps) = (self.span, prices.len());
+        let planes = &span.planes[m * n_steps..(m + 1) * n_steps];
+        let mut out = vec![Values::default(); n_steps];
+        let (mut charge, mut warmth) = (0.0, 0.0);
+        for t in (0..n_steps).rev() {
+            out[t] = Values { scale_price: prices[t], charge, warmth };
+            charge += prices[t] * planes[t].power_scale_per_soc;
+            warmth = span.keep(m, t) * warmth + prices[t] * planes[t].power_scale_per_k;
+        }
+        let start = span.horizon.start[m];
+        let (mut idle_c, mut worth) = (start.temperature_c, 0.0);
+        for (t, plane) in planes.iter().enumerate() {
+            worth += prices[t]
+                * (plane.power_scale_w
+                    + plane.power_scale_per_soc * start.soc
+                    + plane.power_scale_per_k * idle_c);
+            let keep = span.keep(m, t);
+            idle_c = keep * idle_c + (1.0 - keep) * span.horizon.intervals[t].ambient_c;
+        }
+        (out, worth)
+    }
+
+    /// Cost of a string in a step less the values of what it does, and a constant that goes with it.
+    pub(super) fn curve(&self, m: usize, t: usize, values: &Values, shed_cost: f64) -> (CostCurve, f64) {
+        let horizon = self.span.horizon;
+        let string = horizon.string(m);
+        let ranges = &self.span.ranges[self.span.cell(m, t)];
+        let direction = horizon.direction(t);
+        let limit_w = horizon.limit(m, t);
+        let loss = string.loss(direction);
+        let v = ranges.voltage_v;
+        // Charge per watt of internal power V I, at the end of the voltage range that bounds from below.
+        let per_volt = values.charge * horizon.intervals[t].dt_h / string.parameters.capacity_ah;
+        let (gained, ends) = match direction {
+            Direction::Charge => (per_volt, [v.low, v.high]),
+            Direction::Discharge => (-per_volt, [v.high, v.low]),
+        };
+        let (usual, other) = if values.charge >= 0.0 { (ends[0], ends[1]) } else { (ends[1], ends[0]) };
+        let power_price = -gained / usual;
+        let mut costs = self.costs[m];
+        let mut constant = 0.0;
+        // Internal power is that of the inverter, plus the heat in discharge, less it in charge.
+        costs[3] += if direction == Direction::Discharge { power_price } else { -power_price };
+        costs[3] -= values.warmth * self.span.kelvin_per_w(m, t);
+        if costs[3] < 0.0 {
+            constant += costs[3] * self.span.heat_w[self.span.cell(m, t)].high;
+            costs[3] = 0.0;
+        }
+        if direction == Direction::Charge && gained != 0.0 {
+            // Where an inverter draws from the battery, the other end of the voltage counts.
+            let (lowest, _) = loss.internal_range(0.0, limit_w);
+            let drawn = -lowest.min(0.0) + heat_w(lowest.min(0.0), ranges.power_scale_w.low, direction);
+            constant -= (gained / usual - gained / other).abs() * drawn;
+        }
+        let terms = Terms {
+            direction,
+            limit_w,
+            deliverable_w: string.nominal_w(),
+            derating: ranges.derating,
+            power_scale_w: ranges.power_scale_w,
+            scale_price: values.scale_price,
+            power_price,
+            costs,
+            shed_cost,
+        };
+        (CostCurve::new(loss, terms), constant)
+    }
+
+    /// The most that shedding can save.
+    pub(super) fn saved(&self, budget_w: f64, cheapest_shed: f64) -> f64 {
+        let mut slopes: Vec<_> = (self.steps.iter().zip(&self.span.horizon.demand_w))
+            .filter_map(|(step, demand_w)| Some((step.as_ref()?.bound.shed_slope - cheapest_shed, *demand_w)))
+            .filter(|(slope, _)| *slope > 0.0 && slope.is_finite())
+            .collect();
+        slopes.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut left_w = budget_w;
+        let mut saved = 0.0;
+        for (slope, demand_w) in slopes {
+            let shed_w = demand_w.min(left_w);
+            saved += slope * shed_w;
+            left_w -= shed_w;
+        }
+        saved
+    }
+}

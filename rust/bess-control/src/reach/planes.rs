@@ -1,0 +1,91 @@
+//! Straight lines over a box of states: the coefficients as a convex program may see them.
+
+use bess_tables::Direction;
+
+use crate::model::{Corner, Piece, StateBox, StringModel, StringState};
+
+/// `V^2 / R <= power_scale_w + power_scale_per_soc soc + power_scale_per_k tau` and
+/// `1 - k >= derated + derated_per_k tau` for every state of a box.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Planes {
+    /// [W].
+    pub power_scale_w: f64,
+    /// [W].
+    pub power_scale_per_soc: f64,
+    /// [W/K].
+    pub power_scale_per_k: f64,
+    /// Dimensionless.
+    pub derated: f64,
+    /// [1/K].
+    pub derated_per_k: f64,
+}
+
+impl StringModel {
+    /// Planes that lie as low (`1 - k`: as high) as they can at one state of the box.
+    ///
+    /// Along each axis through that state the slope is that of the concave (convex) hull; then the plane is moved until it
+    /// holds everywhere. Within a piece `V` and `R` are affine along each axis, so `V^2 / R` less a plane is convex along
+    /// each axis and largest at a corner; `1 - k` is piecewise linear. Both are exact for a box that is a point.
+    pub fn planes(&self, direction: Direction, states: &StateBox, at: StringState) -> Planes {
+        let pieces = self.pieces(direction, states);
+        let soc = at.soc.clamp(states.soc.low, states.soc.high);
+        let temperature_c = at.temperature_c.clamp(states.temperature_c.low, states.temperature_c.high);
+        let scale = |c: &Corner| c.voltage_v * c.voltage_v / c.resistance_ohm;
+        let (mut over_soc, mut over_temperature) = (vec![], vec![]);
+        for piece in &pieces {
+            if piece.temperature_c[0] <= temperature_c && temperature_c <= piece.temperature_c[1] {
+                let line = Piece { temperature_c: [temperature_c; 2], ..*piece };
+                over_soc.extend(self.corners(direction, &line).iter().map(|c| (c.soc, scale(c))));
+            }
+            if piece.soc[0] <= soc && soc <= piece.soc[1] {
+                let line = Piece { soc: [soc; 2], ..*piece };
+                over_temperature
+                    .extend(self.corners(direction, &line).iter().map(|c| (c.temperature_c, scale(c))));
+            }
+        }
+        let (per_soc, per_k) = (hull_slope(&over_soc, soc), hull_slope(&over_temperature, temperature_c));
+        let corners: Vec<Corner> = pieces.iter().flat_map(|piece| self.corners(direction, piece)).collect();
+        // Both hulls need not fit together over a wide box: then one of them, or a constant, lies lower.
+        let lifted = |(per_soc, per_k): (f64, f64)| {
+            let offset = |c: &Corner| scale(c) - per_soc * c.soc - per_k * c.temperature_c;
+            (corners.iter().map(offset).fold(f64::NEG_INFINITY, f64::max), per_soc, per_k)
+        };
+        let (power_scale_w, power_scale_per_soc, power_scale_per_k) =
+            [(per_soc, per_k), (per_soc, 0.0), (0.0, per_k), (0.0, 0.0)]
+                .map(lifted)
+                .into_iter()
+                .min_by(|a, b| {
+                    let here = |p: &(f64, f64, f64)| p.0 + p.1 * soc + p.2 * temperature_c;
+                    here(a).total_cmp(&here(b))
+                })
+                .expect("four candidates");
+
+        let factor = &self.parameters.derating.factor;
+        let (low, high) = (states.temperature_c.low, states.temperature_c.high);
+        let derated = |t: f64| 1.0 - factor.at(t);
+        let knots = factor.x().iter().copied().filter(|&t| t > low && t < high);
+        let temperatures: Vec<f64> = knots.chain([low, high]).collect();
+        let kept: Vec<_> = temperatures.iter().map(|&t| (t, -derated(t))).collect();
+        let derated_per_k = -hull_slope(&kept, temperature_c);
+        let lowest =
+            temperatures.iter().map(|&t| derated(t) - derated_per_k * t).fold(f64::INFINITY, f64::min);
+        Planes { power_scale_w, power_scale_per_soc, power_scale_per_k, derated: lowest, derated_per_k }
+    }
+}
+
+/// Slope at a place of the concave hull of some points `(x, y)`; 0 if they have all the same `x`.
+fn hull_slope(points: &[(f64, f64)], at: f64) -> f64 {
+    let (mut highest, mut slope) = (f64::NEG_INFINITY, 0.0);
+    for &(x0, y0) in points.iter().filter(|(x, _)| *x <= at) {
+        for &(x1, y1) in points.iter().filter(|(x, _)| *x >= at) {
+            if x1 > x0 {
+                let rise = (y1 - y0) / (x1 - x0);
+                let value = y0 + rise * (at - x0);
+                if value > highest {
+                    (highest, slope) = (value, rise);
+                }
+            }
+        }
+    }
+    slope
+}

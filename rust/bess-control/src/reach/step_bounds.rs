@@ -1,0 +1,157 @@
+//! Step cuts: lower bounds of what any decision of one step costs, over boxes of states.
+
+use crate::error::{check_length, check_range};
+use crate::model::{CoefficientRanges, ControlHorizon, LossCosts, StateBox, StringState};
+use crate::one_step::{solve, CostCurve, OneStep, Terms};
+use crate::reach::Planes;
+use crate::ControlError;
+
+/// Safety for the rounding in a bound.
+const ROUNDING: f64 = 1e-11;
+const MAX_SLOPES: usize = 12;
+/// Share of the bound that is given up for a smaller slope.
+const GAP_OF_SLOPE: f64 = 1e-7;
+/// Slopes are this much steeper than they would have to be, so that few are tried.
+const MARGIN_OF_SLOPE: f64 = 1e-2;
+/// Highest slope, in units of the steepest marginal cost.
+const HIGHEST_SLOPE: f64 = 2e3;
+
+/// `sum_m cost + slope * sum_m shed >= phi` for every decision of a step.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct StepBound {
+    /// Lower bound of the cost of derating, inverter and battery.
+    pub phi: f64,
+    /// What each shed watt may save [1/W].
+    pub shed_slope: f64,
+}
+
+/// Step cuts of a horizon.
+#[derive(Debug, Clone)]
+pub struct StepBounds {
+    /// One for each step.
+    pub bounds: Vec<StepBound>,
+    /// The best requests of every step by itself if nothing is shed, `(M, T)` [W].
+    pub request_w: Vec<f64>,
+}
+
+impl ControlHorizon {
+    /// Ranges of the coefficients over boxes of states `(M, T)`, each in the direction of its step.
+    pub fn ranges(&self, boxes: &[StateBox]) -> Vec<CoefficientRanges> {
+        let n_steps = self.n_steps();
+        let at = |(i, states)| self.string(i / n_steps).ranges(self.direction(i % n_steps), states);
+        boxes.iter().enumerate().map(at).collect()
+    }
+
+    /// Planes over boxes of states `(M, T)`, each in the direction of its step, closest at the states `at`.
+    pub fn planes(&self, boxes: &[StateBox], at: &[StringState]) -> Vec<Planes> {
+        let n_steps = self.n_steps();
+        let plane = |(i, (states, at)): (usize, (&StateBox, &StringState))| {
+            self.string(i / n_steps).planes(self.direction(i % n_steps), states, *at)
+        };
+        boxes.iter().zip(at).enumerate().map(plane).collect()
+    }
+
+    /// Step cuts of one objective, `(T,)`, over boxes of the states at the start of each step, `(M, T)`. `costs` are
+    /// those of the losses, `(M,)`; the first entry of each, of what is shed, has no part in a cut.
+    ///
+    /// Any decision splits the request into delivered, derated and shed power, so the least of `cost + slope * shed`
+    /// over all such splits, with `k` and `V^2 / R` anywhere in their ranges, is a bound for every slope. The slope
+    /// returned is the best one if at most `budget_w` `(T,)` is shed: without a limit, the smallest at which nothing is;
+    /// where nothing may be, zero.
+    pub fn step_bounds(
+        &self,
+        boxes: &[StateBox],
+        costs: &[LossCosts],
+        budget_w: &[f64],
+    ) -> Result<StepBounds, ControlError> {
+        check_range("costs", costs.as_flattened(), (0.0, f64::MAX), " 1/W")?;
+        check_length("budget", budget_w, self.n_steps())?;
+        check_range("budget", budget_w, (0.0, f64::INFINITY), " W")?;
+        let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
+        let no_losses = costs.iter().all(|c| c[1..].iter().all(|&c| c == 0.0));
+        let mut out = StepBounds {
+            bounds: vec![StepBound::default(); n_steps],
+            request_w: vec![0.0; n_strings * n_steps],
+        };
+        for t in 0..n_steps {
+            if self.demand_w[t] <= 0.0 || no_losses {
+                continue;
+            }
+            let direction = self.direction(t);
+            let curve = |m: usize| {
+                let string = self.string(m);
+                let ranges = string.ranges(direction, &boxes[m * n_steps + t]);
+                let terms = Terms {
+                    direction,
+                    limit_w: self.limit(m, t),
+                    deliverable_w: string.nominal_w(),
+                    derating: ranges.derating,
+                    power_scale_w: ranges.power_scale_w,
+                    scale_price: 0.0,
+                    power_price: 0.0,
+                    costs: costs[m],
+                    shed_cost: f64::INFINITY,
+                };
+                CostCurve::new(string.loss(direction), terms)
+            };
+            let mut curves: Vec<_> = (0..n_strings).map(curve).collect();
+            let (bound, request_w) = step_bound(&mut curves, self.demand_w[t], budget_w[t]);
+            out.bounds[t] = bound;
+            for (m, request) in request_w.into_iter().enumerate() {
+                out.request_w[m * n_steps + t] = request;
+            }
+        }
+        Ok(out)
+    }
+}
+
+/// Step cut of curves whose shed cost is infinite; it is the slope of the cut afterwards. Where little may be shed, a
+/// slope that lets it be shed may be better than the steep one at which nothing is; without a budget there is none.
+/// Returns the best requests if nothing is shed, too.
+pub(crate) fn step_bound(curves: &mut [CostCurve], demand_w: f64, budget_w: f64) -> (StepBound, Vec<f64>) {
+    let OneStep { bound: nothing_shed, request_w, .. } = solve(curves, demand_w);
+    if budget_w == 0.0 {
+        // Infinite where the demand cannot be met at all: then nothing follows.
+        let phi = if nothing_shed.is_finite() { nothing_shed - ROUNDING * nothing_shed.abs() } else { 0.0 };
+        return (StepBound { phi, shed_slope: 0.0 }, request_w);
+    }
+    let steepest = curves.iter().map(CostCurve::steepest).fold(0.0, f64::max);
+    // What shedding cannot save: the price of the scales.
+    let idle: f64 = curves.iter().map(|c| c.terms.scale_price * c.terms.power_scale_w.low).sum();
+    let saved = if nothing_shed.is_finite() { (nothing_shed - idle) / demand_w } else { 2.0 * steepest };
+    // A demand just above what fewer strings can take would need a slope without end: it saves a no-load loss.
+    let highest = HIGHEST_SLOPE * steepest.max(saved);
+    let mut slope = curves.iter().map(|c| c.terms.costs[1]).fold(0.0, f64::max);
+    // Shedding everything saves all: no smaller slope will do.
+    slope = slope.max(saved);
+    let mut best = StepBound::default();
+    // A demand of next to nothing has no slope.
+    let tries = if highest.is_finite() { MAX_SLOPES } else { 0 };
+    let most_w = if budget_w < demand_w { budget_w } else { 0.0 };
+    let worth = |bound: &StepBound| bound.phi - bound.shed_slope * most_w;
+    for attempt in 0..tries {
+        for curve in curves.iter_mut() {
+            curve.terms.shed_cost = slope;
+        }
+        let answer = solve(curves, demand_w);
+        let phi = answer.bound;
+        let bound = StepBound { phi: phi - ROUNDING * phi.abs(), shed_slope: slope };
+        if attempt == 0 || worth(&bound) > worth(&best) {
+            best = bound;
+        }
+        let missing = nothing_shed - phi;
+        if missing <= GAP_OF_SLOPE * phi.abs()
+            || answer.shed_w <= 0.0
+            || slope >= highest
+            || missing.is_infinite()
+        {
+            break;
+        }
+        // Dinkelbach: the slope at which what this answer sheds no longer pays.
+        slope = ((slope + missing / answer.shed_w) * (1.0 + MARGIN_OF_SLOPE)).min(highest);
+    }
+    for curve in curves.iter_mut() {
+        curve.terms.shed_cost = best.shed_slope;
+    }
+    (best, request_w)
+}

@@ -1,0 +1,278 @@
+//! Moves of the local search: power shifted between two strings, in one step or in two.
+
+use bess_tables::Direction;
+
+use super::ranking::Ranking;
+use super::walker::Walker;
+use crate::model::Costs;
+
+/// Uniform shares tried in a line search, and in each direction of a two-step search.
+const SHARES: usize = 25;
+const SHARES_OF_PAIR: usize = 9;
+
+/// Most moves that close in on the best of a two-step search.
+const CLOSING_MOVES: usize = 15;
+
+/// Evaluations to find where a ceiling is met.
+const CROSSING: usize = 4;
+
+/// A request that does no more than switch the inverter on, as a share of the limit. In charge such an inverter takes
+/// its no-load loss from the battery, which makes room in a full one.
+const SWITCHED_ON: f64 = 1e-6;
+
+/// Two strings and a step: what the first of them may be asked for while their sum stays.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Line {
+    pub step: usize,
+    pub strings: (usize, usize),
+    sum_w: f64,
+    low_w: f64,
+    high_w: f64,
+}
+
+impl Line {
+    /// None where nothing can be shifted.
+    pub fn new(walker: &Walker<'_>, step: usize, (i, j): (usize, usize)) -> Option<Self> {
+        let horizon = walker.horizon;
+        let sum_w = walker.request(i, step) + walker.request(j, step);
+        let low_w = (sum_w - horizon.limit(j, step)).max(0.0);
+        let high_w = horizon.limit(i, step).min(sum_w);
+        let line = Self { step, strings: (i, j), sum_w, low_w, high_w };
+        (line.width() > 1e-9 * sum_w).then_some(line)
+    }
+
+    pub fn width(&self) -> f64 {
+        self.high_w - self.low_w
+    }
+
+    /// Requests of both strings for a first one inside the line.
+    fn pair(&self, first_w: f64) -> (f64, f64) {
+        let first = first_w.clamp(self.low_w, self.high_w);
+        (first, (self.sum_w - first).max(0.0))
+    }
+
+    /// Objectives with the first string at `first_w`, the requests of later steps as they are or following.
+    fn cost(&self, walker: &Walker<'_>, shift: Shift) -> Costs {
+        let (i, j) = self.strings;
+        let (u, v) = self.pair(shift.first_w);
+        let (a, b) = if shift.follows {
+            walker.follow(self.strings, self.step, (u, v), |_, _| ())
+        } else {
+            let a = walker.advance(i, *walker.at(i, self.step), self.step, walker.end, u);
+            let b = walker.advance(j, *walker.at(j, self.step), self.step, walker.end, v);
+            (a.costs, b.costs)
+        };
+        walker.objectives_with(&[(i, a), (j, b)])
+    }
+
+    /// Asks the first string for `first_w` and the other for the rest.
+    fn commit(&self, walker: &mut Walker<'_>, shift: Shift) {
+        let (i, j) = self.strings;
+        let pair = self.pair(shift.first_w);
+        let mut changes = vec![(self.step, pair)];
+        if shift.follows {
+            changes.clear();
+            walker.follow(self.strings, self.step, pair, |t, pair| changes.push((t, pair)));
+        }
+        for (t, (u, v)) in changes {
+            walker.set(i, t, u);
+            walker.set(j, t, v);
+        }
+        walker.roll(i, self.step);
+        walker.roll(j, self.step);
+    }
+
+    fn candidates(&self, walker: &Walker<'_>) -> impl Iterator<Item = f64> {
+        let edge = |m: usize| walker.edge(m, self.step, walker.at(m, self.step).state);
+        let special = [edge(self.strings.0), self.sum_w - edge(self.strings.1)];
+        let (low, high) = (self.low_w, self.high_w);
+        let inside = special.into_iter().filter(move |u| *u > low && *u < high);
+        let uniform = (0..SHARES).map(move |n| low + (high - low) * n as f64 / (SHARES - 1) as f64);
+        uniform.chain(inside).chain(self.ends(walker))
+    }
+
+    /// Just inside both ends: the string there is on and does nothing. Of use in charge only.
+    fn ends(&self, walker: &Walker<'_>) -> impl Iterator<Item = f64> {
+        let shift = SWITCHED_ON * self.width();
+        let charges = walker.horizon.direction(self.step) == Direction::Charge;
+        [self.low_w + shift, self.high_w - shift].into_iter().filter(move |_| charges)
+    }
+
+    /// Uniform requests over the line, and its ends.
+    fn grid(&self, walker: &Walker<'_>) -> Vec<f64> {
+        let share = |n: usize| self.low_w + self.width() * n as f64 / (SHARES_OF_PAIR - 1) as f64;
+        (0..SHARES_OF_PAIR).map(share).chain(self.ends(walker)).collect()
+    }
+
+    /// Tries shares, switching points and edges; then closes in on the best.
+    pub fn search(&self, walker: &mut Walker<'_>, ranking: &Ranking) {
+        let mut best = self.here(walker);
+        for first_w in self.candidates(walker) {
+            self.try_at(walker, ranking, first_w, &mut best);
+        }
+        let mut step = self.width() / (2 * (SHARES - 1)) as f64;
+        while step > 1e-3 * self.width() {
+            let centre = best.0.first_w;
+            self.try_at(walker, ranking, centre - step, &mut best);
+            self.try_at(walker, ranking, centre + step, &mut best);
+            step *= 0.5;
+        }
+        self.take(walker, best.0);
+    }
+
+    /// One shift by `step_w` either way.
+    pub fn nudge(&self, walker: &mut Walker<'_>, ranking: &Ranking, step_w: f64) {
+        let mut best = self.here(walker);
+        let centre = best.0.first_w;
+        self.try_at(walker, ranking, centre - step_w, &mut best);
+        self.try_at(walker, ranking, centre + step_w, &mut best);
+        self.take(walker, best.0);
+    }
+
+    fn here(&self, walker: &Walker<'_>) -> (Shift, Costs) {
+        let first_w = walker.request(self.strings.0, self.step);
+        (Shift { first_w, follows: false }, walker.objectives())
+    }
+
+    fn try_at(&self, walker: &Walker<'_>, ranking: &Ranking, first_w: f64, best: &mut (Shift, Costs)) {
+        if first_w < self.low_w || first_w > self.high_w {
+            return;
+        }
+        for follows in [false, true] {
+            if follows && !walker.has_edge_after(self.strings, self.step) {
+                continue;
+            }
+            let shift = Shift { first_w, follows };
+            let costs = self.cost(walker, shift);
+            if ranking.better(&costs, &best.1) {
+                *best = (shift, costs);
+            }
+        }
+    }
+
+    fn take(&self, walker: &mut Walker<'_>, best: Shift) {
+        if best != self.here(walker).0 {
+            self.commit(walker, best);
+        }
+    }
+}
+
+/// A new request of the first string, and whether strings that are on their edge later stay on it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Shift {
+    first_w: f64,
+    follows: bool,
+}
+
+/// The same two strings in two steps, the first before the second.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Plane {
+    pub first: Line,
+    pub second: Line,
+}
+
+impl Plane {
+    /// Tries a grid of shares in both steps, then closes in.
+    pub fn search(&self, walker: &mut Walker<'_>, ranking: &Ranking) {
+        let here = (walker.request(self.first.strings.0, self.first.step), self.here_second(walker));
+        let mut best = (here, walker.objectives());
+        let mut seconds = self.second.grid(walker);
+        seconds.sort_by(f64::total_cmp);
+        for first_w in self.first.grid(walker) {
+            self.try_row(walker, ranking, first_w, &seconds, &mut best);
+        }
+        let mut step = 0.5 / (SHARES_OF_PAIR - 1) as f64;
+        for _ in 0..CLOSING_MOVES {
+            if step < 1e-3 {
+                break;
+            }
+            let (x, y) = best.0;
+            let (dx, dy) = (step * self.first.width(), step * self.second.width());
+            let before = best.0;
+            for shift in [-1.0, 0.0, 1.0] {
+                self.try_row(walker, ranking, x + shift * dx, &[y - dy, y, y + dy], &mut best);
+            }
+            if best.0 == before {
+                step *= 0.5;
+            }
+        }
+        if best.0 != here {
+            let (first_w, second_w) = best.0;
+            self.first.commit(walker, Shift { first_w, follows: false });
+            self.second.commit(walker, Shift { first_w: second_w, follows: false });
+        }
+    }
+
+    fn here_second(&self, walker: &Walker<'_>) -> f64 {
+        walker.request(self.second.strings.0, self.second.step)
+    }
+
+    /// One first request against several ascending second ones, and those between them that just meet the ceilings; the
+    /// way to the second step is rolled out once.
+    fn try_row(
+        &self,
+        walker: &Walker<'_>,
+        ranking: &Ranking,
+        first_w: f64,
+        seconds_w: &[f64],
+        best: &mut ((f64, f64), Costs),
+    ) {
+        let inside = |line: &Line, w: f64| w >= line.low_w && w <= line.high_w;
+        if !inside(&self.first, first_w) {
+            return;
+        }
+        let (i, j) = self.first.strings;
+        let (from, to, end) = (self.first.step, self.second.step, walker.end);
+        let (u, v) = self.first.pair(first_w);
+        let a = walker.advance(i, *walker.at(i, from), from, to, u);
+        let b = walker.advance(j, *walker.at(j, from), from, to, v);
+        let costs_at = |second_w: f64| {
+            let (u, v) = self.second.pair(second_w);
+            let a = walker.advance(i, a, to, end, u);
+            let b = walker.advance(j, b, to, end, v);
+            walker.objectives_with(&[(i, a.costs), (j, b.costs)])
+        };
+        let best_cost = best.1[ranking.group];
+        let mut consider = |second_w: f64, costs: &Costs| {
+            if ranking.better(costs, &best.1) {
+                *best = ((first_w, second_w), *costs);
+            }
+        };
+        let mut before: Option<(f64, Costs)> = None;
+        for &second_w in seconds_w.iter().filter(|w| inside(&self.second, **w)) {
+            let costs = costs_at(second_w);
+            consider(second_w, &costs);
+            if let Some((other_w, other)) = before {
+                let ends = [(other_w, ranking.excess(&other)), (second_w, ranking.excess(&costs))];
+                if (ends[0].1 > 0.0) != (ends[1].1 > 0.0) {
+                    // Worth a look where a straight line between both ends comes below the best.
+                    let part = ends[0].1 / (ends[0].1 - ends[1].1);
+                    let g = ranking.group;
+                    if other[g] + (costs[g] - other[g]) * part < best_cost {
+                        let met = crossing(ends, |w| ranking.excess(&costs_at(w)));
+                        consider(met, &costs_at(met));
+                    }
+                }
+            }
+            before = Some((second_w, costs));
+        }
+    }
+}
+
+/// Where a function of different sign at both ends is just not positive: false position, the end that stays trusted half
+/// as much (Illinois).
+fn crossing(ends: [(f64, f64); 2], excess: impl Fn(f64) -> f64) -> f64 {
+    let [mut inside, mut outside] = if ends[0].1 > 0.0 { [ends[1], ends[0]] } else { ends };
+    for _ in 0..CROSSING {
+        let w = inside.0 + (outside.0 - inside.0) * inside.1 / (inside.1 - outside.1);
+        let value = excess(w);
+        if value > 0.0 {
+            outside = (w, value);
+            inside.1 *= 0.5;
+        } else {
+            inside = (w, value);
+            outside.1 *= 0.5;
+        }
+    }
+    inside.0
+}

@@ -1,0 +1,50 @@
+//! Which of two vectors of group objectives is better, group after group.
+
+use crate::model::{Costs, MAX_GROUPS};
+
+/// Lexicographic order with the higher groups held under a ceiling.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Ranking {
+    /// The group that is minimised; those before it only have to stay under their ceilings.
+    pub group: usize,
+    pub n_groups: usize,
+    pub ceilings: Costs,
+}
+
+impl Ranking {
+    pub fn new(n_groups: usize) -> Self {
+        Self { group: 0, n_groups, ceilings: [f64::INFINITY; MAX_GROUPS] }
+    }
+
+    /// How far the groups before the one that is minimised are above their ceilings: the largest, negative below all.
+    #[inline]
+    pub fn excess(&self, costs: &Costs) -> f64 {
+        (0..self.group).map(|g| costs[g] - self.ceilings[g]).fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// Whether `a` is better than `b`. Ties go to the next group. Exact, hence transitive: a descent cannot cycle.
+    #[inline]
+    pub fn better(&self, a: &Costs, b: &Costs) -> bool {
+        self.better_by(a, b, 0.0)
+    }
+
+    /// Whether `a` is better than `b` by more than a share.
+    #[inline]
+    pub fn better_by(&self, a: &Costs, b: &Costs, share: f64) -> bool {
+        for g in 0..self.n_groups {
+            let (x, y) = if g < self.group {
+                (a[g].max(self.ceilings[g]), b[g].max(self.ceilings[g]))
+            } else {
+                (a[g], b[g])
+            };
+            let slack = share * x.abs().max(y.abs());
+            if x < y - slack {
+                return true;
+            }
+            if x > y + slack {
+                return false;
+            }
+        }
+        false
+    }
+}

@@ -1,0 +1,183 @@
+//! A schedule with the states and costs along it, so that a change is costed from the changed step on and only
+//! for the strings that it touches.
+
+use crate::model::{add, ControlHorizon, Costs, StringState, MAX_GROUPS};
+
+/// A request this close (relative) to what a string can just deliver is on the edge.
+const EDGE_WIDTH: f64 = 1e-9;
+
+/// A string on its way through the horizon.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Progress {
+    pub state: StringState,
+    pub costs: Costs,
+}
+
+/// A schedule over the steps `first..end`, rolled out.
+#[derive(Debug, Clone)]
+pub(crate) struct Walker<'a> {
+    pub horizon: &'a ControlHorizon,
+    pub first: usize,
+    pub end: usize,
+    /// `(M, end - first)` [W].
+    pub request_w: Vec<f64>,
+    /// `(M, end - first + 1)`: at the start of each step, and at the end.
+    progress: Vec<Progress>,
+    /// `(M, end - first)`: whether a request is exactly what the string can just deliver.
+    on_edge: Vec<bool>,
+    /// Steps of single strings computed so far.
+    pub string_steps: std::cell::Cell<u64>,
+}
+
+impl<'a> Walker<'a> {
+    pub fn new(
+        horizon: &'a ControlHorizon,
+        first: usize,
+        start: &[StringState],
+        request_w: Vec<f64>,
+    ) -> Self {
+        let end = first + request_w.len() / horizon.n_strings();
+        let n_steps = end - first;
+        let blank = Progress { state: start[0], costs: [0.0; MAX_GROUPS] };
+        let progress = vec![blank; start.len() * (n_steps + 1)];
+        let on_edge = vec![false; request_w.len()];
+        let mut walker = Self { horizon, first, end, request_w, progress, on_edge, string_steps: 0.into() };
+        for (m, &state) in start.iter().enumerate() {
+            walker.progress[m * (n_steps + 1)].state = state;
+            walker.roll(m, first);
+        }
+        walker
+    }
+
+    fn n_steps(&self) -> usize {
+        self.end - self.first
+    }
+
+    #[inline]
+    pub fn request(&self, m: usize, t: usize) -> f64 {
+        self.request_w[m * self.n_steps() + t - self.first]
+    }
+
+    /// Where a string stands at the start of a step.
+    #[inline]
+    pub fn at(&self, m: usize, t: usize) -> &Progress {
+        &self.progress[m * (self.n_steps() + 1) + t - self.first]
+    }
+
+    /// Sets a request; the progress is stale until [`Self::roll`].
+    pub fn set(&mut self, m: usize, t: usize, request_w: f64) {
+        let index = m * self.n_steps() + t - self.first;
+        self.request_w[index] = request_w;
+    }
+
+    /// Rolls a string out again from a step on.
+    pub fn roll(&mut self, m: usize, from: usize) {
+        let base = m * (self.n_steps() + 1);
+        for t in from..self.end {
+            let mut next = self.progress[base + t - self.first];
+            let edge_w = self.edge(m, t, next.state);
+            let index = m * self.n_steps() + t - self.first;
+            self.on_edge[index] =
+                edge_w > 0.0 && (self.request_w[index] - edge_w).abs() < EDGE_WIDTH * edge_w;
+            next.state = self.horizon.advance(m, t, next.state, self.request(m, t), &mut next.costs).end;
+            self.progress[base + t + 1 - self.first] = next;
+        }
+        self.count(self.end - from);
+    }
+
+    /// Takes a string from step `from` to the start of step `to`, asking for `request_w` in the first of them.
+    #[inline]
+    pub fn advance(
+        &self,
+        m: usize,
+        mut progress: Progress,
+        from: usize,
+        to: usize,
+        request_w: f64,
+    ) -> Progress {
+        let mut request = request_w;
+        for t in from..to {
+            progress.state = self.horizon.advance(m, t, progress.state, request, &mut progress.costs).end;
+            if t + 1 < to {
+                request = self.request(m, t + 1);
+            }
+        }
+        self.count(to - from);
+        progress
+    }
+
+    /// The largest request of which a string in this state sheds nothing.
+    pub fn edge(&self, m: usize, t: usize, state: StringState) -> f64 {
+        let interval = &self.horizon.intervals[t];
+        let string = self.horizon.string(m);
+        let c = string.coefficients(interval.direction, state);
+        if c.derating <= 0.0 {
+            return 0.0;
+        }
+        string.limit_w(&c, interval.direction, state.soc, interval.dt_h) / c.derating
+    }
+
+    /// Whether either string is on its edge after a step, so that [`Self::follow`] differs from [`Self::advance`].
+    pub fn has_edge_after(&self, (i, j): (usize, usize), step: usize) -> bool {
+        let row =
+            |m: usize| &self.on_edge[m * self.n_steps() + step + 1 - self.first..(m + 1) * self.n_steps()];
+        row(i).iter().any(|&e| e) || row(j).iter().any(|&e| e)
+    }
+
+    /// Takes two strings from a step to the end like [`Self::advance`], but where one of them was on its edge, it stays
+    /// on it, and the other takes the rest: the optimum often lies in such a kink, which moves with the state.
+    pub fn follow(
+        &self,
+        (i, j): (usize, usize),
+        from: usize,
+        first_w: (f64, f64),
+        mut visit: impl FnMut(usize, (f64, f64)),
+    ) -> (Costs, Costs) {
+        let (mut a, mut b) = (*self.at(i, from), *self.at(j, from));
+        let mut request = first_w;
+        for t in from..self.end {
+            if t > from {
+                let (u, v) = (self.request(i, t), self.request(j, t));
+                let (low, high) =
+                    ((u + v - self.horizon.limit(j, t)).max(0.0), self.horizon.limit(i, t).min(u + v));
+                let index = |m: usize| m * self.n_steps() + t - self.first;
+                let wanted = if self.on_edge[index(i)] {
+                    self.edge(i, t, a.state)
+                } else if self.on_edge[index(j)] {
+                    u + v - self.edge(j, t, b.state)
+                } else {
+                    u
+                };
+                // Nothing moves where there is no room to (bounds that cross by rounding).
+                let first = if low <= high { wanted.clamp(low, high) } else { u };
+                request = (first, (u + v - first).max(0.0));
+            }
+            visit(t, request);
+            a.state = self.horizon.advance(i, t, a.state, request.0, &mut a.costs).end;
+            b.state = self.horizon.advance(j, t, b.state, request.1, &mut b.costs).end;
+        }
+        self.count(2 * (self.end - from));
+        (a.costs, b.costs)
+    }
+
+    /// Objectives with the final costs of some strings replaced; summed in the order of the strings.
+    #[inline]
+    pub fn objectives_with(&self, changed: &[(usize, Costs)]) -> Costs {
+        let mut totals = [0.0; MAX_GROUPS];
+        for m in 0..self.horizon.n_strings() {
+            let replaced = changed.iter().find(|(string, _)| *string == m);
+            add(&mut totals, replaced.map_or(&self.at(m, self.end).costs, |(_, costs)| costs));
+        }
+        totals
+    }
+
+    /// Objectives of the schedule.
+    pub fn objectives(&self) -> Costs {
+        self.objectives_with(&[])
+    }
+
+    #[inline]
+    fn count(&self, steps: usize) {
+        self.string_steps.set(self.string_steps.get() + steps as u64);
+    }
+}
