@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from bess.ems.forecast import Array, steps_in
+from bess.ems.synthetic import frequency_week, market_week, peak_shaving_week
 from bess.errors import InputError
 from bess.market.columns import read_columns
 from bess.market.files import read_bytes
@@ -41,7 +42,12 @@ def two_cycles_48h(hi_kw: float = 78.0, lo_kw: float = 30.0, dt_h: float = 0.25)
     return np.tile(np.repeat(power, quarters), 2).astype(np.float64).repeat(per_quarter)
 
 
-PROFILES: Final[dict[str, Callable[..., Array]]] = {"two-cycle-48h": two_cycles_48h}
+PROFILES: Final[dict[str, Callable[..., Array]]] = {
+    "two-cycle-48h": two_cycles_48h,
+    "frequency-week": frequency_week,
+    "peak-shaving-week": peak_shaving_week,
+    "market-week": market_week,
+}
 """Bundled profiles by name; their keywords are parameters of the profile and ``dt_h``."""
 
 

@@ -1,0 +1,175 @@
+"""Controllers beside each other in every scenario of the bundled study ``arena``.
+
+    python benches/arena.py                                   every rule and mpc, every scenario
+    python benches/arena.py --policies mpc --only seven-days  one of them (rules always run beside it)
+    python benches/arena.py --set policy.foresight_h=48       keys of the study, not for rules
+
+Cost is 3 x undelivered + losses [kWh]; "against rules" is its difference to the best rule, in per cent.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import bess
+from bess.study import expand
+
+RULES = ("equal", "priority", "soc", "temperature")
+SHORTFALL = 3.0
+"""What an undelivered kilowatt-hour costs, beside one of losses."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """What a controller made of a scenario; energies in kWh, both directions.
+
+    ``undelivered_kwh`` is what strings were asked for and did not give; what was above the power in service
+    (unmet) is beyond any controller.
+    """
+
+    asked_kwh: float
+    delivered_kwh: float
+    undelivered_kwh: float
+    inverter_kwh: float
+    battery_kwh: float
+    availability_pct: float
+    starts: float
+    peak_c: float
+    cpu_s: float
+    net_eur: float | None = None
+
+    @property
+    def lost_kwh(self) -> float:
+        """Undelivered energy and losses."""
+        return self.undelivered_kwh + self.inverter_kwh + self.battery_kwh
+
+    @property
+    def cost_kwh(self) -> float:
+        """Undelivered energy three times, and losses."""
+        return SHORTFALL * self.undelivered_kwh + self.inverter_kwh + self.battery_kwh
+
+
+def score(study: bess.Study) -> Score:
+    """Run a study and measure it."""
+    started = time.process_time()
+    result = bess.run(study, progress=False)
+    cpu_s = time.process_time() - started
+    kpis = result.kpis
+    return Score(
+        asked_kwh=kpis["demand_kwh"] - kpis["unmet_kwh"],
+        delivered_kwh=kpis["delivered_kwh"],
+        undelivered_kwh=kpis["availability_loss_kwh"] + kpis["derating_loss_kwh"],
+        inverter_kwh=kpis["inverter_loss_kwh"],
+        battery_kwh=kpis["battery_loss_kwh"],
+        availability_pct=kpis["availability_pct"],
+        starts=float(result.dataset["inverter_starts"].sum()),
+        peak_c=kpis["peak_string_temperature_c"],
+        cpu_s=cpu_s,
+        net_eur=kpis.get("net_eur"),
+    )
+
+
+def scenarios(only: Iterable[str] = ()) -> dict[str, bess.Study]:
+    """Scenarios of the arena by name, all or those named."""
+    runs = expand(bess.load_study("arena"))
+    if unknown := set(only) - set(runs):
+        sys.exit(f"no such scenario: {', '.join(sorted(unknown))}; there are {', '.join(runs)}")
+    return {name: study for name, study in runs.items() if not only or name in only}
+
+
+def compete(study: bess.Study, policies: Iterable[str], values: Mapping[str, Any]) -> dict[str, Score]:
+    """Scores of all rules, and of ``policies`` with ``values`` set, in one scenario."""
+    scores = {name: score(study.with_values({"policy.name": name})) for name in RULES}
+    for name in policies:
+        if name not in RULES:
+            scores[name] = score(study.with_values({"policy.name": name, **values}))
+    return scores
+
+
+def behind_rules(scores: Mapping[str, Score], policy: str) -> tuple[float, float]:
+    """Cost above that of the cheapest rule, and energy delivered less than by the rule that delivers most.
+
+    Both as a share of the rule's; negative where the policy is better.
+    """
+    cheapest = min(scores[rule].cost_kwh for rule in RULES)
+    most = max(scores[rule].delivered_kwh for rule in RULES)
+    mine = scores[policy]
+    return mine.cost_kwh / cheapest - 1.0, 1.0 - mine.delivered_kwh / most
+
+
+def line(name: str, policy: str, scores: Mapping[str, Score]) -> str:
+    """One row of the table on screen."""
+    s = scores[policy]
+    text = (
+        f"{name:22s} {policy:12s} {s.cost_kwh:9.1f} {s.lost_kwh:9.1f} {s.undelivered_kwh:9.1f} "
+        f"{s.inverter_kwh:8.1f} {s.battery_kwh:8.1f} {s.delivered_kwh:10.1f} {s.availability_pct:7.2f} "
+        f"{s.starts:6.0f} {s.peak_c:5.1f} {s.cpu_s:7.2f}"
+    )
+    if policy in RULES:
+        return text
+    cost, less = behind_rules(scores, policy)
+    return f"{text}  {100.0 * cost:+7.2f} {-100.0 * less:+7.2f}"
+
+
+def main() -> None:
+    """Run the arena and print its table."""
+    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    arguments.add_argument("--policies", nargs="*", default=["mpc"], help="beside the rules (default: mpc)")
+    arguments.add_argument("--only", nargs="*", default=[], help="names of scenarios (default: all)")
+    arguments.add_argument("--set", nargs="*", default=[], dest="values", help="key=value, not for rules")
+    arguments.add_argument(
+        "--rules", action="store_true", help="print the rows of all rules, not of the best"
+    )
+    arguments.add_argument("--json", type=Path, help="also write every score to this file")
+    chosen = arguments.parse_args()
+    values = {key: _value(text) for key, text in (item.split("=", 1) for item in chosen.values)}
+    print(
+        f"{'scenario':22s} {'policy':12s} {'cost':>9s} {'lost kWh':>9s} {'undeliv.':>9s} {'inverter':>8s} "
+        f"{'battery':>8s} {'delivered':>10s} {'avail.%':>7s} {'starts':>6s} {'peakC':>5s} {'CPU s':>7s}"
+        "  cost% deliv.% against rules"
+    )
+    everything = {}
+    for name, study in scenarios(chosen.only).items():
+        scores = everything[name] = compete(study, chosen.policies, values)
+        best = min(RULES, key=lambda rule: scores[rule].cost_kwh)
+        shown = RULES if chosen.rules else (best,)
+        for policy in (*shown, *(p for p in scores if p not in RULES)):
+            print(line(name, policy, scores), flush=True)
+    for policy in chosen.policies:
+        if policy not in RULES:
+            print(summary(everything, policy))
+    if chosen.json:
+        chosen.json.write_text(
+            json.dumps({n: {p: asdict(s) for p, s in c.items()} for n, c in everything.items()}, indent=1)
+        )
+
+
+def summary(everything: Mapping[str, Mapping[str, Score]], policy: str) -> str:
+    """One sentence on a policy over all scenarios."""
+    behind = {name: behind_rules(scores, policy) for name, scores in everything.items()}
+    costs = [cost for cost, _ in behind.values()]
+    lost = [name for name, (cost, less) in behind.items() if cost > 3e-3 or less > 3e-3]
+    cpu_s = sum(scores[policy].cpu_s for scores in everything.values())
+    return (
+        f"{policy}: cost against the best rule {100 * sum(costs) / len(costs):+.1f} % in the mean, "
+        f"{100 * max(costs):+.2f} % at worst; a rule wins by more than 0.3 % (cost or delivered) in "
+        f"{len(lost)} of {len(behind)}{': ' + ', '.join(lost) if lost else ''}; {cpu_s:.1f} CPU s"
+    )
+
+
+def _value(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text
+
+
+if __name__ == "__main__":
+    main()
