@@ -6,19 +6,24 @@ FOLDER keeps the runs; what is finished there is not run again. Every number of 
 from here.
 """
 
+import math
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import bess
+from bess.analysis.catalogue import in_order, kpi
 from bess.report import figures
-from bess.report.kpi_names import EFFICIENCIES, KPI_NAMES
+from bess.report.kpi_figures import EFFICIENCIES
 from bess.report.paper import comparisons, reading
 from bess.report.style import save_figure
 
 DOCS = Path(__file__).parent
 TABLES = DOCS / "_cases"
 ROWS = (
+    "delivered_kwh",
+    "undelivered_kwh",
+    "lost_kwh",
     *EFFICIENCIES,
     "peak_mean_temperature_c",
     "peak_string_temperature_c",
@@ -28,14 +33,6 @@ ROWS = (
     "solver_gap_median",
     "solver_search_gap_median",
 )
-EXTRA = {
-    "delivered_kwh": ("delivered, both ways", "kWh", 0),
-    "solver_gap_median": ("rigorous gap, median", "%", 2),
-    "solver_search_gap_median": ("search gap, median", "%", 3),
-    "soc_spread_max": ("largest SOC spread", "–", 2),
-    "inverter_starts_mean": ("starts of an inverter", "–", 1),
-    "fallback_steps": ("fallback steps", "–", 0),
-}
 
 
 def main(folder: Path) -> None:
@@ -68,15 +65,10 @@ def main(folder: Path) -> None:
 
 def _kpi_table(kpis: Mapping[str, Mapping[str, float]]) -> str:
     table = [["", *kpis]]
-    for key in ("delivered_kwh", *ROWS):
-        if key in EXTRA:
-            text, unit, decimals = EXTRA[key]
-        else:
-            text, unit, decimals = KPI_NAMES[key].text, KPI_NAMES[key].unit, 2 if key in EFFICIENCIES else 1
-        scale = 100.0 if "gap" in key else 1.0
-        label = text if unit == "–" else f"{text} [{unit}]"
-        cells = [f"{scale * k[key]:.{decimals}f}" if key in k else "–" for k in kpis.values()]
-        table.append([label, *cells])
+    table += [
+        [kpi(key).heading, *(kpi(key).number(k.get(key, math.nan)) for k in kpis.values())]
+        for key in in_order(ROWS)
+    ]
     return _table(table)
 
 

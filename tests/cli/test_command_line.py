@@ -197,6 +197,6 @@ def test_the_table_has_a_column_for_each_run_and_a_dash_for_what_it_lacks() -> N
         {"A": {"availability_pct": 99.5}, "B": {"availability_pct": 98.25, "revenue_eur": 3.0}}
     ).splitlines()
     assert lines[0].split() == ["A", "B"]
-    assert lines[1].split() == ["availability", "%", "99.50", "98.25"]
-    assert lines[2].split() == ["revenue", "EUR", "-", "3.00"]
+    assert lines[1].split() == ["Revenue", "EUR", "–", "3.00"]
+    assert lines[2].split() == ["Availability", "%", "99.50", "98.25"]
     assert len({len(line) for line in lines}) == 1

@@ -15,7 +15,7 @@ from bess.report import charts
 from bess.report.chart import Chart
 from bess.report.data import TimeAxis, with_initial
 from bess.report.interactive import plotly_figure
-from bess.report.kpi_names import KPI_NAMES
+from bess.report.kpi_figures import RADAR_KPIS
 from bess.report.long_runs import POINTS_PER_SERIES, daily, thin
 from bess.report.style import PALETTE, colours
 
@@ -139,7 +139,7 @@ def test_the_front_is_drawn_without_dominated_points_and_with_its_knee() -> None
 def test_kpis_over_a_parameter_are_in_the_order_of_the_parameter() -> None:
     base = kpis(record(2, 8))
     named = {str(w): base | {"inverter_efficiency_pct": 97.0 + w} for w in (1.0, 0.0, 0.5)}
-    panel = list(KPI_NAMES).index("inverter_efficiency_pct")
+    panel = RADAR_KPIS.index("inverter_efficiency_pct")
     line = charts.kpi_lines(named, [1.0, 0.0, 0.5], "weight").panels[panel].series[0]
     assert line.x.tolist() == [0.0, 0.5, 1.0] and line.y.tolist() == [97.0, 97.5, 98.0]
 

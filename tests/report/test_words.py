@@ -122,13 +122,14 @@ def test_the_best_of_each_row_is_marked_and_the_rest_are_behind() -> None:
     assert not any(cell.best for cell in rows["Availability (%)"].cells)
 
 
-def test_kpis_of_any_name_are_listed_with_their_unit() -> None:
-    rows = other_rows(
-        {"": BASE | {"unmet_kwh": 12.0, "solver_gap_max": float("nan"), "soc_spread_max": 0.0123}}
-    )
-    assert [(row.label, row.cells[0].text) for row in rows] == [
-        ("Unmet (kWh)", "12"), ("Solver gap max", "–"), ("SOC spread max", "0.0123"),
-    ]  # fmt: skip
+def test_details_and_figures_of_plug_ins_are_listed_apart() -> None:
+    figures = {"unmet_kwh": 1200.0, "solver_gap_p95": float("nan"), "soc_spread_mean": 0.0123, "own": 2.0}
+    assert [(row.label, row.cells[0].text) for row in other_rows({"": BASE | figures})] == [
+        ("SOC spread, mean over the run", "0.012"),
+        ("Rigorous gap, 95th percentile (%)", "–"),
+        ("own", "2.000"),
+    ]
+    assert "1,200.0" in {row.cells[0].text for row in kpi_rows({"": BASE | figures})}
 
 
 def test_all_statements_agree_on_the_numbers_the_specification_expects() -> None:

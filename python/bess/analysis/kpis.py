@@ -30,7 +30,10 @@ def kpis(result: Result | xr.Dataset) -> dict[str, float]:
       availability but ``unmet_kwh``, and lowers ``fulfilment_pct``;
     - ``derating_efficiency_pct`` ``1 - sum d / sum |u|``, ``inverter_efficiency_pct`` with ``w``,
       ``battery_efficiency_pct`` with ``h``, ``system_efficiency_pct`` with ``w + h``;
-    - ``fulfilment_pct`` ``sum |delivered| / sum |D|``;
+    - ``fulfilment_pct`` ``sum |delivered| / sum |D|``; ``undelivered_kwh`` ``sum (a + d)``, ``lost_kwh``
+      ``sum (a + d + w + h)``;
+    - ``round_trip_efficiency_pct`` what charging stores per energy charged, times what discharging delivers
+      per energy drawn; left out if the run has only one of them;
     - ``peak_mean_temperature_c`` of the mean over strings, ``peak_string_temperature_c`` of the hottest
       string's mean (both with the initial state), ``peak_node_temperature_c`` of the hottest node;
     - ``soc_spread_start``, ``_end``, ``_mean`` and ``_max`` of the largest minus the smallest SOC, the same
@@ -40,7 +43,8 @@ def kpis(result: Result | xr.Dataset) -> dict[str, float]:
     - ``fallback_steps``, ``solver_steps``, and ``median``, ``p95`` and ``max`` of gaps and nodes over the
       steps with a solve; for market studies ``revenue_eur``.
 
-    A :class:`bess.Result` adds the wall-clock ``solve_time_s_*``.
+    Names, units and meanings for people are in :data:`bess.analysis.catalogue.CATALOGUE`. A
+    :class:`bess.Result` adds the wall-clock ``solve_time_s_*``.
     """
     dataset: Any = getattr(result, "dataset", result)
     values = {name: float(value) for name, value in _figures(dataset)}
@@ -69,6 +73,7 @@ def _figures(dataset: xr.Dataset) -> Iterator[tuple[str, Any]]:
     yield "battery_efficiency_pct", _left_pct(battery, request)
     yield "system_efficiency_pct", _left_pct(inverter + battery, request)
     yield "fulfilment_pct", _left_pct(demand - delivered, demand)
+    yield from _round_trip(dataset)
     yield from _temperatures(dataset)
     yield from _operation(dataset)
     yield "demand_kwh", demand
@@ -79,12 +84,26 @@ def _figures(dataset: xr.Dataset) -> Iterator[tuple[str, Any]]:
     yield "derating_loss_kwh", derated
     yield "inverter_loss_kwh", inverter
     yield "battery_loss_kwh", battery
+    yield "undelivered_kwh", shed + derated
+    yield "lost_kwh", shed + derated + inverter + battery
     residual = float(np.abs(dataset["ledger_residual_kwh"].values).sum())
     yield "ledger_residual_ratio", residual / delivered if delivered > 0.0 else residual
     if "price_eur_mwh" in dataset:
         sold_kw = dataset["delivered_kw"].values.sum(axis=1)
         yield "revenue_eur", (sold_kw * dataset["price_eur_mwh"].values).sum() * dt_h / _KWH_PER_MWH
     yield from _solver(dataset)
+
+
+def _round_trip(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
+    """Each direction with its own losses, so that energy left in store at the end is no loss."""
+    delivered = np.abs(dataset["delivered_kw"].values)
+    losses = dataset["inverter_loss_kw"].values + dataset["battery_loss_kw"].values
+    charging = dataset["request_kw"].values < 0.0
+    charged, discharged = delivered[charging].sum(), delivered[~charging].sum()
+    if charged > 0.0 and discharged > 0.0:
+        stored = charged - losses[charging].sum()
+        drawn = discharged + losses[~charging].sum()
+        yield "round_trip_efficiency_pct", PERCENT * (stored / charged) * (discharged / drawn)
 
 
 def _temperatures(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:

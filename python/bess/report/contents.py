@@ -15,6 +15,8 @@ from bess.report.data import TimeAxis
 from bess.report.draw import draw
 from bess.report.runs import Run
 
+MOST_COMPARED = 8
+"""More scenarios than this are shown as a table and a front, not side by side."""
 MOST_DETAILED = 4
 """More scenarios than this are compared, but not shown one by one."""
 

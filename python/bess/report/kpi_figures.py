@@ -3,17 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from bess.analysis.catalogue import CATALOGUE
 from bess.errors import InputError
-from bess.report.kpi_names import EFFICIENCIES, KPI_NAMES, RADAR_KPIS
 from bess.report.style import DOUBLE_COLUMN_IN, INK, SINGLE_COLUMN_IN, colours, styled
 
 Kpis = Mapping[str, Mapping[str, float]]
 """KPIs of one or several scenarios, by name."""
+
+EFFICIENCIES: Final = (
+    "availability_pct",
+    "derating_efficiency_pct",
+    "inverter_efficiency_pct",
+    "battery_efficiency_pct",
+    "system_efficiency_pct",
+)
+"""Those of the paper, in its order."""
+RADAR_KPIS: Final = (*EFFICIENCIES, "peak_mean_temperature_c")
 
 _INNERMOST = 0.25
 _MOST_LABELLED_BARS = 15
@@ -42,7 +53,7 @@ def kpi_bars(kpis: Kpis) -> Figure:
         if values.size <= _MOST_LABELLED_BARS:
             axes.bar_label(bars, [f"{value:.1f}" for value in row], padding=1.5, fontsize=7)
     axes.set_xticks(
-        range(len(EFFICIENCIES)), [KPI_NAMES[key].text.replace(" ", "\n") for key in EFFICIENCIES]
+        range(len(EFFICIENCIES)), [CATALOGUE[key].label.replace(" ", "\n") for key in EFFICIENCIES]
     )
     axes.set_ylim(floor, 100.0 + 0.1 * (100.0 - floor))
     axes.set_ylabel("KPI (%)" if floor == 0.0 else f"KPI (%), axis starts at {floor:g} %")
@@ -65,7 +76,7 @@ def kpi_radar(kpis: Kpis) -> Figure:
     if len(kpis) < 2:
         raise InputError("kpi_radar: needs at least two scenarios to compare")
     values = np.array([[entry[key] for key in RADAR_KPIS] for entry in kpis.values()])
-    signs = np.array([1.0 if KPI_NAMES[key].better == "max" else -1.0 for key in RADAR_KPIS])
+    signs = np.array([1.0 if CATALOGUE[key].better == "max" else -1.0 for key in RADAR_KPIS])
     worst = signs * (signs * values).min(axis=0)
     best = signs * (signs * values).max(axis=0)
     span = np.where(best == worst, 1.0, best - worst)
@@ -90,11 +101,11 @@ def kpi_radar(kpis: Kpis) -> Figure:
     axes.set_xticks(angles, ["" for _ in angles])
     axes.spines["polar"].set_visible(False)
     for angle, key, low, high in zip(angles, RADAR_KPIS, worst, best, strict=True):
-        kpi = KPI_NAMES[key]
+        kpi = CATALOGUE[key]
         side, above = np.sin(angle), np.cos(angle)
         where = "center" if abs(side) < 0.1 else ("left" if side > 0 else "right")
-        ends = [f"{value:.{kpi.decimals}f} {kpi.unit}" for value in (high, low)]
-        text = f"{kpi.text}\nbest {ends[0]}\nworst {ends[1]}"
+        ends = [kpi.quantity(value) for value in (high, low)]
+        text = f"{kpi.label}\nbest {ends[0]}\nworst {ends[1]}"
         axes.annotate(
             text, (angle, 1.05), xytext=(7 * side, 7 * above), textcoords="offset points", ha=where,
             va="bottom" if above > 0.9 else ("top" if above < -0.9 else "center"), fontsize=7, color=INK,

@@ -14,9 +14,8 @@ from typing import Any
 from bess import __version__
 from bess.record.atomic import write_bytes
 from bess.report.chart import Chart
-from bess.report.contents import MOST_DETAILED, Exhibit, comparison, details
+from bess.report.contents import MOST_COMPARED, MOST_DETAILED, Exhibit, comparison, details
 from bess.report.interactive import plotly_figure
-from bess.report.kpi_names import MOST_COMPARED
 from bess.report.paper import comparisons, is_case_2, reading
 from bess.report.runs import Run, runs_in
 from bess.report.style import save_figure

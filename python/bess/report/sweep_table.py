@@ -11,10 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
+from bess.analysis.catalogue import better
 from bess.analysis.pareto import hypervolume, knee_point, non_dominated
 from bess.report import charts
 from bess.report.contents import Exhibit
-from bess.report.kpi_names import KPI_NAMES, RADAR_KPIS
+from bess.report.kpi_figures import RADAR_KPIS
 from bess.sweep.table import RESERVED, SWEEP_CSV, is_parameter
 
 _X, _Y = "battery_efficiency_pct", "inverter_efficiency_pct"
@@ -62,7 +63,7 @@ class SweepTable:
             return ""
         names = list(self.kpis)
         points = np.array([[row[_X], row[_Y]] for row in self.kpis.values()])
-        directions = [KPI_NAMES[_X].better, KPI_NAMES[_Y].better]
+        directions = [better(_X), better(_Y)]
         worst, best = points.min(axis=0), points.max(axis=0)
         volume = hypervolume(points, worst, directions)
         box = float(np.prod(best - worst))

@@ -6,18 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from bess.report.kpi_names import KPI_NAMES
-
-_UNITS = {
-    "_pct": "%",
-    "_c": "°C",
-    "_kwh": "kWh",
-    "_kw": "kW",
-    "_ms": "ms",
-    "_s": "s",
-    "_k": "K",
-    "_eur": "EUR",
-}
+from bess.analysis.catalogue import Kpi, in_order, kpi
 
 
 @dataclass(frozen=True)
@@ -34,58 +23,41 @@ class Row:
     """One KPI for every scenario."""
 
     label: str
+    meaning: str
     cells: tuple[Cell, ...]
 
 
 def kpi_rows(kpis: Mapping[str, Mapping[str, float]]) -> list[Row]:
-    """KPIs with a better direction, in the order of the paper; with several scenarios, the best marked."""
-    return [
-        _judged(key, [entry[key] for entry in kpis.values()])
-        for key in KPI_NAMES
-        if all(key in entry for entry in kpis.values())
-    ]
+    """KPIs in the order of the catalogue; with several scenarios, the best of what has a better direction."""
+    return _rows(kpis, detail=False)
 
 
 def other_rows(kpis: Mapping[str, Mapping[str, float]]) -> list[Row]:
-    """All other KPIs, as they are."""
-    keys = [key for key in next(iter(kpis.values())) if key not in KPI_NAMES]
+    """Details that the first table leaves out."""
+    return _rows(kpis, detail=True)
+
+
+def _rows(kpis: Mapping[str, Mapping[str, float]], *, detail: bool) -> list[Row]:
+    names = in_order(key for values in kpis.values() for key in values)
     return [
-        Row(_label(key), tuple(Cell(_number(entry.get(key, math.nan))) for entry in kpis.values()))
-        for key in keys
+        _row(entry, [values.get(name, math.nan) for values in kpis.values()])
+        for name in names
+        if (entry := kpi(name)).detail is detail
     ]
 
 
-def _judged(key: str, values: list[float]) -> Row:
-    name = KPI_NAMES[key]
-    rounded = [round(value, name.decimals) for value in values]
-    best = (max if name.better == "max" else min)(rounded)
-    judged = len(set(rounded)) > 1
-    cells = tuple(
-        Cell(
-            f"{value:.{name.decimals}f}",
-            judged and value == best,
-            f"{value - best:+.{name.decimals}f}" if judged and value != best else "",
-        )
-        for value in rounded
-    )
-    return Row(name.label, cells)
+def _row(entry: Kpi, values: list[float]) -> Row:
+    texts = [entry.number(value) for value in values]
+    judged = entry.better is not None and entry.decimals is not None and len(set(texts)) > 1
+    known = [value for value in values if not math.isnan(value)]
+    best = (max if entry.better == "max" else min)(known, default=math.nan)
+    cells = []
+    for text, value in zip(texts, values, strict=True):
+        first = judged and text == entry.number(best)
+        behind = judged and not first and not math.isnan(value)
+        cells.append(Cell(text, first, _signed(entry, value - best) if behind else ""))
+    return Row(entry.heading, entry.meaning, tuple(cells))
 
 
-def _label(key: str) -> str:
-    for suffix, unit in _UNITS.items():
-        if key.endswith(suffix):
-            return f"{_sentence(key.removesuffix(suffix))} ({unit})"
-    return _sentence(key)
-
-
-def _sentence(key: str) -> str:
-    text = key.replace("_", " ").replace("soc", "SOC")
-    return text[:1].upper() + text[1:]
-
-
-def _number(value: float) -> str:
-    if math.isnan(value):
-        return "–"
-    if value == int(value) and abs(value) < 1e9:
-        return f"{int(value):,}"
-    return f"{value:,.2f}" if abs(value) >= 1.0 else f"{value:.3g}"
+def _signed(entry: Kpi, difference: float) -> str:
+    return ("+" if difference > 0.0 else "-") + entry.number(abs(difference))

@@ -6,9 +6,10 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from bess.analysis.catalogue import kpi
+from bess.report.contents import MOST_COMPARED
 from bess.report.data import step_h
 from bess.report.differing import event_sentences, spread_sentences
-from bess.report.kpi_names import KPI_NAMES, MOST_COMPARED
 from bess.report.runs import Run
 
 _LEDGER_TOLERANCE_KWH = 1e-6
@@ -80,19 +81,19 @@ def _one(run: Run) -> str:
 
 
 def _best_of(key: str, values: Mapping[str, float]) -> str:
-    name = KPI_NAMES[key]
+    name = kpi(key)
     sign = 1.0 if name.better == "max" else -1.0
-    rounded = {scenario: round(value, name.decimals) for scenario, value in values.items()}
+    rounded = {scenario: round(value, name.decimals or 0) for scenario, value in values.items()}
     best, worst = (sign * extreme(sign * value for value in rounded.values()) for extreme in (max, min))
     shown = f"{best:.{name.decimals}f} {name.unit}"
     if best == worst:
-        return f"{name.text} is {shown} in every scenario."
+        return f"{name.label} is {shown} in every scenario."
     first = ", ".join(scenario for scenario, value in rounded.items() if value == best)
     last = ", ".join(scenario for scenario, value in rounded.items() if value == worst)
     word = "Highest" if name.better == "max" else "Lowest"
     unit = "points" if name.unit == "%" else "K"
     return (
-        f"{word} {name.text[0].lower() + name.text[1:]}: {first} with {shown}, "
+        f"{word} {name.label[0].lower() + name.label[1:]}: {first} with {shown}, "
         f"{abs(best - worst):.{name.decimals}f} {unit} better than {last}."
     )
 

@@ -7,9 +7,10 @@ from typing import Literal
 
 import numpy as np
 
+from bess.analysis.catalogue import better, kpi
 from bess.analysis.pareto import knee_point, non_dominated
 from bess.report.chart import Chart, Panel, Series, Values
-from bess.report.kpi_names import KPI_NAMES, RADAR_KPIS
+from bess.report.kpi_figures import RADAR_KPIS
 from bess.report.style import AVAILABILITY, BACKGROUND, DISCHARGE, colours
 
 
@@ -26,11 +27,11 @@ def pareto_front(
     kpis
         KPIs of each scenario, by name.
     x, y
-        KPIs of the axes; whether larger is better is taken from :data:`bess.report.kpi_names.KPI_NAMES`.
+        KPIs of the axes; whether larger is better is taken from :data:`bess.analysis.catalogue.CATALOGUE`.
     """
     names = list(kpis)
     points = np.array([[kpis[name][x], kpis[name][y]] for name in names], dtype=float)
-    directions = [KPI_NAMES[x].better, KPI_NAMES[y].better]
+    directions = [better(x), better(y)]
     on_front = non_dominated(points, directions)
     order = np.flatnonzero(on_front)[np.argsort(points[on_front][:, 0])]
     knee = knee_point(points, directions)
@@ -49,8 +50,8 @@ def pareto_front(
     ends = {names[order[0]], names[order[-1]]} - {names[knee]}
     notes = tuple((kpis[name][x], kpis[name][y], name) for name in sorted(ends))
     return Chart(
-        KPI_NAMES[x].label,
-        (Panel(KPI_NAMES[y].label, tuple(series), annotations=notes),),
+        kpi(x).heading,
+        (Panel(kpi(y).heading, tuple(series), annotations=notes),),
         panel_height_in=3.0,
         width_in=4.6,
     )
@@ -74,5 +75,5 @@ def kpi_lines(kpis: Mapping[str, Mapping[str, float]], values: Sequence[float], 
     for key, colour in zip(RADAR_KPIS, colours(len(RADAR_KPIS)), strict=True):
         y = np.array([entry[key] for entry in kpis.values()], dtype=float)[order]
         line = (Series(x, y, colour), Series(x, y, colour, kind="dots"))
-        panels.append(Panel(KPI_NAMES[key].unit, line, title=KPI_NAMES[key].text))
+        panels.append(Panel(kpi(key).unit, line, title=kpi(key).label))
     return Chart(label, tuple(panels), columns=2, panel_height_in=1.3)

@@ -1,0 +1,226 @@
+"""Every key figure with its name for people, unit, better direction, digits and meaning.
+
+The terminal, the page, the figures, sweeps and the manual read it; a figure that :func:`bess.kpis` gives and
+that is not listed here fails a test. The order is that of every table.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from bess.analysis.pareto import Direction
+from bess.errors import InputError
+
+Group = Literal["energy", "money", "efficiency", "temperature", "wear", "strings", "optimiser"]
+
+
+@dataclass(frozen=True)
+class Kpi:
+    """How one key figure is shown.
+
+    Attributes
+    ----------
+    label : str
+        Name for people.
+    unit : str
+        Of the figure as shown; empty for counts and plain ratios.
+    better : {"min", "max"} or None
+        Which direction is better; None for what carries no judgement.
+    decimals : int or None
+        Digits after the point; None for magnitudes, shown as ``1.2e-09``.
+    meaning : str
+        One sentence.
+    group : str
+        Under which heading it stands.
+    detail : bool
+        Whether it is left to the tables that show everything.
+    factor : float
+        What the figure is multiplied with to be shown: 100 for a ratio shown in per cent.
+    """
+
+    label: str
+    unit: str
+    better: Direction | None
+    decimals: int | None
+    meaning: str
+    group: Group
+    detail: bool = False
+    factor: float = 1.0
+
+    @property
+    def heading(self) -> str:
+        """Label with unit, for axes and table headers."""
+        return f"{self.label} ({self.unit})" if self.unit else self.label
+
+    def number(self, value: float) -> str:
+        """Return the figure as shown, without its unit; a dash if there is none."""
+        if math.isnan(value):
+            return "–"
+        if self.decimals is None:
+            return f"{self.factor * value:.1e}"
+        # Adding zero turns a rounded -0.0 into 0.0.
+        return f"{round(self.factor * value, self.decimals) + 0.0:,.{self.decimals}f}"
+
+    def quantity(self, value: float) -> str:
+        """Return the figure with its unit."""
+        return f"{self.number(value)} {self.unit}".rstrip()
+
+
+def _energy(label: str, meaning: str, better: Direction | None = "min", *, detail: bool = False) -> Kpi:
+    return Kpi(label, "kWh", better, 1, meaning, "energy", detail)
+
+
+def _efficiency(label: str, meaning: str) -> Kpi:
+    return Kpi(label, "%", "max", 2, meaning, "efficiency")
+
+
+def _between_strings(label: str, unit: str, decimals: int, what: str) -> Iterable[tuple[str, Kpi]]:
+    for moment, when, detail in (
+        ("start", "at the start", True),
+        ("end", "at the end", False),
+        ("mean", "mean over the run", True),
+        ("max", "largest of the run", False),
+    ):
+        better: Direction | None = None if moment == "start" else "min"
+        meaning = f"Largest minus smallest {what} of the strings, {when}."
+        yield moment, Kpi(f"{label}, {when}", unit, better, decimals, meaning, "strings", detail)
+
+
+def _over_steps(
+    name: str, label: str, unit: str, decimals: int, what: str, factor: float = 1.0
+) -> dict[str, Kpi]:
+    parts = (("median", "median"), ("p95", "95th percentile"), ("max", "largest"))
+    return {
+        f"{name}_{part}": Kpi(
+            f"{label}, {text}", unit, "min", decimals, f"{what}, {text} over the steps with a solve.",
+            "optimiser", part == "p95", factor,
+        )
+        for part, text in parts
+    }  # fmt: skip
+
+
+CATALOGUE: Final[dict[str, Kpi]] = {
+    "demand_kwh": _energy("Asked for", "Energy asked of the plant, charge and discharge added.", None),
+    "delivered_kwh": _energy(
+        "Delivered", "Energy delivered at the AC side, charge and discharge added.", "max"
+    ),
+    "fulfilment_pct": Kpi("Fulfilled", "%", "max", 2, "Energy delivered, per energy asked for.", "energy"),
+    "undelivered_kwh": _energy(
+        "Undelivered",
+        "Energy the strings were asked for and did not deliver: shed by full or empty strings, or curtailed "
+        "by derating.",
+    ),
+    "availability_loss_kwh": _energy(
+        "Shed by full or empty strings",
+        "Energy not delivered because a string was full, empty or at its voltage or current limit.",
+    ),
+    "derating_loss_kwh": _energy(
+        "Curtailed by derating", "Energy not delivered because a string was hot and its power reduced."
+    ),
+    "unmet_kwh": _energy(
+        "Above the power in service",
+        "Demand above the nominal power of the inverters in service, which no string was asked for.",
+    ),
+    "inverter_loss_kwh": _energy("Inverter loss", "Energy lost in the inverters, standby included."),
+    "battery_loss_kwh": _energy("Battery loss", "Heat in the internal resistance of the batteries."),
+    "lost_kwh": _energy("Lost in total", "Undelivered energy, inverter loss and battery loss added."),
+    "request_kwh": _energy(
+        "Requested of the strings", "Set-points of all strings, both directions added.", None, detail=True
+    ),
+    "revenue_eur": Kpi(
+        "Revenue", "EUR", "max", 2, "Delivered energy times price, charged energy counted negative.", "money"
+    ),
+    "system_efficiency_pct": _efficiency(
+        "System efficiency", "One minus inverter and battery loss per requested energy."
+    ),
+    "round_trip_efficiency_pct": _efficiency(
+        "Round-trip efficiency",
+        "Share of charged AC energy that comes back: what charging stores times what discharging delivers of "
+        "the energy drawn, so that a different charge at the end does not count.",
+    ),
+    "availability_pct": _efficiency(
+        "Availability", "One minus the energy shed by full or empty strings per energy asked for."
+    ),
+    "derating_efficiency_pct": _efficiency(
+        "Derating efficiency", "One minus the energy curtailed by derating per requested energy."
+    ),
+    "inverter_efficiency_pct": _efficiency(
+        "Inverter efficiency", "One minus inverter loss per requested energy."
+    ),
+    "battery_efficiency_pct": _efficiency(
+        "Battery efficiency", "One minus battery loss per requested energy."
+    ),
+    "peak_mean_temperature_c": Kpi(
+        "Peak mean temperature", "°C", "min", 1,
+        "Largest mean over the strings of their mean temperatures.", "temperature",
+    ),
+    "peak_string_temperature_c": Kpi(
+        "Peak string temperature", "°C", "min", 1, "Largest mean temperature of a string.", "temperature"
+    ),
+    "peak_node_temperature_c": Kpi(
+        "Hottest node", "°C", "min", 1, "Largest temperature of any node along the air path.", "temperature"
+    ),
+    **{
+        f"temperature_spread_{moment}_k": kpi
+        for moment, kpi in _between_strings("Temperature spread", "K", 1, "mean temperature")
+    },
+    **{f"soc_spread_{moment}": kpi for moment, kpi in _between_strings("SOC spread", "", 3, "SOC")},
+    "full_cycles": Kpi(
+        "Full cycles", "", None, 2, "Half of the SOC travelled, mean over the strings.", "strings"
+    ),
+    "inverter_starts_mean": Kpi(
+        "Starts of an inverter", "", "min", 1, "Off-to-on transitions, mean over the inverters.", "strings"
+    ),
+    "inverter_starts_max": Kpi(
+        "Starts of the busiest inverter", "", "min", 0, "Off-to-on transitions of the inverter with most.",
+        "strings", True,
+    ),
+    "ledger_residual_ratio": Kpi(
+        "Ledger residual per energy", "", None, None,
+        "Energy the plant's balance misses, per delivered energy: rounding, if all is well.", "optimiser",
+    ),
+    "fallback_steps": Kpi(
+        "Fallback steps", "", "min", 0, "Steps in which a fallback replaced the optimiser's answer.",
+        "optimiser",
+    ),
+    "solver_steps": Kpi("Steps with a solve", "", None, 0, "Steps the optimiser was called in.", "optimiser"),
+    **_over_steps(
+        "solver_gap", "Rigorous gap", "%", 3,
+        "Distance of the split to a bound no split can pass on the control model", 100.0,
+    ),
+    **_over_steps(
+        "solver_search_gap", "Search gap", "%", 3,
+        "Distance of the split to the bound of the convexified program, on which the search stops", 100.0,
+    ),
+    **_over_steps("solver_nodes", "Nodes", "", 0, "Conic programs solved in a step"),
+    **_over_steps("solve_time_s", "Solve time", "ms", 1, "Wall-clock time of a step's solve", 1000.0),
+}  # fmt: skip
+"""All key figures, by the name that :func:`bess.kpis` gives them."""
+
+
+def kpi(name: str) -> Kpi:
+    """Return the entry of a key figure; of one that is not listed (a plug-in's), its bare name."""
+    return CATALOGUE.get(name) or Kpi(name, "", None, 3, "", "strings", detail=True)
+
+
+def better(name: str) -> Direction:
+    """Return which direction of a key figure is better.
+
+    Raises
+    ------
+    InputError
+        If it carries no judgement.
+    """
+    direction = kpi(name).better
+    if direction is None:
+        raise InputError(f"{name}: more of it is neither better nor worse; choose another key figure")
+    return direction
+
+
+def in_order(names: Iterable[str]) -> list[str]:
+    """Return names in the order of the catalogue; those not listed come last."""
+    places = {name: place for place, name in enumerate(CATALOGUE)}
+    return sorted(dict.fromkeys(names), key=lambda name: places.get(name, len(places)))
