@@ -43,3 +43,13 @@ def put_over(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, 
         base[section] = {**kept, **library.load(table[library.key])}
         override[section] = {key: value for key, value in table.items() if key != library.key}
     return deep_merge(base, override)
+
+
+def replaced(override: object, section: str, key: str) -> bool:
+    """Tell whether ``override``, a table put over a ``section``, leaves nothing of its ``key``."""
+    if not isinstance(override, Mapping):
+        return False
+    library = _LIBRARIES.get(section)
+    named = library is not None and library.key in override and key in (library.key, *library.keys)
+    value = override.get(key)
+    return named or (key in override and not isinstance(value, Mapping))

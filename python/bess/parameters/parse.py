@@ -32,22 +32,14 @@ class StringParameters(Section):
 
 def parse_strings(document: Mapping[str, Any], name: str) -> tuple[tuple[StringParameters, ...], Control]:
     """Check a whole document; return its strings, each with all its sections, and the control section."""
-    if not isinstance(document, Mapping):
-        raise InputError(f"{name}: a system is a table of sections, not {type(document).__name__}")
-    known = {*_OVERRIDABLE, "about", "control", "string"}
-    if unknown := sorted(set(document) - known):
-        raise InputError(f"{name}: unknown section {unknown[0]!r}; allowed: {', '.join(sorted(known))}")
+    check_layout(document, name)
     overrides = document.get("string", [])
-    if not isinstance(overrides, list) or not all(isinstance(entry, Mapping) for entry in overrides):
-        raise InputError(f"{name}: string: write one [[string]] table for each string")
     site = document.get("system", {})
-    if not isinstance(site, Mapping):
-        raise InputError(f"{name}: system: must be a table")
     if "about" in document:
         _validated(About, document["about"], name, "about.")
     control = _validated(Control, document.get("control", {}), name, "control.")
-    whole_site = {"n_strings": len(overrides) or 1, **site}
-    n_strings = _validated(Site, whole_site, name, "system.").n_strings
+    n_strings = string_count(document, name)
+    whole_site = {**site, "n_strings": n_strings}
     if len(overrides) > n_strings:
         raise InputError(f"{name}: {len(overrides)} [[string]] tables for system.n_strings = {n_strings}")
 
@@ -72,6 +64,27 @@ def parse_strings(document: Mapping[str, Any], name: str) -> tuple[tuple[StringP
             )
         strings.append(_string(base, override, name, place))
     return tuple(strings), control
+
+
+def check_layout(document: object, name: str) -> None:
+    """Raise :class:`InputError` unless ``document`` is made of the sections of a system file."""
+    if not isinstance(document, Mapping):
+        raise InputError(f"{name}: a system is a table of sections, not {type(document).__name__}")
+    known = {*_OVERRIDABLE, "about", "control", "string"}
+    if unknown := sorted(set(document) - known):
+        raise InputError(f"{name}: unknown section {unknown[0]!r}; allowed: {', '.join(sorted(known))}")
+    overrides = document.get("string", [])
+    if not isinstance(overrides, list) or not all(isinstance(entry, Mapping) for entry in overrides):
+        raise InputError(f"{name}: string: write one [[string]] table for each string")
+    for section in _OVERRIDABLE:
+        if not isinstance(document.get(section, {}), Mapping):
+            raise InputError(f"{name}: {section}: must be a table")
+
+
+def string_count(document: Mapping[str, Any], name: str) -> int:
+    """Number of strings of a document of sections: ``system.n_strings``, else one for each table."""
+    whole_site = {"n_strings": len(document.get("string", [])) or 1, **document.get("system", {})}
+    return _validated(Site, whole_site, name, "system.").n_strings
 
 
 def _string(base: Mapping[str, Any], override: Mapping[str, Any], name: str, place: str) -> StringParameters:

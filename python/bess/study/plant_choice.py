@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from bess.components.registry import SYSTEMS, system_document
 from bess.errors import InputError
 from bess.parameters import System
-from bess.parameters.documents import deep_merge, read_toml
+from bess.parameters.documents import deep_merge, plain, read_toml
+from bess.parameters.library import put_over, replaced
+from bess.parameters.parse import check_layout, string_count
 from bess.study.keys import check_bundled
 from bess.study.sections import RunChoice, SystemChoice
 
@@ -24,10 +27,17 @@ def build_system(choice: SystemChoice, run: RunChoice) -> System:
     bundled = choice.file in SYSTEMS
     check_bundled("system.file", choice.file, SYSTEMS)
     document = system_document(choice.file) if bundled else read_toml(Path(choice.file))
-    document = deep_merge(document, choice.parameters)
+    check_layout(document, choice.file)
+    parameters = plain(choice.parameters, "system.parameters")
+    check_layout(parameters, "system.parameters")
+    _check_reach(document, parameters, choice.file)
+    try:
+        document = put_over(put_over({}, document), parameters)
+    except InputError as error:
+        raise InputError(f"{choice.file}: {error}") from error
     site: dict[str, Any] = dict(document.get("system", {}))
     strings = [dict(entry) for entry in document.get("string", [])]
-    n_strings = choice.n_strings or site.get("n_strings") or len(strings) or 1
+    n_strings = choice.n_strings or string_count(document, choice.file)
     if choice.n_strings is not None or strings:
         site["n_strings"] = n_strings
     if choice.ambient_c is not None:
@@ -48,3 +58,17 @@ def build_system(choice: SystemChoice, run: RunChoice) -> System:
     if run.plant_step_s is not None:
         document["control"] = {**document.get("control", {}), "plant_step_s": run.plant_step_s}
     return System(document, name=choice.file)
+
+
+def _check_reach(document: Mapping[str, Any], parameters: Mapping[str, Any], name: str) -> None:
+    """Refuse parameters of the study that no string has, because each has a value of its own."""
+    strings = document.get("string", [])
+    if "string" in parameters or len(strings) < string_count(document, name):
+        return
+    for section, table in parameters.items():
+        for key in table if isinstance(table, Mapping) else ():
+            if all(replaced(entry.get(section), section, key) for entry in strings):
+                raise InputError(
+                    f"system.parameters.{section}.{key}: every string of {name} has its own; "
+                    "give [[system.parameters.string]] tables, one for each string"
+                )
