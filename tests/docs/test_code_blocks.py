@@ -10,7 +10,9 @@ import pandas as pd
 import pytest
 
 import bess
+from bess.cli.checking import findings
 from bess.policies import POLICIES
+from bess.simulation.runner import PART_SECONDS, PART_STEPS
 from bess.study.study import Study
 
 ROOT = Path(__file__).parents[2]
@@ -41,6 +43,12 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         "Name,Paco,Pdco,Vdco,Pso,C0,C1,C2,C3,Pnt\nMPS-100,100000,104000,600,1500,-5e-8,1e-5,1e-3,-1e-4,30\n"
     )
     (tmp_path / "cec-inverters.csv").write_text(sandia)
+    hours = pd.date_range("2023-12-31 23:00", "2025-01-02", freq="h", tz="UTC").strftime("%Y-%m-%dT%H:%M:%SZ")
+    for file, column in (("SMARD.csv", "DE-LU"), ("WEATHER.csv", "temperature")):
+        values = 20.0 + 10.0 * np.sin(np.arange(len(hours)) / 4.0)
+        pd.DataFrame({"time": hours, column: values}).to_csv(tmp_path / file, index=False)
+    day = pd.DataFrame({"time": times.strftime("%d.%m.%Y %H:%M"), "power": np.linspace(-80.0, 80.0, 96)})
+    day.to_csv(tmp_path / "profile.csv", index=False)
     (tmp_path / "ocv.csv").write_text("SOC,OCV\n0,3.2\n0.5,3.7\n1,4.1\n")
     (tmp_path / "hysteresis.csv").write_text("SOC,HystV\n0,0.01\n1,0.01\n")
     titles = [f"R_{way}(T = {kelvin}K)" for way in ("Ch", "DCh") for kelvin in (288.15, 308.15)]
@@ -61,13 +69,19 @@ def test_python_of_a_page_runs_in_its_order(page: Path, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("page", having("toml"))
-def test_toml_of_a_page_is_accepted(page: Path, folder: Path) -> None:
+def test_toml_of_a_page_is_a_study_with_nothing_wrong_or_part_of_a_system(page: Path, folder: Path) -> None:
     for text in blocks(page, "toml"):
         document = tomllib.loads(text)
-        if "battery" in document:
-            bess.System(document, name=page.name)
+        if "string" in document:
+            assert bess.System(bess.System.reference(2).document | document).n_strings == 2
         else:
-            Study.from_document({"name": page.stem, **STUDY, **document}, page.name)
+            *_, last = findings(Study.from_document({"name": page.stem, **STUDY, **document}, page.name))
+            assert last.endswith("nothing wrong")
+
+
+def test_the_page_on_long_runs_says_how_much_a_crash_can_cost() -> None:
+    text = (ROOT / "docs" / "howto" / "long-runs.md").read_text(encoding="utf-8")
+    assert f"every {PART_STEPS} steps, or every {PART_SECONDS:g} s" in text
 
 
 @pytest.mark.parametrize("page", having("sh"))

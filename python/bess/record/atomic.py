@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from bess.errors import BessError
+from bess.errors import BessError, InputError
 
 TEMPORARY = ".tmp"
 """What is added to a name while a file is being written."""
@@ -48,6 +48,14 @@ def write_bytes(path: Path, content: bytes) -> None:
     """Write a whole file atomically and durably."""
     with replacing(path) as temporary:
         temporary.write_bytes(content)
+
+
+def folder_in(folder: Path, name: str) -> Path:
+    """Return the folder ``name`` in ``folder``; refuse one that is elsewhere, by its name or by a link."""
+    inside = folder / name
+    if Path(name).name != name or name in ("", ".", "..") or inside.resolve().parent != folder.resolve():
+        raise InputError(f"{folder}: results of {name!r} would be written outside; give another name")
+    return inside
 
 
 def sync_directory(path: Path) -> None:

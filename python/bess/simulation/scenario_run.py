@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 from bess.errors import InputError
-from bess.record.atomic import write_bytes
+from bess.record.atomic import folder_in, write_bytes
 from bess.record.identity import IDENTITY
 from bess.record.result import Result
 from bess.simulation.runner import run
@@ -28,9 +28,10 @@ def run_scenarios(
     if out is None:
         return {name: run(each, progress=progress) for name, each in runs.items()}
     folder = Path(out)
+    folders = {name: folder_in(folder, name) for name in runs}
     prepare_folder(folder, study)
     results = {
-        name: run(each, progress=progress, out=folder / name, resume=resume) for name, each in runs.items()
+        name: run(each, progress=progress, out=folders[name], resume=resume) for name, each in runs.items()
     }
     write_summary(folder, {name: result.kpis for name, result in results.items()})
     return results

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Annotated, Any, Literal, Self
@@ -17,6 +18,23 @@ def _aware(value: datetime) -> datetime:
         raise ValueError("has no time zone; write for example 2024-01-01T00:00:00Z")
     return value.astimezone(UTC)
 
+
+_LONGEST_NAME = 200
+"""Characters; file systems allow 255 bytes."""
+
+
+def _folder_name(value: str) -> str:
+    if len(value) > _LONGEST_NAME:
+        raise ValueError(f"has {len(value)} characters, at most {_LONGEST_NAME} are allowed")
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._=+-]*", value):
+        raise ValueError(
+            "names a folder, so it must begin with a letter or a digit and hold only these and . _ = + -"
+        )
+    return value
+
+
+RunName = Annotated[str, AfterValidator(_folder_name)]
+"""Name of a run, which is that of its folder as well."""
 
 Fill = Literal["previous", "interpolate", "previous_day"]
 Instant = Annotated[datetime, AfterValidator(_aware)]
@@ -185,7 +203,7 @@ class Event(Section):
 class Scenario(Section):
     """Table ``[[scenario]]``: a name, and the keys it sets (dotted, as with ``--set``)."""
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._=+-]*$")]
+    name: RunName
     set: dict[str, Any]
 
 

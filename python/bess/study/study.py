@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+import unicodedata
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
@@ -22,6 +23,7 @@ from bess.study.sections import (
     OutputChoice,
     PolicyChoice,
     RunChoice,
+    RunName,
     Scenario,
     SystemChoice,
     WeatherChoice,
@@ -37,7 +39,7 @@ class Study(Section):
     Read one with :func:`bess.load_study`; change one with :meth:`with_values`.
     """
 
-    name: str
+    name: RunName
     title: str = ""
     system: SystemChoice = SystemChoice()
     demand: Demand
@@ -121,7 +123,7 @@ def load_study(name: str | Path, values: Mapping[str, Any] | None = None) -> Stu
         stem, folder = str(name), None
     else:
         text = _read(path, list(bundled))
-        stem, folder = path.stem, path.resolve().parent
+        stem, folder = _name_from(path), path.resolve().parent
     try:
         document = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also an integer of more digits than Python takes
@@ -131,6 +133,12 @@ def load_study(name: str | Path, values: Mapping[str, Any] | None = None) -> Stu
     if folder is not None:
         document = _with_absolute_paths(document, folder)
     return Study.from_document(document, str(name)).with_values(values or {})
+
+
+def _name_from(path: Path) -> str:
+    """Name of a study that gives itself none: that of its file, in the letters of a folder's name."""
+    letters = unicodedata.normalize("NFKD", path.stem).encode("ascii", "ignore").decode()
+    return re.sub(r"[^A-Za-z0-9._=+-]+", "-", letters).strip("-._=+")[:100] or "study"
 
 
 def _read(path: Path, bundled: list[str]) -> str:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bess.errors import StoppedEarly
+from bess.record.atomic import folder_in
 from bess.simulation import prepare_folder, write_summary
 from bess.study.scenarios import expand
 from bess.study.study import Study, load_study
@@ -93,12 +94,13 @@ def run_sweep(
         study = load_study(study)
     studies = expand(study)
     directory = Path(out).absolute()
+    folders = {name: folder_in(directory, name) for name in studies}
     prepare_folder(directory, study)
     keys = swept_keys(study)
     outcomes: dict[str, Outcome] = {}
     try:
         with workers_for(workers, scheduler) as client, _bar(len(studies), progress) as advance:
-            for name, outcome in _outcomes(client, studies, directory):
+            for name, outcome in _outcomes(client, studies, folders):
                 outcomes[name] = outcome
                 advance(name, outcome)
     except KeyboardInterrupt:
@@ -113,11 +115,13 @@ def run_sweep(
     return SweepResult(directory, {name: outcomes[name] for name in studies})
 
 
-def _outcomes(client: Client, studies: Mapping[str, Study], directory: Path) -> Iterator[tuple[str, Outcome]]:
+def _outcomes(
+    client: Client, studies: Mapping[str, Study], folders: Mapping[str, Path]
+) -> Iterator[tuple[str, Outcome]]:
     from distributed import as_completed
 
     futures = {
-        client.submit(run_scenario, study, directory / name, pure=False, retries=_RETRIES): name
+        client.submit(run_scenario, study, folders[name], pure=False, retries=_RETRIES): name
         for name, study in studies.items()
     }
     try:
