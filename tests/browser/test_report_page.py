@@ -112,3 +112,12 @@ def test_a_year_is_drawn_as_well(browser: Any, year: Path) -> None:
     )
     assert len(points) == len(charts) and max(points) <= 4000
     assert browser.get_log("browser") == []
+
+
+def test_a_script_that_is_not_of_the_page_does_not_run(browser: Any, scenarios: Path, tmp_path: Path) -> None:
+    page = tmp_path / "report.html"
+    strange = "<script>window.strange = 1</script><img src=x onerror='window.strange = 2'></body>"
+    page.write_text(scenarios.read_text(encoding="utf-8").replace("</body>", strange), encoding="utf-8")
+    opened(browser, page, 1400)
+    assert browser.execute_script("return window.strange") is None
+    assert any("Content Security Policy" in entry["message"] for entry in browser.get_log("browser"))

@@ -1,6 +1,10 @@
 """Claims about the page: one file, complete, the same every time, and readable without pictures."""
 
+import base64
+import hashlib
+import html
 import json
+import re
 from collections import Counter
 from html.parser import HTMLParser
 from pathlib import Path
@@ -141,3 +145,20 @@ def test_many_scenarios_become_a_table_of_lines(tmp_path: Path) -> None:
     page = Page(write_report(tmp_path))
     assert not page.all("figure")
     assert {f"w{index}" for index in range(10)} <= set(page.text.split())
+
+
+def test_the_page_allows_its_own_scripts_and_nothing_else(case_2: Path) -> None:
+    source = (case_2 / "report.html").read_text(encoding="utf-8")
+    (policy,) = re.findall(r'<meta http-equiv="Content-Security-Policy" content="([^"]*)">', source)
+    rules = dict(rule.strip().split(" ", 1) for rule in html.unescape(policy).split(";"))
+    assert rules["default-src"] == rules["base-uri"] == rules["form-action"] == "'none'"
+    scripts = re.findall(r"<script>(.*?)</script>", source, re.DOTALL)
+    hashes = [base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts]
+    assert len(scripts) == 2
+    assert rules["script-src"].split() == [f"'sha256-{digest}'" for digest in hashes]
+    assert not re.search(r'<[a-z]+ [^>]*\bon[a-z]+="', source[: source.index("plotly.js v")])
+
+
+def test_no_text_of_a_figure_ends_its_data(case_2: Path) -> None:
+    for data in Page(case_2 / "report.html").data:
+        assert "<" not in data and json.loads(data)

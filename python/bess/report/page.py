@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import json
 import tomllib
 from collections.abc import Iterable
@@ -110,8 +111,19 @@ def _show(exhibit: Exhibit, folder: Path, prefix: str) -> Shown:
 
 
 def _json(chart: Chart) -> str:
-    # "</" would end the script element that holds the data.
-    return json.dumps(plotly_figure(chart), allow_nan=False, separators=(",", ":")).replace("</", "<\\/")
+    # "</" would end the script element that holds the data, "<!--" change how it is read.
+    text = json.dumps(plotly_figure(chart), allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c")
+
+
+def _security_policy(scripts: list[str]) -> str:
+    """What the page may load and run: nothing but these scripts, its own styles and its own pictures."""
+    hashes = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts)
+    allowed = " ".join(f"'sha256-{text}'" for text in hashes)
+    return (
+        f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data: blob:; "
+        "base-uri 'none'; form-action 'none'"
+    )
 
 
 def _render(
@@ -128,6 +140,8 @@ def _render(
         loader=PackageLoader("bess.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True,
     )  # fmt: skip
+    drawn = any(figure.spec for section in sections for figure in section.figures)
+    scripts = [*([get_plotlyjs()] if drawn else []), environment.get_template("report.js").render()]
     first = next(iter(runs.values()))
     kpis = {name: run.kpis for name, run in runs.items()}
     if sweep is not None and sweep.kpis:
@@ -150,7 +164,8 @@ def _render(
         "version": first.identity["version"],
         "report_version": __version__,
         "packages": {name: version(name) for name in _PACKAGES},
-        "plotly": get_plotlyjs() if any(figure.spec for s in sections for figure in s.figures) else "",
+        "scripts": scripts,
+        "policy": _security_policy(scripts),
     }
     return environment.get_template("report.html.j2").render(values)
 
