@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from bess.analysis.kpis import kpis
+    from bess.analysis.settlement import ledger
     from bess.components import (
         inverter_from_efficiency,
         inverter_from_loss,
@@ -51,6 +52,7 @@ _HOMES = {
     "run": "bess.simulation",
     "run_scenarios": "bess.simulation",
     "kpis": "bess.analysis.kpis",
+    "ledger": "bess.analysis.settlement",
     "Objective": "bess.split.objectives",
     "Objectives": "bess.split.objectives",
     "GroupResult": "bess.split.outcome",
@@ -87,6 +89,7 @@ __all__ = [
     "inverter_from_loss",
     "inverter_from_sandia",
     "kpis",
+    "ledger",
     "load_study",
     "load_system",
     "open_result",

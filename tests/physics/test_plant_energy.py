@@ -49,6 +49,9 @@ def test_the_ledger_closes_over_a_month() -> None:
     assert np.abs(flows.ledger_residual_kwh).sum() < 1e-9 * throughput_kwh
     # The same from the record alone: what the grid gave (standby included) is stored, heat, or inverter loss.
     standby_kw = np.where(flows.delivered_kw == 0.0, flows.inverter_loss_kw, 0.0)
+    np.testing.assert_array_equal(flows.standby_kw[standby_kw > 0.0], standby_kw[standby_kw > 0.0])
+    balance = -flows.chemical_kw + flows.battery_loss_kw + flows.inverter_loss_kw + flows.delivered_kw
+    np.testing.assert_allclose(flows.standby_kw, balance, atol=1e-10)
     full = (flows.delivered_kw == 0.0) | (flows.availability_loss_kw == 0.0)
     stored = -flows.chemical_kw + flows.battery_loss_kw + flows.inverter_loss_kw
     np.testing.assert_allclose((standby_kw - flows.delivered_kw)[full], stored[full], atol=1e-10)

@@ -11,6 +11,7 @@ import xarray as xr
 import bess
 from bess.analysis.catalogue import CATALOGUE, Kpi, better, in_order, kpi
 from bess.analysis.kpis import _round_trip
+from bess.analysis.settlement import COSTS
 
 
 @pytest.fixture(scope="module")
@@ -21,6 +22,10 @@ def given() -> dict[str, float]:
 
 def test_every_figure_of_a_run_is_in_the_catalogue(given: dict[str, float]) -> None:
     assert not given.keys() - CATALOGUE.keys()
+
+
+def test_every_figure_of_a_settlement_is_in_the_catalogue() -> None:
+    assert {*COSTS, "net_eur", "discharge_revenue_eur"} <= CATALOGUE.keys()
 
 
 def test_every_entry_says_in_one_sentence_what_it_means() -> None:

@@ -73,6 +73,10 @@ def _energy(label: str, meaning: str, better: Direction | None = "min", *, detai
     return Kpi(label, "kWh", better, 1, meaning, "energy", detail)
 
 
+def _money(label: str, meaning: str, better: Direction | None = "min") -> Kpi:
+    return Kpi(label, "EUR", better, 2, meaning, "money")
+
+
 def _efficiency(label: str, meaning: str) -> Kpi:
     return Kpi(label, "%", "max", 2, meaning, "efficiency")
 
@@ -130,8 +134,24 @@ CATALOGUE: Final[dict[str, Kpi]] = {
     "request_kwh": _energy(
         "Requested of the strings", "Set-points of all strings, both directions added.", None, detail=True
     ),
+    "net_eur": _money(
+        "Net", "Discharge revenue less charge cost, shortfall, wear, starts and auxiliaries.", "max"
+    ),
+    "discharge_revenue_eur": _money(
+        "Discharge revenue", "Discharged energy times price less fee.", "max"
+    ),
+    "charge_cost_eur": _money("Charge cost", "Charged energy times price and fee; negative where prices are."),
+    "shortfall_eur": _money(
+        "Shortfall", "Energy asked for and not delivered, at the magnitude of its price and a penalty."
+    ),
+    "wear_eur": _money("Wear", "Ageing of the batteries, by the wear model of the study."),
+    "start_eur": _money("Inverter starts", "Starts of inverters, at the price of one."),
+    "auxiliary_eur": _money(
+        "Auxiliaries", "Energy the plant takes beside what it delivers (standby), at the price of charging."
+    ),
     "revenue_eur": Kpi(
-        "Revenue", "EUR", "max", 2, "Delivered energy times price, charged energy counted negative.", "money"
+        "Market revenue", "EUR", "max", 2, "Delivered energy times price, charged energy counted negative.",
+        "money", True,
     ),
     "system_efficiency_pct": _efficiency(
         "System efficiency", "One minus inverter and battery loss per requested energy."

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bess.analysis.settlement import has_prices, settlement_kpis
 from bess.units import PERCENT
 
 if TYPE_CHECKING:
@@ -88,9 +89,10 @@ def _figures(dataset: xr.Dataset) -> Iterator[tuple[str, Any]]:
     yield "lost_kwh", shed + derated + inverter + battery
     residual = float(np.abs(dataset["ledger_residual_kwh"].values).sum())
     yield "ledger_residual_ratio", residual / delivered if delivered > 0.0 else residual
-    if "price_eur_mwh" in dataset:
+    if has_prices(dataset):
         sold_kw = dataset["delivered_kw"].values.sum(axis=1)
         yield "revenue_eur", (sold_kw * dataset["price_eur_mwh"].values).sum() * dt_h / _KWH_PER_MWH
+        yield from settlement_kpis(dataset)
     yield from _solver(dataset)
 
 

@@ -44,8 +44,9 @@ class Flows:
     derating_loss_kw : ndarray
         Requested, not wanted because of the temperature [kW].
     inverter_loss_kw : ndarray
-        Inverter loss [kW], with the standby of an inverter that is off; the grid supplies that beside
-        ``delivered_kw``.
+        Inverter loss [kW], with the standby of an inverter that is off.
+    standby_kw : ndarray
+        That standby alone [kW]; the grid supplies it beside ``delivered_kw``.
     battery_loss_kw : ndarray
         Ohmic loss ``R I^2`` [kW]: the heat that the strings take up.
     chemical_kw : ndarray
@@ -73,6 +74,7 @@ class Flows:
     availability_loss_kw: Floats
     derating_loss_kw: Floats
     inverter_loss_kw: Floats
+    standby_kw: Floats
     battery_loss_kw: Floats
     chemical_kw: Floats
     current_a: Floats

@@ -11,6 +11,7 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
 from bess.parameters.quantities import Count, Fraction, NonNegative, Positive, Temperature, within
 from bess.parameters.section import Section
+from bess.parameters.terms import Terms
 
 
 def _aware(value: datetime) -> datetime:
@@ -174,6 +175,35 @@ class RunChoice(Section):
     days: Annotated[float, within(0.0, 36_525.0, "days", above=True)] | None = None
     plant_step_s: Positive | None = None
     derating_law: Literal["table", "pi"] = "table"
+
+
+class SettlementChoice(Section):
+    """Section ``[settlement]``: what is agreed on beside the price of energy, for studies with prices.
+
+    Energy asked for and not delivered costs the magnitude of its price and ``shortfall_eur_mwh``. Fees are on
+    each MWh charged or discharged (AC), ``start_eur`` is for each start of an inverter.
+    """
+
+    shortfall_eur_mwh: NonNegative = Terms.shortfall_eur_mwh
+    charge_fee_eur_mwh: NonNegative = Terms.charge_fee_eur_mwh
+    discharge_fee_eur_mwh: NonNegative = Terms.discharge_fee_eur_mwh
+    start_eur: NonNegative = Terms.start_eur
+
+
+class WearChoice(Section):
+    """Section ``[wear]``: what using the batteries costs.
+
+    ``throughput`` is a price ``eur_per_mwh`` for each MWh discharged (AC).
+    """
+
+    model: Literal["none", "throughput"] = "none"
+    eur_per_mwh: NonNegative = 0.0
+
+
+def terms_of(settlement: SettlementChoice, wear: WearChoice) -> Terms:
+    """Return both sections as what dispatch and settlement work with."""
+    throughput = wear.model == "throughput"
+    return Terms(**settlement.model_dump(), wear_eur_mwh=wear.eur_per_mwh if throughput else 0.0)
 
 
 class OutputChoice(Section):

@@ -25,7 +25,9 @@ from bess.study.sections import (
     RunChoice,
     RunName,
     Scenario,
+    SettlementChoice,
     SystemChoice,
+    WearChoice,
     WeatherChoice,
 )
 
@@ -45,6 +47,8 @@ class Study(Section):
     demand: Demand
     weather: WeatherChoice = WeatherChoice()
     policy: PolicyChoice = PolicyChoice()
+    settlement: SettlementChoice = SettlementChoice()
+    wear: WearChoice = WearChoice()
     run: RunChoice = RunChoice()
     output: OutputChoice = OutputChoice()
     event: tuple[Event, ...] = ()

@@ -65,6 +65,8 @@ record! {
     derating_loss_w,
     /// Inverter loss, standby included [W].
     inverter_loss_w,
+    /// The part of the inverter loss that an inverter that is off takes from the grid, beside the delivered power [W].
+    standby_w,
     /// Ohmic battery loss [W].
     battery_loss_w,
     /// Power taken from the chemical store, `V I` [W].

@@ -55,6 +55,7 @@ impl<const W: usize> Totals<W> {
         record.availability_loss_w[at] = self.availability_loss_w.0[lane] / n;
         record.derating_loss_w[at] = self.derating_loss_w.0[lane] / n;
         record.inverter_loss_w[at] = loss_w / n;
+        record.standby_w[at] = standby_w / n;
         record.battery_loss_w[at] = heat_w / n;
         record.chemical_w[at] = chemical_w / n;
         record.current_a[at] = self.current_a.0[lane] / n;

@@ -120,6 +120,7 @@ fn to_dict(py: Python<'_>, record: Record) -> PyResult<Bound<'_, PyDict>> {
         ("availability_loss_kw", record.availability_loss_w, W_PER_KW),
         ("derating_loss_kw", record.derating_loss_w, W_PER_KW),
         ("inverter_loss_kw", record.inverter_loss_w, W_PER_KW),
+        ("standby_kw", record.standby_w, W_PER_KW),
         ("battery_loss_kw", record.battery_loss_w, W_PER_KW),
         ("chemical_kw", record.chemical_w, W_PER_KW),
         ("current_a", record.current_a, 1.0),

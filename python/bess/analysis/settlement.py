@@ -1,0 +1,119 @@
+"""What a run earned and cost: a ledger in EUR from the plant's record, in which each EUR has one place."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Iterator
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bess.errors import InputError
+from bess.parameters.terms import Terms
+from bess.study.sections import SettlementChoice, WearChoice, terms_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from bess.record import Result
+
+Array = NDArray[np.float64]
+
+_KWH_PER_MWH: Final = 1000.0
+
+COSTS: Final = ("charge_cost_eur", "shortfall_eur", "wear_eur", "start_eur", "auxiliary_eur")
+"""Entries of the ledger that are subtracted from ``discharge_revenue_eur``."""
+
+
+def ledger(result: Result | xr.Dataset) -> xr.Dataset:
+    r"""Return what every step earned and cost, in EUR.
+
+    With price :math:`\pi`, delivered power :math:`p` (:math:`p^+` discharge, :math:`p^-` charge),
+    demand :math:`D`, step :math:`\Delta t` and the terms of ``[settlement]`` and ``[wear]``:
+
+    - ``discharge_revenue_eur`` :math:`p^+ (\pi - f_d)\,\Delta t` and ``charge_cost_eur``
+      :math:`p^- (\pi + f_c)\,\Delta t` with the fees :math:`f`; a negative price can make either negative;
+    - ``shortfall_eur`` :math:`(|D| - |p|)(|\pi| + s)\,\Delta t`;
+    - ``wear_eur``: what an ageing model of the plant put into the record, or, with the model ``throughput``,
+      a price for each MWh discharged;
+    - ``start_eur`` for each start of an inverter;
+    - ``auxiliary_eur``: what the plant takes from the grid beside :math:`p` (the standby of inverters that
+      are off), at the price and fee of charging;
+    - ``net_eur``, the revenue less all costs.
+
+    Parameters
+    ----------
+    result
+        A result or record with prices.
+
+    Returns
+    -------
+    xarray.Dataset
+        One variable for each entry, over ``time``. Costs are positive. The terms are in ``attrs``.
+
+    Raises
+    ------
+    InputError
+        If the record has no prices.
+    """
+    import xarray as xr
+
+    dataset: Any = getattr(result, "dataset", result)
+    if not has_prices(dataset):
+        raise InputError("settlement: the record has no prices (price_eur_mwh), as market studies have them")
+    terms = recorded_terms(dataset)
+    entries = dict(_entries(dataset, terms))
+    entries["net_eur"] = entries["discharge_revenue_eur"] - sum(entries[name] for name in COSTS)
+    return xr.Dataset(
+        {name: ("time", values, {"units": "EUR"}) for name, values in entries.items()},
+        {"time": dataset["time"]},
+        asdict(terms),
+    )
+
+
+def has_prices(dataset: xr.Dataset) -> bool:
+    """Tell whether a record can be settled."""
+    return "price_eur_mwh" in dataset
+
+
+def recorded_terms(dataset: xr.Dataset) -> Terms:
+    """Return the terms of the study that a record carries."""
+    study = tomllib.loads(dataset.attrs.get("study", ""))
+    return terms_of(
+        SettlementChoice.model_validate(study.get("settlement", {})),
+        WearChoice.model_validate(study.get("wear", {})),
+    )
+
+
+def settlement_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
+    """Yield ``net_eur`` and the sums of which it is the difference, each exact but for one rounding."""
+    entries = ledger(dataset)
+    revenue_eur = math.fsum(entries["discharge_revenue_eur"].values)
+    costs_eur = {name: math.fsum(entries[name].values) for name in COSTS}
+    yield "net_eur", revenue_eur - math.fsum(costs_eur.values())
+    yield "discharge_revenue_eur", revenue_eur
+    yield from costs_eur.items()
+
+
+def _entries(dataset: xr.Dataset, terms: Terms) -> Iterator[tuple[str, Array]]:
+    step_mwh_per_kw = float(dataset.attrs["step_h"]) / _KWH_PER_MWH
+    price: Array = dataset["price_eur_mwh"].values
+    delivered_kw: Array = dataset["delivered_kw"].values
+    discharged_mwh = np.maximum(delivered_kw, 0.0).sum(axis=1) * step_mwh_per_kw
+    charged_mwh = np.maximum(-delivered_kw, 0.0).sum(axis=1) * step_mwh_per_kw
+    asked_mwh = np.abs(dataset["demand_kw"].values) * step_mwh_per_kw
+    charge_price = terms.charge_price_eur_mwh(price)
+    yield "discharge_revenue_eur", discharged_mwh * terms.discharge_price_eur_mwh(price)
+    yield "charge_cost_eur", charged_mwh * charge_price
+    # The delivered powers sum to the demand but for rounding, which can leave less than nothing missing.
+    missing_mwh = np.maximum(asked_mwh - discharged_mwh - charged_mwh, 0.0)
+    yield "shortfall_eur", missing_mwh * terms.shortfall_price_eur_mwh(price)
+    aged = "wear_eur" in dataset
+    yield "wear_eur", dataset["wear_eur"].values.sum(axis=1) if aged else discharged_mwh * terms.wear_eur_mwh
+    yield "start_eur", dataset["inverter_starts"].values.sum(axis=1) * terms.start_eur
+    # Records made before standby was told apart have none.
+    standby_kw = dataset["standby_kw"].values.sum(axis=1) if "standby_kw" in dataset else np.zeros(price.size)
+    yield "auxiliary_eur", standby_kw * step_mwh_per_kw * charge_price

@@ -1,0 +1,44 @@
+"""What was agreed on beside the market price: what the dispatch plans with and the settlement counts."""
+
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+Price = TypeVar("Price", float, npt.NDArray[np.float64])
+
+
+@dataclass(frozen=True)
+class Terms:
+    """Prices of everything but energy; the defaults are those of a study.
+
+    Attributes
+    ----------
+    shortfall_eur_mwh : float
+        What a MWh that was asked for and not delivered costs, beside the magnitude of its price.
+    charge_fee_eur_mwh, discharge_fee_eur_mwh : float
+        Fees and taxes on each MWh charged and discharged (AC).
+    start_eur : float
+        For each start of an inverter.
+    wear_eur_mwh : float
+        For each MWh discharged (AC); 0 if an ageing model of the plant counts the wear.
+    """
+
+    shortfall_eur_mwh: float = 50.0
+    charge_fee_eur_mwh: float = 0.0
+    discharge_fee_eur_mwh: float = 0.0
+    start_eur: float = 0.0
+    wear_eur_mwh: float = 0.0
+
+    def shortfall_price_eur_mwh(self, price_eur_mwh: Price) -> Price:
+        """Price of a MWh that was asked for and not delivered, either direction."""
+        return abs(price_eur_mwh) + self.shortfall_eur_mwh
+
+    def charge_price_eur_mwh(self, price_eur_mwh: Price) -> Price:
+        """What a MWh charged costs."""
+        return price_eur_mwh + self.charge_fee_eur_mwh
+
+    def discharge_price_eur_mwh(self, price_eur_mwh: Price) -> Price:
+        """What a MWh discharged earns, before wear."""
+        return price_eur_mwh - self.discharge_fee_eur_mwh
