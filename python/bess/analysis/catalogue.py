@@ -140,7 +140,7 @@ CATALOGUE: Final[dict[str, Kpi]] = {
     "discharge_revenue_eur": _money(
         "Discharge revenue", "Discharged energy times price less fee.", "max"
     ),
-    "charge_cost_eur": _money("Charge cost", "Charged energy times price and fee; negative where prices are."),
+    "charge_cost_eur": _money("Charge cost", "Charged energy times price and fee; negative where that is."),
     "shortfall_eur": _money(
         "Shortfall", "Energy asked for and not delivered, at the magnitude of its price and a penalty."
     ),
@@ -150,8 +150,7 @@ CATALOGUE: Final[dict[str, Kpi]] = {
         "Auxiliaries", "Energy the plant takes beside what it delivers (standby), at the price of charging."
     ),
     "revenue_eur": Kpi(
-        "Market revenue", "EUR", "max", 2, "Delivered energy times price, charged energy counted negative.",
-        "money", True,
+        "Revenue", "EUR", "max", 2, "Delivered energy times price, charged energy counted negative.", "money"
     ),
     "system_efficiency_pct": _efficiency(
         "System efficiency", "One minus inverter and battery loss per requested energy."
