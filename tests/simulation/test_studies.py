@@ -40,7 +40,7 @@ def test_case_studies_need_no_data_files() -> None:
 
 def test_case2_has_the_weights_of_the_paper() -> None:
     weights = {
-        name: (run.policy.objectives.inverter, run.policy.objectives.battery)
+        name: (run.policy.objectives.inverter.weight, run.policy.objectives.battery.weight)
         for name, run in expand(bess.load_study("case2")).items()
     }
     assert weights == {"S1": (1.0, 0.0), "S2": (0.5, 0.5), "S3": (0.0, 1.0)}
@@ -87,7 +87,7 @@ def test_initial_values_are_one_for_all_strings_or_one_for_each() -> None:
             "policy.horizn_steps: unknown key; did you mean 'policy.horizon_steps'?",
         ),
         ({"run.dayz": 4}, "did you mean 'run.days'?"),
-        ({"policy.objectives.invertr": 1}, "did you mean 'policy.objectives.inverter'?"),
+        ({"policy.objectives.invertr": 1}, "did you mean 'policy.objectives.inverter.weight'?"),
         ({"run.days": -1.0}, "run.days = -1.0: must be in (0, 36525] days"),
         ({"run.days": float("nan")}, "run.days = nan"),
         ({"run.days": 0.3}, "whole number of steps of 15 min"),
@@ -179,9 +179,9 @@ def test_a_simplex_has_all_shares_that_sum_to_one(tmp_path: Path) -> None:
     keys = ", ".join(f'"policy.objectives.{name}"' for name in ("derating", "inverter", "battery"))
     text = MINIMAL + f"[[sweep]]\nsimplex = [{keys}]\ndivisions = 4\n"
     goals = [run.policy.objectives for run in expand(bess.load_study(written(tmp_path, text))).values()]
-    points = {(goal.derating, goal.inverter, goal.battery) for goal in goals}
+    points = {tuple(objective.weight for objective in goal.members[1:]) for goal in goals}
     assert len(points) == len(goals) == 15  # (4 + 2 over 2)
-    assert all(sum(point) == 1.0 for point in points)  # type: ignore[arg-type]
+    assert all(sum(point) == 1.0 for point in points)
 
 
 def test_a_wrong_key_in_a_sweep_is_refused_before_anything_runs(tmp_path: Path) -> None:

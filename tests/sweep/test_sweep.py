@@ -159,5 +159,5 @@ def test_the_bundled_front_has_21_weights_that_sum_to_one() -> None:
     runs = expand(bess.load_study("pareto"))
     goals = [study.policy.objectives for study in runs.values()]
     assert len(runs) == 21
-    assert all(goal.inverter + goal.battery == pytest.approx(1.0) for goal in goals)
-    assert sorted(goal.inverter for goal in goals) == pytest.approx([i / 20 for i in range(21)])
+    assert all(goal.inverter.weight + goal.battery.weight == pytest.approx(1.0) for goal in goals)
+    assert sorted(goal.inverter.weight for goal in goals) == pytest.approx([i / 20 for i in range(21)])

@@ -49,9 +49,9 @@ def test_bad_weights_are_refused(arguments):
         Objectives(**arguments)
 
 
-@pytest.mark.parametrize("priority", [1.5, 2.0, "2", True, None])
+@pytest.mark.parametrize("priority", [1.5, 2.0, "2", True])
 def test_priority_must_be_an_integer(priority):
-    with pytest.raises(bess.InputError, match="integer"):
+    with pytest.raises(bess.InputError, match="whole number"):
         Objective(1.0, priority)
 
 

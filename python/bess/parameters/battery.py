@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import pairwise
-from typing import Annotated, Self
+from typing import Any, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import field_validator, model_validator
 
 from bess.parameters.quantities import (
     CellCapacity,
@@ -20,7 +21,6 @@ from bess.parameters.quantities import (
     TemperatureAxis,
     ascending,
     same_length,
-    within,
 )
 from bess.parameters.section import Section
 
@@ -137,13 +137,20 @@ class Battery(Section):
     cell_mass_kg: CellMass
     soc_min: Fraction = 0.0
     soc_max: Fraction = 1.0
-    availability_epsilon: Annotated[float, Field(strict=True), within(0.0, 0.05)] = 1e-3
     low_soc_switch: Fraction = 0.10
     r_scale: Ratio = 1.0
     ocv_v: OcvTable
     resistance_temperature: ResistanceOverTemperature | None = None
     resistance_soc: ResistanceOverSoc | None = None
     resistance_table: ResistanceTable | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_former_keys(cls, given: Any) -> Any:
+        """``availability_epsilon`` of earlier files had no effect."""
+        if isinstance(given, Mapping):
+            return {key: value for key, value in given.items() if key != "availability_epsilon"}
+        return given
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -88,7 +88,7 @@ def describe(
         message = problem["msg"].removeprefix("Value error, ")
         message = _PLAIN_WORDS.get(problem["type"], message[:1].lower() + message[1:])
         problems.setdefault(key + ("" if unknown else _shown(problem["input"])), []).append(message)
-    sentences = [f"{key}: {' or '.join(messages)}" for key, messages in problems.items()]
+    sentences = [f"{key}: {' or '.join(messages)}".removeprefix(": ") for key, messages in problems.items()]
     if len(sentences) > _SHOWN_PROBLEMS:
         more = len(sentences) - _SHOWN_PROBLEMS
         sentences[_SHOWN_PROBLEMS:] = [f"and {more} more problem{'s' if more > 1 else ''}"]

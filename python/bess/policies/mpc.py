@@ -60,21 +60,17 @@ class MpcPolicy:
 
 def build(system: System, settings: Settings) -> MpcPolicy:
     """Compile the power split for a system; imports the optimiser, which takes a second or two."""
-    from bess import Objectives, PowerSplit
-    from bess.split.objectives import Objective
+    from bess import PowerSplit
     from bess.split.outcome import SplitStatus
 
-    goals: dict[str, Any] = {
-        name: Objective(**value) if isinstance(value, Mapping) else value
-        for name, value in settings.objectives.items()
-    }
+    chosen = settings.split
     splitter = PowerSplit(
         system,
         settings.horizon_steps,
-        objectives=Objectives(**goals),
+        objectives=chosen.objectives,
         dt_h=settings.dt_h,
-        gap=settings.gap,
-        node_limit=settings.node_limit,
-        time_limit_s=settings.time_limit_s,
+        gap=chosen.gap,
+        node_limit=chosen.node_limit,
+        time_limit_s=chosen.time_limit_s,
     )
     return MpcPolicy(splitter, {status.code: str(status) for status in SplitStatus})

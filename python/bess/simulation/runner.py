@@ -204,8 +204,5 @@ def policy_settings(study: Study, inputs: Inputs) -> Settings:
     return Settings(
         dt_h=inputs.grid.dt_h,
         horizon_steps=inputs.horizon_steps,
-        objectives=choice.objectives.model_dump(),
-        gap=choice.gap,
-        node_limit=choice.node_limit,
-        time_limit_s=choice.time_limit_s,
+        split=choice,
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -98,20 +97,14 @@ class HorizonInputs:
         )
 
 
-def check_settings(
-    system: System, horizon_steps: int, dt_h: float, gap: float, time_limit_s: float | None, node_limit: int
-) -> None:
-    """Check what a :class:`PowerSplit` is built with."""
+def check_horizon(system: System, horizon_steps: int, dt_h: float) -> None:
+    """Check the plant and the horizon that a :class:`PowerSplit` is built for."""
     if not isinstance(system, System):
         raise InputError(f"system must be a bess.System, not {type(system).__name__}")
     if system.n_strings > MAX_STRINGS:
         raise InputError(f"{system.n_strings} strings; the power split takes 1 to {MAX_STRINGS}")
     _integer("horizon_steps", horizon_steps, 1, MAX_HORIZON_STEPS)
-    _integer("node_limit", node_limit, 1, 10**9)
     _number("dt_h", dt_h, " h", 0.0, 24.0)
-    _number("gap", gap, "", 0.0, 1.0)
-    if time_limit_s is not None:
-        _number("time_limit_s", time_limit_s, " s", 0.0, math.inf)
     fastest = max(s.thermal.lumped.k2_per_s for s in system.strings) * dt_h * 3600.0
     if fastest >= 1.0:
         raise InputError(
@@ -138,5 +131,5 @@ def _integer(name: str, value: object, low: int, high: int) -> None:
 
 def _number(name: str, value: object, unit: str, low: float, high: float) -> None:
     number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-    if not number or not low <= value <= high or (name == "dt_h" and value == 0.0):  # type: ignore[operator]
-        raise InputError(f"{name} {value!r}{unit} must be a number from {low:g} to {high:g}{unit}")
+    if not number or not low < value <= high:  # type: ignore[operator]
+        raise InputError(f"{name} {value!r}{unit} must be a number in ({low:g}, {high:g}]{unit}")

@@ -1,26 +1,44 @@
-"""What the power split minimises: four normalised losses with weights, priorities and tolerances."""
+"""What the power split minimises: four losses with weights, priorities and tolerances."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, field
-from typing import Final, Literal, get_args
+from collections.abc import Mapping
+from typing import Annotated, Any, Final, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from bess.errors import InputError
+from bess.parameters.documents import describe
+from bess.parameters.quantities import NonNegative
+from bess.parameters.section import Section
 
 NAMES: Final = ("availability", "derating", "inverter", "battery")
 TIE_BREAK_WEIGHT: Final = 2e-4
 """Weight inside the search of an objective whose weight is zero: nothing else would press its loss onto its
-table. Five times as much (MODEL.md section 4) costs up to 0.3 % of what is minimised on hot states."""
+table. Five times as much costs up to 0.3 % of what is minimised on hot states."""
 
-Normalisation = Literal["constant", "payoff"]
+SHORTFALL: Final = 3.0
+
+Kind = Literal["paper", "energy"]
+Normalisation = Literal["constant", "payoff", "energy"]
 
 
-@dataclass(frozen=True)
-class Objective:
+class Choice(Section):
+    """A section of a study that users of Python build as well: what it refuses is an InputError there."""
+
+    def __init__(self, **values: Any) -> None:
+        try:
+            super().__init__(**values)
+        except ValidationError as error:
+            raise InputError(describe(error, type(self).__name__)) from error
+
+    # Inside a study, pydantic fills the fields without this method: the error names the place in the file.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+
+class Objective(Choice):
     """One objective, in the words of HiGHS and Gurobi.
 
     Attributes
@@ -28,43 +46,55 @@ class Objective:
     weight : float
         Weight within its priority, ``>= 0``.
     priority : int
-        Larger is minimised first; equal priorities are blended.
+        Larger is minimised first; equal priorities are blended. Unless given, what the kind of the
+        :class:`Objectives` says.
     abs_tol, rel_tol : float
         Its group may be worse than its optimum ``F*`` by ``max(abs_tol, rel_tol |F*|)`` while lower
         priorities are minimised; the group takes the smallest of its members.
     """
 
-    weight: float = 1.0
-    priority: int = 1
-    abs_tol: float = 2e-5
-    rel_tol: float = 5e-5
+    weight: NonNegative = 1.0
+    priority: Annotated[int, Field(strict=True)] = 1
+    abs_tol: NonNegative = 2e-5
+    rel_tol: NonNegative = 5e-5
 
-    def __post_init__(self) -> None:
-        if isinstance(self.priority, bool) or not isinstance(self.priority, int | np.integer):
-            raise InputError(f"objective priority {self.priority!r} must be an integer (larger is first)")
-        for name in ("weight", "abs_tol", "rel_tol"):
-            value = getattr(self, name)
-            number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-            if not number or not math.isfinite(value) or value < 0.0:
-                raise InputError(f"objective {name} {value!r} must be a finite number >= 0")
+    def __init__(self, weight: float | None = None, priority: int | None = None, **tolerances: float) -> None:
+        given = {"weight": weight, "priority": priority}
+        super().__init__(**{name: value for name, value in given.items() if value is not None}, **tolerances)
+
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
 
-@dataclass(frozen=True, init=False)
-class Objectives:
-    """The four objectives. Keywords take a weight, or an :class:`Objective` for priority and tolerances as
-    well.
+def _weight_alone(value: object) -> object:
+    return value if isinstance(value, Mapping | Objective) else {"weight": value}
 
-    Availability has priority 2 by default, the others 1 (case 1 of the paper); ``Objectives(inverter=0.5,
-    battery=0.5)`` is weighting S2 of its case 2.
 
-    Parameters
+Weighted = Annotated[Objective, BeforeValidator(_weight_alone)]
+"""An objective; a number is its weight."""
+
+
+class Objectives(Choice):
+    """The four objectives: section ``[policy.objectives]`` of a study, and ``bess.Objectives``.
+
+    Each takes a weight, or an :class:`Objective` (a table) for priority and tolerances as well; what is not
+    given is what ``kind`` says:
+
+    - ``"paper"``: all weights 1, availability at priority 2 and the rest at 1, ``"constant"`` normalisation
+      (case 1 of the paper; ``Objectives(inverter=0.5, battery=0.5)`` is weighting S2 of its case 2);
+    - ``"energy"``: one sum in kWh, ``shortfall`` times what is not delivered (availability and derating),
+      plus what is lost in inverters and batteries.
+
+    Attributes
     ----------
-    availability, derating, inverter, battery : float or Objective
-        Availability loss, derating loss, inverter loss, battery loss.
-    normalisation : {"constant", "payoff"}
+    kind : {"paper", "energy"}
+    shortfall : float or None
+        Cost of a kWh that is not delivered, in kWh lost: of kind ``"energy"`` only, 3 unless given.
+    normalisation : {"constant", "payoff", "energy"}
         Divide each loss by its value at nominal power on every string and step, so that a kWh counts the same
-        in whichever string it is lost (MODEL.md section 3), or by its range over the optima of the single
-        objectives, found anew for each call.
+        in whichever string it is lost; by its range over the optima of the single objectives, found anew for
+        each call; or not at all, so that objectives are in kWh.
+    availability, derating, inverter, battery : Objective
+        Availability loss, derating loss, inverter loss, battery loss.
 
     Raises
     ------
@@ -72,35 +102,45 @@ class Objectives:
         Negative or non-finite weight or tolerance, priority that is not an integer, all weights zero.
     """
 
-    availability: Objective
-    derating: Objective
-    inverter: Objective
-    battery: Objective
-    normalisation: Normalisation = field(default="constant")
+    kind: Kind = "paper"
+    shortfall: NonNegative | None = None
+    normalisation: Normalisation = "constant"
+    availability: Weighted = Objective()
+    derating: Weighted = Objective()
+    inverter: Weighted = Objective()
+    battery: Weighted = Objective()
 
-    def __init__(
-        self,
-        availability: float | Objective = 1.0,
-        derating: float | Objective = 1.0,
-        inverter: float | Objective = 1.0,
-        battery: float | Objective = 1.0,
-        *,
-        normalisation: Normalisation = "constant",
-    ) -> None:
-        for name, given in zip(NAMES, (availability, derating, inverter, battery), strict=True):
-            default = Objective(priority=2 if name == "availability" else 1)
-            try:
-                value = given if isinstance(given, Objective) else Objective(given, default.priority)
-            except InputError as error:
-                raise InputError(f"{name}: {error}") from None
-            object.__setattr__(self, name, value)
-        if normalisation not in get_args(Normalisation):
-            raise InputError(
-                f"normalisation {normalisation!r} is unknown; allowed: {', '.join(get_args(Normalisation))}"
-            )
-        object.__setattr__(self, "normalisation", normalisation)
+    @classmethod
+    def paper(cls, **given: Any) -> Self:
+        """Objectives of the paper's case 1, the default; keywords as for the class."""
+        return cls(kind="paper", **given)
+
+    @classmethod
+    def energy(cls, shortfall: float = SHORTFALL, **given: Any) -> Self:
+        """One sum in kWh: ``shortfall`` x (availability + derating loss) + inverter + battery loss."""
+        return cls(kind="energy", shortfall=shortfall, **given)
+
+    @model_validator(mode="after")
+    def _resolve(self) -> Self:
+        """Fill in what the kind says where nothing was given; what was given is still known as such."""
+        energy = self.kind == "energy"
+        if not energy and self.shortfall is not None:
+            raise ValueError('shortfall is for kind = "energy"; with "paper", set weights')
+        if energy and self.shortfall is None:
+            object.__setattr__(self, "shortfall", SHORTFALL)
+        if energy and "normalisation" not in self.model_fields_set:
+            object.__setattr__(self, "normalisation", "energy")
+        for name in NAMES:
+            given: Objective = getattr(self, name)
+            usual: dict[str, Any] = {"priority": 2 if name == "availability" and not energy else 1}
+            if energy and name in ("availability", "derating"):
+                usual["weight"] = self.shortfall
+            values = usual | given.model_dump(exclude_unset=True)
+            resolved = Objective.model_construct(_fields_set=set(given.model_fields_set), **values)
+            object.__setattr__(self, name, resolved)
         if not any(objective.weight > 0.0 for objective in self.members):
-            raise InputError("objectives: at least one weight must be positive")
+            raise ValueError("at least one weight must be positive")
+        return self
 
     @property
     def members(self) -> tuple[Objective, Objective, Objective, Objective]:

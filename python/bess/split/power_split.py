@@ -14,12 +14,13 @@ from bess.parameters import State, System
 from bess.split.bounding import Bounding, Bounds
 from bess.split.branch_and_bound import Closure
 from bess.split.coefficients import PlantConstants
-from bess.split.inputs import HorizonInputs, check_settings
+from bess.split.inputs import HorizonInputs, check_horizon
 from bess.split.objectives import NAMES, Objectives
 from bess.split.outcome import GroupResult, Split, SplitStatus, relative_gap
 from bess.split.payoff import payoff_scale
 from bess.split.rollout import Rollout, rollout
 from bess.split.search import Limits, Model, Search, Task
+from bess.split.settings import SplitSettings
 
 Array = NDArray[np.float64]
 
@@ -28,6 +29,8 @@ SATURATED_KW = 1e-9
 
 ROLLOUTS = 2000
 """Effort of the local search on the control model, for each call."""
+
+DEFAULTS = SplitSettings()
 
 STATUS = {
     Closure.GAP: SplitStatus.OPTIMAL,
@@ -51,12 +54,9 @@ class PowerSplit:
         Default: availability first, then derating, inverter and battery loss with equal weights.
     dt_h : float
         Length of a step [h].
-    gap : float
-        Relative search gap at which the search stops.
-    time_limit_s : float, optional
-        Wall-clock limit of a call; the best split known is returned and flagged.
-    node_limit : int
-        Largest number of relaxations solved in one stage; none are for more than 400 steps of strings.
+    gap, time_limit_s, node_limit
+        As for :class:`bess.split.settings.SplitSettings`. No relaxation is solved for more than 400 steps of
+        strings.
 
     Attributes
     ----------
@@ -71,23 +71,29 @@ class PowerSplit:
         horizon_steps: int,
         objectives: Objectives | None = None,
         dt_h: float = 0.25,
-        gap: float = 1e-3,
-        time_limit_s: float | None = None,
-        node_limit: int = 30,
+        gap: float = DEFAULTS.gap,
+        time_limit_s: float | None = DEFAULTS.time_limit_s,
+        node_limit: int = DEFAULTS.node_limit,
     ) -> None:
-        check_settings(system, horizon_steps, dt_h, gap, time_limit_s, node_limit)
+        check_horizon(system, horizon_steps, dt_h)
         if objectives is not None and not isinstance(objectives, Objectives):
             raise InputError(f"objectives must be bess.Objectives, not {type(objectives).__name__}")
-        self.system = system
-        self.horizon_steps = int(horizon_steps)
-        self.objectives = objectives if objectives is not None else Objectives()
-        self.dt_h, self.gap, self.time_limit_s, self.node_limit = dt_h, gap, time_limit_s, int(node_limit)
+        self.system, self.horizon_steps, self.dt_h = system, int(horizon_steps), dt_h
+        self.settings = SplitSettings(
+            objectives=objectives if objectives is not None else DEFAULTS.objectives,
+            gap=gap,
+            node_limit=node_limit,
+            time_limit_s=time_limit_s,
+        )
+        self.objectives = self.settings.objectives
         self._model = _core.ControlModel(system.core)
         inverter_kw, battery_kw = self._model.nominal_loss_kw()
         nominal = np.stack([system.nominal_kw, system.nominal_kw, inverter_kw, battery_kw], axis=1)
         # One constant for the plant: a kWh lost counts the same in whichever string it is lost.
         whole = np.broadcast_to(nominal.mean(axis=0), nominal.shape)
-        self._scale_per_kw = 1.0 / (whole * system.n_strings * horizon_steps)
+        constant = 1.0 / (whole * system.n_strings * horizon_steps)
+        in_kwh = np.full_like(constant, dt_h)
+        self._scale_per_kw = in_kwh if self.objectives.normalisation == "energy" else constant
         self._constants = PlantConstants.of(system, battery_kw, dt_h)
         strings = [s.model_dump(exclude={"site"}) for s in system.strings]
         self._alike = np.array([a == b for a, b in pairwise(strings)], dtype=bool)
@@ -142,9 +148,10 @@ class PowerSplit:
                 inputs, np.zeros_like(inputs.limit_kw), idle, idle, SplitStatus.NO_DEMAND, started
             )
 
-        deadline = None if self.time_limit_s is None else started + self.time_limit_s
+        limit_s = self.settings.time_limit_s
+        deadline = None if limit_s is None else started + limit_s
         task = self._task(inputs)
-        search = Search(task, Limits(self.gap, self.node_limit, ROLLOUTS, deadline))
+        search = Search(task, Limits(self.settings.gap, self.settings.node_limit, ROLLOUTS, deadline))
         search.find_incumbent(self._warm_start)
         bounding = Bounding(search)
         rigorous, frozen = bounding.rigorous(), bounding.frozen()
@@ -255,8 +262,8 @@ def split_power(
     demand_kw: ArrayLike,
     objectives: Objectives | None = None,
     dt_h: float = 0.25,
-    gap: float = 1e-3,
-    time_limit_s: float | None = None,
+    gap: float = DEFAULTS.gap,
+    time_limit_s: float | None = DEFAULTS.time_limit_s,
 ) -> Split:
     """Split the demand of one horizon; its length is the number of values in ``demand_kw``.
 

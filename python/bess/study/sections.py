@@ -12,6 +12,7 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 from bess.parameters.quantities import Count, Fraction, NonNegative, Positive, Temperature, within
 from bess.parameters.section import Section
 from bess.parameters.terms import Terms
+from bess.split.settings import SplitSettings
 
 
 def _aware(value: datetime) -> datetime:
@@ -132,40 +133,14 @@ class WeatherChoice(Section):
     offset_k: Annotated[float, within(-50.0, 50.0, "K")] = 0.0
 
 
-class Goal(Section):
-    """One objective in full: weight, priority (larger first; equal = weighted sum), tolerances."""
+class PolicyChoice(SplitSettings):
+    """Section ``[policy]``: which policy, and what ``mpc`` minimises and when it stops searching.
 
-    weight: NonNegative = 1.0
-    priority: int = 1
-    abs_tol: NonNegative = 1e-6
-    rel_tol: NonNegative = 1e-4
-
-
-class ObjectiveChoice(Section):
-    """Section ``[policy.objectives]``: a weight each, or a table with priority and tolerances as well.
-
-    By default availability has priority 2 and the others 1.
-    """
-
-    availability: NonNegative | Goal = 1.0
-    derating: NonNegative | Goal = 1.0
-    inverter: NonNegative | Goal = 1.0
-    battery: NonNegative | Goal = 1.0
-
-
-class PolicyChoice(Section):
-    """Section ``[policy]``: which policy; all but ``name`` and ``horizon_steps`` is for ``mpc``.
-
-    With ``time_limit_s`` the answer depends on how fast the machine is; ``node_limit`` bounds the work
-    repeatably.
+    All but ``name`` and ``horizon_steps`` are the settings of :class:`bess.PowerSplit`.
     """
 
     name: str = "mpc"
     horizon_steps: Annotated[int, Field(ge=1, le=96)] | None = None
-    objectives: ObjectiveChoice = ObjectiveChoice()
-    gap: Annotated[float, Field(gt=0.0, lt=1.0)] = 1e-3
-    node_limit: Count = 1
-    time_limit_s: Positive | None = None
 
 
 class RunChoice(Section):

@@ -29,8 +29,6 @@ pub struct StringParameters {
     pub soc_min: f64,
     /// Upper end of the usable SOC window.
     pub soc_max: f64,
-    /// A string counts as full (empty) within this of its SOC limit.
-    pub availability_epsilon: f64,
     /// SOC below which the resistance depends on SOC.
     pub low_soc_switch: f64,
     /// Open-circuit voltage over SOC (first axis) and temperature while charging [V].

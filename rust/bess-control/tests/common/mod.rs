@@ -12,7 +12,7 @@ pub fn reference(n_strings: usize) -> System {
     let string = json!({
         "battery": {
             "cells_series": 192, "cells_parallel": 4, "cell_capacity_ah": 94.0, "cell_mass_kg": 2.1,
-            "soc_min": 0.0, "soc_max": 1.0, "availability_epsilon": 1e-3, "low_soc_switch": 0.1, "r_scale": 1.0,
+            "soc_min": 0.0, "soc_max": 1.0, "low_soc_switch": 0.1, "r_scale": 1.0,
             "ocv_v": {
                 "soc": [0.0, 0.025, 0.05, 0.075, 0.10, 0.15, 0.20, 0.30, 0.40, 0.50, 0.60, 0.70, 0.80, 0.90, 1.0],
                 "temperature_c": [25.0],
