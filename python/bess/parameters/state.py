@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from bess.errors import InputError
 
 TEMPERATURE_RANGE_C = (-60.0, 150.0)
+SOH_CAPACITY_RANGE = (0.01, 1.5)
+SOH_RESISTANCE_RANGE = (0.1, 100.0)
 
 
 @dataclass(frozen=True, init=False)
@@ -22,25 +24,48 @@ class State:
         State of charge, 0 to 1.
     temperature_c : ndarray, shape (n_strings,)
         Mean temperature of each string [degC].
+    soh_capacity : ndarray, shape (n_strings,)
+        Capacity over that of the system file, 0.01 to 1.5; 1 if not given.
+    soh_resistance : ndarray, shape (n_strings,)
+        Resistance over that of the system file, 0.1 to 100; 1 if not given.
     """
 
     soc: NDArray[np.float64]
     temperature_c: NDArray[np.float64]
+    soh_capacity: NDArray[np.float64]
+    soh_resistance: NDArray[np.float64]
 
-    def __init__(self, soc: ArrayLike, temperature_c: ArrayLike) -> None:
+    def __init__(
+        self,
+        soc: ArrayLike,
+        temperature_c: ArrayLike,
+        soh_capacity: ArrayLike | None = None,
+        soh_resistance: ArrayLike | None = None,
+    ) -> None:
         object.__setattr__(self, "soc", _vector("soc", soc, (0.0, 1.0), ""))
         object.__setattr__(
             self, "temperature_c", _vector("temperature_c", temperature_c, TEMPERATURE_RANGE_C, " degC")
         )
-        if self.soc.shape != self.temperature_c.shape:
-            raise InputError(
-                f"state: soc has {self.soc.size} strings, temperature_c has {self.temperature_c.size}"
-            )
+        fresh = np.ones(self.soc.size)
+        capacity = fresh if soh_capacity is None else soh_capacity
+        resistance = fresh if soh_resistance is None else soh_resistance
+        object.__setattr__(self, "soh_capacity", _vector("soh_capacity", capacity, SOH_CAPACITY_RANGE, ""))
+        object.__setattr__(
+            self, "soh_resistance", _vector("soh_resistance", resistance, SOH_RESISTANCE_RANGE, "")
+        )
+        for name in ("temperature_c", "soh_capacity", "soh_resistance"):
+            if (size := getattr(self, name).size) != self.soc.size:
+                raise InputError(f"state: soc has {self.soc.size} strings, {name} has {size}")
 
     @property
     def n_strings(self) -> int:
         """Number of strings."""
         return self.soc.size
+
+    @property
+    def is_fresh(self) -> bool:
+        """Whether every string has the capacity and resistance of the system file."""
+        return bool((self.soh_capacity == 1.0).all() and (self.soh_resistance == 1.0).all())
 
 
 def _vector(name: str, values: ArrayLike, limits: tuple[float, float], unit: str) -> NDArray[np.float64]:

@@ -95,6 +95,12 @@ class System:
             temperature_c=[s.site.initial_temperature_c for s in self.strings],
         )
 
+    def core_at(self, state: State) -> _core.System:
+        """Tables of the strings as they have become: capacity and resistance at their state of health."""
+        if state.is_fresh:
+            return self.core
+        return self.core.aged(state.soh_capacity, state.soh_resistance)
+
     def check_state(self, state: State) -> None:
         """Raise :class:`InputError` unless ``state`` fits this system (number of strings, SOC windows)."""
         if state.n_strings != self.n_strings:

@@ -14,12 +14,14 @@ class Capability:
     """Largest power of each string that its SOC window and its voltage allow (MODEL.md section 3, item 3)."""
 
     def __init__(self, system: System, dt_h: float) -> None:
-        self._model = _core.ControlModel(system.core)
+        self._system = system
+        self._fresh = _core.ControlModel(system.core)
         self._nominal_kw = system.nominal_kw
         self._dt_h = dt_h
 
     def __call__(self, situation: Situation, discharge: bool) -> NDArray[np.float64]:
         """Return AC powers [kW], magnitudes, shape ``(n_strings,)``."""
         state = situation.state
-        largest_kw = self._model.max_power_kw(state.soc, state.temperature_c, discharge, self._dt_h)
+        model = self._fresh if state.is_fresh else _core.ControlModel(self._system.core_at(state))
+        largest_kw = model.max_power_kw(state.soc, state.temperature_c, discharge, self._dt_h)
         return np.clip(largest_kw, 0.0, self._nominal_kw)

@@ -10,5 +10,5 @@ def share(system: System, task: Task) -> Vector:
     """Weights are the energy [kWh] between the SOC and the end of its window in the direction of power."""
     window = np.array([(string.battery.soc_min, string.battery.soc_max) for string in system.strings])
     left = task.state.soc - window[:, 0] if task.discharge else window[:, 1] - task.state.soc
-    weights = np.maximum(left, 0.0) * system.nominal_energy_kwh
+    weights = np.maximum(left, 0.0) * system.nominal_energy_kwh * task.state.soh_capacity
     return water_fill(task.demand_kw, weights, task.capability_kw)

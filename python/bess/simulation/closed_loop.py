@@ -48,7 +48,7 @@ class ClosedLoop:
         """
         step, inputs = self.step, self._inputs
         state = self._plant.state
-        energy_kwh = float(((state.soc - self._soc_min) * self._energy_kwh).sum())
+        energy_kwh = float(((state.soc - self._soc_min) * self._energy_kwh * state.soh_capacity).sum())
         limit_kw, total_kw = inputs.limit_kw[step], self._total_kw[step]
         ahead_kw = inputs.demand.ahead(step, inputs.horizon_steps, energy_kwh)
         demand_kw = float(ahead_kw[0])

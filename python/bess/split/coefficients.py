@@ -7,13 +7,13 @@ model that stays in them; a box that is one point freezes the coefficients there
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bess import _core
-from bess.parameters import System
+from bess.parameters import State, System
 from bess.split.envelope import Envelope
 from bess.split.inputs import HorizonInputs
 from bess.split.relaxation import INVERTER_PIECES, LOSSES
@@ -125,6 +125,10 @@ class PlantConstants:
             soc_max=np.array([s.battery.soc_max for s in strings]),
             lines=(lines[0], lines[1]),
         )
+
+    def at(self, state: State) -> PlantConstants:
+        """Return the constants of the strings with the capacity that they have now."""
+        return replace(self, soc_per_ampere=self.soc_per_ampere / state.soh_capacity)
 
     @property
     def scale_kw(self) -> Array:

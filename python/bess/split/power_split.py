@@ -86,8 +86,7 @@ class PowerSplit:
             time_limit_s=time_limit_s,
         )
         self.objectives = self.settings.objectives
-        self._model = _core.ControlModel(system.core)
-        inverter_kw, battery_kw = self._model.nominal_loss_kw()
+        inverter_kw, battery_kw = _core.ControlModel(system.core).nominal_loss_kw()
         nominal = np.stack([system.nominal_kw, system.nominal_kw, inverter_kw, battery_kw], axis=1)
         # One constant for the plant: a kWh lost counts the same in whichever string it is lost.
         whole = np.broadcast_to(nominal.mean(axis=0), nominal.shape)
@@ -166,7 +165,7 @@ class PowerSplit:
         search = Model(self._horizon(inputs, search_costs), search_costs)
         same = np.array_equal(search_costs, true_costs)
         return Task(
-            constants=self._constants,
+            constants=self._constants.at(inputs.state),
             inputs=inputs,
             search=search,
             true=search if same else Model(self._horizon(inputs, true_costs), true_costs),
@@ -180,7 +179,7 @@ class PowerSplit:
         if costs.shape[0] != abs_tol.size:
             abs_tol, rel_tol = np.full(costs.shape[0], abs_tol[0]), np.full(costs.shape[0], rel_tol[0])
         return _core.ControlHorizon(
-            self.system.core,
+            self.system.core_at(inputs.state),
             inputs.state.soc,
             inputs.state.temperature_c,
             inputs.demand_kw,

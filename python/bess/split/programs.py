@@ -58,6 +58,7 @@ class Programs:
         self._nominal_kw, self._unit_kw, self._step_cut = constants.nominal_kw, constants.scale_kw, step_cut
         self._values = constants.physics(inputs, boxes, coefficients)
         alike = task.alike & (np.diff(inputs.state.soc) == 0.0) & (np.diff(inputs.state.temperature_c) == 0.0)
+        alike &= (np.diff(inputs.state.soh_capacity) == 0.0) & (np.diff(inputs.state.soh_resistance) == 0.0)
         alike &= np.all(np.diff(inputs.limit_kw, axis=0) == 0.0, axis=1)
         self._settled = Settled(
             may_run=(inputs.limit_kw > 0.0) & (inputs.demand_kw != 0.0),

@@ -94,7 +94,7 @@ def rollout(
         raise InputError(f"dt_h = {dt_h!r} h must be one number in (0, 24]")
 
     shape, n_steps = request.shape, request.shape[-1]
-    arrays = _core.ControlModel(system.core).rollout(
+    arrays = _core.ControlModel(system.core_at(state)).rollout(
         state.soc,
         state.temperature_c,
         request.reshape(-1, system.n_strings, n_steps),

@@ -41,6 +41,11 @@ impl Grid {
         &self.z
     }
 
+    /// Multiplies every value by `factor`.
+    pub(crate) fn scale(&mut self, factor: f64) {
+        self.z.iter_mut().for_each(|value| *value *= factor);
+    }
+
     /// Value at `(x, y)`, clamped outside the grid.
     #[inline]
     pub fn at(&self, x: f64, y: f64) -> f64 {

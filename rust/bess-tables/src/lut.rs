@@ -33,6 +33,11 @@ impl Lut {
         &self.y
     }
 
+    /// Multiplies every value by `factor`.
+    pub(crate) fn scale(&mut self, factor: f64) {
+        self.y.iter_mut().for_each(|value| *value *= factor);
+    }
+
     /// Value at `x`, clamped outside the knots.
     #[inline]
     pub fn at(&self, x: f64) -> f64 {

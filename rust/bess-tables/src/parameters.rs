@@ -2,7 +2,7 @@
 
 use serde::Deserialize;
 
-use crate::{Grid, Lut};
+use crate::{Grid, Lut, TableError};
 
 /// Direction of power of one interval. It is common to all strings and known from the sign of the demand.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -72,7 +72,38 @@ pub enum Resistance {
     },
 }
 
+impl System {
+    /// The same plant with the capacity and the resistance of each string times a factor, one for each string.
+    pub fn aged(&self, capacity: &[f64], resistance: &[f64]) -> Result<Self, TableError> {
+        for (name, factors) in [("soh_capacity", capacity), ("soh_resistance", resistance)] {
+            if factors.len() != self.strings.len() {
+                let (found, needed) = (factors.len(), self.strings.len());
+                return Err(TableError::Document(format!("{name}: {found} values for {needed} strings")));
+            }
+            if let Some(value) = factors.iter().find(|value| !(value.is_finite() && **value > 0.0)) {
+                return Err(TableError::Document(format!("{name} {value} is not finite and above 0")));
+            }
+        }
+        let mut strings = self.strings.clone();
+        for ((string, capacity), resistance) in strings.iter_mut().zip(capacity).zip(resistance) {
+            string.capacity_ah *= capacity;
+            string.resistance.scale(*resistance);
+        }
+        Ok(Self { strings })
+    }
+}
+
 impl Resistance {
+    /// Multiplies every value by `factor > 0`.
+    fn scale(&mut self, factor: f64) {
+        match self {
+            Self::Switched { temperature, .. } => temperature.scale(factor),
+            Self::Measured { charge, discharge, .. } => {
+                charge.iter_mut().chain(discharge).for_each(|grid| grid.scale(factor));
+            }
+        }
+    }
+
     /// Resistance [Ohm] at a state and C-rate.
     #[inline]
     pub fn at(&self, direction: Direction, soc: f64, temperature_c: f64, c_rate: f64) -> f64 {
