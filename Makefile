@@ -27,7 +27,7 @@ lint: $(VENV)/built
 
 # The rivals are optional: what cannot be installed is a row of the table that says so.
 bench: $(VENV)/built
-	-$(BIN)/maturin develop --release --locked --extras dev,docs,bench
+	-$(BIN)/maturin develop --release --locked --extras all,dev,docs,bench
 	-$(BIN)/python -m pip install --quiet --no-deps --ignore-requires-python simses==2.1.1
 	cargo bench --locked
 	$(BIN)/python -m pytest benches -o addopts= --benchmark-only
@@ -49,7 +49,7 @@ $(VENV)/tools: pyproject.toml
 
 # An editable install: the Python sources are used in place, the Rust core is compiled into them.
 $(VENV)/built: $(VENV)/tools $(RUST_SOURCES)
-	$(BIN)/maturin develop --release --locked --extras dev,docs
+	$(BIN)/maturin develop --release --locked --extras all,dev,docs
 	touch $@
 
 clean:

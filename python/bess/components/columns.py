@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bess.errors import InputError
+from bess.extras import extra
 
 Columns = dict[str, list[str]]
 
@@ -21,10 +22,11 @@ def read_columns(path: str | Path) -> Columns:
     header.
     """
     path = Path(path)
+    if path.suffix == ".parquet":
+        with extra("market", f"{path}: a Parquet file"):
+            import pyarrow.parquet as pq
     try:
         if path.suffix == ".parquet":
-            import pyarrow.parquet as pq
-
             table = pq.read_table(path).to_pydict()
             return {str(k): ["nan" if v is None else str(v) for v in column] for k, column in table.items()}
         text = path.read_text(encoding="utf-8-sig")

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from bess.extras import extra
 from bess.market.clock import Rows, clock_of, to_utc
 from bess.market.files import fail
 from bess.market.numbers import parse_numbers
@@ -157,14 +158,12 @@ def _is_time(cell: str) -> bool:
 
 
 def _parquet(path: str, raw: bytes) -> Columns:
-    try:
-        frame = pd.read_parquet(io.BytesIO(raw))
-    except (OSError, ValueError) as error:
-        fail(
-            path,
-            None,
-            f"the Parquet file is damaged or truncated ({str(error).splitlines()[0]}); fetch it again",
-        )
+    with extra("market", f"{path}: a Parquet file"):
+        try:
+            frame = pd.read_parquet(io.BytesIO(raw))
+        except (OSError, ValueError) as error:
+            what = str(error).splitlines()[0]
+            fail(path, None, f"the Parquet file is damaged or truncated ({what}); fetch it again")
     if not isinstance(frame.index, pd.DatetimeIndex):
         times = [
             c

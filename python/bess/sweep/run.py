@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bess.errors import StoppedEarly
+from bess.extras import extra
 from bess.record.atomic import folder_in
 from bess.simulation import prepare_folder, write_summary
 from bess.study.scenarios import expand
@@ -90,6 +91,9 @@ def run_sweep(
     StoppedEarly
         If interrupted; what is done is saved, and the same call continues.
     """
+    with extra("sweep", "a sweep"):
+        import distributed  # noqa: F401 - before a folder is made
+        import pyarrow  # noqa: F401
     if not isinstance(study, Study):
         study = load_study(study)
     studies = expand(study)

@@ -1,0 +1,31 @@
+"""Libraries that only some of the package needs, and what to say where one is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Literal
+
+from bess.errors import InputError
+
+Extra = Literal["report", "sweep", "market"]
+
+
+@contextmanager
+def extra(name: Extra, purpose: str) -> Iterator[None]:
+    """Import what an extra brings; ``purpose`` begins the sentence if it is not installed.
+
+    Raises
+    ------
+    InputError
+        With the command that installs the extra.
+    """
+    try:
+        yield
+    except ImportError as error:
+        library = (error.name or "").partition(".")[0]
+        if library == "bess":
+            raise
+        # pandas names no module where Parquet has no engine.
+        missing = f"{library}, which is not installed" if library else "a library that is not installed"
+        raise InputError(f"{purpose} needs {missing}; pip install 'bess-powersplit[{name}]'") from error

@@ -1,0 +1,51 @@
+"""A library that only some need may be missing: one sentence then names the extra that brings it."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+WITHOUT = """
+import sys
+for name in {missing!r}.split():
+    sys.modules[name] = None
+from bess.cli import main
+sys.argv = ["bess", *{words!r}]
+main()
+"""
+
+
+def run_without(missing: str, *words: str) -> subprocess.CompletedProcess[str]:
+    script = WITHOUT.format(missing=missing, words=words)
+    return subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize(
+    ("missing", "words", "extra"),
+    [
+        ("matplotlib", ["report", "{folder}"], "report"),
+        ("distributed pyarrow", ["sweep", "case2", "--out", "{folder}/sweep"], "sweep"),
+        (
+            "pyarrow",
+            ["check", "arbitrage-2024", "--set", "demand.prices={folder}/prices.parquet"],
+            "market",
+        ),
+    ],
+)
+def test_a_missing_library_is_named_with_its_extra(
+    missing: str, words: list[str], extra: str, tmp_path: Path
+) -> None:
+    (tmp_path / "prices.parquet").write_bytes(b"PAR1" + bytes(100))
+    ended = run_without(missing, *(word.format(folder=tmp_path) for word in words))
+    assert ended.returncode == 2, ended.stderr
+    (line,) = ended.stderr.strip().splitlines()
+    assert f"pip install 'bess-powersplit[{extra}]'" in line
+
+
+def test_a_closed_loop_needs_none_of_the_extras(tmp_path: Path) -> None:
+    missing = "matplotlib bokeh jinja2 distributed dask pyarrow"
+    out = str(tmp_path / "out")
+    ended = run_without(missing, "run", "case1", "--days", "0.125", "--out", out)
+    assert ended.returncode == 0, ended.stderr
+    assert "Delivered" in ended.stdout
