@@ -1,7 +1,7 @@
 """Demand profiles: from a file as it comes, or bundled."""
 
 from collections.abc import Callable
-from os import PathLike, fspath
+from os import PathLike
 from typing import Final, Literal
 
 import numpy as np
@@ -11,9 +11,10 @@ from bess.ems.forecast import Array, steps_in
 from bess.ems.synthetic import frequency_week, market_week, peak_shaving_week
 from bess.errors import InputError
 from bess.market.columns import read_columns
-from bess.market.files import read_bytes
+from bess.market.files import fail, path_text, read_bytes
 from bess.market.regular import Fill, regular
 from bess.market.repairs import Repairs
+from bess.market.units import power_unit
 
 _TO_KW: Final = {"W": 1e-3, "kW": 1.0, "MW": 1e3}
 _SIGN: Final = {"discharge": 1.0, "charge": -1.0}
@@ -102,7 +103,7 @@ def read_profile(
         The file cannot be read as such, or a parameter is outside its range; the sentence says where and what
         to do.
     """
-    name = fspath(path)
+    name = path_text(path)
     if unit not in _TO_KW:
         raise InputError(f"profile {name}: unit {unit!r} is unknown; allowed are {', '.join(_TO_KW)}")
     if positive not in _SIGN:
@@ -111,13 +112,23 @@ def read_profile(
         raise InputError(f"profile {name}: scale {scale} must be finite and above 0")
     repairs = Repairs()
     columns = read_columns(name, read_bytes(path), repairs)
-    rows = columns.rows(columns.choose(column, "power"), time_zone, repairs)
+    chosen = columns.choose(column, "power")
+    _check_unit(name, chosen, unit)
+    rows = columns.rows(chosen, time_zone, repairs)
     series = regular(rows, fill, repairs, bridged_s=0)
     power = _resampled(name, series, dt_h) * (_SIGN[positive] * _TO_KW[unit] * scale)
     power = power.rename("demand_kw")
     power.attrs = {"units": "kW", "repairs": repairs}
     repairs.report(name)
     return power
+
+
+def _check_unit(path: str, column: str, unit: str) -> None:
+    """Refuse a column whose name says another unit than `unit`."""
+    said = power_unit(column)
+    if said is not None and said != unit:
+        remedy = f"give unit={said!r}" if said in _TO_KW else "give a column of power"
+        fail(path, 1, f"column {column!r} is in {said}, not in {unit}; {remedy}")
 
 
 def _resampled(name: str, series: pd.Series, dt_h: float) -> pd.Series:

@@ -8,6 +8,7 @@ import numpy.typing as npt
 from scipy import sparse
 
 from bess.ems.forecast import Array
+from bess.ems.silence import stdout_to_stderr
 from bess.errors import BessError
 
 _GAP: Final = 1e-4
@@ -36,13 +37,14 @@ class Program:
 
         integrality = np.zeros(self.cost.size, dtype=np.int64)
         integrality[self.cost.size - self.binaries :] = 1
-        answer = milp(
-            self.cost,
-            integrality=integrality,
-            bounds=Bounds(self.lower, self.upper),
-            constraints=LinearConstraint(self.rows, self.least, self.most),
-            options={"mip_rel_gap": _GAP},
-        )
+        with stdout_to_stderr():
+            answer = milp(
+                self.cost,
+                integrality=integrality,
+                bounds=Bounds(self.lower, self.upper),
+                constraints=LinearConstraint(self.rows, self.least, self.most),
+                options={"mip_rel_gap": _GAP},
+            )
         if answer.x is None:
             raise BessError(f"the dispatch program has no solution; HiGHS says: {answer.message}")
         return np.asarray(answer.x, dtype=np.float64)

@@ -116,6 +116,14 @@ def to_utc(
     return rows
 
 
+def ends_day(utc: pd.DatetimeIndex, clock: tzinfo) -> bool:
+    """Tell whether the last row ends a whole day; the step is that of the last two rows."""
+    if utc.size < 2:
+        return True
+    end = (utc[-1] + (utc[-1] - utc[-2])).tz_convert(clock)
+    return bool(end == end.normalize())
+
+
 def by_label(stamps: Stamps) -> npt.NDArray[np.datetime64]:
     """Return UTC as the offsets in the cells say; NaT where there is none."""
     return np.asarray(stamps.wall - pd.to_timedelta(stamps.offset_h, unit="h"))

@@ -12,12 +12,12 @@ import numpy.typing as npt
 import pandas as pd
 
 from bess.extras import extra
-from bess.market.clock import Rows, clock_of, to_utc
-from bess.market.files import fail
-from bess.market.numbers import parse_numbers
+from bess.market.clock import Rows, clock_of, ends_day, to_utc
+from bess.market.files import fail, listed
+from bess.market.numbers import check_size, parse_numbers
 from bess.market.repairs import Repairs
-from bess.market.stamps import FORMATS, Stamps, parse_stamps
-from bess.market.table import Table, read_table
+from bess.market.stamps import Stamps, is_time, parse_stamps
+from bess.market.table import Ending, Table, read_table
 
 _CLOCK_CELL: Final = re.compile(r"\d{1,2}:\d\d(:\d\d)?")
 _UNIT: Final = re.compile(r"\s*[\[(].*?[\])]")
@@ -37,6 +37,10 @@ class Columns:
         The columns that are not times.
     values : callable
         From a name to its numbers, NaN where missing.
+    last : str or None
+        The column in which the file ends, if that can have been cut off.
+    ending : Ending
+        How the file ends in it.
     """
 
     path: str
@@ -44,6 +48,8 @@ class Columns:
     lines: list[int]
     names: list[str]
     values: Callable[[str], npt.NDArray[np.float64]]
+    last: str | None = None
+    ending: Ending = Ending.CLEAN
 
     def choose(self, wanted: str | None, what: str) -> str:
         """Return the column called `wanted`, or the only one; raise InputError, listing them, otherwise."""
@@ -59,7 +65,7 @@ class Columns:
             if wanted is not None
             else f"which column is the {what} is not clear"
         )
-        fail(self.path, 1, f"{problem}; give one of: {', '.join(self.names) or '(none)'}")
+        fail(self.path, 1, f"{problem}; give one of: {listed(self.names)}")
 
     def rows(self, name: str, time_zone: str | None, repairs: Repairs) -> Rows:
         """Return the numbers of one column in UTC; times need an offset in the file or a `time_zone`."""
@@ -85,9 +91,22 @@ class Columns:
             )
         else:
             clock = clock_of(time_zone)
-        return to_utc(
-            self.path, self.stamps, self.values(name), self.lines, clock, repairs, drop_skipped=False
-        )
+        values = self.values(name)
+        rows = to_utc(self.path, self.stamps, values, self.lines, clock, repairs, drop_skipped=False)
+        if name == self.last:
+            self._check_end(rows, clock)
+        return rows
+
+    def _check_end(self, rows: Rows, clock: tzinfo) -> None:
+        """Refuse a file that may have been cut off in its last number."""
+        part = self.ending is Ending.OPEN and not (ends_day(rows.utc, clock) or ends_day(rows.utc, UTC))
+        if part or self.ending is Ending.CUT:
+            fail(
+                self.path,
+                self.lines[-1],
+                f"the file ends {self.ending.value}, so it may be truncated; fetch it again, or end its last "
+                "line with a line break if it is complete",
+            )
 
     def _check_offsets(self) -> None:
         """Offsets may differ by the hour of summer time, not more."""
@@ -112,17 +131,18 @@ def csv_columns(table: Table) -> Columns:
     """Find the times in a table, and parse them."""
     used, cells = _time_cells(table)
     label = " + ".join(table.header[i] for i in used)
-    stamps = parse_stamps(table.path, label, cells, table.lines)
+    stamps = parse_stamps(table.path, label, cells, table.lines, day_first=False)
     others = [i for i in range(len(table.header)) if i not in used]
     index = {table.header[i] or f"column {i + 1}": i for i in others}
     if len(index) != len(others):
-        fail(table.path, 1, f"two columns have the same name; name them apart: {', '.join(table.header)}")
+        fail(table.path, 1, f"two columns have the same name; name them apart: {listed(table.header)}")
     default: Literal[",", "."] = "," if table.separator != "," and not _has_points(table, others) else "."
 
     def values(name: str) -> npt.NDArray[np.float64]:
         return parse_numbers(table.path, name, table.column(index[name]), table.lines, default)
 
-    return Columns(table.path, stamps, table.lines, list(index), values)
+    last = next((name for name, i in index.items() if i == len(table.rows[-1]) - 1), None)
+    return Columns(table.path, stamps, table.lines, list(index), values, last, table.ending)
 
 
 def _has_points(table: Table, columns: list[int]) -> bool:
@@ -143,18 +163,13 @@ def _time_cells(table: Table) -> tuple[list[int], list[str]]:
         second = table.column(first + 1)
         if _CLOCK_CELL.fullmatch(second[0]) and ":" not in cells[0]:
             return [first, first + 1], [f"{day} {clock}" for day, clock in zip(cells, second, strict=True)]
-        if not _is_time(cells[0]) and _is_time(second[0]):
+        if not is_time(cells[0]) and is_time(second[0]):
             fail(
                 table.path,
                 table.lines[0],
                 f"columns {table.header[0]!r} and {table.header[1]!r} are swapped: put the time first",
             )
     return [first], cells
-
-
-def _is_time(cell: str) -> bool:
-    text = cell.replace("T", " ")[:16].strip()
-    return any(not pd.isna(pd.to_datetime(text, format=form, errors="coerce")) for form in FORMATS)
 
 
 def _parquet(path: str, raw: bytes) -> Columns:
@@ -174,10 +189,12 @@ def _parquet(path: str, raw: bytes) -> Columns:
             fail(
                 path,
                 None,
-                f"no column of times among {', '.join(map(str, frame.columns))}; store one as a timestamp",
+                f"no column of times among {listed(map(str, frame.columns))}; store one as a timestamp",
             )
         frame = frame.set_index(times[0])
     index = pd.DatetimeIndex(frame.index)
+    if index.size == 0:
+        fail(path, None, "the Parquet file holds no rows; fetch it again")
     if index.hasnans:
         fail(path, int(np.argmax(index.isna())) + 1, "has no time; remove the row")
     aware = index.tz is not None
@@ -185,10 +202,15 @@ def _parquet(path: str, raw: bytes) -> Columns:
         index.tz_convert("UTC").tz_localize(None) if aware else index,
         np.full(index.size, 0.0 if aware else np.nan),
     )
-    names = [str(c) for c in frame.columns if pd.api.types.is_numeric_dtype(frame[c].dtype)]
     frame.columns = frame.columns.map(str)
+    if not frame.columns.is_unique:
+        fail(path, None, f"two columns have the same name; name them apart: {listed(frame.columns)}")
+    names = [c for c in frame.columns if frame[c].dtype.kind in "iuf"]
 
     def values(name: str) -> npt.NDArray[np.float64]:
-        return frame[name].to_numpy(dtype=np.float64, na_value=np.nan)
+        numbers = frame[name].to_numpy(dtype=np.float64, na_value=np.nan)
+        for row in np.flatnonzero(np.abs(numbers) > 1e12)[:1]:
+            check_size(path, name, float(numbers[row]), int(row) + 1)
+        return numbers
 
     return Columns(path, stamps, list(range(1, index.size + 1)), names, values)

@@ -15,12 +15,13 @@ import numpy as np
 import pandas as pd
 
 from bess.market.clock import by_label, clock_of, localise, skipped, to_utc
-from bess.market.files import fail
+from bess.market.files import fail, listed
 from bess.market.numbers import parse_numbers
-from bess.market.quotes import Quotes, check_unit, whole_days
+from bess.market.quotes import Quotes, whole_days
 from bess.market.repairs import Repairs
 from bess.market.stamps import Stamps, parse_stamps
 from bess.market.table import Table
+from bess.market.units import check_price_unit
 from bess.market.zones import is_zone, wanted_codes, zone_code
 
 PRODUCTS: Final = {
@@ -68,7 +69,7 @@ def read(table: Table, zone: str, product: str | None, time_zone: str | None, re
         if not table.rows:
             fail(table.path, 2, "is the last one: there are headers but no data; fetch the file again")
     column, found = _column(table, zone, product, units)
-    check_unit(table.path, 1, f"{table.header[column]} {units[column]}".replace("EUR/tCO2", ""))
+    check_price_unit(table.path, 1, f"{table.header[column]} {units[column]}".replace("EUR/tCO2", ""))
     stamps = parse_stamps(table.path, table.header[0], table.column(0), table.lines)
     values = parse_numbers(table.path, table.header[column], table.column(column), table.lines)
     if time_zone is not None and not stamps.labelled.any():
@@ -97,9 +98,9 @@ def _column(table: Table, zone: str, product: str | None, units: list[str]) -> t
         for i, p in priced.items()
         if p or (_PRICE.search(units[i]) and "CO2" not in table.header[i])
     }
-    listed = ", ".join(f"{table.header[i]} [{p}]" for i, p in priced.items()) or "(none)"
+    there_are = listed(f"{table.header[i]} [{p}]" for i, p in priced.items())
     if not priced:
-        fail(table.path, 1, f"no column of prices among {', '.join(table.header)}; export prices in EUR/MWh")
+        fail(table.path, 1, f"no column of prices among {listed(table.header)}; export prices in EUR/MWh")
     labels = {i: [label for label in _LABEL.findall(table.header[i]) if is_zone(label)] for i in priced}
     for code in wanted_codes(zone):
         here = {i: p for i, p in priced.items() if zone_code((labels[i] or ["DE-LU"])[-1]) == code}
@@ -109,7 +110,7 @@ def _column(table: Table, zone: str, product: str | None, units: list[str]) -> t
         fail(
             table.path,
             1,
-            f"zone {zone!r} is not in this file; choose another zone or file, the file has: {listed}",
+            f"zone {zone!r} is not in this file; choose another zone or file, the file has: {there_are}",
         )
     if product is None:
         found = next((p for p in _DEFAULTS if p in here.values()), "price")
@@ -118,7 +119,9 @@ def _column(table: Table, zone: str, product: str | None, units: list[str]) -> t
     columns = [i for i, p in here.items() if p == found]
     if not columns or (product is None and found == "price" and len(columns) > 1):
         fail(
-            table.path, 1, f"give the product of a column with prices (product={product!r} is none): {listed}"
+            table.path,
+            1,
+            f"give the product of a column with prices (product={product!r} is none): {there_are}",
         )
     return max(columns, key=lambda i: sum(bool(row[i].strip()) for row in table.rows)), found
 

@@ -13,12 +13,13 @@ import numpy.typing as npt
 import pandas as pd
 
 from bess.market.clock import clock_of, to_utc
-from bess.market.files import fail
+from bess.market.files import fail, listed
 from bess.market.numbers import parse_numbers
-from bess.market.quotes import Array, Quotes, check_unit, only_product, whole_days
+from bess.market.quotes import Array, Quotes, only_product, whole_days
 from bess.market.repairs import Repairs
 from bess.market.stamps import Stamps, parse_stamps
 from bess.market.table import Table
+from bess.market.units import check_price_unit
 from bess.market.zones import SPLIT, wanted_codes, zone_code
 
 Positions = npt.NDArray[np.intp]
@@ -43,9 +44,9 @@ def read(table: Table, zone: str, product: str | None, time_zone: str | None, re
         fail(
             table.path,
             1,
-            f"no column 'Day-ahead Price' among {', '.join(table.header)}; export day-ahead prices",
+            f"no column 'Day-ahead Price' among {listed(table.header)}; export day-ahead prices",
         )
-    check_unit(table.path, 1, table.header[price])
+    check_price_unit(table.path, 1, table.header[price])
     head = _TIME.match(table.header[0])
     named = (head[1] or "CET").upper() if head else "CET"
     clock = clock_of(time_zone or _CLOCKS.get(named, "Europe/Brussels"))
@@ -92,11 +93,11 @@ def _of_zone(table: Table, zone: str, wall: pd.DatetimeIndex, repairs: Repairs) 
             return np.concatenate([before, after])
         if wanted:
             return np.flatnonzero(here == wanted[0])
-    listed = ", ".join(name.removeprefix("BZN|") for name in names)
+    there_are = listed(name.removeprefix("BZN|") for name in names)
     fail(
         table.path,
         1,
-        f"zone {zone!r} is not in this file; choose another zone or file, the file has: {listed}",
+        f"zone {zone!r} is not in this file; choose another zone or file, the file has: {there_are}",
     )
 
 

@@ -1,17 +1,39 @@
-"""Bytes of a file to text: compression and encoding, found from the content."""
+"""Bytes of a file to text: what kind of file it is, compression and encoding, found from the content."""
 
 import gzip
 import io
+import os
+import stat
 import zipfile
 import zlib
-from os import PathLike, fspath
+from collections.abc import Iterable
+from os import PathLike
 from pathlib import Path
-from typing import NoReturn
+from typing import IO, Final, NoReturn
 
 from bess.errors import InputError
 from bess.market.repairs import Repairs
 
-_UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
+LARGEST_BYTES: Final = 200 * 2**20
+"""What is read of a file or unpacked from an archive at most: some 50 years of quarter hours."""
+
+_UTF16_MARKS: Final = (b"\xff\xfe", b"\xfe\xff")
+_MARKS: Final = (b"\xef\xbb\xbf", *_UTF16_MARKS)
+_STATION: Final = "produkt_"
+"""How the member with the values begins in archives of the German weather service."""
+_MOST_NAMES: Final = 20
+_LONGEST_NAME: Final = 60
+_OTHER_KINDS: Final = {
+    b"%PDF": "a PDF document; export the table as CSV",
+    b"\xd0\xcf\x11\xe0": "an Excel workbook of the old kind (.xls); save it as .xlsx or CSV",
+    b"\x89HDF": "an HDF5 or NetCDF file; export the column wanted as CSV",
+    b"CDF": "a NetCDF file; export the column wanted as CSV",
+    b"\x89PNG": "a picture; give a table",
+    b"7z\xbc\xaf": "a 7z archive; unpack it first",
+    b"Rar!": "a RAR archive; unpack it first",
+    b"BZh": "a bzip2 archive; unpack it first",
+    b"\xfd7zXZ": "an xz archive; unpack it first",
+}
 
 
 def fail(path: str, line: int | None, text: str) -> NoReturn:
@@ -20,25 +42,73 @@ def fail(path: str, line: int | None, text: str) -> NoReturn:
     raise InputError(f"{place}: {text}")
 
 
-def read_bytes(path: str | PathLike[str]) -> bytes:
-    """Return the content of a file, unpacked if it is a gzip or zip archive of one file."""
-    name = fspath(path)
+def listed(names: Iterable[str]) -> str:
+    """Return names for a message: all of a few, the first of many."""
+    texts = [name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}..." for name in names]
+    more = len(texts) - _MOST_NAMES
+    return ", ".join(texts[:_MOST_NAMES]) + (f" and {more} more" if more > 0 else "") or "(none)"
+
+
+def path_text(path: str | PathLike[str]) -> str:
+    """Return a path as text; raise InputError if it is none."""
     try:
-        raw = Path(name).read_bytes()
+        name = os.fspath(path)
+    except TypeError:
+        raise InputError(f"a file is named by a text or a path, not by {type(path).__name__}") from None
+    return os.fsdecode(name) if isinstance(name, bytes) else name
+
+
+def read_bytes(path: str | PathLike[str]) -> bytes:
+    """Return the content of a file, unpacked if it is a gzip or zip archive of one file.
+
+    A workbook (xlsx) is returned as it is. Pipes, devices and what holds more than :data:`LARGEST_BYTES`,
+    packed or unpacked, are refused.
+    """
+    name = path_text(path)
+    raw = _content(name)
+    try:
+        if raw[:2] == b"\x1f\x8b":
+            with gzip.GzipFile(fileobj=io.BytesIO(raw)) as packed:
+                raw = _limited(name, packed)
+        if raw[:4] == b"PK\x03\x04":
+            raw = _unzip(name, raw)
+    except RuntimeError as error:  # a password
+        fail(name, None, f"the archive cannot be unpacked ({error}); unpack it first")
+    except (EOFError, OSError, zlib.error, zipfile.BadZipFile) as error:
+        fail(name, None, f"the archive is damaged or truncated ({error}); fetch the file again")
+    if not raw.removeprefix(next((mark for mark in _MARKS if raw.startswith(mark)), b"")).strip():
+        fail(name, 1, "the file is empty; fetch it again")
+    for mark, kind in _OTHER_KINDS.items():
+        if raw.startswith(mark):
+            fail(name, None, f"is {kind}")
+    return raw
+
+
+def _content(name: str) -> bytes:
+    try:
+        kind = Path(name).stat().st_mode
+        if not stat.S_ISREG(kind):
+            what = "Is a directory" if stat.S_ISDIR(kind) else "a pipe or a device, not a file"
+            fail(name, None, f"cannot be read ({what}); give a file")
+        with Path(name).open("rb") as file:
+            return _limited(name, file)
     except FileNotFoundError:
         fail(name, None, "there is no such file; check the path")
+    except InputError:
+        raise
     except (OSError, ValueError) as error:  # a path with a NUL in it is a ValueError
         cause = getattr(error, "strerror", None) or error
         fail(name, None, f"cannot be read ({cause}); check the path and its permissions")
-    try:
-        if raw[:2] == b"\x1f\x8b":
-            raw = gzip.decompress(raw)
-        elif raw[:4] == b"PK\x03\x04":
-            raw = _unzip(name, raw)
-    except (EOFError, zlib.error, gzip.BadGzipFile, zipfile.BadZipFile) as error:
-        fail(name, None, f"the archive is damaged or truncated ({error}); fetch the file again")
-    if not raw.strip():
-        fail(name, 1, "the file is empty; fetch it again")
+
+
+def _limited(name: str, file: "IO[bytes] | gzip.GzipFile") -> bytes:
+    raw = file.read(LARGEST_BYTES + 1)
+    if len(raw) > LARGEST_BYTES:
+        fail(
+            name,
+            None,
+            f"holds more than {LARGEST_BYTES // 2**20} MiB; cut it down to the columns and the period needed",
+        )
     return raw
 
 
@@ -46,14 +116,23 @@ def _unzip(name: str, raw: bytes) -> bytes:
     with zipfile.ZipFile(io.BytesIO(raw)) as archive:
         members = [m for m in archive.namelist() if not m.endswith("/") and not m.startswith("__MACOSX")]
         if "[Content_Types].xml" in members:
-            fail(name, None, "this is an Excel workbook; save the sheet as CSV")
+            if sum(entry.file_size for entry in archive.infolist()) > LARGEST_BYTES:
+                fail(
+                    name,
+                    None,
+                    f"the workbook holds more than {LARGEST_BYTES // 2**20} MiB; save the sheet as CSV",
+                )
+            return raw
+        station = [m for m in members if m.rpartition("/")[2].startswith(_STATION)]
+        members = station if len(station) == 1 else members
         if len(members) != 1:
             fail(
                 name,
                 None,
-                f"the archive holds {len(members)} files ({', '.join(members[:5])}); unpack the one wanted",
+                f"the archive holds {len(members)} files ({listed(members)}); unpack the one wanted",
             )
-        return archive.read(members[0])
+        with archive.open(members[0]) as packed:
+            return _limited(name, packed)
 
 
 def decode(path: str, raw: bytes, repairs: Repairs) -> str:

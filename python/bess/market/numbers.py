@@ -13,6 +13,7 @@ MISSING: Final = frozenset(
 )
 """What stands for a missing value, in lower case."""
 
+_LARGEST: Final = 1e12
 _CLEAN: Final = str.maketrans({"\u2212": "-", "\u00a0": None, "\u202f": None, " ": None, "'": None})
 _DECIMALS: Final = {",": re.compile(r",(\d{1,2}|\d{4,})(e|$)"), ".": re.compile(r"\.(\d{1,2}|\d{4,})(e|$)")}
 _NUMBER: Final = {
@@ -38,6 +39,7 @@ def parse_numbers(
             values[i] = np.nan
         elif pattern.fullmatch(text) and any(map(str.isdigit, text)):
             values[i] = float(text.replace(thousands, "").replace(decimal, "."))
+            check_size(path, name, values[i], lines[i])
         else:
             fail(
                 path,
@@ -46,6 +48,12 @@ def parse_numbers(
                 "check that columns are not swapped and the separator is right",
             )
     return values
+
+
+def check_size(path: str, name: str, value: float, line: int) -> None:
+    """Raise InputError for a number that no price, power or temperature has; infinity among them."""
+    if abs(value) > _LARGEST:
+        fail(path, line, f"{value:g} in column {name!r} is beyond {_LARGEST:g}; correct the number")
 
 
 _NAMES: Final = {",": "comma", ".": "point"}

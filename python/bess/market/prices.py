@@ -1,17 +1,18 @@
 """Electricity prices from the files that people have."""
 
-from os import PathLike, fspath
+from os import PathLike
 from typing import Final
 
 import pandas as pd
 
 from bess.market import energy_charts, entsoe, smard
 from bess.market.columns import Columns, csv_columns, read_columns
-from bess.market.files import fail, read_bytes
-from bess.market.quotes import Quotes, check_unit, only_product
+from bess.market.files import fail, listed, path_text, read_bytes
+from bess.market.quotes import Quotes, only_product
 from bess.market.regular import Fill, regular
 from bess.market.repairs import Repairs
-from bess.market.table import read_table
+from bess.market.table import Table, read_table
+from bess.market.units import check_price_unit, foreign_unit, is_currency_column, says_euro
 from bess.market.zones import is_zone, zone_code
 
 FORMATS: Final = (
@@ -61,16 +62,18 @@ def read_prices(
 
     Notes
     -----
-    Repairs, each reported once: the hour that summer time skips and the one it repeats, stray rows after the
-    last day, wrong UTC offsets, missing values at the ends (cut), gaps of up to an hour (a straight line), a
-    change to a finer step (coarse values are held), another encoding.
+    The name of a column must not say another unit or currency than EUR/MWh; one that says none is taken so.
+
+    Repairs, each reported once: a unit that was assumed, the hour that summer time skips and the one it
+    repeats, stray rows after the last day, wrong UTC offsets, missing values at the ends (cut), gaps of up to
+    an hour (a straight line), a change to a finer step (coarse values are held), another encoding.
 
     Raises
     ------
     InputError
         The file cannot be read as prices; one sentence names file, line and remedy.
     """
-    name = fspath(path)
+    name = path_text(path)
     repairs = Repairs()
     quotes = _quotes(name, read_bytes(path), zone, product, time_zone, repairs)
     series = regular(quotes.rows, fill, repairs).rename("price_eur_mwh")
@@ -91,10 +94,20 @@ def _quotes(
     if raw[:4] == b"PAR1":
         return _plain(read_columns(path, raw, repairs), zone, product, time_zone, repairs)
     table = read_table(path, raw, repairs)
+    _check_currency(table)
     for matches, read in FORMATS:
         if matches(table):
             return read(table, zone, product, time_zone, repairs)
     return _plain(csv_columns(table), zone, product, time_zone, repairs)
+
+
+def _check_currency(table: Table) -> None:
+    """Refuse prices beside which a column says another currency or unit."""
+    for i, name in enumerate(table.header):
+        for cell, line in zip(table.column(i), table.lines, strict=True) if is_currency_column(name) else ():
+            if foreign_unit(cell):
+                text = f"prices are in {cell} by column {name!r}; convert them to EUR/MWh first"
+                fail(table.path, line, text)
 
 
 def _plain(
@@ -106,8 +119,19 @@ def _plain(
     else:
         column = next((name for name, code in named.items() if code == zone_code(zone)), "")
     if not column:
-        listed = ", ".join(columns.names) or "(none)"
-        fail(columns.path, 1, f"zone {zone!r} is not in this file; give as zone one of its columns: {listed}")
-    check_unit(columns.path, 1, column)
+        there_are = listed(columns.names)
+        fail(
+            columns.path,
+            1,
+            f"zone {zone!r} is not in this file; give as zone one of its columns: {there_are}",
+        )
+    check_price_unit(columns.path, 1, column)
+    if not says_euro(column):
+        repairs.add(
+            "assumed-unit",
+            "took prices without a unit as EUR/MWh",
+            columns.stamps.wall.size,
+            columns.lines[0],
+        )
     only_product(columns.path, product)
     return Quotes(columns.rows(column, time_zone, repairs), "plain", zone_code(zone), "day_ahead")

@@ -1,25 +1,19 @@
 """What every price format returns, and what the exports of market platforms have in common."""
 
-import re
 from dataclasses import dataclass
 from datetime import tzinfo
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from bess.market.clock import Rows
-from bess.market.files import fail
+from bess.market.clock import Rows, ends_day
+from bess.market.files import fail, listed
 from bess.market.repairs import Repairs
-from bess.market.table import Table
+from bess.market.table import Ending, Table
 from bess.market.zones import SPLIT, wanted_codes
 
 Array = npt.NDArray[np.float64]
-
-_FOREIGN: Final = re.compile(
-    r"\b(USD|GBP|PLN|CHF|CZK|HUF|RON|BGN|DKK|NOK|SEK)\b|£|\$|(?<!M)kWh|\bct\b|[\[(]MWh?[\])]", re.IGNORECASE
-)
 
 
 @dataclass(frozen=True)
@@ -30,13 +24,6 @@ class Quotes:
     source: str
     zone: str
     product: str
-
-
-def check_unit(path: str, line: int, column: str) -> None:
-    """Raise InputError if the name of a column says another unit than EUR/MWh."""
-    other = _FOREIGN.search(column)
-    if other:
-        fail(path, line, f"column {column!r} is in another unit ({other[0]}) than EUR/MWh; convert it first")
 
 
 def only_product(path: str, product: str | None, there: str = "day_ahead") -> str:
@@ -60,10 +47,10 @@ def join_zone(
     Until 2018-09-30 Germany and Luxembourg shared a zone with Austria: the series DE-LU takes its prices.
     """
     code, *before = wanted_codes(zone)
-    listed = f"the file has: {', '.join(names) or '(none)'}"
+    there_are = f"the file has: {listed(names)}"
     codes = [c for c in (code, *before) if c in there]
     if not codes:
-        fail(path, 1, f"zone {zone!r} is not in this file; choose another zone or file, {listed}")
+        fail(path, 1, f"zone {zone!r} is not in this file; choose another zone or file, {there_are}")
     joined = there.get(code, np.full(rows.utc.size, np.nan)).copy()
     if before and before[0] in there:
         old = (
@@ -80,7 +67,7 @@ def join_zone(
             path,
             int(rows.lines[0]),
             f"from here to line {rows.lines[-1]} zone {zone!r} has no value; "
-            f"choose another zone or file, {listed}",
+            f"choose another zone or file, {there_are}",
         )
     return joined
 
@@ -92,17 +79,23 @@ def whole_days(rows: Rows, table: Table, clock: tzinfo, repairs: Repairs) -> Row
     export. A file that ends within a day and within a line (no line break) was cut off: its last number
     cannot be trusted.
     """
+    if table.ending is Ending.CUT:
+        fail(
+            rows.path,
+            int(rows.lines[-1]),
+            "ends in the middle of a number: the file is truncated; fetch it again",
+        )
     local = rows.utc.tz_convert(clock)
     days = local.normalize()
     last = np.asarray(days == days[-1])
     begins = local[0] == days[0]
-    new_year = days[-1].day_of_year == 1 and days[-1].year > days[0].year and not _ends_day(rows.utc, clock)
+    new_year = days[-1].day_of_year == 1 and days[-1].year > days[0].year and not ends_day(rows.utc, clock)
     if begins and last.sum() < last.size and (new_year or (last.sum() == 1 and local[-1] == days[-1])):
         first = int(np.argmax(last))
         repairs.add("stray-rows", "dropped rows after the last whole day", last.sum(), int(rows.lines[first]))
         return rows.take(~last)
-    if not _ends_day(rows.utc, clock):
-        if not table.ends_clean and last.sum() < last.size:
+    if not ends_day(rows.utc, clock):
+        if table.ending is not Ending.CLEAN and last.sum() < last.size:
             fail(
                 rows.path,
                 int(rows.lines[-1]),
@@ -111,10 +104,3 @@ def whole_days(rows: Rows, table: Table, clock: tzinfo, repairs: Repairs) -> Row
             )
         repairs.add("part-of-a-day", "the last day is not complete", 1, int(rows.lines[-1]))
     return rows
-
-
-def _ends_day(utc: pd.DatetimeIndex, clock: tzinfo) -> bool:
-    if utc.size < 2:
-        return True
-    end = (utc[-1] + (utc[-1] - utc[-2])).tz_convert(clock)
-    return bool(end == end.normalize())

@@ -57,10 +57,12 @@ def regular(
     if cut and not bridged_s and fill is None:
         fail(rows.path, int(line), f"{cut} values at the ends of the series are missing; cut these rows")
     repairs.add("ends-cut", "cut missing values at the ends", cut, line)
-    rows = rows.take(known)
+    every = rows.take(np.arange(known[0], known[-1] + 1))
+    rows = rows.take(known) if bridged_s and _tell_a_step(rows.take(known), every) else every
     seconds = _seconds(rows.utc)
     step, span = _step(rows, np.diff(seconds), longest_step_s, bridged_s)
     place = (seconds - seconds[0]) // step
+    _check_share(rows, place, span, step)
     values = np.full(place[-1] + span[-1], np.nan)
     for k in range(int(span.max())):
         held = span > k
@@ -74,6 +76,36 @@ def regular(
     return pd.Series(values, index=index)
 
 
+def _tell_a_step(known: Rows, every: Rows) -> bool:
+    """Tell whether the rows with values have a step of their own, such as hours among quarter hours.
+
+    A few missing values among a few rows are gaps, and the step is that of the rows.
+    """
+    step = _usual(np.diff(_seconds(known.utc)))
+    often = int((np.diff(_seconds(known.utc)) == step).sum())
+    return step <= _usual(np.diff(_seconds(every.utc))) or often >= _OFTEN
+
+
+def _usual(gaps: npt.NDArray[np.int64]) -> int:
+    sizes, counts = np.unique(gaps, return_counts=True)
+    return int(sizes[counts == counts.max()].max())
+
+
+def _check_share(rows: Rows, place: npt.NDArray[np.int64], span: npt.NDArray[np.int64], step: int) -> None:
+    """Refuse a series most of which would be invented: its times are hardly meant so."""
+    covered, total = int(span[~np.isnan(rows.values)].sum()), int(place[-1] + span[-1])
+    if 2 * covered >= total:
+        return
+    i = int(np.argmax(np.diff(place)))
+    fail(
+        rows.path,
+        int(rows.lines[i + 1]),
+        f"follows a gap of {(place[i + 1] - place[i] - 1) * step / _HOUR:g} h from "
+        f"{rows.utc[i] + pd.Timedelta(seconds=step):%Y-%m-%d %H:%M} UTC, and only {covered} of {total} steps "
+        "have a value; check how the times are written, or choose another file",
+    )
+
+
 def _seconds(utc: pd.DatetimeIndex) -> npt.NDArray[np.int64]:
     return np.asarray(utc.as_unit("s").asi8)
 
@@ -83,7 +115,7 @@ def _step(
 ) -> tuple[int, npt.NDArray[np.int64]]:
     """Return the step [s] and how many steps each row covers (1, or more in a part with a coarser step)."""
     sizes, counts = np.unique(gaps, return_counts=True)
-    usual = sizes[counts == counts.max()].max()
+    usual = _usual(gaps)
     often = counts >= min(_OFTEN, max(_RUN, _SHARE * gaps.size))
     step = int(min([usual, *(size for size in sizes[often] if usual % size == 0)]))
     odd = gaps % step != 0

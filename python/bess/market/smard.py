@@ -11,12 +11,13 @@ from typing import Final, Literal
 import numpy as np
 
 from bess.market.clock import clock_of, to_utc
-from bess.market.files import fail
+from bess.market.files import fail, listed
 from bess.market.numbers import MISSING, parse_numbers
-from bess.market.quotes import Array, Quotes, check_unit, join_zone, only_product, whole_days
+from bess.market.quotes import Array, Quotes, join_zone, only_product, whole_days
 from bess.market.repairs import Repairs
 from bess.market.stamps import Stamps, parse_stamps
 from bess.market.table import Table
+from bess.market.units import check_price_unit
 from bess.market.zones import wanted_codes, zone_code
 
 _PRICE: Final = re.compile(r"(.*?)\s*\[([^\]]*)/MWh\]")
@@ -64,7 +65,7 @@ def _stamps(table: Table) -> Stamps:
         fail(
             table.path,
             1,
-            f"no column for the time of day among {', '.join(table.header)}; export the table again",
+            f"no column for the time of day among {listed(table.header)}; export the table again",
         )
     cells = [f"{row[day].strip()} {row[clock].strip()}" for row in table.rows]
     return parse_stamps(table.path, f"{table.header[day]} + {table.header[clock]}", cells, table.lines)
@@ -84,7 +85,7 @@ def _zones(table: Table, zone: str) -> tuple[list[str], dict[str, Array]]:
             names.append(match[1])
         code = zone_code(match[1])
         if code in wanted:
-            check_unit(table.path, 1, header)
+            check_price_unit(table.path, 1, header)
             values = parse_numbers(table.path, header, table.column(i), table.lines, decimal)
             if code not in there or np.isnan(there[code]).sum() > np.isnan(values).sum():
                 there[code] = values

@@ -20,9 +20,13 @@ _DATES: Final = (
     "%d.%m.%y",
     "%d-%m-%Y",
 )
+_DAY_FIRST: Final = "%d/%m/%Y"
+_MONTH_FIRST: Final = "%m/%d/%Y"
 _CLOCKS: Final = ("%H:%M", "%H:%M:%S", "%I:%M %p", "%I:%M:%S %p", "%H:%M:%S.%f")
-FORMATS: Final = (*(f"{d} {c}" for d in _DATES for c in _CLOCKS), "%Y%m%d%H%M", "%Y%m%d%H", *_DATES)
+_FORMATS: Final = (*(f"{d} {c}" for d in _DATES for c in _CLOCKS), *_DATES)
 """Formats tried in this order; the first that fits every cell is taken."""
+_DIGITS: Final = {8: "%Y%m%d", 10: "%Y%m%d%H", 12: "%Y%m%d%H%M", 14: "%Y%m%d%H%M%S"}
+"""Times of digits only, by their number: ``2024013112`` is 12:00, not 1:02."""
 
 _YEARS: Final = (1980, 2200)
 """Other years are numbers taken for times."""
@@ -54,8 +58,14 @@ class Stamps:
         return ~np.isnan(self.offset_h)
 
 
-def parse_stamps(path: str, name: str, cells: list[str], lines: list[int]) -> Stamps:
-    """Return the times of column `name`; raise InputError at the first cell that is none."""
+def parse_stamps(
+    path: str, name: str, cells: list[str], lines: list[int], *, day_first: bool = True
+) -> Stamps:
+    """Return the times of column `name`; raise InputError at the first cell that is none.
+
+    Of ``03/04/2024`` the day comes first unless the other way the times lie closer together; without
+    `day_first`, times that could be either are an error.
+    """
     offset = np.full(len(cells), np.nan)
     texts = []
     for i, cell in enumerate(cells):
@@ -65,7 +75,13 @@ def parse_stamps(path: str, name: str, cells: list[str], lines: list[int]) -> St
             shift = _NAMED[label] if label else (int(hours) + int(minutes) / 60) * (-1 if sign == "-" else 1)
             offset[i] = shift
         texts.append(_SPACES.sub(" ", cell).strip())
-    wall = _parse(texts)
+    wall = _parse_digits(texts) if texts[0].isdigit() else _parse(texts)
+    if not day_first and _could_be_either(texts):
+        fail(
+            path,
+            lines[0],
+            f"{cells[0]!r} could be either day or month first; write times as 2024-01-31 14:00",
+        )
     odd = np.asarray(wall.isna() | (wall.year < _YEARS[0]) | (wall.year > _YEARS[1]))
     if odd.any():
         bad = int(np.argmax(odd))
@@ -78,11 +94,52 @@ def parse_stamps(path: str, name: str, cells: list[str], lines: list[int]) -> St
     return Stamps(wall, offset)
 
 
+def is_time(cell: str) -> bool:
+    """Tell whether a cell begins with a time."""
+    text = _SPACES.sub(" ", cell)[:16].strip()
+    wall = _parse_digits([text]) if text.isdigit() else _parse([text])
+    return bool(wall.notna()[0]) and _YEARS[0] <= wall.year[0] <= _YEARS[1]
+
+
+def _parse_digits(texts: list[str]) -> pd.DatetimeIndex:
+    """Read times of digits only: by their number, which must be the same everywhere."""
+    length = len(texts[0])
+    if length not in _DIGITS:
+        return pd.DatetimeIndex([pd.NaT] * len(texts))
+    alike = [text if len(text) == length and text.isdigit() else "" for text in texts]
+    return pd.DatetimeIndex(pd.to_datetime(alike, format=_DIGITS[length], errors="coerce"))
+
+
+def _could_be_either(texts: list[str]) -> bool:
+    """Tell whether all times are times with day and month exchanged as well, as close together."""
+    day_first, month_first = (_read_with(texts, date) for date in (_DAY_FIRST, _MONTH_FIRST))
+    return (
+        day_first is not None
+        and month_first is not None
+        and _span(day_first) == _span(month_first)
+        and not day_first.equals(month_first)
+        and not texts[0].casefold().endswith("m")  # 2:00 pm is American
+    )
+
+
+def _read_with(texts: list[str], date: str) -> pd.DatetimeIndex | None:
+    """Return all times read with a format of dates, or None if one does not fit."""
+    for form in (*(f"{date} {clock}" for clock in _CLOCKS), date) if "/" in texts[0] else ():
+        wall = pd.DatetimeIndex(pd.to_datetime(texts, format=form, errors="coerce"))
+        if wall.notna().all():
+            return wall
+    return None
+
+
+def _span(wall: pd.DatetimeIndex) -> pd.Timedelta:
+    return wall.max() - wall.min()
+
+
 def _parse(texts: list[str]) -> pd.DatetimeIndex:
-    """Return the reading with the fewest cells left over, the first of equal ones."""
+    """Return the reading with the fewest cells left over, of equal ones the first, and the shorter period."""
     best = pd.DatetimeIndex([pd.NaT] * len(texts))
     fewest = len(texts) + 1
-    for form in FORMATS:
+    for form in _FORMATS:
         if pd.isna(pd.to_datetime(texts[0], format=form, errors="coerce")) and fewest <= len(texts):
             continue
         wall = pd.DatetimeIndex(pd.to_datetime(texts, format=form, errors="coerce"))
@@ -90,5 +147,7 @@ def _parse(texts: list[str]) -> pd.DatetimeIndex:
         if left < fewest:
             best, fewest = wall, left
         if left == 0:
-            break
+            other = _read_with(texts, _MONTH_FIRST) if _DAY_FIRST in form else None
+            closer = other is not None and (_span(other), "%p" not in form) < (_span(wall), True)
+            return other if other is not None and closer else wall
     return best

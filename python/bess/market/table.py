@@ -5,6 +5,7 @@ import io
 import re
 from collections import Counter
 from dataclasses import dataclass
+from enum import Enum
 from itertools import islice
 from typing import Final
 
@@ -13,7 +14,17 @@ from bess.market.repairs import Repairs
 
 _SEPARATORS: Final = (";", "\t", ",")
 _SAMPLE: Final = 50
+_DECIMALS: Final = re.compile(r"[.,](\d*)$")
 _LIKE_DATA: Final = re.compile(r"\W*\d")
+
+
+class Ending(Enum):
+    """How a file ends: its last cell cannot be trusted if the file was cut off in it."""
+
+    CLEAN = "with a line break"
+    ALIKE = "without a line break, with as many decimals as the numbers above"
+    OPEN = "without a line break, and nothing tells whether in the middle of a number"
+    CUT = "in the middle of a number"
 
 
 @dataclass(frozen=True)
@@ -31,8 +42,8 @@ class Table:
     lines : list of int
         Line of the file in which each row ends (1-based).
     separator : str
-    ends_clean : bool
-        The last line ends with a line break, as in most exports that are complete.
+    ending : Ending
+        Whether the file ends where it should.
     """
 
     path: str
@@ -40,7 +51,7 @@ class Table:
     rows: list[list[str]]
     lines: list[int]
     separator: str
-    ends_clean: bool
+    ending: Ending
 
     def column(self, index: int) -> list[str]:
         """Return the stripped cells of one column."""
@@ -79,8 +90,19 @@ def read_table(path: str, raw: bytes, repairs: Repairs) -> Table:
     for line, row in body:
         if len(row) < len(header) or any(cell.strip() for cell in row[len(header) :]):
             _ragged(path, line, len(row), len(header), last=line == body[-1][0])
-    ends_clean = text.endswith(("\n", "\r"))
-    return Table(path, header, [row for _, row in body], [line for line, _ in body], separator, ends_clean)
+    rows = [row for _, row in body]
+    ending = Ending.CLEAN if text.endswith(("\n", "\r")) else _ending([row[-1].strip() for row in rows])
+    return Table(path, header, rows, [line for line, _ in body], separator, ending)
+
+
+def _ending(cells: list[str]) -> Ending:
+    """Judge the last cell of a file that ends without a line break by the decimals of those above it."""
+    *others, last = (len(found[1]) if (found := _DECIMALS.search(cell)) else 0 for cell in cells)
+    if not others or max(others) == 0:
+        return Ending.OPEN
+    if last >= max(others):
+        return Ending.ALIKE
+    return Ending.CUT if min(others) == max(others) else Ending.OPEN
 
 
 def _cells(path: str, text: str, separator: str) -> list[tuple[int, list[str]]]:
@@ -125,7 +147,7 @@ def _header(path: str, numbered: list[tuple[int, list[str]]], separator: str) ->
     width = Counter(len(row) for _, row in numbered[:_SAMPLE]).most_common(1)[0][0]
     start = next(i for i, (_, row) in enumerate(numbered) if len(row) == width)
     for _, row in numbered[:start]:
-        split_otherwise = (len(next(csv.reader([separator.join(row)], delimiter=s))) for s in _SEPARATORS)
+        split_otherwise = (separator.join(row).count(other) + 1 for other in _SEPARATORS)
         if _is_data(numbered[start][1]) or width in split_otherwise:
             _ragged(path, numbered[start][0], width, len(row), last=False)
     return start

@@ -2,16 +2,17 @@
 
 import re
 from dataclasses import replace
-from os import PathLike, fspath
+from os import PathLike
 from typing import Final
 
 import numpy as np
 import pandas as pd
 
 from bess.market.columns import Columns, read_columns
-from bess.market.files import fail, read_bytes
+from bess.market.files import fail, path_text, read_bytes
 from bess.market.regular import Fill, regular
 from bess.market.repairs import Repairs
+from bess.market.units import check_temperature_unit
 
 _NAMES: Final = re.compile(
     r"temperature\b.*|(air|ambient|outdoor|dry.?bulb)[ _-]?temp(erature)?.*|temp|temp_air|t_?air|"
@@ -59,7 +60,7 @@ def read_weather(
     InputError
         The file cannot be read as such; one sentence names file, line and remedy.
     """
-    name = fspath(path)
+    name = path_text(path)
     repairs = Repairs()
     columns = read_columns(name, read_bytes(path), repairs)
     if time_zone is None and not columns.stamps.labelled.any():
@@ -68,6 +69,7 @@ def read_weather(
         )
         time_zone = "UTC"
     chosen = _temperature(columns) if column is None else columns.choose(column, "temperature")
+    check_temperature_unit(name, chosen)
     rows = columns.rows(chosen, time_zone, repairs)
     absent = rows.values == _MISSING_C
     rows = replace(rows, values=np.where(absent, np.nan, rows.values))
