@@ -3,7 +3,10 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["ControlHorizon", "ControlModel", "Plant", "System"]
+__all__ = ["Ageing", "ControlHorizon", "ControlModel", "Plant", "System", "ageing_models", "rainflow"]
+
+def ageing_models() -> list[tuple[str, str]]: ...
+def rainflow(series: NDArray[np.float64]) -> list[tuple[float, float, float, int, int]]: ...
 
 @final
 class System:
@@ -11,6 +14,21 @@ class System:
     def aged(self, soh_capacity: NDArray[np.float64], soh_resistance: NDArray[np.float64]) -> System: ...
     @property
     def n_strings(self) -> int: ...
+
+@final
+class Ageing:
+    def __new__(cls, system: System) -> Ageing: ...
+    def cyclic_rate(
+        self,
+        cyclic_loss: NDArray[np.float64],
+        depth: NDArray[np.float64],
+        soc: NDArray[np.float64],
+        c_rate: NDArray[np.float64],
+        temperature_c: NDArray[np.float64],
+    ) -> NDArray[np.float64]: ...
+    def calendar_rate(
+        self, calendar_loss: NDArray[np.float64], soc: NDArray[np.float64], temperature_c: NDArray[np.float64]
+    ) -> NDArray[np.float64]: ...
 
 @final
 class Plant:

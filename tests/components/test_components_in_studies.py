@@ -7,13 +7,13 @@ import pytest
 import bess
 from bess.components.registry import CELLS, INVERTERS, cell_tables, inverter_section
 from bess.study.plant_choice import build_system
-from bess.study.sections import RunChoice, SystemChoice
+from bess.study.sections import RunChoice, SystemChoice, WearChoice
 
 QUICK = {"policy.name": "equal", "run.days": 0.25}
 
 
 def system_with(file: str = "reference", **parameters: object) -> bess.System:
-    return build_system(SystemChoice(file=file, parameters=parameters), RunChoice())
+    return build_system(SystemChoice(file=file, parameters=parameters), RunChoice(), WearChoice())
 
 
 def kpis(**values: object) -> dict[str, float]:

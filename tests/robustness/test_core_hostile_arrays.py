@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import bess
 from bess import _core
 
-CORE = bess.System.reference(n_strings=2).core
+CORE = bess.System(bess.System.reference(2).document | {"wear": {"model": "kokam-75ah"}}).core
 N, STEPS, NODES = 2, 3, 40
 SOC, TEMPERATURE = np.array([0.5, 0.4]), np.array([25.0, 30.0])
 DEMAND, AMBIENT = np.array([50.0, -40.0, 0.0]), np.full(STEPS, 25.0)
@@ -22,6 +22,8 @@ STATE = {
     "node_temperature_c": np.full(N * NODES, 25.0),
     "derating_integral_k": np.zeros(N),
     "inverter_on": np.zeros(N, dtype=np.bool_),
+    "soh_capacity": np.ones(N),
+    "soh_resistance": np.ones(N),
 }
 LIMIT = np.full((N, STEPS), 92.0)
 COSTS = np.ones((2, N, 4))
@@ -82,12 +84,19 @@ AFTER_BOXES: dict[str, tuple[Any, ...]] = {
     "planes": (np.full((N, STEPS), 0.5), np.full((N, STEPS), 25.0)),
 }
 MODEL = _core.ControlModel(CORE)
+AGEING, POINTS = _core.Ageing(CORE), np.full((N, 3), 0.5)
 REQUEST = np.zeros((1, N, STEPS))
 CALLS: dict[str, Callable[[Any], Any]] = {
     "plant.run request": _step,
     "plant.run ambient": lambda value: plant().run(np.zeros(N), value, 900.0, False),
     **{f"plant state {name}": _state(name) for name in STATE},
     **{f"plant set_state {name}": _set_state(name) for name in STATE},
+    "plant state ageing": _state("ageing"),
+    "system aged capacity": lambda value: CORE.aged(value, np.ones(N)),
+    "system aged resistance": lambda value: CORE.aged(np.ones(N), value),
+    "ageing loss": lambda value: AGEING.calendar_rate(value, POINTS, POINTS),
+    "ageing depth": lambda value: AGEING.cyclic_rate(np.zeros(N), value, POINTS, POINTS, POINTS),
+    "rainflow": _core.rainflow,
     "rollout soc": lambda value: MODEL.rollout(value, TEMPERATURE, REQUEST, AMBIENT, 0.25),
     "rollout temperature": lambda value: MODEL.rollout(SOC, value, REQUEST, AMBIENT, 0.25),
     "rollout request": lambda value: MODEL.rollout(SOC, TEMPERATURE, value, AMBIENT, 0.25),
@@ -197,6 +206,8 @@ def test_the_calls_are_answered_when_nothing_is_hostile() -> None:
         **{
             f"plant {kind}{name}": value for kind in ("state ", "set_state ") for name, value in STATE.items()
         },
+        "plant state ageing": plant().state()["ageing"],
+        "ageing depth": POINTS,
         "horizon costs": COSTS,
         "horizon limit_kw": LIMIT,
         "horizon demand_kw": DEMAND,

@@ -14,6 +14,7 @@ ORDER = [
     ("errors", "units", "_core", "extras"),
     ("components",),
     ("parameters",),
+    ("wear",),
     ("market", "plant", "split"),
     ("ems", "policies"),
     ("study",),

@@ -12,12 +12,17 @@ from bess.parameters.battery import Battery
 from bess.parameters.documents import describe
 from bess.parameters.library import put_over
 from bess.parameters.section import Section
-from bess.parameters.sections import About, Control, Derating, Inverter, Site, Thermal
+from bess.parameters.sections import About, Control, Derating, Inverter, Site, Thermal, Wear
 
 _T = TypeVar("_T", bound=Section)
 
-_OVERRIDABLE = ("system", "battery", "inverter", "derating", "thermal")
-PER_STRING_SITE = ("initial_soc", "initial_temperature_c")
+_OVERRIDABLE = ("system", "battery", "inverter", "derating", "thermal", "wear")
+PER_STRING_SITE = (
+    "initial_soc",
+    "initial_temperature_c",
+    "initial_soh_capacity",
+    "initial_soh_resistance",
+)
 
 
 class StringParameters(Section):
@@ -28,6 +33,12 @@ class StringParameters(Section):
     inverter: Inverter
     derating: Derating
     thermal: Thermal
+    wear: Wear = Wear()
+
+    def core_document(self) -> dict[str, Any]:
+        """What the compiled core is told of the string."""
+        ageing = {"model": self.wear.cell_model, "calendar_share": self.wear.calendar_share}
+        return {**self.model_dump(exclude={"site", "wear"}), "ageing": ageing}
 
 
 def parse_strings(document: Mapping[str, Any], name: str) -> tuple[tuple[StringParameters, ...], Control]:

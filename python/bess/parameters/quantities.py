@@ -11,6 +11,9 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
+from bess._core import ageing_models
+from bess.parameters.state import SOH_CAPACITY_RANGE, SOH_RESISTANCE_RANGE
+
 _STRICT = Field(strict=True)
 
 
@@ -41,9 +44,23 @@ Power = Annotated[float, _STRICT, within(0.0, 1e6, "kW", above=True)]
 Positive = Annotated[float, _STRICT, within(0.0, 1e6, above=True)]
 NonNegative = Annotated[float, _STRICT, within(0.0, 1e6)]
 
+EndOfLife = Annotated[float, _STRICT, within(0.0, 1.0, below=True)]
+SohCapacity = Annotated[float, _STRICT, within(*SOH_CAPACITY_RANGE)]
+SohResistance = Annotated[float, _STRICT, within(*SOH_RESISTANCE_RANGE)]
+
 SocAxis = Annotated[tuple[Fraction, ...], Field(min_length=2)]
 TemperatureAxis = Annotated[tuple[Temperature, ...], Field(min_length=1)]
 RateAxis = Annotated[tuple[Ratio, ...], Field(min_length=1)]
+
+
+def _is_ageing_model(name: str) -> str:
+    known = ["none", "throughput", *(model for model, _ in ageing_models())]
+    if name not in known:
+        raise ValueError(f"is no model of ageing; there are {', '.join(known)}")
+    return name
+
+
+AgeingModel = Annotated[str, AfterValidator(_is_ageing_model)]
 
 
 def ascending(values: tuple[float, ...]) -> tuple[float, ...]:

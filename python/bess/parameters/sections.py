@@ -9,12 +9,16 @@ from pydantic import Field, field_validator, model_validator
 
 from bess.components.loss_table import check_losses
 from bess.parameters.quantities import (
+    AgeingModel,
     Count,
+    EndOfLife,
     Fraction,
     Loss,
     NonNegative,
     Positive,
     Power,
+    SohCapacity,
+    SohResistance,
     Temperature,
     TemperatureAxis,
     ascending,
@@ -22,6 +26,9 @@ from bess.parameters.quantities import (
     within,
 )
 from bess.parameters.section import Section
+
+PRICES_ONLY = ("none", "throughput")
+"""Models of wear that leave capacity and resistance as they are."""
 
 
 class About(Section):
@@ -116,6 +123,32 @@ class Thermal(Section):
     lumped: LumpedThermal
 
 
+class Wear(Section):
+    """Section ``[wear]``: how a string ages, and what that costs.
+
+    ``model`` is a cell model (``bess list``), ``"throughput"`` (a price per MWh discharged and no physics) or
+    ``"none"``. A cell model's loss of capacity costs ``loss / (1 - end_of_life) * replacement_eur_kwh`` per
+    kWh of nominal energy. Of what a string has lost at the start, ``calendar_share`` was lost by standing.
+    """
+
+    model: AgeingModel = "none"
+    replacement_eur_kwh: NonNegative = 200.0
+    end_of_life: EndOfLife = 0.8
+    eur_per_mwh: NonNegative | None = None
+    calendar_share: Fraction = 0.5
+
+    @property
+    def cell_model(self) -> str | None:
+        """Name of the cell model, None where capacity and resistance stay."""
+        return None if self.model in PRICES_ONLY else self.model
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.model == "throughput" and self.eur_per_mwh is None:
+            raise ValueError('model = "throughput" needs eur_per_mwh, the price of a MWh discharged (AC)')
+        return self
+
+
 class Site(Section):
     """Section ``[system]``: number of strings, ambient and initial state."""
 
@@ -123,6 +156,8 @@ class Site(Section):
     ambient_c: Temperature = 25.0
     initial_soc: Fraction = 0.5
     initial_temperature_c: Temperature = 25.0
+    initial_soh_capacity: SohCapacity = 1.0
+    initial_soh_resistance: SohResistance = 1.0
 
 
 class Control(Section):

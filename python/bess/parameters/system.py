@@ -48,9 +48,7 @@ class System:
         self.strings: tuple[StringParameters, ...] = strings
         self.ambient_c: float = strings[0].site.ambient_c
         try:
-            self.core = _core.System(
-                json.dumps({"strings": [s.model_dump(exclude={"site"}) for s in strings]})
-            )
+            self.core = _core.System(json.dumps({"strings": [s.core_document() for s in strings]}))
         except ValueError as error:
             raise InputError(f"{name}: {error}") from error
 
@@ -93,6 +91,8 @@ class System:
         return State(
             soc=[s.site.initial_soc for s in self.strings],
             temperature_c=[s.site.initial_temperature_c for s in self.strings],
+            soh_capacity=[s.site.initial_soh_capacity for s in self.strings],
+            soh_resistance=[s.site.initial_soh_resistance for s in self.strings],
         )
 
     def core_at(self, state: State) -> _core.System:

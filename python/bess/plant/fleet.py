@@ -17,6 +17,9 @@ from bess.plant.snapshot import PlantSnapshot
 
 _CONTROL_STEP_S = 900.0
 
+_CYCLIC_LOSS, _SOH = 3, slice(4, 6)
+"""Places in a row of ``PlantSnapshot.ageing``: the loss by cycling, capacity and resistance."""
+
 
 class Fleet:
     """Independent scenarios of one plant, stepped side by side in one call.
@@ -61,15 +64,17 @@ class Fleet:
         self._real = np.arange(nodes) < self._nodes[:, None]
         self._shape = (self.n_scenarios, system.n_strings)
         temperature_c = np.array([state.temperature_c for state in states])
-        start = PlantSnapshot(
-            soc=np.array([state.soc for state in states]),
-            node_temperature_c=np.repeat(temperature_c[..., None], nodes, axis=2),
-            derating_integral_k=np.zeros(self._shape),
-            inverter_on=np.zeros(self._shape, dtype=np.bool_),
-        )
+        start = {
+            "soc": np.array([state.soc for state in states]).ravel(),
+            "node_temperature_c": np.repeat(temperature_c[..., None], nodes, axis=2).ravel(),
+            "derating_integral_k": np.zeros(temperature_c.size),
+            "inverter_on": np.zeros(temperature_c.size, dtype=np.bool_),
+            "soh_capacity": np.array([state.soh_capacity for state in states]).ravel(),
+            "soh_resistance": np.array([state.soh_resistance for state in states]).ravel(),
+        }
         step_s = system.control.plant_step_s if plant_step_s is None else float(plant_step_s)
         with refusals():
-            self._core = _core.Plant(system.core, self.n_scenarios, step_s, derating_law, _flat(start))
+            self._core = _core.Plant(system.core, self.n_scenarios, step_s, derating_law, start)
 
     @property
     def plant_step_s(self) -> float:
@@ -82,7 +87,14 @@ class Fleet:
         flat = self._core.state()
         node_c = flat["node_temperature_c"].reshape(*self._shape, -1)
         mean_c = node_c.sum(axis=2, where=self._real) / self._nodes
-        return [State(soc, mean) for soc, mean in zip(flat["soc"].reshape(self._shape), mean_c, strict=True)]
+        soc = flat["soc"].reshape(self._shape)
+        soh_capacity, soh_resistance = np.moveaxis(flat["ageing"].reshape(*self._shape, -1)[..., _SOH], 2, 0)
+        return [State(*each) for each in zip(soc, mean_c, soh_capacity, soh_resistance, strict=True)]
+
+    @property
+    def cyclic_loss(self) -> NDArray[np.float64]:
+        """Capacity lost by cycling, shape ``(n_scenarios, n_strings)``; see :class:`Flows`."""
+        return np.asarray(self._core.state()["ageing"].reshape(*self._shape, -1)[..., _CYCLIC_LOSS])
 
     def step(
         self,
@@ -183,6 +195,7 @@ class Fleet:
             node_temperature_c=flat["node_temperature_c"].reshape(*self._shape, -1),
             derating_integral_k=flat["derating_integral_k"].reshape(self._shape),
             inverter_on=flat["inverter_on"].reshape(self._shape),
+            ageing=flat["ageing"].reshape(*self._shape, -1),
         )
 
     def restore(self, snapshot: PlantSnapshot) -> None:
@@ -197,4 +210,5 @@ def _flat(snapshot: PlantSnapshot) -> dict[str, NDArray[np.float64] | NDArray[np
         "node_temperature_c": np.asarray(snapshot.node_temperature_c, dtype=np.float64).ravel(),
         "derating_integral_k": np.asarray(snapshot.derating_integral_k, dtype=np.float64).ravel(),
         "inverter_on": np.asarray(snapshot.inverter_on, dtype=np.bool_).ravel(),
+        "ageing": np.asarray(snapshot.ageing, dtype=np.float64).ravel(),
     }

@@ -63,6 +63,13 @@ class Flows:
         Bits of :class:`Limit` that bound within the step.
     inverter_starts : ndarray of int64
         Off-to-on transitions.
+    soh_capacity, soh_resistance : ndarray
+        Capacity and resistance over those of the system file, at the end of the step.
+    calendar_loss, cyclic_loss : ndarray
+        Capacity lost by standing and by cycling, as shares of that of the system file; with them and
+        ``soh_capacity`` the sum is the capacity of a new string.
+    aged_charge_ah : ndarray
+        Charge that went with capacity at the end of the step [Ah]: SOC times the capacity lost.
     ledger_residual_kwh : ndarray
         AC energy - (chemical change + heat + inverter loss) of all strings [kWh]; no string axis.
     node_temperature_c : ndarray or None
@@ -84,6 +91,11 @@ class Flows:
     derating_factor: Floats
     limits: NDArray[np.uint8]
     inverter_starts: NDArray[np.int64]
+    soh_capacity: Floats
+    soh_resistance: Floats
+    calendar_loss: Floats
+    cyclic_loss: Floats
+    aged_charge_ah: Floats
     ledger_residual_kwh: Floats
     node_temperature_c: Floats | None
 

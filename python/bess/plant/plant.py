@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from bess.parameters import State, System
 from bess.plant.fleet import Fleet
@@ -21,14 +21,21 @@ class Plant:
     voltage, and advanced: inverter loss at delivered power, Rint current, heat, a one-dimensional
     thermal model along the air path with the resistance of every node at its own temperature, SOC by
     charge. What is requested and not delivered is reported as derating loss or availability loss. Not
-    modelled: self-discharge, ageing, voltage dynamics, start-up time of inverters.
+    modelled: self-discharge, voltage dynamics, start-up time of inverters.
+
+    Strings whose section ``[wear]`` names a cell model age: after a control step, once at least 900 s have
+    gathered, their capacity falls and their resistance rises. SOC stays what it is then; the charge that goes
+    with the capacity is :attr:`Flows.aged_charge_ah`, so that ``capacity * soc`` changes by the current and
+    by that alone.
 
     Parameters
     ----------
     system
         The plant.
     state
-        Initial state; all nodes of a string start at its mean temperature.
+        Initial state; all nodes of a string start at its mean temperature. Strings start with its state of
+        health: what is missing to 1 was lost before, by standing and by cycling as ``wear.calendar_share``
+        says.
     plant_step_s
         Inner step [s]; None takes the system's (10 s).
     derating_law
@@ -76,8 +83,13 @@ class Plant:
 
     @property
     def state(self) -> State:
-        """Measured state: SOC and mean temperature of each string."""
+        """Measured state: SOC, mean temperature and state of health of each string."""
         return self._fleet.states[0]
+
+    @property
+    def cyclic_loss(self) -> NDArray[np.float64]:
+        """Capacity lost by cycling, shape ``(n_strings,)``; see :class:`~bess.plant.Flows`."""
+        return np.asarray(self._fleet.cyclic_loss[0])
 
     def step(
         self, request_kw: ArrayLike, duration_s: float = 900.0, *, ambient_c: float | None = None
@@ -151,6 +163,7 @@ class Plant:
             node_temperature_c=whole.node_temperature_c[0],
             derating_integral_k=whole.derating_integral_k[0],
             inverter_on=whole.inverter_on[0],
+            ageing=whole.ageing[0],
         )
 
     def restore(self, snapshot: PlantSnapshot) -> None:
@@ -161,5 +174,6 @@ class Plant:
                 node_temperature_c=np.asarray(snapshot.node_temperature_c)[None],
                 derating_integral_k=np.asarray(snapshot.derating_integral_k)[None],
                 inverter_on=np.asarray(snapshot.inverter_on)[None],
+                ageing=np.asarray(snapshot.ageing)[None],
             )
         )

@@ -25,9 +25,13 @@ class PlantSnapshot:
         Integral of the PI derating law [K, per 15 min]; 0 under the table law.
     inverter_on : ndarray of bool, shape (n_strings,)
         Whether each inverter ran at the end of the last plant step.
+    ageing : ndarray, shape (n_strings, n_numbers)
+        What ageing remembers: losses, damages, and the cycles that are still open. As many numbers as the
+        string with the most open cycles needs, the others filled up with 0.
     """
 
     soc: NDArray[np.float64]
     node_temperature_c: NDArray[np.float64]
     derating_integral_k: NDArray[np.float64]
     inverter_on: NDArray[np.bool_]
+    ageing: NDArray[np.float64]

@@ -43,6 +43,13 @@ VARIABLES: dict[str, Variable] = {
     "derating_factor": Variable(_TS, "1", "derating factor, mean over the step"),
     "limits": Variable(_TS, "1", "limits that bound within the step", "i4"),
     "inverter_starts": Variable(_TS, "1", "off-to-on transitions within the step", "i4"),
+    "soh_capacity": Variable(_TS, "1", "capacity over that of the system file, at the end of the step"),
+    "soh_resistance": Variable(_TS, "1", "resistance over that of the system file, at the end of the step"),
+    "calendar_loss": Variable(_TS, "1", "capacity lost by standing, at the end of the step"),
+    "cyclic_loss": Variable(_TS, "1", "capacity lost by cycling, at the end of the step"),
+    "aged_charge_ah": Variable(_TS, "Ah", "charge that went with capacity: SOC times the capacity lost"),
+    "wear_eur": Variable(_TS, "EUR", "cost of wear within the step"),
+    "end_of_life": Variable(_TS, "1", "1 where the capacity first falls to the end of life", "i4"),
     "ledger_residual_kwh": Variable(
         _T, "kWh", "AC energy - (chemical change + heat + inverter loss) of all strings"
     ),
@@ -67,6 +74,11 @@ FLOWS = (
     "derating_factor",
     "limits",
     "inverter_starts",
+    "soh_capacity",
+    "soh_resistance",
     "ledger_residual_kwh",
 )
 """Variables that come from the plant as they are."""
+
+AGEING_FLOWS = ("calendar_loss", "cyclic_loss", "aged_charge_ah")
+"""The same, of plants with a cell model of ageing only."""

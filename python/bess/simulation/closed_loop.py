@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from bess.errors import BessError
 from bess.plant import Plant, PlantSnapshot
 from bess.policies import Decision, Policy, Situation
-from bess.record.schema import FLOWS
+from bess.record.schema import AGEING_FLOWS, FLOWS
 from bess.simulation.inputs import Inputs
+from bess.wear import WearPrices, WearRates
 
 _TOLERANCE = 1e-9
 """Relative slack for sums of set-points against the demand: rounding only."""
@@ -31,8 +32,16 @@ class ClosedLoop:
         self._inputs = inputs
         self._policy = policy
         self._plant = plant
-        self._flows = (*FLOWS, "node_temperature_c") if node_temperatures else FLOWS
         strings = inputs.system.strings
+        self._ages = any(string.wear.cell_model for string in strings)
+        self._flows = (
+            *FLOWS,
+            *(AGEING_FLOWS if self._ages else ()),
+            *(("node_temperature_c",) if node_temperatures else ()),
+        )
+        self._prices = WearPrices.of(inputs.system)
+        wears = any(string.wear.model != "none" for string in strings)
+        self._rates = WearRates(inputs.system) if wears else None
         self._total_kw = inputs.limit_kw.sum(axis=1)
         self._soc_min = np.array([string.battery.soc_min for string in strings])
         self._energy_kwh = inputs.system.nominal_energy_kwh
@@ -54,7 +63,8 @@ class ClosedLoop:
         demand_kw = float(ahead_kw[0])
         served_kw = np.minimum(np.maximum(ahead_kw, -total_kw), total_kw)
         ambient_c = float(inputs.ambient_c[step])
-        decision = self._decide(Situation(state, served_kw, ambient_c, limit_kw), total_kw)
+        wear = self._rates.at(state, self._plant.cyclic_loss) if self._rates else None
+        decision = self._decide(Situation(state, served_kw, ambient_c, limit_kw, wear), total_kw)
         flows = self._plant.step(
             decision.request_kw, duration_s=float(inputs.grid.step_s), ambient_c=ambient_c
         )
@@ -74,6 +84,12 @@ class ClosedLoop:
             record["price_eur_mwh"] = inputs.price_eur_mwh[step]
         for name in self._flows:
             record[name] = getattr(flows, name)
+        discharged_kwh = np.maximum(flows.delivered_kw, 0.0) * inputs.grid.dt_h
+        record["wear_eur"] = self._prices.cost_eur(state.soh_capacity - flows.soh_capacity, discharged_kwh)
+        if self._ages:
+            limit = self._prices.end_of_life
+            reached = (state.soh_capacity > limit) & (flows.soh_capacity <= limit)
+            record["end_of_life"] = reached.astype(np.int32)
         log = {
             "step": step,
             "time": str(np.datetime64(inputs.grid.start_s + step * inputs.grid.step_s, "s")) + "Z",

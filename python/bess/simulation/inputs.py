@@ -65,7 +65,7 @@ def prepare(study: Study) -> Inputs:
     InputError
         From any file, or where the parts of a study do not fit each other.
     """
-    system = build_system(study.system, study.run)
+    system = build_system(study.system, study.run, study.wear)
     step_s = system.control.step_min * 60.0
     if step_s != round(step_s):
         raise InputError(

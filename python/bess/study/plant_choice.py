@@ -11,12 +11,12 @@ from bess.errors import InputError
 from bess.parameters import System
 from bess.parameters.documents import deep_merge, plain, read_toml
 from bess.parameters.library import put_over, replaced
-from bess.parameters.parse import check_layout, string_count
+from bess.parameters.parse import PER_STRING_SITE, check_layout, string_count
 from bess.study.keys import check_bundled
-from bess.study.sections import RunChoice, SystemChoice
+from bess.study.sections import RunChoice, SystemChoice, WearChoice
 
 
-def build_system(choice: SystemChoice, run: RunChoice) -> System:
+def build_system(choice: SystemChoice, run: RunChoice, wear: WearChoice) -> System:
     """Return the system as the study wants it.
 
     Raises
@@ -42,7 +42,7 @@ def build_system(choice: SystemChoice, run: RunChoice) -> System:
         site["n_strings"] = n_strings
     if choice.ambient_c is not None:
         site["ambient_c"] = choice.ambient_c
-    for key in ("initial_soc", "initial_temperature_c"):
+    for key in PER_STRING_SITE:
         value = getattr(choice, key)
         if value is None:
             continue
@@ -55,6 +55,8 @@ def build_system(choice: SystemChoice, run: RunChoice) -> System:
     document["system"] = site
     if strings:
         document["string"] = strings
+    if chosen := wear.model_dump(exclude_none=True):
+        document["wear"] = {**document.get("wear", {}), **chosen}
     if run.plant_step_s is not None:
         document["control"] = {**document.get("control", {}), "plant_step_s": run.plant_step_s}
     return System(document, name=choice.file)

@@ -9,7 +9,18 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
-from bess.parameters.quantities import Count, Fraction, NonNegative, Positive, Temperature, within
+from bess.parameters.quantities import (
+    AgeingModel,
+    Count,
+    EndOfLife,
+    Fraction,
+    NonNegative,
+    Positive,
+    SohCapacity,
+    SohResistance,
+    Temperature,
+    within,
+)
 from bess.parameters.section import Section
 from bess.parameters.terms import Terms
 from bess.split.settings import SplitSettings
@@ -55,6 +66,8 @@ class SystemChoice(Section):
     ambient_c: Temperature | None = None
     initial_soc: Fraction | tuple[Fraction, ...] | None = None
     initial_temperature_c: Temperature | tuple[Temperature, ...] | None = None
+    initial_soh_capacity: SohCapacity | tuple[SohCapacity, ...] | None = None
+    initial_soh_resistance: SohResistance | tuple[SohResistance, ...] | None = None
     parameters: dict[str, Any] = Field(default_factory=dict)
 
 
@@ -168,17 +181,22 @@ class SettlementChoice(Section):
 class WearChoice(Section):
     """Section ``[wear]``: what using the batteries costs.
 
-    ``throughput`` is a price ``eur_per_mwh`` for each MWh discharged (AC).
+    The keys of the section ``[wear]`` of a system file, put over it; ``[[string]]`` tables there still
+    override them for one string. ``throughput`` is a price ``eur_per_mwh`` for each MWh discharged (AC); a
+    cell model lets the strings age and prices the capacity lost.
     """
 
-    model: Literal["none", "throughput"] = "none"
-    eur_per_mwh: NonNegative = 0.0
+    model: AgeingModel | None = None
+    replacement_eur_kwh: NonNegative | None = None
+    end_of_life: EndOfLife | None = None
+    eur_per_mwh: NonNegative | None = None
+    calendar_share: Fraction | None = None
 
 
 def terms_of(settlement: SettlementChoice, wear: WearChoice) -> Terms:
     """Return both sections as what dispatch and settlement work with."""
-    throughput = wear.model == "throughput"
-    return Terms(**settlement.model_dump(), wear_eur_mwh=wear.eur_per_mwh if throughput else 0.0)
+    by_energy = wear.eur_per_mwh if wear.model == "throughput" else None
+    return Terms(**settlement.model_dump(), wear_eur_mwh=by_energy or 0.0)
 
 
 class OutputChoice(Section):

@@ -2,6 +2,7 @@
 
 use bess_tables::{Direction, Resistance, StringParameters};
 
+use crate::ageing::{AgeingState, StringAgeing};
 use crate::electrical::{Demand, Operation};
 use crate::lanes::Lanes;
 use crate::line::{Line, Lines};
@@ -10,6 +11,7 @@ use crate::plant::{DeratingLaw, Schedule};
 use crate::record::{Limits, Record};
 use crate::thermal::{AirPath, Coefficients};
 use crate::totals::Totals;
+use crate::PlantError;
 
 /// Time base of the integral gain [s].
 const INTEGRAL_STEP_S: f64 = 900.0;
@@ -21,6 +23,7 @@ pub(crate) struct LaneState {
     pub(crate) node_temperature_c: Vec<f64>,
     pub(crate) integral_k: f64,
     pub(crate) inverter_on: bool,
+    pub(crate) ageing: AgeingState,
 }
 
 /// Lanes with the same number of nodes. Lanes beyond `ids` repeat the last one; nobody reads them.
@@ -46,23 +49,33 @@ pub(crate) struct Block<const W: usize> {
     discharge_v_lines: Lines<W>,
     low_soc_lines: Lines<W>,
     loss_lines: Lines<W>,
+    ageing: Vec<StringAgeing>,
+    /// One for each of `ids`.
+    aged: Vec<AgeingState>,
+    /// Capacity now [Ah], and resistance now over that of the tables.
+    capacity_ah: Lanes<W>,
+    growth: Lanes<W>,
 }
 
 impl<const W: usize> Block<W> {
     /// `members`: lane number and parameters, at most `W`, at least one, all with the same number of nodes.
-    pub(crate) fn new(members: &[(usize, &StringParameters)], law: DeratingLaw, step_s: f64) -> Self {
+    pub(crate) fn new(
+        members: &[(usize, &StringParameters)],
+        law: DeratingLaw,
+        step_s: f64,
+    ) -> Result<Self, PlantError> {
         let strings: [StringParameters; W] =
             std::array::from_fn(|l| members[l.min(members.len() - 1)].1.clone());
         let nodes = strings[0].spatial.nodes;
         let coefficients = std::array::from_fn(|l| Coefficients::new(&strings[l].spatial, step_s));
         let each = |f: &dyn Fn(&StringParameters) -> f64| Lanes::from_fn(|l| f(&strings[l]));
-        Self {
+        Ok(Self {
             ids: members.iter().map(|&(id, _)| id).collect(),
             air_path: AirPath::new(&coefficients, nodes),
             scratch: Scratch::new(nodes, strings.iter().map(|s| &s.resistance)),
             any_measured: strings.iter().any(|s| matches!(s.resistance, Resistance::Measured { .. })),
             k_per_w: Lanes::from_fn(|l| coefficients[l].k_per_w),
-            soc_per_a: each(&|s| step_s / (3600.0 * s.capacity_ah)),
+            soc_per_a: Lanes::ZERO,
             soc_min: each(&|s| s.soc_min),
             soc_max: each(&|s| s.soc_max),
             soc: Lanes::ZERO,
@@ -73,10 +86,14 @@ impl<const W: usize> Block<W> {
             discharge_v_lines: Lines::unknown(),
             low_soc_lines: Lines::unknown(),
             loss_lines: Lines::unknown(),
+            ageing: members.iter().map(|(_, string)| StringAgeing::new(string)).collect::<Result<_, _>>()?,
+            aged: Vec::new(),
+            capacity_ah: Lanes::ZERO,
+            growth: Lanes::ZERO,
             strings,
             law,
             step_s,
-        }
+        })
     }
 
     /// Lane numbers, in order.
@@ -96,6 +113,51 @@ impl<const W: usize> Block<W> {
             }
         }
         self.air_path.look_up(&std::array::from_fn(|l| &self.strings[l].resistance));
+        self.aged = states.iter().map(|state| state.ageing.clone()).collect();
+        self.follow_ageing();
+    }
+
+    /// Capacity and resistance become those that ageing has left.
+    fn follow_ageing(&mut self) {
+        for lane in 0..W {
+            let loss = self.aged[lane.min(self.aged.len() - 1)].loss();
+            let capacity_ah = self.strings[lane].capacity_ah * loss.soh_capacity;
+            self.capacity_ah.0[lane] = capacity_ah;
+            self.soc_per_a.0[lane] = self.step_s / (3600.0 * capacity_ah);
+            self.growth.0[lane] = loss.soh_resistance;
+        }
+    }
+
+    /// Takes a control step that led from `soc` and `temperature_c` to what is now; the record says what it cost.
+    #[inline(never)]
+    fn age(
+        &mut self,
+        soc: Lanes<W>,
+        temperature_c: Lanes<W>,
+        duration_s: f64,
+        first: usize,
+        record: &mut Record,
+    ) {
+        let now_c = self.air_path.mean_temperature();
+        let mut changed = false;
+        for (lane, &id) in self.ids.iter().enumerate() {
+            let moved = (soc.0[lane], self.soc.0[lane]);
+            let mean_c = 0.5 * (temperature_c.0[lane] + now_c.0[lane]);
+            changed |= self.ageing[lane].observe(&mut self.aged[lane], moved, mean_c, duration_s);
+            let loss = self.aged[lane].loss();
+            record.soh_capacity[first + id] = loss.soh_capacity;
+            record.soh_resistance[first + id] = loss.soh_resistance;
+            record.calendar_loss[first + id] = loss.calendar;
+            record.cyclic_loss[first + id] = loss.cyclic;
+        }
+        if changed {
+            let before_ah = self.capacity_ah;
+            self.follow_ageing();
+            for (lane, &id) in self.ids.iter().enumerate() {
+                let lost_ah = before_ah.0[lane] - self.capacity_ah.0[lane];
+                record.aged_charge_ah[first + id] = self.soc.0[lane] * lost_ah;
+            }
+        }
     }
 
     pub(crate) fn state(&self, lane: usize) -> LaneState {
@@ -104,6 +166,7 @@ impl<const W: usize> Block<W> {
             node_temperature_c: self.air_path.temperature.iter().map(|node| node.0[lane]).collect(),
             integral_k: self.integral_k.0[lane],
             inverter_on: self.on.0[lane] != 0.0,
+            ageing: self.aged[lane].clone(),
         }
     }
 
@@ -131,8 +194,11 @@ impl<const W: usize> Block<W> {
             let request_w = Lanes::from_fn(|l| schedule.request_w(step, member(l)));
             let ambient_c = Lanes::from_fn(|l| schedule.ambient_c(step, member(l)));
             let mut limits = [Limits::NONE; W];
+            let (soc, temperature_c) = (self.soc, self.air_path.mean_temperature());
             let totals = self.control_step(request_w, ambient_c, schedule.substeps, &mut limits);
             self.report(step, request_w, &totals, &limits, schedule.substeps, record);
+            let duration_s = schedule.substeps as f64 * self.step_s;
+            self.age(soc, temperature_c, duration_s, step * schedule.lanes, record);
         }
     }
 
@@ -185,7 +251,8 @@ impl<const W: usize> Block<W> {
         let discharge_v =
             self.discharge_v_lines.at(soc, |l, at| Line::of_grid(&strings[l].ocv_discharge, at, mean_c.0[l]));
         let low_soc = self.low_soc_lines.at(soc, |l, at| low_soc_line(&strings[l].resistance, at));
-        let resistance = self.air_path.mean_resistance() * low_soc;
+        let node_factor = low_soc * self.growth;
+        let resistance = self.air_path.mean_resistance() * node_factor;
 
         // Where no limit is near: V I - R I^2 = sign p + w, small root.
         let loss_at =
@@ -204,7 +271,7 @@ impl<const W: usize> Block<W> {
             voltage_v,
             current_a,
             resistance,
-            node_factor: low_soc,
+            node_factor,
             soc: soc_end,
         };
         let (soc_min, soc_max) = (self.soc_min, self.soc_max);
@@ -222,6 +289,7 @@ impl<const W: usize> Block<W> {
                     charge_v: charge_v.0[lane],
                     discharge_v: discharge_v.0[lane],
                     step_s: self.step_s,
+                    capacity_ah: self.capacity_ah.0[lane],
                 };
                 self.special_lane(lane, special(lane), &demand, &mut drawn, &mut limits[lane]);
             }
@@ -263,10 +331,14 @@ impl<const W: usize> Block<W> {
         // A string that charges with less than its inverter loses discharges a little; its charge table serves.
         if let Some(tables) = measured::tables(&string.resistance, demand.direction) {
             let temperatures = self.air_path.temperature.iter().map(|node| node.0[lane]);
-            drawn.resistance.0[lane] =
-                self.scratch.solve(tables, demand.soc, temperatures, string.capacity_ah, |r| {
-                    demand.current_a(string, r)
-                });
+            drawn.resistance.0[lane] = self.scratch.solve(
+                tables,
+                self.growth.0[lane],
+                demand.soc,
+                temperatures,
+                string.capacity_ah,
+                |r| demand.current_a(string, r),
+            );
             drawn.node_factor.0[lane] = 1.0;
             for (node, resistance) in self.air_path.resistance.iter_mut().enumerate() {
                 resistance.0[lane] = self.scratch.node(node);
@@ -370,7 +442,7 @@ mod tests {
     fn record<const W: usize>(run: impl Fn(&mut Block<W>, &Schedule, &mut Record)) -> Record {
         let system = common::reference(W);
         let members: Vec<_> = system.strings.iter().enumerate().collect();
-        let mut block = Block::<W>::new(&members, DeratingLaw::Pi, 10.0);
+        let mut block = Block::<W>::new(&members, DeratingLaw::Pi, 10.0).unwrap();
         let states: Vec<_> = (0..W)
             .map(|l| LaneState {
                 soc: l as f64 / (W - 1) as f64,
@@ -379,6 +451,7 @@ mod tests {
                     .collect(),
                 integral_k: 0.3,
                 inverter_on: false,
+                ageing: StringAgeing::new(&system.strings[l]).unwrap().starting(1.0, 1.0),
             })
             .collect();
         block.set_state(&states.iter().collect::<Vec<_>>());

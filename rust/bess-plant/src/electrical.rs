@@ -19,6 +19,8 @@ pub(crate) struct Demand {
     pub(crate) charge_v: f64,
     pub(crate) discharge_v: f64,
     pub(crate) step_s: f64,
+    /// Capacity that the string has now [Ah].
+    pub(crate) capacity_ah: f64,
 }
 
 /// What it does.
@@ -78,7 +80,7 @@ impl Demand {
         let loss_w = if delivered_w > 0.0 { loss.at(delivered_w) } else { 0.0 };
         let (voltage_v, current_a) = self.unlimited(delivered_w, loss_w, resistance_ohm);
         // Only rounding is left to clip: the power above was solved for the window.
-        let soc = self.soc_after(string, current_a).clamp(string.soc_min, string.soc_max);
+        let soc = self.soc_after(current_a).clamp(string.soc_min, string.soc_max);
         Operation { delivered_w, loss_w, voltage_v, current_a, soc, limits }
     }
 
@@ -87,13 +89,13 @@ impl Demand {
         self.operate(string, resistance_ohm).current_a
     }
 
-    fn soc_after(&self, string: &StringParameters, current_a: f64) -> f64 {
-        self.soc - current_a * self.step_s / (3600.0 * string.capacity_ah)
+    fn soc_after(&self, current_a: f64) -> f64 {
+        self.soc - current_a * self.step_s / (3600.0 * self.capacity_ah)
     }
 
     /// Largest battery power (magnitude, in the direction of the demand) [W], and what sets it.
     fn battery_limit(&self, string: &StringParameters, resistance_ohm: f64) -> (f64, Limits) {
-        let per_soc_a = 3600.0 * string.capacity_ah / self.step_s;
+        let per_soc_a = 3600.0 * self.capacity_ah / self.step_s;
         match self.direction {
             Direction::Charge => {
                 let current_a = (string.soc_max - self.soc) * per_soc_a;
@@ -115,7 +117,7 @@ impl Demand {
     fn empties(&self, string: &StringParameters, delivered_w: f64, resistance_ohm: f64) -> bool {
         let loss_w = string.inverter.loss(self.direction).at(delivered_w);
         let (_, current_a) = self.unlimited(delivered_w, loss_w, resistance_ohm);
-        current_a > 0.0 && self.soc_after(string, current_a) < string.soc_min
+        current_a > 0.0 && self.soc_after(current_a) < string.soc_min
     }
 }
 

@@ -1,5 +1,9 @@
 use thiserror::Error;
 
+fn known_models() -> String {
+    crate::ageing::models::MODELS.map(|model| model.name).join(", ")
+}
+
 /// Input that the plant refuses. The text names the value with its unit, the place and what is allowed.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum PlantError {
@@ -45,6 +49,12 @@ pub enum PlantError {
         low: f64,
         /// Highest allowed value.
         high: f64,
+    },
+    /// No ageing model is called so.
+    #[error("ageing model '{name}' is unknown; there are {}", known_models())]
+    Model {
+        /// The name given.
+        name: String,
     },
     /// The plant step does not divide the control step.
     #[error(

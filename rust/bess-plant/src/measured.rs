@@ -33,11 +33,12 @@ impl Scratch {
         Self { place: vec![(0, 0.0); nodes], weight: vec![0.0; knots], row: vec![0.0; knots] }
     }
 
-    /// Mean resistance [Ohm] at the fixed point of `current_a(resistance)`; afterwards [`Self::node`] gives that
-    /// of every node.
+    /// Mean resistance [Ohm] at the fixed point of `current_a(resistance)`, the tables times `growth`; afterwards
+    /// [`Self::node`] gives that of every node.
     pub(crate) fn solve(
         &mut self,
         (c_rate, grids): (&[f64], &[Grid]),
+        growth: f64,
         soc: f64,
         node_temperatures_c: impl Iterator<Item = f64>,
         capacity_ah: f64,
@@ -47,7 +48,7 @@ impl Scratch {
         let mut resistance = 0.0;
         for _ in 0..PASSES {
             let c = current_a(resistance).abs() / capacity_ah;
-            self.fill_row(c_rate, grids, soc, c);
+            self.fill_row(c_rate, grids, growth, soc, c);
             resistance = self.row.iter().zip(&self.weight).map(|(r, w)| r * w).sum();
         }
         resistance
@@ -76,13 +77,13 @@ impl Scratch {
         }
     }
 
-    fn fill_row(&mut self, c_rate: &[f64], grids: &[Grid], soc: f64, c: f64) {
+    fn fill_row(&mut self, c_rate: &[f64], grids: &[Grid], growth: f64, soc: f64, c: f64) {
         let (low, share) = locate(c_rate, c);
         let high = (low + 1).min(grids.len() - 1);
         let knots = grids[0].y();
         for (value, &knot) in self.row.iter_mut().zip(knots) {
             let at_low = grids[low].at(soc, knot);
-            *value = at_low + share * (grids[high].at(soc, knot) - at_low);
+            *value = growth * (at_low + share * (grids[high].at(soc, knot) - at_low));
         }
     }
 }

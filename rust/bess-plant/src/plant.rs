@@ -1,5 +1,6 @@
 use bess_tables::{StringParameters, System};
 
+use crate::ageing::{AgeingState, StringAgeing};
 use crate::block::{Block, LaneState};
 use crate::check::{check_all, check_range, TEMPERATURE_C};
 use crate::record::Record;
@@ -11,6 +12,10 @@ const ROUNDING: f64 = 1e-9;
 
 /// Plant steps that make sense [s].
 const STEP_S: (f64, f64) = (1e-3, 86_400.0);
+
+/// Factors on capacity and on resistance that a plant accepts.
+const SOH_CAPACITY: (f64, f64) = (0.01, 1.5);
+const SOH_RESISTANCE: (f64, f64) = (0.1, 100.0);
 
 /// How the derating factor follows from temperature.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -36,6 +41,26 @@ pub struct PlantState {
     pub derating_integral_k: Vec<f64>,
     /// Whether the inverter was on at the end of the last plant step.
     pub inverter_on: Vec<bool>,
+    /// What ageing has made of each lane; see [`starting_ageing`].
+    pub ageing: Vec<AgeingState>,
+}
+
+/// Ageing of lanes that start with these factors on capacity and resistance, one of each for each lane.
+pub fn starting_ageing(
+    system: &System,
+    soh_capacity: &[f64],
+    soh_resistance: &[f64],
+) -> Result<Vec<AgeingState>, PlantError> {
+    check_all("soh_resistance", soh_resistance, soh_capacity.len())?;
+    let mut out = Vec::with_capacity(soh_capacity.len());
+    for (lane, (&capacity, &resistance)) in soh_capacity.iter().zip(soh_resistance).enumerate() {
+        let string = lane % system.strings.len();
+        let place = || format!("string {string}: ");
+        check_range("soh_capacity", capacity, "", SOH_CAPACITY, place)?;
+        check_range("soh_resistance", resistance, "", SOH_RESISTANCE, place)?;
+        out.push(StringAgeing::new(&system.strings[string])?.starting(capacity, resistance));
+    }
+    Ok(out)
 }
 
 /// Requests and ambient of a run.
@@ -105,9 +130,9 @@ impl Plant {
         for equal in lanes.chunk_by(|a, b| a.1.spatial.nodes == b.1.spatial.nodes) {
             for members in equal.chunks(8) {
                 if members.len() > 4 {
-                    eights.push(Block::new(members, law, step_s));
+                    eights.push(Block::new(members, law, step_s)?);
                 } else {
-                    fours.push(Block::new(members, law, step_s));
+                    fours.push(Block::new(members, law, step_s)?);
                 }
             }
         }
@@ -139,7 +164,9 @@ impl Plant {
             node_temperature_c: vec![f64::NAN; lanes * nodes],
             derating_integral_k: vec![0.0; lanes],
             inverter_on: vec![false; lanes],
+            ageing: Vec::with_capacity(lanes),
         };
+        let mut ageing: Vec<_> = (0..lanes).map(|_| None).collect();
         let eights = self.eights.iter().flat_map(|block| each_lane(block.ids(), |l| block.state(l)));
         let fours = self.fours.iter().flat_map(|block| each_lane(block.ids(), |l| block.state(l)));
         for (id, lane) in eights.chain(fours) {
@@ -148,7 +175,9 @@ impl Plant {
             state.node_temperature_c[id * nodes..id * nodes + own].copy_from_slice(&lane.node_temperature_c);
             state.derating_integral_k[id] = lane.integral_k;
             state.inverter_on[id] = lane.inverter_on;
+            ageing[id] = Some(lane.ageing);
         }
+        state.ageing.extend(ageing.into_iter().flatten());
         state
     }
 
@@ -239,6 +268,7 @@ impl Plant {
         check_all("node temperature", &state.node_temperature_c, lanes * nodes)?;
         check_all("derating integral", &state.derating_integral_k, lanes)?;
         check_all("inverter state", &state.inverter_on, lanes)?;
+        check_all("ageing", &state.ageing, lanes)?;
         let mut out = Vec::with_capacity(lanes);
         for id in 0..lanes {
             let string = id % self.strings.len();
@@ -256,11 +286,15 @@ impl Plant {
             }
             let integral_k = state.derating_integral_k[id];
             check_range("derating integral", integral_k, " K", (0.0, f64::MAX), place)?;
+            let loss = state.ageing[id].loss();
+            check_range("soh_capacity", loss.soh_capacity, "", SOH_CAPACITY, place)?;
+            check_range("soh_resistance", loss.soh_resistance, "", SOH_RESISTANCE, place)?;
             out.push(LaneState {
                 soc: state.soc[id].clamp(window.0, window.1),
                 node_temperature_c: own.to_vec(),
                 integral_k,
                 inverter_on: state.inverter_on[id],
+                ageing: state.ageing[id].clone(),
             });
         }
         Ok(out)

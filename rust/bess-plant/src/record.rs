@@ -83,6 +83,16 @@ record! {
     derating_factor,
     /// Off-to-on transitions of the inverter.
     inverter_starts,
+    /// Capacity over that of the nameplate, at the end of the step.
+    soh_capacity,
+    /// Resistance over that of the nameplate, at the end of the step.
+    soh_resistance,
+    /// Capacity lost by standing, as a share of the nameplate, at the end of the step.
+    calendar_loss,
+    /// Capacity lost by cycling, at the end of the step.
+    cyclic_loss,
+    /// Charge that went with capacity at the end of the step [Ah]: SOC times the capacity lost.
+    aged_charge_ah,
     /// AC energy - (chemical change + heat + inverter loss) [J].
     ledger_residual_j,
 }

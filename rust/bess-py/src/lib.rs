@@ -2,6 +2,7 @@
 
 use pyo3::prelude::*;
 
+mod ageing;
 mod control;
 mod plant;
 mod system;
@@ -9,6 +10,8 @@ mod system;
 /// Compiled core of bess.
 #[pymodule]
 mod _core {
+    #[pymodule_export]
+    use crate::ageing::{ageing_models, rainflow, Ageing};
     #[pymodule_export]
     use crate::control::{ControlHorizon, ControlModel};
     #[pymodule_export]

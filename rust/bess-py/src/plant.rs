@@ -1,4 +1,7 @@
-use bess_plant::{DeratingLaw, PlantError, PlantState, Record};
+use std::sync::Arc;
+
+use bess_plant::ageing::AgeingState;
+use bess_plant::{starting_ageing, DeratingLaw, PlantError, PlantState, Record};
 use numpy::{IntoPyArray, PyReadonlyArray1};
 use pyo3::exceptions::{PyKeyError, PyValueError};
 use pyo3::prelude::*;
@@ -13,6 +16,7 @@ const J_PER_KWH: f64 = 3.6e6;
 #[pyclass(module = "bess._core")]
 pub struct Plant {
     inner: bess_plant::Plant,
+    system: Arc<bess_tables::System>,
 }
 
 fn refused(error: PlantError) -> PyErr {
@@ -23,7 +27,8 @@ fn floats(array: &PyReadonlyArray1<'_, f64>) -> PyResult<Vec<f64>> {
     Ok(array.as_array().to_vec())
 }
 
-fn plant_state(state: &Bound<'_, PyDict>) -> PyResult<PlantState> {
+/// Where the state says nothing of ageing, that of lanes with the given state of health begins.
+fn plant_state(system: &bess_tables::System, state: &Bound<'_, PyDict>) -> PyResult<PlantState> {
     let item = |key: &'static str| state.get_item(key)?.ok_or_else(|| PyKeyError::new_err(key));
     let numbers = |key| -> PyResult<Vec<f64>> { floats(&item(key)?.extract()?) };
     Ok(PlantState {
@@ -31,6 +36,18 @@ fn plant_state(state: &Bound<'_, PyDict>) -> PyResult<PlantState> {
         node_temperature_c: numbers("node_temperature_c")?,
         derating_integral_k: numbers("derating_integral_k")?,
         inverter_on: item("inverter_on")?.extract::<PyReadonlyArray1<'_, bool>>()?.as_array().to_vec(),
+        ageing: if state.contains("ageing")? {
+            let lanes = item("soc")?.len()?;
+            let rows = numbers("ageing")?;
+            // One row for each lane; a length that is no multiple leaves a row too short, which is refused.
+            rows.chunks((rows.len() / lanes.max(1)).max(1))
+                .map(AgeingState::from_numbers)
+                .collect::<Result<_, _>>()
+                .map_err(refused)?
+        } else {
+            starting_ageing(system, &numbers("soh_capacity")?, &numbers("soh_resistance")?)
+                .map_err(refused)?
+        },
     })
 }
 
@@ -53,11 +70,11 @@ impl Plant {
                 return Err(PyValueError::new_err(format!("derating law '{other}': use 'table' or 'pi'")))
             }
         };
-        let state = plant_state(state)?;
+        let state = plant_state(&system.inner, state)?;
         let inner = py
             .detach(|| bess_plant::Plant::new(&system.inner, scenarios, plant_step_s, law, &state))
             .map_err(refused)?;
-        Ok(Self { inner })
+        Ok(Self { inner, system: system.inner.clone() })
     }
 
     /// Strings times scenarios.
@@ -86,12 +103,16 @@ impl Plant {
         out.set_item("node_temperature_c", state.node_temperature_c.into_pyarray(py))?;
         out.set_item("derating_integral_k", state.derating_integral_k.into_pyarray(py))?;
         out.set_item("inverter_on", state.inverter_on.into_pyarray(py))?;
+        let mut rows: Vec<Vec<f64>> = state.ageing.iter().map(AgeingState::to_numbers).collect();
+        let width = rows.iter().map(Vec::len).max().unwrap_or(0);
+        rows.iter_mut().for_each(|row| row.resize(width, 0.0));
+        out.set_item("ageing", rows.concat().into_pyarray(py))?;
         Ok(out)
     }
 
     /// Replaces the state.
     fn set_state(&mut self, state: &Bound<'_, PyDict>) -> PyResult<()> {
-        self.inner.set_state(&plant_state(state)?).map_err(refused)
+        self.inner.set_state(&plant_state(&self.system, state)?).map_err(refused)
     }
 
     /// Advances through all requests [kW]; flat arrays by name, in kW, A, degC and kWh.
@@ -129,6 +150,11 @@ fn to_dict(py: Python<'_>, record: Record) -> PyResult<Bound<'_, PyDict>> {
         ("node_max_c", record.node_max_c, 1.0),
         ("derating_factor", record.derating_factor, 1.0),
         ("inverter_starts", record.inverter_starts, 1.0),
+        ("soh_capacity", record.soh_capacity, 1.0),
+        ("soh_resistance", record.soh_resistance, 1.0),
+        ("calendar_loss", record.calendar_loss, 1.0),
+        ("cyclic_loss", record.cyclic_loss, 1.0),
+        ("aged_charge_ah", record.aged_charge_ah, 1.0),
         ("ledger_residual_kwh", record.ledger_residual_j, J_PER_KWH),
     ] {
         out.set_item(name, scaled(values, unit).into_pyarray(py))?;

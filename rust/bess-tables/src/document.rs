@@ -5,8 +5,8 @@ use serde::Deserialize;
 
 use crate::lut::check_axis;
 use crate::{
-    Derating, Grid, Inverter, LumpedThermal, Lut, Resistance, SpatialThermal, StringParameters, System,
-    TableError,
+    Ageing, Derating, Grid, Inverter, LumpedThermal, Lut, Resistance, SpatialThermal, StringParameters,
+    System, TableError,
 };
 
 const WATTS_PER_KW: f64 = 1e3;
@@ -45,6 +45,8 @@ struct StringDocument {
     inverter: InverterDocument,
     derating: DeratingDocument,
     thermal: ThermalDocument,
+    #[serde(default)]
+    ageing: Ageing,
 }
 
 #[derive(Deserialize)]
@@ -156,6 +158,7 @@ impl StringDocument {
         };
         Ok(StringParameters {
             capacity_ah: self.battery.cell_capacity_ah * parallel,
+            cells_series: series,
             soc_min: self.battery.soc_min,
             soc_max: self.battery.soc_max,
             low_soc_switch: self.battery.low_soc_switch,
@@ -180,6 +183,7 @@ impl StringDocument {
             },
             spatial: self.thermal.spatial,
             lumped: self.thermal.lumped,
+            ageing: self.ageing,
         })
     }
 }

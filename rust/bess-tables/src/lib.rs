@@ -15,5 +15,6 @@ pub use error::TableError;
 pub use grid::Grid;
 pub use lut::{locate, Lut};
 pub use parameters::{
-    Derating, Direction, Inverter, LumpedThermal, Resistance, SpatialThermal, StringParameters, System,
+    Ageing, Derating, Direction, Inverter, LumpedThermal, Resistance, SpatialThermal, StringParameters,
+    System,
 };

@@ -25,6 +25,8 @@ pub struct System {
 pub struct StringParameters {
     /// Charge capacity `Q` [Ah].
     pub capacity_ah: f64,
+    /// Cells in series: what a string's voltage is in cell voltages.
+    pub cells_series: f64,
     /// Lower end of the usable SOC window.
     pub soc_min: f64,
     /// Upper end of the usable SOC window.
@@ -45,6 +47,24 @@ pub struct StringParameters {
     pub spatial: SpatialThermal,
     /// Lumped thermal model of the controller.
     pub lumped: LumpedThermal,
+    /// How it ages.
+    pub ageing: Ageing,
+}
+
+/// How a string ages.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Ageing {
+    /// Name of the model; none for a string that does not age.
+    pub model: Option<String>,
+    /// Of what a string has lost when it starts, the share that it lost by standing.
+    pub calendar_share: f64,
+}
+
+impl Default for Ageing {
+    fn default() -> Self {
+        Self { model: None, calendar_share: 0.5 }
+    }
 }
 
 /// Internal resistance of a string [Ohm].

@@ -1,7 +1,7 @@
 //! Systems for tests and benches.
 #![allow(dead_code, missing_docs)]
 
-use bess_plant::PlantState;
+use bess_plant::{starting_ageing, PlantState};
 use bess_tables::System;
 use serde_json::{json, Value};
 
@@ -70,6 +70,7 @@ pub fn uniform_state(system: &System, scenarios: usize, soc: f64, temperature_c:
         node_temperature_c: vec![temperature_c; lanes * nodes],
         derating_integral_k: vec![0.0; lanes],
         inverter_on: vec![false; lanes],
+        ageing: starting_ageing(system, &vec![1.0; lanes], &vec![1.0; lanes]).unwrap(),
     }
 }
 

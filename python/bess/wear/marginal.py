@@ -1,0 +1,168 @@
+"""What the next bit of use, and the next day, costs at the state that a string is in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bess import _core
+from bess.errors import InputError
+from bess.parameters import State, System
+from bess.wear.prices import WearPrices
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class MarginalWear:
+    """Slopes of the cost of wear at one state of every string; take them as constant over a step or a plan.
+
+    For optimisers: rates are frozen, so a cost made of them is linear in throughput and in time. Arguments of
+    the methods broadcast against ``(n_strings, n_points)``: a number, one row of points for all strings, or
+    one column such as ``state.temperature_c[:, None]`` that gives each string its own. What comes back has
+    that shape. Rates are those of the string's cell model (``docs/ageing.md``); they are 0 for ``none``, and
+    those of ``throughput`` depend on nothing. The knee of ``kokam-75ah`` is left out.
+
+    Attributes
+    ----------
+    state : State
+        At which the rates hold.
+    calendar_loss, cyclic_loss : ndarray, shape (n_strings,)
+        Capacity lost so far by standing and by cycling, as shares of the nameplate.
+    prices : WearPrices
+        Prices of the strings.
+    """
+
+    state: State
+    calendar_loss: Array
+    cyclic_loss: Array
+    prices: WearPrices
+    nominal_energy_kwh: Array
+    capacity_ah: Array
+    core: _core.Ageing
+
+    def cycling_eur_kwh(
+        self, depth: ArrayLike, temperature_c: ArrayLike, *, c_rate: ArrayLike = 0.3, soc: ArrayLike = 0.5
+    ) -> Array:
+        """Price of a kWh discharged [EUR/kWh], with the charging that goes before it.
+
+        ``dQ/dEFC * replacement_eur_kwh / (1 - end_of_life)`` over the state of health, as one equivalent full
+        cycle (EFC) discharges the energy that the string now holds.
+
+        Parameters
+        ----------
+        depth
+            Depth of the cycle that the energy is part of, 0 to 1.
+        temperature_c
+            Temperature [degC].
+        c_rate
+            Mean C-rate of the cycle [1/h].
+        soc
+            Middle of the cycle's range.
+        """
+        energy_kwh = (self.nominal_energy_kwh * self.state.soh_capacity)[:, None]
+        by_energy = self.prices.eur_per_kwh_discharged[:, None]
+        return self._eur_per_cycle(depth, temperature_c, c_rate, soc) / energy_kwh + by_energy
+
+    def cycling_eur_ah(
+        self, depth: ArrayLike, temperature_c: ArrayLike, *, c_rate: ArrayLike = 0.3, soc: ArrayLike = 0.5
+    ) -> Array:
+        """Price of an Ah of string current in either direction [EUR/Ah]; arguments as above.
+
+        The form for an objective over currents: charging and discharging pay half of the cycle each.
+        """
+        per_cycle = self._eur_per_cycle(depth, temperature_c, c_rate, soc)
+        energy_kwh = self.nominal_energy_kwh * self.state.soh_capacity
+        per_cycle = per_cycle + (self.prices.eur_per_kwh_discharged * energy_kwh)[:, None]
+        return np.asarray(per_cycle / (2.0 * self.capacity_ah * self.state.soh_capacity)[:, None])
+
+    def calendar_eur_day(self, soc: ArrayLike, temperature_c: ArrayLike) -> Array:
+        """Price of a day at a SOC and temperature [EUR/day]."""
+        rate = self.core.calendar_rate(self.calendar_loss, *self._points(soc, temperature_c))
+        return rate * self.prices.eur_per_loss[:, None]
+
+    def _eur_per_cycle(
+        self, depth: ArrayLike, temperature_c: ArrayLike, c_rate: ArrayLike, soc: ArrayLike
+    ) -> Array:
+        points = self._points(depth, soc, c_rate, temperature_c)
+        return self.core.cyclic_rate(self.cyclic_loss, *points) * self.prices.eur_per_loss[:, None]
+
+    def _points(self, *values: ArrayLike) -> list[Array]:
+        strings = np.empty((self.state.n_strings, 1))
+        try:
+            *points, _ = np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in values), strings)
+        except ValueError as error:
+            raise InputError(
+                f"wear: values must broadcast against ({self.state.n_strings} strings, points): {error}"
+            ) from error
+        return [np.ascontiguousarray(point) for point in points]
+
+
+def marginal(system: System, state: State, *, cyclic_loss: ArrayLike | None = None) -> MarginalWear:
+    """Return the marginal wear of every string at ``state``.
+
+    Parameters
+    ----------
+    system
+        The plant; its sections ``[wear]`` name the models and prices.
+    state
+        Measured state; what is missing of ``soh_capacity`` to 1 is the loss so far.
+    cyclic_loss
+        Part of that loss that came by cycling, shape ``(n_strings,)``; by default what
+        ``wear.calendar_share`` leaves. A plant tells it (``Flows.cyclic_loss``); in a closed loop it is
+        known.
+
+    Returns
+    -------
+    MarginalWear
+        ``cycling_eur_kwh(depth, temperature_c)``, ``cycling_eur_ah(depth, temperature_c)`` and
+        ``calendar_eur_day(soc, temperature_c)``.
+
+    Raises
+    ------
+    InputError
+        If ``state`` or ``cyclic_loss`` does not fit the system.
+
+    Examples
+    --------
+    >>> import bess
+    >>> from bess import wear
+    >>> document = bess.System.reference().document | {"wear": {"model": "kokam-75ah"}}
+    >>> system = bess.System(document)
+    >>> state = bess.State([0.5, 0.5], [25.0, 35.0], soh_capacity=[0.95, 0.95])
+    >>> now = wear.marginal(system, state)
+    >>> now.cycling_eur_kwh(0.8, state.temperature_c[:, None]).round(3).ravel().tolist()
+    [0.027, 0.059]
+    """
+    return WearRates(system).at(state, cyclic_loss)
+
+
+class WearRates:
+    """Makes the marginal wear of one plant at one state after the other."""
+
+    def __init__(self, system: System) -> None:
+        self._system = system
+        self._prices = WearPrices.of(system)
+        self._share = np.array([string.wear.calendar_share for string in system.strings])
+        self._core = _core.Ageing(system.core)
+
+    def at(self, state: State, cyclic_loss: ArrayLike | None = None) -> MarginalWear:
+        """Return the rates at ``state``; see :func:`marginal`."""
+        self._system.check_state(state)
+        lost = np.maximum(1.0 - state.soh_capacity, 0.0)
+        cyclic = (1.0 - self._share) * lost
+        if cyclic_loss is not None:
+            cyclic = np.asarray(cyclic_loss, dtype=np.float64)
+            if cyclic.shape != lost.shape or not (cyclic >= 0.0).all():
+                raise InputError(f"wear: cyclic_loss must be one number >= 0 for each of {lost.size} strings")
+        return MarginalWear(
+            state=state,
+            calendar_loss=np.maximum(lost - cyclic, 0.0),
+            cyclic_loss=cyclic,
+            prices=self._prices,
+            nominal_energy_kwh=self._system.nominal_energy_kwh,
+            capacity_ah=self._system.capacity_ah,
+            core=self._core,
+        )

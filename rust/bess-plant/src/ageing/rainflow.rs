@@ -1,0 +1,141 @@
+//! Rainflow counting (ASTM E1049-85, 5.4.4) of a series that is still going on.
+//!
+//! A cycle is counted when the series passes the end of its range, not at the next reversal, so what is counted at
+//! any moment is what the whole series would count; the ranges between the points left are open half cycles.
+
+/// A reversal, the first value, or the last one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Point<P> {
+    /// Value of the series.
+    pub value: f64,
+    /// Index of the value; the last one of equal values.
+    pub index: u64,
+    /// Whatever is to be known of the moment.
+    pub mark: P,
+}
+
+/// What was counted: between two points, a whole cycle or a half one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Counted<P> {
+    /// First point of the range.
+    pub from: Point<P>,
+    /// Its other end.
+    pub to: Point<P>,
+    /// 1 or 0.5.
+    pub count: f64,
+}
+
+/// The points that may still be part of a cycle to be counted.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Rainflow<P> {
+    points: Vec<Point<P>>,
+    next: u64,
+}
+
+impl<P: Copy> Rainflow<P> {
+    /// Nothing counted yet.
+    pub fn new() -> Self {
+        Self { points: Vec::new(), next: 0 }
+    }
+
+    /// Continues from the points left and the number of values seen.
+    pub fn resumed(points: Vec<Point<P>>, next: u64) -> Self {
+        Self { points, next }
+    }
+
+    /// Points left: between each two an open half cycle; the last one is the last value.
+    pub fn points(&self) -> &[Point<P>] {
+        &self.points
+    }
+
+    /// Marks of the points may change.
+    pub(crate) fn points_mut(&mut self) -> &mut [Point<P>] {
+        &mut self.points
+    }
+
+    /// Values seen.
+    pub fn seen(&self) -> u64 {
+        self.next
+    }
+
+    /// Whether `value` would turn the series.
+    #[inline]
+    pub fn turns_at(&self, value: f64) -> bool {
+        match self.points[..] {
+            [.., before, last] => (value - last.value) * (last.value - before.value) < 0.0,
+            _ => false,
+        }
+    }
+
+    /// Takes the next value; what it completes goes to `counted`.
+    #[inline]
+    pub fn push(&mut self, value: f64, mark: P, mut counted: impl FnMut(Counted<P>)) {
+        let point = Point { value, index: self.next, mark };
+        self.next += 1;
+        match self.points[..] {
+            [first] if value == first.value => return,
+            [] | [_] => {
+                self.points.push(point);
+                return;
+            }
+            _ if self.turns_at(value) => self.points.push(point),
+            [.., _] => *self.points.last_mut().expect("two points at least") = point,
+        }
+        while let [.., a, b, c] = self.points[..] {
+            if (c.value - b.value).abs() < (b.value - a.value).abs() {
+                break;
+            }
+            if self.points.len() == 3 {
+                counted(Counted { from: a, to: b, count: 0.5 });
+                self.points.remove(0);
+            } else {
+                counted(Counted { from: a, to: b, count: 1.0 });
+                self.points.truncate(self.points.len() - 3);
+                self.points.push(c);
+            }
+        }
+    }
+
+    /// The open ranges, as the half cycles that they count as at the end of a series.
+    pub fn open(&self) -> impl Iterator<Item = Counted<P>> + '_ {
+        self.points.windows(2).map(|pair| Counted { from: pair[0], to: pair[1], count: 0.5 })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn count(series: &[f64]) -> Vec<(f64, f64, u64, u64)> {
+        let (mut rainflow, mut out) = (Rainflow::new(), Vec::new());
+        for &value in series {
+            rainflow.push(value, (), |c| out.push(c));
+        }
+        out.extend(rainflow.open());
+        out.iter().map(|c| ((c.to.value - c.from.value).abs(), c.count, c.from.index, c.to.index)).collect()
+    }
+
+    #[test]
+    fn the_example_of_the_standard_is_counted_as_printed_there() {
+        let counted = count(&[-2.0, 1.0, -3.0, 5.0, -1.0, 3.0, -4.0, 4.0, -2.0]);
+        let printed = [
+            (3.0, 0.5, 0, 1),
+            (4.0, 0.5, 1, 2),
+            (4.0, 1.0, 4, 5),
+            (8.0, 0.5, 2, 3),
+            (9.0, 0.5, 3, 6),
+            (8.0, 0.5, 6, 7),
+            (6.0, 0.5, 7, 8),
+        ];
+        assert_eq!(counted, printed);
+    }
+
+    #[test]
+    fn what_is_counted_and_what_is_open_have_travelled_as_far_as_the_series() {
+        let series: Vec<f64> =
+            (0..500).map(|i| (0.37 * f64::from(i)).sin() * (0.011 * f64::from(i)).cos()).collect();
+        let travelled: f64 = series.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum();
+        let counted: f64 = count(&series).iter().map(|c| 2.0 * c.0 * c.1).sum();
+        assert!((travelled - counted).abs() < 1e-12);
+    }
+}

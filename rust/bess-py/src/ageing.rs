@@ -1,0 +1,105 @@
+use bess_plant::ageing::{models, Rainflow, StringAgeing};
+use numpy::ndarray::Array2;
+use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+use crate::system::System;
+
+/// Marginal rates of ageing of the strings of a plant, each by its own model.
+#[pyclass(frozen, module = "bess._core")]
+pub struct Ageing {
+    strings: Vec<StringAgeing>,
+}
+
+type Matrix<'py> = PyReadonlyArray2<'py, f64>;
+
+impl Ageing {
+    /// `rate(string, loss so far, point)` for each string's own points, all `(n_strings, n_points)`.
+    fn table<'py>(
+        &self,
+        py: Python<'py>,
+        loss: &PyReadonlyArray1<'py, f64>,
+        axes: &[&Matrix<'py>],
+        rate: impl Fn(&StringAgeing, f64, &[f64]) -> f64,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let loss = loss.as_array();
+        let shape = (self.strings.len(), axes[0].as_array().ncols());
+        if loss.len() != shape.0 || axes.iter().any(|axis| axis.as_array().dim() != shape) {
+            return Err(PyValueError::new_err(format!(
+                "needs one loss for each of {} strings and points of shape {shape:?}",
+                shape.0
+            )));
+        }
+        let mut point = vec![0.0; axes.len()];
+        let out = Array2::from_shape_fn(shape, |at| {
+            for (value, axis) in point.iter_mut().zip(axes) {
+                *value = axis.as_array()[at];
+            }
+            rate(&self.strings[at.0], loss[at.0], &point)
+        });
+        Ok(out.into_pyarray(py))
+    }
+}
+
+#[pymethods]
+impl Ageing {
+    #[new]
+    fn new(system: &System) -> PyResult<Self> {
+        let strings = system.inner.strings.iter().map(StringAgeing::new).collect::<Result<_, _>>();
+        Ok(Self { strings: strings.map_err(|error| PyValueError::new_err(error.to_string()))? })
+    }
+
+    /// Capacity lost per equivalent full cycle, a share of the nameplate, `(n_strings, n_points)`: for strings that
+    /// have lost `cyclic_loss` `(n_strings,)` so far, at points of depth, middle SOC, C-rate and temperature.
+    fn cyclic_rate<'py>(
+        &self,
+        py: Python<'py>,
+        cyclic_loss: PyReadonlyArray1<'py, f64>,
+        depth: Matrix<'py>,
+        soc: Matrix<'py>,
+        c_rate: Matrix<'py>,
+        temperature_c: Matrix<'py>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        self.table(py, &cyclic_loss, &[&depth, &soc, &c_rate, &temperature_c], |string, loss, at| {
+            string.cyclic_rate(loss, at[0], at[1], at[2], at[3])
+        })
+    }
+
+    /// Capacity lost per day, a share of the nameplate, `(n_strings, n_points)`: for strings that have lost
+    /// `calendar_loss` `(n_strings,)` so far, at points of SOC and temperature.
+    fn calendar_rate<'py>(
+        &self,
+        py: Python<'py>,
+        calendar_loss: PyReadonlyArray1<'py, f64>,
+        soc: Matrix<'py>,
+        temperature_c: Matrix<'py>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        self.table(py, &calendar_loss, &[&soc, &temperature_c], |string, loss, at| {
+            string.calendar_rate(loss, at[0], at[1])
+        })
+    }
+}
+
+/// Name and description of every ageing model.
+#[pyfunction]
+pub fn ageing_models() -> Vec<(&'static str, &'static str)> {
+    models::MODELS.iter().map(|model| (model.name, model.about)).collect()
+}
+
+/// Cycles of a series (ASTM E1049-85, rainflow): range, mean, count (1 or 0.5), index of both ends; the ranges left
+/// at the end count as half cycles.
+#[pyfunction]
+pub fn rainflow(series: PyReadonlyArray1<'_, f64>) -> Vec<(f64, f64, f64, u64, u64)> {
+    let (mut counter, mut out) = (Rainflow::new(), Vec::new());
+    for &value in series.as_array() {
+        counter.push(value, (), |cycle| out.push(cycle));
+    }
+    out.extend(counter.open());
+    out.iter()
+        .map(|c| {
+            let (a, b) = (c.from.value, c.to.value);
+            ((a - b).abs(), 0.5 * (a + b), c.count, c.from.index, c.to.index)
+        })
+        .collect()
+}
