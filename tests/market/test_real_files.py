@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 
 import bess
+import bess.ems
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 pytestmark = pytest.mark.skipif(
@@ -85,3 +86,32 @@ def test_real_weather_has_the_published_count_and_extremes(file):
     assert (series.min(), round(series.mean(), 2), series.max()) == (-6.6, 12.26, 33.9)
     assert series.index[0] == pd.Timestamp("2024-01-01", tz="UTC")
     assert series.attrs["units"] == "degC"
+
+
+def test_the_untouched_export_of_finland_is_read():
+    series = bess.read_prices(DATA / "prices" / "entsoe_old_day-ahead_FI_2024_untouched.csv.gz", zone="FI")
+    assert len(series) == 6_647
+    assert (round(series.min(), 2), round(series.mean(), 2), round(series.max(), 2)) == (
+        -20.01,
+        48.16,
+        1896.0,
+    )
+
+
+def test_the_export_of_hungary_with_another_name_of_its_column_is_read():
+    series = bess.read_prices(DATA / "prices" / "entsoe_gui_HU_eur-mwh-column.csv.gz", zone="HU")
+    assert len(series) == 25_488
+    assert series.attrs["repairs"].rows("sorted") >= 1
+    assert series["2024-11-15 23:00":"2024-11-16 02:00"].tolist() == [137.9, 130.64, 119.54, 123.71]
+
+
+@pytest.mark.parametrize("column", ["metal1", "warehouse"])
+def test_real_industrial_loads_are_read(column):
+    path = DATA / "load" / "load_industrial_pycity_15min_2010.parquet"
+    assert len(bess.ems.read_profile(path, column=column, time_zone="UTC+1", scale=1e-3)) == 35_040
+
+
+def test_real_simbench_loads_are_read():
+    path = DATA / "load" / "simbench_load_15min_2016.parquet"
+    series = bess.ems.read_profile(path, column="G0-A_pload", time_zone="Europe/Berlin", scale=100.0)
+    assert len(series) == 35_136 and series.min() >= 0.0 and series.max() <= 100.0

@@ -114,7 +114,7 @@ def read_profile(
     columns = read_columns(name, read_bytes(path), repairs)
     chosen = columns.choose(column, "power")
     _check_unit(name, chosen, unit)
-    rows = columns.rows(chosen, time_zone, repairs)
+    rows = columns.labelled_at_start(repairs).rows(chosen, time_zone, repairs)
     series = regular(rows, fill, repairs, bridged_s=0)
     power = _resampled(name, series, dt_h) * (_SIGN[positive] * _TO_KW[unit] * scale)
     power = power.rename("demand_kw")

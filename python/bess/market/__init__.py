@@ -2,6 +2,7 @@
 
 from bess.market.prices import read_prices
 from bess.market.repairs import Repair, Repairs
+from bess.market.typical_year import over_years
 from bess.market.weather import read_weather
 
-__all__ = ["Repair", "Repairs", "read_prices", "read_weather"]
+__all__ = ["Repair", "Repairs", "over_years", "read_prices", "read_weather"]

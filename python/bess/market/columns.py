@@ -3,8 +3,9 @@
 import io
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, tzinfo
+from itertools import pairwise
 from typing import Final, Literal
 
 import numpy as np
@@ -16,11 +17,28 @@ from bess.market.clock import Rows, clock_of, ends_day, to_utc
 from bess.market.files import fail, listed
 from bess.market.numbers import check_size, parse_numbers
 from bess.market.repairs import Repairs
+from bess.market.sources import read_table
 from bess.market.stamps import Stamps, is_time, parse_stamps
-from bess.market.table import Ending, Table, read_table
+from bess.market.table import Ending, Table
 
 _CLOCK_CELL: Final = re.compile(r"\d{1,2}:\d\d(:\d\d)?")
 _UNIT: Final = re.compile(r"\s*[\[(].*?[\])]")
+_NAMED_CLOCK: Final = re.compile(
+    r"\((UTC|GMT|CET/CEST|CET|WET/WEST|WET|EET/EEST|EET)\)|(?:hour|time|date_?time|datetime_?)_?(utc)\b",
+    re.IGNORECASE,
+)
+CLOCKS: Final = {
+    "UTC": "UTC",
+    "GMT": "UTC",
+    "WET": "Europe/Lisbon",
+    "WET/WEST": "Europe/Lisbon",
+    "EET": "Europe/Helsinki",
+    "EET/EEST": "Europe/Helsinki",
+}
+"""Clocks by their names in titles; CET and CET/CEST both mean the clock of Brussels."""
+_OFFSETS: Final = (("utc_offset_seconds", 1), ("time zone", 3600))
+"""Offsets from UTC in the block above a table: of Open-Meteo, and of the NSRDB."""
+_NUMBER: Final = re.compile(r"-?\d+(\.\d+)?")
 
 
 @dataclass(frozen=True)
@@ -37,6 +55,10 @@ class Columns:
         The columns that are not times.
     values : callable
         From a name to its numbers, NaN where missing.
+    clock : str or None
+        Clock that the title of the times names.
+    typical : bool
+        The hours of a typical year.
     last : str or None
         The column in which the file ends, if that can have been cut off.
     ending : Ending
@@ -48,6 +70,8 @@ class Columns:
     lines: list[int]
     names: list[str]
     values: Callable[[str], npt.NDArray[np.float64]]
+    clock: str | None = None
+    typical: bool = False
     last: str | None = None
     ending: Ending = Ending.CLEAN
 
@@ -67,9 +91,26 @@ class Columns:
         )
         fail(self.path, 1, f"{problem}; give one of: {listed(self.names)}")
 
+    def labelled_at_start(self, repairs: Repairs) -> "Columns":
+        """Return the columns with times that label the end of each interval moved to its start.
+
+        Such are whole days of which the first begins a step after midnight and the last ends at midnight.
+        """
+        wall = self.stamps.wall
+        if wall.size < 2:
+            return self
+        step = wall[1] - wall[0]
+        first, last = (wall[i] - wall[i].normalize() for i in (0, -1))
+        if not (first == step and last == pd.Timedelta(0) and step <= pd.Timedelta(hours=1)):
+            return self
+        text = "moved times that label the end of their interval to its start"
+        repairs.add("end-labels", text, wall.size, self.lines[0])
+        return replace(self, stamps=Stamps(wall - step, self.stamps.offset_h))
+
     def rows(self, name: str, time_zone: str | None, repairs: Repairs) -> Rows:
         """Return the numbers of one column in UTC; times need an offset in the file or a `time_zone`."""
         labelled = self.stamps.labelled
+        time_zone = time_zone or self.clock
         if labelled.all():
             self._check_offsets()
             clock: tzinfo = UTC
@@ -131,8 +172,11 @@ def csv_columns(table: Table) -> Columns:
     """Find the times in a table, and parse them."""
     used, cells = _time_cells(table)
     label = " + ".join(table.header[i] for i in used)
+    if all(" - " in cell for cell in cells):
+        cells = [cell.partition(" - ")[0].strip() for cell in cells]
     stamps = parse_stamps(table.path, label, cells, table.lines, day_first=False)
-    others = [i for i in range(len(table.header)) if i not in used]
+    first = table.rows[0]
+    others = [i for i in range(len(table.header)) if i not in used and not _is_clock(first[i].strip())]
     index = {table.header[i] or f"column {i + 1}": i for i in others}
     if len(index) != len(others):
         fail(table.path, 1, f"two columns have the same name; name them apart: {listed(table.header)}")
@@ -142,7 +186,29 @@ def csv_columns(table: Table) -> Columns:
         return parse_numbers(table.path, name, table.column(index[name]), table.lines, default)
 
     last = next((name for name, i in index.items() if i == len(table.rows[-1]) - 1), None)
-    return Columns(table.path, stamps, table.lines, list(index), values, last, table.ending)
+    clock = _clock_in(label, table.preamble)
+    names = list(index)
+    return Columns(table.path, stamps, table.lines, names, values, clock, table.typical, last, table.ending)
+
+
+def _is_clock(cell: str) -> bool:
+    """Tell whether a cell is a time, as of a second column of times; a number is none."""
+    return not cell.isdigit() and is_time(cell.partition(" - ")[0])
+
+
+def _clock_in(label: str, preamble: list[list[str]]) -> str | None:
+    """Return the clock that the title of the times names, or the block above the header."""
+    named = _NAMED_CLOCK.search(label)
+    if named:
+        return CLOCKS.get((named[1] or named[2]).upper(), "Europe/Brussels")
+    for names, values in pairwise(preamble):
+        said = {name.strip().casefold(): value.strip() for name, value in zip(names, values, strict=False)}
+        for key, unit_s in _OFFSETS:
+            if _NUMBER.fullmatch(said.get(key, "")):
+                seconds = round(float(said[key]) * unit_s)
+                sign, minutes = "-" if seconds < 0 else "+", abs(seconds) // 60
+                return f"UTC{sign}{minutes // 60:02d}:{minutes % 60:02d}"
+    return None
 
 
 def _has_points(table: Table, columns: list[int]) -> bool:
@@ -157,12 +223,17 @@ def _time_cells(table: Table) -> tuple[list[int], list[str]]:
         used = [i for i in (*parts, minute) if i is not None]
         texts = [[row[i].strip().zfill(2) for i in used] for row in table.rows]
         return used, [f"{t[0]}-{t[1]}-{t[2]} {t[3]}:{t[4] if minute is not None else '00'}" for t in texts]
-    first = table.named("MESS_DATUM") or 0
+    in_utc = (
+        i for i, name in enumerate(table.header) if "utc" in name.casefold() and is_time(table.rows[0][i])
+    )
+    first = table.named("MESS_DATUM") or next(in_utc, 0)
     cells = table.column(first)
-    if len(table.header) > first + 1:
+    if first == 0 and len(table.header) > 1:
         second = table.column(first + 1)
         if _CLOCK_CELL.fullmatch(second[0]) and ":" not in cells[0]:
             return [first, first + 1], [f"{day} {clock}" for day, clock in zip(cells, second, strict=True)]
+        if not is_time(cells[0]) and is_time(second[0]) and cells[0][:1].isalpha():
+            return [first + 1], second
         if not is_time(cells[0]) and is_time(second[0]):
             fail(
                 table.path,

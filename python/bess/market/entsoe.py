@@ -6,13 +6,14 @@ an empty row for the hour that summer time skips, the new one marks times on the
 """
 
 import re
+from datetime import tzinfo
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from bess.market.clock import clock_of, to_utc
+from bess.market.clock import by_label, clock_of, localise, to_utc
 from bess.market.files import fail, listed
 from bess.market.numbers import parse_numbers
 from bess.market.quotes import Array, Quotes, only_product, whole_days
@@ -25,6 +26,7 @@ from bess.market.zones import SPLIT, wanted_codes, zone_code
 Positions = npt.NDArray[np.intp]
 
 _TIME: Final = re.compile(r"(?:MTU|Time)\b\s*(?:\((\w+)[^)]*\))?", re.IGNORECASE)
+_PRICE: Final = re.compile(r"day[- ]ahead(?: price)?\s*(?:[\[(]|$)", re.IGNORECASE)
 _INTERVAL: Final = re.compile(r"\d\d\d\d \d\d?:\d\d.* - .*\d\d?:\d\d")
 _CLOCKS: Final = {"UTC": "UTC", "GMT": "UTC", "WET": "Europe/Lisbon", "EET": "Europe/Helsinki"}
 
@@ -37,9 +39,7 @@ def matches(table: Table) -> bool:
 def read(table: Table, zone: str, product: str | None, time_zone: str | None, repairs: Repairs) -> Quotes:
     """Return the day-ahead prices of `zone`; of several sequences the first, others only beyond its time."""
     only_product(table.path, product)
-    price = next(
-        (i for i, name in enumerate(table.header) if name.casefold().startswith("day-ahead price")), None
-    )
+    price = next((i for i, name in enumerate(table.header) if _PRICE.match(name)), None)
     if price is None:
         fail(
             table.path,
@@ -55,6 +55,7 @@ def read(table: Table, zone: str, product: str | None, time_zone: str | None, re
     values = parse_numbers(table.path, table.header[price], table.column(price), table.lines)
     which = _of_zone(table, zone, stamps.wall, repairs)
     which = which[_of_sequence(table, which, stamps.wall, values, repairs)]
+    which = _in_order(table, which, stamps, clock, repairs)
     lines = [table.lines[i] for i in which]
     rows = to_utc(
         table.path, Stamps(stamps.wall[which], stamps.offset_h[which]), values[which], lines, clock, repairs
@@ -99,6 +100,21 @@ def _of_zone(table: Table, zone: str, wall: pd.DatetimeIndex, repairs: Repairs) 
         1,
         f"zone {zone!r} is not in this file; choose another zone or file, the file has: {there_are}",
     )
+
+
+def _in_order(table: Table, which: Positions, stamps: Stamps, clock: tzinfo, repairs: Repairs) -> Positions:
+    """Put the rows of a new export in the order of time; now and then one of them is out of place."""
+    utc = localise(stamps.wall[which], clock)
+    labelled = stamps.labelled[which]
+    marked = pd.DatetimeIndex(by_label(stamps)[which]).tz_localize("UTC")
+    utc = pd.DatetimeIndex(np.where(labelled, marked, utc)) if labelled.any() else utc
+    back = np.asarray(utc[1:] < utc[:-1])
+    if table.named("Area") is None or utc.hasnans or not back.any():
+        return which
+    order = np.argsort(utc, kind="stable")
+    first = table.lines[which[int(np.argmax(back)) + 1]]
+    repairs.add("sorted", "put rows that were out of place in the order of time", back.sum(), first)
+    return which[order]
 
 
 def _of_sequence(

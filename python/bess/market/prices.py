@@ -1,5 +1,7 @@
 """Electricity prices from the files that people have."""
 
+import re
+from dataclasses import replace
 from os import PathLike
 from typing import Final
 
@@ -11,10 +13,16 @@ from bess.market.files import fail, listed, path_text, read_bytes
 from bess.market.quotes import Quotes, only_product
 from bess.market.regular import Fill, regular
 from bess.market.repairs import Repairs
-from bess.market.table import Table, read_table
+from bess.market.sources import read_table
+from bess.market.table import Ending, Table
 from bess.market.units import check_price_unit, foreign_unit, is_currency_column, says_euro
 from bess.market.zones import is_zone, zone_code
 
+_AREAS: Final = (
+    "PriceArea", "Price Area", "price_area", "Area", "Zone", "Bidding Zone", "bidding_zone", "BiddingZone",
+    "BZN", "MapCode", "AreaDisplayName", "DeliveryArea", "Delivery Area", "Country", "ISO3 Code", "region",
+)  # fmt: skip
+_UNIT: Final = re.compile(r"\s*[\[(].*?[\])]")
 FORMATS: Final = (
     (entsoe.matches, entsoe.read),
     (smard.matches, smard.read),
@@ -98,11 +106,14 @@ def _quotes(
     for matches, read in FORMATS:
         if matches(table):
             return read(table, zone, product, time_zone, repairs)
-    return _plain(csv_columns(table), zone, product, time_zone, repairs)
+    table, column = _rows_of_zone(table, zone, repairs)
+    return _plain(csv_columns(table), column, product, time_zone, repairs)
 
 
 def _check_currency(table: Table) -> None:
     """Refuse prices beside which a column says another currency or unit."""
+    if table.named("SETTLEMENTDATE") is not None:
+        fail(table.path, 1, "is a table of AEMO with prices in AUD/MWh; convert them to EUR/MWh first")
     for i, name in enumerate(table.header):
         for cell, line in zip(table.column(i), table.lines, strict=True) if is_currency_column(name) else ():
             if foreign_unit(cell):
@@ -110,14 +121,48 @@ def _check_currency(table: Table) -> None:
                 fail(table.path, line, text)
 
 
+def _rows_of_zone(table: Table, zone: str, repairs: Repairs) -> tuple[Table, str]:
+    """Take the rows of `zone` out of a table with a column of zones; without one, the table as it is.
+
+    Also returns the zone that remains to be found among the columns.
+    """
+    area = table.named(*_AREAS)
+    cells = [] if area is None else table.column(area)
+    here = [i for i, cell in enumerate(cells) if zone_code(cell) == zone_code(zone)]
+    if not cells or not (here or any(map(is_zone, cells))):
+        return table, zone
+    if not here:
+        there_are = listed(sorted(set(cells)))
+        fail(table.path, 1, f"zone {zone!r} is not in this file; choose another, the file has: {there_are}")
+    priced = [
+        i
+        for i, name in enumerate(table.header)
+        if i != area
+        and "price" in name.casefold()
+        and not is_currency_column(name)
+        and not foreign_unit(name)
+    ]
+    if len(priced) != 1:
+        names = listed(table.header)
+        fail(table.path, 1, f"which column is the price in EUR/MWh is not clear; keep one of: {names}")
+    rows, lines = [table.rows[i] for i in here], [table.lines[i] for i in here]
+    stamps = csv_columns(replace(table, rows=rows, lines=lines)).stamps.wall
+    if stamps.size > 1 and stamps[0] > stamps[-1]:
+        repairs.add("descending", "put descending times into ascending order", len(rows), lines[0])
+        rows, lines = rows[::-1], lines[::-1]
+    return replace(table, rows=rows, lines=lines, ending=Ending.CLEAN), table.header[priced[0]]
+
+
 def _plain(
     columns: Columns, zone: str, product: str | None, time_zone: str | None, repairs: Repairs
 ) -> Quotes:
-    named = {name: zone_code(name) for name in columns.names}
-    if len(columns.names) == 1 and not is_zone(columns.names[0]):
+    plain = {name: _UNIT.sub("", name) for name in columns.names}
+    if len(columns.names) == 1 and not is_zone(plain[columns.names[0]]):
         column = columns.names[0]
     else:
-        column = next((name for name, code in named.items() if code == zone_code(zone)), "")
+        exact = (name for name, short in plain.items() if zone in (name, short))
+        alike = (name for name, short in plain.items() if zone_code(short) == zone_code(zone))
+        column = next(exact, "") or next(alike, "")
     if not column:
         there_are = listed(columns.names)
         fail(

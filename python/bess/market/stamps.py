@@ -23,7 +23,7 @@ _DATES: Final = (
 _DAY_FIRST: Final = "%d/%m/%Y"
 _MONTH_FIRST: Final = "%m/%d/%Y"
 _CLOCKS: Final = ("%H:%M", "%H:%M:%S", "%I:%M %p", "%I:%M:%S %p", "%H:%M:%S.%f")
-_FORMATS: Final = (*(f"{d} {c}" for d in _DATES for c in _CLOCKS), *_DATES)
+_FORMATS: Final = ("%Y%m%d:%H%M", *(f"{d} {c}" for d in _DATES for c in _CLOCKS), *_DATES)
 """Formats tried in this order; the first that fits every cell is taken."""
 _DIGITS: Final = {8: "%Y%m%d", 10: "%Y%m%d%H", 12: "%Y%m%d%H%M", 14: "%Y%m%d%H%M%S"}
 """Times of digits only, by their number: ``2024013112`` is 12:00, not 1:02."""
@@ -34,6 +34,7 @@ _OFFSET: Final = re.compile(
     r"(.*\d:\d\d(?::\d\d(?:\.\d+)?)?)\s*(?:\(?(Z|UTC|GMT|CET|CEST)\)?|([+-])(\d\d):?(\d\d))"
 )
 _NAMED: Final = {"Z": 0.0, "UTC": 0.0, "GMT": 0.0, "CET": 1.0, "CEST": 2.0}
+_END_OF_DAY: Final = re.compile(r"^(.*\d) 24:00((?::00)?)$")
 _SPACES: Final = re.compile(r"[\s\u00a0\u202f]+|(?<=\d)T(?=\d)|(?<=\d), (?=\d\d?:)")
 
 
@@ -75,6 +76,9 @@ def parse_stamps(
             shift = _NAMED[label] if label else (int(hours) + int(minutes) / 60) * (-1 if sign == "-" else 1)
             offset[i] = shift
         texts.append(_SPACES.sub(" ", cell).strip())
+    midnight = np.array([bool(_END_OF_DAY.search(text)) for text in texts])
+    if midnight.any():
+        texts = [_END_OF_DAY.sub(r"\1 00:00\2", text) for text in texts]
     wall = _parse_digits(texts) if texts[0].isdigit() else _parse(texts)
     if not day_first and _could_be_either(texts):
         fail(
@@ -82,6 +86,7 @@ def parse_stamps(
             lines[0],
             f"{cells[0]!r} could be either day or month first; write times as 2024-01-31 14:00",
         )
+    wall += pd.to_timedelta(midnight.astype(int), unit="D")
     odd = np.asarray(wall.isna() | (wall.year < _YEARS[0]) | (wall.year > _YEARS[1]))
     if odd.any():
         bad = int(np.argmax(odd))

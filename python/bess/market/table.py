@@ -4,17 +4,20 @@ import csv
 import io
 import re
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from itertools import islice
 from typing import Final
 
-from bess.market.files import decode, fail
+from bess.market.files import fail
 from bess.market.repairs import Repairs
 
 _SEPARATORS: Final = (";", "\t", ",")
 _SAMPLE: Final = 50
 _DECIMALS: Final = re.compile(r"[.,](\d*)$")
+_LABEL: Final = re.compile(r"\s*(BZN|CTY|CTA|SCA)\|")
+_LETTER: Final = re.compile(r"\W*[^\W\d]")
+_MOST_REMARKS: Final = 0.01
 _LIKE_DATA: Final = re.compile(r"\W*\d")
 
 
@@ -44,6 +47,10 @@ class Table:
     separator : str
     ending : Ending
         Whether the file ends where it should.
+    preamble : list of list of str
+        Rows above the header.
+    typical : bool
+        A typical year: its hours belong to no year in particular.
     """
 
     path: str
@@ -52,6 +59,8 @@ class Table:
     lines: list[int]
     separator: str
     ending: Ending
+    preamble: list[list[str]] = field(default_factory=list)
+    typical: bool = False
 
     def column(self, index: int) -> list[str]:
         """Return the stripped cells of one column."""
@@ -63,9 +72,8 @@ class Table:
         return next((lowered.index(name.casefold()) for name in names if name.casefold() in lowered), None)
 
 
-def read_table(path: str, raw: bytes, repairs: Repairs) -> Table:
-    """Split a CSV file into cells; raise InputError where it is not a table."""
-    text = decode(path, raw, repairs)
+def text_table(path: str, text: str, repairs: Repairs) -> Table:
+    """Split the text of a CSV file into cells; raise InputError where it is not a table."""
     separator = _separator(text)
     if separator is None:
         text = _unwrapped(text)
@@ -80,19 +88,41 @@ def read_table(path: str, raw: bytes, repairs: Repairs) -> Table:
         fail(path, 1, "the file holds no rows; fetch it again")
     start = _header(path, numbered, separator)
     header = [cell.strip() for cell in numbered[start][1]]
-    if _is_data(header):
+    if header[0] and _is_data(header):
         header, start = [f"column {i + 1}" for i in range(len(header))], start - 1
     while header and not header[-1]:
         header.pop()
-    body = numbered[start + 1 :]
+    body = _without_footer(numbered[start + 1 :], len(header), repairs)
     if not body:
         fail(path, numbered[start][0], "is the last one: there is a header but no data; fetch the file again")
+    ending = Ending.CLEAN if text.endswith(("\n", "\r")) else _ending([row[-1].strip() for _, row in body])
+    if _LABEL.match(header[-1]) and {len(row) for _, row in body[: len(body) - 1 or 1]} == {len(header) - 1}:
+        body = [(line, [*row, ""]) for line, row in body]
+    remarks = []
     for line, row in body:
-        if len(row) < len(header) or any(cell.strip() for cell in row[len(header) :]):
+        beyond = [cell.strip() for cell in row[len(header) :] if cell.strip()]
+        if len(row) < len(header) or any(map(_LIKE_DATA.match, beyond)):
             _ragged(path, line, len(row), len(header), last=line == body[-1][0])
+        remarks += [line] if beyond else []
+    if len(remarks) > max(1, _MOST_REMARKS * len(body)):
+        _ragged(path, remarks[0], len(header) + 1, len(header), last=False)
+    repairs.add("remark", "left out a remark beside the table", len(remarks), remarks[0] if remarks else None)
     rows = [row for _, row in body]
-    ending = Ending.CLEAN if text.endswith(("\n", "\r")) else _ending([row[-1].strip() for row in rows])
-    return Table(path, header, rows, [line for line, _ in body], separator, ending)
+    preamble = [[cell.strip() for cell in row] for _, row in numbered[: max(start, 0)]]
+    return Table(path, header, rows, [line for line, _ in body], separator, ending, preamble)
+
+
+def _without_footer(
+    body: list[tuple[int, list[str]]], columns: int, repairs: Repairs
+) -> list[tuple[int, list[str]]]:
+    """Cut lines of text below the table, such as a legend: they have other cells, and begin with a letter."""
+    end = len(body)
+    while end > 1 and len(body[end - 1][1]) != columns and _LETTER.match(body[end - 1][1][0]):
+        end -= 1
+    repairs.add(
+        "footer", "left out lines of text below the table", len(body) - end, body[-1][0] if body else None
+    )
+    return body[:end]
 
 
 def _ending(cells: list[str]) -> Ending:
@@ -146,6 +176,8 @@ def _header(path: str, numbered: list[tuple[int, list[str]]], separator: str) ->
     """Return the index of the header: the first row as wide as most rows; a preamble may come before it."""
     width = Counter(len(row) for _, row in numbered[:_SAMPLE]).most_common(1)[0][0]
     start = next(i for i, (_, row) in enumerate(numbered) if len(row) == width)
+    if start == 1 and len(numbered[0][1]) == width + 1 and _LABEL.match(numbered[0][1][-1]):
+        return 0  # ENTSO-E names the zone in the header, with no cell below
     for _, row in numbered[:start]:
         split_otherwise = (separator.join(row).count(other) + 1 for other in _SEPARATORS)
         if _is_data(numbered[start][1]) or width in split_otherwise:

@@ -12,6 +12,7 @@ from bess.market.columns import Columns, read_columns
 from bess.market.files import fail, path_text, read_bytes
 from bess.market.regular import Fill, regular
 from bess.market.repairs import Repairs
+from bess.market.typical_year import on_one_year
 from bess.market.units import check_temperature_unit
 
 _NAMES: Final = re.compile(
@@ -35,8 +36,10 @@ def read_weather(
 ) -> pd.Series:
     """Read the ambient temperature of a weather file as a series in UTC without gaps.
 
-    Read are tables (CSV with any header block before them, Parquet, in archives too) with a column of times,
-    or year, month, day, hour and minute, as the German weather service, HiSim and Meteonorm write them.
+    Read are tables (CSV with any block above the header, Parquet, xlsx, JSON, in archives too) with a column
+    of times, or year, month, day, hour and minute, as the German weather service (archives of its stations as
+    they come), HiSim, Meteonorm, PVGIS, Open-Meteo and the NSRDB write them; EPW files, and test reference
+    years of the German weather service.
 
     Parameters
     ----------
@@ -45,15 +48,17 @@ def read_weather(
     column : str, optional
         Name of the temperature column; needed if its name does not tell.
     time_zone : str, optional
-        Clock of times without one. Weather services write UTC, which is assumed (and reported) by default.
+        Clock of times without one, if the file does not name it. Weather services write UTC, which is assumed
+        (and reported) by default.
     fill : {"previous", "interpolate", "previous_day"}, optional
         How to fill gaps longer than an hour, which are an error otherwise.
 
     Returns
     -------
     pandas.Series
-        Ambient temperature [degC], labelled at the start of the step, in UTC; ``attrs`` hold ``units`` and
-        ``repairs``.
+        Ambient temperature [degC], labelled at the start of the step, in UTC; ``attrs`` hold ``units``,
+        ``repairs`` and ``typical_year``: whether these are the hours of a year that never was, which
+        :func:`bess.market.over_years` lays onto others.
 
     Raises
     ------
@@ -63,7 +68,8 @@ def read_weather(
     name = path_text(path)
     repairs = Repairs()
     columns = read_columns(name, read_bytes(path), repairs)
-    if time_zone is None and not columns.stamps.labelled.any():
+    columns, is_typical = on_one_year(columns, repairs)
+    if time_zone is None and columns.clock is None and not columns.stamps.labelled.any():
         repairs.add(
             "assumed-utc", "took times without a zone as UTC", columns.stamps.wall.size, columns.lines[0]
         )
@@ -83,7 +89,7 @@ def read_weather(
             f"[{_LOWEST_C:g}, {_HIGHEST_C:g}] degC; choose the right column, or convert it to degC first",
         )
     series = regular(rows, fill, repairs, longest_step_s=_LONGEST_STEP_S).rename("temperature_c")
-    series.attrs = {"units": "degC", "repairs": repairs}
+    series.attrs = {"units": "degC", "repairs": repairs, "typical_year": is_typical}
     repairs.report(name)
     return series
 

@@ -51,6 +51,16 @@ class Grid:
         return (self.start_s + self.step_s * np.arange(self.n_steps)).astype("datetime64[s]")
 
     @property
+    def start(self) -> datetime:
+        """Start of the first step, UTC."""
+        return datetime.fromtimestamp(self.start_s, tz=UTC)
+
+    @property
+    def end(self) -> datetime:
+        """End of the last step, UTC."""
+        return datetime.fromtimestamp(self.start_s + self.step_s * self.n_steps, tz=UTC)
+
+    @property
     def dt_h(self) -> float:
         """Length of a step [h]."""
         return self.step_s / 3600.0
