@@ -11,9 +11,18 @@ const STEPS: usize = 96;
 const SUBSTEPS: usize = 90;
 
 fn a_day(criterion: &mut Criterion) {
-    let mut group = criterion.benchmark_group("plant day");
+    measured(criterion, "plant day", None);
+}
+
+/// The same, of strings that age.
+fn an_ageing_day(criterion: &mut Criterion) {
+    measured(criterion, "plant day, ageing", Some("kokam-75ah"));
+}
+
+fn measured(criterion: &mut Criterion, name: &str, ageing: Option<&str>) {
+    let mut group = criterion.benchmark_group(name);
     for strings in [2, 8, 32] {
-        let system = common::reference(strings);
+        let system = common::ageing(strings, ageing);
         let state = common::uniform_state(&system, 1, 0.5, 25.0);
         let request_w: Vec<f64> = (0..STEPS * strings)
             .map(|at| common::two_cycles_kw(at / strings) * 1e3 * (1.0 - 0.01 * (at % strings) as f64))
@@ -29,5 +38,5 @@ fn a_day(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, a_day);
+criterion_group!(benches, a_day, an_ageing_day);
 criterion_main!(benches);

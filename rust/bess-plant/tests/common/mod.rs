@@ -61,6 +61,13 @@ pub fn reference(strings: usize) -> System {
     system(&vec![reference_string(); strings])
 }
 
+/// The same, with a model of ageing.
+pub fn ageing(strings: usize, model: Option<&str>) -> System {
+    let mut string = reference_string();
+    string["ageing"] = json!({"model": model, "calendar_share": 0.5});
+    system(&vec![string; strings])
+}
+
 /// Every string of every scenario at the same SOC and temperature.
 pub fn uniform_state(system: &System, scenarios: usize, soc: f64, temperature_c: f64) -> PlantState {
     let lanes = system.strings.len() * scenarios;
