@@ -58,8 +58,9 @@ def main(folder: Path) -> None:
         "case2-temperature": figures.mean_temperature({name: r.dataset for name, r in case2.items()}),
     }
     for name, figure in drawn.items():
-        svg, png = save_figure(figure, static / name)
-        png.unlink()
+        svg, *others = save_figure(figure, static / name)
+        for other in others:
+            other.unlink()
         print(f"{svg.name}: {svg.stat().st_size / 1000:.0f} kB")
 
 

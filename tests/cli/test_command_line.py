@@ -41,7 +41,7 @@ def test_help_and_version_load_none_of_the_heavy_libraries() -> None:
         "scipy",
         "matplotlib",
         "distributed",
-        "plotly",
+        "bokeh",
         "h5py",
         "numpy",
     }

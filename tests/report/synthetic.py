@@ -3,6 +3,8 @@
 import numpy as np
 import xarray as xr
 
+import bess
+
 NOMINAL_KW = 92.0
 ENERGY_KWH = 266.0
 
@@ -83,20 +85,5 @@ def record(
 
 
 def kpis(dataset: xr.Dataset) -> dict[str, float]:
-    """The KPIs of MODEL section 7, written down once more."""
-    total = {name: float(np.abs(dataset[name]).sum()) for name in dataset if name.endswith("_kw")}
-    share = {
-        "availability_pct": total["availability_loss_kw"] / total["demand_kw"],
-        "derating_efficiency_pct": total["derating_loss_kw"] / total["request_kw"],
-        "inverter_efficiency_pct": total["inverter_loss_kw"] / total["request_kw"],
-        "battery_efficiency_pct": total["battery_loss_kw"] / total["request_kw"],
-        "system_efficiency_pct": (total["inverter_loss_kw"] + total["battery_loss_kw"]) / total["request_kw"],
-    }
-    temperature = dataset["temperature_c"]
-    return {name: 100.0 * (1.0 - loss) for name, loss in share.items()} | {
-        "peak_mean_temperature_c": float(temperature.mean("string").max()),
-        "peak_string_temperature_c": float(temperature.max()),
-        "peak_node_temperature_c": float(dataset["node_max_c"].max()),
-        "fallback_steps": float(dataset["fallback"].sum()),
-        "unmet_kwh": 0.25 * float(dataset["unmet_kw"].sum()),
-    }
+    """What ``bess.kpis`` makes of such a record."""
+    return dict(bess.kpis(dataset.assign_attrs(step_h=0.25)))

@@ -30,6 +30,8 @@ def of_one_run(n_strings: int) -> dict[str, Callable[[], Figure]]:
         "solver_effort": lambda: figures.solver_effort(data, times),
         "market_dispatch": lambda: figures.market_dispatch(data),
         "kpi_bars": lambda: figures.kpi_bars({"": kpis(data)}),
+        "loss_waterfall": lambda: figures.loss_waterfall(kpis(data)),
+        "duration_curves": lambda: figures.duration_curves(data),
     }
 
 
@@ -39,6 +41,8 @@ def of_scenarios() -> dict[str, Callable[[], Figure]]:
     return {
         "kpi_bars": lambda: figures.kpi_bars(named),
         "kpi_radar": lambda: figures.kpi_radar(named),
+        "losses_compared": lambda: figures.losses_compared(named),
+        "duration_curves": lambda: figures.duration_curves(runs),
         "mean_temperature": lambda: figures.mean_temperature(runs),
         "string_spread": lambda: figures.string_spread(runs),
         "pareto_front": lambda: figures.pareto_front(named),
@@ -80,12 +84,12 @@ def test_the_same_figure_is_saved_as_the_same_bytes(name: str, tmp_path: Path) -
     first = [path.read_bytes() for path in save_figure(make(), tmp_path / "a.svg")]
     second = [path.read_bytes() for path in save_figure(make(), tmp_path / "b.png")]
     assert first == second
-    assert first[0].startswith(b"<?xml") and first[1].startswith(b"\x89PNG")
+    assert [content[:4] for content in first] == [b"<?xm", b"\x89PNG", b"%PDF"]
 
 
 def test_a_file_name_with_a_dot_keeps_its_name(tmp_path: Path) -> None:
-    svg, png = save_figure(Figure(), tmp_path / "w=0.5")
-    assert (svg.name, png.name) == ("w=0.5.svg", "w=0.5.png")
+    svg, png, pdf = save_figure(Figure(), tmp_path / "w=0.5")
+    assert (svg.name, png.name, pdf.name) == ("w=0.5.svg", "w=0.5.png", "w=0.5.pdf")
 
 
 def test_settings_of_the_caller_are_left_alone() -> None:
@@ -113,6 +117,46 @@ def test_bars_show_the_values_of_the_kpis() -> None:
     axes = figures.kpi_bars(named).axes[0]
     tops = [bar.get_y() + bar.get_height() for bar in axes.patches]
     np.testing.assert_allclose(tops, [named[""][key] for key in list(named[""])[:5]])
+
+
+def test_the_waterfall_steps_down_from_what_was_asked_for_to_what_is_left() -> None:
+    values = kpis(record(2, 192, concentrate=1.0))
+    axes = figures.loss_waterfall(values).axes[0]
+    ends = {text.get_text(): bar for text, bar in zip(axes.get_yticklabels(), axes.patches, strict=True)}
+    asked, left = ends["Asked for"], ends["Delivered less losses"]
+    assert asked.get_x() + asked.get_width() == pytest.approx(values["demand_kwh"])
+    lost = values["lost_kwh"] + values["unmet_kwh"]
+    assert left.get_x() + left.get_width() == pytest.approx(values["demand_kwh"] - lost)
+    assert ends["Battery loss"].get_width() == pytest.approx(values["battery_loss_kwh"])
+
+
+def test_bars_of_losses_are_as_long_as_their_sum() -> None:
+    named = {name: kpis(record(2, 96, concentrate=share)) for name, share in (("a", 0.0), ("b", 1.0))}
+    axes = figures.losses_compared(named).axes[0]
+    ends = [0.0, 0.0]
+    for index, bar in enumerate(axes.patches):
+        ends[index % 2] = max(ends[index % 2], bar.get_x() + bar.get_width())
+    assert ends == pytest.approx([entry["lost_kwh"] + entry["unmet_kwh"] for entry in named.values()])
+
+
+def test_months_add_up_to_the_year() -> None:
+    data = record(2, 100 * 96, price=True).assign_attrs(step_h=0.25)
+    values = bess.kpis(data)
+    money, energy, *_ = figures.monthly_bars(data).axes
+    net = money.lines[0].get_ydata()
+    assert len(net) == 4 and net.sum() == pytest.approx(values["net_eur"])
+    discharged = [bar.get_height() for bar in energy.containers[0]]
+    assert sum(discharged) == pytest.approx(values["discharged_kwh"] / 1000.0)
+
+
+def test_a_map_has_every_step_in_its_day_and_hour() -> None:
+    data = record(2, 20 * 96)
+    shifted = data.assign_coords(time=data["time"] + np.timedelta64(6, "h"))
+    image = np.asarray(figures.heat_maps(shifted).axes[0].images[0].get_array())
+    power = data["delivered_kw"].values.sum(axis=1)
+    assert image.shape == (96, 21)
+    assert np.isnan(image[:24, 0]).all() and np.isnan(image[24:, -1]).all()
+    assert image[24, 0] == power[0] and image[0, 1] == power[72]
 
 
 @pytest.mark.parametrize(

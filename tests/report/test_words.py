@@ -7,10 +7,11 @@ import pytest
 from folders import write_run
 from synthetic import kpis, record
 
+from bess.analysis.catalogue import kpi
 from bess.errors import InputError
 from bess.report.paper import Verdict, comparisons, is_case_2, reading
 from bess.report.runs import Run, runs_in
-from bess.report.tables import kpi_rows, other_rows
+from bess.report.tables import decision_table, kpi_groups
 from bess.report.words import summary, warnings
 
 BASE = {
@@ -45,13 +46,7 @@ def test_a_clean_run_has_no_warnings(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("variable", "value", "message"),
     [
-        ("fallback", 1, "in 1 of 96 steps a fallback"),
-        ("unmet_kw", 40.0, "10.0 kWh of demand in 1 of 96 steps exceeded"),
-        (
-            "solver_search_gap",
-            0.02,
-            "in 1 of 96 steps the search stopped above its target gap of 0.1 % (worst 2 %)",
-        ),
+        ("fallback", 1, "In 1 of 96 steps a fallback"),
         ("ledger_residual_kwh", -0.5, "residual of up to 0.5 kWh"),
     ],
 )
@@ -77,7 +72,7 @@ def test_of_many_scenarios_the_warnings_are_counted(tmp_path: Path) -> None:
     (tmp_path / "w3" / "results.nc").unlink()
     found = warnings(runs_in(tmp_path)[0], {})
     assert found == [
-        "1 of 10 scenarios stopped early, among them w3.",
+        "1 of 10 scenarios stopped early, among them w3; run the sweep again to continue.",
         "2 of 10 scenarios: steps in which a fallback replaced the optimiser's answer; most in w8, 24.",
     ]
 
@@ -88,32 +83,45 @@ def test_solve_times_are_those_of_their_steps(tmp_path: Path) -> None:
     assert np.isnan(times[::5]).all() and np.isfinite(times[1:5]).all()
 
 
-def test_the_summary_names_the_best_scenario_and_ties(tmp_path: Path) -> None:
-    for name, share in (("A", 0.0), ("B", 0.0), ("C", 1.0)):
-        write_run(tmp_path / name, record(2, 96, concentrate=share), name)
-    runs, _ = runs_in(tmp_path)
-    values = {name: run.kpis["system_efficiency_pct"] for name, run in runs.items()}
-    assert values["C"] > values["A"] == values["B"]
-    sentence = next(text for text in summary(runs) if "system efficiency" in text)
-    assert sentence.startswith("Highest system efficiency: C with")
-    assert sentence.endswith("better than A, B.")
+def scenarios(directory: Path, **shares: float) -> dict[str, Run]:
+    for name, share in shares.items():
+        write_run(directory / name, record(2, 96, concentrate=share), name, policy={"name": name})
+    return runs_in(directory)[0]
 
 
-def test_policies_are_set_against_the_equal_split(tmp_path: Path) -> None:
-    for name, share in (("equal", 0.0), ("mpc", 1.0)):
-        write_run(tmp_path / name, record(2, 96, concentrate=share), name, policy={"name": name})
-    runs, _ = runs_in(tmp_path)
-    system, availability = (
-        runs["mpc"].kpis[key] - runs["equal"].kpis[key]
-        for key in ("system_efficiency_pct", "availability_pct")
-    )
-    expected = f"mpc against the equal split: system efficiency {system:+.2f} points, "
-    expected += f"availability {availability:+.2f} points"
-    assert any(sentence.startswith(expected) for sentence in summary(runs))
+def test_the_summary_names_all_that_lose_least_and_says_who_did_the_same(tmp_path: Path) -> None:
+    runs = scenarios(tmp_path, A=0.0, B=0.0, C=1.0)
+    lost = {name: run.kpis["lost_kwh"] for name, run in runs.items()}
+    assert lost["A"] == lost["B"] != lost["C"]
+    first, second = summary(runs)[:2]
+    assert first == "A and B did the same in every step."
+    assert second.startswith("Least is lost with " + ("C:" if lost["C"] < lost["A"] else "A and B:"))
+
+
+def test_a_comparison_states_every_difference_also_those_in_which_the_best_is_worse(tmp_path: Path) -> None:
+    runs = scenarios(tmp_path, equal=0.0, mpc=1.0)
+    best, other = sorted(runs.values(), key=lambda run: run.kpis["lost_kwh"])
+    sentence = next(text for text in summary(runs) if text.startswith(f"{other.name} against {best.name}"))
+    for key in ("lost_kwh", "undelivered_kwh", "inverter_loss_kwh", "battery_loss_kwh"):
+        difference = other.kpis[key] - best.kpis[key]
+        text = kpi(key).number(abs(difference))
+        sign = "+" if difference > 0.0 else "−"
+        name = kpi(key).label[0].lower() + kpi(key).label[1:]
+        assert (f"{name} {sign}{text} kWh" in sentence) == (text != "0.0"), key
+
+
+def test_a_gap_is_said_with_what_it_is_worth(tmp_path: Path) -> None:
+    runs = one(tmp_path, solver_gap=0.5)
+    data = runs["demo"].dataset
+    names = ("availability_loss_kw", "derating_loss_kw", "inverter_loss_kw", "battery_loss_kw")
+    lost_kw = sum(data[name].values.sum(axis=1) for name in names)
+    worth = 0.25 * float((data["solver_gap"].values * lost_kw).sum())
+    assert worth > 0.1
+    assert summary(runs)[-1].endswith(f"that is about {worth:,.1f} kWh.")
 
 
 def test_the_best_of_each_row_is_marked_and_the_rest_are_behind() -> None:
-    rows = {row.label: row for row in kpi_rows(PAPER)}
+    rows = {row.label: row for group in kpi_groups(PAPER) for row in group.rows}
     inverter = rows["Inverter efficiency (%)"].cells
     assert [cell.best for cell in inverter] == [True, False, False]
     assert [cell.behind for cell in inverter] == ["", "-0.10", "-0.90"]
@@ -122,14 +130,23 @@ def test_the_best_of_each_row_is_marked_and_the_rest_are_behind() -> None:
     assert not any(cell.best for cell in rows["Availability (%)"].cells)
 
 
-def test_details_and_figures_of_plug_ins_are_listed_apart() -> None:
+def test_every_figure_is_in_the_table_under_its_heading_and_details_are_marked() -> None:
     figures = {"unmet_kwh": 1200.0, "solver_gap_p95": float("nan"), "soc_spread_mean": 0.0123, "own": 2.0}
-    assert [(row.label, row.cells[0].text) for row in other_rows({"": BASE | figures})] == [
-        ("SOC spread, mean over the run", "0.012"),
-        ("Rigorous gap, 95th percentile (%)", "–"),
-        ("own", "2.000"),
-    ]
-    assert "1,200.0" in {row.cells[0].text for row in kpi_rows({"": BASE | figures})}
+    rows = {
+        (group.heading, row.label): (row.cells[0].text, row.detail)
+        for group in kpi_groups({"": BASE | figures})
+        for row in group.rows
+    }
+    assert len(rows) == len(BASE) + len(figures)
+    assert rows["Energy", "Above the power in service (kWh)"] == ("1,200.0", False)
+    assert rows["Strings", "SOC spread, mean over the run"] == ("0.012", True)
+    assert rows["Optimiser and balance", "Rigorous gap, 95th percentile (%)"] == ("–", True)
+    assert rows["Strings", "own"] == ("2.000", True)
+
+
+def test_nothing_is_best_where_only_one_run_has_the_figure() -> None:
+    (row,) = decision_table({"a": {"net_eur": 3.0}, "b": {}})
+    assert [(cell.text, cell.best) for cell in row.cells] == [("3.00", False), ("–", False)]
 
 
 def test_all_statements_agree_on_the_numbers_the_specification_expects() -> None:

@@ -134,6 +134,8 @@ CATALOGUE: Final[dict[str, Kpi]] = {
     "request_kwh": _energy(
         "Requested of the strings", "Set-points of all strings, both directions added.", None, detail=True
     ),
+    "charged_kwh": _energy("Charged", "Energy taken at the AC side.", None, detail=True),
+    "discharged_kwh": _energy("Discharged", "Energy given at the AC side.", None, detail=True),
     "net_eur": _money(
         "Net", "Discharge revenue less charge cost, shortfall, wear, starts and auxiliaries.", "max"
     ),

@@ -79,6 +79,9 @@ def _figures(dataset: xr.Dataset) -> Iterator[tuple[str, Any]]:
     yield from _operation(dataset)
     yield "demand_kwh", demand
     yield "unmet_kwh", unmet
+    flow_kw = dataset["delivered_kw"].values
+    yield "charged_kwh", float(np.maximum(-flow_kw, 0.0).sum()) * dt_h
+    yield "discharged_kwh", float(np.maximum(flow_kw, 0.0).sum()) * dt_h
     yield "request_kwh", request
     yield "delivered_kwh", delivered
     yield "availability_loss_kwh", shed

@@ -60,6 +60,15 @@ class Panel:
 
 
 @dataclass(frozen=True)
+class Span:
+    """A stretch of the horizontal axis that is marked: an event."""
+
+    start: Any
+    end: Any
+    label: str
+
+
+@dataclass(frozen=True)
 class Chart:
     """Panels one above the other (or in ``columns``) over one horizontal axis."""
 
@@ -68,4 +77,9 @@ class Chart:
     columns: int = 1
     panel_height_in: float = 1.55
     width_in: float = 7.2
-    note: str = ""
+    spans: tuple[Span, ...] = ()
+
+
+def spans_label(chart: Chart) -> str:
+    """What the marked stretches are, in one line."""
+    return "event: " + "; ".join(dict.fromkeys(span.label for span in chart.spans))

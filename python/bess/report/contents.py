@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from bess.report import charts, figures
+from bess.report.calendar import SHORTEST_MAP_DAYS, days_of, months_of
 from bess.report.chart import Chart
 from bess.report.data import TimeAxis
 from bess.report.draw import draw
@@ -17,8 +18,8 @@ from bess.report.runs import Run
 
 MOST_COMPARED = 8
 """More scenarios than this are shown as a table and a front, not side by side."""
-MOST_DETAILED = 4
-"""More scenarios than this are compared, but not shown one by one."""
+_FEWEST_MONTHS = 3
+_SPREAD_WORTH_DRAWING = 0.005
 
 
 @dataclass(frozen=True)
@@ -37,57 +38,84 @@ class Exhibit:
 
 
 def comparison(runs: Mapping[str, Run]) -> Iterator[Exhibit]:
-    """Figures over all runs."""
+    """Figures that set several runs side by side."""
     kpis = {name: run.kpis for name, run in runs.items()}
-    shown = {"": next(iter(kpis.values()))} if len(kpis) == 1 else kpis
     results = {name: run.dataset for name, run in runs.items()}
-    first = next(iter(runs.values()))
-    start_c = first.system.strings[0].derating.start_c
     yield Exhibit(
-        "kpis", "Efficiencies", "Key figures from the plant's record.", partial(figures.kpi_bars, shown)
+        "losses",
+        "What was not delivered, and what was lost",
+        "Shorter is better. The figure at the end of each bar is the sum of its parts.",
+        partial(figures.losses_compared, kpis),
     )
-    if len(runs) > 1:
-        yield Exhibit(
-            "radar",
-            "Scenarios compared",
-            "Better is outwards; every axis runs from the worst to the best value met, written at its end.",
-            partial(figures.kpi_radar, kpis),
-        )
     yield Exhibit(
-        "mean-temperature",
-        "Mean temperature",
-        "Mean over strings; derating begins at the broken line.",
-        partial(
-            charts.mean_temperature, results if len(runs) > 1 else first.dataset, derating_start_c=start_c
-        ),
+        "radar",
+        "Key figures compared",
+        "Better is outwards; every axis runs from the worst to the best value met, written at its end.",
+        partial(figures.kpi_radar, kpis),
     )
-    if first.dataset.sizes["string"] > 1:
+    yield _mean_temperature(runs)
+    yield Exhibit(
+        "durations",
+        "Duration curves",
+        "For which share of the time the plant gave at least this power, and its hottest string was at least "
+        "this hot.",
+        partial(charts.duration_curves, results),
+    )
+    if any(_spread_apart(run) for run in runs.values()):
         yield Exhibit(
             "spread",
             "Differences between strings",
             "Largest minus smallest value over the strings.",
-            partial(charts.string_spread, results if len(runs) > 1 else first.dataset),
+            partial(charts.string_spread, results),
+        )
+
+
+def overview(run: Run) -> Iterator[Exhibit]:
+    """Figures of one run as a whole."""
+    yield Exhibit(
+        "losses",
+        "Where the energy went",
+        "From the energy asked for, charge and discharge added, to what is left of it after all losses.",
+        partial(figures.loss_waterfall, run.kpis),
+    )
+    if months_of(run.dataset) >= _FEWEST_MONTHS:
+        yield Exhibit(
+            "months",
+            "Month by month",
+            "Income upwards and costs downwards, energy of both directions, losses, and full cycles."
+            if "price_eur_mwh" in run.dataset
+            else "Energy of both directions, losses, and full cycles.",
+            partial(figures.monthly_bars, run.dataset),
+        )
+    if days_of(run.dataset) >= SHORTEST_MAP_DAYS:
+        yield Exhibit(
+            "map",
+            "Hour by hour, day by day",
+            "Every step of the run: days from left to right, hours of the day (UTC) from bottom to top.",
+            partial(figures.heat_maps, run.dataset),
         )
     yield Exhibit(
-        "derating",
-        "Derating curve",
-        "Factor on the request against string temperature: the table in use, and the PI law for three pairs "
-        "of gains on a steady rise of temperature.",
-        partial(charts.derating_curves, first.system),
+        "durations",
+        "Duration curves",
+        "For which share of the time the plant gave at least this power, and its hottest string was at least "
+        "this hot.",
+        partial(charts.duration_curves, run.dataset),
     )
 
 
-def details(run: Run) -> Iterator[Exhibit]:
-    """Figures of one run."""
+def over_time(run: Run) -> Iterator[Exhibit]:
+    """Figures of one run along its time."""
     data = run.dataset
+    daily = TimeAxis(data).daily
     if "price_eur_mwh" in data:
         yield Exhibit(
             "market",
             "Market",
-            "Price, dispatch and mean state of charge.",
+            "Price (mean and range of each day), energy of each day, mean state of charge."
+            if daily
+            else "Price, dispatch and mean state of charge.",
             partial(charts.market_dispatch, data),
         )
-    daily = TimeAxis(data).daily
     yield Exhibit(
         "strings",
         "State of the strings",
@@ -96,19 +124,28 @@ def details(run: Run) -> Iterator[Exhibit]:
         else "State of charge and mean temperature of every string, demand behind.",
         partial(charts.strings, data),
     )
-    yield Exhibit(
-        "power",
-        "Where the power went",
-        "Requested: what was delivered, and what was lost to derating and to availability (discharge "
-        "upwards, charge downwards). Loss: in inverters and batteries." + (" Daily means." if daily else ""),
-        partial(charts.power_split, data),
-    )
-    yield Exhibit(
-        "inverters",
-        "Inverters on and off",
-        "Which inverter ran when.",
-        partial(figures.inverter_pattern, data),
-    )
+    if not daily:
+        yield Exhibit(
+            "power",
+            "Power of the strings",
+            "Requested: what was delivered, and what was lost to derating and to availability (discharge "
+            "upwards, charge downwards). Loss: in inverters and batteries.",
+            partial(charts.power_split, data),
+        )
+    if data.sizes["string"] > 1:
+        yield Exhibit(
+            "inverters",
+            "Inverters on and off",
+            "Hours on per day of every inverter." if daily else "Which inverter ran when.",
+            partial(figures.inverter_pattern, data),
+        )
+    if _spread_apart(run) and not daily:
+        yield Exhibit(
+            "spread",
+            "Differences between strings",
+            "Largest minus smallest value over the strings.",
+            partial(charts.string_spread, data),
+        )
     if "node_temperature_c" in data:
         yield Exhibit(
             "nodes",
@@ -116,6 +153,11 @@ def details(run: Run) -> Iterator[Exhibit]:
             "Temperature of every node over time, for each string.",
             partial(figures.node_temperatures, data),
         )
+
+
+def optimiser(run: Run) -> Iterator[Exhibit]:
+    """What the optimiser spent; nothing for policies without one."""
+    data = run.dataset
     if np.isfinite(data["solver_gap"].values).any() or (data["solver_nodes"].values > 0).any():
         yield Exhibit(
             "solver",
@@ -124,3 +166,22 @@ def details(run: Run) -> Iterator[Exhibit]:
             "program, on which the search stops. Gaps below 0.0001 % stand at the lower edge.",
             partial(charts.solver_effort, data, run.solve_time_s),
         )
+
+
+def _mean_temperature(runs: Mapping[str, Run]) -> Exhibit:
+    first = next(iter(runs.values()))
+    return Exhibit(
+        "mean-temperature",
+        "Mean temperature",
+        "Mean over strings; derating begins at the broken line.",
+        partial(
+            charts.mean_temperature,
+            {name: run.dataset for name, run in runs.items()},
+            derating_start_c=first.system.strings[0].derating.start_c,
+        ),
+    )
+
+
+def _spread_apart(run: Run) -> bool:
+    """Whether the strings' SOCs were ever so far apart that it can be seen."""
+    return bool(np.ptp(run.dataset["soc"].values, axis=1).max() > _SPREAD_WORTH_DRAWING)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
+from datetime import UTC
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bess.errors import InputError
+from bess.report.chart import Span
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -81,9 +84,32 @@ class TimeAxis:
         else:
             self.edges = edges
             self.label = "Time (UTC)"
+        self._instants = edges
         self.start = self.edges[:-1]
         self.steps_per_day = max(round(24.0 / step_h(dataset)), 1)
         self.daily = bool(hours[-1] > 24.0 * _DAILY_FROM_DAYS)
+
+    def place(self, instant: np.datetime64) -> Any:
+        """Return an instant on this axis, no earlier than its start and no later than its end."""
+        within = min(max(instant, self._instants[0]), self._instants[-1])
+        if np.issubdtype(self.edges.dtype, np.datetime64):
+            return within
+        return (within - self._instants[0]) / np.timedelta64(3600, "s")
+
+
+def event_spans(dataset: xr.Dataset, time: TimeAxis) -> tuple[Span, ...]:
+    """Events of the study that a record carries, within its time."""
+    spans = []
+    for event in tomllib.loads(dataset.attrs.get("study", "")).get("event", ()):
+        start, end = (
+            np.datetime64(event[key].astimezone(UTC).replace(tzinfo=None), "s") for key in ("start", "end")
+        )
+        limit_kw = float(event.get("limit_kw", 0.0))
+        what = f"limited to {limit_kw:g} kW" if limit_kw else "out of service"
+        low, high = (time.place(instant) for instant in (start, end))
+        if low < high:
+            spans.append(Span(low, high, f"string {event['string']} {what}"))
+    return tuple(spans)
 
 
 def with_initial(dataset: xr.Dataset, variable: str) -> NDArray[np.float64]:

@@ -13,10 +13,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from bess.report.chart import Chart, Panel, Series
+from bess.report.chart import Chart, Panel, Series, Values, spans_label
 from bess.report.style import BACKGROUND, INK, styled
 
 _MOST_LEGEND_ENTRIES = 8
+_MOST_VECTOR_DOTS = 100
 
 
 @styled
@@ -26,7 +27,10 @@ def draw(chart: Chart) -> Figure:
     figure = Figure(figsize=(chart.width_in, rows * chart.panel_height_in + 0.55), layout="constrained")
     axes = figure.subplots(rows, chart.columns, sharex=True, squeeze=False)
     for index, panel in enumerate(chart.panels):
-        _panel(axes[index // chart.columns, index % chart.columns], panel)
+        place = axes[index // chart.columns, index % chart.columns]
+        _panel(place, panel)
+        for span in chart.spans:
+            place.axvspan(span.start, span.end, color=INK, alpha=0.07, linewidth=0)
     for unused in axes.ravel()[len(chart.panels) :]:
         unused.remove()
     for column in range(chart.columns):
@@ -75,16 +79,27 @@ def _series(axes: Axes, series: Series) -> None:
         case "line":
             axes.plot(x, y, color=series.colour, **dash)
         case "step":
-            axes.plot(x, y, color=series.colour, drawstyle="steps-post", **dash)
+            turns = _turns(y)
+            axes.plot(x[turns], y[turns], color=series.colour, drawstyle="steps-post", **dash)
         case "dots":
+            many = len(x) > _MOST_VECTOR_DOTS
             axes.plot(
-                x, y, color=series.colour, linestyle="none", marker=".", markersize=3 if len(x) > 100 else 6
-            )
+                x, y, color=series.colour, linestyle="none", marker=".", markersize=3 if many else 6,
+                rasterized=many,
+            )  # fmt: skip
         case "star":
             axes.plot(x, y, color=series.colour, linestyle="none", marker="*", markersize=13, zorder=5)
         case "band":
             base = np.zeros_like(y) if series.base is None else series.base.astype(float)
-            axes.fill_between(x, base, y, step="post", color=series.colour, linewidth=0)
+            turns = _turns(y, base)
+            axes.fill_between(x[turns], base[turns], y[turns], step="post", color=series.colour, linewidth=0)
+
+
+def _turns(*edges: Values) -> Values:
+    """Steps at which a step line turns, and its ends: what lies between them needs no points."""
+    turns = np.ones(len(edges[0]), dtype=bool)
+    turns[1:-1] = np.any([np.diff(edge)[:-1] != 0.0 for edge in edges], axis=0)
+    return turns
 
 
 def _legend(figure: Figure, axes: Any, chart: Chart) -> None:
@@ -108,6 +123,8 @@ def _legend(figure: Figure, axes: Any, chart: Chart) -> None:
     if any(panel.background is not None for panel in chart.panels):
         label = next(p.background.label for p in chart.panels if p.background is not None)
         handles.append(Patch(color=BACKGROUND, alpha=0.28, linewidth=0, label=label))
+    if chart.spans:
+        handles.append(Patch(color=INK, alpha=0.07, linewidth=0, label=spans_label(chart)))
     if len(handles) > 1 or (handles and entries and not strings):
         widest = max(len(handle.get_label()) for handle in handles)
         fitting = max(int(chart.width_in * 11 / (widest + 5)), 1)

@@ -13,9 +13,11 @@ from typing import ParamSpec
 from matplotlib.figure import Figure
 
 from bess.report import charts
+from bess.report.calendar import heat_maps, monthly_bars
 from bess.report.chart import Chart
 from bess.report.draw import draw
 from bess.report.kpi_figures import kpi_bars, kpi_radar
+from bess.report.losses import loss_waterfall, losses_compared
 from bess.report.maps import inverter_pattern, node_temperatures
 
 P = ParamSpec("P")
@@ -32,6 +34,7 @@ def _drawn(chart: Callable[P, Chart]) -> Callable[P, Figure]:
     return figure
 
 
+duration_curves = _drawn(charts.duration_curves)
 strings = _drawn(charts.strings)
 string_spread = _drawn(charts.string_spread)
 mean_temperature = _drawn(charts.mean_temperature)
@@ -44,12 +47,17 @@ pareto_front = _drawn(charts.pareto_front)
 
 __all__ = [
     "derating_curves",
+    "duration_curves",
+    "heat_maps",
     "inverter_pattern",
     "kpi_bars",
     "kpi_lines",
     "kpi_radar",
+    "loss_waterfall",
+    "losses_compared",
     "market_dispatch",
     "mean_temperature",
+    "monthly_bars",
     "node_temperatures",
     "pareto_front",
     "power_split",

@@ -2,32 +2,31 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
-import json
 import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from bess import __version__
 from bess.record.atomic import write_bytes
-from bess.report.chart import Chart
-from bess.report.contents import MOST_COMPARED, MOST_DETAILED, Exhibit, comparison, details
-from bess.report.interactive import plotly_figure
+from bess.report.contents import MOST_COMPARED, Exhibit, comparison, optimiser, over_time, overview
+from bess.report.headline import tiles
+from bess.report.interactive import Entry, bokeh_document, bokeh_script, legend
 from bess.report.paper import comparisons, is_case_2, reading
 from bess.report.runs import Run, runs_in
+from bess.report.security import content_policy
 from bess.report.style import save_figure
 from bess.report.sweep_table import SweepTable, read_sweep
-from bess.report.tables import kpi_rows, other_rows
-from bess.report.words import summary, warnings
+from bess.report.tables import decision_table, kpi_groups
+from bess.report.words import subject, summary, warnings
 
 REPORT = "report.html"
 FIGURES = "figures"
 _REM_PER_INCH = 6.4
-_PACKAGES = ("numpy", "clarabel", "cvxpy", "xarray", "matplotlib", "plotly")
+_PACKAGES = ("numpy", "clarabel", "xarray", "matplotlib", "bokeh")
 
 
 @dataclass(frozen=True)
@@ -39,6 +38,7 @@ class Shown:
     caption: str
     svg: str
     spec: str
+    legend: tuple[Entry, ...]
     width_rem: float
 
 
@@ -54,7 +54,9 @@ class Section:
 def write_report(directory: str | Path) -> Path:
     """Write ``report.html`` and ``figures/`` for a run, a set of scenarios, or a sweep.
 
-    The page needs no network and no other file. Unfinished runs are shown as far as they got, and said to be.
+    The page needs no network and no other file. A set of a few scenarios gets a page that compares them, and
+    one for each scenario in its own folder; of many, such as a sweep, only the comparison is written.
+    Unfinished runs are shown as far as they got, and said to be.
 
     Parameters
     ----------
@@ -73,101 +75,159 @@ def write_report(directory: str | Path) -> Path:
     """
     directory = Path(directory)
     runs, problems = runs_in(directory)
+    if len(runs) == 1 and (directory / "run.json").exists():
+        (run,) = runs.values()
+        return _run_page(directory, run, problems)
     sweep = read_sweep(directory)
-    few = len(runs) <= MOST_COMPARED
+    if len(runs) <= MOST_COMPARED:
+        for run in runs.values():
+            _run_page(run.directory, run, {}, within=_title(directory))
+    return _comparison_page(directory, runs, problems, sweep)
+
+
+def write_comparison(runs: dict[str, Run], directory: Path, title: str) -> Path:
+    """Write a page that sets runs of any folders side by side; each gets a page of its own beside its record.
+
+    Parameters
+    ----------
+    runs
+        By the name to show.
+    directory
+        Folder for the page and its figures.
+    title
+        Of the page.
+    """
+    for name, run in runs.items():
+        _run_page(run.directory, run, {}, title=name)
+    return _comparison_page(directory, runs, {}, None, title=title)
+
+
+def _run_page(directory: Path, run: Run, problems: dict[str, str], within: str = "", title: str = "") -> Path:
     folder = directory / FIGURES
-    sections = []
-    if sweep is not None:
-        problems |= sweep.failed
-        sections.append(_section("front", "The sweep", sweep.exhibits(), folder, ""))
-    if few:
-        sections.append(_section("comparison", "Overview", comparison(runs), folder, ""))
-    if len(runs) <= MOST_DETAILED:
-        for name, run in runs.items():
-            title = "The run" if len(runs) == 1 else f"Scenario {name}"
-            prefix = "" if len(runs) == 1 else f"{name}-"
-            sections.append(_section(f"run-{name}", title, details(run), folder, prefix))
-    page = _render(directory, runs, problems, sweep, [section for section in sections if section.figures])
-    path = directory / REPORT
-    write_bytes(path, page.encode())
-    return path
+    sections = [
+        _section("overview", "Overview", overview(run), folder),
+        _section("time", "Over time", over_time(run), folder),
+        _section("optimiser", "Optimiser", optimiser(run), folder),
+    ]
+    one = {run.name: run}
+    values = {
+        "title": title or (run.name if within else _title(directory)),
+        "within": within,
+        "subject": subject(one),
+        "summary": summary(one),
+        "tiles": tiles(run.kpis),
+        "warnings": warnings(one, problems),
+        "sections": sections,
+        "groups": kpi_groups({"": run.kpis}),
+        "names": [""],
+        "studies": {run.name: run.study_toml},
+        "made_with": run.identity["version"],
+    }
+    return _write(directory, values)
 
 
-def _section(id_: str, title: str, exhibits: Iterable[Exhibit], folder: Path, prefix: str) -> Section:
-    return Section(id_, title, [_show(exhibit, folder, prefix) for exhibit in exhibits])
-
-
-def _show(exhibit: Exhibit, folder: Path, prefix: str) -> Shown:
-    figure, chart = exhibit.drawn()
-    svg, _ = save_figure(figure, folder / f"{prefix}{exhibit.name}.svg")
-    return Shown(
-        id=prefix + exhibit.name,
-        title=exhibit.title,
-        caption=exhibit.caption,
-        svg=base64.b64encode(svg.read_bytes()).decode(),
-        spec="" if chart is None else _json(chart),
-        width_rem=round(_REM_PER_INCH * figure.get_figwidth(), 1),
-    )
-
-
-def _json(chart: Chart) -> str:
-    # "</" would end the script element that holds the data, "<!--" change how it is read.
-    text = json.dumps(plotly_figure(chart), allow_nan=False, separators=(",", ":"))
-    return text.replace("<", "\\u003c")
-
-
-def _security_policy(scripts: list[str]) -> str:
-    """What the page may load and run: nothing but these scripts, its own styles and its own pictures."""
-    hashes = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts)
-    allowed = " ".join(f"'sha256-{text}'" for text in hashes)
-    return (
-        f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data: blob:; "
-        "base-uri 'none'; form-action 'none'"
-    )
-
-
-def _render(
+def _comparison_page(
     directory: Path,
     runs: dict[str, Run],
     problems: dict[str, str],
     sweep: SweepTable | None,
-    sections: list[Section],
-) -> str:
+    title: str = "",
+) -> Path:
+    folder = directory / FIGURES
+    few = 1 < len(runs) <= MOST_COMPARED
+    sections = []
+    if sweep is not None:
+        problems = problems | sweep.failed
+        sections.append(_section("front", "The sweep", sweep.exhibits(), folder))
+    if few:
+        sections.append(_section("comparison", "Side by side", comparison(runs), folder))
+    kpis = sweep.kpis if sweep is not None and sweep.kpis else {name: run.kpis for name, run in runs.items()}
+    paper = comparisons(kpis) if is_case_2(runs) else []
+    values = {
+        "title": title or _title(directory),
+        "subject": subject(runs),
+        "summary": summary(runs) if few else [],
+        "front": sweep.front_sentence() if sweep is not None else "",
+        "decision": decision_table(kpis),
+        "links": {name: _link(directory, run) for name, run in runs.items()},
+        "warnings": warnings(runs, problems),
+        "paper": paper,
+        "reading": reading(paper) if paper else [],
+        "sections": sections,
+        "groups": kpi_groups(kpis) if len(kpis) <= MOST_COMPARED else [],
+        "names": list(kpis),
+        "table_beside": sweep is not None,
+        "studies": _studies(directory, runs),
+        "made_with": next(iter(runs.values())).identity["version"],
+    }
+    return _write(directory, values)
+
+
+def _section(id_: str, title: str, exhibits: Iterable[Exhibit], folder: Path) -> Section:
+    return Section(id_, title, [_show(exhibit, folder) for exhibit in exhibits])
+
+
+def _show(exhibit: Exhibit, folder: Path) -> Shown:
+    figure, chart = exhibit.drawn()
+    svg, *_ = save_figure(figure, folder / f"{exhibit.name}.svg")
+    # "</" would end the script element that holds the data, "<!--" change how it is read.
+    spec = "" if chart is None else bokeh_document(chart).replace("<", "\\u003c")
+    return Shown(
+        id=exhibit.name,
+        title=exhibit.title,
+        caption=exhibit.caption,
+        svg=_embedded(svg.read_text(encoding="utf-8")),
+        spec=spec,
+        legend=() if chart is None else tuple(legend(chart)),
+        width_rem=round(_REM_PER_INCH * figure.get_figwidth(), 1),
+    )
+
+
+def _embedded(svg: str) -> str:
+    """A picture as the address of an image; a quarter shorter than in base 64."""
+    single = svg.replace("'", "&quot;").replace('"', "'")
+    return "data:image/svg+xml," + quote(single, safe=" '/:;,.=+-()!*?@$&[]{}|~\n")
+
+
+def _write(directory: Path, values: dict[str, Any]) -> Path:
     from jinja2 import Environment, PackageLoader, StrictUndefined
-    from plotly.offline import get_plotlyjs
 
     environment = Environment(
         loader=PackageLoader("bess.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True,
     )  # fmt: skip
+    sections = [section for section in values["sections"] if section.figures]
     drawn = any(figure.spec for section in sections for figure in section.figures)
-    scripts = [*([get_plotlyjs()] if drawn else []), environment.get_template("report.js").render()]
-    first = next(iter(runs.values()))
-    kpis = {name: run.kpis for name, run in runs.items()}
-    if sweep is not None and sweep.kpis:
-        kpis = {name: sweep.kpis[name] for name in sweep.kpis}
-    paper = comparisons(kpis) if is_case_2(runs) else []
-    values: dict[str, Any] = {
-        "title": _title(directory),
-        "summary": summary(runs) if len(runs) <= MOST_COMPARED else [],
-        "front": sweep.front_sentence() if sweep is not None else "",
-        "warnings": warnings(runs, problems),
-        "names": list(kpis),
-        "tall": len(kpis) > MOST_COMPARED,
-        "kpi_rows": kpi_rows(kpis),
-        "other_rows": other_rows(kpis),
-        "parameters": sweep.parameters if sweep is not None else {},
-        "paper": paper,
-        "reading": reading(paper) if paper else [],
-        "sections": sections,
-        "studies": _studies(directory, runs),
-        "version": first.identity["version"],
-        "report_version": __version__,
-        "packages": {name: version(name) for name in _PACKAGES},
-        "scripts": scripts,
-        "policy": _security_policy(scripts),
-    }
-    return environment.get_template("report.html.j2").render(values)
+    scripts = [*([bokeh_script()] if drawn else []), environment.get_template("report.js").render()]
+    nothing: dict[str, Any] = {
+        "within": "", "front": "", "tiles": [], "decision": None, "links": {}, "paper": [], "reading": [],
+        "table_beside": False,
+    }  # fmt: skip
+    page = environment.get_template("report.html.j2").render(
+        nothing
+        | values
+        | {
+            "sections": sections,
+            "report_version": __version__,
+            "packages": {name: version(name) for name in _PACKAGES},
+            "scripts": scripts,
+            "policy": content_policy(scripts),
+        }
+    )
+    path = directory / REPORT
+    write_bytes(path, page.encode())
+    return path
+
+
+def _link(directory: Path, run: Run) -> str:
+    """Where the page of a run is from here; nothing if it has none."""
+    page = run.directory / REPORT
+    if not page.exists():
+        return ""
+    try:
+        return page.relative_to(directory).as_posix()
+    except ValueError:
+        return page.resolve().as_uri()
 
 
 def _title(directory: Path) -> str:
@@ -180,7 +240,8 @@ def _title(directory: Path) -> str:
 
 
 def _studies(directory: Path, runs: dict[str, Run]) -> dict[str, str]:
-    """Studies to print: that of every run, or of many the one they were made from."""
-    if len(runs) <= MOST_DETAILED or not (directory / "study.toml").exists():
-        return {name: run.study_toml for name, run in list(runs.items())[:MOST_DETAILED]}
-    return {"The study of all scenarios": (directory / "study.toml").read_text(encoding="utf-8")}
+    """The study that all runs were made from, or that of each if there is no such file."""
+    path = directory / "study.toml"
+    if path.exists():
+        return {"The study of all scenarios": path.read_text(encoding="utf-8")}
+    return {name: run.study_toml for name, run in list(runs.items())[:MOST_COMPARED]}

@@ -23,6 +23,10 @@ if TYPE_CHECKING:
     from bess.parameters import System
 
 
+_ALWAYS = frozenset(("demand_kwh", "charged_kwh", "undelivered_kwh", "lost_kwh"))
+"""Figures that every record has; a run saved before they were introduced gets them from its record."""
+
+
 @dataclass(frozen=True)
 class Run:
     """One run on disk; the record is read when it is first used.
@@ -64,14 +68,17 @@ class Run:
 
     @cached_property
     def kpis(self) -> dict[str, float]:
-        """KPIs; of an unfinished run, those of the part that is there."""
+        """KPIs as saved; of an unfinished run, those of the part that is there."""
         try:
-            kpis: dict[str, float] = json.loads((self.directory / "kpis.json").read_text(encoding="utf-8"))
+            saved: dict[str, float] = json.loads((self.directory / "kpis.json").read_text(encoding="utf-8"))
         except FileNotFoundError:
-            from bess.analysis.kpis import kpis as compute
+            saved = {}
+        kpis = {key: float("nan") if value is None else float(value) for key, value in saved.items()}
+        if kpis.keys() >= _ALWAYS:
+            return kpis
+        from bess.analysis.kpis import kpis as compute
 
-            return compute(self.dataset)
-        return {key: float("nan") if value is None else float(value) for key, value in kpis.items()}
+        return kpis | compute(self.dataset)
 
     @cached_property
     def system(self) -> System:

@@ -14,6 +14,7 @@ import numpy as np
 from bess.analysis.catalogue import better
 from bess.analysis.pareto import hypervolume, knee_point, non_dominated
 from bess.report import charts
+from bess.report.charts.many import changing_kpis
 from bess.report.contents import Exhibit
 from bess.report.kpi_figures import RADAR_KPIS
 from bess.sweep.table import RESERVED, SWEEP_CSV, is_parameter
@@ -48,7 +49,7 @@ class SweepTable:
         )
         for key in self._numeric_parameters():
             values = [float(row[key]) for row in self.parameters.values()]
-            if len(set(values)) == len(values):
+            if len(set(values)) == len(values) and changing_kpis(self.kpis):
                 yield Exhibit(
                     "kpis-over-parameter",
                     f"Key figures over {key}",

@@ -5,8 +5,33 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Final
 
 from bess.analysis.catalogue import Kpi, in_order, kpi
+
+Kpis = Mapping[str, Mapping[str, float]]
+
+DECISION: Final = (
+    "fulfilment_pct",
+    "undelivered_kwh",
+    "inverter_loss_kwh",
+    "battery_loss_kwh",
+    "lost_kwh",
+    "net_eur",
+    "system_efficiency_pct",
+    "peak_string_temperature_c",
+)
+"""What one looks at first when choosing among runs."""
+
+_HEADINGS: Final = {
+    "energy": "Energy",
+    "money": "Money",
+    "efficiency": "Efficiencies",
+    "temperature": "Temperatures",
+    "wear": "Wear",
+    "strings": "Strings",
+    "optimiser": "Optimiser and balance",
+}
 
 
 @dataclass(frozen=True)
@@ -24,39 +49,49 @@ class Row:
 
     label: str
     meaning: str
+    detail: bool
     cells: tuple[Cell, ...]
 
 
-def kpi_rows(kpis: Mapping[str, Mapping[str, float]]) -> list[Row]:
-    """KPIs in the order of the catalogue; with several scenarios, the best of what has a better direction."""
-    return _rows(kpis, detail=False)
+@dataclass(frozen=True)
+class Group:
+    """KPIs under one heading."""
+
+    heading: str
+    rows: tuple[Row, ...]
 
 
-def other_rows(kpis: Mapping[str, Mapping[str, float]]) -> list[Row]:
-    """Details that the first table leaves out."""
-    return _rows(kpis, detail=True)
-
-
-def _rows(kpis: Mapping[str, Mapping[str, float]], *, detail: bool) -> list[Row]:
-    names = in_order(key for values in kpis.values() for key in values)
+def decision_table(kpis: Kpis) -> list[Row]:
+    """The few KPIs that one compares first, as far as any run has them."""
     return [
-        _row(entry, [values.get(name, math.nan) for values in kpis.values()])
-        for name in names
-        if (entry := kpi(name)).detail is detail
+        _row(kpi(name), _values(kpis, name)) for name in DECISION if any(name in row for row in kpis.values())
     ]
+
+
+def kpi_groups(kpis: Kpis) -> list[Group]:
+    """All KPIs under the headings of the catalogue; with several scenarios, the best of each row marked."""
+    rows: dict[str, list[Row]] = {}
+    for name in in_order(key for values in kpis.values() for key in values):
+        rows.setdefault(kpi(name).group, []).append(_row(kpi(name), _values(kpis, name)))
+    return [Group(heading, tuple(rows[group])) for group, heading in _HEADINGS.items() if group in rows]
+
+
+def _values(kpis: Kpis, name: str) -> list[float]:
+    return [values.get(name, math.nan) for values in kpis.values()]
 
 
 def _row(entry: Kpi, values: list[float]) -> Row:
     texts = [entry.number(value) for value in values]
-    judged = entry.better is not None and entry.decimals is not None and len(set(texts)) > 1
     known = [value for value in values if not math.isnan(value)]
+    differ = len({entry.number(value) for value in known}) > 1
+    judged = entry.better is not None and entry.decimals is not None and differ
     best = (max if entry.better == "max" else min)(known, default=math.nan)
     cells = []
     for text, value in zip(texts, values, strict=True):
         first = judged and text == entry.number(best)
         behind = judged and not first and not math.isnan(value)
         cells.append(Cell(text, first, _signed(entry, value - best) if behind else ""))
-    return Row(entry.heading, entry.meaning, tuple(cells))
+    return Row(entry.heading, entry.meaning, entry.detail, tuple(cells))
 
 
 def _signed(entry: Kpi, difference: float) -> str:

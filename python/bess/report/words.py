@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -14,97 +14,159 @@ from bess.report.runs import Run
 
 _LEDGER_TOLERANCE_KWH = 1e-6
 _LEDGER_TOLERANCE = 1e-9
+_JUDGED = (
+    "undelivered_kwh",
+    "inverter_loss_kwh",
+    "battery_loss_kwh",
+    "net_eur",
+    "peak_mean_temperature_c",
+)
+"""Every difference that a comparison of two runs states; none is left out because it does not suit."""
 
 
-def summary(runs: Mapping[str, Run]) -> list[str]:
-    """Sentences on what ran and what came out."""
+def subject(runs: Mapping[str, Run]) -> str:
+    """Return what ran: strings, length, start, policies."""
     first = next(iter(runs.values()))
     data = first.dataset
     hours = data.sizes["time"] * step_h(data)
     length = f"{hours:g} h" if hours < 24 * 14 else f"{hours / 24:.4g} days"
     n_strings = data.sizes["string"]
     start = np.datetime_as_string(data["time"].values[0], unit="m").replace("T", " ")
-    plural = "s" if n_strings > 1 else ""
-    steps = f"{data.sizes['time']:,} steps"
-    what = f"{n_strings} string{plural} over {length} ({steps}), from {start} UTC"
-    if len(runs) == 1:
-        return [f"{what}. {_one(first)}", *event_sentences(first), *spread_sentences(runs)]
-    judged = ("system_efficiency_pct", "availability_pct", "peak_mean_temperature_c")
-    values = ({name: run.kpis[key] for name, run in runs.items()} for key in judged)
-    return [
-        f"{len(runs)} scenarios: {what}.",
-        *event_sentences(first),
-        *map(_best_of, judged, values),
-        *_against_equal_split(runs),
-        *spread_sentences(runs),
+    policies = dict.fromkeys(str(run.study.get("policy", {}).get("name", "")) for run in runs.values())
+    parts = [
+        f"{n_strings} string{'s' if n_strings > 1 else ''}",
+        f"{length} from {start} UTC",
+        f"polic{'ies' if len(policies) > 1 else 'y'} {', '.join(filter(None, policies))}",
     ]
+    return " · ".join([*([f"{len(runs)} scenarios"] if len(runs) > 1 else []), *parts])
 
 
-def _against_equal_split(runs: Mapping[str, Run]) -> Iterator[str]:
-    """Every scenario of another policy against the simplest one, if there is one of each."""
-    policies = {name: run.study.get("policy", {}).get("name") for name, run in runs.items()}
-    baseline = next((name for name, policy in policies.items() if policy == "equal"), None)
-    if baseline is None:
-        return
-    for name, policy in policies.items():
-        if policy == "equal":
-            continue
-        system, availability, derating, peak_k = (
-            runs[name].kpis[key] - runs[baseline].kpis[key]
-            for key in (
-                "system_efficiency_pct",
-                "availability_pct",
-                "derating_efficiency_pct",
-                "peak_mean_temperature_c",
-            )
+def summary(runs: Mapping[str, Run]) -> list[str]:
+    """Sentences on what came out."""
+    first = next(iter(runs.values()))
+    if len(runs) == 1:
+        return [*_one(first), *event_sentences(first), *spread_sentences(runs), *_gap_sentence(first)]
+    return [*_compared(runs), *event_sentences(first), *spread_sentences(runs)]
+
+
+def _one(run: Run) -> Iterator[str]:
+    kpis = run.kpis
+    missing = {
+        "curtailed by derating": kpis["derating_loss_kwh"],
+        "shed by full or empty strings": kpis["availability_loss_kwh"],
+        "above the power in service": kpis["unmet_kwh"],
+    }
+    reasons = ", ".join(f"{_kwh(value)} {what}" for what, value in missing.items() if value >= 0.05)
+    asked = f"{_kwh(kpis['delivered_kwh'])} of {_kwh(kpis['demand_kwh'])} asked for were delivered"
+    yield f"{asked}; of the rest, {reasons}." if reasons else f"{asked}: nothing is missing."
+    if "net_eur" in kpis:
+        costs = {
+            name: kpis[f"{name}_eur"] for name in ("charge_cost", "shortfall", "wear", "start", "auxiliary")
+        }
+        listed = ", ".join(
+            f"{kpi(f'{name}_eur').label.lower()} {value:,.0f} EUR"
+            for name, value in costs.items()
+            if abs(value) >= 0.5
         )
         yield (
-            f"{name} against the equal split: system efficiency {system:+.2f} points, availability "
-            f"{availability:+.2f} points, derating efficiency {derating:+.2f} points, peak mean temperature "
-            f"{peak_k:+.1f} K."
+            f"Net income: {kpis['net_eur']:,.0f} EUR, from {kpis['discharge_revenue_eur']:,.0f} EUR of "
+            f"discharge revenue less {listed or 'no costs'}."
         )
 
 
-def _one(run: Run) -> str:
-    data, kpis = run.dataset, run.kpis
-    asked = float(np.abs(data["demand_kw"]).sum()) * step_h(data)
-    delivered = float(np.abs(data["delivered_kw"].sum("string")).sum()) * step_h(data)
-    revenue = f" Revenue: {kpis['revenue_eur']:,.0f} EUR." if "revenue_eur" in kpis else ""
-    return (
-        f"{delivered:,.0f} of {asked:,.0f} kWh asked for (charge and discharge) were delivered: availability "
-        f"{kpis['availability_pct']:.2f} %, derating efficiency {kpis['derating_efficiency_pct']:.2f} %. "
-        f"System efficiency was {kpis['system_efficiency_pct']:.2f} % (inverter "
-        f"{kpis['inverter_efficiency_pct']:.2f} %, battery {kpis['battery_efficiency_pct']:.2f} %). The mean "
-        f"temperature peaked at {kpis['peak_mean_temperature_c']:.1f} °C, the hottest node reached "
-        f"{kpis['peak_node_temperature_c']:.1f} °C.{revenue}"
+def _compared(runs: Mapping[str, Run]) -> Iterator[str]:
+    yield from _alike(runs)
+    lost = {name: run.kpis["lost_kwh"] for name, run in runs.items()}
+    best = min(lost, key=lambda name: lost[name])
+    share_pct = 100.0 * lost[best] / max(runs[best].kpis["demand_kwh"], 1e-9)
+    if len({kpi("lost_kwh").number(value) for value in lost.values()}) == 1:
+        yield f"Every scenario loses {_kwh(lost[best])}."
+    else:
+        firsts = [name for name, value in lost.items() if _kwh(value) == _kwh(lost[best])]
+        yield (
+            f"Least is lost with {_listed(firsts)}: {_kwh(lost[best])}, {share_pct:.1f} % of what was asked "
+            f"for ({_parts(runs[best])})."
+        )
+    if all("net_eur" in run.kpis for run in runs.values()):
+        net = {name: run.kpis["net_eur"] for name, run in runs.items()}
+        first = max(net, key=lambda name: net[name])
+        yield f"Most is earned with {first}: {kpi('net_eur').quantity(net[first])} net."
+    for name, run in runs.items():
+        if name != best and (against := _against(run, runs[best])):
+            yield f"{name} against {best}: {against}."
+
+
+def _parts(run: Run) -> str:
+    names = {
+        "undelivered_kwh": "not delivered",
+        "inverter_loss_kwh": "inverters",
+        "battery_loss_kwh": "batteries",
+    }
+    return ", ".join(f"{kpi(key).number(run.kpis[key])} {name}" for key, name in names.items())
+
+
+def _against(run: Run, best: Run) -> str:
+    """Every judged difference that is not nothing at the digits shown; empty if there is none."""
+    shown = []
+    for key in ("lost_kwh", *_JUDGED):
+        if key not in run.kpis or key not in best.kpis:
+            continue
+        entry = kpi(key)
+        difference = run.kpis[key] - best.kpis[key]
+        text = entry.number(abs(difference))
+        if text != entry.number(0.0):
+            sign = "+" if difference > 0.0 else "−"
+            unit = "K" if entry.unit == "°C" else entry.unit
+            shown.append(f"{entry.label[0].lower()}{entry.label[1:]} {sign}{text} {unit}")
+    return ", ".join(shown)
+
+
+def _alike(runs: Mapping[str, Run]) -> Iterator[str]:
+    """Runs whose strings delivered the same, to the last bit."""
+    groups: dict[bytes, list[str]] = {}
+    for name, run in runs.items():
+        groups.setdefault(run.dataset["delivered_kw"].values.tobytes(), []).append(name)
+    for names in groups.values():
+        if len(names) > 1:
+            yield f"{_listed(names)} did the same in every step."
+
+
+def _gap_sentence(run: Run) -> Iterator[str]:
+    """What the optimiser may have missed, in kWh: the gap of each step of the energy lost in it."""
+    data = run.dataset
+    gap = data["solver_gap"].values
+    known = np.isfinite(gap)
+    if not known.any():
+        return
+    lost_kw = sum(
+        data[name].values.sum(axis=1)
+        for name in ("availability_loss_kw", "derating_loss_kw", "inverter_loss_kw", "battery_loss_kw")
+    )
+    worth = float((np.clip(gap, 0.0, 1.0) * lost_kw)[known].sum()) * step_h(data)
+    middle, worst = 100.0 * np.median(gap[known]), 100.0 * gap[known].max()
+    yield (
+        f"The optimiser's answers are at most {middle:.2g} % (median) and {worst:.2g} % (worst of "
+        f"{int(known.sum()):,} steps) away from a proven bound; of the energy lost in those steps that "
+        f"is about {_kwh(worth)}."
     )
 
 
-def _best_of(key: str, values: Mapping[str, float]) -> str:
-    name = kpi(key)
-    sign = 1.0 if name.better == "max" else -1.0
-    rounded = {scenario: round(value, name.decimals or 0) for scenario, value in values.items()}
-    best, worst = (sign * extreme(sign * value for value in rounded.values()) for extreme in (max, min))
-    shown = f"{best:.{name.decimals}f} {name.unit}"
-    if best == worst:
-        return f"{name.label} is {shown} in every scenario."
-    first = ", ".join(scenario for scenario, value in rounded.items() if value == best)
-    last = ", ".join(scenario for scenario, value in rounded.items() if value == worst)
-    word = "Highest" if name.better == "max" else "Lowest"
-    unit = "points" if name.unit == "%" else "K"
-    return (
-        f"{word} {name.label[0].lower() + name.label[1:]}: {first} with {shown}, "
-        f"{abs(best - worst):.{name.decimals}f} {unit} better than {last}."
-    )
+def _listed(names: Sequence[str]) -> str:
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+
+
+def _kwh(value: float) -> str:
+    return f"{value:,.0f} kWh" if value >= 100.0 else f"{value:,.1f} kWh"
 
 
 def warnings(runs: Mapping[str, Run], problems: Mapping[str, str]) -> list[str]:
-    """One sentence for each thing that limits what the numbers mean; of many scenarios, one for each kind."""
+    """One sentence for each thing that limits what the numbers mean, and what to do about it."""
     found = [f"{name} is missing: {reason}" for name, reason in problems.items()]
     if len(runs) > MOST_COMPARED:
         return found + list(_warnings_of_many(runs))
     for name, run in runs.items():
-        found += [f"{name}: {sentence}" for sentence in _warnings_of(run)]
+        place = f"{name}: " if len(runs) > 1 else ""
+        found += [_capital(f"{place}{sentence}") for sentence in _warnings_of(run)]
     return found
 
 
@@ -112,10 +174,12 @@ def _warnings_of_many(runs: Mapping[str, Run]) -> Iterator[str]:
     """The same from KPIs alone: the records of hundreds of scenarios are not opened for it."""
     stopped = [name for name, run in runs.items() if not run.finished]
     if stopped:
-        yield f"{len(stopped)} of {len(runs)} scenarios stopped early, among them {stopped[0]}."
+        yield (
+            f"{len(stopped)} of {len(runs)} scenarios stopped early, among them {stopped[0]}; run the sweep "
+            "again to continue."
+        )
     limits = {
         "fallback_steps": ("steps in which a fallback replaced the optimiser's answer", 0.0),
-        "unmet_kwh": ("kWh of demand above the power in service", 0.0),
         "ledger_residual_ratio": ("of the energy missing in the ledger", _LEDGER_TOLERANCE),
     }
     for key, (text, limit) in limits.items():
@@ -123,17 +187,6 @@ def _warnings_of_many(runs: Mapping[str, Run]) -> Iterator[str]:
         if count:
             most = f"most in {worst}, {runs[worst].kpis[key]:.4g}"
             yield f"{count} of {len(runs)} scenarios: {text}; {most}."
-    excess = {
-        name: run.kpis.get("solver_search_gap_max", 0.0) - run.study.get("policy", {}).get("gap", np.inf)
-        for name, run in runs.items()
-    }
-    worst, count = _worst(runs, excess)
-    if count:
-        gap = 100 * runs[worst].kpis["solver_search_gap_max"]
-        yield (
-            f"{count} of {len(runs)} scenarios: steps in which the search stopped above its target gap; "
-            f"worst in {worst}, {gap:.2g} %."
-        )
 
 
 def _worst(runs: Mapping[str, Run], excess: Mapping[str, float]) -> tuple[str, int]:
@@ -141,34 +194,26 @@ def _worst(runs: Mapping[str, Run], excess: Mapping[str, float]) -> tuple[str, i
     return max(runs, key=lambda name: excess[name]), sum(value > 0.0 for value in excess.values())
 
 
-def _warnings_of(run: Run) -> list[str]:
+def _warnings_of(run: Run) -> Iterator[str]:
     data = run.dataset
     steps = data.sizes["time"]
-    found = []
     if not run.finished:
         total = run.identity["frame"]["n_steps"]
         end = np.datetime_as_string(data["time"].values[-1], unit="m").replace("T", " ")
-        found.append(
-            f"stopped early; everything here covers the first {steps:,} of {total:,} steps, up to {end} UTC."
+        yield (
+            f"stopped early; everything here covers the first {steps:,} of {total:,} steps, up to {end} UTC. "
+            "Continue with --resume."
         )
     fallbacks = int(data["fallback"].sum())
     if fallbacks:
-        found.append(f"in {fallbacks:,} of {steps:,} steps a fallback replaced the optimiser's answer.")
-    unmet = float(data["unmet_kw"].sum()) * step_h(data)
-    if unmet > 0.0:
-        short = int((data["unmet_kw"] > 0.0).sum())
-        found.append(
-            f"{unmet:,.1f} kWh of demand in {short:,} of {steps:,} steps exceeded the power in service."
-        )
-    target = run.study.get("policy", {}).get("gap")
-    gap = data["solver_search_gap"].values
-    if target is not None and np.any(gap > target):
-        above = gap[gap > target]
-        found.append(
-            f"in {above.size:,} of {steps:,} steps the search stopped above its target gap of "
-            f"{100 * target:g} % (worst {100 * above.max():.2g} %)."
+        yield (
+            f"in {fallbacks:,} of {steps:,} steps a fallback replaced the optimiser's answer; log.jsonl "
+            "names the steps and why."
         )
     residual = float(np.abs(data["ledger_residual_kwh"]).max())
     if residual > _LEDGER_TOLERANCE_KWH:
-        found.append(f"the energy ledger does not close: residual of up to {residual:.2g} kWh in a step.")
-    return found
+        yield f"the energy ledger does not close: residual of up to {residual:.2g} kWh in a step."
+
+
+def _capital(sentence: str) -> str:
+    return sentence[:1].upper() + sentence[1:]

@@ -1,5 +1,6 @@
 """Results as charts: each function only selects and arranges data; drawing is elsewhere."""
 
+from bess.report.charts.durations import duration_curves
 from bess.report.charts.many import kpi_lines, pareto_front
 from bess.report.charts.market import market_dispatch
 from bess.report.charts.power import power_split
@@ -9,6 +10,7 @@ from bess.report.charts.thermal import derating_curves, mean_temperature
 
 __all__ = [
     "derating_curves",
+    "duration_curves",
     "kpi_lines",
     "market_dispatch",
     "mean_temperature",

@@ -9,6 +9,7 @@ import numpy as np
 
 from bess.analysis.catalogue import better, kpi
 from bess.analysis.pareto import knee_point, non_dominated
+from bess.errors import InputError
 from bess.report.chart import Chart, Panel, Series, Values
 from bess.report.kpi_figures import RADAR_KPIS
 from bess.report.style import AVAILABILITY, BACKGROUND, DISCHARGE, colours
@@ -57,8 +58,13 @@ def pareto_front(
     )
 
 
+def changing_kpis(kpis: Mapping[str, Mapping[str, float]]) -> list[str]:
+    """KPIs of the radar that are not the same everywhere, at the digits shown."""
+    return [key for key in RADAR_KPIS if len({kpi(key).number(entry[key]) for entry in kpis.values()}) > 1]
+
+
 def kpi_lines(kpis: Mapping[str, Mapping[str, float]], values: Sequence[float], label: str) -> Chart:
-    """KPIs over the value of one parameter: what bars and a radar cannot hold.
+    """KPIs that change with the value of one parameter: what bars and a radar cannot hold.
 
     Parameters
     ----------
@@ -72,7 +78,10 @@ def kpi_lines(kpis: Mapping[str, Mapping[str, float]], values: Sequence[float], 
     order = np.argsort(values)
     x = np.asarray(values, dtype=float)[order]
     panels = []
-    for key, colour in zip(RADAR_KPIS, colours(len(RADAR_KPIS)), strict=True):
+    changing = changing_kpis(kpis)
+    if not changing:
+        raise InputError(f"kpi_lines: no key figure changes with {label}")
+    for key, colour in zip(changing, colours(len(changing)), strict=True):
         y = np.array([entry[key] for entry in kpis.values()], dtype=float)[order]
         line = (Series(x, y, colour), Series(x, y, colour, kind="dots"))
         panels.append(Panel(kpi(key).unit, line, title=kpi(key).label))

@@ -2,30 +2,47 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from bess.errors import InputError
-from bess.report.chart import Chart, Panel
-from bess.report.data import Result, TimeAxis, dataset_of, with_initial
-from bess.report.long_runs import curve
-from bess.report.style import BATTERY, DISCHARGE, INK, INVERTER
+from bess.report.chart import Chart, Panel, Series, Values
+from bess.report.data import Result, TimeAxis, dataset_of, step_h, with_initial
+from bess.report.long_runs import curve, daily, held
+from bess.report.style import BATTERY, CHARGE, DISCHARGE, INK, INVERTER
 
 
 def market_dispatch(result: Result) -> Chart:
-    """Price, dispatch (demand and delivered power) and mean SOC of a market study."""
+    """Price, dispatch and mean SOC of a market study; of more than a month, the energy of each day."""
     dataset = dataset_of(result)
     if "price_eur_mwh" not in dataset:
         raise InputError("the result has no price_eur_mwh: it is not a market study")
     time = TimeAxis(dataset)
     delivered = dataset["delivered_kw"].values.sum(axis=1)
     price = curve(time, dataset["price_eur_mwh"].values, INVERTER, kind="step")
-    power = curve(time, delivered, DISCHARGE, "delivered, positive = sold", kind="step")
-    power += curve(time, dataset["demand_kw"].values, INK, "asked for", kind="step", dashed=True, band=False)
+    if time.daily:
+        power = Panel("Energy per day (kWh)", _days(time, dataset["delivered_kw"].values, step_h(dataset)))
+    else:
+        lines = curve(time, delivered, DISCHARGE, "delivered, positive = sold", kind="step")
+        lines += curve(time, dataset["demand_kw"].values, INK, "asked for", kind="step", dashed=True)
+        power = Panel("Power (kW)", tuple(lines))
     soc = curve(time, with_initial(dataset, "soc").mean(axis=1), BATTERY)
     return Chart(
         time.label,
         (
             Panel("Price (EUR/MWh)", tuple(price)),
-            Panel("Power (kW)", tuple(power)),
+            power,
             Panel("Mean SOC", tuple(soc), y_limits=(-0.02, 1.02)),
         ),
         panel_height_in=1.35,
     )
+
+
+def _days(time: TimeAxis, delivered_kw: Values, dt_h: float) -> tuple[Series, ...]:
+    """Sold upwards, bought downwards."""
+    bands = []
+    for sign, colour, label in ((1.0, DISCHARGE, "sold"), (-1.0, CHARGE, "bought")):
+        power = np.maximum(sign * delivered_kw, 0.0).sum(axis=1)
+        days, _, mean, _ = daily(time, power)
+        energy = sign * mean * time.steps_per_day * dt_h
+        bands.append(Series(days, held(energy), colour, label, "band"))
+    return tuple(bands)

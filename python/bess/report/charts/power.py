@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bess.report.chart import Chart, Panel, Series, Values
-from bess.report.data import Result, TimeAxis, dataset_of
+from bess.report.data import Result, TimeAxis, dataset_of, event_spans
 from bess.report.long_runs import daily, held
 from bess.report.style import AVAILABILITY, BATTERY, DERATING, DISCHARGE, INVERTER
 
@@ -49,13 +49,15 @@ def power_split(result: Result) -> Chart:
             Panel("Requested (kW)", tuple(request), title=title),
             Panel("Loss (kW)", tuple(losses), title=title),
         ]
-    return Chart(time.label, tuple(panels), columns=2, panel_height_in=1.5)
+    return Chart(time.label, tuple(panels), columns=2, panel_height_in=1.5, spans=event_spans(dataset, time))
 
 
 def _stack(time: TimeAxis, powers: list[tuple[Values, str, str]]) -> list[Series]:
     bands = []
     edges, base = time.edges, np.zeros(1)
     for power, label, colour in powers:
+        if not power.any():
+            continue
         if time.daily:
             edges, _, power, _ = daily(time, power)
         top = base + held(power)

@@ -11,6 +11,7 @@ from bess.report.long_runs import thin
 from bess.report.style import AVAILABILITY, BATTERY, DISCHARGE, INVERTER
 
 _SMALLEST_GAP_PCT = 1e-4
+_MOST_DOTS = 800
 
 
 def solver_effort(result: Result, solve_time_s: ArrayLike | None = None) -> Chart:
@@ -52,4 +53,4 @@ def solver_effort(result: Result, solve_time_s: ArrayLike | None = None) -> Char
 
 
 def _dots(x: Values, y: Values, colour: str, label: str = "") -> Series:
-    return Series(*thin(x, y), colour, label, "dots")
+    return Series(*thin(x, y, _MOST_DOTS), colour, label, "dots")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from bess.report.chart import Chart, Panel, Series
-from bess.report.data import Result, Results, TimeAxis, dataset_of, named, with_initial
+from bess.report.data import Result, Results, TimeAxis, dataset_of, event_spans, named, with_initial
 from bess.report.long_runs import curve, daily, held
-from bess.report.style import BACKGROUND, colours
+from bess.report.style import BACKGROUND, colours, told_apart
 
 
 def strings(result: Result) -> Chart:
@@ -36,7 +36,7 @@ def strings(result: Result) -> Chart:
         for index, colour in enumerate(colours(n_strings)):
             lines += curve(time, states[:, index], colour, f"string {index}", among=2 * n_strings, band=False)
         panels.append(Panel(label, tuple(lines), demand, "Demand (kW)", y_limits=limits))
-    return Chart(time.label, tuple(panels), panel_height_in=1.75)
+    return Chart(time.label, tuple(panels), panel_height_in=1.75, spans=event_spans(dataset, time))
 
 
 def string_spread(results: Results) -> Chart:
@@ -45,12 +45,12 @@ def string_spread(results: Results) -> Chart:
     temperature: list[Series] = []
     datasets = named(results)
     label = ""
-    for (name, dataset), colour in zip(datasets.items(), colours(len(datasets)), strict=True):
+    for name, dataset, colour, dashed in told_apart(datasets):
         time = TimeAxis(dataset)
         label = time.label
         for variable, lines, factor in (("soc", soc, 100.0), ("temperature_c", temperature, 1.0)):
             spread = factor * np.ptp(with_initial(dataset, variable), axis=1)
-            lines += curve(time, spread, colour, name)
+            lines += curve(time, spread, colour, name, dashed=dashed)
     return Chart(
         label,
         (Panel("SOC spread (points)", tuple(soc)), Panel("Temperature spread (K)", tuple(temperature))),

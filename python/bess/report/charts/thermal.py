@@ -10,7 +10,7 @@ from bess.parameters import System
 from bess.report.chart import Chart, Panel, Series
 from bess.report.data import Results, TimeAxis, named, with_initial
 from bess.report.long_runs import curve
-from bess.report.style import INK, SINGLE_COLUMN_IN, colours
+from bess.report.style import INK, SINGLE_COLUMN_IN, colours, told_apart
 
 
 def mean_temperature(results: Results, *, derating_start_c: float = 45.0) -> Chart:
@@ -18,10 +18,10 @@ def mean_temperature(results: Results, *, derating_start_c: float = 45.0) -> Cha
     datasets = named(results)
     lines: list[Series] = []
     label = ""
-    for (name, dataset), colour in zip(datasets.items(), colours(len(datasets)), strict=True):
+    for name, dataset, colour, dashed in told_apart(datasets):
         time = TimeAxis(dataset)
         label = time.label
-        lines += curve(time, with_initial(dataset, "temperature_c").mean(axis=1), colour, name)
+        lines += curve(time, with_initial(dataset, "temperature_c").mean(axis=1), colour, name, dashed=dashed)
         ends = time.edges[[0, -1]]
     limit = np.full(2, derating_start_c)
     lines.append(Series(ends, limit, INK, f"derating starts, {derating_start_c:g} °C", dashed=True))

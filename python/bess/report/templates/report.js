@@ -1,22 +1,32 @@
 "use strict";
 (function () {
   const coarse = window.matchMedia("(pointer: coarse)").matches;
-  const settings = {
-    responsive: true,
-    displayModeBar: false,
-  };
+  // A finger that scrolls must not zoom.
+  const still = (key, value) => (coarse && key === "active_drag" ? null : value);
 
-  // The still picture stays until the interactive one is complete, and comes back if it fails.
-  function draw(chart) {
+  // The still picture stays until the interactive one is there, and comes back if it fails.
+  async function draw(chart) {
     const figure = chart.closest("figure");
-    const spec = JSON.parse(chart.nextElementSibling.textContent);
-    // A finger that scrolls must not zoom.
-    if (coarse) spec.layout.dragmode = false;
     figure.classList.add("drawn");
-    Plotly.newPlot(chart, spec.data, spec.layout, settings).catch(function (error) {
+    try {
+      const item = JSON.parse(chart.nextElementSibling.textContent, still);
+      await Bokeh.embed.embed_item(item, chart.id);
+      const document = Bokeh.documents[Bokeh.documents.length - 1];
+      for (const button of figure.querySelectorAll(".legend button")) {
+        button.addEventListener("click", () => toggle(document, button));
+      }
+    } catch (error) {
       figure.classList.remove("drawn");
       console.error(error);
-    });
+    }
+  }
+
+  function toggle(document, button) {
+    const shown = button.getAttribute("aria-pressed") !== "true";
+    button.setAttribute("aria-pressed", String(shown));
+    for (const model of document.all_models) {
+      if (model.name === button.dataset.label) model.visible = shown;
+    }
   }
 
   // A page of many figures draws those that come into view.
@@ -32,4 +42,9 @@
   for (const link of document.querySelectorAll(".save")) {
     link.href = link.closest("figure").querySelector(".still img").src;
   }
+
+  // What is folded on the screen is open on paper.
+  window.addEventListener("beforeprint", function () {
+    for (const folded of document.querySelectorAll("details")) folded.open = true;
+  });
 })();

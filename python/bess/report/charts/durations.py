@@ -1,0 +1,42 @@
+"""How long the plant gave how much power, and how long it was how hot."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bess.report.chart import Chart, Panel, Series, Values
+from bess.report.data import Results, named
+from bess.report.style import INK, told_apart
+
+_POINTS = 400
+
+
+def duration_curves(results: Results) -> Chart:
+    """Delivered power of the plant and temperature of its hottest string, each sorted from high to low.
+
+    One point of a curve says for which share of the time the value was at least this high. For a single
+    result the power asked for is drawn as well.
+    """
+    datasets = named(results)
+    power: list[Series] = []
+    temperature: list[Series] = []
+    if len(datasets) == 1:
+        (dataset,) = datasets.values()
+        power.append(Series(*_sorted(dataset["demand_kw"].values), INK, "asked for", dashed=True))
+    for name, dataset, colour, dashed in told_apart(datasets):
+        delivered = dataset["delivered_kw"].values.sum(axis=1)
+        hottest = dataset["temperature_c"].values.max(axis=1)
+        label = name or "delivered"
+        power.append(Series(*_sorted(delivered), colour, label, dashed=dashed))
+        temperature.append(Series(*_sorted(hottest), colour, name, dashed=dashed))
+    return Chart(
+        "Share of the time (%)",
+        (Panel("Plant power (kW)", tuple(power)), Panel("Hottest string (°C)", tuple(temperature))),
+        panel_height_in=1.7,
+    )
+
+
+def _sorted(values: Values) -> tuple[Values, Values]:
+    falling = np.sort(values)[::-1]
+    shown = np.unique(np.linspace(0, len(falling) - 1, _POINTS).astype(int))
+    return 100.0 * (shown + 0.5) / len(falling), falling[shown]

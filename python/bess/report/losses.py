@@ -1,0 +1,123 @@
+"""Where the energy went that was asked for: one run step by step, several side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from bess.analysis.catalogue import kpi
+from bess.errors import InputError
+from bess.report.style import AVAILABILITY, BACKGROUND, BATTERY, DERATING, DISCHARGE, INK, INVERTER, styled
+
+_UNDELIVERED = {
+    "unmet_kwh": BACKGROUND,
+    "derating_loss_kwh": DERATING,
+    "availability_loss_kwh": AVAILABILITY,
+}
+_CONVERSION = {"inverter_loss_kwh": INVERTER, "battery_loss_kwh": BATTERY}
+_NOTHING_KWH = 0.05
+_WIDTH_IN = 5.6
+_ROW_IN = 0.29
+
+
+@styled
+def loss_waterfall(kpis: Mapping[str, float]) -> Figure:
+    """From the energy asked for to what is left of it after all losses, one bar for each step.
+
+    The axis starts where the steps can be seen, and says so.
+
+    Parameters
+    ----------
+    kpis
+        Of one run (``bess.kpis``).
+    """
+    _check({"": kpis}, ("demand_kwh", "delivered_kwh", *_UNDELIVERED, *_CONVERSION))
+    left = kpis["demand_kwh"]
+    rows: list[tuple[str, float, float, str]] = [(kpi("demand_kwh").label, 0.0, left, INK)]
+    for part, colour in _UNDELIVERED.items():
+        rows.append((kpi(part).label, left - kpis[part], left, colour))
+        left -= kpis[part]
+    left = kpis["delivered_kwh"]
+    rows.append((kpi("delivered_kwh").label, 0.0, left, DISCHARGE))
+    for part, colour in _CONVERSION.items():
+        rows.append((kpi(part).label, left - kpis[part], left, colour))
+        left -= kpis[part]
+    rows.append(("Delivered less losses", 0.0, left, DISCHARGE))
+    rows = [row for row in rows if row[2] - row[1] > _NOTHING_KWH]
+    floor = _floor(left, kpis["demand_kwh"])
+    figure = Figure(figsize=(_WIDTH_IN, 0.75 + _ROW_IN * len(rows)), layout="constrained")
+    axes = figure.subplots()
+    for place, (_, low, high, colour) in enumerate(rows):
+        start = max(low, floor)
+        axes.barh(place, high - start, 0.7, left=start, color=colour)
+        axes.annotate(
+            kpi("lost_kwh").number(high - low), (high, place), xytext=(3, 0), textcoords="offset points",
+            va="center", fontsize=7.5,
+        )  # fmt: skip
+        if place + 1 < len(rows):
+            through = low if low > 0.0 else high
+            axes.plot([through, through], [place - 0.35, place + 1.35], color=BACKGROUND, linewidth=0.6)
+    axes.set_yticks(range(len(rows)), [row[0] for row in rows])
+    axes.invert_yaxis()
+    axes.set_xlim(floor, kpis["demand_kwh"] + 0.13 * (kpis["demand_kwh"] - floor))
+    axes.set_xlabel("Energy (kWh)" if floor == 0.0 else f"Energy (kWh), axis starts at {floor:,.0f} kWh")
+    axes.grid(visible=False, axis="y")
+    return figure
+
+
+@styled
+def losses_compared(kpis: Mapping[str, Mapping[str, float]]) -> Figure:
+    """What each run did not deliver and what it lost, stacked; its sum at the end of the bar.
+
+    Parameters
+    ----------
+    kpis
+        KPIs of each run, by name.
+    """
+    _check(kpis, (*_UNDELIVERED, *_CONVERSION))
+    parts = {
+        part: colour
+        for part, colour in (_UNDELIVERED | _CONVERSION).items()
+        if any(entry[part] > _NOTHING_KWH for entry in kpis.values())
+    }
+    figure = Figure(figsize=(_WIDTH_IN, 1.0 + _ROW_IN * len(kpis)), layout="constrained")
+    axes = figure.subplots()
+    places = np.arange(len(kpis))
+    ends = np.zeros(len(kpis))
+    for part, colour in parts.items():
+        values = np.array([entry[part] for entry in kpis.values()])
+        axes.barh(places, values, 0.7, left=ends, color=colour)
+        ends += values
+    for place, end in zip(places, ends, strict=True):
+        axes.annotate(
+            kpi("lost_kwh").number(end), (end, place), xytext=(3, 0), textcoords="offset points",
+            va="center", fontsize=7.5,
+        )  # fmt: skip
+    axes.set_yticks(places, list(kpis))
+    axes.invert_yaxis()
+    axes.set_xlim(0.0, 1.13 * max(float(ends.max()), _NOTHING_KWH))
+    axes.set_xlabel("Not delivered or lost (kWh)")
+    axes.grid(visible=False, axis="y")
+    handles = [Patch(color=colour, label=kpi(part).label) for part, colour in parts.items()]
+    figure.legend(handles=handles, loc="outside upper center", ncols=2)
+    return figure
+
+
+def _floor(left: float, asked: float) -> float:
+    """Half as far below what is left as the losses are long, in round numbers; zero if that is near."""
+    span = asked - left
+    floor = left - 0.5 * span
+    if span <= 0.0 or floor < 0.4 * asked:
+        return 0.0
+    unit = 10.0 ** np.floor(np.log10(span))
+    return float(unit * np.floor(floor / unit))
+
+
+def _check(kpis: Mapping[str, Mapping[str, float]], needed: tuple[str, ...]) -> None:
+    for name, entry in kpis.items():
+        for key in needed:
+            if not np.isfinite(entry.get(key, np.nan)):
+                raise InputError(f"{name or 'the run'}: KPI {key} is {entry.get(key, 'missing')}")
