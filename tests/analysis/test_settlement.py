@@ -74,6 +74,7 @@ def test_without_terms_a_record_is_settled_at_the_defaults_of_a_study() -> None:
         "discharge_fee_eur_mwh": 0.0,
         "start_eur": 0.0,
         "wear_eur_mwh": 0.0,
+        "discount_rate": 0.05,
     }
 
 

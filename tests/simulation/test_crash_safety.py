@@ -27,7 +27,13 @@ from bess.record.store import Lock
 from bess.study import Study
 
 BESS = [sys.executable, "-m", "bess"]
-LONG = {"policy.name": "soc", "run.days": 120, "demand.repeat": True, "system.initial_soc": [0.2, 0.7]}
+LONG = {
+    "policy.name": "soc",
+    "run.days": 120,
+    "demand.repeat": True,
+    "system.initial_soc": [0.2, 0.7],
+    "wear.model": "kokam-75ah",
+}
 PRICES = Path(__file__).parents[3] / "shared/data/prices/smard_de_viertelstunde_2024_berechnet_resaved.csv"
 
 

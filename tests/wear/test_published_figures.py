@@ -71,8 +71,13 @@ def test_the_next_kwh_and_the_next_day_cost_what_the_slope_says(
     days, cycles = PUBLISHED[model](temperature_c, 0.5, DEPTH, 0.35)
     calendar, cyclic = days.loss(1095), cycles.loss(1095)
     plant = bess.System(bess.System.reference(2).document | {"wear": {"model": model}})
-    state = bess.State([0.5, 0.5], [25.0, 25.0], soh_capacity=np.full(2, 1.0 - calendar - cyclic))
-    now = wear.marginal(plant, state, cyclic_loss=np.full(2, cyclic))
+    state = bess.State(
+        [0.5, 0.5],
+        [25.0, 25.0],
+        soh_capacity=np.full(2, 1.0 - calendar - cyclic),
+        cyclic_loss=[cyclic, cyclic],
+    )
+    now = wear.marginal(plant, state)
 
     per_kwh = now.cycling_eur_kwh(DEPTH, temperature_c, c_rate=0.35)
     per_day = now.calendar_eur_day(0.5, temperature_c) / plant.nominal_energy_kwh[:, None]
@@ -109,5 +114,5 @@ def test_points_that_fit_no_string_are_refused() -> None:
     now = wear.marginal(bess.System.reference(2), bess.State([0.5, 0.5], [25.0, 25.0]))
     with pytest.raises(bess.InputError, match="must broadcast against"):
         now.cycling_eur_kwh(np.ones((3, 2)), 25.0)
-    with pytest.raises(bess.InputError, match="cyclic_loss must be one number"):
-        wear.marginal(bess.System.reference(2), now.state, cyclic_loss=[0.1])
+    with pytest.raises(bess.InputError, match="cyclic_loss has 1"):
+        bess.State([0.5, 0.5], [25.0, 25.0], cyclic_loss=[0.1])

@@ -151,6 +151,10 @@ CATALOGUE: Final[dict[str, Kpi]] = {
     "auxiliary_eur": _money(
         "Auxiliaries", "Energy the plant takes beside what it delivers (standby), at the price of charging."
     ),
+    "npv_eur": _money(
+        "Net present value",
+        "Net of each year of operation, discounted to the start; of runs that are longer than a year.", "max",
+    ),
     "revenue_eur": Kpi(
         "Revenue", "EUR", "max", 2, "Delivered energy times price, charged energy counted negative.", "money"
     ),
@@ -189,6 +193,22 @@ CATALOGUE: Final[dict[str, Kpi]] = {
         for moment, kpi in _between_strings("Temperature spread", "K", 1, "mean temperature")
     },
     **{f"soc_spread_{moment}": kpi for moment, kpi in _between_strings("SOC spread", "", 3, "SOC")},
+    "soh_capacity_min": Kpi(
+        "Capacity left, oldest string", "", "max", 4,
+        "Capacity at the end over that of the system file, of the string with least.", "wear",
+    ),
+    "soh_capacity_mean": Kpi(
+        "Capacity left", "", "max", 4,
+        "Capacity at the end over that of the system file, mean over the strings.", "wear",
+    ),
+    "soh_resistance_max": Kpi(
+        "Resistance, oldest string", "", "min", 4,
+        "Resistance at the end over that of the system file, of the string with most.", "wear",
+    ),
+    "end_of_life_days": Kpi(
+        "First end of life", "d", "max", 1,
+        "Days until the capacity of the first string fell to its end of life.", "wear",
+    ),
     "full_cycles": Kpi(
         "Full cycles", "", None, 2, "Half of the SOC travelled, mean over the strings.", "strings"
     ),

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bess.analysis.lifetime import wear_kpis
 from bess.analysis.settlement import has_prices, settlement_kpis
 from bess.units import PERCENT
 
@@ -42,7 +43,10 @@ def kpis(result: Result | xr.Dataset) -> dict[str, float]:
       mean over strings; ``inverter_starts_mean``, ``inverter_starts_max`` per inverter;
     - energies in kWh; ``ledger_residual_ratio``, the sum of absolute residuals over the delivered energy;
     - ``fallback_steps``, ``solver_steps``, and ``median``, ``p95`` and ``max`` of gaps and nodes over the
-      steps with a solve; for market studies ``revenue_eur``.
+      steps with a solve; for market studies ``revenue_eur``;
+    - ``soh_capacity_min``, ``soh_capacity_mean`` and ``soh_resistance_max`` over the strings at the end,
+      ``end_of_life_days`` if a string reached it, ``wear_eur``, and ``npv_eur`` of market studies that are
+      longer than a year.
 
     Names, units and meanings for people are in :data:`bess.analysis.catalogue.CATALOGUE`. A
     :class:`bess.Result` adds the wall-clock ``solve_time_s_*``.
@@ -96,6 +100,7 @@ def _figures(dataset: xr.Dataset) -> Iterator[tuple[str, Any]]:
         sold_kw = dataset["delivered_kw"].values.sum(axis=1)
         yield "revenue_eur", (sold_kw * dataset["price_eur_mwh"].values).sum() * dt_h / _KWH_PER_MWH
         yield from settlement_kpis(dataset)
+    yield from wear_kpis(dataset)
     yield from _solver(dataset)
 
 

@@ -2,7 +2,8 @@
 
 from bess.market.prices import read_prices
 from bess.market.repairs import Repair, Repairs
+from bess.market.repeat import prolonged
 from bess.market.typical_year import over_years
 from bess.market.weather import read_weather
 
-__all__ = ["Repair", "Repairs", "over_years", "read_prices", "read_weather"]
+__all__ = ["Repair", "Repairs", "over_years", "prolonged", "read_prices", "read_weather"]

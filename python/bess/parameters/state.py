@@ -28,12 +28,16 @@ class State:
         Capacity over that of the system file, 0.01 to 1.5; 1 if not given.
     soh_resistance : ndarray, shape (n_strings,)
         Resistance over that of the system file, 0.1 to 100; 1 if not given.
+    cyclic_loss : ndarray, shape (n_strings,), or None
+        Part of the capacity lost that came by cycling, as a share of that of the system file; a plant tells
+        it, and what the next cycle costs depends on it. None where it is not known.
     """
 
     soc: NDArray[np.float64]
     temperature_c: NDArray[np.float64]
     soh_capacity: NDArray[np.float64]
     soh_resistance: NDArray[np.float64]
+    cyclic_loss: NDArray[np.float64] | None
 
     def __init__(
         self,
@@ -41,6 +45,7 @@ class State:
         temperature_c: ArrayLike,
         soh_capacity: ArrayLike | None = None,
         soh_resistance: ArrayLike | None = None,
+        cyclic_loss: ArrayLike | None = None,
     ) -> None:
         object.__setattr__(self, "soc", _vector("soc", soc, (0.0, 1.0), ""))
         object.__setattr__(
@@ -53,9 +58,12 @@ class State:
         object.__setattr__(
             self, "soh_resistance", _vector("soh_resistance", resistance, SOH_RESISTANCE_RANGE, "")
         )
-        for name in ("temperature_c", "soh_capacity", "soh_resistance"):
-            if (size := getattr(self, name).size) != self.soc.size:
-                raise InputError(f"state: soc has {self.soc.size} strings, {name} has {size}")
+        lost = None if cyclic_loss is None else _vector("cyclic_loss", cyclic_loss, (0.0, 1.0), "")
+        object.__setattr__(self, "cyclic_loss", lost)
+        for name in ("temperature_c", "soh_capacity", "soh_resistance", "cyclic_loss"):
+            values = getattr(self, name)
+            if values is not None and values.size != self.soc.size:
+                raise InputError(f"state: soc has {self.soc.size} strings, {name} has {values.size}")
 
     @property
     def n_strings(self) -> int:
@@ -77,12 +85,13 @@ def _vector(name: str, values: ArrayLike, limits: tuple[float, float], unit: str
         raise InputError(
             f"state: {name} must be one number for each string, not an array of shape {array.shape}"
         )
-    for index, value in enumerate(array):
-        # The comparison is false for NaN, so NaN is refused here as well.
-        if not limits[0] - 1e-9 <= value <= limits[1] + 1e-9:
-            raise InputError(
-                f"state: string {index}: {name} {value:g}{unit} is outside "
-                f"[{limits[0]:g}, {limits[1]:g}]{unit}"
-            )
+    # The comparison is false for NaN, so NaN is refused here as well.
+    within = (array >= limits[0] - 1e-9) & (array <= limits[1] + 1e-9)
+    if not within.all():
+        index = int(np.argmin(within))
+        raise InputError(
+            f"state: string {index}: {name} {array[index]:g}{unit} is outside "
+            f"[{limits[0]:g}, {limits[1]:g}]{unit}"
+        )
     array.flags.writeable = False
     return array

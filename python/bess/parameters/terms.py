@@ -22,7 +22,9 @@ class Terms:
     start_eur : float
         For each start of an inverter.
     wear_eur_mwh : float
-        For each MWh discharged (AC); 0 if an ageing model of the plant counts the wear.
+        For each MWh discharged (AC), what a dispatch plans with; what wear did cost is in the record.
+    discount_rate : float
+        Per year: what income of later years is worth less.
     """
 
     shortfall_eur_mwh: float = 50.0
@@ -30,6 +32,7 @@ class Terms:
     discharge_fee_eur_mwh: float = 0.0
     start_eur: float = 0.0
     wear_eur_mwh: float = 0.0
+    discount_rate: float = 0.05
 
     def shortfall_price_eur_mwh(self, price_eur_mwh: Price) -> Price:
         """Price of a MWh that was asked for and not delivered, either direction."""

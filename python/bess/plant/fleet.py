@@ -17,8 +17,8 @@ from bess.plant.snapshot import PlantSnapshot
 
 _CONTROL_STEP_S = 900.0
 
-_CYCLIC_LOSS, _SOH = 3, slice(4, 6)
-"""Places in a row of ``PlantSnapshot.ageing``: the loss by cycling, capacity and resistance."""
+_HEALTH = (4, 5, 3)
+"""Places in a row of ``PlantSnapshot.ageing``: factors on capacity and resistance, loss by cycling."""
 
 
 class Fleet:
@@ -88,13 +88,9 @@ class Fleet:
         node_c = flat["node_temperature_c"].reshape(*self._shape, -1)
         mean_c = node_c.sum(axis=2, where=self._real) / self._nodes
         soc = flat["soc"].reshape(self._shape)
-        soh_capacity, soh_resistance = np.moveaxis(flat["ageing"].reshape(*self._shape, -1)[..., _SOH], 2, 0)
-        return [State(*each) for each in zip(soc, mean_c, soh_capacity, soh_resistance, strict=True)]
-
-    @property
-    def cyclic_loss(self) -> NDArray[np.float64]:
-        """Capacity lost by cycling, shape ``(n_scenarios, n_strings)``; see :class:`Flows`."""
-        return np.asarray(self._core.state()["ageing"].reshape(*self._shape, -1)[..., _CYCLIC_LOSS])
+        rows = flat["ageing"].reshape(*self._shape, -1)
+        health = (rows[..., place] for place in _HEALTH)
+        return [State(*each) for each in zip(soc, mean_c, *health, strict=True)]
 
     def step(
         self,

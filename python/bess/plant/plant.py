@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from bess.parameters import State, System
 from bess.plant.fleet import Fleet
@@ -85,11 +85,6 @@ class Plant:
     def state(self) -> State:
         """Measured state: SOC, mean temperature and state of health of each string."""
         return self._fleet.states[0]
-
-    @property
-    def cyclic_loss(self) -> NDArray[np.float64]:
-        """Capacity lost by cycling, shape ``(n_strings,)``; see :class:`~bess.plant.Flows`."""
-        return np.asarray(self._fleet.cyclic_loss[0])
 
     def step(
         self, request_kw: ArrayLike, duration_s: float = 900.0, *, ambient_c: float | None = None

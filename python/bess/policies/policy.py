@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bess.parameters import State
-from bess.wear import MarginalWear
 
 NO_OPTIMISATION: Final = 0
 """Status code of a step that needed no solver: an idle step, or a policy without one."""
@@ -31,15 +30,12 @@ class Situation:
         Ambient temperature [degC] of this step.
     limit_kw : ndarray, shape (n_strings,)
         Largest power of each inverter in service; 0 = out of service.
-    wear : MarginalWear or None
-        What use and time cost at this state; None where nothing is said to wear.
     """
 
     state: State
     demand_kw: NDArray[np.float64]
     ambient_c: float
     limit_kw: NDArray[np.float64]
-    wear: MarginalWear | None = None
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from bess.plant import Plant, PlantSnapshot
 from bess.policies import Decision, Policy, Situation
 from bess.record.schema import AGEING_FLOWS, FLOWS
 from bess.simulation.inputs import Inputs
-from bess.wear import WearPrices, WearRates
+from bess.wear import WearPrices
 
 _TOLERANCE = 1e-9
 """Relative slack for sums of set-points against the demand: rounding only."""
@@ -40,8 +40,6 @@ class ClosedLoop:
             *(("node_temperature_c",) if node_temperatures else ()),
         )
         self._prices = WearPrices.of(inputs.system)
-        wears = any(string.wear.model != "none" for string in strings)
-        self._rates = WearRates(inputs.system) if wears else None
         self._total_kw = inputs.limit_kw.sum(axis=1)
         self._soc_min = np.array([string.battery.soc_min for string in strings])
         self._energy_kwh = inputs.system.nominal_energy_kwh
@@ -63,8 +61,7 @@ class ClosedLoop:
         demand_kw = float(ahead_kw[0])
         served_kw = np.minimum(np.maximum(ahead_kw, -total_kw), total_kw)
         ambient_c = float(inputs.ambient_c[step])
-        wear = self._rates.at(state, self._plant.cyclic_loss) if self._rates else None
-        decision = self._decide(Situation(state, served_kw, ambient_c, limit_kw, wear), total_kw)
+        decision = self._decide(Situation(state, served_kw, ambient_c, limit_kw), total_kw)
         flows = self._plant.step(
             decision.request_kw, duration_s=float(inputs.grid.step_s), ambient_c=ambient_c
         )

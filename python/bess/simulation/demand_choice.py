@@ -113,7 +113,7 @@ def _profile(study: Study, choice: ProfileDemand, system: System, step_s: float,
 def _arbitrage(study: Study, choice: ArbitrageDemand, system: System, step_s: float) -> Asked:
     from bess.ems import Arbitrage, Perfect, Persistence
     from bess.ems.arbitrage import calendar_days
-    from bess.market import read_prices
+    from bess.market import prolonged, read_prices
 
     if choice.prices is None:
         raise InputError(
@@ -126,8 +126,10 @@ def _arbitrage(study: Study, choice: ArbitrageDemand, system: System, step_s: fl
     series = Series.from_pandas(read, choice.prices, "demand.prices")
     start = study.run.start or series.start
     grid = Grid.of(start, step_s, study.run.days or series.days_from(start, step_s))
-    price = series.on(grid)
     wanted = grid.longer(round(choice.look_ahead_h / grid.dt_h))
+    if choice.repeat:
+        series = Series.from_pandas(prolonged(read, wanted.end), choice.prices, "demand.prices")
+    price = series.on(grid)
     ahead = series.on(wanted, whole=False)
     window = np.array([string.battery.soc_max - string.battery.soc_min for string in system.strings])
     energy_kwh = float((system.nominal_energy_kwh * window).sum())

@@ -86,10 +86,11 @@ def prepare(study: Study) -> Inputs:
 
 def _ambient(choice: WeatherChoice, file: str, grid: Grid) -> tuple[Array, list[str]]:
     """Ambient temperature [degC] of each step, and what was found in the file."""
-    from bess.market import over_years, read_weather
+    from bess.market import over_years, prolonged, read_weather
 
     read = read_weather(file, column=choice.column, time_zone=choice.time_zone, fill=choice.fill)
-    series = over_years(read, grid.start, grid.end) if read.attrs["typical_year"] else read
+    series = prolonged(read, grid.end) if choice.repeat else read
+    series = over_years(read, grid.start, grid.end) if read.attrs["typical_year"] else series
     values = Series.from_pandas(series, file, "weather.file").on(grid) + choice.offset_k
     notes = [f"weather: {file}, {values.min():g} to {values.max():g} degC"]
     return values, notes + repair_notes(read)

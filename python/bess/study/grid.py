@@ -135,7 +135,7 @@ class Series:
         need = (grid.start_s, grid.start_s + grid.step_s * grid.n_steps)
         raise InputError(
             f"{self.key}: {self.what} covers {_span(*have)}, the run needs {_span(*need)}; "
-            "set run.start and run.days"
+            f"set run.start and run.days, or {self.key.partition('.')[0]}.repeat = true"
         )
 
 

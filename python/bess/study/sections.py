@@ -95,7 +95,8 @@ class ArbitrageDemand(Section):
 
     The file is read as :func:`bess.read_prices` says, the program is that of :class:`bess.ems.Arbitrage`.
     ``max_power_kw`` and ``max_energy_kwh`` keep below what the plant has; ``market_time_zone`` is that of the
-    trading day, to which ``cycles_per_day`` applies. ``forecast`` is that of prices.
+    trading day, to which ``cycles_per_day`` applies. ``repeat`` lets the last year of the file follow year by
+    year, for runs over decades (:func:`bess.market.prolonged`). ``forecast`` is that of prices.
     """
 
     kind: Literal["arbitrage"] = "arbitrage"
@@ -111,6 +112,7 @@ class ArbitrageDemand(Section):
     cycles_per_day: Positive = 2.0
     look_ahead_h: Positive = 36.0
     replan_h: Positive = 6.0
+    repeat: bool = False
     forecast: Literal["perfect", "persistence"] = "perfect"
 
 
@@ -136,13 +138,14 @@ class WeatherChoice(Section):
     """Section ``[weather]``: ambient temperature from a file; without it, it is that of the system.
 
     The file is read as :func:`bess.market.read_weather` says. ``offset_k`` is added, such as for a warm
-    container.
+    container. ``repeat`` is that of prices; a typical year repeats without it.
     """
 
     file: str | None = None
     column: str | None = None
     time_zone: str | None = None
     fill: Fill | None = None
+    repeat: bool = False
     offset_k: Annotated[float, within(-50.0, 50.0, "K")] = 0.0
 
 
@@ -169,21 +172,24 @@ class SettlementChoice(Section):
     """Section ``[settlement]``: what is agreed on beside the price of energy, for studies with prices.
 
     Energy asked for and not delivered costs the magnitude of its price and ``shortfall_eur_mwh``. Fees are on
-    each MWh charged or discharged (AC), ``start_eur`` is for each start of an inverter.
+    each MWh charged or discharged (AC), ``start_eur`` is for each start of an inverter. ``discount_rate`` is
+    that of the net present value of runs over years.
     """
 
     shortfall_eur_mwh: NonNegative = Terms.shortfall_eur_mwh
     charge_fee_eur_mwh: NonNegative = Terms.charge_fee_eur_mwh
     discharge_fee_eur_mwh: NonNegative = Terms.discharge_fee_eur_mwh
     start_eur: NonNegative = Terms.start_eur
+    discount_rate: Annotated[float, within(0.0, 1.0, "per year")] = Terms.discount_rate
 
 
 class WearChoice(Section):
     """Section ``[wear]``: what using the batteries costs.
 
     The keys of the section ``[wear]`` of a system file, put over it; ``[[string]]`` tables there still
-    override them for one string. ``throughput`` is a price ``eur_per_mwh`` for each MWh discharged (AC); a
-    cell model lets the strings age and prices the capacity lost.
+    override them for one string. ``throughput`` is a price ``eur_per_mwh`` for each MWh discharged (AC). A
+    cell model lets the strings age and prices the capacity lost; ``eur_per_mwh`` is then what a dispatch
+    plans with instead of the model's own rates.
     """
 
     model: AgeingModel | None = None
@@ -195,8 +201,8 @@ class WearChoice(Section):
 
 def terms_of(settlement: SettlementChoice, wear: WearChoice) -> Terms:
     """Return both sections as what dispatch and settlement work with."""
-    by_energy = wear.eur_per_mwh if wear.model == "throughput" else None
-    return Terms(**settlement.model_dump(), wear_eur_mwh=by_energy or 0.0)
+    planned = None if wear.model in (None, "none") else wear.eur_per_mwh
+    return Terms(**settlement.model_dump(), wear_eur_mwh=planned or 0.0)
 
 
 class OutputChoice(Section):

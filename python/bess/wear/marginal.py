@@ -100,7 +100,7 @@ class MarginalWear:
         return [np.ascontiguousarray(point) for point in points]
 
 
-def marginal(system: System, state: State, *, cyclic_loss: ArrayLike | None = None) -> MarginalWear:
+def marginal(system: System, state: State) -> MarginalWear:
     """Return the marginal wear of every string at ``state``.
 
     Parameters
@@ -108,11 +108,8 @@ def marginal(system: System, state: State, *, cyclic_loss: ArrayLike | None = No
     system
         The plant; its sections ``[wear]`` name the models and prices.
     state
-        Measured state; what is missing of ``soh_capacity`` to 1 is the loss so far.
-    cyclic_loss
-        Part of that loss that came by cycling, shape ``(n_strings,)``; by default what
-        ``wear.calendar_share`` leaves. A plant tells it (``Flows.cyclic_loss``); in a closed loop it is
-        known.
+        Measured state; what is missing of ``soh_capacity`` to 1 is the loss so far, of which ``cyclic_loss``
+        came by cycling, or what ``wear.calendar_share`` leaves if the state does not tell.
 
     Returns
     -------
@@ -123,7 +120,7 @@ def marginal(system: System, state: State, *, cyclic_loss: ArrayLike | None = No
     Raises
     ------
     InputError
-        If ``state`` or ``cyclic_loss`` does not fit the system.
+        If ``state`` does not fit the system.
 
     Examples
     --------
@@ -134,9 +131,9 @@ def marginal(system: System, state: State, *, cyclic_loss: ArrayLike | None = No
     >>> state = bess.State([0.5, 0.5], [25.0, 35.0], soh_capacity=[0.95, 0.95])
     >>> now = wear.marginal(system, state)
     >>> now.cycling_eur_kwh(0.8, state.temperature_c[:, None]).round(3).ravel().tolist()
-    [0.027, 0.059]
+    [0.029, 0.063]
     """
-    return WearRates(system).at(state, cyclic_loss)
+    return WearRates(system).at(state)
 
 
 class WearRates:
@@ -148,15 +145,11 @@ class WearRates:
         self._share = np.array([string.wear.calendar_share for string in system.strings])
         self._core = _core.Ageing(system.core)
 
-    def at(self, state: State, cyclic_loss: ArrayLike | None = None) -> MarginalWear:
+    def at(self, state: State) -> MarginalWear:
         """Return the rates at ``state``; see :func:`marginal`."""
         self._system.check_state(state)
         lost = np.maximum(1.0 - state.soh_capacity, 0.0)
-        cyclic = (1.0 - self._share) * lost
-        if cyclic_loss is not None:
-            cyclic = np.asarray(cyclic_loss, dtype=np.float64)
-            if cyclic.shape != lost.shape or not (cyclic >= 0.0).all():
-                raise InputError(f"wear: cyclic_loss must be one number >= 0 for each of {lost.size} strings")
+        cyclic = (1.0 - self._share) * lost if state.cyclic_loss is None else state.cyclic_loss
         return MarginalWear(
             state=state,
             calendar_loss=np.maximum(lost - cyclic, 0.0),
