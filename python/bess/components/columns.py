@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from bess.errors import InputError
 from bess.extras import extra
+from bess.files import read_file
 
 Columns = dict[str, list[str]]
 
@@ -27,9 +28,11 @@ def read_columns(path: str | Path) -> Columns:
             import pyarrow.parquet as pq
     try:
         if path.suffix == ".parquet":
-            table = pq.read_table(path).to_pydict()
+            table = pq.read_table(io.BytesIO(read_file(path))).to_pydict()
             return {str(k): ["nan" if v is None else str(v) for v in column] for k, column in table.items()}
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_file(path).decode("utf-8-sig")
+    except InputError:
+        raise
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except (OSError, ValueError) as error:  # also undecodable text and files that are not Parquet

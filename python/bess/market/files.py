@@ -3,19 +3,15 @@
 import gzip
 import io
 import os
-import stat
 import zipfile
 import zlib
 from collections.abc import Iterable
 from os import PathLike
-from pathlib import Path
-from typing import IO, Final, NoReturn
+from typing import Final, NoReturn
 
 from bess.errors import InputError
+from bess.files import LARGEST_BYTES, limited, read_file
 from bess.market.repairs import Repairs
-
-LARGEST_BYTES: Final = 200 * 2**20
-"""What is read of a file or unpacked from an archive at most: some 50 years of quarter hours."""
 
 _UTF16_MARKS: Final = (b"\xff\xfe", b"\xfe\xff")
 _MARKS: Final = (b"\xef\xbb\xbf", *_UTF16_MARKS)
@@ -61,7 +57,7 @@ def path_text(path: str | PathLike[str]) -> str:
 def read_bytes(path: str | PathLike[str]) -> bytes:
     """Return the content of a file, unpacked if it is a gzip or zip archive of one file.
 
-    A workbook (xlsx) is returned as it is. Pipes, devices and what holds more than :data:`LARGEST_BYTES`,
+    A workbook (xlsx) is returned as it is. Pipes, devices and what holds more than :data:`bess.files.LARGEST_BYTES`,
     packed or unpacked, are refused.
     """
     name = path_text(path)
@@ -69,7 +65,7 @@ def read_bytes(path: str | PathLike[str]) -> bytes:
     try:
         if raw[:2] == b"\x1f\x8b":
             with gzip.GzipFile(fileobj=io.BytesIO(raw)) as packed:
-                raw = _limited(name, packed)
+                raw = limited(packed, name)
         if raw[:4] == b"PK\x03\x04":
             raw = _unzip(name, raw)
     except RuntimeError as error:  # a password
@@ -86,12 +82,7 @@ def read_bytes(path: str | PathLike[str]) -> bytes:
 
 def _content(name: str) -> bytes:
     try:
-        kind = Path(name).stat().st_mode
-        if not stat.S_ISREG(kind):
-            what = "Is a directory" if stat.S_ISDIR(kind) else "a pipe or a device, not a file"
-            fail(name, None, f"cannot be read ({what}); give a file")
-        with Path(name).open("rb") as file:
-            return _limited(name, file)
+        return read_file(name)
     except FileNotFoundError:
         fail(name, None, "there is no such file; check the path")
     except InputError:
@@ -99,17 +90,6 @@ def _content(name: str) -> bytes:
     except (OSError, ValueError) as error:  # a path with a NUL in it is a ValueError
         cause = getattr(error, "strerror", None) or error
         fail(name, None, f"cannot be read ({cause}); check the path and its permissions")
-
-
-def _limited(name: str, file: "IO[bytes] | gzip.GzipFile") -> bytes:
-    raw = file.read(LARGEST_BYTES + 1)
-    if len(raw) > LARGEST_BYTES:
-        fail(
-            name,
-            None,
-            f"holds more than {LARGEST_BYTES // 2**20} MiB; cut it down to the columns and the period needed",
-        )
-    return raw
 
 
 def _unzip(name: str, raw: bytes) -> bytes:
@@ -132,7 +112,7 @@ def _unzip(name: str, raw: bytes) -> bytes:
                 f"the archive holds {len(members)} files ({listed(members)}); unpack the one wanted",
             )
         with archive.open(members[0]) as packed:
-            return _limited(name, packed)
+            return limited(packed, name)
 
 
 def decode(path: str, raw: bytes, repairs: Repairs) -> str:

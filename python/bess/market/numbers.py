@@ -15,7 +15,12 @@ MISSING: Final = frozenset(
 
 _LARGEST: Final = 1e12
 _CLEAN: Final = str.maketrans({"\u2212": "-", "\u00a0": None, "\u202f": None, " ": None, "'": None})
-_DECIMALS: Final = {",": re.compile(r",(\d{1,2}|\d{4,})(e|$)"), ".": re.compile(r"\.(\d{1,2}|\d{4,})(e|$)")}
+_DECIMALS: Final = {
+    ",": re.compile(r",(\d{1,2}|\d{4,})(e|$)", re.MULTILINE),
+    ".": re.compile(r"\.(\d{1,2}|\d{4,})(e|$)", re.MULTILINE),
+}
+_SIMPLE: Final = re.compile(r"[\d.,+\n-]*", re.ASCII)
+_PLAIN: Final = re.compile(r"(?:(?:[+-]?\d+(?:\.\d*)?|nan)(?:\n|$))*", re.ASCII)
 _NUMBER: Final = {
     ",": re.compile(r"[+-]?(\d{1,3}(\.\d{3})+|\d*)(,\d*)?(e[+-]?\d+)?"),
     ".": re.compile(r"[+-]?(\d{1,3}(,\d{3})+|\d*)(\.\d*)?(e[+-]?\d+)?"),
@@ -29,9 +34,13 @@ def parse_numbers(
 
     The decimal sign is found from the whole column; `default` decides where nothing tells (``1.234``).
     """
-    texts = [cell.translate(_CLEAN).lower() for cell in cells]
+    together = "\n".join(cells)
+    texts = together.split("\n") if _SIMPLE.fullmatch(together) else _cleaned(cells)
     decimal = _decimal(path, name, texts, lines, default)
     thousands = "." if decimal == "," else ","
+    quick = _quick(texts, decimal, thousands)
+    if quick is not None:
+        return quick
     pattern = _NUMBER[decimal]
     values = np.empty(len(texts))
     for i, text in enumerate(texts):
@@ -50,6 +59,20 @@ def parse_numbers(
     return values
 
 
+def _cleaned(cells: list[str]) -> list[str]:
+    return [cell.translate(_CLEAN).lower() for cell in cells]
+
+
+def _quick(texts: list[str], decimal: str, thousands: str) -> npt.NDArray[np.float64] | None:
+    """Return the numbers of a column in which all is plain, None if one of them needs a closer look."""
+    plain = [text or "nan" for text in texts]
+    together = "\n".join(plain)
+    if thousands in together or not _PLAIN.fullmatch(together.replace(decimal, ".")):
+        return None
+    values = np.array(together.replace(decimal, ".").split("\n"), dtype=np.float64)
+    return None if (np.abs(values) > _LARGEST).any() else values
+
+
 def check_size(path: str, name: str, value: float, line: int) -> None:
     """Raise InputError for a number that no price, power or temperature has; infinity among them."""
     if abs(value) > _LARGEST:
@@ -60,9 +83,9 @@ _NAMES: Final = {",": "comma", ".": "point"}
 
 
 def _decimal(path: str, name: str, texts: list[str], lines: list[int], default: str) -> str:
-    first = {
-        sign: next((i for i, t in enumerate(texts) if p.search(t)), None) for sign, p in _DECIMALS.items()
-    }
+    together = "\n".join(texts)
+    found = {sign: pattern.search(together) for sign, pattern in _DECIMALS.items()}
+    first = {sign: None if m is None else together.count("\n", 0, m.start()) for sign, m in found.items()}
     comma, point = first[","], first["."]
     if comma is not None and point is not None:
         fail(

@@ -1,6 +1,9 @@
 """Bytes of any file that holds a table to that table: text, JSON, workbooks, and layouts of their own."""
 
+import gc
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Final
 
 from bess.market.files import decode, fail
@@ -15,6 +18,23 @@ _MARKUP: Final = re.compile(r"\s*<[!?a-zA-Z]")
 
 def read_table(path: str, raw: bytes, repairs: Repairs) -> Table:
     """Return the table in a file; raise InputError where there is none."""
+    with _uncollected():
+        return _table(path, raw, repairs)
+
+
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """Pause the garbage collector: it would go through millions of rows again and again, and find nothing."""
+    was = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was:
+            gc.enable()
+
+
+def _table(path: str, raw: bytes, repairs: Repairs) -> Table:
     if is_workbook(raw):
         return text_table(path, workbook_as_csv(path, raw), repairs)
     text = decode(path, raw, repairs)

@@ -34,6 +34,7 @@ _OFFSET: Final = re.compile(
     r"(.*\d:\d\d(?::\d\d(?:\.\d+)?)?)\s*(?:\(?(Z|UTC|GMT|CET|CEST)\)?|([+-])(\d\d):?(\d\d))"
 )
 _NAMED: Final = {"Z": 0.0, "UTC": 0.0, "GMT": 0.0, "CET": 1.0, "CEST": 2.0}
+_ISO: Final = re.compile(r"(?:\d{4}-\d\d-\d\d[ T]\d\d:\d\d(?::\d\d)?\n)+", re.ASCII)
 _END_OF_DAY: Final = re.compile(r"^(.*\d) 24:00((?::00)?)$")
 _SPACES: Final = re.compile(r"[\s\u00a0\u202f]+|(?<=\d)T(?=\d)|(?<=\d), (?=\d\d?:)")
 
@@ -67,14 +68,14 @@ def parse_stamps(
     Of ``03/04/2024`` the day comes first unless the other way the times lie closer together; without
     `day_first`, times that could be either are an error.
     """
+    if quick := _quick(cells):
+        return quick
     offset = np.full(len(cells), np.nan)
     texts = []
     for i, cell in enumerate(cells):
         match = _OFFSET.fullmatch(cell)
         if match:
-            cell, label, sign, hours, minutes = match.groups()
-            shift = _NAMED[label] if label else (int(hours) + int(minutes) / 60) * (-1 if sign == "-" else 1)
-            offset[i] = shift
+            cell, offset[i] = match[1], _shift_h(match)
         texts.append(_SPACES.sub(" ", cell).strip())
     midnight = np.array([bool(_END_OF_DAY.search(text)) for text in texts])
     if midnight.any():
@@ -97,6 +98,32 @@ def parse_stamps(
             "write 2024-01-31 14:00 or 31.01.2024 14:00, and check that columns are not swapped",
         )
     return Stamps(wall, offset)
+
+
+def _quick(cells: list[str]) -> Stamps | None:
+    """Return the times of a column that is ISO 8601 throughout, None if one of them needs a closer look."""
+    match = _OFFSET.fullmatch(cells[0])
+    end = "" if match is None else cells[0][match.end(1) :]
+    together = "\n".join(cells) + "\n"
+    if end:
+        if together.count(f"{end}\n") != len(cells):
+            return None
+        together = together.replace(f"{end}\n", "\n")
+    if not _ISO.fullmatch(together):
+        return None
+    try:
+        wall = pd.DatetimeIndex(np.array(together.split("\n")[:-1], dtype="datetime64[s]"))
+    except ValueError:
+        return None
+    if wall.year.min() < _YEARS[0] or wall.year.max() > _YEARS[1]:
+        return None
+    return Stamps(wall, np.full(wall.size, np.nan if match is None else _shift_h(match)))
+
+
+def _shift_h(match: re.Match[str]) -> float:
+    """Offset from UTC of a label [h]."""
+    _, label, sign, hours, minutes = match.groups()
+    return _NAMED[label] if label else (int(hours) + int(minutes) / 60) * (-1 if sign == "-" else 1)
 
 
 def is_time(cell: str) -> bool:

@@ -100,6 +100,8 @@ def text_table(path: str, text: str, repairs: Repairs) -> Table:
         body = [(line, [*row, ""]) for line, row in body]
     remarks = []
     for line, row in body:
+        if len(row) == len(header):
+            continue
         beyond = [cell.strip() for cell in row[len(header) :] if cell.strip()]
         if len(row) < len(header) or any(map(_LIKE_DATA.match, beyond)):
             _ragged(path, line, len(row), len(header), last=line == body[-1][0])
@@ -141,7 +143,7 @@ def _cells(path: str, text: str, separator: str) -> list[tuple[int, list[str]]]:
         return [
             (reader.line_num, row)
             for row in reader
-            if any(map(str.strip, row)) and not row[0].startswith(("#", "sep="))
+            if row and "".join(row).strip() and not row[0].startswith(("#", "sep="))
         ]
     except csv.Error as error:
         fail(path, reader.line_num, f"cannot be split into cells ({error}); fetch the file again")

@@ -8,7 +8,8 @@ from datetime import date, datetime, time
 from typing import Any, Final
 
 from bess.extras import extra
-from bess.market.files import LARGEST_BYTES, fail
+from bess.files import LARGEST_BYTES
+from bess.market.files import fail
 
 _FEWEST_ROWS: Final = 3
 

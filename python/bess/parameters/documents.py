@@ -11,8 +11,10 @@ import numpy as np
 from pydantic import ValidationError
 
 from bess.errors import InputError
+from bess.files import read_file
 
 _DEEPEST = 12
+_LARGEST_BYTES = 20 * 2**20
 _SHOWN_PROBLEMS = 4
 _PLAIN_WORDS = {
     "extra_forbidden": "unknown key",
@@ -27,10 +29,17 @@ _PLAIN_WORDS = {
 }
 
 
+def read_text(path: Path) -> str:
+    """Return the text of a TOML file, with or without a mark of its encoding; errors are those of its parts."""
+    return read_file(path, _LARGEST_BYTES).decode("utf-8-sig").replace("\r\n", "\n")
+
+
 def read_toml(path: Path) -> dict[str, Any]:
     """Parse a TOML file; whatever is wrong with it becomes an :class:`InputError` that names it."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(read_text(path))
+    except InputError:
+        raise
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except (OSError, UnicodeDecodeError, ValueError) as error:

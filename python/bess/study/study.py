@@ -13,7 +13,7 @@ from typing import Any, Self
 from pydantic import ValidationError
 
 from bess.errors import InputError
-from bess.parameters.documents import describe
+from bess.parameters.documents import describe, read_text
 from bess.parameters.section import Section
 from bess.study.keys import check_keys, nearest, with_value
 from bess.study.sections import (
@@ -147,7 +147,9 @@ def _name_from(path: Path) -> str:
 
 def _read(path: Path, bundled: list[str]) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        return read_text(path)
+    except InputError:
+        raise
     except (FileNotFoundError, NotADirectoryError):
         hint = nearest(path.name, bundled) if not path.suffix else "check the path"
         raise InputError(f"{path}: no such study; {hint}") from None
