@@ -109,6 +109,11 @@ def electrical(tests: Sequence[Measurement]) -> tuple[Array, Array]:
     return np.maximum.accumulate(np.mean(ocvs, axis=0)), np.array(resistances)
 
 
+def has_charge(test: Measurement) -> bool:
+    """Whether the tester's log has a charge as well, without which resistance cannot be found."""
+    return bool((test.whole_log[0] < -1.0).any())
+
+
 def _over_soc(test: Measurement, chosen: NDArray[np.bool_]) -> Array:
     _, volts, soc = test.whole_log
     order = np.argsort(soc[chosen])
@@ -312,9 +317,13 @@ def main() -> None:
         return
     unseen = read(*arguments.predict)
     system = fit_plant([tests[rate - 1] for rate in arguments.fit])
-    own = rmse(predict(with_electrics_of(system, unseen), unseen), unseen)
     strict = rmse(predict(system, unseen), unseen)
-    print(f"{arguments.predict[0].name}: RMSE {own:.2f} K, strict {strict:.2f} K")
+    if has_charge(unseen):
+        own = rmse(predict(with_electrics_of(system, unseen), unseen), unseen)
+        print(f"{arguments.predict[0].name}: RMSE {own:.2f} K, strict {strict:.2f} K")
+    else:
+        print(f"{arguments.predict[0].name}: RMSE strict {strict:.2f} K; without a charge in the log its own")
+        print("    OCV and resistance cannot be told apart")
 
 
 if __name__ == "__main__":

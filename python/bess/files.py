@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import stat
 from pathlib import Path
-from typing import IO, Final
+from typing import Final, Protocol
 
 from bess.errors import InputError
 
@@ -29,7 +29,11 @@ def read_file(path: str | Path, largest: int = LARGEST_BYTES) -> bytes:
         return limited(file, path, largest)
 
 
-def limited(file: IO[bytes], path: str | Path, largest: int = LARGEST_BYTES) -> bytes:
+class _Readable(Protocol):
+    def read(self, size: int, /) -> bytes: ...
+
+
+def limited(file: _Readable, path: str | Path, largest: int = LARGEST_BYTES) -> bytes:
     """Return what is left of an open file; raise InputError if that is more than ``largest`` bytes."""
     raw = file.read(largest + 1)
     if len(raw) > largest:

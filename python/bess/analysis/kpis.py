@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from bess.analysis.lifetime import wear_kpis
 from bess.analysis.settlement import has_prices, settlement_kpis
+from bess.errors import InputError
 from bess.units import PERCENT
 
 if TYPE_CHECKING:
@@ -52,9 +53,21 @@ def kpis(result: Result | xr.Dataset) -> dict[str, float]:
     :class:`bess.Result` adds the wall-clock ``solve_time_s_*``.
     """
     dataset: Any = getattr(result, "dataset", result)
+    if not hasattr(dataset, "data_vars") or not {"demand_kw", "soc"} <= set(dataset.data_vars):
+        raise InputError(
+            "kpis needs what bess.run or bess.open_result gives, a result or its dataset, not "
+            f"{_described(result)}"
+        )
     values = {name: float(value) for name, value in _figures(dataset)}
     times = getattr(result, "solve_time_s", None)
     return values if times is None else values | solve_time_kpis(times)
+
+
+def _described(value: object) -> str:
+    """Type of a value and, of a dataset, what it holds, for messages."""
+    variables = getattr(value, "data_vars", None)
+    held = "" if variables is None else f" of {', '.join(map(str, list(variables)[:5])) or 'nothing'}"
+    return type(value).__name__ + held
 
 
 def solve_time_kpis(solve_time_s: Array) -> dict[str, float]:

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bess.components.loss_table import Curve, LossTable, check_nominal, table_from_curves
 from bess.errors import InputError
+from bess.numbers import real_numbers
 
 Axis = Literal["ac", "dc", "input", "output"]
 Direction = Literal["charge", "discharge"]
@@ -133,15 +134,22 @@ def _per_unit(power: ArrayLike, unit: str, nominal_kw: float, axis: str) -> NDAr
         raise InputError(f"power_unit {unit!r}: allowed are {', '.join(scale)}")
     if axis not in ("ac", "dc", "input", "output"):
         raise InputError(f"axis {axis!r}: allowed are ac, dc, input, output")
-    x = np.asarray(power, dtype=np.float64) * scale[unit]
+    x = _numbers(power, "power") * scale[unit]
     if x.ndim != 1:
         raise InputError(f"power must be one list of numbers, not an array of shape {x.shape}")
     _refuse_rows(x, ~(np.isfinite(x) & (x >= 0.0)), "power / nominal", "finite and at least 0")
     return x
 
 
+def _numbers(given: ArrayLike, name: str) -> NDArray[np.float64]:
+    try:
+        return real_numbers(given)
+    except ValueError as error:
+        raise InputError(f"{name} must be a list of numbers ({error})") from error
+
+
 def _values(given: ArrayLike, x: NDArray[np.float64], name: str) -> NDArray[np.float64]:
-    values = np.asarray(given, dtype=np.float64)
+    values = _numbers(given, name)
     if values.shape != x.shape:
         raise InputError(f"{name} has {values.size} rows, power has {x.size}")
     return values

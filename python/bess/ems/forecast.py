@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bess.errors import InputError
+from bess.numbers import real_numbers
 
 Array = npt.NDArray[np.float64]
 
@@ -93,7 +94,10 @@ def steps_in(duration_h: float, dt_h: float, what: str) -> int:
 
 
 def _series(values: npt.ArrayLike) -> Array:
-    series = np.array(values, dtype=np.float64)
+    try:
+        series = real_numbers(values).copy()
+    except ValueError as error:
+        raise InputError(f"a forecast needs a series of numbers ({error})") from error
     if series.ndim != 1 or series.size == 0:
         raise InputError(f"a forecast needs a series of at least one value; its shape is {series.shape}")
     if not np.isfinite(series).all():

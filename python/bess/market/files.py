@@ -57,8 +57,8 @@ def path_text(path: str | PathLike[str]) -> str:
 def read_bytes(path: str | PathLike[str]) -> bytes:
     """Return the content of a file, unpacked if it is a gzip or zip archive of one file.
 
-    A workbook (xlsx) is returned as it is. Pipes, devices and what holds more than :data:`bess.files.LARGEST_BYTES`,
-    packed or unpacked, are refused.
+    A workbook (xlsx) is returned as it is. Pipes, devices and what holds more than
+    :data:`bess.files.LARGEST_BYTES`, packed or unpacked, are refused.
     """
     name = path_text(path)
     raw = _content(name)

@@ -30,7 +30,7 @@ _PLAIN_WORDS = {
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a TOML file, with or without a mark of its encoding; errors are those of its parts."""
+    """Return the text of a TOML file, with or without a mark of its encoding."""
     return read_file(path, _LARGEST_BYTES).decode("utf-8-sig").replace("\r\n", "\n")
 
 

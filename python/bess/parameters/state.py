@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bess.errors import InputError
+from bess.numbers import real_numbers
 
 TEMPERATURE_RANGE_C = (-60.0, 150.0)
 SOH_CAPACITY_RANGE = (0.01, 1.5)
@@ -78,8 +79,8 @@ class State:
 
 def _vector(name: str, values: ArrayLike, limits: tuple[float, float], unit: str) -> NDArray[np.float64]:
     try:
-        array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+        array = real_numbers(values).copy()
+    except ValueError as error:
         raise InputError(f"state: {name} must be one number for each string ({error})") from error
     if array.ndim != 1 or array.size == 0:
         raise InputError(

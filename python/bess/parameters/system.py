@@ -162,6 +162,12 @@ def load_system(path: str | Path) -> System:
     """
     if str(path) in SYSTEMS:
         return System(system_document(str(path)), name=str(path))
-    if not Path(path).is_file():
+    if not isinstance(path, str | Path):
+        raise InputError(f"a system is a bundled name or a path, not {type(path).__name__}")
+    try:
+        absent = not Path(path).exists()
+    except (OSError, ValueError):  # too long, or with a NUL in it
+        absent = True
+    if absent:
         raise InputError(f"{path}: no such system file; bundled systems are {', '.join(SYSTEMS)}")
     return System(read_toml(Path(path)), name=str(path))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bess.errors import InputError
+from bess.numbers import real_numbers
 
 
 @contextmanager
@@ -28,10 +29,7 @@ def numbers(name: str, values: ArrayLike, shape: tuple[int | str, ...], unit: st
     InputError
         If they are no numbers or have another shape.
     """
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"plant: {name}: needs numbers [{unit}] ({error})") from error
+    array = _real(name, values, unit)
     fits = array.shape == shape or (
         array.ndim == len(shape)
         and all(isinstance(want, str) or have == want for have, want in zip(array.shape, shape, strict=True))
@@ -42,6 +40,13 @@ def numbers(name: str, values: ArrayLike, shape: tuple[int | str, ...], unit: st
     return array
 
 
+def _real(name: str, values: ArrayLike, unit: str) -> NDArray[np.float64]:
+    try:
+        return real_numbers(values)
+    except ValueError as error:
+        raise InputError(f"plant: {name}: needs numbers [{unit}] ({error})") from error
+
+
 def ambient(values: ArrayLike | None, default_c: float, scenarios: int, steps: int) -> NDArray[np.float64]:
     """Return the air inlet temperature [degC], shape ``(steps, scenarios)``.
 
@@ -49,7 +54,7 @@ def ambient(values: ArrayLike | None, default_c: float, scenarios: int, steps: i
     """
     if values is None or isinstance(values, float):
         return np.full((steps, scenarios), default_c if values is None else values)
-    array = np.asarray(values)
+    array = _real("ambient_c", values, "degC")
     if array.ndim == 2:
         return numbers("ambient_c", array, (scenarios, steps), "degC").T
     if array.ndim == 1:

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bess.errors import BessError
+from bess.numbers import real_numbers
 from bess.parameters import State, System
 from bess.policies.capability import Capability
 from bess.policies.policy import NO_OPTIMISATION, Decision, Situation
@@ -65,7 +67,13 @@ class RulePolicy:
         discharge = demand_kw > 0.0
         capability_kw = np.minimum(self._capability(situation, discharge), limit_kw)
         task = Task(abs(demand_kw), discharge, capability_kw, situation.state)
-        power_kw = np.minimum(self._share(self._system, task), limit_kw)
+        shares_kw = real_numbers(self._share(self._system, task))
+        if shares_kw.shape != limit_kw.shape:
+            raise BessError(
+                f"the rule returned powers of shape {shares_kw.shape}, needs {limit_kw.shape}, one for each "
+                "string"
+            )
+        power_kw = np.minimum(shares_kw, limit_kw)
         rest_kw = task.demand_kw - float(power_kw.sum())
         if rest_kw > 0.0:
             free_kw = limit_kw - power_kw

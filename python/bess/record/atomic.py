@@ -21,6 +21,10 @@ def clear_errors(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         code = error.errno if error.errno is not None else _errno_in(str(error))
+        if code in (errno.EACCES, errno.EPERM, errno.EROFS):
+            raise BessError(
+                f"{path}: cannot be written ({error.strerror or error}); use another folder"
+            ) from error
         full = code in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         cause = "the disk is full, make room" if full else f"cannot be written ({error.strerror or error})"
         raise BessError(
@@ -53,7 +57,11 @@ def write_bytes(path: Path, content: bytes) -> None:
 def folder_in(folder: Path, name: str) -> Path:
     """Return the folder ``name`` in ``folder``; refuse one that is elsewhere, by its name or by a link."""
     inside = folder / name
-    if Path(name).name != name or name in ("", ".", "..") or inside.resolve().parent != folder.resolve():
+    try:
+        elsewhere = inside.resolve().parent != folder.resolve()
+    except (OSError, ValueError) as error:  # a NUL in the path is a ValueError
+        raise InputError(f"{folder}: is no folder for results ({error}); use another") from error
+    if Path(name).name != name or name in ("", ".", "..") or elsewhere:
         raise InputError(f"{folder}: results of {name!r} would be written outside; give another name")
     return inside
 

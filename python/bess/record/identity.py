@@ -50,6 +50,8 @@ def read_identity(directory: Path) -> Identity | None:
         return None
     except (OSError, ValueError) as error:
         raise InputError(f"{directory / IDENTITY}: cannot be read ({error}); use another --out") from error
+    if not isinstance(identity, dict) or not {"study", "system", "frame"} <= identity.keys():
+        raise InputError(f"{directory / IDENTITY}: is damaged; use another --out")
     return identity
 
 

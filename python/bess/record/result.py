@@ -90,7 +90,11 @@ def open_netcdf(path: Path) -> xr.Dataset:
     """Open a results file lazily."""
     import xarray as xr
 
-    return xr.open_dataset(path, engine="h5netcdf")
+    try:
+        return xr.open_dataset(path, engine="h5netcdf")
+    except (OSError, ValueError, KeyError, RuntimeError, TypeError) as error:
+        what = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(f"{path}: is damaged ({what}); delete the folder and run the study again") from error
 
 
 def _runs_in(directory: Path) -> Iterator[Path]:

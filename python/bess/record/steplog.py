@@ -12,6 +12,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from bess.errors import InputError
 from bess.record.atomic import clear_errors
 
 LOG = "log.jsonl"
@@ -57,6 +58,11 @@ def solve_times_s(directory: Path) -> NDArray[np.float64]:
     path = directory / LOG
     if not path.exists():
         return np.zeros(0)
-    with path.open(encoding="utf-8") as file:
-        times = [json.loads(line)["solve_time_s"] for line in file if line.endswith("\n")]
+    try:
+        with path.open(encoding="utf-8") as file:
+            times = [json.loads(line)["solve_time_s"] for line in file if line.endswith("\n")]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"{path}: is damaged ({error}); delete it to do without the times of solves"
+        ) from error
     return np.array([time for time in times if time], dtype=np.float64)

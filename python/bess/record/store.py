@@ -60,7 +60,7 @@ class Part:
                     for name in archive.files
                     if name.startswith(prefix)
                 }
-        except (OSError, ValueError, BadZipFile) as error:
+        except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
             raise BessError(
                 f"{self.path}: damaged ({error}); delete it and all later parts, then --resume"
             ) from error

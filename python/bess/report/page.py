@@ -234,7 +234,7 @@ def _title(directory: Path) -> str:
     """Title of the study that the folder was made from, else the name of the folder."""
     try:
         study = tomllib.loads((directory / "study.toml").read_text(encoding="utf-8"))
-    except (FileNotFoundError, tomllib.TOMLDecodeError):
+    except (OSError, ValueError):
         study = {}
     return str(study.get("title") or study.get("name") or directory.resolve().name)
 

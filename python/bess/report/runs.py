@@ -59,7 +59,10 @@ class Run:
     @property
     def study_toml(self) -> str:
         """The study as resolved, as it was saved."""
-        return (self.directory / "study.toml").read_text(encoding="utf-8")
+        try:
+            return (self.directory / "study.toml").read_text(encoding="utf-8", errors="replace")
+        except OSError:
+            return "(the file is missing)"
 
     @cached_property
     def dataset(self) -> xr.Dataset:
@@ -71,9 +74,9 @@ class Run:
         """KPIs as saved; of an unfinished run, those of the part that is there."""
         try:
             saved: dict[str, float] = json.loads((self.directory / "kpis.json").read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            saved = {}
-        kpis = {key: float("nan") if value is None else float(value) for key, value in saved.items()}
+            kpis = {key: float("nan") if value is None else float(value) for key, value in saved.items()}
+        except (OSError, ValueError, TypeError, AttributeError):  # absent, or damaged
+            kpis = {}
         if kpis.keys() >= _ALWAYS:
             return kpis
         from bess.analysis.kpis import kpis as compute
@@ -92,9 +95,9 @@ class Run:
         """Wall-clock time of each step [s], NaN where nothing was solved; None without a log of all steps."""
         try:
             lines = (self.directory / LOG).read_text(encoding="utf-8").splitlines()
-        except FileNotFoundError:
+            times = np.array([json.loads(line).get("solve_time_s") or np.nan for line in lines], dtype=float)
+        except (OSError, ValueError, TypeError, AttributeError):  # absent, or damaged
             return None
-        times = np.array([json.loads(line).get("solve_time_s") or np.nan for line in lines], dtype=float)
         steps = self.dataset.sizes["time"]
         return times[:steps] if len(times) >= steps and np.isfinite(times).any() else None
 
@@ -129,7 +132,7 @@ def _order_in(directory: Path) -> Callable[[str], tuple[int, str]]:
     """Order of the study file, as the summary of all runs has it; names it does not have come last."""
     try:
         summary = list(json.loads((directory / "kpis.json").read_text(encoding="utf-8")))
-    except (FileNotFoundError, NotADirectoryError):
+    except (OSError, ValueError, TypeError):
         summary = []
     places = {name: index for index, name in enumerate(summary)}
     return lambda name: (places.get(name, len(places)), name)

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bess.errors import BessError
+from bess.errors import BessError, InputError
+from bess.numbers import real_numbers
 from bess.plant import Plant, PlantSnapshot
 from bess.policies import Decision, Policy, Situation
 from bess.record.schema import AGEING_FLOWS, FLOWS
@@ -28,9 +29,12 @@ class ClosedLoop:
         Index of the next step.
     """
 
-    def __init__(self, inputs: Inputs, policy: Policy, plant: Plant, *, node_temperatures: bool) -> None:
+    def __init__(
+        self, inputs: Inputs, policy: Policy, plant: Plant, *, node_temperatures: bool, policy_name: str = ""
+    ) -> None:
         self._inputs = inputs
         self._policy = policy
+        self._policy_name = policy_name
         self._plant = plant
         strings = inputs.system.strings
         self._ages = any(string.wear.cell_model for string in strings)
@@ -118,17 +122,34 @@ class ClosedLoop:
         self._inputs.demand.recall(checkpoint["demand"])
 
     def _decide(self, situation: Situation, total_kw: float) -> Decision:
-        decision = self._policy(situation)
-        request_kw, demand_kw = decision.request_kw, situation.demand_kw[0]
+        try:
+            decision = self._policy(situation)
+            request_kw = real_numbers(decision.request_kw)
+        except InputError as error:
+            raise InputError(f"{self._place}: {error}") from error
+        except BessError as error:
+            raise BessError(f"{self._place}: {error}") from error
+        except Exception as error:
+            raise BessError(f"{self._place}: {type(error).__name__}: {error}") from error
+        if request_kw.shape != situation.limit_kw.shape:
+            raise BessError(
+                f"{self._place}: returned set-points of shape {request_kw.shape}, needs "
+                f"{situation.limit_kw.shape}, one for each string"
+            )
+        demand_kw = situation.demand_kw[0]
         slack_kw = _TOLERANCE * max(1.0, total_kw)
         # Written so that NaN fails as well.
         held = np.abs(request_kw) <= situation.limit_kw + slack_kw
         if not (held.all() and abs(request_kw.sum() - demand_kw) <= slack_kw):
             raise BessError(
-                f"step {self.step}: the policy requested {_listed(request_kw)} kW for {demand_kw:g} kW "
+                f"{self._place}: the policy requested {_listed(request_kw)} kW for {demand_kw:g} kW "
                 f"within {_listed(situation.limit_kw)} kW; this is an error of the policy"
             )
         return decision
+
+    @property
+    def _place(self) -> str:
+        return f"policy {self._policy_name!r}, step {self.step}"
 
 
 def _listed(values: NDArray[np.float64]) -> str:

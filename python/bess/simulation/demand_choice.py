@@ -118,7 +118,7 @@ def _arbitrage(study: Study, choice: ArbitrageDemand, system: System, step_s: fl
     if choice.prices is None:
         raise InputError(
             f"{study.name}: demand.prices is not set: name a price file (SMARD, Energy-Charts or ENTSO-E "
-            "export), for example --set demand.prices=FILE.csv"
+            "export), such as demand.prices = FILE.csv"
         )
     read = read_prices(
         choice.prices, choice.zone, choice.product, time_zone=choice.time_zone, fill=choice.fill

@@ -34,7 +34,7 @@ from bess.simulation.closed_loop import ClosedLoop, check_finite
 from bess.simulation.inputs import Inputs, prepare
 from bess.simulation.interrupt import stop_requests
 from bess.simulation.progress import reporting
-from bess.study.study import Study
+from bess.study.study import Study, as_study
 
 PART_STEPS = 960
 """Steps after which a part is saved at the latest: what is held in memory."""
@@ -43,14 +43,15 @@ PART_SECONDS = 5.0
 
 
 def run(
-    study: Study, *, progress: bool = True, out: str | Path | None = None, resume: bool = False
+    study: Study | str | Path, *, progress: bool = True, out: str | Path | None = None, resume: bool = False
 ) -> Result:
     """Run a study in closed loop over the plant.
 
     Parameters
     ----------
     study
-        One run; see :func:`bess.run_scenarios` for a study of several.
+        One run, as a study, the name of a bundled one, or a TOML file; see :func:`bess.run_scenarios` for a
+        study of several.
     progress
         Show progress on standard error.
     out
@@ -73,12 +74,13 @@ def run(
     BessError
         The disk is full, among others; everything saved before is intact.
     """
+    study = as_study(study)
     if study.scenario or study.sweep:
         raise InputError(f"{study.name}: is a study of several runs; use bess.run_scenarios")
     if out is not None:
         return _run_in(Path(out), study, progress=progress, resume=resume)
     if resume:
-        raise InputError("--resume: name the folder of the run with --out")
+        raise InputError("resume: name the folder of the run with out")
     with tempfile.TemporaryDirectory(prefix="bess-") as scratch:
         try:
             result = _run_in(Path(scratch), study, progress=progress, resume=False)
@@ -97,10 +99,9 @@ def _run_in(directory: Path, study: Study, *, progress: bool, resume: bool) -> R
     identity["frame"] = describe_frame(study, inputs.system, inputs.grid, policy.statuses)
     try:
         directory.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(
-            f"{directory}: is no folder for results ({error.strerror}); use another --out"
-        ) from error
+    except (OSError, ValueError) as error:  # a NUL in the path is a ValueError
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{directory}: is no folder for results ({reason}); use another --out") from error
     with Lock(directory):
         if not _is_finished(directory, identity, resume=resume):
             if progress:
@@ -137,7 +138,9 @@ def _complete(directory: Path, study: Study, inputs: Inputs, policy: Policy, *, 
     """Run from the last checkpoint, or from the first step, to the end."""
     write_bytes(directory / "study.toml", study.to_toml().encode())
     plant = Plant(inputs.system, inputs.system.initial_state(), derating_law=study.run.derating_law)
-    loop = ClosedLoop(inputs, policy, plant, node_temperatures=study.output.node_temperatures)
+    loop = ClosedLoop(
+        inputs, policy, plant, node_temperatures=study.output.node_temperatures, policy_name=study.policy.name
+    )
     log_bytes = 0
     if saved := parts(directory):
         checkpoint = saved[-1].checkpoint()

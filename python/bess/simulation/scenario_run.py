@@ -11,11 +11,11 @@ from bess.record.identity import IDENTITY
 from bess.record.result import Result
 from bess.simulation.runner import run
 from bess.study.scenarios import expand
-from bess.study.study import Study
+from bess.study.study import Study, as_study
 
 
 def run_scenarios(
-    study: Study, *, progress: bool = True, out: str | Path | None = None, resume: bool = False
+    study: Study | str | Path, *, progress: bool = True, out: str | Path | None = None, resume: bool = False
 ) -> dict[str, Result]:
     """Run every scenario and sweep point of a study; parameters as for :func:`bess.run`.
 
@@ -24,6 +24,7 @@ def run_scenarios(
     dict of str to Result
         By the name of the run, which is also its folder in ``out``. Finished ones are opened, not run again.
     """
+    study = as_study(study)
     runs = expand(study)
     if out is None:
         return {name: run(each, progress=progress) for name, each in runs.items()}
@@ -39,14 +40,13 @@ def run_scenarios(
 
 def prepare_folder(folder: Path, study: Study) -> None:
     """Make the folder that holds one sub-folder for each run, with the study as resolved."""
-    if (folder / IDENTITY).exists():
-        raise InputError(f"{folder}: holds a single run; use another --out")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(
-            f"{folder}: is no folder for results ({error.strerror}); use another --out"
-        ) from error
+    except (OSError, ValueError) as error:  # a NUL in the path is a ValueError
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{folder}: is no folder for results ({reason}); use another --out") from error
+    if (folder / IDENTITY).exists():
+        raise InputError(f"{folder}: holds a single run; use another --out")
     write_bytes(folder / "study.toml", study.to_toml().encode())
 
 

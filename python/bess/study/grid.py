@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING
@@ -30,8 +31,11 @@ class Grid:
         """Return the steps of ``days`` days; a part of a step is refused."""
         steps = days * _S_PER_DAY / step_s
         if abs(steps - round(steps)) > 1e-6 or round(steps) < 1:
+            below, above = (max(1, n) * step_s / _S_PER_DAY for n in (math.floor(steps), math.ceil(steps)))
+            nearest = f"{below:.10g}" if below == above else f"{below:.10g} and {above:.10g}"
             raise InputError(
-                f"run.days = {days:g}: must be a whole number of steps of {step_s / 60:g} min, at least one"
+                f"run.days = {days:g}: must be a whole number of steps of {step_s / 60:g} min, at least one; "
+                f"nearest: {nearest}"
             )
         try:
             start + timedelta(days=days)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import re
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -30,12 +31,11 @@ def expand(study: Study) -> dict[str, Study]:
     if not study.scenario and not study.sweep:
         return {study.name: plain}
     named: list[tuple[str, Mapping[str, Any]]] = [(s.name, s.set) for s in study.scenario] or [("", {})]
-    axes = [list(_points(axis)) for axis in study.sweep]
-    count = len(named)
-    for axis_points in axes:
-        count *= len(axis_points)
+    count = len(named) * math.prod(axis.size for axis in study.sweep)
     if count > _LARGEST:
-        raise InputError(f"{study.name}: sweep: {count} runs are more than {_LARGEST}")
+        many = str(count) if count < 10**15 else "its"
+        raise InputError(f"{study.name}: sweep: {many} runs are more than {_LARGEST}")
+    axes = [list(_points(axis)) for axis in study.sweep]
     runs: dict[str, Study] = {}
     for (scenario, settings), *points in itertools.product(named, *axes):
         values = dict(settings)

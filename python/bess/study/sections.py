@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from datetime import UTC, datetime
@@ -250,6 +251,13 @@ class Axis(Section):
     count: Annotated[int, Field(ge=2)] | None = None
     simplex: Annotated[tuple[str, ...], Field(min_length=2)] | None = None
     divisions: Count | None = None
+
+    @property
+    def size(self) -> int:
+        """Number of points, without making them."""
+        if self.simplex is not None and self.divisions is not None:
+            return math.comb(self.divisions + len(self.simplex) - 1, self.divisions)
+        return self.count if self.values is None and self.count is not None else len(self.values or ())
 
     @model_validator(mode="after")
     def _check(self) -> Self:

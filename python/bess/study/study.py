@@ -81,7 +81,7 @@ class Study(Section):
             if "." not in key and isinstance(value, Mapping):
                 raise InputError(f"{key}: give one key of this section, such as {key}.NAME = VALUE")
             document = with_value(document, key, value)
-            check_keys(with_value({}, key, value) if "." in key else {key: value}, type(self), "--set")
+            check_keys(with_value({}, key, value) if "." in key else {key: value}, type(self), self.name)
         document = _with_absolute_paths(document, Path.cwd())
         return self.from_document(document, self.name)
 
@@ -137,6 +137,15 @@ def load_study(name: str | Path, values: Mapping[str, Any] | None = None) -> Stu
     if folder is not None:
         document = _with_absolute_paths(document, folder)
     return Study.from_document(document, str(name)).with_values(values or {})
+
+
+def as_study(study: Study | str | Path) -> Study:
+    """Return a study given as such, or by a bundled name or a path."""
+    if isinstance(study, Study):
+        return study
+    if isinstance(study, str | Path):
+        return load_study(study)
+    raise InputError(f"a study is a bess.Study, a bundled name or a path, not {type(study).__name__}")
 
 
 def _name_from(path: Path) -> str:

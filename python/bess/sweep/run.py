@@ -13,7 +13,7 @@ from bess.extras import extra
 from bess.record.atomic import folder_in
 from bess.simulation import prepare_folder, write_summary
 from bess.study.scenarios import expand
-from bess.study.study import Study, load_study
+from bess.study.study import Study, as_study
 from bess.sweep.cluster import workers_for
 from bess.sweep.table import SWEEP_CSV, swept_keys, write_table
 from bess.sweep.task import Outcome, run_scenario
@@ -94,8 +94,7 @@ def run_sweep(
     with extra("sweep", "a sweep"):
         import distributed  # noqa: F401 - before a folder is made
         import pyarrow  # noqa: F401
-    if not isinstance(study, Study):
-        study = load_study(study)
+    study = as_study(study)
     studies = expand(study)
     directory = Path(out).absolute()
     folders = {name: folder_in(directory, name) for name in studies}
