@@ -35,6 +35,7 @@ _OFFSET: Final = re.compile(
 )
 _NAMED: Final = {"Z": 0.0, "UTC": 0.0, "GMT": 0.0, "CET": 1.0, "CEST": 2.0}
 _ISO: Final = re.compile(r"(?:\d{4}-\d\d-\d\d[ T]\d\d:\d\d(?::\d\d)?\n)+", re.ASCII)
+_LIKE_DATE: Final = re.compile(r"\d{1,8}[-./:]\d{1,4}([-./]\d|$)|[A-Za-z]{3} \d")
 _END_OF_DAY: Final = re.compile(r"^(.*\d) 24:00((?::00)?)$")
 _SPACES: Final = re.compile(r"[\s\u00a0\u202f]+|(?<=\d)T(?=\d)|(?<=\d), (?=\d\d?:)")
 
@@ -129,6 +130,8 @@ def _shift_h(match: re.Match[str]) -> float:
 def is_time(cell: str) -> bool:
     """Tell whether a cell begins with a time."""
     text = _SPACES.sub(" ", cell)[:16].strip()
+    if not (text.isdigit() or _LIKE_DATE.match(text)):
+        return False
     wall = _parse_digits([text]) if text.isdigit() else _parse([text])
     return bool(wall.notna()[0]) and _YEARS[0] <= wall.year[0] <= _YEARS[1]
 
