@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,6 +16,21 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
+
+
+class Format(StrEnum):
+    """Kinds of table that ``bess export`` writes."""
+
+    CSV = "csv"
+    PARQUET = "parquet"
+
+
+class Kind(StrEnum):
+    """Kinds of file that ``bess schema`` describes."""
+
+    STUDY = "study"
+    SYSTEM = "system"
+
 
 StudyName = Annotated[
     str, typer.Argument(metavar="STUDY", help="Bundled study (see bess list) or a TOML file.")
@@ -106,6 +122,60 @@ def report(
     from bess.report import write_report
 
     print(write_report(directory))
+
+
+@app.command()
+def compare(
+    directories: Annotated[
+        list[Path], typer.Argument(metavar="DIR DIR...", help="Folders of runs, or one of several.")
+    ],
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the page.")] = Path(
+        "comparison"
+    ),
+) -> None:
+    """Set runs side by side: their key figures here, figures and a page in a folder."""
+    from bess.cli.comparing import runs_of
+    from bess.cli.kpi_table import kpi_table
+    from bess.report.page import write_comparison
+
+    runs = runs_of(directories)
+    print(kpi_table({name: run.kpis for name, run in runs.items()}))
+    print(f"\n{write_comparison(runs, out)}")
+
+
+@app.command()
+def export(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run or of several.")],
+    kind: Annotated[Format, typer.Option("--format", help="Kind of table.")] = Format.CSV,
+) -> None:
+    """Write the record of a run as a table for other tools."""
+    from bess.cli.exporting import export
+
+    for path in export(directory, kind):
+        print(path)
+
+
+@app.command()
+def init(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder for the study.")] = Path(),
+) -> None:
+    """Write a commented study to start from."""
+    from bess.cli.starting import start
+
+    path = start(directory)
+    print(f"{path}: a study to start from; bess run {path} runs it as it is.")
+
+
+@app.command()
+def schema(
+    kind: Annotated[Kind, typer.Argument(metavar="study|system", help="Kind of file.")],
+) -> None:
+    """Print the JSON schema of study or system files, for completion in editors."""
+    import json
+
+    from bess.study.reference import schema
+
+    print(json.dumps(schema(kind.value), indent=2, ensure_ascii=False))
 
 
 @app.command()

@@ -6,10 +6,12 @@ overflows. Strings and booleans are not numbers here, and neither are NaN and in
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic_core import CoreSchema, core_schema
 
 from bess._core import ageing_models
 from bess.parameters.state import SOH_CAPACITY_RANGE, SOH_RESISTANCE_RANGE
@@ -17,18 +19,41 @@ from bess.parameters.state import SOH_CAPACITY_RANGE, SOH_RESISTANCE_RANGE
 _STRICT = Field(strict=True)
 
 
-def within(
-    low: float, high: float, unit: str = "", *, above: bool = False, below: bool = False
-) -> AfterValidator:
+@dataclass(frozen=True)
+class Within:
     """Refuse a number outside ``[low, high]``; ``above`` and ``below`` leave that end out of the range."""
-    allowed = f"{'(' if above else '['}{low:g}, {high:g}{')' if below else ']'}{unit and ' ' + unit}"
 
-    def check(value: float) -> float:
-        if low < value < high or (value == low and not above) or (value == high and not below):
+    low: float
+    high: float
+    unit: str
+    above: bool
+    below: bool
+
+    def __call__(self, value: float) -> float:
+        """Return the value, or say what is allowed."""
+        inside = self.low < value < self.high
+        if inside or (value == self.low and not self.above) or (value == self.high and not self.below):
             return value
-        raise ValueError(f"must be in {allowed}")
+        left, right = "(" if self.above else "[", ")" if self.below else "]"
+        unit = f" {self.unit}" if self.unit else ""
+        raise ValueError(f"must be in {left}{self.low:g}, {self.high:g}{right}{unit}")
 
-    return AfterValidator(check)
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Check after the type of the field."""
+        return core_schema.no_info_after_validator_function(self, handler(source))
+
+    def __get_pydantic_json_schema__(self, made: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """The range in the words of JSON schema."""
+        low, high = (
+            "exclusiveMinimum" if self.above else "minimum",
+            "exclusiveMaximum" if self.below else "maximum",
+        )
+        return {**handler(made), low: self.low, high: self.high}
+
+
+def within(low: float, high: float, unit: str = "", *, above: bool = False, below: bool = False) -> Within:
+    """Return what refuses a number outside ``[low, high]``; see :class:`Within`."""
+    return Within(low, high, unit, above, below)
 
 
 Count = Annotated[int, _STRICT, within(1, 10_000)]

@@ -53,7 +53,9 @@ def comparison(runs: Mapping[str, Run]) -> Iterator[Exhibit]:
         "Better is outwards; every axis runs from the worst to the best value met, written at its end.",
         partial(figures.kpi_radar, kpis),
     )
-    yield _mean_temperature(runs)
+    together = _share_their_time(runs)
+    if together:
+        yield _mean_temperature(runs)
     yield Exhibit(
         "durations",
         "Duration curves",
@@ -61,7 +63,7 @@ def comparison(runs: Mapping[str, Run]) -> Iterator[Exhibit]:
         "this hot.",
         partial(charts.duration_curves, results),
     )
-    if any(_spread_apart(run) for run in runs.values()):
+    if together and any(_spread_apart(run) for run in runs.values()):
         yield Exhibit(
             "spread",
             "Differences between strings",
@@ -180,6 +182,12 @@ def _mean_temperature(runs: Mapping[str, Run]) -> Exhibit:
             derating_start_c=first.system.strings[0].derating.start_c,
         ),
     )
+
+
+def _share_their_time(runs: Mapping[str, Run]) -> bool:
+    """Whether all runs have the same steps, so that one axis serves for them."""
+    first, *others = (run.dataset["time"].values for run in runs.values())
+    return all(np.array_equal(first, other) for other in others)
 
 
 def _spread_apart(run: Run) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -11,7 +12,9 @@ from typing import Any
 from urllib.parse import quote
 
 from bess import __version__
+from bess.errors import InputError
 from bess.record.atomic import write_bytes
+from bess.record.identity import IDENTITY
 from bess.report.contents import MOST_COMPARED, Exhibit, comparison, optimiser, over_time, overview
 from bess.report.headline import tiles
 from bess.report.interactive import Entry, bokeh_document, bokeh_script, legend
@@ -75,7 +78,7 @@ def write_report(directory: str | Path) -> Path:
     """
     directory = Path(directory)
     runs, problems = runs_in(directory)
-    if len(runs) == 1 and (directory / "run.json").exists():
+    if len(runs) == 1 and (directory / IDENTITY).exists():
         (run,) = runs.values()
         return _run_page(directory, run, problems)
     sweep = read_sweep(directory)
@@ -85,8 +88,8 @@ def write_report(directory: str | Path) -> Path:
     return _comparison_page(directory, runs, problems, sweep)
 
 
-def write_comparison(runs: dict[str, Run], directory: Path, title: str) -> Path:
-    """Write a page that sets runs of any folders side by side; each gets a page of its own beside its record.
+def write_comparison(runs: dict[str, Run], directory: Path) -> Path:
+    """Write a page that sets runs of any folders side by side, and leads to those that have a page.
 
     Parameters
     ----------
@@ -94,15 +97,22 @@ def write_comparison(runs: dict[str, Run], directory: Path, title: str) -> Path:
         By the name to show.
     directory
         Folder for the page and its figures.
-    title
-        Of the page.
+
+    Raises
+    ------
+    InputError
+        If the folder holds a run, or cannot be made.
     """
-    for name, run in runs.items():
-        _run_page(run.directory, run, {}, title=name)
-    return _comparison_page(directory, runs, {}, None, title=title)
+    if (directory / IDENTITY).exists():
+        raise InputError(f"{directory}: holds a run itself; use another --out for the comparison")
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{directory}: cannot be made ({error.strerror}); use another --out") from error
+    return _comparison_page(directory, runs, {}, None, title="Comparison of " + ", ".join(runs))
 
 
-def _run_page(directory: Path, run: Run, problems: dict[str, str], within: str = "", title: str = "") -> Path:
+def _run_page(directory: Path, run: Run, problems: dict[str, str], within: str = "") -> Path:
     folder = directory / FIGURES
     sections = [
         _section("overview", "Overview", overview(run), folder),
@@ -111,7 +121,7 @@ def _run_page(directory: Path, run: Run, problems: dict[str, str], within: str =
     ]
     one = {run.name: run}
     values = {
-        "title": title or (run.name if within else _title(directory)),
+        "title": run.name if within else _title(directory),
         "within": within,
         "subject": subject(one),
         "summary": summary(one),
@@ -224,10 +234,7 @@ def _link(directory: Path, run: Run) -> str:
     page = run.directory / REPORT
     if not page.exists():
         return ""
-    try:
-        return page.relative_to(directory).as_posix()
-    except ValueError:
-        return page.resolve().as_uri()
+    return Path(os.path.relpath(page, directory)).as_posix()
 
 
 def _title(directory: Path) -> str:

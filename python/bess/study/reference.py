@@ -1,0 +1,239 @@
+"""Every key of a study file and of a system file: type, unit, default, range and meaning.
+
+Names, types, defaults and ranges are read from the models that check the files, meanings from
+``bess/data/keys.toml``. The schemas of ``bess schema``, the study of ``bess init`` and the tables of the
+manual are made of them.
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from typing import Any, Final, Literal
+
+from pydantic import create_model
+
+from bess.parameters.battery import Battery
+from bess.parameters.section import Section
+from bess.parameters.sections import About, Control, Derating, Inverter, Site, Thermal, Wear
+from bess.study.study import Study
+
+Kind = Literal["study", "system"]
+KINDS: Final[tuple[Kind, ...]] = ("study", "system")
+
+# The first ending that fits; longer ones stand before those they end with.
+_UNITS: Final = {
+    "eur_mwh": "EUR/MWh", "eur_per_mwh": "EUR/MWh", "eur_kwh": "EUR/kWh", "_eur": "EUR", "_kwh": "kWh",
+    "_kw": "kW", "_kg_m3": "kg/m³", "_j_kgk": "J/(kg K)", "_w_m2k": "W/(m² K)", "_w_mk": "W/(m K)",
+    "_kg_s": "kg/s", "_m2": "m²", "_k_per_j": "K/J", "_per_k_step": "1/(K step)", "_per_k": "1/K",
+    "_per_s": "1/s", "_mohm": "mΩ", "_ah": "Ah", "_kg": "kg", "soc_min": "", "_min": "min", "_h": "h",
+    "_s": "s", "_c": "°C", "_k": "K", "_m": "m", "days": "days",
+}  # fmt: skip
+_COMPONENTS: Final = {"Battery": "cell", "Inverter": "model"}
+"""Keys of a system file that stand for a bundled component and are gone once it is put in their place."""
+
+
+@dataclass(frozen=True)
+class Key:
+    """One key of a file.
+
+    Attributes
+    ----------
+    section : str
+        Header it stands under, such as ``[demand]`` or ``[[event]]``; of a kind of demand, with the kind.
+    key : str
+        Dotted, from the root of the file.
+    type, unit, default, allowed : str
+        As shown; empty where there is none.
+    meaning : str
+        One sentence.
+    """
+
+    section: str
+    key: str
+    type: str
+    unit: str
+    default: str
+    allowed: str
+    meaning: str
+
+
+@cache
+def meanings(kind: Kind) -> dict[str, str]:
+    """Meaning of each dotted key; ``*`` stands for one name."""
+    text = (resources.files("bess.data") / "keys.toml").read_text("utf-8")
+    entries: dict[str, str] = tomllib.loads(text)[kind]
+    return entries
+
+
+def schema(kind: Kind) -> dict[str, Any]:
+    """JSON schema (draft 2020-12) of a study or system file, with a description and a unit for each key.
+
+    It is for completion and checks in editors, so it does not insist on what may come from elsewhere: the
+    name of a study from that of its file, a section of a system from a bundled component or a ``[[string]]``
+    table.
+    """
+    made = _described(kind)
+    if kind == "study":
+        made["required"] = [name for name in made["required"] if name != "name"]
+    else:
+        sections = {name: field for name, field in made["properties"].items() if name != "about"}
+        made["properties"]["string"] = {
+            "type": "array",
+            "description": "What differs in one string, in the order of the strings.",
+            "items": {"type": "object", "properties": sections, "additionalProperties": False},
+        }
+        for table in (made, *made["$defs"].values()):
+            table.pop("required", None)
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **made, "title": f"bess {kind} file"}
+
+
+def _described(kind: Kind) -> dict[str, Any]:
+    model = Study if kind == "study" else _system_file()
+    made: dict[str, Any] = model.model_json_schema()
+    if kind == "system":
+        for section, key in _COMPONENTS.items():
+            made["$defs"][section]["properties"] = {
+                key: {"type": "string"},
+                **made["$defs"][section]["properties"],
+            }
+    for prefix, _, table in _tables(made, made):
+        for name, field in table.get("properties", {}).items():
+            if meaning := _meaning(kind, prefix + name):
+                field["description"] = meaning
+            if unit := _unit(name):
+                field["x-unit"] = unit
+    return made
+
+
+def keys(kind: Kind) -> list[Key]:
+    """All keys of a study or system file, in the order of the models."""
+    made = _described(kind)
+    found: dict[tuple[str, str], Key] = {}
+    for prefix, header, table in _tables(made, made):
+        for name, field in table.get("properties", {}).items():
+            options = _options(field, made)
+            if _is_section(options, made):
+                continue
+            dotted = prefix + name
+            default = "name of the file" if dotted == "name" else _default(field, name, table)
+            meaning = _meaning(kind, dotted)
+            entry = Key(header, dotted, _type(options), _unit(name), default, _allowed(options), meaning)
+            found.setdefault((header, dotted), entry)
+    return list(found.values())
+
+
+def _system_file() -> type[Section]:
+    sections: dict[str, Any] = {
+        "about": (About | None, None),
+        "system": (Site, ...),
+        "battery": (Battery, ...),
+        "inverter": (Inverter, ...),
+        "derating": (Derating, ...),
+        "thermal": (Thermal, ...),
+        "wear": (Wear, Wear()),
+        "control": (Control, Control()),
+    }
+    return create_model("SystemFile", __base__=Section, **sections)
+
+
+def _tables(
+    field: dict[str, Any], root: dict[str, Any], prefix: str = "", header: str = "", many: bool = False
+) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    """Every table of a schema: prefix of its keys, header in the file, and its schema."""
+    for option in _options(field, root):
+        if option.get("type") == "array" and isinstance(option.get("items"), dict):
+            yield from _tables(option["items"], root, prefix, header, many=True)
+        if "properties" not in option:
+            continue
+        name = prefix.rstrip(".")
+        here = header or (f"[[{name}]]" if many else f"[{name}]" if name else "")
+        kind = option["properties"].get("kind", {}).get("const")
+        yield prefix, f'{here} kind = "{kind}"' if kind and prefix else here, option
+        for key, below in option["properties"].items():
+            yield from _tables(below, root, f"{prefix}{key}.")
+
+
+def _options(field: dict[str, Any], root: dict[str, Any]) -> list[dict[str, Any]]:
+    """What a field may be, references followed, null left out."""
+    if "$ref" in field:
+        name = field["$ref"].rpartition("/")[2]
+        return _options(root["$defs"][name], root)
+    for word in ("anyOf", "oneOf", "allOf"):
+        if word in field:
+            return [option for part in field[word] for option in _options(part, root)]
+    return [] if field.get("type") == "null" else [field]
+
+
+def _is_section(options: list[dict[str, Any]], root: dict[str, Any]) -> bool:
+    """Whether a field is a table, or a list of tables, whose keys are listed by themselves."""
+    if any(option.get("type") in ("number", "integer") for option in options):
+        return False
+    items = [part for option in options for part in _options(option.get("items") or {"type": "null"}, root)]
+    return any("properties" in option for option in (*options, *items))
+
+
+def _meaning(kind: Kind, key: str) -> str:
+    known = meanings(kind)
+    parts = key.split(".")
+    starred = ".".join([*parts[:-2], "*", parts[-1]]) if len(parts) > 2 else key
+    return known.get(key, known.get(starred, ""))
+
+
+def _unit(name: str) -> str:
+    return next((unit for ending, unit in _UNITS.items() if name.endswith(ending)), "")
+
+
+def _type(options: list[dict[str, Any]]) -> str:
+    words = {
+        "number": "number",
+        "integer": "whole number",
+        "string": "text",
+        "boolean": "true or false",
+        "object": "table",
+    }
+    shown = []
+    for option in options:
+        if option.get("format") == "date-time":
+            shown.append("instant")
+        elif "enum" in option or "const" in option:
+            shown.append("one of")
+        elif option.get("type") == "array":
+            shown.append("list")
+        else:
+            shown.append(words.get(option.get("type", ""), "any"))
+    return " or ".join(dict.fromkeys(shown))
+
+
+def _default(field: dict[str, Any], name: str, table: dict[str, Any]) -> str:
+    if name in table.get("required", ()):
+        return "required"
+    value = field.get("default")
+    return "" if value is None or value == {} else json.dumps(value, ensure_ascii=False)
+
+
+def _allowed(options: list[dict[str, Any]]) -> str:
+    shown = []
+    for option in options:
+        if "enum" in option or "const" in option:
+            shown.append(", ".join(json.dumps(value) for value in option.get("enum", [option.get("const")])))
+        elif option.get("type") == "array" and isinstance(option.get("items"), dict):
+            shown.append(_range(option["items"]))
+        else:
+            shown.append(_range(option))
+    return "; ".join(dict.fromkeys(filter(None, shown)))
+
+
+def _range(option: dict[str, Any]) -> str:
+    low, high = (
+        option.get(word, option.get(f"exclusive{word.capitalize()}")) for word in ("minimum", "maximum")
+    )
+    if low is None and high is None:
+        return ""
+    left = "(" if "exclusiveMinimum" in option else "["
+    right = ")" if "exclusiveMaximum" in option or high is None else "]"
+    return f"{left}{low:g}, {'∞' if high is None else f'{high:g}'}{right}"
