@@ -1,4 +1,4 @@
-"""The plant as one store: what all strings together lose, hold and deliver, for a dispatch that plans with it."""
+"""The plant as one store: what all strings together lose, hold and deliver."""
 
 from __future__ import annotations
 
@@ -10,9 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bess import _core
-from bess.errors import InputError
 from bess.parameters import State, System
-from bess.units import SECONDS_PER_HOUR
+from bess.units import SECONDS_PER_HOUR, WATTS_PER_KW
 
 Array = npt.NDArray[np.float64]
 
@@ -85,8 +84,10 @@ class Rolled:
         Of each string, likewise.
     availability_kw : ndarray, shape (n_steps,)
         Asked for, not delivered by strings that are full or empty, a magnitude.
-    idle_strings_kw : ndarray, shape (n_steps,)
+    standby_kw : ndarray, shape (n_steps,)
         Standby of the inverters that are off.
+    starts : int
+        Starts of inverters after the first step.
     """
 
     delivered_kw: Array
@@ -95,6 +96,7 @@ class Rolled:
     temperature_c: Array
     availability_kw: Array
     standby_kw: Array
+    starts: int
 
 
 class Aggregate:
@@ -106,52 +108,63 @@ class Aggregate:
         The plant.
     dt_h : float
         Control step [h].
+    state : State
+        Whose state of health the strings have; the rest of it does not matter.
     limit_kw : array, shape (n_strings,)
-        Power of each inverter in service.
+        Power of each inverter in service, not all 0.
     """
 
-    def __init__(self, system: System, dt_h: float, limit_kw: Array):
+    def __init__(self, system: System, dt_h: float, state: State, limit_kw: Array):
         self.system, self.dt_h = system, dt_h
         self.limit_kw = np.minimum(limit_kw, system.nominal_kw)
         self.power_kw = float(self.limit_kw.sum())
-        if self.power_kw <= 0.0:
-            raise InputError("dispatch: no inverter is in service")
-        self._model = _core.ControlModel(system.core)
+        health = _rounded(state)
+        self._health = health
+        self._core = system.core if health.is_fresh else system.core_at(health)
+        self._model = _core.ControlModel(self._core)
         self._substeps = max(1, round(dt_h / _SUBSTEP_H))
         batteries = [string.battery for string in system.strings]
         self.soc_min = np.array([battery.soc_min for battery in batteries])
         self.soc_max = np.array([battery.soc_max for battery in batteries])
-        self._soc_grid, self._energy_grid = _energy_tables(system, self.soc_min)
-        self.capacity_kwh = float(self.energy_kwh(self.soc_max))
-        self.standby_kw = np.array([s.inverter.off_loss for s in system.strings]) * system.nominal_kw
+        self._soc_grid, self._energy_grid = _energy_tables(system, health, self.soc_min)
+        self.string_energy_kwh = self._energies_kwh(self.soc_max)
+        self.capacity_kwh = float(self.string_energy_kwh.sum())
+        self._off_kw = np.array([s.inverter.off_loss for s in system.strings]) * system.nominal_kw
         lumped = [string.thermal.lumped for string in system.strings]
-        weight = np.array([1.0 / (1e3 * each.k1_k_per_j) for each in lumped])
-        self._heat_weight = weight / weight.sum()
-        self.warming_k_per_kwh = SECONDS_PER_HOUR / float(weight.sum())
-        self.cooling_per_h = SECONDS_PER_HOUR * float(
-            (self._heat_weight * [each.k2_per_s for each in lumped]).sum()
+        mass = np.array([1.0 / (WATTS_PER_KW * each.k1_k_per_j) for each in lumped])
+        cooling = np.array([each.k2_per_s for each in lumped])
+        self._mass_share = mass / mass.sum()
+        self.warming_k_per_kwh = SECONDS_PER_HOUR / float(mass.sum())
+        self.cooling_per_h = SECONDS_PER_HOUR * float(self._mass_share @ cooling)
+        middle = np.clip(np.full(system.n_strings, _REFERENCE_SOC), self.soc_min, self.soc_max)
+        self._reference = self._ohm_per_v2(middle[:, None], np.full((system.n_strings, 1), _REFERENCE_C))
+        self.curves = (self._curve(middle, -1.0), self._curve(middle, 1.0))
+        self.stored_per_charged = self._voltage_ratio()
+
+    def fits(self, state: State, limit_kw: Array) -> bool:
+        """Whether strings of this state and in this service are the ones described here."""
+        health = _rounded(state)
+        return (
+            np.array_equal(self.limit_kw, np.minimum(limit_kw, self.system.nominal_kw))
+            and np.array_equal(self._health.soh_capacity, health.soh_capacity)
+            and np.array_equal(self._health.soh_resistance, health.soh_resistance)
         )
-        reference = State(np.full(system.n_strings, _REFERENCE_SOC), np.full(system.n_strings, _REFERENCE_C))
-        reference = State(np.clip(reference.soc, self.soc_min, self.soc_max), reference.temperature_c)
-        self.curves = (self._curve(reference, -1.0), self._curve(reference, 1.0))
-        self._reference = self._ohm_per_v2(reference.soc[:, None], reference.temperature_c[:, None])
-        self._charge_voltage = self._voltage_ratio()
 
     def energy_kwh(self, soc: Array) -> Array:
         """Energy above the lower SOC limits, by the OCV of discharge; strings along the first axis."""
-        each = [
-            np.interp(soc[m], self._soc_grid[m], self._energy_grid[m]) for m in range(self.system.n_strings)
-        ]
-        return np.asarray(np.sum(each, axis=0))
+        return np.asarray(self._energies_kwh(soc).sum(axis=0))
+
+    def _energies_kwh(self, soc: Array) -> Array:
+        return np.array(
+            [
+                np.interp(each, grid, energy)
+                for each, grid, energy in zip(soc, self._soc_grid, self._energy_grid, strict=True)
+            ]
+        )
 
     def mean_c(self, temperature_c: Array) -> Array:
         """Temperature of the whole plant; strings along the first axis."""
-        return np.tensordot(self._heat_weight, temperature_c, axes=1)
-
-    @property
-    def stored_per_charged(self) -> float:
-        """Energy (by the OCV of discharge) that a kWh at the OCV of charge stores, <= 1 for the hysteresis."""
-        return self._charge_voltage
+        return np.tensordot(self._mass_share, temperature_c, axes=1)
 
     def resistance_factor(self, soc: Array, temperature_c: Array) -> tuple[Array, Array]:
         """Heat at given power over that at the reference state, in charge and in discharge.
@@ -167,7 +180,7 @@ class Aggregate:
         return charge, discharge
 
     def deep_banks(self) -> tuple[Array, Array]:
-        """Parts of the store by SOC, from the top: energies [kWh], and their resistance over that of the first.
+        """Parts of the store from the top down: energies [kWh], and resistances over that of the first.
 
         Resistance climbs steeply towards empty in some cells; there the store is cut where it has grown by
         :data:`_DEEP`.
@@ -198,9 +211,7 @@ class Aggregate:
         fine_ambient = np.repeat(ambient_c, parts)
         for _ in range(3):
             fine = np.repeat(request, parts, axis=1)[None]
-            flows = self._model.rollout(
-                state.soc, state.temperature_c, fine, fine_ambient, self.dt_h / parts
-            )
+            flows = self._model.rollout(state.soc, state.temperature_c, fine, fine_ambient, self.dt_h / parts)
             delivered, shed = (
                 flow[0].reshape(strings, steps, parts).mean(axis=2) for flow in (flows[0], flows[1])
             )
@@ -217,7 +228,8 @@ class Aggregate:
             soc=soc,
             temperature_c=temperature,
             availability_kw=shed.sum(axis=0),
-            standby_kw=self.standby_kw @ (request == 0.0),
+            standby_kw=self._off_kw @ (request == 0.0),
+            starts=int(np.count_nonzero((request[:, 1:] != 0.0) & (request[:, :-1] == 0.0))),
         )
 
     def _shared(self, demand_kw: Array) -> Array:
@@ -232,7 +244,7 @@ class Aggregate:
         return request
 
     def _moved(self, request: Array, shed: Array) -> Array | None:
-        """Requests with what was shed moved to strings that shed nothing; None if there is nothing to move."""
+        """Requests with what was shed moved to strings that shed nothing; None if nothing was."""
         least_kw = 1e-6 * self.power_kw
         lost = np.where(shed > least_kw, shed, 0.0)
         free = np.where(lost > 0.0, 0.0, np.maximum(self.limit_kw[:, None] - np.abs(request), 0.0))
@@ -244,10 +256,11 @@ class Aggregate:
         given = free * (amount / np.maximum(room, least_kw))
         taken = lost * (amount / np.maximum(total, least_kw))
         magnitude = np.clip(np.abs(request) + given - taken, 0.0, self.limit_kw[:, None])
-        return np.sign(request.sum(axis=0)) * magnitude
+        return np.asarray(np.sign(request.sum(axis=0)) * magnitude)
 
-    def _curve(self, state: State, sign: float) -> Curve:
+    def _curve(self, soc: Array, sign: float) -> Curve:
         strings = self.system.n_strings
+        warm_c = np.full(strings, _REFERENCE_C)
         power = np.linspace(0.0, self.power_kw, _POWERS + 1)
         share = np.zeros((power.size, strings))
         costs, tolerance = np.ones((1, strings, 4)), np.zeros(1)
@@ -255,14 +268,11 @@ class Aggregate:
         step = (np.array([self.system.ambient_c]), _SUBSTEP_H, self.limit_kw[:, None])
         for i, total in enumerate(power[1:], start=1):
             horizon = _core.ControlHorizon(
-                self.system.core, state.soc, state.temperature_c, np.array([sign * total]),
+                self._core, soc, warm_c, np.array([sign * total]),
                 *step, costs, tolerance, tolerance,
             )  # fmt: skip
             share[i] = np.abs(horizon.greedy()[0][:, 0])
-        inverter, heat = np.zeros(power.size), np.zeros(power.size)
-        flows = self._model.rollout(
-            state.soc, state.temperature_c, sign * share[:, :, None], step[0], _SUBSTEP_H
-        )
+        flows = self._model.rollout(soc, warm_c, sign * share[:, :, None], step[0], _SUBSTEP_H)
         inverter, heat = flows[3][:, :, 0].sum(axis=1), flows[4][:, :, 0].sum(axis=1)
         return Curve(power, share, inverter, heat)
 
@@ -280,7 +290,7 @@ class Aggregate:
         found = []
         for sign in (-1.0, 1.0):
             horizon = _core.ControlHorizon(
-                self.system.core, soc[:, 0], temperature_c[:, 0], np.full(steps, sign * self.power_kw),
+                self._core, soc[:, 0], temperature_c[:, 0], np.full(steps, sign * self.power_kw),
                 np.full(steps, self.system.ambient_c), self.dt_h, limit,
                 np.ones((1, self.system.n_strings, 4)), np.zeros(1), np.zeros(1),
             )  # fmt: skip
@@ -296,16 +306,27 @@ class Aggregate:
         return float(discharge.sum() / charge.sum())
 
 
-def _energy_tables(system: System, soc_min: Array) -> tuple[list[Array], list[Array]]:
+def _energy_tables(system: System, health: State, soc_min: Array) -> tuple[list[Array], list[Array]]:
     """Energy [kWh] of each string above its lower SOC limit, over a grid of SOC, at 25 degC."""
     grids, energies = [], []
+    capacity_ah = system.capacity_ah * health.soh_capacity
     for m, string in enumerate(system.strings):
         ocv = string.battery.ocv_v
         row = int(np.argmin(np.abs(np.array(ocv.temperature_c) - 25.0)))
         soc = np.unique(np.r_[np.array(ocv.soc), np.linspace(ocv.soc[0], ocv.soc[-1], 101)])
         volt = np.interp(soc, ocv.soc, ocv.discharge[row]) * string.battery.cells_series
         energy = np.r_[0.0, np.cumsum(np.diff(soc) * 0.5 * (volt[1:] + volt[:-1]))]
-        energy *= system.capacity_ah[m] / 1000.0
+        energy *= capacity_ah[m] / WATTS_PER_KW
         grids.append(soc)
         energies.append(energy - np.interp(soc_min[m], soc, energy))
     return grids, energies
+
+
+def _rounded(state: State) -> State:
+    """State of health to a thousandth: what a plan can tell apart, and what is worth new tables."""
+    return State(
+        np.full(state.n_strings, _REFERENCE_SOC),
+        np.full(state.n_strings, _REFERENCE_C),
+        np.clip(np.round(state.soh_capacity, 3), 0.01, None),
+        np.clip(np.round(state.soh_resistance, 3), 0.1, None),
+    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -12,10 +12,11 @@ from scipy import sparse
 
 from bess.errors import BessError
 
-if TYPE_CHECKING:
-    import highspy
-
 Array = npt.NDArray[np.float64]
+
+
+_DEVEX: Final = 1
+"""Weights of the dual simplex method that are quicker here than the steepest edge."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,8 @@ class Numbers:
         What a kWh charged costs, a kWh discharged earns.
     shortfall_eur : ndarray
         What a kWh asked for and not delivered costs.
+    holding_eur : float
+        What holding a kWh for an hour costs.
     end_eur : float
         Value of a kWh stored at the end.
     heat_charge, heat_discharge : ndarray
@@ -84,6 +87,7 @@ class Numbers:
     charge_eur: Array
     discharge_eur: Array
     shortfall_eur: Array
+    holding_eur: float
     end_eur: float
     heat_charge: Array
     heat_discharge: Array
@@ -95,17 +99,18 @@ class Numbers:
 
 
 class StoreProgram:
-    r"""Maximise income over the steps of a plan; powers in pieces, the store in banks, in the order of losses.
+    r"""Maximise income over the steps of a plan; powers in pieces, the store in banks.
 
-    With charging :math:`c` and discharging :math:`d` (AC, pieces :math:`i`), what enters (:math:`g`) and leaves
-    (:math:`y`) each bank :math:`j` with energy :math:`e`, temperature :math:`\tau`, curtailed power :math:`q`:
+    With charging :math:`c` and discharging :math:`d` (AC, pieces :math:`i`), what enters (:math:`g`) and
+    leaves (:math:`y`) each bank :math:`j` with energy :math:`e`, temperature :math:`\tau`, curtailed power
+    :math:`q`:
 
     .. math::
        \sum_j g_{jt} (1 + x^c_j) &= \eta \sum_i c_{it} (1 - w_i - r_t h_i), \quad
        \sum_j y_{jt} (1 - x^d_j) = \sum_i d_{it} (1 + w_i + r_t h_i) \\
        e_{jt} &= e_{j,t-1} + \Delta t\,(g_{jt} - y_{jt}), \quad 0 \le e_{jt} \le E_j \\
-       \tau_t &= \tau_{t-1} + k_1 \Delta t\,\bigl(r_t \sum_i h_i (c_{it} + d_{it}) + \sum_j (x^c_j g_{jt} + x^d_j
-       y_{jt})\bigr) - k_2 \Delta t\,(\tau_{t-1} - \tau^{air}_t) \\
+       \tau_t &= \tau_{t-1} + k_1 \Delta t\,\bigl(r_t \sum_i h_i (c_{it} + d_{it})
+       + \sum_j (x^c_j g_{jt} + x^d_j y_{jt})\bigr) - k_2 \Delta t\,(\tau_{t-1} - \tau^{air}_t) \\
        q_t &\ge \hat p_t (1 - K(\tau_t)), \quad \sum_i (c_{it} + d_{it}) + q_t \le P, \quad
        \sum_{t \in \text{day}, j} y_{jt} \Delta t \le n E
 
@@ -144,10 +149,11 @@ class StoreProgram:
         import highspy
 
         self._fill(numbers)
-        solver = highspy.Highs()
+        solver = highspy.Highs()  # type: ignore[no-untyped-call]
         solver.setOptionValue("output_flag", False)
         solver.setOptionValue("threads", 1)
         solver.setOptionValue("presolve", "off")
+        solver.setOptionValue("simplex_dual_edge_weight_strategy", _DEVEX)
         solver.passModel(self._model(highspy))
         if self._basis is not None:
             solver.setBasis(self._basis)
@@ -160,10 +166,9 @@ class StoreProgram:
         return x[self._c].sum(axis=1), x[self._d].sum(axis=1)
 
     def _columns(self, steps: int) -> None:
-        """Columns step by step: pieces of both directions, three of each bank, temperature, curtailed power."""
+        """Columns of each step: pieces both ways, three of each bank, temperature, curtailed power."""
         n_c, n_d, n_b = (
-            part.size
-            for part in (self._charge.width_kw, self._discharge.width_kw, self._banks.size_kwh)
+            part.size for part in (self._charge.width_kw, self._discharge.width_kw, self._banks.size_kwh)
         )
         sizes = np.cumsum([0, n_c, n_d, n_b, n_b, n_b, 1, 1])
         first = sizes[-1] * np.arange(steps)
@@ -242,7 +247,8 @@ class StoreProgram:
         self._cost[self._d] = -(dt_h * numbers.discharge_eur)[:, None]
         self._cost[self._y] = dt_h * self._banks.wear_eur_kwh
         self._cost[self._q] = dt_h * numbers.shortfall_eur
-        self._cost[self._e[-1]] = -numbers.end_eur
+        self._cost[self._e] = dt_h * numbers.holding_eur
+        self._cost[self._e[-1]] -= numbers.end_eur
         for bound in (self._row_lower, self._row_upper):
             bound[self._balance[0]] = numbers.energy_kwh
             bound[self._heat] = numbers.warming_k
@@ -250,7 +256,7 @@ class StoreProgram:
         self._row_lower[self._curtail] = numbers.derated_kw[:, None] * self._tangents[:, 1]
         self._row_upper[self._cycle] = numbers.allowed_kwh
 
-    def _model(self, highspy: Any) -> highspy.HighsLp:
+    def _model(self, highspy: Any) -> Any:
         model = highspy.HighsLp()
         model.num_col_, model.num_row_ = self._cost.size, self._row_lower.size
         model.col_cost_, model.col_lower_, model.col_upper_ = self._cost, self._lower, self._upper
