@@ -36,7 +36,7 @@ def test_the_plant_delivers_what_a_plan_expects(soc: float, temperature_c: float
     assert np.abs(delivered_kw).sum() > 0.97 * np.abs(plan.demand_kw).sum()
     assert np.abs(delivered_kw - plan.expected_delivered_kw).sum() < 0.01 * np.abs(plan.demand_kw).sum()
     missing_eur = (np.abs(plan.demand_kw) - np.abs(delivered_kw)) @ (WAVE + 50.0) * 0.25e-3
-    assert delivered_kw @ WAVE * 0.25e-3 - missing_eur == pytest.approx(plan.expected_net_eur, rel=0.02)
+    assert delivered_kw @ WAVE * 0.25e-3 - missing_eur == pytest.approx(plan.expected_net_eur, rel=0.03)
 
 
 def test_a_plan_is_the_same_to_the_last_bit_whatever_was_planned_before() -> None:
