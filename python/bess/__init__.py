@@ -16,13 +16,13 @@ if TYPE_CHECKING:
         inverter_from_sandia,
         read_inverter,
     )
-    from bess.ems.plan import plan_dispatch
     from bess.errors import BessError, InputError, StoppedEarly
     from bess.market import read_prices, read_weather
     from bess.parameters import State, System, load_system
     from bess.plant import Fleet, Plant
     from bess.record import Result, open_result
     from bess.report import write_report
+    from bess.retrospect import Hindsight, hindsight
     from bess.simulation import run, run_scenarios
     from bess.split.objectives import Objective, Objectives
     from bess.split.outcome import GroupResult, Split, SplitStatus
@@ -49,7 +49,6 @@ _HOMES = {
     "Result": "bess.record",
     "Study": "bess.study",
     "load_study": "bess.study",
-    "plan_dispatch": "bess.ems.plan",
     "open_result": "bess.record",
     "run": "bess.simulation",
     "run_scenarios": "bess.simulation",
@@ -62,6 +61,8 @@ _HOMES = {
     "SplitStatus": "bess.split.outcome",
     "PowerSplit": "bess.split.power_split",
     "split_power": "bess.split.power_split",
+    "Hindsight": "bess.retrospect",
+    "hindsight": "bess.retrospect",
     "Rollout": "bess.split.rollout",
     "rollout": "bess.split.rollout",
     "SweepResult": "bess.sweep",
@@ -73,6 +74,7 @@ __all__ = [
     "BessError",
     "Fleet",
     "GroupResult",
+    "Hindsight",
     "InputError",
     "Objective",
     "Objectives",
@@ -87,6 +89,7 @@ __all__ = [
     "Study",
     "SweepResult",
     "System",
+    "hindsight",
     "inverter_from_efficiency",
     "inverter_from_loss",
     "inverter_from_sandia",
@@ -95,7 +98,6 @@ __all__ = [
     "load_study",
     "load_system",
     "open_result",
-    "plan_dispatch",
     "read_inverter",
     "read_prices",
     "read_weather",

@@ -21,6 +21,7 @@ ORDER = [
     ("record",),
     ("analysis",),
     ("simulation",),
+    ("retrospect",),
     ("sweep",),
     ("report",),
     ("cli",),

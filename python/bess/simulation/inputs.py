@@ -80,7 +80,7 @@ def prepare(study: Study) -> Inputs:
         ambient, found = _ambient(study.weather, study.weather.file, grid)
         files.append(Path(study.weather.file))
         notes += found
-    limit = _limits(study.event, system, grid)
+    limit = limits_of(study.event, system, grid)
     return Inputs(system, grid, horizon, asked.source, asked.price_eur_mwh, ambient, limit, files, notes)
 
 
@@ -96,7 +96,8 @@ def _ambient(choice: WeatherChoice, file: str, grid: Grid) -> tuple[Array, list[
     return values, notes + repair_notes(read)
 
 
-def _limits(events: tuple[Event, ...], system: System, grid: Grid) -> Array:
+def limits_of(events: tuple[Event, ...], system: System, grid: Grid) -> Array:
+    """Power of each inverter in service [kW], shape ``(n_steps, n_strings)``."""
     limit = np.broadcast_to(system.nominal_kw, (grid.n_steps, system.n_strings))
     if events:
         limit = limit.copy()

@@ -1,0 +1,372 @@
+r"""One string as an optimist sees it: every coefficient at its best over what a level of charge can show.
+
+The energy above the lower SOC limit is cut into levels. Within a level the plant's tables are replaced by the
+values that lose least, so whatever the plant does costs no less than the optimist reckons
+(``docs/hindsight.md`` has the proofs). Nothing here is an approximation that might err to the other side.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bess.parameters.battery import Battery
+from bess.parameters.parse import StringParameters
+from bess.split.envelope import Envelope
+
+Array = NDArray[np.float64]
+_Pick = Callable[..., Any]
+Law = Literal["table", "pi"]
+Lines = tuple[Array, Array]
+"""Intercepts and slopes of straight lines."""
+
+DISCHARGE, CHARGE = 1, -1
+
+_WARMEST_K = 500.0
+"""No cell is this much warmer than its surroundings [K]."""
+_LEAST_HEALTH = 0.2
+"""Share of its capacity at the start below which no string is used."""
+_LEVELS = {True: ((0.15, 0.4, 1.0), 5), False: ((0.2, 1.0), 3)}
+"""Ends of levels below the low-SOC switch, as shares of it, and number of ends above; fine or coarse."""
+
+
+@dataclass(frozen=True)
+class Direction:
+    """What holds in one direction of power.
+
+    Attributes
+    ----------
+    ratio : ndarray, shape (n_levels,)
+        Change of stored energy for each kWh of chemical energy ``V I dt``: the smallest when discharging, the
+        largest when charging.
+    ratio_against : ndarray, shape (n_levels,)
+        The largest when discharging, the smallest when charging.
+    root : ndarray, shape (n_levels,)
+        Heat [kW] is at least ``(sum_l root_l x_l)^2 / G`` for chemical powers ``x_l`` [kW] and conductance
+        ``G``.
+    conductance : (float, float)
+        ``G <= first + second * theta`` of a string whose mean temperature is ``theta`` above the reference.
+    loss : Lines
+        Inverter loss [kW] of an inverter that is on is above each of these lines over delivered power [kW].
+    loss_most : (float, float)
+        Intercept and slope of a line that it is below.
+    heat_most : ndarray, shape (n_levels,)
+        Heat is at most this share of the chemical power.
+    """
+
+    ratio: Array
+    ratio_against: Array
+    root: Array
+    conductance: tuple[float, float]
+    loss: Lines
+    loss_most: tuple[float, float]
+    heat_most: Array
+
+
+@dataclass(frozen=True)
+class _Store:
+    """Energy over SOC, counted with the largest discharge voltage at each SOC."""
+
+    soc: Array
+    voltage_v: Array
+    capacity_ah: float
+
+    def voltage(self, at: Array) -> Array:
+        return np.interp(at, self.soc, self.voltage_v)
+
+    def energy_kwh(self, at: Array) -> Array:
+        """Energy [kWh] between the first of ``at`` and each of them; voltage is linear between its knots."""
+        fine = np.unique([*at, *self.soc[(self.soc > at[0]) & (self.soc < at.max())]])
+        steps = np.diff(fine) * (self.voltage(fine[1:]) + self.voltage(fine[:-1])) / 2.0
+        whole = np.concatenate([[0.0], np.cumsum(steps)]) * self.capacity_ah / 1e3
+        return np.interp(at, fine, whole)
+
+
+@dataclass(frozen=True)
+class Optimist:
+    """A string, or several alike.
+
+    Attributes
+    ----------
+    nominal_kw, standby_kw : float
+        Nominal power, and loss of an inverter that is off.
+    reference_c : float
+        Temperature from which ``theta`` counts. That is the mean over a string's nodes of what each is above
+        it; below it neither resistance nor derating change any more.
+    edges : ndarray, shape (n_levels + 1,)
+        SOC at which levels meet.
+    energy_kwh : ndarray, shape (n_levels,)
+        Energy that a level holds, counted with the largest discharge voltage at each SOC.
+    discharge, charge : Direction
+        Coefficients.
+    derating : Lines
+        The derating factor is below each of these lines over ``theta`` [K].
+    hottest_k : float
+        Largest ``theta`` at which anything is delivered.
+    ages : bool
+        Whether capacity may fall, and with it the energy that a state of charge stands for.
+    burnt_kw : (float, float)
+        Most power a string can be charged with and store none of it, because its inverter loses more, and the
+        most heat this makes in its cells [kW].
+    """
+
+    nominal_kw: float
+    standby_kw: float
+    reference_c: float
+    edges: Array
+    energy_kwh: Array
+    discharge: Direction
+    charge: Direction
+    derating: Lines
+    hottest_k: float
+    ages: bool
+    burnt_kw: tuple[float, float]
+    _store: _Store
+
+    def stored_kwh(self, soc: float) -> Array:
+        """Energy in every level of a string at ``soc``, shape ``(n_levels,)``."""
+        return np.diff(self._store.energy_kwh(np.minimum(self.edges, max(soc, self.edges[0]))))
+
+    def direction(self, sign: int) -> Direction:
+        """Coefficients of :data:`DISCHARGE` or :data:`CHARGE`."""
+        return self.discharge if sign == DISCHARGE else self.charge
+
+
+def optimist(
+    string: StringParameters,
+    *,
+    coldest_c: float,
+    plant_step_s: float,
+    law: Law,
+    fine: bool = True,
+    soh_capacity: float = 1.0,
+    soh_resistance: float = 1.0,
+) -> Optimist:
+    """Read off a string's tables what loses least.
+
+    Parameters
+    ----------
+    string
+        Its parameters.
+    coldest_c
+        Temperature below which nothing of the string ever is [degC]: the lowest of start and ambient.
+    plant_step_s
+        Step of the plant [s]: within it the plant keeps voltage and resistance.
+    law
+        Derating law of the run.
+    fine
+        Cut the charge into seven levels instead of four.
+    soh_capacity, soh_resistance
+        Health at the start; a string does not recover.
+    """
+    battery, inverter = string.battery, string.inverter
+    soc = np.array(battery.ocv_v.soc)
+    volts = {
+        DISCHARGE: np.array(battery.ocv_v.discharge) * battery.cells_series,
+        CHARGE: np.array(battery.ocv_v.charge) * battery.cells_series,
+    }
+    highest = {sign: rows.max(axis=0) for sign, rows in volts.items()}
+    capacity_ah = battery.cell_capacity_ah * battery.cells_parallel * soh_capacity
+    store = _Store(soc, highest[DISCHARGE], capacity_ah)
+
+    largest_kw = inverter.nominal_kw * (1.0 + max(*inverter.loss_charge, *inverter.loss_discharge))
+    lowest_v = {sign: rows.min(axis=0) for sign, rows in volts.items()}
+    least_v = np.minimum(lowest_v[DISCHARGE], lowest_v[CHARGE])
+    # A string that ages has less capacity, and travels further, towards the end.
+    least_ah = capacity_ah * (_LEAST_HEALTH if string.wear.cell_model else 1.0)
+    switch = battery.low_soc_switch
+    tables = np.unique([*soc, *_soc_knots(battery), switch, np.nextafter(switch, 0.0)])
+
+    def current_a(low: float, most_ohm: float) -> float:
+        """Largest current [A] above a SOC and below a resistance."""
+        volt = float(np.interp(low, soc, least_v))
+        root = math.sqrt(max(volt**2 - 4e3 * most_ohm * largest_kw, 0.0))
+        return 2e3 * largest_kw / (volt + root)
+
+    def travel(low: float, most_ohm: float) -> float:
+        """Most SOC that passes within a plant step which begins above ``low``, at most ``most_ohm``."""
+        return current_a(low, most_ohm) * plant_step_s / 3600.0 / least_ah
+
+    resistance_c, (derating_c, factor) = np.array(_resistance_knots(battery)), _derating(string, law)
+    reference_c = max(coldest_c, min(resistance_c[0], derating_c[0]))
+    cold_k = reference_c - min(coldest_c, reference_c)
+    stop_c = _stop_c(derating_c, factor)
+    hottest_k = _WARMEST_K if stop_c is None else max(stop_c - reference_c, 1e-6)
+    ends_c = [reference_c, reference_c + hottest_k + cold_k, reference_c + 2.0 * _WARMEST_K]
+    warm_c = np.unique([*ends_c, *resistance_c[resistance_c > reference_c]])
+
+    edges = _edges(battery, fine)
+    directions = {}
+    for sign, losses in ((DISCHARGE, inverter.loss_discharge), (CHARGE, inverter.loss_charge)):
+        ratio, against, top_v, ohm, heat_most = [], [], [], [], []
+        for low, high in pairwise(edges.tolist()):
+            # While charge passes a level, voltage and resistance are those at the start of a plant step.
+            wide = battery.soc_min, battery.soc_max
+            furthest = travel(wide[0], np.inf)
+            near = max(low - furthest, wide[0]), min(high + furthest, wide[1])
+            most_ohm = _ohm(battery, sign, _between(tables, *near), warm_c, np.max).max() * soh_resistance
+            shift = furthest if string.wear.cell_model else travel(near[0], most_ohm)
+            if sign == DISCHARGE:
+                within = _between(np.concatenate([tables, tables - shift]), low, high)
+                ratio.append((store.voltage(within) / store.voltage(within + shift)).min())
+                against.append((store.voltage(within) / np.interp(within, soc, lowest_v[sign])).max())
+                began = _between(tables, low, min(high + shift, wide[1]))
+            else:
+                within = _between(np.concatenate([tables, tables + shift]), low, high)
+                ratio.append((store.voltage(within) / np.interp(within - shift, soc, lowest_v[sign])).max())
+                against.append((store.voltage(within) / np.interp(within, soc, highest[sign])).min())
+                began = _between(tables, max(low - shift, wide[0]), high)
+            top_v.append(np.interp(began, soc, highest[sign]).max())
+            share = most_ohm * current_a(near[0], most_ohm) / float(np.interp(near[0], soc, least_v))
+            heat_most.append(share)
+            ohm.append(_ohm(battery, sign, began, warm_c, np.min) * soh_resistance)
+        resistance = np.array(ohm)
+        base = _convex_below(warm_c, resistance.min(axis=0))
+        reached = warm_c <= ends_c[1]
+        directions[sign] = Direction(
+            ratio=np.array(ratio),
+            ratio_against=np.array(against),
+            root=np.sqrt(1e3 * (resistance / base).min(axis=1)) / np.array(top_v),
+            conductance=_line_above(warm_c[reached] - reference_c, 1.0 / base[reached]),
+            loss=_loss_lines(np.array(inverter.load), np.array(losses), inverter.nominal_kw),
+            loss_most=_loss_most(np.array(inverter.load), np.array(losses), inverter.nominal_kw),
+            heat_most=np.array(heat_most),
+        )
+
+    burnt_kw = inverter.nominal_kw * max(inverter.loss_charge)
+    everywhere = _between(tables, battery.soc_min, battery.soc_max)
+    worst_ohm = _ohm(battery, CHARGE, everywhere, warm_c, np.max).max() * soh_resistance
+    derated_c = np.unique([reference_c, reference_c + hottest_k, *derating_c])
+    derated_c = derated_c[(derated_c >= reference_c) & (derated_c <= reference_c + hottest_k)]
+    return Optimist(
+        nominal_kw=inverter.nominal_kw,
+        standby_kw=inverter.off_loss * inverter.nominal_kw,
+        reference_c=reference_c,
+        edges=edges,
+        energy_kwh=np.diff(store.energy_kwh(edges)),
+        discharge=directions[DISCHARGE],
+        charge=directions[CHARGE],
+        derating=_colder(
+            _lines_above(derated_c - reference_c, np.interp(derated_c, derating_c, factor)), cold_k
+        ),
+        hottest_k=hottest_k + cold_k,
+        ages=string.wear.cell_model is not None,
+        burnt_kw=(burnt_kw, 1e-3 * worst_ohm * (2e3 * burnt_kw / least_v.min()) ** 2),
+        _store=store,
+    )
+
+
+def _edges(battery: Battery, fine: bool) -> Array:
+    """SOC levels: narrow below the switch, where resistance climbs, wider above."""
+    low, high = battery.soc_min, battery.soc_max
+    switch = battery.low_soc_switch
+    shares, count = _LEVELS[fine]
+    below = switch * np.array(shares)
+    above = np.linspace(max(low, switch), high, count)
+    inside = np.concatenate([below, above])
+    return np.unique([low, *inside[(inside > low) & (inside < high)], high])
+
+
+def _between(knots: Array, low: float, high: float) -> Array:
+    """Ends of an interval and the knots inside, between which a ratio of straight lines is monotone."""
+    return np.unique([low, *knots[(knots > low) & (knots < high)], high])
+
+
+def _soc_knots(battery: Battery) -> tuple[float, ...]:
+    if battery.resistance_table is not None:
+        return battery.resistance_table.soc
+    assert battery.resistance_soc is not None
+    return battery.resistance_soc.soc
+
+
+def _resistance_knots(battery: Battery) -> tuple[float, ...]:
+    """Temperatures [degC] between which resistance is linear; outside it stays."""
+    if battery.resistance_table is not None:
+        return battery.resistance_table.temperature_c
+    assert battery.resistance_temperature is not None
+    return battery.resistance_temperature.temperature_c
+
+
+def _ohm(battery: Battery, sign: int, soc: Array, temperature_c: Array, pick: _Pick) -> Array:
+    """Least (or largest) resistance of a string [Ohm] over SOC and C-rate at each temperature.
+
+    Between the temperatures given the least one is above the straight line: for each SOC it is linear there.
+    """
+    ohm = 1e-3 * battery.r_scale * battery.cells_series / battery.cells_parallel
+    table = battery.resistance_table
+    if table is not None:
+        blocks = np.array(table.discharge_mohm if sign == DISCHARGE else table.charge_mohm)
+        rows = [[pick(np.interp(soc, table.soc, row)) for row in rows] for rows in blocks]
+        return ohm * np.interp(temperature_c, table.temperature_c, pick(np.array(rows), axis=0))
+    over_t, over_soc = battery.resistance_temperature, battery.resistance_soc
+    assert over_t is not None and over_soc is not None
+    at = np.interp(temperature_c, over_t.temperature_c, over_t.resistance_mohm)
+    at_25 = np.interp(25.0, over_t.temperature_c, over_t.resistance_mohm)
+    low = soc < battery.low_soc_switch
+    factor = np.where(low, np.interp(soc, over_soc.soc, over_soc.resistance_mohm) / at_25, 1.0)
+    return np.asarray(ohm * at * pick(factor))
+
+
+def _derating(string: StringParameters, law: Law) -> Lines:
+    """Knots of the largest derating factor over temperature [degC]."""
+    derating = string.derating
+    if law == "pi" and derating.kp_per_k > 0.0:
+        # The integral only lowers it further.
+        return np.array([derating.start_c, derating.start_c + 1.0 / derating.kp_per_k]), np.array([1.0, 0.0])
+    if law == "pi":
+        return np.array([derating.start_c]), np.array([1.0])
+    return np.array(derating.temperature_c), np.array(derating.factor)
+
+
+def _stop_c(temperature_c: Array, factor: Array) -> float | None:
+    """Temperature above which nothing is delivered, if there is one."""
+    if factor[-1] > 0.0:
+        return None
+    positive = np.flatnonzero(factor > 0.0)
+    return float(temperature_c[positive[-1] + 1] if positive.size else temperature_c[0])
+
+
+def _colder(lines: Lines, cold_k: float) -> Lines:
+    """Lines over ``theta``, which exceeds the mean temperature by no more than ``cold_k``."""
+    intercept, slope = lines
+    return intercept + np.maximum(-slope, 0.0) * cold_k, slope
+
+
+def _loss_lines(load: Array, loss: Array, nominal_kw: float) -> Lines:
+    envelope = Envelope.of_table(load, loss, load.size - 1)
+    slope, first = np.unique(envelope.slope, return_index=True)
+    return nominal_kw * envelope.intercept[first], slope
+
+
+def _loss_most(load: Array, loss: Array, nominal_kw: float) -> tuple[float, float]:
+    envelope = Envelope.of_table(load, loss, load.size - 1)
+    return nominal_kw * envelope.chord_intercept, envelope.chord_slope
+
+
+def _convex_below(x: Array, y: Array) -> Array:
+    """Values at ``x`` of the largest convex function below the table."""
+    if x.size < 3:
+        return y
+    envelope = Envelope.of_table(x, y, x.size - 1)
+    return np.asarray(np.max(envelope.slope * x[:, None] + envelope.intercept, axis=1))
+
+
+def _line_above(x: Array, y: Array) -> tuple[float, float]:
+    """Intercept and slope of the line through the ends of a table, raised until it is above all of it."""
+    slope = float((y[-1] - y[0]) / (x[-1] - x[0])) if x.size > 1 else 0.0
+    return float((y - slope * x).max()), slope
+
+
+def _lines_above(x: Array, y: Array) -> Lines:
+    """Lines whose lowest is the least concave function above the table."""
+    if x.size == 1:
+        return np.array([y[0]]), np.zeros(1)
+    envelope = Envelope.of_table(x, -y, x.size - 1)
+    slope, first = np.unique(-envelope.slope, return_index=True)
+    return -envelope.intercept[first], slope

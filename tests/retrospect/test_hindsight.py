@@ -1,0 +1,76 @@
+"""Hindsight of a finished run."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import bess
+
+
+def study(**values: object) -> bess.Study:
+    document = {"name": "sight", "demand": {"file": "two-cycle-48h"}, "policy": {"name": "priority"}}
+    return bess.study.Study.from_document(document, "test").with_values({"run.days": 1, **values})
+
+
+def test_a_run_lost_no_less_than_was_possible_and_that_no_less_than_is_proven() -> None:
+    result = bess.run(study(), progress=False)
+    sight = bess.hindsight(result)
+    assert sight.bound_kwh < sight.found_kwh < sight.lost_kwh == result.kpis["lost_kwh"]
+    assert sight.found_by in ("equal", "soc", "temperature")
+    assert sight.found_eur is None
+    assert str(sight).startswith(f"Lost {sight.lost_kwh:.0f} kWh; {sight.found_kwh:.0f} kWh was possible")
+
+
+def test_the_best_rule_found_is_that_rule_run_as_a_study() -> None:
+    values = {"system.initial_soc": [0.2, 0.8], "system.ambient_c": 30.0}
+    sight = bess.hindsight(bess.run(study(**values), progress=False))
+    rules = ("equal", "priority", "soc", "temperature")
+    lost = {
+        rule: bess.run(study(**values, **{"policy.name": rule}), progress=False).kpis["lost_kwh"]
+        for rule in rules
+    }
+    assert sight.found_kwh == pytest.approx(min(lost.values()), rel=1e-12)
+
+
+def test_the_best_run_is_its_own_hindsight_and_a_record_serves_as_well(tmp_path: Path) -> None:
+    result = bess.run(study(**{"policy.name": "soc"}), progress=False, out=tmp_path / "run")
+    sight = bess.hindsight(bess.open_result(tmp_path / "run"))
+    assert sight.found_by == "this run"
+    assert sight == bess.hindsight(result)
+
+
+def test_strings_out_of_service_and_demand_beyond_the_plant_are_taken_into_account() -> None:
+    event = [{"string": 1, "start": "2024-01-01T02:00:00Z", "end": "2024-01-01T12:00:00Z"}]
+    result = bess.run(study(event=event, **{"demand.scale": 1.6}), progress=False)
+    assert result.kpis["unmet_kwh"] > 10.0
+    sight = bess.hindsight(result)
+    assert 0.0 < sight.bound_kwh <= sight.found_kwh <= sight.lost_kwh
+
+
+def test_with_prices_hindsight_is_told_in_euros_too(tmp_path: Path) -> None:
+    times = pd.date_range("2024-01-01", periods=48, freq="h", tz="UTC")
+    price = 60.0 + 60.0 * np.sin(np.arange(48) / 3.5)
+    table = pd.DataFrame({"time": times.strftime("%Y-%m-%dT%H:%M:%SZ"), "DE-LU": price})
+    table.to_csv(tmp_path / "prices.csv", index=False)
+    document = {
+        "name": "market",
+        "demand": {"prices": str(tmp_path / "prices.csv")},
+        "policy": {"name": "priority"},
+        "run": {"days": 1},
+    }
+    result = bess.run(bess.study.Study.from_document(document, "test"), progress=False)
+    sight = bess.hindsight(result)
+    assert sight.lost_eur is not None and sight.found_eur is not None and sight.bound_eur is not None
+    assert sight.bound_eur <= sight.found_eur <= sight.lost_eur
+    assert 0.0 < sight.lost_eur < 100.0
+    assert "In money" in str(sight)
+
+
+def test_what_is_no_record_of_a_study_and_an_unknown_effort_are_refused() -> None:
+    result = bess.run(study(**{"run.days": 0.25}), progress=False)
+    with pytest.raises(bess.InputError, match="effort = 'endless'"):
+        bess.hindsight(result, effort="endless")
+    with pytest.raises(bess.InputError, match="no study in its attributes"):
+        bess.hindsight(result.dataset.drop_attrs())
