@@ -37,6 +37,7 @@ bench: $(VENV)/built
 cases: $(VENV)/built
 	rm -rf results/cases
 	$(BIN)/python docs/make_cases.py results/cases
+	$(BIN)/python docs/make_ageing.py
 
 docs: $(VENV)/built
 	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build/html

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bess._core import ageing_models
 from bess.components.registry import Entry, list_cells, list_inverters, list_systems
 from bess.policies import POLICIES
 from bess.study import bundled_studies
@@ -14,6 +15,7 @@ def listing() -> str:
         "systems": {entry.name: _sourced(entry) for entry in list_systems()},
         "cells": {entry.name: _sourced(entry) for entry in list_cells()},
         "inverters": {entry.name: _sourced(entry) for entry in list_inverters()},
+        "wear models": _wear_models(),
         "policies": {name: description for name, (_, description) in POLICIES.items()},
     }
     width = max(len(name) for entries in kinds.values() for name in entries)
@@ -27,6 +29,14 @@ def listing() -> str:
         )
         for kind, entries in kinds.items()
     )
+
+
+def _wear_models() -> dict[str, str]:
+    priced = {
+        "none": "nothing wears",
+        "throughput": "a price for each MWh discharged (wear.eur_per_mwh); strings stay as they are",
+    }
+    return priced | dict(ageing_models())
 
 
 def _sourced(entry: Entry) -> str:

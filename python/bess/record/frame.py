@@ -32,6 +32,8 @@ def describe_frame(study: Study, system: System, grid: Grid, statuses: Mapping[i
             "step_h": grid.dt_h,
             "initial_soc": initial.soc.tolist(),
             "initial_temperature_c": initial.temperature_c.tolist(),
+            "initial_soh_capacity": initial.soh_capacity.tolist(),
+            "initial_soh_resistance": initial.soh_resistance.tolist(),
         },
         "statuses": {str(code): text for code, text in statuses.items()},
         "limit_flags": {str(int(limit)): str(limit.name).lower() for limit in Limit},
