@@ -11,7 +11,7 @@ SOURCE = Path(bess.__file__).parent
 
 # Every folder may import those to its left, never one to its right.
 ORDER = [
-    ("errors", "units", "_core", "files", "numbers", "extras"),
+    ("errors", "units", "_core", "files", "numbers", "extras", "display"),
     ("components",),
     ("parameters",),
     ("wear",),

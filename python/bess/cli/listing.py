@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bess._core import ageing_models
 from bess.components.registry import Entry, list_cells, list_inverters, list_systems
-from bess.policies import POLICIES
+from bess.policies import POLICIES, plug_ins
 from bess.study import bundled_studies
 
 
@@ -16,7 +16,8 @@ def listing() -> str:
         "cells": {entry.name: _sourced(entry) for entry in list_cells()},
         "inverters": {entry.name: _sourced(entry) for entry in list_inverters()},
         "wear models": _wear_models(),
-        "policies": {name: description for name, (_, description) in POLICIES.items()},
+        "policies": {name: description for name, (_, description) in POLICIES.items()}
+        | {name: f"plug-in {point.value}" for name, point in sorted(plug_ins().items())},
     }
     width = max(len(name) for entries in kinds.values() for name in entries)
     indent = "\n" + " " * (width + 4)

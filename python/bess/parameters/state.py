@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from bess.display import as_table, few, one_line
 from bess.errors import InputError
 from bess.numbers import real_numbers
 
@@ -65,6 +66,16 @@ class State:
             values = getattr(self, name)
             if values is not None and values.size != self.soc.size:
                 raise InputError(f"state: soc has {self.soc.size} strings, {name} has {values.size}")
+
+    def _facts(self) -> dict[str, str]:
+        facts = {"soc": few(self.soc), "temperature": few(self.temperature_c, ".3g", "°C")}
+        if not self.is_fresh:
+            facts["capacity left"] = few(self.soh_capacity)
+            facts["resistance over that when new"] = few(self.soh_resistance)
+        return facts
+
+    __repr__ = one_line
+    _repr_html_ = as_table
 
     @property
     def n_strings(self) -> int:

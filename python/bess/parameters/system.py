@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from bess import _core
 from bess.components.registry import SYSTEMS, system_document
+from bess.display import as_table
 from bess.errors import InputError
 from bess.parameters.documents import plain, read_toml
 from bess.parameters.parse import PER_STRING_SITE, StringParameters, parse_strings
@@ -137,6 +138,20 @@ class System:
                 {key: value for key, value in s.items() if key not in shared} for s in sections
             ]
         return tomli_w.dumps(document)
+
+    def _facts(self) -> dict[str, str]:
+        chosen = self.strings[0]
+        return {
+            "name": self.name,
+            "strings": str(self.n_strings),
+            "nominal power": f"{self.nominal_kw.sum():g} kW",
+            "nominal energy": f"{self.nominal_energy_kwh.sum():.0f} kWh",
+            "state of charge": f"{chosen.battery.soc_min:g} to {chosen.battery.soc_max:g}",
+            "derating": f"{chosen.derating.start_c:g} to {chosen.derating.stop_c:g} °C",
+            "control": f"{self.control.step_min:g} min, {self.control.horizon_steps} steps ahead",
+        }
+
+    _repr_html_ = as_table
 
     def __repr__(self) -> str:
         return (

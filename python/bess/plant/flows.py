@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bess.display import as_table, few, one_line
+
 Floats = NDArray[np.float64]
 
 
@@ -98,6 +100,22 @@ class Flows:
     aged_charge_ah: Floats
     ledger_residual_kwh: Floats
     node_temperature_c: Floats | None
+
+    def _facts(self) -> dict[str, str]:
+        *_, strings = self.delivered_kw.shape
+        if self.delivered_kw.ndim > 1:
+            return {"steps": " x ".join(map(str, self.delivered_kw.shape[:-1])), "strings": str(strings)}
+        losses_kw = self.inverter_loss_kw + self.battery_loss_kw
+        return {
+            "delivered": few(self.delivered_kw, ".3g", "kW"),
+            "not delivered": few(self.availability_loss_kw + self.derating_loss_kw, ".3g", "kW"),
+            "lost": few(losses_kw, ".3g", "kW"),
+            "soc": few(self.soc),
+            "temperature": few(self.temperature_c, ".3g", "°C"),
+        }
+
+    __repr__ = one_line
+    _repr_html_ = as_table
 
     def map(self, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Flows:
         """Return flows with ``change`` applied to every array, to pick or move leading axes."""

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bess.display import as_table, few, one_line
 from bess.parameters import State, System
 from bess.plant.fleet import Fleet
 from bess.plant.flows import Flows
@@ -70,6 +71,19 @@ class Plant:
         self._fleet = Fleet(
             system, [state], plant_step_s=plant_step_s, derating_law=derating_law, ambient_c=ambient_c
         )
+
+    def _facts(self) -> dict[str, str]:
+        state = self.state
+        return {
+            "system": self.system.name,
+            "strings": str(self.system.n_strings),
+            "soc": few(state.soc),
+            "temperature": few(state.temperature_c, ".3g", "°C"),
+            "step": f"{self.plant_step_s:g} s",
+        }
+
+    __repr__ = one_line
+    _repr_html_ = as_table
 
     @property
     def system(self) -> System:

@@ -1,8 +1,10 @@
-"""The policies by name. A new one is one file and one line here."""
+"""The policies by name. A new one is one file and one line here, or an entry point of another package."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib.metadata import EntryPoint, entry_points
+from typing import Final, cast
 
 from bess.errors import InputError
 from bess.parameters import System
@@ -12,6 +14,9 @@ from bess.policies.rule import RulePolicy, Share
 from bess.policies.settings import Settings
 
 Factory = Callable[[System, Settings], Policy]
+
+PLUG_INS: Final = "bess.policies"
+"""Group of entry points; each names a function from a system and settings to a policy."""
 
 
 def _rule(share: Share) -> Factory:
@@ -30,9 +35,32 @@ POLICIES: dict[str, tuple[Factory, str]] = {
 }
 
 
+def plug_ins() -> dict[str, EntryPoint]:
+    """Policies of other installed packages, by name; a bundled one of the same name is in force."""
+    return {point.name: point for point in entry_points(group=PLUG_INS) if point.name not in POLICIES}
+
+
 def build_policy(name: str, system: System, settings: Settings) -> Policy:
-    """Return the policy of this name for a system."""
-    if name not in POLICIES:
-        raise InputError(f"policy.name = {name!r}: no such policy; allowed: {', '.join(POLICIES)}")
-    factory, _ = POLICIES[name]
+    """Return the policy of this name for a system: a bundled one, one registered here, or a plug-in.
+
+    Raises
+    ------
+    InputError
+        If there is none, or the plug-in cannot be loaded.
+    """
+    if name in POLICIES:
+        factory, _ = POLICIES[name]
+        return factory(system, settings)
+    others = plug_ins()
+    if name not in others:
+        raise InputError(
+            f"policy.name = {name!r}: no such policy; allowed: {', '.join([*POLICIES, *sorted(others)])}"
+        )
+    try:
+        factory = cast(Factory, others[name].load())
+    except Exception as error:
+        reason = f"{type(error).__name__}: {error}"
+        raise InputError(
+            f"policy.name = {name!r}: the plug-in {others[name].value} fails: {reason}"
+        ) from error
     return factory(system, settings)

@@ -5,12 +5,15 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bess.display import as_table, one_line
 from bess.errors import InputError
 from bess.record.frame import frame_of
 from bess.record.identity import IDENTITY, read_identity
@@ -43,6 +46,28 @@ class Result:
     kpis: dict[str, float]
     directory: Path | None
     solve_time_s: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+
+    @cached_property
+    def plot(self) -> Any:
+        """Figures of this result; see :class:`bess.report.plotting.Plot`. Needs the extra ``report``."""
+        # A record knows nothing of reports; this property is what leads from one to the other.
+        return import_module("bess.report.plotting").Plot(self)
+
+    def _facts(self) -> dict[str, str]:
+        steps, strings = self.dataset.sizes["time"], self.dataset.sizes["string"]
+        facts = {
+            "title": str(self.dataset.attrs.get("title", "")),
+            "steps": f"{steps:,} of {60.0 * float(self.dataset.attrs['step_h']):g} min",
+            "strings": str(strings),
+            "delivered": f"{self.kpis['delivered_kwh']:,.0f} of {self.kpis['demand_kwh']:,.0f} kWh",
+            "lost": f"{self.kpis['lost_kwh']:,.0f} kWh",
+        }
+        if "net_eur" in self.kpis:
+            facts["net"] = f"{self.kpis['net_eur']:,.0f} EUR"
+        return facts | ({"folder": str(self.directory)} if self.directory else {})
+
+    __repr__ = one_line
+    _repr_html_ = as_table
 
 
 def open_result(directory: str | Path) -> xr.Dataset:

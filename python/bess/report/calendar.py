@@ -28,6 +28,7 @@ from bess.report.style import (
     INK,
     INVERTER,
     colours,
+    new_figure,
     styled,
 )
 
@@ -87,7 +88,7 @@ def heat_maps(result: Result) -> Figure:
     ]
     if has_prices(dataset):
         maps.append(_Map("Price (EUR/MWh)", dataset["price_eur_mwh"].values, "cividis"))
-    figure = Figure(figsize=(DOUBLE_COLUMN_IN, 1.2 * len(maps) + 0.3), layout="constrained")
+    figure = new_figure(DOUBLE_COLUMN_IN, 1.2 * len(maps) + 0.3)
     rows = figure.subplots(len(maps), 1, sharex=True, squeeze=False)[:, 0]
     for axes, each in zip(rows, maps, strict=True):
         _draw_map(figure, axes, dataset["time"].values, each)
@@ -173,7 +174,7 @@ def monthly_bars(result: Result) -> Figure:
 def _draw_months(
     months: Values, panels: list[tuple[str, list[tuple[str, str, Values]], Values | None]]
 ) -> Figure:
-    figure = Figure(figsize=(DOUBLE_COLUMN_IN, 1.45 * len(panels)), layout="constrained")
+    figure = new_figure(DOUBLE_COLUMN_IN, 1.45 * len(panels))
     rows = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     places = np.arange(len(months))
     for axes, (label, bars, net) in zip(rows, panels, strict=True):

@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from bess.report.chart import Chart, Panel, Series, Values, spans_label
-from bess.report.style import BACKGROUND, INK, styled
+from bess.report.style import BACKGROUND, INK, new_figure, styled
 
 _MOST_LEGEND_ENTRIES = 8
 _MOST_VECTOR_DOTS = 100
@@ -24,7 +24,7 @@ _MOST_VECTOR_DOTS = 100
 def draw(chart: Chart) -> Figure:
     """Draw a chart. The legend stands above the panels, never over data; many strings get a colour scale."""
     rows = -(-len(chart.panels) // chart.columns)
-    figure = Figure(figsize=(chart.width_in, rows * chart.panel_height_in + 0.55), layout="constrained")
+    figure = new_figure(chart.width_in, rows * chart.panel_height_in + 0.55)
     axes = figure.subplots(rows, chart.columns, sharex=True, squeeze=False)
     for index, panel in enumerate(chart.panels):
         place = axes[index // chart.columns, index % chart.columns]

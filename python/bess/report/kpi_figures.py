@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 
 from bess.analysis.catalogue import CATALOGUE
 from bess.errors import InputError
-from bess.report.style import DOUBLE_COLUMN_IN, INK, SINGLE_COLUMN_IN, colours, styled
+from bess.report.style import DOUBLE_COLUMN_IN, INK, SINGLE_COLUMN_IN, colours, new_figure, styled
 
 Kpis = Mapping[str, Mapping[str, float]]
 """KPIs of one or several scenarios, by name."""
@@ -42,7 +42,7 @@ def kpi_bars(kpis: Kpis) -> Figure:
     _check(kpis, EFFICIENCIES)
     values = np.array([[entry[key] for key in EFFICIENCIES] for entry in kpis.values()])
     count = len(kpis)
-    figure = Figure(figsize=(SINGLE_COLUMN_IN if count == 1 else DOUBLE_COLUMN_IN, 2.7), layout="constrained")
+    figure = new_figure(SINGLE_COLUMN_IN if count == 1 else DOUBLE_COLUMN_IN, 2.7)
     axes = figure.subplots()
     width = 0.62 if count == 1 else 0.82 / count
     lowest = float(np.nanmin(values))
@@ -84,7 +84,7 @@ def kpi_radar(kpis: Kpis) -> Figure:
     radius = _INNERMOST + (1.0 - _INNERMOST) * share
     angles = np.linspace(0.0, 2.0 * np.pi, len(RADAR_KPIS), endpoint=False)
 
-    figure = Figure(figsize=(4.6, 4.3), layout="constrained")
+    figure = new_figure(4.6, 4.3)
     axes = figure.add_subplot(projection="polar")
     axes.set_theta_offset(np.pi / 2)  # type: ignore[attr-defined]
     axes.set_theta_direction(-1)  # type: ignore[attr-defined]

@@ -10,7 +10,17 @@ from matplotlib.patches import Patch
 
 from bess.analysis.catalogue import kpi
 from bess.errors import InputError
-from bess.report.style import AVAILABILITY, BACKGROUND, BATTERY, DERATING, DISCHARGE, INK, INVERTER, styled
+from bess.report.style import (
+    AVAILABILITY,
+    BACKGROUND,
+    BATTERY,
+    DERATING,
+    DISCHARGE,
+    INK,
+    INVERTER,
+    new_figure,
+    styled,
+)
 
 _UNDELIVERED = {
     "unmet_kwh": BACKGROUND,
@@ -48,7 +58,7 @@ def loss_waterfall(kpis: Mapping[str, float]) -> Figure:
     rows.append(("Delivered less losses", 0.0, left, DISCHARGE))
     rows = [row for row in rows if row[2] - row[1] > _NOTHING_KWH]
     floor = _floor(left, kpis["demand_kwh"])
-    figure = Figure(figsize=(_WIDTH_IN, 0.75 + _ROW_IN * len(rows)), layout="constrained")
+    figure = new_figure(_WIDTH_IN, 0.75 + _ROW_IN * len(rows))
     axes = figure.subplots()
     for place, (_, low, high, colour) in enumerate(rows):
         start = max(low, floor)
@@ -83,7 +93,7 @@ def losses_compared(kpis: Mapping[str, Mapping[str, float]]) -> Figure:
         for part, colour in (_UNDELIVERED | _CONVERSION).items()
         if any(entry[part] > _NOTHING_KWH for entry in kpis.values())
     }
-    figure = Figure(figsize=(_WIDTH_IN, 1.0 + _ROW_IN * len(kpis)), layout="constrained")
+    figure = new_figure(_WIDTH_IN, 1.0 + _ROW_IN * len(kpis))
     axes = figure.subplots()
     places = np.arange(len(kpis))
     ends = np.zeros(len(kpis))

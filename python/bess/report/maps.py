@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from bess.errors import InputError
 from bess.report.data import Result, TimeAxis, dataset_of
 from bess.report.long_runs import daily
-from bess.report.style import DOUBLE_COLUMN_IN, styled
+from bess.report.style import DOUBLE_COLUMN_IN, new_figure, styled
 
 _CHARGING, _OFF, _DISCHARGING = "#56B4E9", "#EFEFEF", "#D55E00"
 
@@ -28,7 +28,7 @@ def inverter_pattern(result: Result) -> Figure:
     running = np.sign(np.round(dataset["delivered_kw"].values, 6))
     n_strings = running.shape[1]
     height = 0.85 + min(0.3 * n_strings, 3.2 + 0.02 * n_strings)
-    figure = Figure(figsize=(DOUBLE_COLUMN_IN, height), layout="constrained")
+    figure = new_figure(DOUBLE_COLUMN_IN, height)
     axes = figure.subplots()
     place: dict[str, Any] = {
         "aspect": "auto",
@@ -68,7 +68,7 @@ def node_temperatures(result: Result) -> Figure:
     columns = 1 if n_strings <= 3 else (2 if n_strings <= 8 else 4)
     rows = -(-n_strings // columns)
     height = 2.0 if rows == 1 else (1.35 if rows <= 4 else 0.95)
-    figure = Figure(figsize=(DOUBLE_COLUMN_IN, rows * height + 0.5), layout="constrained")
+    figure = new_figure(DOUBLE_COLUMN_IN, rows * height + 0.5)
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     low, high = float(field.min()), float(field.max())
     shade: dict[str, Any] = {"cmap": "inferno", "vmin": low, "vmax": high, "origin": "lower"}

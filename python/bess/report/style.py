@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, ParamSpec
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 P = ParamSpec("P")
+_FIGURE: ContextVar[Callable[..., Figure]] = ContextVar("figure", default=Figure)
 
 SINGLE_COLUMN_IN: Final = 3.5
 DOUBLE_COLUMN_IN: Final = 7.2
@@ -76,6 +79,23 @@ def colours(count: int) -> list[str]:
     if count <= len(PALETTE):
         return list(PALETTE[:count])
     return [to_hex(colormaps["viridis"](0.92 * index / (count - 1))) for index in range(count)]
+
+
+def new_figure(width_in: float, height_in: float) -> Figure:
+    """Return an empty figure: one by itself, or one of pyplot's within :func:`through_pyplot`."""
+    return _FIGURE.get()(figsize=(width_in, height_in), layout="constrained")
+
+
+@contextmanager
+def through_pyplot() -> Iterator[None]:
+    """Make figures pyplot's, as notebooks and ``plt.show()`` need them."""
+    import matplotlib.pyplot as plt
+
+    token = _FIGURE.set(plt.figure)
+    try:
+        yield
+    finally:
+        _FIGURE.reset(token)
 
 
 def told_apart(datasets: Mapping[str, xr.Dataset]) -> Iterator[tuple[str, xr.Dataset, str, bool]]:

@@ -57,15 +57,15 @@ class Inputs:
     notes: list[str]
 
 
-def prepare(study: Study) -> Inputs:
-    """Read all files of a study and check that they cover the run.
+def prepare(study: Study, system: System | None = None) -> Inputs:
+    """Read all files of a study and check that they cover the run; ``system`` takes the place of the study's.
 
     Raises
     ------
     InputError
         From any file, or where the parts of a study do not fit each other.
     """
-    system = build_system(study.system, study.run, study.wear)
+    system = build_system(study.system, study.run, study.wear, system)
     step_s = system.control.step_min * 60.0
     if step_s != round(step_s):
         raise InputError(

@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 
 from bess.analysis.kpis import kpis, solve_time_kpis
 from bess.errors import InputError, StoppedEarly
+from bess.parameters import System
 from bess.plant import Plant
-from bess.policies import Policy, Settings, build_policy
+from bess.policies import Policy, Settings, build_policy, own_policy
+from bess.policies.own import Function
 from bess.record.atomic import TEMPORARY, replacing, write_bytes
 from bess.record.frame import describe_frame, frame_of
 from bess.record.identity import (
@@ -43,7 +45,13 @@ PART_SECONDS = 5.0
 
 
 def run(
-    study: Study | str | Path, *, progress: bool = True, out: str | Path | None = None, resume: bool = False
+    study: Study | str | Path,
+    *,
+    policy: Policy | Function | None = None,
+    system: System | None = None,
+    progress: bool = True,
+    out: str | Path | None = None,
+    resume: bool = False,
 ) -> Result:
     """Run a study in closed loop over the plant.
 
@@ -52,6 +60,11 @@ def run(
     study
         One run, as a study, the name of a bundled one, or a TOML file; see :func:`bess.run_scenarios` for a
         study of several.
+    policy
+        In place of that of the study: an object of the protocol :class:`bess.policies.Policy`, or a function
+        from a :class:`bess.policies.Situation` to set-points. The record names it by its class or function.
+    system
+        In place of that of the study, whose initial values and parameters are put over it as ever.
     progress
         Show progress on standard error.
     out
@@ -77,13 +90,18 @@ def run(
     study = as_study(study)
     if study.scenario or study.sweep:
         raise InputError(f"{study.name}: is a study of several runs; use bess.run_scenarios")
+    own = None
+    if policy is not None:
+        name, own = own_policy(policy)
+        study = study.with_values({"policy.name": name})
+    prepared = prepare(study, system)
     if out is not None:
-        return _run_in(Path(out), study, progress=progress, resume=resume)
+        return _run_in(Path(out), study, prepared, own, progress=progress, resume=resume)
     if resume:
         raise InputError("resume: name the folder of the run with out")
     with tempfile.TemporaryDirectory(prefix="bess-") as scratch:
         try:
-            result = _run_in(Path(scratch), study, progress=progress, resume=False)
+            result = _run_in(Path(scratch), study, prepared, own, progress=progress, resume=False)
         except StoppedEarly as error:
             raise StoppedEarly(
                 f"{study.name}: stopped; nothing is kept of a run without a folder (out)"
@@ -92,9 +110,10 @@ def run(
             return Result(dataset.load(), result.kpis, None, result.solve_time_s)
 
 
-def _run_in(directory: Path, study: Study, *, progress: bool, resume: bool) -> Result:
-    inputs = prepare(study)
-    policy = build_policy(study.policy.name, inputs.system, policy_settings(study, inputs))
+def _run_in(
+    directory: Path, study: Study, inputs: Inputs, own: Policy | None, *, progress: bool, resume: bool
+) -> Result:
+    policy = own or build_policy(study.policy.name, inputs.system, policy_settings(study, inputs))
     identity = identity_of(study, inputs.system, inputs.files)
     identity["frame"] = describe_frame(study, inputs.system, inputs.grid, policy.statuses)
     try:

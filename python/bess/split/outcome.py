@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from bess.split.rollout import Rollout
 
+from bess.display import as_table, few, one_line
+
 Array = NDArray[np.float64]
 
 
@@ -110,6 +112,18 @@ class Split:
     nodes: int
     solve_time_s: float
     status: SplitStatus
+
+    def _facts(self) -> dict[str, str]:
+        return {
+            "set-points now": few(self.request_kw[:, 0], ".3g", "kW"),
+            "steps": str(self.request_kw.shape[1]),
+            "status": str(self.status),
+            "gap": f"{100.0 * self.gap:.2g} %",
+            "solve time": f"{1e3 * self.solve_time_s:.3g} ms",
+        }
+
+    __repr__ = one_line
+    _repr_html_ = as_table
 
     @property
     def availability_loss_kw(self) -> float:

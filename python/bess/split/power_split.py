@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bess import _core
+from bess.display import as_table, one_line
 from bess.errors import InputError
 from bess.parameters import State, System
 from bess.split.bounding import Bounding, Bounds
@@ -97,6 +98,17 @@ class PowerSplit:
         strings = [s.model_dump(exclude={"site"}) for s in system.strings]
         self._alike = np.array([a == b for a, b in pairwise(strings)], dtype=bool)
         self._warm_start: Array | None = None
+
+    def _facts(self) -> dict[str, str]:
+        return {
+            "system": self.system.name,
+            "strings": str(self.system.n_strings),
+            "horizon": f"{self.horizon_steps} steps of {60.0 * self.dt_h:g} min",
+            "objectives": self.objectives.kind,
+        }
+
+    __repr__ = one_line
+    _repr_html_ = as_table
 
     @property
     def warm_start(self) -> Array | None:

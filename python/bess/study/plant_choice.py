@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,28 +17,29 @@ from bess.study.keys import check_bundled
 from bess.study.sections import RunChoice, SystemChoice, WearChoice
 
 
-def build_system(choice: SystemChoice, run: RunChoice, wear: WearChoice) -> System:
-    """Return the system as the study wants it.
+def build_system(
+    choice: SystemChoice, run: RunChoice, wear: WearChoice, given: System | None = None
+) -> System:
+    """Return the system as the study wants it; ``given`` takes the place of the file that it names.
 
     Raises
     ------
     InputError
         From the system file, or a list of initial values that is not one for each string.
     """
-    bundled = choice.file in SYSTEMS
-    check_bundled("system.file", choice.file, SYSTEMS)
-    document = system_document(choice.file) if bundled else read_toml(Path(choice.file))
-    check_layout(document, choice.file)
+    name = choice.file if given is None else given.name
+    document = _document(choice.file) if given is None else copy.deepcopy(given.document)
+    check_layout(document, name)
     parameters = plain(choice.parameters, "system.parameters")
     check_layout(parameters, "system.parameters")
-    _check_reach(document, parameters, choice.file)
+    _check_reach(document, parameters, name)
     try:
         document = put_over(put_over({}, document), parameters)
     except InputError as error:
-        raise InputError(f"{choice.file}: {error}") from error
+        raise InputError(f"{name}: {error}") from error
     site: dict[str, Any] = dict(document.get("system", {}))
     strings = [dict(entry) for entry in document.get("string", [])]
-    n_strings = choice.n_strings or string_count(document, choice.file)
+    n_strings = choice.n_strings or string_count(document, name)
     if choice.n_strings is not None or strings:
         site["n_strings"] = n_strings
     if choice.ambient_c is not None:
@@ -59,7 +61,12 @@ def build_system(choice: SystemChoice, run: RunChoice, wear: WearChoice) -> Syst
         document["wear"] = {**document.get("wear", {}), **chosen}
     if run.plant_step_s is not None:
         document["control"] = {**document.get("control", {}), "plant_step_s": run.plant_step_s}
-    return System(document, name=choice.file)
+    return System(document, name=name)
+
+
+def _document(file: str) -> dict[str, Any]:
+    check_bundled("system.file", file, SYSTEMS)
+    return system_document(file) if file in SYSTEMS else read_toml(Path(file))
 
 
 def _check_reach(document: Mapping[str, Any], parameters: Mapping[str, Any], name: str) -> None:

@@ -12,6 +12,7 @@ from typing import Any, Self
 
 from pydantic import ValidationError
 
+from bess.display import as_table, one_line
 from bess.errors import InputError
 from bess.parameters.documents import describe, read_text
 from bess.parameters.section import Section
@@ -84,6 +85,23 @@ class Study(Section):
             check_keys(with_value({}, key, value) if "." in key else {key: value}, type(self), self.name)
         document = _with_absolute_paths(document, Path.cwd())
         return self.from_document(document, self.name)
+
+    def _facts(self) -> dict[str, str]:
+        demand = self.demand.model_dump(exclude_none=True)
+        facts = {
+            "name": self.name,
+            "title": self.title,
+            "system": self.system.file,
+            "demand": f"{demand['kind']} {demand.get('file', demand.get('prices', ''))}".strip(),
+            "policy": self.policy.name,
+        }
+        if self.run.days is not None:
+            facts["days"] = f"{self.run.days:g}"
+        tables = {"events": self.event, "scenarios": self.scenario, "sweep axes": self.sweep}
+        return facts | {name: str(len(table)) for name, table in tables.items() if table}
+
+    __repr__ = one_line
+    _repr_html_ = as_table
 
     def document(self) -> dict[str, Any]:
         """The study as nested dictionaries, without keys that are not set."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bess.display import as_table, one_line
 from bess.errors import StoppedEarly
 from bess.extras import extra
 from bess.record.atomic import folder_in
@@ -39,6 +40,18 @@ class SweepResult:
 
     directory: Path
     outcomes: Mapping[str, Outcome]
+
+    def _facts(self) -> dict[str, str]:
+        return {
+            "folder": str(self.directory),
+            "runs": str(len(self.outcomes)),
+            "failed": str(len(self.failed)),
+        }
+
+    __repr__ = one_line
+
+    def _repr_html_(self) -> str:
+        return as_table(self) + str(self.table().to_html(index=False, max_rows=12))
 
     @property
     def failed(self) -> dict[str, str]:

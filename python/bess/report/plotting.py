@@ -1,0 +1,89 @@
+"""``result.plot``: figures of a result in a notebook, as matplotlib axes that one may change."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from bess.report import figures
+from bess.report.style import through_pyplot
+
+if TYPE_CHECKING:
+    from bess.record import Result
+
+Panels = NDArray[Any]
+"""Axes of a figure, from top to bottom and left to right."""
+
+
+class Plot:
+    """Figures of one result. Calling it draws the state of the strings.
+
+    Each method returns matplotlib axes (an array of them where a figure has several), so that a title, a
+    limit or a line can be added, and the figure saved with ``axes.figure.savefig``.
+    """
+
+    def __init__(self, result: Result) -> None:
+        self._result = result
+
+    def __call__(self) -> Panels:
+        """State of charge and temperature of every string, demand behind."""
+        return self.strings()
+
+    def strings(self) -> Panels:
+        """State of charge and temperature of every string, demand behind."""
+        return _panels(lambda: figures.strings(self._result))
+
+    def power(self) -> Panels:
+        """Requested, delivered and lost power of every string."""
+        return _panels(lambda: figures.power_split(self._result))
+
+    def losses(self) -> Axes:
+        """Where the energy went: a waterfall from what was asked for to what is left."""
+        return _single(lambda: figures.loss_waterfall(self._result.kpis))
+
+    def temperature(self) -> Axes:
+        """Mean temperature of the storage."""
+        return _single(lambda: figures.mean_temperature(self._result))
+
+    def spread(self) -> Panels:
+        """Largest minus smallest state of charge and temperature of the strings."""
+        return _panels(lambda: figures.string_spread(self._result))
+
+    def durations(self) -> Panels:
+        """For which share of the time power and temperature were at least how high."""
+        return _panels(lambda: figures.duration_curves(self._result))
+
+    def inverters(self) -> Axes:
+        """Which inverter ran when."""
+        return _single(lambda: figures.inverter_pattern(self._result))
+
+    def market(self) -> Panels:
+        """Price, dispatch and state of charge; of a study with prices."""
+        return _panels(lambda: figures.market_dispatch(self._result))
+
+    def heat_map(self) -> Panels:
+        """Days across, hours up: power, state of charge, temperature, price."""
+        return _panels(lambda: figures.heat_maps(self._result))
+
+    def months(self) -> Panels:
+        """Money, energy, losses and cycles of each month."""
+        return _panels(lambda: figures.monthly_bars(self._result))
+
+    def solver(self) -> Panels:
+        """Effort and gaps of the optimiser."""
+        return _panels(lambda: figures.solver_effort(self._result))
+
+
+def _panels(make: Callable[[], Figure]) -> Panels:
+    with through_pyplot():
+        return np.array(make().axes, dtype=object)
+
+
+def _single(make: Callable[[], Figure]) -> Axes:
+    axes: Axes = _panels(make)[0]
+    return axes

@@ -1,0 +1,118 @@
+"""Claims about bess.run with a policy or a system of one's own, and about policies of other packages."""
+
+import sys
+from collections.abc import Iterator
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bess
+from bess.policies import POLICIES, Decision, Settings, Situation, registry
+from bess.policies.rule import RulePolicy
+
+SHORT = {"run.days": 0.5}
+
+
+def half_each(situation: Situation) -> np.ndarray:
+    return np.full(2, situation.demand_kw[0] / 2)
+
+
+class Counted:
+    """All on one string, which changes with every step: it has to remember."""
+
+    statuses = {0: "no optimisation"}  # noqa: RUF012
+
+    def __init__(self) -> None:
+        self.steps = 0
+
+    def __call__(self, situation: Situation) -> Decision:
+        request = np.zeros(2)
+        request[self.steps % 2] = situation.demand_kw[0]
+        self.steps += 1
+        return Decision(request)
+
+    def memory(self) -> dict:
+        return {"steps": self.steps}
+
+    def recall(self, memory: dict) -> None:
+        self.steps = memory["steps"]
+
+
+def test_a_function_is_a_policy_and_the_record_names_it(tmp_path: Path) -> None:
+    study = bess.load_study("case1", SHORT)
+    own = bess.run(study, policy=half_each, progress=False, out=tmp_path / "own")
+    equal = bess.run(study.with_values({"policy.name": "equal"}), progress=False)
+    np.testing.assert_array_equal(own.dataset["request_kw"], equal.dataset["request_kw"])
+    assert 'name = "half_each"' in (tmp_path / "own" / "study.toml").read_text()
+
+
+def test_an_object_of_the_protocol_remembers_from_step_to_step() -> None:
+    result = bess.run("case1", policy=Counted(), system=bess.System.reference(2), progress=False)
+    request = result.dataset["request_kw"].values
+    assert not request[::2, 1].any() and not request[1::2, 0].any() and request.any()
+
+
+def test_a_system_takes_the_place_of_that_of_the_study_and_its_initial_values_stay() -> None:
+    study = bess.load_study("case1", {**SHORT, "policy.name": "equal", "system.initial_soc": 0.4})
+    result = bess.run(study, system=bess.System.reference(3), progress=False)
+    assert result.dataset.sizes["string"] == 3
+    np.testing.assert_array_equal(result.dataset.attrs["initial_soc"], 0.4)
+
+
+@pytest.mark.parametrize(
+    ("policy", "message"),
+    [
+        (3.0, "policy: float cannot be called"),
+        (
+            type("Half", (), {"__call__": lambda _, s: s, "memory": dict})(),
+            "has memory, but no recall, statuses",
+        ),
+        (lambda situation: [1.0, 2.0], r"requested \[1, 2\] kW for -78 kW"),
+        (lambda situation: [[1.0], [2.0]], "step 0"),
+    ],
+)
+def test_what_is_no_policy_is_refused_in_a_sentence(policy: object, message: str) -> None:
+    with pytest.raises(bess.BessError, match=message):
+        bess.run(bess.load_study("case1", SHORT), policy=policy, progress=False)
+
+
+@pytest.fixture
+def plug_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """A package beside this one, as pip would install it."""
+    (tmp_path / "coolest_first.py").write_text(
+        "from bess.policies.rule import RulePolicy, water_fill\n"
+        "def build(system, settings):\n"
+        "    share = lambda system, task: water_fill(task.demand_kw, system.nominal_kw, task.capability_kw)\n"
+        "    return RulePolicy(system, settings.dt_h, share)\n"
+    )
+    information = tmp_path / "coolest_first-1.0.dist-info"
+    information.mkdir()
+    (information / "METADATA").write_text("Metadata-Version: 2.1\nName: coolest-first\nVersion: 1.0\n")
+    (information / "entry_points.txt").write_text(
+        "[bess.policies]\ncoolest = coolest_first:build\nbroken = coolest_first:nothing\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    yield "coolest"
+    sys.modules.pop("coolest_first", None)
+
+
+def test_a_policy_of_another_package_is_found_by_its_entry_point(plug_in: str) -> None:
+    assert registry.plug_ins()[plug_in] == EntryPoint(plug_in, "coolest_first:build", "bess.policies")
+    policy = bess.policies.build_policy(plug_in, bess.System.reference(2), Settings())
+    assert isinstance(policy, RulePolicy)
+    from bess.cli.listing import listing
+
+    assert "plug-in coolest_first:build" in listing()
+    result = bess.run(bess.load_study("case1", {**SHORT, "policy.name": plug_in}), progress=False)
+    assert result.kpis["delivered_kwh"] > 0.0
+
+
+def test_a_plug_in_that_cannot_be_loaded_is_said(plug_in: str) -> None:
+    with pytest.raises(bess.InputError, match="plug-in coolest_first:nothing fails: AttributeError"):
+        bess.policies.build_policy("broken", bess.System.reference(2), Settings())
+    with pytest.raises(
+        bess.InputError, match=f"no such policy; allowed: {', '.join(POLICIES)}, broken, coolest"
+    ):
+        bess.policies.build_policy("coldest", bess.System.reference(2), Settings())
