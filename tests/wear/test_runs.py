@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import Any
 
@@ -168,3 +169,17 @@ def test_a_present_value_is_that_of_a_pocket_calculator() -> None:
     assert net_present_value([], 0.1) == 0.0
     with pytest.raises(bess.InputError, match="discount_rate -1"):
         net_present_value([1.0], -1.0)
+
+
+@pytest.mark.slow
+def test_ten_times_as_long_costs_ten_times_as_much_also_with_ageing() -> None:
+    """A year without ageing and ten with it, both a tenth as long; processor time, as a ratio."""
+    values = {"policy.name": "equal", "demand.repeat": True, "demand.scale": 0.5}
+
+    def seconds(days: float, model: str) -> float:
+        start = time.process_time()
+        run(values, **{"run.days": days, "wear.model": model})
+        return time.process_time() - start
+
+    seconds(2.0, "none")
+    assert seconds(365.0, "kokam-75ah") < 12.0 * seconds(36.5, "none")
