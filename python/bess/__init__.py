@@ -16,6 +16,7 @@ if TYPE_CHECKING:
         inverter_from_sandia,
         read_inverter,
     )
+    from bess.ems.plan import plan_dispatch
     from bess.errors import BessError, InputError, StoppedEarly
     from bess.market import read_prices, read_weather
     from bess.parameters import State, System, load_system
@@ -49,6 +50,7 @@ _HOMES = {
     "Result": "bess.record",
     "Study": "bess.study",
     "load_study": "bess.study",
+    "plan_dispatch": "bess.ems.plan",
     "open_result": "bess.record",
     "run": "bess.simulation",
     "run_scenarios": "bess.simulation",
@@ -98,6 +100,7 @@ __all__ = [
     "load_study",
     "load_system",
     "open_result",
+    "plan_dispatch",
     "read_inverter",
     "read_prices",
     "read_weather",

@@ -19,9 +19,6 @@ shortfall_eur_mwh = 30.0
 charge_fee_eur_mwh = 4.0
 discharge_fee_eur_mwh = 6.0
 start_eur = 0.25
-[wear]
-model = "throughput"
-eur_per_mwh = 20.0
 """
 
 
@@ -35,6 +32,7 @@ def record(steps: int = 4, study: str = STUDY, seed: int = 0, **changes: object)
         "price_eur_mwh": ("time", rng.normal(60.0, 90.0, steps)),
         "delivered_kw": (("time", "string"), delivered),
         "standby_kw": (("time", "string"), np.where(delivered == 0.0, 0.03, 0.0)),
+        "wear_eur": (("time", "string"), rng.uniform(0.0, 0.3, (steps, 2))),
         "inverter_starts": (("time", "string"), rng.integers(0, 3, (steps, 2))),
     }
     time = np.datetime64("2024-01-01T00:00", "ns") + np.arange(steps) * np.timedelta64(15, "m")
@@ -47,6 +45,7 @@ def test_each_entry_follows_its_definition() -> None:
         price_eur_mwh=("time", [200.0, -40.0, 100.0, -20.0]),
         delivered_kw=(("time", "string"), [[50.0, 40.0], [-50.0, -50.0], [0.0, 0.0], [10.0, 0.0]]),
         standby_kw=(("time", "string"), [[0.0, 0.0], [0.0, 0.0], [2.0, 2.0], [0.0, 2.0]]),
+        wear_eur=(("time", "string"), [[0.5, 0.25], [0.0, 0.0], [0.125, 0.0], [0.0, 1.0]]),
         inverter_starts=(("time", "string"), [[1, 1], [0, 0], [0, 0], [1, 0]]),
     )
     ledger = bess.ledger(data)
@@ -55,7 +54,7 @@ def test_each_entry_follows_its_definition() -> None:
         "discharge_revenue_eur": [90 * mwh * 194, 0.0, 0.0, 10 * mwh * -26],
         "charge_cost_eur": [0.0, 100 * mwh * -36, 0.0, 0.0],
         "shortfall_eur": [10 * mwh * 230, 0.0, 0.0, 0.0],
-        "wear_eur": [90 * mwh * 20, 0.0, 0.0, 10 * mwh * 20],
+        "wear_eur": [0.75, 0.0, 0.125, 1.0],
         "start_eur": [0.5, 0.0, 0.0, 0.25],
         "auxiliary_eur": [0.0, 0.0, 4 * mwh * 104, 2 * mwh * -16],
     }
@@ -73,7 +72,6 @@ def test_without_terms_a_record_is_settled_at_the_defaults_of_a_study() -> None:
         "charge_fee_eur_mwh": 0.0,
         "discharge_fee_eur_mwh": 0.0,
         "start_eur": 0.0,
-        "wear_eur_mwh": 0.0,
         "discount_rate": 0.05,
     }
 
@@ -95,9 +93,10 @@ def test_the_net_of_a_year_is_the_sum_of_its_entries_to_less_than_a_cent() -> No
     )
 
 
-def test_wear_of_an_ageing_model_takes_the_place_of_the_price_of_throughput() -> None:
-    aged = record(wear_eur=(("time", "string"), np.full((4, 2), 0.5)))
-    assert bess.ledger(aged)["wear_eur"].values.tolist() == [1.0] * 4
+def test_old_records_without_wear_and_standby_are_settled_without() -> None:
+    ledger = bess.ledger(record().drop_vars(["wear_eur", "standby_kw"]))
+    assert not ledger["wear_eur"].values.any()
+    assert not ledger["auxiliary_eur"].values.any()
 
 
 def test_a_record_without_prices_cannot_be_settled() -> None:

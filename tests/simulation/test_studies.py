@@ -9,6 +9,7 @@ import pytest
 
 import bess
 from bess.policies import POLICIES
+from bess.simulation.demand import Now
 from bess.simulation.inputs import prepare
 from bess.study import bundled_studies, expand
 from bess.study.keys import parse_assignment
@@ -214,7 +215,8 @@ def test_a_broken_assignment_is_refused(text: str) -> None:
 
 def test_a_profile_that_repeats_starts_again_at_its_end() -> None:
     inputs = prepare(bess.load_study("case1", {"run.days": 5, "demand.repeat": True}))
-    values = np.array([inputs.demand.ahead(step, 1, 0.0)[0] for step in range(inputs.grid.n_steps)])
+    now = Now(inputs.system.initial_state(), inputs.limit_kw[0], inputs.ambient_c)
+    values = np.array([inputs.demand.ahead(step, 1, now)[0] for step in range(inputs.grid.n_steps)])
     np.testing.assert_array_equal(values[192:384], values[:192])
     assert values.max() == 78.0 and values.min() == -78.0
 

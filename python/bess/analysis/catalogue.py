@@ -136,6 +136,16 @@ CATALOGUE: Final[dict[str, Kpi]] = {
     ),
     "charged_kwh": _energy("Charged", "Energy taken at the AC side.", None, detail=True),
     "discharged_kwh": _energy("Discharged", "Energy given at the AC side.", None, detail=True),
+    "imbalance_kwh": _energy(
+        "Planned minus delivered",
+        "Difference between what the dispatch expected to be delivered and what was, magnitudes added.",
+    ),
+    "short_of_charge_kwh": _energy(
+        "Short of charge", "Energy the dispatch expected to charge and the plant did not.", detail=True
+    ),
+    "short_of_discharge_kwh": _energy(
+        "Short of discharge", "Energy the dispatch expected to discharge and the plant did not.", detail=True
+    ),
     "net_eur": _money(
         "Net", "Discharge revenue less charge cost, shortfall, wear, starts and auxiliaries.", "max"
     ),

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bess.analysis.lifetime import wear_kpis
-from bess.analysis.settlement import has_prices, settlement_kpis
+from bess.analysis.settlement import dispatch_kpis, has_prices, settlement_kpis
 from bess.errors import InputError
 from bess.units import PERCENT
 
@@ -113,6 +113,8 @@ def _figures(dataset: xr.Dataset) -> Iterator[tuple[str, Any]]:
         sold_kw = dataset["delivered_kw"].values.sum(axis=1)
         yield "revenue_eur", (sold_kw * dataset["price_eur_mwh"].values).sum() * dt_h / _KWH_PER_MWH
         yield from settlement_kpis(dataset)
+    if "expected_kw" in dataset:
+        yield from dispatch_kpis(dataset)
     yield from wear_kpis(dataset)
     yield from _solver(dataset)
 

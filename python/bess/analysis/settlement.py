@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bess.errors import InputError
 from bess.parameters.terms import Terms
-from bess.study.sections import SettlementChoice, WearChoice, terms_of
+from bess.study.sections import SettlementChoice
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -32,13 +32,12 @@ def ledger(result: Result | xr.Dataset) -> xr.Dataset:
     r"""Return what every step earned and cost, in EUR.
 
     With price :math:`\pi`, delivered power :math:`p` (:math:`p^+` discharge, :math:`p^-` charge),
-    demand :math:`D`, step :math:`\Delta t` and the terms of ``[settlement]`` and ``[wear]``:
+    demand :math:`D`, step :math:`\Delta t` and the terms of ``[settlement]``:
 
     - ``discharge_revenue_eur`` :math:`p^+ (\pi - f_d)\,\Delta t` and ``charge_cost_eur``
       :math:`p^- (\pi + f_c)\,\Delta t` with the fees :math:`f`; a negative price can make either negative;
     - ``shortfall_eur`` :math:`(|D| - |p|)(|\pi| + s)\,\Delta t`;
-    - ``wear_eur``: what an ageing model of the plant put into the record, or, with the model ``throughput``,
-      a price for each MWh discharged;
+    - ``wear_eur``: what the wear model of the study put into the record;
     - ``start_eur`` for each start of an inverter;
     - ``auxiliary_eur``: what the plant takes from the grid beside :math:`p` (the standby of inverters that
       are off), at the price and fee of charging;
@@ -82,10 +81,7 @@ def has_prices(dataset: xr.Dataset) -> bool:
 def recorded_terms(dataset: xr.Dataset) -> Terms:
     """Return the terms of the study that a record carries."""
     study = tomllib.loads(dataset.attrs.get("study", ""))
-    return terms_of(
-        SettlementChoice.model_validate(study.get("settlement", {})),
-        WearChoice.model_validate(study.get("wear", {})),
-    )
+    return SettlementChoice.model_validate(study.get("settlement", {})).terms
 
 
 def settlement_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
@@ -96,6 +92,17 @@ def settlement_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
     yield "net_eur", revenue_eur - math.fsum(costs_eur.values())
     yield "discharge_revenue_eur", revenue_eur
     yield from costs_eur.items()
+
+
+def dispatch_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
+    """Yield how far what was delivered is from what the dispatch expected [kWh]."""
+    dt_h = float(dataset.attrs["step_h"])
+    expected_kw: Array = dataset["expected_kw"].values
+    delivered_kw: Array = dataset["delivered_kw"].values.sum(axis=1)
+    short_kw = np.maximum(np.abs(expected_kw) - np.sign(expected_kw) * delivered_kw, 0.0)
+    yield "imbalance_kwh", np.abs(expected_kw - delivered_kw).sum() * dt_h
+    yield "short_of_charge_kwh", short_kw[expected_kw < 0.0].sum() * dt_h
+    yield "short_of_discharge_kwh", short_kw[expected_kw > 0.0].sum() * dt_h
 
 
 def _entries(dataset: xr.Dataset, terms: Terms) -> Iterator[tuple[str, Array]]:
@@ -111,9 +118,14 @@ def _entries(dataset: xr.Dataset, terms: Terms) -> Iterator[tuple[str, Array]]:
     # The delivered powers sum to the demand but for rounding, which can leave less than nothing missing.
     missing_mwh = np.maximum(asked_mwh - discharged_mwh - charged_mwh, 0.0)
     yield "shortfall_eur", missing_mwh * terms.shortfall_price_eur_mwh(price)
-    aged = "wear_eur" in dataset
-    yield "wear_eur", dataset["wear_eur"].values.sum(axis=1) if aged else discharged_mwh * terms.wear_eur_mwh
+    # Records made before wear and standby were told apart have none.
+    yield "wear_eur", _of_all_strings(dataset, "wear_eur")
     yield "start_eur", dataset["inverter_starts"].values.sum(axis=1) * terms.start_eur
-    # Records made before standby was told apart have none.
-    standby_kw = dataset["standby_kw"].values.sum(axis=1) if "standby_kw" in dataset else np.zeros(price.size)
-    yield "auxiliary_eur", standby_kw * step_mwh_per_kw * charge_price
+    standby_mwh = _of_all_strings(dataset, "standby_kw") * step_mwh_per_kw
+    yield "auxiliary_eur", standby_mwh * charge_price
+
+
+def _of_all_strings(dataset: xr.Dataset, name: str) -> Array:
+    if name not in dataset:
+        return np.zeros(dataset.sizes["time"])
+    return np.asarray(dataset[name].values.sum(axis=1))

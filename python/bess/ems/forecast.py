@@ -53,6 +53,33 @@ class Perfect:
         return self.values[_present(step, horizon, self.values.size) : step + horizon].copy()
 
 
+class Foretold:
+    """Somebody else's forecast: one value for each step, made before the run.
+
+    The present value is known; for later steps the forecast is given.
+
+    Parameters
+    ----------
+    values : array, shape (n_steps,)
+        The series that comes true; finite.
+    foretold : array, shape (n_steps,)
+        What was foretold of it; finite.
+    """
+
+    def __init__(self, values: npt.ArrayLike, foretold: npt.ArrayLike):
+        self.values, self.foretold = _series(values), _series(foretold)
+        if self.values.size != self.foretold.size:
+            raise InputError(
+                f"a forecast of {self.foretold.size} steps does not fit a series of {self.values.size}"
+            )
+
+    def ahead(self, step: int, horizon: int) -> Array:
+        """Return the present value and what was foretold; see :class:`Forecast`."""
+        seen = self.foretold[_present(step, horizon, self.values.size) : step + horizon].copy()
+        seen[0] = self.values[step]
+        return seen
+
+
 class Persistence:
     """Foretells each step by the latest known value at the same time of day.
 

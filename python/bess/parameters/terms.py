@@ -21,8 +21,6 @@ class Terms:
         Fees and taxes on each MWh charged and discharged (AC).
     start_eur : float
         For each start of an inverter.
-    wear_eur_mwh : float
-        For each MWh discharged (AC), what a dispatch plans with; what wear did cost is in the record.
     discount_rate : float
         Per year: what income of later years is worth less.
     """
@@ -31,7 +29,6 @@ class Terms:
     charge_fee_eur_mwh: float = 0.0
     discharge_fee_eur_mwh: float = 0.0
     start_eur: float = 0.0
-    wear_eur_mwh: float = 0.0
     discount_rate: float = 0.05
 
     def shortfall_price_eur_mwh(self, price_eur_mwh: Price) -> Price:

@@ -25,6 +25,7 @@ VARIABLES: dict[str, Variable] = {
     "demand_kw": Variable(_T, "kW", "power asked of the plant, positive = discharge"),
     "unmet_kw": Variable(_T, "kW", "part of the demand above the power in service, asked of no string"),
     "price_eur_mwh": Variable(_T, "EUR/MWh", "market price"),
+    "expected_kw": Variable(_T, "kW", "power that the dispatch expected to be delivered"),
     "ambient_c": Variable(_T, "degC", "ambient (air inlet) temperature"),
     "request_kw": Variable(_TS, "kW", "set-point of each string (AC), positive = discharge"),
     "delivered_kw": Variable(_TS, "kW", "delivered AC power, mean over the step, positive = discharge"),

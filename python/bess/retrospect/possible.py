@@ -15,7 +15,7 @@ from bess.policies import POLICIES, Policy, Settings, build_policy
 from bess.policies.rule import RulePolicy
 from bess.retrospect.bound import Array, Worth, lower_bound
 from bess.retrospect.replay import Replay
-from bess.study.sections import terms_of
+from bess.wear import WearPrices
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -157,7 +157,7 @@ class _Value:
     def __init__(self, replay: Replay) -> None:
         price: Array | None = replay.inputs.price_eur_mwh
         assert price is not None
-        terms = terms_of(replay.study.settlement, replay.study.wear)
+        terms = replay.study.settlement.terms
         served_kw = replay.served_kw
         asked_kw: Array = replay.record["demand_kw"].values
         mwh_per_kw = replay.inputs.grid.dt_h / _KWH_PER_MWH
@@ -166,7 +166,8 @@ class _Value:
         unmet = (np.abs(asked_kw) - np.abs(served_kw)) * mwh_per_kw
         sells, buys = terms.discharge_price_eur_mwh(price), terms.charge_price_eur_mwh(price)
         short = terms.shortfall_price_eur_mwh(price)
-        wear = terms.wear_eur_mwh
+        # A string without a price of throughput could deliver it all.
+        wear = float(WearPrices.of(replay.system).eur_per_kwh_discharged.min()) * _KWH_PER_MWH
         self.ideal_eur = float((discharged * sells - charged * buys - unmet * short).sum())
         self.wear_eur = float(discharged.sum()) * wear
         missing = short + np.where(served_kw > 0.0, sells - wear, -buys)

@@ -13,6 +13,7 @@ from bess.numbers import real_numbers
 from bess.plant import Plant, PlantSnapshot
 from bess.policies import Decision, Policy, Situation
 from bess.record.schema import AGEING_FLOWS, FLOWS
+from bess.simulation.demand import Now
 from bess.simulation.inputs import Inputs
 from bess.wear import WearPrices
 
@@ -45,8 +46,6 @@ class ClosedLoop:
         )
         self._prices = WearPrices.of(inputs.system)
         self._total_kw = inputs.limit_kw.sum(axis=1)
-        self._soc_min = np.array([string.battery.soc_min for string in strings])
-        self._energy_kwh = inputs.system.nominal_energy_kwh
         self.step = 0
 
     def advance(self) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -59,9 +58,9 @@ class ClosedLoop:
         """
         step, inputs = self.step, self._inputs
         state = self._plant.state
-        energy_kwh = float(((state.soc - self._soc_min) * self._energy_kwh * state.soh_capacity).sum())
         limit_kw, total_kw = inputs.limit_kw[step], self._total_kw[step]
-        ahead_kw = inputs.demand.ahead(step, inputs.horizon_steps, energy_kwh)
+        now = Now(state, limit_kw, inputs.ambient_c[step:])
+        ahead_kw = inputs.demand.ahead(step, inputs.horizon_steps, now)
         demand_kw = float(ahead_kw[0])
         served_kw = np.minimum(np.maximum(ahead_kw, -total_kw), total_kw)
         ambient_c = float(inputs.ambient_c[step])
@@ -83,6 +82,8 @@ class ClosedLoop:
         }
         if inputs.price_eur_mwh is not None:
             record["price_eur_mwh"] = inputs.price_eur_mwh[step]
+        if (expected_kw := inputs.demand.expected_kw(step)) is not None:
+            record["expected_kw"] = expected_kw
         for name in self._flows:
             record[name] = getattr(flows, name)
         discharged_kwh = np.maximum(flows.delivered_kw, 0.0) * inputs.grid.dt_h

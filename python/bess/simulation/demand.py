@@ -3,26 +3,50 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bess.parameters import State, System
+
 if TYPE_CHECKING:
-    from bess.ems import Arbitrage, Forecast
+    from bess.ems import Arbitrage, AwareDispatch, Forecast
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Now:
+    """What is measured and known when a step begins.
+
+    Attributes
+    ----------
+    state : State
+        Measured state of every string.
+    limit_kw : ndarray, shape (n_strings,)
+        Power of each inverter in service.
+    ambient_c : ndarray, shape (n_steps_left,)
+        Ambient temperature of this step and those to come, as a weather forecast has it.
+    """
+
+    state: State
+    limit_kw: Array
+    ambient_c: Array
 
 
 class DemandSource(Protocol):
     """Gives the demand of a step and its forecast; what it remembers is part of a checkpoint."""
 
-    def ahead(self, step: int, horizon: int, energy_kwh: float) -> Array:
+    def ahead(self, step: int, horizon: int, now: Now) -> Array:
         """Demand [kW] of ``step`` (binding) and as foreseen for the next ones, shape ``(horizon,)``.
 
-        Called once for each step, in order. ``energy_kwh`` is what the plant holds above its lower SOC
-        limits.
+        Called once for each step, in order.
         """
+
+    def expected_kw(self, step: int) -> float | None:
+        """What a plan expects to be delivered in ``step`` [kW], after :meth:`ahead`; None without a plan."""
 
     def memory(self) -> dict[str, Any]:
         """What is carried from step to step."""
@@ -37,9 +61,13 @@ class ProfileSource:
     def __init__(self, forecast: Forecast) -> None:
         self._forecast = forecast
 
-    def ahead(self, step: int, horizon: int, energy_kwh: float) -> Array:
+    def ahead(self, step: int, horizon: int, now: Now) -> Array:
         """See :class:`DemandSource`."""
         return _padded(self._forecast.ahead(step, horizon), horizon)
+
+    def expected_kw(self, step: int) -> float | None:
+        """A profile promises nothing."""
+        return None
 
     def memory(self) -> dict[str, Any]:
         """Nothing."""
@@ -49,30 +77,110 @@ class ProfileSource:
         """Nothing to restore."""
 
 
-class ArbitrageSource:
-    """The plan of the arbitrage program, made anew whenever it is due."""
+class Planner(Protocol):
+    """Makes plans over prices, each from its arguments alone."""
+
+    @property
+    def days(self) -> NDArray[np.int64]:
+        """Number of the trading day of each step."""
+
+    def is_due(self, step: int) -> bool:
+        """Whether a new plan is due at ``step``."""
+
+    def plan(self, step: int, now: Now, energy_kwh: float, discharged_kwh: float) -> tuple[Array, Array]:
+        """Demand and expected delivery [kW] over the look-ahead.
+
+        ``energy_kwh`` is stored above the lower SOC limits, ``discharged_kwh`` what of it was discharged on
+        this trading day so far.
+        """
+
+
+class LinearPlanner:
+    """The arbitrage program with a constant efficiency, which expects that what it asks is delivered."""
 
     def __init__(self, arbitrage: Arbitrage) -> None:
         self._arbitrage = arbitrage
+        self.days = arbitrage.days
+
+    def is_due(self, step: int) -> bool:
+        """See :class:`Planner`."""
+        return self._arbitrage.is_due(step)
+
+    def plan(self, step: int, now: Now, energy_kwh: float, discharged_kwh: float) -> tuple[Array, Array]:
+        """See :class:`Planner`."""
+        demand_kw = self._arbitrage.plan(step, energy_kwh, discharged_kwh)
+        return demand_kw, demand_kw
+
+
+class AwarePlanner:
+    """Plans that know the plant."""
+
+    def __init__(
+        self,
+        dispatch: AwareDispatch,
+        prices: Forecast,
+        days: NDArray[np.int64],
+        *,
+        look_ahead_steps: int,
+        replan_steps: int,
+    ) -> None:
+        self._dispatch, self._prices, self.days = dispatch, prices, days
+        self._look_ahead_steps, self._replan_steps = look_ahead_steps, replan_steps
+
+    def is_due(self, step: int) -> bool:
+        """See :class:`Planner`."""
+        return step % self._replan_steps == 0
+
+    def plan(self, step: int, now: Now, energy_kwh: float, discharged_kwh: float) -> tuple[Array, Array]:
+        """See :class:`Planner`."""
+        from bess.ems import Outlook
+
+        price = self._prices.ahead(step, self._look_ahead_steps)
+        outlook = Outlook(
+            price,
+            now.ambient_c[: price.size],
+            self.days[step : step + price.size],
+            discharged_kwh,
+            is_last=step + price.size == self.days.size,
+        )
+        plan = self._dispatch.plan(outlook, now.state, limit_kw=now.limit_kw)
+        return plan.demand_kw, plan.expected_delivered_kw
+
+
+class ArbitrageSource:
+    """A plan over prices, made anew whenever it is due."""
+
+    def __init__(self, planner: Planner, system: System) -> None:
+        self._planner = planner
+        self._soc_min = np.array([string.battery.soc_min for string in system.strings])
+        self._nominal_kwh = system.nominal_energy_kwh
         self._plan: Array = np.zeros(0)
+        self._expected: Array = np.zeros(0)
         self._planned_at = 0
         self._day: int | None = None
         self._energy_kwh = 0.0
         self._discharged_kwh = 0.0
 
-    def ahead(self, step: int, horizon: int, energy_kwh: float) -> Array:
+    def ahead(self, step: int, horizon: int, now: Now) -> Array:
         """See :class:`DemandSource`."""
-        self._count_discharge(int(self._arbitrage.days[step]), energy_kwh)
-        if self._arbitrage.is_due(step):
-            self._plan = self._arbitrage.plan(step, energy_kwh, self._discharged_kwh)
+        state = now.state
+        held_kwh = (state.soc - self._soc_min) * self._nominal_kwh * state.soh_capacity
+        self._count_discharge(int(self._planner.days[step]), float(held_kwh.sum()))
+        if self._planner.is_due(step):
+            self._plan, self._expected = self._planner.plan(step, now, self._energy_kwh, self._discharged_kwh)
             self._planned_at = step
         offset = step - self._planned_at
         return _padded(self._plan[offset : offset + horizon], horizon)
+
+    def expected_kw(self, step: int) -> float | None:
+        """See :class:`DemandSource`."""
+        return float(self._expected[step - self._planned_at])
 
     def memory(self) -> dict[str, Any]:
         """The plan, and what counts against the cycle limit of the day."""
         return {
             "plan": self._plan,
+            "expected": self._expected,
             "planned_at": self._planned_at,
             "day": self._day,
             "energy_kwh": self._energy_kwh,
@@ -82,6 +190,7 @@ class ArbitrageSource:
     def recall(self, memory: Mapping[str, Any]) -> None:
         """See :class:`DemandSource`."""
         self._plan = memory["plan"]
+        self._expected = memory["expected"]
         self._planned_at = memory["planned_at"]
         self._day = memory["day"]
         self._energy_kwh = memory["energy_kwh"]

@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 
 from bess.errors import InputError
 from bess.parameters import System
-from bess.simulation.demand import ArbitrageSource, DemandSource, ProfileSource
+from bess.simulation.demand import (
+    ArbitrageSource,
+    AwarePlanner,
+    DemandSource,
+    LinearPlanner,
+    Planner,
+    ProfileSource,
+)
 from bess.study.grid import Grid, Series, seconds_of
 from bess.study.keys import check_bundled
 from bess.study.sections import ArbitrageDemand, ProfileDemand
@@ -20,6 +27,7 @@ from bess.study.sections import ArbitrageDemand, ProfileDemand
 if TYPE_CHECKING:
     import pandas as pd
 
+    from bess.ems import Forecast
     from bess.study.study import Study
 
 _DEFAULT_START = datetime(2024, 1, 1, tzinfo=UTC)
@@ -111,8 +119,6 @@ def _profile(study: Study, choice: ProfileDemand, system: System, step_s: float,
 
 
 def _arbitrage(study: Study, choice: ArbitrageDemand, system: System, step_s: float) -> Asked:
-    from bess.ems import Arbitrage, Perfect, Persistence
-    from bess.ems.arbitrage import calendar_days
     from bess.market import prolonged, read_prices
 
     if choice.prices is None:
@@ -126,17 +132,64 @@ def _arbitrage(study: Study, choice: ArbitrageDemand, system: System, step_s: fl
     series = Series.from_pandas(read, choice.prices, "demand.prices")
     start = study.run.start or series.start
     grid = Grid.of(start, step_s, study.run.days or series.days_from(start, step_s))
-    wanted = grid.longer(round(choice.look_ahead_h / grid.dt_h))
     if choice.repeat:
-        series = Series.from_pandas(prolonged(read, wanted.end), choice.prices, "demand.prices")
+        series = Series.from_pandas(prolonged(read, grid.end), choice.prices, "demand.prices")
     price = series.on(grid)
-    ahead = series.on(wanted, whole=False)
+    forecast, files = _price_forecast(choice, grid, price)
+    planner = _planner(study, choice, system, grid, forecast)
+    notes = [
+        f"prices: {choice.prices}, min / mean / max of the run "
+        f"{price.min():.2f} / {price.mean():.2f} / {price.max():.2f} EUR/MWh",
+        *repair_notes(read),
+    ]
+    return Asked(grid, ArbitrageSource(planner, system), price, [Path(choice.prices), *files], notes)
+
+
+def _price_forecast(choice: ArbitrageDemand, grid: Grid, price: Array) -> tuple[Forecast, list[Path]]:
+    """What is known of prices ahead, to the end of the run, and the file it was read from."""
+    from bess.ems import Foretold, Perfect, Persistence
+    from bess.market import read_prices
+
+    if choice.forecast_prices is not None:
+        read = read_prices(
+            choice.forecast_prices, choice.zone, choice.product, time_zone=choice.time_zone, fill=choice.fill
+        )
+        foretold = Series.from_pandas(read, choice.forecast_prices, "demand.forecast_prices").on(grid)
+        return Foretold(price, foretold), [Path(choice.forecast_prices)]
+    return Perfect(price) if choice.forecast == "perfect" else Persistence(price, grid.dt_h), []
+
+
+def _planner(
+    study: Study, choice: ArbitrageDemand, system: System, grid: Grid, forecast: Forecast
+) -> Planner:
+    from bess.ems import Arbitrage, AwareDispatch
+    from bess.ems.arbitrage import calendar_days
+    from bess.ems.forecast import steps_in
+
+    days = calendar_days(_index(grid), choice.market_time_zone)
+    if choice.plan == "aware":
+        look_ahead = steps_in(choice.look_ahead_h, grid.dt_h, "demand.look_ahead_h")
+        replan = steps_in(choice.replan_h, grid.dt_h, "demand.replan_h")
+        if replan > look_ahead:
+            raise InputError(
+                f"demand.replan_h {choice.replan_h:g} h must not exceed "
+                f"demand.look_ahead_h {choice.look_ahead_h:g} h"
+            )
+        dispatch = AwareDispatch(
+            system,
+            grid.dt_h,
+            study.settlement.terms,
+            max_power_kw=choice.max_power_kw,
+            max_energy_kwh=choice.max_energy_kwh,
+            cycles_per_day=choice.cycles_per_day,
+        )
+        return AwarePlanner(dispatch, forecast, days, look_ahead_steps=look_ahead, replan_steps=replan)
     window = np.array([string.battery.soc_max - string.battery.soc_min for string in system.strings])
     energy_kwh = float((system.nominal_energy_kwh * window).sum())
     power_kw = float(system.nominal_kw.sum())
     arbitrage = Arbitrage(
-        Perfect(ahead) if choice.forecast == "perfect" else Persistence(ahead, grid.dt_h),
-        calendar_days(_index(wanted, ahead.size), choice.market_time_zone),
+        forecast,
+        days,
         power_kw=min(power_kw, choice.max_power_kw or power_kw),
         energy_kwh=min(energy_kwh, choice.max_energy_kwh or energy_kwh),
         efficiency=choice.efficiency,
@@ -145,18 +198,13 @@ def _arbitrage(study: Study, choice: ArbitrageDemand, system: System, step_s: fl
         replan_h=choice.replan_h,
         dt_h=grid.dt_h,
     )
-    notes = [
-        f"prices: {choice.prices}, min / mean / max of the run "
-        f"{price.min():.2f} / {price.mean():.2f} / {price.max():.2f} EUR/MWh",
-        *repair_notes(read),
-    ]
-    return Asked(grid, ArbitrageSource(arbitrage), price, [Path(choice.prices)], notes)
+    return LinearPlanner(arbitrage)
 
 
-def _index(grid: Grid, n_steps: int) -> pd.DatetimeIndex:
+def _index(grid: Grid) -> pd.DatetimeIndex:
     import pandas as pd
 
-    return pd.DatetimeIndex(grid.times[:n_steps]).tz_localize("UTC")
+    return pd.DatetimeIndex(grid.times).tz_localize("UTC")
 
 
 def repair_notes(series: pd.Series[float]) -> list[str]:

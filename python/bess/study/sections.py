@@ -94,10 +94,13 @@ class ProfileDemand(Section):
 class ArbitrageDemand(Section):
     """Section ``[demand]`` with ``kind = "arbitrage"``: buy and sell at the prices of a market file.
 
-    The file is read as :func:`bess.read_prices` says, the program is that of :class:`bess.ems.Arbitrage`.
+    The file is read as :func:`bess.read_prices` says. ``plan`` is ``aware`` (:class:`bess.ems.AwareDispatch`,
+    which asks the plant) or ``linear`` (:class:`bess.ems.Arbitrage`, which takes a constant ``efficiency``).
     ``max_power_kw`` and ``max_energy_kwh`` keep below what the plant has; ``market_time_zone`` is that of the
     trading day, to which ``cycles_per_day`` applies. ``repeat`` lets the last year of the file follow year by
-    year, for runs over decades (:func:`bess.market.prolonged`). ``forecast`` is that of prices.
+    year, for runs over decades (:func:`bess.market.prolonged`). ``forecast`` is that of prices; with ``file``
+    it is read from ``forecast_prices``, a price file of its own. What is sold is settled at the prices that
+    came true.
     """
 
     kind: Literal["arbitrage"] = "arbitrage"
@@ -109,12 +112,20 @@ class ArbitrageDemand(Section):
     market_time_zone: str = "Europe/Berlin"
     max_power_kw: Positive | None = None
     max_energy_kwh: Positive | None = None
+    plan: Literal["aware", "linear"] = "aware"
     efficiency: Annotated[float, within(0.0, 1.0, above=True)] = 0.9
     cycles_per_day: Positive = 2.0
     look_ahead_h: Positive = 36.0
     replan_h: Positive = 6.0
     repeat: bool = False
-    forecast: Literal["perfect", "persistence"] = "perfect"
+    forecast: Literal["perfect", "persistence", "file"] = "perfect"
+    forecast_prices: str | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.forecast == "file") != (self.forecast_prices is not None):
+            raise ValueError('forecast = "file" and forecast_prices go together')
+        return self
 
 
 def _kind(demand: object) -> str | None:
@@ -183,6 +194,11 @@ class SettlementChoice(Section):
     start_eur: NonNegative = Terms.start_eur
     discount_rate: Annotated[float, within(0.0, 1.0, "per year")] = Terms.discount_rate
 
+    @property
+    def terms(self) -> Terms:
+        """The section as what dispatch and settlement work with."""
+        return Terms(**self.model_dump())
+
 
 class WearChoice(Section):
     """Section ``[wear]``: what using the batteries costs.
@@ -198,12 +214,6 @@ class WearChoice(Section):
     end_of_life: EndOfLife | None = None
     eur_per_mwh: NonNegative | None = None
     calendar_share: Fraction | None = None
-
-
-def terms_of(settlement: SettlementChoice, wear: WearChoice) -> Terms:
-    """Return both sections as what dispatch and settlement work with."""
-    planned = None if wear.model in (None, "none") else wear.eur_per_mwh
-    return Terms(**settlement.model_dump(), wear_eur_mwh=planned or 0.0)
 
 
 class OutputChoice(Section):

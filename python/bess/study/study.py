@@ -32,7 +32,13 @@ from bess.study.sections import (
     WeatherChoice,
 )
 
-_PATHS = (("system", "file"), ("demand", "file"), ("demand", "prices"), ("weather", "file"))
+_PATHS = (
+    ("system", "file"),
+    ("demand", "file"),
+    ("demand", "prices"),
+    ("demand", "forecast_prices"),
+    ("weather", "file"),
+)
 """Keys that name files. A name without a folder and an ending is that of something bundled."""
 
 

@@ -1,0 +1,332 @@
+"""The plant as one store: what all strings together lose, hold and deliver."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from bess import _core
+from bess.parameters import State, System
+from bess.units import SECONDS_PER_HOUR, WATTS_PER_KW
+
+Array = npt.NDArray[np.float64]
+
+CHARGE, DISCHARGE = 0, 1
+"""Index of a direction in the arrays of this module."""
+
+_REFERENCE_SOC: Final = 0.5
+_REFERENCE_C: Final = 35.0
+"""State at which the best share of each power is found; what it loses is scaled to other states."""
+
+_HEAT_WEIGHT: Final = 3.0
+"""Weight of heat beside other losses in the best share: it warms, and derates the hours that follow."""
+
+_DEEP: Final = (5.0, 1.5)
+"""Growth of resistance at which the store is cut into banks."""
+
+_NEAR_LEAST: Final = 1.02
+"""Loss per power that is as good as the least one."""
+
+_POWERS: Final = 24
+"""Powers at which the best share is found, between nothing and the plant's nominal power."""
+
+_SUBSTEP_H: Final = 1.0 / 12.0
+"""Step of the roll-out [h]: the coefficients of the control model are those at the start of a step."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Loss of the plant over its power in one direction, with the power shared as loses least.
+
+    Attributes
+    ----------
+    power_kw : ndarray, shape (n_points,)
+        Ascending from 0 to the power in service.
+    share_kw : ndarray, shape (n_points, n_strings)
+        Power of each string.
+    inverter_kw, heat_kw : ndarray, shape (n_points,)
+        Inverter loss, and battery loss at the reference state.
+    """
+
+    power_kw: Array
+    share_kw: Array
+    inverter_kw: Array
+    heat_kw: Array
+
+    def convex_points(self, pieces: int) -> Curve:
+        """Return points of the curve with losses per power that rise from piece to piece.
+
+        The first piece ends where the loss per power is least (or above it): less power for longer loses
+        more, by what an inverter loses for being on.
+        """
+        loss = self.inverter_kw + _HEAT_WEIGHT * self.heat_kw
+        rate = loss[1:] / self.power_kw[1:]
+        best = 1 + int(np.flatnonzero(rate <= _NEAR_LEAST * rate.min())[-1])
+        keep = np.unique(np.r_[0, np.round(np.linspace(best, self.power_kw.size - 1, pieces)).astype(int)])
+        return Curve(self.power_kw[keep], self.share_kw[keep], self.inverter_kw[keep], self.heat_kw[keep])
+
+
+@dataclass(frozen=True)
+class Rolled:
+    """What a schedule does in the control model, plant by plant; powers are means over the steps.
+
+    Attributes
+    ----------
+    delivered_kw : ndarray, shape (n_steps,)
+        Signed.
+    energy_kwh : ndarray, shape (n_steps + 1,)
+        Stored above the lower SOC limits, at the start and at the end of each step.
+    soc, temperature_c : ndarray, shape (n_strings, n_steps + 1)
+        Of each string, likewise.
+    availability_kw : ndarray, shape (n_steps,)
+        Asked for, not delivered by strings that are full or empty, a magnitude.
+    standby_kw : ndarray, shape (n_steps,)
+        Standby of the inverters that are off.
+    starts : int
+        Starts of inverters after the first step.
+    """
+
+    delivered_kw: Array
+    energy_kwh: Array
+    soc: Array
+    temperature_c: Array
+    availability_kw: Array
+    standby_kw: Array
+    starts: int
+
+
+class Aggregate:
+    """All strings of a plant as one store.
+
+    Parameters
+    ----------
+    system : System
+        The plant.
+    dt_h : float
+        Control step [h].
+    state : State
+        Whose state of health the strings have; the rest of it does not matter.
+    limit_kw : array, shape (n_strings,)
+        Power of each inverter in service, not all 0.
+    """
+
+    def __init__(self, system: System, dt_h: float, state: State, limit_kw: Array):
+        self.system, self.dt_h = system, dt_h
+        self.limit_kw = np.minimum(limit_kw, system.nominal_kw)
+        self.power_kw = float(self.limit_kw.sum())
+        health = _rounded(state)
+        self._health = health
+        self._core = system.core if health.is_fresh else system.core_at(health)
+        self._model = _core.ControlModel(self._core)
+        self._substeps = max(1, round(dt_h / _SUBSTEP_H))
+        batteries = [string.battery for string in system.strings]
+        self.soc_min = np.array([battery.soc_min for battery in batteries])
+        self.soc_max = np.array([battery.soc_max for battery in batteries])
+        self._soc_grid, self._energy_grid = _energy_tables(system, health, self.soc_min)
+        self.string_energy_kwh = self._energies_kwh(self.soc_max)
+        self.capacity_kwh = float(self.string_energy_kwh.sum())
+        self._off_kw = np.array([s.inverter.off_loss for s in system.strings]) * system.nominal_kw
+        lumped = [string.thermal.lumped for string in system.strings]
+        mass = np.array([1.0 / (WATTS_PER_KW * each.k1_k_per_j) for each in lumped])
+        cooling = np.array([each.k2_per_s for each in lumped])
+        self._mass_share = mass / mass.sum()
+        self.warming_k_per_kwh = SECONDS_PER_HOUR / float(mass.sum())
+        self.cooling_per_h = SECONDS_PER_HOUR * float(self._mass_share @ cooling)
+        middle = np.clip(np.full(system.n_strings, _REFERENCE_SOC), self.soc_min, self.soc_max)
+        self._reference = self._ohm_per_v2(middle[:, None], np.full((system.n_strings, 1), _REFERENCE_C))
+        self.curves = (self._curve(middle, -1.0), self._curve(middle, 1.0))
+        self.stored_per_charged = self._voltage_ratio()
+
+    def fits(self, state: State, limit_kw: Array) -> bool:
+        """Whether strings of this state and in this service are the ones described here."""
+        health = _rounded(state)
+        return (
+            np.array_equal(self.limit_kw, np.minimum(limit_kw, self.system.nominal_kw))
+            and np.array_equal(self._health.soh_capacity, health.soh_capacity)
+            and np.array_equal(self._health.soh_resistance, health.soh_resistance)
+        )
+
+    def energy_kwh(self, soc: Array) -> Array:
+        """Energy above the lower SOC limits, by the OCV of discharge; strings along the first axis."""
+        return np.asarray(self._energies_kwh(soc).sum(axis=0))
+
+    def _energies_kwh(self, soc: Array) -> Array:
+        return np.array(
+            [
+                np.interp(each, grid, energy)
+                for each, grid, energy in zip(soc, self._soc_grid, self._energy_grid, strict=True)
+            ]
+        )
+
+    def mean_c(self, temperature_c: Array) -> Array:
+        """Temperature of the whole plant; strings along the first axis."""
+        return np.tensordot(self._mass_share, temperature_c, axes=1)
+
+    def resistance_factor(self, soc: Array, temperature_c: Array) -> tuple[Array, Array]:
+        """Heat at given power over that at the reference state, in charge and in discharge.
+
+        Arrays of shape ``(n_strings, n_steps)``; returns two of shape ``(n_steps,)``.
+        """
+        now = self._ohm_per_v2(soc, temperature_c)
+        weight = self.limit_kw[:, None] ** 2
+        charge, discharge = (
+            (weight * here).sum(axis=0) / (weight * there).sum(axis=0)
+            for here, there in zip(now, self._reference, strict=True)
+        )
+        return charge, discharge
+
+    def deep_banks(self) -> tuple[Array, Array]:
+        """Parts of the store from the top down: energies [kWh], and resistances over that of the first.
+
+        Resistance climbs steeply towards empty in some cells; there the store is cut where it has grown by
+        :data:`_DEEP`.
+        """
+        soc = np.linspace(self.soc_min, self.soc_max, 201, axis=1)
+        factor = np.max(self.resistance_factor(soc, np.full_like(soc, _REFERENCE_C)), axis=0)
+        factor = np.maximum.accumulate(factor[::-1])[::-1] / factor[factor.size // 2]
+        energy = self.energy_kwh(soc)
+        edges = [0, *(int(np.argmax(factor <= level)) for level in _DEEP), soc.shape[1] - 1]
+        parts = [(low, high) for low, high in pairwise(sorted(set(edges)))][::-1]
+        size = np.array([energy[high] - energy[low] for low, high in parts])
+        return size, np.array([factor[low : high + 1].mean() for low, high in parts])
+
+    def derating(self) -> tuple[Array, Array]:
+        """Table of the plant's derating factor: temperatures [degC], and the mean factor over the power."""
+        tables = [string.derating for string in self.system.strings]
+        knots = np.unique(np.concatenate([table.temperature_c for table in tables]))
+        factors = [np.interp(knots, table.temperature_c, table.factor) for table in tables]
+        return knots, np.asarray(np.average(factors, axis=0, weights=self.limit_kw))
+
+    def roll_out(self, state: State, demand_kw: Array, ambient_c: Array) -> Rolled:
+        """Return what the control model makes of a demand, shared as loses least.
+
+        What a full or empty string cannot take is given to the others, as far as they have power left.
+        """
+        strings, steps, parts = self.system.n_strings, demand_kw.size, self._substeps
+        request = self._shared(demand_kw)
+        fine_ambient = np.repeat(ambient_c, parts)
+        for _ in range(3):
+            fine = np.repeat(request, parts, axis=1)[None]
+            flows = self._model.rollout(state.soc, state.temperature_c, fine, fine_ambient, self.dt_h / parts)
+            delivered, shed = (
+                flow[0].reshape(strings, steps, parts).mean(axis=2) for flow in (flows[0], flows[1])
+            )
+            moved = self._moved(request, shed)
+            if moved is None:
+                break
+            request = moved
+        ends = slice(parts - 1, None, parts)
+        soc = np.concatenate([state.soc[:, None], flows[6][0][:, ends]], axis=1)
+        temperature = np.concatenate([state.temperature_c[:, None], flows[7][0][:, ends]], axis=1)
+        return Rolled(
+            delivered_kw=delivered.sum(axis=0),
+            energy_kwh=self.energy_kwh(soc),
+            soc=soc,
+            temperature_c=temperature,
+            availability_kw=shed.sum(axis=0),
+            standby_kw=self._off_kw @ (request == 0.0),
+            starts=int(np.count_nonzero((request[:, 1:] != 0.0) & (request[:, :-1] == 0.0))),
+        )
+
+    def _shared(self, demand_kw: Array) -> Array:
+        """Requests of the strings [kW], ``(n_strings, n_steps)``, by the best share of each power."""
+        magnitude = np.minimum(np.abs(demand_kw), self.power_kw)
+        request = np.empty((self.system.n_strings, demand_kw.size))
+        for direction, sign in ((CHARGE, -1.0), (DISCHARGE, 1.0)):
+            here = demand_kw * sign > 0.0 if direction == CHARGE else demand_kw >= 0.0
+            curve = self.curves[direction]
+            for m in range(self.system.n_strings):
+                request[m, here] = sign * np.interp(magnitude[here], curve.power_kw, curve.share_kw[:, m])
+        return request
+
+    def _moved(self, request: Array, shed: Array) -> Array | None:
+        """Requests with what was shed moved to strings that shed nothing; None if nothing was."""
+        least_kw = 1e-6 * self.power_kw
+        lost = np.where(shed > least_kw, shed, 0.0)
+        free = np.where(lost > 0.0, 0.0, np.maximum(self.limit_kw[:, None] - np.abs(request), 0.0))
+        total, room = lost.sum(axis=0), free.sum(axis=0)
+        amount = np.minimum(total, room)
+        amount[amount < least_kw] = 0.0
+        if not np.any(amount):
+            return None
+        given = free * (amount / np.maximum(room, least_kw))
+        taken = lost * (amount / np.maximum(total, least_kw))
+        magnitude = np.clip(np.abs(request) + given - taken, 0.0, self.limit_kw[:, None])
+        return np.asarray(np.sign(request.sum(axis=0)) * magnitude)
+
+    def _curve(self, soc: Array, sign: float) -> Curve:
+        strings = self.system.n_strings
+        warm_c = np.full(strings, _REFERENCE_C)
+        power = np.linspace(0.0, self.power_kw, _POWERS + 1)
+        share = np.zeros((power.size, strings))
+        costs, tolerance = np.ones((1, strings, 4)), np.zeros(1)
+        costs[:, :, 3] = _HEAT_WEIGHT
+        step = (np.array([self.system.ambient_c]), _SUBSTEP_H, self.limit_kw[:, None])
+        for i, total in enumerate(power[1:], start=1):
+            horizon = _core.ControlHorizon(
+                self._core, soc, warm_c, np.array([sign * total]),
+                *step, costs, tolerance, tolerance,
+            )  # fmt: skip
+            share[i] = np.abs(horizon.greedy()[0][:, 0])
+        flows = self._model.rollout(soc, warm_c, sign * share[:, :, None], step[0], _SUBSTEP_H)
+        inverter, heat = flows[3][:, :, 0].sum(axis=1), flows[4][:, :, 0].sum(axis=1)
+        return Curve(power, share, inverter, heat)
+
+    def _ohm_per_v2(self, soc: Array, temperature_c: Array) -> tuple[Array, Array]:
+        """``R / V^2`` of every string in charge and discharge, arrays of the shape of ``soc``."""
+        charge, discharge = (
+            resistance / voltage**2 for voltage, resistance in self._coefficients(soc, temperature_c)
+        )
+        return charge, discharge
+
+    def _coefficients(self, soc: Array, temperature_c: Array) -> list[tuple[Array, Array]]:
+        """Voltage [V] and resistance [Ohm] in charge and in discharge."""
+        steps = soc.shape[1]
+        limit = np.repeat(self.limit_kw[:, None], steps, axis=1)
+        found = []
+        for sign in (-1.0, 1.0):
+            horizon = _core.ControlHorizon(
+                self._core, soc[:, 0], temperature_c[:, 0], np.full(steps, sign * self.power_kw),
+                np.full(steps, self.system.ambient_c), self.dt_h, limit,
+                np.ones((1, self.system.n_strings, 4)), np.zeros(1), np.zeros(1),
+            )  # fmt: skip
+            _, voltage, resistance = horizon.coefficients(
+                np.ascontiguousarray(soc), np.ascontiguousarray(temperature_c)
+            )
+            found.append((voltage, resistance))
+        return found
+
+    def _voltage_ratio(self) -> float:
+        grid = np.linspace(self.soc_min, self.soc_max, 21, axis=1)
+        (charge, _), (discharge, _) = self._coefficients(grid, np.full_like(grid, _REFERENCE_C))
+        return float(discharge.sum() / charge.sum())
+
+
+def _energy_tables(system: System, health: State, soc_min: Array) -> tuple[list[Array], list[Array]]:
+    """Energy [kWh] of each string above its lower SOC limit, over a grid of SOC, at 25 degC."""
+    grids, energies = [], []
+    capacity_ah = system.capacity_ah * health.soh_capacity
+    for m, string in enumerate(system.strings):
+        ocv = string.battery.ocv_v
+        row = int(np.argmin(np.abs(np.array(ocv.temperature_c) - 25.0)))
+        soc = np.unique(np.r_[np.array(ocv.soc), np.linspace(ocv.soc[0], ocv.soc[-1], 101)])
+        volt = np.interp(soc, ocv.soc, ocv.discharge[row]) * string.battery.cells_series
+        energy = np.r_[0.0, np.cumsum(np.diff(soc) * 0.5 * (volt[1:] + volt[:-1]))]
+        energy *= capacity_ah[m] / WATTS_PER_KW
+        grids.append(soc)
+        energies.append(energy - np.interp(soc_min[m], soc, energy))
+    return grids, energies
+
+
+def _rounded(state: State) -> State:
+    """State of health to a thousandth: what a plan can tell apart, and what is worth new tables."""
+    return State(
+        np.full(state.n_strings, _REFERENCE_SOC),
+        np.full(state.n_strings, _REFERENCE_C),
+        np.clip(np.round(state.soh_capacity, 3), 0.01, None),
+        np.clip(np.round(state.soh_resistance, 3), 0.1, None),
+    )

@@ -1,0 +1,303 @@
+"""Dispatch that asks the plant: linear programs around its roll-out, until the plan is what it can do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from bess.ems.aggregate import Aggregate, Curve, Rolled
+from bess.ems.bank_choice import Depths, banks_of
+from bess.ems.store_program import Banks, Numbers, Pieces, StoreProgram
+from bess.parameters import State, System
+from bess.parameters.terms import Terms
+from bess.units import KWH_PER_MWH
+from bess.wear import MarginalWear, WearRates
+
+Array = npt.NDArray[np.float64]
+
+_PIECES: Final = 5
+"""Pieces of the loss curve in each direction."""
+
+_PROGRAMS: Final = 3
+"""Linear programs of a plan, each with the coefficients of the roll-out before it."""
+
+_LEAST: Final = 1e-6
+"""Share of the plant's power below which nothing is asked for, or missing."""
+
+_REGULAR_SOC: Final = 0.15
+"""The deep banks have a resistance of their own; that of the pieces is taken at this SOC or above."""
+
+_NEVER_EUR_KWH: Final = -1e3
+"""Income of a kWh discharged at a negative price: it is not planned, as it would pay to burn energy."""
+
+
+@dataclass(frozen=True)
+class DispatchPlan:
+    """What to ask of a plant, and what it is expected to make of it. Powers are kW, positive = discharge.
+
+    Attributes
+    ----------
+    demand_kw : ndarray, shape (n_steps,)
+        Power to ask for.
+    expected_delivered_kw : ndarray, shape (n_steps,)
+        Power that the control model delivers.
+    expected_net_eur : float
+        Net income by the terms of settlement, wear included; what is left in store is not counted.
+    expected_energy_kwh : ndarray, shape (n_steps,)
+        Energy above the lower SOC limits at the end of each step.
+    expected_temperature_c : ndarray, shape (n_steps,)
+        Mean temperature at the end of each step.
+    """
+
+    demand_kw: Array
+    expected_delivered_kw: Array
+    expected_net_eur: float
+    expected_energy_kwh: Array
+    expected_temperature_c: Array
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """What a plan is made for; arrays of shape ``(n_steps,)``.
+
+    Attributes
+    ----------
+    price_eur_mwh, ambient_c : ndarray
+        Prices and ambient temperatures ahead.
+    day : ndarray of int
+        Number of the trading day of each step, ascending.
+    discharged_kwh : float
+        Stored energy discharged on the first of these days so far.
+    is_last : bool
+        Whether the run ends with the plan; what is left in store then is worth nothing.
+    """
+
+    price_eur_mwh: Array
+    ambient_c: Array
+    day: npt.NDArray[np.int64]
+    discharged_kwh: float = 0.0
+    is_last: bool = False
+
+
+class AwareDispatch:
+    """Plans what a plant can deliver, and at what cost.
+
+    Every plan is a linear program of the plant as one store (:class:`bess.ems.store_program.StoreProgram`):
+    losses over power with the best share among the strings, resistance over SOC and temperature, heat and
+    derating, fees, wear by depth of cycle, the price of a shortfall. The plan is rolled out with the control
+    model; resistance and derating are taken from there and the program is solved again. The roll-out that
+    earns most is the plan, less what full or empty strings could not take. It depends on its arguments alone,
+    to the last bit.
+
+    Parameters
+    ----------
+    system : System
+        The plant; its sections ``[wear]`` price the wear.
+    dt_h : float
+        Control step [h].
+    terms : Terms
+        Fees and the price of a shortfall.
+    max_power_kw, max_energy_kwh : float or None
+        Keep below what the plant has.
+    cycles_per_day : float
+        Most full cycles a day: discharged stored energy over that of the plant.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        dt_h: float,
+        terms: Terms,
+        *,
+        max_power_kw: float | None = None,
+        max_energy_kwh: float | None = None,
+        cycles_per_day: float = 2.0,
+    ):
+        self._system, self._dt_h, self._terms = system, dt_h, terms
+        self._max_power_kw, self._max_energy_kwh = max_power_kw or np.inf, max_energy_kwh or np.inf
+        self._cycles_per_day = cycles_per_day
+        self._wear = WearRates(system)
+        self._plant: Aggregate | None = None
+
+    def plan(self, outlook: Outlook, state: State, *, limit_kw: Array | None = None) -> DispatchPlan:
+        """Return the plan that earns most, as far as it was found.
+
+        Parameters
+        ----------
+        outlook : Outlook
+            Prices and temperatures ahead.
+        state : State
+            Measured state.
+        limit_kw : ndarray, shape (n_strings,), optional
+            Power of each inverter in service, taken to stay so.
+        """
+        limit = self._system.nominal_kw if limit_kw is None else limit_kw
+        if not limit.any():
+            return _nothing(outlook, state)
+        plant = self._aggregate(state, limit)
+        task = _Task.of(
+            plant, self._terms, outlook, state, self._wear.at(state),
+            power_kw=min(self._max_power_kw, plant.power_kw),
+            energy_kwh=min(self._max_energy_kwh, plant.capacity_kwh),
+            cycles_per_day=self._cycles_per_day,
+        )  # fmt: skip
+        return task.solved()
+
+    def _aggregate(self, state: State, limit_kw: Array) -> Aggregate:
+        """The plant as it is now; kept until strings fail or have aged by a thousandth."""
+        if self._plant is None or not self._plant.fits(state, limit_kw):
+            self._plant = Aggregate(self._system, self._dt_h, state, limit_kw)
+        return self._plant
+
+
+def _nothing(outlook: Outlook, state: State) -> DispatchPlan:
+    nothing = np.zeros(outlook.price_eur_mwh.size)
+    return DispatchPlan(nothing, nothing, 0.0, nothing, nothing + state.temperature_c.mean())
+
+
+@dataclass(frozen=True)
+class _Task:
+    """One plan to be made."""
+
+    plant: Aggregate
+    terms: Terms
+    outlook: Outlook
+    state: State
+    power_kw: float
+    depths: Depths
+    banks: Banks
+    numbers: Numbers
+
+    @classmethod
+    def of(
+        cls,
+        plant: Aggregate,
+        terms: Terms,
+        outlook: Outlook,
+        state: State,
+        wear: MarginalWear,
+        *,
+        power_kw: float,
+        energy_kwh: float,
+        cycles_per_day: float,
+    ) -> _Task:
+        price, steps = outlook.price_eur_mwh, outlook.price_eur_mwh.size
+        depths = Depths.of(plant, wear)
+        banks = banks_of(plant, depths, energy_kwh)
+        buy = terms.charge_price_eur_mwh(price) / KWH_PER_MWH
+        sell = terms.discharge_price_eur_mwh(price) / KWH_PER_MWH - depths.by_energy_eur_kwh
+        days = int(outlook.day[-1] - outlook.day[0]) + 1
+        allowed = np.full(days, cycles_per_day * energy_kwh)
+        allowed[0] = max(0.0, allowed[0] - outlook.discharged_kwh)
+        numbers = Numbers(
+            charge_eur=buy,
+            discharge_eur=np.where(sell < 0.0, _NEVER_EUR_KWH, sell),
+            shortfall_eur=terms.shortfall_price_eur_mwh(price) / KWH_PER_MWH,
+            holding_eur=depths.holding_eur_kwh_h,
+            end_eur=0.0 if outlook.is_last else _value_of_store(buy, sell - depths.marginal_eur_kwh.mean()),
+            heat_charge=np.ones(steps),
+            heat_discharge=np.ones(steps),
+            energy_kwh=_in_banks(banks, float(plant.energy_kwh(state.soc))),
+            temperature_c=float(plant.mean_c(state.temperature_c)),
+            warming_k=plant.cooling_per_h * plant.dt_h * outlook.ambient_c,
+            derated_kw=np.full(steps, min(0.5 * power_kw, _most_derated_kw(plant, outlook, state))),
+            allowed_kwh=allowed,
+        )
+        return cls(plant, terms, outlook, state, power_kw, depths, banks, numbers)
+
+    def solved(self) -> DispatchPlan:
+        """Solve and roll out in turn; keep the roll-out that earns most."""
+        plant, numbers = self.plant, self.numbers
+        charge, discharge = (_pieces(curve.convex_points(_PIECES)) for curve in plant.curves)
+        program = StoreProgram(
+            plant.dt_h, charge, discharge, self.banks,
+            power_kw=self.power_kw, stored_per_charged=plant.stored_per_charged,
+            warming_k_per_kwh=plant.warming_k_per_kwh, cooling_per_h=plant.cooling_per_h,
+            tangents=_tangents(*plant.derating()), day=self.outlook.day,
+        )  # fmt: skip
+        best_eur, best = -np.inf, _nothing(self.outlook, self.state)
+        for _ in range(_PROGRAMS):
+            charge_kw, discharge_kw = program.solve(numbers)
+            demand_kw = discharge_kw - charge_kw
+            demand_kw[np.abs(demand_kw) < _LEAST * self.power_kw] = 0.0
+            rolled = plant.roll_out(self.state, demand_kw, self.outlook.ambient_c)
+            numbers = self._after(numbers, rolled)
+            # What full or empty strings cannot take is not asked for.
+            demand_kw = demand_kw - np.sign(demand_kw) * rolled.availability_kw
+            rolled = plant.roll_out(self.state, demand_kw, self.outlook.ambient_c)
+            plan, value_eur = self._valued(demand_kw, rolled)
+            if value_eur > best_eur:
+                best_eur, best = value_eur, plan
+        return best
+
+    def _after(self, numbers: Numbers, rolled: Rolled) -> Numbers:
+        """Resistance and derated power as the roll-out had them."""
+        soc = np.maximum(0.5 * (rolled.soc[:, 1:] + rolled.soc[:, :-1]), _REGULAR_SOC)
+        temperature_c = 0.5 * (rolled.temperature_c[:, 1:] + rolled.temperature_c[:, :-1])
+        charge, discharge = self.plant.resistance_factor(soc, temperature_c)
+        return replace(
+            numbers,
+            heat_charge=charge,
+            heat_discharge=discharge,
+            # Half of the step to the new one, so that the hot hours do not swap places for ever.
+            derated_kw=np.minimum(
+                0.5 * (numbers.derated_kw + np.abs(rolled.delivered_kw)),
+                _most_derated_kw(self.plant, self.outlook, self.state),
+            ),
+        )
+
+    def _valued(self, demand_kw: Array, rolled: Rolled) -> tuple[DispatchPlan, float]:
+        """The plan of a roll-out, and what it is worth with what is left in store [EUR]."""
+        terms, price, dt_h = self.terms, self.outlook.price_eur_mwh, self.plant.dt_h
+        delivered_kw = rolled.delivered_kw
+        sold_kw, bought_kw = np.maximum(delivered_kw, 0.0), np.maximum(-delivered_kw, 0.0)
+        missing_kw = np.maximum(np.abs(demand_kw) - np.abs(delivered_kw), 0.0)
+        eur_per_h = (
+            sold_kw * terms.discharge_price_eur_mwh(price)
+            - (bought_kw + rolled.standby_kw) * terms.charge_price_eur_mwh(price)
+            - missing_kw * terms.shortfall_price_eur_mwh(price)
+        ) / KWH_PER_MWH
+        wear_eur = self.depths.cost_eur(sold_kw * dt_h, rolled.energy_kwh, dt_h)
+        net_eur = float(eur_per_h.sum()) * dt_h - wear_eur - terms.start_eur * rolled.starts
+        plan = DispatchPlan(
+            demand_kw,
+            delivered_kw,
+            net_eur,
+            rolled.energy_kwh[1:],
+            self.plant.mean_c(rolled.temperature_c[:, 1:]),
+        )
+        return plan, net_eur + self.numbers.end_eur * float(rolled.energy_kwh[-1])
+
+
+def _most_derated_kw(plant: Aggregate, outlook: Outlook, state: State) -> float:
+    """Largest power to which derating may apply if a plant that rests is to remain a plan, however hot."""
+    hottest_c = max(float(plant.mean_c(state.temperature_c)), float(outlook.ambient_c.max()))
+    slope, offset = _tangents(*plant.derating()).T
+    return plant.power_kw / max(1.0, float(np.max(slope * hottest_c + offset)))
+
+
+def _value_of_store(buy_eur_kwh: Array, sell_eur_kwh: Array) -> float:
+    """What a kWh is worth that is left at the end of a plan: no more than it costs to buy, or brings."""
+    return max(0.0, min(float(np.quantile(buy_eur_kwh, 0.5)), float(np.quantile(sell_eur_kwh, 0.9))))
+
+
+def _in_banks(banks: Banks, energy_kwh: float) -> Array:
+    below = np.cumsum(banks.size_kwh[::-1])[::-1] - banks.size_kwh
+    return np.asarray(np.clip(energy_kwh - below, 0.0, banks.size_kwh))
+
+
+def _pieces(curve: Curve) -> Pieces:
+    width_kw = np.diff(curve.power_kw)
+    return Pieces(width_kw, np.diff(curve.inverter_kw) / width_kw, np.diff(curve.heat_kw) / width_kw)
+
+
+def _tangents(temperature_c: Array, factor: Array) -> Array:
+    """Lines ``a tau + b`` of which the largest is at least what derating takes, shape ``(n, 2)``."""
+    lost = 1.0 - factor
+    start = int(np.flatnonzero(lost <= 0.0)[-1]) if np.any(lost <= 0.0) else 0
+    knots = np.unique(np.round(np.linspace(start, int(np.argmax(lost)), 4)).astype(int))
+    slope = np.diff(lost[knots]) / np.diff(temperature_c[knots])
+    return np.stack([slope, lost[knots[:-1]] - slope * temperature_c[knots[:-1]]], axis=1)
