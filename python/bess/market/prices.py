@@ -145,6 +145,13 @@ def _rows_of_zone(table: Table, zone: str, repairs: Repairs) -> tuple[Table, str
     if len(priced) != 1:
         names = listed(table.header)
         fail(table.path, 1, f"which column is the price in EUR/MWh is not clear; keep one of: {names}")
+    if here[-1] == len(table.rows) - 1 and table.ending in (Ending.CUT, Ending.OPEN):
+        text = f"the file ends {table.ending.value}, so it may be truncated"
+        fail(
+            table.path,
+            table.lines[-1],
+            f"{text}; fetch it again, or end it with a line break if it is complete",
+        )
     rows, lines = [table.rows[i] for i in here], [table.lines[i] for i in here]
     stamps = csv_columns(replace(table, rows=rows, lines=lines)).stamps.wall
     if stamps.size > 1 and stamps[0] > stamps[-1]:

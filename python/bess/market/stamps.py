@@ -35,7 +35,7 @@ _OFFSET: Final = re.compile(
 )
 _NAMED: Final = {"Z": 0.0, "UTC": 0.0, "GMT": 0.0, "CET": 1.0, "CEST": 2.0}
 _ISO: Final = re.compile(r"(?:\d{4}-\d\d-\d\d[ T]\d\d:\d\d(?::\d\d)?\n)+", re.ASCII)
-_LIKE_DATE: Final = re.compile(r"\d{1,8}[-./:]\d{1,4}([-./]\d|$)|[A-Za-z]{3} \d")
+_LIKE_DATE: Final = re.compile(r"\d{1,4}[-./]\d{1,2}[-./]\d|\d{8}:\d{4}$|[A-Za-z]{3} \d")
 _END_OF_DAY: Final = re.compile(r"^(.*\d) 24:00((?::00)?)$")
 _SPACES: Final = re.compile(r"[\s\u00a0\u202f]+|(?<=\d)T(?=\d)|(?<=\d), (?=\d\d?:)")
 

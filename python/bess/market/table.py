@@ -15,6 +15,8 @@ from bess.market.repairs import Repairs
 _SEPARATORS: Final = (";", "\t", ",")
 _SAMPLE: Final = 50
 _DECIMALS: Final = re.compile(r"[.,](\d*)$")
+_TITLE: Final = re.compile(r"\s*(time|timestamp|date|datetime|datum|zeit)\b", re.IGNORECASE)
+_DEEPEST_HEADER: Final = 20
 _LABEL: Final = re.compile(r"\s*(BZN|CTY|CTA|SCA)\|")
 _LETTER: Final = re.compile(r"\W*[^\W\d]")
 _MOST_REMARKS: Final = 0.01
@@ -180,6 +182,10 @@ def _header(path: str, numbered: list[tuple[int, list[str]]], separator: str) ->
     start = next(i for i, (_, row) in enumerate(numbered) if len(row) == width)
     if start == 1 and len(numbered[0][1]) == width + 1 and _LABEL.match(numbered[0][1][-1]):
         return 0  # ENTSO-E names the zone in the header, with no cell below
+    below = numbered[start + 1 : start + _DEEPEST_HEADER]
+    titled = (i for i, (_, row) in enumerate(below, start + 1) if len(row) == width and _TITLE.match(row[0]))
+    if (found := next(titled, None)) is not None:
+        return found  # what is above has as many cells by chance
     for _, row in numbered[:start]:
         split_otherwise = (separator.join(row).count(other) + 1 for other in _SEPARATORS)
         if _is_data(numbered[start][1]) or width in split_otherwise:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bess.errors import InputError
+from bess.numbers import real_numbers
 from bess.parameters import State, System
 from bess.parameters.state import TEMPERATURE_RANGE_C
 
@@ -114,7 +115,7 @@ def check_horizon(system: System, horizon_steps: int, dt_h: float) -> None:
 
 def _array(name: str, values: ArrayLike) -> Array:
     try:
-        array = np.asarray(values, dtype=np.float64)
+        array = real_numbers(values)
     except (TypeError, ValueError) as error:
         raise InputError(f"{name} must be an array of numbers ({error})") from error
     if not np.all(np.isfinite(array)):

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bess import _core
 from bess.errors import InputError
+from bess.numbers import real_numbers
 from bess.parameters import State, System
 from bess.parameters.state import TEMPERATURE_RANGE_C
 
@@ -106,7 +107,7 @@ def rollout(
 
 def _numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
     try:
-        array = np.asarray(values, dtype=np.float64)
+        array = real_numbers(values)
     except (TypeError, ValueError) as error:
         raise InputError(f"{name} must hold numbers ({error})") from error
     if not np.all(np.isfinite(array)):
