@@ -33,7 +33,7 @@ bench: $(VENV)/built
 	$(BIN)/python -m pytest benches -o addopts= --benchmark-only
 	$(BIN)/python benches/table.py
 
-# Runs the paper's cases (about two minutes) and writes the tables and figures that cases.md and the README show.
+# Runs the studies of the documentation (a minute or two) and writes the numbers, tables and figures that its pages show.
 cases: $(VENV)/built
 	rm -rf results/cases
 	$(BIN)/python docs/make_cases.py results/cases

@@ -1,6 +1,8 @@
 """Sphinx configuration. `make docs` builds with warnings as errors."""
 
 import importlib.metadata
+import json
+from pathlib import Path
 
 project = "bess"
 author = "The bess developers"
@@ -16,8 +18,10 @@ extensions = [
     "myst_parser",
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
-exclude_patterns = ["_build", "_cases"]  # _cases: tables that cases.md includes
-myst_enable_extensions = ["dollarmath", "amsmath", "deflist"]
+exclude_patterns = ["_build", "_cases"]  # _cases: what pages include
+myst_enable_extensions = ["dollarmath", "amsmath", "deflist", "substitution"]
+# Numbers within sentences come from `make cases`, as those of tables do: {{ name }}.
+myst_substitutions = json.loads((Path(__file__).parent / "_cases" / "words.json").read_text("utf-8"))
 myst_heading_anchors = 3
 
 autodoc_typehints = "none"

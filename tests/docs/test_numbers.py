@@ -1,0 +1,79 @@
+"""Every number of a closed loop in the documentation is one that the code gives.
+
+``make cases`` stores the numbers and writes the tables and phrases made of them. Here they are measured
+again. What fails after a change that is meant to move numbers is mended by ``make cases``.
+"""
+
+import math
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "docs"))
+
+import numbers_of_pages as numbers
+
+DOCS = numbers.DOCS
+RELATIVE = 2e-3
+"""Other processors round differently, and a search may then take another of two nearly equal ways."""
+ABSOLUTE = 0.02
+
+
+def leaves(tree: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, float]]:
+    for key, value in tree.items():
+        if isinstance(value, Mapping):
+            yield from leaves(value, f"{path}{key}: ")
+        else:
+            yield path + key, value
+
+
+def differences(stored: Mapping[str, Any], measured: Mapping[str, Any]) -> list[str]:
+    old, new = dict(leaves(stored)), dict(leaves(measured))
+    found = [f"{key}: only on one side" for key in sorted(old.keys() ^ new.keys())]
+    for key in old.keys() & new.keys():
+        close = math.isclose(old[key], new[key], rel_tol=RELATIVE, abs_tol=ABSOLUTE)
+        if not (close or (math.isnan(old[key]) and math.isnan(new[key]))):
+            found.append(f"{key}: the documentation says {old[key]:g}, the code gives {new[key]:g}")
+    return found
+
+
+@pytest.mark.parametrize("name", numbers.STUDIES)
+def test_numbers_of_a_study_are_those_the_code_gives(name: str) -> None:
+    measured = numbers.figures_of(numbers.runs(name))
+    changed = differences(numbers.stored()[name], measured)
+    assert not changed, "run `make cases`:\n" + "\n".join(changed)
+
+
+def test_numbers_of_the_measured_plant_are_those_the_code_gives() -> None:
+    measured = numbers.m5bat()
+    if measured is None:
+        pytest.skip("the measured day is not beside the repository (../shared/data)")
+    changed = differences(numbers.stored()["m5bat"], measured)
+    assert not changed, "run `make cases`:\n" + "\n".join(changed)
+
+
+def test_tables_and_phrases_are_made_of_the_stored_numbers() -> None:
+    for name, text in numbers.tables(numbers.stored()).items():
+        written = (numbers.TABLES / name).read_text(encoding="utf-8")
+        assert written == text, f"{name}: run `make cases`"
+
+
+def test_pages_ask_for_phrases_that_there_are_and_use_all_of_them() -> None:
+    pages = [page.read_text(encoding="utf-8") for page in DOCS.glob("**/*.md")]
+    asked = {name for text in pages for name in re.findall(r"\{\{ (\w+) \}\}", text)}
+    assert asked == set(numbers.words(numbers.stored()))
+
+
+def test_a_number_that_the_code_no_longer_gives_is_found() -> None:
+    stored = {"case": {"mpc": {"lost_kwh": 100.0, "starts": 3.0}}}
+    assert not differences(stored, {"case": {"mpc": {"lost_kwh": 100.1, "starts": 3.0}}})
+    assert differences(stored, {"case": {"mpc": {"lost_kwh": 101.0, "starts": 3.0}}}) == [
+        "case: mpc: lost_kwh: the documentation says 100, the code gives 101"
+    ]
+    assert differences(stored, {"case": {"mpc": {"lost_kwh": 100.0}}}) == [
+        "case: mpc: starts: only on one side"
+    ]
