@@ -65,6 +65,14 @@ def test_times_of_digits_only_are_read_by_their_number(form, freq, tmp_path):
     assert (bess.read_weather(write(tmp_path, text)).index == times).all()
 
 
+@pytest.mark.parametrize("milli", ["", "000"])
+def test_times_counted_since_1970_are_read_in_utc(milli, tmp_path):
+    rows = [f"{int(t.timestamp())}{milli},{d},0" for t, d in zip(HOURS, DEGREES, strict=True)]
+    text = "\n".join(["time,temperature_2m (°C),rain (mm)", *rows]) + "\n"
+    series = bess.read_weather(write(tmp_path, text))
+    assert (series.index == HOURS).all() and series.tolist() == DEGREES.tolist()
+
+
 def test_most_of_a_series_is_never_invented(tmp_path):
     times = pd.DatetimeIndex(["2024-01-01", "2024-01-01 01:00", "2024-01-01 02:00", "2024-07-01"], tz="UTC")
     for fill in (None, "interpolate", "previous", "previous_day"):

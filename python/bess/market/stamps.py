@@ -82,6 +82,8 @@ def parse_stamps(
     if midnight.any():
         texts = [_END_OF_DAY.sub(r"\1 00:00\2", text) for text in texts]
     wall = _parse_digits(texts) if texts[0].isdigit() else _parse(texts)
+    if wall.isna().any() and (since := _unix(texts)) is not None:
+        return Stamps(since, np.zeros(since.size))
     if not day_first and _could_be_either(texts):
         fail(
             path,
@@ -143,6 +145,14 @@ def _parse_digits(texts: list[str]) -> pd.DatetimeIndex:
         return pd.DatetimeIndex([pd.NaT] * len(texts))
     alike = [text if len(text) == length and text.isdigit() else "" for text in texts]
     return pd.DatetimeIndex(pd.to_datetime(alike, format=_DIGITS[length], errors="coerce"))
+
+
+def _unix(texts: list[str]) -> pd.DatetimeIndex | None:
+    """Return times counted in seconds or milliseconds since 1970, None if that is not what they are."""
+    unit = {10: "s", 13: "ms"}.get(len(texts[0]))
+    if unit is None or not all(text.isdigit() and len(text) == len(texts[0]) for text in texts):
+        return None
+    return pd.DatetimeIndex(pd.to_datetime(np.array(texts, dtype=np.int64), unit=unit))
 
 
 def _could_be_either(texts: list[str]) -> bool:

@@ -16,7 +16,7 @@ from bess.market.typical_year import on_one_year
 from bess.market.units import check_temperature_unit
 
 _NAMES: Final = re.compile(
-    r"temperature\b.*|(air|ambient|outdoor|dry.?bulb)[ _-]?temp(erature)?.*|temp|temp_air|t_?air|"
+    r"temperature(?![a-z]).*|(air|ambient|outdoor|dry.?bulb)[ _-]?temp(erature)?.*|temp|temp_air|t_?air|"
     r"t_?amb(ient)?|ta|tt|tt_10|tt_tu|t2m|tl|lufttemperatur.*|au(ss|ß)entemperatur.*|temperatur\b.*|temperature_c|ambient_c",
     re.IGNORECASE,
 )
