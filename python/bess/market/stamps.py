@@ -152,7 +152,7 @@ def _unix(texts: list[str]) -> pd.DatetimeIndex | None:
     unit = {10: "s", 13: "ms"}.get(len(texts[0]))
     if unit is None or not all(text.isdigit() and len(text) == len(texts[0]) for text in texts):
         return None
-    return pd.DatetimeIndex(pd.to_datetime(np.array(texts, dtype=np.int64), unit=unit))
+    return pd.DatetimeIndex(np.array(texts, dtype=np.int64).astype(f"datetime64[{unit}]"))
 
 
 def _could_be_either(texts: list[str]) -> bool:
