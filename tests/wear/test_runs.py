@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 import bess
 from bess.analysis.lifetime import ledger_by_year, net_present_value
+from bess.study import expand
 
 DAYS = 6
 AGED = {
@@ -136,6 +137,7 @@ def years(tmp_path_factory: pytest.TempPathFactory) -> bess.Result:
         {
             "demand.prices": str(folder / "prices.csv"),
             "system.parameters.control": {"step_min": 240.0, "plant_step_s": 900.0},
+            "demand.plan": "linear",
             "demand.replan_h": 24.0,
             "run.days": 3 * 365 + 1,
         },
@@ -183,3 +185,18 @@ def test_ten_times_as_long_costs_ten_times_as_much_also_with_ageing() -> None:
 
     seconds(2.0, "none")
     assert seconds(365.0, "kokam-75ah") < 12.0 * seconds(36.5, "none")
+
+
+def test_a_sweep_over_the_price_of_wear_has_its_best_inside(tmp_path: Path) -> None:
+    """Days whose spread pays for the wear of a cycle, and days whose spread does not."""
+    hours = pd.date_range("2024-01-01", periods=6 * 24, freq="h", tz="UTC")
+    spread = np.where(np.arange(hours.size) // 24 % 2 == 0, 160.0, 50.0)
+    price = 60.0 + spread / 2.0 * np.where(hours.hour.to_numpy() % 12 < 6, -1.0, 1.0)
+    pd.Series(price, hours, name="price_eur_mwh").rename_axis("time").to_csv(tmp_path / "prices.csv")
+    values = {"demand.prices": str(tmp_path / "prices.csv"), "run.days": 6}
+    runs = expand(bess.load_study("wear-price", values))
+    assert len(runs) >= 5
+    chosen = {study.wear.eur_per_mwh: study for study in runs.values()}
+    net = {price: bess.run(chosen[price], progress=False).kpis["net_eur"] for price in (0.0, 100.0, 200.0)}
+    assert net[100.0] > net[0.0]
+    assert net[100.0] > net[200.0]
