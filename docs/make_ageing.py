@@ -20,39 +20,31 @@ DAYS, DEPTH, C_RATE = 3650, 0.8, 0.35
 
 def main() -> None:
     """Write everything."""
-    _write(
-        "ageing-models.md",
-        [["name", "cell, range and source"], *([f"`{n}`", text] for n, text in MODELS.items())],
-    )
-    rows = [["model", *(f"{t:g} °C" for t in TEMPERATURES_C)]]
-    for model in MODELS:
-        calendar, cyclic = _standing(model), _cycling(model)
-        shown = [
-            f"{100 * (a + b):.0f} ({100 * a:.0f} + {100 * b:.0f})"
-            for a, b in zip(calendar, cyclic, strict=True)
-        ]
-        rows.append([f"`{model}`", *shown])
-    _write("ageing-ten-years.md", rows)
-    rows = [
-        [
-            "model",
-            *(f"depth {d:g}, {t:g} °C" for t in (25.0, 40.0) for d in (0.4, 0.8)),
-            "a day, 25 °C",
-            "a day, 40 °C",
-        ]
-    ]
-    for model in MODELS:
-        now = _after_three_years(model)
-        cycle = [
-            100.0 * now.cycling_eur_kwh(d, t, c_rate=C_RATE)[0, 0] for t in (25.0, 40.0) for d in (0.4, 0.8)
-        ]
-        day = [100.0 * now.calendar_eur_day(0.5, t)[0, 0] / now.nominal_energy_kwh[0] for t in (25.0, 40.0)]
-        rows.append([f"`{model}`", *(f"{value:.1f}" for value in [*cycle, *day])])
-    _write("ageing-prices.md", rows)
+    for name, text in tables().items():
+        (DOCS / "_cases" / name).write_text(text, encoding="utf-8")
     svg, *others = save_figure(_figure(), DOCS / "_static" / "ageing-prices")
     for other in others:
         other.unlink()
     print(svg)
+
+
+def tables() -> dict[str, str]:
+    """Tables by their files: the models, what they lose in ten years, what wear costs after three."""
+    models = [["name", "cell, range and source"], *([f"`{name}`", text] for name, text in MODELS.items())]
+    lost = [["model", *(f"{t:g} °C" for t in TEMPERATURES_C)]]
+    cycles = [(depth, t) for t in (25.0, 40.0) for depth in (0.4, 0.8)]
+    prices = [["model", *(f"depth {d:g}, {t:g} °C" for d, t in cycles), "a day, 25 °C", "a day, 40 °C"]]
+    for model in MODELS:
+        causes = zip(100.0 * _standing(model), 100.0 * _cycling(model), strict=True)
+        lost.append([f"`{model}`", *(f"{a + b:.0f} ({a:.0f} + {b:.0f})" for a, b in causes)])
+        now = _after_three_years(model)
+        cycle_ct = [100.0 * now.cycling_eur_kwh(d, t, c_rate=C_RATE)[0, 0] for d, t in cycles]
+        day_ct = [
+            100.0 * now.calendar_eur_day(0.5, t)[0, 0] / now.nominal_energy_kwh[0] for t in (25.0, 40.0)
+        ]
+        prices.append([f"`{model}`", *(f"{value:.1f}" for value in [*cycle_ct, *day_ct])])
+    named = {"models": models, "ten-years": lost, "prices": prices}
+    return {f"ageing-{name}.md": _table(rows) for name, rows in named.items()}
 
 
 def _system(model: str, **battery: float) -> bess.System:
@@ -121,11 +113,10 @@ def _figure() -> Figure:
     return figure
 
 
-def _write(name: str, rows: Sequence[Sequence[str]]) -> None:
+def _table(rows: Sequence[Sequence[str]]) -> str:
     head, *body = rows
     lines = [head, ["---"] * len(head), *body]
-    text = "\n".join("| " + " | ".join(row) + " |" for row in lines)
-    (DOCS / "_cases" / name).write_text(text + "\n", encoding="utf-8")
+    return "".join("| " + " | ".join(row) + " |\n" for row in lines)
 
 
 if __name__ == "__main__":
