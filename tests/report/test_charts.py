@@ -217,3 +217,17 @@ def test_colour_blind_readers_can_tell_the_palette_apart(matrix) -> None:
 
 def test_every_string_has_a_colour_of_its_own() -> None:
     assert all(len(set(colours(count))) == count for count in (1, 2, 7, 8, 32))
+
+
+def test_the_state_of_health_starts_where_the_strings_do_and_wear_adds_up() -> None:
+    data = record(2, 10)
+    left = 1.0 - 1e-4 * np.arange(1, 11)[:, None] * [1.0, 2.0]
+    worn = {
+        "soh_capacity": (("time", "string"), left),
+        "soh_resistance": (("time", "string"), 1.0 / left),
+        "wear_eur": (("time", "string"), np.full((10, 2), 0.5)),
+    }
+    chart = charts.state_of_health(data.assign(worn).assign_attrs(initial_soh_capacity=[1.0, 1.0]))
+    capacity, cost = (series(chart, panel, "string 1")[0] for panel in (0, 2))
+    assert capacity.y[0] == 100.0 and capacity.y[-1] == pytest.approx(99.8)
+    assert cost.y[0] == 0.0 and cost.y[-1] == 5.0

@@ -148,6 +148,13 @@ def over_time(run: Run) -> Iterator[Exhibit]:
             "Largest minus smallest value over the strings.",
             partial(charts.string_spread, data),
         )
+    if "end_of_life" in data:
+        yield Exhibit(
+            "health",
+            "State of health",
+            "Capacity and resistance over those of the system file, and the cost of the capacity lost.",
+            partial(charts.state_of_health, data),
+        )
     if "node_temperature_c" in data:
         yield Exhibit(
             "nodes",

@@ -41,6 +41,7 @@ mean_temperature = _drawn(charts.mean_temperature)
 derating_curves = _drawn(charts.derating_curves)
 power_split = _drawn(charts.power_split)
 solver_effort = _drawn(charts.solver_effort)
+state_of_health = _drawn(charts.state_of_health)
 market_dispatch = _drawn(charts.market_dispatch)
 kpi_lines = _drawn(charts.kpi_lines)
 pareto_front = _drawn(charts.pareto_front)
@@ -62,6 +63,7 @@ __all__ = [
     "pareto_front",
     "power_split",
     "solver_effort",
+    "state_of_health",
     "string_spread",
     "strings",
 ]

@@ -1,6 +1,7 @@
 """Results as charts: each function only selects and arranges data; drawing is elsewhere."""
 
 from bess.report.charts.durations import duration_curves
+from bess.report.charts.health import state_of_health
 from bess.report.charts.many import kpi_lines, pareto_front
 from bess.report.charts.market import market_dispatch
 from bess.report.charts.power import power_split
@@ -17,6 +18,7 @@ __all__ = [
     "pareto_front",
     "power_split",
     "solver_effort",
+    "state_of_health",
     "string_spread",
     "strings",
 ]
