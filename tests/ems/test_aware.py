@@ -230,3 +230,33 @@ def test_a_week_of_real_prices_nets_more_than_the_plan_with_a_constant_efficienc
     record = runs["aware"].dataset
     gap = record["expected_kw"].values - record["delivered_kw"].values.sum(axis=1)
     assert aware["imbalance_kwh"] == pytest.approx(np.abs(gap).sum() * 0.25)
+
+
+@pytest.mark.parametrize("plan", ["aware", "linear"])
+def test_cycles_of_a_plan_are_the_mean_of_what_is_charged_and_discharged(plan: str) -> None:
+    from bess.ems import Arbitrage, Perfect
+
+    system, state = bess.System.reference(2), bess.State([0.0, 0.0], [25.0, 25.0])
+    limits = {"cycles_per_plan": 0.5}
+    if plan == "aware":
+        dispatch = AwareDispatch(system, 0.25, Terms(), max_energy_kwh=400.0, **limits)
+        outlook = Outlook(WAVE[:96], np.full(96, 25.0), np.zeros(96, dtype=np.int64), is_last=True)
+        demand_kw = dispatch.plan(outlook, state).demand_kw
+    else:
+        arbitrage = Arbitrage(
+            Perfect(WAVE[:96]), np.zeros(96), power_kw=184.0, energy_kwh=400.0, look_ahead_h=24.0, **limits
+        )
+        demand_kw = arbitrage.plan(0, 0.0)
+    assert 190.0 < np.abs(demand_kw).sum() * 0.25 / 2.0 < 200.1
+
+
+def test_what_is_left_at_the_end_is_worth_what_is_said() -> None:
+    system, state = bess.System.reference(2), bess.State([0.5, 0.5], [25.0, 25.0])
+    outlook = Outlook(np.full(48, 50.0), np.full(48, 25.0), np.zeros(48, dtype=np.int64))
+    left = [
+        AwareDispatch(system, 0.25, Terms(), end_price_eur_mwh=price)
+        .plan(outlook, state)
+        .expected_energy_kwh[-1]
+        for price in (0.0, 50.0, 90.0)
+    ]
+    assert left[0] < 30.0 < 200.0 < left[1] < 300.0 < left[2]

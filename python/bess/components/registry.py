@@ -21,6 +21,7 @@ SYSTEMS = {
     "unequal-4": "systems/unequal-4.toml",
     "mixed-4": "systems/mixed-4.toml",
     "m5bat": "systems/m5bat.toml",
+    "cornejo-180": "systems/cornejo-180.toml",
 }
 CELLS = {
     "nmc-reference": "systems/reference.toml",

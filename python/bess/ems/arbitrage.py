@@ -49,6 +49,9 @@ class Arbitrage:
         Round trip, AC to AC, in (0, 1].
     cycles_per_day : float
         Most full cycles a calendar day: discharged stored energy over `energy_kwh`, > 0.
+    cycles_per_plan : float or None
+        Instead of the former: most full cycles of each plan, the mean of charged and discharged AC energy
+        over `energy_kwh`, > 0.
     look_ahead_h, replan_h : float
         How far a plan looks ahead, and how often a new one is due [h]; whole numbers of steps, and
         `replan_h` <= `look_ahead_h`. The plan does not know of derating, so it is made anew more often than
@@ -72,6 +75,7 @@ class Arbitrage:
         energy_kwh: float,
         efficiency: float = 0.9,
         cycles_per_day: float = 2.0,
+        cycles_per_plan: float | None = None,
         look_ahead_h: float = 36.0,
         replan_h: float = 6.0,
         dt_h: float = 0.25,
@@ -80,6 +84,7 @@ class Arbitrage:
             ("power_kw", power_kw, " kW"),
             ("energy_kwh", energy_kwh, " kWh"),
             ("cycles_per_day", cycles_per_day, ""),
+            ("cycles_per_plan", 1.0 if cycles_per_plan is None else cycles_per_plan, ""),
         ):
             if not (np.isfinite(value) and value > 0.0):
                 raise InputError(f"arbitrage: {name} {value}{unit} must be finite and above 0{unit}")
@@ -95,6 +100,7 @@ class Arbitrage:
         self.days = np.asarray(days, dtype=np.int64)
         self.power_kw, self.energy_kwh, self.dt_h = power_kw, energy_kwh, dt_h
         self.efficiency, self.cycles_per_day = efficiency, cycles_per_day
+        self.cycles_per_plan = cycles_per_plan
         self._balance: dict[int, sparse.csr_array] = {}
 
     def is_due(self, step: int) -> bool:
@@ -183,7 +189,11 @@ class Arbitrage:
         return self._balance[steps]
 
     def _cycles(self, days: npt.NDArray[np.int64], discharged_kwh: float) -> tuple[sparse.csr_array, Array]:
-        """Rows of the stored energy discharged on each day, and what the cycle limit leaves of it."""
+        """Rows of what counts as cycles, on each day or in the plan, and what the limit leaves of it."""
+        if self.cycles_per_plan is not None:
+            used = np.r_[np.full(2 * days.size, 0.5 * self.dt_h), np.zeros(days.size)]
+            most = self.cycles_per_plan * self.energy_kwh / self.power_kw
+            return sparse.csr_array(used[None]), np.array([most])
         numbers, day = np.unique(days, return_inverse=True)
         steps = days.size
         per_step = np.full(steps, self.dt_h / np.sqrt(self.efficiency))

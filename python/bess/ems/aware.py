@@ -104,6 +104,12 @@ class AwareDispatch:
         Keep below what the plant has.
     cycles_per_day : float
         Most full cycles a day: discharged stored energy over that of the plant.
+    cycles_per_plan : float or None
+        Instead of the former: most full cycles of each plan, the mean of charged and discharged AC energy
+        over the energy of the plant.
+    end_price_eur_mwh : float or None
+        What a MWh left in store at the end of a plan is worth; None takes the median price of buying, or what
+        the best tenth of prices brings if that is less.
     """
 
     def __init__(
@@ -115,10 +121,13 @@ class AwareDispatch:
         max_power_kw: float | None = None,
         max_energy_kwh: float | None = None,
         cycles_per_day: float = 2.0,
+        cycles_per_plan: float | None = None,
+        end_price_eur_mwh: float | None = None,
     ):
         self._system, self._dt_h, self._terms = system, dt_h, terms
         self._max_power_kw, self._max_energy_kwh = max_power_kw or np.inf, max_energy_kwh or np.inf
-        self._cycles_per_day = cycles_per_day
+        self._end_price_eur_mwh = end_price_eur_mwh
+        self._cycles_per_day, self._cycles_per_plan = cycles_per_day, cycles_per_plan
         self._wear = WearRates(system)
         self._plant: Aggregate | None = None
 
@@ -143,6 +152,8 @@ class AwareDispatch:
             power_kw=min(self._max_power_kw, plant.power_kw),
             energy_kwh=min(self._max_energy_kwh, plant.capacity_kwh),
             cycles_per_day=self._cycles_per_day,
+            cycles_per_plan=self._cycles_per_plan,
+            end_price_eur_mwh=self._end_price_eur_mwh,
         )  # fmt: skip
         return task.solved()
 
@@ -183,6 +194,8 @@ class _Task:
         power_kw: float,
         energy_kwh: float,
         cycles_per_day: float,
+        cycles_per_plan: float | None,
+        end_price_eur_mwh: float | None,
     ) -> _Task:
         price, steps = outlook.price_eur_mwh, outlook.price_eur_mwh.size
         depths = Depths.of(plant, wear)
@@ -190,14 +203,20 @@ class _Task:
         buy = terms.charge_price_eur_mwh(price) / KWH_PER_MWH
         sell = terms.discharge_price_eur_mwh(price) / KWH_PER_MWH - depths.by_energy_eur_kwh
         days = int(outlook.day[-1] - outlook.day[0]) + 1
-        allowed = np.full(days, cycles_per_day * energy_kwh)
+        allowed = np.full(days, cycles_per_day * energy_kwh if cycles_per_plan is None else np.inf)
         allowed[0] = max(0.0, allowed[0] - outlook.discharged_kwh)
+        most_kwh = np.inf if cycles_per_plan is None else cycles_per_plan * energy_kwh
+        end_eur = _value_of_store(buy, sell - depths.marginal_eur_kwh.mean())
+        if end_price_eur_mwh is not None:
+            end_eur = end_price_eur_mwh / KWH_PER_MWH
+        if outlook.is_last:
+            end_eur = 0.0
         numbers = Numbers(
             charge_eur=buy,
             discharge_eur=np.where(sell < 0.0, _NEVER_EUR_KWH, sell),
             shortfall_eur=terms.shortfall_price_eur_mwh(price) / KWH_PER_MWH,
             holding_eur=depths.holding_eur_kwh_h,
-            end_eur=0.0 if outlook.is_last else _value_of_store(buy, sell - depths.marginal_eur_kwh.mean()),
+            end_eur=end_eur,
             heat_charge=np.ones(steps),
             heat_discharge=np.ones(steps),
             energy_kwh=_in_banks(banks, float(plant.energy_kwh(state.soc))),
@@ -205,6 +224,7 @@ class _Task:
             warming_k=plant.cooling_per_h * plant.dt_h * outlook.ambient_c,
             derated_kw=np.full(steps, min(0.5 * power_kw, _most_derated_kw(plant, outlook, state))),
             allowed_kwh=allowed,
+            throughput_kwh=most_kwh,
         )
         return cls(plant, terms, outlook, state, power_kw, depths, banks, numbers)
 

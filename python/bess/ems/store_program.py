@@ -82,6 +82,8 @@ class Numbers:
         Power to which derating applies.
     allowed_kwh : ndarray, shape (n_days,)
         Stored energy that may be discharged on each day.
+    throughput_kwh : float
+        Mean of charged and discharged AC energy that the plan may reach.
     """
 
     charge_eur: Array
@@ -96,6 +98,7 @@ class Numbers:
     warming_k: Array
     derated_kw: Array
     allowed_kwh: Array
+    throughput_kwh: float
 
 
 class StoreProgram:
@@ -192,6 +195,7 @@ class StoreProgram:
         self._curtail = row[:, None] + 4 + n_b + np.arange(n_q)
         heat = self._heat[:, None]
         self._cycle = (4 + n_b + n_q) * steps + np.arange(day[-1] + 1)
+        self._throughput = int(self._cycle[-1]) + 1
         extra = self._warming * dt_h
         constant: list[tuple[Any, Any, Any]] = [
             (into, self._g, 1.0 + banks.charge),
@@ -209,6 +213,8 @@ class StoreProgram:
             (limit, self._q[:, None], 1.0),
             (self._curtail, self._q[:, None], 1.0),
             (self._cycle[day][:, None], self._y, dt_h),
+            (self._throughput, self._c, 0.5 * dt_h),
+            (self._throughput, self._d, 0.5 * dt_h),
         ]
         # In the order of _fill.
         changing = [
@@ -217,7 +223,7 @@ class StoreProgram:
         ]  # fmt: skip
         cells = [np.broadcast_arrays(*cell) for cell in constant + [(*cell, 0.0) for cell in changing]]
         rows, columns, values = (np.concatenate([cell[i].ravel() for cell in cells]) for i in range(3))
-        count = int(self._cycle[-1]) + 1
+        count = self._throughput + 1
         # The numbers of the cells as data: what the conversion sorts is where each belongs.
         numbered = sparse.csc_array(
             (np.arange(1.0, rows.size + 1.0), (rows, columns)), shape=(count, self._cost.size)
@@ -229,7 +235,7 @@ class StoreProgram:
         self._row_lower, self._row_upper = np.zeros(count), np.zeros(count)
         self._row_lower[limit], self._row_upper[limit] = -np.inf, self._power_kw
         self._row_upper[self._curtail] = np.inf
-        self._row_lower[self._cycle] = -np.inf
+        self._row_lower[self._cycle] = self._row_lower[self._throughput] = -np.inf
 
     def _fill(self, numbers: Numbers) -> None:
         dt_h, charge, discharge = self._dt_h, self._charge, self._discharge
@@ -255,6 +261,7 @@ class StoreProgram:
             bound[self._heat[0]] += self._keep * numbers.temperature_c
         self._row_lower[self._curtail] = numbers.derated_kw[:, None] * self._tangents[:, 1]
         self._row_upper[self._cycle] = numbers.allowed_kwh
+        self._row_upper[self._throughput] = numbers.throughput_kwh
 
     def _model(self, highspy: Any) -> Any:
         model = highspy.HighsLp()

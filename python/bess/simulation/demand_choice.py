@@ -182,6 +182,8 @@ def _planner(
             max_power_kw=choice.max_power_kw,
             max_energy_kwh=choice.max_energy_kwh,
             cycles_per_day=choice.cycles_per_day,
+            cycles_per_plan=choice.cycles_per_plan,
+            end_price_eur_mwh=choice.end_price_eur_mwh,
         )
         return AwarePlanner(dispatch, forecast, days, look_ahead_steps=look_ahead, replan_steps=replan)
     window = np.array([string.battery.soc_max - string.battery.soc_min for string in system.strings])
@@ -194,6 +196,7 @@ def _planner(
         energy_kwh=min(energy_kwh, choice.max_energy_kwh or energy_kwh),
         efficiency=choice.efficiency,
         cycles_per_day=choice.cycles_per_day,
+        cycles_per_plan=choice.cycles_per_plan,
         look_ahead_h=choice.look_ahead_h,
         replan_h=choice.replan_h,
         dt_h=grid.dt_h,

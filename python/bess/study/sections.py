@@ -97,10 +97,12 @@ class ArbitrageDemand(Section):
     The file is read as :func:`bess.read_prices` says. ``plan`` is ``aware`` (:class:`bess.ems.AwareDispatch`,
     which asks the plant) or ``linear`` (:class:`bess.ems.Arbitrage`, which takes a constant ``efficiency``).
     ``max_power_kw`` and ``max_energy_kwh`` keep below what the plant has; ``market_time_zone`` is that of the
-    trading day, to which ``cycles_per_day`` applies. ``repeat`` lets the last year of the file follow year by
-    year, for runs over decades (:func:`bess.market.prolonged`). ``forecast`` is that of prices; with ``file``
-    it is read from ``forecast_prices``, a price file of its own. What is sold is settled at the prices that
-    came true.
+    trading day, to which ``cycles_per_day`` applies; with ``cycles_per_plan`` there is a limit for each plan
+    instead, on the mean of what is charged and discharged (AC). ``end_price_eur_mwh`` is what a MWh left in
+    store at the end of an aware plan is worth; by default the median price of buying, or what the best tenth
+    of prices brings if that is less. ``repeat`` lets the last year of the file follow year by year, for runs
+    over decades (:func:`bess.market.prolonged`). ``forecast`` is that of prices; with ``file`` it is read
+    from ``forecast_prices``, a price file of its own. What is sold is settled at the prices that came true.
     """
 
     kind: Literal["arbitrage"] = "arbitrage"
@@ -115,8 +117,10 @@ class ArbitrageDemand(Section):
     plan: Literal["aware", "linear"] = "aware"
     efficiency: Annotated[float, within(0.0, 1.0, above=True)] = 0.9
     cycles_per_day: Positive = 2.0
+    cycles_per_plan: Positive | None = None
+    end_price_eur_mwh: NonNegative | None = None
     look_ahead_h: Positive = 36.0
-    replan_h: Positive = 6.0
+    replan_h: Positive = 3.0
     repeat: bool = False
     forecast: Literal["perfect", "persistence", "file"] = "perfect"
     forecast_prices: str | None = None
