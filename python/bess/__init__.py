@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from bess.retrospect import Hindsight, hindsight
     from bess.simulation import run, run_scenarios
     from bess.split.objectives import Objective, Objectives
-    from bess.split.outcome import GroupResult, Split, SplitStatus
     from bess.split.power_split import PowerSplit, split_power
+    from bess.split.result import GroupResult, Split, SplitStatus
     from bess.split.rollout import Rollout, rollout
     from bess.study import Study, load_study
     from bess.sweep import SweepResult, run_sweep
@@ -58,9 +58,9 @@ _HOMES = {
     "ledger": "bess.analysis.settlement",
     "Objective": "bess.split.objectives",
     "Objectives": "bess.split.objectives",
-    "GroupResult": "bess.split.outcome",
-    "Split": "bess.split.outcome",
-    "SplitStatus": "bess.split.outcome",
+    "GroupResult": "bess.split.result",
+    "Split": "bess.split.result",
+    "SplitStatus": "bess.split.result",
     "PowerSplit": "bess.split.power_split",
     "split_power": "bess.split.power_split",
     "Hindsight": "bess.retrospect",

@@ -3,7 +3,26 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Ageing", "ControlHorizon", "ControlModel", "Plant", "System", "ageing_models", "rainflow"]
+_Array = NDArray[np.float64]
+
+__all__ = [
+    "Ageing",
+    "CoefficientBounds",
+    "Confined",
+    "ControlHorizon",
+    "ControlModel",
+    "FlowArrays",
+    "GroupBounds",
+    "Incumbent",
+    "Plant",
+    "RolloutArrays",
+    "SplitAnswer",
+    "StateBoxes",
+    "StepCuts",
+    "System",
+    "ageing_models",
+    "rainflow",
+]
 
 def ageing_models() -> list[tuple[str, str]]: ...
 def rainflow(series: NDArray[np.float64]) -> list[tuple[float, float, float, int, int]]: ...
@@ -57,81 +76,121 @@ class Plant:
     ) -> dict[str, NDArray[Any]]: ...
 
 @final
+class RolloutArrays:
+    delivered_kw: _Array
+    availability_loss_kw: _Array
+    derating_loss_kw: _Array
+    inverter_loss_kw: _Array
+    battery_loss_kw: _Array
+    current_a: _Array
+    soc: _Array
+    temperature_c: _Array
+
+@final
+class FlowArrays:
+    delivered_kw: _Array
+    availability_loss_kw: _Array
+    derating_loss_kw: _Array
+    inverter_loss_kw: _Array
+    battery_loss_kw: _Array
+    current_a: _Array
+    soc: _Array
+    temperature_c: _Array
+
+@final
 class ControlModel:
     def __new__(cls, system: System) -> ControlModel: ...
     def rollout(
-        self,
-        soc0: NDArray[np.float64],
-        temperature0_c: NDArray[np.float64],
-        request_kw: NDArray[np.float64],
-        ambient_c: NDArray[np.float64],
-        dt_h: float,
-    ) -> list[NDArray[np.float64]]: ...
-    def max_power_kw(
-        self,
-        soc0: NDArray[np.float64],
-        temperature0_c: NDArray[np.float64],
-        discharge: bool,
-        dt_h: float,
-    ) -> NDArray[np.float64]: ...
-    def nominal_loss_kw(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+        self, soc0: _Array, temperature0_c: _Array, request_kw: _Array, ambient_c: _Array, dt_h: float
+    ) -> RolloutArrays: ...
+    def max_power_kw(self, soc0: _Array, temperature0_c: _Array, discharge: bool, dt_h: float) -> _Array: ...
+    def nominal_loss_kw(self) -> tuple[_Array, _Array]: ...
+
+@final
+class StateBoxes:
+    soc_low: _Array
+    soc_high: _Array
+    temperature_low_c: _Array
+    temperature_high_c: _Array
+    def __new__(
+        cls, soc_low: _Array, soc_high: _Array, temperature_low_c: _Array, temperature_high_c: _Array
+    ) -> StateBoxes: ...
+
+@final
+class Incumbent:
+    request_kw: _Array
+    objectives: _Array
+
+@final
+class GroupBounds:
+    objective: float
+    ceiling: float
+    bound: float
+    search_objective: float
+    search_ceiling: float
+    search_bound: float
+    is_search_optimum: bool
+    boxes: StateBoxes | None
+    may_shed: NDArray[np.bool_] | None
+
+@final
+class SplitAnswer:
+    incumbent: Incumbent
+    flows: FlowArrays
+    groups: list[GroupBounds]
+    rollouts: int
+
+@final
+class Confined:
+    bound: float
+    boxes: StateBoxes
+    may_shed: NDArray[np.bool_]
+
+@final
+class StepCuts:
+    phi: _Array
+    shed_slope: _Array
+    request_kw: _Array
+
+@final
+class CoefficientBounds:
+    derating_low: _Array
+    derating_high: _Array
+    voltage_low_v: _Array
+    voltage_high_v: _Array
+    resistance_low_ohm: _Array
+    resistance_high_ohm: _Array
+    power_scale_low_kw: _Array
+    power_scale_high_kw: _Array
+    plane_kw: _Array
+    plane_per_soc_kw: _Array
+    plane_per_k_kw: _Array
+    derated: _Array
+    derated_per_k: _Array
 
 @final
 class ControlHorizon:
     def __new__(
         cls,
-        system: System,
-        soc0: NDArray[np.float64],
-        temperature0_c: NDArray[np.float64],
-        demand_kw: NDArray[np.float64],
-        ambient_c: NDArray[np.float64],
+        model: ControlModel,
+        soc0: _Array,
+        temperature0_c: _Array,
+        demand_kw: _Array,
+        ambient_c: _Array,
         dt_h: float,
-        limit_kw: NDArray[np.float64],
-        costs: NDArray[np.float64],
-        tol_abs: NDArray[np.float64],
-        tol_rel: NDArray[np.float64],
+        limit_kw: _Array,
+        costs: _Array,
+        search_costs: _Array,
+        tol_abs: _Array,
+        tol_rel: _Array,
     ) -> ControlHorizon: ...
-    def evaluate(self, request_kw: NDArray[np.float64]) -> NDArray[np.float64]: ...
-    def greedy(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
-    def search(
-        self, starts_kw: NDArray[np.float64], max_rollouts: int
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], int]: ...
-    def descend(
-        self,
-        start_kw: NDArray[np.float64],
-        group: int,
-        ceilings: NDArray[np.float64],
-        max_rollouts: int,
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], int]: ...
-    def reachable(self) -> list[NDArray[np.float64]]: ...
-    def step_bounds(
-        self,
-        soc_low: NDArray[np.float64],
-        soc_high: NDArray[np.float64],
-        temperature_low_c: NDArray[np.float64],
-        temperature_high_c: NDArray[np.float64],
-        costs: NDArray[np.float64],
-        budget_kw: NDArray[np.float64],
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]: ...
-    def confine(
-        self, request_kw: NDArray[np.float64], costs: NDArray[np.float64], shed_budget_kw: float
-    ) -> tuple[float, list[NDArray[np.float64]]]: ...
-    def coefficients(
-        self, soc: NDArray[np.float64], temperature_c: NDArray[np.float64]
-    ) -> list[NDArray[np.float64]]: ...
-    def ranges(
-        self,
-        soc_low: NDArray[np.float64],
-        soc_high: NDArray[np.float64],
-        temperature_low_c: NDArray[np.float64],
-        temperature_high_c: NDArray[np.float64],
-    ) -> list[NDArray[np.float64]]: ...
-    def planes(
-        self,
-        soc_low: NDArray[np.float64],
-        soc_high: NDArray[np.float64],
-        temperature_low_c: NDArray[np.float64],
-        temperature_high_c: NDArray[np.float64],
-        soc: NDArray[np.float64],
-        temperature_c: NDArray[np.float64],
-    ) -> list[NDArray[np.float64]]: ...
+    def split(
+        self, warm_start_kw: _Array | None, rollouts: int, time_limit_s: float | None = None
+    ) -> SplitAnswer: ...
+    def best_of(self, incumbent: Incumbent, wanted_kw: _Array) -> Incumbent | None: ...
+    def evaluate(self, request_kw: _Array) -> _Array: ...
+    def greedy(self) -> _Array: ...
+    def reachable(self) -> StateBoxes: ...
+    def step_bounds(self, boxes: StateBoxes, costs: _Array, budget_kw: _Array) -> StepCuts: ...
+    def confine(self, request_kw: _Array, costs: _Array, shed_budget_kw: float) -> Confined: ...
+    def coefficients(self, boxes: StateBoxes, near: StateBoxes) -> CoefficientBounds: ...

@@ -1,9 +1,13 @@
-"""What counts as an array of numbers when it comes from outside."""
+"""Arrays of numbers from outside, checked: what counts as a number, finite, of the right shape, in range."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from bess.errors import InputError
+
+Array = NDArray[np.float64]
 
 
 def real_numbers(values: ArrayLike) -> NDArray[np.float64]:
@@ -46,3 +50,54 @@ def _real(value: object) -> float:
         raise ValueError("an integer is beyond the range of floating-point numbers") from None
     except TypeError:
         raise ValueError(f"{type(value).__name__} is not a number") from None
+
+
+def number_array(name: str, values: ArrayLike) -> Array:
+    """Return ``values`` as float64.
+
+    Raises
+    ------
+    InputError
+        If they are no numbers.
+    """
+    try:
+        return real_numbers(values)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} must be an array of numbers ({error})") from error
+
+
+def finite_array(name: str, values: ArrayLike) -> Array:
+    """Return ``values`` as float64, all of them finite.
+
+    Raises
+    ------
+    InputError
+        If they are no numbers, or with the place of the first that is not finite.
+    """
+    array = number_array(name, values)
+    finite = np.isfinite(array)
+    if not finite.all():
+        index = tuple(int(i) for i in np.argwhere(~finite)[0])
+        place = f" at index {index if len(index) > 1 else index[0]}" if index else ""
+        raise InputError(f"{name}{place} is {array[index]}; every value must be finite")
+    return array
+
+
+def each_step(name: str, values: ArrayLike, n_steps: int, limits: tuple[float, float], unit: str) -> Array:
+    """Return one finite value for each step from one value, or from one for each, within limits.
+
+    Raises
+    ------
+    InputError
+        If there are more or fewer values, or with the worst of those outside the limits.
+    """
+    array = finite_array(name, values)
+    if array.shape not in ((), (n_steps,)):
+        raise InputError(
+            f"{name} has shape {array.shape}; give one value, or one for each of {n_steps} steps"
+        )
+    low, high = limits
+    if np.any((array < low) | (array > high)):
+        worst = array.ravel()[np.argmax(np.abs(array))]
+        raise InputError(f"{name} {worst:g} {unit} is outside [{low:g}, {high:g}] {unit}")
+    return np.ascontiguousarray(np.broadcast_to(array, (n_steps,)))

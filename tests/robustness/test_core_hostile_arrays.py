@@ -42,10 +42,11 @@ def horizon(**changes: Any) -> _core.ControlHorizon:
         "dt_h": 0.25,
         "limit_kw": LIMIT,
         "costs": COSTS,
+        "search_costs": COSTS,
         "tol_abs": np.full(2, 1e-6),
         "tol_rel": np.full(2, 1e-4),
     } | changes
-    return _core.ControlHorizon(CORE, *given_.values())
+    return _core.ControlHorizon(MODEL, *given_.values())
 
 
 def _step(request: Any) -> Any:
@@ -63,27 +64,25 @@ def _set_state(name: str) -> Callable[[Any], Any]:
 def _searched(name: str) -> Callable[[Any], Any]:
     def call(value: Any) -> Any:
         made = horizon(**{name: value})
-        return made.greedy(), made.reachable(), made.search(np.zeros((1, N, STEPS)), 40)
+        return made.greedy(), made.reachable(), made.split(None, 40)
 
     return call
 
 
-BOX = [np.full((N, STEPS), value) for value in (0.2, 0.8, 20.0, 40.0)]
-
-
-def _box(method: str, index: int) -> Callable[[Any], Any]:
-    def call(value: Any) -> Any:
-        arguments = [value if i == index else each for i, each in enumerate(BOX)]
-        return getattr(horizon(), method)(*arguments, *AFTER_BOXES.get(method, ()))
-
-    return call
-
-
-AFTER_BOXES: dict[str, tuple[Any, ...]] = {
-    "step_bounds": (np.ones((N, 4)), np.full(STEPS, np.inf)),
-    "planes": (np.full((N, STEPS), 0.5), np.full((N, STEPS), 25.0)),
-}
 MODEL = _core.ControlModel(CORE)
+BOX = [np.full((N, STEPS), value) for value in (0.2, 0.8, 20.0, 40.0)]
+STATES = _core.StateBoxes(*BOX)
+
+
+def _box(index: int) -> Callable[[Any], Any]:
+    def call(value: Any) -> Any:
+        boxes = _core.StateBoxes(*(value if i == index else each for i, each in enumerate(BOX)))
+        cuts = horizon().step_bounds(boxes, np.ones((N, 4)), np.full(STEPS, np.inf))
+        return cuts, horizon().coefficients(boxes, boxes)
+
+    return call
+
+
 AGEING, POINTS = _core.Ageing(CORE), np.full((N, 3), 0.5)
 REQUEST = np.zeros((1, N, STEPS))
 CALLS: dict[str, Callable[[Any], Any]] = {
@@ -112,25 +111,19 @@ CALLS: dict[str, Callable[[Any], Any]] = {
             "ambient_c",
             "limit_kw",
             "costs",
+            "search_costs",
             "tol_abs",
             "tol_rel",
         )
     },
     "horizon evaluate": lambda value: horizon().evaluate(value),
-    "horizon search": lambda value: horizon().search(value, 40),
-    "horizon descend": lambda value: horizon().descend(value, 1, np.zeros(1), 40),
-    "horizon descend ceilings": lambda value: horizon().descend(REQUEST, 1, value, 40),
-    **{
-        f"horizon {method} {i}": _box(method, i)
-        for method in ("step_bounds", "ranges", "planes")
-        for i in range(4)
-    },
-    "horizon step_bounds costs": lambda value: horizon().step_bounds(*BOX, value, np.zeros(STEPS)),
-    "horizon step_bounds budget": lambda value: horizon().step_bounds(*BOX, np.ones((N, 4)), value),
+    "horizon split": lambda value: horizon().split(value, 40),
+    "horizon best_of": lambda value: horizon().best_of(horizon().split(None, 40).incumbent, value),
+    **{f"states {i}": _box(i) for i in range(4)},
+    "horizon step_bounds costs": lambda value: horizon().step_bounds(STATES, value, np.zeros(STEPS)),
+    "horizon step_bounds budget": lambda value: horizon().step_bounds(STATES, np.ones((N, 4)), value),
     "horizon confine request": lambda value: horizon().confine(value, np.ones((N, 4)), 0.0),
     "horizon confine costs": lambda value: horizon().confine(np.zeros((N, STEPS)), value, 0.0),
-    "horizon coefficients soc": lambda value: horizon().coefficients(value, np.full((N, STEPS), 25.0)),
-    "horizon coefficients temperature": lambda value: horizon().coefficients(np.full((N, STEPS), 0.5), value),
 }
 SCALARS: dict[str, Callable[[float], Any]] = {
     "plant step": lambda value: _core.Plant(CORE, 1, value, "table", STATE),
@@ -217,19 +210,19 @@ def test_the_calls_are_answered_when_nothing_is_hostile() -> None:
         "rollout request": REQUEST,
         "rollout ambient": AMBIENT,
         "horizon evaluate": REQUEST,
-        "horizon search": REQUEST,
+        "horizon search_costs": COSTS,
+        "horizon split": REQUEST[0],
+        "horizon best_of": REQUEST,
         "horizon step_bounds costs": COSTS[0],
         "horizon step_bounds budget": np.zeros(STEPS),
         "horizon confine costs": COSTS[0],
         "horizon confine request": REQUEST[0],
-        "horizon descend": REQUEST,
-        "horizon descend ceilings": np.zeros(1),
     }
     for name, call in CALLS.items():
         temperature = "temperature" in name or name[-1] in "23"
         box = np.full((N, STEPS), 30.0 if temperature else 0.5)
         alone = TEMPERATURE if temperature else SOC
-        boxed = (name[-1].isdigit() and name[-2] == " ") or "coefficients" in name
+        boxed = name[-1].isdigit() and name[-2] == " "
         call(fitting.get(name, box if boxed else alone))
 
 

@@ -120,8 +120,7 @@ class Aggregate:
         self.power_kw = float(self.limit_kw.sum())
         health = _rounded(state)
         self._health = health
-        self._core = system.core if health.is_fresh else system.core_at(health)
-        self._model = _core.ControlModel(self._core)
+        self._model = system.control_at(health)
         self._substeps = max(1, round(dt_h / _SUBSTEP_H))
         batteries = [string.battery for string in system.strings]
         self.soc_min = np.array([battery.soc_min for battery in batteries])
@@ -213,15 +212,16 @@ class Aggregate:
             fine = np.repeat(request, parts, axis=1)[None]
             flows = self._model.rollout(state.soc, state.temperature_c, fine, fine_ambient, self.dt_h / parts)
             delivered, shed = (
-                flow[0].reshape(strings, steps, parts).mean(axis=2) for flow in (flows[0], flows[1])
+                flow[0].reshape(strings, steps, parts).mean(axis=2)
+                for flow in (flows.delivered_kw, flows.availability_loss_kw)
             )
             moved = self._moved(request, shed)
             if moved is None:
                 break
             request = moved
         ends = slice(parts - 1, None, parts)
-        soc = np.concatenate([state.soc[:, None], flows[6][0][:, ends]], axis=1)
-        temperature = np.concatenate([state.temperature_c[:, None], flows[7][0][:, ends]], axis=1)
+        soc = np.concatenate([state.soc[:, None], flows.soc[0][:, ends]], axis=1)
+        temperature = np.concatenate([state.temperature_c[:, None], flows.temperature_c[0][:, ends]], axis=1)
         return Rolled(
             delivered_kw=delivered.sum(axis=0),
             energy_kwh=self.energy_kwh(soc),
@@ -268,12 +268,14 @@ class Aggregate:
         step = (np.array([self.system.ambient_c]), _SUBSTEP_H, self.limit_kw[:, None])
         for i, total in enumerate(power[1:], start=1):
             horizon = _core.ControlHorizon(
-                self._core, soc, warm_c, np.array([sign * total]),
-                *step, costs, tolerance, tolerance,
+                self._model, soc, warm_c, np.array([sign * total]),
+                *step, costs, costs, tolerance, tolerance,
             )  # fmt: skip
-            share[i] = np.abs(horizon.greedy()[0][:, 0])
+            share[i] = np.abs(horizon.greedy()[:, 0])
         flows = self._model.rollout(soc, warm_c, sign * share[:, :, None], step[0], _SUBSTEP_H)
-        inverter, heat = flows[3][:, :, 0].sum(axis=1), flows[4][:, :, 0].sum(axis=1)
+        inverter, heat = (
+            losses[:, :, 0].sum(axis=1) for losses in (flows.inverter_loss_kw, flows.battery_loss_kw)
+        )
         return Curve(power, share, inverter, heat)
 
     def _ohm_per_v2(self, soc: Array, temperature_c: Array) -> tuple[Array, Array]:
@@ -287,17 +289,16 @@ class Aggregate:
         """Voltage [V] and resistance [Ohm] in charge and in discharge."""
         steps = soc.shape[1]
         limit = np.repeat(self.limit_kw[:, None], steps, axis=1)
+        states = [np.ascontiguousarray(values) for values in (soc, soc, temperature_c, temperature_c)]
+        boxes, costs, zero = _core.StateBoxes(*states), np.ones((1, self.system.n_strings, 4)), np.zeros(1)
         found = []
         for sign in (-1.0, 1.0):
             horizon = _core.ControlHorizon(
-                self._core, soc[:, 0], temperature_c[:, 0], np.full(steps, sign * self.power_kw),
-                np.full(steps, self.system.ambient_c), self.dt_h, limit,
-                np.ones((1, self.system.n_strings, 4)), np.zeros(1), np.zeros(1),
+                self._model, soc[:, 0], temperature_c[:, 0], np.full(steps, sign * self.power_kw),
+                np.full(steps, self.system.ambient_c), self.dt_h, limit, costs, costs, zero, zero,
             )  # fmt: skip
-            _, voltage, resistance = horizon.coefficients(
-                np.ascontiguousarray(soc), np.ascontiguousarray(temperature_c)
-            )
-            found.append((voltage, resistance))
+            at = horizon.coefficients(boxes, boxes)
+            found.append((at.voltage_low_v, at.resistance_low_ohm))
         return found
 
     def _voltage_ratio(self) -> float:

@@ -102,6 +102,14 @@ class System:
             return self.core
         return self.core.aged(state.soh_capacity, state.soh_resistance)
 
+    @cached_property
+    def _control(self) -> _core.ControlModel:
+        return _core.ControlModel(self.core)
+
+    def control_at(self, state: State) -> _core.ControlModel:
+        """The control model of the strings as they have become; that of fresh ones is made once."""
+        return self._control if state.is_fresh else _core.ControlModel(self.core_at(state))
+
     def check_state(self, state: State) -> None:
         """Raise :class:`InputError` unless ``state`` fits this system (number of strings, SOC windows)."""
         if state.n_strings != self.n_strings:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from bess import _core
 from bess.parameters import System
 from bess.policies.policy import Situation
 
@@ -15,13 +14,12 @@ class Capability:
 
     def __init__(self, system: System, dt_h: float) -> None:
         self._system = system
-        self._fresh = _core.ControlModel(system.core)
         self._nominal_kw = system.nominal_kw
         self._dt_h = dt_h
 
     def __call__(self, situation: Situation, discharge: bool) -> NDArray[np.float64]:
         """Return AC powers [kW], magnitudes, shape ``(n_strings,)``."""
         state = situation.state
-        model = self._fresh if state.is_fresh else _core.ControlModel(self._system.core_at(state))
+        model = self._system.control_at(state)
         largest_kw = model.max_power_kw(state.soc, state.temperature_c, discharge, self._dt_h)
         return np.clip(largest_kw, 0.0, self._nominal_kw)

@@ -61,7 +61,7 @@ class MpcPolicy:
 def build(system: System, settings: Settings) -> MpcPolicy:
     """Compile the power split for a system; imports the optimiser, which takes a second or two."""
     from bess import PowerSplit
-    from bess.split.outcome import SplitStatus
+    from bess.split.result import SplitStatus
 
     chosen = settings.split
     splitter = PowerSplit(

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from bess.parameters.battery import Battery
 from bess.parameters.parse import StringParameters
-from bess.split.envelope import Envelope
+from bess.split.relaxation.envelope import Envelope
 
 Array = NDArray[np.float64]
 _Pick = Callable[..., Any]

@@ -1,40 +1,43 @@
-"""The power split: compiled once for a system and a horizon, called at every control step."""
+"""The power split: compiled once for a system and a horizon, called at every control step.
+
+A call checks what it is given, searches for the best schedule, certifies it, and answers; docs/algorithm.md
+tells the algorithm on one page.
+"""
 
 from __future__ import annotations
 
 import time
+from dataclasses import fields
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from bess import _core
 from bess.display import as_table, one_line
 from bess.errors import InputError
+from bess.numbers import Array, finite_array
 from bess.parameters import State, System
-from bess.split.bounding import Bounding, Bounds
-from bess.split.branch_and_bound import Closure
-from bess.split.coefficients import PlantConstants
-from bess.split.inputs import HorizonInputs, check_horizon
+from bess.split.bounds import Certificate, CompiledPlant, certify
 from bess.split.objectives import NAMES, Objectives
-from bess.split.outcome import GroupResult, Split, SplitStatus, relative_gap
 from bess.split.payoff import payoff_scale
-from bess.split.rollout import Rollout, rollout
-from bess.split.search import Limits, Model, Search, Task
+from bess.split.problem import SplitProblem, check_horizon
+from bess.split.relaxation.data import PlantConstants
+from bess.split.result import GroupResult, Split, SplitStatus, relative_gap
+from bess.split.rollout import Rollout
 from bess.split.settings import SplitSettings
-
-Array = NDArray[np.float64]
+from bess.split.tree import Closure
 
 SATURATED_KW = 1e-9
 """Availability loss above which a string counts as saturated."""
 
 ROLLOUTS = 2000
-"""Effort of the local search on the control model, for each call."""
+"""Effort of one descent of the local search on the control model."""
 
 DEFAULTS = SplitSettings()
 
 STATUS = {
-    Closure.GAP: SplitStatus.OPTIMAL,
+    Closure.GAP: SplitStatus.CONVEXIFIED_CLOSED,
     Closure.TREE: SplitStatus.TREE_CLOSED,
     Closure.NODE_LIMIT: SplitStatus.NODE_LIMIT,
     Closure.TIME_LIMIT: SplitStatus.TIME_LIMIT,
@@ -43,7 +46,7 @@ STATUS = {
 
 
 class PowerSplit:
-    """Shares the demand of the next steps between the strings of a plant (MODEL.md sections 3 and 4).
+    """Shares the demand of the next steps between the strings of a plant.
 
     Parameters
     ----------
@@ -64,6 +67,11 @@ class PowerSplit:
     warm_start : ndarray or None
         Requests ``(n_strings, n_steps)`` [kW] that the next call starts from: those of the last, one step on.
         Saving and restoring it makes a closed loop resumable to the last bit.
+
+    Raises
+    ------
+    InputError
+        A setting outside its range.
     """
 
     def __init__(
@@ -87,16 +95,14 @@ class PowerSplit:
             time_limit_s=time_limit_s,
         )
         self.objectives = self.settings.objectives
-        inverter_kw, battery_kw = _core.ControlModel(system.core).nominal_loss_kw()
-        nominal = np.stack([system.nominal_kw, system.nominal_kw, inverter_kw, battery_kw], axis=1)
-        # One constant for the plant: a kWh lost counts the same in whichever string it is lost.
-        whole = np.broadcast_to(nominal.mean(axis=0), nominal.shape)
-        constant = 1.0 / (whole * system.n_strings * horizon_steps)
-        in_kwh = np.full_like(constant, dt_h)
-        self._scale_per_kw = in_kwh if self.objectives.normalisation == "energy" else constant
-        self._constants = PlantConstants.of(system, battery_kw, dt_h)
+        inverter_kw, battery_kw = system.control_at(system.initial_state()).nominal_loss_kw()
         strings = [s.model_dump(exclude={"site"}) for s in system.strings]
-        self._alike = np.array([a == b for a, b in pairwise(strings)], dtype=bool)
+        self._plant = CompiledPlant(
+            PlantConstants.of(system, battery_kw, dt_h),
+            np.array([a == b for a, b in pairwise(strings)], dtype=bool),
+        )
+        self._scale_per_kw = _scale(system, horizon_steps, dt_h, self.objectives, inverter_kw, battery_kw)
+        self._switch_soc = np.array([s.battery.low_soc_switch for s in system.strings])[:, None]
         self._warm_start: Array | None = None
 
     def _facts(self) -> dict[str, str]:
@@ -120,10 +126,10 @@ class PowerSplit:
         if request_kw is None:
             self._warm_start = None
             return
+        request = finite_array("warm_start", request_kw).copy()
         shape = (self.system.n_strings, self.horizon_steps)
-        request = np.array(request_kw, dtype=np.float64)
-        if request.shape != shape or not np.all(np.isfinite(request)):
-            raise InputError(f"warm_start must be finite and of shape {shape}, not {request.shape}")
+        if request.shape != shape:
+            raise InputError(f"warm_start must be of shape {shape}, not {request.shape}")
         self._warm_start = request
 
     def __call__(
@@ -152,119 +158,80 @@ class PowerSplit:
             If something given does not fit the system or the horizon; nothing is done then.
         """
         started = time.perf_counter()
-        inputs = HorizonInputs.check(self.system, self.horizon_steps, state, demand_kw, ambient_c, limit_kw)
-        if not inputs.demand_kw.any():
-            idle = Bounds(values=(0.0,) * len(self.objectives.groups), closures=(), nodes=0, failed=False)
-            return self._answer(
-                inputs, np.zeros_like(inputs.limit_kw), idle, idle, SplitStatus.NO_DEMAND, started
-            )
-
+        problem = SplitProblem.check(
+            self.system, self.horizon_steps, self.dt_h, state, demand_kw, ambient_c, limit_kw
+        )
         limit_s = self.settings.time_limit_s
         deadline = None if limit_s is None else started + limit_s
-        task = self._task(inputs)
-        search = Search(task, Limits(self.settings.gap, self.settings.node_limit, ROLLOUTS, deadline))
-        search.find_incumbent(self._warm_start)
-        bounding = Bounding(search)
-        rigorous, frozen = bounding.rigorous(), bounding.frozen()
-        return self._answer(inputs, search.request, frozen, rigorous, _status(frozen), started, task)
 
-    def _task(self, inputs: HorizonInputs) -> Task:
         scale = self._scale_per_kw
         if self.objectives.normalisation == "payoff":
-            scale = payoff_scale(scale, lambda costs: self._horizon(inputs, costs), ROLLOUTS)
-        search_costs = self.objectives.costs(scale, tie_break=True)
-        true_costs = self.objectives.costs(scale, tie_break=False)
-        search = Model(self._horizon(inputs, search_costs), search_costs)
-        same = np.array_equal(search_costs, true_costs)
-        return Task(
-            constants=self._constants.at(inputs.state),
-            inputs=inputs,
-            search=search,
-            true=search if same else Model(self._horizon(inputs, true_costs), true_costs),
-            tolerances=self.objectives.tolerances,
-            alike=self._alike,
-            rollout=lambda request: self._rollout(inputs, request),
+            abs_tol, rel_tol = self.objectives.tolerances
+            scale = payoff_scale(problem, scale, abs_tol[0], rel_tol[0])
+        costs = (
+            self.objectives.costs(scale, tie_break=False),
+            self.objectives.costs(scale, tie_break=True),
         )
+        control = problem.control(*costs, *self.objectives.tolerances)
 
-    def _horizon(self, inputs: HorizonInputs, costs: Array) -> _core.ControlHorizon:
-        abs_tol, rel_tol = self.objectives.tolerances
-        if costs.shape[0] != abs_tol.size:
-            abs_tol, rel_tol = np.full(costs.shape[0], abs_tol[0]), np.full(costs.shape[0], rel_tol[0])
-        return _core.ControlHorizon(
-            self.system.core_at(inputs.state),
-            inputs.state.soc,
-            inputs.state.temperature_c,
-            inputs.demand_kw,
-            inputs.ambient_c,
-            self.dt_h,
-            inputs.limit_kw,
-            costs,
-            abs_tol,
-            rel_tol,
-        )
+        answer = self._search(control, self._warm_start, deadline)
+        certificate = self._certify(problem, control, answer, costs, deadline)
+        if certificate.incumbent is not answer.incumbent:
+            answer = self._search(control, certificate.incumbent.request_kw, deadline)
+            certificate = self._certify(problem, control, answer, costs, deadline)
+        return self._answer(problem, answer, certificate, started)
 
-    def _rollout(self, inputs: HorizonInputs, request: Array) -> Rollout:
-        return rollout(self.system, inputs.state, request, self.dt_h, ambient_c=inputs.ambient_c)
+    def _search(
+        self, control: _core.ControlHorizon, warm_start: Array | None, deadline: float | None
+    ) -> _core.SplitAnswer:
+        left_s = None if deadline is None else deadline - time.perf_counter()
+        return control.split(warm_start, ROLLOUTS, left_s)
+
+    def _certify(
+        self,
+        problem: SplitProblem,
+        control: _core.ControlHorizon,
+        answer: _core.SplitAnswer,
+        costs: tuple[Array, Array],
+        deadline: float | None,
+    ) -> Certificate:
+        return certify(self._plant, problem, control, answer, costs, self.settings, deadline)
 
     def _answer(
-        self,
-        inputs: HorizonInputs,
-        request: Array,
-        frozen: Bounds,
-        rigorous: Bounds,
-        status: SplitStatus,
-        started: float,
-        task: Task | None = None,
+        self, problem: SplitProblem, answer: _core.SplitAnswer, certificate: Certificate, started: float
     ) -> Split:
-        result = self._rollout(inputs, request)
-        groups = self._groups(result, frozen, rigorous, task)
-        soc_start = np.concatenate([inputs.state.soc[:, None], result.soc[:, :-1]], axis=1)
-        switch = np.array([s.battery.low_soc_switch for s in self.system.strings])
+        request = answer.incumbent.request_kw
+        result = Rollout(**{field.name: getattr(answer.flows, field.name) for field in fields(Rollout)})
+        soc_start = np.concatenate([problem.state.soc[:, None], result.soc[:, :-1]], axis=1)
         self._warm_start = np.concatenate([request[:, 1:], request[:, -1:]], axis=1)
+        idle = not problem.demand_kw.any()
         return Split(
             request_kw=request,
             inverter_on=result.delivered_kw != 0.0,
-            low_soc=soc_start < switch[:, None],
+            low_soc=soc_start < self._switch_soc,
             saturated=result.availability_loss_kw > SATURATED_KW,
             rollout=result,
-            groups=groups,
-            unmet_kw=inputs.unmet_kw,
-            nodes=frozen.nodes + rigorous.nodes,
+            groups=self._groups(certificate),
+            unmet_kw=problem.unmet_kw,
+            nodes=certificate.nodes,
             solve_time_s=time.perf_counter() - started,
-            status=status,
+            status=SplitStatus.NO_DEMAND if idle else _status(certificate),
         )
 
-    def _groups(
-        self, result: Rollout, frozen: Bounds, rigorous: Bounds, task: Task | None
-    ) -> tuple[GroupResult, ...]:
-        losses = np.stack(
-            [
-                x.sum(axis=1)
-                for x in (
-                    result.availability_loss_kw,
-                    result.derating_loss_kw,
-                    result.inverter_loss_kw,
-                    result.battery_loss_kw,
-                )
-            ],
-            axis=1,
-        )
-        out = []
-        for g, members in enumerate(self.objectives.groups):
-            objective = float((task.true.costs[g] * losses).sum()) if task else 0.0
-            searched = float((task.search.costs[g] * losses).sum()) if task else 0.0
-            out.append(
-                GroupResult(
-                    priority=self.objectives.members[members[0]].priority,
-                    members=tuple(NAMES[i] for i in members),
-                    objective=objective,
-                    bound=rigorous.values[g],
-                    search_bound=frozen.values[g],
-                    gap=relative_gap(objective, rigorous.values[g]),
-                    search_gap=relative_gap(searched, frozen.values[g]),
-                )
+    def _groups(self, certificate: Certificate) -> tuple[GroupResult, ...]:
+        objectives = self.objectives
+        return tuple(
+            GroupResult(
+                priority=objectives.members[members[0]].priority,
+                members=tuple(NAMES[i] for i in members),
+                objective=group.objective,
+                bound=group.bound,
+                search_bound=group.search_bound,
+                gap=relative_gap(group.objective, group.bound),
+                search_gap=relative_gap(group.search_objective, group.search_bound),
             )
-        return tuple(out)
+            for members, group in zip(objectives.groups, certificate.groups, strict=True)
+        )
 
 
 def split_power(
@@ -279,6 +246,11 @@ def split_power(
     """Split the demand of one horizon; its length is the number of values in ``demand_kw``.
 
     See :class:`PowerSplit` for the parameters; to call it at every control step, build one of those.
+
+    Raises
+    ------
+    InputError
+        From a setting, or from what does not fit the system.
     """
     steps = np.shape(demand_kw)
     if len(steps) != 1:
@@ -286,8 +258,27 @@ def split_power(
     return PowerSplit(system, steps[0], objectives, dt_h, gap, time_limit_s)(state, demand_kw)
 
 
-def _status(frozen: Bounds) -> SplitStatus:
-    """The weakest statement of all stages."""
-    if frozen.failed:
+def _scale(
+    system: System,
+    horizon_steps: int,
+    dt_h: float,
+    objectives: Objectives,
+    inverter_kw: Array,
+    battery_kw: Array,
+) -> Array:
+    """Normalisation of each loss [1/kW], shape ``(n_strings, 4)``: one constant for the plant, so that a kWh
+    lost counts the same in whichever string it is lost."""
+    shape = (system.n_strings, 4)
+    if objectives.normalisation == "energy":
+        return np.full(shape, dt_h)
+    nominal = np.stack([system.nominal_kw, system.nominal_kw, inverter_kw, battery_kw], axis=1)
+    return np.broadcast_to(1.0 / (nominal.mean(axis=0) * system.n_strings * horizon_steps), shape).copy()
+
+
+def _status(certificate: Certificate) -> SplitStatus:
+    """The strongest statement that holds for every group."""
+    if certificate.failed:
         return SplitStatus.SOLVER_FAILED
-    return max((STATUS[closure] for closure in frozen.closures), key=lambda status: status.code)
+    if all(group.is_proven for group in certificate.groups):
+        return SplitStatus.OPTIMAL
+    return max((STATUS[group.closure] for group in certificate.groups), key=lambda status: status.code)

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bess import _core
 from bess.errors import InputError
-from bess.numbers import real_numbers
+from bess.numbers import each_step, finite_array
 from bess.parameters import State, System
 from bess.parameters.state import TEMPERATURE_RANGE_C
 
@@ -84,36 +83,26 @@ def rollout(
     if not isinstance(state, State):
         raise InputError(f"state must be a bess.State, not {type(state).__name__}")
     system.check_state(state)
-    request = _numbers("request_kw", request_kw)
+    request = finite_array("request_kw", request_kw)
     if request.ndim < 2 or request.shape[-2] != system.n_strings or request.shape[-1] == 0:
         raise InputError(
             f"request_kw has shape {request.shape}; give (n_strings, n_steps) with n_strings = "
             f"{system.n_strings} and at least one step, or a batch of them along leading axes"
         )
     _check_requests(system, request)
-    if _numbers("dt_h", dt_h).ndim or not 0.0 < dt_h <= 24.0:
+    if finite_array("dt_h", dt_h).ndim or not 0.0 < dt_h <= 24.0:
         raise InputError(f"dt_h = {dt_h!r} h must be one number in (0, 24]")
 
     shape, n_steps = request.shape, request.shape[-1]
-    arrays = _core.ControlModel(system.core_at(state)).rollout(
+    around = system.ambient_c if ambient_c is None else ambient_c
+    arrays = system.control_at(state).rollout(
         state.soc,
         state.temperature_c,
         request.reshape(-1, system.n_strings, n_steps),
-        _ambient(system, ambient_c, n_steps),
+        each_step("ambient_c", around, n_steps, TEMPERATURE_RANGE_C, "degC"),
         dt_h,
     )
-    return Rollout(*(array.reshape(shape) for array in arrays))
-
-
-def _numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    try:
-        array = real_numbers(values)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name} must hold numbers ({error})") from error
-    if not np.all(np.isfinite(array)):
-        place = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        raise InputError(f"{name}{list(place)} = {array[place]} is not finite")
-    return array
+    return Rollout(**{f.name: getattr(arrays, f.name).reshape(shape) for f in fields(Rollout)})
 
 
 def _check_requests(system: System, request: NDArray[np.float64]) -> None:
@@ -131,16 +120,3 @@ def _check_requests(system: System, request: NDArray[np.float64]) -> None:
         raise InputError(
             f"request_kw: step {step} has both signs; all strings of a step charge, or all discharge"
         )
-
-
-def _ambient(system: System, ambient_c: ArrayLike | None, n_steps: int) -> NDArray[np.float64]:
-    ambient = _numbers("ambient_c", system.ambient_c if ambient_c is None else ambient_c)
-    if ambient.shape not in ((), (n_steps,)):
-        raise InputError(
-            f"ambient_c has shape {ambient.shape}; give one value, or one for each of {n_steps} steps"
-        )
-    low, high = TEMPERATURE_RANGE_C
-    outside = ambient[(ambient < low) | (ambient > high)]
-    if outside.size:
-        raise InputError(f"ambient_c {outside.flat[0]:g} degC is outside [{low:g}, {high:g}] degC")
-    return np.ascontiguousarray(np.broadcast_to(ambient, n_steps))

@@ -1,6 +1,6 @@
 //! What one call of the power split costs in the control model, at (strings, steps).
 
-use bess_control::{ControlHorizon, StateBox};
+use bess_control::{ControlHorizon, Effort, Losses, StateBox};
 use criterion::{criterion_group, criterion_main, BenchmarkId, Criterion, Throughput};
 
 #[path = "../tests/common/mod.rs"]
@@ -8,7 +8,7 @@ mod common;
 
 const SIZES: [(usize, usize); 3] = [(2, 8), (8, 8), (2, 32)];
 const SCHEDULES: usize = 1000;
-const MAX_ROLLOUTS: usize = 3000;
+const EFFORT: Effort = Effort { rollouts: 2000, deadline: None };
 
 fn schedules(horizon: &ControlHorizon, count: usize) -> Vec<f64> {
     let size = horizon.n_strings() * horizon.n_steps();
@@ -26,11 +26,11 @@ fn control(criterion: &mut Criterion) {
         group.throughput(Throughput::Elements(1));
         group.bench_function(name("greedy"), |b| b.iter(|| horizon.greedy()));
         let start = horizon.greedy().request_w;
-        group.bench_function(name("search"), |b| b.iter(|| horizon.search(&start, MAX_ROLLOUTS)));
+        group.bench_function(name("split"), |b| b.iter(|| horizon.split(None, &EFFORT)));
         group.bench_function(name("reachable"), |b| b.iter(|| horizon.reachable()));
         let boxes: Vec<StateBox> =
             horizon.reachable().chunks(n_steps + 1).flat_map(|row| row[..n_steps].to_vec()).collect();
-        let costs = vec![[0.0, 1e-5, 1e-5, 1e-5]; n_strings];
+        let costs = vec![Losses::from_array([0.0, 1e-5, 1e-5, 1e-5]); n_strings];
         group.bench_function(name("confine"), |b| b.iter(|| horizon.confine(&start, &costs, 0.0)));
         let budget_w = vec![f64::INFINITY; n_steps];
         group.bench_function(name("step_bounds"), |b| {

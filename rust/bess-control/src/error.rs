@@ -1,5 +1,7 @@
 use thiserror::Error;
 
+use crate::model::Losses;
+
 /// Input that the control model cannot use. The text names the thing, its value and what is allowed.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum ControlError {
@@ -52,7 +54,7 @@ pub enum ControlError {
 }
 
 /// Checks the length of an array.
-pub(crate) fn check_length(name: &'static str, values: &[f64], expected: usize) -> Result<(), ControlError> {
+pub(crate) fn check_length<T>(name: &'static str, values: &[T], expected: usize) -> Result<(), ControlError> {
     if values.len() == expected {
         return Ok(());
     }
@@ -72,4 +74,11 @@ pub(crate) fn check_range(
             Err(ControlError::Range { name, position, value: values[position], low, high, unit })
         }
     }
+}
+
+/// Checks costs of the losses of each string [1/W].
+pub(crate) fn check_costs(costs: &[Losses], n_strings: usize) -> Result<(), ControlError> {
+    check_length("costs", costs, n_strings)?;
+    let flat: Vec<f64> = costs.iter().flat_map(|c| c.to_array()).collect();
+    check_range("costs", &flat, (0.0, f64::MAX), " 1/W")
 }

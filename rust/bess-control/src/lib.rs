@@ -3,16 +3,21 @@
 //!
 //! SI units; requests are magnitudes with a direction for each step (that of the demand).
 
+#[cfg(test)]
+extern crate self as bess_control;
+
 mod error;
 mod model;
 mod one_step;
 mod reach;
 mod search;
+mod split;
 
 pub use error::ControlError;
 pub use model::{
-    direction_of, CoefficientRanges, Coefficients, ControlHorizon, ControlModel, Costs, Flow, Interval,
-    LossCosts, Problem, Range, Rollouts, StateBox, StringModel, StringState, MAX_GROUPS,
+    direction_of, CoefficientRanges, Coefficients, ControlHorizon, ControlModel, Costs, CostsOf, Flow,
+    Interval, Losses, Problem, Range, Rollouts, StateBox, StringModel, StringState, MAX_GROUPS,
 };
-pub use reach::{Confined, Planes, StepBound, StepBounds};
-pub use search::Schedule;
+pub use reach::{Confined, GroupBounds, Planes, StepBound, StepBounds};
+pub use search::{Effort, Incumbent, Schedule};
+pub use split::Split;

@@ -1,7 +1,7 @@
 //! Properties of the control model and of what the search builds on it, on random states and requests.
 #![allow(missing_docs)]
 
-use bess_control::{ControlModel, Interval, Range, StateBox, StringModel, StringState};
+use bess_control::{ControlModel, Effort, Interval, Range, StateBox, StringModel, StringState};
 use bess_tables::Direction;
 use proptest::prelude::*;
 
@@ -99,14 +99,59 @@ fn objectives_of_a_batch_are_those_of_its_members_to_the_last_bit() {
 }
 
 #[test]
-fn a_search_reports_the_objectives_of_its_schedule_and_keeps_to_its_budget() {
+fn a_split_reports_the_objectives_of_its_schedule_and_is_no_worse_than_the_greedy_pass() {
+    let effort = Effort { rollouts: 500, deadline: None };
     for soc in [0.03, 0.5, 0.97] {
         let horizon = common::horizon(&common::reference(2), 8, soc);
         let greedy = horizon.greedy();
-        let (best, used) = horizon.search(&greedy.request_w, 500);
+        let split = horizon.split(None, &effort);
+        let best = &split.incumbent.schedule;
         assert_eq!(horizon.objectives(&best.request_w), best.objectives);
         assert!(best.objectives[0] <= greedy.objectives[0] * (1.0 + 1e-4) + 1e-6);
-        // The move under way is finished: a grid over two steps of up to 11 x 11 points and 15 closing moves of 9.
-        assert!(used <= 500 + 11 * 11 + 15 * 9, "{used} roll-outs");
+        for (group, bounds) in split.groups.iter().enumerate() {
+            assert_eq!(bounds.search_objective, best.objectives[group]);
+            assert!(bounds.bound <= bounds.objective);
+            assert!(bounds.search_bound <= bounds.search_objective * (1.0 + 1e-9));
+        }
+        // Requests that leave as kW and come back are the same bits.
+        for request_w in &best.request_w {
+            let there_and_back = request_w / 1e3 * 1e3;
+            assert_eq!(there_and_back, *request_w);
+        }
+    }
+}
+
+#[test]
+fn a_search_that_is_late_answers_with_what_it_has() {
+    let horizon = common::horizon(&common::reference(2), 8, 0.03);
+    let late = Effort { rollouts: 2000, deadline: Some(std::time::Instant::now()) };
+    let all = Effort { rollouts: 2000, deadline: None };
+    let (late, all) = (horizon.split(None, &late), horizon.split(None, &all));
+    assert!(late.rollouts < all.rollouts / 2, "{} of {} roll-outs", late.rollouts, all.rollouts);
+    let greedy = horizon.greedy().objectives;
+    assert!(late.incumbent.schedule.objectives[0] <= greedy[0] * (1.0 + 1e-4) + 1e-6);
+}
+
+proptest! {
+    #[test]
+    fn fitted_requests_meet_the_demand_within_the_limits(
+        wanted in proptest::collection::vec(prop_oneof![Just(0.0), 0.0..2.0], 24),
+    ) {
+        let horizon = common::horizon(&common::reference(3), 8, 0.5);
+        let request_w = horizon.fitted(&wanted);
+        let met = horizon.magnitudes(&horizon.signed(&request_w)).unwrap();
+        prop_assert_eq!(&met, &request_w);
+        for t in 0..8 {
+            let asked: f64 = (0..3).map(|m| request_w[m * 8 + t]).sum();
+            let alone: f64 = (0..3).map(|m| wanted[m * 8 + t]).sum();
+            let whole = horizon.fitted(&[0.0; 24]);
+            let demand_w: f64 = (0..3).map(|m| whole[m * 8 + t]).sum();
+            prop_assert!((asked - demand_w).abs() <= 1e-9 * demand_w.max(1.0), "{asked} W of {demand_w} W");
+            // A string that is not wanted runs only if the others cannot take everything.
+            let idle_runs = (0..3).any(|m| alone > 0.0 && wanted[m * 8 + t] == 0.0 && request_w[m * 8 + t] > 1e-6);
+            let full = (0..3).any(|m| request_w[m * 8 + t] > 0.999 * common::NOMINAL_W);
+            let n_wanted = (0..3).filter(|m| wanted[m * 8 + t] > 0.0).count();
+            prop_assert!(!idle_runs || full || demand_w > 0.5 * n_wanted as f64 * common::NOMINAL_W);
+        }
     }
 }

@@ -3,8 +3,11 @@
 use pyo3::prelude::*;
 
 mod ageing;
-mod control;
+mod arrays;
+mod horizon;
+mod model;
 mod plant;
+mod states;
 mod system;
 
 /// Compiled core of bess.
@@ -13,9 +16,15 @@ mod _core {
     #[pymodule_export]
     use crate::ageing::{ageing_models, rainflow, Ageing};
     #[pymodule_export]
-    use crate::control::{ControlHorizon, ControlModel};
+    use crate::horizon::{
+        CoefficientBounds, Confined, ControlHorizon, GroupBounds, Incumbent, SplitAnswer, StepCuts,
+    };
+    #[pymodule_export]
+    use crate::model::{ControlModel, FlowArrays, RolloutArrays};
     #[pymodule_export]
     use crate::plant::Plant;
+    #[pymodule_export]
+    use crate::states::StateBoxes;
     #[pymodule_export]
     use crate::system::System;
 }

@@ -1,9 +1,11 @@
 //! The data of one split problem: strings, measured state, demand, limits, costs.
 
+use std::sync::Arc;
+
 use bess_tables::{Direction, System};
 
 use crate::error::{check_length, check_range};
-use crate::model::{Flow, Interval, StringModel, StringState};
+use crate::model::{Flow, Interval, Losses, StringModel, StringState};
 use crate::ControlError;
 
 /// Most groups of objectives.
@@ -13,12 +15,15 @@ pub type Costs = [f64; MAX_GROUPS];
 
 const SOC_SLACK: f64 = 1e-9;
 const POWER_SLACK: f64 = 1e-9;
+/// A demand this close to the sum of the limits (relative) asks every string for its limit.
+const FULL_POWER: f64 = 1e-12;
 const TEMPERATURE_RANGE_C: (f64, f64) = (-100.0, 1000.0);
 
 /// The control model of a plant, without a problem.
 #[derive(Debug, Clone)]
 pub struct ControlModel {
-    strings: Vec<StringModel>,
+    /// Shared: a problem refers to the strings of its model and copies none of their tables.
+    strings: Arc<[StringModel]>,
 }
 
 impl ControlModel {
@@ -116,9 +121,6 @@ pub fn direction_of(power: f64) -> Direction {
     }
 }
 
-/// What one unit of each loss costs a string, for each group [1/W]: availability, derating, inverter, battery.
-pub type LossCosts = [f64; 4];
-
 /// Everything about one split problem. Arrays over strings and steps are string-major, `(M, T)`.
 #[derive(Debug, Clone, Copy)]
 pub struct Problem<'a> {
@@ -134,12 +136,23 @@ pub struct Problem<'a> {
     pub dt_h: f64,
     /// Upper limits of the requests `(M, T)` [W].
     pub limit_w: &'a [f64],
-    /// Costs `(G, M, 4)` [1/W], groups in order of priority.
+    /// Costs of the losses `(G, M, 4)` [1/W], groups in order of priority.
     pub costs: &'a [f64],
+    /// The same for the search, which gives a small weight to losses that cost nothing, so that ties have an answer.
+    pub search_costs: &'a [f64],
     /// Absolute tolerance of each group.
     pub tolerance_abs: &'a [f64],
     /// Relative tolerance of each group.
     pub tolerance_rel: &'a [f64],
+}
+
+/// Which of the costs of a problem.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CostsOf {
+    /// Of what is reported and bounded.
+    Report,
+    /// Of the search: losses that cost nothing have a small weight.
+    Search,
 }
 
 /// A split problem, checked, as the search needs it. Requests are magnitudes from here on.
@@ -152,8 +165,10 @@ pub struct ControlHorizon {
     pub(crate) limit_w: Vec<f64>,
     /// Sum over the strings, `(T,)`.
     pub(crate) total_limit_w: Vec<f64>,
-    /// `(M, G)`, so that the costs of one string lie together.
-    pub(crate) costs: Vec<LossCosts>,
+    /// Costs of the search `(M, G)`, so that those of one string lie together.
+    pub(crate) search_costs: Vec<Losses>,
+    /// Costs of what is reported and bounded, `(G, M)`.
+    pub(crate) true_costs: Vec<Losses>,
     pub(crate) n_groups: usize,
     pub(crate) tolerance_abs: Vec<f64>,
     pub(crate) tolerance_rel: Vec<f64>,
@@ -167,12 +182,14 @@ impl ControlHorizon {
         let start = model.states(problem.soc, problem.temperature_c)?;
         check_length("ambient_c", problem.ambient_c, n_steps)?;
         check_length("limit", problem.limit_w, n_strings * n_steps)?;
-        check_length("costs", problem.costs, n_groups * n_strings * 4)?;
         check_length("tol_rel", problem.tolerance_rel, n_groups)?;
         check_range("groups", &[n_groups as f64], (1.0, MAX_GROUPS as f64), "")?;
         check_range("dt_h", &[problem.dt_h], (f64::MIN_POSITIVE, f64::MAX), " h")?;
         check_range("ambient_c", problem.ambient_c, TEMPERATURE_RANGE_C, " degC")?;
-        check_range("costs", problem.costs, (0.0, f64::MAX), " 1/W")?;
+        for costs in [problem.costs, problem.search_costs] {
+            check_length("costs", costs, n_groups * n_strings * 4)?;
+            check_range("costs", costs, (0.0, f64::MAX), " 1/W")?;
+        }
         check_range("tol_abs", problem.tolerance_abs, (0.0, f64::MAX), "")?;
         check_range("tol_rel", problem.tolerance_rel, (0.0, f64::MAX), "")?;
         check_range("demand", problem.demand_w, (-f64::MAX, f64::MAX), " W")?;
@@ -189,18 +206,18 @@ impl ControlHorizon {
         let intervals = problem.demand_w.iter().zip(problem.ambient_c).map(|(&demand, &ambient_c)| {
             Interval { direction: direction_of(demand), ambient_c, dt_h: problem.dt_h }
         });
+        let losses = |costs: &[f64]| Losses::from_array([costs[0], costs[1], costs[2], costs[3]]);
         let of_string = |m: usize| (0..n_groups).map(move |g| (g * n_strings + m) * 4);
-        let costs = (0..n_strings).flat_map(of_string).map(|first| {
-            let c = &problem.costs[first..first + 4];
-            [c[0], c[1], c[2], c[3]]
-        });
+        let search_costs =
+            (0..n_strings).flat_map(of_string).map(|first| losses(&problem.search_costs[first..first + 4]));
         Ok(Self {
             start,
             demand_w: problem.demand_w.iter().map(|d| d.abs()).collect(),
             intervals: intervals.collect(),
             limit_w: problem.limit_w.to_vec(),
             total_limit_w,
-            costs: costs.collect(),
+            search_costs: search_costs.collect(),
+            true_costs: problem.costs.chunks_exact(4).map(losses).collect(),
             n_groups,
             tolerance_abs: problem.tolerance_abs.to_vec(),
             tolerance_rel: problem.tolerance_rel.to_vec(),
@@ -233,10 +250,20 @@ impl ControlHorizon {
         &self.model.strings()[m]
     }
 
-    /// Costs of one string, one entry for each group.
+    /// Costs of one string in the search, one entry for each group.
     #[inline]
-    pub(crate) fn costs_of(&self, m: usize) -> &[LossCosts] {
-        &self.costs[m * self.n_groups..(m + 1) * self.n_groups]
+    pub(crate) fn costs_of(&self, m: usize) -> &[Losses] {
+        &self.search_costs[m * self.n_groups..(m + 1) * self.n_groups]
+    }
+
+    /// Costs of every string in one group: of what is reported and bounded, or of the search.
+    pub(crate) fn group_costs(&self, group: usize, costs: CostsOf) -> Vec<Losses> {
+        match costs {
+            CostsOf::Report => {
+                self.true_costs[group * self.n_strings()..(group + 1) * self.n_strings()].to_vec()
+            }
+            CostsOf::Search => (0..self.n_strings()).map(|m| self.costs_of(m)[group]).collect(),
+        }
     }
 
     /// Limit of one request [W].
@@ -256,11 +283,9 @@ impl ControlHorizon {
         costs: &mut Costs,
     ) -> Flow {
         let flow = self.string(m).step(state, request_w, &self.intervals[t]);
+        let losses = flow.losses();
         for (total, c) in costs.iter_mut().zip(self.costs_of(m)) {
-            *total += c[0] * flow.availability_w
-                + c[1] * flow.derating_w
-                + c[2] * flow.inverter_w
-                + c[3] * flow.battery_w;
+            *total += losses.cost(c);
         }
         flow
     }
@@ -279,6 +304,50 @@ impl ControlHorizon {
             add(&mut totals, &costs);
         }
         totals
+    }
+
+    /// Objectives of what flows, `(M, T)`, in the costs of what is reported.
+    pub fn true_objectives(&self, flows: &[Flow]) -> Costs {
+        let mut totals = [0.0; MAX_GROUPS];
+        for (m, row) in flows.chunks_exact(self.n_steps()).enumerate() {
+            for flow in row {
+                for (g, total) in totals[..self.n_groups].iter_mut().enumerate() {
+                    *total += flow.losses().cost(&self.true_costs[g * self.n_strings() + m]);
+                }
+            }
+        }
+        totals
+    }
+
+    /// How far a group may rise above its best value while later groups are minimised,
+    /// `F* + max(eps_abs, eps_rel |F*|)`.
+    pub(crate) fn ceiling(&self, group: usize, best: f64) -> f64 {
+        best + self.tolerance_abs[group].max(self.tolerance_rel[group] * best.abs())
+    }
+
+    /// What every string does in every step of a schedule, `(M, T)`.
+    pub fn flows(&self, request_w: &[f64]) -> Vec<Flow> {
+        let mut flows = Vec::with_capacity(request_w.len());
+        for (m, requests) in request_w.chunks_exact(self.n_steps()).enumerate() {
+            let mut state = self.start[m];
+            for (&request_w, interval) in requests.iter().zip(&self.intervals) {
+                let flow = self.string(m).step(state, request_w, interval);
+                state = flow.end;
+                flows.push(flow);
+            }
+        }
+        flows
+    }
+
+    /// Steps in which there is something to decide: more than one string can run, and not all of them have to.
+    pub fn n_free_steps(&self) -> usize {
+        let several = |t: usize| (0..self.n_strings()).filter(|&m| self.limit(m, t) > 0.0).count() > 1;
+        let free = |t: &usize| {
+            several(*t)
+                && self.demand_w[*t] > 0.0
+                && self.demand_w[*t] < self.total_limit_w[*t] * (1.0 - FULL_POWER)
+        };
+        (0..self.n_steps()).filter(free).count()
     }
 
     /// Objectives of a batch of schedules `(B, M, T)` [W], `(B, G)`.

@@ -1,16 +1,19 @@
 //! The control model: a string, a horizon of strings, roll-outs, and what coefficients a box of states can have.
 
+mod fitted;
 mod heat;
 mod horizon;
 mod loss;
+mod losses;
 mod ranges;
 mod rollout;
 mod string;
 
 pub(crate) use heat::{heat_share, heat_w};
 pub(crate) use horizon::add;
-pub use horizon::{direction_of, ControlHorizon, ControlModel, Costs, LossCosts, Problem, MAX_GROUPS};
+pub use horizon::{direction_of, ControlHorizon, ControlModel, Costs, CostsOf, Problem, MAX_GROUPS};
 pub(crate) use loss::LossCurve;
+pub use losses::Losses;
 pub use ranges::{CoefficientRanges, Range, StateBox};
 pub(crate) use ranges::{Corner, Piece};
 pub use rollout::Rollouts;

@@ -3,6 +3,7 @@
 use bess_tables::{Direction, StringParameters};
 
 use super::loss::LossCurve;
+use super::losses::Losses;
 
 pub(crate) const SECONDS_PER_HOUR: f64 = 3600.0;
 
@@ -43,6 +44,19 @@ pub struct Flow {
     pub current_a: f64,
     /// State at the end.
     pub end: StringState,
+}
+
+impl Flow {
+    /// What is lost [W].
+    #[inline]
+    pub fn losses(&self) -> Losses {
+        Losses {
+            availability: self.availability_w,
+            derating: self.derating_w,
+            inverter: self.inverter_w,
+            battery: self.battery_w,
+        }
+    }
 }
 
 /// Length and surroundings of an interval.

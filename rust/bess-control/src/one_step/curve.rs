@@ -2,7 +2,7 @@
 
 use bess_tables::Direction;
 
-use crate::model::{heat_share, heat_w, LossCosts, LossCurve, Range};
+use crate::model::{heat_share, heat_w, LossCurve, Losses, Range};
 
 /// Slopes that differ by less (relative) are equal.
 const SLOPE_ROUNDING: f64 = 1e-9;
@@ -23,8 +23,8 @@ pub(crate) struct Terms {
     pub scale_price: f64,
     /// What each watt of internal power costs, besides its loss [1/W].
     pub power_price: f64,
-    /// Costs of derating, inverter and battery loss [1/W]; the first entry is not used.
-    pub costs: LossCosts,
+    /// Costs of derating, inverter and battery loss [1/W]; that of what is shed is `shed_cost`.
+    pub costs: Losses,
     /// Price of a shed watt, at least the cost of derating; infinite where nothing may be shed.
     pub shed_cost: f64,
 }
@@ -116,7 +116,7 @@ impl CostCurve {
 
     /// `R I / V` at which a watt of `V^2 / R` saves as much heat as it costs: `dh/dy = -s^2 / (1 +- 2 s)`.
     fn balanced_share(&self) -> f64 {
-        let ratio = self.terms.scale_price / self.terms.costs[3];
+        let ratio = self.terms.scale_price / self.terms.costs.battery;
         match self.terms.direction {
             // Nothing to save: the smallest scale is the cheapest.
             _ if !ratio.is_finite() => f64::INFINITY,
@@ -139,7 +139,7 @@ impl CostCurve {
 
     fn push(&mut self, curve: &LossCurve, (p0, w0): (f64, f64), (p1, w1): (f64, f64), loss_slope: f64) {
         let (g0, g1) = (curve.direction_power(p0, w0), curve.direction_power(p1, w1));
-        let [_, _, c_inverter, c_battery] = self.terms.costs;
+        let Losses { inverter: c_inverter, battery: c_battery, .. } = self.terms.costs;
         let Range { low, high } = self.terms.power_scale_w;
         let [from_g, to_g] = self.following();
         let middle = 0.5 * (g0 + g1);
@@ -212,7 +212,7 @@ impl CostCurve {
     pub fn steepest(&self) -> f64 {
         let finite = |s: f64| if s.is_finite() { s.abs() } else { 0.0 };
         let ends = self.pieces.iter().map(|p| finite(p.slope0).max(finite(p.slope1)));
-        ends.fold(self.terms.costs[1], f64::max)
+        ends.fold(self.terms.costs.derating, f64::max)
     }
 
     /// Largest request without shedding, of an inverter that is on (off).
@@ -228,7 +228,7 @@ impl CostCurve {
     /// Price above which it pays to take the whole request and shed it.
     #[inline]
     fn shed_price(&self) -> f64 {
-        let (k, c_derating) = (self.terms.derating.low, self.terms.costs[1]);
+        let (k, c_derating) = (self.terms.derating.low, self.terms.costs.derating);
         if k > 0.0 {
             c_derating + (self.terms.shed_cost - c_derating) * k
         } else {
@@ -253,7 +253,7 @@ impl CostCurve {
     #[inline]
     pub fn on(&self, price: f64) -> Response {
         let Terms { limit_w, derating, shed_cost, costs, .. } = self.terms;
-        let c_derating = costs[1];
+        let c_derating = costs.derating;
         if self.pieces.is_empty() {
             return Response { value: f64::INFINITY, request_w: 0.0, shed_w: 0.0 };
         }
@@ -323,7 +323,7 @@ impl CostCurve {
             // A straight line (but for rounding) has its minimum at an end.
             return (piece.q0 + slope * piece.p0, piece.p0);
         };
-        let [_, _, c_inverter, c_battery] = self.terms.costs;
+        let Losses { inverter: c_inverter, battery: c_battery, .. } = self.terms.costs;
         let direction = self.terms.direction;
         let through = self.through(piece.loss_slope);
         let linear = c_inverter * piece.loss_slope + self.terms.power_price * through;

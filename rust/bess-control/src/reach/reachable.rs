@@ -31,6 +31,20 @@ impl ControlHorizon {
         boxes
     }
 
+    /// Whether a string may shed something in a step, `(M, T)`, if its states are in these boxes, `(M, T + 1)`.
+    pub(crate) fn may_shed(&self, boxes: &[StateBox]) -> Vec<bool> {
+        let n_steps = self.n_steps();
+        let cells = (0..self.n_strings()).flat_map(|m| (0..n_steps).map(move |t| (m, t)));
+        let sheds = |(m, t): (usize, usize)| {
+            let (states, interval) = (&boxes[m * (n_steps + 1) + t], &self.intervals[t]);
+            let (string, requests) = (self.string(m), self.request_range(m, t));
+            let (current, _) = string.current_and_heat(states, &requests, interval);
+            let coefficients = string.ranges(interval.direction, states);
+            string.may_shed(states, &coefficients, &requests, &current, interval)
+        };
+        cells.map(sheds).collect()
+    }
+
     /// What a string may be asked for, given what the others can take [W].
     pub(crate) fn request_range(&self, m: usize, t: usize) -> Range {
         let total = self.total_limit_w[t];

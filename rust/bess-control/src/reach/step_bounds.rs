@@ -1,7 +1,7 @@
 //! Step cuts: lower bounds of what any decision of one step costs, over boxes of states.
 
-use crate::error::{check_length, check_range};
-use crate::model::{CoefficientRanges, ControlHorizon, LossCosts, StateBox, StringState};
+use crate::error::{check_costs, check_length, check_range};
+use crate::model::{CoefficientRanges, ControlHorizon, CostsOf, Flow, Losses, Range, StateBox, StringState};
 use crate::one_step::{solve, CostCurve, OneStep, Terms};
 use crate::reach::Planes;
 use crate::ControlError;
@@ -52,7 +52,7 @@ impl ControlHorizon {
     }
 
     /// Step cuts of one objective, `(T,)`, over boxes of the states at the start of each step, `(M, T)`. `costs` are
-    /// those of the losses, `(M,)`; the first entry of each, of what is shed, has no part in a cut.
+    /// those of the losses, `(M,)`; that of what is shed has no part in a cut.
     ///
     /// Any decision splits the request into delivered, derated and shed power, so the least of `cost + slope * shed`
     /// over all such splits, with `k` and `V^2 / R` anywhere in their ranges, is a bound for every slope. The slope
@@ -61,14 +61,25 @@ impl ControlHorizon {
     pub fn step_bounds(
         &self,
         boxes: &[StateBox],
-        costs: &[LossCosts],
+        costs: &[Losses],
         budget_w: &[f64],
     ) -> Result<StepBounds, ControlError> {
-        check_range("costs", costs.as_flattened(), (0.0, f64::MAX), " 1/W")?;
+        check_costs(costs, self.n_strings())?;
+        check_length("boxes", boxes, self.n_strings() * self.n_steps())?;
         check_length("budget", budget_w, self.n_steps())?;
         check_range("budget", budget_w, (0.0, f64::INFINITY), " W")?;
+        Ok(self.step_bounds_over(boxes, costs, budget_w))
+    }
+
+    /// [`Self::step_bounds`] without checks.
+    pub(crate) fn step_bounds_over(
+        &self,
+        boxes: &[StateBox],
+        costs: &[Losses],
+        budget_w: &[f64],
+    ) -> StepBounds {
         let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
-        let no_losses = costs.iter().all(|c| c[1..].iter().all(|&c| c == 0.0));
+        let no_losses = !costs.iter().any(Losses::any_while_running);
         let mut out = StepBounds {
             bounds: vec![StepBound::default(); n_steps],
             request_w: vec![0.0; n_strings * n_steps],
@@ -101,8 +112,51 @@ impl ControlHorizon {
                 out.request_w[m * n_steps + t] = request;
             }
         }
-        Ok(out)
+        out
     }
+
+    /// The best request of every step by itself at the states along a schedule, if nothing is shed, with a lower bound of
+    /// its cost: one answer for each group, in the costs of the search.
+    pub(crate) fn one_step_optima(&self, flows: &[Flow]) -> Vec<StepBounds> {
+        let (states, nothing) = (self.states_along(flows), vec![0.0; self.n_steps()]);
+        (0..self.n_groups())
+            .map(|group| self.step_bounds_over(&states, &self.group_costs(group, CostsOf::Search), &nothing))
+            .collect()
+    }
+
+    /// States at the start of each step along a schedule, `(M, T)`, as boxes that are points.
+    pub(crate) fn states_along(&self, flows: &[Flow]) -> Vec<StateBox> {
+        let n_steps = self.n_steps();
+        let state = |i: usize| if i % n_steps == 0 { self.start[i / n_steps] } else { flows[i - 1].end };
+        let point = |s: StringState| StateBox {
+            soc: Range::point(s.soc),
+            temperature_c: Range::point(s.temperature_c),
+        };
+        (0..flows.len()).map(state).map(point).collect()
+    }
+}
+
+/// Least sum over the steps of `max(phi - shed_slope a, 0) + shed_cost a`, with `a <= most_w` in each step and
+/// `sum a <= budget_w`: what step cuts alone say about a horizon. The steepest step is shed first, each until its cut is
+/// used up.
+pub(crate) fn least_cost(bounds: &[StepBound], shed_cost: f64, most_w: &[f64], budget_w: f64) -> f64 {
+    let mut order: Vec<usize> = (0..bounds.len()).collect();
+    order.sort_by(|&a, &b| bounds[b].shed_slope.total_cmp(&bounds[a].shed_slope));
+    let (mut left_w, mut cost) = (budget_w, 0.0);
+    for t in order {
+        let StepBound { phi, shed_slope } = bounds[t];
+        let saved = (shed_slope - shed_cost).max(0.0);
+        let used_up_w = if saved > 0.0 { phi / shed_slope } else { 0.0 };
+        let shed_w = used_up_w.min(most_w[t]).min(left_w);
+        cost += phi - saved * shed_w;
+        left_w -= shed_w;
+    }
+    cost
+}
+
+/// Smallest cost of a shed watt.
+pub(crate) fn cheapest_shed(costs: &[Losses]) -> f64 {
+    costs.iter().map(|c| c.availability).fold(f64::INFINITY, f64::min)
 }
 
 /// Step cut of curves whose shed cost is infinite; it is the slope of the cut afterwards. Where little may be shed, a
@@ -121,7 +175,7 @@ pub(crate) fn step_bound(curves: &mut [CostCurve], demand_w: f64, budget_w: f64)
     let saved = if nothing_shed.is_finite() { (nothing_shed - idle) / demand_w } else { 2.0 * steepest };
     // A demand just above what fewer strings can take would need a slope without end: it saves a no-load loss.
     let highest = HIGHEST_SLOPE * steepest.max(saved);
-    let mut slope = curves.iter().map(|c| c.terms.costs[1]).fold(0.0, f64::max);
+    let mut slope = curves.iter().map(|c| c.terms.costs.derating).fold(0.0, f64::max);
     // Shedding everything saves all: no smaller slope will do.
     slope = slope.max(saved);
     let mut best = StepBound::default();
@@ -154,4 +208,55 @@ pub(crate) fn step_bound(curves: &mut [CostCurve], demand_w: f64, budget_w: f64)
         curve.terms.shed_cost = best.shed_slope;
     }
     (best, request_w)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cuts(phi: [f64; 3], shed_slope: [f64; 3]) -> Vec<StepBound> {
+        phi.iter().zip(shed_slope).map(|(&phi, shed_slope)| StepBound { phi, shed_slope }).collect()
+    }
+
+    /// The least over a grid of what is shed in each step.
+    fn least_on_a_grid(cuts: &[StepBound], price: f64, most_w: [f64; 3], budget_w: f64) -> f64 {
+        let shares = || (0..=40).map(|i| f64::from(i) / 40.0);
+        let mut least = f64::INFINITY;
+        for a in shares() {
+            for b in shares() {
+                for c in shares() {
+                    let shed = [a * most_w[0], b * most_w[1], c * most_w[2]];
+                    if shed.iter().sum::<f64>() <= budget_w {
+                        let cost = |(cut, shed): (&StepBound, &f64)| {
+                            (cut.phi - cut.shed_slope * shed).max(0.0) + price * shed
+                        };
+                        least = least.min(cuts.iter().zip(&shed).map(cost).sum());
+                    }
+                }
+            }
+        }
+        least
+    }
+
+    #[test]
+    fn the_least_cost_is_the_least_over_a_grid_of_what_may_be_shed() {
+        let mut random = fastrand::Rng::with_seed(3);
+        for round in 0..12 {
+            let mut three = |low: f64, high: f64| [0; 3].map(|_| low + (high - low) * random.f64());
+            let (phi, slope, most_w) = (three(0.0, 2.0), three(0.1, 3.0), three(0.0, 1.0));
+            let (price, budget_w) = (if round % 2 == 0 { 0.0 } else { 0.7 }, three(0.0, 2.0)[0]);
+            let cuts = cuts(phi, slope);
+            let least = least_cost(&cuts, price, &most_w, budget_w);
+            let on_grid = least_on_a_grid(&cuts, price, most_w, budget_w);
+            assert!(least <= on_grid + 1e-12);
+            let spacing = most_w.iter().zip(slope).map(|(most, slope)| most * slope / 40.0).sum::<f64>();
+            assert!(least >= on_grid - 2.0 * spacing, "{least} against {on_grid}");
+        }
+    }
+
+    #[test]
+    fn where_nothing_may_be_shed_the_cuts_add_up() {
+        let least = least_cost(&cuts([1.0, 2.0, 4.0], [5.0, 7.0, 9.0]), 0.0, &[0.0; 3], f64::INFINITY);
+        assert_eq!(least, 7.0);
+    }
 }

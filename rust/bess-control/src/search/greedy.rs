@@ -1,7 +1,8 @@
 //! The greedy pass: the optimum of each step at the state that the roll-out has reached.
 
-use super::schedule::{improve, Schedule};
-use super::walker::Walker;
+use super::descent::improve;
+use super::incumbent::Schedule;
+use super::tracked::Tracked;
 use crate::model::{ControlHorizon, Range, StringState};
 use crate::one_step::{solve, CostCurve, Terms};
 
@@ -32,8 +33,7 @@ impl ControlHorizon {
     }
 
     fn best_step(&self, t: usize, states: &[StringState]) -> Vec<f64> {
-        let loss_group =
-            |g: &usize| (0..self.n_strings()).any(|m| self.costs_of(m)[*g][1..].iter().any(|&c| c > 0.0));
+        let loss_group = |g: &usize| (0..self.n_strings()).any(|m| self.costs_of(m)[*g].any_while_running());
         let Some(group) = (0..self.n_groups()).find(loss_group) else {
             return self.refined(t, states, self.proportional(t));
         };
@@ -50,7 +50,7 @@ impl ControlHorizon {
         let request_w = self.feasible(t, answer.request_w);
         let last = group + 1 == self.n_groups();
         if !sheds && last {
-            let costs = Walker::new(self, t, states, request_w.clone()).objectives();
+            let costs = Tracked::new(self, t, states, request_w.clone()).objectives();
             if costs[group] <= answer.bound + 1e-9 * answer.bound.abs() {
                 return request_w;
             }
@@ -100,8 +100,8 @@ impl ControlHorizon {
     }
 
     fn refined(&self, t: usize, states: &[StringState], request_w: Vec<f64>) -> Vec<f64> {
-        let mut walker = Walker::new(self, t, states, request_w);
-        improve(&mut walker, REFINEMENT * self.n_strings() as u64);
-        walker.request_w
+        let mut tracked = Tracked::new(self, t, states, request_w);
+        improve(&mut tracked, REFINEMENT * self.n_strings() as u64);
+        tracked.request_w
     }
 }

@@ -1,9 +1,39 @@
-//! Good schedules: a greedy pass, and descents by local moves over incremental roll-outs.
+//! The search for a good schedule: starts, descents by local moves over incremental roll-outs, and moves that reach
+//! further.
 
+mod descent;
+mod far_moves;
+mod find;
 mod greedy;
+mod incumbent;
 mod moves;
 mod ranking;
-mod schedule;
-mod walker;
+mod tracked;
 
-pub use schedule::Schedule;
+pub use find::Effort;
+pub use incumbent::{Incumbent, Schedule};
+
+#[cfg(test)]
+#[path = "../../tests/common/mod.rs"]
+mod common;
+
+/// A horizon of like strings for tests, each half full and free to give 92 kW.
+#[cfg(test)]
+pub(crate) fn test_horizon(n_strings: usize, demand_w: &[f64]) -> crate::model::ControlHorizon {
+    use crate::model::{ControlHorizon, ControlModel, Problem};
+    let system = common::reference(n_strings);
+    let costs = vec![1e-5; n_strings * 4];
+    let problem = Problem {
+        soc: &vec![0.5; n_strings],
+        temperature_c: &vec![25.0; n_strings],
+        demand_w,
+        ambient_c: &vec![25.0; demand_w.len()],
+        dt_h: 0.25,
+        limit_w: &vec![92e3; n_strings * demand_w.len()],
+        costs: &costs,
+        search_costs: &costs,
+        tolerance_abs: &[1e-6],
+        tolerance_rel: &[1e-4],
+    };
+    ControlHorizon::new(ControlModel::new(&system), &problem).unwrap()
+}

@@ -3,7 +3,7 @@
 use bess_tables::Direction;
 
 use super::ranking::Ranking;
-use super::walker::Walker;
+use super::tracked::Tracked;
 use crate::model::Costs;
 
 /// Uniform shares tried in a line search, and in each direction of a two-step search.
@@ -32,9 +32,9 @@ pub(crate) struct Line {
 
 impl Line {
     /// None where nothing can be shifted.
-    pub fn new(walker: &Walker<'_>, step: usize, (i, j): (usize, usize)) -> Option<Self> {
-        let horizon = walker.horizon;
-        let sum_w = walker.request(i, step) + walker.request(j, step);
+    pub fn new(tracked: &Tracked<'_>, step: usize, (i, j): (usize, usize)) -> Option<Self> {
+        let horizon = tracked.horizon;
+        let sum_w = tracked.request(i, step) + tracked.request(j, step);
         let low_w = (sum_w - horizon.limit(j, step)).max(0.0);
         let high_w = horizon.limit(i, step).min(sum_w);
         let line = Self { step, strings: (i, j), sum_w, low_w, high_w };
@@ -52,107 +52,107 @@ impl Line {
     }
 
     /// Objectives with the first string at `first_w`, the requests of later steps as they are or following.
-    fn cost(&self, walker: &Walker<'_>, shift: Shift) -> Costs {
+    fn cost(&self, tracked: &Tracked<'_>, shift: Shift) -> Costs {
         let (i, j) = self.strings;
         let (u, v) = self.pair(shift.first_w);
         let (a, b) = if shift.follows {
-            walker.follow(self.strings, self.step, (u, v), |_, _| ())
+            tracked.follow(self.strings, self.step, (u, v), |_, _| ())
         } else {
-            let a = walker.advance(i, *walker.at(i, self.step), self.step, walker.end, u);
-            let b = walker.advance(j, *walker.at(j, self.step), self.step, walker.end, v);
+            let a = tracked.advance(i, *tracked.at(i, self.step), self.step, tracked.end, u);
+            let b = tracked.advance(j, *tracked.at(j, self.step), self.step, tracked.end, v);
             (a.costs, b.costs)
         };
-        walker.objectives_with(&[(i, a), (j, b)])
+        tracked.objectives_with(&[(i, a), (j, b)])
     }
 
     /// Asks the first string for `first_w` and the other for the rest.
-    fn commit(&self, walker: &mut Walker<'_>, shift: Shift) {
+    fn commit(&self, tracked: &mut Tracked<'_>, shift: Shift) {
         let (i, j) = self.strings;
         let pair = self.pair(shift.first_w);
         let mut changes = vec![(self.step, pair)];
         if shift.follows {
             changes.clear();
-            walker.follow(self.strings, self.step, pair, |t, pair| changes.push((t, pair)));
+            tracked.follow(self.strings, self.step, pair, |t, pair| changes.push((t, pair)));
         }
         for (t, (u, v)) in changes {
-            walker.set(i, t, u);
-            walker.set(j, t, v);
+            tracked.set(i, t, u);
+            tracked.set(j, t, v);
         }
-        walker.roll(i, self.step);
-        walker.roll(j, self.step);
+        tracked.roll(i, self.step);
+        tracked.roll(j, self.step);
     }
 
-    fn candidates(&self, walker: &Walker<'_>) -> impl Iterator<Item = f64> {
-        let edge = |m: usize| walker.edge(m, self.step, walker.at(m, self.step).state);
+    fn candidates(&self, tracked: &Tracked<'_>) -> impl Iterator<Item = f64> {
+        let edge = |m: usize| tracked.edge(m, self.step, tracked.at(m, self.step).state);
         let special = [edge(self.strings.0), self.sum_w - edge(self.strings.1)];
         let (low, high) = (self.low_w, self.high_w);
         let inside = special.into_iter().filter(move |u| *u > low && *u < high);
         let uniform = (0..SHARES).map(move |n| low + (high - low) * n as f64 / (SHARES - 1) as f64);
-        uniform.chain(inside).chain(self.ends(walker))
+        uniform.chain(inside).chain(self.ends(tracked))
     }
 
     /// Just inside both ends: the string there is on and does nothing. Of use in charge only.
-    fn ends(&self, walker: &Walker<'_>) -> impl Iterator<Item = f64> {
+    fn ends(&self, tracked: &Tracked<'_>) -> impl Iterator<Item = f64> {
         let shift = SWITCHED_ON * self.width();
-        let charges = walker.horizon.direction(self.step) == Direction::Charge;
+        let charges = tracked.horizon.direction(self.step) == Direction::Charge;
         [self.low_w + shift, self.high_w - shift].into_iter().filter(move |_| charges)
     }
 
     /// Uniform requests over the line, and its ends.
-    fn grid(&self, walker: &Walker<'_>) -> Vec<f64> {
+    fn grid(&self, tracked: &Tracked<'_>) -> Vec<f64> {
         let share = |n: usize| self.low_w + self.width() * n as f64 / (SHARES_OF_PAIR - 1) as f64;
-        (0..SHARES_OF_PAIR).map(share).chain(self.ends(walker)).collect()
+        (0..SHARES_OF_PAIR).map(share).chain(self.ends(tracked)).collect()
     }
 
     /// Tries shares, switching points and edges; then closes in on the best.
-    pub fn search(&self, walker: &mut Walker<'_>, ranking: &Ranking) {
-        let mut best = self.here(walker);
-        for first_w in self.candidates(walker) {
-            self.try_at(walker, ranking, first_w, &mut best);
+    pub fn search(&self, tracked: &mut Tracked<'_>, ranking: &Ranking) {
+        let mut best = self.here(tracked);
+        for first_w in self.candidates(tracked) {
+            self.try_at(tracked, ranking, first_w, &mut best);
         }
         let mut step = self.width() / (2 * (SHARES - 1)) as f64;
         while step > 1e-3 * self.width() {
             let centre = best.0.first_w;
-            self.try_at(walker, ranking, centre - step, &mut best);
-            self.try_at(walker, ranking, centre + step, &mut best);
+            self.try_at(tracked, ranking, centre - step, &mut best);
+            self.try_at(tracked, ranking, centre + step, &mut best);
             step *= 0.5;
         }
-        self.take(walker, best.0);
+        self.take(tracked, best.0);
     }
 
     /// One shift by `step_w` either way.
-    pub fn nudge(&self, walker: &mut Walker<'_>, ranking: &Ranking, step_w: f64) {
-        let mut best = self.here(walker);
+    pub fn nudge(&self, tracked: &mut Tracked<'_>, ranking: &Ranking, step_w: f64) {
+        let mut best = self.here(tracked);
         let centre = best.0.first_w;
-        self.try_at(walker, ranking, centre - step_w, &mut best);
-        self.try_at(walker, ranking, centre + step_w, &mut best);
-        self.take(walker, best.0);
+        self.try_at(tracked, ranking, centre - step_w, &mut best);
+        self.try_at(tracked, ranking, centre + step_w, &mut best);
+        self.take(tracked, best.0);
     }
 
-    fn here(&self, walker: &Walker<'_>) -> (Shift, Costs) {
-        let first_w = walker.request(self.strings.0, self.step);
-        (Shift { first_w, follows: false }, walker.objectives())
+    fn here(&self, tracked: &Tracked<'_>) -> (Shift, Costs) {
+        let first_w = tracked.request(self.strings.0, self.step);
+        (Shift { first_w, follows: false }, tracked.objectives())
     }
 
-    fn try_at(&self, walker: &Walker<'_>, ranking: &Ranking, first_w: f64, best: &mut (Shift, Costs)) {
+    fn try_at(&self, tracked: &Tracked<'_>, ranking: &Ranking, first_w: f64, best: &mut (Shift, Costs)) {
         if first_w < self.low_w || first_w > self.high_w {
             return;
         }
         for follows in [false, true] {
-            if follows && !walker.has_edge_after(self.strings, self.step) {
+            if follows && !tracked.has_edge_after(self.strings, self.step) {
                 continue;
             }
             let shift = Shift { first_w, follows };
-            let costs = self.cost(walker, shift);
+            let costs = self.cost(tracked, shift);
             if ranking.better(&costs, &best.1) {
                 *best = (shift, costs);
             }
         }
     }
 
-    fn take(&self, walker: &mut Walker<'_>, best: Shift) {
-        if best != self.here(walker).0 {
-            self.commit(walker, best);
+    fn take(&self, tracked: &mut Tracked<'_>, best: Shift) {
+        if best != self.here(tracked).0 {
+            self.commit(tracked, best);
         }
     }
 }
@@ -173,13 +173,13 @@ pub(crate) struct Plane {
 
 impl Plane {
     /// Tries a grid of shares in both steps, then closes in.
-    pub fn search(&self, walker: &mut Walker<'_>, ranking: &Ranking) {
-        let here = (walker.request(self.first.strings.0, self.first.step), self.here_second(walker));
-        let mut best = (here, walker.objectives());
-        let mut seconds = self.second.grid(walker);
+    pub fn search(&self, tracked: &mut Tracked<'_>, ranking: &Ranking) {
+        let here = (tracked.request(self.first.strings.0, self.first.step), self.here_second(tracked));
+        let mut best = (here, tracked.objectives());
+        let mut seconds = self.second.grid(tracked);
         seconds.sort_by(f64::total_cmp);
-        for first_w in self.first.grid(walker) {
-            self.try_row(walker, ranking, first_w, &seconds, &mut best);
+        for first_w in self.first.grid(tracked) {
+            self.try_row(tracked, ranking, first_w, &seconds, &mut best);
         }
         let mut step = 0.5 / (SHARES_OF_PAIR - 1) as f64;
         for _ in 0..CLOSING_MOVES {
@@ -190,7 +190,7 @@ impl Plane {
             let (dx, dy) = (step * self.first.width(), step * self.second.width());
             let before = best.0;
             for shift in [-1.0, 0.0, 1.0] {
-                self.try_row(walker, ranking, x + shift * dx, &[y - dy, y, y + dy], &mut best);
+                self.try_row(tracked, ranking, x + shift * dx, &[y - dy, y, y + dy], &mut best);
             }
             if best.0 == before {
                 step *= 0.5;
@@ -198,20 +198,20 @@ impl Plane {
         }
         if best.0 != here {
             let (first_w, second_w) = best.0;
-            self.first.commit(walker, Shift { first_w, follows: false });
-            self.second.commit(walker, Shift { first_w: second_w, follows: false });
+            self.first.commit(tracked, Shift { first_w, follows: false });
+            self.second.commit(tracked, Shift { first_w: second_w, follows: false });
         }
     }
 
-    fn here_second(&self, walker: &Walker<'_>) -> f64 {
-        walker.request(self.second.strings.0, self.second.step)
+    fn here_second(&self, tracked: &Tracked<'_>) -> f64 {
+        tracked.request(self.second.strings.0, self.second.step)
     }
 
     /// One first request against several ascending second ones, and those between them that just meet the ceilings; the
     /// way to the second step is rolled out once.
     fn try_row(
         &self,
-        walker: &Walker<'_>,
+        tracked: &Tracked<'_>,
         ranking: &Ranking,
         first_w: f64,
         seconds_w: &[f64],
@@ -222,15 +222,15 @@ impl Plane {
             return;
         }
         let (i, j) = self.first.strings;
-        let (from, to, end) = (self.first.step, self.second.step, walker.end);
+        let (from, to, end) = (self.first.step, self.second.step, tracked.end);
         let (u, v) = self.first.pair(first_w);
-        let a = walker.advance(i, *walker.at(i, from), from, to, u);
-        let b = walker.advance(j, *walker.at(j, from), from, to, v);
+        let a = tracked.advance(i, *tracked.at(i, from), from, to, u);
+        let b = tracked.advance(j, *tracked.at(j, from), from, to, v);
         let costs_at = |second_w: f64| {
             let (u, v) = self.second.pair(second_w);
-            let a = walker.advance(i, a, to, end, u);
-            let b = walker.advance(j, b, to, end, v);
-            walker.objectives_with(&[(i, a.costs), (j, b.costs)])
+            let a = tracked.advance(i, a, to, end, u);
+            let b = tracked.advance(j, b, to, end, v);
+            tracked.objectives_with(&[(i, a.costs), (j, b.costs)])
         };
         let best_cost = best.1[ranking.group];
         let mut consider = |second_w: f64, costs: &Costs| {

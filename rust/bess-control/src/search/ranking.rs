@@ -1,6 +1,6 @@
-//! Which of two vectors of group objectives is better, group after group.
+//! The lexicographic order of schedules: which of two vectors of group objectives is better, group after group.
 
-use crate::model::{Costs, MAX_GROUPS};
+use crate::model::{ControlHorizon, Costs, MAX_GROUPS};
 
 /// Lexicographic order with the higher groups held under a ceiling.
 #[derive(Debug, Clone, Copy)]
@@ -12,8 +12,18 @@ pub(crate) struct Ranking {
 }
 
 impl Ranking {
+    /// Nothing under a ceiling yet: the first group is minimised.
     pub fn new(n_groups: usize) -> Self {
         Self { group: 0, n_groups, ceilings: [f64::INFINITY; MAX_GROUPS] }
+    }
+
+    /// Minimises `group`, with those before it at most a tolerance above `lowest`.
+    pub fn under(horizon: &ControlHorizon, group: usize, lowest: &Costs) -> Self {
+        let mut ranking = Self { group, ..Self::new(horizon.n_groups()) };
+        for (g, &lowest) in lowest[..group].iter().enumerate() {
+            ranking.ceilings[g] = horizon.ceiling(g, lowest);
+        }
+        ranking
     }
 
     /// How far the groups before the one that is minimised are above their ceilings: the largest, negative below all.
@@ -26,6 +36,11 @@ impl Ranking {
     #[inline]
     pub fn better(&self, a: &Costs, b: &Costs) -> bool {
         self.better_by(a, b, 0.0)
+    }
+
+    /// The better one first.
+    pub fn order(&self, a: &Costs, b: &Costs) -> std::cmp::Ordering {
+        self.better(b, a).cmp(&self.better(a, b))
     }
 
     /// Whether `a` is better than `b` by more than a share.

@@ -87,6 +87,7 @@ pub fn horizon(system: &System, n_steps: usize, soc: f64) -> ControlHorizon {
         dt_h: DT_H,
         limit_w: &vec![NOMINAL_W; n_strings * n_steps],
         costs: &costs,
+        search_costs: &costs,
         tolerance_abs: &[1e-6, 1e-6],
         tolerance_rel: &[1e-4, 1e-4],
     };

@@ -163,7 +163,7 @@ impl<'a> Cutoff<'a> {
                 POWER_REWARDS[level] * self.mean_price * v * p.capacity_ah / horizon.intervals[0].dt_h
             }
             Target::Warmth(_) => {
-                HEAT_REWARDS[level] * self.round.costs[m][3] / self.round.span.kelvin_per_w(m, 0)
+                HEAT_REWARDS[level] * self.round.costs[m].battery / self.round.span.kelvin_per_w(m, 0)
             }
         }
     }

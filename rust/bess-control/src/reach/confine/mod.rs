@@ -12,8 +12,8 @@ mod round;
 
 use bess_tables::Direction;
 
-use crate::error::{check_length, check_range};
-use crate::model::{ControlHorizon, LossCosts, StateBox, StringState};
+use crate::error::{check_costs, check_range};
+use crate::model::{ControlHorizon, Flow, Losses, StateBox, StringState};
 use crate::ControlError;
 use cutoff::Cutoff;
 use round::{Round, Span};
@@ -34,6 +34,8 @@ pub struct Confined {
     pub bound: f64,
     /// Its states, at the start of each step and at the end of the last, `(M, T + 1)`.
     pub boxes: Vec<StateBox>,
+    /// Whether it may shed something, `(M, T)`.
+    pub may_shed: Vec<bool>,
 }
 
 /// A schedule: its cost, the states at the start of its steps `(M, T)`, and how fast its cost falls with the `V^2 / R`
@@ -50,20 +52,31 @@ impl ControlHorizon {
     pub fn confine(
         &self,
         request_w: &[f64],
-        costs: &[LossCosts],
+        costs: &[Losses],
         shed_budget_w: f64,
     ) -> Result<Confined, ControlError> {
-        check_length("costs", costs.as_flattened(), 4 * self.n_strings())?;
-        check_range("costs", costs.as_flattened(), (0.0, f64::MAX), " 1/W")?;
+        check_costs(costs, self.n_strings())?;
         check_range("shed_budget", &[shed_budget_w], (0.0, f64::INFINITY), " W")?;
-        let mut best = Confined { bound: 0.0, boxes: self.reachable() };
-        if costs.iter().all(|c| c[1..].iter().all(|&c| c == 0.0)) {
+        Ok(self.confined(request_w, &self.flows(request_w), costs, shed_budget_w))
+    }
+
+    /// [`Self::confine`] without checks, of a schedule that was rolled out.
+    pub(crate) fn confined(
+        &self,
+        request_w: &[f64],
+        flows: &[Flow],
+        costs: &[Losses],
+        shed_budget_w: f64,
+    ) -> Confined {
+        let mut best = Confined { bound: 0.0, boxes: self.reachable(), may_shed: vec![] };
+        if !costs.iter().any(Losses::any_while_running) {
             // Only what is shed costs: no state is worth more than another.
-            return Ok(best);
+            best.may_shed = self.may_shed(&best.boxes);
+            return best;
         }
-        let known = self.known(request_w, costs);
+        let known = self.known(flows, costs);
         let cutoff = known.cost;
-        let cheapest_shed = costs.iter().map(|c| c[0]).fold(f64::INFINITY, f64::min);
+        let cheapest_shed = costs.iter().map(|c| c.availability).fold(f64::INFINITY, f64::min);
         let (mut last, mut priced) = (f64::INFINITY, false);
         let no_prices = vec![0.0; request_w.len()];
         for _ in 0..ROUNDS {
@@ -86,38 +99,37 @@ impl ControlHorizon {
             best.bound = best.bound.max(bound - ROUNDING * cutoff).min(cutoff);
             let slack = cutoff - bound + ROUNDING * cutoff;
             if slack <= CLOSED * cutoff || slack > WORTHWHILE * last {
+                best.may_shed = span.may_shed.clone();
                 best.boxes = boxes;
-                break;
+                return best;
             }
             last = slack;
             match Cutoff::new(&round, slack).narrowed() {
                 Some(boxes) => best.boxes = boxes,
                 None => {
-                    best = Confined { bound: cutoff, boxes };
-                    break;
+                    let may_shed = span.may_shed.clone();
+                    return Confined { bound: cutoff, boxes, may_shed };
                 }
             }
         }
-        Ok(best)
+        best.may_shed = self.may_shed(&best.boxes);
+        best
     }
 
-    /// A schedule rolled out.
-    fn known(&self, request_w: &[f64], costs: &[LossCosts]) -> Known {
+    /// What is needed to know of a schedule that was rolled out.
+    fn known(&self, flows: &[Flow], costs: &[Losses]) -> Known {
+        let n_steps = self.n_steps();
         let mut known = Known { cost: 0.0, states: vec![], scale_price: vec![] };
-        for (m, requests) in request_w.chunks_exact(self.n_steps()).enumerate() {
-            let mut state = self.start[m];
-            for (t, &request) in requests.iter().enumerate() {
-                let c = self.string(m).coefficients(self.direction(t), state);
-                let flow = self.string(m).step(state, request, &self.intervals[t]);
-                let losses = [flow.availability_w, flow.derating_w, flow.inverter_w, flow.battery_w];
-                known.cost += costs[m].iter().zip(losses).map(|(c, loss)| c * loss).sum::<f64>();
-                let share = (flow.current_a * c.resistance_ohm / c.voltage_v).max(0.0);
-                let sign = if self.direction(t) == Direction::Charge { 1.0 } else { -1.0 };
-                let price = costs[m][3] * share * share / (1.0 + 2.0 * sign * share).max(0.1);
-                known.scale_price.push(price);
-                known.states.push(state);
-                state = flow.end;
-            }
+        for (i, flow) in flows.iter().enumerate() {
+            let (m, t) = (i / n_steps, i % n_steps);
+            let state = if t == 0 { self.start[m] } else { flows[i - 1].end };
+            let c = self.string(m).coefficients(self.direction(t), state);
+            known.cost += flow.losses().cost(&costs[m]);
+            let share = (flow.current_a * c.resistance_ohm / c.voltage_v).max(0.0);
+            let sign = if self.direction(t) == Direction::Charge { 1.0 } else { -1.0 };
+            let price = costs[m].battery * share * share / (1.0 + 2.0 * sign * share).max(0.1);
+            known.scale_price.push(price);
+            known.states.push(state);
         }
         known
     }

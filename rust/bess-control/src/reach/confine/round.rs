@@ -3,7 +3,7 @@
 use bess_tables::Direction;
 
 use crate::model::{
-    heat_w, CoefficientRanges, ControlHorizon, LossCosts, Range, StateBox, StringState, SECONDS_PER_HOUR,
+    heat_w, CoefficientRanges, ControlHorizon, Losses, Range, StateBox, StringState, SECONDS_PER_HOUR,
 };
 use crate::one_step::{maximise, Choice, CostCurve, Terms};
 use crate::reach::{step_bound, Planes, StepBound};
@@ -37,14 +37,14 @@ pub(super) struct Span<'a> {
     pub(super) planes: Vec<Planes>,
     pub(super) current_a: Vec<Range>,
     pub(super) heat_w: Vec<Range>,
-    /// `(T,)`
+    /// `(M, T)`
     pub(super) may_shed: Vec<bool>,
 }
 
 /// Bounds of all steps over boxes.
 pub(super) struct Round<'a> {
     pub(super) span: &'a Span<'a>,
-    pub(super) costs: &'a [LossCosts],
+    pub(super) costs: &'a [Losses],
     /// None where there is no demand.
     pub(super) steps: Vec<Option<Step>>,
     /// Lower bound of the cost of any schedule, if nothing is shed.
@@ -54,8 +54,8 @@ pub(super) struct Round<'a> {
 impl<'a> Span<'a> {
     pub(super) fn new(horizon: &'a ControlHorizon, boxes: &'a [StateBox], near: &[StringState]) -> Self {
         let n_steps = horizon.n_steps();
-        let mut may_shed = vec![false; n_steps];
-        let (mut ranges, mut planes, mut current_a, mut heat_w) = (vec![], vec![], vec![], vec![]);
+        let (mut ranges, mut planes, mut current_a) = (vec![], vec![], vec![]);
+        let (mut heat_w, mut may_shed) = (vec![], vec![]);
         for m in 0..horizon.n_strings() {
             let string = horizon.string(m);
             for t in 0..n_steps {
@@ -64,7 +64,7 @@ impl<'a> Span<'a> {
                 let coefficients = string.ranges(interval.direction, states);
                 planes.push(string.planes(interval.direction, states, near[m * n_steps + t]));
                 let (current, heat) = string.current_and_heat(states, &requests, interval);
-                may_shed[t] |= string.may_shed(states, &coefficients, &requests, &current, interval);
+                may_shed.push(string.may_shed(states, &coefficients, &requests, &current, interval));
                 ranges.push(coefficients);
                 current_a.push(current);
                 heat_w.push(heat);
@@ -94,7 +94,7 @@ impl<'a> Span<'a> {
 impl<'a> Round<'a> {
     pub(super) fn new(
         span: &'a Span<'a>,
-        costs: &'a [LossCosts],
+        costs: &'a [Losses],
         scale_price: &[f64],
         shed_budget_w: f64,
     ) -> Self {
@@ -117,7 +117,8 @@ impl<'a> Round<'a> {
             let curve = |m: usize| round.curve(m, t, &values[m], f64::INFINITY);
             let (mut curves, constants): (Vec<_>, Vec<_>) = (0..n_strings).map(curve).unzip();
             let price = maximise(&curves, &Choice::free(n_strings), demand_w, 0.0).price;
-            let budget_w = if span.may_shed[t] { shed_budget_w } else { 0.0 };
+            let sheds = (0..n_strings).any(|m| span.may_shed[span.cell(m, t)]);
+            let budget_w = if sheds { shed_budget_w } else { 0.0 };
             let (mut bound, _) = step_bound(&mut curves, demand_w, budget_w);
             bound.phi += constants.iter().sum::<f64>();
             round.bound += bound.phi;
@@ -171,11 +172,11 @@ impl<'a> Round<'a> {
         let mut costs = self.costs[m];
         let mut constant = 0.0;
         // Internal power is that of the inverter, plus the heat in discharge, less it in charge.
-        costs[3] += if direction == Direction::Discharge { power_price } else { -power_price };
-        costs[3] -= values.warmth * self.span.kelvin_per_w(m, t);
-        if costs[3] < 0.0 {
-            constant += costs[3] * self.span.heat_w[self.span.cell(m, t)].high;
-            costs[3] = 0.0;
+        costs.battery += if direction == Direction::Discharge { power_price } else { -power_price };
+        costs.battery -= values.warmth * self.span.kelvin_per_w(m, t);
+        if costs.battery < 0.0 {
+            constant += costs.battery * self.span.heat_w[self.span.cell(m, t)].high;
+            costs.battery = 0.0;
         }
         if direction == Direction::Charge && gained != 0.0 {
             // Where an inverter draws from the battery, the other end of the voltage counts.

@@ -15,7 +15,7 @@ pub(crate) struct Progress {
 
 /// A schedule over the steps `first..end`, rolled out.
 #[derive(Debug, Clone)]
-pub(crate) struct Walker<'a> {
+pub(crate) struct Tracked<'a> {
     pub horizon: &'a ControlHorizon,
     pub first: usize,
     pub end: usize,
@@ -29,7 +29,7 @@ pub(crate) struct Walker<'a> {
     pub string_steps: std::cell::Cell<u64>,
 }
 
-impl<'a> Walker<'a> {
+impl<'a> Tracked<'a> {
     pub fn new(
         horizon: &'a ControlHorizon,
         first: usize,
@@ -41,12 +41,12 @@ impl<'a> Walker<'a> {
         let blank = Progress { state: start[0], costs: [0.0; MAX_GROUPS] };
         let progress = vec![blank; start.len() * (n_steps + 1)];
         let on_edge = vec![false; request_w.len()];
-        let mut walker = Self { horizon, first, end, request_w, progress, on_edge, string_steps: 0.into() };
+        let mut tracked = Self { horizon, first, end, request_w, progress, on_edge, string_steps: 0.into() };
         for (m, &state) in start.iter().enumerate() {
-            walker.progress[m * (n_steps + 1)].state = state;
-            walker.roll(m, first);
+            tracked.progress[m * (n_steps + 1)].state = state;
+            tracked.roll(m, first);
         }
-        walker
+        tracked
     }
 
     fn n_steps(&self) -> usize {

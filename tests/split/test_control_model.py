@@ -93,7 +93,8 @@ def test_derating_takes_its_share_of_the_request(system: bess.System) -> None:
 def test_resistance_jumps_by_its_soc_factor_at_the_switch_and_not_above_it(system: bess.System) -> None:
     horizon = _horizon(system, bess.State([0.05, 0.10], [45.0, 45.0]), [50.0])
     soc, temperature = np.array([[0.05], [0.10]]), np.full((2, 1), 45.0)
-    _, _, resistance = horizon.coefficients(soc, temperature)
+    states = _core.StateBoxes(soc, soc, temperature, temperature)
+    resistance = horizon.coefficients(states, states).resistance_low_ohm
     hot = 1.538e-3 * 192 / 4
     np.testing.assert_allclose(resistance[:, 0], [hot * 10.0 / 2.5, hot], rtol=1e-12)
 
@@ -137,8 +138,8 @@ def test_greedy_runs_one_inverter_where_only_its_loss_counts_and_both_where_only
 ) -> None:
     inverter_only = np.array([[1.0, 1.0, 1.0, 0.0]])
     heat_only = np.array([[1.0, 1.0, 0.0, 1.0]])
-    one, _ = _horizon(system, HALF, [60.0], inverter_only).greedy()
-    both, _ = _horizon(system, HALF, [60.0], heat_only).greedy()
+    one = _horizon(system, HALF, [60.0], inverter_only).greedy()
+    both = _horizon(system, HALF, [60.0], heat_only).greedy()
     np.testing.assert_allclose(np.sort(one[:, 0]), [0.0, 60.0])
     np.testing.assert_allclose(both[:, 0], [30.0, 30.0], rtol=1e-6)
 
@@ -149,10 +150,10 @@ def test_greedy_runs_one_inverter_where_only_its_loss_counts_and_both_where_only
         (np.zeros(4), r"shape \(4,\)"),
         (np.zeros((3, 4)), "n_strings = 2"),
         (np.zeros((2, 0)), "at least one step"),
-        ([[1.0, math.nan], [0.0, 0.0]], r"request_kw\[0, 1\] = nan is not finite"),
+        ([[1.0, math.nan], [0.0, 0.0]], r"request_kw at index \(0, 1\) is nan"),
         ([[1.0], [92.1]], r"string 1, step 0: 92.1 kW is outside \[-92, 92\] kW"),
         ([[0.0, 1.0], [0.0, -1.0]], "step 1 has both signs"),
-        ([["a"], ["b"]], "must hold numbers"),
+        ([["a"], ["b"]], "must be an array of numbers"),
     ],
 )
 def test_bad_requests_are_refused(system: bess.System, request_kw: Any, message: str) -> None:
@@ -193,8 +194,9 @@ def test_requests_against_the_demand_or_above_a_limit_are_refused_by_the_core(sy
 
 def _core_coefficients(system: bess.System, soc: float) -> tuple[float, float]:
     horizon = _horizon(system, bess.State([soc, soc], [25.0, 25.0]), [50.0])
-    _, v, r = horizon.coefficients(np.full((2, 1), soc), np.full((2, 1), 25.0))
-    return float(v[0, 0]), float(r[0, 0])
+    states = _core.StateBoxes(*(np.full((2, 1), value) for value in (soc, soc, 25.0, 25.0)))
+    at = horizon.coefficients(states, states)
+    return float(at.voltage_low_v[0, 0]), float(at.resistance_low_ohm[0, 0])
 
 
 def _horizon(
@@ -204,13 +206,14 @@ def _horizon(
     n = len(demand_kw)
     costs = np.ones((1, 2, 4)) if weights is None else np.repeat(weights[:, None, :], 2, axis=1)
     return _core.ControlHorizon(
-        system.core,
+        _core.ControlModel(system.core),
         state.soc,
         state.temperature_c,
         np.array(demand_kw),
         np.full(n, 25.0),
         0.25,
         np.full((2, n), 92.0),
+        costs,
         costs,
         np.array([1e-6]),
         np.array([1e-4]),

@@ -1,7 +1,7 @@
-"""The convex relaxation of the power split, written once in CVXPY (MODEL.md section 4).
+"""The convex relaxation of the power split, written once in CVXPY (docs/equations.md, equations 20 to 33).
 
 One program for ``n_strings`` strings over ``n_steps`` steps. Everything that changes from call to call is a
-parameter, so it is compiled once and re-used. It serves two data sets (:mod:`bess.split.coefficients`):
+parameter, so it is compiled once and re-used. It serves two data sets (:mod:`bess.split.relaxation.data`):
 coefficients frozen along a schedule, which makes it the convexified program on which the search stops, and
 their ranges over the reachable states, which makes its optimum a lower bound of the nonlinear control model.
 
@@ -20,7 +20,7 @@ from functools import lru_cache
 
 import cvxpy as cp
 
-from bess.split.conic import ConicProgram
+from bess.split.relaxation.conic import ConicProgram
 
 LOSSES = ("a", "d", "w", "h")
 """Variables that cost: availability, derating, inverter, battery."""

@@ -18,18 +18,28 @@ Array = NDArray[np.float64]
 
 
 class SplitStatus(Enum):
-    """How the search for a split ended; ``str()`` is a sentence, ``code`` the integer stored in results."""
+    """What is proven about a split, and of which program; ``str()`` is a sentence, ``code`` the integer
+    stored in results.
+
+    The **nonlinear control model** is what the requests are rolled out with. In the **convexified program**
+    its coefficients are frozen along the requests returned.
+    """
 
     NO_DEMAND = (0, "There is no demand within the horizon, so every string stays off.")
-    OPTIMAL = (1, "The gap between the split and the convexified program is closed.")
-    TREE_CLOSED = (
+    OPTIMAL = (1, "No split of the nonlinear control model is better by more than the gap asked for.")
+    CONVEXIFIED_CLOSED = (
         2,
-        "Every node is closed; the gap that is left comes from coefficients that move with the state.",
+        "No split of the convexified program is better by more than the gap asked for; "
+        "against the nonlinear control model only the rigorous gap is proven.",
     )
-    NODE_LIMIT = (3, "The node limit was reached; this is the best split found.")
-    TIME_LIMIT = (4, "The time limit was reached; this is the best split found.")
+    TREE_CLOSED = (
+        3,
+        "Every node of the convexified program is closed, but more than the gap asked for is left in them.",
+    )
+    NODE_LIMIT = (4, "The node limit was reached; this is the best split found.")
+    TIME_LIMIT = (5, "The time limit was reached; this is the best split found.")
     SOLVER_FAILED = (
-        5,
+        6,
         "The solver failed on the relaxation; this is the best split found, without a bound of its own.",
     )
 
@@ -100,6 +110,7 @@ class Split:
         Relaxations solved by Clarabel.
     solve_time_s : float
     status : SplitStatus
+        Of which program what is proven; :attr:`statement` adds the gaps.
     """
 
     request_kw: Array
@@ -149,6 +160,19 @@ class Split:
     def search_gap(self) -> float:
         """Relative distance of the objective from the optimum of the convexified program."""
         return self.groups[-1].search_gap
+
+    @property
+    def statement(self) -> str:
+        """The status in a sentence or two, with both gaps in per cent."""
+        if self.status is SplitStatus.NO_DEMAND:
+            return str(self.status)
+        gap, search_gap = (
+            100.0 * max(getattr(group, name) for group in self.groups) for name in ("gap", "search_gap")
+        )
+        return (
+            f"{self.status} The rigorous gap is {gap:.2g} %, "
+            f"that of the convexified program {search_gap:.2g} %."
+        )
 
     @property
     def fallback(self) -> bool:

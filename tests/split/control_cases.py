@@ -99,6 +99,21 @@ class Case:
         return np.einsum("gml,l...mt->...gt", self.costs[..., parts], losses[parts])
 
 
+def box(
+    soc_low: NDArray[np.float64],
+    soc_high: NDArray[np.float64],
+    cool: NDArray[np.float64],
+    warm: NDArray[np.float64],
+) -> _core.StateBoxes:
+    """Boxes of states from arrays that may be views."""
+    return _core.StateBoxes(*(np.ascontiguousarray(a) for a in (soc_low, soc_high, cool, warm)))
+
+
+def points(soc: NDArray[np.float64], temperature_c: NDArray[np.float64]) -> _core.StateBoxes:
+    """Boxes that are points."""
+    return box(soc, soc, temperature_c, temperature_c)
+
+
 def case(
     seed: int,
     corner: str,
@@ -128,13 +143,14 @@ def case(
     first = np.array([weights[0], 0.0, 0.0, 0.0])
     costs = np.stack([scale * first, scale * (np.array(weights) - first)])
     horizon = _core.ControlHorizon(
-        system.core,
+        _core.ControlModel(system.core),
         state.soc,
         state.temperature_c,
         demand,
         np.full(n_steps, AMBIENT_C),
         DT_H,
         limit,
+        costs,
         costs,
         np.array([1e-7, 1e-7]),
         np.array([1e-6, 1e-6]),

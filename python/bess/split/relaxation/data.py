@@ -10,16 +10,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bess import _core
+from bess.numbers import Array
 from bess.parameters import State, System
-from bess.split.envelope import Envelope
-from bess.split.inputs import HorizonInputs
-from bess.split.relaxation import INVERTER_PIECES, LOSSES
+from bess.split.problem import SplitProblem
+from bess.split.relaxation.envelope import Envelope
+from bess.split.relaxation.equations import INVERTER_PIECES, LOSSES
 from bess.units import SECONDS_PER_HOUR, WATTS_PER_KW
-
-Array = NDArray[np.float64]
 
 THETA_ZERO_C = 25.0
 THETA_UNIT_K = 10.0
@@ -28,51 +26,6 @@ LIMIT_MARGIN = 1e-6
 
 CURRENT_MARGIN = 1e-5
 """Slack of the charge balance: opposite rows that coincide would leave the program without interior."""
-
-
-@dataclass(frozen=True)
-class Boxes:
-    """Ranges of the state at the step boundaries, each of shape ``(n_strings, n_steps + 1)``."""
-
-    soc_lo: Array
-    soc_hi: Array
-    tau_lo: Array
-    tau_hi: Array
-
-    @property
-    def at_starts(self) -> tuple[Array, Array, Array, Array]:
-        """The four ranges at the starts of the steps, ``(n_strings, n_steps)``."""
-        first, second, third, fourth = (
-            np.ascontiguousarray(x[:, :-1]) for x in (self.soc_lo, self.soc_hi, self.tau_lo, self.tau_hi)
-        )
-        return first, second, third, fourth
-
-
-@dataclass(frozen=True)
-class Coefficients:
-    """Ranges of derating factor ``k``, voltage [V] and ``y = V^2/R`` [kW] at the start of each step, with an
-    affine overestimator ``y_0 + y_soc soc + y_tau tau`` of ``y`` and an affine underestimator ``g_0 + g_tau
-    tau`` of ``1 - k``.
-    """
-
-    k_lo: Array
-    k_hi: Array
-    v_lo: Array
-    v_hi: Array
-    y_lo: Array
-    y_hi: Array
-    y_0: Array
-    y_soc: Array
-    y_tau: Array
-    g_0: Array
-    g_tau: Array
-
-    @classmethod
-    def over(cls, horizon: _core.ControlHorizon, boxes: Boxes, near: Boxes) -> Coefficients:
-        """Read the tables over boxes of states; planes are closest at the points ``near``."""
-        soc, _, temperature_c, _ = near.at_starts
-        k_lo, k_hi, v_lo, v_hi, _, _, y_lo, y_hi = horizon.ranges(*boxes.at_starts)
-        return cls(k_lo, k_hi, v_lo, v_hi, y_lo, y_hi, *horizon.planes(*boxes.at_starts, soc, temperature_c))
 
 
 @dataclass(frozen=True)
@@ -135,9 +88,11 @@ class PlantConstants:
         """Unit of each cost variable (a, d, w, h) [kW], shape ``(n_strings, 4)``."""
         return np.stack([self.nominal_kw, self.nominal_kw, self.inverter_kw, self.battery_kw], axis=1)
 
-    def physics(self, inputs: HorizonInputs, boxes: Boxes, data: Coefficients) -> dict[str, Array]:
-        """Values of every parameter but cuts, caps and costs, with reachable states ``boxes``."""
-        demand_kw, limit_kw, ambient_c = inputs.demand_kw, inputs.limit_kw, inputs.ambient_c
+    def physics(
+        self, problem: SplitProblem, boxes: _core.StateBoxes, data: _core.CoefficientBounds
+    ) -> dict[str, Array]:
+        """Values of every parameter but cuts, caps and costs, for states within ``boxes``."""
+        demand_kw, limit_kw, ambient_c = problem.demand_kw, problem.limit_kw, problem.ambient_c
         n_strings, n_steps = limit_kw.shape
         direction = np.where(demand_kw >= 0.0, 1.0, -1.0)
         sign = np.broadcast_to(direction, (n_strings, n_steps))
@@ -146,16 +101,16 @@ class PlantConstants:
             x[:, None] for x in (self.nominal_kw, self.inverter_kw, self.battery_kw)
         )
         limit = limit_kw / nominal
-        g_hi = 1.0 - data.k_lo
+        g_hi = 1.0 - data.derating_low
 
         edge = self._shedding_edge(sign, limit_kw, boxes, data)
-        reach = np.where(sign > 0.0, boxes.soc_hi[:, 1:], -boxes.soc_lo[:, 1:])
+        reach = np.where(sign > 0.0, boxes.soc_high[:, 1:], -boxes.soc_low[:, 1:])
         slack = np.maximum(reach - edge, 0.0)
 
         # I R / V at the largest power and the smallest y.
         load = limit_kw + np.where(sign > 0.0, inverter, 0.0)
-        discharge = 0.5 * (1.0 - np.sqrt(np.maximum(1.0 - 4.0 * load / data.y_lo, 0.0)))
-        charge = 0.5 * (np.sqrt(1.0 + 4.0 * load / data.y_lo) - 1.0)
+        discharge = 0.5 * (1.0 - np.sqrt(np.maximum(1.0 - 4.0 * load / data.power_scale_low_kw, 0.0)))
+        charge = 0.5 * (np.sqrt(1.0 + 4.0 * load / data.power_scale_low_kw) - 1.0)
         heat_chord = np.where(sign > 0.0, discharge, charge) * nominal / battery
         # An inverter that draws less from the grid than it loses takes the rest from the battery: P < 0 in
         # charge.
@@ -163,33 +118,33 @@ class PlantConstants:
 
         y_unit = battery / nominal**2
         per_volt = nominal * WATTS_PER_KW * self.soc_per_ampere[:, None]
-        current_lo, current_hi = per_volt / data.v_hi, per_volt / data.v_lo
+        current_lo, current_hi = per_volt / data.voltage_high_v, per_volt / data.voltage_low_v
         theta = THETA_UNIT_K
         values = {
             "share": self.nominal_kw / base_kw,
             "demand": np.abs(demand_kw) / base_kw,
             "limit": limit,
             "sign": sign,
-            "derating_lo": 1.0 - data.k_hi,
+            "derating_lo": 1.0 - data.derating_high,
             "derating_hi": g_hi,
-            "derating_theta": limit * data.g_tau * theta,
-            "derating_0": limit * (data.g_0 + data.g_tau * THETA_ZERO_C - g_hi),
+            "derating_theta": limit * data.derated_per_k * theta,
+            "derating_0": limit * (data.derated + data.derated_per_k * THETA_ZERO_C - g_hi),
             "full_0": edge + slack,
             "full_slack": slack,
             "inverter_share": sign * inverter / nominal,
             "battery_share": sign * battery / nominal,
             "heat_chord": heat_chord,
             "heat_0": 2.0 * heat_chord * reverse,
-            "y_lo": data.y_lo * y_unit,
-            "y_hi": data.y_hi * y_unit,
-            "y_soc": data.y_soc * y_unit,
-            "y_theta": data.y_tau * theta * y_unit,
-            "y_0": (data.y_0 + data.y_tau * THETA_ZERO_C - data.y_lo) * y_unit,
+            "y_lo": data.power_scale_low_kw * y_unit,
+            "y_hi": data.power_scale_high_kw * y_unit,
+            "y_soc": data.plane_per_soc_kw * y_unit,
+            "y_theta": data.plane_per_k_kw * theta * y_unit,
+            "y_0": (data.plane_kw + data.plane_per_k_kw * THETA_ZERO_C - data.power_scale_low_kw) * y_unit,
             "current_lo": current_lo,
             "current_hi": current_hi,
             "current_0": (current_hi - current_lo) * reverse + CURRENT_MARGIN,
-            "soc_lo": boxes.soc_lo[:, 1:],
-            "soc_hi": boxes.soc_hi[:, 1:],
+            "soc_lo": boxes.soc_low[:, 1:],
+            "soc_hi": boxes.soc_high[:, 1:],
             "keep": np.broadcast_to(self.keep[:, None], sign.shape),
             "heating": np.broadcast_to((self.kelvin_per_kw * self.battery_kw)[:, None] / theta, sign.shape),
             "air": (1.0 - self.keep[:, None]) * (ambient_c - THETA_ZERO_C) / theta,
@@ -199,28 +154,22 @@ class PlantConstants:
             values[name] = np.where(sign > 0.0, discharge_lines[name][:, None], for_charge[:, None])
         return values
 
-    def may_shed(self, inputs: HorizonInputs, boxes: Boxes, data: Coefficients) -> NDArray[np.bool_]:
-        """Whether a string can reach the limit at which power is shed, shape ``(n_strings, n_steps)``."""
-        sign = np.where(inputs.demand_kw >= 0.0, 1.0, -1.0) * np.ones_like(inputs.limit_kw)
-        nearest = np.where(sign > 0.0, boxes.soc_lo[:, 1:], -boxes.soc_hi[:, 1:])
-        edge = self._shedding_edge(sign, inputs.limit_kw, boxes, data)
-        at_limit: NDArray[np.bool_] = (nearest <= edge) & (inputs.demand_kw != 0.0)
-        return at_limit
-
-    def _shedding_edge(self, sign: Array, limit_kw: Array, boxes: Boxes, data: Coefficients) -> Array:
+    def _shedding_edge(
+        self, sign: Array, limit_kw: Array, boxes: _core.StateBoxes, data: _core.CoefficientBounds
+    ) -> Array:
         """``sign * soc`` at the end of a step in which a string sheds is at most this.
 
         In discharge it is empty but for less than the no-load loss needs, or anywhere it can be where the
         real root, ``p + w <= V^2 / 4R``, may end below the largest request. In charge it is full, or was
         empty at the start and would have to make up for the no-load loss.
         """
-        rootless = data.y_lo / 4.0 < limit_kw + self.inverter_kw[:, None]
-        per_kw = 2.0 * WATTS_PER_KW * self.soc_per_ampere[:, None] / data.v_lo
+        rootless = data.power_scale_low_kw / 4.0 < limit_kw + self.inverter_kw[:, None]
+        per_kw = 2.0 * WATTS_PER_KW * self.soc_per_ampere[:, None] / data.voltage_low_v
         stranded = self.no_load_kw[:, None] * per_kw
         drained = self.reverse_kw[:, None] * per_kw
-        empty = np.where(rootless, boxes.soc_hi[:, 1:], self.soc_min[:, None] + stranded)
-        may_drain = boxes.soc_lo[:, :-1] <= self.soc_min[:, None] + drained
-        full = np.where(may_drain, -boxes.soc_lo[:, 1:], -self.soc_max[:, None])
+        empty = np.where(rootless, boxes.soc_high[:, 1:], self.soc_min[:, None] + stranded)
+        may_drain = boxes.soc_low[:, :-1] <= self.soc_min[:, None] + drained
+        full = np.where(may_drain, -boxes.soc_low[:, 1:], -self.soc_max[:, None])
         return np.where(sign > 0.0, empty, full) + LIMIT_MARGIN
 
 

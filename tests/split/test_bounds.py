@@ -4,29 +4,9 @@ import numpy as np
 import pytest
 
 import bess
-from bess.split.bounding import least_cost
-from bess.split.outcome import SplitStatus
+from bess.split.result import SplitStatus
 
 SYSTEM = bess.System.reference(n_strings=2)
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_least_cost_is_the_least_over_a_grid_of_what_may_be_shed(seed):
-    rng = np.random.default_rng(seed)
-    phi, slope = rng.uniform(0.0, 2.0, 3), rng.uniform(0.1, 3.0, 3)
-    most, budget, price = rng.uniform(0.0, 1.0, 3), rng.uniform(0.0, 2.0), rng.choice([0.0, 0.7])
-    axes = np.meshgrid(*(np.linspace(0.0, m, 41) for m in most))
-    shed = np.stack([a.ravel() for a in axes], axis=1)
-    shed = shed[shed.sum(axis=1) <= budget]
-    best = (np.maximum(phi - slope * shed, 0.0) + price * shed).sum(axis=1).min()
-    least = least_cost(phi, slope, float(price), most, float(budget))
-    assert least <= best + 1e-12
-    assert least >= best - 3 * slope.max() * most.max() / 40
-
-
-def test_where_nothing_may_be_shed_the_step_cuts_add_up():
-    phi = np.array([1.0, 2.0])
-    assert least_cost(phi, np.array([5.0, 7.0]), 0.0, np.zeros(2), np.inf) == pytest.approx(3.0)
 
 
 @pytest.mark.parametrize("soc", [0.04, 0.5, 0.97])

@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 
-from bess.split.branch_and_bound import Closure, Node, search
+from bess.split.tree import Closure, Node, search
 
 
 class Knapsack:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import heapq
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from itertools import count
@@ -46,6 +47,10 @@ class Node:
 
     bound: float
     binaries: NDArray[np.float64] | None
+
+
+Objective = Callable[[], float]
+"""Tells the objective of the best point known."""
 
 
 class Relaxation(Protocol):

@@ -86,7 +86,7 @@ def test_no_random_split_beats_the_bounds(problem):
         assert shed >= split.groups[0].bound - 1e-9
         if shed <= split.groups[0].objective:
             inverter_kw = np.array([s.inverter.loss_charge[-1] for s in system.strings])[:, None] * nominal
-            battery_kw = bess.PowerSplit(system, 1)._constants.battery_kw[:, None]
+            battery_kw = bess.PowerSplit(system, 1)._plant.constants.battery_kw[:, None]
             second = sum(
                 x.sum() / scale.mean() / n
                 for x, scale in (
@@ -148,10 +148,10 @@ def test_a_time_limit_of_nothing_still_gives_the_best_split_known_and_says_so():
 
 
 def test_a_failing_solver_is_flagged_and_the_split_still_meets_the_demand(monkeypatch):
-    from bess.split import conic, stage
+    from bess.split.relaxation import conic
 
     failed = conic.ConicSolution(conic.NodeStatus.UNKNOWN, -np.inf, None)
-    monkeypatch.setattr(stage.conic, "solve", lambda *_: failed)
+    monkeypatch.setattr(conic, "solve", lambda *_: failed)
     split = bess.split_power(REFERENCE, bess.State([0.05, 0.08], [30.0, 30.0]), [90.0, 80.0, 150.0])
     assert split.status is bess.SplitStatus.SOLVER_FAILED
     assert split.fallback

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from control_cases import AMBIENT_C, CORNERS, DT_H, case
+from control_cases import AMBIENT_C, CORNERS, DT_H, Case, box, case, points
 from control_oracle import rollout as oracle
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -79,9 +79,18 @@ def test_reachable_boxes_contain_every_rollout(corner: str, seed: int) -> None:
     problem = case(seed, corner, n_strings=3, n_steps=8)
     requests = problem.random_requests(np.random.default_rng(seed), 12)
     roll = bess.rollout(problem.system, problem.state, requests, DT_H)
-    soc_low, soc_high, t_low, t_high = problem.horizon.reachable()
-    assert np.all((roll.soc >= soc_low[:, 1:]) & (roll.soc <= soc_high[:, 1:]))
-    assert np.all((roll.temperature_c >= t_low[:, 1:]) & (roll.temperature_c <= t_high[:, 1:]))
+    states = problem.horizon.reachable()
+    assert np.all((roll.soc >= states.soc_low[:, 1:]) & (roll.soc <= states.soc_high[:, 1:]))
+    assert np.all(roll.temperature_c >= states.temperature_low_c[:, 1:])
+    assert np.all(roll.temperature_c <= states.temperature_high_c[:, 1:])
+
+
+def coefficients_at(
+    problem: Case, soc: np.ndarray, temperature: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """``k``, ``V`` and ``R`` at states."""
+    at = problem.horizon.coefficients(points(soc, temperature), points(soc, temperature))
+    return at.derating_low, at.voltage_low_v, at.resistance_low_ohm
 
 
 @corners
@@ -95,11 +104,16 @@ def test_ranges_contain_the_coefficients_of_every_state_in_a_box(
     low = np.minimum(np.repeat(problem.state.soc[:, None], 4, axis=1), 1.0 - spread)
     cool = np.repeat(problem.state.temperature_c[:, None], 4, axis=1)
     warm = cool + 50.0 * spread
-    k_lo, k_hi, v_lo, v_hi, r_lo, r_hi, y_lo, y_hi = problem.horizon.ranges(low, low + spread, cool, warm)
+    over = problem.horizon.coefficients(box(low, low + spread, cool, warm), points(low, cool))
     for _ in range(20):
         soc, temperature = low + spread * rng.random(low.shape), cool + (warm - cool) * rng.random(cool.shape)
-        k, v, r = problem.horizon.coefficients(soc, temperature)
-        ends = [(k_lo, k, k_hi), (v_lo, v, v_hi), (r_lo, r, r_hi), (y_lo, v**2 / r / 1e3, y_hi)]
+        k, v, r = coefficients_at(problem, soc, temperature)
+        ends = [
+            (over.derating_low, k, over.derating_high),
+            (over.voltage_low_v, v, over.voltage_high_v),
+            (over.resistance_low_ohm, r, over.resistance_high_ohm),
+            (over.power_scale_low_kw, v**2 / r / 1e3, over.power_scale_high_kw),
+        ]
         for lowest, value, highest in ends:
             assert np.all(value >= lowest * (1 - 1e-12))
             assert np.all(value <= highest * (1 + 1e-12))
@@ -112,21 +126,24 @@ def test_ranges_contain_the_coefficients_of_every_state_in_a_box(
 def test_planes_hold_over_the_box_and_touch_at_a_point(corner: str, like: bool, seed: int) -> None:
     problem = case(seed, corner, n_strings=3, n_steps=4, like=like)
     rng = np.random.default_rng(seed)
-    low, high, cool, warm = (np.ascontiguousarray(a[:, :-1]) for a in problem.horizon.reachable())
+    reachable = problem.horizon.reachable()
+    low, high = reachable.soc_low[:, :-1], reachable.soc_high[:, :-1]
+    cool, warm = reachable.temperature_low_c[:, :-1], reachable.temperature_high_c[:, :-1]
 
     def states() -> tuple[np.ndarray, np.ndarray]:
         return low + (high - low) * rng.random(low.shape), cool + (warm - cool) * rng.random(cool.shape)
 
     near = states()
-    planes = problem.horizon.planes(low, high, cool, warm, *near)
+    over = problem.horizon.coefficients(box(low, high, cool, warm), points(*near))
     for soc, temperature in [near, *(states() for _ in range(20))]:
-        y_0, y_soc, y_tau, g_0, g_tau = planes
-        k, v, r = problem.horizon.coefficients(soc, temperature)
+        k, v, r = coefficients_at(problem, soc, temperature)
         y = v**2 / r / 1e3
-        assert np.all(y_0 + y_soc * soc + y_tau * temperature >= y * (1 - 1e-12))
-        assert np.all(g_0 + g_tau * temperature <= 1.0 - k + 1e-12)
-        point = problem.horizon.planes(soc, soc, temperature, temperature, soc, temperature)
-        np.testing.assert_allclose(point[0] + point[1] * soc + point[2] * temperature, y, rtol=1e-9)
+        plane = over.plane_kw + over.plane_per_soc_kw * soc + over.plane_per_k_kw * temperature
+        assert np.all(plane >= y * (1 - 1e-12))
+        assert np.all(over.derated + over.derated_per_k * temperature <= 1.0 - k + 1e-12)
+        point = problem.horizon.coefficients(points(soc, temperature), points(soc, temperature))
+        touches = point.plane_kw + point.plane_per_soc_kw * soc + point.plane_per_k_kw * temperature
+        np.testing.assert_allclose(touches, y, rtol=1e-9)
 
 
 @corners
@@ -140,14 +157,13 @@ def test_no_decision_of_a_step_costs_less_than_its_cut(
     problem = case(seed, corner, n_strings=n_strings, n_steps=6, weights=weights)
     requests = problem.random_requests(np.random.default_rng(seed), 30)
     roll = bess.rollout(problem.system, problem.state, requests, DT_H)
-    reachable = problem.horizon.reachable()
-    boxes = [np.ascontiguousarray(a[:, :-1]) for a in reachable]
+    boxes = problem.horizon.reachable()
     shed = roll.availability_loss_kw.sum(axis=-2)
     cost = problem.cost_by_group(roll, slice(1, 4))[:, 1]
     for budget_kw in (np.inf, 5.0):
-        phi, slope, _ = problem.horizon.step_bounds(*boxes, problem.costs[1], np.full(6, budget_kw))
-        assert np.all(cost + slope * shed >= phi - 1e-12)
-        assert np.any(phi > 0.0)
+        cuts = problem.horizon.step_bounds(boxes, problem.costs[1], np.full(6, budget_kw))
+        assert np.all(cost + cuts.shed_slope * shed >= cuts.phi - 1e-12)
+        assert np.any(cuts.phi > 0.0)
 
 
 @corners
@@ -158,10 +174,9 @@ def test_cuts_at_frozen_states_hold_for_every_decision_from_these_states(corner:
     requests = problem.random_requests(np.random.default_rng(seed), 300)
     roll = bess.rollout(problem.system, problem.state, requests, DT_H)
     soc, temperature = problem.state.soc[:, None], problem.state.temperature_c[:, None]
-    boxes = soc, soc, temperature, temperature
-    phi, slope, _ = problem.horizon.step_bounds(*boxes, problem.costs[1], np.full(1, np.inf))
+    cuts = problem.horizon.step_bounds(points(soc, temperature), problem.costs[1], np.full(1, np.inf))
     shed = roll.availability_loss_kw.sum(axis=-2)
-    assert np.all(problem.cost_by_group(roll, slice(1, 4))[:, 1] + slope * shed >= phi - 1e-12)
+    assert np.all(problem.cost_by_group(roll, slice(1, 4))[:, 1] + cuts.shed_slope * shed >= cuts.phi - 1e-12)
 
 
 @pytest.mark.parametrize("weights", [(1, 1, 1, 1), (1, 1, 1, 1e-3), (1, 1, 1e-3, 1)])
@@ -173,12 +188,13 @@ def test_frozen_cuts_add_up_to_the_greedy_objective_where_nothing_is_shed(
     weights: tuple[float, float, float, float], corner: str, n_strings: int, seed: int
 ) -> None:
     problem = case(seed, corner, n_strings, 4, weights, like=True, load=(0.05, 0.85))
-    request, objectives = problem.horizon.greedy()
+    request = problem.horizon.greedy()
+    (objectives,) = problem.horizon.evaluate(request[None])
     roll = bess.rollout(problem.system, problem.state, request, DT_H)
     soc = np.concatenate([problem.state.soc[:, None], roll.soc[:, :-1]], axis=1)
     temperature = np.concatenate([problem.state.temperature_c[:, None], roll.temperature_c[:, :-1]], axis=1)
-    boxes = soc, soc, temperature, temperature
-    phi, _, best = problem.horizon.step_bounds(*boxes, problem.costs[1], np.zeros(4))
+    cuts = problem.horizon.step_bounds(points(soc, temperature), problem.costs[1], np.zeros(4))
+    phi, best = cuts.phi, cuts.request_kw
     assert objectives[0] == 0.0
     np.testing.assert_allclose(phi.sum(), objectives[1], rtol=1e-5)
     np.testing.assert_allclose(best.sum(axis=0), problem.demand_kw, rtol=1e-9)
@@ -196,7 +212,7 @@ def test_no_schedule_leaves_the_confined_states_and_costs_less_than_a_known_one(
     problem = case(seed, corner, n_strings, 6, weights, like=seed % 2 == 0, turns=turns)
     rng = np.random.default_rng(seed)
     far = problem.random_requests(rng, 40)
-    start, _, _ = problem.horizon.search(far[:1], 2000)
+    start = problem.horizon.split(far[0], 2000).incumbent.request_kw
     share = rng.uniform(0.0, 0.2, (40, 1, 1))
     near = (1.0 - share) * start + share * problem.random_requests(rng, 40)
     schedules = np.concatenate([start[None], near, far])
@@ -204,30 +220,35 @@ def test_no_schedule_leaves_the_confined_states_and_costs_less_than_a_known_one(
     cost = problem.cost_by_group(roll, slice(0, 4))[:, 1].sum(axis=-1)
     shed = roll.availability_loss_kw.sum(axis=(-2, -1))
     for known in (0, 5, 30, 45):
-        bound, boxes = problem.horizon.confine(schedules[known], problem.costs[1], shed[known])
+        confined = problem.horizon.confine(schedules[known], problem.costs[1], shed[known])
+        bound, boxes = confined.bound, confined.boxes
         assert bound <= cost[known]
         allowed = shed <= shed[known]
         assert np.all(cost[allowed] >= bound)
-        soc_low, soc_high, cool, warm = (box[:, 1:] for box in boxes)
         no_worse = allowed & (cost <= cost[known])
         assert no_worse[known]
-        assert np.all(roll.soc[no_worse] >= soc_low)
-        assert np.all(roll.soc[no_worse] <= soc_high)
-        assert np.all(roll.temperature_c[no_worse] >= cool)
-        assert np.all(roll.temperature_c[no_worse] <= warm)
+        assert np.all(roll.soc[no_worse] >= boxes.soc_low[:, 1:])
+        assert np.all(roll.soc[no_worse] <= boxes.soc_high[:, 1:])
+        assert np.all(roll.temperature_c[no_worse] >= boxes.temperature_low_c[:, 1:])
+        assert np.all(roll.temperature_c[no_worse] <= boxes.temperature_high_c[:, 1:])
+        sheds = (roll.availability_loss_kw[no_worse] > 0.0).any(axis=0)
+        assert not np.any(sheds & ~confined.may_shed)
 
 
 def test_where_battery_losses_count_a_good_schedule_confines_the_states_to_a_fraction_of_the_reachable() -> (
     None
 ):
     problem = case(3, "regular", 2, 8, (1, 1, 0, 1), like=True, load=(0.3, 0.6))
-    known, _ = problem.horizon.greedy()
-    bound, boxes = problem.horizon.confine(known, problem.costs[1], 0.0)
+    known = problem.horizon.greedy()
+    confined = problem.horizon.confine(known, problem.costs[1], 0.0)
     objective = problem.horizon.evaluate(known[None])[0, 1]
-    assert bound >= 0.999 * objective
-    reachable = problem.horizon.reachable()
-    for low, high in ((0, 1), (2, 3)):
-        assert np.mean((boxes[high] - boxes[low])[:, -1] / (reachable[high] - reachable[low])[:, -1]) < 0.2
+    assert confined.bound >= 0.999 * objective
+    for name in ("soc_{}", "temperature_{}_c"):
+        width, reachable = (
+            (getattr(boxes, name.format("high")) - getattr(boxes, name.format("low")))[:, -1]
+            for boxes in (confined.boxes, problem.horizon.reachable())
+        )
+        assert np.mean(width / reachable) < 0.2
 
 
 @corners
@@ -239,15 +260,17 @@ def test_search_and_greedy_are_feasible_repeatable_and_report_what_evaluate_says
     problem = case(seed, corner, n_strings=3, n_steps=4)
     starts = problem.random_requests(np.random.default_rng(seed), 2)
     horizon = problem.horizon
-    for request, objectives in (horizon.greedy(), horizon.search(starts, 1500)[:2]):
-        magnitude = request * problem.sign
+    found = horizon.split(starts[0], 1500)
+    request, objectives = found.incumbent.request_kw, found.incumbent.objectives
+    for schedule in (horizon.greedy(), request):
+        magnitude = schedule * problem.sign
         np.testing.assert_allclose(magnitude.sum(axis=0), np.abs(problem.demand_kw), rtol=1e-9)
         assert np.all((magnitude >= 0.0) & (magnitude <= problem.limit_kw * (1 + 1e-15)))
-        np.testing.assert_array_equal(horizon.evaluate(request[None])[0], objectives)
-    again = horizon.search(starts, 1500)
-    np.testing.assert_array_equal(again[0], request)
+    np.testing.assert_array_equal(horizon.evaluate(request[None])[0], objectives)
+    np.testing.assert_array_equal(horizon.split(starts[0], 1500).incumbent.request_kw, request)
     tolerance = 1e-7 + 1e-6 * objectives[0]
-    for start in horizon.evaluate(starts):
+    # Never worse than where it started; the greedy pass is one of the starts.
+    for start in horizon.evaluate(np.stack([starts[0], horizon.greedy()])):
         assert objectives[0] <= start[0] + tolerance
         if start[0] <= objectives[0]:
             assert objectives[1] <= start[1] * (1 + 1e-9) + 1e-12

@@ -1,5 +1,4 @@
-"""One lexicographic stage as branch and bound sees it: nodes of the conic program, and where incumbents come
-from."""
+"""The relaxation of one group as the tree sees it: nodes of the conic program."""
 
 from __future__ import annotations
 
@@ -9,15 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bess.split import conic
-from bess.split.branch_and_bound import Bits, Node
-from bess.split.conic import ConicData, ConicProgram, NodeStatus
-
-Array = NDArray[np.float64]
+from bess.numbers import Array
+from bess.split.relaxation import conic
+from bess.split.relaxation.conic import ConicData, ConicProgram, NodeStatus
+from bess.split.tree import Bits, Node
 
 
 @dataclass(frozen=True)
-class Settled:
+class KnownBefore:
     """What is known before any solve, each of shape ``(n_strings, n_steps)`` unless said otherwise.
 
     Attributes
@@ -38,20 +36,20 @@ class Settled:
     theta: Array
 
 
-class Stage:
-    """Relaxation of one stage; binaries are ``on`` then ``full``, each ``(n_strings, n_steps)`` row-major."""
+class RelaxedGroup:
+    """Relaxation of one group; binaries are ``on`` then ``full``, each ``(n_strings, n_steps)`` row-major."""
 
     def __init__(
         self,
         program: ConicProgram,
         data: ConicData,
-        settled: Settled,
+        known: KnownBefore,
         unit: float,
-        incumbent: Callable[[], float],
+        objective: Callable[[], float],
         propose: Callable[[Array, Array], None],
     ) -> None:
-        self._program, self._data, self._settled, self._unit = program, data, settled, unit
-        self.incumbent, self._propose = incumbent, propose
+        self._program, self._data, self._known, self._unit = program, data, known, unit
+        self.incumbent, self._propose = objective, propose
         self.failures = 0
         self._index = {
             name: np.arange(s.start, s.stop).reshape(program.shapes[name], order="F")
@@ -59,38 +57,38 @@ class Stage:
         }
         self._fixed = np.zeros(program.n_columns, dtype=bool)
         self._values = np.zeros(program.n_columns)
-        for name, value in (("soc", settled.soc), ("theta", settled.theta)):
+        for name, value in (("soc", known.soc), ("theta", known.theta)):
             self._fixed[self._index[name][:, 0]] = True
             self._values[self._index[name][:, 0]] = value
-        self._fixed[self._index["d"][~settled.may_derate]] = True
+        self._fixed[self._index["d"][~known.may_derate]] = True
 
     @property
     def n_binaries(self) -> int:
         """Two for each string and step."""
-        return 2 * self._settled.may_run.size
+        return 2 * self._known.may_run.size
 
     def root(self) -> tuple[Bits, Bits]:
         """Bounds of the binaries before branching."""
-        upper = np.concatenate([self._settled.may_run.ravel(), self._settled.may_shed.ravel()])
+        upper = np.concatenate([self._known.may_run.ravel(), self._known.may_shed.ravel()])
         return np.zeros(self.n_binaries, dtype=np.int8), upper.astype(np.int8)
 
     def solve(self, lower: Bits, upper: Bits) -> Node:
-        """Solve one node; its bound is in the unit of the stage's objective."""
-        shape = (2, *self._settled.may_run.shape)
+        """Solve one node; its bound is in the unit of the group's objective."""
+        shape = (2, *self._known.may_run.shape)
         lo, up = lower.reshape(shape).copy(), upper.reshape(shape).copy()
-        for m in np.flatnonzero(self._settled.ordered):
+        for m in np.flatnonzero(self._known.ordered):
             up[0, m + 1, 0] = min(up[0, m + 1, 0], up[0, m, 0])
-        for m in np.flatnonzero(self._settled.ordered)[::-1]:
+        for m in np.flatnonzero(self._known.ordered)[::-1]:
             lo[0, m, 0] = max(lo[0, m, 0], lo[0, m + 1, 0])
         if np.any(lo > up):
             return Node(np.inf, None)
         fixed, values = self._fixed.copy(), self._values.copy()
         for binary, name, dependents in ((0, "on", ("p", "w", "h", "z", "P")), (1, "full", ("a",))):
-            known = lo[binary] == up[binary]
-            fixed[self._index[name][known]] = True
-            values[self._index[name][known]] = lo[binary][known]
+            settled = lo[binary] == up[binary]
+            fixed[self._index[name][settled]] = True
+            values[self._index[name][settled]] = lo[binary][settled]
             for dependent in dependents:
-                fixed[self._index[dependent][known & (up[binary] == 0)]] = True
+                fixed[self._index[dependent][settled & (up[binary] == 0)]] = True
         answer = conic.solve(self._data, fixed, values)
         if answer.status is NodeStatus.UNKNOWN:
             self.failures += 1

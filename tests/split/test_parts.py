@@ -6,11 +6,10 @@ import pytest
 import scipy.sparse as sp
 
 import bess
-from bess.split import lexicographic
-from bess.split.conic import ConicProgram, NodeStatus, solve
-from bess.split.envelope import Envelope
 from bess.split.objectives import Objective, Objectives
-from bess.split.relaxation import build, compiled
+from bess.split.relaxation.conic import ConicProgram, NodeStatus, solve
+from bess.split.relaxation.envelope import Envelope
+from bess.split.relaxation.equations import build, compiled
 
 
 def test_default_objectives_are_case_1():
@@ -77,17 +76,6 @@ def test_reference_inverter_is_convex_and_six_lines_miss_it_by_less_than_a_thous
     inverter = bess.System.reference().strings[0].inverter
     loss = np.array(inverter.loss_discharge) / inverter.loss_discharge[-1]
     assert Envelope.of_table(np.array(inverter.load), loss, 6).largest_distance < 2e-3
-
-
-def test_each_group_is_capped_at_its_optimum_plus_tolerance():
-    seen = []
-
-    def solve_group(group, caps):
-        seen.append(caps)
-        return 10.0**group, group
-
-    assert lexicographic.lexicographic(solve_group, [0.5, 0.0, 0.0], [0.1, 0.1, 0.0]) == [0, 1, 2]
-    assert seen == [(), (1.5,), (1.5, 11.0)]
 
 
 def test_relaxation_is_dpp():

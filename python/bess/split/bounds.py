@@ -1,0 +1,241 @@
+"""What is proven about a schedule: its one-step bounds, raised by relaxations where they leave a gap.
+
+Two programs are bounded (docs/algorithm.md): the nonlinear control model, rigorously, and the convexified
+program, whose coefficients are frozen along the schedule. Both bounds come from the core with the search;
+what is left to do here is a relaxation over the whole horizon, and a tree over its binaries.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bess import _core
+from bess.numbers import Array
+from bess.split import tree
+from bess.split.problem import SplitProblem
+from bess.split.relaxation.data import PlantConstants
+from bess.split.relaxation.relaxed_split import RelaxedSplit
+from bess.split.result import relative_gap
+from bess.split.settings import SplitSettings
+from bess.split.tree import Closure
+
+RELAXED_ABOVE = 3e-2
+"""Rigorous gap above which the one-step problems get help from a relaxation over the whole horizon."""
+
+RELAXED_STEPS = 16
+"""Longest horizon for which that is done if nothing is shed: beyond it closes a tenth to a quarter of the gap
+for a third of the time."""
+
+LARGEST_RELAXATION = 400
+"""Steps of strings above which no relaxation is solved: the memory to compile it grows with their square
+(1 GB at 384, 4 GB at 768), and the one-step problems say nearly as much."""
+
+
+@dataclass(frozen=True)
+class GroupCertificate:
+    """Lower bounds of one group, and how the search of the convexified program ended.
+
+    Attributes
+    ----------
+    objective, bound : float
+        In the costs that are reported: of the schedule, and of every split of the nonlinear control model.
+    search_objective, search_bound : float
+        In the costs of the search: of the schedule, and of every split of the convexified program.
+    is_proven : bool
+        Whether objective and bound are within the gap asked for.
+    closure : Closure
+        How the convexified program ended.
+    """
+
+    objective: float
+    bound: float
+    search_objective: float
+    search_bound: float
+    is_proven: bool
+    closure: Closure
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What is proven about a schedule.
+
+    Attributes
+    ----------
+    groups : tuple of GroupCertificate
+    nodes : int
+        Relaxations solved.
+    failed : bool
+        Whether no relaxation of some group could be solved.
+    incumbent : _core.Incumbent
+        The schedule, or a better one that a relaxation led to.
+    """
+
+    groups: tuple[GroupCertificate, ...]
+    nodes: int
+    failed: bool
+    incumbent: _core.Incumbent
+
+
+@dataclass(frozen=True)
+class CompiledPlant:
+    """What does not change from call to call: constants, whether string ``m + 1`` is like string ``m``."""
+
+    constants: PlantConstants
+    alike: NDArray[np.bool_]
+
+
+def certify(
+    plant: CompiledPlant,
+    problem: SplitProblem,
+    control: _core.ControlHorizon,
+    answer: _core.SplitAnswer,
+    costs: tuple[Array, Array],
+    settings: SplitSettings,
+    deadline: float | None,
+) -> Certificate:
+    """Bound every group, by relaxations where the bounds of the core leave a gap.
+
+    Parameters
+    ----------
+    plant, problem, control
+        What was solved.
+    answer
+        The schedule with the bounds of its one-step problems.
+    costs : tuple of ndarray, shape (n_groups, n_strings, 4)
+        Costs of the losses [1/kW]: of what is reported, and of the search.
+    settings
+        Gap and node limit.
+    deadline
+        Value of ``time.perf_counter()`` after which no relaxation is begun.
+    """
+    work = _Work(plant, problem, control, answer, settings, deadline)
+    groups = tuple(work.certify(index, costs) for index in range(len(answer.groups)))
+    return Certificate(groups, work.nodes, work.failed, work.incumbent)
+
+
+class _Work:
+    """Relaxations of one call: what they count, and the best schedule they led to."""
+
+    def __init__(
+        self,
+        plant: CompiledPlant,
+        problem: SplitProblem,
+        control: _core.ControlHorizon,
+        answer: _core.SplitAnswer,
+        settings: SplitSettings,
+        deadline: float | None,
+    ) -> None:
+        self._plant, self._problem, self._control = plant, problem, control
+        self._answer, self._settings, self._deadline = answer, settings, deadline
+        self._abs_tol, _ = settings.objectives.tolerances
+        self.incumbent = answer.incumbent
+        self.nodes = 0
+        self.failed = False
+
+    def certify(self, index: int, costs: tuple[Array, Array]) -> GroupCertificate:
+        """Bound one group."""
+        group = self._answer.groups[index]
+        bound, search_bound = group.bound, group.search_bound
+        if self._wants_relaxation(index):
+            before = [earlier.ceiling for earlier in self._answer.groups[:index]]
+            bound = self._relaxed(index, costs[0], before, bound, lambda: group.objective, 1).bound
+        is_proven = self._is_closed(index, group.objective, bound)
+        if is_proven or self._is_closed(index, group.search_objective, search_bound):
+            closure = Closure.GAP
+        elif group.is_search_optimum:
+            closure = Closure.TREE
+        elif self._is_late():
+            closure = Closure.TIME_LIMIT
+        elif self._problem.limit_kw.size > LARGEST_RELAXATION:
+            closure = Closure.NODE_LIMIT
+        else:
+            before = [earlier.search_ceiling for earlier in self._answer.groups[:index]]
+            outcome = self._relaxed(
+                index,
+                costs[1],
+                before,
+                search_bound,
+                lambda: float(self.incumbent.objectives[index]),
+                self._settings.node_limit,
+                frozen=True,
+            )
+            search_bound, closure = outcome.bound, outcome.closure
+        return GroupCertificate(
+            group.objective, bound, group.search_objective, search_bound, is_proven, closure
+        )
+
+    def _wants_relaxation(self, index: int) -> bool:
+        """Whether a relaxation is likely to raise the rigorous bound by much, in reasonable time."""
+        group = self._answer.groups[index]
+        n_strings, n_steps = self._problem.limit_kw.shape
+        sheds = self._answer.flows.availability_loss_kw.any()
+        return (
+            group.boxes is not None
+            and not self._is_closed(index, group.objective, group.bound)
+            and relative_gap(group.objective, group.bound) > RELAXED_ABOVE
+            and (n_steps <= RELAXED_STEPS or bool(sheds))
+            and n_strings * n_steps <= LARGEST_RELAXATION
+            and not self._is_late()
+        )
+
+    def _relaxed(
+        self,
+        index: int,
+        cost: Array,
+        caps: list[float],
+        start_bound: float,
+        objective: tree.Objective,
+        node_limit: int,
+        *,
+        frozen: bool = False,
+    ) -> tree.Outcome:
+        """Branch and bound with coefficients over the boxes, or frozen along the schedule."""
+        group, along = self._answer.groups[index], self._states_along()
+        assert group.boxes is not None and group.may_shed is not None
+        relaxed = RelaxedSplit(
+            self._problem,
+            self._plant.constants,
+            self._plant.alike,
+            self._control,
+            group.boxes,
+            group.may_shed,
+            along if frozen else group.boxes,
+            along,
+            cost,
+        ).group(index, caps, objective, self._propose)
+        outcome = tree.search(
+            relaxed,
+            *relaxed.root(),
+            gap=self._settings.gap,
+            abs_gap=self._abs_tol[index],
+            node_limit=node_limit,
+            deadline=self._deadline,
+            start_bound=start_bound,
+        )
+        self.nodes += outcome.nodes
+        self.failed = self.failed or relaxed.failures == outcome.nodes
+        return outcome
+
+    def _propose(self, request_pu: Array, on: Array) -> None:
+        """Look at the point of a node, and at the same with only those strings that it rather runs."""
+        wanted = np.maximum(request_pu, 0.0) * self._plant.constants.nominal_kw[:, None]
+        wanted = np.stack([wanted, np.where(on > 0.5, wanted, 0.0)])
+        self.incumbent = self._control.best_of(self.incumbent, wanted) or self.incumbent
+
+    def _states_along(self) -> _core.StateBoxes:
+        """States along the schedule, as boxes that are points, ``(n_strings, n_steps + 1)``."""
+        state, flows = self._problem.state, self._answer.flows
+        soc = np.concatenate([state.soc[:, None], flows.soc], axis=1)
+        temperature_c = np.concatenate([state.temperature_c[:, None], flows.temperature_c], axis=1)
+        return _core.StateBoxes(soc, soc, temperature_c, temperature_c)
+
+    def _is_closed(self, index: int, objective: float, bound: float) -> bool:
+        within = objective - bound <= self._abs_tol[index]
+        return bool(within or relative_gap(objective, bound) <= self._settings.gap)
+
+    def _is_late(self) -> bool:
+        return self._deadline is not None and time.perf_counter() >= self._deadline

@@ -1,0 +1,146 @@
+"""One split problem: what a call is given, checked against the plant and the horizon."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bess import _core
+from bess.errors import InputError
+from bess.numbers import Array, each_step, finite_array
+from bess.parameters import State, System
+from bess.parameters.state import TEMPERATURE_RANGE_C
+
+MAX_HORIZON_STEPS = 96
+MAX_STRINGS = 32
+
+
+@dataclass(frozen=True)
+class SplitProblem:
+    """A plant in a measured state, and what is asked of it over the horizon.
+
+    Attributes
+    ----------
+    system : System
+    state : State
+    demand_kw : ndarray, shape (n_steps,)
+        The part of the demand the strings can be asked for, signed.
+    unmet_kw : ndarray, shape (n_steps,)
+        The rest, ``>= 0``.
+    ambient_c : ndarray, shape (n_steps,)
+    limit_kw : ndarray, shape (n_strings, n_steps)
+        Largest request of each string.
+    dt_h : float
+        Length of a step [h].
+    """
+
+    system: System
+    state: State
+    demand_kw: Array
+    unmet_kw: Array
+    ambient_c: Array
+    limit_kw: Array
+    dt_h: float
+
+    @classmethod
+    def check(
+        cls,
+        system: System,
+        n_steps: int,
+        dt_h: float,
+        state: State,
+        demand_kw: ArrayLike,
+        ambient_c: ArrayLike | None,
+        limit_kw: ArrayLike | None,
+    ) -> SplitProblem:
+        """Check everything a call is given.
+
+        Raises
+        ------
+        InputError
+            With what does not fit the system or the horizon.
+        """
+        if not isinstance(state, State):
+            raise InputError(f"state must be a bess.State, not {type(state).__name__}")
+        system.check_state(state)
+        demand = finite_array("demand_kw", demand_kw)
+        if demand.ndim != 1 or demand.size != n_steps:
+            raise InputError(
+                f"demand_kw has shape {demand.shape}, but the split is for a horizon of {n_steps} steps; "
+                "give one value for each step, or build a PowerSplit with that horizon"
+            )
+        around = system.ambient_c if ambient_c is None else ambient_c
+        limit = _limits(system, n_steps, limit_kw)
+        largest = limit.sum(axis=0)
+        asked = np.minimum(np.maximum(demand, -largest), largest)
+        return cls(
+            system=system,
+            state=state,
+            demand_kw=asked,
+            unmet_kw=np.abs(demand - asked),
+            ambient_c=each_step("ambient_c", around, n_steps, TEMPERATURE_RANGE_C, "degC"),
+            limit_kw=limit,
+            dt_h=dt_h,
+        )
+
+    def control(
+        self, costs: Array, search_costs: Array, abs_tol: Array, rel_tol: Array
+    ) -> _core.ControlHorizon:
+        """The control model over this horizon, with costs of the losses ``(n_groups, n_strings, 4)`` [1/kW],
+        of what is reported and of the search, and tolerances ``(n_groups,)``."""
+        return _core.ControlHorizon(
+            self.system.control_at(self.state),
+            self.state.soc,
+            self.state.temperature_c,
+            self.demand_kw,
+            self.ambient_c,
+            self.dt_h,
+            self.limit_kw,
+            costs,
+            search_costs,
+            abs_tol,
+            rel_tol,
+        )
+
+
+def check_horizon(system: System, horizon_steps: int, dt_h: float) -> None:
+    """Check the plant and the horizon that a :class:`PowerSplit` is built for."""
+    if not isinstance(system, System):
+        raise InputError(f"system must be a bess.System, not {type(system).__name__}")
+    if system.n_strings > MAX_STRINGS:
+        raise InputError(f"{system.n_strings} strings; the power split takes 1 to {MAX_STRINGS}")
+    whole = isinstance(horizon_steps, int | np.integer) and not isinstance(horizon_steps, bool)
+    if not whole or not 1 <= horizon_steps <= MAX_HORIZON_STEPS:
+        raise InputError(f"horizon_steps {horizon_steps!r} must be an integer from 1 to {MAX_HORIZON_STEPS}")
+    number = isinstance(dt_h, int | float | np.number) and not isinstance(dt_h, bool)
+    if not number or not 0.0 < dt_h <= 24.0:
+        raise InputError(f"dt_h {dt_h!r} h must be a number in (0, 24] h")
+    fastest = max(s.thermal.lumped.k2_per_s for s in system.strings) * dt_h * 3600.0
+    if fastest >= 1.0:
+        raise InputError(
+            f"dt_h {dt_h:g} h is too long for the lumped thermal model: k2 dt is {fastest:g}, not below 1"
+        )
+
+
+def _limits(system: System, n_steps: int, limit_kw: ArrayLike | None) -> Array:
+    """Largest requests ``(n_strings, n_steps)`` [kW]."""
+    nominal = np.broadcast_to(system.nominal_kw[:, None], (system.n_strings, n_steps))
+    if limit_kw is None:
+        return np.ascontiguousarray(nominal)
+    limit = finite_array("limit_kw", limit_kw)
+    if limit.shape == (system.n_strings,):
+        limit = np.broadcast_to(limit[:, None], nominal.shape)
+    if limit.shape != nominal.shape:
+        raise InputError(
+            f"limit_kw has shape {limit.shape}; give one value for each string (and step), {nominal.shape}"
+        )
+    bad = np.argwhere((limit < 0.0) | (limit > nominal * (1.0 + 1e-9)))
+    if bad.size:
+        string, step = bad[0]
+        raise InputError(
+            f"limit_kw of string {string} at step {step} is {limit[string, step]:g} kW, outside "
+            f"[0, {nominal[string, step]:g}] kW"
+        )
+    return np.ascontiguousarray(limit)

@@ -1,0 +1,43 @@
+//! Requests in given proportions that meet the demand within the limits.
+
+use super::horizon::ControlHorizon;
+
+impl ControlHorizon {
+    /// Requests `(M, T)` [W] in the proportions of `wanted` `(M, T)`, `>= 0` in any unit, that meet the demand within the
+    /// limits: what a string cannot take goes to the others in proportion to the room they have. A step in which nothing
+    /// is wanted is shared in proportion to the limits.
+    pub fn fitted(&self, wanted: &[f64]) -> Vec<f64> {
+        let mut request_w = vec![0.0; wanted.len()];
+        let strings: Vec<usize> = (0..self.n_strings()).collect();
+        for t in 0..self.n_steps() {
+            self.share_out(t, &strings, self.demand_w[t], |m| wanted[m * self.n_steps() + t], &mut request_w);
+        }
+        request_w
+    }
+
+    /// Shares `power_w` among some strings in one step, as [`Self::fitted`] does.
+    pub(crate) fn share_out(
+        &self,
+        t: usize,
+        strings: &[usize],
+        power_w: f64,
+        wanted: impl Fn(usize) -> f64,
+        request_w: &mut [f64],
+    ) {
+        let n_steps = self.n_steps();
+        let total: f64 = strings.iter().map(|&m| wanted(m)).sum();
+        let share = |m: usize| if total > 0.0 { wanted(m) } else { self.limit(m, t) };
+        let sum: f64 = strings.iter().map(|&m| share(m)).sum();
+        let per_share = if sum > 0.0 { power_w / sum } else { 0.0 };
+        for &m in strings {
+            request_w[m * n_steps + t] = (share(m) * per_share).min(self.limit(m, t));
+        }
+        let given: f64 = strings.iter().map(|&m| request_w[m * n_steps + t]).sum();
+        let room: f64 = strings.iter().map(|&m| self.limit(m, t) - request_w[m * n_steps + t]).sum();
+        let filled = if room > 0.0 { (power_w - given) / room } else { 0.0 };
+        for &m in strings {
+            let request = &mut request_w[m * n_steps + t];
+            *request = (*request + filled * (self.limit(m, t) - *request)).clamp(0.0, self.limit(m, t));
+        }
+    }
+}

@@ -1,0 +1,95 @@
+//! Lower bounds of every group around the best schedule known: what no schedule can beat, and what the program proves
+//! whose coefficients are frozen along it.
+
+use super::step_bounds::{cheapest_shed, least_cost, StepBounds};
+use crate::model::{ControlHorizon, CostsOf, Flow, Losses, StateBox};
+
+/// Bounds of one group, with the groups before it held under their ceilings.
+#[derive(Debug, Clone)]
+pub struct GroupBounds {
+    /// Objective of the schedule, in the costs of what is reported.
+    pub objective: f64,
+    /// What it may rise to while later groups are minimised.
+    pub ceiling: f64,
+    /// Lower bound of the nonlinear control model.
+    pub bound: f64,
+    /// Objective of the schedule, in the costs of the search.
+    pub search_objective: f64,
+    /// What that may rise to.
+    pub search_ceiling: f64,
+    /// Lower bound of the convexified program, whose coefficients are frozen along the schedule.
+    pub search_bound: f64,
+    /// Whether that is the optimum of the convexified program.
+    pub is_search_optimum: bool,
+    /// States of the schedules that are no worse, at the start of each step and at the end of the last, `(M, T + 1)`; empty
+    /// where the bound needs none.
+    pub boxes: Vec<StateBox>,
+    /// Whether one of them sheds something, `(M, T)`.
+    pub may_shed: Vec<bool>,
+}
+
+impl ControlHorizon {
+    /// Bounds of every group around a schedule `(M, T)` (magnitudes) that was rolled out, with the one-step optima at its
+    /// states: none of them where there is nothing to decide.
+    pub fn bounds(&self, request_w: &[f64], flows: &[Flow], optima: &[StepBounds]) -> Vec<GroupBounds> {
+        let (objectives, searched) = (self.true_objectives(flows), self.objectives(request_w));
+        let mut budgets_w = [f64::INFINITY; 2];
+        let mut out = Vec::with_capacity(self.n_groups());
+        for group in 0..self.n_groups() {
+            let values = [objectives[group], searched[group]];
+            let costs = [CostsOf::Report, CostsOf::Search].map(|of| self.group_costs(group, of));
+            let mut bounds = GroupBounds {
+                objective: values[0],
+                ceiling: self.ceiling(group, values[0]),
+                bound: values[0],
+                search_objective: values[1],
+                search_ceiling: self.ceiling(group, values[1]),
+                search_bound: values[1],
+                is_search_optimum: true,
+                boxes: vec![],
+                may_shed: vec![],
+            };
+            // Losses are not negative, so a group at zero is at its optimum.
+            if !optima.is_empty() && values != [0.0; 2] {
+                let confined = self.confined(request_w, flows, &costs[0], budgets_w[0]);
+                bounds.bound = confined.bound;
+                (bounds.boxes, bounds.may_shed) = (confined.boxes, confined.may_shed);
+                self.freeze(&mut bounds, flows, &optima[group], &costs[1], budgets_w[1]);
+            }
+            let ceilings = [bounds.ceiling, bounds.search_ceiling];
+            out.push(bounds);
+            for ((budget_w, costs), ceiling) in budgets_w.iter_mut().zip(&costs).zip(ceilings) {
+                let cheapest = cheapest_shed(costs);
+                if cheapest > 0.0 {
+                    *budget_w = budget_w.min(ceiling / cheapest);
+                }
+            }
+        }
+        out
+    }
+
+    /// The bound of the convexified program by its one-step problems alone.
+    fn freeze(
+        &self,
+        bounds: &mut GroupBounds,
+        flows: &[Flow],
+        optimum: &StepBounds,
+        costs: &[Losses],
+        budget_w: f64,
+    ) {
+        let n_steps = self.n_steps();
+        let sheds = |t: usize| (0..self.n_strings()).any(|m| bounds.may_shed[m * n_steps + t]);
+        if (0..n_steps).any(sheds) {
+            let most_w: Vec<f64> =
+                (0..n_steps).map(|t| if sheds(t) { self.demand_w[t] } else { 0.0 }).collect();
+            let budgets_w: Vec<f64> = most_w.iter().map(|most| most.min(budget_w)).collect();
+            let steps = self.step_bounds_over(&self.states_along(flows), costs, &budgets_w);
+            bounds.search_bound = least_cost(&steps.bounds, cheapest_shed(costs), &most_w, budget_w);
+        } else {
+            bounds.search_bound = optimum.bounds.iter().map(|step| step.phi).sum();
+        }
+        // Where nothing is shed if every step is at its own optimum, that is the optimum of all steps together.
+        let request_w = self.fitted(&optimum.request_w);
+        bounds.is_search_optimum = self.flows(&request_w).iter().all(|flow| flow.availability_w <= 0.0);
+    }
+}

@@ -1,0 +1,155 @@
+//! Lexicographic local search on the control model.
+
+use super::incumbent::Schedule;
+use super::moves::{Line, Plane};
+use super::ranking::Ranking;
+use super::tracked::Tracked;
+use crate::model::ControlHorizon;
+
+/// Smallest shift of the polish, as a share of nominal power.
+const FINEST: f64 = 1e-7;
+/// A pass that gains less than this share is the last of its kind.
+const WORTHWHILE: f64 = 1e-6;
+/// The same for the polish.
+const NOTICEABLE: f64 = 1e-9;
+/// More strings than this pair up with their neighbours only, in the order of their requests.
+const ALL_PAIRS: usize = 6;
+
+impl ControlHorizon {
+    /// Minimises one group from a schedule `(M, T)` (magnitudes) in the order of a ranking: where the start is above a
+    /// ceiling, that comes first. `max_rollouts` bounds the work, counted in roll-outs of all strings over all steps; returns
+    /// the number used.
+    pub(crate) fn descend(
+        &self,
+        start_w: &[f64],
+        ranking: &Ranking,
+        max_rollouts: usize,
+    ) -> (Schedule, usize) {
+        let size = self.n_strings() * self.n_steps();
+        let mut tracked = Tracked::new(self, 0, &self.start, start_w.to_vec());
+        minimise(&mut tracked, ranking, (max_rollouts * size) as u64);
+        let used = (tracked.string_steps.get() as usize).div_ceil(size);
+        (Schedule { objectives: tracked.objectives(), request_w: tracked.request_w }, used)
+    }
+}
+
+/// Minimises one group after the other, each under the ceilings of those before it.
+pub(crate) fn improve(tracked: &mut Tracked<'_>, budget: u64) {
+    let horizon = tracked.horizon;
+    let mut ranking = Ranking::new(horizon.n_groups());
+    let mut kept = tracked.clone();
+    for group in 0..horizon.n_groups() {
+        ranking.group = group;
+        minimise(tracked, &ranking, budget);
+        ranking.ceilings[group] = horizon.ceiling(group, tracked.objectives()[group]);
+    }
+    // A later group may have used the tolerance of an earlier one, never more; but a start is never made worse.
+    let (before, after) = (kept.objectives(), tracked.objectives());
+    let mut lowest = before;
+    for (value, reached) in lowest.iter_mut().zip(after) {
+        *value = value.min(reached);
+    }
+    if Ranking::under(horizon, horizon.n_groups() - 1, &lowest).better(&before, &after) {
+        kept.string_steps = tracked.string_steps.clone();
+        *tracked = kept;
+    }
+}
+
+/// Minimises the group of a ranking.
+fn minimise(tracked: &mut Tracked<'_>, ranking: &Ranking, budget: u64) {
+    let costs = tracked.objectives();
+    // Costs are not negative: a group at zero is at its optimum.
+    if ranking.excess(&costs) > 0.0 || costs[ranking.group] > 0.0 {
+        if ranking.excess(&costs) > 0.0 {
+            // Under the ceilings by small steps: wide moves may leave the valley that the start was chosen for.
+            polish(tracked, ranking, budget);
+        }
+        descend(tracked, ranking, budget);
+        polish(tracked, ranking, budget);
+    }
+}
+
+/// Passes over single steps until they gain nothing, then over pairs of steps; from the start after any gain.
+fn descend(tracked: &mut Tracked<'_>, ranking: &Ranking, budget: u64) {
+    loop {
+        while gains(tracked, ranking, budget, single_steps) {}
+        if !gains(tracked, ranking, budget, pairs_of_steps) {
+            return;
+        }
+    }
+}
+
+/// Whether a pass gained enough for another one.
+fn gains(tracked: &mut Tracked<'_>, ranking: &Ranking, budget: u64, pass: Pass) -> bool {
+    let before = tracked.objectives();
+    pass(tracked, ranking, budget);
+    tracked.string_steps.get() < budget && ranking.better_by(&tracked.objectives(), &before, WORTHWHILE)
+}
+
+type Pass = fn(&mut Tracked<'_>, &Ranking, u64);
+
+fn single_steps(tracked: &mut Tracked<'_>, ranking: &Ranking, budget: u64) {
+    for step in tracked.first..tracked.end {
+        for strings in pairs(tracked, step) {
+            if tracked.string_steps.get() >= budget {
+                return;
+            }
+            if let Some(line) = Line::new(tracked, step, strings) {
+                line.search(tracked, ranking);
+            }
+        }
+    }
+}
+
+fn pairs_of_steps(tracked: &mut Tracked<'_>, ranking: &Ranking, budget: u64) {
+    for distance in 1..tracked.end - tracked.first {
+        for first in tracked.first..tracked.end - distance {
+            for strings in pairs(tracked, first) {
+                if tracked.string_steps.get() >= budget {
+                    return;
+                }
+                let second = first + distance;
+                let lines = (Line::new(tracked, first, strings), Line::new(tracked, second, strings));
+                if let (Some(first), Some(second)) = lines {
+                    Plane { first, second }.search(tracked, ranking);
+                }
+            }
+        }
+    }
+}
+
+/// Shifts that shrink whenever a pass gains nothing.
+fn polish(tracked: &mut Tracked<'_>, ranking: &Ranking, budget: u64) {
+    let nominal = |m: usize| tracked.horizon.string(m).nominal_w();
+    let largest = (0..tracked.horizon.n_strings()).map(nominal).fold(0.0, f64::max);
+    let mut share = 1e-2;
+    while share > FINEST {
+        let before = tracked.objectives();
+        for step in tracked.first..tracked.end {
+            for strings in pairs(tracked, step) {
+                if tracked.string_steps.get() >= budget {
+                    return;
+                }
+                if let Some(line) = Line::new(tracked, step, strings) {
+                    line.nudge(tracked, ranking, share * largest);
+                }
+            }
+        }
+        if !ranking.better_by(&tracked.objectives(), &before, NOTICEABLE) {
+            share *= 0.25;
+        }
+    }
+}
+
+/// Pairs of strings to shift power between: all of few, neighbours in the order of their requests of many, so that
+/// work grows with the number of strings and not with its square.
+fn pairs(tracked: &Tracked<'_>, step: usize) -> Vec<(usize, usize)> {
+    let n = tracked.horizon.n_strings();
+    if n <= ALL_PAIRS {
+        return (0..n).flat_map(|i| (i + 1..n).map(move |j| (i, j))).collect();
+    }
+    let mut order: Vec<usize> = (0..n).collect();
+    order.sort_by(|&a, &b| tracked.request(b, step).total_cmp(&tracked.request(a, step)));
+    let ends = (order[0], order[n - 1]);
+    order.windows(2).map(|w| (w[0], w[1])).chain([ends]).collect()
+}

@@ -1,0 +1,79 @@
+//! The best schedule known.
+
+use super::ranking::Ranking;
+use crate::model::{ControlHorizon, Costs};
+
+/// Descents end on a ceiling; rounded to what leaves as kW, a schedule may be this much above it, relative.
+const ROUNDING: f64 = 1e-12;
+
+/// A schedule and what it costs.
+#[derive(Debug, Clone)]
+pub struct Schedule {
+    /// Requests `(M, T)`, magnitudes [W].
+    pub request_w: Vec<f64>,
+    /// Objectives of the groups; those beyond the number of groups are zero.
+    pub objectives: Costs,
+}
+
+impl ControlHorizon {
+    /// A schedule of requests `(M, T)` (magnitudes) with its objectives.
+    pub fn rated(&self, request_w: Vec<f64>) -> Schedule {
+        Schedule { objectives: self.objectives(&request_w), request_w }
+    }
+}
+
+/// The best schedule offered so far.
+///
+/// Each group has a ceiling, its smallest value seen plus its tolerance; schedules under all ceilings compare by the
+/// last group. The ceilings only fall, so that small steps within a tolerance cannot add up.
+#[derive(Debug, Clone)]
+pub struct Incumbent {
+    /// The best.
+    pub schedule: Schedule,
+    /// Smallest value seen of each group but the last.
+    lowest: Costs,
+}
+
+impl Incumbent {
+    /// The first schedule known.
+    pub fn new(schedule: Schedule) -> Self {
+        Self { lowest: schedule.objectives, schedule }
+    }
+
+    /// The order in which a group is minimised under the ceilings of those before it.
+    pub(crate) fn ranking(&self, horizon: &ControlHorizon, group: usize) -> Ranking {
+        Ranking::under(horizon, group, &self.lowest)
+    }
+
+    /// Smallest value seen of each group, and of the last the value held.
+    pub(crate) fn standing(&self, horizon: &ControlHorizon) -> Costs {
+        let last = horizon.n_groups() - 1;
+        let mut standing = self.lowest;
+        standing[last] = self.schedule.objectives[last];
+        standing
+    }
+
+    /// Takes a schedule if it comes before what is held, and says so.
+    pub fn offer(&mut self, horizon: &ControlHorizon, schedule: Schedule) -> bool {
+        let objectives = &schedule.objectives;
+        if objectives.iter().any(|value| !value.is_finite()) {
+            return false;
+        }
+        let last = horizon.n_groups() - 1;
+        for (group, &objective) in objectives[..last].iter().enumerate() {
+            self.lowest[group] = self.lowest[group].min(objective);
+            if objective > horizon.ceiling(group, self.lowest[group]) {
+                break;
+            }
+        }
+        let mut ranking = self.ranking(horizon, last);
+        for ceiling in &mut ranking.ceilings[..last] {
+            *ceiling += ROUNDING * ceiling.abs();
+        }
+        let takes = ranking.better(objectives, &self.schedule.objectives);
+        if takes {
+            self.schedule = schedule;
+        }
+        takes
+    }
+}

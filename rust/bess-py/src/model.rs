@@ -1,0 +1,127 @@
+use bess_control::{Flow, Rollouts};
+use bess_tables::Direction;
+use numpy::{PyReadonlyArray1, PyReadonlyArray3};
+use pyo3::prelude::*;
+
+use crate::arrays::{check_shape, cube, flat, matrix, refused, vector, Cube, Matrix, Vector, W_PER_KW};
+use crate::system::System;
+
+/// What schedules do, each array `(B, M, T)`; positive = discharge, losses `>= 0`.
+#[pyclass(frozen, get_all, module = "bess._core")]
+pub struct RolloutArrays {
+    delivered_kw: Cube,
+    availability_loss_kw: Cube,
+    derating_loss_kw: Cube,
+    inverter_loss_kw: Cube,
+    battery_loss_kw: Cube,
+    current_a: Cube,
+    soc: Cube,
+    temperature_c: Cube,
+}
+
+/// What one schedule does, each array `(M, T)`; positive = discharge, losses `>= 0`.
+#[pyclass(frozen, get_all, module = "bess._core")]
+pub struct FlowArrays {
+    delivered_kw: Matrix,
+    availability_loss_kw: Matrix,
+    derating_loss_kw: Matrix,
+    inverter_loss_kw: Matrix,
+    battery_loss_kw: Matrix,
+    current_a: Matrix,
+    soc: Matrix,
+    temperature_c: Matrix,
+}
+
+impl FlowArrays {
+    /// From flows `(M, T)` and the sign of each step.
+    pub(crate) fn new(py: Python<'_>, flows: &[Flow], signs: &[f64]) -> Self {
+        let n_steps = signs.len();
+        let rows = flows.len() / n_steps.max(1);
+        let pick = |of: &dyn Fn(usize, &Flow) -> f64| {
+            matrix(py, rows, flows.iter().enumerate().map(|(i, flow)| of(i % n_steps, flow)).collect())
+        };
+        Self {
+            delivered_kw: pick(&|t, flow| signs[t] * flow.delivered_w / W_PER_KW),
+            availability_loss_kw: pick(&|_, flow| flow.availability_w / W_PER_KW),
+            derating_loss_kw: pick(&|_, flow| flow.derating_w / W_PER_KW),
+            inverter_loss_kw: pick(&|_, flow| flow.inverter_w / W_PER_KW),
+            battery_loss_kw: pick(&|_, flow| flow.battery_w / W_PER_KW),
+            current_a: pick(&|t, flow| signs[t] * flow.current_a),
+            soc: pick(&|_, flow| flow.end.soc),
+            temperature_c: pick(&|_, flow| flow.end.temperature_c),
+        }
+    }
+}
+
+/// Control model of a plant.
+#[pyclass(frozen, module = "bess._core")]
+pub struct ControlModel {
+    pub(crate) inner: bess_control::ControlModel,
+}
+
+#[pymethods]
+impl ControlModel {
+    #[new]
+    fn new(system: &System) -> Self {
+        Self { inner: bess_control::ControlModel::new(&system.inner) }
+    }
+
+    /// Rolls out signed requests `(B, M, T)` [kW].
+    fn rollout(
+        &self,
+        py: Python<'_>,
+        soc0: PyReadonlyArray1<'_, f64>,
+        temperature0_c: PyReadonlyArray1<'_, f64>,
+        request_kw: PyReadonlyArray3<'_, f64>,
+        ambient_c: PyReadonlyArray1<'_, f64>,
+        dt_h: f64,
+    ) -> PyResult<RolloutArrays> {
+        let (soc, temperature_c) = (flat(soc0.as_array(), 1.0), flat(temperature0_c.as_array(), 1.0));
+        let ambient_c = flat(ambient_c.as_array(), 1.0);
+        let view = request_kw.as_array();
+        let shape = view.dim();
+        check_shape("request", &[shape.0, self.inner.strings().len(), ambient_c.len()], view.shape())?;
+        let requests_w = flat(view, W_PER_KW);
+        let out: Rollouts = py
+            .detach(|| {
+                let start = self.inner.states(&soc, &temperature_c)?;
+                self.inner.rollout(&start, &requests_w, &ambient_c, dt_h)
+            })
+            .map_err(refused)?;
+        let scaled =
+            |values: Vec<f64>, unit: f64| cube(py, shape, values.into_iter().map(|v| v / unit).collect());
+        Ok(RolloutArrays {
+            delivered_kw: scaled(out.delivered_w, W_PER_KW),
+            availability_loss_kw: scaled(out.availability_w, W_PER_KW),
+            derating_loss_kw: scaled(out.derating_w, W_PER_KW),
+            inverter_loss_kw: scaled(out.inverter_w, W_PER_KW),
+            battery_loss_kw: scaled(out.battery_w, W_PER_KW),
+            current_a: scaled(out.current_a, 1.0),
+            soc: scaled(out.soc, 1.0),
+            temperature_c: scaled(out.temperature_c, 1.0),
+        })
+    }
+
+    /// Largest AC power of each string over the next interval, before derating `(M,)` [kW].
+    fn max_power_kw(
+        &self,
+        py: Python<'_>,
+        soc0: PyReadonlyArray1<'_, f64>,
+        temperature0_c: PyReadonlyArray1<'_, f64>,
+        discharge: bool,
+        dt_h: f64,
+    ) -> PyResult<Vector> {
+        let (soc, temperature_c) = (flat(soc0.as_array(), 1.0), flat(temperature0_c.as_array(), 1.0));
+        let states = self.inner.states(&soc, &temperature_c).map_err(refused)?;
+        let direction = if discharge { Direction::Discharge } else { Direction::Charge };
+        let limits = self.inner.limits_w(&states, direction, dt_h);
+        Ok(vector(py, limits.into_iter().map(|p| p / W_PER_KW).collect()))
+    }
+
+    /// Constants of normalisation of each string [kW]: inverter loss at `p_N` in charge, and `h_N`.
+    fn nominal_loss_kw(&self, py: Python<'_>) -> (Vector, Vector) {
+        let (inverter, battery) = self.inner.nominal_losses_w();
+        let kw = |values: Vec<f64>| vector(py, values.into_iter().map(|p| p / W_PER_KW).collect());
+        (kw(inverter), kw(battery))
+    }
+}
