@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 RUST_SOURCES := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name 'Cargo.toml')
 
-.PHONY: demo test test-rust test-python lint bench cases docs clean
+.PHONY: demo test test-rust test-python lint bench cases arena docs clean
 
 demo: $(VENV)/built
 	rm -rf demo-case1
@@ -38,6 +38,10 @@ cases: $(VENV)/built
 	rm -rf results/cases
 	$(BIN)/python docs/make_cases.py results/cases
 	$(BIN)/python docs/make_ageing.py
+
+# Every rule and mpc in every scenario of the arena (some minutes), and the tables of arena.md.
+arena: $(VENV)/built
+	$(BIN)/python benches/arena.py --page
 
 docs: $(VENV)/built
 	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build/html

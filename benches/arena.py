@@ -3,6 +3,7 @@
     python benches/arena.py                                   every rule and mpc, every scenario
     python benches/arena.py --policies mpc --only seven-days  one of them (rules always run beside it)
     python benches/arena.py --set policy.foresight_h=48       keys of the study, not for rules
+    python benches/arena.py --page                            the tables of docs/arena.md (make arena)
 
 Cost is 3 x undelivered + losses [kWh]; "against rules" is its difference to the best rule, in per cent.
 """
@@ -12,16 +13,24 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import tempfile
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pandas as pd
+
 import bess
 from bess.study import expand
 
 RULES = ("equal", "priority", "soc", "temperature")
+PAGE = Path(__file__).parents[1] / "docs" / "_cases"
+STORED = PAGE / "arena.json"
+WINS = 3e-3
+"""A rule wins where it costs less than this share of its cost, or delivers more by it."""
 SHORTFALL = 3.0
 """What an undelivered kilowatt-hour costs, beside one of losses."""
 
@@ -58,11 +67,16 @@ class Score:
 
 def score(study: bess.Study) -> Score:
     """Run a study and measure it."""
+    return measured(study)[0]
+
+
+def measured(study: bess.Study) -> tuple[Score, bess.Result]:
+    """Run a study and measure it; the result as well."""
     started = time.process_time()
     result = bess.run(study, progress=False)
     cpu_s = time.process_time() - started
     kpis = result.kpis
-    return Score(
+    made = Score(
         asked_kwh=kpis["demand_kwh"] - kpis["unmet_kwh"],
         delivered_kwh=kpis["delivered_kwh"],
         undelivered_kwh=kpis["availability_loss_kwh"] + kpis["derating_loss_kwh"],
@@ -74,6 +88,7 @@ def score(study: bess.Study) -> Score:
         cpu_s=cpu_s,
         net_eur=kpis.get("net_eur"),
     )
+    return made, result
 
 
 def scenarios(only: Iterable[str] = ()) -> dict[str, bess.Study]:
@@ -118,6 +133,121 @@ def line(name: str, policy: str, scores: Mapping[str, Score]) -> str:
     return f"{text}  {100.0 * cost:+7.2f} {-100.0 * less:+7.2f}"
 
 
+def trades(folder: Path) -> dict[str, bess.Study]:
+    """Scenarios in which a plant trades at synthetic prices, which are written into ``folder``."""
+    hours = np.arange(24 * 6)
+    random = np.random.default_rng(4)
+    daily = 45.0 * np.sin(2.0 * np.pi * (hours - 1.0) / 12.0) - 20.0 * np.sin(2.0 * np.pi * hours / 24.0)
+    price = pd.Series(75.0 + daily + random.normal(0.0, 9.0, hours.size)).round(2)
+    times = pd.date_range("2024-01-01", periods=hours.size, freq="h", tz="UTC")
+    table = pd.DataFrame({"time": times.strftime("%Y-%m-%dT%H:%M:%SZ"), "DE-LU": price})
+    table.to_csv(folder / "prices.csv", index=False)
+    return {
+        f"{name}-trade": bess.Study.from_document(
+            {
+                "name": f"{name}-trade",
+                "system": {"n_strings": count},
+                "demand": {"kind": "arbitrage", "prices": str(folder / "prices.csv")},
+                "run": {"days": 4},
+            },
+            "arena",
+        )
+        for name, count in (("two", 2), ("four", 4))
+    }
+
+
+def page() -> None:
+    """Run everything, store it and write the tables of the page."""
+    stored: dict[str, Any] = {"scenarios": {}, "trades": {}}
+    for name, study in scenarios().items():
+        scores = {rule: score(study.with_values({"policy.name": rule})) for rule in RULES}
+        scores["mpc"], result = measured(study.with_values({"policy.name": "mpc"}))
+        stored["scenarios"][name] = _plain(scores) | {"proven_kwh": round(proven_kwh(result), 4)}
+        print(line(name, "mpc", scores), flush=True)
+    with tempfile.TemporaryDirectory(prefix="bess-arena-") as folder:
+        for name, study in trades(Path(folder)).items():
+            stored["trades"][name] = _plain(compete(study, ["mpc"], {}))
+    STORED.write_text(json.dumps(stored, indent=1) + "\n", encoding="utf-8")
+    for name, text in tables(json.loads(STORED.read_text(encoding="utf-8"))).items():
+        (PAGE / name).write_text(text, encoding="utf-8")
+
+
+def proven_kwh(result: bess.Result) -> float:
+    """What no split of the demand of a run could go below [kWh]."""
+    return bess.hindsight(result).bound_kwh
+
+
+def read(scenario: Mapping[str, Any]) -> dict[str, Score]:
+    """Scores of a stored scenario."""
+    return {name: Score(**values) for name, values in scenario.items() if name != "proven_kwh"}
+
+
+def tables(stored: Mapping[str, Any]) -> dict[str, str]:
+    """Text of the files that ``docs/arena.md`` includes."""
+    everything = {name: read(scenario) for name, scenario in stored["scenarios"].items()}
+    proven = {name: scenario["proven_kwh"] for name, scenario in stored["scenarios"].items()}
+    short = [["scenario", "best rule", "its cost", "`mpc`, cost", "against it", "lost by `mpc`", "possible",
+              "proven", "possible / lost"]]  # fmt: skip
+    full = [
+        ["scenario", "policy", "lost", "undelivered", "starts", "peak [°C]", "CPU [s]", "possible / lost"]
+    ]
+    for name, scores in everything.items():
+        rule = min(RULES, key=lambda each, scores=scores: scores[each].cost_kwh)
+        possible = min(each.lost_kwh for each in scores.values())
+        mpc = scores["mpc"]
+        against = f"{100.0 * behind_rules(scores, 'mpc')[0]:+.1f} %"
+        losses = _kwh(mpc.lost_kwh, possible, proven[name])
+        short.append([f"`{name}`", f"`{rule}`", *_kwh(scores[rule].cost_kwh, mpc.cost_kwh), against,
+                      *losses, _share(possible, mpc.lost_kwh)])  # fmt: skip
+        for policy, each in scores.items():
+            full.append([f"`{name}`", f"`{policy}`", *_kwh(each.lost_kwh, each.undelivered_kwh),
+                         f"{each.starts:.0f}", f"{each.peak_c:.1f}", f"{each.cpu_s:.1f}",
+                         _share(possible, each.lost_kwh)])  # fmt: skip
+    money = [["scenario", *(f"`{policy}`" for policy in next(iter(stored["trades"].values())))]]
+    for name, trade in stored["trades"].items():
+        money.append([f"`{name}`", *(f"{each.net_eur or 0.0:.2f}" for each in read(trade).values())])
+    made = {
+        "arena.md": f"{_table(short)}\n{_sentence(everything)}\n",
+        "arena-all.md": _table(full),
+        "arena-money.md": _table(money),
+    }
+    return {name: f"<!-- written by make arena -->\n\n{text}" for name, text in made.items()}
+
+
+def _sentence(everything: Mapping[str, Mapping[str, Score]]) -> str:
+    behind = {name: behind_rules(scores, "mpc") for name, scores in everything.items()}
+    costs = [cost for cost, _ in behind.values()]
+    won = [f"`{name}`" for name, (cost, less) in behind.items() if cost > WINS or less > WINS]
+    return (
+        f"In the mean over {len(behind)} scenarios `mpc` costs {100.0 * abs(np.mean(costs)):.1f} % "
+        f"{'less' if np.mean(costs) < 0.0 else 'more'} than the best rule of each, at worst "
+        f"{100.0 * max(costs):+.1f} %. A rule wins (by more than {100.0 * WINS:g} %, in cost or in energy "
+        f"delivered) in {len(won)}{': ' + ', '.join(won) if won else ''}."
+    )
+
+
+def _plain(scores: Mapping[str, Score]) -> dict[str, Any]:
+    return {
+        policy: {
+            key: value if value is None else float(f"{value:.7g}") for key, value in asdict(each).items()
+        }
+        for policy, each in scores.items()
+    }
+
+
+def _kwh(*values: float) -> list[str]:
+    return [f"{value:,.0f}" for value in values]
+
+
+def _share(part: float, whole: float) -> str:
+    return f"{100.0 * part / whole:.0f} %"
+
+
+def _table(rows: list[list[str]]) -> str:
+    head, *body = ("| " + " | ".join(row) + " |" for row in rows)
+    return "\n".join([head, "|" + " --- |" * len(rows[0]), *body]) + "\n"
+
+
 def main() -> None:
     """Run the arena and print its table."""
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
@@ -128,7 +258,11 @@ def main() -> None:
         "--rules", action="store_true", help="print the rows of all rules, not of the best"
     )
     arguments.add_argument("--json", type=Path, help="also write every score to this file")
+    arguments.add_argument("--page", action="store_true", help="write the tables of the documentation")
     chosen = arguments.parse_args()
+    if chosen.page:
+        page()
+        return
     values = {key: _value(text) for key, text in (item.split("=", 1) for item in chosen.values)}
     print(
         f"{'scenario':22s} {'policy':12s} {'cost':>9s} {'lost kWh':>9s} {'undeliv.':>9s} {'inverter':>8s} "
@@ -155,7 +289,7 @@ def summary(everything: Mapping[str, Mapping[str, Score]], policy: str) -> str:
     """One sentence on a policy over all scenarios."""
     behind = {name: behind_rules(scores, policy) for name, scores in everything.items()}
     costs = [cost for cost, _ in behind.values()]
-    lost = [name for name, (cost, less) in behind.items() if cost > 3e-3 or less > 3e-3]
+    lost = [name for name, (cost, less) in behind.items() if cost > WINS or less > WINS]
     cpu_s = sum(scores[policy].cpu_s for scores in everything.values())
     return (
         f"{policy}: cost against the best rule {100 * sum(costs) / len(costs):+.1f} % in the mean, "

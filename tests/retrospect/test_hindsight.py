@@ -68,6 +68,15 @@ def test_with_prices_hindsight_is_told_in_euros_too(tmp_path: Path) -> None:
     assert "In money" in str(sight)
 
 
+def test_a_report_tells_it_when_asked(tmp_path: Path) -> None:
+    result = bess.run(study(**{"run.days": 0.25}), progress=False, out=tmp_path / "run")
+    sentence = str(bess.hindsight(result))
+    page = bess.write_report(tmp_path / "run")
+    assert "is proven impossible" not in page.read_text(encoding="utf-8")
+    page = bess.write_report(tmp_path / "run", hindsight=True)
+    assert sentence in page.read_text(encoding="utf-8")
+
+
 def test_what_is_no_record_of_a_study_and_an_unknown_effort_are_refused() -> None:
     result = bess.run(study(**{"run.days": 0.25}), progress=False)
     with pytest.raises(bess.InputError, match="effort = 'endless'"):

@@ -117,11 +117,14 @@ def sweep(
 @app.command()
 def report(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run or of several.")],
+    hindsight: Annotated[
+        bool, typer.Option("--hindsight", help="Say what was possible as well: seconds for a week.")
+    ] = False,
 ) -> None:
     """Draw the figures of a run and write a self-contained HTML page."""
     from bess.report import write_report
 
-    print(write_report(directory))
+    print(write_report(directory, hindsight=hindsight))
 
 
 @app.command()

@@ -54,7 +54,7 @@ class Section:
     figures: list[Shown]
 
 
-def write_report(directory: str | Path) -> Path:
+def write_report(directory: str | Path, *, hindsight: bool = False) -> Path:
     """Write ``report.html`` and ``figures/`` for a run, a set of scenarios, or a sweep.
 
     The page needs no network and no other file. A set of a few scenarios gets a page that compares them, and
@@ -65,6 +65,8 @@ def write_report(directory: str | Path) -> Path:
     ----------
     directory
         ``--out`` of ``bess run`` or ``bess sweep``.
+    hindsight
+        Say on the page of every run what was possible as well (:func:`bess.hindsight`); seconds for a week.
 
     Returns
     -------
@@ -80,11 +82,11 @@ def write_report(directory: str | Path) -> Path:
     runs, problems = runs_in(directory)
     if len(runs) == 1 and (directory / IDENTITY).exists():
         (run,) = runs.values()
-        return _run_page(directory, run, problems)
+        return _run_page(directory, run, problems, hindsight=hindsight)
     sweep = read_sweep(directory)
     if len(runs) <= MOST_COMPARED:
         for run in runs.values():
-            _run_page(run.directory, run, {}, within=_title(directory))
+            _run_page(run.directory, run, {}, within=_title(directory), hindsight=hindsight)
     return _comparison_page(directory, runs, problems, sweep)
 
 
@@ -112,7 +114,9 @@ def write_comparison(runs: dict[str, Run], directory: Path) -> Path:
     return _comparison_page(directory, runs, {}, None, title="Comparison of " + ", ".join(runs))
 
 
-def _run_page(directory: Path, run: Run, problems: dict[str, str], within: str = "") -> Path:
+def _run_page(
+    directory: Path, run: Run, problems: dict[str, str], within: str = "", *, hindsight: bool = False
+) -> Path:
     folder = directory / FIGURES
     sections = [
         _section("overview", "Overview", overview(run), folder),
@@ -124,7 +128,7 @@ def _run_page(directory: Path, run: Run, problems: dict[str, str], within: str =
         "title": run.name if within else _title(directory),
         "within": within,
         "subject": subject(one),
-        "summary": summary(one),
+        "summary": [*summary(one), *([_hindsight(run)] if hindsight else [])],
         "tiles": tiles(run.kpis),
         "warnings": warnings(one, problems),
         "sections": sections,
@@ -134,6 +138,12 @@ def _run_page(directory: Path, run: Run, problems: dict[str, str], within: str =
         "made_with": run.identity["version"],
     }
     return _write(directory, values)
+
+
+def _hindsight(run: Run) -> str:
+    from bess.retrospect import hindsight  # loads the solver, which no other page needs
+
+    return str(hindsight(run.dataset))
 
 
 def _comparison_page(
