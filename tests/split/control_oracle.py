@@ -1,4 +1,4 @@
-"""MODEL.md section 3 once more, from the text, in plain Python: the oracle of the compiled control model.
+"""Equations 1 to 6 once more, from the text, in plain Python: the oracle of the compiled control model.
 
 Works on the parameters as validated (cell level), one string at a time, and finds the limit by bisection.
 """

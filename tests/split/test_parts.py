@@ -1,5 +1,7 @@
 """Objectives, envelopes, lexicographic driver, and the compiled relaxation."""
 
+from types import SimpleNamespace
+
 import cvxpy as cp
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ import scipy.sparse as sp
 
 import bess
 from bess.split.objectives import Objective, Objectives
+from bess.split.relaxation import conic
 from bess.split.relaxation.conic import ConicProgram, NodeStatus, solve
 from bess.split.relaxation.envelope import Envelope
 from bess.split.relaxation.equations import build, compiled
@@ -143,3 +146,49 @@ def test_an_unsolvable_node_gives_no_bound():
     answer = solve(data, np.zeros(program.n_columns, dtype=bool), np.zeros(program.n_columns))
     assert answer.status is NodeStatus.UNKNOWN
     assert answer.bound == -np.inf
+
+
+def test_a_dual_point_that_is_only_almost_feasible_pays_for_its_residual(monkeypatch):
+    """Clarabel's duals, a hundredth too large: their objective is above the optimum, the bound is not."""
+    program = _norm_program()
+    data = program.load({"limit": np.array([1.0, 1.0, 0.0])})
+    real = conic.clarabel.DefaultSolver
+
+    class AlmostSolved:
+        def __init__(self, P, q, A, b, *rest):
+            self.b, self.solver = b, real(P, q, A, b, *rest)
+
+        def solve(self):
+            answer = self.solver.solve()
+            z = 1.01 * np.array(answer.z)
+            return SimpleNamespace(
+                status="AlmostSolved",
+                x=answer.x,
+                z=z,
+                obj_val_dual=-float(self.b @ z),
+                obj_val=answer.obj_val,
+            )
+
+    optimum = solve(data, np.zeros(program.n_columns, dtype=bool), np.zeros(program.n_columns)).bound
+    monkeypatch.setattr(conic.clarabel, "DefaultSolver", AlmostSolved)
+    answer = solve(data, np.zeros(program.n_columns, dtype=bool), np.zeros(program.n_columns))
+    assert answer.status is NodeStatus.SOLVED
+    assert answer.bound <= optimum
+
+
+@pytest.mark.parametrize("status", ["MaxIterations", "NumericalError", "InsufficientProgress"])
+def test_only_solved_or_certified_nodes_have_a_bound(monkeypatch, status):
+    program = _norm_program()
+    data = program.load({"limit": np.array([1.0, 1.0, 0.0])})
+    unfinished = SimpleNamespace(status=status, x=[0.0] * 4, z=[0.0] * 4, obj_val_dual=99.0, obj_val=99.0)
+    monkeypatch.setattr(conic.clarabel, "DefaultSolver", lambda *_: SimpleNamespace(solve=lambda: unfinished))
+    answer = solve(data, np.zeros(program.n_columns, dtype=bool), np.zeros(program.n_columns))
+    assert (answer.status, answer.bound) == (NodeStatus.UNKNOWN, -np.inf)
+
+
+def test_the_bound_of_a_node_is_its_dual_objective_and_a_margin_below_the_optimum():
+    program = _norm_program()
+    data = program.load({"limit": np.array([1.0, 1.0, 1.0])})
+    answer = solve(data, np.zeros(program.n_columns, dtype=bool), np.zeros(program.n_columns))
+    # x = (1, 1, 1): the norm of (-1, 0).
+    assert 1.0 - 1e-4 <= answer.bound < 1.0 - 5e-7

@@ -183,3 +183,64 @@ def test_a_gap_already_closed_needs_one_node():
     problem = knapsack(2)
     problem.best = problem.optimum()
     assert search(problem, *free(14), gap=0.5, node_limit=100).nodes == 1
+
+
+class FailingLeaves:
+    """Two binaries; inner nodes have the bound 0, every leaf fails, and the optimum, 1, is in one of them."""
+
+    n_binaries = 2
+
+    def __init__(self, known):
+        self.known = known
+
+    def incumbent(self):
+        return self.known
+
+    def solve(self, lower, upper):
+        if (lower == upper).all():
+            return Node(-np.inf, None)
+        return Node(0.0, np.where(lower < upper, 0.5, lower).astype(float))
+
+
+@pytest.mark.parametrize("known", [10.0, np.inf])
+def test_leaves_that_were_not_solved_hold_the_bound_down(known):
+    outcome = search(FailingLeaves(known), *free(2), gap=1e-3, node_limit=100)
+    assert outcome.closure is Closure.TREE
+    assert outcome.bound <= 1.0
+
+
+def test_a_bound_is_never_below_what_was_known_before():
+    outcome = search(FailingLeaves(10.0), *free(2), gap=1e-3, node_limit=100, start_bound=0.75)
+    assert 0.75 <= outcome.bound <= 1.0
+
+
+def test_a_node_with_an_integral_optimum_is_closed_and_still_holds_the_bound_down():
+    class Integral:
+        """The root's optimum is integral at 2; what is known costs 3."""
+
+        n_binaries = 2
+
+        def incumbent(self):
+            return 3.0
+
+        def solve(self, lower, upper):
+            return Node(2.0, np.array([0.0, 1.0]))
+
+    outcome = search(Integral(), *free(2), gap=1e-3, node_limit=100)
+    assert (outcome.closure, outcome.bound, outcome.nodes) == (Closure.TREE, 2.0, 1)
+
+
+@pytest.mark.parametrize(("known", "closed"), [(1.0005, True), (1.01, False)])
+def test_the_gap_is_closed_within_the_relative_gap_and_not_beyond(known, closed):
+    class Root:
+        n_binaries = 1
+
+        def incumbent(self):
+            return known
+
+        def solve(self, lower, upper):
+            return Node(1.0, np.array([0.5]))
+
+    outcome = search(Root(), *free(1), gap=1e-3, node_limit=1)
+    assert (outcome.closure is Closure.GAP) == closed
+    assert outcome.bound <= known

@@ -1,4 +1,4 @@
-"""Key figures of a run, from the plant's record only (MODEL.md section 7)."""
+"""Key figures of a run, from the plant's record only (docs/equations.md, KPIs)."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from bess.policies.policy import Situation
 
 
 class Capability:
-    """Largest power of each string that its SOC window and its voltage allow (MODEL.md section 3, item 3)."""
+    """Largest power of each string that its SOC window and its voltage allow (equation 3)."""
 
     def __init__(self, system: System, dt_h: float) -> None:
         self._system = system

@@ -1,2 +1,1 @@
-"""Power split: objectives, relaxation, branch and bound, and the control model it decides with (MODEL.md 3,
-4)."""
+"""Power split: objectives, search and certificate; told on one page in docs/algorithm.md."""

@@ -1,4 +1,4 @@
-"""The control model on given requests (MODEL.md section 3)."""
+"""The control model on given requests (docs/equations.md, 1 to 6)."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def rollout(
     dt_h: float = 0.25,
     ambient_c: ArrayLike | None = None,
 ) -> Rollout:
-    """Roll requests out with the control model, the controller's picture of the plant (MODEL.md section 3).
+    """Roll requests out with the control model, the controller's picture of the plant (equations 1 to 6).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The convex relaxation of the power split, written once in CVXPY (docs/equations.md, equations 20 to 33).
+"""The convex relaxation of the power split, written once in CVXPY (docs/equations.md, equations 11 to 22).
 
 One program for ``n_strings`` strings over ``n_steps`` steps. Everything that changes from call to call is a
 parameter, so it is compiled once and re-used. It serves two data sets (:mod:`bess.split.relaxation.data`):

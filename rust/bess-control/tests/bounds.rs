@@ -1,0 +1,214 @@
+//! No schedule goes below a bound or leaves the states that it is said to stay in: random schedules, near every end.
+#![allow(missing_docs)]
+
+use bess_control::{ControlHorizon, ControlModel, Effort, Losses, Problem, StateBox};
+use bess_tables::System;
+
+mod common;
+
+const N_STRINGS: usize = 3;
+const N_STEPS: usize = 5;
+const SIZE: usize = N_STRINGS * N_STEPS;
+const EFFORT: Effort = Effort { rollouts: 300, deadline: None };
+
+/// A plant of strings that differ in size of the inverter table, capacity and resistance, in one corner of its states.
+struct Case {
+    horizon: ControlHorizon,
+    costs: Vec<Losses>,
+}
+
+fn system() -> System {
+    let mut system = common::reference(N_STRINGS);
+    let (capacity, resistance) = ([1.0, 0.8, 1.1], [1.0, 1.6, 0.7]);
+    system = system.aged(&capacity, &resistance).unwrap();
+    system
+}
+
+fn case(corner: usize, seed: u64) -> Case {
+    let at = |i: u64| common::uniform(7919 * seed + i);
+    let (soc, warm) = [(0.45, 25.0), (0.0, 25.0), (0.9, 25.0), (0.45, 45.0)][corner];
+    let model = ControlModel::new(&system());
+    let (inverter, battery) = model.nominal_losses_w();
+    let n = SIZE as f64;
+    let weights = [[1.0, 1.0, 1.0], [1.0, 1.0, 0.0], [1.0, 0.0, 1.0]][(seed % 3) as usize];
+    let costs: Vec<Losses> = (0..N_STRINGS)
+        .map(|m| Losses {
+            availability: 0.0,
+            derating: weights[0] / common::NOMINAL_W / n,
+            inverter: weights[1] / inverter[m] / n,
+            battery: weights[2] / battery[m] / n,
+        })
+        .collect();
+    let first = [1.0 / common::NOMINAL_W / n, 0.0, 0.0, 0.0].repeat(N_STRINGS);
+    let both: Vec<f64> = first.into_iter().chain(costs.iter().flat_map(|c| c.to_array())).collect();
+    let total_w = common::NOMINAL_W * N_STRINGS as f64;
+    let turn = |t: u64| if seed % 2 == 0 || at(50 + t) < 0.5 { 1.0 } else { -1.0 };
+    let sign = if corner == 2 { -1.0 } else { 1.0 };
+    let problem = Problem {
+        soc: &(0..N_STRINGS as u64).map(|m| soc + 0.1 * at(m)).collect::<Vec<_>>(),
+        temperature_c: &(0..N_STRINGS as u64).map(|m| warm + 9.0 * at(10 + m)).collect::<Vec<_>>(),
+        demand_w: &(0..N_STEPS as u64)
+            .map(|t| sign * turn(t) * (0.05 + 0.9 * at(20 + t)) * total_w)
+            .collect::<Vec<_>>(),
+        ambient_c: &[25.0; N_STEPS],
+        dt_h: common::DT_H,
+        limit_w: &[common::NOMINAL_W; SIZE],
+        costs: &both,
+        search_costs: &both,
+        tolerance_abs: &[1e-9, 1e-9],
+        tolerance_rel: &[0.0, 0.0],
+    };
+    Case { horizon: ControlHorizon::new(model, &problem).unwrap(), costs }
+}
+
+/// Schedules all over the place, and close to a good one.
+fn schedules(horizon: &ControlHorizon, seed: u64) -> Vec<Vec<f64>> {
+    let best = horizon.split(None, &EFFORT).incumbent.schedule.request_w;
+    let mut out = vec![best.clone()];
+    for k in 0..60 {
+        let at = |i: usize| common::uniform(104_729 * seed + 1000 * k + i as u64);
+        let sharp = [0.2, 1.0, 20.0][(k % 3) as usize];
+        let far: Vec<f64> = (0..SIZE).map(|i| at(i).powf(sharp)).collect();
+        let far = horizon.fitted(&far);
+        let share = if k % 2 == 0 { 1.0 } else { 0.1 * at(SIZE) };
+        out.push(best.iter().zip(far).map(|(a, b)| (1.0 - share) * a + share * b).collect());
+    }
+    out
+}
+
+/// Availability loss [W], second objective, and the flows of a schedule.
+fn rolled(case: &Case, request_w: &[f64]) -> (f64, f64, Vec<bess_control::Flow>) {
+    let flows = case.horizon.flows(request_w);
+    let shed_w = flows.iter().map(|flow| flow.availability_w).sum();
+    let cost = flows.iter().enumerate().map(|(i, flow)| flow.losses().cost(&case.costs[i / N_STEPS])).sum();
+    (shed_w, cost, flows)
+}
+
+fn contains(states: &StateBox, soc: f64, temperature_c: f64) -> bool {
+    (states.soc.low..=states.soc.high).contains(&soc)
+        && (states.temperature_c.low..=states.temperature_c.high).contains(&temperature_c)
+}
+
+fn for_all_cases(check: impl Fn(&Case, &[Vec<f64>])) {
+    for corner in 0..4 {
+        for seed in 0..9 {
+            let case = case(corner, seed);
+            check(&case, &schedules(&case.horizon, seed));
+        }
+    }
+}
+
+#[test]
+fn every_schedule_stays_in_the_reachable_states() {
+    for_all_cases(|case, schedules| {
+        let boxes = case.horizon.reachable();
+        for request_w in schedules {
+            for (i, flow) in case.horizon.flows(request_w).iter().enumerate() {
+                let (m, t) = (i / N_STEPS, i % N_STEPS);
+                let states = &boxes[m * (N_STEPS + 1) + t + 1];
+                assert!(contains(states, flow.end.soc, flow.end.temperature_c));
+            }
+        }
+    });
+}
+
+#[test]
+fn no_schedule_is_below_the_confined_bound_and_no_better_one_leaves_the_confined_states() {
+    for_all_cases(|case, schedules| {
+        let known: Vec<_> = schedules.iter().map(|request_w| rolled(case, request_w)).collect();
+        for reference in [0, 2, 7] {
+            let (budget_w, cost, _) = &known[reference];
+            let confined = case.horizon.confine(&schedules[reference], &case.costs, *budget_w).unwrap();
+            assert!(confined.bound <= *cost);
+            for (shed_w, other, flows) in &known {
+                if shed_w > budget_w {
+                    continue;
+                }
+                assert!(*other >= confined.bound, "{other} below {}", confined.bound);
+                if other > cost {
+                    continue;
+                }
+                for (i, flow) in flows.iter().enumerate() {
+                    let states = &confined.boxes[i / N_STEPS * (N_STEPS + 1) + i % N_STEPS + 1];
+                    assert!(contains(states, flow.end.soc, flow.end.temperature_c));
+                    assert!(flow.availability_w <= 0.0 || confined.may_shed[i]);
+                }
+            }
+        }
+    });
+}
+
+#[test]
+fn no_step_of_a_schedule_costs_less_than_its_cut() {
+    for_all_cases(|case, schedules| {
+        let boxes: Vec<StateBox> =
+            case.horizon.reachable().chunks(N_STEPS + 1).flat_map(|row| row[..N_STEPS].to_vec()).collect();
+        for budget_w in [f64::INFINITY, 5e3, 0.0] {
+            let cuts = case.horizon.step_bounds(&boxes, &case.costs, &[budget_w; N_STEPS]).unwrap();
+            for request_w in schedules {
+                let (_, _, flows) = rolled(case, request_w);
+                for (t, cut) in cuts.bounds.iter().enumerate() {
+                    let of = |i: &usize| i % N_STEPS == t;
+                    let shed_w: f64 = (0..SIZE).filter(of).map(|i| flows[i].availability_w).sum();
+                    let cost: f64 =
+                        (0..SIZE).filter(of).map(|i| flows[i].losses().cost(&case.costs[i / N_STEPS])).sum();
+                    if budget_w > 0.0 || shed_w == 0.0 {
+                        let least = cut.phi - 1e-12;
+                        assert!(cost + cut.shed_slope * shed_w >= least, "{cost} below {}", cut.phi);
+                    }
+                }
+            }
+        }
+    });
+}
+
+#[test]
+fn no_schedule_within_the_ceiling_of_the_first_group_is_below_the_bound_of_the_second() {
+    for_all_cases(|case, schedules| {
+        let split = case.horizon.split(None, &EFFORT);
+        let ceiling = split.groups[0].ceiling;
+        for request_w in schedules {
+            let objectives = case.horizon.objectives(request_w);
+            assert!(objectives[0] >= split.groups[0].bound);
+            if objectives[0] <= ceiling {
+                assert!(objectives[1] >= split.groups[1].bound);
+            }
+        }
+    });
+}
+
+#[test]
+fn planes_and_ranges_hold_at_every_state_of_a_box() {
+    for_all_cases(|case, schedules| {
+        let boxes: Vec<StateBox> =
+            case.horizon.reachable().chunks(N_STEPS + 1).flat_map(|row| row[..N_STEPS].to_vec()).collect();
+        let flows = case.horizon.flows(&schedules[0]);
+        let near: Vec<_> = flows.iter().map(|flow| flow.end).collect();
+        let (ranges, planes) = (case.horizon.ranges(&boxes), case.horizon.planes(&boxes, &near));
+        let model = ControlModel::new(&system());
+        for (i, states) in boxes.iter().enumerate() {
+            for k in 0..12 {
+                let share = |j: u64| common::uniform(31 * i as u64 + 17 * k + j);
+                let soc = states.soc.low + share(1) * (states.soc.high - states.soc.low);
+                let warm = states.temperature_c;
+                let temperature_c = warm.low + share(2) * (warm.high - warm.low);
+                let state = bess_control::StringState { soc, temperature_c };
+                let direction = case.horizon.direction(i % N_STEPS);
+                let c = model.strings()[i / N_STEPS].coefficients(direction, state);
+                let scale_w = c.voltage_v * c.voltage_v / c.resistance_ohm;
+                let within = |low: f64, value: f64, high: f64| {
+                    value >= low * (1.0 - 1e-12) && value <= high * (1.0 + 1e-12)
+                };
+                let (r, p) = (&ranges[i], &planes[i]);
+                assert!(within(r.derating.low, c.derating, r.derating.high));
+                assert!(within(r.voltage_v.low, c.voltage_v, r.voltage_v.high));
+                assert!(within(r.resistance_ohm.low, c.resistance_ohm, r.resistance_ohm.high));
+                assert!(within(r.power_scale_w.low, scale_w, r.power_scale_w.high));
+                let plane_w =
+                    p.power_scale_w + p.power_scale_per_soc * soc + p.power_scale_per_k * temperature_c;
+                assert!(plane_w >= scale_w * (1.0 - 1e-12));
+                assert!(p.derated + p.derated_per_k * temperature_c <= 1.0 - c.derating + 1e-12);
+            }
+        }
+    });
+}

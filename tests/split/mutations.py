@@ -1,0 +1,174 @@
+"""Mutations of the bounds: each breaks one line of bound or pruning code, and some test has to notice.
+
+    python tests/split/mutations.py [python|rust]
+
+Works on a copy of the checkout. A mutation of Python is tried on the tests of the tree, the nodes and the bounds, one
+of Rust on the tests of ``bess-control``; what survives is printed, and the exit status is their number.
+"""
+
+# ruff: noqa: E501
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+TREE, CONIC, BOUNDS = (f"python/bess/split/{name}.py" for name in ("tree", "relaxation/conic", "bounds"))
+REACH = "rust/bess-control/src/reach"
+ONE_STEP = "rust/bess-control/src/one_step"
+
+# fmt: off
+PYTHON = [
+    (
+        "failed leaves are dropped",
+        TREE,
+        "            closed = min(closed, bound)\n",
+        "            closed = min(closed, bound) if answer.bound > -np.inf else closed\n",
+    ),
+    ("leaves are dropped", TREE, "            closed = min(closed, bound)\n", "            pass\n"),
+    ("an integral node keeps no bound", TREE, "closed = min(closed, bound)", "closed = max(closed, bound)"),
+    ("a node forgets its parent's bound", TREE, "max(answer.bound, inherited)", "answer.bound"),
+    ("the relative gap is ten times wider", TREE, "gap * abs(best)", "10.0 * gap * abs(best)"),
+    (
+        "the worst open node is the bound",
+        TREE,
+        "min(closed, heap[0][0] if heap else np.inf)",
+        "min(closed, max(h[0] for h in heap) if heap else np.inf)",
+    ),
+    ("a child is left out", TREE, "for value in (0, 1):", "for value in (1,):"),
+    ("every point counts as integral", TREE, "<= INTEGRALITY_TOLERANCE", "<= 1.0"),
+    (
+        "the closed leaves are left out of the bound",
+        TREE,
+        "bound = min(closed, heap",
+        "bound = min(np.inf, heap",
+    ),
+    (
+        "an almost solved node pays no penalty",
+        CONIC,
+        "                bound -= LARGEST_VALUE",
+        "                bound -= 0.0 * LARGEST_VALUE",
+    ),
+    (
+        "an almost solved node gains a penalty",
+        CONIC,
+        "                bound -= LARGEST_VALUE",
+        "                bound += LARGEST_VALUE",
+    ),
+    ("the primal objective is the bound", CONIC, "answer.obj_val_dual + offset", "answer.obj_val + offset"),
+    ("the margin is added", CONIC, "bound -= BOUND_MARGIN", "bound += BOUND_MARGIN"),
+    (
+        "an unfinished node counts as solved",
+        CONIC,
+        'in ("Solved", "AlmostSolved")',
+        'in ("Solved", "AlmostSolved", "MaxIterations")',
+    ),
+    ("an unfinished node counts as infeasible", CONIC, 'status == "PrimalInfeasible"', 'status != "Solved"'),
+    ("what is fixed costs nothing", CONIC, "data.offset + float(data.q @ held)", "data.offset"),
+    (
+        "rows without variables are not looked at",
+        CONIC,
+        "        or np.any(b[zero_end:cone_start][empty[zero_end:cone_start]] < -FEASIBILITY_TOLERANCE)\n",
+        "",
+    ),
+    ("the caps of earlier groups are their bounds", BOUNDS, "[earlier.ceiling for", "[earlier.bound for"),
+    (
+        "a group is proven by the search bound",
+        BOUNDS,
+        "self._is_closed(index, group.objective, bound)\n        if",
+        "self._is_closed(index, group.objective, search_bound)\n        if",
+    ),
+]
+
+RUST = [
+    ("reach: charge is not rounded outwards", f"{REACH}/reachable.rs", "const SOC_ROUNDING: f64 = 1e-12;", "const SOC_ROUNDING: f64 = -1e-6;"),
+    ("reach: the coldest state is the warmest", f"{REACH}/reachable.rs", "low: a.min(b) + rise * heat_w.low", "low: a.max(b) + rise * heat_w.high"),
+    ("reach: heat at the wrong end of the scale", f"{REACH}/reachable.rs", "heat(g_high, scale.low).max(heat(g_low, scale.low))", "heat(g_high, scale.high).max(heat(g_low, scale.high))"),
+    ("reach: current at the wrong voltage", f"{REACH}/reachable.rs", "Direction::Charge => (root(g_low, v.high, r.high), root(g_high, v.low, r.low)),", "Direction::Charge => (root(g_low, v.high, r.high), root(g_high, v.high, r.high)),"),
+    ("reach: others take all of the demand", f"{REACH}/reachable.rs", "high: self.limit(m, t).min(self.demand_w[t])", "high: 0.5 * self.limit(m, t).min(self.demand_w[t])"),
+    ("reach: shedding at the easy limit", f"{REACH}/reachable.rs", "self.limits(c, &room, interval.direction).low", "self.limits(c, &room, interval.direction).high"),
+    ("cuts: the bound is rounded up", f"{REACH}/step_bounds.rs", "nothing_shed - ROUNDING * nothing_shed.abs()", "nothing_shed * 1.001"),
+    ("cuts: the slope is halved", f"{REACH}/step_bounds.rs", "let bound = StepBound { phi: phi - ROUNDING * phi.abs(), shed_slope: slope };", "let bound = StepBound { phi: phi - ROUNDING * phi.abs(), shed_slope: 0.5 * slope };"),
+    ("cuts: shedding costs nothing", f"{REACH}/step_bounds.rs", "        for curve in curves.iter_mut() {\n            curve.terms.shed_cost = slope;", "        for curve in curves.iter_mut() {\n            curve.terms.shed_cost = 2.0 * slope;"),
+    ("least cost: more is shed than allowed", f"{REACH}/step_bounds.rs", "left_w -= shed_w;", ""),
+    ("least cost: nothing is shed", f"{REACH}/step_bounds.rs", "used_up_w.min(most_w[t]).min(left_w)", "0.0 * used_up_w.min(most_w[t]).min(left_w)"),
+    ("hull: the plane is not lifted", f"{REACH}/planes.rs", "corners.iter().map(offset).fold(f64::NEG_INFINITY, f64::max)", "corners.iter().map(offset).fold(f64::INFINITY, f64::min)"),
+    ("hull: the derating line is not lowered", f"{REACH}/planes.rs", "fold(f64::INFINITY, f64::min);\n        Planes", "fold(f64::NEG_INFINITY, f64::max);\n        Planes"),
+    ("confine: values of the state are not paid back", f"{REACH}/confine/round.rs", "round.bound -= worth;", "round.bound -= 0.5 * worth;"),
+    ("confine: warmth fades twice", f"{REACH}/confine/round.rs", "idle_c = keep * idle_c + (1.0 - keep)", "idle_c = keep * keep * idle_c + (1.0 - keep)"),
+    ("confine: the constant of an inverter is left out", f"{REACH}/confine/round.rs", "constant += costs.battery * self.span.heat_w", "constant += 0.0 * costs.battery * self.span.heat_w"),
+    ("confine: shedding saves nothing", f"{REACH}/confine/mod.rs", "(round.bound - round.saved(shed_budget_w, cheapest_shed), round)", "(round.bound, round)"),
+    ("confine: the slack is halved", f"{REACH}/confine/mod.rs", "let slack = cutoff - bound + ROUNDING * cutoff;", "let slack = 0.2 * (cutoff - bound);"),
+    ("cutoff: the price is left out", f"{REACH}/confine/cutoff.rs", "bound: price * demand_w + parts.iter().sum::<f64>()", "bound: 1.01 * price * demand_w + parts.iter().sum::<f64>()"),
+    ("cutoff: a string is narrowed by half of its reach", f"{REACH}/confine/cutoff.rs", "sum += with_slack.min(alone[t].high);", "sum += with_slack.min(0.5 * alone[t].high);"),
+    ("certificate: the budget of the first group is its bound", f"{REACH}/certificate.rs", "*budget_w = budget_w.min(ceiling / cheapest);", "*budget_w = budget_w.min(0.0 * ceiling / cheapest);"),
+    ("one step: pruned too early", f"{ONE_STEP}/solve.rs", "best.bound - GAP * best.bound.abs() || budget == 0", "0.9 * best.bound || budget == 0"),
+    ("one step: what is set aside has no bound", f"{ONE_STEP}/solve.rs", "best.bound = best.bound.min(floor);", ""),
+    ("one step: the number that runs is fixed", f"{ONE_STEP}/solve.rs", "for count in 0..=n {", "for count in n..=n {"),
+    ("lagrangian: the demand is priced too high", f"{ONE_STEP}/lagrangian.rs", "bound: value + price * demand_w", "bound: value + 1.001 * price * demand_w"),
+    ("curve: the scale is the dearest", f"{ONE_STEP}/curve.rs", "(Scale::At(high), 0.0)\n        } else if middle < 0.0", "(Scale::At(low), 0.0)\n        } else if middle < 0.0"),
+    ("curve: derating at its worst", f"{ONE_STEP}/curve.rs", "(c_derating - price) / derating.high - c_derating;", "(c_derating - price) / derating.low.max(1e-3) - c_derating;"),
+    ("ranges: the box is not cut at its knots", "rust/bess-control/src/model/ranges.rs", "socs.extend(inside(ocv.x(), &states.soc));", ""),
+    ("ranges: the scale is not that of the best corner", "rust/bess-control/src/model/ranges.rs", "out.power_scale_w.include(v.high * v.high / r.low);", "out.power_scale_w.include(v.low * v.low / r.low);"),
+
+]
+# fmt: on
+
+TESTS = {
+    "python": [
+        [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider"]
+        + [
+            f"tests/split/{name}.py" for name in ("test_tree", "test_parts", "test_bounds", "test_properties")
+        ],
+    ],
+    "rust": [["cargo", "test", "--locked", "-q", "-p", "bess-control"]],
+}
+
+
+def survives(copy: Path, kind: str, path: str, before: str, after: str) -> bool:
+    """Apply one mutation, run the tests, take it back."""
+    file = copy / path
+    source = file.read_text(encoding="utf-8")
+    if source.count(before) < 1:
+        raise SystemExit(f"{path}: no longer holds {before!r}; change the list of mutations")
+    file.write_text(source.replace(before, after, 1), encoding="utf-8")
+    try:
+        return all(
+            subprocess.run(
+                command, cwd=copy, capture_output=True, check=False, env=environment(copy)
+            ).returncode
+            == 0
+            for command in TESTS[kind]
+        )
+    finally:
+        file.write_text(source, encoding="utf-8")
+
+
+def environment(copy: Path) -> dict[str, str]:
+    """The copy's Python sources come first; its own folder for what Cargo builds."""
+    return os.environ | {"PYTHONPATH": str(copy / "python"), "CARGO_TARGET_DIR": str(copy / "target")}
+
+
+def main(kinds: list[str]) -> int:
+    """Try every mutation; return how many survive."""
+    survivors = tried = 0
+    with tempfile.TemporaryDirectory(prefix="bess-mutations-") as scratch:
+        copy = Path(scratch) / "bess"
+        shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(".venv", "target", ".git", "results"))
+        for kind, mutations in (("python", PYTHON), ("rust", RUST)):
+            for name, path, before, after in mutations if kind in kinds else []:
+                tried += 1
+                alive = survives(copy, kind, path, before, after)
+                survivors += alive
+                print(f"{'SURVIVES' if alive else 'killed  '} {kind}: {name}", flush=True)
+    print(f"{tried - survivors} of {tried} killed")
+    return survivors
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:] or ["python", "rust"]))
