@@ -1,6 +1,6 @@
 """One table: this package beside its rivals, measured in the same run. How to read it: docs/benchmarks.md.
 
-    python benches/table.py [--days N] [--states N] [--prices FILE] [--out FILE] [--markdown FILE]
+    python benches/table.py [--days N] [--states N] [--plans N] [--prices FILE] [--out FILE] [--markdown FILE]
 
 Every contender runs in a process of its own; a rival that is not installed is a row that says so.
 """
@@ -154,6 +154,31 @@ def growth(bench: Bench, states: int) -> None:
         )
 
 
+def dispatches(bench: Bench, plans: int) -> None:
+    """Plans over 12 hours: ours, and the nonlinear program at steps of 15 min and of a minute."""
+    bench.table.add_section()
+    runs: dict[str, tuple[str, tuple[int, ...]]] = {
+        "dispatch, 12 h, steps of 15 min: bess": ("bess_dispatch.py", (plans,)),
+        "dispatch, 12 h, steps of 15 min: Bonmin": ("bonmin_dispatch.py", (plans, 15)),
+        "dispatch, 12 h, steps of 1 min: Bonmin": ("bonmin_dispatch.py", (plans, 1)),
+    }
+    ours: dict[str, float] | None = None
+    for name, (script, arguments) in runs.items():
+        outcome = run_contender(script, *arguments)
+        figures = outcome.figures[0] if isinstance(outcome.figures, list) else outcome.figures
+        outcome = Outcome(figures, outcome.reason)
+        ours = ours or figures
+
+        def shown(figures: Any, ours: Any = ours) -> tuple[str, str]:
+            beside = f"{figures['earned_eur'] / plans:.3f} EUR a plan in the plant"
+            if "solved" in figures:
+                ratio = figures["plan_cpu_s"] / ours["plan_cpu_s"]
+                beside = f"{ratio:.0f} x the CPU; {beside}; {figures['solved']} of {plans} solved"
+            return f"{1e3 * figures['plan_cpu_s']:.3g} ms CPU / plan", beside
+
+        bench.row(name, outcome, shown)
+
+
 def median_of_runs(script: str, *arguments: object) -> Outcome:
     """The run with the median CPU time of three."""
     runs = [run_contender(script, *arguments) for _ in range(REPEATS)]
@@ -173,6 +198,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--days", type=float, default=7.0, help="simulated days of SimSES and the loop")
     parser.add_argument("--states", type=int, default=5, help="seeded states of each split")
+    parser.add_argument("--plans", type=int, default=5, help="plans of each dispatch")
     parser.add_argument("--prices", type=Path, default=PRICES, help="price file for the closed loop")
     parser.add_argument("--out", type=Path, default=Path(__file__).with_name("results.json"))
     parser.add_argument("--markdown", type=Path, help="write the table for the documentation as well")
@@ -184,10 +210,11 @@ def main() -> None:
     loops(bench, chosen.days, chosen.prices, simses_s)
     splits(bench, chosen.states)
     growth(bench, chosen.states)
+    dispatches(bench, chosen.plans)
     console = Console()
     # Into a file or a pipe, a table as wide as it needs.
     (console if console.is_terminal else Console(width=140)).print(bench.table)
-    settings = {"days": chosen.days, "states": chosen.states}
+    settings = {"days": chosen.days, "states": chosen.states, "plans": chosen.plans}
     text = json.dumps({"machine": machine, "settings": settings, "figures": bench.figures}, indent=1)
     chosen.out.write_text(text + "\n", encoding="utf-8")
     if chosen.markdown is not None:
