@@ -2,7 +2,13 @@
 
 import importlib.metadata
 import json
+import sys
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import tables
+from pydantic import BaseModel
 
 project = "bess"
 author = "The bess developers"
@@ -15,14 +21,21 @@ extensions = [
     "sphinx.ext.mathjax",
     "sphinx.ext.viewcode",
     "numpydoc",
-    "myst_parser",
+    "myst_nb",
 ]
-source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
-exclude_patterns = ["_build", "_cases"]  # _cases: what pages include
+source_suffix = {".rst": "restructuredtext", ".md": "myst-nb", ".ipynb": "myst-nb"}
+exclude_patterns = ["_build", "_cases", "_generated"]  # the latter two: what pages include
+templates_path = ["_templates"]
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist", "substitution"]
 # Numbers within sentences come from `make cases`, as those of tables do: {{ name }}.
 myst_substitutions = json.loads((Path(__file__).parent / "_cases" / "words.json").read_text("utf-8"))
 myst_heading_anchors = 3
+
+# The notebooks are kept without results and run by every build; an error in one fails it.
+nb_execution_mode = "force"
+nb_execution_raise_on_error = True
+nb_execution_timeout = 300
+nb_merge_streams = True
 
 autodoc_typehints = "none"
 autosummary_generate = True
@@ -37,3 +50,17 @@ html_theme_options = {
 }
 html_title = f"bess {release}"
 html_static_path = ["_static"]
+html_css_files = ["manual.css"]
+
+tables.write()
+
+
+def _without_fields(app, what, name, thing, options, signature, returns):
+    """A model's fields with all their defaults are no signature that anybody could read."""
+    if what == "class" and isinstance(thing, type) and issubclass(thing, BaseModel):
+        return "", None
+    return None
+
+
+def setup(app):
+    app.connect("autodoc-process-signature", _without_fields)

@@ -13,6 +13,7 @@ from synthetic import kpis, record
 import bess
 from bess.errors import InputError
 from bess.report import figures, save_figure
+from bess.report.style import styled
 
 PLAIN = ("SOC", "Mean SOC", "Nodes", "String", "Derating factor", "Node (0 = air inlet)", "string", "")
 
@@ -90,6 +91,22 @@ def test_the_same_figure_is_saved_as_the_same_bytes(name: str, tmp_path: Path) -
 def test_a_file_name_with_a_dot_keeps_its_name(tmp_path: Path) -> None:
     svg, png, pdf = save_figure(Figure(), tmp_path / "w=0.5")
     assert (svg.name, png.name, pdf.name) == ("w=0.5.svg", "w=0.5.png", "w=0.5.pdf")
+
+
+def test_a_notebook_that_turns_interactive_at_its_first_figure_stays_so() -> None:
+    @styled
+    def first() -> Figure:
+        mpl.interactive(True)  # as the backend of notebooks does
+        return Figure()
+
+    with mpl.rc_context():
+        mpl.interactive(False)
+        first()
+        assert mpl.is_interactive()
+
+
+def test_a_notebook_shows_a_figure_that_pyplot_does_not_know() -> None:
+    assert figures.strings(record(2, 8))._repr_png_().startswith(b"\x89PNG")
 
 
 def test_settings_of_the_caller_are_left_alone() -> None:

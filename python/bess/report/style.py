@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -9,7 +10,7 @@ from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, ParamSpec
 
-from matplotlib import colormaps, rc_context
+from matplotlib import colormaps, rcParams
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
@@ -19,9 +20,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 P = ParamSpec("P")
-_FIGURE: ContextVar[Callable[..., Figure]] = ContextVar("figure", default=Figure)
 
 SINGLE_COLUMN_IN: Final = 3.5
+_NOTEBOOK_DPI: Final = 110
 DOUBLE_COLUMN_IN: Final = 7.2
 
 # Okabe and Ito's palette, without yellow, which is too pale for lines on white.
@@ -63,12 +64,23 @@ _RC: Final[Any] = {
 }
 
 
+@contextmanager
+def _looks() -> Iterator[None]:
+    """Set what this module settles and nothing else: a notebook turns interactive with its first figure."""
+    before = {name: rcParams[name] for name in _RC}
+    rcParams.update(_RC)
+    try:
+        yield
+    finally:
+        rcParams.update(before)
+
+
 def styled(function: Callable[P, Figure]) -> Callable[P, Figure]:
     """Run a figure function with the style of this module, whatever the caller's settings are."""
 
     @wraps(function)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> Figure:
-        with rc_context(_RC):
+        with _looks():
             return function(*args, **kwargs)
 
     return wrapper
@@ -79,6 +91,19 @@ def colours(count: int) -> list[str]:
     if count <= len(PALETTE):
         return list(PALETTE[:count])
     return [to_hex(colormaps["viridis"](0.92 * index / (count - 1))) for index in range(count)]
+
+
+class NotebookFigure(Figure):
+    """A figure that a notebook shows without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        picture = io.BytesIO()
+        with _looks():
+            self.savefig(picture, format="png", dpi=_NOTEBOOK_DPI)
+        return picture.getvalue()
+
+
+_FIGURE: ContextVar[Callable[..., Figure]] = ContextVar("figure", default=NotebookFigure)
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
@@ -132,7 +157,7 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: int = 200) -> tuple[Pa
     stem = path.stem if path.suffix in (".svg", ".png", ".pdf") else path.name
     svg, png, pdf = (path.with_name(f"{stem}.{ending}") for ending in ("svg", "png", "pdf"))
     svg.parent.mkdir(parents=True, exist_ok=True)
-    with rc_context(_RC):
+    with _looks():
         # What is drawn as pixels in it is seen on screens.
         figure.savefig(svg, dpi=dpi // 2, metadata={"Date": None, "Creator": None})
         svg.write_text(shortened(svg.read_text(encoding="utf-8")), encoding="utf-8")
