@@ -98,6 +98,18 @@ def test_a_year_of_many_strings_is_light(make, year) -> None:
     assert len(bokeh_document(chart)) < 600_000
 
 
+def test_what_was_planned_stands_beside_what_was_delivered() -> None:
+    data = record(2, 40 * 96, price=True)
+    data["expected_kw"] = data["delivered_kw"].sum("string") * 1.1
+    short = charts.market_dispatch(data).panels[2]
+    assert short.y_label.startswith("Short of plan")
+    delivered = np.abs(data["delivered_kw"].values.sum(axis=1)[:96]).sum()
+    assert short.series[0].y[0] == pytest.approx(0.1 * 0.25 * delivered)
+    day = charts.market_dispatch(data.isel(time=slice(96)))
+    (planned,) = series(day, 1, "planned to be delivered")
+    np.testing.assert_allclose(planned.y[:-1], data["expected_kw"].values[:96])
+
+
 def renderers(chart: Chart):
     """What BokehJS will draw, read back by Bokeh itself: renderers of each panel by name."""
     (root,) = Document.from_json(json.loads(bokeh_document(chart))["doc"]).roots

@@ -113,7 +113,8 @@ def over_time(run: Run) -> Iterator[Exhibit]:
         yield Exhibit(
             "market",
             "Market",
-            "Price (mean and range of each day), energy of each day, mean state of charge."
+            "Price (mean and range of each day), energy of each day, what it fell short of the plan if there "
+            "was one that expected losses, mean state of charge."
             if daily
             else "Price, dispatch and mean state of charge.",
             partial(charts.market_dispatch, data),
