@@ -5,13 +5,13 @@ from __future__ import annotations
 from bess._core import ageing_models
 from bess.components.registry import Entry, list_cells, list_inverters, list_systems
 from bess.policies import POLICIES, plug_ins
-from bess.study import bundled_studies
+from bess.study import bundled_studies, load_study
 
 
 def listing() -> str:
     """Return all bundled things by kind; systems, cells and inverters with source and licence."""
     kinds = {
-        "studies": bundled_studies(),
+        "studies": {name: _with_needs(name, title) for name, title in bundled_studies().items()},
         "systems": {entry.name: _sourced(entry) for entry in list_systems()},
         "cells": {entry.name: _sourced(entry) for entry in list_cells()},
         "inverters": {entry.name: _sourced(entry) for entry in list_inverters()},
@@ -38,6 +38,13 @@ def _wear_models() -> dict[str, str]:
         "throughput": "a price for each MWh discharged (wear.eur_per_mwh); strings stay as they are",
     }
     return priced | dict(ageing_models())
+
+
+def _with_needs(name: str, title: str) -> str:
+    """Title of a study, and what it cannot run without."""
+    demand = load_study(name).demand
+    needs_prices = demand.kind == "arbitrage" and demand.prices is None
+    return f"{title}; needs --set demand.prices=FILE" if needs_prices else title
 
 
 def _sourced(entry: Entry) -> str:

@@ -44,7 +44,7 @@ def _tiles(kpis: Kpis) -> Iterator[Tile]:
     yield _tile("system_efficiency_pct", kpis, f"round trip {_quantity(back, kpis)}" if back in kpis else "")
     hottest = _quantity("peak_node_temperature_c", kpis)
     yield _tile("peak_string_temperature_c", kpis, f"string mean; hottest node {hottest}")
-    if "soh_capacity_min" in kpis:
+    if kpis.get("soh_capacity_min", 1.0) < 1.0:
         yield _tile("soh_capacity_min", kpis, "of the string that aged most")
 
 
