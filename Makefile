@@ -21,6 +21,7 @@ test-python: $(VENV)/built
 lint: $(VENV)/built
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/typos
 	$(BIN)/mypy
 	cargo fmt --check
 	cargo clippy --workspace --all-targets --locked -- -D warnings

@@ -56,3 +56,25 @@ def test_a_plant_and_a_horizon_too_large_for_the_relaxation_have_an_answer_and_a
     assert split.nodes == 0
     assert not split.fallback
     assert 0.5 * split.objective < split.bound <= split.objective
+
+
+def test_a_status_says_optimal_only_where_the_rigorous_gap_is_within_the_gap_asked_for():
+    splitters = [
+        bess.PowerSplit(SYSTEM, 8, goals) for goals in (bess.Objectives(), bess.Objectives(inverter=0.0))
+    ]
+    seen = set()
+    for seed in range(12):
+        splitter = splitters[seed % 2]
+        rng = np.random.default_rng(seed)
+        splitter.warm_start = None
+        state = bess.State(rng.uniform(0.4, 0.6, 2), rng.uniform(25.0, 40.0, 2))
+        split = splitter(state, np.repeat([1.0, -1.0], 4) * rng.uniform(20.0, 150.0, 8))
+        seen.add(split.status)
+        tolerances = splitter.objectives.tolerances[0]
+        proven = all(
+            group.gap <= splitter.settings.gap or group.objective - group.bound <= abs_tol
+            for group, abs_tol in zip(split.groups, tolerances, strict=True)
+        )
+        assert (split.status is SplitStatus.OPTIMAL) == proven
+        assert f"{100.0 * max(group.gap for group in split.groups):.2g} %" in split.statement
+    assert {SplitStatus.OPTIMAL, SplitStatus.CONVEXIFIED_CLOSED} <= seen

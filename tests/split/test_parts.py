@@ -192,3 +192,20 @@ def test_the_bound_of_a_node_is_its_dual_objective_and_a_margin_below_the_optimu
     answer = solve(data, np.zeros(program.n_columns, dtype=bool), np.zeros(program.n_columns))
     # x = (1, 1, 1): the norm of (-1, 0).
     assert 1.0 - 1e-4 <= answer.bound < 1.0 - 5e-7
+
+
+def test_the_bound_of_a_node_comes_from_its_dual_not_from_its_primal_objective(monkeypatch):
+    program = _norm_program()
+    data = program.load({"limit": np.array([1.0, 1.0, 0.0])})
+    solved = SimpleNamespace(status="Solved", x=[0.0] * 4, z=[0.0] * 4, obj_val_dual=0.5, obj_val=2.0)
+    monkeypatch.setattr(conic.clarabel, "DefaultSolver", lambda *_: SimpleNamespace(solve=lambda: solved))
+    answer = solve(data, np.zeros(program.n_columns, dtype=bool), np.zeros(program.n_columns))
+    assert answer.bound <= 0.5
+
+
+def test_a_variable_that_is_held_costs_what_it_costs():
+    program = _norm_program()
+    data = program.load({"limit": np.array([1.0, 1.0, 1.0])})
+    fixed, values = np.zeros(program.n_columns, dtype=bool), np.zeros(program.n_columns)
+    fixed[program.slices["t"]], values[program.slices["t"]] = True, 2.0
+    assert solve(data, fixed, values).bound == pytest.approx(2.0, abs=1e-5)
