@@ -14,6 +14,7 @@ __all__ = [
     "FlowArrays",
     "GroupBounds",
     "Incumbent",
+    "Plan",
     "Plant",
     "RolloutArrays",
     "SplitAnswer",
@@ -21,9 +22,29 @@ __all__ = [
     "StepCuts",
     "System",
     "ageing_models",
+    "plan",
     "rainflow",
 ]
 
+def plan(
+    model: ControlModel,
+    soc: NDArray[np.float64],
+    temperature_c: NDArray[np.float64],
+    running: NDArray[np.bool_],
+    demand_kw: NDArray[np.float64],
+    ambient_c: NDArray[np.float64],
+    dt_h: float,
+    limit_kw: NDArray[np.float64],
+    loss_prices: NDArray[np.float64],
+    wear: NDArray[np.float64],
+    start_cost: float,
+    balance: float,
+    end_charge: float,
+    previous_kw: NDArray[np.float64] | None,
+    rollouts: int,
+    fresh_rollouts: int,
+    turn: int,
+) -> Plan: ...
 def ageing_models() -> list[tuple[str, str]]: ...
 def rainflow(series: NDArray[np.float64]) -> list[tuple[float, float, float, int, int]]: ...
 
@@ -96,6 +117,19 @@ class FlowArrays:
     current_a: _Array
     soc: _Array
     temperature_c: _Array
+
+@final
+class Plan:
+    @property
+    def request_kw(self) -> NDArray[np.float64]: ...
+    @property
+    def cost(self) -> float: ...
+    @property
+    def rule_cost(self) -> float: ...
+    @property
+    def rollouts(self) -> int: ...
+    @property
+    def start_charge(self) -> float: ...
 
 @final
 class ControlModel:

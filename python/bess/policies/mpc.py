@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bess.foresight import Planner
 from bess.parameters import System
+from bess.policies.planned import PlannedPolicy
 from bess.policies.policy import Decision, Situation, SolverReport
 from bess.policies.settings import Settings
 
@@ -58,12 +60,19 @@ class MpcPolicy:
         self._splitter.warm_start = memory["warm_start"]
 
 
-def build(system: System, settings: Settings) -> MpcPolicy:
-    """Compile the power split for a system; imports the optimiser, which takes a second or two."""
+def build(system: System, settings: Settings) -> MpcPolicy | PlannedPolicy:
+    """Return the planner, or the certified power split, as the settings say.
+
+    The split is compiled for the system; it imports the optimiser, which takes a second or two.
+    """
+    chosen = settings.split
+    if settings.plans:
+        planner = Planner(system, settings.horizon_steps, settings.dt_h, rollouts=settings.rollouts)
+        return PlannedPolicy(planner, chosen.objectives, settings.terms)
+
     from bess import PowerSplit
     from bess.split.result import SplitStatus
 
-    chosen = settings.split
     splitter = PowerSplit(
         system,
         settings.horizon_steps,

@@ -26,16 +26,17 @@ class Situation:
     demand_kw : ndarray, shape (n_steps,)
         Signed demand of this step (never more than ``limit_kw`` allows in total) and forecast of the next
         ones.
-    ambient_c : float
-        Ambient temperature [degC] of this step.
+    ambient_c : ndarray, shape (n_steps,)
+        Ambient temperature [degC] of this step and the next ones.
     limit_kw : ndarray, shape (n_strings,)
         Largest power of each inverter in service; 0 = out of service.
     """
 
     state: State
     demand_kw: NDArray[np.float64]
-    ambient_c: float
+    ambient_c: NDArray[np.float64]
     limit_kw: NDArray[np.float64]
+    price_eur_mwh: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True)

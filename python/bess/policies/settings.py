@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from bess.foresight.planner import ROLLOUTS
+from bess.parameters.terms import Terms
 from bess.split.settings import SplitSettings
 
 
@@ -19,8 +21,18 @@ class Settings:
         Steps a policy is told of.
     split : SplitSettings
         What is minimised, and when a search stops.
+    plans : bool
+        Whether ``mpc`` plans over those steps (:class:`bess.foresight.Planner`); else it splits them with a
+        certificate (:class:`bess.PowerSplit`).
+    rollouts : int
+        Effort of a plan.
+    terms : Terms
+        What is agreed on beside the market price.
     """
 
     dt_h: float = 0.25
     horizon_steps: int = 8
     split: SplitSettings = field(default_factory=SplitSettings)
+    plans: bool = False
+    rollouts: int = ROLLOUTS
+    terms: Terms = field(default_factory=Terms)

@@ -64,7 +64,18 @@ class ClosedLoop:
         demand_kw = float(ahead_kw[0])
         served_kw = np.minimum(np.maximum(ahead_kw, -total_kw), total_kw)
         ambient_c = float(inputs.ambient_c[step])
-        decision = self._decide(Situation(state, served_kw, ambient_c, limit_kw), total_kw)
+        situation = Situation(
+            state=state,
+            demand_kw=served_kw,
+            ambient_c=_ahead(inputs.ambient_c, step, inputs.horizon_steps),
+            limit_kw=limit_kw,
+            price_eur_mwh=(
+                None
+                if inputs.price_eur_mwh is None
+                else _ahead(inputs.price_eur_mwh, step, inputs.horizon_steps)
+            ),
+        )
+        decision = self._decide(situation, total_kw)
         flows = self._plant.step(
             decision.request_kw, duration_s=float(inputs.grid.step_s), ambient_c=ambient_c
         )
@@ -151,6 +162,13 @@ class ClosedLoop:
     @property
     def _place(self) -> str:
         return f"policy {self._policy_name!r}, step {self.step}"
+
+
+def _ahead(values: NDArray[np.float64], step: int, n_steps: int) -> NDArray[np.float64]:
+    """Values from a step on; after the end of the run, the last one."""
+    ahead = values[step : step + n_steps]
+    missing = n_steps - ahead.size
+    return np.concatenate([ahead, np.full(missing, ahead[-1])]) if missing else ahead
 
 
 def _listed(values: NDArray[np.float64]) -> str:

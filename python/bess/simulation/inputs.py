@@ -71,7 +71,7 @@ def prepare(study: Study, system: System | None = None) -> Inputs:
         raise InputError(
             f"{system.name}: control.step_min = {system.control.step_min:g}: must be whole seconds"
         )
-    horizon = study.policy.horizon_steps or system.control.horizon_steps
+    horizon = study.policy.steps_ahead(system.control)
     asked = demand_of(study, system, step_s, horizon)
     grid, files = asked.grid, list(asked.files)
     notes = [f"period: {grid}", *asked.notes]

@@ -227,4 +227,7 @@ def policy_settings(study: Study, inputs: Inputs) -> Settings:
         dt_h=inputs.grid.dt_h,
         horizon_steps=inputs.horizon_steps,
         split=choice,
+        plans=choice.plans,
+        rollouts=choice.rollouts,
+        terms=study.settlement.terms,
     )

@@ -21,7 +21,7 @@ table. Five times as much costs up to 0.3 % of what is minimised on hot states."
 
 SHORTFALL: Final = 3.0
 
-Kind = Literal["paper", "energy"]
+Kind = Literal["paper", "energy", "money"]
 Normalisation = Literal["constant", "payoff", "energy"]
 
 
@@ -82,11 +82,13 @@ class Objectives(Choice):
     - ``"paper"``: all weights 1, availability at priority 2 and the rest at 1, ``"constant"`` normalisation
       (case 1 of the paper; ``Objectives(inverter=0.5, battery=0.5)`` is weighting S2 of its case 2);
     - ``"energy"``: one sum in kWh, ``shortfall`` times what is not delivered (availability and derating),
-      plus what is lost in inverters and batteries.
+      plus what is lost in inverters and batteries;
+    - ``"money"``: one sum in EUR at the prices of the steps ahead; the weights multiply those of the four
+      losses. Planned with foresight only (:class:`bess.foresight.Planner`), in studies with prices.
 
     Attributes
     ----------
-    kind : {"paper", "energy"}
+    kind : {"paper", "energy", "money"}
     shortfall : float or None
         Cost of a kWh that is not delivered, in kWh lost: of kind ``"energy"`` only, 3 unless given.
     normalisation : {"constant", "payoff", "energy"}
@@ -120,19 +122,24 @@ class Objectives(Choice):
         """One sum in kWh: ``shortfall`` x (availability + derating loss) + inverter + battery loss."""
         return cls(kind="energy", shortfall=shortfall, **given)
 
+    @classmethod
+    def money(cls, **given: Any) -> Self:
+        """One sum in EUR; prices come with the study."""
+        return cls(kind="money", **given)
+
     @model_validator(mode="after")
     def _resolve(self) -> Self:
         """Fill in what the kind says where nothing was given; what was given is still known as such."""
         energy = self.kind == "energy"
         if not energy and self.shortfall is not None:
-            raise ValueError('shortfall is for kind = "energy"; with "paper", set weights')
+            raise ValueError(f'shortfall is for kind = "energy"; with "{self.kind}", set weights')
         if energy and self.shortfall is None:
             object.__setattr__(self, "shortfall", SHORTFALL)
-        if energy and "normalisation" not in self.model_fields_set:
+        if self.kind != "paper" and "normalisation" not in self.model_fields_set:
             object.__setattr__(self, "normalisation", "energy")
         for name in NAMES:
             given: Objective = getattr(self, name)
-            usual: dict[str, Any] = {"priority": 2 if name == "availability" and not energy else 1}
+            usual: dict[str, Any] = {"priority": 2 if name == "availability" and self.kind == "paper" else 1}
             if energy and name in ("availability", "derating"):
                 usual["weight"] = self.shortfall
             values = usual | given.model_dump(exclude_unset=True)

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
+from bess.foresight.planner import ROLLOUTS
 from bess.parameters.quantities import (
     AgeingModel,
     Count,
@@ -23,6 +24,7 @@ from bess.parameters.quantities import (
     within,
 )
 from bess.parameters.section import Section
+from bess.parameters.sections import Control
 from bess.parameters.terms import Terms
 from bess.split.settings import SplitSettings
 
@@ -49,6 +51,9 @@ def _folder_name(value: str) -> str:
 
 RunName = Annotated[str, AfterValidator(_folder_name)]
 """Name of a run, which is that of its folder as well."""
+
+DEFAULT_FORESIGHT_H = 24.0
+"""A day: the longest rhythm of most demands, and a little more than the time constant of a warm string."""
 
 Fill = Literal["previous", "interpolate", "previous_day"]
 Instant = Annotated[datetime, AfterValidator(_aware)]
@@ -132,7 +137,7 @@ class ArbitrageDemand(Section):
         return self
 
 
-def _kind(demand: object) -> str | None:
+def kind_of_demand(demand: object) -> str | None:
     """``kind`` as given, or what the other keys imply."""
     if not isinstance(demand, Mapping):
         return getattr(demand, "kind", None)
@@ -143,7 +148,7 @@ def _kind(demand: object) -> str | None:
 Demand = Annotated[
     Annotated[ProfileDemand, Tag("profile")] | Annotated[ArbitrageDemand, Tag("arbitrage")],
     Discriminator(
-        _kind,
+        kind_of_demand,
         custom_error_type="kind",
         custom_error_message='must be a table with kind = "profile" (and file) or "arbitrage" (and prices)',
     ),
@@ -168,11 +173,49 @@ class WeatherChoice(Section):
 class PolicyChoice(SplitSettings):
     """Section ``[policy]``: which policy, and what ``mpc`` minimises and when it stops searching.
 
-    All but ``name`` and ``horizon_steps`` are the settings of :class:`bess.PowerSplit`.
+    Objectives of kind ``energy`` (the default) and ``money`` (the default in studies with prices) are planned
+    over ``foresight_h``, 24 hours by default, with ``rollouts`` for the effort of each step
+    (:class:`bess.foresight.Planner`). With ``foresight_h = 0``, and for objectives of kind ``paper``, the
+    next ``horizon_steps`` are split with a certificate: ``gap``, ``node_limit`` and ``time_limit_s`` are
+    settings of :class:`bess.PowerSplit`.
     """
 
     name: str = "mpc"
+    foresight_h: Annotated[float, within(0.0, 48.0, "h")] | None = None
+    rollouts: Annotated[int, Field(ge=0, le=1_000_000)] = ROLLOUTS
     horizon_steps: Annotated[int, Field(ge=1, le=96)] | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.foresight_h and self.objectives.kind == "paper":
+            raise ValueError(
+                f'foresight_h = {self.foresight_h:g} h: objectives of kind "paper" have priorities and are '
+                'split within horizon_steps; use kind "energy" or "money", or foresight_h = 0'
+            )
+        if self.foresight_h and self.horizon_steps is not None:
+            raise ValueError(
+                f"foresight_h = {self.foresight_h:g} h and horizon_steps = {self.horizon_steps}: the first "
+                "is for a plan, the second for a certified split; give one of them"
+            )
+        if self.objectives.kind == "money" and not self.plans:
+            raise ValueError(
+                'objectives.kind = "money" is planned: leave out horizon_steps and foresight_h = 0'
+            )
+        return self
+
+    @property
+    def plans(self) -> bool:
+        """Whether ``mpc`` plans with foresight; else it splits a horizon with a certificate."""
+        if self.foresight_h is None:
+            return self.objectives.kind != "paper" and self.horizon_steps is None
+        return self.foresight_h > 0.0
+
+    def steps_ahead(self, control: Control) -> int:
+        """Control steps that a policy is told of."""
+        if self.plans:
+            hours = DEFAULT_FORESIGHT_H if self.foresight_h is None else self.foresight_h
+            return max(1, round(hours * 60.0 / control.step_min))
+        return self.horizon_steps or control.horizon_steps
 
 
 class RunChoice(Section):

@@ -10,7 +10,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import ValidationError
+from pydantic import ValidationError, model_validator
 
 from bess.display import as_table, one_line
 from bess.errors import InputError
@@ -30,6 +30,7 @@ from bess.study.sections import (
     SystemChoice,
     WearChoice,
     WeatherChoice,
+    kind_of_demand,
 )
 
 _PATHS = (
@@ -62,6 +63,13 @@ class Study(Section):
     scenario: tuple[Scenario, ...] = ()
     sweep: tuple[Axis, ...] = ()
 
+    @model_validator(mode="before")
+    @classmethod
+    def _choose_objectives(cls, document: Any) -> Any:
+        """Fill in what the policy minimises, which depends on the demand."""
+        given = _at(document, "policy", "objectives", "kind") is not None
+        return document if given else _with_kind(document)
+
     @classmethod
     def from_document(cls, document: Mapping[str, Any], place: str) -> Self:
         """Check a study given as nested dictionaries; ``place`` is what errors call it.
@@ -84,6 +92,10 @@ class Study(Section):
         if not values:
             return self
         document = self.model_dump(exclude_unset=True, exclude_none=True)
+        kind = document["policy"]["objectives"].pop("kind")
+        if _with_kind(document)["policy"]["objectives"]["kind"] != kind:
+            # Not what would be chosen here: somebody wants it, whatever the values say about the demand.
+            document["policy"]["objectives"]["kind"] = kind
         for key, value in values.items():
             if "." not in key and isinstance(value, Mapping):
                 raise InputError(f"{key}: give one key of this section, such as {key}.NAME = VALUE")
@@ -118,6 +130,30 @@ class Study(Section):
         import tomli_w
 
         return tomli_w.dumps(self.document())
+
+
+def _at(document: object, *keys: str) -> object:
+    """Value of a nested key; None where there is none."""
+    for key in keys:
+        document = document.get(key) if isinstance(document, Mapping) else None
+    return document
+
+
+def _with_kind(document: Any) -> Any:
+    """The document with the kind of objectives that fits its demand; one that is malformed as it is."""
+    policy = _at(document, "policy")
+    objectives = _at(policy, "objectives")
+    malformed = any(
+        section is not None and not isinstance(section, Mapping) for section in (policy, objectives)
+    )
+    if not isinstance(document, Mapping) or malformed:
+        return document
+    certified = _at(policy, "horizon_steps") is not None or _at(policy, "foresight_h") == 0
+    priced = kind_of_demand(document.get("demand")) == "arbitrage"
+    kind = "money" if priced and not certified else "energy"
+    objectives = {**(objectives if isinstance(objectives, Mapping) else {}), "kind": kind}
+    policy = {**(policy if isinstance(policy, Mapping) else {}), "objectives": objectives}
+    return {**document, "policy": policy}
 
 
 def bundled_studies() -> dict[str, str]:

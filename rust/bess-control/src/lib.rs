@@ -9,6 +9,7 @@ extern crate self as bess_control;
 mod error;
 mod model;
 mod one_step;
+mod plan;
 mod reach;
 mod search;
 mod split;
@@ -18,6 +19,7 @@ pub use model::{
     direction_of, CoefficientRanges, Coefficients, ControlHorizon, ControlModel, Costs, CostsOf, Flow,
     Interval, Losses, Problem, Range, Rollouts, StateBox, StringModel, StringState, MAX_GROUPS,
 };
+pub use plan::{Plan, PlanEffort, PlanProblem, Prices, Rule};
 pub use reach::{Confined, GroupBounds, Planes, StepBound, StepBounds};
 pub use search::{Effort, Incumbent, Schedule};
 pub use split::Split;

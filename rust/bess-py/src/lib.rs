@@ -6,6 +6,7 @@ mod ageing;
 mod arrays;
 mod horizon;
 mod model;
+mod plan;
 mod plant;
 mod states;
 mod system;
@@ -21,6 +22,8 @@ mod _core {
     };
     #[pymodule_export]
     use crate::model::{ControlModel, FlowArrays, RolloutArrays};
+    #[pymodule_export]
+    use crate::plan::{plan, Plan};
     #[pymodule_export]
     use crate::plant::Plant;
     #[pymodule_export]

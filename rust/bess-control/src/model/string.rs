@@ -7,6 +7,9 @@ use super::losses::Losses;
 
 pub(crate) const SECONDS_PER_HOUR: f64 = 3600.0;
 
+/// Parts of an interval at low SOC in the midpoint rule.
+const LOW_SOC_PARTS: u32 = 4;
+
 /// Measured or predicted state of a string.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StringState {
@@ -134,14 +137,74 @@ impl StringModel {
         self.loss(direction).largest_power(self.internal_limit_w(c, direction, soc, dt_h))
     }
 
-    /// Carries out a request of `request_w >= 0` from `state`.
+    /// Carries out a request of `request_w >= 0` from `state`, with the coefficients of its start.
     #[inline]
     pub fn step(&self, state: StringState, request_w: f64, interval: &Interval) -> Flow {
         if request_w <= 0.0 {
             return self.idle(state, 0.0, 0.0, interval);
         }
+        self.carry(state, request_w, interval, &self.coefficients(interval.direction, state))
+    }
+
+    /// Like [`Self::step`] with the coefficients of the middle of the interval (explicit midpoint rule), and with the
+    /// interval in [`LOW_SOC_PARTS`] where the string is, or gets, below its low-SOC switch: resistance climbs steeply
+    /// there.
+    #[inline]
+    pub fn step_midpoint(&self, state: StringState, request_w: f64, interval: &Interval) -> Flow {
+        if request_w <= 0.0 {
+            return self.idle(state, 0.0, 0.0, interval);
+        }
+        let c = self.coefficients(interval.direction, state);
+        let (middle, lowest) = self.middle(&c, state, request_w, interval);
+        if lowest < self.parameters.low_soc_switch {
+            return self.step_in_parts(state, request_w, interval);
+        }
+        self.carry(state, request_w, interval, &self.coefficients(interval.direction, middle))
+    }
+
+    #[cold]
+    fn step_in_parts(&self, state: StringState, request_w: f64, interval: &Interval) -> Flow {
+        let share = 1.0 / LOW_SOC_PARTS as f64;
+        let part = Interval { dt_h: share * interval.dt_h, ..*interval };
+        let mut whole = self.idle(state, 0.0, 0.0, interval);
+        for _ in 0..LOW_SOC_PARTS {
+            let c = self.coefficients(part.direction, whole.end);
+            let (middle, _) = self.middle(&c, whole.end, request_w, &part);
+            let flow = self.carry(whole.end, request_w, &part, &self.coefficients(part.direction, middle));
+            whole.delivered_w += share * flow.delivered_w;
+            whole.availability_w += share * flow.availability_w;
+            whole.derating_w += share * flow.derating_w;
+            whole.inverter_w += share * flow.inverter_w;
+            whole.battery_w += share * flow.battery_w;
+            whole.current_a += share * flow.current_a;
+            whole.end = flow.end;
+        }
+        whole
+    }
+
+    /// State in the middle of an interval as its start lets one expect, and the lower SOC of its two ends.
+    #[inline]
+    fn middle(
+        &self,
+        c: &Coefficients,
+        state: StringState,
+        request_w: f64,
+        interval: &Interval,
+    ) -> (StringState, f64) {
+        let wanted = c.derating * request_w;
+        let curve = self.loss(interval.direction);
+        let internal = curve.direction_power(wanted, curve.at(wanted).0);
+        let (current_a, _) = small_root(c, interval.direction, internal);
+        let half = Interval { dt_h: 0.5 * interval.dt_h, ..*interval };
+        let (low, high) = (self.parameters.soc_min, self.parameters.soc_max);
+        let soc = self.soc_after(state.soc, current_a, &half).clamp(low, high);
+        let temperature_c = self.warmed(state.temperature_c, c.resistance_ohm * current_a * current_a, &half);
+        (StringState { soc, temperature_c }, state.soc.min(2.0 * soc - state.soc))
+    }
+
+    #[inline]
+    fn carry(&self, state: StringState, request_w: f64, interval: &Interval, c: &Coefficients) -> Flow {
         let direction = interval.direction;
-        let c = self.coefficients(direction, state);
         let derating_w = (1.0 - c.derating) * request_w;
         let wanted = request_w - derating_w;
         if wanted <= 0.0 {
@@ -152,12 +215,12 @@ impl StringModel {
         let curve = self.loss(direction);
         let (mut inverter_w, highest_internal) = curve.at(wanted);
         let mut delivered_w = wanted;
-        let (mut current_a, has_root) = small_root(&c, direction, highest_internal);
+        let (mut current_a, has_root) = small_root(c, direction, highest_internal);
         let mut soc = self.soc_after(state.soc, current_a, interval);
         // Most requests are deliverable; only the others need the limit, which is an inversion.
         let fits = has_root && soc <= p.soc_max && (direction == Direction::Charge || soc >= p.soc_min);
         if !fits || curve.direction_power(wanted, inverter_w) != highest_internal {
-            let internal_limit = self.internal_limit_w(&c, direction, state.soc, interval.dt_h);
+            let internal_limit = self.internal_limit_w(c, direction, state.soc, interval.dt_h);
             if highest_internal > internal_limit {
                 delivered_w = curve.largest_power(internal_limit).min(wanted);
                 inverter_w = curve.at(delivered_w).0;
@@ -165,7 +228,7 @@ impl StringModel {
             if delivered_w <= 0.0 {
                 return self.idle(state, derating_w, wanted, interval);
             }
-            (current_a, _) = small_root(&c, direction, curve.direction_power(delivered_w, inverter_w));
+            (current_a, _) = small_root(c, direction, curve.direction_power(delivered_w, inverter_w));
             soc = self.soc_after(state.soc, current_a, interval);
         }
         if soc < p.soc_min && direction == Direction::Charge {

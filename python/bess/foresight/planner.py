@@ -1,0 +1,217 @@
+"""The planner: in each control step, the plan of the step before is moved on and improved."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bess import _core
+from bess.errors import InputError
+from bess.foresight.prices import PlanPrices
+from bess.parameters import State, System
+from bess.split.problem import SplitProblem
+
+Array = NDArray[np.float64]
+
+ROLLOUTS = 150
+"""Roll-outs of a call. Over a week of two reference strings, 100 lose 1 % more and 600 1 % less."""
+FRESH_ROLLOUTS = 600
+"""Roll-outs for every rule's schedule where a plan is made from nothing, or anew."""
+FRESH_STEPS = 96
+"""Calls after which the plan is also made anew: what a carried plan cannot get out of, a fresh one may."""
+END_SHARE = 0.5
+"""Value of charge at the end of a plan, as a share of its value at the start: what is scarce now will be
+scarce again, but a plan that counts on all of it hoards."""
+BALANCE_PER_H = 0.01
+"""Price of imbalance [1/h], see :class:`Planner`. Strings that nothing holds together drift apart; then one
+that fails, or a forecast that is wrong, leaves too little power."""
+DOUBT_H = 300.0
+"""Time in which the price of a shortfall falls to 1/e: what is far ahead may come otherwise."""
+URGENCY = 1.1
+"""Price of a shortfall in the step that begins, against one just after it: what can be delivered now is not
+kept for later without a gain."""
+MOST_STEPS = 48 * 60
+"""Steps of the longest plan: two days of minutes."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A plan, not certified: how far it is from the best one is not known (see :func:`bess.hindsight`).
+
+    Attributes
+    ----------
+    request_kw : ndarray, shape (n_strings, n_steps)
+        Set-points [kW], signed as the demand.
+    cost : float
+        What it costs in the control model [kWh or EUR, as its prices].
+    rule_cost : float
+        What the cheapest rule (equal, soc, temperature, priority, rotation) costs in the control model;
+        ``cost`` is never above it.
+    unmet_kw : ndarray, shape (n_steps,)
+        Demand above what the inverters in service can take, asked of no string.
+    rollouts : int
+        Roll-outs of the control model that were spent.
+    """
+
+    request_kw: Array
+    cost: float
+    rule_cost: float
+    unmet_kw: Array
+    rollouts: int
+
+
+class Planner:
+    """Plans the power of every string over hours or days (docs/foresight.md).
+
+    Each call takes the measured state and the demand ahead, moves the plan of the call before on by one step,
+    and improves it by a local search on the control model in its midpoint form. The best schedule of a rule
+    takes the place of a plan that costs more. Nothing depends on the clock: results repeat to the last bit.
+
+    Parameters
+    ----------
+    system : System
+        1 to 32 strings, which may differ.
+    n_steps : int
+        Length of the plan [steps].
+    dt_h : float
+        Length of a step [h].
+    rollouts : int
+        Effort of a call, in roll-outs of all strings over the whole plan.
+    balance : float
+        Price of imbalance [1/h]: the squared distance of a string's fill (share of its SOC window) from the
+        plant's, times its nominal energy, times the mean price of losses, costs this much for each hour.
+
+    Raises
+    ------
+    InputError
+        A parameter out of range.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        n_steps: int,
+        dt_h: float = 0.25,
+        *,
+        rollouts: int = ROLLOUTS,
+        balance: float = BALANCE_PER_H,
+    ) -> None:
+        if not isinstance(system, System):
+            raise InputError(f"system must be bess.System, not {type(system).__name__}")
+        if not 1 <= n_steps <= MOST_STEPS:
+            raise InputError(f"n_steps = {n_steps}: allowed are 1 to {MOST_STEPS}")
+        if rollouts < 0:
+            raise InputError(f"rollouts = {rollouts}: must be >= 0")
+        self.system = system
+        self.n_steps = int(n_steps)
+        self.dt_h = dt_h
+        self.rollouts = int(rollouts)
+        # The core counts charge; energy and charge differ by the mean voltage.
+        kwh_per_ah = float(system.nominal_energy_kwh.sum() / system.capacity_ah.sum())
+        self._balance = balance * kwh_per_ah
+        certainty = np.exp(-np.arange(self.n_steps) * dt_h / DOUBT_H)
+        certainty[0] *= URGENCY
+        self._certainty = np.stack([certainty, certainty, *2 * [np.ones(self.n_steps)]], axis=1)
+        self._request_kw: Array | None = None
+        self._limit_kw: Array | None = None
+        self._start_charge = 0.0
+        self._turn = 0
+
+    def __call__(
+        self,
+        state: State,
+        demand_kw: ArrayLike,
+        prices: PlanPrices,
+        *,
+        ambient_c: ArrayLike | None = None,
+        limit_kw: ArrayLike | None = None,
+    ) -> Plan:
+        """Plan the steps ahead.
+
+        Parameters
+        ----------
+        state : State
+            Measured state of every string.
+        demand_kw : array_like, shape (n_steps,)
+            Demand on the plant [kW], positive = discharge.
+        prices : PlanPrices
+            What counts.
+        ambient_c : float or array_like, shape (n_steps,), optional
+            Ambient temperature [degC]; the system's by default.
+        limit_kw : array_like, shape (n_strings,), optional
+            Largest power of each inverter over the whole plan [kW]; 0 takes a string out of service.
+
+        Raises
+        ------
+        InputError
+            If something given does not fit the system or the plan; nothing is done then.
+        """
+        if np.ndim(self.system.nominal_kw if limit_kw is None else limit_kw) != 1:
+            raise InputError("limit_kw: give one value for each string; it holds for the whole plan")
+        problem = SplitProblem.check(
+            self.system, self.n_steps, self.dt_h, state, demand_kw, ambient_c, limit_kw
+        )
+        limit = np.ascontiguousarray(problem.limit_kw[:, 0])
+        previous, running = self._moved_on(), self._running()
+        changed = self._limit_kw is not None and not np.array_equal(limit, self._limit_kw)
+        fresh = previous is None or changed or self._turn % FRESH_STEPS == 0
+        try:
+            plan = _core.plan(
+                self.system.control_at(state),
+                state.soc,
+                state.temperature_c,
+                running,
+                problem.demand_kw,
+                problem.ambient_c,
+                self.dt_h,
+                limit,
+                prices.losses * self._certainty,
+                prices.wear,
+                prices.start,
+                self._balance * float(prices.losses[:, 2:].mean()),
+                END_SHARE * self._start_charge,
+                previous,
+                self.rollouts,
+                min(FRESH_ROLLOUTS, 4 * self.rollouts) if fresh else 0,
+                self._turn,
+            )
+        except ValueError as error:
+            raise InputError(f"plan: {error}") from error
+        self._request_kw, self._limit_kw = plan.request_kw, limit
+        self._start_charge = plan.start_charge
+        self._turn += 1
+        return Plan(plan.request_kw, plan.cost, plan.rule_cost, problem.unmet_kw, plan.rollouts)
+
+    def skip(self) -> None:
+        """Let a step pass in which nothing is asked."""
+        self._request_kw = self._moved_on()
+        if self._request_kw is not None:
+            self._request_kw[:, 0] = 0.0
+
+    def memory(self) -> dict[str, Any]:
+        """What the next call depends on."""
+        return {
+            "request_kw": self._request_kw,
+            "limit_kw": self._limit_kw,
+            "start_charge": self._start_charge,
+            "turn": self._turn,
+        }
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Continue with what :meth:`memory` returned."""
+        self._request_kw, self._limit_kw = memory["request_kw"], memory["limit_kw"]
+        self._start_charge, self._turn = float(memory["start_charge"]), int(memory["turn"])
+
+    def _moved_on(self) -> Array | None:
+        """The last plan from its second step on; what its new last step asks for is still to be shared."""
+        return None if self._request_kw is None else np.pad(self._request_kw[:, 1:], ((0, 0), (0, 1)))
+
+    def _running(self) -> NDArray[np.bool_]:
+        """Inverters that the plan of the step before had switched on."""
+        if self._request_kw is None:
+            return np.zeros(self.system.n_strings, dtype=bool)
+        return np.asarray(self._request_kw[:, 0] != 0.0)

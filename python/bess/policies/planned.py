@@ -1,0 +1,87 @@
+"""Model predictive control with foresight: the plan of a day or more, its first step applied."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bess.errors import InputError
+from bess.foresight import Planner, PlanPrices
+from bess.parameters import State
+from bess.parameters.terms import Terms
+from bess.policies.policy import NO_OPTIMISATION, Decision, Situation, SolverReport
+from bess.split.objectives import Objectives
+from bess.wear import WearRates
+
+PLANNED: Final = 20
+"""Status code of a step that was planned, not certified."""
+
+TYPICAL_DEPTH = 0.5
+"""Depth of cycle at which wear is priced."""
+
+
+class PlannedPolicy:
+    """Calls one :class:`bess.foresight.Planner` in every step in which something is asked."""
+
+    statuses: Mapping[int, str] = {
+        NO_OPTIMISATION: "no optimisation needed",
+        PLANNED: "Planned over the foresight; no bound is computed, so no gap is known.",
+    }
+
+    def __init__(self, planner: Planner, objectives: Objectives, terms: Terms) -> None:
+        if len(objectives.groups) > 1:
+            raise InputError(
+                "policy.objectives: a plan has one sum, not several priorities; give all objectives the same "
+                "priority, or set policy.foresight_h = 0"
+            )
+        self._planner = planner
+        self._objectives = objectives
+        self._terms = terms
+        self._wear = WearRates(planner.system)
+
+    def __call__(self, situation: Situation) -> Decision:
+        """Plan the steps ahead; an idle step needs no plan."""
+        if situation.demand_kw[0] == 0.0:
+            self._planner.skip()
+            return Decision(np.zeros_like(situation.limit_kw))
+        started = time.perf_counter()
+        plan = self._planner(
+            situation.state,
+            situation.demand_kw,
+            self._prices(situation),
+            ambient_c=situation.ambient_c,
+            limit_kw=situation.limit_kw,
+        )
+        report = SolverReport(status=PLANNED, solve_time_s=time.perf_counter() - started)
+        return Decision(plan.request_kw[:, 0].copy(), report)
+
+    def memory(self) -> dict[str, Any]:
+        """What the planner carries along."""
+        return self._planner.memory()
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Continue with the plan of the checkpoint."""
+        self._planner.recall(memory)
+
+    def _prices(self, situation: Situation) -> PlanPrices:
+        if self._objectives.kind != "money":
+            n_strings, n_steps = situation.limit_kw.size, situation.demand_kw.size
+            return PlanPrices.energy(self._objectives, n_strings, n_steps)
+        if situation.price_eur_mwh is None:
+            raise InputError('policy.objectives.kind = "money": this study has no prices; use "energy"')
+        return PlanPrices.money(
+            self._objectives,
+            self._terms,
+            situation.demand_kw,
+            situation.price_eur_mwh,
+            self._wear_eur_ah(situation.state),
+        )
+
+    def _wear_eur_ah(self, state: State) -> NDArray[np.float64]:
+        """Price of an Ah in each string [EUR/Ah], at its temperature."""
+        by_string = self._wear.at(state).cycling_eur_ah(TYPICAL_DEPTH, state.temperature_c[:, None])
+        return np.ascontiguousarray(by_string[:, 0])

@@ -1,0 +1,52 @@
+//! Moves of a pair of strings over a block of steps.
+
+use crate::plan::pair::{Pair, Room};
+use crate::plan::paths::Paths;
+
+/// Lengths of blocks [steps], one after the other from call to call.
+pub(crate) const LENGTHS: [usize; 5] = [2, 4, 8, 16, 32];
+
+/// What becomes of a block.
+#[derive(Debug, Clone, Copy)]
+enum Change {
+    /// The strings change places.
+    Swap,
+    /// The first takes all it can.
+    First,
+    /// The second does.
+    Second,
+    /// Half each.
+    Halves,
+}
+
+impl Change {
+    const ALL: [Self; 4] = [Self::Swap, Self::First, Self::Second, Self::Halves];
+
+    fn of(self, room: &Room, second_w: f64) -> (f64, f64) {
+        room.both(match self {
+            Self::Swap => second_w,
+            Self::First => room.high_w,
+            Self::Second => room.low_w,
+            Self::Halves => 0.5 * room.sum_w,
+        })
+    }
+}
+
+/// Tries all changes on one block after the other, the first beginning at `offset`.
+pub(crate) fn rearrange(paths: &mut Paths<'_>, pair: Pair, length: usize, offset: usize, budget: u64) {
+    let n_steps = paths.problem.n_steps();
+    for from in (offset % length..n_steps).step_by(length) {
+        for kind in Change::ALL {
+            if paths.work >= budget {
+                return;
+            }
+            let to = (from + length).min(n_steps);
+            let change: Vec<_> =
+                (from..to).map(|t| kind.of(&pair.room(paths, t), paths.request(pair.second, t))).collect();
+            let before = pair.cost(paths);
+            if pair.cost_with(paths, from, &change, before) < before - 1e-12 * before.abs() {
+                pair.take(paths, from, &change);
+            }
+        }
+    }
+}

@@ -1,0 +1,141 @@
+//! Foresight: a plan of a day or more under one cost, carried from step to step and improved.
+//!
+//! A plan is a schedule of requests on the control model in its midpoint form ([`StringModel::step_midpoint`]). Nothing in
+//! it is certified; what it promises is that in the model it is never worse than any rule's schedule, nor than the plan it
+//! was made from.
+//!
+//! [`StringModel::step_midpoint`]: crate::StringModel::step_midpoint
+
+mod blocks;
+mod pair;
+mod paths;
+mod problem;
+mod slopes;
+mod starts;
+mod sweep;
+
+pub use problem::{PlanProblem, Prices};
+pub use starts::Rule;
+
+use paths::Paths;
+use slopes::Slopes;
+
+/// A round of moves that gains less than this share of the cost is not worth another one.
+const WORTHWHILE: f64 = 2e-4;
+
+/// How much a plan is worked on. Counted in roll-outs of all strings over all steps, so that answers do not depend on the
+/// machine.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PlanEffort {
+    /// Roll-outs for the plan that is carried along.
+    pub rollouts: usize,
+    /// Roll-outs for each fresh start; none are made with 0.
+    pub fresh_rollouts: usize,
+    /// Where the moves go on: a number that grows from call to call.
+    pub turn: usize,
+}
+
+/// A plan.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan {
+    /// Requests `(M, T)`, magnitudes [W].
+    pub request_w: Vec<f64>,
+    /// What it costs in the model.
+    pub cost: f64,
+    /// What the cheapest rule's schedule costs in the model.
+    pub rule_cost: f64,
+    /// Roll-outs made.
+    pub rollouts: usize,
+    /// What one more Ah at the start would add to the cost, averaged over the strings by capacity; negative, where charge
+    /// will be short [cost/Ah].
+    pub start_charge: f64,
+}
+
+impl PlanProblem<'_> {
+    /// Plans: the plan `previous` `(M, T)` [W] (magnitudes; made to fit where demand or limits have changed), or, where it
+    /// is missing or costs more, the best rule's schedule, improved by a local search.
+    pub fn plan(&mut self, previous: Option<&[f64]>, effort: PlanEffort) -> Plan {
+        let size = self.n_strings() * self.n_steps();
+        self.aim_for_balance(previous);
+        let problem: &Self = self;
+        let mut rules: Vec<Paths<'_>> =
+            Rule::ALL.iter().map(|rule| Paths::new(problem, rule.schedule(problem))).collect();
+        rules.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
+        let rule_cost = rules[0].cost();
+        let mut work: u64 = rules.iter().map(|r| r.work).sum();
+        let carried = previous.map(|request_w| Paths::new(problem, starts::fitted(problem, request_w)));
+        let mut best = match carried {
+            Some(carried) if carried.cost() <= rule_cost => carried,
+            _ => rules[0].clone(),
+        };
+        improve(&mut best, effort.rollouts * size, effort.turn);
+        work += best.work;
+        if effort.fresh_rollouts > 0 {
+            for mut fresh in rules {
+                fresh.work = 0;
+                improve(&mut fresh, effort.fresh_rollouts * size, effort.turn);
+                work += fresh.work;
+                if fresh.cost() < best.cost() {
+                    best = fresh;
+                }
+            }
+        }
+        let (mut slope, mut capacity) = (0.0, 0.0);
+        for m in 0..self.n_strings() {
+            slope += Slopes::along(&mut best, m).soc(0);
+            capacity += self.capacity_ah(m);
+        }
+        Plan {
+            cost: best.cost(),
+            rule_cost,
+            rollouts: (work as usize).div_ceil(size.max(1)),
+            start_charge: slope / capacity,
+            request_w: best.request_w,
+        }
+    }
+
+    /// Imbalance is measured from the fill of the plant along the plan at hand.
+    fn aim_for_balance(&mut self, previous: Option<&[f64]>) {
+        if self.prices.balance == 0.0 {
+            return;
+        }
+        let request_w = match previous {
+            Some(request_w) => starts::fitted(self, request_w),
+            None => Rule::Soc.schedule(self),
+        };
+        let paths = Paths::new(self, request_w);
+        let capacity: f64 = (0..self.n_strings()).map(|m| self.capacity_ah(m)).sum();
+        let fill = |t: usize| {
+            let charge = |m: usize| self.capacity_ah(m) * self.fill_of(m, paths.at(m, t + 1).state);
+            (0..self.n_strings()).map(charge).sum::<f64>() / capacity
+        };
+        self.fill = (0..self.n_steps()).map(fill).collect();
+    }
+}
+
+/// Rounds of moves until a whole cycle of them gains too little, or the budget is used up.
+fn improve(paths: &mut Paths<'_>, budget: usize, turn: usize) {
+    let n = paths.problem.n_strings();
+    let budget = budget as u64;
+    let cycle = pair::rounds(n).max(blocks::LENGTHS.len());
+    let mut at_start = paths.cost();
+    for round in turn.. {
+        for pair in pair::tournament(n, round) {
+            sweep::sweep(paths, pair, budget);
+        }
+        let length = blocks::LENGTHS[round % blocks::LENGTHS.len()];
+        for pair in pair::tournament(n, round) {
+            blocks::rearrange(paths, pair, length, round, budget);
+        }
+        if paths.work >= budget || n < 2 {
+            return;
+        }
+        if (round + 1 - turn) % cycle == 0 {
+            let cost = paths.cost();
+            if cost > at_start - WORTHWHILE * at_start.abs() {
+                return;
+            }
+            at_start = cost;
+        }
+    }
+}

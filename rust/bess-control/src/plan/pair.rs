@@ -1,0 +1,96 @@
+//! Two strings that exchange power: what the first may be asked for while their sum stays.
+
+use crate::plan::paths::Paths;
+
+/// Two strings.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Pair {
+    pub first: usize,
+    pub second: usize,
+}
+
+/// What a pair may do in one step; powers are those of its first string [W].
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Room {
+    pub sum_w: f64,
+    pub low_w: f64,
+    pub high_w: f64,
+}
+
+impl Room {
+    /// Whether anything can be exchanged.
+    pub fn is_open(&self) -> bool {
+        self.high_w - self.low_w > 1e-6 * self.sum_w
+    }
+
+    /// Requests of both strings for a first one inside the room.
+    #[inline]
+    pub fn both(&self, first_w: f64) -> (f64, f64) {
+        let first = first_w.clamp(self.low_w, self.high_w);
+        (first, (self.sum_w - first).max(0.0))
+    }
+}
+
+impl Pair {
+    pub fn room(&self, paths: &Paths<'_>, t: usize) -> Room {
+        let sum_w = paths.request(self.first, t) + paths.request(self.second, t);
+        let limit = &paths.problem.limit_w;
+        Room { sum_w, low_w: (sum_w - limit[self.second]).max(0.0), high_w: limit[self.first].min(sum_w) }
+    }
+
+    /// Cost of both strings.
+    pub fn cost(&self, paths: &Paths<'_>) -> f64 {
+        paths.total(self.first) + paths.total(self.second)
+    }
+
+    /// Cost of both strings with other requests from step `from` on; infinite as soon as it is above `most`.
+    pub fn cost_with(&self, paths: &mut Paths<'_>, from: usize, change: &[(f64, f64)], most: f64) -> f64 {
+        let first = paths.cost_with(self.first, from, change.iter().map(|c| c.0), most);
+        if first > most {
+            return f64::INFINITY;
+        }
+        first + paths.cost_with(self.second, from, change.iter().map(|c| c.1), most - first)
+    }
+
+    /// Takes other requests from step `from` on.
+    pub fn take(&self, paths: &mut Paths<'_>, from: usize, change: &[(f64, f64)]) {
+        for (k, &(u, v)) in change.iter().enumerate() {
+            paths.set(self.first, from + k, u);
+            paths.set(self.second, from + k, v);
+        }
+        paths.roll(self.first, from);
+        paths.roll(self.second, from);
+    }
+}
+
+/// Pairs of one round of a tournament in which everybody meets everybody else once in [`rounds`] rounds (circle method).
+pub(crate) fn tournament(n: usize, round: usize) -> impl Iterator<Item = Pair> {
+    let even = n + n % 2;
+    let seat = move |k: usize| if k == 0 { 0 } else { 1 + (k - 1 + round) % (even - 1).max(1) };
+    (0..even / 2)
+        .map(move |k| (seat(k), seat(even - 1 - k)))
+        .filter(move |&(a, b)| a < n && b < n)
+        .map(|(a, b)| Pair { first: a.min(b), second: a.max(b) })
+}
+
+/// Rounds of a tournament.
+pub(crate) fn rounds(n: usize) -> usize {
+    (n + n % 2).saturating_sub(1).max(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn everybody_meets_everybody_else_once() {
+        for n in 2..=9 {
+            let mut met: Vec<_> =
+                (0..rounds(n)).flat_map(|r| tournament(n, r)).map(|p| (p.first, p.second)).collect();
+            met.sort_unstable();
+            let all: Vec<_> = (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b))).collect();
+            assert_eq!(met, all, "{n} strings");
+        }
+        assert_eq!(tournament(1, 0).count(), 0);
+    }
+}

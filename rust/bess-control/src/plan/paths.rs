@@ -1,0 +1,115 @@
+//! A plan with the state and the cost of every string along it, so that a change is costed from the changed step on and
+//! only for the strings that it touches.
+
+use crate::model::StringState;
+use crate::plan::problem::PlanProblem;
+
+/// A string at the start of a step: where it stands, what it has cost, whether its inverter runs.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Point {
+    pub state: StringState,
+    pub cost: f64,
+    pub running: bool,
+}
+
+/// A schedule, rolled out.
+#[derive(Debug, Clone)]
+pub(crate) struct Paths<'a> {
+    pub problem: &'a PlanProblem<'a>,
+    /// `(M, T)` [W].
+    pub request_w: Vec<f64>,
+    /// `(M, T + 1)`.
+    points: Vec<Point>,
+    /// Cost of each string, that of its end included `(M,)`.
+    totals: Vec<f64>,
+    /// Steps of single strings computed so far: the measure of effort.
+    pub work: u64,
+}
+
+impl<'a> Paths<'a> {
+    pub fn new(problem: &'a PlanProblem<'a>, request_w: Vec<f64>) -> Self {
+        let (n_strings, n_steps) = (problem.n_strings(), problem.n_steps());
+        let first = |m: usize| Point { state: problem.start[m], cost: 0.0, running: problem.running[m] };
+        let points = (0..n_strings).flat_map(|m| std::iter::repeat_n(first(m), n_steps + 1)).collect();
+        let mut paths = Self { problem, request_w, points, totals: vec![0.0; n_strings], work: 0 };
+        for m in 0..n_strings {
+            paths.roll(m, 0);
+        }
+        paths
+    }
+
+    #[inline]
+    pub fn request(&self, m: usize, t: usize) -> f64 {
+        self.request_w[m * self.problem.n_steps() + t]
+    }
+
+    /// Sets a request; the path is stale until [`Self::roll`].
+    #[inline]
+    pub fn set(&mut self, m: usize, t: usize, request_w: f64) {
+        let index = m * self.problem.n_steps() + t;
+        self.request_w[index] = request_w;
+    }
+
+    /// Where a string stands at the start of a step.
+    #[inline]
+    pub fn at(&self, m: usize, t: usize) -> &Point {
+        &self.points[m * (self.problem.n_steps() + 1) + t]
+    }
+
+    /// Cost of one string.
+    #[inline]
+    pub fn total(&self, m: usize) -> f64 {
+        self.totals[m]
+    }
+
+    /// Cost of the plan.
+    pub fn cost(&self) -> f64 {
+        self.totals.iter().sum()
+    }
+
+    /// One step of a string from any point.
+    #[inline]
+    pub fn next(&self, m: usize, t: usize, point: &Point, request_w: f64) -> Point {
+        let (cost, state) = self.problem.stage(m, t, point.state, request_w, point.running);
+        Point { state, cost: point.cost + cost, running: request_w > 0.0 }
+    }
+
+    /// Rolls a string out again from a step on.
+    pub fn roll(&mut self, m: usize, from: usize) {
+        let n_steps = self.problem.n_steps();
+        let base = m * (n_steps + 1);
+        for t in from..n_steps {
+            self.points[base + t + 1] = self.next(m, t, &self.points[base + t], self.request(m, t));
+        }
+        let last = &self.points[base + n_steps];
+        self.totals[m] = last.cost + self.problem.end(m, last.state);
+        self.work += (n_steps - from) as u64;
+    }
+
+    /// Total cost of a string that leaves its path at step `from` with the requests `change_w` and then goes on as planned;
+    /// infinite as soon as it is above `most`. No cost is negative, so nothing can bring it back down.
+    pub fn cost_with(
+        &mut self,
+        m: usize,
+        from: usize,
+        change_w: impl Iterator<Item = f64>,
+        most: f64,
+    ) -> f64 {
+        let n_steps = self.problem.n_steps();
+        let mut point = *self.at(m, from);
+        let mut t = from;
+        for request_w in change_w {
+            point = self.next(m, t, &point, request_w);
+            t += 1;
+        }
+        while t < n_steps && point.cost <= most {
+            point = self.next(m, t, &point, self.request(m, t));
+            t += 1;
+        }
+        self.work += (t - from) as u64;
+        if point.cost > most {
+            return f64::INFINITY;
+        }
+        point.cost + self.problem.end(m, point.state)
+    }
+}

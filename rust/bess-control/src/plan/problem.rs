@@ -1,0 +1,127 @@
+//! What a plan is made for: strings, measured state, demand, limits, surroundings, prices.
+
+use crate::error::{check_length, check_range};
+use crate::model::{ControlModel, Interval, Losses, StringState};
+use crate::ControlError;
+
+/// What counts in a plan.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Prices {
+    /// A watt-hour lost, for each step `(T,)` [cost/Wh]. The unit of cost is that of the objective: kWh, or EUR.
+    pub losses: Vec<Losses>,
+    /// Wear by the charge that a string moves, in either direction `(M,)` [cost/Ah].
+    pub wear: Vec<f64>,
+    /// A start of an inverter [cost].
+    pub start: f64,
+    /// Imbalance: squared distance of a string's fill from that of the plant [cost per Ah of capacity and hour].
+    pub balance: f64,
+    /// Charge left at the end [cost/Ah]; negative, because it is worth having.
+    pub end_charge: f64,
+}
+
+/// One plan's data. Arrays over strings and steps are string-major, `(M, T)`; requests are magnitudes in the direction of
+/// their step.
+#[derive(Debug, Clone)]
+pub struct PlanProblem<'a> {
+    pub(crate) model: &'a ControlModel,
+    pub(crate) start: Vec<StringState>,
+    pub(crate) running: Vec<bool>,
+    pub(crate) demand_w: Vec<f64>,
+    pub(crate) intervals: Vec<Interval>,
+    pub(crate) limit_w: Vec<f64>,
+    pub(crate) prices: Prices,
+    /// Fill of the plant at the end of each step `(T,)`, from which imbalance is measured.
+    pub(crate) fill: Vec<f64>,
+}
+
+impl<'a> PlanProblem<'a> {
+    /// Checks a problem.
+    ///
+    /// `start` and `running` `(M,)`: measured state, and whether each inverter runs. `demand_w` `(T,)` has no sign, that is
+    /// in `intervals`; what is above the sum of the limits `limit_w` `(M,)`, which hold for all steps, is left out.
+    ///
+    /// # Errors
+    ///
+    /// Where lengths do not agree, or a number is not finite or negative.
+    pub fn new(
+        model: &'a ControlModel,
+        start: Vec<StringState>,
+        running: Vec<bool>,
+        demand_w: &[f64],
+        intervals: Vec<Interval>,
+        limit_w: Vec<f64>,
+        prices: Prices,
+    ) -> Result<Self, ControlError> {
+        let (n_strings, n_steps) = (model.strings().len(), demand_w.len());
+        check_length("limit", &limit_w, n_strings)?;
+        check_length("wear", &prices.wear, n_strings)?;
+        check_range("demand", demand_w, (0.0, f64::MAX), " W")?;
+        check_range("wear", &prices.wear, (0.0, f64::MAX), "")?;
+        check_range("start and balance", &[prices.start, prices.balance], (0.0, f64::MAX), "")?;
+        check_range("end_charge", &[prices.end_charge], (-f64::MAX, f64::MAX), "")?;
+        for p in &prices.losses {
+            check_range("prices of losses", &p.to_array(), (0.0, f64::MAX), "")?;
+        }
+        for (string, &limit) in model.strings().iter().zip(&limit_w) {
+            check_range("limit", &[limit], (0.0, string.nominal_w() * (1.0 + 1e-9)), " W")?;
+        }
+        for (name, length) in [("prices of losses", prices.losses.len()), ("intervals", intervals.len())] {
+            check_length(name, &vec![0.0; length], n_steps)?;
+        }
+        let total: f64 = limit_w.iter().sum();
+        let demand_w = demand_w.iter().map(|d| d.min(total)).collect();
+        Ok(Self { model, start, running, demand_w, intervals, limit_w, prices, fill: vec![0.0; n_steps] })
+    }
+
+    /// Number of strings.
+    pub fn n_strings(&self) -> usize {
+        self.limit_w.len()
+    }
+
+    /// Number of steps.
+    pub fn n_steps(&self) -> usize {
+        self.demand_w.len()
+    }
+
+    /// One step of one string: its cost and where it ends.
+    #[inline]
+    pub(crate) fn stage(
+        &self,
+        m: usize,
+        t: usize,
+        state: StringState,
+        request_w: f64,
+        running: bool,
+    ) -> (f64, StringState) {
+        let interval = &self.intervals[t];
+        let flow = self.model.strings()[m].step_midpoint(state, request_w, interval);
+        let p = &self.prices;
+        let mut rate = flow.losses().cost(&p.losses[t]) + p.wear[m] * flow.current_a.abs();
+        if p.balance > 0.0 {
+            let off = self.fill_of(m, flow.end) - self.fill[t];
+            rate += p.balance * self.capacity_ah(m) * off * off;
+        }
+        let start = if running || request_w <= 0.0 { 0.0 } else { p.start };
+        (rate * interval.dt_h + start, flow.end)
+    }
+
+    /// Cost of the state in which the plan leaves a string. Measured from full or empty, so that it is never negative.
+    #[inline]
+    pub(crate) fn end(&self, m: usize, state: StringState) -> f64 {
+        let p = &self.model.strings()[m].parameters;
+        let from = if self.prices.end_charge < 0.0 { p.soc_max } else { p.soc_min };
+        self.prices.end_charge * self.capacity_ah(m) * (state.soc - from)
+    }
+
+    /// Share of its usable SOC window that a string holds.
+    #[inline]
+    pub(crate) fn fill_of(&self, m: usize, state: StringState) -> f64 {
+        let p = &self.model.strings()[m].parameters;
+        (state.soc - p.soc_min) / (p.soc_max - p.soc_min)
+    }
+
+    #[inline]
+    pub(crate) fn capacity_ah(&self, m: usize) -> f64 {
+        self.model.strings()[m].parameters.capacity_ah
+    }
+}

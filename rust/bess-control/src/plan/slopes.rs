@@ -1,0 +1,62 @@
+//! What one more unit of charge or warmth in a string would add to the cost of the rest of the plan.
+
+use crate::model::StringState;
+use crate::plan::paths::{Paths, Point};
+
+const SOC_SHIFT: f64 = 1e-3;
+const TEMPERATURE_SHIFT_K: f64 = 0.1;
+
+/// Slopes of the cost of the rest of one string's path at the start of each step `(T + 1,)`: the co-states of its
+/// schedule, by a backward pass of difference quotients.
+#[derive(Debug, Clone)]
+pub(crate) struct Slopes {
+    soc: Vec<f64>,
+    temperature: Vec<f64>,
+}
+
+impl Slopes {
+    pub fn along(paths: &mut Paths<'_>, m: usize) -> Self {
+        let problem = paths.problem;
+        let n_steps = problem.n_steps();
+        let mut slopes = Self { soc: vec![0.0; n_steps + 1], temperature: vec![0.0; n_steps + 1] };
+        slopes.soc[n_steps] = problem.prices.end_charge * problem.capacity_ah(m);
+        for t in (0..n_steps).rev() {
+            let (here, next) = (*paths.at(m, t), *paths.at(m, t + 1));
+            let request_w = paths.request(m, t);
+            let change = |state: StringState| {
+                let shifted = paths.next(m, t, &Point { state, ..here }, request_w);
+                slopes.change(t + 1, &next, &shifted)
+            };
+            // Into the window: one side of a string at its limit is no state.
+            let shift = if here.state.soc < 0.5 { SOC_SHIFT } else { -SOC_SHIFT };
+            let by_soc = change(StringState { soc: here.state.soc + shift, ..here.state }) / shift;
+            let warmer = here.state.temperature_c + TEMPERATURE_SHIFT_K;
+            let by_temperature =
+                change(StringState { temperature_c: warmer, ..here.state }) / TEMPERATURE_SHIFT_K;
+            slopes.soc[t] = by_soc;
+            slopes.temperature[t] = by_temperature;
+        }
+        paths.work += 2 * n_steps as u64;
+        slopes
+    }
+
+    /// By SOC, at the start of a step.
+    #[inline]
+    pub fn soc(&self, t: usize) -> f64 {
+        self.soc[t]
+    }
+
+    /// By temperature, at the start of a step.
+    #[inline]
+    pub fn temperature(&self, t: usize) -> f64 {
+        self.temperature[t]
+    }
+
+    /// What it costs to be at `other` instead of `here` at the start of step `t`, to first order.
+    #[inline]
+    fn change(&self, t: usize, here: &Point, other: &Point) -> f64 {
+        other.cost - here.cost
+            + self.soc[t] * (other.state.soc - here.state.soc)
+            + self.temperature[t] * (other.state.temperature_c - here.state.temperature_c)
+    }
+}

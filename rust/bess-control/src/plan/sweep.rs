@@ -1,0 +1,227 @@
+//! Moves of a pair of strings in one step, or in one step and back in a later one, chosen by what they promise: the cost of
+//! the step itself, and the slopes of the cost of all that follows. Only what promises a gain is rolled out.
+
+use crate::plan::pair::{Pair, Room};
+use crate::plan::paths::Paths;
+use crate::plan::slopes::Slopes;
+
+/// Uniform cells over what the first string may be asked for.
+const CELLS: usize = 12;
+/// Cells whose charge is given back in a later step: the ends, the middle, the quarters.
+const EXCHANGED: [usize; 5] = [0, CELLS / 4, CELLS / 2, 3 * CELLS / 4, CELLS];
+/// Exchanges that are rolled out at each step, the most promising ones.
+const TRIED: usize = 3;
+/// A promised gain that is looked into, as a share of the cost of the plan.
+const PROMISING: f64 = 1e-6;
+/// Closer than this share of the cell to one of the ends, an exchange switches an inverter off there.
+const SNAP: f64 = 0.4;
+
+/// A request of the first string at one step, the second taking the rest: how it changes the cost of both, their charge
+/// left aside, and their SOC.
+#[derive(Debug, Clone, Copy, Default)]
+struct Choice {
+    first_w: f64,
+    cost: f64,
+    soc: (f64, f64),
+}
+
+/// The choices of a pair at one step, ascending in the request of the first string.
+#[derive(Debug, Clone, Copy, Default)]
+struct Fork {
+    room: Room,
+    choices: [Choice; CELLS + 1],
+}
+
+/// A schedule of a pair, with the slopes along it.
+struct Sweep<'p, 'a> {
+    paths: &'p mut Paths<'a>,
+    pair: Pair,
+    slopes: (Slopes, Slopes),
+    forks: Vec<Fork>,
+}
+
+/// An exchange between two steps that promises a gain.
+#[derive(Debug, Clone, Copy)]
+struct Exchange {
+    promise: f64,
+    first_w: f64,
+    later: usize,
+    later_first_w: f64,
+}
+
+/// Goes once over all steps.
+pub(crate) fn sweep(paths: &mut Paths<'_>, pair: Pair, budget: u64) {
+    let least = PROMISING * paths.cost();
+    let slopes = (Slopes::along(paths, pair.first), Slopes::along(paths, pair.second));
+    let mut sweep = Sweep { paths, pair, slopes, forks: vec![] };
+    let n_steps = sweep.paths.problem.n_steps();
+    sweep.forks = (0..n_steps).map(|t| sweep.fork(t)).collect();
+    let mut stale = false;
+    for t in 0..n_steps {
+        if sweep.paths.work >= budget {
+            return;
+        }
+        if !sweep.forks[t].room.is_open() {
+            continue;
+        }
+        if stale {
+            sweep.forks[t] = sweep.fork(t);
+        }
+        stale |= sweep.improve(t, least);
+    }
+}
+
+impl Sweep<'_, '_> {
+    /// The choices at a step from where the strings stand.
+    fn fork(&mut self, t: usize) -> Fork {
+        let Pair { first, second } = self.pair;
+        let room = self.pair.room(self.paths, t);
+        let mut fork = Fork { room, ..Fork::default() };
+        if !room.is_open() {
+            return fork;
+        }
+        let (a, b) = (*self.paths.at(first, t), *self.paths.at(second, t));
+        let (a_next, b_next) = (*self.paths.at(first, t + 1), *self.paths.at(second, t + 1));
+        for (k, choice) in fork.choices.iter_mut().enumerate() {
+            let (u, v) = room.both(room.low_w + (room.high_w - room.low_w) * k as f64 / CELLS as f64);
+            let (p, q) = (self.paths.next(first, t, &a, u), self.paths.next(second, t, &b, v));
+            let warmer = self.slopes.0.temperature(t + 1)
+                * (p.state.temperature_c - a_next.state.temperature_c)
+                + self.slopes.1.temperature(t + 1) * (q.state.temperature_c - b_next.state.temperature_c);
+            *choice = Choice {
+                first_w: u,
+                cost: p.cost - a_next.cost + q.cost - b_next.cost + warmer,
+                soc: (p.state.soc - a_next.state.soc, q.state.soc - b_next.state.soc),
+            };
+        }
+        self.paths.work += 2 * (CELLS as u64 + 1);
+        fork
+    }
+
+    /// Takes the best of what promises a gain at a step; whether there was any.
+    fn improve(&mut self, t: usize, least: f64) -> bool {
+        let fork = self.forks[t];
+        let here_w = self.paths.request(self.pair.first, t);
+        let before = self.pair.cost(self.paths);
+        let mut best = (before, Vec::new());
+        let (by_first, by_second) = (self.slopes.0.soc(t + 1), self.slopes.1.soc(t + 1));
+        let promise = |c: &Choice| c.cost + by_first * c.soc.0 + by_second * c.soc.1;
+        let single = fork.choices.iter().min_by(|x, y| promise(x).total_cmp(&promise(y))).expect("cells");
+        if promise(single) < -least {
+            // A slope holds for small changes: where the whole of it disappoints, a half or a quarter may do.
+            let mut first_w = single.first_w;
+            for _ in 0..3 {
+                self.attempt(t, vec![fork.room.both(first_w)], &mut best);
+                first_w = 0.5 * (first_w + here_w);
+            }
+        }
+        for exchange in self.exchanges(t, least).into_iter().flatten() {
+            let row =
+                |s: usize| (self.paths.request(self.pair.first, s), self.paths.request(self.pair.second, s));
+            let mut change: Vec<_> = (t..=exchange.later).map(row).collect();
+            change[0] = fork.room.both(exchange.first_w);
+            change[exchange.later - t] = self.forks[exchange.later].room.both(exchange.later_first_w);
+            self.attempt(t, change, &mut best);
+        }
+        let (cost, change) = best;
+        if cost >= before {
+            return false;
+        }
+        self.pair.take(self.paths, t, &change);
+        if change.len() > 1 {
+            self.slopes =
+                (Slopes::along(self.paths, self.pair.first), Slopes::along(self.paths, self.pair.second));
+            let later = t + change.len() - 1;
+            self.forks[later] = self.fork(later);
+        }
+        true
+    }
+
+    fn attempt(&mut self, t: usize, change: Vec<(f64, f64)>, best: &mut (f64, Vec<(f64, f64)>)) {
+        let cost = self.pair.cost_with(self.paths, t, &change, best.0);
+        if cost < best.0 - 1e-12 * best.0.abs() {
+            *best = (cost, change);
+        }
+    }
+
+    /// The most promising exchanges of a step with later ones: what the first string takes here it gives back there.
+    fn exchanges(&self, t: usize, least: f64) -> [Option<Exchange>; TRIED] {
+        let mut found = [None; TRIED];
+        let window = |m: usize| {
+            let p = &self.paths.problem.model.strings()[m].parameters;
+            (p.soc_min - 1e-9, p.soc_max + 1e-9)
+        };
+        let (first, second) = (window(self.pair.first), window(self.pair.second));
+        let within = |soc: f64, (low, high): (f64, f64)| soc >= low && soc <= high;
+        for cell in EXCHANGED {
+            let choice = &self.forks[t].choices[cell];
+            if choice.soc.0.abs() < 1e-5 {
+                continue;
+            }
+            for later in t + 1..self.forks.len() {
+                // On the way, both are off by what was exchanged.
+                let on_the_way =
+                    within(self.paths.at(self.pair.first, later).state.soc + choice.soc.0, first)
+                        && within(self.paths.at(self.pair.second, later).state.soc + choice.soc.1, second);
+                if !on_the_way {
+                    break;
+                }
+                let Some(back) = self.forks[later].where_soc_changes_by(-choice.soc.0) else { continue };
+                let promise = choice.cost
+                    + back.cost
+                    + self.slopes.0.soc(later + 1) * (choice.soc.0 + back.soc.0)
+                    + self.slopes.1.soc(later + 1) * (choice.soc.1 + back.soc.1);
+                if promise < -least {
+                    let exchange =
+                        Exchange { promise, first_w: choice.first_w, later, later_first_w: back.first_w };
+                    keep(&mut found, exchange);
+                }
+            }
+        }
+        found
+    }
+}
+
+/// Keeps the most promising ones, in their order.
+fn keep(found: &mut [Option<Exchange>; TRIED], mut exchange: Exchange) {
+    for place in found {
+        match place {
+            Some(held) if held.promise <= exchange.promise => (),
+            Some(held) => std::mem::swap(held, &mut exchange),
+            None => {
+                *place = Some(exchange);
+                return;
+            }
+        }
+    }
+}
+
+impl Fork {
+    /// The choice, between the cells, that changes the first string's SOC by this much.
+    #[inline]
+    fn where_soc_changes_by(&self, change: f64) -> Option<Choice> {
+        if !self.room.is_open() {
+            return None;
+        }
+        let (low, high) = (self.choices[0].soc.0, self.choices[CELLS].soc.0);
+        let share = (change - low) / (high - low);
+        if !(-0.05..=1.05).contains(&share) {
+            return None;
+        }
+        let place = (share * CELLS as f64).clamp(0.0, CELLS as f64);
+        let cell = (place as usize).min(CELLS - 1);
+        let mut part = place - cell as f64;
+        if cell == 0 && part < SNAP {
+            part = 0.0;
+        } else if cell == CELLS - 1 && part > 1.0 - SNAP {
+            part = 1.0;
+        }
+        let (x, y) = (&self.choices[cell], &self.choices[cell + 1]);
+        let mix = |p: f64, q: f64| p + part * (q - p);
+        Some(Choice {
+            first_w: mix(x.first_w, y.first_w),
+            cost: mix(x.cost, y.cost),
+            soc: (mix(x.soc.0, y.soc.0), mix(x.soc.1, y.soc.1)),
+        })
+    }
+}
