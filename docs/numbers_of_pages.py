@@ -154,6 +154,7 @@ def _kpi_table(kpis: Mapping[str, Mapping[str, float]], keys: Sequence[str]) -> 
     table += [
         [kpi(key).heading, *(kpi(key).number(k.get(key, math.nan)) for k in kpis.values())]
         for key in in_order(keys)
+        if any(key in k for k in kpis.values())
     ]
     return _table(table)
 

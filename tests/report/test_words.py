@@ -8,7 +8,10 @@ from folders import write_run
 from synthetic import kpis, record
 
 from bess.analysis.catalogue import kpi
+from bess.analysis.kpis import kpis as compute
 from bess.errors import InputError
+from bess.policies.planned import PLANNED
+from bess.report.contents import optimiser
 from bess.report.paper import Verdict, comparisons, is_case_2, reading
 from bess.report.runs import Run, runs_in
 from bess.report.tables import decision_table, kpi_groups
@@ -118,6 +121,37 @@ def test_a_gap_is_said_with_what_it_is_worth(tmp_path: Path) -> None:
     worth = 0.25 * float((data["solver_gap"].values * lost_kw).sum())
     assert worth > 0.1
     assert summary(runs)[-1].endswith(f"that is about {worth:,.1f} kWh.")
+
+
+def planned(directory: Path, **policy: float) -> None:
+    data = record(2, 96)
+    data["solver_status"][:] = PLANNED
+    data["solver_gap"][:] = data["solver_search_gap"][:] = np.nan
+    data["solver_nodes"][:] = data["fallback"][:] = 0
+    write_run(directory, data, directory.name, policy=policy)
+
+
+def test_a_planned_run_says_so_in_place_of_gaps(tmp_path: Path) -> None:
+    planned(tmp_path / "run")
+    runs = runs_in(tmp_path / "run")[0]
+    assert summary(runs)[-1].startswith("Every step was planned over 24 h, not certified:")
+    assert warnings(runs, {}) == []
+    assert not any("gap" in sentence for sentence in summary(runs))
+    assert list(optimiser(runs["run"])) == []
+    assert not [
+        name for name in compute(runs["run"].dataset) if name.startswith(("solver_gap", "solver_nodes"))
+    ]
+
+
+def test_a_comparison_says_which_runs_were_planned_and_how_far(tmp_path: Path) -> None:
+    planned(tmp_path / "set" / "day")
+    planned(tmp_path / "set" / "short", foresight_h=6.0)
+    write_run(tmp_path / "set" / "split", record(2, 96), "split")
+    said = [sentence for sentence in summary(runs_in(tmp_path / "set")[0]) if "planned" in sentence]
+    assert [sentence.split(",")[0] for sentence in said] == [
+        "day: every step was planned over 24 h",
+        "short: every step was planned over 6 h",
+    ]
 
 
 def test_the_best_of_each_row_is_marked_and_the_rest_are_behind() -> None:

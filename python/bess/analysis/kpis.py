@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from bess.analysis.lifetime import wear_kpis
 from bess.analysis.settlement import dispatch_kpis, has_prices, settlement_kpis
 from bess.errors import InputError
+from bess.policies.planned import PLANNED
 from bess.units import PERCENT
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ def kpis(result: Result | xr.Dataset) -> dict[str, float]:
       mean over strings; ``inverter_starts_mean``, ``inverter_starts_max`` per inverter;
     - energies in kWh; ``ledger_residual_ratio``, the sum of absolute residuals over the delivered energy;
     - ``fallback_steps``, ``solver_steps``, and ``median``, ``p95`` and ``max`` of gaps and nodes over the
-      steps with a solve; for market studies ``revenue_eur``;
+      steps with a certified split (a plan has neither); for market studies ``revenue_eur``;
     - ``soh_capacity_min``, ``soh_capacity_mean`` and ``soh_resistance_max`` over the strings at the end,
       ``end_of_life_days`` if a string reached it, ``wear_eur``, and ``npv_eur`` of market studies that are
       longer than a year.
@@ -160,13 +161,14 @@ def _solver(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
     solved = dataset["solver_status"].values != 0
     yield "fallback_steps", dataset["fallback"].values.sum()
     yield "solver_steps", solved.sum()
+    certified = solved & (dataset["solver_status"].values != PLANNED)
     for name in ("solver_gap", "solver_search_gap", "solver_nodes"):
-        values = dataset[name].values[solved].astype(np.float64)
+        values = dataset[name].values[certified].astype(np.float64)
         yield from _spread(name, values[np.isfinite(values)])
 
 
 def _spread(name: str, values: Array) -> Iterator[tuple[str, float]]:
-    """Nothing for a run without solves: there is no such figure then."""
+    """Nothing for a run of rules or plans: there is no such figure then."""
     if values.size:
         yield f"{name}_median", np.median(values)
         yield f"{name}_p95", np.quantile(values, 0.95)

@@ -7,10 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from bess.analysis.catalogue import kpi
+from bess.policies.planned import PLANNED
 from bess.report.contents import MOST_COMPARED
 from bess.report.data import step_h
 from bess.report.differing import event_sentences, spread_sentences
 from bess.report.runs import Run
+from bess.study.sections import DEFAULT_FORESIGHT_H
 
 _LEDGER_TOLERANCE_KWH = 1e-6
 _LEDGER_TOLERANCE = 1e-9
@@ -45,8 +47,10 @@ def summary(runs: Mapping[str, Run]) -> list[str]:
     """Sentences on what came out."""
     first = next(iter(runs.values()))
     if len(runs) == 1:
-        return [*_one(first), *event_sentences(first), *spread_sentences(runs), *_gap_sentence(first)]
-    return [*_compared(runs), *event_sentences(first), *spread_sentences(runs)]
+        said = [*_one(first), *event_sentences(first), *spread_sentences(runs), *_gap_sentence(first)]
+    else:
+        said = [*_compared(runs), *event_sentences(first), *spread_sentences(runs)]
+    return [*said, *_plan_sentences(runs)]
 
 
 def _one(run: Run) -> Iterator[str]:
@@ -149,6 +153,21 @@ def _gap_sentence(run: Run) -> Iterator[str]:
         f"{int(known.sum()):,} steps) away from a proven bound; of the energy lost in those steps that "
         f"is about {_kwh(worth)}."
     )
+
+
+def _plan_sentences(runs: Mapping[str, Run]) -> Iterator[str]:
+    """Which runs follow plans, of which no gap is known; one sentence for each length of plan."""
+    planned: dict[float, list[str]] = {}
+    for name, run in runs.items():
+        if (run.dataset["solver_status"].values == PLANNED).any():
+            hours = run.study.get("policy", {}).get("foresight_h", DEFAULT_FORESIGHT_H)
+            planned.setdefault(float(hours), []).append(name)
+    for hours, names in planned.items():
+        who = f"{_listed(names)}: every" if len(runs) > 1 else "Every"
+        yield (
+            f"{who} step was planned over {hours:g} h, not certified: how far a plan is from the best one is "
+            "not known while it runs. bess report --hindsight says afterwards what was possible."
+        )
 
 
 def _listed(names: Sequence[str]) -> str:
