@@ -48,6 +48,11 @@ impl Ord for Node {
 /// Solves the one-step problem. Branches first on how many strings run (like strings are then no trouble, because
 /// the Lagrangian of a number has no gap for them), then on the string at the border.
 pub(crate) fn solve(curves: &[CostCurve], demand_w: f64) -> OneStep {
+    solve_within(curves, demand_w, 60 + 8 * curves.len())
+}
+
+/// [`solve`] with at most this many nodes; fewer loosen the bound, they do not make it wrong.
+fn solve_within(curves: &[CostCurve], demand_w: f64, mut n_nodes: usize) -> OneStep {
     let n = curves.len();
     let free = Choice::free(n);
     let root = maximise(curves, &free, demand_w, 0.0);
@@ -62,15 +67,14 @@ pub(crate) fn solve(curves: &[CostCurve], demand_w: f64) -> OneStep {
         heap.push(Node { bound, choice, border: None, order: count });
     }
     let mut order = n;
-    // Bounds of what was set aside although it might beat the best leaf by a rounding error.
+    // Bounds of what was set aside: it might beat the best leaf by a rounding error, or no nodes were left for it.
     let mut floor = f64::INFINITY;
-    let mut budget = 60 + 8 * n;
     while let Some(node) = heap.pop() {
-        if node.bound >= best.bound - GAP * best.bound.abs() || budget == 0 {
+        if node.bound >= best.bound - GAP * best.bound.abs() || n_nodes == 0 {
             floor = floor.min(node.bound);
             break;
         }
-        budget -= 1;
+        n_nodes -= 1;
         let Some(border) = node.border else {
             let dual = maximise(curves, &node.choice, demand_w, root.price);
             let bound = dual.bound.max(node.bound);
@@ -115,4 +119,84 @@ fn decided(choice: &Choice, dual: &Dual) -> Choice {
         modes[m] = if rank < dual.n_on { Mode::On } else { Mode::Off };
     }
     Choice { modes, count: None }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::{heat_w, LossCurve, Losses, Range};
+    use crate::one_step::Terms;
+    use bess_tables::{Direction, Lut};
+
+    const N_STRINGS: usize = 4;
+    const N_GRID: u32 = 48;
+    const NOMINAL_W: f64 = 100e3;
+    const COSTS: Losses = Losses { availability: 0.0, derating: 1.0, inverter: 1.0, battery: 1.0 };
+
+    /// A string without derating, with an inverter that costs much to switch on.
+    struct Inverter {
+        loss: LossCurve,
+        terms: Terms,
+    }
+
+    impl Inverter {
+        fn random(random: &mut fastrand::Rng, direction: Direction) -> Self {
+            let mut between = |low: f64, high: f64| low + (high - low) * random.f64();
+            let no_load_w = between(500.0, 8e3);
+            let full_w = no_load_w + between(500.0, 4e3);
+            let table = Lut::new("loss", vec![0.0, NOMINAL_W], vec![no_load_w, full_w]).unwrap();
+            let limit_w = between(0.3, 1.0) * NOMINAL_W;
+            let terms = Terms {
+                direction,
+                limit_w,
+                deliverable_w: limit_w,
+                derating: Range::point(1.0),
+                power_scale_w: Range::point(between(1e6, 6e6)),
+                scale_price: 0.0,
+                power_price: 0.0,
+                costs: COSTS,
+                shed_cost: f64::INFINITY,
+            };
+            Self { loss: LossCurve::new(&table, direction, NOMINAL_W), terms }
+        }
+
+        fn cost(&self, request_w: f64) -> f64 {
+            if request_w == 0.0 {
+                return 0.0;
+            }
+            let loss_w = self.loss.at(request_w).0;
+            let internal_w = self.loss.direction_power(request_w, loss_w);
+            loss_w + heat_w(internal_w, self.terms.power_scale_w.low, self.terms.direction)
+        }
+    }
+
+    /// The least over a grid of what the strings take; the first that can takes the rest.
+    fn least_on_a_grid(inverters: &[Inverter], demand_w: f64) -> f64 {
+        let Some((first, others)) = inverters.split_first() else { return f64::INFINITY };
+        let limit_w = first.terms.limit_w;
+        let all = if demand_w <= limit_w { first.cost(demand_w) } else { f64::INFINITY };
+        let on_grid = (0..=N_GRID).map(|k| limit_w * f64::from(k) / f64::from(N_GRID));
+        let shared = |taken_w: f64| first.cost(taken_w) + least_on_a_grid(others, demand_w - taken_w);
+        on_grid.filter(|taken_w| *taken_w <= demand_w).map(shared).fold(all, f64::min)
+    }
+
+    #[test]
+    fn however_few_nodes_are_solved_no_decision_costs_less_than_the_bound() {
+        let mut random = fastrand::Rng::with_seed(11);
+        for round in 0..12 {
+            let direction = if round % 2 == 0 { Direction::Charge } else { Direction::Discharge };
+            let inverters: Vec<_> =
+                (0..N_STRINGS).map(|_| Inverter::random(&mut random, direction)).collect();
+            let total_w: f64 = inverters.iter().map(|i| i.terms.limit_w).sum();
+            let demand_w = (0.1 + 0.8 * random.f64()) * total_w;
+            let curves: Vec<_> = inverters.iter().map(|i| CostCurve::new(&i.loss, i.terms)).collect();
+            let least = least_on_a_grid(&inverters, demand_w);
+            for n_nodes in 0..12 {
+                let bound = solve_within(&curves, demand_w, n_nodes).bound;
+                assert!(bound <= least * (1.0 + 1e-9), "{bound} above {least} with {n_nodes} nodes");
+            }
+            let bound = solve(&curves, demand_w).bound;
+            assert!(bound >= 0.98 * least, "{bound} far below {least}");
+        }
+    }
 }

@@ -215,3 +215,70 @@ impl<'a> Round<'a> {
         saved
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::search::test_horizon;
+
+    const DEMAND_W: f64 = 150e3;
+    /// Both strings cost the same.
+    const COSTS: Losses = Losses { availability: 0.0, derating: 1e-5, inverter: 1e-5, battery: 1e-5 };
+
+    /// Corners and inner states of a box.
+    fn states_in(states: &StateBox) -> Vec<StringState> {
+        let shares = [0.0, 0.3, 0.7, 1.0];
+        let at = |range: &Range, share: f64| range.low + share * (range.high - range.low);
+        let state = |a: f64, b: f64| StringState {
+            soc: at(&states.soc, a),
+            temperature_c: at(&states.temperature_c, b),
+        };
+        shares.iter().flat_map(|&a| shares.map(|b| state(a, b))).collect()
+    }
+
+    #[test]
+    fn whatever_charge_and_warmth_are_worth_no_flow_of_a_string_is_below_its_curve_and_constant() {
+        let mut random = fastrand::Rng::with_seed(5);
+        let mut worth_more_than_it_costs = 0;
+        for round in 0..40 {
+            let sign = if round % 2 == 0 { 1.0 } else { -1.0 };
+            let horizon = test_horizon(2, &[sign * DEMAND_W; 2]);
+            let boxes = horizon.reachable();
+            let near: Vec<_> = (0..4).map(|i| horizon.start[i / 2]).collect();
+            let span = Span::new(&horizon, &boxes, &near);
+            let costs = [COSTS; 2];
+            let round = Round { span: &span, costs: &costs, steps: vec![], bound: 0.0 };
+            let (m, t) = (0, 1);
+            let (string, interval) = (horizon.string(m), &horizon.intervals[t]);
+            let mut between = |low: f64, high: f64| low + (high - low) * random.f64();
+            let per_charge = COSTS.battery * 700.0 * string.parameters.capacity_ah / interval.dt_h;
+            let values = Values {
+                scale_price: between(0.0, 1.0) * 0.01 * COSTS.battery,
+                charge: between(-0.5, 0.5) * per_charge,
+                warmth: between(-1.0, 3.0) * COSTS.battery / span.kelvin_per_w(m, t),
+            };
+            let (curve, constant) = round.curve(m, t, &values, f64::INFINITY);
+            worth_more_than_it_costs += usize::from(curve.terms.costs.battery == 0.0);
+            let requests = horizon.request_range(m, t);
+            for price in [-1.0, 0.0, 0.1, 1.0, 10.0].map(|factor| factor * COSTS.battery) {
+                let bound = curve.free(price).value + constant;
+                for state in states_in(&boxes[m * 3 + t]) {
+                    let c = string.coefficients(interval.direction, state);
+                    let scale_w = c.voltage_v * c.voltage_v / c.resistance_ohm;
+                    for k in 0..=20 {
+                        let share = f64::from(k) / 20.0;
+                        let request_w = requests.low + share * (requests.high - requests.low);
+                        let flow = string.step(state, request_w, interval);
+                        assert_eq!(flow.availability_w, 0.0);
+                        let cost = flow.losses().cost(&COSTS) - price * request_w
+                            + values.scale_price * scale_w
+                            - values.charge * (flow.end.soc - state.soc)
+                            - values.warmth * span.kelvin_per_w(m, t) * flow.battery_w;
+                        assert!(cost >= bound - 1e-9 * bound.abs(), "{cost} below {bound}");
+                    }
+                }
+            }
+        }
+        assert!(worth_more_than_it_costs >= 10);
+    }
+}
