@@ -4,8 +4,17 @@ Every message names what is wrong, its value with unit, the allowed range and th
 Outcomes that are to be expected (a time limit, an infeasible node) are statuses, not exceptions.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Final, Literal
+
 _LONGEST = 2000
 """Characters of a message."""
+
+_on_command_line: ContextVar[bool] = ContextVar("on_command_line", default=False)
+_OPTIONS: Final = {"out": ("out=...", "--out"), "resume": ("resume=True", "--resume")}
+"""What a message calls an argument: to a caller from Python, and to one of the command line."""
 
 
 class BessError(Exception):
@@ -26,4 +35,24 @@ class InputError(BessError, ValueError):
 
 
 class StoppedEarly(BessError):  # noqa: N818 - an outcome, not a fault
-    """A run was interrupted after its results so far were saved. Exit status 3; resume with ``--resume``."""
+    """A run was interrupted after its results so far were saved. Exit status 3; continue with ``resume``."""
+
+
+@contextmanager
+def command_line(active: bool = True) -> Iterator[None]:
+    """Let messages speak of flags, as the command line does; those of workers too if they are told."""
+    token = _on_command_line.set(active)
+    try:
+        yield
+    finally:
+        _on_command_line.reset(token)
+
+
+def on_command_line() -> bool:
+    """Whether messages speak of flags."""
+    return _on_command_line.get()
+
+
+def option(name: Literal["out", "resume"]) -> str:
+    """Return what a message calls an argument: the keyword from Python, the flag on the command line."""
+    return _OPTIONS[name][on_command_line()]

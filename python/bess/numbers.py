@@ -23,7 +23,8 @@ def real_numbers(values: ArrayLike) -> NDArray[np.float64]:
         raise ValueError("some values are masked")
     array = np.asarray(values)
     if array.dtype.kind in "iuf":
-        return array.astype(np.float64, copy=False)
+        with np.errstate(over="ignore"):  # of a long double; infinity, as 1e400 is
+            return array.astype(np.float64, copy=False)
     if array.dtype.kind == "O":
         return np.array([_real(value) for value in array.ravel()], dtype=np.float64).reshape(array.shape)
     if array.size == 0:

@@ -249,7 +249,7 @@ def test_a_full_disk_is_one_clear_error_and_nothing_is_lost(
 
     with monkeypatch.context() as patch:
         patch.setattr(Path, "write_bytes", full)
-        with pytest.raises(bess.BessError, match=r"the disk is full, make room.*--resume"):
+        with pytest.raises(bess.BessError, match=r"the disk is full, make room.*resume=True"):
             bess.run(short, progress=False, out=directory)
     assert bess.open_result(directory).sizes["time"] == 16
     bess.run(short, progress=False, out=directory, resume=True)
@@ -341,7 +341,7 @@ def test_an_unfinished_run_needs_resume_and_a_finished_one_is_opened(
 ) -> None:
     directory = tmp_path / "run"
     begun(short, directory, monkeypatch)
-    with pytest.raises(bess.InputError, match="unfinished; continue with --resume"):
+    with pytest.raises(bess.InputError, match="unfinished; continue with resume=True"):
         bess.run(short, progress=False, out=directory)
     first = bess.run(short, progress=False, out=directory, resume=True)
     stamp = (directory / "results.nc").stat().st_mtime_ns

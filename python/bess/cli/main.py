@@ -9,7 +9,7 @@ from typing import Final
 import typer
 
 from bess.cli.app import app
-from bess.errors import BessError, InputError, StoppedEarly
+from bess.errors import BessError, InputError, StoppedEarly, command_line
 
 DONE: Final = 0
 FAILED: Final = 1
@@ -29,7 +29,8 @@ def main() -> None:
 
 def _status() -> int:
     try:
-        return app(standalone_mode=False) or DONE
+        with command_line():
+            return app(standalone_mode=False) or DONE
     except InputError as error:
         return _say(str(error), BAD_INPUT)
     except StoppedEarly as error:

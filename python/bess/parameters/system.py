@@ -112,6 +112,8 @@ class System:
 
     def check_state(self, state: State) -> None:
         """Raise :class:`InputError` unless ``state`` fits this system (number of strings, SOC windows)."""
+        if not isinstance(state, State):
+            raise InputError(f"state must be a bess.State, not {type(state).__name__}")
         if state.n_strings != self.n_strings:
             raise InputError(
                 f"state has {state.n_strings} strings, system {self.name!r} has {self.n_strings}"

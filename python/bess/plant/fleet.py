@@ -12,13 +12,16 @@ from bess import _core
 from bess.errors import InputError
 from bess.parameters import State, System
 from bess.plant.flows import Flows
-from bess.plant.inputs import ambient, numbers, refusals
+from bess.plant.inputs import ambient, any_shape, numbers, one_number, refusals
 from bess.plant.snapshot import PlantSnapshot
 
 _CONTROL_STEP_S = 900.0
 
 _HEALTH = (4, 5, 3)
 """Places in a row of ``PlantSnapshot.ageing``: factors on capacity and resistance, loss by cycling."""
+
+_REMEMBERED = {"soc": "1", "node_temperature_c": "degC", "derating_integral_k": "K", "ageing": "1"}
+"""Numbers of a snapshot, with their units."""
 
 
 class Fleet:
@@ -51,13 +54,17 @@ class Fleet:
         derating_law: Literal["table", "pi"] = "table",
         ambient_c: float | None = None,
     ) -> None:
-        if not states:
-            raise InputError("plant: needs at least one state")
+        if not isinstance(system, System):
+            raise InputError(f"plant: system must be a bess.System, not {type(system).__name__}")
+        if not isinstance(states, Sequence) or not states:
+            raise InputError("plant: needs a list of at least one state")
         for state in states:
             system.check_state(state)
+        if not isinstance(derating_law, str):
+            raise InputError(f"plant: derating_law must be a name, not {type(derating_law).__name__}")
         self.system = system
         self.n_scenarios = len(states)
-        self.ambient_c = system.ambient_c if ambient_c is None else float(ambient_c)
+        self.ambient_c = system.ambient_c if ambient_c is None else one_number("ambient_c", ambient_c, "degC")
         self._nodes = np.array([string.thermal.spatial.nodes for string in system.strings])
         nodes = int(self._nodes.max())
         # Strings with fewer nodes than others have NaN beyond theirs.
@@ -72,7 +79,9 @@ class Fleet:
             "soh_capacity": np.array([state.soh_capacity for state in states]).ravel(),
             "soh_resistance": np.array([state.soh_resistance for state in states]).ravel(),
         }
-        step_s = system.control.plant_step_s if plant_step_s is None else float(plant_step_s)
+        step_s = system.control.plant_step_s
+        if plant_step_s is not None:
+            step_s = one_number("plant_step_s", plant_step_s, "s")
         with refusals():
             self._core = _core.Plant(system.core, self.n_scenarios, step_s, derating_law, start)
 
@@ -106,7 +115,7 @@ class Fleet:
         request_kw
             Set-points [kW], shape ``(n_scenarios, n_strings)``, positive = discharge.
         duration_s
-            Length of the control step [s], a multiple of the plant step.
+            Length of the control step [s], a multiple of the plant step, a day at most.
         ambient_c
             Air inlet temperature [degC], one for all or shape ``(n_scenarios, 1)``; the plant's own if None.
 
@@ -134,7 +143,7 @@ class Fleet:
         request_kw
             Set-points [kW], shape ``(n_scenarios, n_steps, n_strings)``, positive = discharge.
         step_s
-            Length of a control step [s], a multiple of the plant step.
+            Length of a control step [s], a multiple of the plant step, a day at most.
         ambient_c
             Air inlet temperature [degC]: one value, one per step, or shape ``(n_scenarios, n_steps)``.
         nodes
@@ -148,8 +157,8 @@ class Fleet:
         Raises
         ------
         InputError
-            On a wrong shape, NaN, a request above nominal power, or a step that the plant step does not
-            divide. Nothing has advanced then.
+            On a wrong shape, NaN, a request above nominal power, a step that the plant step does not
+            divide, or more than 1e10 plant steps of strings. Nothing has advanced then.
         """
         scenarios, strings = self._shape
         request = numbers("request_kw", request_kw, (scenarios, "n_steps", strings), "kW")
@@ -172,8 +181,9 @@ class Fleet:
         ``shape`` ends with the strings; axes of length 1 before it may be left out. ``air_c`` is in the order
         (step, scenario).
         """
+        duration_s = one_number("control step", step_s, "s")
         with refusals():
-            array = self._core.run(request_kw.ravel(), air_c.ravel(), float(step_s), nodes)
+            array = self._core.run(request_kw.ravel(), air_c.ravel(), duration_s, nodes)
         node_c = array.pop("node_temperature_c")
         if len(shape) > 1:
             array = {name: values.reshape(shape) for name, values in array.items()}
@@ -196,15 +206,15 @@ class Fleet:
 
     def restore(self, snapshot: PlantSnapshot) -> None:
         """Go back (or on) to a snapshot; the fleet continues from it bit by bit."""
+        if not isinstance(snapshot, PlantSnapshot):
+            raise InputError(f"plant: snapshot must be a PlantSnapshot, not {type(snapshot).__name__}")
         with refusals():
             self._core.set_state(_flat(snapshot))
 
 
 def _flat(snapshot: PlantSnapshot) -> dict[str, NDArray[np.float64] | NDArray[np.bool_]]:
-    return {
-        "soc": np.asarray(snapshot.soc, dtype=np.float64).ravel(),
-        "node_temperature_c": np.asarray(snapshot.node_temperature_c, dtype=np.float64).ravel(),
-        "derating_integral_k": np.asarray(snapshot.derating_integral_k, dtype=np.float64).ravel(),
-        "inverter_on": np.asarray(snapshot.inverter_on, dtype=np.bool_).ravel(),
-        "ageing": np.asarray(snapshot.ageing, dtype=np.float64).ravel(),
+    values: dict[str, NDArray[np.float64] | NDArray[np.bool_]] = {
+        name: any_shape(f"snapshot: {name}", getattr(snapshot, name), unit).ravel()
+        for name, unit in _REMEMBERED.items()
     }
+    return values | {"inverter_on": np.asarray(snapshot.inverter_on, dtype=np.bool_).ravel()}

@@ -29,18 +29,26 @@ def numbers(name: str, values: ArrayLike, shape: tuple[int | str, ...], unit: st
     InputError
         If they are no numbers or have another shape.
     """
-    array = _real(name, values, unit)
+    array = any_shape(name, values, unit)
     fits = array.shape == shape or (
         array.ndim == len(shape)
         and all(isinstance(want, str) or have == want for have, want in zip(array.shape, shape, strict=True))
     )
     if not fits:
+        if shape == ():
+            raise InputError(f"plant: {name} [{unit}] has shape {array.shape}; give one number")
         wanted = ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "")
         raise InputError(f"plant: {name} [{unit}] has shape {array.shape}, needs ({wanted})")
     return array
 
 
-def _real(name: str, values: ArrayLike, unit: str) -> NDArray[np.float64]:
+def one_number(name: str, value: ArrayLike, unit: str) -> float:
+    """Return one number; raise InputError if it is none, or several."""
+    return float(numbers(name, value, (), unit))
+
+
+def any_shape(name: str, values: ArrayLike, unit: str) -> NDArray[np.float64]:
+    """Return ``values`` as float64; raise InputError if they are no numbers."""
     try:
         return real_numbers(values)
     except ValueError as error:
@@ -54,7 +62,7 @@ def ambient(values: ArrayLike | None, default_c: float, scenarios: int, steps: i
     """
     if values is None or isinstance(values, float):
         return np.full((steps, scenarios), default_c if values is None else values)
-    array = _real("ambient_c", values, "degC")
+    array = any_shape("ambient_c", values, "degC")
     if array.ndim == 2:
         return numbers("ambient_c", array, (scenarios, steps), "degC").T
     if array.ndim == 1:

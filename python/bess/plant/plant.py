@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Literal
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from bess.display import as_table, few, one_line
@@ -110,7 +109,7 @@ class Plant:
         request_kw
             Set-points [kW], shape ``(n_strings,)``, positive = discharge.
         duration_s
-            Length of the control step [s], a multiple of the plant step.
+            Length of the control step [s], a multiple of the plant step, a day at most.
         ambient_c
             Air inlet temperature [degC]; the plant's own if None.
 
@@ -143,7 +142,7 @@ class Plant:
         request_kw
             Set-points [kW], shape ``(n_steps, n_strings)``, positive = discharge.
         step_s
-            Length of a control step [s], a multiple of the plant step.
+            Length of a control step [s], a multiple of the plant step, a day at most.
         ambient_c
             Air inlet temperature [degC], one value or one per step; the plant's own if None.
         nodes
@@ -157,8 +156,8 @@ class Plant:
         Raises
         ------
         InputError
-            On a wrong shape, NaN, a request above nominal power, or a step that the plant step does not
-            divide. Nothing has advanced then.
+            On a wrong shape, NaN, a request above nominal power, a step that the plant step does not
+            divide, or more than 1e10 plant steps of strings. Nothing has advanced then.
         """
         request = numbers("request_kw", request_kw, ("n_steps", self.system.n_strings), "kW")
         air_c = ambient(ambient_c, self._fleet.ambient_c, 1, request.shape[0])
@@ -177,12 +176,4 @@ class Plant:
 
     def restore(self, snapshot: PlantSnapshot) -> None:
         """Go back (or on) to a snapshot; the plant continues from it bit by bit."""
-        self._fleet.restore(
-            PlantSnapshot(
-                soc=np.asarray(snapshot.soc)[None],
-                node_temperature_c=np.asarray(snapshot.node_temperature_c)[None],
-                derating_integral_k=np.asarray(snapshot.derating_integral_k)[None],
-                inverter_on=np.asarray(snapshot.inverter_on)[None],
-                ageing=np.asarray(snapshot.ageing)[None],
-            )
-        )
+        self._fleet.restore(snapshot)

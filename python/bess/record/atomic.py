@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from bess.errors import BessError, InputError
+from bess.errors import BessError, InputError, option
 
 TEMPORARY = ".tmp"
 """What is added to a name while a file is being written."""
@@ -28,7 +28,7 @@ def clear_errors(path: Path) -> Iterator[None]:
         full = code in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         cause = "the disk is full, make room" if full else f"cannot be written ({error.strerror or error})"
         raise BessError(
-            f"{path}: {cause}; everything saved before is intact, continue with --resume"
+            f"{path}: {cause}; everything saved before is intact, continue with {option('resume')}"
         ) from error
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import bess
 from bess import __version__
-from bess.errors import InputError
+from bess.errors import InputError, option
 from bess.parameters import System
 from bess.record.atomic import write_bytes
 from bess.record.schema import RECORD_FORMAT
@@ -49,9 +49,11 @@ def read_identity(directory: Path) -> Identity | None:
     except (FileNotFoundError, NotADirectoryError):
         return None
     except (OSError, ValueError) as error:
-        raise InputError(f"{directory / IDENTITY}: cannot be read ({error}); use another --out") from error
+        raise InputError(
+            f"{directory / IDENTITY}: cannot be read ({error}); use another {option('out')}"
+        ) from error
     if not isinstance(identity, dict) or not {"study", "system", "frame"} <= identity.keys():
-        raise InputError(f"{directory / IDENTITY}: is damaged; use another --out")
+        raise InputError(f"{directory / IDENTITY}: is damaged; use another {option('out')}")
     return identity
 
 

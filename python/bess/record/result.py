@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bess.display import as_table, one_line
-from bess.errors import InputError
+from bess.errors import InputError, option
 from bess.record.frame import frame_of
 from bess.record.identity import IDENTITY, read_identity
 from bess.record.netcdf import write_netcdf
@@ -79,7 +79,7 @@ def open_result(directory: str | Path) -> xr.Dataset:
     Parameters
     ----------
     directory
-        ``--out`` of the run, or a scenario's folder in it.
+        ``out`` of the run, or a scenario's folder in it.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def open_result(directory: str | Path) -> xr.Dataset:
         raise InputError(f"{directory}: {_what_else(directory)}")
     saved = parts(directory)
     if not saved:
-        raise InputError(f"{directory}: nothing has been saved yet; continue the run with --resume")
+        raise InputError(f"{directory}: nothing has been saved yet; continue the run with {option('resume')}")
     n_steps = saved[-1].first_step + len(saved[-1].record()["demand_kw"])
     with tempfile.TemporaryDirectory(prefix="bess-") as scratch:
         path = Path(scratch) / RESULTS

@@ -21,7 +21,7 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from bess.errors import BessError, InputError
+from bess.errors import BessError, InputError, option
 from bess.record.atomic import clear_errors, write_bytes
 from bess.record.codec import pack, unpack
 
@@ -62,7 +62,7 @@ class Part:
                 }
         except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
             raise BessError(
-                f"{self.path}: damaged ({error}); delete it and all later parts, then --resume"
+                f"{self.path}: damaged ({error}); delete it and all later parts, then {option('resume')}"
             ) from error
 
 
@@ -112,7 +112,8 @@ class Lock:
             owner = file.read().strip() or "unknown"
             file.close()
             raise InputError(
-                f"{self._path.parent}: another run (process {owner}) writes there; wait or use another --out"
+                f"{self._path.parent}: another run (process {owner}) writes there; wait, or use another "
+                f"{option('out')}"
             ) from error
         file.truncate(0)
         file.write(str(os.getpid()))

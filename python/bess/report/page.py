@@ -12,7 +12,7 @@ from typing import Any
 from urllib.parse import quote
 
 from bess import __version__
-from bess.errors import InputError
+from bess.errors import InputError, option
 from bess.record.atomic import write_bytes
 from bess.record.identity import IDENTITY
 from bess.report.contents import MOST_COMPARED, Exhibit, comparison, optimiser, over_time, overview
@@ -64,7 +64,7 @@ def write_report(directory: str | Path, *, hindsight: bool = False) -> Path:
     Parameters
     ----------
     directory
-        ``--out`` of ``bess run`` or ``bess sweep``.
+        ``out`` of ``bess run`` or ``bess sweep``.
     hindsight
         Say on the page of every run what was possible as well (:func:`bess.hindsight`); seconds for a week.
 
@@ -106,11 +106,13 @@ def write_comparison(runs: dict[str, Run], directory: Path) -> Path:
         If the folder holds a run, or cannot be made.
     """
     if (directory / IDENTITY).exists():
-        raise InputError(f"{directory}: holds a run itself; use another --out for the comparison")
+        raise InputError(f"{directory}: holds a run itself; use another {option('out')} for the comparison")
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{directory}: cannot be made ({error.strerror}); use another --out") from error
+        raise InputError(
+            f"{directory}: cannot be made ({error.strerror}); use another {option('out')}"
+        ) from error
     return _comparison_page(directory, runs, {}, None, title="Comparison of " + ", ".join(runs))
 
 

@@ -221,7 +221,7 @@ def _warnings_of(run: Run) -> Iterator[str]:
         end = np.datetime_as_string(data["time"].values[-1], unit="m").replace("T", " ")
         yield (
             f"stopped early; everything here covers the first {steps:,} of {total:,} steps, up to {end} UTC. "
-            "Continue with --resume."
+            "Continue with --resume (from Python: resume=True)."
         )
     fallbacks = int(data["fallback"].sum())
     if fallbacks:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bess.analysis.kpis import kpis, solve_time_kpis
-from bess.errors import InputError, StoppedEarly
+from bess.errors import InputError, StoppedEarly, option
 from bess.parameters import System
 from bess.plant import Plant
 from bess.policies import Policy, Settings, build_policy, own_policy
@@ -120,7 +120,9 @@ def _run_in(
         directory.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:  # a NUL in the path is a ValueError
         reason = getattr(error, "strerror", None) or error
-        raise InputError(f"{directory}: is no folder for results ({reason}); use another --out") from error
+        raise InputError(
+            f"{directory}: is no folder for results ({reason}); use another {option('out')}"
+        ) from error
     with Lock(directory):
         if not _is_finished(directory, identity, resume=resume):
             if progress:
@@ -138,17 +140,19 @@ def _is_finished(directory: Path, identity: Identity, *, resume: bool) -> bool:
         own = {LOCK, IDENTITY + TEMPORARY}
         if others := sorted({path.name for path in directory.iterdir()} - own):
             raise InputError(
-                f"{directory}: holds {others[0]!r} and no run; use a new or empty folder for --out"
+                f"{directory}: holds {others[0]!r} and no run; use a new or empty folder for {option('out')}"
             )
         write_identity(directory, identity)
         return False
     if changed := differences(old, identity):
         shown = "; ".join(changed[:5]) + (f"; and {len(changed) - 5} more" if len(changed) > 5 else "")
-        raise InputError(f"{directory}: holds another run ({shown}); use another --out, or delete the folder")
+        raise InputError(
+            f"{directory}: holds another run ({shown}); use another {option('out')}, or delete the folder"
+        )
     finished = (directory / RESULTS).exists()
     if not finished and not resume:
         raise InputError(
-            f"{directory}: holds this run, unfinished; continue with --resume, or delete the folder"
+            f"{directory}: holds this run, unfinished; continue with {option('resume')}, or delete the folder"
         )
     return finished
 
@@ -188,7 +192,7 @@ def _complete(directory: Path, study: Study, inputs: Inputs, policy: Policy, *, 
         if loop.step < n_steps:
             raise StoppedEarly(
                 f"{study.name}: stopped after step {loop.step} of {n_steps}; all is saved in {directory}; "
-                "continue with --resume"
+                f"continue with {option('resume')}"
             )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from bess.errors import InputError
+from bess.errors import InputError, option
 from bess.record.atomic import folder_in, write_bytes
 from bess.record.identity import IDENTITY
 from bess.record.result import Result
@@ -44,9 +44,11 @@ def prepare_folder(folder: Path, study: Study) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:  # a NUL in the path is a ValueError
         reason = getattr(error, "strerror", None) or error
-        raise InputError(f"{folder}: is no folder for results ({reason}); use another --out") from error
+        raise InputError(
+            f"{folder}: is no folder for results ({reason}); use another {option('out')}"
+        ) from error
     if (folder / IDENTITY).exists():
-        raise InputError(f"{folder}: holds a single run; use another --out")
+        raise InputError(f"{folder}: holds a single run; use another {option('out')}")
     write_bytes(folder / "study.toml", study.to_toml().encode())
 
 

@@ -252,10 +252,10 @@ def split_power(
     InputError
         From a setting, or from what does not fit the system.
     """
-    steps = np.shape(demand_kw)
-    if len(steps) != 1:
-        raise InputError(f"demand_kw has shape {steps}; give one value for each step")
-    return PowerSplit(system, steps[0], objectives, dt_h, gap, time_limit_s)(state, demand_kw)
+    demand = finite_array("demand_kw", demand_kw)
+    if demand.ndim != 1:
+        raise InputError(f"demand_kw has shape {demand.shape}; give one value for each step")
+    return PowerSplit(system, demand.size, objectives, dt_h, gap, time_limit_s)(state, demand)
 
 
 def _scale(

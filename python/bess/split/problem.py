@@ -62,8 +62,6 @@ class SplitProblem:
         InputError
             With what does not fit the system or the horizon.
         """
-        if not isinstance(state, State):
-            raise InputError(f"state must be a bess.State, not {type(state).__name__}")
         system.check_state(state)
         demand = finite_array("demand_kw", demand_kw)
         if demand.ndim != 1 or demand.size != n_steps:
@@ -114,7 +112,7 @@ def check_horizon(system: System, horizon_steps: int, dt_h: float) -> None:
     whole = isinstance(horizon_steps, int | np.integer) and not isinstance(horizon_steps, bool)
     if not whole or not 1 <= horizon_steps <= MAX_HORIZON_STEPS:
         raise InputError(f"horizon_steps {horizon_steps!r} must be an integer from 1 to {MAX_HORIZON_STEPS}")
-    number = isinstance(dt_h, int | float | np.number) and not isinstance(dt_h, bool)
+    number = isinstance(dt_h, int | float | np.integer | np.floating) and not isinstance(dt_h, bool)
     if not number or not 0.0 < dt_h <= 24.0:
         raise InputError(f"dt_h {dt_h!r} h must be a number in (0, 24] h")
     fastest = max(s.thermal.lumped.k2_per_s for s in system.strings) * dt_h * 3600.0

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bess.display import as_table, one_line
-from bess.errors import StoppedEarly
+from bess.errors import StoppedEarly, on_command_line
 from bess.extras import extra
 from bess.record.atomic import folder_in
 from bess.simulation import prepare_folder, write_summary
@@ -137,7 +137,9 @@ def _outcomes(
     from distributed import as_completed
 
     futures = {
-        client.submit(run_scenario, study, folders[name], pure=False, retries=_RETRIES): name
+        client.submit(
+            run_scenario, study, folders[name], flags=on_command_line(), pure=False, retries=_RETRIES
+        ): name
         for name, study in studies.items()
     }
     try:

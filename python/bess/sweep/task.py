@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from bess.errors import BessError
+from bess.errors import BessError, command_line
 from bess.record.result import RESULTS
 from bess.study.study import Study
 
@@ -34,16 +34,18 @@ class Outcome:
     skipped: bool = False
 
 
-def run_scenario(study: Study, directory: Path) -> Outcome:
+def run_scenario(study: Study, directory: Path, *, flags: bool = False) -> Outcome:
     """Run a scenario in its folder, continue it, or find it done.
 
-    Nothing is raised: what is wrong with one scenario must not end the others.
+    Nothing is raised: what is wrong with one scenario must not end the others. ``flags`` says whether
+    messages go to the command line.
     """
     try:
         from bess.simulation import run
 
         skipped = (directory / RESULTS).exists()
-        result = run(study, out=directory, resume=True, progress=False)
+        with command_line(flags):
+            result = run(study, out=directory, resume=True, progress=False)
         result.dataset.close()
         return Outcome("done", kpis=result.kpis, skipped=skipped)
     except BessError as error:

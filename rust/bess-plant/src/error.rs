@@ -67,4 +67,17 @@ pub enum PlantError {
         /// Control step [s].
         duration_s: f64,
     },
+    /// More work than one call should be asked for.
+    #[error(
+        "{count} plant steps of strings in one call, at {step_s} s each, are more than {most}; call with fewer \
+         control steps or scenarios at a time, or take a longer plant step"
+    )]
+    TooMany {
+        /// Plant steps of all strings.
+        count: u128,
+        /// Most of them in one call.
+        most: u128,
+        /// Plant step [s].
+        step_s: f64,
+    },
 }

@@ -13,6 +13,12 @@ const ROUNDING: f64 = 1e-9;
 /// Plant steps that make sense [s].
 const STEP_S: (f64, f64) = (1e-3, 86_400.0);
 
+/// Longest control step [s]: a day, of which means still say something.
+const CONTROL_STEP_S: f64 = 86_400.0;
+
+/// Most plant steps of strings in one call: some minutes of work, a century of eight strings at 10 s.
+const MOST_PLANT_STEPS: u128 = 10_000_000_000;
+
 /// Factors on capacity and on resistance that a plant accepts.
 const SOH_CAPACITY: (f64, f64) = (0.01, 1.5);
 const SOH_RESISTANCE: (f64, f64) = (0.1, 100.0);
@@ -229,14 +235,12 @@ impl Plant {
             let place = || format!("step {}: ", at / self.scenarios);
             check_range("ambient temperature", value, " degC", TEMPERATURE_C, place)?;
         }
-        let schedule = Schedule {
-            steps,
-            substeps: self.substeps(duration_s)?,
-            lanes,
-            strings: self.strings.len(),
-            request_w,
-            ambient_c,
-        };
+        let substeps = self.substeps(duration_s)?;
+        let count = steps as u128 * substeps as u128 * lanes as u128;
+        if count > MOST_PLANT_STEPS {
+            return Err(PlantError::TooMany { count, most: MOST_PLANT_STEPS, step_s: self.step_s });
+        }
+        let schedule = Schedule { steps, substeps, lanes, strings: self.strings.len(), request_w, ambient_c };
         let mut record = Record::new(steps, lanes, self.max_nodes(), keep_nodes);
         self.eights.iter_mut().for_each(|block| block.run(&schedule, &mut record));
         self.fours.iter_mut().for_each(|block| block.run(&schedule, &mut record));
@@ -253,9 +257,9 @@ impl Plant {
 
     fn substeps(&self, duration_s: f64) -> Result<usize, PlantError> {
         let (ratio, step_s) = (duration_s / self.step_s, self.step_s);
+        check_range("control step", duration_s, " s", (step_s, CONTROL_STEP_S), String::new)?;
         let whole = ratio.round();
-        // NaN fails the first comparison; a year of one-second steps is far below the last bound.
-        if whole >= 1.0 && (ratio - whole).abs() <= ROUNDING * whole && whole < 1e9 {
+        if (ratio - whole).abs() <= ROUNDING * whole {
             Ok(whole as usize)
         } else {
             Err(PlantError::Division { step_s, duration_s })

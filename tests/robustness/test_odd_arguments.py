@@ -1,0 +1,63 @@
+"""Claim: whatever a plant or a power split is given in place of its arguments, it says what it wants."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from decimal import Decimal
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bess
+from bess.plant import Fleet
+
+SYSTEM = bess.System.reference(2)
+START = SYSTEM.initial_state()
+ODD: tuple[Any, ...] = (
+    *(1 + 2j, 10**400, -(10**400), float("nan"), "x", None, b"ab", {}, [], {1}),
+    *([1 + 2j, 1], [10**400, 1], [1.5, 10**400], [[10**400, 1], [2]], [1, [2]], [np.nan, 1]),
+    *([np.longdouble("1e4000")] * 2, np.longdouble("1e4000"), np.complex128(1.0), [Decimal("sNaN"), 1]),
+)
+
+
+def _warm(value: Any) -> None:
+    bess.PowerSplit(SYSTEM, 2).warm_start = value
+
+
+CALLS: dict[str, Callable[[Any], Any]] = {
+    "system": lambda value: bess.Plant(value, START),
+    "state": lambda value: bess.Plant(SYSTEM, value),
+    "states": lambda value: Fleet(SYSTEM, value),
+    "derating_law": lambda value: bess.Plant(SYSTEM, START, derating_law=value),
+    "request_kw": lambda value: bess.Plant(SYSTEM, START).step(value),
+    "snapshot": lambda value: bess.Plant(SYSTEM, START).restore(value),
+    "soc": lambda value: bess.State(value, [25.0, 25.0]),
+    "demand_kw": lambda value: bess.split_power(SYSTEM, START, value),
+    "state of a split": lambda value: bess.PowerSplit(SYSTEM, 1)(value, [1.0]),
+    "limit_kw": lambda value: bess.PowerSplit(SYSTEM, 1)(START, [1.0], None, value),
+    "dt_h": lambda value: bess.split_power(SYSTEM, START, [1.0], dt_h=value),
+    "warm_start": _warm,
+}
+NONE_MEANS_THE_DEFAULT = {"limit_kw", "warm_start"}
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("name", CALLS)
+def test_odd_arguments_are_refused(name: str) -> None:
+    for value in ODD:
+        if value is None and name in NONE_MEANS_THE_DEFAULT:
+            continue
+        with pytest.raises(bess.InputError):
+            CALLS[name](value)
+
+
+@pytest.mark.parametrize("name", ["soc", "node_temperature_c", "derating_integral_k", "ageing"])
+def test_odd_numbers_of_a_snapshot_are_refused(name: str) -> None:
+    plant = bess.Plant(SYSTEM, START)
+    before = plant.snapshot()
+    for value in ODD:
+        with pytest.raises(bess.InputError, match=r"plant: "):
+            plant.restore(dataclasses.replace(before, **{name: value}))
+    np.testing.assert_array_equal(plant.snapshot().soc, before.soc)

@@ -1,0 +1,73 @@
+"""Claim: an error names an argument as its reader writes it: keyword in Python, flag on the command line."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import bess
+from bess.report import write_report
+from bess.report.page import write_comparison
+from bess.simulation import run_scenarios
+from bess.sweep.task import run_scenario
+
+STUDY = bess.load_study("case1", {"run.days": 0.25, "policy.name": "equal"})
+
+
+@pytest.fixture
+def full(tmp_path: Path) -> Path:
+    folder = tmp_path / "run"
+    bess.run(STUDY, out=folder, progress=False)
+    return folder
+
+
+def _damaged(folder: Path) -> None:
+    (folder / "run.json").write_text("{")
+    bess.run(STUDY, out=folder, progress=False)
+
+
+CALLS: dict[str, Callable[[Path], object]] = {
+    "another run": lambda folder: bess.run(STUDY.with_values({"run.days": 0.5}), out=folder, progress=False),
+    "other files": lambda folder: bess.run(STUDY, out=folder.parent, progress=False),
+    "a file": lambda folder: bess.run(STUDY, out=folder / "results.nc", progress=False),
+    "several into one": lambda folder: run_scenarios(STUDY, out=folder, progress=False),
+    "a comparison": lambda folder: write_comparison({}, folder),
+    "identity": lambda folder: _damaged(folder),
+}
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_errors_speak_of_keywords_in_python(name: str, full: Path) -> None:
+    with pytest.raises(bess.BessError, match=r"out=\.\.\.") as caught:
+        CALLS[name](full)
+    assert "--" not in str(caught.value)
+
+
+def test_errors_speak_of_flags_on_the_command_line(full: Path) -> None:
+    command = [sys.executable, "-m", "bess", "run", "case1", "--days", "0.5", "--out", str(full)]
+    said = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert said.returncode == 2
+    assert "use another --out" in said.stderr and "out=" not in said.stderr
+
+
+def test_workers_speak_as_the_sweep_was_asked_for(full: Path) -> None:
+    other = STUDY.with_values({"run.days": 0.5})
+    assert "use another out=..." in run_scenario(other, full).error
+    assert "use another --out" in run_scenario(other, full, flags=True).error
+
+
+def test_nothing_of_python_speaks_of_flags() -> None:
+    package = Path(bess.__file__).parent
+    said = [
+        f"{path.relative_to(package)}: {line.strip()}"
+        for path in package.rglob("*.py")
+        if path.parts[-2] != "cli" and path.name not in ("errors.py", "words.py", "keys.py", "sections.py")
+        for line in path.read_text().splitlines()
+        if "--out" in line or "--resume" in line or "--set" in line
+    ]
+    assert said == []
+    assert write_report.__doc__ is not None and "``out``" in write_report.__doc__
