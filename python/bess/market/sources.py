@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
 
+from bess.market.day_types import refuse_day_types
 from bess.market.files import decode, fail
 from bess.market.json_tables import is_json, json_as_csv
 from bess.market.layouts import rewritten
@@ -36,11 +37,16 @@ def _uncollected() -> Iterator[None]:
 
 def _table(path: str, raw: bytes, repairs: Repairs) -> Table:
     if is_workbook(raw):
-        return text_table(path, workbook_as_csv(path, raw), repairs)
+        text = workbook_as_csv(path, raw)
+        refuse_day_types(path, text)
+        return text_table(path, text, repairs)
     text = decode(path, raw, repairs)
     if is_json(text):
         return text_table(path, json_as_csv(path, text), repairs)
     if _MARKUP.match(text):
         kind = "a web page" if "html" in text[:200].casefold() else "XML"
         fail(path, 1, f"is {kind}, not a table; export the data as CSV")
-    return rewritten(path, text) or text_table(path, text, repairs)
+    if (table := rewritten(path, text)) is not None:
+        return table
+    refuse_day_types(path, text)
+    return text_table(path, text, repairs)
