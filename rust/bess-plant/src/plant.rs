@@ -52,6 +52,11 @@ pub struct PlantState {
 }
 
 /// Ageing of lanes that start with these factors on capacity and resistance, one of each for each lane.
+///
+/// # Errors
+///
+/// Where the factors are not one of each for each lane, one is outside its range, or a string names a model of ageing
+/// that does not exist.
 pub fn starting_ageing(
     system: &System,
     soh_capacity: &[f64],
@@ -108,6 +113,11 @@ pub struct Plant {
 
 impl Plant {
     /// A plant in `state`, or an error if the plant step [s] is not stable for every string, or the state is not one.
+    ///
+    /// # Errors
+    ///
+    /// [`PlantError::Unstable`] with the largest stable step; [`PlantError::Range`] for a number of scenarios, nodes or a step
+    /// that no plant has; as [`Self::set_state`] for the state.
     pub fn new(
         system: &System,
         scenarios: usize,
@@ -188,6 +198,10 @@ impl Plant {
     }
 
     /// Replaces the state; nothing changes if it is refused. SOC beyond its window by rounding is put on the limit.
+    ///
+    /// # Errors
+    ///
+    /// Where an array has not one value for each lane (and node), or a value is outside its range.
     pub fn set_state(&mut self, state: &PlantState) -> Result<(), PlantError> {
         let lanes = self.lane_states(state)?;
         for block in &mut self.eights {
@@ -205,6 +219,11 @@ impl Plant {
     ///
     /// `request_w[step * lanes + lane]` [W] is positive in discharge; `ambient_c[step * scenarios + scenario]`
     /// [degC] is the air inlet temperature. Nothing changes if the input is refused.
+    ///
+    /// # Errors
+    ///
+    /// Where arrays do not fit the lanes and scenarios, a request is above the nominal power of its string, a temperature is
+    /// outside its range, or the duration is no multiple of the plant step.
     pub fn run(
         &mut self,
         request_w: &[f64],

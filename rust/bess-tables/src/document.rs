@@ -16,6 +16,11 @@ const REFERENCE_TEMPERATURE_C: f64 = 25.0;
 impl System {
     /// Reads the resolved description that the Python side writes after validating it: a list of strings, each
     /// with all its sections, in the units of the TOML format.
+    ///
+    /// # Errors
+    ///
+    /// [`TableError::Document`] where the text is not such a description or has no string; a table's own error, with the
+    /// index of its string.
     pub fn from_json(text: &str) -> Result<Self, TableError> {
         let document: Document =
             serde_json::from_str(text).map_err(|error| TableError::Document(error.to_string()))?;

@@ -11,6 +11,11 @@ pub struct Grid {
 
 impl Grid {
     /// Builds a grid from its axes and row-major values; `name` is used in the error.
+    ///
+    /// # Errors
+    ///
+    /// [`TableError`] where the knots of an axis do not ascend, the values are not as many as the knots of both axes make,
+    /// or a number is not finite.
     pub fn new(name: &str, x: Vec<f64>, y: Vec<f64>, z: Vec<f64>) -> Result<Self, TableError> {
         check_axis(name, &x)?;
         check_axis(name, &y)?;

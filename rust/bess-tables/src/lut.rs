@@ -12,6 +12,10 @@ pub struct Lut {
 
 impl Lut {
     /// Builds a table from knots; `name` is used in the error.
+    ///
+    /// # Errors
+    ///
+    /// [`TableError`] where the knots do not ascend, are not as many as the values, or a number is not finite.
     pub fn new(name: &str, x: Vec<f64>, y: Vec<f64>) -> Result<Self, TableError> {
         check_axis(name, &x)?;
         if x.len() != y.len() {

@@ -94,6 +94,10 @@ pub enum Resistance {
 
 impl System {
     /// The same plant with the capacity and the resistance of each string times a factor, one for each string.
+    ///
+    /// # Errors
+    ///
+    /// [`TableError::Document`] where the factors are not one for each string, or one is not finite and above 0.
     pub fn aged(&self, capacity: &[f64], resistance: &[f64]) -> Result<Self, TableError> {
         for (name, factors) in [("soh_capacity", capacity), ("soh_resistance", resistance)] {
             if factors.len() != self.strings.len() {

@@ -38,6 +38,11 @@ impl ControlModel {
     }
 
     /// Checks measured states and pairs them up.
+    ///
+    /// # Errors
+    ///
+    /// Where the number of values is not that of the strings, an SOC is outside its string's window by more than rounding,
+    /// or a temperature is not one of a battery [degC].
     pub fn states(&self, soc: &[f64], temperature_c: &[f64]) -> Result<Vec<StringState>, ControlError> {
         check_length("soc", soc, self.strings.len())?;
         check_length("temperature_c", temperature_c, self.strings.len())?;
@@ -60,6 +65,11 @@ impl ControlModel {
     }
 
     /// Directions of the steps of one schedule of signed requests `(M, T)` [W]; all strings of a step share it.
+    ///
+    /// # Errors
+    ///
+    /// [`ControlError::Range`] for a request above the nominal power of its string, [`ControlError::MixedSigns`] where the
+    /// requests of a step have both signs.
     pub fn directions(&self, request_w: &[f64], n_steps: usize) -> Result<Vec<Direction>, ControlError> {
         let mut directions = vec![Direction::Discharge; n_steps];
         for (step, direction) in directions.iter_mut().enumerate() {
@@ -176,6 +186,11 @@ pub struct ControlHorizon {
 
 impl ControlHorizon {
     /// Checks a problem.
+    ///
+    /// # Errors
+    ///
+    /// Where lengths do not agree, a number is outside what is allowed (the error says which, and the range), or the demand
+    /// of a step is above the sum of its limits ([`ControlError::DemandAboveLimits`]).
     pub fn new(model: ControlModel, problem: &Problem<'_>) -> Result<Self, ControlError> {
         let (n_strings, n_steps) = (model.strings().len(), problem.demand_w.len());
         let n_groups = problem.tolerance_abs.len();
@@ -361,6 +376,10 @@ impl ControlHorizon {
     }
 
     /// Magnitudes of signed requests; an error where one points against the demand or is above its limit.
+    ///
+    /// # Errors
+    ///
+    /// [`ControlError::Range`] with the position of the request, beyond what the rounding of an optimiser explains.
     pub fn magnitudes(&self, requests_w: &[f64]) -> Result<Vec<f64>, ControlError> {
         let bounds: Vec<(f64, f64)> = (0..self.n_strings() * self.n_steps())
             .map(|i| {

@@ -27,6 +27,10 @@ pub struct Rollouts {
 
 impl ControlModel {
     /// Rolls out a batch of signed requests `(B, M, T)` [W] from one state.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::directions`]: a request above the nominal power, or requests of both signs in one step.
     pub fn rollout(
         &self,
         start: &[StringState],

@@ -1,6 +1,7 @@
-//! Lower bounds of the one-step problem: one price of the demand for all strings.
+//! Lagrangian dual of the one-step problem: the demand balance is relaxed at one price for all strings, each of which
+//! then answers by itself. Every price gives a lower bound; a [`Commitment`] says which inverters are settled.
 
-use super::curve::{CostCurve, Response};
+use super::cost_curve::{CostCurve, Response};
 
 const MAX_PRICES: usize = 80;
 const GAP: f64 = 1e-12;
@@ -9,7 +10,7 @@ const ROUNDING: f64 = 1e-12;
 
 /// Whether a string's inverter runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Mode {
+pub(crate) enum InverterMode {
     Free,
     On,
     Off,
@@ -17,26 +18,26 @@ pub(crate) enum Mode {
 
 /// Some strings fixed, and of all strings exactly `count` on, if given.
 #[derive(Debug, Clone)]
-pub(crate) struct Choice {
-    pub modes: Vec<Mode>,
+pub(crate) struct Commitment {
+    pub modes: Vec<InverterMode>,
     pub count: Option<usize>,
 }
 
-impl Choice {
+impl Commitment {
     /// Every string may be on or off.
     pub fn free(n_strings: usize) -> Self {
-        Self { modes: vec![Mode::Free; n_strings], count: None }
+        Self { modes: vec![InverterMode::Free; n_strings], count: None }
     }
 
     pub fn free_to_switch_on(&self) -> Option<usize> {
-        let on = self.modes.iter().filter(|m| **m == Mode::On).count();
+        let on = self.modes.iter().filter(|m| **m == InverterMode::On).count();
         self.count.map(|count| count.saturating_sub(on))
     }
 }
 
 /// The Lagrangian at one price.
 #[derive(Debug, Clone, Copy)]
-struct AtPrice {
+struct DualPoint {
     price: f64,
     /// Lower bound of the one-step optimum.
     bound: f64,
@@ -45,11 +46,11 @@ struct AtPrice {
 }
 
 /// A free string with its answers on and off.
-type Open = (usize, Response, Response);
+type FreeString = (usize, Response, Response);
 
 /// Best Lagrangian bound, with the requests that go with it.
 #[derive(Debug, Clone)]
-pub(crate) struct Dual {
+pub(crate) struct DualSolution {
     pub bound: f64,
     pub price: f64,
     /// Sums to the demand; optimal if the modes are fixed and the curves convex [W].
@@ -65,12 +66,12 @@ pub(crate) struct Dual {
 /// `visit` sees the answer of each string.
 fn at_price(
     curves: &[CostCurve],
-    choice: &Choice,
+    commitment: &Commitment,
     demand_w: f64,
     price: f64,
-    open: &mut Vec<Open>,
+    open: &mut Vec<FreeString>,
     mut visit: impl FnMut(usize, bool, &Response),
-) -> AtPrice {
+) -> DualPoint {
     let (mut value, mut total_w, mut shed_w) = (0.0, 0.0, 0.0);
     let mut take = |m: usize, on: bool, response: &Response| {
         value += response.value;
@@ -79,56 +80,61 @@ fn at_price(
         visit(m, on, response);
     };
     open.clear();
-    for (m, (curve, mode)) in curves.iter().zip(&choice.modes).enumerate() {
+    for (m, (curve, mode)) in curves.iter().zip(&commitment.modes).enumerate() {
         match mode {
-            Mode::On => take(m, true, &curve.on(price)),
-            Mode::Off => take(m, false, &curve.off(price)),
-            Mode::Free => open.push((m, curve.on(price), curve.off(price))),
+            InverterMode::On => take(m, true, &curve.on(price)),
+            InverterMode::Off => take(m, false, &curve.off(price)),
+            InverterMode::Free => open.push((m, curve.on(price), curve.off(price))),
         }
     }
     open.sort_by(|a, b| (a.1.value - a.2.value).total_cmp(&(b.1.value - b.2.value)));
-    let n_on = choice
+    let n_on = commitment
         .free_to_switch_on()
         .unwrap_or_else(|| open.iter().take_while(|(_, on, off)| on.value < off.value).count());
     for (rank, (m, on, off)) in open.iter().enumerate() {
         take(*m, rank < n_on, if rank < n_on { on } else { off });
     }
-    AtPrice { price, bound: value + price * demand_w, total_w, shed_w }
+    DualPoint { price, bound: value + price * demand_w, total_w, shed_w }
 }
 
 /// Bound at one price only.
-pub(crate) fn bound_at(curves: &[CostCurve], choice: &Choice, demand_w: f64, price: f64) -> f64 {
-    at_price(curves, choice, demand_w, price, &mut Vec::new(), |_, _, _| ()).bound
+pub(crate) fn bound_at(curves: &[CostCurve], commitment: &Commitment, demand_w: f64, price: f64) -> f64 {
+    at_price(curves, commitment, demand_w, price, &mut Vec::new(), |_, _, _| ()).bound
 }
 
 /// Largest total request that a choice can take without shedding [W].
-fn capacity_w(curves: &[CostCurve], choice: &Choice) -> f64 {
+fn capacity_w(curves: &[CostCurve], commitment: &Commitment) -> f64 {
     let mut free = Vec::new();
     let mut total = 0.0;
-    for (curve, mode) in curves.iter().zip(&choice.modes) {
+    for (curve, mode) in curves.iter().zip(&commitment.modes) {
         match mode {
-            Mode::On => total += curve.largest_request(true),
-            Mode::Off => total += curve.largest_request(false),
-            Mode::Free => free.push(curve.largest_request(true)),
+            InverterMode::On => total += curve.largest_request(true),
+            InverterMode::Off => total += curve.largest_request(false),
+            InverterMode::Free => free.push(curve.largest_request(true)),
         }
     }
     free.sort_by(|a, b| b.total_cmp(a));
     // A string that derates everything takes its request also when off; it must not be left out.
     let spare = if curves.iter().any(|c| c.terms.derating.low <= 0.0) { free.len() } else { 0 };
-    let n_on = choice.free_to_switch_on().unwrap_or(free.len()).max(spare);
+    let n_on = commitment.free_to_switch_on().unwrap_or(free.len()).max(spare);
     total + free.iter().take(n_on).sum::<f64>()
 }
 
 /// Maximises the Lagrangian over the price: concave, so bracketed by the sign of `demand - total`. Secant steps on
 /// the total (exact for quadratic costs) alternate with intersections of supporting lines (exact for kinks). Every
 /// price gives a valid bound, so stopping early loses tightness, not validity.
-pub(crate) fn maximise(curves: &[CostCurve], choice: &Choice, demand_w: f64, guess: f64) -> Dual {
+pub(crate) fn maximise(
+    curves: &[CostCurve],
+    commitment: &Commitment,
+    demand_w: f64,
+    guess: f64,
+) -> DualSolution {
     let must_serve = curves.iter().all(|c| c.terms.shed_cost.is_infinite());
-    let possible = choice
+    let possible = commitment
         .free_to_switch_on()
-        .is_none_or(|n| n <= choice.modes.iter().filter(|m| **m == Mode::Free).count());
-    if !possible || (must_serve && capacity_w(curves, choice) < demand_w * (1.0 - ROUNDING)) {
-        return Dual {
+        .is_none_or(|n| n <= commitment.modes.iter().filter(|m| **m == InverterMode::Free).count());
+    if !possible || (must_serve && capacity_w(curves, commitment) < demand_w * (1.0 - ROUNDING)) {
+        return DualSolution {
             bound: f64::INFINITY,
             price: guess,
             request_w: vec![0.0; curves.len()],
@@ -139,13 +145,13 @@ pub(crate) fn maximise(curves: &[CostCurve], choice: &Choice, demand_w: f64, gue
     }
     let steepest = curves.iter().map(CostCurve::steepest).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
     let mut open = Vec::with_capacity(curves.len());
-    let mut at = |price: f64| at_price(curves, choice, demand_w, price, &mut open, |_, _, _| ());
+    let mut at = |price: f64| at_price(curves, commitment, demand_w, price, &mut open, |_, _, _| ());
     let first = at(guess);
     let (mut low, mut high) = (None, None);
     let mut step = 0.1 * steepest;
     let mut price = guess;
-    let below = |point: &AtPrice| point.total_w < demand_w * (1.0 - ROUNDING);
-    let sort = |point: AtPrice, low: &mut Option<AtPrice>, high: &mut Option<AtPrice>| {
+    let below = |point: &DualPoint| point.total_w < demand_w * (1.0 - ROUNDING);
+    let sort = |point: DualPoint, low: &mut Option<DualPoint>, high: &mut Option<DualPoint>| {
         let side = if below(&point) { low } else { high };
         *side = Some(point);
     };
@@ -159,7 +165,7 @@ pub(crate) fn maximise(curves: &[CostCurve], choice: &Choice, demand_w: f64, gue
     }
     let (mut low, mut high) = match (low, high) {
         (Some(low), Some(high)) => (low, high),
-        (Some(only), None) | (None, Some(only)) => return close(curves, choice, demand_w, only, only),
+        (Some(only), None) | (None, Some(only)) => return close(curves, commitment, demand_w, only, only),
         (None, None) => unreachable!("one price was tried"),
     };
     while used < MAX_PRICES {
@@ -185,26 +191,32 @@ pub(crate) fn maximise(curves: &[CostCurve], choice: &Choice, demand_w: f64, gue
             high = point;
         }
     }
-    close(curves, choice, demand_w, low, high)
+    close(curves, commitment, demand_w, low, high)
 }
 
 /// The better bound, and the mixture of both requests that meets the demand.
-fn close(curves: &[CostCurve], choice: &Choice, demand_w: f64, low: AtPrice, high: AtPrice) -> Dual {
+fn close(
+    curves: &[CostCurve],
+    commitment: &Commitment,
+    demand_w: f64,
+    low: DualPoint,
+    high: DualPoint,
+) -> DualSolution {
     let gap = high.total_w - low.total_w;
     let share = if gap > 0.0 { ((demand_w - low.total_w) / gap).clamp(0.0, 1.0) } else { 0.0 };
     let best = if high.bound > low.bound { high } else { low };
     let mut request_w = vec![0.0; curves.len()];
     let mut open = Vec::with_capacity(curves.len());
     for (point, weight) in [(low, 1.0 - share), (high, share)] {
-        at_price(curves, choice, demand_w, point.price, &mut open, |m, _, response| {
+        at_price(curves, commitment, demand_w, point.price, &mut open, |m, _, response| {
             request_w[m] += weight * response.request_w;
         });
     }
     let mut n_on = 0;
-    at_price(curves, choice, demand_w, best.price, &mut open, |m, on, _| {
-        n_on += usize::from(on && choice.modes[m] == Mode::Free);
+    at_price(curves, commitment, demand_w, best.price, &mut open, |m, on, _| {
+        n_on += usize::from(on && commitment.modes[m] == InverterMode::Free);
     });
-    Dual {
+    DualSolution {
         bound: best.bound,
         price: best.price,
         request_w,

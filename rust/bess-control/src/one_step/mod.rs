@@ -1,9 +1,13 @@
-//! The best split of one step: costs of a string as a function of its request, and sets of strings by their price.
+//! The one-step problem: which strings run in a step, and how they share its demand, at the least cost.
+//!
+//! `cost_curve` gives the cost of one string as a function of its request and its answer to a price of the demand;
+//! `lagrangian` adds the answers of all strings up and finds the best price, the dual of the problem; `solve` closes
+//! what gap is left by branch and bound on which inverters run.
 
-mod curve;
+mod cost_curve;
 mod lagrangian;
 mod solve;
 
-pub(crate) use curve::{CostCurve, Terms};
-pub(crate) use lagrangian::{maximise, Choice};
-pub(crate) use solve::{solve, OneStep};
+pub(crate) use cost_curve::{CostCurve, OperatingTerms};
+pub(crate) use lagrangian::{maximise, Commitment};
+pub(crate) use solve::{solve, OneStepSolution};

@@ -2,15 +2,15 @@
 
 use std::collections::BinaryHeap;
 
-use super::curve::CostCurve;
-use super::lagrangian::{bound_at, maximise, Choice, Dual, Mode};
+use super::cost_curve::CostCurve;
+use super::lagrangian::{bound_at, maximise, Commitment, DualSolution, InverterMode};
 
 /// Bounds closer than this (relative) count as equal.
 const GAP: f64 = 1e-10;
 
 /// Answer of the one-step problem.
 #[derive(Debug, Clone)]
-pub(crate) struct OneStep {
+pub(crate) struct OneStepSolution {
     /// No decision costs less (infinite if the demand cannot be met).
     pub bound: f64,
     /// Requests of the best choice found; they sum to the demand [W].
@@ -21,7 +21,7 @@ pub(crate) struct OneStep {
 
 struct Node {
     bound: f64,
-    choice: Choice,
+    commitment: Commitment,
     /// Solved already: the string at the border between on and off, to branch on.
     border: Option<usize>,
     order: usize,
@@ -47,24 +47,24 @@ impl Ord for Node {
 
 /// Solves the one-step problem. Branches first on how many strings run (like strings are then no trouble, because
 /// the Lagrangian of a number has no gap for them), then on the string at the border.
-pub(crate) fn solve(curves: &[CostCurve], demand_w: f64) -> OneStep {
+pub(crate) fn solve(curves: &[CostCurve], demand_w: f64) -> OneStepSolution {
     solve_within(curves, demand_w, 60 + 8 * curves.len())
 }
 
 /// [`solve`] with at most this many nodes; fewer loosen the bound, they do not make it wrong.
-fn solve_within(curves: &[CostCurve], demand_w: f64, mut n_nodes: usize) -> OneStep {
+fn solve_within(curves: &[CostCurve], demand_w: f64, mut n_nodes: usize) -> OneStepSolution {
     let n = curves.len();
-    let free = Choice::free(n);
+    let free = Commitment::free(n);
     let root = maximise(curves, &free, demand_w, 0.0);
-    let mut best = OneStep { bound: f64::INFINITY, request_w: root.request_w, shed_w: root.shed_w };
+    let mut best = OneStepSolution { bound: f64::INFINITY, request_w: root.request_w, shed_w: root.shed_w };
     if root.bound.is_infinite() {
         return best;
     }
     let mut heap = BinaryHeap::new();
     for count in 0..=n {
-        let choice = Choice { count: Some(count), ..free.clone() };
-        let bound = bound_at(curves, &choice, demand_w, root.price).max(root.bound);
-        heap.push(Node { bound, choice, border: None, order: count });
+        let commitment = Commitment { count: Some(count), ..free.clone() };
+        let bound = bound_at(curves, &commitment, demand_w, root.price).max(root.bound);
+        heap.push(Node { bound, commitment, border: None, order: count });
     }
     let mut order = n;
     // Bounds of what was set aside: it might beat the best leaf by a rounding error, or no nodes were left for it.
@@ -76,27 +76,27 @@ fn solve_within(curves: &[CostCurve], demand_w: f64, mut n_nodes: usize) -> OneS
         }
         n_nodes -= 1;
         let Some(border) = node.border else {
-            let dual = maximise(curves, &node.choice, demand_w, root.price);
+            let dual = maximise(curves, &node.commitment, demand_w, root.price);
             let bound = dual.bound.max(node.bound);
-            let border = border_of(&node.choice, &dual);
+            let border = border_of(&node.commitment, &dual);
             let leaf = match border {
                 None => dual,
-                Some(_) => maximise(curves, &decided(&node.choice, &dual), demand_w, dual.price),
+                Some(_) => maximise(curves, &decided(&node.commitment, &dual), demand_w, dual.price),
             };
             if leaf.bound < best.bound {
-                best = OneStep { bound: leaf.bound, request_w: leaf.request_w, shed_w: leaf.shed_w };
+                best = OneStepSolution { bound: leaf.bound, request_w: leaf.request_w, shed_w: leaf.shed_w };
             }
             if let (Some(_), true) = (border, bound.is_finite()) {
                 order += 1;
-                heap.push(Node { bound, choice: node.choice, border, order });
+                heap.push(Node { bound, commitment: node.commitment, border, order });
             }
             continue;
         };
-        for mode in [Mode::On, Mode::Off] {
-            let mut choice = node.choice.clone();
-            choice.modes[border] = mode;
+        for mode in [InverterMode::On, InverterMode::Off] {
+            let mut commitment = node.commitment.clone();
+            commitment.modes[border] = mode;
             order += 1;
-            heap.push(Node { bound: node.bound, choice, border: None, order });
+            heap.push(Node { bound: node.bound, commitment, border: None, order });
         }
     }
     best.bound = best.bound.min(floor);
@@ -104,8 +104,8 @@ fn solve_within(curves: &[CostCurve], demand_w: f64, mut n_nodes: usize) -> OneS
 }
 
 /// The last string that the price switches on, unless nothing is left to decide.
-fn border_of(choice: &Choice, dual: &Dual) -> Option<usize> {
-    let n_free = choice.modes.iter().filter(|m| **m == Mode::Free).count();
+fn border_of(commitment: &Commitment, dual: &DualSolution) -> Option<usize> {
+    let n_free = commitment.modes.iter().filter(|m| **m == InverterMode::Free).count();
     if dual.n_on == 0 || dual.n_on >= n_free {
         return None;
     }
@@ -113,19 +113,19 @@ fn border_of(choice: &Choice, dual: &Dual) -> Option<usize> {
 }
 
 /// All strings fixed as the price has them.
-fn decided(choice: &Choice, dual: &Dual) -> Choice {
-    let mut modes = choice.modes.clone();
+fn decided(commitment: &Commitment, dual: &DualSolution) -> Commitment {
+    let mut modes = commitment.modes.clone();
     for (rank, &m) in dual.order.iter().enumerate() {
-        modes[m] = if rank < dual.n_on { Mode::On } else { Mode::Off };
+        modes[m] = if rank < dual.n_on { InverterMode::On } else { InverterMode::Off };
     }
-    Choice { modes, count: None }
+    Commitment { modes, count: None }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::model::{heat_w, LossCurve, Losses, Range};
-    use crate::one_step::Terms;
+    use crate::one_step::OperatingTerms;
     use bess_tables::{Direction, Lut};
 
     const N_STRINGS: usize = 4;
@@ -136,7 +136,7 @@ mod tests {
     /// A string without derating, with an inverter that costs much to switch on.
     struct Inverter {
         loss: LossCurve,
-        terms: Terms,
+        terms: OperatingTerms,
     }
 
     impl Inverter {
@@ -146,7 +146,7 @@ mod tests {
             let full_w = no_load_w + between(500.0, 4e3);
             let table = Lut::new("loss", vec![0.0, NOMINAL_W], vec![no_load_w, full_w]).unwrap();
             let limit_w = between(0.3, 1.0) * NOMINAL_W;
-            let terms = Terms {
+            let terms = OperatingTerms {
                 direction,
                 limit_w,
                 deliverable_w: limit_w,

@@ -2,7 +2,7 @@
 
 use crate::error::{check_costs, check_length, check_range};
 use crate::model::{CoefficientRanges, ControlHorizon, CostsOf, Flow, Losses, Range, StateBox, StringState};
-use crate::one_step::{solve, CostCurve, OneStep, Terms};
+use crate::one_step::{solve, CostCurve, OneStepSolution, OperatingTerms};
 use crate::reach::Planes;
 use crate::ControlError;
 
@@ -58,6 +58,10 @@ impl ControlHorizon {
     /// over all such splits, with `k` and `V^2 / R` anywhere in their ranges, is a bound for every slope. The slope
     /// returned is the best one if at most `budget_w` `(T,)` is shed: without a limit, the smallest at which nothing is;
     /// where nothing may be, zero.
+    ///
+    /// # Errors
+    ///
+    /// Where lengths do not agree, or a cost or a budget is negative or not a number.
     pub fn step_bounds(
         &self,
         boxes: &[StateBox],
@@ -92,7 +96,7 @@ impl ControlHorizon {
             let curve = |m: usize| {
                 let string = self.string(m);
                 let ranges = string.ranges(direction, &boxes[m * n_steps + t]);
-                let terms = Terms {
+                let terms = OperatingTerms {
                     direction,
                     limit_w: self.limit(m, t),
                     deliverable_w: string.nominal_w(),
@@ -163,7 +167,7 @@ pub(crate) fn cheapest_shed(costs: &[Losses]) -> f64 {
 /// slope that lets it be shed may be better than the steep one at which nothing is; without a budget there is none.
 /// Returns the best requests if nothing is shed, too.
 pub(crate) fn step_bound(curves: &mut [CostCurve], demand_w: f64, budget_w: f64) -> (StepBound, Vec<f64>) {
-    let OneStep { bound: nothing_shed, request_w, .. } = solve(curves, demand_w);
+    let OneStepSolution { bound: nothing_shed, request_w, .. } = solve(curves, demand_w);
     if budget_w == 0.0 {
         // Infinite where the demand cannot be met at all: then nothing follows.
         let phi = if nothing_shed.is_finite() { nothing_shed - ROUNDING * nothing_shed.abs() } else { 0.0 };

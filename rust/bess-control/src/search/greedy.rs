@@ -4,7 +4,7 @@ use super::descent::improve;
 use super::incumbent::Schedule;
 use super::tracked::Tracked;
 use crate::model::{ControlHorizon, Range, StringState};
-use crate::one_step::{solve, CostCurve, Terms};
+use crate::one_step::{solve, CostCurve, OperatingTerms};
 
 /// Price of shedding against the steepest loss where shedding has to be avoided first.
 const SHED_FIRST: f64 = 1e3;
@@ -64,7 +64,7 @@ impl ControlHorizon {
         let curve = |m: usize| {
             let string = self.string(m);
             let c = string.coefficients(direction, states[m]);
-            let terms = Terms {
+            let terms = OperatingTerms {
                 direction,
                 limit_w: self.limit(m, t),
                 deliverable_w: string.limit_w(&c, direction, states[m].soc, self.intervals[t].dt_h),

@@ -71,6 +71,10 @@ pub struct StringAgeing {
 
 impl StringAgeing {
     /// The ageing that the string's parameters name.
+    ///
+    /// # Errors
+    ///
+    /// [`PlantError::Model`] where no model has the name.
     pub fn new(parameters: &StringParameters) -> Result<Self, PlantError> {
         let model = match parameters.ageing.model.as_deref() {
             None => None,
@@ -267,6 +271,11 @@ impl AgeingState {
     }
 
     /// Inverse of [`Self::to_numbers`]; numbers beyond the last point are not read.
+    ///
+    /// # Errors
+    ///
+    /// [`PlantError::Shape`] where there are fewer numbers than the first one announces, [`PlantError::Range`] where one is not
+    /// finite.
     pub fn from_numbers(numbers: &[f64]) -> Result<Self, PlantError> {
         let mut rest = numbers.iter().copied();
         let count = rest.next().filter(|&count| (0.0..1e6).contains(&count) && count.fract() == 0.0);

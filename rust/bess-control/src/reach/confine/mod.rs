@@ -7,16 +7,16 @@
 //! two, so a string's charge cannot stray far from where it should be; that is a knapsack, bounded by rewarding the
 //! string for straying. Narrower boxes give a higher bound, and so on.
 
-mod cutoff;
-mod round;
+mod horizon_bound;
+mod tightening;
 
 use bess_tables::Direction;
 
 use crate::error::{check_costs, check_range};
 use crate::model::{ControlHorizon, Flow, Losses, StateBox, StringState};
 use crate::ControlError;
-use cutoff::Cutoff;
-use round::{Round, Span};
+use horizon_bound::{HorizonBound, OperatingRanges};
+use tightening::Tightening;
 
 /// Most rounds of bounding and narrowing.
 const ROUNDS: usize = 8;
@@ -38,9 +38,9 @@ pub struct Confined {
     pub may_shed: Vec<bool>,
 }
 
-/// A schedule: its cost, the states at the start of its steps `(M, T)`, and how fast its cost falls with the `V^2 / R`
+/// The schedule that others are compared with: its cost, the states at the start of its steps `(M, T)`, and how fast its cost falls with the `V^2 / R`
 /// there, `-dh/dy = s^2 / (1 +- 2 s)` with `s = R I / V`.
-struct Known {
+struct ReferenceSchedule {
     cost: f64,
     states: Vec<StringState>,
     scale_price: Vec<f64>,
@@ -49,6 +49,10 @@ struct Known {
 impl ControlHorizon {
     /// Bounds the cost of every schedule, and the states of those that cost no more than `request_w` `(M, T)`, which
     /// sheds at most `shed_budget_w` in all. `costs` `(M,)` [1/W] are those of the losses.
+    ///
+    /// # Errors
+    ///
+    /// Where the costs are not one for each string, or a cost or the budget is negative or not a number.
     pub fn confine(
         &self,
         request_w: &[f64],
@@ -74,20 +78,20 @@ impl ControlHorizon {
             best.may_shed = self.may_shed(&best.boxes);
             return best;
         }
-        let known = self.known(flows, costs);
-        let cutoff = known.cost;
+        let reference = self.reference(flows, costs);
+        let cutoff = reference.cost;
         let cheapest_shed = costs.iter().map(|c| c.availability).fold(f64::INFINITY, f64::min);
         let (mut last, mut priced) = (f64::INFINITY, false);
         let no_prices = vec![0.0; request_w.len()];
         for _ in 0..ROUNDS {
             let boxes = std::mem::take(&mut best.boxes);
-            let span = Span::new(self, &boxes, &known.states);
+            let operating = OperatingRanges::new(self, &boxes, &reference.states);
             let bounded = |scale_price: &[f64]| {
-                let round = Round::new(&span, costs, scale_price, shed_budget_w);
-                (round.bound - round.saved(shed_budget_w, cheapest_shed), round)
+                let horizon_bound = HorizonBound::new(&operating, costs, scale_price, shed_budget_w);
+                (horizon_bound.bound - horizon_bound.saved(shed_budget_w, cheapest_shed), horizon_bound)
             };
             // Over wide boxes the planes may lie so high that the values of the state do more harm than good.
-            let mut held = bounded(&known.scale_price);
+            let mut held = bounded(&reference.scale_price);
             if !priced {
                 let without = bounded(&no_prices);
                 priced = held.0 >= without.0;
@@ -95,19 +99,19 @@ impl ControlHorizon {
                     held = without;
                 }
             }
-            let (bound, round) = held;
+            let (bound, horizon_bound) = held;
             best.bound = best.bound.max(bound - ROUNDING * cutoff).min(cutoff);
             let slack = cutoff - bound + ROUNDING * cutoff;
             if slack <= CLOSED * cutoff || slack > WORTHWHILE * last {
-                best.may_shed = span.may_shed.clone();
+                best.may_shed = operating.may_shed.clone();
                 best.boxes = boxes;
                 return best;
             }
             last = slack;
-            match Cutoff::new(&round, slack).narrowed() {
+            match Tightening::new(&horizon_bound, slack).narrowed() {
                 Some(boxes) => best.boxes = boxes,
                 None => {
-                    let may_shed = span.may_shed.clone();
+                    let may_shed = operating.may_shed.clone();
                     return Confined { bound: cutoff, boxes, may_shed };
                 }
             }
@@ -117,20 +121,20 @@ impl ControlHorizon {
     }
 
     /// What is needed to know of a schedule that was rolled out.
-    fn known(&self, flows: &[Flow], costs: &[Losses]) -> Known {
+    fn reference(&self, flows: &[Flow], costs: &[Losses]) -> ReferenceSchedule {
         let n_steps = self.n_steps();
-        let mut known = Known { cost: 0.0, states: vec![], scale_price: vec![] };
+        let mut reference = ReferenceSchedule { cost: 0.0, states: vec![], scale_price: vec![] };
         for (i, flow) in flows.iter().enumerate() {
             let (m, t) = (i / n_steps, i % n_steps);
             let state = if t == 0 { self.start[m] } else { flows[i - 1].end };
             let c = self.string(m).coefficients(self.direction(t), state);
-            known.cost += flow.losses().cost(&costs[m]);
+            reference.cost += flow.losses().cost(&costs[m]);
             let share = (flow.current_a * c.resistance_ohm / c.voltage_v).max(0.0);
             let sign = if self.direction(t) == Direction::Charge { 1.0 } else { -1.0 };
             let price = costs[m].battery * share * share / (1.0 + 2.0 * sign * share).max(0.1);
-            known.scale_price.push(price);
-            known.states.push(state);
+            reference.scale_price.push(price);
+            reference.states.push(state);
         }
-        known
+        reference
     }
 }

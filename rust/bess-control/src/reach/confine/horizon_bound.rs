@@ -1,16 +1,18 @@
-//! Bounds of all steps over boxes of states, with the values of the state.
+//! Lower bound of a horizon over boxes of states: the sum of one-step bounds, each with the state valued at what it is
+//! worth to the later steps (docs/equations.md, 9). [`OperatingRanges`] holds what the strings can do in the boxes, a
+//! [`PricedStep`] the curves and the bound of one step, [`HorizonBound`] their sum.
 
 use bess_tables::Direction;
 
 use crate::model::{
     heat_w, CoefficientRanges, ControlHorizon, Losses, Range, StateBox, StringState, SECONDS_PER_HOUR,
 };
-use crate::one_step::{maximise, Choice, CostCurve, Terms};
+use crate::one_step::{maximise, Commitment, CostCurve, OperatingTerms};
 use crate::reach::{step_bound, Planes, StepBound};
 
 /// What the state of a string is worth at a step.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Values {
+pub(super) struct StateValues {
     /// Price of `V^2 / R` in the step itself [1/W].
     pub(super) scale_price: f64,
     /// Value of a unit of SOC gained in the step.
@@ -20,8 +22,8 @@ pub(super) struct Values {
 }
 
 /// One step over boxes, with the values of the state: one entry for each string.
-pub(super) struct Step {
-    pub(super) values: Vec<Values>,
+pub(super) struct PricedStep {
+    pub(super) values: Vec<StateValues>,
     pub(super) curves: Vec<CostCurve>,
     pub(super) constants: Vec<f64>,
     pub(super) bound: StepBound,
@@ -30,7 +32,7 @@ pub(super) struct Step {
 }
 
 /// Boxes `(M, T + 1)`, and what the strings can do in them `(M, T)`.
-pub(super) struct Span<'a> {
+pub(super) struct OperatingRanges<'a> {
     pub(super) horizon: &'a ControlHorizon,
     pub(super) boxes: &'a [StateBox],
     pub(super) ranges: Vec<CoefficientRanges>,
@@ -42,16 +44,16 @@ pub(super) struct Span<'a> {
 }
 
 /// Bounds of all steps over boxes.
-pub(super) struct Round<'a> {
-    pub(super) span: &'a Span<'a>,
+pub(super) struct HorizonBound<'a> {
+    pub(super) operating: &'a OperatingRanges<'a>,
     pub(super) costs: &'a [Losses],
     /// None where there is no demand.
-    pub(super) steps: Vec<Option<Step>>,
+    pub(super) steps: Vec<Option<PricedStep>>,
     /// Lower bound of the cost of any schedule, if nothing is shed.
     pub(super) bound: f64,
 }
 
-impl<'a> Span<'a> {
+impl<'a> OperatingRanges<'a> {
     pub(super) fn new(horizon: &'a ControlHorizon, boxes: &'a [StateBox], near: &[StringState]) -> Self {
         let n_steps = horizon.n_steps();
         let (mut ranges, mut planes, mut current_a) = (vec![], vec![], vec![]);
@@ -91,72 +93,72 @@ impl<'a> Span<'a> {
     }
 }
 
-impl<'a> Round<'a> {
+impl<'a> HorizonBound<'a> {
     pub(super) fn new(
-        span: &'a Span<'a>,
+        operating: &'a OperatingRanges<'a>,
         costs: &'a [Losses],
         scale_price: &[f64],
         shed_budget_w: f64,
     ) -> Self {
-        let horizon = span.horizon;
+        let horizon = operating.horizon;
         let (n_strings, n_steps) = (horizon.n_strings(), horizon.n_steps());
-        let mut round = Self { span, costs, steps: Vec::with_capacity(n_steps), bound: 0.0 };
+        let mut horizon_bound = Self { operating, costs, steps: Vec::with_capacity(n_steps), bound: 0.0 };
         let mut values = Vec::with_capacity(n_strings);
         for m in 0..n_strings {
-            let (of_string, worth) = round.values(m, &scale_price[m * n_steps..(m + 1) * n_steps]);
+            let (of_string, worth) = horizon_bound.values(m, &scale_price[m * n_steps..(m + 1) * n_steps]);
             values.push(of_string);
-            round.bound -= worth;
+            horizon_bound.bound -= worth;
         }
         for t in 0..n_steps {
             let demand_w = horizon.demand_w[t];
             if demand_w <= 0.0 {
-                round.steps.push(None);
+                horizon_bound.steps.push(None);
                 continue;
             }
-            let values: Vec<Values> = (0..n_strings).map(|m| values[m][t]).collect();
-            let curve = |m: usize| round.curve(m, t, &values[m], f64::INFINITY);
+            let values: Vec<StateValues> = (0..n_strings).map(|m| values[m][t]).collect();
+            let curve = |m: usize| horizon_bound.curve(m, t, &values[m], f64::INFINITY);
             let (mut curves, constants): (Vec<_>, Vec<_>) = (0..n_strings).map(curve).unzip();
-            let price = maximise(&curves, &Choice::free(n_strings), demand_w, 0.0).price;
-            let sheds = (0..n_strings).any(|m| span.may_shed[span.cell(m, t)]);
+            let price = maximise(&curves, &Commitment::free(n_strings), demand_w, 0.0).price;
+            let sheds = (0..n_strings).any(|m| operating.may_shed[operating.cell(m, t)]);
             let budget_w = if sheds { shed_budget_w } else { 0.0 };
             let (mut bound, _) = step_bound(&mut curves, demand_w, budget_w);
             bound.phi += constants.iter().sum::<f64>();
-            round.bound += bound.phi;
-            round.steps.push(Some(Step { values, curves, constants, bound, price }));
+            horizon_bound.bound += bound.phi;
+            horizon_bound.steps.push(Some(PricedStep { values, curves, constants, bound, price }));
         }
-        round
+        horizon_bound
     }
 
     /// Values of a string's state: what `V^2 / R` later in the horizon gains from charge and warmth now; and what it is
     /// worth along a string that stays idle.
-    fn values(&self, m: usize, prices: &[f64]) -> (Vec<Values>, f64) {
-        let (span, n_steps) = (self.span, prices.len());
-        let planes = &span.planes[m * n_steps..(m + 1) * n_steps];
-        let mut out = vec![Values::default(); n_steps];
+    fn values(&self, m: usize, prices: &[f64]) -> (Vec<StateValues>, f64) {
+        let (operating, n_steps) = (self.operating, prices.len());
+        let planes = &operating.planes[m * n_steps..(m + 1) * n_steps];
+        let mut out = vec![StateValues::default(); n_steps];
         let (mut charge, mut warmth) = (0.0, 0.0);
         for t in (0..n_steps).rev() {
-            out[t] = Values { scale_price: prices[t], charge, warmth };
+            out[t] = StateValues { scale_price: prices[t], charge, warmth };
             charge += prices[t] * planes[t].power_scale_per_soc;
-            warmth = span.keep(m, t) * warmth + prices[t] * planes[t].power_scale_per_k;
+            warmth = operating.keep(m, t) * warmth + prices[t] * planes[t].power_scale_per_k;
         }
-        let start = span.horizon.start[m];
+        let start = operating.horizon.start[m];
         let (mut idle_c, mut worth) = (start.temperature_c, 0.0);
         for (t, plane) in planes.iter().enumerate() {
             worth += prices[t]
                 * (plane.power_scale_w
                     + plane.power_scale_per_soc * start.soc
                     + plane.power_scale_per_k * idle_c);
-            let keep = span.keep(m, t);
-            idle_c = keep * idle_c + (1.0 - keep) * span.horizon.intervals[t].ambient_c;
+            let keep = operating.keep(m, t);
+            idle_c = keep * idle_c + (1.0 - keep) * operating.horizon.intervals[t].ambient_c;
         }
         (out, worth)
     }
 
     /// Cost of a string in a step less the values of what it does, and a constant that goes with it.
-    pub(super) fn curve(&self, m: usize, t: usize, values: &Values, shed_cost: f64) -> (CostCurve, f64) {
-        let horizon = self.span.horizon;
+    pub(super) fn curve(&self, m: usize, t: usize, values: &StateValues, shed_cost: f64) -> (CostCurve, f64) {
+        let horizon = self.operating.horizon;
         let string = horizon.string(m);
-        let ranges = &self.span.ranges[self.span.cell(m, t)];
+        let ranges = &self.operating.ranges[self.operating.cell(m, t)];
         let direction = horizon.direction(t);
         let limit_w = horizon.limit(m, t);
         let loss = string.loss(direction);
@@ -173,9 +175,9 @@ impl<'a> Round<'a> {
         let mut constant = 0.0;
         // Internal power is that of the inverter, plus the heat in discharge, less it in charge.
         costs.battery += if direction == Direction::Discharge { power_price } else { -power_price };
-        costs.battery -= values.warmth * self.span.kelvin_per_w(m, t);
+        costs.battery -= values.warmth * self.operating.kelvin_per_w(m, t);
         if costs.battery < 0.0 {
-            constant += costs.battery * self.span.heat_w[self.span.cell(m, t)].high;
+            constant += costs.battery * self.operating.heat_w[self.operating.cell(m, t)].high;
             costs.battery = 0.0;
         }
         if direction == Direction::Charge && gained != 0.0 {
@@ -184,7 +186,7 @@ impl<'a> Round<'a> {
             let drawn = -lowest.min(0.0) + heat_w(lowest.min(0.0), ranges.power_scale_w.low, direction);
             constant -= (gained / usual - gained / other).abs() * drawn;
         }
-        let terms = Terms {
+        let terms = OperatingTerms {
             direction,
             limit_w,
             deliverable_w: string.nominal_w(),
@@ -200,7 +202,7 @@ impl<'a> Round<'a> {
 
     /// The most that shedding can save.
     pub(super) fn saved(&self, budget_w: f64, cheapest_shed: f64) -> f64 {
-        let mut slopes: Vec<_> = (self.steps.iter().zip(&self.span.horizon.demand_w))
+        let mut slopes: Vec<_> = (self.steps.iter().zip(&self.operating.horizon.demand_w))
             .filter_map(|(step, demand_w)| Some((step.as_ref()?.bound.shed_slope - cheapest_shed, *demand_w)))
             .filter(|(slope, _)| *slope > 0.0 && slope.is_finite())
             .collect();
@@ -240,24 +242,25 @@ mod tests {
     fn whatever_charge_and_warmth_are_worth_no_flow_of_a_string_is_below_its_curve_and_constant() {
         let mut random = fastrand::Rng::with_seed(5);
         let mut worth_more_than_it_costs = 0;
-        for round in 0..40 {
-            let sign = if round % 2 == 0 { 1.0 } else { -1.0 };
+        for case in 0..40 {
+            let sign = if case % 2 == 0 { 1.0 } else { -1.0 };
             let horizon = test_horizon(2, &[sign * DEMAND_W; 2]);
             let boxes = horizon.reachable();
             let near: Vec<_> = (0..4).map(|i| horizon.start[i / 2]).collect();
-            let span = Span::new(&horizon, &boxes, &near);
+            let operating = OperatingRanges::new(&horizon, &boxes, &near);
             let costs = [COSTS; 2];
-            let round = Round { span: &span, costs: &costs, steps: vec![], bound: 0.0 };
+            let horizon_bound =
+                HorizonBound { operating: &operating, costs: &costs, steps: vec![], bound: 0.0 };
             let (m, t) = (0, 1);
             let (string, interval) = (horizon.string(m), &horizon.intervals[t]);
             let mut between = |low: f64, high: f64| low + (high - low) * random.f64();
             let per_charge = COSTS.battery * 700.0 * string.parameters.capacity_ah / interval.dt_h;
-            let values = Values {
+            let values = StateValues {
                 scale_price: between(0.0, 1.0) * 0.01 * COSTS.battery,
                 charge: between(-0.5, 0.5) * per_charge,
-                warmth: between(-1.0, 3.0) * COSTS.battery / span.kelvin_per_w(m, t),
+                warmth: between(-1.0, 3.0) * COSTS.battery / operating.kelvin_per_w(m, t),
             };
-            let (curve, constant) = round.curve(m, t, &values, f64::INFINITY);
+            let (curve, constant) = horizon_bound.curve(m, t, &values, f64::INFINITY);
             worth_more_than_it_costs += usize::from(curve.terms.costs.battery == 0.0);
             let requests = horizon.request_range(m, t);
             for price in [-1.0, 0.0, 0.1, 1.0, 10.0].map(|factor| factor * COSTS.battery) {
@@ -273,7 +276,7 @@ mod tests {
                         let cost = flow.losses().cost(&COSTS) - price * request_w
                             + values.scale_price * scale_w
                             - values.charge * (flow.end.soc - state.soc)
-                            - values.warmth * span.kelvin_per_w(m, t) * flow.battery_w;
+                            - values.warmth * operating.kelvin_per_w(m, t) * flow.battery_w;
                         assert!(cost >= bound - 1e-9 * bound.abs(), "{cost} below {bound}");
                     }
                 }

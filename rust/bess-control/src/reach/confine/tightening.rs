@@ -1,8 +1,10 @@
-//! What schedules within a slack of a bound can do.
+//! Optimality-based bound tightening: schedules that cost no more than a reference exceed the bound by at most the slack
+//! between the two, which limits how far the charge and the warmth of each string can stray (docs/equations.md, 10).
+//! That is a knapsack over the steps, bounded by rewarding the string for straying.
 
 use bess_tables::Direction;
 
-use super::round::{Round, Step};
+use super::horizon_bound::{HorizonBound, PricedStep};
 use crate::model::{Range, StateBox};
 use crate::one_step::CostCurve;
 
@@ -33,64 +35,64 @@ struct Reward {
 }
 
 /// The Lagrangian of a step at a price of the demand: its value, and what each string has in it.
-struct AtPrice {
+struct DualByString {
     price: f64,
     bound: f64,
     parts: Vec<f64>,
 }
 
-/// A step, and its Lagrangians around its best price.
-struct Around<'a> {
-    step: &'a Step,
-    best: AtPrice,
-    below: Vec<AtPrice>,
-    above: Vec<AtPrice>,
+/// Duals of a step at its best price, and at the lower and higher prices that a rewarded string makes likely.
+struct StepDuals<'a> {
+    step: &'a PricedStep,
+    best: DualByString,
+    below: Vec<DualByString>,
+    above: Vec<DualByString>,
 }
 
-/// A bounded round, and what schedules within a slack of its bound can do.
-pub(super) struct Cutoff<'a> {
-    round: &'a Round<'a>,
+/// A bounded horizon, and what schedules within a slack of its bound can do.
+pub(super) struct Tightening<'a> {
+    horizon_bound: &'a HorizonBound<'a>,
     slack: f64,
     mean_price: f64,
     /// None where there is no demand.
-    around: Vec<Option<Around<'a>>>,
+    duals: Vec<Option<StepDuals<'a>>>,
 }
 
-impl<'a> Cutoff<'a> {
-    pub(super) fn new(round: &'a Round<'a>, slack: f64) -> Self {
-        let demand_w = &round.span.horizon.demand_w;
-        let priced = || round.steps.iter().flatten();
+impl<'a> Tightening<'a> {
+    pub(super) fn new(horizon_bound: &'a HorizonBound<'a>, slack: f64) -> Self {
+        let demand_w = &horizon_bound.operating.horizon.demand_w;
+        let priced = || horizon_bound.steps.iter().flatten();
         let mean_price = priced().map(|step| step.price.abs()).sum::<f64>() / priced().count().max(1) as f64;
-        let around = |(step, demand_w): (&'a Option<Step>, &f64)| {
+        let duals = |(step, demand_w): (&'a Option<PricedStep>, &f64)| {
             let step = step.as_ref()?;
-            let Step { curves, constants, price, .. } = step;
-            let at = |price: f64| AtPrice::new(curves, constants, *demand_w, price);
+            let PricedStep { curves, constants, price, .. } = step;
+            let at = |price: f64| DualByString::new(curves, constants, *demand_w, price);
             let n_on = curves.iter().filter(|c| c.free(*price).request_w > 0.0).count().max(1) as f64;
             let shifted =
                 |sign: f64| POWER_REWARDS.iter().map(|r| at(price + sign * r * mean_price / n_on)).collect();
-            Some(Around { step, best: at(*price), below: shifted(-1.0), above: shifted(1.0) })
+            Some(StepDuals { step, best: at(*price), below: shifted(-1.0), above: shifted(1.0) })
         };
-        let around = round.steps.iter().zip(demand_w).map(around).collect();
-        Self { round, slack, mean_price, around }
+        let duals = horizon_bound.steps.iter().zip(demand_w).map(duals).collect();
+        Self { horizon_bound, slack, mean_price, duals }
     }
 
     /// Narrower boxes, or None if nothing is left of one.
     pub(super) fn narrowed(&self) -> Option<Vec<StateBox>> {
-        let rows = (0..self.round.span.horizon.n_strings()).map(|m| self.narrowed_string(m));
+        let rows = (0..self.horizon_bound.operating.horizon.n_strings()).map(|m| self.narrowed_string(m));
         rows.collect::<Option<Vec<_>>>().map(|rows| rows.concat())
     }
 
     fn narrowed_string(&self, m: usize) -> Option<Vec<StateBox>> {
-        let span = self.round.span;
-        let horizon = span.horizon;
-        let row = &span.boxes[m * (horizon.n_steps() + 1)..(m + 1) * (horizon.n_steps() + 1)];
+        let operating = self.horizon_bound.operating;
+        let horizon = operating.horizon;
+        let row = &operating.boxes[m * (horizon.n_steps() + 1)..(m + 1) * (horizon.n_steps() + 1)];
         let [gained, lost] = [1.0, -1.0].map(|sign| self.most(m, Target::Charge(sign)));
         let [warmed, cool] = [1.0, -1.0].map(|sign| self.most(m, Target::Warmth(sign)));
         let start = horizon.start[m];
         let (mut unheated_c, mut kept) = (start.temperature_c, 1.0);
         let mut out = vec![row[0]];
         for (t, interval) in horizon.intervals.iter().enumerate() {
-            let keep = span.keep(m, t);
+            let keep = operating.keep(m, t);
             unheated_c = keep * unheated_c + (1.0 - keep) * interval.ambient_c;
             let reached = horizon.string(m).reach(&out[t], &horizon.request_range(m, t), interval);
             let mut now = row[t + 1].intersection(&reached);
@@ -113,7 +115,7 @@ impl<'a> Cutoff<'a> {
 
     /// Upper bounds `(T + 1,)` of what the target has added up to at each step boundary.
     fn most(&self, m: usize, target: Target) -> Vec<f64> {
-        let n_steps = self.around.len();
+        let n_steps = self.duals.len();
         let alone: Vec<Range> = (0..n_steps).map(|t| self.of_step(m, t, target)).collect();
         let mut best = vec![0.0; n_steps + 1];
         for t in 0..n_steps {
@@ -127,8 +129,8 @@ impl<'a> Cutoff<'a> {
             }
             let mut sum = self.slack / reward.per_unit;
             for t in 0..n_steps {
-                let with_slack = self.around[t].as_ref().map_or(f64::INFINITY, |around| {
-                    (around.step.bound.phi - self.rewarded(around, m, t, reward)) / reward.per_unit
+                let with_slack = self.duals[t].as_ref().map_or(f64::INFINITY, |duals| {
+                    (duals.step.bound.phi - self.rewarded(duals, m, t, reward)) / reward.per_unit
                 });
                 sum += with_slack.min(alone[t].high);
                 best[t + 1] = best[t + 1].min(sum);
@@ -139,15 +141,15 @@ impl<'a> Cutoff<'a> {
 
     /// What one step can add to the target, whatever it costs.
     fn of_step(&self, m: usize, t: usize, target: Target) -> Range {
-        let span = self.round.span;
-        let (horizon, cell) = (span.horizon, span.cell(m, t));
+        let operating = self.horizon_bound.operating;
+        let (horizon, cell) = (operating.horizon, operating.cell(m, t));
         let (range, factor) = match target {
             Target::Charge(sign) => {
                 let per_ampere = horizon.intervals[t].dt_h / horizon.string(m).parameters.capacity_ah;
                 let toward = if horizon.direction(t) == Direction::Charge { sign } else { -sign };
-                (span.current_a[cell], toward * per_ampere)
+                (operating.current_a[cell], toward * per_ampere)
             }
-            Target::Warmth(sign) => (span.heat_w[cell], sign * span.kelvin_per_w(m, t)),
+            Target::Warmth(sign) => (operating.heat_w[cell], sign * operating.kelvin_per_w(m, t)),
         };
         let (a, b) = (factor * range.low, factor * range.high);
         Range { low: a.min(b), high: a.max(b) }
@@ -155,7 +157,7 @@ impl<'a> Cutoff<'a> {
 
     /// A reward of the target, in costs per unit of it.
     fn per_unit(&self, m: usize, level: usize, target: Target) -> f64 {
-        let horizon = self.round.span.horizon;
+        let horizon = self.horizon_bound.operating.horizon;
         match target {
             Target::Charge(_) => {
                 let p = &horizon.string(m).parameters;
@@ -163,34 +165,35 @@ impl<'a> Cutoff<'a> {
                 POWER_REWARDS[level] * self.mean_price * v * p.capacity_ah / horizon.intervals[0].dt_h
             }
             Target::Warmth(_) => {
-                HEAT_REWARDS[level] * self.round.costs[m].battery / self.round.span.kelvin_per_w(m, 0)
+                HEAT_REWARDS[level] * self.horizon_bound.costs[m].battery
+                    / self.horizon_bound.operating.kelvin_per_w(m, 0)
             }
         }
     }
 
     /// Lower bound of a step's cost less the reward of what string `m` adds to the target.
-    fn rewarded(&self, around: &Around<'_>, m: usize, t: usize, reward: Reward) -> f64 {
+    fn rewarded(&self, duals: &StepDuals<'_>, m: usize, t: usize, reward: Reward) -> f64 {
         let Reward { target, level, per_unit } = reward;
-        let mut values = around.step.values[m];
+        let mut values = duals.step.values[m];
         let eager = match target {
             Target::Charge(sign) => {
                 values.charge += sign * per_unit;
-                (sign > 0.0) == (self.round.span.horizon.direction(t) == Direction::Charge)
+                (sign > 0.0) == (self.horizon_bound.operating.horizon.direction(t) == Direction::Charge)
             }
             Target::Warmth(sign) => {
                 values.warmth += sign * per_unit;
                 sign > 0.0
             }
         };
-        let (curve, constant) = self.round.curve(m, t, &values, around.step.curves[m].terms.shed_cost);
+        let (curve, constant) = self.horizon_bound.curve(m, t, &values, duals.step.curves[m].terms.shed_cost);
         // A string that is eager for power lets the price of the demand fall, one that shuns it lets it rise.
-        let shifted = if eager { &around.below[level] } else { &around.above[level] };
-        let bound = |at: &AtPrice| at.bound - at.parts[m] + curve.free(at.price).value + constant;
-        bound(&around.best).max(bound(shifted))
+        let shifted = if eager { &duals.below[level] } else { &duals.above[level] };
+        let bound = |at: &DualByString| at.bound - at.parts[m] + curve.free(at.price).value + constant;
+        bound(&duals.best).max(bound(shifted))
     }
 }
 
-impl AtPrice {
+impl DualByString {
     fn new(curves: &[CostCurve], constants: &[f64], demand_w: f64, price: f64) -> Self {
         let part = |(curve, constant): (&CostCurve, &f64)| curve.free(price).value + constant;
         let parts: Vec<f64> = curves.iter().zip(constants).map(part).collect();

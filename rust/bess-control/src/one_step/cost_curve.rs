@@ -9,7 +9,7 @@ const SLOPE_ROUNDING: f64 = 1e-9;
 
 /// What a string may do in the interval, and at what cost.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Terms {
+pub(crate) struct OperatingTerms {
     pub direction: Direction,
     /// Upper limit of the request [W].
     pub limit_w: f64,
@@ -69,7 +69,7 @@ pub(crate) struct Response {
 /// a Lagrangian sees the convex envelope by itself.
 #[derive(Debug, Clone)]
 pub(crate) struct CostCurve {
-    pub terms: Terms,
+    pub terms: OperatingTerms,
     pieces: Vec<Piece>,
     /// Pieces up to here deliver at most `k_min * limit`.
     split: usize,
@@ -78,7 +78,7 @@ pub(crate) struct CostCurve {
 }
 
 impl CostCurve {
-    pub fn new(curve: &LossCurve, terms: Terms) -> Self {
+    pub fn new(curve: &LossCurve, terms: OperatingTerms) -> Self {
         let mut out =
             Self { terms, pieces: Vec::with_capacity(curve.power().len() + 2), split: 0, convex: true };
         let deliverable = match terms.direction {
@@ -159,7 +159,7 @@ impl CostCurve {
             Scale::At(y) => heat_w(g, y, self.terms.direction),
             Scale::Follows(factor) => factor * g,
         };
-        let Terms { scale_price, power_price, .. } = self.terms;
+        let OperatingTerms { scale_price, power_price, .. } = self.terms;
         let q =
             |w: f64, g: f64| c_inverter * w + c_battery * heat(g) + power_price * g + scale_price * price_of;
         let through = self.through(loss_slope);
@@ -239,7 +239,7 @@ impl CostCurve {
     /// Response of a string whose inverter is off.
     #[inline]
     pub fn off(&self, price: f64) -> Response {
-        let Terms { limit_w, derating, power_scale_w, scale_price, .. } = self.terms;
+        let OperatingTerms { limit_w, derating, power_scale_w, scale_price, .. } = self.terms;
         let idle = scale_price * power_scale_w.low;
         let gain = self.shed_price() - price;
         if gain < 0.0 {
@@ -252,7 +252,7 @@ impl CostCurve {
     /// Response of a string whose inverter is on.
     #[inline]
     pub fn on(&self, price: f64) -> Response {
-        let Terms { limit_w, derating, shed_cost, costs, .. } = self.terms;
+        let OperatingTerms { limit_w, derating, shed_cost, costs, .. } = self.terms;
         let c_derating = costs.derating;
         if self.pieces.is_empty() {
             return Response { value: f64::INFINITY, request_w: 0.0, shed_w: 0.0 };
