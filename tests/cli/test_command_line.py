@@ -125,7 +125,16 @@ def test_check_runs_nothing_and_says_what_it_found(tmp_path: Path) -> None:
     assert "period: 2024-01-01 00:00 to 2024-01-03 00:00 UTC, 192 steps of 15 min" in ended.stdout
     assert "-234 to 234 kW" in ended.stdout
     assert "above the 184 kW of the plant" in ended.stdout
+    assert ended.stdout.count("policy: equal\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"), [("paper", "certified over 2 h"), ("energy", "planned over 24 h, not certified")]
+)
+def test_check_says_how_far_the_optimiser_looks_and_whether_it_certifies(kind: str, said: str) -> None:
+    text = command("check", "case1", "--set", f"policy.objectives.kind={kind}").stdout
+    assert f"policy: mpc, {said}\n" in text
 
 
 def test_check_names_the_prices_it_found() -> None:

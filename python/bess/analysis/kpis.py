@@ -27,6 +27,8 @@ _KWH_PER_MWH = 1000.0
 def kpis(result: Result | xr.Dataset) -> dict[str, float]:
     """Return the key figures of a result or dataset.
 
+    Availability and the four efficiencies are defined as in [1]_.
+
     With demand ``D`` (all of it, also what is unmet), requests ``u``, availability loss ``a``, derating loss
     ``d``, inverter loss ``w`` and battery heat ``h``, sums over strings and steps, 0/0 = 100 %:
 
@@ -52,6 +54,11 @@ def kpis(result: Result | xr.Dataset) -> dict[str, float]:
 
     Names, units and meanings for people are in :data:`bess.analysis.catalogue.CATALOGUE`. A
     :class:`bess.Result` adds the wall-clock ``solve_time_s_*``.
+
+    References
+    ----------
+    .. [1] Tanjavooru, V. T., Pant, P., Hamacher, T., Hesse, H.: Multi-objective nonlinear power split control
+       for BESS with real-time simulation feedback. 2025, arXiv:2507.04800.
     """
     dataset: Any = getattr(result, "dataset", result)
     if not hasattr(dataset, "data_vars") or not {"demand_kw", "soc"} <= set(dataset.data_vars):

@@ -64,9 +64,13 @@ def hypervolume(
 
     Notes
     -----
-    Slices along the last objective and recurses (While et al., "A faster algorithm for calculating
-    hypervolume", IEEE Trans. Evol. Comput. 10(1), 2006, doi:10.1109/TEVC.2005.851275). Meant for fronts of
-    hundreds of points in up to four or so objectives.
+    Slices along the last objective and recurses [1]_. Meant for fronts of hundreds of points in up to four or
+    so objectives.
+
+    References
+    ----------
+    .. [1] While, L., et al.: A faster algorithm for calculating hypervolume. IEEE Trans. Evol. Comput. 10
+       (2006), doi:10.1109/TEVC.2005.851275.
     """
     costs = _as_costs(points, directions)
     bound = _as_costs(np.atleast_2d(np.asarray(reference, dtype=np.float64)), directions)
@@ -80,13 +84,17 @@ def knee_point(points: ArrayLike, directions: Sequence[Direction] | None = None)
 
     Objectives are scaled to [0, 1] over the front (ideal to nadir). The distance is measured towards the
     ideal from the plane through the corners ``(1, 0, ...)``, ``(0, 1, ...)``. With two objectives these are
-    the two ends of the front, so the plane is their chord (Das, "On characterizing the knee of the Pareto
-    curve", Struct. Optim. 18, 1999, doi:10.1007/BF01195985).
+    the two ends of the front, so the plane is their chord [1]_.
 
     Raises
     ------
     InputError
         If there is no point.
+
+    References
+    ----------
+    .. [1] Das, I.: On characterizing the knee of the Pareto curve. Structural Optimization 18 (1999),
+       doi:10.1007/BF01195985.
     """
     costs = _as_costs(points, directions)
     front = np.flatnonzero(non_dominated(costs))

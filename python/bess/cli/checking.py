@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from bess.policies import build_policy
-from bess.simulation.inputs import prepare
+from bess.simulation.inputs import Inputs, prepare
 from bess.simulation.runner import policy_settings
 from bess.study import Study, expand
 
@@ -27,10 +27,19 @@ def findings(study: Study) -> Iterator[str]:
             f"system: {inputs.system}",
             *inputs.notes,
             f"ambient: {inputs.ambient_c.min():g} to {inputs.ambient_c.max():g} degC",
-            f"policy: {each.policy.name}, horizon {inputs.horizon_steps} steps",
+            _policy(each, inputs),
         ]
         yield name if facts != seen else f"{name}: the same data"
         if facts != seen:
             yield from (f"  {fact}" for fact in facts)
         seen = facts
     yield f"{study.name}: {len(runs)} run{'s' if len(runs) > 1 else ''}, nothing wrong"
+
+
+def _policy(study: Study, inputs: Inputs) -> str:
+    """What decides, and how far ahead it looks; rules do not."""
+    if study.policy.name != "mpc":
+        return f"policy: {study.policy.name}"
+    reach = f"over {inputs.horizon_steps * inputs.grid.dt_h:g} h"
+    how = f"planned {reach}, not certified" if study.policy.plans else f"certified {reach}"
+    return f"policy: mpc, {how}"

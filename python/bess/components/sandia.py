@@ -30,6 +30,8 @@ def inverter_from_sandia(
 ) -> LossTable:
     """Loss table of an inverter of the CEC list.
 
+    The model and the names of its coefficients are those of [1]_.
+
     The model gives AC power over DC power; with ``y = P_dc - B`` it is the quadratic ``C0' y**2 + k y =
     P_ac``, whose small root is the DC power of a given AC power, and the loss their difference. At no load
     the loss is the self-consumption ``B``. The list describes discharge only; charge gets the same loss at
@@ -48,6 +50,11 @@ def inverter_from_sandia(
     ------
     InputError
         If the coefficients give no efficiency between 0 and 1 somewhere between no load and ``paco_w``.
+
+    References
+    ----------
+    .. [1] King, D., Gonzalez, S., Galbraith, G., Boyson, W.: Performance model for grid-connected
+       photovoltaic inverters. Sandia National Laboratories, SAND2007-5036.
     """
     if not 0.0 <= pnt_w < 0.1 * paco_w:
         raise InputError(f"Sandia coefficients: Pnt {pnt_w:g} W must be at least 0 and below 10 % of Paco")

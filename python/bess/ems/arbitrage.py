@@ -18,6 +18,8 @@ _TOLERANCE: Final = 1e-6
 class Arbitrage:
     r"""Plan what to buy and sell, given prices and the energy that is really stored.
 
+    What such a program with one constant efficiency costs against a nonlinear one is the subject of [1]_.
+
     With charging `c`, discharging `d` (AC power), stored energy `e` and efficiencies
     :math:`\eta_c = \eta_d = \sqrt{\eta}` of the two ways, every plan solves
 
@@ -64,6 +66,11 @@ class Arbitrage:
     ------
     InputError
         A parameter is outside its range.
+
+    References
+    ----------
+    .. [1] Cornejo et al.: Evaluating the impact of model accuracy for optimizing battery energy storage
+       systems. arXiv:2506.17059.
     """
 
     def __init__(

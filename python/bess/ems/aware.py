@@ -85,6 +85,9 @@ class Outlook:
 class AwareDispatch:
     """Plans what a plant can deliver, and at what cost.
 
+    The bundled study ``model-accuracy`` repeats the comparison of [1]_ with it. Wear by depth of cycle can be
+    part of the program because the cost of cycles counted by rainflow is convex in the profile [2]_.
+
     Every plan is a linear program of the plant as one store (:class:`bess.ems.store_program.StoreProgram`):
     losses over power with the best share among the strings, resistance over SOC and temperature, heat and
     derating, fees, wear by depth of cycle, the price of a shortfall. The plan is rolled out with the control
@@ -110,6 +113,12 @@ class AwareDispatch:
     end_price_eur_mwh : float or None
         What a MWh left in store at the end of a plan is worth; None takes the median price of buying, or what
         the best tenth of prices brings if that is less.
+
+    References
+    ----------
+    .. [1] Cornejo et al.: Evaluating the impact of model accuracy for optimizing battery energy storage
+       systems. arXiv:2506.17059.
+    .. [2] arXiv:1703.07968, on the convexity of rainflow cost in the profile.
     """
 
     def __init__(

@@ -55,7 +55,17 @@ class System:
 
     @classmethod
     def reference(cls, n_strings: int = 2) -> Self:
-        """Return the reference system (NMC strings of 92 kW / 266 kWh), any number of equal ones."""
+        """Return the reference system (NMC strings of 92 kW / 266 kWh), any number of equal ones.
+
+        Sizes, resistance and derating are those of [1]_ where it states them, the open-circuit voltage is
+        that of [2]_; the page on parameters marks each number.
+
+        References
+        ----------
+        .. [1] Tanjavooru, V. T., Pant, P., Hamacher, T., Hesse, H.: Multi-objective nonlinear power split
+           control for BESS with real-time simulation feedback. 2025, arXiv:2507.04800.
+        .. [2] Collath et al.: J. Energy Storage 87 (2024) 111508, doi:10.1016/j.est.2024.111508.
+        """
         document = system_document("reference")
         document["system"]["n_strings"] = n_strings
         return cls(document, name="reference")

@@ -27,6 +27,8 @@ _REMEMBERED = {"soc": "1", "node_temperature_c": "degC", "derating_integral_k": 
 class Fleet:
     """Independent scenarios of one plant, stepped side by side in one call.
 
+    The model of each plant is that of :class:`Plant` [1]_.
+
     Each differs in its state, its requests and its ambient; none influences another. Parameters and behaviour
     are those of :class:`~bess.Plant`, with the scenario as one more leading axis of every array.
 
@@ -43,6 +45,11 @@ class Fleet:
     ------
     InputError
         If a state does not fit the system, or the plant step is not stable (the message names the largest).
+
+    References
+    ----------
+    .. [1] Tanjavooru, V. T., Pant, P., Hamacher, T., Hesse, H.: Multi-objective nonlinear power split control
+       for BESS with real-time simulation feedback. 2025, arXiv:2507.04800.
     """
 
     def __init__(

@@ -17,6 +17,9 @@ from bess.plant.snapshot import PlantSnapshot
 class Plant:
     """Electro-thermal plant of a battery of parallel strings, each behind its own inverter.
 
+    Rint cells, derating and the one-dimensional thermal model (forward in time, central in space) follow
+    [1]_; cycles of strings that age are counted as in [2]_.
+
     Every plant step (10 s) each string is derated by its temperature, limited by its SOC window and its
     voltage, and advanced: inverter loss at delivered power, Rint current, heat, a one-dimensional
     thermal model along the air path with the resistance of every node at its own temperature, SOC by
@@ -47,6 +50,12 @@ class Plant:
     ------
     InputError
         If the state does not fit the system, or the plant step is not stable (the message names the largest).
+
+    References
+    ----------
+    .. [1] Tanjavooru, V. T., Pant, P., Hamacher, T., Hesse, H.: Multi-objective nonlinear power split control
+       for BESS with real-time simulation feedback. 2025, arXiv:2507.04800.
+    .. [2] ASTM E1049-85: Standard practices for cycle counting in fatigue analysis.
 
     Examples
     --------

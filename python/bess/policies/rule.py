@@ -91,11 +91,18 @@ class RulePolicy:
 def water_fill(total_kw: float, weights: Vector, caps_kw: Vector) -> Vector:
     """Share ``total_kw`` in proportion to ``weights``; what would exceed a cap goes to the others.
 
+    A proportional form of water filling [1]_: shares rise together until caps hold some of them back.
+
     Returns
     -------
     ndarray, shape (n,)
         Powers [kW], each at most its cap, in total ``min(total_kw, caps_kw.sum())``. Strings without weight
         get power only when all others are at their caps.
+
+    References
+    ----------
+    .. [1] Boyd, S., Vandenberghe, L.: Convex optimization. Cambridge University Press, 2004, section 5.5.3
+       (water filling).
     """
     power_kw = np.zeros(caps_kw.size)
     open_ = caps_kw > 0.0

@@ -76,6 +76,8 @@ Weighted = Annotated[Objective, BeforeValidator(_weight_alone)]
 class Objectives(Choice):
     """The four objectives: section ``[policy.objectives]`` of a study, and ``bess.Objectives``.
 
+    Kind ``paper`` is that of [1]_.
+
     Each takes a weight, or an :class:`Objective` (a table) for priority and tolerances as well; what is not
     given is what ``kind`` says:
 
@@ -102,6 +104,11 @@ class Objectives(Choice):
     ------
     InputError
         Negative or non-finite weight or tolerance, priority that is not an integer, all weights zero.
+
+    References
+    ----------
+    .. [1] Tanjavooru, V. T., Pant, P., Hamacher, T., Hesse, H.: Multi-objective nonlinear power split control
+       for BESS with real-time simulation feedback. 2025, arXiv:2507.04800.
     """
 
     kind: Kind = "paper"

@@ -48,6 +48,9 @@ STATUS = {
 class PowerSplit:
     """Shares the demand of the next steps between the strings of a plant.
 
+    Objectives, priorities and the mixed-integer form are those of [1]_; inverters that may be off are
+    modelled by their perspective [2]_, binaries are settled by branch and bound [3]_.
+
     Parameters
     ----------
     system : System
@@ -72,6 +75,15 @@ class PowerSplit:
     ------
     InputError
         A setting outside its range.
+
+    References
+    ----------
+    .. [1] Tanjavooru, V. T., Pant, P., Hamacher, T., Hesse, H.: Multi-objective nonlinear power split control
+       for BESS with real-time simulation feedback. 2025, arXiv:2507.04800.
+    .. [2] Frangioni, A., Gentile, C.: Perspective cuts for a class of convex 0-1 mixed integer programs.
+       Mathematical Programming 106 (2006) 225.
+    .. [3] Land, A. H., Doig, A. G.: An automatic method of solving discrete programming problems.
+       Econometrica 28 (1960) 497, doi:10.2307/1910129.
     """
 
     def __init__(
@@ -245,12 +257,19 @@ def split_power(
 ) -> Split:
     """Split the demand of one horizon; its length is the number of values in ``demand_kw``.
 
+    The power split of [1]_, for one horizon.
+
     See :class:`PowerSplit` for the parameters; to call it at every control step, build one of those.
 
     Raises
     ------
     InputError
         From a setting, or from what does not fit the system.
+
+    References
+    ----------
+    .. [1] Tanjavooru, V. T., Pant, P., Hamacher, T., Hesse, H.: Multi-objective nonlinear power split control
+       for BESS with real-time simulation feedback. 2025, arXiv:2507.04800.
     """
     demand = finite_array("demand_kw", demand_kw)
     if demand.ndim != 1:

@@ -56,6 +56,8 @@ def rollout(
 ) -> Rollout:
     """Roll requests out with the control model, the controller's picture of the plant (equations 1 to 6).
 
+    The control model is the one of [1]_, as the page on equations resolves it.
+
     Parameters
     ----------
     system : System
@@ -79,6 +81,11 @@ def rollout(
     ------
     InputError
         If a shape, a value or a sign is not as above, or ``state`` does not fit ``system``.
+
+    References
+    ----------
+    .. [1] Tanjavooru, V. T., Pant, P., Hamacher, T., Hesse, H.: Multi-objective nonlinear power split control
+       for BESS with real-time simulation feedback. 2025, arXiv:2507.04800.
     """
     if not isinstance(state, State):
         raise InputError(f"state must be a bess.State, not {type(state).__name__}")
