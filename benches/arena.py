@@ -162,7 +162,7 @@ def page() -> None:
     for name, study in scenarios().items():
         scores = {rule: score(study.with_values({"policy.name": rule})) for rule in RULES}
         scores["mpc"], result = measured(study.with_values({"policy.name": "mpc"}))
-        stored["scenarios"][name] = _plain(scores) | {"proven_kwh": round(proven_kwh(result), 4)}
+        stored["scenarios"][name] = _plain(scores) | looked_back(result)
         print(line(name, "mpc", scores), flush=True)
     with tempfile.TemporaryDirectory(prefix="bess-arena-") as folder:
         for name, study in trades(Path(folder)).items():
@@ -172,14 +172,15 @@ def page() -> None:
         (PAGE / name).write_text(text, encoding="utf-8")
 
 
-def proven_kwh(result: bess.Result) -> float:
-    """What no split of the demand of a run could go below [kWh]."""
-    return bess.hindsight(result).bound_kwh
+def looked_back(result: bess.Result) -> dict[str, float]:
+    """What hindsight says was possible and what is proven [kWh]."""
+    sight = bess.hindsight(result)
+    return {"possible_kwh": round(sight.found_kwh, 4), "proven_kwh": round(sight.bound_kwh, 4)}
 
 
 def read(scenario: Mapping[str, Any]) -> dict[str, Score]:
     """Scores of a stored scenario."""
-    return {name: Score(**values) for name, values in scenario.items() if name != "proven_kwh"}
+    return {name: Score(**values) for name, values in scenario.items() if isinstance(values, Mapping)}
 
 
 def tables(stored: Mapping[str, Any]) -> dict[str, str]:
@@ -193,7 +194,7 @@ def tables(stored: Mapping[str, Any]) -> dict[str, str]:
     ]
     for name, scores in everything.items():
         rule = min(RULES, key=lambda each, scores=scores: scores[each].cost_kwh)
-        possible = min(each.lost_kwh for each in scores.values())
+        possible = stored["scenarios"][name]["possible_kwh"]
         mpc = scores["mpc"]
         against = f"{100.0 * behind_rules(scores, 'mpc')[0]:+.1f} %"
         losses = _kwh(mpc.lost_kwh, possible, proven[name])

@@ -18,12 +18,12 @@ def test_a_run_lost_no_less_than_was_possible_and_that_no_less_than_is_proven() 
     result = bess.run(study(), progress=False)
     sight = bess.hindsight(result)
     assert sight.bound_kwh < sight.found_kwh < sight.lost_kwh == result.kpis["lost_kwh"]
-    assert sight.found_by in ("equal", "soc", "temperature")
+    assert sight.found_by == "a plan of 24 h"
     assert sight.found_eur is None
     assert str(sight).startswith(f"Lost {sight.lost_kwh:.0f} kWh; {sight.found_kwh:.0f} kWh was possible")
 
 
-def test_the_best_rule_found_is_that_rule_run_as_a_study() -> None:
+def test_what_was_possible_is_no_worse_than_any_rule_run_as_a_study() -> None:
     values = {"system.initial_soc": [0.2, 0.8], "system.ambient_c": 30.0}
     sight = bess.hindsight(bess.run(study(**values), progress=False))
     rules = ("equal", "priority", "soc", "temperature")
@@ -31,13 +31,12 @@ def test_the_best_rule_found_is_that_rule_run_as_a_study() -> None:
         rule: bess.run(study(**values, **{"policy.name": rule}), progress=False).kpis["lost_kwh"]
         for rule in rules
     }
-    assert sight.found_kwh == pytest.approx(min(lost.values()), rel=1e-12)
+    assert sight.found_kwh <= min(lost.values()) * (1.0 + 1e-12)
 
 
-def test_the_best_run_is_its_own_hindsight_and_a_record_serves_as_well(tmp_path: Path) -> None:
+def test_a_record_serves_as_well_as_a_result(tmp_path: Path) -> None:
     result = bess.run(study(**{"policy.name": "soc"}), progress=False, out=tmp_path / "run")
     sight = bess.hindsight(bess.open_result(tmp_path / "run"))
-    assert sight.found_by == "this run"
     assert sight == bess.hindsight(result)
 
 

@@ -11,10 +11,13 @@ import numpy as np
 
 from bess.analysis.kpis import kpis
 from bess.errors import InputError
+from bess.foresight.planner import ROLLOUTS
 from bess.policies import POLICIES, Policy, Settings, build_policy
 from bess.policies.rule import RulePolicy
 from bess.retrospect.bound import Array, Worth, lower_bound
 from bess.retrospect.replay import Replay
+from bess.split.objectives import Objectives
+from bess.split.settings import SplitSettings
 from bess.wear import WearPrices
 
 if TYPE_CHECKING:
@@ -25,6 +28,8 @@ if TYPE_CHECKING:
 Effort = Literal["quick", "thorough"]
 
 _KWH_PER_MWH = 1000.0
+_SEARCH: dict[Effort, tuple[float, int]] = {"quick": (24.0, ROLLOUTS), "thorough": (48.0, 10 * ROLLOUTS)}
+"""Hours that the plan looks ahead, and roll-outs for each of its steps."""
 
 
 @dataclass(frozen=True)
@@ -72,15 +77,17 @@ class Hindsight:
 def hindsight(result: Result | xr.Dataset, effort: Effort = "quick") -> Hindsight:
     """Tell what a finished run lost, what was possible, and what no split could have reached.
 
-    Possible is the best of schedules run through the plant: those of every rule, and the run itself. Proven
-    is a lower bound over all splits; the page on hindsight of the documentation says what it is worth.
+    Possible is the best of schedules run through the plant: those of every rule, of a plan that is told all
+    demand, and the run itself. Proven is a lower bound over all splits; the page on hindsight of the
+    documentation says what it is worth.
 
     Parameters
     ----------
     result
         Result of :func:`bess.run`, or its record.
     effort
-        "quick": seconds for a week; "thorough": a closer bound for plants of many kinds of strings.
+        "quick": seconds for a week; "thorough": a longer search, and a closer bound for plants of many kinds
+        of strings.
 
     Returns
     -------
@@ -96,7 +103,8 @@ def hindsight(result: Result | xr.Dataset, effort: Effort = "quick") -> Hindsigh
     record: Any = getattr(result, "dataset", result)
     replay = Replay.of(record)
     figures = {"this run": kpis(record)}
-    figures |= {name: kpis(replay.under(policy)) for name, policy in _others(replay)}
+    for name, policy, horizon_steps in _others(replay, effort):
+        figures[name] = kpis(replay.under(policy, horizon_steps))
     fine = True if effort == "thorough" else None
     found_by = min(figures, key=lambda name: figures[name]["lost_kwh"])
     money = {}
@@ -116,14 +124,19 @@ def hindsight(result: Result | xr.Dataset, effort: Effort = "quick") -> Hindsigh
     )
 
 
-def _others(replay: Replay) -> Iterator[tuple[str, Policy]]:
-    """Every rule."""
-    settings = Settings(dt_h=replay.inputs.grid.dt_h, horizon_steps=1)
+def _others(replay: Replay, effort: Effort) -> Iterator[tuple[str, Policy, int]]:
+    """Every rule, and the plan that minimises what is lost, told all that will be asked."""
+    dt_h = replay.inputs.grid.dt_h
     for name in POLICIES:
         if name != "mpc":
-            policy = build_policy(name, replay.system, settings)
+            policy = build_policy(name, replay.system, Settings(dt_h=dt_h, horizon_steps=1))
             if isinstance(policy, RulePolicy):
-                yield name, policy
+                yield name, policy, 1
+    hours, rollouts = _SEARCH[effort]
+    steps = max(1, round(hours / dt_h))
+    goals = SplitSettings(objectives=Objectives.energy(shortfall=1.0))
+    settings = Settings(dt_h=dt_h, horizon_steps=steps, split=goals, plans=True, rollouts=rollouts)
+    yield f"a plan of {hours:g} h", build_policy("mpc", replay.system, settings), steps
 
 
 def _bound(replay: Replay, worth: Worth | None, fine: bool | None) -> float:

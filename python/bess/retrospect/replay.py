@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -90,11 +90,11 @@ class Replay:
         total = self.inputs.limit_kw.sum(axis=1)
         return np.clip(demand, -total, total)
 
-    def under(self, policy: Policy) -> xr.Dataset:
-        """Run again under ``policy``; return a record of what key figures and the ledger need."""
+    def under(self, policy: Policy, horizon_steps: int = 1) -> xr.Dataset:
+        """Run again under ``policy``, told of so many steps; return a record for key figures and ledger."""
         import xarray as xr
 
-        inputs = self.inputs
+        inputs = replace(self.inputs, horizon_steps=horizon_steps)
         plant = Plant(inputs.system, inputs.system.initial_state(), derating_law=self.study.run.derating_law)
         loop = ClosedLoop(inputs, policy, plant, node_temperatures=False)
         rows: list[dict[str, Any]] = [loop.advance()[0] for _ in range(inputs.grid.n_steps)]
