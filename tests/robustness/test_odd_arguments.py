@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import bess
+from bess.ems import read_profile
 from bess.plant import Fleet
 
 SYSTEM = bess.System.reference(2)
@@ -51,6 +52,12 @@ def test_odd_arguments_are_refused(name: str) -> None:
             continue
         with pytest.raises(bess.InputError):
             CALLS[name](value)
+
+
+@pytest.mark.parametrize("read", [bess.read_prices, bess.read_weather, read_profile])
+def test_a_file_without_a_name_is_said_to_have_none(read: Callable[..., Any]) -> None:
+    with pytest.raises(bess.InputError, match=r"a file is named by an empty text; give its path"):
+        read("")
 
 
 @pytest.mark.parametrize("name", ["soc", "node_temperature_c", "derating_integral_k", "ageing"])

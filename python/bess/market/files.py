@@ -51,6 +51,8 @@ def path_text(path: str | PathLike[str]) -> str:
         name = os.fspath(path)
     except TypeError:
         raise InputError(f"a file is named by a text or a path, not by {type(path).__name__}") from None
+    if not name:
+        raise InputError("a file is named by an empty text; give its path")
     return os.fsdecode(name) if isinstance(name, bytes) else name
 
 
