@@ -6,6 +6,10 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
 
 Update = Callable[[int], None]
 """Takes the number of steps done so far."""
@@ -27,7 +31,8 @@ def reporting(label: str, total: int, *, shown: bool) -> Iterator[Update]:
 
 
 @contextmanager
-def _bar(label: str, total: int) -> Iterator[Update]:
+def progress_bar(label: str, total: int, *, shown: bool = True) -> Iterator[tuple[Progress, TaskID]]:
+    """Yield a bar on standard error, and its only task."""
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -39,23 +44,28 @@ def _bar(label: str, total: int) -> Iterator[Update]:
     )
 
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
         TextColumn("left"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=Console(stderr=True)) as progress:
-        task = progress.add_task(label, total=total)
-        shown = 0.0
+    with Progress(*columns, console=Console(stderr=True), disable=not shown) as bar:
+        yield bar, bar.add_task(label, total=total)
+
+
+@contextmanager
+def _bar(label: str, total: int) -> Iterator[Update]:
+    with progress_bar(label, total) as (bar, task):
+        last = 0.0
 
         def update(done: int) -> None:
-            nonlocal shown
+            nonlocal last
             now = time.monotonic()
-            if now - shown > _BAR_EVERY_S or done == total:
-                shown = now
-                progress.update(task, completed=done)
+            if now - last > _BAR_EVERY_S or done == total:
+                last = now
+                bar.update(task, completed=done)
 
         yield update
 

@@ -13,6 +13,7 @@ from bess.errors import StoppedEarly, on_command_line
 from bess.extras import extra
 from bess.record.atomic import folder_in
 from bess.simulation import prepare_folder, write_summary
+from bess.simulation.progress import progress_bar
 from bess.study.scenarios import expand
 from bess.study.study import Study, as_study
 from bess.sweep.cluster import workers_for
@@ -154,12 +155,7 @@ def _outcomes(
 
 @contextmanager
 def _bar(total: int, visible: bool) -> Iterator[Any]:
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("scenarios"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), disable=not visible) as bar:
-        task = bar.add_task("scenarios", total=total)
+    with progress_bar("scenarios", total, shown=visible) as (bar, task):
 
         def advance(name: str, outcome: Outcome) -> None:
             bar.advance(task)
