@@ -124,7 +124,7 @@ def _in_mid_run(out: Path, workers: set[int], patience_s: float = 60.0) -> tuple
     """Name and process of a scenario that has saved a part and is not finished."""
     deadline = time.monotonic() + patience_s
     while time.monotonic() < deadline:
-        for lock in out.glob("*/.lock"):
+        for lock in out.glob("*/.lock-owner"):
             text = lock.read_text()
             if text.isdigit() and int(text) in workers and list(lock.parent.glob("parts/*.npz")):
                 return lock.parent.name, int(text)

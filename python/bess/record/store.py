@@ -7,7 +7,6 @@ resume.
 
 from __future__ import annotations
 
-import fcntl
 import io
 import os
 import shutil
@@ -15,10 +14,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Self
+from typing import Any, Self
 from zipfile import BadZipFile
 
 import numpy as np
+from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 
 from bess.errors import BessError, InputError, option
@@ -27,6 +27,7 @@ from bess.record.codec import pack, unpack
 
 PARTS = "parts"
 LOCK = ".lock"
+OWNER = ".lock-owner"
 _RECORD = "record/"
 _CHECKPOINT = "checkpoint/"
 
@@ -96,33 +97,38 @@ def remove_parts(directory: Path) -> None:
 
 
 class Lock:
-    """Keeps a second process out of a run directory; the system releases it even after ``kill -9``."""
+    """Keeps a second process out of a run directory; the system releases it even after ``kill -9``.
+
+    Who holds it stands in a second file, since some systems let nobody else read a file that is locked.
+    """
 
     def __init__(self, directory: Path) -> None:
-        self._path = directory / LOCK
-        self._file: IO[str] | None = None
+        self._directory = directory
+        self._lock = FileLock(directory / LOCK)
 
     def __enter__(self) -> Self:
-        with clear_errors(self._path):
-            file = self._path.open("a+")
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            file.seek(0)
-            owner = file.read().strip() or "unknown"
-            file.close()
-            raise InputError(
-                f"{self._path.parent}: another run (process {owner}) writes there; wait, or use another "
-                f"{option('out')}"
-            ) from error
-        file.truncate(0)
-        file.write(str(os.getpid()))
-        file.flush()
-        self._file = file
+        with clear_errors(self._directory / LOCK):
+            try:
+                self._lock.acquire(timeout=0)
+            except Timeout as error:
+                raise InputError(
+                    f"{self._directory}: another run (process {self._owner()}) writes there; "
+                    "wait or use another --out"
+                ) from error
+            try:
+                (self._directory / OWNER).write_text(str(os.getpid()), encoding="ascii")
+            except OSError:
+                self._lock.release()
+                raise
         return self
+
+    def _owner(self) -> str:
+        try:
+            return (self._directory / OWNER).read_text(encoding="ascii").strip() or "unknown"
+        except (OSError, UnicodeDecodeError):
+            return "unknown"
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._file is not None:
-            self._file.close()
+        self._lock.release()

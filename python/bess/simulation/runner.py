@@ -31,7 +31,7 @@ from bess.record.identity import (
 from bess.record.netcdf import write_netcdf
 from bess.record.result import RESULTS, Result, open_netcdf
 from bess.record.steplog import StepLog, solve_times_s
-from bess.record.store import LOCK, Lock, parts, records, remove_parts, write_part
+from bess.record.store import LOCK, OWNER, Lock, parts, records, remove_parts, write_part
 from bess.simulation.closed_loop import ClosedLoop, check_finite
 from bess.simulation.inputs import Inputs, prepare
 from bess.simulation.interrupt import stop_requests
@@ -137,7 +137,7 @@ def _is_finished(directory: Path, identity: Identity, *, resume: bool) -> bool:
     """Look at what is in the folder already; write the identity of a new run into an empty one."""
     old = read_identity(directory)
     if old is None:
-        own = {LOCK, IDENTITY + TEMPORARY}
+        own = {LOCK, OWNER, IDENTITY + TEMPORARY}
         if others := sorted({path.name for path in directory.iterdir()} - own):
             raise InputError(
                 f"{directory}: holds {others[0]!r} and no run; use a new or empty folder for {option('out')}"
