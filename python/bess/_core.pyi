@@ -135,7 +135,13 @@ class Plan:
 class ControlModel:
     def __new__(cls, system: System) -> ControlModel: ...
     def rollout(
-        self, soc0: _Array, temperature0_c: _Array, request_kw: _Array, ambient_c: _Array, dt_h: float
+        self,
+        soc0: _Array,
+        temperature0_c: _Array,
+        request_kw: _Array,
+        ambient_c: _Array,
+        dt_h: float,
+        midpoint: bool = False,
     ) -> RolloutArrays: ...
     def max_power_kw(self, soc0: _Array, temperature0_c: _Array, discharge: bool, dt_h: float) -> _Array: ...
     def nominal_loss_kw(self) -> tuple[_Array, _Array]: ...

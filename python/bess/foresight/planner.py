@@ -13,7 +13,7 @@ from bess import _core
 from bess.errors import InputError
 from bess.foresight.prices import PlanPrices
 from bess.parameters import State, System
-from bess.split.problem import SplitProblem
+from bess.split.problem import SplitProblem, check_horizon
 
 Array = NDArray[np.float64]
 
@@ -100,10 +100,7 @@ class Planner:
         rollouts: int = ROLLOUTS,
         balance: float = BALANCE_PER_H,
     ) -> None:
-        if not isinstance(system, System):
-            raise InputError(f"system must be bess.System, not {type(system).__name__}")
-        if not 1 <= n_steps <= MOST_STEPS:
-            raise InputError(f"n_steps = {n_steps}: allowed are 1 to {MOST_STEPS}")
+        check_horizon(system, n_steps, dt_h, "n_steps", MOST_STEPS)
         if rollouts < 0:
             raise InputError(f"rollouts = {rollouts}: must be >= 0")
         self.system = system
@@ -152,6 +149,10 @@ class Planner:
         """
         if np.ndim(self.system.nominal_kw if limit_kw is None else limit_kw) != 1:
             raise InputError("limit_kw: give one value for each string; it holds for the whole plan")
+        if prices.losses.shape != (self.n_steps, 4):
+            raise InputError(
+                f"prices of losses have shape {prices.losses.shape}; the plan needs {(self.n_steps, 4)}"
+            )
         problem = SplitProblem.check(
             self.system, self.n_steps, self.dt_h, state, demand_kw, ambient_c, limit_kw
         )

@@ -103,15 +103,21 @@ class SplitProblem:
         )
 
 
-def check_horizon(system: System, horizon_steps: int, dt_h: float) -> None:
-    """Check the plant and the horizon that a :class:`PowerSplit` is built for."""
+def check_horizon(
+    system: System,
+    horizon_steps: int,
+    dt_h: float,
+    name: str = "horizon_steps",
+    most: int = MAX_HORIZON_STEPS,
+) -> None:
+    """Check the plant and the horizon that a split or a plan is made for; ``name`` is that of the steps."""
     if not isinstance(system, System):
         raise InputError(f"system must be a bess.System, not {type(system).__name__}")
     if system.n_strings > MAX_STRINGS:
         raise InputError(f"{system.n_strings} strings; the power split takes 1 to {MAX_STRINGS}")
     whole = isinstance(horizon_steps, int | np.integer) and not isinstance(horizon_steps, bool)
-    if not whole or not 1 <= horizon_steps <= MAX_HORIZON_STEPS:
-        raise InputError(f"horizon_steps {horizon_steps!r} must be an integer from 1 to {MAX_HORIZON_STEPS}")
+    if not whole or not 1 <= horizon_steps <= most:
+        raise InputError(f"{name} {horizon_steps!r} must be an integer from 1 to {most}")
     number = isinstance(dt_h, int | float | np.integer | np.floating) and not isinstance(dt_h, bool)
     if not number or not 0.0 < dt_h <= 24.0:
         raise InputError(f"dt_h {dt_h!r} h must be a number in (0, 24] h")

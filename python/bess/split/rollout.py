@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Final
+from typing import Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +12,9 @@ from bess.errors import InputError
 from bess.numbers import each_step, finite_array
 from bess.parameters import State, System
 from bess.parameters.state import TEMPERATURE_RANGE_C
+
+Model = Literal["start", "midpoint"]
+"""Form of the control model: with the coefficients of the start or of the middle of each step."""
 
 # A request may exceed nominal power by the rounding of a sum, relative.
 _SLACK: Final = 1e-9
@@ -53,6 +56,8 @@ def rollout(
     request_kw: ArrayLike,
     dt_h: float = 0.25,
     ambient_c: ArrayLike | None = None,
+    *,
+    model: Model = "start",
 ) -> Rollout:
     """Roll requests out with the control model, the controller's picture of the plant (equations 1 to 6).
 
@@ -71,6 +76,9 @@ def rollout(
         Length of a step [h].
     ambient_c : float or array_like, shape (n_steps,), optional
         Ambient temperature [degC]; the system's by default.
+    model : {"start", "midpoint"}
+        Where open-circuit voltage, resistance and derating factor are taken: at the start of each step, as in
+        the paper and in the certified split, or in its middle, as in plans (docs/foresight.md).
 
     Returns
     -------
@@ -100,6 +108,9 @@ def rollout(
     if finite_array("dt_h", dt_h).ndim or not 0.0 < dt_h <= 24.0:
         raise InputError(f"dt_h = {dt_h!r} h must be one number in (0, 24]")
 
+    if model not in get_args(Model):
+        raise InputError(f'model = {model!r} must be one of "start" and "midpoint"')
+
     shape, n_steps = request.shape, request.shape[-1]
     around = system.ambient_c if ambient_c is None else ambient_c
     arrays = system.control_at(state).rollout(
@@ -108,6 +119,7 @@ def rollout(
         request.reshape(-1, system.n_strings, n_steps),
         each_step("ambient_c", around, n_steps, TEMPERATURE_RANGE_C, "degC"),
         dt_h,
+        model == "midpoint",
     )
     return Rollout(**{f.name: getattr(arrays, f.name).reshape(shape) for f in fields(Rollout)})
 

@@ -16,8 +16,9 @@ mod split;
 
 pub use error::ControlError;
 pub use model::{
-    direction_of, CoefficientRanges, Coefficients, ControlHorizon, ControlModel, Costs, CostsOf, Flow,
-    Interval, Losses, Problem, Range, Rollouts, StateBox, StringModel, StringState, MAX_GROUPS,
+    direction_of, CoefficientRanges, Coefficients, CoefficientsFrom, ControlHorizon, ControlModel, Costs,
+    CostsOf, Flow, Interval, Losses, Problem, Range, Rollouts, StateBox, StringModel, StringState,
+    MAX_GROUPS,
 };
 pub use plan::{Plan, PlanEffort, PlanProblem, Prices, Rule};
 pub use reach::{Confined, GroupBounds, Planes, StepBound, StepBounds};

@@ -1,4 +1,4 @@
-use bess_control::{Flow, Rollouts};
+use bess_control::{CoefficientsFrom, Flow, Rollouts};
 use bess_tables::Direction;
 use numpy::{PyReadonlyArray1, PyReadonlyArray3};
 use pyo3::prelude::*;
@@ -66,7 +66,9 @@ impl ControlModel {
         Self { inner: bess_control::ControlModel::new(&system.inner) }
     }
 
-    /// Rolls out signed requests `(B, M, T)` [kW].
+    /// Rolls out signed requests `(B, M, T)` [kW], with the coefficients of the start or the middle of each step.
+    #[pyo3(signature = (soc0, temperature0_c, request_kw, ambient_c, dt_h, midpoint=false))]
+    #[allow(clippy::too_many_arguments)]
     fn rollout(
         &self,
         py: Python<'_>,
@@ -75,7 +77,9 @@ impl ControlModel {
         request_kw: PyReadonlyArray3<'_, f64>,
         ambient_c: PyReadonlyArray1<'_, f64>,
         dt_h: f64,
+        midpoint: bool,
     ) -> PyResult<RolloutArrays> {
+        let coefficients = if midpoint { CoefficientsFrom::Middle } else { CoefficientsFrom::Start };
         let (soc, temperature_c) = (flat(soc0.as_array(), 1.0), flat(temperature0_c.as_array(), 1.0));
         let ambient_c = flat(ambient_c.as_array(), 1.0);
         let view = request_kw.as_array();
@@ -85,7 +89,7 @@ impl ControlModel {
         let out: Rollouts = py
             .detach(|| {
                 let start = self.inner.states(&soc, &temperature_c)?;
-                self.inner.rollout(&start, &requests_w, &ambient_c, dt_h)
+                self.inner.rollout(&start, &requests_w, &ambient_c, dt_h, coefficients)
             })
             .map_err(refused)?;
         let scaled =

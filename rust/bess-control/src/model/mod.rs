@@ -16,6 +16,6 @@ pub(crate) use loss::LossCurve;
 pub use losses::Losses;
 pub use ranges::{CoefficientRanges, Range, StateBox};
 pub(crate) use ranges::{Corner, Piece};
-pub use rollout::Rollouts;
+pub use rollout::{CoefficientsFrom, Rollouts};
 pub(crate) use string::SECONDS_PER_HOUR;
 pub use string::{Coefficients, Flow, Interval, StringModel, StringState};

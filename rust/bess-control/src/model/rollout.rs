@@ -1,8 +1,17 @@
 //! Roll-outs of given schedules with everything that flows, for reports. The search uses objectives only.
 
-use crate::model::{ControlModel, Interval, StringState};
+use crate::model::{ControlModel, Interval, StringModel, StringState};
 use crate::ControlError;
 use bess_tables::Direction;
+
+/// From which part of a step the coefficients of the control model are taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CoefficientsFrom {
+    /// Its start: the model of the certified split ([`StringModel::step`]).
+    Start,
+    /// Its middle: the model of plans ([`StringModel::step_midpoint`]).
+    Middle,
+}
 
 /// Arrays of a batch of roll-outs, each `(B, M, T)`, positive = discharge, losses `>= 0`.
 #[derive(Debug, Clone, Default)]
@@ -37,8 +46,13 @@ impl ControlModel {
         requests_w: &[f64],
         ambient_c: &[f64],
         dt_h: f64,
+        coefficients: CoefficientsFrom,
     ) -> Result<Rollouts, ControlError> {
         let n_steps = ambient_c.len();
+        let step = match coefficients {
+            CoefficientsFrom::Start => StringModel::step,
+            CoefficientsFrom::Middle => StringModel::step_midpoint,
+        };
         let mut out = Rollouts::default();
         for request_w in requests_w.chunks_exact((start.len() * n_steps).max(1)) {
             let directions = self.directions(request_w, n_steps)?;
@@ -47,7 +61,7 @@ impl ControlModel {
                 for (t, (&direction, &ambient_c)) in directions.iter().zip(ambient_c).enumerate() {
                     let interval = Interval { direction, ambient_c, dt_h };
                     let request = request_w[m * n_steps + t].abs().min(string.nominal_w());
-                    let flow = string.step(state, request, &interval);
+                    let flow = step(string, state, request, &interval);
                     let sign = if direction == Direction::Charge { -1.0 } else { 1.0 };
                     state = flow.end;
                     out.delivered_w.push(sign * flow.delivered_w);

@@ -18,6 +18,14 @@ pub(crate) struct Room {
 }
 
 impl Room {
+    /// Of two requests that keep their sum.
+    #[inline]
+    fn of(sum_w: f64, first_limit_w: f64, second_limit_w: f64) -> Self {
+        let high_w = first_limit_w.min(sum_w);
+        // With both at their limits the ends are one, but for rounding.
+        Self { sum_w, low_w: (sum_w - second_limit_w).max(0.0).min(high_w), high_w }
+    }
+
     /// Whether anything can be exchanged.
     pub fn is_open(&self) -> bool {
         self.high_w - self.low_w > 1e-6 * self.sum_w
@@ -35,7 +43,7 @@ impl Pair {
     pub fn room(&self, paths: &Paths<'_>, t: usize) -> Room {
         let sum_w = paths.request(self.first, t) + paths.request(self.second, t);
         let limit = &paths.problem.limit_w;
-        Room { sum_w, low_w: (sum_w - limit[self.second]).max(0.0), high_w: limit[self.first].min(sum_w) }
+        Room::of(sum_w, limit[self.first], limit[self.second])
     }
 
     /// Cost of both strings.
@@ -81,6 +89,23 @@ pub(crate) fn rounds(n: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn a_pair_at_its_limits_has_no_room_and_keeps_its_sum(
+            first in 1e3..1e6f64, second in 1e3..1e6f64, scale in 0.999..1.001f64, share in -0.1..1.1f64,
+        ) {
+            let sum = (scale * (first + second)).min(first + second);
+            for sum in [sum, first + second] {
+                let room = Room::of(sum, first, second);
+                prop_assert!(room.low_w <= room.high_w);
+                let (u, v) = room.both(share * sum);
+                prop_assert!(u <= first && v <= second * (1.0 + 1e-12));
+                prop_assert!((u + v - sum).abs() <= 1e-9 * sum);
+            }
+        }
+    }
 
     #[test]
     fn everybody_meets_everybody_else_once() {

@@ -57,11 +57,11 @@ impl<'a> PlanProblem<'a> {
         check_length("wear", &prices.wear, n_strings)?;
         check_range("demand", demand_w, (0.0, f64::MAX), " W")?;
         check_range("wear", &prices.wear, (0.0, f64::MAX), "")?;
-        check_range("start and balance", &[prices.start, prices.balance], (0.0, f64::MAX), "")?;
-        check_range("end_charge", &[prices.end_charge], (-f64::MAX, f64::MAX), "")?;
         for p in &prices.losses {
             check_range("prices of losses", &p.to_array(), (0.0, f64::MAX), "")?;
         }
+        check_range("start and balance", &[prices.start, prices.balance], (0.0, f64::MAX), "")?;
+        check_range("end_charge", &[prices.end_charge], (-f64::MAX, f64::MAX), "")?;
         for (string, &limit) in model.strings().iter().zip(&limit_w) {
             check_range("limit", &[limit], (0.0, string.nominal_w() * (1.0 + 1e-9)), " W")?;
         }

@@ -1,0 +1,42 @@
+"""Claims about the control model in its midpoint form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import bess
+
+SYSTEM = bess.System.reference(2)
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_with_half_the_step_the_error_of_soc_is_a_quarter_in_the_middle_and_a_half_at_the_start(
+    sign: float,
+) -> None:
+    """Second and first order, between the knots of the tables; cooling is of first order in both forms."""
+    state, hours = bess.State([0.65, 0.65], [27.0, 27.0]), 0.25
+
+    def end(parts: int, model: str) -> float:
+        request = np.full((2, parts), sign * 30.0)
+        roll = bess.rollout(SYSTEM, state, request, hours / parts, model=model)  # type: ignore[arg-type]
+        return float(roll.soc[0, -1])
+
+    truth = end(4096, "midpoint")
+    for model, ratio in (("start", 2.0), ("midpoint", 4.0)):
+        errors = [abs(end(parts, model) - truth) for parts in (2, 4, 8)]
+        np.testing.assert_allclose([errors[0] / errors[1], errors[1] / errors[2]], ratio, rtol=0.15)
+
+
+def test_both_forms_agree_on_what_does_not_move() -> None:
+    idle = [
+        bess.rollout(SYSTEM, bess.State([0.5, 0.1], [25.0, 40.0]), np.zeros((2, 3)), model=model)  # type: ignore[arg-type]
+        for model in ("start", "midpoint")
+    ]
+    for name in bess.Rollout.__dataclass_fields__:
+        np.testing.assert_array_equal(getattr(idle[0], name), getattr(idle[1], name))
+
+
+def test_an_unknown_form_is_refused() -> None:
+    with pytest.raises(bess.InputError, match='"start" and "midpoint"'):
+        bess.rollout(SYSTEM, bess.State([0.5, 0.5], [25.0, 25.0]), np.zeros((2, 1)), model="end")  # type: ignore[arg-type]
