@@ -39,6 +39,7 @@ cases: $(VENV)/built
 	rm -rf results/cases
 	$(BIN)/python docs/make_cases.py results/cases
 	$(BIN)/python docs/make_ageing.py
+	$(BIN)/python docs/make_midpoint.py
 
 # Every rule and mpc in every scenario of the arena (some minutes), and the tables of arena.md.
 arena: $(VENV)/built
