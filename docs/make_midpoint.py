@@ -23,7 +23,10 @@ def main() -> None:
 
 def table() -> str:
     """Error of one step of the control model against the plant, root mean square over random states."""
-    rows = ["| SOC | coefficients | SOC [%] | temperature [K] | delivered [kW] | heat [kW] |", "|" + " --- |" * 6]
+    rows = [
+        "| SOC | coefficients | SOC [%] | temperature [K] | delivered [kW] | heat [kW] |",
+        "|" + " --- |" * 6,
+    ]
     for low, high in SOC:
         for model, errors in _errors(low, high).items():
             named = {"start": "start", "midpoint": "middle"}[model]
