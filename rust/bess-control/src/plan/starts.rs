@@ -5,6 +5,9 @@ use bess_tables::Direction;
 use crate::model::StringState;
 use crate::plan::problem::PlanProblem;
 
+/// What is left of a power after it was shared, as a share of it, that is rounding and switches no inverter on.
+const CRUMBS: f64 = 1e-9;
+
 /// A way to share the power of a step without looking ahead. The first four are the policies of these names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Rule {
@@ -53,7 +56,7 @@ impl Rule {
             _ => water_fill(demand_w, &self.weights(problem, t, states), &caps),
         };
         let rest: f64 = demand_w - power.iter().sum::<f64>();
-        if rest > 0.0 {
+        if rest > CRUMBS * demand_w {
             let free: Vec<f64> = limit_w.iter().zip(&power).map(|(l, p)| (l - p).max(0.0)).collect();
             for (m, more) in water_fill(rest, &free, &free).into_iter().enumerate() {
                 power[m] = (power[m] + more).min(limit_w[m]);
@@ -97,6 +100,9 @@ fn in_turn(total_w: f64, caps_w: &[f64], first: usize) -> Vec<f64> {
     for m in (0..n).map(|k| (first + k) % n) {
         power[m] = rest.min(caps_w[m]);
         rest -= power[m];
+        if rest <= CRUMBS * total_w {
+            break;
+        }
     }
     power
 }
@@ -148,7 +154,7 @@ pub(crate) fn fitted(problem: &PlanProblem<'_>, request_w: &[f64]) -> Vec<f64> {
         }
         for running in [true, false] {
             let rest = demand - power.iter().sum::<f64>();
-            if rest <= 1e-9 * demand {
+            if rest <= CRUMBS * demand {
                 break;
             }
             let room =
