@@ -147,8 +147,8 @@ def test_more_heat_is_never_cooler(fill: Any, temperature_c: Any, power_kw: Any,
         ([0.0, 0.0], 900.0, "has shape"),
         ("full power", 900.0, "needs numbers"),
         ([0.0, 0.0, 0.0], 905.0, "does not divide a control step of 905 s"),
-        ([0.0, 0.0, 0.0], -900.0, "does not divide"),
-        ([0.0, 0.0, 0.0], float("nan"), "does not divide"),
+        ([0.0, 0.0, 0.0], -900.0, "control step -900 s is outside [10, 86400] s"),
+        ([0.0, 0.0, 0.0], float("nan"), "control step NaN s is outside [10, 86400] s"),
     ],
 )
 def test_bad_input_is_refused_in_one_sentence_and_nothing_advances(

@@ -113,7 +113,7 @@ class Lock:
             except Timeout as error:
                 raise InputError(
                     f"{self._directory}: another run (process {self._owner()}) writes there; "
-                    "wait or use another --out"
+                    f"wait or use another {option('out')}"
                 ) from error
             try:
                 (self._directory / OWNER).write_text(str(os.getpid()), encoding="ascii")
