@@ -24,6 +24,8 @@ ORDER = [
     ("retrospect",),
     ("sweep",),
     ("report",),
+    ("plants",),
+    ("serve",),
     ("cli",),
 ]
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names}

@@ -1,0 +1,115 @@
+"""Where a plant is, as one text: ``openems=http://10.0.0.5:8084?ess=ess1,ess2``, ``sunspec=10.0.0.5``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+from urllib.parse import SplitResult, parse_qsl, urlsplit
+
+from bess.errors import InputError
+
+_OPTIONS: Final = {
+    "openems": ("ess",),
+    "sunspec": ("unit",),
+}
+"""What may follow the question mark, for each kind of plant."""
+_PORTS: Final = {"openems": 8084, "sunspec": 502}
+
+
+@dataclass(frozen=True)
+class Address:
+    """Where a plant is.
+
+    Parameters
+    ----------
+    kind
+        ``openems`` or ``sunspec``.
+    scheme
+        ``http``, ``https``, or ``tcp`` for Modbus.
+    host, port
+        Of the plant.
+    user, password
+        None where the text names none.
+    strings
+        What the plant calls the strings, in their order; empty to ask the plant.
+    """
+
+    kind: str
+    scheme: str
+    host: str
+    port: int
+    user: str | None
+    password: str | None
+    strings: tuple[str, ...]
+
+    @property
+    def url(self) -> str:
+        """The address without user and password, fit for messages."""
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"{self.scheme}://{host}:{self.port}"
+
+
+def parse_address(text: str) -> Address:
+    """Take a plant's address apart.
+
+    Raises
+    ------
+    InputError
+        For a kind, a scheme, a port or an option that there is not.
+    """
+    kind, equals, rest = text.partition("=")
+    if not equals or kind not in _OPTIONS or not rest:
+        raise InputError(f"plant {text!r}: expected {' or '.join(_EXAMPLES)}")
+    schemes = ("http", "https") if kind == "openems" else ("tcp",)
+    whole = rest if "://" in rest else f"{schemes[0]}://{rest}"
+    try:
+        parts = urlsplit(whole)
+        port = parts.port
+    except ValueError as error:
+        raise InputError(f"plant {_hidden(text)!r}: {error}; write it as in {_example(kind)}") from None
+    if parts.scheme not in schemes:
+        raise InputError(
+            f"plant {_hidden(text)!r}: {parts.scheme}:// is not among {', '.join(schemes)}; "
+            f"write it as in {_example(kind)}"
+        )
+    if not parts.hostname or port == 0 or parts.path not in ("", "/") or parts.fragment:
+        raise InputError(
+            f"plant {_hidden(text)!r}: names no host, or something behind it; write it as in {_example(kind)}"
+        )
+    return Address(
+        kind=kind,
+        scheme=parts.scheme,
+        host=parts.hostname,
+        port=port or _PORTS[kind],
+        user=parts.username,
+        password=parts.password,
+        strings=_strings(kind, text, parts),
+    )
+
+
+_EXAMPLES: Final = ("openems=http://127.0.0.1:8084", "sunspec=127.0.0.1:502")
+
+
+def _example(kind: str) -> str:
+    return next(example for example in _EXAMPLES if example.startswith(kind))
+
+
+def _strings(kind: str, text: str, parts: SplitResult) -> tuple[str, ...]:
+    options: Mapping[str, str] = dict(parse_qsl(parts.query, keep_blank_values=True))
+    (known,) = _OPTIONS[kind]
+    unknown = [name for name in options if name != known]
+    names = tuple(options.get(known, "").split(",")) if options else ()
+    if unknown or "" in names or len(set(names)) < len(names):
+        raise InputError(
+            f"plant {_hidden(text)!r}: behind the question mark only {known}=A,B,... is allowed, "
+            f"one name for each string, none twice"
+        )
+    return names
+
+
+def _hidden(text: str) -> str:
+    """Return the text without a password."""
+    before, at, after = text.rpartition("@")
+    head, slashes, user = before.rpartition("//")
+    return f"{head}{slashes}{user.partition(':')[0]}@{after}" if at else text
