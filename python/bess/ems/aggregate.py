@@ -57,14 +57,18 @@ class Curve:
     inverter_kw: Array
     heat_kw: Array
 
+    @property
+    def loss_kw(self) -> Array:
+        """What is kept low: inverter loss, and heat by its weight."""
+        return self.inverter_kw + _HEAT_WEIGHT * self.heat_kw
+
     def convex_points(self, pieces: int) -> Curve:
         """Return points of the curve with losses per power that rise from piece to piece.
 
         The first piece ends where the loss per power is least (or above it): less power for longer loses
         more, by what an inverter loses for being on.
         """
-        loss = self.inverter_kw + _HEAT_WEIGHT * self.heat_kw
-        rate = loss[1:] / self.power_kw[1:]
+        rate = self.loss_kw[1:] / self.power_kw[1:]
         best = 1 + int(np.flatnonzero(rate <= _NEAR_LEAST * rate.min())[-1])
         keep = np.unique(np.r_[0, np.round(np.linspace(best, self.power_kw.size - 1, pieces)).astype(int)])
         return Curve(self.power_kw[keep], self.share_kw[keep], self.inverter_kw[keep], self.heat_kw[keep])

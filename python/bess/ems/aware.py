@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from bess.ems.aggregate import Aggregate, Curve, Rolled
 from bess.ems.bank_choice import Depths, banks_of
+from bess.ems.blocks import Blocks
 from bess.ems.store_program import Banks, Numbers, Pieces, StoreProgram
 from bess.parameters import State, System
 from bess.parameters.terms import Terms
@@ -187,6 +188,7 @@ class _Task:
     outlook: Outlook
     state: State
     power_kw: float
+    blocks: Blocks
     depths: Depths
     banks: Banks
     numbers: Numbers
@@ -206,7 +208,8 @@ class _Task:
         cycles_per_plan: float | None,
         end_price_eur_mwh: float | None,
     ) -> _Task:
-        price, steps = outlook.price_eur_mwh, outlook.price_eur_mwh.size
+        blocks = Blocks.of(outlook.price_eur_mwh, outlook.day, plant.dt_h)
+        price, n_blocks = outlook.price_eur_mwh[blocks.first], blocks.first.size
         depths = Depths.of(plant, wear)
         banks = banks_of(plant, depths, energy_kwh)
         buy = terms.charge_price_eur_mwh(price) / KWH_PER_MWH
@@ -226,31 +229,31 @@ class _Task:
             shortfall_eur=terms.shortfall_price_eur_mwh(price) / KWH_PER_MWH,
             holding_eur=depths.holding_eur_kwh_h,
             end_eur=end_eur,
-            heat_charge=np.ones(steps),
-            heat_discharge=np.ones(steps),
+            heat_charge=np.ones(n_blocks),
+            heat_discharge=np.ones(n_blocks),
             energy_kwh=_in_banks(banks, float(plant.energy_kwh(state.soc))),
             temperature_c=float(plant.mean_c(state.temperature_c)),
-            warming_k=plant.cooling_per_h * plant.dt_h * outlook.ambient_c,
-            derated_kw=np.full(steps, min(0.5 * power_kw, _most_derated_kw(plant, outlook, state))),
+            ambient_c=blocks.mean(outlook.ambient_c),
+            derated_kw=np.full(n_blocks, min(0.5 * power_kw, _most_derated_kw(plant, outlook, state))),
             allowed_kwh=allowed,
             throughput_kwh=most_kwh,
         )
-        return cls(plant, terms, outlook, state, power_kw, depths, banks, numbers)
+        return cls(plant, terms, outlook, state, power_kw, blocks, depths, banks, numbers)
 
     def solved(self) -> DispatchPlan:
         """Solve and roll out in turn; keep the roll-out that earns most."""
         plant, numbers = self.plant, self.numbers
         charge, discharge = (_pieces(curve.convex_points(_PIECES)) for curve in plant.curves)
         program = StoreProgram(
-            plant.dt_h, charge, discharge, self.banks,
+            plant.dt_h, self.blocks.count, charge, discharge, self.banks,
             power_kw=self.power_kw, stored_per_charged=plant.stored_per_charged,
             warming_k_per_kwh=plant.warming_k_per_kwh, cooling_per_h=plant.cooling_per_h,
-            tangents=_tangents(*plant.derating()), day=self.outlook.day,
+            tangents=_tangents(*plant.derating()), day=self.outlook.day[self.blocks.first],
         )  # fmt: skip
         best_eur, best = -np.inf, _nothing(self.outlook, self.state)
         for _ in range(_PROGRAMS):
             charge_kw, discharge_kw = program.solve(numbers)
-            demand_kw = discharge_kw - charge_kw
+            demand_kw = self.blocks.spread(discharge_kw - charge_kw, plant.curves)
             demand_kw[np.abs(demand_kw) < _LEAST * self.power_kw] = 0.0
             rolled = plant.roll_out(self.state, demand_kw, self.outlook.ambient_c)
             numbers = self._after(numbers, rolled)
@@ -266,14 +269,14 @@ class _Task:
         """Resistance and derated power as the roll-out had them."""
         soc = np.maximum(0.5 * (rolled.soc[:, 1:] + rolled.soc[:, :-1]), _REGULAR_SOC)
         temperature_c = 0.5 * (rolled.temperature_c[:, 1:] + rolled.temperature_c[:, :-1])
-        charge, discharge = self.plant.resistance_factor(soc, temperature_c)
+        charge, discharge = map(self.blocks.mean, self.plant.resistance_factor(soc, temperature_c))
         return replace(
             numbers,
             heat_charge=charge,
             heat_discharge=discharge,
             # Half of the step to the new one, so that the hot hours do not swap places for ever.
             derated_kw=np.minimum(
-                0.5 * (numbers.derated_kw + np.abs(rolled.delivered_kw)),
+                0.5 * (numbers.derated_kw + self.blocks.mean(np.abs(rolled.delivered_kw))),
                 _most_derated_kw(self.plant, self.outlook, self.state),
             ),
         )

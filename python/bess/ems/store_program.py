@@ -58,7 +58,7 @@ class Banks:
 
 @dataclass(frozen=True)
 class Numbers:
-    """What changes from one solve to the next; arrays of shape ``(n_steps,)`` unless said otherwise.
+    """What changes from one solve to the next; arrays of shape ``(n_blocks,)`` unless said otherwise.
 
     Attributes
     ----------
@@ -76,8 +76,8 @@ class Numbers:
         In each bank at the start.
     temperature_c : float
         At the start.
-    warming_k : ndarray
-        Temperature gained from outside in each step, ``k2 tau_air dt``.
+    ambient_c : ndarray
+        Ambient temperature.
     derated_kw : ndarray
         Power to which derating applies.
     allowed_kwh : ndarray, shape (n_days,)
@@ -95,37 +95,40 @@ class Numbers:
     heat_discharge: Array
     energy_kwh: Array
     temperature_c: float
-    warming_k: Array
+    ambient_c: Array
     derated_kw: Array
     allowed_kwh: Array
     throughput_kwh: float
 
 
 class StoreProgram:
-    r"""Maximise income over the steps of a plan; powers in pieces, the store in banks.
+    r"""Maximise income over the blocks of a plan; powers in pieces, the store in banks.
 
     With charging :math:`c` and discharging :math:`d` (AC, pieces :math:`i`), what enters (:math:`g`) and
     leaves (:math:`y`) each bank :math:`j` with energy :math:`e`, temperature :math:`\tau`, curtailed power
-    :math:`q`:
+    :math:`q`, and blocks of :math:`n` control steps :math:`\Delta t` at constant power,
+    :math:`T = n \Delta t`, :math:`r = 1 - k_2 \Delta t`, :math:`T' = (1 - r^n) / k_2`:
 
     .. math::
-       \sum_j g_{jt} (1 + x^c_j) &= \eta \sum_i c_{it} (1 - w_i - r_t h_i), \quad
-       \sum_j y_{jt} (1 - x^d_j) = \sum_i d_{it} (1 + w_i + r_t h_i) \\
-       e_{jt} &= e_{j,t-1} + \Delta t\,(g_{jt} - y_{jt}), \quad 0 \le e_{jt} \le E_j \\
-       \tau_t &= \tau_{t-1} + k_1 \Delta t\,\bigl(r_t \sum_i h_i (c_{it} + d_{it})
-       + \sum_j (x^c_j g_{jt} + x^d_j y_{jt})\bigr) - k_2 \Delta t\,(\tau_{t-1} - \tau^{air}_t) \\
-       q_t &\ge \hat p_t (1 - K(\tau_t)), \quad \sum_i (c_{it} + d_{it}) + q_t \le P, \quad
-       \sum_{t \in \text{day}, j} y_{jt} \Delta t \le n E
+       \sum_j g_{jt} (1 + x^c_j) &= \eta \sum_i c_{it} (1 - w_i - \rho_t h_i), \quad
+       \sum_j y_{jt} (1 - x^d_j) = \sum_i d_{it} (1 + w_i + \rho_t h_i) \\
+       e_{jt} &= e_{j,t-1} + T_t\,(g_{jt} - y_{jt}), \quad 0 \le e_{jt} \le E_j \\
+       \tau_t &= \tau_{t-1} + k_1 T'_t\,\bigl(\rho_t \sum_i h_i (c_{it} + d_{it})
+       + \sum_j (x^c_j g_{jt} + x^d_j y_{jt})\bigr) - k_2 T'_t\,(\tau_{t-1} - \tau^{air}_t) \\
+       q_t &\ge \hat p_t (1 - K(\bar\tau_t)), \quad \sum_i (c_{it} + d_{it}) + q_t \le P, \quad
+       \sum_{t \in \text{day}, j} y_{jt} T_t \le C E
 
     with the loss per power of each piece in the inverters :math:`w_i` and as heat :math:`h_i` (at a reference
-    state; :math:`r_t` scales it), the heat per energy of each bank beside it :math:`x_j`, the hysteresis
-    :math:`\eta`, and tangents of the derating factor :math:`K`. Losses that rise from piece to piece and from
-    bank to bank are used in that order by themselves.
+    state; :math:`\rho_t` scales it), the heat per energy of each bank beside it :math:`x_j`, the hysteresis
+    :math:`\eta`, cycles a day :math:`C`, tangents of the derating factor :math:`K`, and the mean
+    :math:`\bar\tau_t` of the temperatures at the ends of the block's steps. Losses that rise from piece to
+    piece and from bank to bank are used in that order by themselves.
     """
 
     def __init__(
         self,
         dt_h: float,
+        steps: npt.NDArray[np.int64],
         charge: Pieces,
         discharge: Pieces,
         banks: Banks,
@@ -137,15 +140,15 @@ class StoreProgram:
         tangents: Array,
         day: npt.NDArray[np.int64],
     ):
-        self._dt_h, self._charge, self._discharge, self._banks = dt_h, charge, discharge, banks
+        self._hours, self._charge, self._discharge, self._banks = steps * dt_h, charge, discharge, banks
         self._power_kw, self._hysteresis, self._tangents = power_kw, stored_per_charged, tangents
-        self._warming, self._keep = warming_k_per_kwh, 1.0 - cooling_per_h * dt_h
+        self._heat_of(dt_h, steps, warming_k_per_kwh, cooling_per_h)
         self._basis: Any = None
         self._columns(day.size)
         self._rows(day.size, day - day[0])
 
     def solve(self, numbers: Numbers) -> tuple[Array, Array]:
-        """Return charging and discharging [kW], each of shape ``(n_steps,)``.
+        """Return charging and discharging [kW], each of shape ``(n_blocks,)``.
 
         Starts from the basis of the last solve, if there was one.
         """
@@ -157,7 +160,13 @@ class StoreProgram:
         solver.setOptionValue("threads", 1)
         solver.setOptionValue("presolve", "off")
         solver.setOptionValue("simplex_dual_edge_weight_strategy", _DEVEX)
-        solver.passModel(self._model(highspy))
+        values = self._values[self._order]
+        solver.passModel(
+            self._cost.size, self._row_lower.size, values.size,
+            int(highspy.MatrixFormat.kColwise), int(highspy.ObjSense.kMinimize), 0.0,
+            self._cost, self._lower, self._upper, self._row_lower, self._row_upper,
+            self._starts, self._indices, values, np.zeros(self._cost.size, dtype=np.int32),
+        )  # fmt: skip
         if self._basis is not None:
             solver.setBasis(self._basis)
         solver.run()
@@ -168,8 +177,18 @@ class StoreProgram:
         x = np.asarray(solver.getSolution().col_value)
         return x[self._c].sum(axis=1), x[self._d].sum(axis=1)
 
+    def _heat_of(
+        self, dt_h: float, steps: npt.NDArray[np.int64], warming_k_per_kwh: float, cooling_per_h: float
+    ) -> None:
+        """How much of a temperature a block keeps, and the weight of its end in the mean of its steps."""
+        keep = np.minimum(1.0 - cooling_per_h * dt_h, 1.0 - 1e-9)  # without cooling: as good as none
+        self._keep: Array = keep**steps
+        self._warming: Array = warming_k_per_kwh * dt_h * (1.0 - self._keep) / (1.0 - keep)
+        of_start = keep * self._warming / (warming_k_per_kwh * dt_h * steps)
+        self._at_end: Array = (1.0 - of_start) / (1.0 - self._keep)
+
     def _columns(self, steps: int) -> None:
-        """Columns of each step: pieces both ways, three of each bank, temperature, curtailed power."""
+        """Columns of each block: pieces both ways, three of each bank, temperature, curtailed power."""
         n_c, n_d, n_b = (
             part.size for part in (self._charge.width_kw, self._discharge.width_kw, self._banks.size_kwh)
         )
@@ -187,7 +206,7 @@ class StoreProgram:
 
     def _rows(self, steps: int, day: npt.NDArray[np.int64]) -> None:
         """The matrix in the order HiGHS takes, with the places of the cells that change."""
-        banks, dt_h = self._banks, self._dt_h
+        banks, hours = self._banks, self._hours[:, None]
         n_b, n_q = banks.size_kwh.size, len(self._tangents)
         row = (4 + n_b + n_q) * np.arange(steps)
         into, out, self._heat, limit = row[:, None], row[:, None] + 1, row + 2, row[:, None] + 3
@@ -196,30 +215,30 @@ class StoreProgram:
         heat = self._heat[:, None]
         self._cycle = (4 + n_b + n_q) * steps + np.arange(day[-1] + 1)
         self._throughput = int(self._cycle[-1]) + 1
-        extra = self._warming * dt_h
+        extra = self._warming[:, None]
         constant: list[tuple[Any, Any, Any]] = [
             (into, self._g, 1.0 + banks.charge),
             (out, self._y, 1.0 - banks.discharge),
             (self._balance, self._e, 1.0),
             (self._balance[1:], self._e[:-1], -1.0),
-            (self._balance, self._g, -dt_h),
-            (self._balance, self._y, dt_h),
+            (self._balance, self._g, -hours),
+            (self._balance, self._y, hours),
             (self._heat, self._tau, 1.0),
-            (self._heat[1:], self._tau[:-1], -self._keep),
+            (self._heat[1:], self._tau[:-1], -self._keep[1:]),
             (heat, self._g, -extra * banks.charge),
             (heat, self._y, -extra * banks.discharge),
             (limit, self._c, 1.0),
             (limit, self._d, 1.0),
             (limit, self._q[:, None], 1.0),
             (self._curtail, self._q[:, None], 1.0),
-            (self._cycle[day][:, None], self._y, dt_h),
-            (self._throughput, self._c, 0.5 * dt_h),
-            (self._throughput, self._d, 0.5 * dt_h),
+            (self._cycle[day][:, None], self._y, hours),
+            (self._throughput, self._c, 0.5 * hours),
+            (self._throughput, self._d, 0.5 * hours),
         ]
         # In the order of _fill.
         changing = [
             (into, self._c), (out, self._d), (heat, self._c), (heat, self._d),
-            (self._curtail, self._tau[:, None]),
+            (self._curtail, self._tau[:, None]), (self._curtail[1:], self._tau[:-1, None]),
         ]  # fmt: skip
         cells = [np.broadcast_arrays(*cell) for cell in constant + [(*cell, 0.0) for cell in changing]]
         rows, columns, values = (np.concatenate([cell[i].ravel() for cell in cells]) for i in range(3))
@@ -238,37 +257,32 @@ class StoreProgram:
         self._row_lower[self._cycle] = self._row_lower[self._throughput] = -np.inf
 
     def _fill(self, numbers: Numbers) -> None:
-        dt_h, charge, discharge = self._dt_h, self._charge, self._discharge
+        hours, charge, discharge = self._hours, self._charge, self._discharge
+        slope, offset = self._tangents.T
+        derated = numbers.derated_kw[:, None]
+        at_end = self._at_end[:, None]
         heat_c = numbers.heat_charge[:, None] * charge.heat
         heat_d = numbers.heat_discharge[:, None] * discharge.heat
         changing = (
             -self._hysteresis * (1.0 - charge.inverter - heat_c),
             -(1.0 + discharge.inverter + heat_d),
-            -self._warming * dt_h * heat_c,
-            -self._warming * dt_h * heat_d,
-            -numbers.derated_kw[:, None] * self._tangents[:, 0],
+            -self._warming[:, None] * heat_c,
+            -self._warming[:, None] * heat_d,
+            -derated * slope * at_end,
+            (-derated * slope * (1.0 - at_end))[1:],
         )
         self._values[self._changing :] = np.concatenate([part.ravel() for part in changing])
-        self._cost[self._c] = (dt_h * numbers.charge_eur)[:, None]
-        self._cost[self._d] = -(dt_h * numbers.discharge_eur)[:, None]
-        self._cost[self._y] = dt_h * self._banks.wear_eur_kwh
-        self._cost[self._q] = dt_h * numbers.shortfall_eur
-        self._cost[self._e] = dt_h * numbers.holding_eur
+        self._cost[self._c] = (hours * numbers.charge_eur)[:, None]
+        self._cost[self._d] = -(hours * numbers.discharge_eur)[:, None]
+        self._cost[self._y] = hours[:, None] * self._banks.wear_eur_kwh
+        self._cost[self._q] = hours * numbers.shortfall_eur
+        self._cost[self._e] = (hours * numbers.holding_eur)[:, None]
         self._cost[self._e[-1]] -= numbers.end_eur
         for bound in (self._row_lower, self._row_upper):
             bound[self._balance[0]] = numbers.energy_kwh
-            bound[self._heat] = numbers.warming_k
-            bound[self._heat[0]] += self._keep * numbers.temperature_c
-        self._row_lower[self._curtail] = numbers.derated_kw[:, None] * self._tangents[:, 1]
+            bound[self._heat] = (1.0 - self._keep) * numbers.ambient_c
+            bound[self._heat[0]] += self._keep[0] * numbers.temperature_c
+        self._row_lower[self._curtail] = derated * offset
+        self._row_lower[self._curtail[0]] += (derated * slope * (1.0 - at_end))[0] * numbers.temperature_c
         self._row_upper[self._cycle] = numbers.allowed_kwh
         self._row_upper[self._throughput] = numbers.throughput_kwh
-
-    def _model(self, highspy: Any) -> Any:
-        model = highspy.HighsLp()
-        model.num_col_, model.num_row_ = self._cost.size, self._row_lower.size
-        model.col_cost_, model.col_lower_, model.col_upper_ = self._cost, self._lower, self._upper
-        model.row_lower_, model.row_upper_ = self._row_lower, self._row_upper
-        model.a_matrix_.format_ = highspy.MatrixFormat.kColwise
-        model.a_matrix_.start_, model.a_matrix_.index_ = self._starts, self._indices
-        model.a_matrix_.value_ = self._values[self._order]
-        return model

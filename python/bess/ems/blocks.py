@@ -1,0 +1,74 @@
+"""Control steps of one price as one block of a plan: fewer columns and rows, the same income."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from bess.ems.aggregate import Curve
+
+Array = npt.NDArray[np.float64]
+
+_LONGEST_H: Final = 1.0
+"""Longest block [h]: power and derating are constant within it."""
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Steps that follow each other at the same price on the same day, an hour at most.
+
+    Attributes
+    ----------
+    first : ndarray of int, shape (n_blocks,)
+        First step of each.
+    count : ndarray of int, shape (n_blocks,)
+        Number of its steps.
+    """
+
+    first: npt.NDArray[np.int64]
+    count: npt.NDArray[np.int64]
+
+    @classmethod
+    def of(cls, price_eur_mwh: Array, day: npt.NDArray[np.int64], dt_h: float) -> Self:
+        """Cut the steps where the price or the day changes, and where a block gets too long."""
+        steps = np.arange(price_eur_mwh.size)
+        change = np.r_[True, (np.diff(price_eur_mwh) != 0.0) | (np.diff(day) != 0)]
+        since = steps - np.maximum.accumulate(np.where(change, steps, 0))
+        first = np.flatnonzero(since % max(1, int(_LONGEST_H / dt_h + 1e-9)) == 0)
+        return cls(first, np.diff(np.r_[first, steps.size]))
+
+    @cached_property
+    def of_step(self) -> npt.NDArray[np.int64]:
+        """Number of the block of each step."""
+        return np.repeat(np.arange(self.first.size), self.count)
+
+    def mean(self, values: Array) -> Array:
+        """Means over the blocks of a value for each step."""
+        return np.asarray(np.add.reduceat(values, self.first) / self.count)
+
+    def spread(self, power_kw: Array, curves: tuple[Curve, Curve]) -> Array:
+        """Return the power of each step for the mean powers of blocks.
+
+        ``curves`` are those of charge and of discharge. The energy of a block goes to as many of its steps as
+        lose least: little power for long loses more than some for short, by what an inverter loses for being
+        on. They follow on steps of the same direction before the block, and else end it.
+        """
+        longest = int(self.count.max())
+        running = np.arange(1, longest + 1)
+        power = np.abs(power_kw)[:, None] * self.count[:, None] / running
+        loss = np.empty(power.shape)
+        for curve, here in zip(curves, (power_kw < 0.0, power_kw >= 0.0), strict=True):
+            loss[here] = np.interp(power[here], curve.power_kw, curve.loss_kw)
+        too_many = running > self.count[:, None]
+        too_much = power > np.maximum(curves[0].power_kw[-1], np.abs(power_kw)[:, None])
+        most = running[np.argmin(np.where(too_many | too_much, np.inf, loss * running), axis=1)]
+        before = np.r_[0.0, power_kw[:-1]]
+        from_start = (before * power_kw > 0.0)[self.of_step]
+        place = np.arange(self.of_step.size) - self.first[self.of_step]
+        place = np.where(from_start, place, self.count[self.of_step] - 1 - place)
+        runs = place < most[self.of_step]
+        return np.where(runs, (power_kw * self.count / most)[self.of_step], 0.0)

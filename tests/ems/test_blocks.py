@@ -1,0 +1,71 @@
+"""Claims about the blocks of a dispatch program: steps of one price planned as one."""
+
+import numpy as np
+import pytest
+
+import bess
+from bess.ems import AwareDispatch, Outlook
+from bess.ems.aggregate import Curve
+from bess.ems.blocks import Blocks
+from bess.parameters.terms import Terms
+
+CURVE = Curve(
+    power_kw=np.array([0.0, 20.0, 60.0, 100.0]),
+    share_kw=np.zeros((4, 1)),
+    inverter_kw=np.array([0.0, 4.0, 4.5, 9.0]),
+    heat_kw=np.zeros(4),
+)
+"""Least loss per power at 60 kW; 20 kW lose nearly as much."""
+
+
+def test_blocks_end_where_price_or_day_changes_and_after_an_hour() -> None:
+    price = np.repeat([1.0, 2.0, 2.0, 2.0, 3.0], [3, 4, 4, 1, 2])
+    day = np.r_[np.zeros(5, dtype=np.int64), np.ones(9, dtype=np.int64)]
+    blocks = Blocks.of(price, day, 0.25)
+    assert blocks.count.tolist() == [3, 2, 4, 3, 2]
+    assert blocks.first.tolist() == [0, 3, 5, 9, 12]
+    assert blocks.mean(np.arange(14.0)).tolist() == [1.0, 3.5, 6.5, 10.0, 12.5]
+
+
+def test_prices_of_every_step_and_long_steps_are_blocks_of_one() -> None:
+    assert (Blocks.of(np.arange(6.0), np.zeros(6, dtype=np.int64), 0.25).count == 1).all()
+    assert (Blocks.of(np.ones(6), np.zeros(6, dtype=np.int64), 2.0).count == 1).all()
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_little_power_is_given_to_few_steps_at_the_power_that_loses_least(sign: float) -> None:
+    blocks = Blocks(np.array([0, 4, 8]), np.array([4, 4, 4]))
+    power = blocks.spread(sign * np.array([80.0, 15.0, 30.0]), (CURVE, CURVE))
+    np.testing.assert_allclose(power[:4], sign * 80.0)
+    # Follows on the block before it.
+    np.testing.assert_allclose(power[4:8], sign * np.array([60.0, 0.0, 0.0, 0.0]))
+    np.testing.assert_allclose(power[8:], sign * np.array([60.0, 60.0, 0.0, 0.0]))
+
+
+def test_what_does_not_follow_on_a_block_ends_its_own() -> None:
+    blocks = Blocks(np.array([0, 4]), np.array([4, 4]))
+    power = blocks.spread(np.array([-80.0, 15.0]), (CURVE, CURVE))
+    np.testing.assert_allclose(power[4:], [0.0, 0.0, 0.0, 60.0])
+
+
+def test_no_step_gets_more_than_the_plant_has() -> None:
+    cheap = Curve(CURVE.power_kw, CURVE.share_kw, np.array([0.0, 4.0, 4.1, 4.2]), CURVE.heat_kw)
+    blocks = Blocks(np.array([0]), np.array([3]))
+    power = blocks.spread(np.array([40.0]), (cheap, cheap))
+    np.testing.assert_allclose(power, [0.0, 60.0, 60.0])
+
+
+@pytest.mark.parametrize(("soc", "temperature_c"), [(0.5, 25.0), (0.1, 44.0)])
+def test_a_plan_in_blocks_earns_as_much_as_one_in_steps(soc: float, temperature_c: float) -> None:
+    """A thousandth of a cent per MWh tells the steps apart, so that each is a block of its own."""
+    system = bess.System.reference(2)
+    state = bess.State([soc] * 2, [temperature_c] * 2)
+    price = np.repeat(60.0 - 40.0 * np.cos(np.arange(36) * 2 * np.pi / 12.0), 4)
+    told_apart = price + 1e-5 * np.tile([0.0, 1.0], 72)
+    dispatch = AwareDispatch(system, 0.25, Terms())
+    blocks, steps = (
+        dispatch.plan(Outlook(each, np.full(144, 25.0), np.arange(144) // 96, is_last=True), state)
+        for each in (price, told_apart)
+    )
+    assert blocks.expected_net_eur > 0.995 * steps.expected_net_eur
+    assert np.abs(steps.demand_kw).sum() * 0.25 > 1000.0
