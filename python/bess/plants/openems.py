@@ -1,0 +1,268 @@
+"""The link to an OpenEMS edge, by the channels of its REST interface (``Controller.Api.Rest.ReadWrite``).
+
+Facts from the edge's source that this link rests on:
+
+- ``ActivePower`` and ``SetActivePowerEquals`` are in W, positive = discharge; ``Soc`` is in whole per cent.
+- The edge writes a value anew in every cycle until ``apiTimeout`` (60 s) after the *last* value that came in,
+  whichever string that was for. A string that is no longer written thus keeps its set-point for as long as
+  others are. The value ``null`` takes it back at once.
+- A wrong password is answered by status 500, as every other failure.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+import ssl
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from datetime import UTC, datetime
+from typing import Any, Final
+
+import httpx
+import numpy as np
+from numpy.typing import NDArray
+
+from bess.errors import InputError
+from bess.plants.address import Address
+from bess.plants.link import LinkError, Measurements
+from bess.plants.setpoints import checked_setpoints, watts
+
+USER, PASSWORD = "BESS_PLANT_USER", "BESS_PLANT_PASSWORD"
+"""Variables of the environment, for what the address does not name."""
+
+REFRESH_S: Final = 20.0
+"""A third of ``apiTimeout``, so that two writes in a row may be lost."""
+ANSWER_S: Final = 3.0
+"""Time for one reading of all strings, or for writing all of them."""
+
+_SET: Final = "SetActivePowerEquals"
+_UNITS: Final[Mapping[str, tuple[str, ...]]] = {
+    "Soc": ("%",),
+    "ActivePower": ("W",),
+    "AllowedChargePower": ("W",),
+    "AllowedDischargePower": ("W",),
+    "MinCellTemperature": ("°C", "C"),
+    "MaxCellTemperature": ("°C", "C"),
+    _SET: ("W",),
+}
+_FAULT: Final = 3
+_OFF_GRID: Final = (2, 3)
+_LONGEST_ANSWER: Final = 8 * 2**20
+"""Bytes; an edge with dozens of batteries answers with some 100 kB."""
+
+_Channels = dict[str, Any]
+
+
+def link(address: Address, n_strings: int) -> OpenEms:
+    """Return the link to the edge at ``address``."""
+    return OpenEms(address, n_strings)
+
+
+class OpenEms:
+    """A plant behind an OpenEMS edge; one ``ess`` component for each string.
+
+    Parameters
+    ----------
+    address
+        Of the edge. Names of components that it does not give are asked of the edge: all ``essN`` that take
+        set-points, in the order of their numbers. User and password that it does not give are taken from the
+        environment, ``BESS_PLANT_USER`` and ``BESS_PLANT_PASSWORD``.
+    n_strings
+        Number of strings.
+
+    Raises
+    ------
+    InputError
+        If the address names another number of strings, or what cannot be a component.
+    """
+
+    refresh_s = REFRESH_S
+
+    def __init__(self, address: Address, n_strings: int) -> None:
+        odd = [name for name in address.strings if not re.fullmatch(r"[A-Za-z0-9_]+", name)]
+        if odd or len(address.strings) not in (0, n_strings):
+            raise InputError(
+                f"plant {address.url}: ?ess= names {', '.join(address.strings)}; "
+                f"expected {n_strings} components, one for each string, of letters and digits"
+            )
+        self.n_strings = n_strings
+        self._url = address.url
+        self._names: Sequence[str] = address.strings
+        user = address.user or os.environ.get(USER) or "x"  # the edge finds the user by the password alone
+        password = address.password or os.environ.get(PASSWORD)
+        self._client = httpx.Client(
+            base_url=address.url,
+            auth=(user, password) if password else None,
+            trust_env=False,  # no proxy between controller and plant
+            verify=ssl.create_default_context(),
+        )
+        self._units_are_known = False
+
+    def read(self) -> Measurements:
+        """Return what the edge says now; see :class:`bess.plants.PlantLink`."""
+        components = self._components()
+        if not self._names:
+            self._names = self._found(components)
+        strings = [components.get(name, {}) for name in self._names]
+        if not any(strings):
+            raise LinkError(f"{self._url}: knows none of {', '.join(self._names)}")
+        self._check_units(strings)
+        limits = [
+            (_limit(s, "AllowedChargePower", -1.0), _limit(s, "AllowedDischargePower", 1.0)) for s in strings
+        ]
+        soc = np.array([_number(s, "Soc") for s in strings]) / 100.0
+        power_kw = np.array([_number(s, "ActivePower") for s in strings]) / 1000.0
+        charge_kw, discharge_kw = np.array(limits).T / 1000.0
+        known = np.isfinite(soc) & np.isfinite(power_kw) & ~np.isnan(charge_kw) & ~np.isnan(discharge_kw)
+        fit = np.array([s.get("State") != _FAULT and s.get("GridMode") not in _OFF_GRID for s in strings])
+        return Measurements(
+            time=datetime.now(UTC),
+            soc=soc,
+            temperature_c=np.array([_temperature_c(s) for s in strings]),
+            power_kw=power_kw,
+            charge_limit_kw=np.nan_to_num(charge_kw, nan=0.0, posinf=np.inf),
+            discharge_limit_kw=np.nan_to_num(discharge_kw, nan=0.0, posinf=np.inf),
+            available=known & fit,
+        )
+
+    def write(self, power_kw: NDArray[np.float64]) -> None:
+        """Write set-points; see :class:`bess.plants.PlantLink`. NaN takes back the string's set-point."""
+        setpoints = checked_setpoints(power_kw, self.n_strings)
+        if not self._units_are_known:
+            self.read()
+        self._set([None if math.isnan(kw) else watts(kw) for kw in setpoints])
+
+    def release(self) -> None:
+        """Take back the set-points of all strings; what does not arrive lapses after ``apiTimeout``."""
+        if self._names:
+            self._set([None] * self.n_strings)
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._client.close()
+
+    def _set(self, values: Sequence[int | None]) -> None:
+        """Write what takes a set-point back first, so that the edge is never left with it by a failure."""
+        deadline = time.monotonic() + ANSWER_S
+        failures: dict[str, LinkError] = {}
+        for name, value in sorted(
+            zip(self._names, values, strict=True), key=lambda pair: pair[1] is not None
+        ):
+            try:
+                self._call("POST", f"/rest/channel/{name}/{_SET}", deadline, {"value": value})
+            except LinkError as error:
+                failures[name] = error
+        if failures:
+            reason = next(iter(failures.values()))
+            raise LinkError(f"set-points of {', '.join(failures)} not written: {reason}")
+
+    def _components(self) -> dict[str, _Channels]:
+        """Return the values of all channels of the components that may be strings, and their units."""
+        pattern = "ess.*" if all(name.startswith("ess") for name in self._names) else ".*"
+        answer = self._call("GET", f"/rest/channel/{pattern}/.*", time.monotonic() + ANSWER_S)
+        try:
+            rows = json.loads(answer)
+            components: dict[str, _Channels] = {}
+            for row in rows if isinstance(rows, list) else [rows]:  # one channel comes without a list
+                name, _, channel = row["address"].partition("/")
+                components.setdefault(name, {})[channel] = row.get("value")
+                self._check_unit(name, channel, row.get("unit"))
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+            raise LinkError(
+                f"{self._url}: does not answer as the REST interface of OpenEMS does "
+                f"({type(error).__name__}: {error})"
+            ) from error
+        return components
+
+    def _check_unit(self, name: str, channel: str, unit: object) -> None:
+        if channel in _UNITS and unit not in _UNITS[channel] and (name in self._names or not self._names):
+            self._units_are_known = False
+            raise LinkError(
+                f"{self._url}: {name}/{channel} is in {unit!r}, expected {' or '.join(_UNITS[channel])}; "
+                "nothing is read or written until this is put right"
+            )
+
+    def _check_units(self, strings: Sequence[_Channels]) -> None:
+        """The edge must name the unit of what is to be written, of the strings that are there."""
+        mute = [
+            name for name, s in zip(self._names, strings, strict=True) if s and not {_SET, "Soc"} <= s.keys()
+        ]
+        if mute:
+            raise LinkError(f"{self._url}: {', '.join(mute)} has no {_SET} or no Soc; name others with ?ess=")
+        self._units_are_known = True
+
+    def _found(self, components: Mapping[str, _Channels]) -> list[str]:
+        names = [
+            name
+            for name, s in components.items()
+            if re.fullmatch(r"ess\d+", name) and {_SET, "Soc"} <= s.keys()
+        ]
+        names.sort(key=lambda name: int(name[3:]))
+        if len(names) != self.n_strings:
+            raise LinkError(
+                f"{self._url}: has {', '.join(names) or 'no battery'}, the study {self.n_strings} strings; "
+                "name those to drive with ?ess=ess1,ess2 (a cluster is an ess too)"
+            )
+        return names
+
+    def _call(self, method: str, path: str, deadline: float, body: object = None) -> bytes:
+        """Return the answer; the deadline holds for all of it, however slowly it comes."""
+        where = f"{self._url}{path}"
+        answer = bytearray()
+        late = LinkError(f"{where}: no answer within {ANSWER_S:g} s")
+        left_s = deadline - time.monotonic()
+        if left_s <= 0.0:
+            raise late
+        try:
+            with self._client.stream(method, path, json=body, timeout=left_s) as response:
+                for chunk in response.iter_bytes():
+                    answer += chunk
+                    if time.monotonic() > deadline:
+                        raise late
+                    if len(answer) > _LONGEST_ANSWER:
+                        raise LinkError(f"{where}: an answer of more than {_LONGEST_ANSWER} bytes")
+                status = response.status_code
+        except httpx.TimeoutException:
+            raise late from None
+        except (httpx.HTTPError, OSError) as error:
+            raise LinkError(f"{where}: cannot be reached ({error or type(error).__name__})") from error
+        if status != httpx.codes.OK:
+            raise LinkError(f"{where}: {_refusal(status, bytes(answer))}")
+        return bytes(answer)
+
+
+def _refusal(status: int, answer: bytes) -> str:
+    if status in (401, 403) or b"uthentication" in answer:
+        return (
+            f"refuses user and password (status {status}); "
+            f"set {PASSWORD}, and {USER} if the edge knows several users"
+        )
+    if status == httpx.codes.NOT_FOUND:
+        return "there is no such channel (status 404)"
+    return f"failed (status {status}); the edge's log says why"
+
+
+def _number(string: _Channels, channel: str) -> float:
+    value = string.get(channel)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return math.nan
+    with suppress(OverflowError):
+        return float(value) if math.isfinite(value) else math.nan
+    return math.nan
+
+
+def _limit(string: _Channels, channel: str, sign: float) -> float:
+    """Return a limit [W], ``>= 0``; infinite where there is no such channel, NaN where it says nothing."""
+    return max(sign * _number(string, channel), 0.0) if channel in string else math.inf
+
+
+def _temperature_c(string: _Channels) -> float:
+    """Mean of the coldest and the hottest cell."""
+    known = [
+        t for t in (_number(string, "MinCellTemperature"), _number(string, "MaxCellTemperature")) if t == t
+    ]
+    return sum(known) / len(known) if known else math.nan
