@@ -1,37 +1,15 @@
 """A simulated plant whose clock the tests move, behind an OpenEMS edge or SunSpec devices on the loopback."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 
-import numpy as np
 import pytest
+from plant_partners import ManualClock, N, Partner, Watched
 
 import bess
+from bess.plants import PlantLink, connect
 from bess.plants.simulated import SimulatedPlant
-
-N = 3
-
-
-@dataclass
-class ManualClock:
-    """Stands still until told."""
-
-    now_s: float = 0.0
-
-    def __call__(self) -> float:
-        return self.now_s
-
-
-@dataclass
-class Watched:
-    """A plant that remembers every set-point that reached it, in kW."""
-
-    plant: SimulatedPlant
-    clock: ManualClock
-    asked: list[tuple[int, float]] = field(default_factory=list)
-
-    def power_kw(self) -> np.ndarray:
-        return np.array([reading.power_kw for reading in self.plant.truth()])
+from bess.plants.simulated_openems import SimulatedEdge
+from bess.plants.simulated_sunspec import SimulatedDevices
 
 
 @pytest.fixture
@@ -54,3 +32,29 @@ def _no_password_from_outside(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]
     monkeypatch.delenv("BESS_PLANT_USER", raising=False)
     monkeypatch.delenv("BESS_PLANT_PASSWORD", raising=False)
     yield
+
+
+@pytest.fixture(params=["openems", "sunspec"])
+def partner(request: pytest.FixtureRequest, watched: Watched) -> Iterator[Partner]:
+    kind = SimulatedEdge if request.param == "openems" else SimulatedDevices
+    with kind(watched.plant) as partner:
+        yield partner
+
+
+@pytest.fixture
+def connecting() -> Iterator[Callable[[str, int], PlantLink]]:
+    """Connects, and closes the link when the test is over."""
+    links = []
+
+    def to(address: str, n_strings: int = N) -> PlantLink:
+        links.append(connect(address, n_strings))
+        return links[-1]
+
+    yield to
+    for link in links:
+        link.close()
+
+
+@pytest.fixture
+def link(partner: Partner, connecting: Callable[[str, int], PlantLink]) -> PlantLink:
+    return connecting(partner.address, N)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from bess.errors import InputError
 
-_HAIR_W = 1e-3
+_HAIR_W = 1e-6
 """Rounding of a power in kW that was whole in W."""
 
 

@@ -100,6 +100,7 @@ class SimulatedPlant:
         self._plant = Plant(system, system.initial_state(), plant_step_s=PLANT_STEP_S)
         self._trial = Plant(system, system.initial_state(), plant_step_s=PLANT_STEP_S)
         self._setpoint_kw = np.zeros(system.n_strings)
+        self._driven = np.zeros(system.n_strings, dtype=np.bool_)
         self._lapses_at = np.full(system.n_strings, np.inf)
         self._cells_c = np.tile(system.initial_state().temperature_c, (2, 1))
         self._clock_s = clock()
@@ -111,29 +112,32 @@ class SimulatedPlant:
         return self.system.n_strings
 
     def ask(self, string: int, power_kw: float, lapses_at: float) -> None:
-        """Give a string a set-point, which holds until the clock shows ``lapses_at``, then zero."""
+        """Give a string a set-point, which holds until the clock shows ``lapses_at``, then none."""
         with self._lock:
             self._advance()
             nominal = self.system.nominal_kw[string]
             self._setpoint_kw[string] = np.clip(power_kw, -nominal, nominal)
             self._lapses_at[string] = lapses_at
+            self._driven[string] = True
 
     def take_back(self, string: int) -> None:
         """Let a string have no set-point: it rests."""
-        self.ask(string, 0.0, np.inf)
+        with self._lock:
+            self._advance()
+            self._rest(string)
 
     def prolong(self, lapses_at: float) -> None:
         """Let all set-points that have not lapsed yet hold until then."""
         with self._lock:
             self._advance()
-            self._lapses_at[np.isfinite(self._lapses_at)] = lapses_at
+            self._lapses_at[self._driven] = lapses_at
 
     def holds(self, string: int) -> tuple[float, float] | None:
         """Return the set-point [kW] and when it lapses; None if the string has none."""
         with self._lock:
             self._advance()
-            lapses_at = float(self._lapses_at[string])
-            return (float(self._setpoint_kw[string]), lapses_at) if np.isfinite(lapses_at) else None
+            held = float(self._setpoint_kw[string]), float(self._lapses_at[string])
+            return held if self._driven[string] else None
 
     def readings(self) -> dict[int, Reading]:
         """Return what is said of each string now; silent ones are missing."""
@@ -191,9 +195,12 @@ class SimulatedPlant:
             self._run_until(min(now, lapse))
             if lapse > now:
                 return
-            gone = self._lapses_at <= lapse
-            self._setpoint_kw[gone] = 0.0
-            self._lapses_at[gone] = np.inf
+            self._rest(self._lapses_at <= lapse)
+
+    def _rest(self, strings: int | NDArray[np.bool_]) -> None:
+        self._driven[strings] = False
+        self._setpoint_kw[strings] = 0.0
+        self._lapses_at[strings] = np.inf
 
     def _run_until(self, clock_s: float) -> None:
         whole_s = PLANT_STEP_S * np.floor(self._speed * (clock_s - self._clock_s) / PLANT_STEP_S)
