@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Final
 
@@ -182,6 +183,7 @@ class Aggregate:
         )
         return charge, discharge
 
+    @cached_property
     def deep_banks(self) -> tuple[Array, Array]:
         """Parts of the store from the top down: energies [kWh], and resistances over that of the first.
 

@@ -243,7 +243,7 @@ class _Task:
     def solved(self) -> DispatchPlan:
         """Solve and roll out in turn; keep the roll-out that earns most."""
         plant, numbers = self.plant, self.numbers
-        charge, discharge = (_pieces(curve.convex_points(_PIECES)) for curve in plant.curves)
+        charge, discharge = (_pieces(curve) for curve in plant.curves)
         program = StoreProgram(
             plant.dt_h, self.blocks.count, charge, discharge, self.banks,
             power_kw=self.power_kw, stored_per_charged=plant.stored_per_charged,
@@ -251,25 +251,30 @@ class _Task:
             tangents=_tangents(*plant.derating()), day=self.outlook.day[self.blocks.first],
         )  # fmt: skip
         best_eur, best = -np.inf, _nothing(self.outlook, self.state)
+        rolled: Rolled | None = None
         for _ in range(_PROGRAMS):
+            if rolled is not None:
+                numbers = self._after(numbers, rolled)
             charge_kw, discharge_kw = program.solve(numbers)
             demand_kw = self.blocks.spread(discharge_kw - charge_kw, plant.curves)
             demand_kw[np.abs(demand_kw) < _LEAST * self.power_kw] = 0.0
-            rolled = plant.roll_out(self.state, demand_kw, self.outlook.ambient_c)
-            numbers = self._after(numbers, rolled)
-            # What full or empty strings cannot take is not asked for.
-            demand_kw = demand_kw - np.sign(demand_kw) * rolled.availability_kw
-            rolled = plant.roll_out(self.state, demand_kw, self.outlook.ambient_c)
-            plan, value_eur = self._valued(demand_kw, rolled)
+            rolled = taken = plant.roll_out(self.state, demand_kw, self.outlook.ambient_c)
+            if rolled.availability_kw.any():
+                # What full or empty strings cannot take is not asked for.
+                demand_kw = demand_kw - np.sign(demand_kw) * rolled.availability_kw
+                taken = plant.roll_out(self.state, demand_kw, self.outlook.ambient_c)
+            plan, value_eur = self._valued(demand_kw, taken)
             if value_eur > best_eur:
                 best_eur, best = value_eur, plan
         return best
 
     def _after(self, numbers: Numbers, rolled: Rolled) -> Numbers:
         """Resistance and derated power as the roll-out had them."""
-        soc = np.maximum(0.5 * (rolled.soc[:, 1:] + rolled.soc[:, :-1]), _REGULAR_SOC)
-        temperature_c = 0.5 * (rolled.temperature_c[:, 1:] + rolled.temperature_c[:, :-1])
-        charge, discharge = map(self.blocks.mean, self.plant.resistance_factor(soc, temperature_c))
+        soc, temperature_c = (
+            self.blocks.mean(0.5 * (ends[:, 1:] + ends[:, :-1]))
+            for ends in (rolled.soc, rolled.temperature_c)
+        )
+        charge, discharge = self.plant.resistance_factor(np.maximum(soc, _REGULAR_SOC), temperature_c)
         return replace(
             numbers,
             heat_charge=charge,
@@ -322,8 +327,9 @@ def _in_banks(banks: Banks, energy_kwh: float) -> Array:
 
 
 def _pieces(curve: Curve) -> Pieces:
-    width_kw = np.diff(curve.power_kw)
-    return Pieces(width_kw, np.diff(curve.inverter_kw) / width_kw, np.diff(curve.heat_kw) / width_kw)
+    points = curve.convex_points(_PIECES)
+    width_kw = np.diff(points.power_kw)
+    return Pieces(width_kw, np.diff(points.inverter_kw) / width_kw, np.diff(points.heat_kw) / width_kw)
 
 
 def _tangents(temperature_c: Array, factor: Array) -> Array:

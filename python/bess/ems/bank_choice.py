@@ -94,7 +94,7 @@ class Depths:
 
 def banks_of(plant: Aggregate, depths: Depths, energy_kwh: float) -> Banks:
     """Cut ``energy_kwh``, of which the lowest part is the plant's lowest, into banks from the top down."""
-    size, factor = plant.deep_banks()
+    size, factor = plant.deep_banks
     bottom = np.maximum(np.cumsum(size) - (plant.capacity_kwh - energy_kwh), 0.0)
     wears = np.ptp(depths.marginal_eur_kwh) > 0.0
     segments = depths.depth[1:] * plant.capacity_kwh

@@ -47,8 +47,8 @@ class Blocks:
         return np.repeat(np.arange(self.first.size), self.count)
 
     def mean(self, values: Array) -> Array:
-        """Means over the blocks of a value for each step."""
-        return np.asarray(np.add.reduceat(values, self.first) / self.count)
+        """Means over the blocks of values for each step, which are the last axis."""
+        return np.asarray(np.add.reduceat(values, self.first, axis=-1) / self.count)
 
     def spread(self, power_kw: Array, curves: tuple[Curve, Curve]) -> Array:
         """Return the power of each step for the mean powers of blocks.

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy import sparse
 
+from bess.ems.store_layout import layout_of
 from bess.errors import BessError
 
 Array = npt.NDArray[np.float64]
 
 
-_DEVEX: Final = 1
-"""Weights of the dual simplex method that are quicker here than the steepest edge."""
+_PRIMAL: Final = 4
+"""The primal simplex method of HiGHS: the plan that does nothing is feasible, as is the one before."""
+
+_NO_SCALING: Final = 0
+"""Numbers of a program are between a thousandth and a thousand: scaling takes longer than it saves."""
 
 
 @dataclass(frozen=True)
@@ -143,39 +145,36 @@ class StoreProgram:
         self._hours, self._charge, self._discharge, self._banks = steps * dt_h, charge, discharge, banks
         self._power_kw, self._hysteresis, self._tangents = power_kw, stored_per_charged, tangents
         self._heat_of(dt_h, steps, warming_k_per_kwh, cooling_per_h)
+        sizes = (charge.width_kw.size, discharge.width_kw.size, banks.size_kwh.size, len(tangents))
+        self._at = layout_of(*sizes, day)
+        self._bounds()
+        self._solver = _solver()
         self._basis: Any = None
-        self._columns(day.size)
-        self._rows(day.size, day - day[0])
 
     def solve(self, numbers: Numbers) -> tuple[Array, Array]:
         """Return charging and discharging [kW], each of shape ``(n_blocks,)``.
 
-        Starts from the basis of the last solve, if there was one.
+        Starts from the basis of the last solve; the first one from that of the plan that does nothing.
         """
         import highspy
 
         self._fill(numbers)
-        solver = highspy.Highs()  # type: ignore[no-untyped-call]
-        solver.setOptionValue("output_flag", False)
-        solver.setOptionValue("threads", 1)
-        solver.setOptionValue("presolve", "off")
-        solver.setOptionValue("simplex_dual_edge_weight_strategy", _DEVEX)
-        values = self._values[self._order]
+        at, solver = self._at, self._solver
+        values = at.ordered(self._values(numbers))
         solver.passModel(
-            self._cost.size, self._row_lower.size, values.size,
+            at.n_columns, at.n_rows, values.size,
             int(highspy.MatrixFormat.kColwise), int(highspy.ObjSense.kMinimize), 0.0,
             self._cost, self._lower, self._upper, self._row_lower, self._row_upper,
-            self._starts, self._indices, values, np.zeros(self._cost.size, dtype=np.int32),
+            at.starts, at.indices, values, np.zeros(at.n_columns, dtype=np.int32),
         )  # fmt: skip
-        if self._basis is not None:
-            solver.setBasis(self._basis)
+        solver.setBasis(self._basis or _basis(*at.of_rest()))
         solver.run()
         status = solver.getModelStatus()
         if status != highspy.HighsModelStatus.kOptimal:
             raise BessError(f"the dispatch program has no solution; HiGHS says: {status.name}")
         self._basis = solver.getBasis()
         x = np.asarray(solver.getSolution().col_value)
-        return x[self._c].sum(axis=1), x[self._d].sum(axis=1)
+        return x[at.c].sum(axis=1), x[at.d].sum(axis=1)
 
     def _heat_of(
         self, dt_h: float, steps: npt.NDArray[np.int64], warming_k_per_kwh: float, cooling_per_h: float
@@ -187,102 +186,77 @@ class StoreProgram:
         of_start = keep * self._warming / (warming_k_per_kwh * dt_h * steps)
         self._at_end: Array = (1.0 - of_start) / (1.0 - self._keep)
 
-    def _columns(self, steps: int) -> None:
-        """Columns of each block: pieces both ways, three of each bank, temperature, curtailed power."""
-        n_c, n_d, n_b = (
-            part.size for part in (self._charge.width_kw, self._discharge.width_kw, self._banks.size_kwh)
-        )
-        sizes = np.cumsum([0, n_c, n_d, n_b, n_b, n_b, 1, 1])
-        first = sizes[-1] * np.arange(steps)
-        self._c, self._d, self._g, self._y, self._e, tau, q = (
-            first[:, None] + np.arange(low, high) for low, high in pairwise(sizes)
-        )
-        self._tau, self._q = tau[:, 0], q[:, 0]
-        count = sizes[-1] * steps
-        self._lower, self._upper, self._cost = np.zeros(count), np.full(count, np.inf), np.zeros(count)
-        self._upper[self._c], self._upper[self._d] = self._charge.width_kw, self._discharge.width_kw
-        self._upper[self._e] = self._banks.size_kwh
-        self._lower[self._tau] = -np.inf
+    def _bounds(self) -> None:
+        """Bounds of columns and rows, as far as they stay."""
+        at, n = self._at, self._at.n_columns
+        self._lower, self._upper, self._cost = np.zeros(n), np.full(n, np.inf), np.zeros(n)
+        self._upper[at.c], self._upper[at.d] = self._charge.width_kw, self._discharge.width_kw
+        self._upper[at.e] = self._banks.size_kwh
+        self._lower[at.tau] = -np.inf
+        self._row_lower, self._row_upper = np.zeros(at.n_rows), np.zeros(at.n_rows)
+        self._row_lower[at.limit], self._row_upper[at.limit] = -np.inf, self._power_kw
+        self._row_upper[at.curtail] = np.inf
+        self._row_lower[at.cycle] = self._row_lower[at.throughput] = -np.inf
 
-    def _rows(self, steps: int, day: npt.NDArray[np.int64]) -> None:
-        """The matrix in the order HiGHS takes, with the places of the cells that change."""
-        banks, hours = self._banks, self._hours[:, None]
-        n_b, n_q = banks.size_kwh.size, len(self._tangents)
-        row = (4 + n_b + n_q) * np.arange(steps)
-        into, out, self._heat, limit = row[:, None], row[:, None] + 1, row + 2, row[:, None] + 3
-        self._balance = row[:, None] + 4 + np.arange(n_b)
-        self._curtail = row[:, None] + 4 + n_b + np.arange(n_q)
-        heat = self._heat[:, None]
-        self._cycle = (4 + n_b + n_q) * steps + np.arange(day[-1] + 1)
-        self._throughput = int(self._cycle[-1]) + 1
-        extra = self._warming[:, None]
-        constant: list[tuple[Any, Any, Any]] = [
-            (into, self._g, 1.0 + banks.charge),
-            (out, self._y, 1.0 - banks.discharge),
-            (self._balance, self._e, 1.0),
-            (self._balance[1:], self._e[:-1], -1.0),
-            (self._balance, self._g, -hours),
-            (self._balance, self._y, hours),
-            (self._heat, self._tau, 1.0),
-            (self._heat[1:], self._tau[:-1], -self._keep[1:]),
-            (heat, self._g, -extra * banks.charge),
-            (heat, self._y, -extra * banks.discharge),
-            (limit, self._c, 1.0),
-            (limit, self._d, 1.0),
-            (limit, self._q[:, None], 1.0),
-            (self._curtail, self._q[:, None], 1.0),
-            (self._cycle[day][:, None], self._y, hours),
-            (self._throughput, self._c, 0.5 * hours),
-            (self._throughput, self._d, 0.5 * hours),
-        ]
-        # In the order of _fill.
-        changing = [
-            (into, self._c), (out, self._d), (heat, self._c), (heat, self._d),
-            (self._curtail, self._tau[:, None]), (self._curtail[1:], self._tau[:-1, None]),
-        ]  # fmt: skip
-        cells = [np.broadcast_arrays(*cell) for cell in constant + [(*cell, 0.0) for cell in changing]]
-        rows, columns, values = (np.concatenate([cell[i].ravel() for cell in cells]) for i in range(3))
-        count = self._throughput + 1
-        # The numbers of the cells as data: what the conversion sorts is where each belongs.
-        numbered = sparse.csc_array(
-            (np.arange(1.0, rows.size + 1.0), (rows, columns)), shape=(count, self._cost.size)
-        )
-        self._order = numbered.data.astype(np.int64) - 1
-        self._starts, self._indices = (part.astype(np.int32) for part in (numbered.indptr, numbered.indices))
-        self._values = np.asarray(values, dtype=np.float64)
-        self._changing = sum(cell[0].size for cell in cells[: len(constant)])
-        self._row_lower, self._row_upper = np.zeros(count), np.zeros(count)
-        self._row_lower[limit], self._row_upper[limit] = -np.inf, self._power_kw
-        self._row_upper[self._curtail] = np.inf
-        self._row_lower[self._cycle] = self._row_lower[self._throughput] = -np.inf
-
-    def _fill(self, numbers: Numbers) -> None:
-        hours, charge, discharge = self._hours, self._charge, self._discharge
-        slope, offset = self._tangents.T
-        derated = numbers.derated_kw[:, None]
-        at_end = self._at_end[:, None]
+    def _values(self, numbers: Numbers) -> list[Any]:
+        """Values of the cells, in the order of the layout."""
+        banks, charge, discharge = self._banks, self._charge, self._discharge
+        hours, warming, at_end = (part[:, None] for part in (self._hours, self._warming, self._at_end))
         heat_c = numbers.heat_charge[:, None] * charge.heat
         heat_d = numbers.heat_discharge[:, None] * discharge.heat
-        changing = (
-            -self._hysteresis * (1.0 - charge.inverter - heat_c),
-            -(1.0 + discharge.inverter + heat_d),
-            -self._warming[:, None] * heat_c,
-            -self._warming[:, None] * heat_d,
-            -derated * slope * at_end,
-            (-derated * slope * (1.0 - at_end))[1:],
-        )
-        self._values[self._changing :] = np.concatenate([part.ravel() for part in changing])
-        self._cost[self._c] = (hours * numbers.charge_eur)[:, None]
-        self._cost[self._d] = -(hours * numbers.discharge_eur)[:, None]
-        self._cost[self._y] = hours[:, None] * self._banks.wear_eur_kwh
-        self._cost[self._q] = hours * numbers.shortfall_eur
-        self._cost[self._e] = (hours * numbers.holding_eur)[:, None]
-        self._cost[self._e[-1]] -= numbers.end_eur
+        derated = -numbers.derated_kw[:, None] * self._tangents[:, 0]
+        return [
+            1.0 + banks.charge, 1.0 - banks.discharge,
+            1.0, -1.0, -hours, hours,
+            1.0, -self._keep[1:, None], -warming * banks.charge, -warming * banks.discharge,
+            1.0, 1.0, 1.0, 1.0,
+            hours,
+            0.5 * hours, 0.5 * hours,
+            -self._hysteresis * (1.0 - charge.inverter - heat_c), -(1.0 + discharge.inverter + heat_d),
+            -warming * heat_c, -warming * heat_d,
+            derated * at_end, (derated * (1.0 - at_end))[1:],
+        ]  # fmt: skip
+
+    def _fill(self, numbers: Numbers) -> None:
+        """Costs, and the bounds of rows that change."""
+        at, hours, cost = self._at, self._hours[:, None], self._cost
+        cost[at.c] = hours * numbers.charge_eur[:, None]
+        cost[at.d] = -hours * numbers.discharge_eur[:, None]
+        cost[at.y] = hours * self._banks.wear_eur_kwh
+        cost[at.q] = hours * numbers.shortfall_eur[:, None]
+        cost[at.e] = hours * numbers.holding_eur
+        cost[at.e[-1]] -= numbers.end_eur
+        heat = (1.0 - self._keep) * numbers.ambient_c
+        heat[0] += self._keep[0] * numbers.temperature_c
         for bound in (self._row_lower, self._row_upper):
-            bound[self._balance[0]] = numbers.energy_kwh
-            bound[self._heat] = (1.0 - self._keep) * numbers.ambient_c
-            bound[self._heat[0]] += self._keep[0] * numbers.temperature_c
-        self._row_lower[self._curtail] = derated * offset
-        self._row_lower[self._curtail[0]] += (derated * slope * (1.0 - at_end))[0] * numbers.temperature_c
-        self._row_upper[self._cycle] = numbers.allowed_kwh
-        self._row_upper[self._throughput] = numbers.throughput_kwh
+            bound[at.balance[0]] = numbers.energy_kwh
+            bound[at.heat[:, 0]] = heat
+        slope, offset = self._tangents.T
+        curtailed = np.repeat(offset[None], hours.size, axis=0)
+        curtailed[0] += slope * (1.0 - self._at_end[0]) * numbers.temperature_c
+        self._row_lower[at.curtail] = numbers.derated_kw[:, None] * curtailed
+        self._row_upper[at.cycle] = numbers.allowed_kwh
+        self._row_upper[at.throughput] = numbers.throughput_kwh
+
+
+def _solver() -> Any:
+    import highspy
+
+    solver = highspy.Highs()  # type: ignore[no-untyped-call]
+    solver.setOptionValue("output_flag", False)
+    solver.setOptionValue("threads", 1)
+    solver.setOptionValue("presolve", "off")
+    solver.setOptionValue("simplex_strategy", _PRIMAL)
+    solver.setOptionValue("simplex_scale_strategy", _NO_SCALING)
+    return solver
+
+
+def _basis(columns: npt.NDArray[np.bool_], rows: npt.NDArray[np.bool_]) -> Any:
+    import highspy
+
+    status = (highspy.HighsBasisStatus.kLower, highspy.HighsBasisStatus.kBasic)
+    basis = highspy.HighsBasis()
+    basis.col_status = [status[basic] for basic in columns.tolist()]
+    basis.row_status = [status[basic] for basic in rows.tolist()]
+    basis.valid, basis.alien = True, False
+    return basis

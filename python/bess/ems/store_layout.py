@@ -1,0 +1,106 @@
+"""Where the quantities of a store program stand in its matrix, and what is basic when nothing is done."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy import sparse
+
+Array = npt.NDArray[np.float64]
+Places = npt.NDArray[np.int64]
+
+
+class Layout:
+    """Numbers of the columns and rows of a program of ``n`` blocks.
+
+    Attributes
+    ----------
+    c, d : ndarray, shape (n, n_pieces)
+        Columns of charging and discharging.
+    g, y, e : ndarray, shape (n, n_banks)
+        Columns of what enters, leaves and is in each bank.
+    tau, q : ndarray, shape (n, 1)
+        Columns of temperature and curtailed power.
+    into, out, heat, limit : ndarray, shape (n, 1)
+        Rows of what is charged and discharged, of the temperature and of the power.
+    balance : ndarray, shape (n, n_banks)
+        Rows of the energy of each bank.
+    curtail : ndarray, shape (n, n_tangents)
+        Rows of derating.
+    cycle : ndarray, shape (n_days,)
+        Rows of the cycles of each day.
+    throughput : int
+        Row of the energy of the whole plan; the last one.
+    cells : list of (rows, columns)
+        Cells that are not 0, in groups that broadcast.
+    """
+
+    def __init__(self, n_charge: int, n_discharge: int, n_banks: int, n_tangents: int, day: Places):
+        n = day.size
+        sizes = np.cumsum([0, n_charge, n_discharge, n_banks, n_banks, n_banks, 1, 1])
+        first = sizes[-1] * np.arange(n)[:, None]
+        self.c, self.d, self.g, self.y, self.e, self.tau, self.q = (
+            first + np.arange(low, high) for low, high in pairwise(sizes)
+        )
+        self.n_columns = int(sizes[-1]) * n
+        sizes = np.cumsum([0, 1, 1, 1, 1, n_banks, n_tangents])
+        first = sizes[-1] * np.arange(n)[:, None]
+        self.into, self.out, self.heat, self.limit, self.balance, self.curtail = (
+            first + np.arange(low, high) for low, high in pairwise(sizes)
+        )
+        self.cycle = int(sizes[-1]) * n + np.arange(day[-1] - day[0] + 1)
+        self.throughput = int(self.cycle[-1]) + 1
+        self.n_rows = self.throughput + 1
+        self.cells: list[tuple[Any, Places]] = [
+            (self.into, self.g), (self.out, self.y),
+            (self.balance, self.e), (self.balance[1:], self.e[:-1]),
+            (self.balance, self.g), (self.balance, self.y),
+            (self.heat, self.tau), (self.heat[1:], self.tau[:-1]), (self.heat, self.g), (self.heat, self.y),
+            (self.limit, self.c), (self.limit, self.d), (self.limit, self.q), (self.curtail, self.q),
+            (self.cycle[day - day[0]][:, None], self.y),
+            (self.throughput, self.c), (self.throughput, self.d),
+            (self.into, self.c), (self.out, self.d), (self.heat, self.c), (self.heat, self.d),
+            (self.curtail, self.tau), (self.curtail[1:], self.tau[:-1]),
+        ]  # fmt: skip
+        cells = [np.broadcast_arrays(*cell) for cell in self.cells]
+        self.shapes = [rows.shape for rows, _ in cells]
+        rows, columns = (np.concatenate([cell[i].ravel() for cell in cells]) for i in range(2))
+        # The numbers of the cells as data: what the conversion sorts is where each belongs.
+        numbered = sparse.csc_array(
+            (np.arange(1.0, rows.size + 1.0), (rows, columns)), shape=(self.n_rows, self.n_columns)
+        )
+        self._order = numbered.data.astype(np.int64) - 1
+        self.starts, self.indices = (part.astype(np.int32) for part in (numbered.indptr, numbered.indices))
+
+    def ordered(self, values: list[Any]) -> Array:
+        """Values of :attr:`cells`, group by group, in the order of the compressed columns."""
+        spread = [
+            np.broadcast_to(part, shape).ravel() for part, shape in zip(values, self.shapes, strict=True)
+        ]
+        return np.concatenate(spread)[self._order]
+
+    def of_rest(self) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+        """Columns and rows that are basic when nothing is done: banks keep their energy, the plant cools."""
+        columns, rows = np.zeros(self.n_columns, dtype=bool), np.ones(self.n_rows, dtype=bool)
+        for basic in (self.g[:, 0], self.y[:, 0], self.e, self.tau):
+            columns[basic] = True
+        for tight in (self.into, self.out, self.balance, self.heat):
+            rows[tight] = False
+        return columns, rows
+
+
+def layout_of(n_charge: int, n_discharge: int, n_banks: int, n_tangents: int, day: Places) -> Layout:
+    """Return the layout for these numbers of pieces, banks and tangents, and the day of each block.
+
+    Plans of a run have few different ones, so the last few are kept.
+    """
+    return _layout(n_charge, n_discharge, n_banks, n_tangents, tuple(day - day[0]))
+
+
+@lru_cache(maxsize=32)
+def _layout(n_charge: int, n_discharge: int, n_banks: int, n_tangents: int, day: tuple[int, ...]) -> Layout:
+    return Layout(n_charge, n_discharge, n_banks, n_tangents, np.array(day))
