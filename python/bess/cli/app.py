@@ -116,15 +116,23 @@ def sweep(
 
 @app.command()
 def report(
-    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run or of several.")],
+    directory: Annotated[
+        Path, typer.Argument(metavar="DIR", help="Folder of a run or of several, or of bess serve.")
+    ],
     hindsight: Annotated[
         bool, typer.Option("--hindsight", help="Say what was possible as well: seconds for a week.")
     ] = False,
 ) -> None:
-    """Draw the figures of a run and write a self-contained HTML page."""
+    """Draw the figures of a run, or of a plant's journal, and write a self-contained HTML page."""
+    from bess.plants.journal import is_journal
     from bess.report import write_report
 
-    print(write_report(directory, hindsight=hindsight))
+    if is_journal(directory):
+        from bess.plants.journal_page import write_journal_report
+
+        print(write_journal_report(directory))
+    else:
+        print(write_report(directory, hindsight=hindsight))
 
 
 @app.command()

@@ -10,6 +10,7 @@ import numpy as np
 from bess.cli.app import Format
 from bess.errors import InputError
 from bess.extras import extra
+from bess.plants.journal import is_journal, open_journal
 from bess.record import open_result, scenario_directories
 from bess.record.atomic import replacing
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def export(directory: Path, kind: Format) -> list[Path]:
-    """Write ``record.csv`` or ``record.parquet`` beside the record of every run in a folder; return them.
+    """Write ``record.csv`` or ``record.parquet`` beside every record in a folder, of runs or of a plant.
 
     One row for each step, ``time`` in UTC; a variable of strings has one column for each, such as
     ``delivered_kw.0``, one of nodes ``node_temperature_c.0.15``.
@@ -29,17 +30,24 @@ def export(directory: Path, kind: Format) -> list[Path]:
     InputError
         If there is no run, or the library that writes Parquet is not installed.
     """
-    folders = scenario_directories(directory)
+    if is_journal(directory):
+        folders, opened = {"": directory}, open_journal
+    else:
+        folders, opened = scenario_directories(directory), open_result
     if not folders:
-        raise InputError(f"{directory}: holds no run; bess export needs the folder of bess run or bess sweep")
+        raise InputError(
+            f"{directory}: holds no run; bess export needs the folder of bess run, bess sweep or bess serve"
+        )
     written = []
     for folder in folders.values():
         path = folder / f"record.{kind}"
-        with open_result(folder) as dataset:
+        with opened(folder) as dataset:
             frame = table_of(dataset)
         with replacing(path) as temporary:
             if kind is Format.CSV:
-                frame.to_csv(temporary, index=False, date_format="%Y-%m-%dT%H:%M:%SZ")
+                whole = (frame["time"].dt.microsecond == 0).all()
+                seconds = "%S" if whole else "%S.%f"
+                frame.to_csv(temporary, index=False, date_format=f"%Y-%m-%dT%H:%M:{seconds}Z")
             else:
                 with extra("market", "a Parquet file"):
                     frame.to_parquet(temporary, index=False)

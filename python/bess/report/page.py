@@ -121,9 +121,9 @@ def _run_page(
 ) -> Path:
     folder = directory / FIGURES
     sections = [
-        _section("overview", "Overview", overview(run), folder),
-        _section("time", "Over time", over_time(run), folder),
-        _section("optimiser", "Optimiser", optimiser(run), folder),
+        section("overview", "Overview", overview(run), folder),
+        section("time", "Over time", over_time(run), folder),
+        section("optimiser", "Optimiser", optimiser(run), folder),
     ]
     one = {run.name: run}
     values = {
@@ -139,7 +139,7 @@ def _run_page(
         "studies": {run.name: run.study_toml},
         "made_with": run.identity["version"],
     }
-    return _write(directory, values)
+    return write_page(directory, values)
 
 
 def _hindsight(run: Run) -> str:
@@ -160,9 +160,9 @@ def _comparison_page(
     sections = []
     if sweep is not None:
         problems = problems | sweep.failed
-        sections.append(_section("front", "The sweep", sweep.exhibits(), folder))
+        sections.append(section("front", "The sweep", sweep.exhibits(), folder))
     if few:
-        sections.append(_section("comparison", "Side by side", comparison(runs), folder))
+        sections.append(section("comparison", "Side by side", comparison(runs), folder))
     kpis = sweep.kpis if sweep is not None and sweep.kpis else {name: run.kpis for name, run in runs.items()}
     paper = comparisons(kpis) if is_case_2(runs) else []
     values = {
@@ -182,10 +182,11 @@ def _comparison_page(
         "studies": _studies(directory, runs),
         "made_with": next(iter(runs.values())).identity["version"],
     }
-    return _write(directory, values)
+    return write_page(directory, values)
 
 
-def _section(id_: str, title: str, exhibits: Iterable[Exhibit], folder: Path) -> Section:
+def section(id_: str, title: str, exhibits: Iterable[Exhibit], folder: Path) -> Section:
+    """Return a section with its figures, which are saved into ``folder`` as well."""
     return Section(id_, title, [_show(exhibit, folder) for exhibit in exhibits])
 
 
@@ -211,7 +212,8 @@ def _embedded(svg: str) -> str:
     return "data:image/svg+xml," + quote(single, safe=" '/:;,.=+-()!*?@$&[]{}|~\n")
 
 
-def _write(directory: Path, values: dict[str, Any]) -> Path:
+def write_page(directory: Path, values: dict[str, Any]) -> Path:
+    """Write the page of the template; values that only some pages have may be missing."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
