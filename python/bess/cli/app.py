@@ -25,6 +25,13 @@ class Format(StrEnum):
     PARQUET = "parquet"
 
 
+class PlantKind(StrEnum):
+    """Kinds of plant that ``bess demo-plant`` simulates."""
+
+    OPENEMS = "openems"
+    SUNSPEC = "sunspec"
+
+
 class Kind(StrEnum):
     """Kinds of file that ``bess schema`` describes."""
 
@@ -164,6 +171,24 @@ def export(
 
     for path in export(directory, kind):
         print(path)
+
+
+@app.command("demo-plant")
+def demo_plant(
+    study: Annotated[
+        str, typer.Argument(metavar="[STUDY]", help="Study whose plant it is: bundled, or a TOML file.")
+    ] = "case1",
+    kind: Annotated[PlantKind, typer.Option("--kind", help="What the plant speaks.")] = PlantKind.OPENEMS,
+    port: Annotated[
+        int | None, typer.Option(min=1, max=65_535, help="8084 for OpenEMS, 5020 for SunSpec.")
+    ] = None,
+    speed: Annotated[float, typer.Option(help="Seconds of the plant in each second.")] = 1.0,
+) -> None:
+    """Simulate a plant on this machine that bess serve can drive."""
+    from bess.cli.demo import demo_plant
+    from bess.study import load_study
+
+    demo_plant(load_study(study), kind, port, speed)
 
 
 @app.command()

@@ -269,8 +269,8 @@ def _warnings(journal: xr.Dataset) -> Iterator[str]:
         gaps = steps[steps > _GAP * float(np.median(steps))]
         if gaps.size:
             yield (
-                f"{gaps.size} gap{'s' if gaps.size > 1 else ''} of {gaps.sum():,.0f} s in all between readings, "
-                f"which come every {float(np.median(steps)):g} s; energies leave them out."
+                f"{gaps.size} gap{'s' if gaps.size > 1 else ''} of {gaps.sum():,.0f} s in all between "
+                f"readings, which come every {float(np.median(steps)):g} s; energies leave them out."
             )
     out = 1.0 - journal["available"].values.mean(axis=0)
     for string in np.flatnonzero(out > 0.0):

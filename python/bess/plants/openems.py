@@ -18,7 +18,6 @@ import re
 import ssl
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from datetime import UTC, datetime
 from typing import Any, Final
 
@@ -28,6 +27,7 @@ from numpy.typing import NDArray
 
 from bess.errors import InputError
 from bess.plants.address import Address
+from bess.plants.json_numbers import number
 from bess.plants.link import LinkError, Measurements
 from bess.plants.setpoints import checked_setpoints, watts
 
@@ -114,8 +114,8 @@ class OpenEms:
         limits = [
             (_limit(s, "AllowedChargePower", -1.0), _limit(s, "AllowedDischargePower", 1.0)) for s in strings
         ]
-        soc = np.array([_number(s, "Soc") for s in strings]) / 100.0
-        power_kw = np.array([_number(s, "ActivePower") for s in strings]) / 1000.0
+        soc = np.array([number(s.get("Soc")) for s in strings]) / 100.0
+        power_kw = np.array([number(s.get("ActivePower")) for s in strings]) / 1000.0
         charge_kw, discharge_kw = np.array(limits).T / 1000.0
         known = np.isfinite(soc) & np.isfinite(power_kw) & ~np.isnan(charge_kw) & ~np.isnan(discharge_kw)
         fit = np.array([s.get("State") != _FAULT and s.get("GridMode") not in _OFF_GRID for s in strings])
@@ -246,23 +246,16 @@ def _refusal(status: int, answer: bytes) -> str:
     return f"failed (status {status}); the edge's log says why"
 
 
-def _number(string: _Channels, channel: str) -> float:
-    value = string.get(channel)
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return math.nan
-    with suppress(OverflowError):
-        return float(value) if math.isfinite(value) else math.nan
-    return math.nan
-
-
 def _limit(string: _Channels, channel: str, sign: float) -> float:
     """Return a limit [W], ``>= 0``; infinite where there is no such channel, NaN where it says nothing."""
-    return max(sign * _number(string, channel), 0.0) if channel in string else math.inf
+    return max(sign * number(string.get(channel)), 0.0) if channel in string else math.inf
 
 
 def _temperature_c(string: _Channels) -> float:
     """Mean of the coldest and the hottest cell."""
     known = [
-        t for t in (_number(string, "MinCellTemperature"), _number(string, "MaxCellTemperature")) if t == t
+        t
+        for t in (number(string.get("MinCellTemperature")), number(string.get("MaxCellTemperature")))
+        if t == t
     ]
     return sum(known) / len(known) if known else math.nan
