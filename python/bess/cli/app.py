@@ -143,6 +143,30 @@ def report(
 
 
 @app.command()
+def serve(
+    study: StudyName,
+    host: Annotated[str, typer.Option("--host", help="Address to listen on.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option("--port", min=1, max=65535, help="Port to listen on.")] = 8080,
+    token_file: Annotated[
+        Path | None, typer.Option("--token-file", metavar="FILE", help="Ask callers for the token in FILE.")
+    ] = None,
+    state: Annotated[
+        Path | None,
+        typer.Option(
+            "--state", metavar="DIR", help="Folder for what survives a restart; results/NAME-service."
+        ),
+    ] = None,
+    assignments: Assignments = None,
+) -> None:
+    """Run the controller of a study as a service that a plant can call over HTTP."""
+    from bess.serve.run import serve
+    from bess.study import load_study
+
+    loaded = load_study(study, _values(None, assignments))
+    serve(loaded, host=host, port=port, token_file=token_file, state=state)
+
+
+@app.command()
 def compare(
     directories: Annotated[
         list[Path], typer.Argument(metavar="DIR DIR...", help="Folders of runs, or one of several.")

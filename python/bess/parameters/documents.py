@@ -24,6 +24,8 @@ _PLAIN_WORDS = {
     "finite_number": "must be a finite number",
     "string_type": "must be a text",
     "tuple_type": "must be a list",
+    "list_type": "a list",
+    "bool_type": "must be true or false",
     "model_type": "must be a table",
     "invalid_key": "keys must be texts",
 }

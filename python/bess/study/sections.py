@@ -269,6 +269,29 @@ class OutputChoice(Section):
     node_temperatures: bool = False
 
 
+class ServiceChoice(Section):
+    """Section ``[service]``: how the live controller of ``bess serve`` acts between two plans.
+
+    What stands for each string is one number for all of them or a list. Times in seconds; ``start_kwh`` is
+    what a start of an inverter is worth: it is switched when that much energy would have been saved.
+    """
+
+    control_step_s: Annotated[float, within(1.0, 900.0, "s")] | None = None
+    answer_within_s: Annotated[float, within(0.01, 10.0, "s")] = 0.5
+    minimum_power_kw: NonNegative | tuple[NonNegative, ...] = 0.0
+    minimum_on_s: Annotated[float, within(0.0, 86_400.0, "s")] = 0.0
+    minimum_off_s: Annotated[float, within(0.0, 86_400.0, "s")] = 0.0
+    start_kwh: NonNegative = 0.1
+    ramp_kw_per_s: Positive | None = None
+    soc_floor: Fraction | tuple[Fraction, ...] = 0.0
+    soc_ceiling: Fraction | tuple[Fraction, ...] = 1.0
+    calibration_kw: Positive | None = None
+    late_after_s: Annotated[float, within(1.0, 3_600.0, "s")] = 60.0
+    frozen_readings: Count = 10
+    retry_after_s: Annotated[float, within(1.0, 86_400.0, "s")] = 300.0
+    requests_per_s: Annotated[float, within(0.1, 1e5)] = 1000.0
+
+
 class Event(Section):
     """Table ``[[event]]``: the inverter of ``string`` (from 0) gives no more than ``limit_kw`` for a while.
 

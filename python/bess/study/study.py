@@ -26,6 +26,7 @@ from bess.study.sections import (
     RunChoice,
     RunName,
     Scenario,
+    ServiceChoice,
     SettlementChoice,
     SystemChoice,
     WearChoice,
@@ -59,6 +60,7 @@ class Study(Section):
     wear: WearChoice = WearChoice()
     run: RunChoice = RunChoice()
     output: OutputChoice = OutputChoice()
+    service: ServiceChoice = ServiceChoice()
     event: tuple[Event, ...] = ()
     scenario: tuple[Scenario, ...] = ()
     sweep: tuple[Axis, ...] = ()

@@ -1,0 +1,265 @@
+"""Which inverters run, from one control step to the next.
+
+An inverter is not switched because another set would be better at this moment, but once the energy that it
+would have saved has added up to what a start is worth: so a set is never much worse than the best one in
+hindsight, and noise in the demand starts nothing (the rule of ski rental [1]_, with what is saved summed up
+by CUSUM [2]_). Only a demand that the running ones cannot take starts one at once.
+
+References
+----------
+.. [1] Karlin, A., Manasse, M., Rudolph, L., Sleator, D.: Competitive snoopy caching. Algorithmica 3 (1988).
+.. [2] Page, E. S.: Continuous inspection schemes. Biometrika 41 (1954).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bess.parameters import State, System
+from bess.serve.constraints import CRUMBS_KW
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+SHORTFALL: Final = 3.0
+"""Cost of a kWh not delivered, in kWh lost; as in ``Objectives.energy``."""
+ROTATION: Final = 0.05
+"""By how much a start costs more for each start that the string has made above the one with the fewest."""
+_NARROWEST: Final = 1e-7
+_EDGE: Final = 0.02
+_SHORT_H: Final = 10.0 / 3600.0
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Loss of each string over its power in one direction, ``idle + slope p + bend p^2`` [kW].
+
+    A parabola through three points of the control model: at no load, half and full power. What derating
+    takes away counts :data:`SHORTFALL` times.
+    """
+
+    idle_kw: Array
+    slope: Array
+    bend: Array
+
+    @classmethod
+    def of(cls, system: System, state: State, discharge: bool) -> Curves:
+        """Curves in a measured state."""
+        nominal = system.nominal_kw
+        levels = np.stack([1e-6 * nominal, 0.5 * nominal, nominal])[:, :, None]
+        edges = [(s.battery.soc_min + _EDGE, s.battery.soc_max - _EDGE) for s in system.strings]
+        low, high = np.array(edges).T
+        flows = system.control_at(state).rollout(
+            np.clip(state.soc, low, high),
+            state.temperature_c,
+            np.ascontiguousarray(levels if discharge else -levels),
+            np.array([system.ambient_c]),
+            _SHORT_H,
+        )
+        loss = flows.inverter_loss_kw + flows.battery_loss_kw
+        loss = loss + SHORTFALL * (flows.derating_loss_kw + flows.availability_loss_kw)
+        idle, half, full = loss[:, :, 0]
+        step = 0.5 * nominal
+        bend = np.maximum((full - 2.0 * half + idle) / (2.0 * step**2), _NARROWEST)
+        return cls(idle, (full - idle) / nominal - bend * nominal, bend)
+
+    def marginal(self, power_kw: Array) -> Array:
+        """Loss of one more kW."""
+        return self.slope + 2.0 * self.bend * power_kw
+
+
+def best_shares(curves: Curves, price: Array, most_kw: Array, demand_kw: float, sets: Flags) -> Array:
+    """Powers at equal marginal costs within each set, shape ``(n_sets, n_strings)``; as much as it can take.
+
+    ``price`` is added to the marginal loss of each string.
+    """
+    most = np.where(sets, most_kw, 0.0)
+    slope = curves.slope + price
+    low = np.full((len(sets), 1), slope.min())
+    high = np.full((len(sets), 1), (slope + 2.0 * curves.bend * most_kw).max())
+    asked = np.minimum(demand_kw, most.sum(axis=1, keepdims=True))
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        power = np.clip((middle - slope) / (2.0 * curves.bend), 0.0, most)
+        enough = power.sum(axis=1, keepdims=True) >= asked
+        high, low = np.where(enough, middle, high), np.where(enough, low, middle)
+    return np.asarray(np.clip((high - slope) / (2.0 * curves.bend), 0.0, most))
+
+
+class Commitment:
+    """The running inverters, how long they have run or rested, and their starts.
+
+    Parameters
+    ----------
+    n_strings
+        Number of strings.
+    start_kwh
+        What a start is worth.
+    minimum_on_s, minimum_off_s
+        How long an inverter runs or rests at least. A string that may not run any more stops all the same.
+    """
+
+    def __init__(
+        self, n_strings: int, *, start_kwh: float, minimum_on_s: float = 0.0, minimum_off_s: float = 0.0
+    ) -> None:
+        self._start_kwh = start_kwh
+        self._minimum_on_s, self._minimum_off_s = minimum_on_s, minimum_off_s
+        self.running: Flags = np.zeros(n_strings, dtype=bool)
+        self.since_s: Array = np.full(n_strings, np.inf)
+        self.starts: NDArray[np.int64] = np.zeros(n_strings, dtype=np.int64)
+        # What each move would have saved so far, from a string (row) to one (column); the last is none.
+        self._saved_kwh: Array = np.zeros((n_strings + 1, n_strings + 1))
+        self._peaks: list[tuple[float, float]] = []
+
+    def update(
+        self,
+        curves: Curves,
+        price: Array,
+        demand_kw: float,
+        most_kw: Array,
+        usable: Flags,
+        *,
+        elapsed_s: float,
+        step_s: float,
+    ) -> None:
+        """Decide for one control step.
+
+        Parameters
+        ----------
+        curves
+            Losses of the strings in the direction of the demand.
+        price
+            Cost of a kW of each string beside its loss [kW/kW], by which a plan says which it wants.
+        demand_kw
+            Magnitude.
+        most_kw
+            What each string can take in this direction.
+        usable
+            Strings that may run at all.
+        elapsed_s
+            Time since the last decision.
+        step_s
+            Time for which this one holds.
+        """
+        self.pass_time(usable, elapsed_s)
+        self._remember(demand_kw, elapsed_s)
+        first = True
+        for _ in range(2 * self.running.size):
+            move = self._move(curves, price, demand_kw, most_kw, usable, step_s, adds_up=first)
+            first = False
+            if move is None:
+                break
+            stop, start = move
+            self._saved_kwh[:] = 0.0
+            self._switch(stop, on=False)
+            self._switch(start, on=True)
+
+    def pass_time(self, usable: Flags, elapsed_s: float) -> None:
+        """Let time go by; what may not run any more stops."""
+        self.since_s = self.since_s + elapsed_s
+        self._switch(self.running & ~usable, on=False)
+
+    def adopt(self, wanted: Flags, usable: Flags) -> None:
+        """Run exactly these, as far as least times allow."""
+        startable = ~self.running & usable & (self.since_s >= self._minimum_off_s)
+        stoppable = self.running & (self.since_s >= self._minimum_on_s)
+        self._switch(stoppable & ~wanted, on=False)
+        self._switch(startable & wanted, on=True)
+        self._saved_kwh[:] = 0.0
+
+    def memory(self) -> dict[str, Any]:
+        """What the next decision depends on."""
+        return {
+            "running": self.running.tolist(),
+            "since_s": np.minimum(self.since_s, 1e9).tolist(),
+            "starts": self.starts.tolist(),
+            "saved_kwh": self._saved_kwh.tolist(),
+        }
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Continue with what :meth:`memory` returned."""
+        self.running = np.array(memory["running"], dtype=bool)
+        self.since_s = np.array(memory["since_s"], dtype=np.float64)
+        self.starts = np.array(memory["starts"], dtype=np.int64)
+        self._saved_kwh = np.array(memory["saved_kwh"], dtype=np.float64)
+
+    def _switch(self, which: Flags, *, on: bool) -> None:
+        if which.any():
+            self.running = np.where(which, on, self.running)
+            self.since_s = np.where(which, 0.0, self.since_s)
+            self.starts = self.starts + (which if on else 0)
+
+    def _remember(self, demand_kw: float, elapsed_s: float) -> None:
+        """Largest demand of the time that a stopped inverter would have to rest."""
+        kept = [(age + elapsed_s, peak) for age, peak in self._peaks if peak > demand_kw]
+        self._peaks = [(age, peak) for age, peak in kept if age <= self._minimum_off_s]
+        self._peaks.append((0.0, demand_kw))
+
+    def _move(
+        self,
+        curves: Curves,
+        price: Array,
+        demand_kw: float,
+        most_kw: Array,
+        usable: Flags,
+        step_s: float,
+        *,
+        adds_up: bool,
+    ) -> tuple[Flags, Flags] | None:
+        """The next switching that is worth it: what stops, what starts."""
+        n = self.running.size
+        stop = np.flatnonzero(self.running & (self.since_s >= self._minimum_on_s))
+        start = np.flatnonzero(~self.running & usable & (self.since_s >= self._minimum_off_s))
+        rows, columns = [*stop, n], [*start, n]
+        from_, to = (a.ravel() for a in np.meshgrid(rows, columns, indexing="ij"))
+        nothing = (from_ == n) & (to == n)
+        from_, to = from_[~nothing], to[~nothing]
+        if not from_.size:
+            return None
+        wide = np.zeros((from_.size + 1, n + 1), dtype=bool)
+        wide[:, :n] = self.running
+        index = np.arange(1, from_.size + 1)
+        wide[index, from_] = False
+        wide[index, to] = True
+        sets = wide[:, :n]
+
+        shares = best_shares(curves, price, most_kw, demand_kw, sets)
+        loss = (curves.idle_kw * sets + (curves.slope + price) * shares + curves.bend * shares**2).sum(axis=1)
+        can = (most_kw * sets).sum(axis=1)
+        short = np.maximum(demand_kw - can, 0.0)
+        extra = np.append(self._start_worth_kwh(), 0.0)
+        if short[0] > CRUMBS_KW and (short[1:] < short[0] - CRUMBS_KW).any():
+            # Too little runs: the cheapest helper starts now, its start written off over the hour.
+            cost = loss[1:] + SHORTFALL * 100.0 * short[1:] + extra[to]
+            cost[from_ != n] = np.inf
+            if np.isfinite(cost).any():
+                return self._flags(n, int(to[int(np.argmin(cost))]))
+        peak = max(p for _, p in self._peaks)
+        allowed = can[1:] >= min(peak, can[0]) - CRUMBS_KW
+        saving = np.where(allowed, (loss[0] + SHORTFALL * short[0]) - (loss[1:] + SHORTFALL * short[1:]), 0.0)
+        before = self._saved_kwh[from_, to] if adds_up else 0.0
+        saved = np.maximum(before + saving * step_s / 3600.0, 0.0)
+        # A stop is a start that comes later.
+        worth = np.where(to < n, extra[to], extra[from_])
+        gain = np.where(allowed & (saving > 0.0), saved - worth, -np.inf)
+        best = int(np.argmax(gain))
+        if gain[best] > 0.0:
+            return self._flags(int(from_[best]), int(to[best]))
+        if adds_up:
+            self._saved_kwh[:] = 0.0
+            self._saved_kwh[from_, to] = saved
+        return None
+
+    def _flags(self, stop: int, start: int) -> tuple[Flags, Flags]:
+        n = self.running.size
+        return np.arange(n) == stop, np.arange(n) == start
+
+    def _start_worth_kwh(self) -> Array:
+        """Starts go around: the string with the fewest is the cheapest to start."""
+        above = np.minimum(self.starts - self.starts.min(), 40)
+        return np.asarray((self._start_kwh + 1e-9) * (1.0 + ROTATION * above))

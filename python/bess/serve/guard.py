@@ -1,0 +1,281 @@
+"""What measurements may be trusted: every string is watched by itself, and every doubt has a sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bess.parameters import State, System
+from bess.plants import Measurements
+from bess.study.sections import ServiceChoice
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+HOTTEST_C: Final = 90.0
+COLDEST_C: Final = -40.0
+"""No battery in service has another temperature; a sensor has."""
+SOC_SLACK: Final = 0.03
+"""What a reading may be off what was expected by other errors than that of a broken sensor."""
+FASTEST_C_PER_S: Final = 0.2
+TEMPERATURE_SLACK_K: Final = 5.0
+AGREEING: Final = 3
+"""Readings that agree with each other after a jump until they are believed."""
+COARSEST_SOC: Final = 0.01
+FINEST_SOC: Final = 0.001
+"""Resolution of states of charge: whole per cent until a smaller change is seen."""
+FOLLOWS_WITHIN: Final = 0.1
+"""Share of nominal power by which a string may be off its set-point."""
+NOT_FOLLOWING: Final = 2
+"""Readings off the set-point in a row."""
+
+
+@dataclass(frozen=True)
+class Trusted:
+    """What a controller may act upon; arrays of shape ``(n_strings,)``.
+
+    Attributes
+    ----------
+    state : State
+        As measured, or as estimated where a reading is in doubt.
+    soc_low, soc_high : ndarray
+        Range of the state of charge where two values are possible; else both are that of ``state``.
+    charge_kw, discharge_kw : ndarray
+        Largest magnitudes that inverters, plant and guard allow; 0 where a string is out.
+    in_service : ndarray
+        Strings that may run.
+    reasons : tuple of str
+        Why a string is out, limited or doubted; empty where it is none of these.
+    """
+
+    state: State
+    soc_low: Array
+    soc_high: Array
+    charge_kw: Array
+    discharge_kw: Array
+    in_service: Flags
+    reasons: tuple[str, ...]
+
+
+@dataclass
+class _Watch:
+    """Memory of one string."""
+
+    soc: float | None = None
+    temperature_c: float | None = None
+    other_soc: float | None = None
+    agreeing: int = 0
+    unchanged: int = 0
+    moved: float = 0.0
+    resolution: float = COARSEST_SOC
+    last_reading: float | None = None
+    missing_s: float = 0.0
+    off_target: int = 0
+    cap_kw: float | None = None
+    out_reason: str = ""
+    out_s: float = 0.0
+
+
+class Guard:
+    """Watches the measurements of all strings.
+
+    Parameters
+    ----------
+    system
+        The plant's parameters.
+    service
+        Settings of the live controller.
+    step_s
+        Its control step.
+    """
+
+    def __init__(self, system: System, service: ServiceChoice, step_s: float) -> None:
+        self._system, self._service, self._step_s = system, service, step_s
+        health = system.initial_state()
+        self._soh = (health.soh_capacity, health.soh_resistance)
+        self._energy_kwh = system.nominal_energy_kwh * health.soh_capacity
+        self._watch = [_Watch() for _ in range(system.n_strings)]
+        self._window = [(s.battery.soc_min, s.battery.soc_max) for s in system.strings]
+        self._late_s = 0.0
+        self._last_time: str | None = None
+
+    def __call__(self, measured: Measurements, asked_kw: Array, elapsed_s: float) -> Trusted:
+        """Judge new measurements.
+
+        Parameters
+        ----------
+        measured
+            What the plant says now.
+        asked_kw
+            Set-points that were in force since the last call.
+        elapsed_s
+            Time since then.
+        """
+        n = self._system.n_strings
+        nominal = self._system.nominal_kw
+        charge = np.minimum(np.nan_to_num(measured.charge_limit_kw, nan=0.0, posinf=np.inf), nominal)
+        discharge = np.minimum(np.nan_to_num(measured.discharge_limit_kw, nan=0.0, posinf=np.inf), nominal)
+        charge, discharge = np.maximum(charge, 0.0), np.maximum(discharge, 0.0)
+        late = self._is_late(measured, elapsed_s)
+        in_service = np.zeros(n, dtype=bool)
+        soc, temperature = np.empty(n), np.empty(n)
+        low, high = np.empty(n), np.empty(n)
+        reasons = []
+        for i, watch in enumerate(self._watch):
+            reason, out = self._judge(i, watch, measured, float(asked_kw[i]), elapsed_s)
+            if late and not out:
+                reason, out = late, True
+            low_i, high_i = self._range(i, watch)
+            low[i], high[i] = low_i, high_i
+            soc[i] = min(max(watch.soc if watch.soc is not None else 0.5, low_i), high_i)
+            temperature[i] = self._system.ambient_c if watch.temperature_c is None else watch.temperature_c
+            in_service[i] = not out
+            if out:
+                charge[i] = discharge[i] = 0.0
+            elif watch.cap_kw is not None:
+                charge[i], discharge[i] = min(charge[i], watch.cap_kw), min(discharge[i], watch.cap_kw)
+            reasons.append(reason)
+        state = State(soc, temperature, *self._soh)
+        return Trusted(state, low, high, charge, discharge, in_service, tuple(reasons))
+
+    def memory(self) -> dict[str, Any]:
+        """What the next call depends on."""
+        return {"strings": [vars(watch).copy() for watch in self._watch]}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Continue with what :meth:`memory` returned."""
+        self._watch = [_Watch(**entry) for entry in memory["strings"]]
+
+    def _is_late(self, measured: Measurements, elapsed_s: float) -> str:
+        """A sentence if the plant has repeated the same old measurements for too long."""
+        stamp = measured.time.isoformat()
+        self._late_s = self._late_s + elapsed_s if stamp == self._last_time else 0.0
+        self._last_time = stamp
+        if self._late_s <= self._service.late_after_s:
+            return ""
+        return f"measurements are {self._late_s:.0f} s old, {self._service.late_after_s:g} s are allowed"
+
+    def _range(self, i: int, watch: _Watch) -> tuple[float, float]:
+        """Both values a state of charge may have, within its window."""
+        values = [v for v in (watch.soc, watch.other_soc) if v is not None] or [0.5]
+        low, high = self._window[i]
+        return min(max(min(values), low), high), min(max(max(values), low), high)
+
+    def _judge(
+        self, i: int, watch: _Watch, measured: Measurements, asked_kw: float, elapsed_s: float
+    ) -> tuple[str, bool]:
+        """Reason, and whether the string is out."""
+        power = float(measured.power_kw[i])
+        carried = power if np.isfinite(power) else asked_kw
+        soc, temperature = float(measured.soc[i]), float(measured.temperature_c[i])
+        expected = -carried * elapsed_s / 3600.0 / self._energy_kwh[i]
+        if not measured.available[i]:
+            self._forgive(watch)
+            watch.unchanged, watch.moved = 0, 0.0
+            if np.isfinite(soc) and 0.0 <= soc <= 1.0:
+                watch.soc, watch.other_soc, watch.agreeing = soc, None, 0
+            return "out of service, says the plant", True
+        if not np.isfinite(soc):
+            watch.missing_s += elapsed_s
+            if watch.soc is None or watch.missing_s > self._service.late_after_s:
+                return "its state of charge is missing", True
+            watch.soc = min(max(watch.soc + expected, 0.0), 1.0)
+            return f"its state of charge is missing for {watch.missing_s:.0f} s and estimated", False
+        watch.missing_s = 0.0
+        if not -0.005 <= soc <= 1.005:
+            return f"its state of charge of {100.0 * soc:.4g} % cannot be", True
+        if np.isfinite(temperature) and not COLDEST_C <= temperature <= HOTTEST_C:
+            return f"its temperature of {temperature:.4g} °C cannot be", True
+        soc = min(max(soc, 0.0), 1.0)
+        doubt = self._take_soc(i, watch, soc, expected, elapsed_s)
+        doubt = self._take_temperature(watch, temperature, elapsed_s) or doubt
+        if watch.out_reason:
+            return self._still_out(watch, soc, elapsed_s)
+        if self._is_frozen(watch, soc, abs(expected)):
+            return self._take_out(
+                watch,
+                f"its state of charge has stood at {100.0 * soc:.4g} % for {watch.unchanged} readings "
+                "while it carried power",
+                0.0,
+            )
+        watch.last_reading = soc
+        if np.isfinite(power) and (sentence := self._does_not_follow(i, watch, power, asked_kw)):
+            same_way = power * asked_kw > 0.0 and abs(power) < abs(asked_kw)
+            return self._take_out(watch, sentence, abs(power) if same_way else 0.0)
+        return doubt, False
+
+    def _take_soc(self, i: int, watch: _Watch, soc: float, expected: float, elapsed_s: float) -> str:
+        """Believe a reading that physics allows; of a jump keep both values until readings agree."""
+        span_s = max(elapsed_s, self._step_s)
+        reach = SOC_SLACK + 1.2 * self._system.nominal_kw[i] * span_s / 3600.0 / self._energy_kwh[i]
+        if watch.soc is None or abs(soc - watch.soc - expected) <= reach:
+            if watch.soc is not None and 0.0 < abs(soc - watch.soc) < watch.resolution:
+                watch.resolution = max(abs(soc - watch.soc), FINEST_SOC)
+            watch.soc, watch.other_soc, watch.agreeing = soc, None, 0
+            return ""
+        agrees = watch.other_soc is not None and abs(soc - watch.other_soc - expected) <= reach
+        watch.agreeing = watch.agreeing + 1 if agrees else 1
+        before = watch.soc
+        if watch.agreeing >= AGREEING:
+            watch.soc, watch.other_soc, watch.agreeing = soc, None, 0
+            return f"its state of charge jumped from {100.0 * before:.4g} % to {100.0 * soc:.4g} % and stays"
+        watch.soc = min(max(before + expected, 0.0), 1.0)
+        watch.other_soc = soc
+        return (
+            f"its state of charge jumped from {100.0 * before:.4g} % to {100.0 * soc:.4g} %; "
+            "the worse of both counts"
+        )
+
+    def _take_temperature(self, watch: _Watch, temperature_c: float, elapsed_s: float) -> str:
+        if not np.isfinite(temperature_c):
+            return "its temperature is unknown" if watch.temperature_c is None else ""
+        before = watch.temperature_c
+        reach = TEMPERATURE_SLACK_K + FASTEST_C_PER_S * max(elapsed_s, self._step_s)
+        if before is None or abs(temperature_c - before) <= reach or temperature_c > before:
+            # A sudden rise is believed at once: acting on it is safe.
+            watch.temperature_c = temperature_c
+            return ""
+        watch.temperature_c = before - reach
+        return f"its temperature fell from {before:.4g} °C to {temperature_c:.4g} °C at once; it is doubted"
+
+    def _is_frozen(self, watch: _Watch, soc: float, moved: float) -> bool:
+        if watch.last_reading is None or soc != watch.last_reading:
+            watch.unchanged, watch.moved = 0, 0.0
+            return False
+        watch.unchanged += 1
+        watch.moved += moved
+        enough = watch.moved >= 2.0 * watch.resolution
+        return watch.unchanged >= self._service.frozen_readings and enough
+
+    def _does_not_follow(self, i: int, watch: _Watch, power_kw: float, asked_kw: float) -> str:
+        off = abs(power_kw - asked_kw) > FOLLOWS_WITHIN * self._system.nominal_kw[i]
+        watch.off_target = watch.off_target + 1 if off else 0
+        if watch.off_target < NOT_FOLLOWING:
+            return ""
+        return f"it does not follow: asked for {asked_kw:.4g} kW, it gives {power_kw:.4g} kW"
+
+    def _take_out(self, watch: _Watch, sentence: str, cap_kw: float) -> tuple[str, bool]:
+        watch.out_reason, watch.out_s, watch.cap_kw = sentence, 0.0, cap_kw
+        watch.off_target = 0
+        return self._out_sentence(watch), cap_kw == 0.0
+
+    def _still_out(self, watch: _Watch, soc: float, elapsed_s: float) -> tuple[str, bool]:
+        """Until it is tried again; a frozen value that moves again is believed at once."""
+        watch.out_s += elapsed_s
+        thawed = watch.unchanged >= self._service.frozen_readings and soc != watch.last_reading
+        if thawed or watch.out_s >= self._service.retry_after_s:
+            self._forgive(watch)
+            watch.unchanged, watch.moved, watch.last_reading = 0, 0.0, soc
+            return "", False
+        return self._out_sentence(watch), watch.cap_kw == 0.0
+
+    def _out_sentence(self, watch: _Watch) -> str:
+        left_s = max(0.0, self._service.retry_after_s - watch.out_s)
+        return f"{watch.out_reason}; tried again in {left_s:.0f} s"
+
+    def _forgive(self, watch: _Watch) -> None:
+        watch.out_reason, watch.out_s, watch.cap_kw, watch.off_target = "", 0.0, None, 0

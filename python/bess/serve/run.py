@@ -1,0 +1,74 @@
+"""``bess serve``: from the command line to a listening process."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from pathlib import Path
+
+from bess.errors import InputError
+from bess.extras import extra
+from bess.record.store import Lock
+from bess.serve.limits import check_host, read_token
+from bess.study import Study
+
+
+def serve(
+    study: Study,
+    *,
+    host: str = "127.0.0.1",
+    port: int = 8080,
+    token_file: Path | None = None,
+    state: Path | None = None,
+) -> None:
+    """Listen until the process is told to stop.
+
+    Raises
+    ------
+    InputError
+        From the study, the token, the address, or a library that is missing.
+    """
+    token = None if token_file is None else read_token(token_file)
+    check_host(host, token)
+    with extra("plant", "bess serve"):
+        import fastapi  # noqa: F401
+        import prometheus_client  # noqa: F401
+        import uvicorn
+
+    from bess.serve.app import build_app
+    from bess.serve.service import JsonLines, Service
+
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(JsonLines())
+    for name in ("bess.serve", "uvicorn.error"):
+        logger = logging.getLogger(name)
+        logger.handlers, logger.propagate = [handler], False
+        logger.setLevel(logging.INFO)
+    folder = state or Path("results") / f"{study.name}-service"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        raise InputError(f"--state {folder}: is no folder that can be written to ({error})") from error
+    with Lock(folder):
+        service = Service(study, folder)
+        log = logging.getLogger("bess.serve")
+        for note in service.notes:
+            log.info(note)
+        config = uvicorn.Config(
+            build_app(service, token),
+            host=host,
+            port=port,
+            log_config=None,
+            access_log=False,
+            server_header=False,
+            timeout_keep_alive=30,
+            timeout_graceful_shutdown=5,
+            limit_concurrency=1000,
+        )
+        server = uvicorn.Server(config)
+        try:
+            server.run()
+        finally:
+            service.close()
+        if not server.started:
+            raise InputError(f"--host {host} --port {port}: cannot be listened on; is another service there?")

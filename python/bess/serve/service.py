@@ -1,0 +1,239 @@
+"""One controller and all that belongs to it: memory, history, metrics, and the queue in front of it."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, Final
+
+from bess.plants import Measurements
+from bess.policies import build_policy
+from bess.policies.settings import Settings
+from bess.serve.clock import Clock, stamp
+from bess.serve.controller import Answer, Controller
+from bess.serve.history import History
+from bess.serve.memory import Memory
+from bess.serve.metrics import Metrics
+from bess.study import Study
+from bess.study.plant_choice import build_system
+
+LOG: Final = logging.getLogger("bess.serve")
+PLAN_SHARE: Final = 0.5
+"""Part of the time in which an answer is due that it may wait for a plan."""
+
+
+def build_controller(study: Study, *, background: bool = True) -> tuple[Controller, list[str]]:
+    """Return the controller that a study describes, and what was done otherwise than it says.
+
+    Raises
+    ------
+    InputError
+        From the study, its system, or a policy that does not fit.
+    """
+    notes = []
+    if study.policy.objectives.kind == "money":
+        # Prices belong to the demand, which comes from outside here.
+        study = study.with_values({"policy.objectives.kind": "energy"})
+        notes.append("plans count kWh lost, not EUR: a service is given a demand, no prices")
+    system = build_system(study.system, study.run, study.wear)
+    choice = study.policy
+    steps = choice.steps_ahead(system.control)
+    settings = Settings(
+        dt_h=system.control.step_min / 60.0,
+        horizon_steps=steps,
+        split=choice,
+        plans=choice.plans,
+        rollouts=choice.rollouts,
+        terms=study.settlement.terms,
+    )
+    policy = build_policy(choice.name, system, settings)
+    return Controller(system, policy, study.service, steps, background=background), notes
+
+
+class Service:
+    """What stands behind the HTTP routes and the cycle of a driven plant.
+
+    All work on the controller is done in one thread, one call after the other.
+
+    Parameters
+    ----------
+    study
+        Which plant, policy and settings.
+    folder
+        For the state.
+    """
+
+    def __init__(self, study: Study, folder: Path) -> None:
+        self.name = study.name
+        self.controller, self.notes = build_controller(study)
+        self.clock = Clock()
+        self.memory = Memory(folder, self.controller.system)
+        self.notes.append(self.memory.load(self.controller, self.clock()))
+        self.history = History()
+        self.metrics = Metrics(self.controller.n_strings)
+        self.last: tuple[float, float, Answer] | None = None
+        self._worker = ThreadPoolExecutor(1, "controller")
+
+    async def split(
+        self, measured: Measurements, demand_kw: float, forecast_kw: list[float] | None = None
+    ) -> Answer:
+        """Return an answer in the time that is allowed: the controller's, or the shares by energy."""
+        loop = asyncio.get_running_loop()
+        began_s = loop.time()
+        due_s = self.controller.service.answer_within_s
+        work = self._worker.submit(self.decide, measured, demand_kw, forecast_kw)
+        try:
+            answer = await asyncio.wait_for(asyncio.shield(asyncio.wrap_future(work)), due_s)
+        except TimeoutError:
+            work.cancel()
+            answer = self._fallback(
+                measured, demand_kw, forecast_kw, f"The controller had no answer within {due_s:g} s"
+            )
+        except Exception as error:
+            LOG.exception("the controller failed")
+            why = f"The controller failed ({type(error).__name__}: {error})"
+            answer = self._fallback(measured, demand_kw, forecast_kw, why)
+        self.metrics.answer_time.observe(loop.time() - began_s)
+        return answer
+
+    def decide(
+        self, measured: Measurements, demand_kw: float, forecast_kw: list[float] | None = None
+    ) -> Answer:
+        """Decide, and see to it that it is not forgotten. From the thread of the controller only."""
+        now_s = self.clock()
+        wait_s = PLAN_SHARE * self.controller.service.answer_within_s
+        answer = self.controller.step(measured, demand_kw, now_s, forecast_kw=forecast_kw, wait_s=wait_s)
+        self._take(now_s, demand_kw, answer)
+        return answer
+
+    async def call(self, function: Any, *arguments: Any) -> Any:
+        """Run something in the thread of the controller."""
+        return await asyncio.wrap_future(self._worker.submit(function, *arguments))
+
+    def calibrate(self, string: int, target_soc: float) -> None:
+        """Begin a calibration."""
+        self.controller.calibrate(string, target_soc)
+        self.memory.save(self.controller)
+
+    def end_calibration(self) -> None:
+        """End one before it is done."""
+        self.controller.calibration = None
+        self.memory.save(self.controller)
+
+    def live(self) -> dict[str, Any]:
+        """What the page shows."""
+        controller = self.controller
+        document: dict[str, Any] = {
+            "study": self.name,
+            "time_s": self.clock(),
+            "n_strings": controller.n_strings,
+            "nominal_kw": controller.system.nominal_kw.tolist(),
+            "control_step_s": controller.step_s,
+            "starts": controller.commitment.starts.tolist(),
+            "answers": controller.counters.answers,
+            "fallbacks": controller.counters.fallbacks,
+            "calibrating": None if controller.calibration is None else controller.calibration.string,
+            "notes": [note for note in (*self.notes, self.memory.error) if note],
+            "history": self.history.points(),
+            "last": None,
+        }
+        if self.last is not None:
+            at_s, demand_kw, answer = self.last
+            trusted = controller.trusted
+            document["last"] = {
+                "time_s": at_s,
+                "demand_kw": demand_kw,
+                **answer_document(answer),
+                "soc": None if trusted is None else trusted.state.soc.tolist(),
+                "temperature_c": None if trusted is None else trusted.state.temperature_c.tolist(),
+            }
+        return document
+
+    def health(self) -> dict[str, Any]:
+        """Whether all is well, in a few words that are no secret."""
+        healthy = not self.memory.error
+        return {
+            "status": "ok" if healthy else "impaired",
+            "study": self.name,
+            "n_strings": self.controller.n_strings,
+            "answers": self.controller.counters.answers,
+            "last_answer_s": None if self.last is None else round(self.clock() - self.last[0], 3),
+            "planned": self.controller.plan.current is not None,
+        }
+
+    def close(self) -> None:
+        """End the threads; the state is on the disk already."""
+        self._worker.shutdown(wait=True)
+        self.controller.close()
+
+    def _fallback(
+        self, measured: Measurements, demand_kw: float, forecast_kw: list[float] | None, why: str
+    ) -> Answer:
+        status = f"{why}; shared by the energy left."
+        answer = self.controller.fallback(measured, demand_kw, status, len(forecast_kw or [0.0]))
+        self.metrics.fallbacks.inc()
+        LOG.warning(status)
+        self._worker.submit(self._applied, answer, demand_kw)
+        return answer
+
+    def _applied(self, answer: Answer, demand_kw: float) -> None:
+        self.controller.applied(answer)
+        self._take(self.clock(), demand_kw, answer)
+
+    def _take(self, now_s: float, demand_kw: float, answer: Answer) -> None:
+        controller = self.controller
+        self.memory.save(controller)
+        self.metrics.state_errors.set(bool(self.memory.error))
+        self.metrics.take(demand_kw, answer, controller, controller.plan.slot(now_s))
+        if controller.trusted is not None:
+            state = controller.trusted.state
+            self.history.add(now_s, demand_kw, answer, state.soc, state.temperature_c)
+        self.last = (now_s, demand_kw, answer)
+        if LOG.isEnabledFor(logging.INFO):
+            LOG.info(
+                "answer",
+                extra={
+                    "fields": {
+                        "demand_kw": demand_kw,
+                        "request_kw": answer.request_kw.tolist(),
+                        "unmet_kw": answer.unmet_kw,
+                        "fallback": answer.fallback,
+                        "solve_time_s": round(answer.solve_time_s, 6),
+                    }
+                },
+            )
+
+
+def answer_document(answer: Answer) -> dict[str, Any]:
+    """An answer as the JSON of ``POST /v1/split``."""
+    return {
+        "request_kw": answer.request_kw.tolist(),
+        "plan_kw": answer.plan_kw.tolist(),
+        "status": answer.status,
+        "gap": answer.gap,
+        "fallback": answer.fallback,
+        "unmet_kw": answer.unmet_kw,
+        "valid_for_s": answer.valid_for_s,
+        "solve_time_s": round(answer.solve_time_s, 6),
+        "running": answer.running.tolist(),
+        "reasons": list(answer.reasons),
+    }
+
+
+class JsonLines(logging.Formatter):
+    """One JSON object for each line of the log."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Time, level, message, and the fields of the record."""
+        line = {
+            "time": stamp(record.created),
+            "level": record.levelname.lower(),
+            "message": record.getMessage(),
+        }
+        line |= getattr(record, "fields", {})
+        if record.exc_info:
+            line["trace"] = self.formatException(record.exc_info)
+        return json.dumps(line)

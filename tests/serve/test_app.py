@@ -1,0 +1,265 @@
+"""The service over HTTP: what it answers, whom it lets in, and how it says no."""
+
+import json
+import logging
+import re
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("fastapi")
+
+with warnings.catch_warnings():  # it prefers a successor of httpx
+    warnings.simplefilter("ignore")
+    from fastapi.testclient import TestClient
+
+from bess.errors import InputError
+from bess.serve.app import build_app
+from bess.serve.limits import LARGEST_BODY, Rate, check_host, is_allowed, read_token
+from bess.serve.memory import MEMORY
+from bess.serve.service import Service
+from bess.study import load_study
+
+TOKEN = "0123456789abcdef0123456789abcdef"
+STRING = {"soc": 0.5, "temperature_c": 25.0}
+GOOD = {"demand_kw": 78.0, "strings": [STRING, {**STRING, "limit_kw": 92.0, "available": True}]}
+
+
+def study(**values):  # type: ignore[no-untyped-def]
+    return load_study("policies", {"policy.name": "mpc", "policy.foresight_h": 2.0, **values})
+
+
+@pytest.fixture
+def service(tmp_path: Path):  # type: ignore[no-untyped-def]
+    made = Service(study(), tmp_path / "state")
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def client(service: Service):  # type: ignore[no-untyped-def]
+    return TestClient(build_app(service), raise_server_exceptions=False)
+
+
+def test_a_demand_is_shared(client: TestClient) -> None:
+    answer = client.post("/v1/split", json=GOOD).json()
+    assert {
+        "request_kw", "plan_kw", "status", "gap", "fallback", "unmet_kw", "valid_for_s", "solve_time_s"
+    } <= answer.keys()  # fmt: skip
+    assert sum(answer["request_kw"]) == pytest.approx(78.0)
+    assert answer["plan_kw"] == [[p] for p in answer["request_kw"]]
+    assert answer["valid_for_s"] == 900.0
+    assert answer["fallback"] is False
+    assert answer["unmet_kw"] == 0.0
+
+
+def test_a_forecast_brings_a_plan_of_its_length(client: TestClient) -> None:
+    ahead = [78.0, 120.0, -60.0, 0.0]
+    answer = client.post("/v1/split", json={**GOOD, "demand_kw": ahead}).json()
+    np.testing.assert_allclose(np.sum(answer["plan_kw"], axis=0), ahead)
+    np.testing.assert_allclose(np.array(answer["plan_kw"])[:, 0], answer["request_kw"])
+
+
+def test_a_string_out_of_service_needs_no_measurements(client: TestClient) -> None:
+    strings = [{"available": False}, STRING]
+    answer = client.post("/v1/split", json={"demand_kw": -60.0, "strings": strings}).json()
+    assert answer["request_kw"] == [0.0, -60.0]
+    assert answer["reasons"][0] == "string 0 rests: out of service, says the plant"
+
+
+BAD = {
+    "no JSON": (b"{", "the body is no JSON"),
+    "empty": (b"", "the body is no JSON"),
+    "no text": (b"\xff\xfe{}", "the body is no JSON"),
+    "NaN": (b'{"demand_kw": NaN, "strings": []}', "NaN is not a number of JSON"),
+    "infinite": (b'{"demand_kw": -Infinity, "strings": []}', "-Infinity is not a number"),
+    "overflow": (b'{"demand_kw": 1e999, "strings": [{"soc": 0.5}, {"soc": 0.5}]}', "demand_kw = inf"),
+    "many digits": (b'{"demand_kw": ' + b"9" * 5000 + b"}", "the body is no JSON"),
+    "nested": (b"[" * 60000, "nested too deeply"),
+    "a list": (b"[]", "must be a JSON object"),
+    "no strings": (b'{"demand_kw": 5}', "strings: missing"),
+    "no demand": (b'{"strings": []}', "demand_kw: missing"),
+    "text": (b'{"demand_kw": "5", "strings": []}', "demand_kw = '5': must be a number"),
+    "truth": (b'{"demand_kw": true, "strings": []}', "demand_kw = True: must be a number"),
+    "huge": (b'{"demand_kw": 1e9, "strings": [{"soc": 0.5}, {"soc": 0.5}]}', "[-1e+06, 1e+06] kW"),
+    "empty list": (b'{"demand_kw": [], "strings": [{"soc": 0.5}, {"soc": 0.5}]}', "demand_kw"),
+    "one string": (b'{"demand_kw": 5, "strings": [{"soc": 0.5}]}', "1 entries for a system of 2 strings"),
+    "soc": (b'{"demand_kw": 5, "strings": [{"soc": 50}, {"soc": 0.5}]}', "strings[0].soc = 50"),
+    "no soc": (b'{"demand_kw": 5, "strings": [{}, {"soc": 0.5}]}', "strings[0].soc: missing"),
+    "hot": (
+        b'{"demand_kw": 5, "strings": [{"soc": 0.5, "temperature_c": 300}, {"soc": 0.5}]}',
+        "[-40, 90] degC",
+    ),
+    "limit": (
+        b'{"demand_kw": 5, "strings": [{"soc": 0.5, "limit_kw": -1}, {"soc": 0.5}]}',
+        "strings[0].limit_kw = -1",
+    ),
+    "unknown": (b'{"demand_kw": 5, "strings": [{"SoC": 0.5}, {"soc": 0.5}]}', "strings[0].SoC: unknown key"),
+}
+
+
+@pytest.mark.parametrize("body", BAD)
+def test_bad_values_are_refused_in_one_sentence(client: TestClient, body: str) -> None:
+    content, words = BAD[body]
+    answer = client.post("/v1/split", content=content)
+    assert answer.status_code == 422
+    assert words in answer.json()["detail"]
+    assert "\n" not in answer.json()["detail"]
+
+
+def test_a_long_body_is_not_read_to_its_end(client: TestClient) -> None:
+    assert client.post("/v1/split", content=b" " * (LARGEST_BODY + 1)).status_code == 413
+
+
+def test_routes_that_there_are_not(client: TestClient) -> None:
+    assert client.get("/v1/nothing").status_code == 404
+    assert client.get("/v1/split").status_code == 405
+
+
+def test_a_controller_that_fails_is_answered_for_by_the_fallback(
+    client: TestClient, service: Service, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("on purpose")
+
+    monkeypatch.setattr(service.controller, "step", fail)
+    strings = [{"soc": 0.8}, {"soc": 0.4}]
+    with caplog.at_level(logging.CRITICAL):
+        answer = client.post("/v1/split", json={"demand_kw": 60.0, "strings": strings}).json()
+    assert answer["fallback"] is True
+    np.testing.assert_allclose(answer["request_kw"], [40.0, 20.0])
+    assert "ZeroDivisionError: on purpose" in answer["status"]
+
+
+def test_an_answer_that_is_not_ready_in_time_comes_from_the_fallback(tmp_path: Path) -> None:
+    import time
+
+    made = Service(study(**{"service.answer_within_s": 0.05}), tmp_path / "state")
+    slow = made.controller.step
+
+    def sleepy(*arguments, **others):  # type: ignore[no-untyped-def]
+        time.sleep(0.3)
+        return slow(*arguments, **others)
+
+    made.controller.step = sleepy  # type: ignore[method-assign]
+    answer = TestClient(build_app(made)).post("/v1/split", json=GOOD).json()
+    made.close()
+    assert answer["fallback"] is True
+    assert sum(answer["request_kw"]) == pytest.approx(78.0)
+    assert "no answer within 0.05 s" in answer["status"]
+    # What was sent is what is remembered, not what came too late.
+    np.testing.assert_allclose(made.controller.last_kw, answer["request_kw"])
+
+
+def test_nobody_gets_in_without_the_token(service: Service) -> None:
+    closed = TestClient(build_app(service, TOKEN))
+    for path in ("/", "/metrics", "/v1/live", "/openapi.json", "/docs"):
+        assert closed.get(path).status_code == 401
+        assert closed.get(path, headers={"Authorization": f"Bearer {TOKEN}"}).status_code == 200
+    assert closed.post("/v1/split", json=GOOD).status_code == 401
+    assert (
+        closed.post("/v1/split", json=GOOD, headers={"Authorization": f"Bearer {TOKEN}x"}).status_code == 401
+    )
+    assert closed.get("/v1/health").status_code == 200
+
+
+def test_only_this_machine_is_listened_to_without_a_token() -> None:
+    for host in ("127.0.0.1", "::1", "localhost"):
+        check_host(host, None)
+    for host in ("0.0.0.0", "::", "10.0.0.1", "plant.example"):
+        check_host(host, TOKEN)
+        with pytest.raises(InputError, match="--token-file"):
+            check_host(host, None)
+
+
+def test_a_token_is_a_line_that_is_long_enough(tmp_path: Path) -> None:
+    path = tmp_path / "token"
+    for content in (b"", b"short\n", b"two words of some length\n", b"\xff" * 20):
+        path.write_bytes(content)
+        with pytest.raises(InputError, match="--token-file"):
+            read_token(path)
+    with pytest.raises(InputError, match="--token-file"):
+        read_token(tmp_path / "none")
+    path.write_text(TOKEN + "\n")
+    assert read_token(path) == TOKEN
+    assert is_allowed(TOKEN, f"Bearer {TOKEN}")
+    assert not is_allowed(TOKEN, TOKEN)
+    assert not is_allowed(TOKEN, None)
+
+
+def test_a_rate_lets_bursts_pass_and_no_more() -> None:
+    now = [0.0]
+    rate = Rate(10.0, lambda: now[0])
+    assert sum(rate.take() for _ in range(100)) == 20
+    now[0] = 1.0
+    assert sum(rate.take() for _ in range(100)) == 10
+
+
+def test_metrics_and_health_tell_what_happened(client: TestClient) -> None:
+    client.post("/v1/split", json=GOOD)
+    client.post("/v1/split", content=b"x")
+    text = client.get("/metrics").text
+    assert 'bess_requests_total{path="/v1/split",status="200"} 1.0' in text
+    assert 'bess_requests_total{path="/v1/split",status="422"} 1.0' in text
+    assert re.search(r'bess_request_kw\{string="1"\} \d', text)
+    health = client.get("/v1/health").json()
+    assert health["status"] == "ok"
+    assert health["answers"] == 1
+
+
+def test_the_pages_load_nothing_from_elsewhere(client: TestClient) -> None:
+    for path in ("/", "/docs"):
+        answer = client.get(path)
+        assert "default-src 'none'" in answer.headers["content-security-policy"]
+        assert not re.search(r'(src|href)="(https?:)?//', answer.text)
+
+
+def test_the_reference_names_every_route(client: TestClient) -> None:
+    schema = client.get("/openapi.json").json()
+    assert {"/v1/split", "/v1/health", "/metrics", "/v1/calibration", "/"} <= schema["paths"].keys()
+    assert "soc" in schema["components"]["schemas"]["StringMessage"]["properties"]
+    assert "POST /v1/split" in client.get("/docs").text
+
+
+def test_calibration_over_http(client: TestClient) -> None:
+    assert client.post("/v1/calibration", json={"string": 1}).status_code == 200
+    answer = client.post("/v1/split", json={**GOOD, "demand_kw": 0.0}).json()
+    assert answer["request_kw"][1] < 0.0 < answer["request_kw"][0]
+    assert client.post("/v1/calibration", json={"string": 7}).status_code == 422
+    assert client.delete("/v1/calibration").json() == {"calibrating": None}
+
+
+def test_a_restart_continues_and_damage_is_told(tmp_path: Path) -> None:
+    folder = tmp_path / "state"
+    first = Service(study(), folder)
+    client = TestClient(build_app(first))
+    for demand_kw in (20.0, 70.0, -30.0):
+        client.post("/v1/split", json={**GOOD, "demand_kw": demand_kw})
+    before, plan = first.controller.memory(), first.controller.plan.current
+    first.close()
+    second = Service(study(), folder)
+    second.close()
+    assert second.controller.memory() == json.loads(json.dumps(before))
+    assert plan is not None and second.controller.plan.current is not None
+    np.testing.assert_array_equal(second.controller.plan.current.request_kw, plan.request_kw)
+    assert any("continues with the state" in note for note in second.notes)
+
+    content = (folder / MEMORY).read_bytes()
+    (folder / MEMORY).write_bytes(content[:-20] + b"x" * 20)
+    third = Service(study(), folder)
+    third.close()
+    assert third.controller.counters.answers == 0
+    assert any("is damaged" in note and "set aside" in note for note in third.notes)
+    assert (folder / f"{MEMORY}.damaged").exists()
+
+
+def test_the_state_of_another_system_is_not_taken_over(tmp_path: Path) -> None:
+    folder = tmp_path / "state"
+    first = Service(study(), folder)
+    TestClient(build_app(first)).post("/v1/split", json=GOOD)
+    first.close()
+    second = Service(study(**{"system.n_strings": 3}), folder)
+    second.close()
+    assert any("is of another system" in note for note in second.notes)

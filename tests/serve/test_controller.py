@@ -1,0 +1,160 @@
+"""The live controller: sums, reasons, switching, calibration, and what it remembers."""
+
+import json
+
+import numpy as np
+import pytest
+from live_cases import controller, measured
+
+import bess
+from bess.errors import InputError
+
+
+@pytest.mark.parametrize("n_strings", [1, 2, 3, 8])
+def test_set_points_and_what_is_unmet_are_the_demand(n_strings: int) -> None:
+    rng = np.random.default_rng(n_strings)
+    live = controller(n_strings)
+    for k in range(150):
+        demand_kw = float(rng.uniform(-1.2, 1.2) * 92.0 * n_strings)
+        answer = live.step(
+            measured(rng.uniform(0.0, 1.0, n_strings), rng.uniform(10.0, 55.0, n_strings)),
+            demand_kw,
+            900.0 * k,
+        )
+        sum_kw = answer.request_kw.sum()
+        assert abs(sum_kw + np.sign(demand_kw) * answer.unmet_kw - demand_kw) < 1e-9 * 92.0 * n_strings
+        assert (np.abs(answer.request_kw) <= 92.0 + 1e-9).all()
+        assert (answer.request_kw * np.sign(demand_kw) >= 0.0).all()
+
+
+def test_at_the_step_of_the_plan_the_answer_is_the_plan() -> None:
+    live = controller(2)
+    forecast = [60.0, 150.0, -40.0, -120.0, 0.0, 30.0]
+    policy = controller(2).plan._policy
+    from bess.policies import Situation
+
+    state = bess.State(soc=[0.6, 0.4], temperature_c=[25.0, 25.0])
+    ahead = np.pad(forecast, (0, 2))
+    decision = policy(Situation(state, ahead, np.full(8, 25.0), np.full(2, 92.0)))
+    answer = live.step(measured([0.6, 0.4]), 60.0, 0.0, forecast_kw=forecast)
+    np.testing.assert_allclose(answer.request_kw, decision.request_kw)
+    assert answer.plan_kw.shape == (2, 6)
+    np.testing.assert_allclose(answer.plan_kw[:, 0], answer.request_kw)
+    np.testing.assert_allclose(answer.plan_kw.sum(axis=0), forecast)
+
+
+def test_a_reserve_is_never_discharged() -> None:
+    live = controller(2, control_step_s=10.0, soc_floor=(0.3, 0.0))
+    answer = live.step(measured([0.3, 0.6]), 80.0, 0.0)
+    np.testing.assert_allclose(answer.request_kw, [0.0, 80.0])
+    assert "string 0 rests: at its lowest state of charge, 30.0 %" in answer.reasons
+    answer = live.step(measured([0.3, 0.6]), 150.0, 10.0)
+    assert answer.request_kw[0] == 0.0
+    assert answer.unmet_kw == pytest.approx(58.0)
+
+
+def test_a_demand_beyond_the_plant_is_named_not_hidden() -> None:
+    answer = controller(2).step(measured([0.5, 0.5]), 500.0, 0.0)
+    np.testing.assert_allclose(answer.request_kw, [92.0, 92.0])
+    assert answer.unmet_kw == pytest.approx(316.0)
+    assert "316 kW of 500 kW cannot be met" in answer.status
+
+
+def test_ramps_limit_the_change_of_every_set_point() -> None:
+    live = controller(2, control_step_s=1.0, ramp_kw_per_s=5.0)
+    last = np.zeros(2)
+    for k, demand_kw in enumerate([120.0] * 30 + [-120.0] * 60):
+        answer = live.step(measured([0.5, 0.5]), demand_kw, float(k))
+        assert (np.abs(answer.request_kw - last) <= 5.0 + 1e-9).all()
+        last = answer.request_kw
+    assert last.sum() == pytest.approx(-120.0)
+
+
+def test_least_times_hold_while_the_demand_jumps_about() -> None:
+    live = controller(3, control_step_s=10.0, minimum_on_s=60.0, minimum_off_s=60.0, start_kwh=0.0)
+    rng = np.random.default_rng(3)
+    changed_at = np.full(3, -np.inf)
+    before = np.zeros(3, dtype=bool)
+    for k in range(400):
+        soc = 0.5 + 1e-3 * rng.standard_normal(3)
+        answer = live.step(measured(soc), float(rng.uniform(-250.0, 250.0)), 10.0 * k)
+        switched = answer.running != before
+        assert (10.0 * k - changed_at[switched] >= 60.0).all()
+        changed_at[switched] = 10.0 * k
+        before = answer.running
+    assert live.commitment.starts.sum() > 3
+
+
+def test_what_a_start_is_worth_makes_starts_rare() -> None:
+    starts = []
+    for start_kwh in (0.0, 0.5):
+        live = controller(2, control_step_s=10.0, start_kwh=start_kwh)
+        rng = np.random.default_rng(5)
+        for k in range(360):
+            live.step(measured([0.5, 0.5]), float(rng.choice([20.0, 85.0, 0.0])), 10.0 * k)
+        starts.append(int(live.commitment.starts.sum()))
+    assert starts[1] < 0.2 * starts[0]
+
+
+def test_starts_go_around_among_equal_strings() -> None:
+    live = controller(4, policy="equal", control_step_s=60.0, start_kwh=0.01)
+    rng = np.random.default_rng(4)
+    for k in range(400):
+        soc = 0.5 + 1e-3 * rng.standard_normal(4)
+        live.step(measured(soc), 60.0 if k % 2 else 0.0, 60.0 * k)
+    starts = live.commitment.starts
+    assert starts.sum() > 40
+    assert starts.max() - starts.min() <= 0.5 * starts.mean()
+
+
+def test_a_string_is_calibrated_while_the_others_carry_the_load() -> None:
+    live = controller(3, control_step_s=60.0)
+    soc = np.array([0.9, 0.6, 0.6])
+    live.calibrate(0)
+    for k in range(600):
+        answer = live.step(measured(soc), 50.0, 60.0 * k)
+        assert answer.request_kw.sum() == pytest.approx(50.0)
+        if live.calibration is None:
+            break
+        assert answer.request_kw[0] <= 0.0
+        assert "calibration" in answer.reasons[0]
+        soc = soc - answer.request_kw / 266.0 / 60.0
+    assert soc[0] > 0.99
+    assert live.calibration is None
+
+
+def test_calibration_never_costs_the_load_anything() -> None:
+    live = controller(2, control_step_s=60.0)
+    live.calibrate(0)
+    answer = live.step(measured([0.5, 0.5]), 92.0, 0.0)
+    np.testing.assert_allclose(answer.request_kw, [0.0, 92.0])
+    assert answer.unmet_kw == 0.0
+
+
+def test_a_controller_continues_as_if_it_had_never_ended() -> None:
+    rng = np.random.default_rng(7)
+    demands = rng.uniform(-150.0, 150.0, 200)
+    socs = 0.5 + 0.02 * rng.standard_normal((200, 2))
+
+    def run(live, steps):  # type: ignore[no-untyped-def]
+        return [live.step(measured(socs[k], at_s=60.0 * k), demands[k], 60.0 * k).request_kw for k in steps]
+
+    whole = run(controller(2, control_step_s=60.0), range(200))
+    first = controller(2, control_step_s=60.0)
+    head = run(first, range(90))
+    second = controller(2, control_step_s=60.0)
+    second.recall(json.loads(json.dumps(first.memory())))
+    second.plan.recall(first.plan.memory())
+    np.testing.assert_array_equal(whole, head + run(second, range(90, 200)))
+
+
+def test_settings_that_fit_no_plant_are_refused() -> None:
+    for bad, words in (
+        ({"control_step_s": 900.0, "soc_floor": (0.1, 0.2, 0.3)}, "3 values for 2 strings"),
+        ({"soc_floor": 0.6, "soc_ceiling": 0.5}, "must be below soc_ceiling"),
+        ({"minimum_power_kw": 120.0}, "string 0 has 92 kW"),
+    ):
+        with pytest.raises(InputError, match=words):
+            controller(2, **bad)
+    with pytest.raises(InputError, match="strings 0 to 1"):
+        controller(2).calibrate(2)
