@@ -98,7 +98,18 @@ class ReferenceString:
         b = self.document["battery"]
         current, _ = self._current(p, self._loss(p, charging), r, charging)
         after = self.soc - current * self.step_s / (3600.0 * self._capacity_ah())
+        voltage = b["cells_series"] * b.get("cell_voltage_max_v", np.inf)
+        if charging and current < 0.0 and self._open_v(current) - r * current > voltage:
+            return False
+        voltage = b["cells_series"] * b.get("cell_voltage_min_v", 0.0)
+        if not charging and self._open_v(current) - r * current < voltage:
+            return False
         return bool(b["soc_min"] <= after <= b["soc_max"])
+
+    def _open_v(self, current: float) -> float:
+        b = self.document["battery"]
+        table = b["ocv_v"]["discharge" if current > 0 else "charge"]
+        return float(b["cells_series"] * np.interp(self.soc, b["ocv_v"]["soc"], table))
 
     def _largest(self, wanted: float, r: float, charging: bool) -> float:
         if wanted == 0.0 or self._feasible(wanted, r, charging):

@@ -62,6 +62,37 @@ def test_flows_and_state_equal_those_of_a_plain_numpy_plant(
         np.testing.assert_allclose(flows.derating_factor, expected["factor"], rtol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("soc", "request_kw", "limit_v"),
+    [(0.95, [-92.0, -92.0, -20.0, 92.0], 4.15), (0.12, [60.0, 60.0, 92.0, -92.0], 3.3)],
+)
+def test_voltage_limits_cut_the_power_so_that_the_terminals_stay_within(
+    document: dict[str, Any], soc: float, request_kw: list[float], limit_v: float
+) -> None:
+    battery = document["battery"] | {"cell_voltage_min_v": 3.3, "cell_voltage_max_v": 4.15}
+    limited = document | {"battery": battery}
+    system = bess.System(limited)
+    plant = bess.Plant(system, bess.State([soc], [25.0]), ambient_c=22.0)
+    oracle = ReferenceString(limited, soc, np.full(document["thermal"]["spatial"]["nodes"], 25.0))
+    bound = []
+    for request in request_kw:
+        flows, expected = plant.step([request]), oracle.control_step(1e3 * request, 22.0)
+        for name, key in FLOWS.items():
+            np.testing.assert_allclose(
+                getattr(flows, name), expected[key] / 1e3, rtol=1e-7, atol=1e-6, err_msg=name
+            )
+        np.testing.assert_allclose(flows.soc, oracle.soc, rtol=0, atol=1e-9)
+        bound.append(bool(flows.limits[0] & bess.plant.Limit.VOLTAGE))
+    assert bound == [True, True, request_kw[2] > 0.0, False]
+    again = bess.Plant(system, bess.State([soc], [25.0]))
+    ends = [again.step([request_kw[0]], 10.0) for _ in range(90)]
+    last, ocv = ends[-1], document["battery"]["ocv_v"]
+    table = ocv["charge" if request_kw[0] < 0.0 else "discharge"]
+    open_v = 192 * np.interp(ends[-2].soc[0], ocv["soc"], table)
+    r_ohm = 1e3 * last.battery_loss_kw[0] / last.current_a[0] ** 2
+    assert (open_v - r_ohm * last.current_a[0]) / 192 == pytest.approx(limit_v, rel=1e-6)
+
+
 def test_measured_resistance_is_read_at_the_current_that_flows(document: dict[str, Any]) -> None:
     battery = document["battery"]
     for key in ("resistance_temperature", "resistance_soc"):

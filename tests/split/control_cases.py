@@ -23,7 +23,7 @@ CORNERS = {
 
 
 def differing(n_strings: int, rng: np.random.Generator) -> bess.System:
-    """Strings that differ in size, inverter, resistance, tables and SOC window."""
+    """Strings that differ in size, inverter, resistance, tables, SOC window and voltage limits."""
     document = copy.deepcopy(bess.System.reference(n_strings).document)
     ocv = document["battery"]["ocv_v"]
     document["string"] = []
@@ -36,6 +36,7 @@ def differing(n_strings: int, rng: np.random.Generator) -> bess.System:
                     "r_scale": float(rng.uniform(0.3, 1.6)),
                     "soc_min": [0.0, 0.03][m % 2],
                     "soc_max": [1.0, 0.97][m % 2],
+                    **([{}, {"cell_voltage_min_v": 3.35, "cell_voltage_max_v": 4.09}][m % 2]),
                     "ocv_v": {
                         "soc": ocv["soc"],
                         "temperature_c": [0.0, 50.0],

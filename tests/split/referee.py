@@ -57,10 +57,16 @@ class StringModel:
         load, loss = self.tables(sign)
         if sign > 0:  # V I - R I^2 = p + w(p), up to the empty string or the root's end
             current = np.minimum(np.maximum(soc - battery.soc_min, 0.0) * capacity_ah / dt_h, v / (2.0 * r))
+            if battery.cell_voltage_min_v is not None:
+                room_v = np.maximum(v - battery.cell_voltage_min_v * battery.cells_series, 0.0)
+                current = np.minimum(current, room_v / r)
             internal = v * current - r * current**2
             limit = np.where(internal < loss[0], 0.0, np.interp(internal, load + loss, load))
         else:  # V I + R I^2 = p - w(p), up to the full string
             current = np.maximum(battery.soc_max - soc, 0.0) * capacity_ah / dt_h
+            if battery.cell_voltage_max_v is not None:
+                room_v = np.maximum(battery.cell_voltage_max_v * battery.cells_series - v, 0.0)
+                current = np.minimum(current, room_v / r)
             internal = v * current + r * current**2
             limit = np.interp(internal, load - loss, load)
         p = np.minimum(wanted, limit)

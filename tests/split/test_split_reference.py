@@ -86,6 +86,26 @@ def test_split_is_that_of_exhaustive_search(system, splitters, kind, seed):
     assert max(check(system, splitters, kind, seed)) <= 1e-3
 
 
+@pytest.fixture(scope="module")
+def limited_system():
+    """Voltage limits that bind near full and near empty."""
+    document = bess.System.reference(n_strings=2).document
+    document["string"] = [{"battery": {"cell_voltage_min_v": 3.4, "cell_voltage_max_v": 4.12}}, {}]
+    return bess.System(document)
+
+
+@pytest.mark.parametrize("kind", ["full", "empty"])
+@pytest.mark.parametrize("seed", range(4))
+def test_voltage_limits_are_part_of_the_split(limited_system, kind, seed):
+    splitters = {
+        name: bess.PowerSplit(
+            limited_system, STEPS, bess.Objectives(derating=w[0], inverter=w[1], battery=w[2])
+        )
+        for name, w in WEIGHTS.items()
+    }
+    assert max(check(limited_system, splitters, kind, seed)) <= 1e-3
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_split_is_that_of_exhaustive_search_on_thousands_of_states(system, splitters, kind):

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any, Self
 
+import numpy as np
 from pydantic import field_validator, model_validator
 
 from bess.parameters.quantities import (
@@ -137,6 +139,8 @@ class Battery(Section):
     cell_mass_kg: CellMass
     soc_min: Fraction = 0.0
     soc_max: Fraction = 1.0
+    cell_voltage_min_v: CellVoltage | None = None
+    cell_voltage_max_v: CellVoltage | None = None
     low_soc_switch: Fraction = 0.10
     r_scale: Ratio = 1.0
     ocv_v: OcvTable
@@ -162,9 +166,38 @@ class Battery(Section):
                 f"the SOC window [{self.soc_min:g}, {self.soc_max:g}] leaves the OCV table "
                 f"[{low:g}, {high:g}], which is never extrapolated"
             )
+        self._check_voltages()
         switched = (self.resistance_temperature is not None, self.resistance_soc is not None)
         if (switched, self.resistance_table is None) not in (((True, True), True), ((False, False), False)):
             raise ValueError(
                 "give either resistance_temperature together with resistance_soc, or resistance_table"
             )
         return self
+
+    @property
+    def voltage_min_v(self) -> float:
+        """Lowest voltage of the string in discharge [V], 0 without a limit."""
+        return (self.cell_voltage_min_v or 0.0) * self.cells_series
+
+    @property
+    def voltage_max_v(self) -> float:
+        """Highest voltage of the string in charge [V], infinite without a limit."""
+        return math.inf if self.cell_voltage_max_v is None else self.cell_voltage_max_v * self.cells_series
+
+    def _check_voltages(self) -> None:
+        """A limit beyond which a cell rests at every SOC would leave a string that can do nothing."""
+        lowest, highest = (
+            float(np.interp(soc, self.ocv_v.soc, rows[0]))
+            for soc, rows in ((self.soc_min, self.ocv_v.charge), (self.soc_max, self.ocv_v.discharge))
+        )
+        least, most = self.cell_voltage_min_v, self.cell_voltage_max_v
+        if most is not None and most <= lowest:
+            raise ValueError(
+                f"cell_voltage_max_v {most:g} V must be above the "
+                f"open-circuit voltage at soc_min, {lowest:g} V"
+            )
+        if least is not None and least >= highest:
+            raise ValueError(
+                f"cell_voltage_min_v {least:g} V must be below the "
+                f"open-circuit voltage at soc_max, {highest:g} V"
+            )

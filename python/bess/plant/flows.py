@@ -26,6 +26,8 @@ class Limit(IntFlag):
     """The string was empty: discharging was cut, or charging with less power than the inverter loses."""
     ROOT = 8
     """The battery's largest power, where the current is half the short-circuit current."""
+    VOLTAGE = 16
+    """The cells were at their voltage limit."""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ const N_STEPS: usize = 5;
 const SIZE: usize = N_STRINGS * N_STEPS;
 const EFFORT: Effort = Effort { rollouts: 300, deadline: None };
 
-/// A plant of strings that differ in size of the inverter table, capacity and resistance, in one corner of its states.
+/// A plant of strings that differ in size of the inverter table, capacity, resistance and voltage limits, in one corner of its states.
 struct Case {
     horizon: ControlHorizon,
     costs: Vec<Losses>,
@@ -21,6 +21,9 @@ fn system() -> System {
     let mut system = common::reference(N_STRINGS);
     let (capacity, resistance) = ([1.0, 0.8, 1.1], [1.0, 1.6, 0.7]);
     system = system.aged(&capacity, &resistance).unwrap();
+    let limited = &mut system.strings[1];
+    (limited.voltage_min_v, limited.voltage_max_v) =
+        (3.35 * limited.cells_series, 4.09 * limited.cells_series);
     system
 }
 

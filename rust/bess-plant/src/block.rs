@@ -40,6 +40,8 @@ pub(crate) struct Block<const W: usize> {
     soc_per_a: Lanes<W>,
     soc_min: Lanes<W>,
     soc_max: Lanes<W>,
+    voltage_min_v: Lanes<W>,
+    voltage_max_v: Lanes<W>,
     soc: Lanes<W>,
     integral_k: Lanes<W>,
     /// 1 for an inverter that is on, else 0.
@@ -78,6 +80,8 @@ impl<const W: usize> Block<W> {
             soc_per_a: Lanes::ZERO,
             soc_min: each(&|s| s.soc_min),
             soc_max: each(&|s| s.soc_max),
+            voltage_min_v: each(&|s| s.voltage_min_v),
+            voltage_max_v: each(&|s| s.voltage_max_v),
             soc: Lanes::ZERO,
             integral_k: Lanes::ZERO,
             on: Lanes::ZERO,
@@ -275,10 +279,14 @@ impl<const W: usize> Block<W> {
             soc: soc_end,
         };
         let (soc_min, soc_max) = (self.soc_min, self.soc_max);
+        let terminal_v = voltage_v - resistance * current_a;
+        let (voltage_min_v, voltage_max_v) = (self.voltage_min_v, self.voltage_max_v);
         let special = |lane: usize| {
             (discriminant.0[lane] < 0.0)
                 | (soc_end.0[lane] < soc_min.0[lane])
                 | (soc_end.0[lane] > soc_max.0[lane])
+                | (terminal_v.0[lane] < voltage_min_v.0[lane])
+                | (terminal_v.0[lane] > voltage_max_v.0[lane])
         };
         if self.any_measured || (0..W).fold(false, |any, lane| any | special(lane)) {
             for lane in 0..W {

@@ -59,7 +59,7 @@ impl Demand {
     }
 
     /// The operation with the largest delivered power, not above `wanted_w`, that stays within the SOC window at
-    /// the end of the step and has a real current.
+    /// the end of the step and within the voltage limits, and has a real current.
     pub(crate) fn operate(&self, string: &StringParameters, resistance_ohm: f64) -> Operation {
         let mut limits = Limits::NONE;
         let loss = string.inverter.loss(self.direction);
@@ -96,20 +96,20 @@ impl Demand {
     /// Largest battery power (magnitude, in the direction of the demand) [W], and what sets it.
     fn battery_limit(&self, string: &StringParameters, resistance_ohm: f64) -> (f64, Limits) {
         let per_soc_a = 3600.0 * self.capacity_ah / self.step_s;
+        let limit =
+            |ocv_v: f64| (string.voltage_current_a(self.direction, ocv_v, resistance_ohm), Limits::VOLTAGE);
+        let least = |a: (f64, Limits), b: (f64, Limits)| if b.0 < a.0 { b } else { a };
         match self.direction {
             Direction::Charge => {
-                let current_a = (string.soc_max - self.soc) * per_soc_a;
-                (self.charge_v * current_a + resistance_ohm * current_a * current_a, Limits::SOC_FULL)
+                let room = ((string.soc_max - self.soc) * per_soc_a, Limits::SOC_FULL);
+                let (current_a, limits) = least(room, limit(self.charge_v));
+                (self.charge_v * current_a + resistance_ohm * current_a * current_a, limits)
             }
             Direction::Discharge => {
-                let room_a = (self.soc - string.soc_min) * per_soc_a;
-                let root_a = self.discharge_v / (2.0 * resistance_ohm);
-                let power = |i: f64| self.discharge_v * i - resistance_ohm * i * i;
-                if room_a < root_a {
-                    (power(room_a), Limits::SOC_EMPTY)
-                } else {
-                    (power(root_a), Limits::ROOT)
-                }
+                let room = ((self.soc - string.soc_min) * per_soc_a, Limits::SOC_EMPTY);
+                let root = (self.discharge_v / (2.0 * resistance_ohm), Limits::ROOT);
+                let (current_a, limits) = least(least(root, room), limit(self.discharge_v));
+                (self.discharge_v * current_a - resistance_ohm * current_a * current_a, limits)
             }
         }
     }

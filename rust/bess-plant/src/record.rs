@@ -15,6 +15,8 @@ impl Limits {
     pub const SOC_EMPTY: Self = Self(4);
     /// The battery's largest power, `V^2 / 4R`.
     pub const ROOT: Self = Self(8);
+    /// The voltage limit of the cells.
+    pub const VOLTAGE: Self = Self(16);
 
     /// Both sets together.
     #[must_use]

@@ -64,6 +64,10 @@ struct BatteryDocument {
     _cell_mass_kg: f64,
     soc_min: f64,
     soc_max: f64,
+    #[serde(default)]
+    cell_voltage_min_v: Option<f64>,
+    #[serde(default)]
+    cell_voltage_max_v: Option<f64>,
     low_soc_switch: f64,
     r_scale: f64,
     ocv_v: OcvDocument,
@@ -166,6 +170,8 @@ impl StringDocument {
             cells_series: series,
             soc_min: self.battery.soc_min,
             soc_max: self.battery.soc_max,
+            voltage_min_v: self.battery.cell_voltage_min_v.map_or(0.0, |cell| cell * series),
+            voltage_max_v: self.battery.cell_voltage_max_v.map_or(f64::INFINITY, |cell| cell * series),
             low_soc_switch: self.battery.low_soc_switch,
             ocv_charge,
             ocv_discharge,

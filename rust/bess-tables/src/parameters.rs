@@ -31,6 +31,10 @@ pub struct StringParameters {
     pub soc_min: f64,
     /// Upper end of the usable SOC window.
     pub soc_max: f64,
+    /// Lowest voltage at the terminals in discharge [V], 0 without a limit.
+    pub voltage_min_v: f64,
+    /// Highest voltage at the terminals in charge [V], infinite without a limit.
+    pub voltage_max_v: f64,
     /// SOC below which the resistance depends on SOC.
     pub low_soc_switch: f64,
     /// Open-circuit voltage over SOC (first axis) and temperature while charging [V].
@@ -234,6 +238,25 @@ pub struct LumpedThermal {
 }
 
 impl StringParameters {
+    /// Largest current [A] at which the terminals stay within the voltage limits, `>= 0`.
+    #[inline]
+    pub fn voltage_current_a(&self, direction: Direction, ocv_v: f64, resistance_ohm: f64) -> f64 {
+        let room_v = match direction {
+            Direction::Charge => self.voltage_max_v - ocv_v,
+            Direction::Discharge => ocv_v - self.voltage_min_v,
+        };
+        room_v.max(0.0) / resistance_ohm
+    }
+
+    /// Whether a current that changes the voltage by `drop_v` keeps the terminals within their limits.
+    #[inline]
+    pub fn voltage_allows(&self, direction: Direction, ocv_v: f64, drop_v: f64) -> bool {
+        match direction {
+            Direction::Charge => ocv_v + drop_v <= self.voltage_max_v,
+            Direction::Discharge => ocv_v - drop_v >= self.voltage_min_v,
+        }
+    }
+
     /// Open-circuit voltage [V] of the string.
     #[inline]
     pub fn ocv(&self, direction: Direction, soc: f64, temperature_c: f64) -> f64 {

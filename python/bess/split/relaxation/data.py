@@ -42,6 +42,8 @@ class PlantConstants:
     kelvin_per_kw: Array
     soc_min: Array
     soc_max: Array
+    voltage_min_v: Array
+    voltage_max_v: Array
     lines: tuple[dict[str, Array], dict[str, Array]]
     """Parameters of the inverter loss in charge and in discharge, per unit."""
 
@@ -76,6 +78,8 @@ class PlantConstants:
             kelvin_per_kw=k1 * seconds * WATTS_PER_KW,
             soc_min=np.array([s.battery.soc_min for s in strings]),
             soc_max=np.array([s.battery.soc_max for s in strings]),
+            voltage_min_v=np.array([s.battery.voltage_min_v for s in strings]),
+            voltage_max_v=np.array([s.battery.voltage_max_v for s in strings]),
             lines=(lines[0], lines[1]),
         )
 
@@ -161,15 +165,22 @@ class PlantConstants:
 
         In discharge it is empty but for less than the no-load loss needs, or anywhere it can be where the
         real root, ``p + w <= V^2 / 4R``, may end below the largest request. In charge it is full, or was
-        empty at the start and would have to make up for the no-load loss.
+        empty at the start and would have to make up for the no-load loss. Where the largest request may
+        take the terminals to a voltage limit, it can be anywhere.
         """
         rootless = data.power_scale_low_kw / 4.0 < limit_kw + self.inverter_kw[:, None]
         per_kw = 2.0 * WATTS_PER_KW * self.soc_per_ampere[:, None] / data.voltage_low_v
         stranded = self.no_load_kw[:, None] * per_kw
         drained = self.reverse_kw[:, None] * per_kw
-        empty = np.where(rootless, boxes.soc_high[:, 1:], self.soc_min[:, None] + stranded)
+        # R I at the largest request, with R <= V^2 / y and I at most twice P / V.
+        load_kw = limit_kw + np.where(sign > 0.0, self.inverter_kw[:, None], 0.0)
+        factor = np.where(sign > 0.0, 2.0, 1.0)
+        drop_v = factor * data.voltage_high_v**2 * load_kw / (data.power_scale_low_kw * data.voltage_low_v)
+        too_low = data.voltage_low_v - drop_v < self.voltage_min_v[:, None]
+        too_high = data.voltage_high_v + drop_v > self.voltage_max_v[:, None]
+        empty = np.where(rootless | too_low, boxes.soc_high[:, 1:], self.soc_min[:, None] + stranded)
         may_drain = boxes.soc_low[:, :-1] <= self.soc_min[:, None] + drained
-        full = np.where(may_drain, -boxes.soc_low[:, 1:], -self.soc_max[:, None])
+        full = np.where(may_drain | too_high, -boxes.soc_low[:, 1:], -self.soc_max[:, None])
         return np.where(sign > 0.0, empty, full) + LIMIT_MARGIN
 
 

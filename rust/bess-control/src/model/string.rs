@@ -115,18 +115,20 @@ impl StringModel {
         }
     }
 
-    /// Largest internal power `V I +- R I^2` that keeps `soc` in its window at the interval's end [W].
+    /// Largest internal power `V I +- R I^2` that keeps `soc` in its window at the interval's end, and the terminals
+    /// within their voltage limits [W].
     #[inline]
     fn internal_limit_w(&self, c: &Coefficients, direction: Direction, soc: f64, dt_h: f64) -> f64 {
         let per_soc = self.parameters.capacity_ah / dt_h;
+        let most = self.parameters.voltage_current_a(direction, c.voltage_v, c.resistance_ohm);
         match direction {
             Direction::Charge => {
-                let current = (self.parameters.soc_max - soc).max(0.0) * per_soc;
+                let current = ((self.parameters.soc_max - soc).max(0.0) * per_soc).min(most);
                 current * (c.voltage_v + c.resistance_ohm * current)
             }
             Direction::Discharge => {
                 let root = 0.5 * c.voltage_v / c.resistance_ohm;
-                let current = ((soc - self.parameters.soc_min).max(0.0) * per_soc).min(root);
+                let current = ((soc - self.parameters.soc_min).max(0.0) * per_soc).min(root).min(most);
                 current * (c.voltage_v - c.resistance_ohm * current)
             }
         }
@@ -218,7 +220,10 @@ impl StringModel {
         let (mut current_a, has_root) = small_root(c, direction, highest_internal);
         let mut soc = self.soc_after(state.soc, current_a, interval);
         // Most requests are deliverable; only the others need the limit, which is an inversion.
-        let fits = has_root && soc <= p.soc_max && (direction == Direction::Charge || soc >= p.soc_min);
+        let fits = has_root
+            && soc <= p.soc_max
+            && (direction == Direction::Charge || soc >= p.soc_min)
+            && p.voltage_allows(direction, c.voltage_v, c.resistance_ohm * current_a);
         if !fits || curve.direction_power(wanted, inverter_w) != highest_internal {
             let internal_limit = self.internal_limit_w(c, direction, state.soc, interval.dt_h);
             if highest_internal > internal_limit {

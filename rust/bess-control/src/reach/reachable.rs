@@ -123,21 +123,27 @@ impl StringModel {
     /// Smallest and largest limit of the AC power over a box [W].
     fn limits(&self, c: &CoefficientRanges, room: &Range, direction: Direction) -> Range {
         let (v, r) = (c.voltage_v, c.resistance_ohm);
-        let internal = |v: f64, r: f64, room: f64| match direction {
-            Direction::Charge => room * (v + r * room),
-            Direction::Discharge => {
-                let current = room.min(0.5 * v / r);
-                current * (v - r * current)
-            }
-        };
-        let (easy, hard) = match direction {
-            Direction::Charge => ((v.high, r.high), (v.low, r.low)),
-            Direction::Discharge => ((v.high, r.low), (v.low, r.high)),
-        };
+        let of_voltage = |v: f64, r: f64| self.parameters.voltage_current_a(direction, v, r);
         let curve = self.loss(direction);
-        Range {
-            low: curve.largest_power(internal(hard.0, hard.1, room.low)),
-            high: curve.largest_power(internal(easy.0, easy.1, room.high)),
+        match direction {
+            // What the room allows rises with V and R, what the voltage limit allows falls.
+            Direction::Charge => {
+                let internal = |v: f64, r: f64, current: f64| current * (v + r * current);
+                let by_room = |v, r, room| curve.largest_power(internal(v, r, room));
+                let by_voltage = |v, r| curve.largest_power(internal(v, r, of_voltage(v, r)));
+                Range {
+                    low: by_room(v.low, r.low, room.low).min(by_voltage(v.high, r.high)),
+                    high: by_room(v.high, r.high, room.high).min(by_voltage(v.low, r.low)),
+                }
+            }
+            // All rise with V and fall with R.
+            Direction::Discharge => {
+                let largest = |v: f64, r: f64, room: f64| {
+                    let current = room.min(0.5 * v / r).min(of_voltage(v, r));
+                    curve.largest_power(current * (v - r * current))
+                };
+                Range { low: largest(v.low, r.high, room.low), high: largest(v.high, r.low, room.high) }
+            }
         }
     }
 
