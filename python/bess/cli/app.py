@@ -156,6 +156,15 @@ def serve(
             "--state", metavar="DIR", help="Folder for what survives a restart; results/NAME-service."
         ),
     ] = None,
+    plant: Annotated[
+        str | None,
+        typer.Option(
+            "--plant", metavar="openems=URL|sunspec=HOST", help="Drive this plant instead of being called."
+        ),
+    ] = None,
+    shadow: Annotated[
+        bool, typer.Option("--shadow", help="Watch the plant and recommend; write nothing.")
+    ] = False,
     assignments: Assignments = None,
 ) -> None:
     """Run the controller of a study as a service that a plant can call over HTTP."""
@@ -163,7 +172,7 @@ def serve(
     from bess.study import load_study
 
     loaded = load_study(study, _values(None, assignments))
-    serve(loaded, host=host, port=port, token_file=token_file, state=state)
+    serve(loaded, host=host, port=port, token_file=token_file, state=state, plant=plant, shadow=shadow)
 
 
 @app.command()

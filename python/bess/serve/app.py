@@ -6,6 +6,7 @@ import asyncio
 import json
 import time
 from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
 from typing import Any, Final
 
 from fastapi import FastAPI, Request, Response
@@ -14,6 +15,8 @@ from starlette.exceptions import HTTPException
 
 from bess import __version__
 from bess.errors import InputError
+from bess.serve.cycle import Cycle
+from bess.serve.demands import Demands
 from bess.serve.limits import LARGEST_BODY, Rate, is_allowed
 from bess.serve.messages import (
     CalibrationMessage,
@@ -26,6 +29,21 @@ from bess.serve.messages import (
 from bess.serve.page import PAGE, PAGE_HEADERS, reference_page
 from bess.serve.service import LOG, Service, answer_document
 
+
+@dataclass(frozen=True)
+class Driven:
+    """The plant behind a service that drives or watches it."""
+
+    address: str
+    demands: Demands
+    cycle: Cycle
+
+    def health(self) -> dict[str, Any]:
+        """How the plant is doing."""
+        trouble = self.cycle.trouble
+        return {"plant": self.address, **({"status": "impaired", "trouble": trouble} if trouble else {})}
+
+
 _OPEN: Final = {"/v1/health"}
 _READ_S: Final = 10.0
 """Time in which a body must have arrived."""
@@ -37,7 +55,7 @@ _HEADERS: Final = {
 }
 
 
-def build_app(service: Service, token: str | None = None) -> FastAPI:
+def build_app(service: Service, token: str | None = None, driven: Driven | None = None) -> FastAPI:
     """Return the application.
 
     Parameters
@@ -46,6 +64,8 @@ def build_app(service: Service, token: str | None = None) -> FastAPI:
         What answers.
     token
         Asked of every caller but of ``/v1/health``; None lets everybody in.
+    driven
+        What is asked of the plant that this service drives or watches; None if it is called instead.
     """
     app = FastAPI(title="bess serve", version=__version__, docs_url=None, redoc_url=None, openapi_url=None)
     rate = Rate(service.controller.service.requests_per_s)
@@ -95,10 +115,20 @@ def build_app(service: Service, token: str | None = None) -> FastAPI:
 
     @app.post("/v1/split", openapi_extra=_takes(SplitMessage), summary="Share a demand among the strings")
     async def split(request: Request) -> Response:
+        if driven is not None:
+            raise HTTPException(409, "this service reads its plant by itself; post the demand to /v1/demand")
         message = read_message(SplitMessage, await _body(request))
         measured = measurements_of(message, service.controller.system)
         answer = await service.split(measured, message.now_kw, message.forecast_kw)
         return _json(answer_document(answer))
+
+    @app.post("/v1/demand", openapi_extra=_takes(DemandMessage), summary="Ask a driven plant for power")
+    async def demand(request: Request) -> Response:
+        if driven is None:
+            raise HTTPException(409, "this service drives no plant; call /v1/split, or start it with --plant")
+        message = read_message(DemandMessage, await _body(request))
+        driven.demands.post(message.demand_kw, message.valid_for_s, service.clock())
+        return _json({"demand_kw": message.demand_kw, "valid_for_s": message.valid_for_s})
 
     @app.post(
         "/v1/calibration",
@@ -117,11 +147,11 @@ def build_app(service: Service, token: str | None = None) -> FastAPI:
 
     @app.get("/v1/health", summary="Whether all is well; needs no token")
     async def health() -> Response:
-        return _json(service.health())
+        return _json(service.health() | (driven.health() if driven else {}))
 
     @app.get("/v1/live", summary="What the page shows: strings, set-points, reasons, the last day")
     async def live() -> Response:
-        return _json(service.live())
+        return _json(service.live() | ({"plant": driven.health()} if driven else {}))
 
     @app.get("/metrics", summary="Metrics for Prometheus")
     async def metrics() -> Response:

@@ -112,8 +112,13 @@ class Controller:
     plan_steps
         Steps that the policy looks ahead.
     background
-        Make plans in a thread of their own. Without it every call is as good as it can be, repeats to the
+        Make plans in a thread of its own. Without it every call is as good as it can be, repeats to the
         last bit, and may take as long as a plan takes: for simulations.
+
+    Attributes
+    ----------
+    drives : bool
+        Whether the set-points reach the plant; strings are then expected to follow them.
     """
 
     def __init__(
@@ -148,6 +153,7 @@ class Controller:
             minimum_off_s=service.minimum_off_s,
         )
         self.counters = Counters(charged_kwh=np.zeros(n), discharged_kwh=np.zeros(n))
+        self.drives = True
         self.calibration: Calibration | None = None
         self.last_kw: Array = np.zeros(n)
         self.trusted: Trusted | None = None
@@ -189,7 +195,9 @@ class Controller:
         began = time.perf_counter()
         elapsed_s = self.step_s if self._last_s is None else max(0.0, now_s - self._last_s)
         self._count(elapsed_s)
-        trusted = self._guard(measured, self.last_kw, elapsed_s)
+        # A plant that is only watched follows somebody else.
+        asked_kw = self.last_kw if self.drives else np.nan_to_num(measured.power_kw)
+        trusted = self._guard(measured, asked_kw, elapsed_s)
         forecast = self._forecast(demand_kw, now_s, elapsed_s, forecast_kw)
         self._last_s = now_s
         in_service = np.where(trusted.in_service, np.maximum(trusted.charge_kw, trusted.discharge_kw), 0.0)

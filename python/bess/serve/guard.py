@@ -75,9 +75,12 @@ class _Watch:
     last_reading: float | None = None
     missing_s: float = 0.0
     off_target: int = 0
+    on_target: int = 0
+    tries: int = 0
     cap_kw: float | None = None
     out_reason: str = ""
     out_s: float = 0.0
+    out_until_s: float = 0.0
 
 
 class Guard:
@@ -196,6 +199,7 @@ class Guard:
         if watch.out_reason:
             return self._still_out(watch, soc, elapsed_s)
         if self._is_frozen(watch, soc, abs(expected)):
+            watch.out_until_s = self._service.retry_after_s
             return self._take_out(
                 watch,
                 f"its state of charge has stood at {100.0 * soc:.4g} % for {watch.unchanged} readings "
@@ -204,6 +208,10 @@ class Guard:
             )
         watch.last_reading = soc
         if np.isfinite(power) and (sentence := self._does_not_follow(i, watch, power, asked_kw)):
+            # Tried again soon at first, then ever later.
+            soon_s = 2.0 * self._step_s * 2.0 ** min(watch.tries, 30)
+            watch.tries += 1
+            watch.out_until_s = min(soon_s, self._service.retry_after_s)
             same_way = power * asked_kw > 0.0 and abs(power) < abs(asked_kw)
             return self._take_out(watch, sentence, abs(power) if same_way else 0.0)
         return doubt, False
@@ -254,6 +262,9 @@ class Guard:
     def _does_not_follow(self, i: int, watch: _Watch, power_kw: float, asked_kw: float) -> str:
         off = abs(power_kw - asked_kw) > FOLLOWS_WITHIN * self._system.nominal_kw[i]
         watch.off_target = watch.off_target + 1 if off else 0
+        watch.on_target = 0 if off or not asked_kw else watch.on_target + 1
+        if watch.on_target >= self._service.frozen_readings:
+            watch.tries = 0
         if watch.off_target < NOT_FOLLOWING:
             return ""
         return f"it does not follow: asked for {asked_kw:.4g} kW, it gives {power_kw:.4g} kW"
@@ -267,14 +278,14 @@ class Guard:
         """Until it is tried again; a frozen value that moves again is believed at once."""
         watch.out_s += elapsed_s
         thawed = watch.unchanged >= self._service.frozen_readings and soc != watch.last_reading
-        if thawed or watch.out_s >= self._service.retry_after_s:
+        if thawed or watch.out_s >= watch.out_until_s:
             self._forgive(watch)
             watch.unchanged, watch.moved, watch.last_reading = 0, 0.0, soc
             return "", False
         return self._out_sentence(watch), watch.cap_kw == 0.0
 
     def _out_sentence(self, watch: _Watch) -> str:
-        left_s = max(0.0, self._service.retry_after_s - watch.out_s)
+        left_s = max(0.0, watch.out_until_s - watch.out_s)
         return f"{watch.out_reason}; tried again in {left_s:.0f} s"
 
     def _forgive(self, watch: _Watch) -> None:

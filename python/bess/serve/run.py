@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import logging
 import sys
+import threading
 from pathlib import Path
 
 from bess.errors import InputError
 from bess.extras import extra
+from bess.plants import connect
+from bess.plants.address import parse_address
+from bess.plants.journal import Journal
 from bess.record.store import Lock
 from bess.serve.limits import check_host, read_token
 from bess.study import Study
@@ -20,6 +24,8 @@ def serve(
     port: int = 8080,
     token_file: Path | None = None,
     state: Path | None = None,
+    plant: str | None = None,
+    shadow: bool = False,
 ) -> None:
     """Listen until the process is told to stop.
 
@@ -30,12 +36,16 @@ def serve(
     """
     token = None if token_file is None else read_token(token_file)
     check_host(host, token)
+    if shadow and plant is None:
+        raise InputError("--shadow: watches a plant; name one with --plant openems=URL or sunspec=HOST")
     with extra("plant", "bess serve"):
         import fastapi  # noqa: F401
         import prometheus_client  # noqa: F401
         import uvicorn
 
-    from bess.serve.app import build_app
+    from bess.serve.app import Driven, build_app
+    from bess.serve.cycle import STEP_S, Cycle
+    from bess.serve.demands import Demands
     from bess.serve.service import JsonLines, Service
 
     handler = logging.StreamHandler(sys.stderr)
@@ -44,6 +54,8 @@ def serve(
         logger = logging.getLogger(name)
         logger.handlers, logger.propagate = [handler], False
         logger.setLevel(logging.INFO)
+    if plant is not None and study.service.control_step_s is None:
+        study = study.with_values({"service.control_step_s": STEP_S})
     folder = state or Path("results") / f"{study.name}-service"
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -54,8 +66,19 @@ def serve(
         log = logging.getLogger("bess.serve")
         for note in service.notes:
             log.info(note)
+        driven, thread = None, None
+        if plant is not None:
+            controller = service.controller
+            link = connect(plant, controller.n_strings)
+            demands = Demands(study, controller.plan.step_s)
+            journal = Journal(folder, controller.system, study.title or study.name)
+            cycle = Cycle(service, link, demands, journal, shadow=shadow)
+            address = parse_address(plant)
+            driven = Driven(f"{address.kind} at {address.url}", demands, cycle)
+            thread = threading.Thread(target=cycle.run, name="cycle")
+            thread.start()
         config = uvicorn.Config(
-            build_app(service, token),
+            build_app(service, token, driven),
             host=host,
             port=port,
             log_config=None,
@@ -69,6 +92,9 @@ def serve(
         try:
             server.run()
         finally:
+            if driven is not None and thread is not None:
+                driven.cycle.stop()
+                thread.join()
             service.close()
         if not server.started:
             raise InputError(f"--host {host} --port {port}: cannot be listened on; is another service there?")

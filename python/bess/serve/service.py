@@ -89,15 +89,30 @@ class Service:
             answer = await asyncio.wait_for(asyncio.shield(asyncio.wrap_future(work)), due_s)
         except TimeoutError:
             work.cancel()
-            answer = self._fallback(
-                measured, demand_kw, forecast_kw, f"The controller had no answer within {due_s:g} s"
-            )
+            why = f"The controller had no answer within {due_s:g} s"
+            answer = self._fallback(measured, demand_kw, forecast_kw, why)
         except Exception as error:
             LOG.exception("the controller failed")
             why = f"The controller failed ({type(error).__name__}: {error})"
             answer = self._fallback(measured, demand_kw, forecast_kw, why)
         self.metrics.answer_time.observe(loop.time() - began_s)
         return answer
+
+    def answer(
+        self, measured: Measurements, demand_kw: float, forecast_kw: list[float] | None = None
+    ) -> Answer:
+        """As :meth:`split`, for a thread that may wait."""
+        due_s = self.controller.service.answer_within_s
+        work = self._worker.submit(self.decide, measured, demand_kw, forecast_kw)
+        try:
+            return work.result(timeout=due_s)
+        except TimeoutError:
+            work.cancel()
+            why = f"The controller had no answer within {due_s:g} s"
+        except Exception as error:
+            LOG.exception("the controller failed")
+            why = f"The controller failed ({type(error).__name__}: {error})"
+        return self._fallback(measured, demand_kw, forecast_kw, why)
 
     def decide(
         self, measured: Measurements, demand_kw: float, forecast_kw: list[float] | None = None
