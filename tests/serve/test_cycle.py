@@ -1,0 +1,186 @@
+"""A plant that is driven: what is written, and what is not written in doubt."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("fastapi")
+
+from live_cases import measured
+
+from bess.plants import LinkError, Measurements
+from bess.plants.journal import Journal, open_journal
+from bess.serve.cycle import Cycle
+from bess.serve.demands import Demands
+from bess.serve.service import Service
+from bess.study import load_study
+
+
+class Link:
+    """A plant that follows at once, and fails on request."""
+
+    n_strings = 2
+    refresh_s = 20.0
+
+    def __init__(self) -> None:
+        self.soc = np.array([0.6, 0.5])
+        self.available = np.ones(2, dtype=bool)
+        self.power_kw = np.zeros(2)
+        self.written: list[Any] = []
+        self.released = 0
+        self.fails = ""
+
+    def read(self) -> Measurements:
+        if self.fails == "read":
+            raise LinkError("no answer")
+        self.soc = self.soc - 1e-4
+        return measured(self.soc, power_kw=self.power_kw, available=self.available)
+
+    def write(self, power_kw: Any) -> None:
+        if self.fails == "write":
+            raise LinkError("not taken")
+        self.written.append(power_kw)
+        self.power_kw = np.nan_to_num(power_kw)
+
+    def release(self) -> None:
+        self.released += 1
+        self.power_kw = np.zeros(2)
+
+    def close(self) -> None: ...
+
+
+class Driven:
+    """A cycle whose clocks are turned by hand."""
+
+    def __init__(self, folder: Path, **others: Any) -> None:
+        study = load_study(
+            "policies",
+            {"policy.name": "mpc", "policy.foresight_h": 2.0, "service.control_step_s": 10.0},
+        )
+        self.service = Service(study, folder)
+        self.now_s = 1.8e9
+        self.service.clock = lambda: self.now_s  # type: ignore[assignment]
+        self.link = Link()
+        self.demands = Demands(study.with_values({"run.start": "2024-01-01T00:00:00Z"}), 900.0)
+        self.demands._profile = None
+        self.cycle = Cycle(self.service, self.link, self.demands, monotonic=lambda: self.now_s, **others)
+
+    def steps(self, n: int) -> Any:
+        answer = None
+        for _ in range(n):
+            answer = self.cycle.step()
+            self.now_s += 10.0
+        return answer
+
+
+@pytest.fixture
+def driven(tmp_path: Path):  # type: ignore[no-untyped-def]
+    made = Driven(tmp_path / "state")
+    yield made
+    made.service.close()
+
+
+def test_a_demand_that_was_posted_reaches_the_plant(driven: Driven) -> None:
+    driven.demands.post(100.0, 60.0, driven.now_s)
+    driven.steps(3)
+    assert driven.link.power_kw.sum() == pytest.approx(100.0)
+    assert driven.cycle.trouble == ""
+
+
+def test_without_a_demand_nothing_is_written_and_the_plant_is_let_go_once(driven: Driven) -> None:
+    driven.steps(2)
+    assert driven.link.written == []
+    assert driven.link.released == 0
+    driven.demands.post(100.0, 30.0, driven.now_s)
+    driven.steps(6)
+    assert len(driven.link.written) == 3
+    assert driven.link.released == 1
+    assert "there is no demand" in driven.cycle.trouble
+
+
+def test_zero_is_written_only_when_zero_is_asked(driven: Driven) -> None:
+    driven.demands.post(100.0, 1000.0, driven.now_s)
+    driven.steps(2)
+    for driven.link.fails in ("read", "write"):
+        before = len(driven.link.written)
+        driven.steps(3)
+        assert len(driven.link.written) == before
+        driven.link.fails = ""
+        driven.steps(1)
+        assert driven.link.written[-1].sum() == pytest.approx(100.0)
+    driven.demands.post(0.0, 1000.0, driven.now_s)
+    driven.steps(1)
+    assert not driven.link.written[-1].any()
+
+
+def test_a_string_that_takes_no_set_points_is_left_alone(driven: Driven) -> None:
+    driven.demands.post(80.0, 1000.0, driven.now_s)
+    driven.link.available[0] = False
+    driven.steps(2)
+    assert np.isnan(driven.link.written[-1][0])
+    assert driven.link.written[-1][1] == pytest.approx(80.0)
+
+
+def test_with_no_string_left_the_plant_is_let_go(driven: Driven) -> None:
+    driven.demands.post(80.0, 1000.0, driven.now_s)
+    driven.steps(2)
+    driven.link.soc = np.array([5.0, 5.0])
+    driven.steps(2)
+    assert driven.link.released == 1
+    assert "cannot be" in driven.cycle.trouble
+    driven.link.soc = np.array([0.6, 0.5])
+    driven.steps(2)
+    assert driven.link.power_kw.sum() == pytest.approx(80.0)
+
+
+def test_set_points_are_written_again_before_they_lapse(driven: Driven) -> None:
+    driven.demands.post(80.0, 1000.0, driven.now_s)
+    driven.steps(1)
+    before = len(driven.link.written)
+    driven.now_s += 5.0
+    driven.cycle._refresh()
+    assert len(driven.link.written) == before
+    driven.now_s += 15.0
+    driven.cycle._refresh()
+    assert len(driven.link.written) == before + 1
+
+
+def test_a_shadow_writes_nothing_and_keeps_a_journal(tmp_path: Path) -> None:
+    made = Driven(tmp_path / "state", shadow=True)
+    made.cycle._journal = Journal(tmp_path / "state", made.service.controller.system, "test")
+    made.demands.post(80.0, 1000.0, made.now_s)
+    made.link.power_kw = np.array([10.0, 70.0])  # somebody else drives
+    answer = made.steps(20)
+    made.cycle._journal.close()
+    made.service.close()
+    assert made.link.written == []
+    assert made.link.released == 0
+    assert answer.request_kw.sum() == pytest.approx(80.0)
+    journal = open_journal(tmp_path / "state")
+    assert journal.sizes["time"] == 20
+    np.testing.assert_allclose(journal["power_kw"][-1], [10.0, 70.0])
+    assert np.isnan(journal["written_kw"]).all()
+
+
+def test_a_forecast_that_was_posted_moves_on_with_time(driven: Driven) -> None:
+    began_s = 900.0 * (driven.now_s // 900.0)
+    driven.demands.post([10.0, 20.0, 30.0], 3600.0, began_s)
+    now = driven.demands.at(began_s + 950.0, 8)
+    assert now is not None and now.demand_kw == 20.0 and now.forecast_kw == [20.0, 30.0]
+    assert driven.demands.at(began_s + 2800.0, 8) is None
+
+
+def test_a_profile_that_repeats_is_known_at_any_time() -> None:
+    study = load_study("policies", {"demand.repeat": True})
+    demands = Demands(study, 900.0)
+    day = [demands.at(1.8e9 + 900.0 * k, 4) for k in range(192 * 2)]
+    values = [asked.demand_kw for asked in day if asked is not None]
+    assert len(values) == 384
+    assert max(values) > 0.0 > min(values)
+    assert values[:192] == values[192:]
+    once = Demands(load_study("policies", {"demand.repeat": False}), 900.0)
+    assert once.at(1.8e9, 4) is None
