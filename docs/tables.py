@@ -15,6 +15,7 @@ HEADINGS = {
     "money": "Money",
     "efficiency": "Efficiencies",
     "temperature": "Temperatures",
+    "service": "Services",
     "wear": "Wear",
     "strings": "Strings",
     "optimiser": "Optimiser and balance",

@@ -73,6 +73,7 @@ def test_without_terms_a_record_is_settled_at_the_defaults_of_a_study() -> None:
         "discharge_fee_eur_mwh": 0.0,
         "start_eur": 0.0,
         "discount_rate": 0.05,
+        "capacity_penalty": 2.0,
     }
 
 

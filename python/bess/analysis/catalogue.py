@@ -14,7 +14,7 @@ from typing import Final, Literal
 from bess.analysis.pareto import Direction
 from bess.errors import InputError
 
-Group = Literal["energy", "money", "efficiency", "temperature", "wear", "strings", "optimiser"]
+Group = Literal["energy", "money", "efficiency", "temperature", "service", "wear", "strings", "optimiser"]
 
 
 @dataclass(frozen=True)
@@ -147,14 +147,23 @@ CATALOGUE: Final[dict[str, Kpi]] = {
         "Short of discharge", "Energy the dispatch expected to discharge and the plant did not.", detail=True
     ),
     "net_eur": _money(
-        "Net", "Discharge revenue less charge cost, shortfall, wear, starts and auxiliaries.", "max"
+        "Net",
+        "Discharge revenue and pay for capacity less charge cost, shortfall, penalty, wear, starts and "
+        "auxiliaries.",
+        "max",
     ),
     "discharge_revenue_eur": _money(
         "Discharge revenue", "Discharged energy times price less fee.", "max"
     ),
+    "capacity_revenue_eur": _money(
+        "For capacity", "What the reserve is paid, or what a lower peak of the grid connection saves.", "max"
+    ),
     "charge_cost_eur": _money("Charge cost", "Charged energy times price and fee; negative where that is."),
     "shortfall_eur": _money(
         "Shortfall", "Energy asked for and not delivered, at the magnitude of its price and a penalty."
+    ),
+    "penalty_eur": _money(
+        "Penalty", "Reserve that was sold and not there, at its price times the penalty of the settlement."
     ),
     "wear_eur": _money("Wear", "Ageing of the batteries, by the wear model of the study."),
     "start_eur": _money("Inverter starts", "Starts of inverters, at the price of one."),
@@ -203,6 +212,31 @@ CATALOGUE: Final[dict[str, Kpi]] = {
         for moment, kpi in _between_strings("Temperature spread", "K", 1, "mean temperature")
     },
     **{f"soc_spread_{moment}": kpi for moment, kpi in _between_strings("SOC spread", "", 3, "SOC")},
+    "outside_window_h": Kpi(
+        "Reserve not sustained", "h", "min", 2,
+        "Time in which the store could not have given the whole reserve for its duration.", "service",
+    ),
+    "response_kwh": Kpi(
+        "Response to frequency", "kWh", None, 1,
+        "Energy that the frequency called for, both directions added.", "service",
+    ),
+    "peak_before_kw": Kpi(
+        "Peak without the plant", "kW", None, 1, "Highest draw of the grid connection without the plant.",
+        "service",
+    ),
+    "peak_draw_kw": Kpi("Peak", "kW", "min", 1, "Highest draw of the grid connection.", "service"),
+    "above_limit_kwh": Kpi(
+        "Drawn above the limit", "kWh", "min", 2, "Energy drawn above the limit of the grid connection.",
+        "service",
+    ),
+    "import_kwh": Kpi("Drawn from the grid", "kWh", "min", 1, "Energy that the meter drew.", "service"),
+    "export_kwh": Kpi("Given to the grid", "kWh", None, 1, "Energy that the meter gave.", "service"),
+    "self_consumption_pct": Kpi(
+        "Self-consumption", "%", "max", 2, "Generation that the meter did not give to the grid.", "service"
+    ),
+    "self_sufficiency_pct": Kpi(
+        "Self-sufficiency", "%", "max", 2, "Load that the meter did not draw from the grid.", "service"
+    ),
     "soh_capacity_min": Kpi(
         "Capacity left, oldest string", "", "max", 4,
         "Capacity at the end over that of the system file, of the string with least.", "wear",

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bess.analysis.lifetime import wear_kpis
+from bess.analysis.services import is_reserve, is_site, service_kpis
 from bess.analysis.settlement import dispatch_kpis, has_prices, settlement_kpis
 from bess.errors import InputError
 from bess.policies.planned import PLANNED
@@ -48,6 +49,8 @@ def kpis(result: Result | xr.Dataset) -> dict[str, float]:
     - energies in kWh; ``ledger_residual_ratio``, the sum of absolute residuals over the delivered energy;
     - ``fallback_steps``, ``solver_steps``, and ``median``, ``p95`` and ``max`` of gaps and nodes over the
       steps with a certified split (a plan has neither); for market studies ``revenue_eur``;
+    - of services :func:`bess.analysis.services.service_kpis`: hours outside of the required window, peaks,
+      what a site draws, gives and consumes itself;
     - ``soh_capacity_min``, ``soh_capacity_mean`` and ``soh_resistance_max`` over the strings at the end,
       ``end_of_life_days`` if a string reached it, ``wear_eur``, and ``npv_eur`` of market studies that are
       longer than a year.
@@ -118,11 +121,13 @@ def _figures(dataset: xr.Dataset) -> Iterator[tuple[str, Any]]:
     residual = float(np.abs(dataset["ledger_residual_kwh"].values).sum())
     yield "ledger_residual_ratio", residual / delivered if delivered > 0.0 else residual
     if has_prices(dataset):
-        sold_kw = dataset["delivered_kw"].values.sum(axis=1)
-        yield "revenue_eur", (sold_kw * dataset["price_eur_mwh"].values).sum() * dt_h / _KWH_PER_MWH
+        if not (is_reserve(dataset) or is_site(dataset)):
+            sold_kw = dataset["delivered_kw"].values.sum(axis=1)
+            yield "revenue_eur", (sold_kw * dataset["price_eur_mwh"].values).sum() * dt_h / _KWH_PER_MWH
         yield from settlement_kpis(dataset)
     if "expected_kw" in dataset:
         yield from dispatch_kpis(dataset)
+    yield from service_kpis(dataset)
     yield from wear_kpis(dataset)
     yield from _solver(dataset)
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from bess.analysis.services import capacity_entries, exchanged_kw, is_site, site_saving_eur
 from bess.errors import InputError
 from bess.parameters.terms import Terms
 from bess.study.sections import SettlementChoice
@@ -27,6 +28,9 @@ _KWH_PER_MWH: Final = 1000.0
 COSTS: Final = ("charge_cost_eur", "shortfall_eur", "wear_eur", "start_eur", "auxiliary_eur")
 """Entries of the ledger that are subtracted from ``discharge_revenue_eur``."""
 
+CAPACITY: Final = {"capacity_revenue_eur": 1.0, "penalty_eur": -1.0}
+"""Entries of services that are paid for kW, with their sign in ``net_eur``; other runs have none."""
+
 
 def ledger(result: Result | xr.Dataset) -> xr.Dataset:
     r"""Return what every step earned and cost, in EUR.
@@ -41,7 +45,13 @@ def ledger(result: Result | xr.Dataset) -> xr.Dataset:
     - ``start_eur`` for each start of an inverter;
     - ``auxiliary_eur``: what the plant takes from the grid beside :math:`p` (the standby of inverters that
       are off), at the price and fee of charging;
+    - of services ``capacity_revenue_eur``, what a reserve or a lower peak earns, and ``penalty_eur``, what of
+      the reserve was not there (:mod:`bess.analysis.services`);
     - ``net_eur``, the revenue less all costs.
+
+    With a reserve, `p` of revenue and cost is what is delivered beside the response to the frequency. Behind
+    a meter they are by how much discharging lowers, and charging raises, what the meter costs, and nothing is
+    owed for what the plant does not deliver.
 
     Parameters
     ----------
@@ -66,6 +76,9 @@ def ledger(result: Result | xr.Dataset) -> xr.Dataset:
     terms = recorded_terms(dataset)
     entries = dict(_entries(dataset, terms))
     entries["net_eur"] = entries["discharge_revenue_eur"] - sum(entries[name] for name in COSTS)
+    for name, sign in CAPACITY.items():
+        if name in entries:
+            entries["net_eur"] = entries["net_eur"] + sign * entries[name]
     return xr.Dataset(
         {name: ("time", values, {"units": "EUR"}) for name, values in entries.items()},
         {"time": dataset["time"]},
@@ -89,8 +102,11 @@ def settlement_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
     entries = ledger(dataset)
     revenue_eur = math.fsum(entries["discharge_revenue_eur"].values)
     costs_eur = {name: math.fsum(entries[name].values) for name in COSTS}
-    yield "net_eur", revenue_eur - math.fsum(costs_eur.values())
+    capacity_eur = {name: math.fsum(entries[name].values) for name in CAPACITY if name in entries}
+    for_capacity_eur = math.fsum(CAPACITY[name] * value for name, value in capacity_eur.items())
+    yield "net_eur", revenue_eur - math.fsum(costs_eur.values()) + for_capacity_eur
     yield "discharge_revenue_eur", revenue_eur
+    yield from capacity_eur.items()
     yield from costs_eur.items()
 
 
@@ -108,16 +124,25 @@ def dispatch_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
 def _entries(dataset: xr.Dataset, terms: Terms) -> Iterator[tuple[str, Array]]:
     step_mwh_per_kw = float(dataset.attrs["step_h"]) / _KWH_PER_MWH
     price: Array = dataset["price_eur_mwh"].values
-    delivered_kw: Array = dataset["delivered_kw"].values
-    discharged_mwh = np.maximum(delivered_kw, 0.0).sum(axis=1) * step_mwh_per_kw
-    charged_mwh = np.maximum(-delivered_kw, 0.0).sum(axis=1) * step_mwh_per_kw
-    asked_mwh = np.abs(dataset["demand_kw"].values) * step_mwh_per_kw
     charge_price = terms.charge_price_eur_mwh(price)
-    yield "discharge_revenue_eur", discharged_mwh * terms.discharge_price_eur_mwh(price)
-    yield "charge_cost_eur", charged_mwh * charge_price
-    # The delivered powers sum to the demand but for rounding, which can leave less than nothing missing.
-    missing_mwh = np.maximum(asked_mwh - discharged_mwh - charged_mwh, 0.0)
-    yield "shortfall_eur", missing_mwh * terms.shortfall_price_eur_mwh(price)
+    if is_site(dataset):
+        saving_eur = site_saving_eur(dataset, terms)
+        discharges = dataset["delivered_kw"].values.sum(axis=1) > 0.0
+        yield "discharge_revenue_eur", np.where(discharges, saving_eur, 0.0)
+        yield "charge_cost_eur", np.where(discharges, 0.0, -saving_eur)
+        yield "shortfall_eur", np.zeros_like(saving_eur)
+    else:
+        exchanged: Array = exchanged_kw(dataset)
+        discharged_mwh = np.maximum(exchanged, 0.0).sum(axis=1) * step_mwh_per_kw
+        charged_mwh = np.maximum(-exchanged, 0.0).sum(axis=1) * step_mwh_per_kw
+        yield "discharge_revenue_eur", discharged_mwh * terms.discharge_price_eur_mwh(price)
+        yield "charge_cost_eur", charged_mwh * charge_price
+        asked_mwh = np.abs(dataset["demand_kw"].values) * step_mwh_per_kw
+        delivered_mwh = np.abs(dataset["delivered_kw"].values).sum(axis=1) * step_mwh_per_kw
+        # The delivered powers sum to the demand but for rounding, which can leave less than nothing missing.
+        missing_mwh = np.maximum(asked_mwh - delivered_mwh, 0.0)
+        yield "shortfall_eur", missing_mwh * terms.shortfall_price_eur_mwh(price)
+    yield from capacity_entries(dataset, terms)
     # Records made before wear and standby were told apart have none.
     yield "wear_eur", _of_all_strings(dataset, "wear_eur")
     yield "start_eur", dataset["inverter_starts"].values.sum(axis=1) * terms.start_eur

@@ -130,7 +130,7 @@ class Aggregate:
         batteries = [string.battery for string in system.strings]
         self.soc_min = np.array([battery.soc_min for battery in batteries])
         self.soc_max = np.array([battery.soc_max for battery in batteries])
-        self._soc_grid, self._energy_grid = _energy_tables(system, health, self.soc_min)
+        self._soc_grid, self._energy_grid = energy_tables(system, health, self.soc_min)
         self.string_energy_kwh = self._energies_kwh(self.soc_max)
         self.capacity_kwh = float(self.string_energy_kwh.sum())
         self._off_kw = np.array([s.inverter.off_loss for s in system.strings]) * system.nominal_kw
@@ -313,7 +313,7 @@ class Aggregate:
         return float(discharge.sum() / charge.sum())
 
 
-def _energy_tables(system: System, health: State, soc_min: Array) -> tuple[list[Array], list[Array]]:
+def energy_tables(system: System, health: State, soc_min: Array) -> tuple[list[Array], list[Array]]:
     """Energy [kWh] of each string above its lower SOC limit, over a grid of SOC, at 25 degC."""
     grids, energies = [], []
     capacity_ah = system.capacity_ah * health.soh_capacity

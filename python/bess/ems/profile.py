@@ -8,7 +8,14 @@ import numpy as np
 import pandas as pd
 
 from bess.ems.forecast import Array, steps_in
-from bess.ems.synthetic import frequency_week, market_week, peak_shaving_week
+from bess.ems.synthetic import (
+    commercial_load,
+    frequency_week,
+    industrial_load,
+    market_week,
+    peak_shaving_week,
+    solar_power,
+)
 from bess.errors import InputError
 from bess.market.columns import read_columns
 from bess.market.files import fail, path_text, read_bytes
@@ -50,6 +57,14 @@ PROFILES: Final[dict[str, Callable[..., Array]]] = {
     "market-week": market_week,
 }
 """Bundled profiles by name; their keywords are parameters of the profile and ``dt_h``."""
+
+
+SITES: Final[dict[str, Callable[..., Array]]] = {
+    "industrial-week": industrial_load,
+    "commercial-week": commercial_load,
+    "solar-week": solar_power,
+}
+"""Bundled loads and generation behind a meter by name, positive as a meter of their own would count."""
 
 
 def bundled_profile(name: str, **parameters: float) -> Array:

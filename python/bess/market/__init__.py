@@ -1,9 +1,20 @@
 """Market and weather files, as people have them, to gap-free series in UTC."""
 
+from bess.market.capacity_prices import read_capacity_prices
+from bess.market.frequency import read_frequency
 from bess.market.prices import read_prices
 from bess.market.repairs import Repair, Repairs
 from bess.market.repeat import prolonged
 from bess.market.typical_year import over_years
 from bess.market.weather import read_weather
 
-__all__ = ["Repair", "Repairs", "over_years", "prolonged", "read_prices", "read_weather"]
+__all__ = [
+    "Repair",
+    "Repairs",
+    "over_years",
+    "prolonged",
+    "read_capacity_prices",
+    "read_frequency",
+    "read_prices",
+    "read_weather",
+]

@@ -21,6 +21,9 @@ class Terms:
         Fees and taxes on each MWh charged and discharged (AC).
     start_eur : float
         For each start of an inverter.
+    capacity_penalty : float
+        What a kW of reserve that was sold and not there costs, over its price: 2 takes the pay back and as
+        much again.
     discount_rate : float
         Per year: what income of later years is worth less.
     """
@@ -30,6 +33,7 @@ class Terms:
     discharge_fee_eur_mwh: float = 0.0
     start_eur: float = 0.0
     discount_rate: float = 0.05
+    capacity_penalty: float = 2.0
 
     def shortfall_price_eur_mwh(self, price_eur_mwh: Price) -> Price:
         """Price of a MWh that was asked for and not delivered, either direction."""

@@ -28,6 +28,7 @@ _HEADINGS: Final = {
     "money": "Money",
     "efficiency": "Efficiencies",
     "temperature": "Temperatures",
+    "service": "Services",
     "wear": "Wear",
     "strings": "Strings",
     "optimiser": "Optimiser and balance",

@@ -93,8 +93,8 @@ class ClosedLoop:
         }
         if inputs.price_eur_mwh is not None:
             record["price_eur_mwh"] = inputs.price_eur_mwh[step]
-        if (expected_kw := inputs.demand.expected_kw(step)) is not None:
-            record["expected_kw"] = expected_kw
+        record |= inputs.demand.planned(step)
+        record |= {name: values[step] for name, values in inputs.series.items()}
         for name in self._flows:
             record[name] = getattr(flows, name)
         discharged_kwh = np.maximum(flows.delivered_kw, 0.0) * inputs.grid.dt_h

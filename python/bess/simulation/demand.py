@@ -45,8 +45,8 @@ class DemandSource(Protocol):
         Called once for each step, in order.
         """
 
-    def expected_kw(self, step: int) -> float | None:
-        """What a plan expects to be delivered in ``step`` [kW], after :meth:`ahead`; None without a plan."""
+    def planned(self, step: int) -> dict[str, float]:
+        """What a plan says of ``step``, by names of the record, after :meth:`ahead`; empty without a plan."""
 
     def memory(self) -> dict[str, Any]:
         """What is carried from step to step."""
@@ -63,11 +63,11 @@ class ProfileSource:
 
     def ahead(self, step: int, horizon: int, now: Now) -> Array:
         """See :class:`DemandSource`."""
-        return _padded(self._forecast.ahead(step, horizon), horizon)
+        return padded(self._forecast.ahead(step, horizon), horizon)
 
-    def expected_kw(self, step: int) -> float | None:
+    def planned(self, step: int) -> dict[str, float]:
         """A profile promises nothing."""
-        return None
+        return {}
 
     def memory(self) -> dict[str, Any]:
         """Nothing."""
@@ -170,11 +170,11 @@ class ArbitrageSource:
             self._plan, self._expected = self._planner.plan(step, now, self._energy_kwh, self._discharged_kwh)
             self._planned_at = step
         offset = step - self._planned_at
-        return _padded(self._plan[offset : offset + horizon], horizon)
+        return padded(self._plan[offset : offset + horizon], horizon)
 
-    def expected_kw(self, step: int) -> float | None:
+    def planned(self, step: int) -> dict[str, float]:
         """See :class:`DemandSource`."""
-        return float(self._expected[step - self._planned_at])
+        return {"expected_kw": float(self._expected[step - self._planned_at])}
 
     def memory(self) -> dict[str, Any]:
         """The plan, and what counts against the cycle limit of the day."""
@@ -205,6 +205,6 @@ class ArbitrageSource:
         self._day, self._energy_kwh = day, energy_kwh
 
 
-def _padded(values: Array, horizon: int) -> Array:
+def padded(values: Array, horizon: int) -> Array:
     """Nothing is asked after the end of the series."""
     return np.concatenate([values, np.zeros(horizon - values.size)])

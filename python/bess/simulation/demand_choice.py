@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,10 +10,10 @@ from numpy.typing import NDArray
 
 from bess.errors import InputError
 from bess.parameters import System
+from bess.simulation.asked import DEFAULT_START, Asked, repair_notes, utc_index
 from bess.simulation.demand import (
     ArbitrageSource,
     AwarePlanner,
-    DemandSource,
     LinearPlanner,
     Planner,
     ProfileSource,
@@ -23,47 +21,26 @@ from bess.simulation.demand import (
 from bess.study.grid import Grid, Series, seconds_of
 from bess.study.keys import check_bundled
 from bess.study.sections import ArbitrageDemand, ProfileDemand
+from bess.study.services import FcrDemand, SiteDemand
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from bess.ems import Forecast
     from bess.study.study import Study
 
-_DEFAULT_START = datetime(2024, 1, 1, tzinfo=UTC)
-
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Asked:
-    """Demand of a run.
-
-    Attributes
-    ----------
-    grid : Grid
-        Control steps of the run.
-    source : DemandSource
-        What is asked in each.
-    price_eur_mwh : ndarray, shape (n_steps,), or None
-        Market studies only.
-    files : list of Path
-        Files that were read.
-    notes : list of str
-        What was found in them, for people.
-    """
-
-    grid: Grid
-    source: DemandSource
-    price_eur_mwh: Array | None = None
-    files: list[Path] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
 
 
 def demand_of(study: Study, system: System, step_s: float, horizon: int) -> Asked:
     """Read what the section ``[demand]`` names and lay it onto the control steps of the run."""
     if isinstance(study.demand, ArbitrageDemand):
         return _arbitrage(study, study.demand, system, step_s)
+    if isinstance(study.demand, FcrDemand | SiteDemand):
+        # Loaded here: what services need takes time that other runs need not spend.
+        from bess.simulation.service_choice import reserve_of, site_of
+
+        if isinstance(study.demand, FcrDemand):
+            return reserve_of(study, study.demand, system, step_s)
+        return site_of(study, study.demand, system, step_s, horizon)
     return _profile(study, study.demand, system, step_s, horizon)
 
 
@@ -76,7 +53,7 @@ def _profile(study: Study, choice: ProfileDemand, system: System, step_s: float,
     if choice.file in PROFILES:
         series = Series(
             values=bundled_profile(choice.file, dt_h=dt_h) * choice.scale,
-            start_s=seconds_of(study.run.start or _DEFAULT_START),
+            start_s=seconds_of(study.run.start or DEFAULT_START),
             step_s=round(step_s),
             what=f"profile {choice.file}",
             key="demand.file",
@@ -166,7 +143,7 @@ def _planner(
     from bess.ems.arbitrage import calendar_days
     from bess.ems.forecast import steps_in
 
-    days = calendar_days(_index(grid), choice.market_time_zone)
+    days = calendar_days(utc_index(grid), choice.market_time_zone)
     if choice.plan == "aware":
         look_ahead = steps_in(choice.look_ahead_h, grid.dt_h, "demand.look_ahead_h")
         replan = steps_in(choice.replan_h, grid.dt_h, "demand.replan_h")
@@ -202,14 +179,3 @@ def _planner(
         dt_h=grid.dt_h,
     )
     return LinearPlanner(arbitrage)
-
-
-def _index(grid: Grid) -> pd.DatetimeIndex:
-    import pandas as pd
-
-    return pd.DatetimeIndex(grid.times).tz_localize("UTC")
-
-
-def repair_notes(series: pd.Series[float]) -> list[str]:
-    """What a reader changed in a file, a sentence each."""
-    return [f"repaired: {repair}" for repair in series.attrs.get("repairs", ())]

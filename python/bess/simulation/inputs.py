@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,9 @@ from numpy.typing import NDArray
 
 from bess.errors import InputError
 from bess.parameters import System
+from bess.simulation.asked import repair_notes
 from bess.simulation.demand import DemandSource
-from bess.simulation.demand_choice import demand_of, repair_notes
+from bess.simulation.demand_choice import demand_of
 from bess.study.grid import Grid, Series, seconds_of
 from bess.study.plant_choice import build_system
 from bess.study.sections import Event, WeatherChoice
@@ -44,6 +46,8 @@ class Inputs:
         Files the study read.
     notes : list of str
         What was found in them, for people.
+    series : dict of ndarray, shape (n_steps,)
+        What else is recorded of each step, by names of the record.
     """
 
     system: System
@@ -55,6 +59,7 @@ class Inputs:
     limit_kw: Array
     files: list[Path]
     notes: list[str]
+    series: Mapping[str, Array] = field(default_factory=dict)
 
 
 def prepare(study: Study, system: System | None = None) -> Inputs:
@@ -81,7 +86,18 @@ def prepare(study: Study, system: System | None = None) -> Inputs:
         files.append(Path(study.weather.file))
         notes += found
     limit = limits_of(study.event, system, grid)
-    return Inputs(system, grid, horizon, asked.source, asked.price_eur_mwh, ambient, limit, files, notes)
+    return Inputs(
+        system,
+        grid,
+        horizon,
+        asked.source,
+        asked.price_eur_mwh,
+        ambient,
+        limit,
+        files,
+        notes,
+        asked.series,
+    )
 
 
 def _ambient(choice: WeatherChoice, file: str, grid: Grid) -> tuple[Array, list[str]]:

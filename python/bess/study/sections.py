@@ -27,6 +27,14 @@ from bess.parameters.section import Section
 from bess.parameters.sections import Control
 from bess.parameters.terms import Terms
 from bess.split.settings import SplitSettings
+from bess.study.services import (
+    SERVICES,
+    FcrArbitrageDemand,
+    FcrDemand,
+    Fill,
+    PeakShavingDemand,
+    SelfConsumptionDemand,
+)
 
 
 def _aware(value: datetime) -> datetime:
@@ -55,7 +63,6 @@ RunName = Annotated[str, AfterValidator(_folder_name)]
 DEFAULT_FORESIGHT_H = 24.0
 """A day: the longest rhythm of most demands, and a little more than the time constant of a warm string."""
 
-Fill = Literal["previous", "interpolate", "previous_day"]
 Instant = Annotated[datetime, AfterValidator(_aware)]
 
 
@@ -142,15 +149,24 @@ def kind_of_demand(demand: object) -> str | None:
     if not isinstance(demand, Mapping):
         return getattr(demand, "kind", None)
     kind = demand.get("kind", "arbitrage" if "prices" in demand else "profile")
-    return kind if kind in ("profile", "arbitrage") else None
+    return kind if kind in DEMAND_KINDS else None
 
+
+DEMAND_KINDS = ("profile", "arbitrage", *SERVICES)
 
 Demand = Annotated[
-    Annotated[ProfileDemand, Tag("profile")] | Annotated[ArbitrageDemand, Tag("arbitrage")],
+    Annotated[ProfileDemand, Tag("profile")]
+    | Annotated[ArbitrageDemand, Tag("arbitrage")]
+    | Annotated[FcrDemand, Tag("fcr")]
+    | Annotated[FcrArbitrageDemand, Tag("fcr-arbitrage")]
+    | Annotated[PeakShavingDemand, Tag("peak-shaving")]
+    | Annotated[SelfConsumptionDemand, Tag("self-consumption")],
     Discriminator(
         kind_of_demand,
         custom_error_type="kind",
-        custom_error_message='must be a table with kind = "profile" (and file) or "arbitrage" (and prices)',
+        custom_error_message='must be a table with kind = "profile" (and file), "arbitrage" (and prices), '
+        + ", ".join(f'"{kind}"' for kind in SERVICES[:-1])
+        + f' or "{SERVICES[-1]}"',
     ),
 ]
 
@@ -231,8 +247,9 @@ class SettlementChoice(Section):
     """Section ``[settlement]``: what is agreed on beside the price of energy, for studies with prices.
 
     Energy asked for and not delivered costs the magnitude of its price and ``shortfall_eur_mwh``. Fees are on
-    each MWh charged or discharged (AC), ``start_eur`` is for each start of an inverter. ``discount_rate`` is
-    that of the net present value of runs over years.
+    each MWh charged or discharged (AC), ``start_eur`` is for each start of an inverter. Reserve that was sold
+    and not there costs its price times ``capacity_penalty``. ``discount_rate`` is that of the net present
+    value of runs over years.
     """
 
     shortfall_eur_mwh: NonNegative = Terms.shortfall_eur_mwh
@@ -240,6 +257,7 @@ class SettlementChoice(Section):
     discharge_fee_eur_mwh: NonNegative = Terms.discharge_fee_eur_mwh
     start_eur: NonNegative = Terms.start_eur
     discount_rate: Annotated[float, within(0.0, 1.0, "per year")] = Terms.discount_rate
+    capacity_penalty: NonNegative = Terms.capacity_penalty
 
     @property
     def terms(self) -> Terms:

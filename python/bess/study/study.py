@@ -18,6 +18,7 @@ from bess.parameters.documents import describe, read_text
 from bess.parameters.section import Section
 from bess.study.keys import check_keys, nearest, with_value
 from bess.study.sections import (
+    DEMAND_KINDS,
     Axis,
     Demand,
     Event,
@@ -39,9 +40,15 @@ _PATHS = (
     ("demand", "file"),
     ("demand", "prices"),
     ("demand", "forecast_prices"),
+    ("demand", "frequency"),
+    ("demand", "capacity_prices"),
+    ("demand", "load"),
+    ("demand", "pv"),
     ("weather", "file"),
 )
 """Keys that name files. A name without a folder and an ending is that of something bundled."""
+_SOURCES = ("file", "frequency", "load", "pv", "prices")
+"""Keys of a demand by which people know it."""
 
 
 class Study(Section):
@@ -86,7 +93,8 @@ class Study(Section):
             return cls.model_validate(document)
         except ValidationError as error:
             # The kind of demand is known from its keys; pydantic names it as if it were one.
-            text = re.sub(r"\bdemand\.(profile|arbitrage)\b", "demand", describe(error, place))
+            kinds = "|".join(sorted(DEMAND_KINDS, key=len, reverse=True))
+            text = re.sub(rf"\bdemand\.({kinds})\b", "demand", describe(error, place))
             raise InputError(text) from error
 
     def with_values(self, values: Mapping[str, Any]) -> Self:
@@ -112,7 +120,7 @@ class Study(Section):
             "name": self.name,
             "title": self.title,
             "system": self.system.file,
-            "demand": f"{demand['kind']} {demand.get('file', demand.get('prices', ''))}".strip(),
+            "demand": " ".join(filter(None, [demand["kind"], *(demand.get(key) for key in _SOURCES)])),
             "policy": self.policy.name,
         }
         if self.run.days is not None:
@@ -151,7 +159,7 @@ def _with_kind(document: Any) -> Any:
     if not isinstance(document, Mapping) or malformed:
         return document
     certified = _at(policy, "horizon_steps") is not None or _at(policy, "foresight_h") == 0
-    priced = kind_of_demand(document.get("demand")) == "arbitrage"
+    priced = kind_of_demand(document.get("demand")) in ("arbitrage", "fcr-arbitrage")
     kind = "money" if priced and not certified else "energy"
     objectives = {**(objectives if isinstance(objectives, Mapping) else {}), "kind": kind}
     policy = {**(policy if isinstance(policy, Mapping) else {}), "objectives": objectives}

@@ -1,0 +1,247 @@
+"""Search for a demand on which all statements of the paper about its case 2 come out.
+
+    python benches/fit_demand.py search LOG [--seconds S] [--seed N]
+    python benches/fit_demand.py best LOG
+
+The paper publishes its weights, two strings, SOC 0.5 and 25 degC at the start and figures that span 48 h,
+but not its demand. A candidate here is a demand of the bundled kind: two days alike, each of two cycles of
+charge, rest, discharge and rest, every charge and discharge with a high level and a low one; free are the
+four levels, the twelve lengths and the hour at which the two days begin. Each runs through the bundled study
+``case2`` (certified controller, the paper's weights) and is held against
+:func:`bess.report.paper.comparisons`.
+
+Every candidate is a line of LOG, so the search goes on where it was stopped: new candidates are mutations and
+crossings of the best ones there. What is minimised is how far statements are from coming out; once all do,
+how far the numbers are from the paper's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import tempfile
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import pandas as pd
+
+import bess
+from bess.report.paper import Verdict, comparisons
+
+BLOCKS: Final = 12
+QUARTERS: Final = 96
+LEVEL_KW: Final = (5, 150)
+LONGEST: Final = 36
+"""Quarters of an hour of one block."""
+PARENTS: Final = 24
+KEYS: Final = (
+    "availability_pct",
+    "derating_efficiency_pct",
+    "inverter_efficiency_pct",
+    "battery_efficiency_pct",
+    "system_efficiency_pct",
+    "peak_mean_temperature_c",
+)
+Kpis = dict[str, dict[str, float]]
+
+
+@dataclass(frozen=True)
+class Demand:
+    """A candidate.
+
+    Attributes
+    ----------
+    levels_kw : tuple of int
+        Charge high and low, discharge high and low, in total.
+    quarters : tuple of int
+        Lengths of charge high, charge low, rest, discharge high, discharge low, rest; and once more. What a
+        day has left is added to the last rest.
+    start : int
+        Quarter of this day at which the two days begin.
+    """
+
+    levels_kw: tuple[int, int, int, int]
+    quarters: tuple[int, ...]
+    start: int
+
+    def power_kw(self) -> np.ndarray:
+        """Return 48 h in quarters of an hour [kW], positive = discharge."""
+        high, low, out_high, out_low = self.levels_kw
+        cycle = (-high, -low, 0, out_high, out_low, 0)
+        day = np.repeat(np.array((*cycle, *cycle), dtype=np.float64), self.quarters)[:QUARTERS]
+        day = np.concatenate([day, np.zeros(QUARTERS - day.size)])
+        return np.tile(np.roll(day, -self.start), 2)
+
+
+BUNDLED: Final = Demand((78, 30, 78, 30), (18, 2, 2, 19, 3, 2, 20, 3, 2, 19, 3, 3), 9)
+"""Near the bundled two-cycle profile: where the search begins."""
+
+
+def kpis(demand: Demand) -> Kpis:
+    """Run S1 to S3."""
+    times = pd.date_range("2024-01-01", periods=2 * QUARTERS, freq="15min", tz="UTC")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "demand.csv"
+        pd.Series(demand.power_kw(), times, name="demand_kw").to_csv(path, index_label="time")
+        study = bess.load_study("case2", {"demand.file": str(path), "demand.repeat": False})
+        runs = bess.run_scenarios(study, progress=False)
+    return {name: {key: result.kpis[key] for key in KEYS} for name, result in runs.items()}
+
+
+def came_out(values: Kpis) -> int:
+    """Return how many statements come out."""
+    return sum(row.verdict is Verdict.YES for row in comparisons(values))
+
+
+def cost(values: Kpis) -> float:
+    """Return how far statements are from coming out, added up; below 0 if all do."""
+    gaps = _gaps(values)
+    missing = sum(_far(-margin) for margin in _margins(values, gaps))
+    if missing > 0.0 or came_out(values) < len(comparisons(values)):
+        return missing + (missing == 0.0) * 0.01
+    paper = {"peak": 5.0, "battery": 1.0, "inverter": 1.5, "derating": 2.0}
+    far = [abs(gaps[name] - wanted) / wanted for name, wanted in paper.items()]
+    far.append(abs(values["S1"]["peak_mean_temperature_c"] - 51.0) / 10.0)
+    return sum(far) / len(far) - 2.0
+
+
+def _far(missing: float) -> float:
+    """What is missing of a statement: from 1 on, where it is plainly false, it counts a tenth."""
+    return max(0.0, missing if missing < 1.0 else 0.9 + 0.1 * min(missing, 11.0))
+
+
+def _gaps(values: Kpis) -> dict[str, float]:
+    def gain(key: str, of: str, over: str) -> float:
+        return values[of][key] - values[over][key]
+
+    return {
+        "peak": gain("peak_mean_temperature_c", "S1", "S2"),
+        "battery": gain("battery_efficiency_pct", "S2", "S1"),
+        "inverter": gain("inverter_efficiency_pct", "S2", "S3"),
+        "derating": gain("derating_efficiency_pct", "S2", "S1"),
+        "availability": gain("availability_pct", "S2", "S1"),
+    }
+
+
+def _margins(values: Kpis, gaps: Mapping[str, float]) -> Iterable[float]:
+    """How clearly each statement comes out, in units in which 1 is much."""
+
+    def lead(key: str, winner: str, scale: float) -> float:
+        others = [entry[key] for name, entry in values.items() if name != winner]
+        return (values[winner][key] - max(others)) / scale
+
+    yield lead("inverter_efficiency_pct", "S1", 0.5)
+    yield lead("battery_efficiency_pct", "S3", 0.5)
+    yield lead("derating_efficiency_pct", "S3", 1.0)
+    yield lead("system_efficiency_pct", "S2", 0.2)
+    yield lead("peak_mean_temperature_c", "S1", 2.5)
+    yield gaps["peak"] / 2.5 - 1.0
+    yield gaps["battery"] / 0.5 - 1.0
+    yield gaps["inverter"] / 0.75 - 1.0
+    yield gaps["derating"] / 1.0 - 1.0
+    yield gaps["availability"] / 0.5 + 0.1
+
+
+def child(one: Demand, other: Demand, random: np.random.Generator) -> Demand:
+    """Return a mutation of one candidate, at times crossed with another."""
+    levels, quarters, start = list(one.levels_kw), list(one.quarters), one.start
+    if random.random() < 0.3:
+        levels = [a if random.random() < 0.5 else b for a, b in zip(levels, other.levels_kw, strict=True)]
+        quarters = [a if random.random() < 0.5 else b for a, b in zip(quarters, other.quarters, strict=True)]
+    for _ in range(random.integers(1, 5)):
+        kind = random.random()
+        if kind < 0.45:
+            place = random.integers(4)
+            change = random.normal(0.0, 3.0 if random.random() < 0.6 else 20.0)
+            levels[place] = int(np.clip(round(levels[place] + change), *LEVEL_KW))
+        elif kind < 0.9:
+            place = random.integers(BLOCKS)
+            change = random.integers(-2, 3) if random.random() < 0.7 else random.integers(-8, 9)
+            quarters[place] = int(np.clip(quarters[place] + change, 0, LONGEST))
+            if random.random() < 0.5:
+                give = random.integers(BLOCKS)
+                quarters[give] = int(np.clip(quarters[give] - change, 0, LONGEST))
+        else:
+            start = int((start + random.integers(-6, 7)) % QUARTERS)
+    while sum(quarters) > QUARTERS:
+        longest = int(np.argmax(np.array(quarters) + random.random(BLOCKS)))
+        quarters[longest] -= 1
+    return Demand((levels[0], levels[1], levels[2], levels[3]), tuple(quarters), start)
+
+
+def read(log: Path) -> dict[Demand, Kpis]:
+    """Return what was tried."""
+    tried: dict[Demand, Kpis] = {}
+    if log.exists():
+        for line in log.read_text(encoding="utf-8").splitlines():
+            entry = json.loads(line)
+            demand = entry["demand"]
+            tried[Demand(tuple(demand["levels_kw"]), tuple(demand["quarters"]), demand["start"])] = entry[
+                "kpis"
+            ]
+    return tried
+
+
+def search(log: Path, seconds: float, seed: int) -> None:
+    """Try candidates for a while, one line of the log each."""
+    tried = read(log)
+    ranked = sorted(tried, key=lambda demand: cost(tried[demand]))[:PARENTS]
+    random = np.random.default_rng((seed, len(tried)))
+    until = time.monotonic() + seconds
+    with log.open("a", encoding="utf-8") as lines:
+        while time.monotonic() < until:
+            candidate = BUNDLED
+            if ranked:
+                # The best are chosen more often.
+                first, second = (int(len(ranked) * random.random() ** 2) for _ in range(2))
+                candidate = child(ranked[first], ranked[second], random)
+            if candidate in tried:
+                continue
+            tried[candidate] = kpis(candidate)
+            lines.write(json.dumps({"demand": asdict(candidate), "kpis": tried[candidate]}) + "\n")
+            lines.flush()
+            os.fsync(lines.fileno())
+            ranked = sorted({*ranked, candidate}, key=lambda demand: cost(tried[demand]))[:PARENTS]
+            if ranked[0] == candidate:
+                print(
+                    f"{len(tried)}: {came_out(tried[candidate])} of 10, cost {cost(tried[candidate]):.3f}:",
+                    candidate,
+                )
+
+
+def best(log: Path) -> None:
+    """Print the best candidate and what came of it."""
+    tried = read(log)
+    demand = min(tried, key=lambda entry: cost(tried[entry]))
+    print(f"{len(tried)} demands tried; statements that come out:")
+    counts = [came_out(values) for values in tried.values()]
+    for count in sorted(set(counts), reverse=True):
+        print(f"  {count:2d} of 10: {counts.count(count)}")
+    print(demand)
+    for row in comparisons(tried[demand]):
+        print(f"{row.verdict:15s} {row.statement}: {row.here}")
+
+
+def main() -> None:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("what", choices=("search", "best"))
+    parser.add_argument("log", type=Path)
+    parser.add_argument("--seconds", type=float, default=3600.0)
+    parser.add_argument("--seed", type=int, default=0)
+    arguments = parser.parse_args()
+    if arguments.what == "search":
+        search(arguments.log, arguments.seconds, arguments.seed)
+    else:
+        best(arguments.log)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,345 @@
+"""Claims about services: what they ask, what they keep, what they earn."""
+
+import math
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.optimize import linprog
+
+import bess
+from bess.analysis.settlement import COSTS
+from bess.ems import Level, Recharge, Store, Window, bundled_profile, droop_response, least_peak_kw
+from bess.errors import InputError
+from bess.market import read_capacity_prices, read_frequency
+from bess.simulation import runner
+
+DATA = Path(__file__).parents[3] / "shared" / "data"
+FREQUENCY = DATA / "bess" / "frequency_france_2019_05_10s.csv.zip"
+PRICES = DATA / "fcr" / "fcr_prices_regelleistung_2024.csv.gz"
+measured = pytest.mark.skipif(
+    not (FREQUENCY.exists() and PRICES.exists()), reason="needs measured files in ../shared/data"
+)
+
+LOSSLESS = {
+    "system.parameters.battery.r_scale": 1e-9,
+    "system.parameters.battery.ocv_v": {"soc": [0.0, 1.0], "charge": [3.7, 3.7], "discharge": [3.7, 3.7]},
+    "system.parameters.inverter": {
+        "load": [0.0, 1.0],
+        "loss_charge": [0.0, 0.0],
+        "loss_discharge": [0.0, 0.0],
+    },
+    "demand.efficiency": 1.0,
+    "policy.name": "soc",
+}
+
+
+def outcome(name: str, **values: object) -> bess.Result:
+    keys = {key.replace("__", "."): value for key, value in values.items()}
+    return bess.run(bess.load_study(name, keys), progress=False)
+
+
+# What the droop asks
+
+
+def test_droop_is_in_proportion_outside_of_the_dead_band_and_opposes_the_deviation() -> None:
+    deviation = [-300.0, -200.0, -50.0, -10.0, 0.0, 9.0, 10.5, 100.0, 250.0]
+    np.testing.assert_allclose(
+        droop_response(deviation), [1.0, 1.0, 0.25, 0.0, 0.0, 0.0, -0.0525, -0.5, -1.0], atol=1e-15
+    )
+
+
+def test_a_dead_band_as_wide_as_the_droop_is_refused() -> None:
+    with pytest.raises(InputError, match=r"dead_band_mhz = 200 mHz .* below demand\.droop_mhz = 200 mHz"):
+        droop_response([0.0], 200.0, 200.0)
+
+
+@pytest.mark.parametrize("step_min", [1.0, 5.0, 15.0])
+def test_a_control_step_asks_for_the_mean_response_within_it(step_min: float, tmp_path: Path) -> None:
+    times = pd.date_range("2024-05-01", periods=360, freq="10s", tz="UTC")
+    mhz = pd.Series(60.0 * np.sin(np.arange(360) / 17.0), times, name="mhz")
+    path = tmp_path / "frequency.csv"
+    mhz.to_csv(path, index_label="time")
+    values = {
+        "demand.frequency": str(path),
+        "demand.capacity_kw": 100.0,
+        "demand.recharge_kw": 0.0,
+        "policy.name": "equal",
+        "run.days": 1.0 / 24.0,
+        "run.start": times[0].to_pydatetime(),
+        "system.parameters.control.step_min": step_min,
+    }
+    data = bess.run(bess.load_study("fcr", values), progress=False).dataset
+    expected = 100.0 * droop_response(mhz).reshape(round(60 / step_min), -1).mean(axis=1)
+    np.testing.assert_allclose(data["demand_kw"], expected, atol=1e-9)
+    np.testing.assert_allclose(data["response_kw"], expected, atol=1e-9)
+
+
+# What has to be in store
+
+
+def test_the_required_window_holds_the_reserve_for_its_duration_in_both_directions() -> None:
+    window = Window.of(120.0, 15.0, 500.0, 0.9)
+    assert window.low_kwh * 0.9 == pytest.approx(120.0 * 0.25)
+    assert (500.0 - window.high_kwh) / 0.9 == pytest.approx(120.0 * 0.25)
+    assert window.able_kw(120.0, window.low_kwh, 500.0) == pytest.approx(120.0)
+    assert window.able_kw(120.0, window.low_kwh / 2.0, 500.0) == pytest.approx(60.0)
+    assert window.able_kw(120.0, 500.0, 500.0) == 0.0
+
+
+def test_a_recharge_is_agreed_on_ahead_and_reaches_the_band_at_the_end_of_its_slot() -> None:
+    recharge = Recharge(power_kw=50.0, lead_steps=2, slot_steps=1, dt_h=0.25, one_way=0.9)
+    band, held, shifts = Window(100.0, 300.0), 95.5, []
+    for step in range(6):
+        shift = recharge.advance(step, held, band)
+        held += -shift * 0.25 * 0.9 if shift < 0 else -shift * 0.25 / 0.9
+        shifts.append(shift)
+    assert shifts[:2] == [0.0, 0.0]  # agreed on at step 0, the first shift begins at step 2
+    assert shifts[2] == pytest.approx(-(100.0 - 95.5) / 0.9 / 0.25)
+    assert shifts[3:] == pytest.approx([0.0] * 3)
+    assert held == pytest.approx(100.0)
+
+
+def test_stored_energy_is_charge_times_voltage() -> None:
+    system = bess.System.reference(2)
+    store = Store(system, 0.9)
+    full = bess.State([1.0, 1.0], [25.0, 25.0])
+    assert store.held_kwh(full) == pytest.approx(system.nominal_energy_kwh.sum(), rel=1e-9)
+    half = bess.State([0.5, 0.5], [25.0, 25.0], soh_capacity=[0.8, 0.8])
+    assert store.held_kwh(half) < 0.4 * store.held_kwh(full)
+    assert store.soc_at(half, store.held_kwh(half)) == pytest.approx(0.5, abs=1e-6)
+
+
+def test_more_reserve_than_the_plant_holds_is_refused() -> None:
+    with pytest.raises(InputError, match=r"for demand\.duration_min = 240 min .* reserve less"):
+        outcome("fcr", demand__duration_min=240.0)
+    with pytest.raises(InputError, match="leave nothing of the 184 kW of the plant; reserve less"):
+        outcome("fcr", demand__capacity_kw=180.0)
+
+
+def test_reserve_that_is_not_sustained_is_paid_back_with_the_penalty() -> None:
+    """A plant that starts almost empty and may not recharge."""
+    result = outcome(
+        "fcr",
+        system__initial_soc=0.02,
+        demand__recharge_kw=0.0,
+        policy__name="equal",
+        run__days=0.5,
+        settlement__capacity_penalty=3.0,
+    )
+    data, kpis = result.dataset, result.kpis
+    lacking_kw = (data["capacity_kw"] - data["capacity_able_kw"]).values
+    missed_kw = np.abs(data["demand_kw"] - data["delivered_kw"].sum("string")).values
+    assert kpis["outside_window_h"] > 1.0
+    expected = 3.0 * np.maximum(lacking_kw, missed_kw).sum() / 1000.0 * 0.25 * 65.0 / 4.0
+    assert kpis["penalty_eur"] == pytest.approx(expected, rel=1e-6)
+    assert kpis["net_eur"] == pytest.approx(
+        kpis["capacity_revenue_eur"]
+        + kpis["discharge_revenue_eur"]
+        - kpis["penalty_eur"]
+        - sum(kpis[name] for name in COSTS)
+    )
+
+
+# On measured files
+
+
+@measured
+def test_the_tender_results_of_2024_are_read_as_published() -> None:
+    hourly = read_capacity_prices(PRICES)
+    blocks = hourly.attrs["blocks"]
+    assert blocks.size == 2196
+    assert (blocks.min(), blocks.max()) == (17.20, 360.00)
+    assert math.fsum(blocks) == pytest.approx(142_889.73, abs=0.005)
+    assert hourly.sum() == pytest.approx(142_889.73, abs=0.005)
+    assert hourly.size == 8784  # the blocks over the changes of the clock have three and five hours
+
+
+@measured
+def test_the_measured_frequency_comes_into_order_when_day_and_month_are_swapped_back() -> None:
+    mhz = read_frequency(FREQUENCY, time_zone="UTC")
+    assert mhz.size == 267_840
+    assert str(mhz.index[0]), str(mhz.index[-1]) == ("2019-05-01 00:00:00+00:00", "2019-05-31 23:59:50+00:00")
+    assert (mhz.min(), round(mhz.mean(), 2), mhz.max()) == (-110.5, 0.3, 129.5)
+    assert mhz.attrs["repairs"].rows("day-month") == 12 * 8640
+
+
+@pytest.fixture(scope="module")
+def may() -> bess.Result:
+    return outcome(
+        "fcr",
+        demand__frequency=str(FREQUENCY),
+        demand__time_zone="UTC",
+        demand__repeat=True,
+        demand__capacity_prices=str(PRICES),
+        demand__capacity_kw=140.0,
+        run__start=pd.Timestamp("2023-12-31T23:00Z").to_pydatetime(),
+        run__days=31.0,
+        policy__name="soc",
+    )
+
+
+@measured
+def test_soc_never_leaves_the_window_of_the_15_min_rule(may: bess.Result) -> None:
+    data = may.dataset
+    assert may.kpis["outside_window_h"] == 0.0
+    assert may.kpis["penalty_eur"] == 0.0
+    assert (data["soc"] > data["soc_low"]).all()
+    assert (data["soc"] < data["soc_high"]).all()
+    assert data["soc"].min() < 0.45  # it does move
+    assert may.kpis["fulfilment_pct"] == pytest.approx(100.0, abs=1e-6)
+
+
+@measured
+def test_income_of_a_day_is_its_six_blocks_to_the_cent(may: bess.Result) -> None:
+    """1 January 2024 in Germany, in EUR/MW: as printed in the tender results, times 0.14 MW."""
+    day = bess.ledger(may)["capacity_revenue_eur"].values[:96]
+    by_hand = 0.14 * (114.80 + 104.40 + 68.80 + 77.60 + 72.40 + 79.96)
+    assert day.sum() == pytest.approx(by_hand, abs=0.005)
+
+
+@measured
+def test_c_rates_resemble_those_of_a_year_of_such_a_store(may: bess.Result) -> None:
+    """The trace is of a store of another make and another year, with as many MW as MWh, charge positive."""
+    trace = pd.read_parquet(DATA / "bess" / "fcr_crate_from_blast_15min_1y.parquet")
+    theirs = np.abs(trace["c_rate_charge_pos_per_h"].dropna().to_numpy())
+    ours = np.abs(may.dataset["delivered_kw"].values.sum(axis=1)) / 140.0
+    for share in (0.5, 0.9, 0.99):
+        assert np.quantile(ours, share) == pytest.approx(np.quantile(theirs, share), rel=0.35)
+
+
+# Behind a meter: as good as a linear program that knows all that comes
+
+
+def least_import_kwh(net_kw: np.ndarray, power_kw: float, size_kwh: float, held_kwh: float) -> float:
+    """Plain program: charge c, discharge d, import g; e = e0 + sum(c - d) dt within [0, size]."""
+    n, dt_h = net_kw.size, 0.25
+    below = np.tril(np.ones((n, n))) * dt_h
+    zero, unit = np.zeros((n, n)), np.eye(n)
+    rows = np.block([[below, -below, zero], [-below, below, zero], [unit, -unit, -unit]])
+    most = np.concatenate([np.full(n, size_kwh - held_kwh), np.full(n, held_kwh), -net_kw])
+    cost = np.concatenate([np.zeros(2 * n), np.full(n, dt_h)])
+    bounds = [(0.0, power_kw)] * (2 * n) + [(0.0, None)] * n
+    return float(linprog(cost, rows, most, bounds=bounds).fun)
+
+
+def site(result: bess.Result) -> tuple[np.ndarray, np.ndarray, float]:
+    data = result.dataset
+    net = (data["load_kw"] - data["generation_kw"]).values
+    draw = net - data["delivered_kw"].values.sum(axis=1)
+    # 2 strings of 192 x 4 cells of 94 Ah at 3.7 V
+    return net, draw, 2 * 192 * 4 * 94.0 * 3.7 / 1000.0
+
+
+def test_self_consumption_draws_as_little_as_perfect_foresight_could() -> None:
+    result = outcome("self-consumption", **LOSSLESS)
+    net, draw, size_kwh = site(result)
+    least = least_import_kwh(net, 184.0, size_kwh, 0.5 * size_kwh)
+    assert result.kpis["import_kwh"] == pytest.approx(np.maximum(draw, 0.0).sum() * 0.25, rel=1e-12)
+    assert least > 300.0
+    assert result.kpis["import_kwh"] == pytest.approx(least, rel=0.01)
+
+
+def test_peak_shaving_keeps_the_peak_that_perfect_foresight_could() -> None:
+    study = bess.load_study("peak-shaving", LOSSLESS)
+    document = study.model_dump(exclude_unset=True, exclude_none=True)
+    del document["demand"]["limit_kw"]
+    result = bess.run(bess.Study.from_document(document, "lossless"), progress=False)
+    net, draw, size_kwh = site(result)
+    n = net.size
+    below = np.tril(np.ones((n, n))) * 0.25
+    rows = np.block(
+        [
+            [below, -below, np.zeros((n, 1))],
+            [-below, below, np.zeros((n, 1))],
+            [np.eye(n), -np.eye(n), -np.ones((n, 1))],
+        ]
+    )
+    most = np.concatenate([np.full(n, 0.5 * size_kwh), np.full(n, 0.5 * size_kwh), -net])
+    bounds = [(0.0, 184.0)] * (2 * n) + [(0.0, None)]
+    least = float(linprog(np.r_[np.zeros(2 * n), 1.0], rows, most, bounds=bounds).fun)
+    assert least < 0.7 * net.max()
+    assert draw.max() == pytest.approx(least, rel=0.01)
+
+
+def test_the_least_peak_by_hand() -> None:
+    """40 kWh and 30 kW shave the hour of 100 kW to 70 kW for power, two of them to 80 kW for energy."""
+    numbers = {"power_kw": 30.0, "full_kwh": 40.0, "held_kwh": 40.0, "one_way": 1.0}
+    assert least_peak_kw(np.array([50.0, 100.0, 50.0]), 1.0, **numbers) == pytest.approx(70.0)
+    assert least_peak_kw(np.array([50.0, 100.0, 100.0]), 1.0, **numbers) == pytest.approx(80.0)
+    assert least_peak_kw(np.array([100.0, 100.0]), 1.0, **(numbers | {"one_way": 0.5})) == pytest.approx(90.0)
+
+
+def test_a_store_asks_for_no_more_than_it_holds_or_has_room_for() -> None:
+    level = Level(level_kw=0.0, power_kw=50.0, full_kwh=100.0, one_way=0.5, dt_h=1.0)
+    np.testing.assert_allclose(level.demand_kw(np.array([60.0, 60.0, 60.0]), 120.0), [50.0, 10.0, 0.0])
+    np.testing.assert_allclose(level.demand_kw(np.array([-60.0, -60.0, -9.0]), 70.0), [-50.0, -10.0, 0.0])
+
+
+def test_the_last_bit_of_a_store_is_left_where_inverters_would_lose_more() -> None:
+    level = Level(level_kw=0.0, power_kw=50.0, full_kwh=100.0, one_way=1.0, dt_h=1.0, least_kw=4.0)
+    np.testing.assert_allclose(level.demand_kw(np.array([-60.0, 60.0, 60.0]), 97.0), [0.0, 50.0, 47.0])
+    np.testing.assert_allclose(level.demand_kw(np.array([2.0, -3.0]), 50.0), [2.0, -3.0])
+
+
+def test_the_saving_of_a_site_is_the_difference_of_its_bills() -> None:
+    result = outcome("self-consumption", policy__name="equal", run__days=2.0)
+    net, draw, _ = site(result)
+    bill = [np.where(kw > 0.0, 250.0 * kw, 80.0 * kw).sum() * 0.25 / 1000.0 for kw in (net, draw)]
+    ledger = bess.ledger(result)
+    saved = ledger["discharge_revenue_eur"].sum() - ledger["charge_cost_eur"].sum()
+    assert float(saved) == pytest.approx(bill[0] - bill[1], rel=1e-9)
+
+
+def test_a_lower_peak_saves_its_share_of_the_demand_charge() -> None:
+    result = outcome("peak-shaving", policy__name="equal")
+    spared = result.kpis["peak_before_kw"] - result.kpis["peak_draw_kw"]
+    assert result.kpis["capacity_revenue_eur"] == pytest.approx(spared * 100.0 * 7.0 / 365.0)
+
+
+# All kinds
+
+
+@pytest.mark.parametrize("name", ["fcr", "fcr-arbitrage", "peak-shaving", "self-consumption"])
+def test_a_run_that_is_continued_gives_the_same(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study = bess.load_study(name, {"policy.name": "soc", "run.days": 1.0})
+    whole = bess.run(study, progress=False).dataset
+    monkeypatch.setattr(runner, "PART_STEPS", 7)
+    stops = iter([False] * 40)
+
+    @contextmanager
+    def stopping():
+        yield lambda: next(stops, True)
+
+    monkeypatch.setattr(runner, "stop_requests", stopping)
+    with pytest.raises(bess.StoppedEarly):
+        bess.run(study, progress=False, out=tmp_path / "run")
+    monkeypatch.undo()
+    continued = bess.run(study, progress=False, out=tmp_path / "run", resume=True).dataset
+    for variable in whole:
+        np.testing.assert_array_equal(continued[variable], whole[variable], err_msg=str(variable))
+
+
+def test_trade_stays_within_what_the_reserve_leaves() -> None:
+    result = outcome("fcr-arbitrage", policy__name="soc", run__days=3.0)
+    data = result.dataset
+    assert result.kpis["outside_window_h"] == 0.0
+    assert float(np.abs(data["schedule_kw"]).max()) <= 184.0 - 92.0 + 1e-9
+    assert result.kpis["discharge_revenue_eur"] > result.kpis["charge_cost_eur"]
+
+
+def test_a_service_names_bundled_files_only_if_there_are_such() -> None:
+    with pytest.raises(InputError, match=r"demand\.load = 'industrial-weak'.*did you mean 'industrial-week'"):
+        outcome("peak-shaving", demand__load="industrial-weak")
+    with pytest.raises(InputError, match=r"demand\.frequency = 'synthetik'.*did you mean 'synthetic'"):
+        outcome("fcr", demand__frequency="synthetik")
+
+
+def test_the_bundled_profile_of_48_h_is_no_load() -> None:
+    assert bundled_profile("two-cycle-48h").size == 192
+    with pytest.raises(InputError, match="nothing bundled is called so"):
+        outcome("peak-shaving", demand__load="two-cycle-48h")
