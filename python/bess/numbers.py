@@ -22,9 +22,11 @@ def real_numbers(values: ArrayLike) -> NDArray[np.float64]:
     if isinstance(values, np.ma.MaskedArray) and np.ma.is_masked(values):
         raise ValueError("some values are masked")
     array = np.asarray(values)
+    if array.dtype == np.float64:
+        return array
     if array.dtype.kind in "iuf":
         with np.errstate(over="ignore"):  # of a long double; infinity, as 1e400 is
-            return array.astype(np.float64, copy=False)
+            return array.astype(np.float64)
     if array.dtype.kind == "O":
         return np.array([_real(value) for value in array.ravel()], dtype=np.float64).reshape(array.shape)
     if array.size == 0:

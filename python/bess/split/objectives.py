@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Annotated, Any, Final, Literal, Self
 
 import numpy as np
@@ -161,7 +162,7 @@ class Objectives(Choice):
         """The four objectives in the order of :data:`NAMES`."""
         return (self.availability, self.derating, self.inverter, self.battery)
 
-    @property
+    @cached_property
     def groups(self) -> tuple[tuple[int, ...], ...]:
         """Indices into :data:`NAMES` for each priority, the first to be minimised first."""
         priorities = sorted({o.priority for o in self.members}, reverse=True)
@@ -169,7 +170,7 @@ class Objectives(Choice):
             tuple(i for i, o in enumerate(self.members) if o.priority == priority) for priority in priorities
         )
 
-    @property
+    @cached_property
     def tolerances(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Absolute and relative tolerance of each group."""
         pairs = [

@@ -114,6 +114,7 @@ class PowerSplit:
             np.array([a == b for a, b in pairwise(strings)], dtype=bool),
         )
         self._scale_per_kw = _scale(system, horizon_steps, dt_h, self.objectives, inverter_kw, battery_kw)
+        self._costs = self._costs_at(self._scale_per_kw)
         self._switch_soc = np.array([s.battery.low_soc_switch for s in system.strings])[:, None]
         self._warm_start: Array | None = None
 
@@ -176,14 +177,10 @@ class PowerSplit:
         limit_s = self.settings.time_limit_s
         deadline = None if limit_s is None else started + limit_s
 
-        scale = self._scale_per_kw
+        costs = self._costs
         if self.objectives.normalisation == "payoff":
             abs_tol, rel_tol = self.objectives.tolerances
-            scale = payoff_scale(problem, scale, abs_tol[0], rel_tol[0])
-        costs = (
-            self.objectives.costs(scale, tie_break=False),
-            self.objectives.costs(scale, tie_break=True),
-        )
+            costs = self._costs_at(payoff_scale(problem, self._scale_per_kw, abs_tol[0], rel_tol[0]))
         control = problem.control(*costs, *self.objectives.tolerances)
 
         answer = self._search(control, self._warm_start, deadline)
@@ -192,6 +189,11 @@ class PowerSplit:
             answer = self._search(control, certificate.incumbent.request_kw, deadline)
             certificate = self._certify(problem, control, answer, costs, deadline)
         return self._answer(problem, answer, certificate, started)
+
+    def _costs_at(self, scale_per_kw: Array) -> tuple[Array, Array]:
+        """Costs of the losses: of what is reported, and of the search."""
+        reported, searched = (self.objectives.costs(scale_per_kw, tie_break=t) for t in (False, True))
+        return reported, searched
 
     def _search(
         self, control: _core.ControlHorizon, warm_start: Array | None, deadline: float | None
