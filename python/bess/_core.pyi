@@ -22,6 +22,7 @@ __all__ = [
     "StepCuts",
     "System",
     "ageing_models",
+    "cooling_kinds",
     "plan",
     "rainflow",
 ]
@@ -46,6 +47,7 @@ def plan(
     turn: int,
 ) -> Plan: ...
 def ageing_models() -> list[tuple[str, str]]: ...
+def cooling_kinds() -> list[str]: ...
 def rainflow(series: NDArray[np.float64]) -> list[tuple[float, float, float, int, int]]: ...
 
 @final

@@ -112,3 +112,12 @@ def test_a_study_says_what_its_terms_may_be() -> None:
         bess.load_study("arbitrage-2024", {"wear.model": "rust"})
     with pytest.raises(InputError, match=r"did you mean 'settlement.charge_fee_eur_mwh'"):
         bess.load_study("arbitrage-2024", {"settlement.charge_fee_mwh": 1.0})
+
+
+def test_cooling_is_bought_at_the_price_and_fee_of_charging_beside_standby() -> None:
+    plain = record()
+    cooled = record(auxiliary_kw=("time", [1.0, 0.0, 2.5, 4.0]))
+    extra_eur = bess.ledger(cooled)["auxiliary_eur"] - bess.ledger(plain)["auxiliary_eur"]
+    price = plain["price_eur_mwh"].values + 4.0
+    np.testing.assert_allclose(extra_eur, np.array([1.0, 0.0, 2.5, 4.0]) * 0.25e-3 * price, rtol=1e-9)
+    np.testing.assert_allclose(bess.ledger(cooled)["net_eur"] + extra_eur, bess.ledger(plain)["net_eur"])

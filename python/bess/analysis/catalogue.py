@@ -130,6 +130,9 @@ CATALOGUE: Final[dict[str, Kpi]] = {
     ),
     "inverter_loss_kwh": _energy("Inverter loss", "Energy lost in the inverters, standby included."),
     "battery_loss_kwh": _energy("Battery loss", "Heat in the internal resistance of the batteries."),
+    "auxiliary_kwh": _energy(
+        "Auxiliaries", "Energy that cooling takes from the grid: fans or pumps, and the source of cold."
+    ),
     "lost_kwh": _energy("Lost in total", "Undelivered energy, inverter loss and battery loss added."),
     "request_kwh": _energy(
         "Requested of the strings", "Set-points of all strings, both directions added.", None, detail=True
@@ -168,7 +171,8 @@ CATALOGUE: Final[dict[str, Kpi]] = {
     "wear_eur": _money("Wear", "Ageing of the batteries, by the wear model of the study."),
     "start_eur": _money("Inverter starts", "Starts of inverters, at the price of one."),
     "auxiliary_eur": _money(
-        "Auxiliaries", "Energy the plant takes beside what it delivers (standby), at the price of charging."
+        "Auxiliaries",
+        "Energy the plant takes beside what it delivers (cooling, standby), at the price of charging.",
     ),
     "npv_eur": _money(
         "Net present value",
@@ -180,10 +184,14 @@ CATALOGUE: Final[dict[str, Kpi]] = {
     "system_efficiency_pct": _efficiency(
         "System efficiency", "One minus inverter and battery loss per requested energy."
     ),
+    "system_efficiency_with_auxiliaries_pct": _efficiency(
+        "System efficiency with auxiliaries",
+        "One minus inverter loss, battery loss and auxiliaries per requested energy.",
+    ),
     "round_trip_efficiency_pct": _efficiency(
         "Round-trip efficiency",
         "Share of charged AC energy that comes back: what charging stores times what discharging delivers of "
-        "the energy drawn, so that a different charge at the end does not count.",
+        "the energy drawn, so that a different charge at the end does not count; auxiliaries included.",
     ),
     "availability_pct": _efficiency(
         "Availability", "One minus the energy shed by full or empty strings per energy asked for."

@@ -40,7 +40,10 @@ def kpis(result: Result | xr.Dataset) -> dict[str, float]:
     - ``fulfilment_pct`` ``sum |delivered| / sum |D|``; ``undelivered_kwh`` ``sum (a + d)``, ``lost_kwh``
       ``sum (a + d + w + h)``;
     - ``round_trip_efficiency_pct`` what charging stores per energy charged, times what discharging delivers
-      per energy drawn; left out if the run has only one of them;
+      per energy drawn; left out if the run has only one of them; of plants with cooling, auxiliaries count as
+      charged while charging, and else lessen what is delivered;
+    - of plants with cooling ``auxiliary_kwh``, and ``system_efficiency_with_auxiliaries_pct``, which counts
+      it as a loss;
     - ``peak_mean_temperature_c`` of the mean over strings, ``peak_string_temperature_c`` of the hottest
       string's mean (both with the initial state), ``peak_node_temperature_c`` of the hottest node;
     - ``soc_spread_start``, ``_end``, ``_mean`` and ``_max`` of the largest minus the smallest SOC, the same
@@ -102,6 +105,10 @@ def _figures(dataset: xr.Dataset) -> Iterator[tuple[str, Any]]:
     yield "battery_efficiency_pct", _left_pct(battery, request)
     yield "system_efficiency_pct", _left_pct(inverter + battery, request)
     yield "fulfilment_pct", _left_pct(demand - delivered, demand)
+    if "auxiliary_kw" in dataset:
+        auxiliary = energy_kwh("auxiliary_kw")
+        yield "auxiliary_kwh", auxiliary
+        yield "system_efficiency_with_auxiliaries_pct", _left_pct(inverter + battery + auxiliary, request)
     yield from _round_trip(dataset)
     yield from _temperatures(dataset)
     yield from _operation(dataset)
@@ -141,6 +148,10 @@ def _round_trip(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
     if charged > 0.0 and discharged > 0.0:
         stored = charged - losses[charging].sum()
         drawn = discharged + losses[~charging].sum()
+        if "auxiliary_kw" in dataset:
+            auxiliary, of_charging = dataset["auxiliary_kw"].values, charging.any(axis=1)
+            charged += auxiliary[of_charging].sum()
+            discharged -= auxiliary[~of_charging].sum()
         yield "round_trip_efficiency_pct", PERCENT * (stored / charged) * (discharged / drawn)
 
 

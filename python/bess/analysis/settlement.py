@@ -43,8 +43,8 @@ def ledger(result: Result | xr.Dataset) -> xr.Dataset:
     - ``shortfall_eur`` :math:`(|D| - |p|)(|\pi| + s)\,\Delta t`;
     - ``wear_eur``: what the wear model of the study put into the record;
     - ``start_eur`` for each start of an inverter;
-    - ``auxiliary_eur``: what the plant takes from the grid beside :math:`p` (the standby of inverters that
-      are off), at the price and fee of charging;
+    - ``auxiliary_eur``: what the plant takes from the grid beside :math:`p` (cooling, and the standby of
+      inverters that are off), at the price and fee of charging;
     - of services ``capacity_revenue_eur``, what a reserve or a lower peak earns, and ``penalty_eur``, what of
       the reserve was not there (:mod:`bess.analysis.services`);
     - ``net_eur``, the revenue less all costs.
@@ -147,7 +147,8 @@ def _entries(dataset: xr.Dataset, terms: Terms) -> Iterator[tuple[str, Array]]:
     yield "wear_eur", _of_all_strings(dataset, "wear_eur")
     yield "start_eur", dataset["inverter_starts"].values.sum(axis=1) * terms.start_eur
     standby_mwh = _of_all_strings(dataset, "standby_kw") * step_mwh_per_kw
-    yield "auxiliary_eur", standby_mwh * charge_price
+    cooling_mwh = dataset["auxiliary_kw"].values * step_mwh_per_kw if "auxiliary_kw" in dataset else 0.0
+    yield "auxiliary_eur", (standby_mwh + cooling_mwh) * charge_price
 
 
 def _of_all_strings(dataset: xr.Dataset, name: str) -> Array:

@@ -9,6 +9,7 @@ from pydantic import ValidationError
 
 from bess.errors import InputError
 from bess.parameters.battery import Battery
+from bess.parameters.cooling import Cooling
 from bess.parameters.documents import describe
 from bess.parameters.library import put_over
 from bess.parameters.section import Section
@@ -39,6 +40,18 @@ class StringParameters(Section):
         """What the compiled core is told of the string."""
         ageing = {"model": self.wear.cell_model, "calendar_share": self.wear.calendar_share}
         return {**self.model_dump(exclude={"site", "wear"}), "ageing": ageing}
+
+
+class _Plant(Section):
+    """Sections that are of the whole plant."""
+
+    cooling: Cooling | None = None
+
+
+def parse_cooling(document: Mapping[str, Any], name: str) -> Cooling | None:
+    """Check the section ``[cooling]``; None where there is none."""
+    table = {"cooling": document["cooling"]} if "cooling" in document else {}
+    return _validated(_Plant, table, name, "").cooling
 
 
 def parse_strings(document: Mapping[str, Any], name: str) -> tuple[tuple[StringParameters, ...], Control]:
@@ -81,13 +94,13 @@ def check_layout(document: object, name: str) -> None:
     """Raise :class:`InputError` unless ``document`` is made of the sections of a system file."""
     if not isinstance(document, Mapping):
         raise InputError(f"{name}: a system is a table of sections, not {type(document).__name__}")
-    known = {*_OVERRIDABLE, "about", "control", "string"}
+    known = {*_OVERRIDABLE, "about", "control", "cooling", "string"}
     if unknown := sorted(set(document) - known):
         raise InputError(f"{name}: unknown section {unknown[0]!r}; allowed: {', '.join(sorted(known))}")
     overrides = document.get("string", [])
     if not isinstance(overrides, list) or not all(isinstance(entry, Mapping) for entry in overrides):
         raise InputError(f"{name}: string: write one [[string]] table for each string")
-    for section in _OVERRIDABLE:
+    for section in (*_OVERRIDABLE, "cooling"):
         if not isinstance(document.get(section, {}), Mapping):
             raise InputError(f"{name}: {section}: must be a table")
 

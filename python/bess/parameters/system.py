@@ -16,7 +16,9 @@ from bess.components.registry import SYSTEMS, system_document
 from bess.display import as_table
 from bess.errors import InputError
 from bess.parameters.documents import plain, read_toml
-from bess.parameters.parse import PER_STRING_SITE, StringParameters, parse_strings
+from bess.parameters.lumped import Lumped, identify
+from bess.parameters.parse import PER_STRING_SITE, StringParameters, parse_cooling, parse_strings
+from bess.parameters.sections import LumpedThermal
 from bess.parameters.state import State
 
 
@@ -38,6 +40,11 @@ class System:
         Control step [min], horizon [steps], plant step [s].
     ambient_c : float
         Ambient temperature [degC] unless a weather file gives it.
+    cooling : Cooling or None
+        Section ``[cooling]``; None where air of the ambient passes the strings and costs nothing.
+    lumped : Lumped or None
+        With cooling, the lumped thermal model as it was identified from the plant; it takes the place of
+        ``[thermal.lumped]``.
     core : bess._core.System
         The string-level tables, shared by plant and control model.
     """
@@ -46,12 +53,49 @@ class System:
         self.name = name
         self.document: dict[str, Any] = plain(document, name)
         strings, self.control = parse_strings(self.document, name)
+        self.cooling = parse_cooling(self.document, name)
         self.strings: tuple[StringParameters, ...] = strings
         self.ambient_c: float = strings[0].site.ambient_c
+        self.core = self._tables()
+        self.lumped: Lumped | None = None
+        if self.cooling is not None:
+            self.lumped = self._identified()
+            self.strings = tuple(
+                string.model_copy(
+                    update={
+                        "thermal": string.thermal.model_copy(
+                            update={"lumped": LumpedThermal(k1_k_per_j=float(k1), k2_per_s=float(k2))}
+                        )
+                    }
+                )
+                for string, k1, k2 in zip(strings, self.lumped.k1_k_per_j, self.lumped.k2_per_s, strict=True)
+            )
+            self.core = self._tables()
+
+    def _tables(self) -> _core.System:
+        cooling = None if self.cooling is None else self.cooling.model_dump()
+        document = {"strings": [string.core_document() for string in self.strings], "cooling": cooling}
         try:
-            self.core = _core.System(json.dumps({"strings": [s.core_document() for s in strings]}))
+            return _core.System(json.dumps(document))
         except ValueError as error:
-            raise InputError(f"{name}: {error}") from error
+            raise InputError(f"{self.name}: {error}") from error
+
+    def _identified(self) -> Lumped:
+        windows = [(s.battery.soc_min, s.battery.soc_max) for s in self.strings]
+        nodes = np.array([s.thermal.spatial.nodes for s in self.strings])
+        steps_s = (60.0 * self.control.step_min, self.control.plant_step_s)
+        try:
+            return identify(self.core, np.mean(windows, axis=1), self.nominal_kw, nodes, steps_s)
+        except ValueError as error:
+            raise InputError(f"{self.name}: {error}") from error
+
+    def surroundings_c(self, ambient_c: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Temperature that the strings cool towards, as a controller sees it, at ambient temperatures [degC].
+
+        That of the ambient without a section ``[cooling]``; with one, what the plant itself shows
+        (:attr:`lumped`).
+        """
+        return ambient_c if self.lumped is None else self.lumped.surroundings_c(ambient_c)
 
     @classmethod
     def reference(cls, n_strings: int = 2) -> Self:
@@ -153,6 +197,8 @@ class System:
             "system": {**site, **shared.get("system", {})},
             "control": self.control.model_dump(),
         }
+        if self.cooling is not None:
+            document["cooling"] = self.cooling.model_dump(exclude_none=True)
         if len(shared) < len(sections[0]):
             document["string"] = [
                 {key: value for key, value in s.items() if key not in shared} for s in sections

@@ -23,6 +23,12 @@ _HEALTH = (4, 5, 3)
 _REMEMBERED = {"soc": "1", "node_temperature_c": "degC", "derating_integral_k": "K", "ageing": "1"}
 """Numbers of a snapshot, with their units."""
 
+_COOLING = {"cooling_stages": "1", "coolant": "1"}
+"""The same, of plants with cooling only."""
+
+_OF_THE_PLANT = ("auxiliary_kw", "coolant_c")
+"""Flows without a string axis."""
+
 
 class Fleet:
     """Independent scenarios of one plant, stepped side by side in one call.
@@ -77,6 +83,7 @@ class Fleet:
         # Strings with fewer nodes than others have NaN beyond theirs.
         self._real = np.arange(nodes) < self._nodes[:, None]
         self._shape = (self.n_scenarios, system.n_strings)
+        self._cooled = system.cooling is not None
         temperature_c = np.array([state.temperature_c for state in states])
         start = {
             "soc": np.array([state.soc for state in states]).ravel(),
@@ -192,12 +199,15 @@ class Fleet:
         with refusals():
             array = self._core.run(request_kw.ravel(), air_c.ravel(), duration_s, nodes)
         node_c = array.pop("node_temperature_c")
+        shared = {name: array.pop(name).reshape(shape[:-1]) for name in _OF_THE_PLANT if name in array}
         if len(shape) > 1:
             array = {name: values.reshape(shape) for name, values in array.items()}
         array["inverter_starts"] = array["inverter_starts"].astype(np.int64)
         array["ledger_residual_kwh"] = array["ledger_residual_kwh"].sum(axis=-1)
         return Flows(
-            **array, node_temperature_c=node_c.reshape(*shape, self._core.max_nodes) if nodes else None
+            **array,
+            **shared,
+            node_temperature_c=node_c.reshape(*shape, self._core.max_nodes) if nodes else None,
         )
 
     def snapshot(self) -> PlantSnapshot:
@@ -209,6 +219,8 @@ class Fleet:
             derating_integral_k=flat["derating_integral_k"].reshape(self._shape),
             inverter_on=flat["inverter_on"].reshape(self._shape),
             ageing=flat["ageing"].reshape(*self._shape, -1),
+            cooling_stages=flat["cooling_stages"].reshape(self._shape) if self._cooled else None,
+            coolant=flat["coolant"].reshape(self.n_scenarios, -1) if self._cooled else None,
         )
 
     def restore(self, snapshot: PlantSnapshot) -> None:
@@ -222,6 +234,7 @@ class Fleet:
 def _flat(snapshot: PlantSnapshot) -> dict[str, NDArray[np.float64] | NDArray[np.bool_]]:
     values: dict[str, NDArray[np.float64] | NDArray[np.bool_]] = {
         name: any_shape(f"snapshot: {name}", getattr(snapshot, name), unit).ravel()
-        for name, unit in _REMEMBERED.items()
+        for name, unit in (_REMEMBERED | _COOLING).items()
+        if name in _REMEMBERED or getattr(snapshot, name) is not None
     }
     return values | {"inverter_on": np.asarray(snapshot.inverter_on, dtype=np.bool_).ravel()}

@@ -34,8 +34,8 @@ class Limit(IntFlag):
 class Flows:
     """Flows of one control step (``Plant.step``) or of several (``Plant.run``).
 
-    The last axis of every array but the last two is the string; before it stands the step (``run``) and
-    before that the scenario (:class:`~bess.plant.Fleet`). Powers are means over the control step.
+    The last axis of every array is the string, unless it says otherwise; before it stands the step (``run``)
+    and before that the scenario (:class:`~bess.plant.Fleet`). Powers are means over the control step.
     Positive power and current are discharge, losses are ``>= 0``, and ``|request| = |delivered| +
     availability loss + derating loss``.
 
@@ -76,9 +76,17 @@ class Flows:
         Charge that went with capacity at the end of the step [Ah]: SOC times the capacity lost.
     ledger_residual_kwh : ndarray
         AC energy - (chemical change + heat + inverter loss) of all strings [kWh]; no string axis.
+    auxiliary_kw : ndarray
+        Power of cooling [kW]: fans or pumps, and the source of cold; the grid supplies it beside
+        ``delivered_kw``. 0 for a system without section ``[cooling]``; no string axis.
     node_temperature_c : ndarray or None
         Node temperatures at the end of the step [degC], with the node as one more axis after the string (NaN
         beyond the nodes of a string that has fewer than others); None if not asked for.
+    cooling_kw : ndarray or None
+        Heat that the coolant carried off [kW]; None for a system without section ``[cooling]``.
+    coolant_c : ndarray or None
+        Temperature at which the coolant reaches the (first) string at the end of the step [degC]; no string
+        axis; None for a system without section ``[cooling]``.
     """
 
     delivered_kw: Floats
@@ -101,7 +109,10 @@ class Flows:
     cyclic_loss: Floats
     aged_charge_ah: Floats
     ledger_residual_kwh: Floats
+    auxiliary_kw: Floats
     node_temperature_c: Floats | None
+    cooling_kw: Floats | None = None
+    coolant_c: Floats | None = None
 
     def _facts(self) -> dict[str, str]:
         *_, strings = self.delivered_kw.shape

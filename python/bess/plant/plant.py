@@ -26,6 +26,10 @@ class Plant:
     charge. What is requested and not delivered is reported as derating loss or availability loss. Not
     modelled: self-discharge, voltage dynamics, start-up time of inverters.
 
+    A system with a section ``[cooling]`` has thermostats, fans or pumps, and a source of cold, which take
+    :attr:`Flows.auxiliary_kw` from the grid; without one, air of the ambient passes the strings at a constant
+    flow and costs nothing.
+
     Strings whose section ``[wear]`` names a cell model age: after a control step, once at least 900 s have
     gathered, their capacity falls and their resistance rises. SOC stays what it is then; the charge that goes
     with the capacity is :attr:`Flows.aged_charge_ah`, so that ``capacity * soc`` changes by the current and
@@ -181,6 +185,8 @@ class Plant:
             derating_integral_k=whole.derating_integral_k[0],
             inverter_on=whole.inverter_on[0],
             ageing=whole.ageing[0],
+            cooling_stages=None if whole.cooling_stages is None else whole.cooling_stages[0],
+            coolant=None if whole.coolant is None else whole.coolant[0],
         )
 
     def restore(self, snapshot: PlantSnapshot) -> None:

@@ -28,6 +28,10 @@ class PlantSnapshot:
     ageing : ndarray, shape (n_strings, n_numbers)
         What ageing remembers: losses, damages, and the cycles that are still open. As many numbers as the
         string with the most open cycles needs, the others filled up with 0.
+    cooling_stages : ndarray, shape (n_strings,), or None
+        Stages of flow that are on; None for a plant without section ``[cooling]``.
+    coolant : ndarray, shape (2,), or None
+        1 where the chiller may run, and the temperature of the common loop [degC].
     """
 
     soc: NDArray[np.float64]
@@ -35,3 +39,5 @@ class PlantSnapshot:
     derating_integral_k: NDArray[np.float64]
     inverter_on: NDArray[np.bool_]
     ageing: NDArray[np.float64]
+    cooling_stages: NDArray[np.float64] | None = None
+    coolant: NDArray[np.float64] | None = None

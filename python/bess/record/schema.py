@@ -49,6 +49,9 @@ VARIABLES: dict[str, Variable] = {
     "inverter_loss_kw": Variable(_TS, "kW", "inverter loss"),
     "standby_kw": Variable(_TS, "kW", "inverter loss taken from the grid by inverters that are off"),
     "battery_loss_kw": Variable(_TS, "kW", "heat in the battery"),
+    "auxiliary_kw": Variable(_T, "kW", "power of cooling (fans, pumps, chiller), taken from the grid"),
+    "cooling_kw": Variable(_TS, "kW", "heat carried off by the coolant"),
+    "coolant_c": Variable(_T, "degC", "temperature of the coolant at the inlet, at the end of the step"),
     "current_a": Variable(_TS, "A", "mean string current, positive = discharge"),
     "soc": Variable(_TS, "1", "state of charge at the end of the step"),
     "temperature_c": Variable(_TS, "degC", "mean temperature over the nodes at the end of the step"),
@@ -95,6 +98,9 @@ FLOWS = (
     "ledger_residual_kwh",
 )
 """Variables that come from the plant as they are."""
+
+COOLING_FLOWS = ("auxiliary_kw", "cooling_kw", "coolant_c")
+"""The same, of plants with a section ``[cooling]`` only."""
 
 AGEING_FLOWS = ("calendar_loss", "cyclic_loss", "aged_charge_ah")
 """The same, of plants with a cell model of ageing only."""

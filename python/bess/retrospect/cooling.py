@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from bess.errors import InputError
 from bess.parameters import State, System
 from bess.plant import Fleet
 
@@ -40,7 +41,17 @@ class Cooling:
         """Ask an idle plant: warm one node after the other and look where it is after a step.
 
         Strings exchange no heat, so each node number is tried on all strings at once.
+
+        Raises
+        ------
+        InputError
+            If the system has a section ``[cooling]``, with which warmth is not linear.
         """
+        if system.cooling is not None:
+            raise InputError(
+                f"hindsight: {system.name} has [cooling] kind = {system.cooling.kind!r}; what is proven "
+                "impossible is known for air of the ambient only, without that section"
+            )
         nodes = np.array([string.thermal.spatial.nodes for string in system.strings])
         count = int(nodes.max())
         middle = [0.5 * (s.battery.soc_min + s.battery.soc_max) for s in system.strings]

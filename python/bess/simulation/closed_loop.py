@@ -12,7 +12,7 @@ from bess.errors import BessError, InputError
 from bess.numbers import real_numbers
 from bess.plant import Plant, PlantSnapshot
 from bess.policies import Decision, Policy, Situation
-from bess.record.schema import AGEING_FLOWS, FLOWS
+from bess.record.schema import AGEING_FLOWS, COOLING_FLOWS, FLOWS
 from bess.simulation.demand import Now
 from bess.simulation.inputs import Inputs
 from bess.wear import WearPrices
@@ -42,9 +42,12 @@ class ClosedLoop:
         self._flows = (
             *FLOWS,
             *(AGEING_FLOWS if self._ages else ()),
+            *(COOLING_FLOWS if inputs.system.cooling is not None else ()),
             *(("node_temperature_c",) if node_temperatures else ()),
         )
         self._prices = WearPrices.of(inputs.system)
+        # A controller knows of ambient and cooling what its strings cool towards.
+        self._surroundings_c = inputs.system.surroundings_c(inputs.ambient_c)
         self._total_kw = inputs.limit_kw.sum(axis=1)
         self.step = 0
 
@@ -59,7 +62,7 @@ class ClosedLoop:
         step, inputs = self.step, self._inputs
         state = self._plant.state
         limit_kw, total_kw = inputs.limit_kw[step], self._total_kw[step]
-        now = Now(state, limit_kw, inputs.ambient_c[step:])
+        now = Now(state, limit_kw, self._surroundings_c[step:])
         ahead_kw = inputs.demand.ahead(step, inputs.horizon_steps, now)
         demand_kw = float(ahead_kw[0])
         served_kw = np.minimum(np.maximum(ahead_kw, -total_kw), total_kw)
@@ -67,7 +70,7 @@ class ClosedLoop:
         situation = Situation(
             state=state,
             demand_kw=served_kw,
-            ambient_c=_ahead(inputs.ambient_c, step, inputs.horizon_steps),
+            ambient_c=_ahead(self._surroundings_c, step, inputs.horizon_steps),
             limit_kw=limit_kw,
             price_eur_mwh=(
                 None

@@ -18,6 +18,7 @@ from typing import Any, Final, Literal
 from pydantic import create_model
 
 from bess.parameters.battery import Battery
+from bess.parameters.cooling import Cooling
 from bess.parameters.section import Section
 from bess.parameters.sections import About, Control, Derating, Inverter, Site, Thermal, Wear
 from bess.study.study import Study
@@ -31,6 +32,7 @@ _UNITS: Final = {
     "eur_mwh": "EUR/MWh", "eur_per_mwh": "EUR/MWh", "eur_kwh": "EUR/kWh", "_eur": "EUR", "_kwh": "kWh",
     "_kw": "kW", "_kg_m3": "kg/m³", "_j_kgk": "J/(kg K)", "_w_m2k": "W/(m² K)", "_w_mk": "W/(m K)",
     "_kg_s": "kg/s", "_m2": "m²", "_k_per_j": "K/J", "_per_k_step": "1/(K step)", "_per_k": "1/K",
+    "_w_per_w": "", "_w_k": "W/K", "_kj_k": "kJ/K", "_pa": "Pa",
     "_kw_per_s": "kW/s",
     "_per_s": "1/s", "_mohm": "mΩ", "_ah": "Ah", "_kg": "kg", "soc_min": "", "_min": "min", "_h": "h",
     "_s": "s", "_c": "°C", "_k": "K", "_m": "m", "days": "days",
@@ -138,6 +140,7 @@ def _system_file() -> type[Section]:
         "derating": (Derating, ...),
         "thermal": (Thermal, ...),
         "wear": (Wear, Wear()),
+        "cooling": (Cooling | None, None),
         "control": (Control, Control()),
     }
     return create_model("SystemFile", __base__=Section, **sections)

@@ -3,6 +3,7 @@
 use bess_tables::{Direction, Resistance, StringParameters};
 
 use crate::ageing::{AgeingState, StringAgeing};
+use crate::cooling::Faces;
 use crate::electrical::{Demand, Operation};
 use crate::lanes::Lanes;
 use crate::line::{Line, Lines};
@@ -26,6 +27,37 @@ pub(crate) struct LaneState {
     pub(crate) ageing: AgeingState,
 }
 
+/// A control step that has begun.
+#[derive(Debug, Clone, Copy)]
+struct Begun<const W: usize> {
+    request_w: Lanes<W>,
+    magnitude_w: Lanes<W>,
+    sign: Lanes<W>,
+    direction: [Direction; W],
+    /// Temperature of the air, or coolant, at the inlet.
+    inlet_c: Lanes<W>,
+    /// State at its beginning.
+    soc: Lanes<W>,
+    temperature_c: Lanes<W>,
+}
+
+/// Lanes that are stepped by a coolant that they share with others, one plant step at a time. Lanes have the numbers
+/// of the plant.
+pub(crate) trait Cooled {
+    /// Begins a control step.
+    fn begin(&mut self, schedule: &Schedule, step: usize);
+    /// Writes the mean temperature of every lane [degC].
+    fn means_c(&self, means_c: &mut [f64]);
+    /// Changes the flow of a lane, if it is one of these, to a share of the full one.
+    fn set_flow(&mut self, id: usize, share: f64);
+    /// Temperature at which the coolant would leave a lane, if it is one of these [degC].
+    fn outlet_c(&self, id: usize, inlet_c: f64) -> Option<f64>;
+    /// One plant step with the inlets of `faces`; writes what the coolant met.
+    fn cooled_step(&mut self, faces: &mut Faces);
+    /// Ends the control step.
+    fn finish(&mut self, schedule: &Schedule, step: usize, record: &mut Record);
+}
+
 /// Lanes with the same number of nodes. Lanes beyond `ids` repeat the last one; nobody reads them.
 #[derive(Debug, Clone)]
 pub(crate) struct Block<const W: usize> {
@@ -33,7 +65,10 @@ pub(crate) struct Block<const W: usize> {
     strings: [StringParameters; W],
     law: DeratingLaw,
     step_s: f64,
+    coefficients: [Coefficients; W],
     air_path: AirPath<W>,
+    /// The control step of a plant whose strings share a coolant.
+    begun: Option<(Begun<W>, Totals<W>, [Limits; W])>,
     scratch: Scratch,
     any_measured: bool,
     k_per_w: Lanes<W>,
@@ -74,6 +109,7 @@ impl<const W: usize> Block<W> {
         Ok(Self {
             ids: members.iter().map(|&(id, _)| id).collect(),
             air_path: AirPath::new(&coefficients, nodes),
+            begun: None,
             scratch: Scratch::new(nodes, strings.iter().map(|s| &s.resistance)),
             any_measured: strings.iter().any(|s| matches!(s.resistance, Resistance::Measured { .. })),
             k_per_w: Lanes::from_fn(|l| coefficients[l].k_per_w),
@@ -94,6 +130,7 @@ impl<const W: usize> Block<W> {
             aged: Vec::new(),
             capacity_ah: Lanes::ZERO,
             growth: Lanes::ZERO,
+            coefficients,
             strings,
             law,
             step_s,
@@ -194,26 +231,23 @@ impl<const W: usize> Block<W> {
     #[inline(always)]
     pub(crate) fn run_portable(&mut self, schedule: &Schedule, record: &mut Record) {
         for step in 0..schedule.steps {
-            let member = |l: usize| self.ids[l.min(self.ids.len() - 1)];
-            let request_w = Lanes::from_fn(|l| schedule.request_w(step, member(l)));
-            let ambient_c = Lanes::from_fn(|l| schedule.ambient_c(step, member(l)));
-            let mut limits = [Limits::NONE; W];
-            let (soc, temperature_c) = (self.soc, self.air_path.mean_temperature());
-            let totals = self.control_step(request_w, ambient_c, schedule.substeps, &mut limits);
-            self.report(step, request_w, &totals, &limits, schedule.substeps, record);
-            let duration_s = schedule.substeps as f64 * self.step_s;
-            self.age(soc, temperature_c, duration_s, step * schedule.lanes, record);
+            // Locals, because the compiler keeps them in registers.
+            let begun = self.begin_step(schedule, step);
+            let Begun { magnitude_w, sign, direction, inlet_c, .. } = begun;
+            let (mut totals, mut limits) = (Totals::new(), [Limits::NONE; W]);
+            for _ in 0..schedule.substeps {
+                self.plant_step(magnitude_w, sign, &direction, inlet_c, &mut totals, &mut limits);
+            }
+            self.finish_step(&begun, &totals, &limits, schedule, step, record);
         }
     }
 
     #[inline(always)]
-    fn control_step(
-        &mut self,
-        request_w: Lanes<W>,
-        ambient_c: Lanes<W>,
-        substeps: usize,
-        limits: &mut [Limits; W],
-    ) -> Totals<W> {
+    fn begin_step(&mut self, schedule: &Schedule, step: usize) -> Begun<W> {
+        let member = |l: usize| self.ids[l.min(self.ids.len() - 1)];
+        let request_w = Lanes::from_fn(|l| schedule.request_w(step, member(l)));
+        let inlet_c = Lanes::from_fn(|l| schedule.ambient_c(step, member(l)));
+        let (soc, temperature_c) = (self.soc, self.air_path.mean_temperature());
         let magnitude_w = Lanes::from_fn(|l| request_w.0[l].abs());
         let sign = Lanes::from_fn(|l| if request_w.0[l] < 0.0 { -1.0 } else { 1.0 });
         let direction: [Direction; W] =
@@ -221,15 +255,41 @@ impl<const W: usize> Block<W> {
         // The loss table in force changes with the direction.
         self.loss_lines = Lines::unknown();
         if self.law == DeratingLaw::Pi {
-            let share = substeps as f64 * self.step_s / INTEGRAL_STEP_S;
+            let share = schedule.substeps as f64 * self.step_s / INTEGRAL_STEP_S;
             let excess_k = self.excess_k();
             self.integral_k = (self.integral_k + excess_k * Lanes::splat(share)).at_least(Lanes::ZERO);
         }
-        let mut totals = Totals::new();
-        for _ in 0..substeps {
-            self.plant_step(magnitude_w, sign, &direction, ambient_c, &mut totals, limits);
+        Begun { request_w, magnitude_w, sign, direction, inlet_c, soc, temperature_c }
+    }
+
+    fn finish_step(
+        &mut self,
+        begun: &Begun<W>,
+        totals: &Totals<W>,
+        limits: &[Limits; W],
+        schedule: &Schedule,
+        step: usize,
+        record: &mut Record,
+    ) {
+        self.report(step, begun.request_w, totals, limits, schedule.substeps, record);
+        let duration_s = schedule.substeps as f64 * self.step_s;
+        self.age(begun.soc, begun.temperature_c, duration_s, step * schedule.lanes, record);
+    }
+
+    fn widest_plant_step(&mut self, begun: &Begun<W>, totals: &mut Totals<W>, limits: &mut [Limits; W]) {
+        #[cfg(target_arch = "x86_64")]
+        if std::arch::is_x86_feature_detected!("avx2") {
+            // SAFETY: the processor has just been asked for AVX2.
+            unsafe { self.plant_step_avx2(begun, totals, limits) };
+            return;
         }
-        totals
+        self.plant_step(begun.magnitude_w, begun.sign, &begun.direction, begun.inlet_c, totals, limits);
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    unsafe fn plant_step_avx2(&mut self, begun: &Begun<W>, totals: &mut Totals<W>, limits: &mut [Limits; W]) {
+        self.plant_step(begun.magnitude_w, begun.sign, &begun.direction, begun.inlet_c, totals, limits);
     }
 
     #[inline(always)]
@@ -238,7 +298,7 @@ impl<const W: usize> Block<W> {
         magnitude_w: Lanes<W>,
         sign: Lanes<W>,
         direction: &[Direction; W],
-        ambient_c: Lanes<W>,
+        inlet_c: Lanes<W>,
         totals: &mut Totals<W>,
         limits: &mut [Limits; W],
     ) {
@@ -321,7 +381,7 @@ impl<const W: usize> Block<W> {
 
         let heating = self.k_per_w * squared * drawn.node_factor;
         let tables = std::array::from_fn(|l| &self.strings[l].resistance);
-        totals.hottest_c = self.air_path.advance(heating, ambient_c, totals.hottest_c, &tables);
+        totals.hottest_c = self.air_path.advance(heating, inlet_c, totals.hottest_c, &tables);
     }
 
     /// Replaces what was drawn from a lane that has a limit, or a resistance that depends on its own current.
@@ -414,6 +474,48 @@ impl<const W: usize> Block<W> {
     }
 }
 
+impl<const W: usize> Cooled for Block<W> {
+    fn begin(&mut self, schedule: &Schedule, step: usize) {
+        self.begun = Some((self.begin_step(schedule, step), Totals::new(), [Limits::NONE; W]));
+    }
+
+    fn means_c(&self, means_c: &mut [f64]) {
+        let mean_c = self.air_path.mean_temperature();
+        self.ids.iter().enumerate().for_each(|(lane, &id)| means_c[id] = mean_c.0[lane]);
+    }
+
+    fn set_flow(&mut self, id: usize, share: f64) {
+        for lane in (0..W).filter(|&lane| self.ids.get(lane) == Some(&id)) {
+            self.air_path.set_flow(lane, &self.coefficients[lane].at_flow(share));
+        }
+    }
+
+    fn outlet_c(&self, id: usize, inlet_c: f64) -> Option<f64> {
+        let lane = self.ids.iter().position(|&own| own == id)?;
+        Some(self.air_path.outlet(Lanes::splat(inlet_c)).0[lane])
+    }
+
+    fn cooled_step(&mut self, faces: &mut Faces) {
+        let Some((mut begun, mut totals, mut limits)) = self.begun else { return };
+        let last = self.air_path.temperature.len() - 1;
+        for (lane, &id) in self.ids.iter().enumerate() {
+            begun.inlet_c.0[lane] = faces.inlet_c[id];
+            faces.front_c[id] = self.air_path.temperature[0].0[lane];
+            faces.rear_c[id] = self.air_path.temperature[last].0[lane];
+        }
+        let outlet_c = self.air_path.outlet(begun.inlet_c);
+        self.ids.iter().enumerate().for_each(|(lane, &id)| faces.outlet_c[id] = outlet_c.0[lane]);
+        self.widest_plant_step(&begun, &mut totals, &mut limits);
+        self.begun = Some((begun, totals, limits));
+    }
+
+    fn finish(&mut self, schedule: &Schedule, step: usize, record: &mut Record) {
+        if let Some((begun, totals, limits)) = self.begun.take() {
+            self.finish_step(&begun, &totals, &limits, schedule, step, record);
+        }
+    }
+}
+
 /// What flows in one plant step.
 struct Drawn<const W: usize> {
     delivered_w: Lanes<W>,
@@ -468,7 +570,7 @@ mod tests {
         let ambient_c = vec![25.0; steps];
         let schedule =
             Schedule { steps, substeps, lanes: W, strings: W, request_w: &request_w, ambient_c: &ambient_c };
-        let mut record = Record::new(steps, W, 40, true);
+        let mut record = Record::new(steps, (1, W), 40, true);
         run(&mut block, &schedule, &mut record);
         record
     }

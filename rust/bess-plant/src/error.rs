@@ -4,6 +4,10 @@ fn known_models() -> String {
     crate::ageing::models::MODELS.map(|model| model.name).join(", ")
 }
 
+fn known_kinds() -> String {
+    crate::cooling::KINDS.map(|kind| kind.name).join(", ")
+}
+
 /// Input that the plant refuses. The text names the value with its unit, the place and what is allowed.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum PlantError {
@@ -53,6 +57,12 @@ pub enum PlantError {
     /// No ageing model is called so.
     #[error("ageing model '{name}' is unknown; there are {}", known_models())]
     Model {
+        /// The name given.
+        name: String,
+    },
+    /// No kind of cooling is called so.
+    #[error("cooling kind '{name}' is unknown; there are {}", known_kinds())]
+    CoolingKind {
         /// The name given.
         name: String,
     },

@@ -20,6 +20,7 @@ mod common;
 pub mod ageing;
 mod block;
 mod check;
+pub mod cooling;
 mod electrical;
 mod error;
 mod lanes;
@@ -31,5 +32,5 @@ mod thermal;
 mod totals;
 
 pub use error::PlantError;
-pub use plant::{starting_ageing, DeratingLaw, Plant, PlantState, Schedule};
+pub use plant::{starting_ageing, CoolingState, DeratingLaw, Plant, PlantState, Schedule};
 pub use record::{Limits, Record};

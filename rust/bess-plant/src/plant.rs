@@ -1,8 +1,9 @@
 use bess_tables::{StringParameters, System};
 
 use crate::ageing::{AgeingState, StringAgeing};
-use crate::block::{Block, LaneState};
+use crate::block::{Block, Cooled, LaneState};
 use crate::check::{check_all, check_range, TEMPERATURE_C};
+use crate::cooling::{kind, with_coolant, Station};
 use crate::record::Record;
 use crate::thermal::Coefficients;
 use crate::PlantError;
@@ -49,6 +50,19 @@ pub struct PlantState {
     pub inverter_on: Vec<bool>,
     /// What ageing has made of each lane; see [`starting_ageing`].
     pub ageing: Vec<AgeingState>,
+    /// What cooling remembers; none for a plant without, or one that starts.
+    pub cooling: Option<CoolingState>,
+}
+
+/// What the cooling of a plant remembers.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CoolingState {
+    /// Stages of flow that are on, of each lane.
+    pub stages: Vec<u8>,
+    /// Whether the chiller of each scenario may run.
+    pub chilling: Vec<bool>,
+    /// Temperature of the common loop of each scenario [degC]; that of its strings where there is none.
+    pub loop_c: Vec<f64>,
 }
 
 /// Ageing of lanes that start with these factors on capacity and resistance, one of each for each lane.
@@ -109,6 +123,7 @@ pub struct Plant {
     step_s: f64,
     eights: Vec<Block<8>>,
     fours: Vec<Block<4>>,
+    station: Option<Station>,
 }
 
 impl Plant {
@@ -125,7 +140,13 @@ impl Plant {
         law: DeratingLaw,
         state: &PlantState,
     ) -> Result<Self, PlantError> {
-        let strings = system.strings.clone();
+        let mut strings = system.strings.clone();
+        if let Some(cooling) = &system.cooling {
+            let kind = kind(&cooling.kind)?;
+            for string in &mut strings {
+                string.spatial = with_coolant(cooling, kind, &string.spatial);
+            }
+        }
         check_range("plant step", step_s, " s", STEP_S, String::new)?;
         check_range("number of scenarios", scenarios as f64, "", (1.0, 1e6), String::new)?;
         for (string, parameters) in strings.iter().enumerate() {
@@ -152,7 +173,11 @@ impl Plant {
                 }
             }
         }
-        let mut plant = Self { strings, scenarios, step_s, eights, fours };
+        let station = match &system.cooling {
+            Some(cooling) => Some(Station::new(cooling, &strings, scenarios, step_s)?),
+            None => None,
+        };
+        let mut plant = Self { strings, scenarios, step_s, eights, fours, station };
         plant.set_state(state)?;
         Ok(plant)
     }
@@ -181,6 +206,11 @@ impl Plant {
             derating_integral_k: vec![0.0; lanes],
             inverter_on: vec![false; lanes],
             ageing: Vec::with_capacity(lanes),
+            cooling: self.station.as_ref().map(|station| CoolingState {
+                stages: station.stages.clone(),
+                chilling: station.chilling.clone(),
+                loop_c: station.loop_c.clone(),
+            }),
         };
         let mut ageing: Vec<_> = (0..lanes).map(|_| None).collect();
         let eights = self.eights.iter().flat_map(|block| each_lane(block.ids(), |l| block.state(l)));
@@ -204,6 +234,11 @@ impl Plant {
     /// Where an array has not one value for each lane (and node), or a value is outside its range.
     pub fn set_state(&mut self, state: &PlantState) -> Result<(), PlantError> {
         let lanes = self.lane_states(state)?;
+        let cooling = self.cooling_state(state, &lanes)?;
+        if let (Some(station), Some(cooling)) = (&mut self.station, cooling) {
+            (station.stages, station.chilling, station.loop_c) =
+                (cooling.stages, cooling.chilling, cooling.loop_c);
+        }
         for block in &mut self.eights {
             let own: Vec<_> = block.ids().iter().map(|&id| &lanes[id]).collect();
             block.set_state(&own);
@@ -260,10 +295,22 @@ impl Plant {
             return Err(PlantError::TooMany { count, most: MOST_PLANT_STEPS, step_s: self.step_s });
         }
         let schedule = Schedule { steps, substeps, lanes, strings: self.strings.len(), request_w, ambient_c };
-        let mut record = Record::new(steps, lanes, self.max_nodes(), keep_nodes);
-        self.eights.iter_mut().for_each(|block| block.run(&schedule, &mut record));
-        self.fours.iter_mut().for_each(|block| block.run(&schedule, &mut record));
+        let mut record = Record::new(steps, (self.scenarios, lanes), self.max_nodes(), keep_nodes);
+        if let Some(station) = &mut self.station {
+            let eights = self.eights.iter_mut().map(|block| block as &mut dyn Cooled);
+            let fours = self.fours.iter_mut().map(|block| block as &mut dyn Cooled);
+            let mut blocks: Vec<_> = eights.chain(fours).collect();
+            station.run(&mut blocks, &schedule, &mut record);
+        } else {
+            self.eights.iter_mut().for_each(|block| block.run(&schedule, &mut record));
+            self.fours.iter_mut().for_each(|block| block.run(&schedule, &mut record));
+        }
         Ok(record)
+    }
+
+    /// Whether the plant has cooling of its own.
+    pub fn is_cooled(&self) -> bool {
+        self.station.is_some()
     }
 
     /// Text that names the scenario of a lane, where there are several.
@@ -283,6 +330,39 @@ impl Plant {
         } else {
             Err(PlantError::Division { step_s, duration_s })
         }
+    }
+
+    /// What cooling remembers; of a plant that starts, nothing runs and the loop is as warm as its strings.
+    fn cooling_state(
+        &self,
+        state: &PlantState,
+        lanes: &[LaneState],
+    ) -> Result<Option<CoolingState>, PlantError> {
+        if self.station.is_none() {
+            return Ok(None);
+        }
+        let Some(cooling) = &state.cooling else {
+            let mean_c = |lane: &LaneState| {
+                lane.node_temperature_c.iter().sum::<f64>() / lane.node_temperature_c.len() as f64
+            };
+            let of_strings = |own: &[LaneState]| own.iter().map(mean_c).sum::<f64>() / own.len() as f64;
+            return Ok(Some(CoolingState {
+                stages: vec![0; lanes.len()],
+                chilling: vec![false; self.scenarios],
+                loop_c: lanes.chunks(self.strings.len()).map(of_strings).collect(),
+            }));
+        };
+        check_all("cooling stages", &cooling.stages, lanes.len())?;
+        check_all("chilling", &cooling.chilling, self.scenarios)?;
+        check_all("loop temperature", &cooling.loop_c, self.scenarios)?;
+        for &stages in &cooling.stages {
+            let most = self.station.as_ref().map_or(0, Station::most_stages);
+            check_range("cooling stages", f64::from(stages), "", (0.0, most as f64), String::new)?;
+        }
+        for &value in &cooling.loop_c {
+            check_range("loop temperature", value, " degC", TEMPERATURE_C, String::new)?;
+        }
+        Ok(Some(cooling.clone()))
     }
 
     fn lane_states(&self, state: &PlantState) -> Result<Vec<LaneState>, PlantError> {

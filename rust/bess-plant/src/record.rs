@@ -32,6 +32,11 @@ macro_rules! record {
         #[derive(Debug, Clone, PartialEq)]
         pub struct Record {
             $($(#[$doc])* pub $field: Vec<f64>,)*
+            /// Power of cooling [W]: value `[step * scenarios + scenario]`; 0 where a plant has none.
+            pub auxiliary_w: Vec<f64>,
+            /// Temperature of the coolant as it reaches the first string, at the end of the step [degC], in that order; NaN
+            /// where a plant has no cooling of its own.
+            pub coolant_c: Vec<f64>,
             /// Limits that bound within the step.
             pub limits: Vec<Limits>,
             /// Node temperatures at the end of the step [degC], `nodes` values for each lane; empty if not asked for.
@@ -43,10 +48,17 @@ macro_rules! record {
         }
 
         impl Record {
-            pub(crate) fn new(steps: usize, lanes: usize, nodes: usize, keep_nodes: bool) -> Self {
+            pub(crate) fn new(
+                steps: usize,
+                (scenarios, lanes): (usize, usize),
+                nodes: usize,
+                keep_nodes: bool,
+            ) -> Self {
                 let size = steps * lanes;
                 Self {
                     $($field: vec![0.0; size],)*
+                    auxiliary_w: vec![0.0; steps * scenarios],
+                    coolant_c: vec![f64::NAN; steps * scenarios],
                     limits: vec![Limits::NONE; size],
                     // Strings with fewer nodes than the longest leave the rest undefined.
                     node_temperature_c: vec![f64::NAN; if keep_nodes { size * nodes } else { 0 }],
@@ -71,6 +83,8 @@ record! {
     standby_w,
     /// Ohmic battery loss [W].
     battery_loss_w,
+    /// Heat that the coolant carried off [W]; 0 where a plant has no cooling of its own.
+    cooling_w,
     /// Power taken from the chemical store, `V I` [W].
     chemical_w,
     /// String current [A].

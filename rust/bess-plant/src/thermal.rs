@@ -25,6 +25,8 @@ pub(crate) struct Coefficients {
     pub(crate) lateral: f64,
     /// `U_end dt / (rho cp dx)`.
     pub(crate) end: f64,
+    /// `U_end A` of one pack [W/K].
+    pub(crate) end_w_k: f64,
     /// `ntu` of one cell.
     pub(crate) ntu: f64,
     /// Temperature step of a node [K] per watt of string heat, were all of it in the node; nodes share by `R_i / n`.
@@ -43,6 +45,7 @@ impl Coefficients {
             fourier: thermal.conductivity_w_mk * step_s / (heat_capacity_j_m3k * dx * dx),
             lateral: lateral_w_mk * step_s / (heat_capacity_j_m3k * thermal.section_m2),
             end: end_u_w_m2k * step_s / (heat_capacity_j_m3k * dx),
+            end_w_k: end_u_w_m2k * thermal.section_m2,
             ntu: lateral_w_mk * dx / (thermal.air_flow_kg_s * thermal.air_cp_j_kgk),
             k_per_w: step_s / (node_j_k * thermal.nodes as f64 * f64::from(thermal.packs_per_string)),
         }
@@ -51,6 +54,11 @@ impl Coefficients {
     /// `2 Fo + lateral`, or the same sum of an end cell where that is larger. Not above 1 in a stable plant.
     pub(crate) fn stability_number(&self) -> f64 {
         (2.0 * self.fourier).max(self.fourier + self.end) + self.lateral
+    }
+
+    /// The same at a share of the flow; nothing goes to air that stands, which is as warm as the cells.
+    pub(crate) fn at_flow(self, share: f64) -> Self {
+        Self { ntu: self.ntu / share, ..self }
     }
 
     /// `exp(-ntu)`.
@@ -103,6 +111,19 @@ impl<const W: usize> AirPath<W> {
             resistance_sum: Lanes::ZERO,
             per_node: Lanes::splat(1.0 / nodes as f64),
         }
+    }
+
+    /// Changes the air flow of one lane.
+    pub(crate) fn set_flow(&mut self, lane: usize, coefficients: &Coefficients) {
+        self.to_air.0[lane] = coefficients.lateral * coefficients.mean_air_share();
+        self.air_decay.0[lane] = coefficients.air_decay();
+        self.air_gain.0[lane] = 1.0 - coefficients.air_decay();
+    }
+
+    /// Where air that enters at `inlet` leaves the last node as the nodes are now [degC].
+    #[inline(always)]
+    pub(crate) fn outlet(&self, inlet: Lanes<W>) -> Lanes<W> {
+        self.temperature.iter().fold(inlet, |air, &node| self.air_decay * air + self.air_gain * node)
     }
 
     /// Mean temperature [degC].

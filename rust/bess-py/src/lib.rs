@@ -25,7 +25,7 @@ mod _core {
     #[pymodule_export]
     use crate::plan::{plan, Plan};
     #[pymodule_export]
-    use crate::plant::Plant;
+    use crate::plant::{cooling_kinds, Plant};
     #[pymodule_export]
     use crate::states::StateBoxes;
     #[pymodule_export]

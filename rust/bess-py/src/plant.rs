@@ -1,7 +1,8 @@
 use std::sync::Arc;
 
 use bess_plant::ageing::AgeingState;
-use bess_plant::{starting_ageing, DeratingLaw, PlantError, PlantState, Record};
+use bess_plant::cooling::KINDS;
+use bess_plant::{starting_ageing, CoolingState, DeratingLaw, PlantError, PlantState, Record};
 use numpy::{IntoPyArray, PyReadonlyArray1};
 use pyo3::exceptions::{PyKeyError, PyValueError};
 use pyo3::prelude::*;
@@ -48,7 +49,26 @@ fn plant_state(system: &bess_tables::System, state: &Bound<'_, PyDict>) -> PyRes
             starting_ageing(system, &numbers("soh_capacity")?, &numbers("soh_resistance")?)
                 .map_err(refused)?
         },
+        cooling: if state.contains("cooling_stages")? {
+            // A stage that is no small whole number becomes one that no plant has, or the nearest.
+            let stages = numbers("cooling_stages")?.into_iter().map(|stage| stage as u8).collect();
+            // Two numbers for each scenario: whether the chiller may run, and the temperature of the loop.
+            let coolant = numbers("coolant")?;
+            Some(CoolingState {
+                stages,
+                chilling: coolant.iter().step_by(2).map(|&chilling| chilling != 0.0).collect(),
+                loop_c: coolant.iter().skip(1).step_by(2).copied().collect(),
+            })
+        } else {
+            None
+        },
     })
+}
+
+/// Kinds of cooling that a plant knows.
+#[pyfunction]
+pub fn cooling_kinds() -> Vec<&'static str> {
+    KINDS.map(|kind| kind.name).to_vec()
 }
 
 #[pymethods]
@@ -107,6 +127,13 @@ impl Plant {
         let width = rows.iter().map(Vec::len).max().unwrap_or(0);
         rows.iter_mut().for_each(|row| row.resize(width, 0.0));
         out.set_item("ageing", rows.concat().into_pyarray(py))?;
+        if let Some(cooling) = state.cooling {
+            let stages: Vec<f64> = cooling.stages.into_iter().map(f64::from).collect();
+            out.set_item("cooling_stages", stages.into_pyarray(py))?;
+            let pair = |(&chilling, &loop_c)| [f64::from(u8::from(chilling)), loop_c];
+            let coolant: Vec<f64> = cooling.chilling.iter().zip(&cooling.loop_c).flat_map(pair).collect();
+            out.set_item("coolant", coolant.into_pyarray(py))?;
+        }
         Ok(out)
     }
 
@@ -129,11 +156,12 @@ impl Plant {
         let inner = &mut self.inner;
         let record =
             py.detach(|| inner.run(&request_w, &ambient_c, duration_s, keep_nodes)).map_err(refused)?;
-        to_dict(py, record)
+        let cooled = inner.is_cooled();
+        to_dict(py, record, cooled)
     }
 }
 
-fn to_dict(py: Python<'_>, record: Record) -> PyResult<Bound<'_, PyDict>> {
+fn to_dict(py: Python<'_>, record: Record, cooled: bool) -> PyResult<Bound<'_, PyDict>> {
     let out = PyDict::new(py);
     let scaled = |values: Vec<f64>, unit: f64| -> Vec<f64> { values.into_iter().map(|v| v / unit).collect() };
     for (name, values, unit) in [
@@ -158,6 +186,11 @@ fn to_dict(py: Python<'_>, record: Record) -> PyResult<Bound<'_, PyDict>> {
         ("ledger_residual_kwh", record.ledger_residual_j, J_PER_KWH),
     ] {
         out.set_item(name, scaled(values, unit).into_pyarray(py))?;
+    }
+    out.set_item("auxiliary_kw", scaled(record.auxiliary_w, W_PER_KW).into_pyarray(py))?;
+    if cooled {
+        out.set_item("cooling_kw", scaled(record.cooling_w, W_PER_KW).into_pyarray(py))?;
+        out.set_item("coolant_c", record.coolant_c.into_pyarray(py))?;
     }
     let limits: Vec<u8> = record.limits.into_iter().map(|limits| limits.0).collect();
     out.set_item("limits", limits.into_pyarray(py))?;

@@ -5,8 +5,8 @@ use serde::Deserialize;
 
 use crate::lut::check_axis;
 use crate::{
-    Ageing, Derating, Grid, Inverter, LumpedThermal, Lut, Resistance, SpatialThermal, StringParameters,
-    System, TableError,
+    Ageing, Cooling, Derating, Grid, Inverter, LumpedThermal, Lut, Resistance, SpatialThermal,
+    StringParameters, System, TableError,
 };
 
 const WATTS_PER_KW: f64 = 1e3;
@@ -33,7 +33,12 @@ impl System {
         if strings.is_empty() {
             return Err(TableError::Document("a system needs at least one string".to_owned()));
         }
-        Ok(Self { strings })
+        if let Some(cooling) = &document.cooling {
+            if cooling.flow_steps.is_empty() {
+                return Err(TableError::Document("cooling.flow_steps needs at least one share".to_owned()));
+            }
+        }
+        Ok(Self { strings, cooling: document.cooling })
     }
 }
 
@@ -41,6 +46,8 @@ impl System {
 #[serde(deny_unknown_fields)]
 struct Document {
     strings: Vec<StringDocument>,
+    #[serde(default)]
+    cooling: Option<Cooling>,
 }
 
 #[derive(Deserialize)]

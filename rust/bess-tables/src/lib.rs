@@ -15,6 +15,6 @@ pub use error::TableError;
 pub use grid::Grid;
 pub use lut::{locate, Lut};
 pub use parameters::{
-    Ageing, Derating, Direction, Inverter, LumpedThermal, Resistance, SpatialThermal, StringParameters,
-    System,
+    Ageing, CoolantLoop, Cooling, Derating, Direction, Inverter, LumpedThermal, Resistance, SpatialThermal,
+    StringParameters, System,
 };

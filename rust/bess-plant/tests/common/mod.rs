@@ -2,7 +2,7 @@
 #![allow(dead_code, missing_docs)]
 
 use bess_plant::{starting_ageing, PlantState};
-use bess_tables::System;
+use bess_tables::{Cooling, System};
 use serde_json::{json, Value};
 
 /// The reference string, in the format that the Python side writes.
@@ -78,7 +78,19 @@ pub fn uniform_state(system: &System, scenarios: usize, soc: f64, temperature_c:
         derating_integral_k: vec![0.0; lanes],
         inverter_on: vec![false; lanes],
         ageing: starting_ageing(system, &vec![1.0; lanes], &vec![1.0; lanes]).unwrap(),
+        cooling: None,
     }
+}
+
+/// Cooling of a kind as the Python side writes it, cold plates in packs of the reference string.
+pub fn cooling(kind: &str) -> Cooling {
+    serde_json::from_value(json!({
+        "kind": kind, "flow_kg_s": 0.05, "cp_j_kgk": 3330.0, "u_w_m2k": 300.0, "density_kg_m3": 1069.5,
+        "pressure_pa": 50e3, "mover_efficiency": 0.5, "start_c": 30.0, "dead_band_k": 5.0, "flow_steps": [1.0],
+        "step_k": 5.0, "variable_flow": false, "supply_c": 25.0, "chill_c": 35.0, "approach_k": 5.0,
+        "carnot_share": 0.4, "cop_max": 6.0, "free_cooling_w_per_w": 0.03, "loop": null
+    }))
+    .unwrap()
 }
 
 /// Two cycles a day at half power [kW], by 15-minute step.

@@ -1,0 +1,76 @@
+//! Cooling of a plant: what passes the strings, how fast, how cold, and what that costs.
+//!
+//! Every string has a thermostat of its own over its mean temperature, which sets the share `s` of its full flow. The coolant
+//! marches along the packs as the air does ([`crate::thermal`]), so a string of one temperature gives up
+//! `Q = m cp (1 - exp(-NTU)) (T_s - T_in)`. Fan or pump take `s^3 m dp / (rho eta)` (pressure rises with the square of
+//! the flow) and warm the coolant by it. The heat goes to a source: the ambient, free cooling through a heat
+//! exchanger, or a chiller with `COP = min(cop_max, share T_c / (T_h - T_c))`, `T_c` and `T_h` one approach below the
+//! supply and above the ambient.
+//!
+//! Without a common loop every string is supplied at the supply temperature. With one, all strings share a fully mixed
+//! coolant (a room, or pipes and a tank) that they warm, that walls connect to the ambient, and from which the source
+//! takes what holds it at the supply temperature, as far as it can:
+//! `C dT/dt = sum Q + P_mover + UA (T_ambient - T) - Q_source`, explicit as the cells are.
+
+mod kind;
+mod kinds;
+mod station;
+
+pub use kind::Kind;
+pub use kinds::KINDS;
+pub(crate) use station::{Faces, Station};
+
+use bess_tables::{Cooling, SpatialThermal};
+
+use crate::PlantError;
+
+/// The kind of this name.
+pub(crate) fn kind(name: &str) -> Result<&'static Kind, PlantError> {
+    let found = KINDS.into_iter().find(|kind| kind.name == name);
+    found.ok_or_else(|| PlantError::CoolingKind { name: name.to_owned() })
+}
+
+/// The thermal model of a string with its coolant in place of its air.
+pub(crate) fn with_coolant(cooling: &Cooling, kind: &Kind, air: &SpatialThermal) -> SpatialThermal {
+    SpatialThermal {
+        air_flow_kg_s: cooling.flow_kg_s.unwrap_or(air.air_flow_kg_s),
+        air_cp_j_kgk: cooling.cp_j_kgk.unwrap_or(air.air_cp_j_kgk),
+        lateral_u_w_m2k: cooling.u_w_m2k.unwrap_or(air.lateral_u_w_m2k),
+        end_u_w_m2k: if kind.washes_ends { air.end_u_w_m2k } else { 0.0 },
+        ..air.clone()
+    }
+}
+
+/// Coefficient of performance of the chiller between a supply and an ambient temperature [degC].
+pub(crate) fn cop(cooling: &Cooling, supply_c: f64, ambient_c: f64) -> f64 {
+    const ZERO_C_IN_K: f64 = 273.15;
+    let cold_k = supply_c - cooling.approach_k + ZERO_C_IN_K;
+    let lift_k = ambient_c + cooling.approach_k + ZERO_C_IN_K - cold_k;
+    if lift_k > 0.0 {
+        cooling.cop_max.min(cooling.carnot_share * cold_k / lift_k)
+    } else {
+        cooling.cop_max
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::common;
+
+    #[test]
+    fn a_chiller_reaches_its_share_of_carnot_and_no_more_than_its_cap() {
+        let cooling = common::cooling("liquid");
+        // Evaporator at 20, condenser at 40 degC.
+        assert!((cop(&cooling, 25.0, 35.0) - (0.4 * 293.15 / 20.0_f64).min(6.0)).abs() < 1e-12);
+        assert!((cop(&cooling, 20.0, 45.0) - 0.4 * 288.15 / 35.0).abs() < 1e-12);
+        assert_eq!(cop(&cooling, 25.0, 16.0), 6.0);
+        assert_eq!(cop(&cooling, 25.0, 0.0), 6.0);
+    }
+
+    #[test]
+    fn an_unknown_kind_is_refused_with_those_there_are() {
+        let text = kind("ice").unwrap_err().to_string();
+        assert_eq!(text, "cooling kind 'ice' is unknown; there are air, liquid, hybrid");
+    }
+}

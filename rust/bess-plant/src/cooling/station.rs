@@ -1,0 +1,325 @@
+//! Thermostats, source and common loop of every scenario of a plant.
+
+use bess_tables::{Cooling, StringParameters};
+
+use super::kind::{Kind, Source, Supply};
+use super::{cop, kind};
+use crate::block::Cooled;
+use crate::check::check_range;
+use crate::plant::Schedule;
+use crate::record::Record;
+use crate::thermal::Coefficients;
+use crate::PlantError;
+
+const WATTS_PER_KW: f64 = 1e3;
+
+/// What the coolant met in a plant step, lane by lane [degC].
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Faces {
+    pub(crate) inlet_c: Vec<f64>,
+    pub(crate) outlet_c: Vec<f64>,
+    /// First and last node before the step.
+    pub(crate) front_c: Vec<f64>,
+    pub(crate) rear_c: Vec<f64>,
+}
+
+/// What one string's coolant can do.
+#[derive(Debug, Clone, Copy)]
+struct Unit {
+    /// Heat capacity flow of all packs at full flow [W/K].
+    flow_w_k: f64,
+    /// Conductance of each end face, all packs [W/K].
+    end_w_k: f64,
+    /// Power of fan or pump at full flow, all packs [W].
+    mover_w: f64,
+}
+
+/// Cooling of all scenarios. Its state is part of the plant's.
+#[derive(Debug, Clone)]
+pub(crate) struct Station {
+    cooling: Cooling,
+    kind: &'static Kind,
+    units: Vec<Unit>,
+    step_s: f64,
+    /// Stages of flow that are on, for each lane.
+    pub(crate) stages: Vec<u8>,
+    /// Whether the chiller may run, for each scenario.
+    pub(crate) chilling: Vec<bool>,
+    /// Temperature of the common loop, for each scenario [degC].
+    pub(crate) loop_c: Vec<f64>,
+    // Work space: share of the full flow, and what is summed over a control step.
+    share: Vec<f64>,
+    faces: Faces,
+    carried_w: Vec<f64>,
+    auxiliary_w: Vec<f64>,
+}
+
+impl Station {
+    pub(crate) fn new(
+        cooling: &Cooling,
+        strings: &[StringParameters],
+        scenarios: usize,
+        step_s: f64,
+    ) -> Result<Self, PlantError> {
+        let units: Vec<Unit> = strings
+            .iter()
+            .map(|string| {
+                let thermal = &string.spatial;
+                let packs = f64::from(thermal.packs_per_string);
+                let flow_kg_s = packs * thermal.air_flow_kg_s;
+                Unit {
+                    flow_w_k: flow_kg_s * thermal.air_cp_j_kgk,
+                    end_w_k: packs * Coefficients::new(thermal, step_s).end_w_k,
+                    mover_w: flow_kg_s * cooling.pressure_pa
+                        / (cooling.density_kg_m3 * cooling.mover_efficiency),
+                }
+            })
+            .collect();
+        if let Some(common) = &cooling.common {
+            // Strings may give up at most what flows through them or reaches their ends, so the loop overshoots no string.
+            let most_w_k: f64 = units.iter().map(|unit| unit.flow_w_k + 2.0 * unit.end_w_k).sum();
+            let rate = step_s * (most_w_k + common.wall_w_k) / WATTS_PER_KW;
+            let place = || format!("cooling.loop, with a plant step of {step_s} s: ");
+            check_range("heat_capacity_kj_k", common.heat_capacity_kj_k, " kJ/K", (rate, f64::MAX), place)?;
+        }
+        let lanes = scenarios * strings.len();
+        let zeros = vec![0.0; lanes];
+        Ok(Self {
+            kind: kind(&cooling.kind)?,
+            cooling: cooling.clone(),
+            units,
+            step_s,
+            stages: vec![0; lanes],
+            chilling: vec![false; scenarios],
+            loop_c: vec![0.0; scenarios],
+            share: zeros.clone(),
+            faces: Faces {
+                inlet_c: zeros.clone(),
+                outlet_c: zeros.clone(),
+                front_c: zeros.clone(),
+                rear_c: zeros.clone(),
+            },
+            carried_w: zeros,
+            auxiliary_w: vec![0.0; scenarios],
+        })
+    }
+
+    /// Stages of flow that there are.
+    pub(crate) fn most_stages(&self) -> usize {
+        most_stages(&self.cooling)
+    }
+
+    /// Runs a schedule: all blocks one plant step after the other, with the coolant between them.
+    pub(crate) fn run(&mut self, blocks: &mut [&mut dyn Cooled], schedule: &Schedule, record: &mut Record) {
+        // A flow that nothing has set yet differs from every share.
+        self.share.fill(f64::NAN);
+        for step in 0..schedule.steps {
+            blocks.iter_mut().for_each(|block| block.begin(schedule, step));
+            self.carried_w.fill(0.0);
+            self.auxiliary_w.fill(0.0);
+            for _ in 0..schedule.substeps {
+                self.plant_step(blocks, schedule, step);
+            }
+            blocks.iter_mut().for_each(|block| block.finish(schedule, step, record));
+            let n = schedule.substeps as f64;
+            for (lane, carried_w) in self.carried_w.iter().enumerate() {
+                record.cooling_w[step * schedule.lanes + lane] = carried_w / n;
+            }
+            for (scenario, auxiliary_w) in self.auxiliary_w.iter().enumerate() {
+                let at = step * self.chilling.len() + scenario;
+                record.auxiliary_w[at] = auxiliary_w / n;
+                let (_, inlet_c) =
+                    self.supply(scenario, schedule.ambient_c(step, scenario * schedule.strings));
+                record.coolant_c[at] = inlet_c;
+            }
+        }
+    }
+
+    fn plant_step(&mut self, blocks: &mut [&mut dyn Cooled], schedule: &Schedule, step: usize) {
+        let strings = self.units.len();
+        // Means stand in the place of outlets until the coolant has passed.
+        for block in blocks.iter() {
+            block.means_c(&mut self.faces.outlet_c);
+        }
+        for scenario in 0..self.chilling.len() {
+            let lanes = scenario * strings..(scenario + 1) * strings;
+            let ambient_c = schedule.ambient_c(step, lanes.start);
+            let means_c = &self.faces.outlet_c[lanes.clone()];
+            let warmest_c = means_c.iter().fold(f64::NEG_INFINITY, |most, &mean| most.max(mean));
+            self.chilling[scenario] = (self.kind.chills)(&self.cooling, warmest_c, self.chilling[scenario]);
+            let (_, inlet_c) = self.supply(scenario, ambient_c);
+            self.faces.inlet_c[lanes].fill(inlet_c);
+        }
+        self.set_flows(blocks);
+        if self.cooling.common.as_ref().is_some_and(|common| common.series) {
+            self.pass_on(blocks);
+        }
+        for block in blocks.iter_mut() {
+            block.cooled_step(&mut self.faces);
+        }
+        for scenario in 0..self.chilling.len() {
+            self.settle(scenario, schedule.ambient_c(step, scenario * strings));
+        }
+    }
+
+    /// What the coolant is wanted to be, and the temperature at which it reaches the first string [degC].
+    fn supply(&self, scenario: usize, ambient_c: f64) -> (Supply, f64) {
+        let supply = (self.kind.supply)(&self.cooling, ambient_c, self.chilling[scenario]);
+        let inlet_c =
+            if self.cooling.common.is_some() { self.loop_c[scenario] } else { supply.temperature_c };
+        (supply, inlet_c)
+    }
+
+    /// Thermostats: every string's own, or that of the one that asks for most where one flow passes all.
+    fn set_flows(&mut self, blocks: &mut [&mut dyn Cooled]) {
+        let strings = self.units.len();
+        let one_flow = self.cooling.common.as_ref().is_some_and(|common| common.series);
+        let mut wanted = [0.0; 2];
+        for first in (0..self.stages.len()).step_by(strings) {
+            wanted[0] = 0.0;
+            for lane in first..first + strings {
+                let mean_c = self.faces.outlet_c[lane];
+                self.stages[lane] = stages(&self.cooling, self.stages[lane], mean_c);
+                // A thermostat lets no coolant pass that is warmer than the string.
+                let warms = self.cooling.start_c.is_some() && self.faces.inlet_c[lane] > mean_c;
+                wanted[1] = if warms { 0.0 } else { share(&self.cooling, self.stages[lane], mean_c) };
+                wanted[0] = wanted[1].max(wanted[0]);
+                if !one_flow {
+                    self.set_flow(blocks, lane, wanted[1]);
+                }
+            }
+            if one_flow {
+                (first..first + strings).for_each(|lane| self.set_flow(blocks, lane, wanted[0]));
+            }
+        }
+    }
+
+    fn set_flow(&mut self, blocks: &mut [&mut dyn Cooled], lane: usize, share: f64) {
+        if share != self.share[lane] {
+            self.share[lane] = share;
+            blocks.iter_mut().for_each(|block| block.set_flow(lane, share));
+        }
+    }
+
+    /// What leaves one string enters the next.
+    fn pass_on(&mut self, blocks: &[&mut dyn Cooled]) {
+        let strings = self.units.len();
+        for lane in (0..self.share.len()).filter(|lane| lane % strings + 1 < strings) {
+            let inlet_c = self.faces.inlet_c[lane];
+            let outlet_c = blocks.iter().find_map(|block| block.outlet_c(lane, inlet_c));
+            // A flow that stands has nothing to pass on.
+            if self.share[lane] > 0.0 {
+                self.faces.inlet_c[lane + 1] = outlet_c.unwrap_or(inlet_c);
+            }
+        }
+    }
+
+    /// Heat of the strings to the loop or the source, and what that costs.
+    fn settle(&mut self, scenario: usize, ambient_c: f64) {
+        let strings = self.units.len();
+        let (mut gained_w, mut mover_w) = (0.0, 0.0);
+        for (string, unit) in self.units.iter().enumerate() {
+            let lane = scenario * strings + string;
+            let (share, faces) = (self.share[lane], &self.faces);
+            let (inlet_c, outlet_c) = (faces.inlet_c[lane], faces.outlet_c[lane]);
+            let ends_k = (faces.front_c[lane] - inlet_c) + (faces.rear_c[lane] - outlet_c);
+            let heat_w = share * unit.flow_w_k * (outlet_c - inlet_c) + unit.end_w_k * ends_k;
+            self.carried_w[lane] += heat_w;
+            gained_w += heat_w;
+            mover_w += share.powi(3) * unit.mover_w;
+        }
+        let (supply, _) = self.supply(scenario, ambient_c);
+        let mut taken_w = gained_w + mover_w;
+        if let Some(common) = &self.cooling.common {
+            let capacity_j_k = WATTS_PER_KW * common.heat_capacity_kj_k;
+            let loop_c = self.loop_c[scenario];
+            let net_w = taken_w + common.wall_w_k * (ambient_c - loop_c);
+            taken_w = net_w + capacity_j_k / self.step_s * (loop_c - supply.temperature_c);
+            let most_w = common.source_kw.map_or(f64::INFINITY, |kw| WATTS_PER_KW * kw);
+            taken_w = if supply.source == Source::Ambient { 0.0 } else { taken_w.clamp(0.0, most_w) };
+            self.loop_c[scenario] = loop_c + self.step_s / capacity_j_k * (net_w - taken_w);
+        }
+        let source_w = match supply.source {
+            Source::Ambient => 0.0,
+            Source::Free => self.cooling.free_cooling_w_per_w * taken_w.max(0.0),
+            Source::Chiller => taken_w.max(0.0) / cop(&self.cooling, supply.temperature_c, ambient_c),
+        };
+        self.auxiliary_w[scenario] += mover_w + source_w;
+    }
+}
+
+fn most_stages(cooling: &Cooling) -> usize {
+    if cooling.variable_flow {
+        1
+    } else {
+        cooling.flow_steps.len()
+    }
+}
+
+/// Stages of flow that are on, from those that were: stage `i` begins at `start + i step` and ends a dead band below.
+fn stages(cooling: &Cooling, before: u8, mean_c: f64) -> u8 {
+    let most = most_stages(cooling) as u8;
+    let Some(start_c) = cooling.start_c else { return most };
+    let begins_c = |stage: u8| start_c + f64::from(stage) * cooling.step_k;
+    let mut on = before.min(most);
+    while on < most && mean_c > begins_c(on) {
+        on += 1;
+    }
+    while on > 0 && mean_c < begins_c(on - 1) - cooling.dead_band_k {
+        on -= 1;
+    }
+    on
+}
+
+/// Share of the full flow.
+fn share(cooling: &Cooling, stages: u8, mean_c: f64) -> f64 {
+    let steps = &cooling.flow_steps;
+    match (stages, cooling.start_c) {
+        (0, _) => 0.0,
+        (_, Some(start_c)) if cooling.variable_flow => {
+            let ends_c = start_c - cooling.dead_band_k;
+            let place = (mean_c - ends_c) / (start_c + cooling.step_k - ends_c);
+            steps[0] + (1.0 - steps[0]) * place.clamp(0.0, 1.0)
+        }
+        _ => steps[usize::from(stages) - 1],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::common;
+
+    #[test]
+    fn stages_begin_one_step_apart_and_end_a_dead_band_below() {
+        let mut cooling = common::cooling("liquid");
+        (cooling.start_c, cooling.dead_band_k, cooling.step_k) = (Some(30.0), 5.0, 2.0);
+        cooling.flow_steps = vec![0.4, 1.0];
+        let mut on = 0;
+        let mut seen = Vec::new();
+        for mean_c in [29.9, 30.0, 30.1, 32.0, 32.1, 27.1, 26.9, 25.0, 24.9, 26.0, 40.0, 20.0] {
+            on = stages(&cooling, on, mean_c);
+            seen.push(on);
+        }
+        assert_eq!(seen, [0, 0, 1, 1, 2, 2, 1, 1, 0, 0, 2, 0]);
+    }
+
+    #[test]
+    fn a_variable_flow_rises_linearly_from_its_least_to_full() {
+        let mut cooling = common::cooling("liquid");
+        (cooling.start_c, cooling.dead_band_k, cooling.step_k) = (Some(30.0), 5.0, 5.0);
+        (cooling.flow_steps, cooling.variable_flow) = (vec![0.2], true);
+        assert_eq!(stages(&cooling, 0, 30.0), 0);
+        assert_eq!(stages(&cooling, 1, 26.0), 1);
+        let at = |mean_c| share(&cooling, 1, mean_c);
+        assert!((at(25.0) - 0.2).abs() < 1e-12 && (at(30.0) - 0.6).abs() < 1e-12);
+        assert!((at(35.0) - 1.0).abs() < 1e-12 && (at(50.0) - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn without_a_start_the_coolant_always_flows() {
+        let mut cooling = common::cooling("air");
+        cooling.start_c = None;
+        assert_eq!(share(&cooling, stages(&cooling, 0, -40.0), -40.0), 1.0);
+    }
+}
