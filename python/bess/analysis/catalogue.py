@@ -131,7 +131,7 @@ CATALOGUE: Final[dict[str, Kpi]] = {
     "inverter_loss_kwh": _energy("Inverter loss", "Energy lost in the inverters, standby included."),
     "battery_loss_kwh": _energy("Battery loss", "Heat in the internal resistance of the batteries."),
     "auxiliary_kwh": _energy(
-        "Auxiliaries", "Energy that cooling takes from the grid: fans or pumps, and the source of cold."
+        "Auxiliary energy", "Energy that cooling takes from the grid: fans or pumps, and the source of cold."
     ),
     "lost_kwh": _energy("Lost in total", "Undelivered energy, inverter loss and battery loss added."),
     "request_kwh": _energy(

@@ -1,0 +1,74 @@
+"""Claims about studies of plants with cooling: what is recorded, counted, and known to the controller."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bess
+import bess.simulation.runner as run_module
+
+COOLED = {
+    "system.parameters.cooling": {"kind": "hybrid", "loop": {"heat_capacity_kj_k": 500.0}},
+    "system.ambient_c": 33.0,
+    "system.initial_temperature_c": 34.0,
+    "run.days": 0.5,
+}
+
+
+@pytest.fixture(scope="module")
+def result() -> bess.Result:
+    return bess.run(bess.load_study("case1", COOLED), progress=False)
+
+
+def test_key_figures_count_what_cooling_takes_once(result: bess.Result) -> None:
+    data, kpis = result.dataset, result.kpis
+    auxiliary_kwh = float(data["auxiliary_kw"].sum()) * 0.25
+    assert auxiliary_kwh > 1.0
+    assert kpis["auxiliary_kwh"] == pytest.approx(auxiliary_kwh, rel=1e-12)
+    lost_pct = 100.0 * auxiliary_kwh / kpis["request_kwh"]
+    with_auxiliaries = kpis["system_efficiency_with_auxiliaries_pct"]
+    assert with_auxiliaries == pytest.approx(kpis["system_efficiency_pct"] - lost_pct, rel=1e-12)
+
+
+def test_the_round_trip_pays_for_cooling(result: bess.Result) -> None:
+    data = result.dataset
+    without = bess.kpis(data.drop_vars("auxiliary_kw"))
+    charging = (data["request_kw"].values < 0.0).any(axis=1)
+    delivered_kw, auxiliary_kw = data["delivered_kw"].values.sum(axis=1), data["auxiliary_kw"].values
+    charged, discharged = -delivered_kw[charging].sum(), delivered_kw[~charging].sum()
+    factor = charged / (charged + auxiliary_kw[charging].sum())
+    factor *= (discharged - auxiliary_kw[~charging].sum()) / discharged
+    expected = factor * without["round_trip_efficiency_pct"]
+    assert result.kpis["round_trip_efficiency_pct"] == pytest.approx(expected, rel=1e-12)
+    assert "auxiliary_kwh" not in without
+
+
+class PowerCut(BaseException):
+    """The end of a process, in mid run."""
+
+
+def test_a_cooled_run_is_resumed_to_the_same_bits(
+    result: bess.Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run_module, "PART_STEPS", 8)
+    study, step, calls = bess.load_study("case1", COOLED), bess.Plant.step, iter(range(20))
+
+    def cut(plant: bess.Plant, *arguments: Any, **options: Any) -> Any:
+        if next(calls, None) is None:
+            raise PowerCut
+        return step(plant, *arguments, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(bess.Plant, "step", cut)
+        with pytest.raises(PowerCut):
+            bess.run(study, progress=False, out=tmp_path / "run")
+    resumed = bess.run(study, progress=False, out=tmp_path / "run", resume=True).dataset
+    for name in ("temperature_c", "auxiliary_kw", "cooling_kw", "coolant_c"):
+        np.testing.assert_array_equal(resumed[name].values, result.dataset[name].values, err_msg=name)
+
+
+def test_hindsight_says_that_it_does_not_know_thermostats(result: bess.Result) -> None:
+    with pytest.raises(bess.InputError, match=r"\[cooling\] kind = 'hybrid'"):
+        bess.hindsight(result)
