@@ -155,7 +155,7 @@ def build_app(service: Service, token: str | None = None, driven: Driven | None 
 
     @app.get("/metrics", summary="Metrics for Prometheus")
     async def metrics() -> Response:
-        return Response(service.metrics.text(), media_type="text/plain; version=0.0.4; charset=utf-8")
+        return Response(service.metrics_text(), media_type="text/plain; version=0.0.4; charset=utf-8")
 
     @app.get("/", summary="A page that shows the strings live")
     async def page() -> Response:

@@ -78,17 +78,17 @@ def best_shares(curves: Curves, price: Array, most_kw: Array, demand_kw: float, 
 
     ``price`` is added to the marginal loss of each string.
     """
-    most = np.where(sets, most_kw, 0.0)
-    slope = curves.slope + price
-    low = np.full((len(sets), 1), slope.min())
-    high = np.full((len(sets), 1), (slope + 2.0 * curves.bend * most_kw).max())
-    asked = np.minimum(demand_kw, most.sum(axis=1, keepdims=True))
-    for _ in range(40):
-        middle = 0.5 * (low + high)
-        power = np.clip((middle - slope) / (2.0 * curves.bend), 0.0, most)
-        enough = power.sum(axis=1, keepdims=True) >= asked
-        high, low = np.where(enough, middle, high), np.where(enough, low, middle)
-    return np.asarray(np.clip((high - slope) / (2.0 * curves.bend), 0.0, most))
+    slope, twice = curves.slope + price, 2.0 * curves.bend
+    # What a set gives is piecewise linear in the marginal cost, with a knot where a string begins or is full.
+    knots = np.sort(np.concatenate([slope, slope + twice * most_kw]))
+    given = np.minimum(np.maximum((knots[:, None] - slope) / twice, 0.0), most_kw) @ sets.T
+    asked = np.minimum(demand_kw, given[-1])
+    after = np.clip((given < asked).sum(axis=0), 1, knots.size - 1)
+    column = np.arange(len(sets))
+    low, high = given[after - 1, column], given[after, column]
+    part = (asked - low) / np.maximum(high - low, CRUMBS_KW)
+    cost = knots[after - 1] + part * (knots[after] - knots[after - 1])
+    return np.asarray(np.minimum(np.maximum((cost[:, None] - slope) / twice, 0.0), most_kw) * sets)
 
 
 class Commitment:

@@ -39,8 +39,13 @@ class Metrics:
         self.state_errors = gauge("bess_state_error", "1 while the state cannot be written.")
         self.link_errors = counter("bess_link_errors", "Failed reads and writes of the plant.")
 
-    def take(self, demand_kw: float, answer: Answer, controller: Controller, slot: int) -> None:
-        """Take over what an answer says."""
+    def text(self, demand_kw: float, answer: Answer | None, controller: Controller, slot: int) -> bytes:
+        """Everything, in the text format of Prometheus; gauges are those of the last answer."""
+        if answer is not None:
+            self._take(demand_kw, answer, controller, slot)
+        return generate_latest(self.registry)
+
+    def _take(self, demand_kw: float, answer: Answer, controller: Controller, slot: int) -> None:
         self._demand.set(demand_kw)
         self._unmet.set(answer.unmet_kw)
         plan = controller.plan.current
@@ -57,7 +62,3 @@ class Metrics:
                 self._soc.labels(name).set(trusted.state.soc[i])
                 self._temperature.labels(name).set(trusted.state.temperature_c[i])
                 self._in_service.labels(name).set(bool(trusted.in_service[i]))
-
-    def text(self) -> bytes:
-        """Everything, in the text format of Prometheus."""
-        return generate_latest(self.registry)

@@ -167,6 +167,11 @@ class Service:
             }
         return document
 
+    def metrics_text(self) -> bytes:
+        """What Prometheus is told."""
+        at_s, demand_kw, answer = self.last or (0.0, 0.0, None)
+        return self.metrics.text(demand_kw, answer, self.controller, self.controller.plan.slot(at_s))
+
     def health(self) -> dict[str, Any]:
         """Whether all is well, in a few words that are no secret."""
         healthy = not self.memory.error
@@ -183,6 +188,7 @@ class Service:
         """End the threads; the state is on the disk already."""
         self._worker.shutdown(wait=True)
         self.controller.close()
+        self.memory.close()
 
     def _fallback(
         self, measured: Measurements, demand_kw: float, forecast_kw: list[float] | None, why: str
@@ -202,7 +208,6 @@ class Service:
         controller = self.controller
         self.memory.save(controller)
         self.metrics.state_errors.set(bool(self.memory.error))
-        self.metrics.take(demand_kw, answer, controller, controller.plan.slot(now_s))
         if controller.trusted is not None:
             state = controller.trusted.state
             self.history.add(now_s, demand_kw, answer, state.soc, state.temperature_c)
