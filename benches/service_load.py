@@ -139,6 +139,9 @@ async def load(
                 right = abs(sum_kw - demand_kw) < 1e-6 and (np.abs(request) <= 92.0 + 1e-6).all()
                 outcome.wrong_sums += not (right and (request * np.sign(demand_kw) >= 0.0).all())
                 outcome.fallbacks += answer["fallback"]
+        if connection:
+            connection[1].close()  # type: ignore[attr-defined]
+            await connection[1].wait_closed()  # type: ignore[attr-defined]
 
     await asyncio.gather(*(caller() for _ in range(at_once)))
     return outcome

@@ -124,6 +124,7 @@ class CarriedPlan:
         return {
             "before": self._before,
             "after": self._after,
+            "asked_at_s": self._asked_at_s if np.isfinite(self._asked_at_s) else None,
             "plan": None
             if plan is None
             else {
@@ -139,6 +140,8 @@ class CarriedPlan:
         """Continue with what :meth:`memory` returned."""
         self._before, self._after = dict(memory["before"]), dict(memory["after"])
         self._policy.recall(self._after)
+        asked_at_s = memory["asked_at_s"]
+        self._asked_at_s = -np.inf if asked_at_s is None else float(asked_at_s)
         self.current = None if memory["plan"] is None else Plan(**memory["plan"])
         if self.current is not None:
             self._asked = (self.current.slot, self.current.demand_kw, self.current.limit_kw)
