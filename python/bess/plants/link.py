@@ -82,8 +82,8 @@ class PlantLink(Protocol):
     def write(self, power_kw: NDArray[np.float64]) -> None:
         """Write set-points [kW], shape ``(n_strings,)``.
 
-        A string whose set-point is NaN is not written, so that its last one lapses: the only way to say
-        "nothing", as zero is a set-point.
+        NaN takes a string's set-point back: the only way to say "nothing", as zero is a set-point. Where
+        that does not arrive the set-point lapses, which is no error.
 
         Raises
         ------

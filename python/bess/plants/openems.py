@@ -5,7 +5,8 @@ Facts from the edge's source that this link rests on:
 - ``ActivePower`` and ``SetActivePowerEquals`` are in W, positive = discharge; ``Soc`` is in whole per cent.
 - The edge writes a value anew in every cycle until ``apiTimeout`` (60 s) after the *last* value that came in,
   whichever string that was for. A string that is no longer written thus keeps its set-point for as long as
-  others are. The value ``null`` takes it back at once.
+  others are. The value ``null`` takes it back at once; where that does not arrive, nothing is written to any
+  string until the edge has forgotten all (:class:`~bess.plants.shared_watchdog.SharedWatchdog`).
 - A wrong password is answered by status 500, as every other failure.
 """
 
@@ -30,12 +31,16 @@ from bess.plants.address import Address
 from bess.plants.json_numbers import number
 from bess.plants.link import LinkError, Measurements
 from bess.plants.setpoints import checked_setpoints, watts
+from bess.plants.shared_watchdog import SharedWatchdog
 
 USER, PASSWORD = "BESS_PLANT_USER", "BESS_PLANT_PASSWORD"
 """Variables of the environment, for what the address does not name."""
 
 REFRESH_S: Final = 20.0
 """A third of ``apiTimeout``, so that two writes in a row may be lost."""
+FORGETS_S: Final = 65.0
+"""``apiTimeout`` as the edge is delivered, and a little more."""
+CLOCK: Final = time.monotonic
 ANSWER_S: Final = 3.0
 """Time for one reading of all strings, or for writing all of them."""
 
@@ -55,6 +60,10 @@ _LONGEST_ANSWER: Final = 8 * 2**20
 """Bytes; an edge with dozens of batteries answers with some 100 kB."""
 
 _Channels = dict[str, Any]
+
+
+class _RefusedError(LinkError):
+    """The edge answered, and did not do what it was asked."""
 
 
 def link(address: Address, n_strings: int) -> OpenEms:
@@ -101,6 +110,7 @@ class OpenEms:
             verify=ssl.create_default_context(),
         )
         self._units_are_known = False
+        self._watchdog = SharedWatchdog(REFRESH_S, FORGETS_S, CLOCK)
 
     def read(self) -> Measurements:
         """Return what the edge says now; see :class:`bess.plants.PlantLink`."""
@@ -134,28 +144,51 @@ class OpenEms:
         setpoints = checked_setpoints(power_kw, self.n_strings)
         if not self._units_are_known:
             self.read()
-        self._set([None if math.isnan(kw) else watts(kw) for kw in setpoints])
+        stuck, wait_s = self._watchdog.wait_s()
+        if wait_s > 0.0:
+            raise LinkError(
+                f"{self._url}: {', '.join(stuck)} may still have a set-point that cannot be changed; "
+                f"nothing is written for another {wait_s:.0f} s, so that it lapses"
+            )
+        values = [None if math.isnan(kw) else watts(kw) for kw in setpoints]
+        failures = self._set(
+            {
+                n: v
+                for n, v in zip(self._names, values, strict=True)
+                if v is not None or self._watchdog.may_hold(n)
+            }
+        )
+        # What cannot be taken back is the watchdog's matter: the strings that were written are well.
+        lost = [name for name, value in zip(self._names, values, strict=True) if value is not None]
+        self._raise({name: failures[name] for name in lost if name in failures})
 
     def release(self) -> None:
         """Take back the set-points of all strings; what does not arrive lapses after ``apiTimeout``."""
-        if self._names:
-            self._set([None] * self.n_strings)
+        self._raise(self._set(dict.fromkeys(self._names)))
 
     def close(self) -> None:
         """Close the connections."""
         self._client.close()
 
-    def _set(self, values: Sequence[int | None]) -> None:
-        """Write what takes a set-point back first, so that the edge is never left with it by a failure."""
+    def _set(self, values: Mapping[str, int | None]) -> dict[str, LinkError]:
+        """Write, first what takes a set-point back; return what did not arrive."""
         deadline = time.monotonic() + ANSWER_S
         failures: dict[str, LinkError] = {}
-        for name, value in sorted(
-            zip(self._names, values, strict=True), key=lambda pair: pair[1] is not None
-        ):
+        for name, value in sorted(values.items(), key=lambda item: item[1] is not None):
             try:
                 self._call("POST", f"/rest/channel/{name}/{_SET}", deadline, {"value": value})
             except LinkError as error:
                 failures[name] = error
+        refused = [name for name, error in failures.items() if isinstance(error, _RefusedError)]
+        self._watchdog.note(
+            written={name: value is not None for name, value in values.items() if name not in failures},
+            unknown=failures.keys() - set(refused),
+            refused=refused,
+        )
+        return failures
+
+    @staticmethod
+    def _raise(failures: Mapping[str, LinkError]) -> None:
         if failures:
             reason = next(iter(failures.values()))
             raise LinkError(f"set-points of {', '.join(failures)} not written: {reason}")
@@ -231,7 +264,7 @@ class OpenEms:
         except (httpx.HTTPError, OSError) as error:
             raise LinkError(f"{where}: cannot be reached ({error or type(error).__name__})") from error
         if status != httpx.codes.OK:
-            raise LinkError(f"{where}: {_refusal(status, bytes(answer))}")
+            raise _RefusedError(f"{where}: {_refusal(status, bytes(answer))}")
         return bytes(answer)
 
 

@@ -32,6 +32,7 @@ REVERT_S: Final = 60
 REFRESH_S: Final = 20.0
 HEARTBEAT_S: Final = 1.0
 """The same of devices that watch the controller's heartbeat."""
+CLOCK: Final = time.monotonic
 ANSWER_S: Final = 1.0
 """Time for the answer to one request."""
 ALL_S: Final = 3.0
@@ -106,6 +107,8 @@ class SunSpec:
         )
         self._layouts: dict[int, _Layout] = {}
         self._heartbeat = 0
+        # A process before this one may have written.
+        self._holds_until = dict.fromkeys(self._units, CLOCK() + REVERT_S + 1.0)
 
     @property
     def refresh_s(self) -> float:
@@ -142,33 +145,42 @@ class SunSpec:
 
     def write(self, power_kw: NDArray[np.float64]) -> None:
         """Write set-points; see :class:`bess.plants.PlantLink`. NaN takes back the string's set-point."""
-        self._write_all(checked_setpoints(power_kw, self.n_strings))
+        setpoints = dict(zip(self._units, checked_setpoints(power_kw, self.n_strings).tolist(), strict=True))
+        now = CLOCK()
+        wanted = {u: kw for u, kw in setpoints.items() if not math.isnan(kw) or now < self._holds_until[u]}
+        failures = self._write_all(wanted)
+        # What cannot be taken back reverts by itself: the strings that were written are well.
+        self._raise({unit: error for unit, error in failures.items() if not math.isnan(setpoints[unit])})
 
     def release(self) -> None:
         """Take back all set-points; what does not arrive reverts by itself."""
-        self._write_all(np.full(self.n_strings, math.nan))
+        self._raise(self._write_all(dict.fromkeys(self._units, math.nan)))
 
     def close(self) -> None:
         """Close the connection."""
         self._disconnect()
 
-    def _write_all(self, power_kw: NDArray[np.float64]) -> None:
-        """Write what takes a set-point back first, so that a failure leaves as little of it as can be."""
+    def _write_all(self, power_kw: Mapping[int, float]) -> dict[int, _Silent]:
+        """Write, first what takes a set-point back; return what did not arrive."""
         deadline = time.monotonic() + ALL_S
         self._heartbeat = (self._heartbeat + 1) % 0xFFFF
         failures: dict[int, _Silent] = {}
-        for unit, kw in sorted(
-            zip(self._units, power_kw, strict=True), key=lambda pair: not math.isnan(pair[1])
-        ):
+        for unit, kw in sorted(power_kw.items(), key=lambda item: not math.isnan(item[1])):
+            if not math.isnan(kw):
+                self._holds_until[unit] = CLOCK() + REVERT_S + 1.0
             try:
-                self._write(unit, float(kw), deadline)
+                self._write(unit, kw, deadline)
+                if math.isnan(kw):
+                    self._holds_until[unit] = -math.inf
             except _Silent as error:
                 failures[unit] = error
+        return failures
+
+    def _raise(self, failures: Mapping[int, _Silent]) -> None:
         if failures:
             units = ", ".join(str(unit) for unit in failures)
-            raise LinkError(
-                f"{self._url}: set-points of units {units} not written: {next(iter(failures.values()))}"
-            )
+            reason = next(iter(failures.values()))
+            raise LinkError(f"{self._url}: set-points of units {units} not written: {reason}")
 
     def _measure(self, unit: int, deadline: float) -> tuple[float, float, float, float, float, bool]:
         models = {

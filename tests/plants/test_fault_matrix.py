@@ -1,0 +1,300 @@
+"""A driven plant under every fault that links, plants and machines have been seen with.
+
+In none of them is power sent in the wrong direction, beyond a limit, or zero by accident; after each the
+plant follows again within two control steps.
+"""
+
+import itertools
+import resource
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from plant_partners import Connecting, ManualClock, N, Partner, Watched
+
+from bess.plants import openems, sunspec
+from bess.plants.journal import Journal, open_journal
+from bess.plants.simulated_openems import SimulatedEdge
+from bess.serve.cycle import Cycle
+from bess.serve.demands import Demands
+from bess.serve.service import Service
+from bess.study import Study
+
+STEP_S = 10.0
+LAPSE_STEPS = 12
+"""Control steps after which whatever lapses has lapsed, and what cannot be changed is forgotten."""
+DISCHARGE_KW, CHARGE_KW = 150.0, -140.0
+"""Two strings of three can give either, one cannot."""
+TOLERANCE_KW = 0.1
+
+
+@dataclass
+class Rig:
+    """A service that drives a simulated plant, both by one clock that the test moves."""
+
+    watched: Watched
+    partner: Partner
+    cycle: Cycle
+    service: Service
+    demands: Demands
+    clock: ManualClock
+    journal: Path
+    demand_kw: float = 0.0
+    broken: list[str] = field(default_factory=list)
+
+    def ask(self, demand_kw: float) -> None:
+        self.demand_kw = demand_kw
+        self.demands.post(demand_kw, 86_400.0, self.service.clock())
+
+    def step(self, times: int = 1) -> None:
+        """Let a control step pass; watch every set-point that reaches the plant."""
+        for _ in range(times):
+            self.watched.asked.clear()
+            self.cycle.step()
+            self._judge()
+            self.clock.now_s += STEP_S
+
+    def power_kw(self) -> float:
+        return float(self.watched.power_kw().sum())
+
+    def follows(self) -> bool:
+        return abs(self.power_kw() - self.demand_kw) < TOLERANCE_KW
+
+    def _judge(self) -> None:
+        limits = self.watched.plant.truth()
+        for string, kw in self.watched.asked:
+            limit = limits[string].discharge_limit_kw if kw > 0.0 else limits[string].charge_limit_kw
+            if kw * self.demand_kw < 0.0:
+                self.broken.append(f"string {string} was sent {kw} kW against {self.demand_kw} kW")
+            if abs(kw) > limit + 1e-9 and string not in self.watched.plant.faults.dead:
+                self.broken.append(f"string {string} was sent {kw} kW beyond its {limit} kW")
+        sent = dict(self.watched.asked)
+        if len(sent) == N and not any(sent.values()):
+            self.broken.append(f"all strings were sent zero while {self.demand_kw} kW were asked for")
+
+
+@pytest.fixture
+def rig(
+    partner: Partner,
+    connecting: Connecting,
+    watched: Watched,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> Iterator[Rig]:
+    monkeypatch.setattr(openems, "ANSWER_S", 0.4)
+    monkeypatch.setattr(sunspec, "ALL_S", 0.4)
+    monkeypatch.setattr(sunspec, "ANSWER_S", 0.3)
+    monkeypatch.setattr(openems, "CLOCK", watched.clock)
+    monkeypatch.setattr(sunspec, "CLOCK", watched.clock)
+    study = Study.from_document(
+        {
+            "name": "matrix",
+            "system": {"n_strings": N},
+            "demand": {"file": "two-cycle-48h"},
+            "policy": {"name": "soc"},
+            "service": {"control_step_s": STEP_S, "frozen_readings": 3, "retry_after_s": 60.0},
+        },
+        "the fault matrix",
+    )
+    service = Service(study, tmp_path / "state")
+    clock = watched.clock
+    began = datetime(2026, 11, 22, tzinfo=UTC).timestamp()
+    monkeypatch.setattr(service, "clock", lambda: began + clock.now_s)
+    demands = Demands(study.with_values({"demand.repeat": True}), 900.0)
+    journal = Journal(tmp_path / "state", service.controller.system, "matrix")
+    link = connecting(partner.address)  # looks at the clock above
+    cycle = Cycle(service, link, demands, journal, monotonic=clock)
+    yield Rig(watched, partner, cycle, service, demands, clock, tmp_path / "state")
+    service.close()
+    journal.close()
+
+
+@dataclass(frozen=True)
+class Fault:
+    """How it begins and ends, and whether the others can carry the demand meanwhile."""
+
+    begin: Callable[[Rig], Any]
+    end: Callable[[Rig], Any]
+    carried: bool
+
+
+def _of_string(name: str) -> Fault:
+    """Return a fault of the string that carries most."""
+    return Fault(
+        lambda rig: getattr(rig.watched.plant.faults, name).add(
+            int(np.argmax(np.abs(rig.watched.power_kw())))
+        ),
+        lambda rig: getattr(rig.watched.plant.faults, name).clear(),
+        True,
+    )
+
+
+def _set(name: str, value: object, after: object) -> Fault:
+    return Fault(
+        lambda rig: setattr(rig.watched.plant.faults, name, value),
+        lambda rig: setattr(rig.watched.plant.faults, name, after),
+        False,
+    )
+
+
+def _restart(rig: Rig) -> None:
+    rig.partner.stop()
+    rig.partner.start()
+
+
+FAULTS = {
+    "link lost": Fault(lambda rig: rig.partner.stop(), lambda rig: rig.partner.start(), False),
+    "slow": _set("delay_s", 0.6, 0.0),
+    "wrong units": _set("kilowatts", True, False),
+    "a string undefined": _of_string("undefined"),
+    "a string silent": _of_string("silent"),
+    "a string dead": _of_string("dead"),
+    "a string frozen": _of_string("frozen"),
+    "a string deaf": _of_string("deaf"),
+    "restarted": Fault(_restart, _restart, True),
+}
+
+
+@pytest.mark.parametrize(("before_kw", "after_kw"), [(DISCHARGE_KW, CHARGE_KW), (CHARGE_KW, DISCHARGE_KW)])
+@pytest.mark.parametrize("name", FAULTS)
+def test_no_fault_sends_what_should_not_be_sent(
+    rig: Rig, name: str, before_kw: float, after_kw: float
+) -> None:
+    fault = FAULTS[name]
+    rig.ask(before_kw)
+    rig.step(3)
+    assert rig.follows()
+
+    fault.begin(rig)
+    rig.step(2)
+    rig.ask(after_kw)  # the worst moment to go on with what was
+    rig.step(LAPSE_STEPS)
+    assert rig.broken == []
+    if fault.carried:
+        assert rig.follows(), rig.cycle.trouble
+    else:
+        assert rig.power_kw() == 0.0
+        assert rig.cycle.trouble != ""
+
+    fault.end(rig)
+    rig.step(2)
+    assert rig.follows(), rig.cycle.trouble
+    assert rig.broken == []
+    assert rig.cycle.trouble == ""
+
+
+@pytest.mark.parametrize(
+    ("fault", "sentence"),
+    [("deaf", "does not follow"), ("frozen", "its state of charge has stood at"), ("dead", "out of service")],
+)
+def test_a_string_that_cannot_be_trusted_is_named(rig: Rig, fault: str, sentence: str) -> None:
+    rig.ask(DISCHARGE_KW)
+    rig.step(3)
+    FAULTS[f"a string {fault}"].begin(rig)
+    (victim,) = getattr(rig.watched.plant.faults, fault)
+    seen = set()
+    for _ in range(40):
+        rig.step()
+        answer = rig.service.last[-1]  # type: ignore[index]
+        seen |= {string for string, reason in enumerate(answer.reasons) if sentence in reason}
+        if seen:
+            break
+    assert seen == {victim}
+    rig.step()
+    assert rig.follows()
+    assert rig.broken == []
+
+
+def test_a_wrong_password_stops_writing_and_a_right_one_starts_it_again(rig: Rig) -> None:
+    if not isinstance(rig.partner, SimulatedEdge):
+        pytest.skip("Modbus knows no password")
+    rig.ask(DISCHARGE_KW)
+    rig.step(2)
+    rig.partner.password = "changed"
+    rig.step(LAPSE_STEPS)
+    assert rig.power_kw() == 0.0
+    assert "BESS_PLANT_PASSWORD" in rig.cycle.trouble
+    rig.partner.password = "owner"
+    rig.step(2)
+    assert rig.follows()
+    assert rig.broken == []
+
+
+@pytest.mark.parametrize("jump_s", [-86_400.0, -0.5, 3_600.0, 1e9])
+def test_a_machine_whose_clock_is_set_drives_on(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, jump_s: float
+) -> None:
+    class Jumping(datetime):
+        offset = timedelta(0)
+
+        @classmethod
+        def now(cls, tz: Any = None) -> datetime:
+            return datetime.now(tz) + cls.offset
+
+    for module in (openems, sunspec):
+        monkeypatch.setattr(module, "datetime", Jumping)
+    rig.ask(DISCHARGE_KW)
+    rig.step(2)
+    Jumping.offset = timedelta(seconds=jump_s)
+    for _ in range(4):
+        rig.step()
+        assert rig.follows()
+    Jumping.offset = timedelta(0)
+    rig.step(2)
+    assert rig.follows()
+    assert rig.broken == []
+
+
+def test_a_full_disk_stops_nobody(rig: Rig) -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    rig.ask(DISCHARGE_KW)
+    rig.step(2)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10, hard))
+    try:
+        rig.ask(CHARGE_KW)
+        rig.step(3)
+        followed = rig.follows()
+        said = rig.service.memory.error
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert followed
+    assert said != ""
+    rig.step(2)
+    assert rig.follows()
+    assert rig.service.memory.error == ""
+    assert open_journal(rig.journal).sizes["time"] >= 3
+    assert rig.broken == []
+
+
+def test_no_demand_is_not_a_demand_of_zero(rig: Rig) -> None:
+    rig.ask(DISCHARGE_KW)
+    rig.step(2)
+    rig.demands.post(DISCHARGE_KW, 0.0, rig.service.clock())
+    rig.demands._profile = None
+    rig.watched.asked.clear()
+    rig.cycle.step()
+    assert rig.watched.asked == []
+    assert [rig.watched.plant.holds(string) for string in range(N)] == [None] * N
+
+
+def test_two_faults_at_once_are_no_worse_than_each(rig: Rig) -> None:
+    for first, second in itertools.combinations(("a string dead", "link lost", "slow", "wrong units"), 2):
+        rig.ask(DISCHARGE_KW)
+        rig.step(3)
+        assert rig.follows(), (first, second, rig.cycle.trouble)
+        FAULTS[first].begin(rig)
+        FAULTS[second].begin(rig)
+        rig.ask(CHARGE_KW)
+        rig.step(2)
+        FAULTS[first].end(rig)
+        rig.step(2)
+        FAULTS[second].end(rig)
+        rig.step(2)
+        assert rig.follows(), (first, second, rig.cycle.trouble)
+        rig.ask(DISCHARGE_KW)
+        rig.step(2)
+    assert rig.broken == []
