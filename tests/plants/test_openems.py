@@ -35,6 +35,41 @@ def test_a_write_to_one_string_keeps_those_of_all_others_alive(edge: SimulatedEd
     assert watched.power_kw().tolist() == [0.0, 0.0, 0.0]
 
 
+def test_a_set_point_that_cannot_be_taken_back_lapses_before_the_others_go_on(
+    connecting: Connecting, edge: SimulatedEdge, watched: Watched, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(openems, "CLOCK", watched.clock)
+    link = connecting(edge.address)
+    link.write(ASKED)
+    watched.plant.faults.silent.add(0)
+    others = np.array([np.nan, *ASKED[1:]])
+    outcomes = []
+    for _ in range(12):
+        watched.clock.now_s += 10.0
+        try:
+            link.write(others)
+        except LinkError as error:
+            assert "ess0 may still have a set-point that cannot be changed" in str(error)
+            outcomes.append("waits")
+        else:
+            outcomes.append("written")
+    assert outcomes == ["written"] * 2 + ["waits"] * 6 + ["written"] * 4
+    assert watched.power_kw() == pytest.approx([0.0, *ASKED[1:]], abs=0.01)
+
+
+def test_a_string_that_refuses_but_holds_nothing_stops_nobody(
+    connecting: Connecting, edge: SimulatedEdge, watched: Watched, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(openems, "CLOCK", watched.clock)
+    link = connecting(edge.address)
+    link.write(np.array([np.nan, *ASKED[1:]]))
+    watched.plant.faults.silent.add(0)
+    for _ in range(30):
+        watched.clock.now_s += 10.0
+        link.write(np.array([np.nan, *ASKED[1:]]))
+        assert watched.power_kw() == pytest.approx([0.0, *ASKED[1:]], abs=0.01)
+
+
 def test_a_wrong_password_is_said_to_be_one(
     connecting: Connecting, edge: SimulatedEdge, watched: Watched
 ) -> None:

@@ -70,6 +70,18 @@ def test_the_time_to_revert_is_set_with_every_set_point(
     assert _model(modbus, 704, unit=2)[1].points["WSetEna"].value == 0  # type: ignore[attr-defined]
 
 
+def test_what_cannot_be_taken_back_reverts_by_itself_and_is_no_error(
+    connecting: Connecting, devices: SimulatedDevices, watched: Watched
+) -> None:
+    link = connecting(devices.address)
+    link.write(ASKED)
+    watched.plant.faults.silent.add(0)
+    for _ in range(7):
+        watched.clock.now_s += 10.0
+        link.write(np.array([np.nan, *ASKED[1:]]))
+    assert watched.power_kw() == pytest.approx([0.0, *ASKED[1:]], abs=0.01)
+
+
 def test_the_heartbeat_counts_with_every_write(
     connecting: Connecting, devices: SimulatedDevices, modbus: ModbusTcpClient
 ) -> None:

@@ -58,7 +58,7 @@ class Cycle:
         self._written_at_s = -np.inf
         self._holds = False
         self.trouble = "the plant has not been read yet"
-        service.controller.drives = not shadow
+        service.controller.drives = False
 
     def run(self) -> None:
         """Go on until :meth:`stop`; then let go of the plant."""
@@ -122,6 +122,7 @@ class Cycle:
             self._doubt(str(error))
             return None
         self.trouble = ""
+        self._service.controller.drives = True
         return set_points
 
     def _refresh_in_s(self) -> float:
@@ -148,6 +149,8 @@ class Cycle:
             LOG.warning(sentence)
         self.trouble = sentence
         self._written = None
+        # Strings cannot follow what did not reach them.
+        self._service.controller.drives = False
 
     def _let_go(self, sentence: str) -> None:
         """Give the plant back to its own watchdog, once."""
