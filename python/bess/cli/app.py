@@ -216,12 +216,19 @@ def demo_plant(
         int | None, typer.Option(min=1, max=65_535, help="8084 for OpenEMS, 5020 for SunSpec.")
     ] = None,
     speed: Annotated[float, typer.Option(help="Seconds of the plant in each second.")] = 1.0,
+    serve: Annotated[
+        bool, typer.Option("--serve", help="Drive it as well, with the page of the service open.")
+    ] = False,
 ) -> None:
     """Simulate a plant on this machine that bess serve can drive."""
-    from bess.cli.demo import demo_plant
+    from bess.cli.demo import demo_plant, serve_demo
     from bess.study import load_study
 
-    demo_plant(load_study(study), kind, port, speed)
+    loaded = load_study(study)
+    if serve:
+        serve_demo(loaded, kind, port, speed, _folder(None, f"{loaded.name}-demo", False))
+    else:
+        demo_plant(loaded, kind, port, speed)
 
 
 @app.command()

@@ -1,8 +1,16 @@
-"""A simulated plant on this machine, until it is told to stop."""
+"""A simulated plant on this machine, until it is told to stop, and a service that drives it."""
 
 from __future__ import annotations
 
+import os
+import socket
+import sys
+import threading
 import time
+import webbrowser
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Final
 
 from bess.cli.app import PlantKind
@@ -12,7 +20,11 @@ from bess.study import Study
 from bess.study.plant_choice import build_system
 
 PORTS: Final = {PlantKind.OPENEMS: 8084, PlantKind.SUNSPEC: 5020}
+PAGE_PORT: Final = 8080
+STEP_S: Final = 1.0
+"""Control step of the service unless the study says otherwise: something to look at."""
 _SHOWN_EVERY_S: Final = 10.0
+_PAGE_AFTER_S: Final = 2.0
 
 
 def demo_plant(study: Study, kind: PlantKind, port: int | None, speed: float) -> None:
@@ -23,17 +35,12 @@ def demo_plant(study: Study, kind: PlantKind, port: int | None, speed: float) ->
     InputError
         For a port that is taken, a speed that is none, or a missing extra.
     """
-    plant = SimulatedPlant(build_system(study.system, study.run, study.wear), speed=speed)
-    with extra("plant", "a simulated plant"):
-        if kind is PlantKind.OPENEMS:
-            from bess.plants.simulated_openems import SimulatedEdge as Partner
-        else:
-            from bess.plants.simulated_sunspec import SimulatedDevices as Partner  # type: ignore[assignment]
-    with Partner(plant, port=PORTS[kind] if port is None else port) as partner:
+    plant = _plant(study, speed)
+    with _listening(plant, kind, port) as address:
         print(
             f"A plant of {plant.n_strings} strings, {speed:g} times as fast as time, listens. Drive it with"
         )
-        print(f"  bess serve {study.name} --plant {partner.address}")
+        print(f"  bess serve {study.name} --plant {address}")
         print("Ctrl-C ends it.", flush=True)
         try:
             while True:
@@ -41,6 +48,56 @@ def demo_plant(study: Study, kind: PlantKind, port: int | None, speed: float) ->
                 print(_line(plant), flush=True)
         except KeyboardInterrupt:
             print("The plant has stopped.")
+
+
+def serve_demo(study: Study, kind: PlantKind, port: int | None, speed: float, folder: Path) -> None:
+    """Serve the plant of a study and drive it, in one process; open the page that shows both.
+
+    Raises
+    ------
+    InputError
+        As for :func:`demo_plant`, and from the service.
+    """
+    from bess.serve.run import serve
+
+    if study.service.control_step_s is None:
+        study = study.with_values({"service.control_step_s": STEP_S})
+    page_port = _free_port(PAGE_PORT)
+    page = f"http://127.0.0.1:{page_port}/"
+    with _listening(_plant(study, speed), kind, port) as address:
+        print(f"A plant, {speed:g} times as fast as time, and a service that drives it: open {page}")
+        print(f"Ctrl-C ends both; afterwards, bess report {folder} shows what the plant did.", flush=True)
+        if sys.stdout.isatty() and (os.environ.get("DISPLAY") or sys.platform in ("win32", "darwin")):
+            opening = threading.Timer(_PAGE_AFTER_S, webbrowser.open, [page])
+            opening.daemon = True
+            opening.start()
+        serve(study, port=page_port, state=folder, plant=address)
+
+
+def _plant(study: Study, speed: float) -> SimulatedPlant:
+    return SimulatedPlant(build_system(study.system, study.run, study.wear), speed=speed)
+
+
+@contextmanager
+def _listening(plant: SimulatedPlant, kind: PlantKind, port: int | None) -> Iterator[str]:
+    """Yield what ``--plant`` takes."""
+    with extra("plant", "a simulated plant"):
+        if kind is PlantKind.OPENEMS:
+            from bess.plants.simulated_openems import SimulatedEdge as Partner
+        else:
+            from bess.plants.simulated_sunspec import SimulatedDevices as Partner  # type: ignore[assignment]
+    with Partner(plant, port=PORTS[kind] if port is None else port) as partner:
+        yield partner.address
+
+
+def _free_port(wanted: int) -> int:
+    """Return the port if it is free, else any that is."""
+    with socket.socket() as probe:
+        try:
+            probe.bind(("127.0.0.1", wanted))
+        except OSError:
+            probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
 
 
 def _line(plant: SimulatedPlant) -> str:

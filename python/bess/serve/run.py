@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import sys
 import threading
+from contextlib import suppress
 from pathlib import Path
 
 from bess.errors import InputError
@@ -90,7 +91,9 @@ def serve(
         )
         server = uvicorn.Server(config)
         try:
-            server.run()
+            # A signal that has been obeyed is raised again.
+            with suppress(KeyboardInterrupt):
+                server.run()
         finally:
             if driven is not None and thread is not None:
                 driven.cycle.stop()
