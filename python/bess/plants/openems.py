@@ -107,7 +107,7 @@ class OpenEms:
             base_url=address.url,
             auth=(user, password) if password else None,
             trust_env=False,  # no proxy between controller and plant
-            verify=ssl.create_default_context(),
+            verify=ssl.create_default_context() if address.scheme == "https" else False,
         )
         self._units_are_known = False
         self._watchdog = SharedWatchdog(REFRESH_S, FORGETS_S, CLOCK)

@@ -43,6 +43,7 @@ logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
 
 _MOST_REGISTERS: Final = 120
 _MOST_MODELS: Final = 100
+_MOST_STEPS: Final = 2**31 - 1
 _ON, _OFF, _WATTS = 1, 0, 1
 _OUT_OF_SERVICE: Final[Mapping[tuple[int, str], tuple[int, ...]]] = {
     (701, "St"): (0,),  # off
@@ -231,6 +232,10 @@ class SunSpec:
             except LinkError as error:
                 raise LinkError(f"{self._url} unit {unit}: {error}") from error
             steps = math.trunc(watts(power_kw) / step_w)
+            if abs(steps) > _MOST_STEPS:
+                raise LinkError(
+                    f"{self._url} unit {unit}: WSet in steps of {step_w:g} W is too fine for {power_kw:g} kW"
+                )
             # The time first: from its first moment on, a set-point is one that reverts.
             revert = registers_of(control, "WSetEnaRvrt", _OFF) + registers_of(
                 control, "WSetRvrtTms", REVERT_S
