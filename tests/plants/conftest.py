@@ -1,15 +1,22 @@
 """A simulated plant whose clock the tests move, behind an OpenEMS edge or SunSpec devices on the loopback."""
 
 from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
+from pathlib import Path
 
 import pytest
-from plant_partners import ManualClock, N, Partner, Watched
+from plant_partners import STEP_S, Connecting, ManualClock, N, Partner, Rig, Watched
 
 import bess
-from bess.plants import PlantLink, connect
+from bess.plants import PlantLink, connect, openems, sunspec
+from bess.plants.journal import Journal
 from bess.plants.simulated import SimulatedPlant
 from bess.plants.simulated_openems import SimulatedEdge
 from bess.plants.simulated_sunspec import SimulatedDevices
+from bess.serve.cycle import Cycle
+from bess.serve.demands import Demands
+from bess.serve.service import Service
+from bess.study import Study
 
 
 @pytest.fixture
@@ -58,3 +65,39 @@ def connecting() -> Iterator[Callable[[str, int], PlantLink]]:
 @pytest.fixture
 def link(partner: Partner, connecting: Callable[[str, int], PlantLink]) -> PlantLink:
     return connecting(partner.address, N)
+
+
+@pytest.fixture
+def rig(
+    partner: Partner,
+    connecting: Connecting,
+    watched: Watched,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> Iterator[Rig]:
+    monkeypatch.setattr(openems, "ANSWER_S", 0.4)
+    monkeypatch.setattr(sunspec, "ALL_S", 0.4)
+    monkeypatch.setattr(sunspec, "ANSWER_S", 0.3)
+    monkeypatch.setattr(openems, "CLOCK", watched.clock)
+    monkeypatch.setattr(sunspec, "CLOCK", watched.clock)
+    study = Study.from_document(
+        {
+            "name": "matrix",
+            "system": {"n_strings": N},
+            "demand": {"file": "two-cycle-48h"},
+            "policy": {"name": "soc"},
+            "service": {"control_step_s": STEP_S, "frozen_readings": 3, "retry_after_s": 60.0},
+        },
+        "the fault matrix",
+    )
+    service = Service(study, tmp_path / "state")
+    clock = watched.clock
+    began = datetime(2026, 11, 22, tzinfo=UTC).timestamp()
+    monkeypatch.setattr(service, "clock", lambda: began + clock.now_s)
+    demands = Demands(study.with_values({"demand.repeat": True}), 900.0)
+    journal = Journal(tmp_path / "state", service.controller.system, "matrix")
+    link = connecting(partner.address)  # looks at the clock above
+    cycle = Cycle(service, link, demands, journal, monotonic=clock)
+    yield Rig(watched, partner, cycle, service, demands, clock, tmp_path / "state")
+    service.close()
+    journal.close()

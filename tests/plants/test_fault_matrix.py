@@ -6,111 +6,23 @@ plant follows again within two control steps.
 
 import itertools
 import resource
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from datetime import UTC, datetime, timedelta
-from pathlib import Path
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime, timedelta
 from typing import Any
 
 import numpy as np
 import pytest
-from plant_partners import Connecting, ManualClock, N, Partner, Watched
+from plant_partners import N, Rig
 
 from bess.plants import openems, sunspec
-from bess.plants.journal import Journal, open_journal
+from bess.plants.journal import open_journal
 from bess.plants.simulated_openems import SimulatedEdge
-from bess.serve.cycle import Cycle
-from bess.serve.demands import Demands
-from bess.serve.service import Service
-from bess.study import Study
 
-STEP_S = 10.0
 LAPSE_STEPS = 12
 """Control steps after which whatever lapses has lapsed, and what cannot be changed is forgotten."""
 DISCHARGE_KW, CHARGE_KW = 150.0, -140.0
 """Two strings of three can give either, one cannot."""
-TOLERANCE_KW = 0.1
-
-
-@dataclass
-class Rig:
-    """A service that drives a simulated plant, both by one clock that the test moves."""
-
-    watched: Watched
-    partner: Partner
-    cycle: Cycle
-    service: Service
-    demands: Demands
-    clock: ManualClock
-    journal: Path
-    demand_kw: float = 0.0
-    broken: list[str] = field(default_factory=list)
-
-    def ask(self, demand_kw: float) -> None:
-        self.demand_kw = demand_kw
-        self.demands.post(demand_kw, 86_400.0, self.service.clock())
-
-    def step(self, times: int = 1) -> None:
-        """Let a control step pass; watch every set-point that reaches the plant."""
-        for _ in range(times):
-            self.watched.asked.clear()
-            self.cycle.step()
-            self._judge()
-            self.clock.now_s += STEP_S
-
-    def power_kw(self) -> float:
-        return float(self.watched.power_kw().sum())
-
-    def follows(self) -> bool:
-        return abs(self.power_kw() - self.demand_kw) < TOLERANCE_KW
-
-    def _judge(self) -> None:
-        limits = self.watched.plant.truth()
-        for string, kw in self.watched.asked:
-            limit = limits[string].discharge_limit_kw if kw > 0.0 else limits[string].charge_limit_kw
-            if kw * self.demand_kw < 0.0:
-                self.broken.append(f"string {string} was sent {kw} kW against {self.demand_kw} kW")
-            if abs(kw) > limit + 1e-9 and string not in self.watched.plant.faults.dead:
-                self.broken.append(f"string {string} was sent {kw} kW beyond its {limit} kW")
-        sent = dict(self.watched.asked)
-        if len(sent) == N and not any(sent.values()):
-            self.broken.append(f"all strings were sent zero while {self.demand_kw} kW were asked for")
-
-
-@pytest.fixture
-def rig(
-    partner: Partner,
-    connecting: Connecting,
-    watched: Watched,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> Iterator[Rig]:
-    monkeypatch.setattr(openems, "ANSWER_S", 0.4)
-    monkeypatch.setattr(sunspec, "ALL_S", 0.4)
-    monkeypatch.setattr(sunspec, "ANSWER_S", 0.3)
-    monkeypatch.setattr(openems, "CLOCK", watched.clock)
-    monkeypatch.setattr(sunspec, "CLOCK", watched.clock)
-    study = Study.from_document(
-        {
-            "name": "matrix",
-            "system": {"n_strings": N},
-            "demand": {"file": "two-cycle-48h"},
-            "policy": {"name": "soc"},
-            "service": {"control_step_s": STEP_S, "frozen_readings": 3, "retry_after_s": 60.0},
-        },
-        "the fault matrix",
-    )
-    service = Service(study, tmp_path / "state")
-    clock = watched.clock
-    began = datetime(2026, 11, 22, tzinfo=UTC).timestamp()
-    monkeypatch.setattr(service, "clock", lambda: began + clock.now_s)
-    demands = Demands(study.with_values({"demand.repeat": True}), 900.0)
-    journal = Journal(tmp_path / "state", service.controller.system, "matrix")
-    link = connecting(partner.address)  # looks at the clock above
-    cycle = Cycle(service, link, demands, journal, monotonic=clock)
-    yield Rig(watched, partner, cycle, service, demands, clock, tmp_path / "state")
-    service.close()
-    journal.close()
 
 
 @dataclass(frozen=True)
