@@ -10,6 +10,8 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benches"))
 
 import arena
 
+pytestmark = pytest.mark.golden
+
 STORED = json.loads(arena.STORED.read_text(encoding="utf-8"))
 SCENARIOS = arena.scenarios()
 MEASURED_AGAIN = ("seven-days", "three-hot", "four-market", "unequal-light", "differing", "mixed", "m5bat")

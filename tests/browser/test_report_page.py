@@ -13,6 +13,8 @@ from synthetic import record
 
 from bess.report import write_report
 
+pytestmark = pytest.mark.browser
+
 WIDTHS = (1400, 420)
 CHARTS = 3
 """Interactive figures of two scenarios side by side."""

@@ -12,7 +12,10 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT.parent / "shared" / "data"
-pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason=f"the measured day is not at {DATA}")
+pytestmark = [
+    pytest.mark.golden,
+    pytest.mark.skipif(not DATA.is_dir(), reason=f"the measured day is not at {DATA}"),
+]
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,10 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT.parent / "shared" / "data" / "thermal"
-pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason=f"measured discharges are not at {DATA}")
+pytestmark = [
+    pytest.mark.golden,
+    pytest.mark.skipif(not DATA.is_dir(), reason=f"measured discharges are not at {DATA}"),
+]
 
 
 @pytest.fixture(scope="module")

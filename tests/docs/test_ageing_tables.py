@@ -3,9 +3,13 @@
 import sys
 from pathlib import Path
 
+import pytest
+
 sys.path.insert(0, str(Path(__file__).parents[2] / "docs"))
 
 import make_ageing
+
+pytestmark = pytest.mark.golden
 
 
 def test_tables_of_the_page_on_ageing_are_those_the_code_gives() -> None:

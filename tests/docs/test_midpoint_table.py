@@ -3,9 +3,13 @@
 import sys
 from pathlib import Path
 
+import pytest
+
 sys.path.insert(0, str(Path(__file__).parents[2] / "docs"))
 
 import make_midpoint
+
+pytestmark = pytest.mark.golden
 
 
 def test_the_table_of_the_page_on_foresight_is_the_one_the_code_gives() -> None:

@@ -17,6 +17,8 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "docs"))
 
 import numbers_of_pages as numbers
 
+pytestmark = pytest.mark.golden
+
 DOCS = numbers.DOCS
 RELATIVE = 2e-3
 """Other processors round differently, and a search may then take another of two nearly equal ways."""

@@ -9,6 +9,8 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "docs"))
 
 import make_services
 
+pytestmark = pytest.mark.golden
+
 
 def test_the_tables_are_made_of_the_stored_numbers() -> None:
     for name, text in make_services.tables(make_services.stored()).items():

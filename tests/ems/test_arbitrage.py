@@ -97,6 +97,7 @@ def test_a_plan_from_an_empty_storage_never_loses_money(price):
     start=st.integers(0, 10),
     cycles=st.sampled_from([0.4, 1.0, 5.0]),
 )
+@pytest.mark.exhaustive
 @example(price=np.array([-100.0, -50.0, -100.0, 20.0]), start=10, cycles=5.0)
 @example(price=np.array([-1.0, -100.0, -100.0, -100.0, 300.0]), start=8, cycles=5.0)
 def test_a_plan_without_losses_equals_exhaustive_search(price, start, cycles):
@@ -107,6 +108,7 @@ def test_a_plan_without_losses_equals_exhaustive_search(price, start, cycles):
     )
 
 
+@pytest.mark.exhaustive
 @settings(max_examples=12, deadline=None)
 @given(price=st.lists(st.integers(-100, 300), min_size=2, max_size=5).map(lambda p: np.array(p, dtype=float)))
 @example(price=np.array([-100.0, -100.0, -100.0, -100.0, 50.0]))
@@ -119,6 +121,7 @@ def test_a_plan_with_losses_equals_exhaustive_search_within_its_grid(price):
     assert best - 1e-3 <= revenue(plan, price) <= best + grid_error
 
 
+@pytest.mark.exhaustive
 def test_energy_is_not_burnt_where_prices_are_negative():
     """Full, and paid for consuming: doing both at once would earn most, but no plant can."""
     price = np.full(8, -100.0)

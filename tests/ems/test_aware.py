@@ -143,6 +143,7 @@ def flat_system() -> bess.System:
     return bess.System(document | {"battery": battery, "thermal": thermal})
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("seed", range(4))
 def test_a_plan_earns_what_dynamic_programming_finds(seed: int) -> None:
     """Oracle: values over a grid of stored energy, every power with its true loss, no linear program."""

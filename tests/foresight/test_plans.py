@@ -43,6 +43,7 @@ def test_a_plan_shares_the_demand_within_limits_and_in_its_direction(
     assert second.cost <= second.rule_cost
 
 
+@pytest.mark.independent
 @settings(max_examples=30, deadline=None)
 @given(seed=SEEDS, n_strings=st.integers(1, 4), n_steps=st.integers(2, 32))
 def test_the_cost_of_a_plan_is_that_of_a_roll_out_and_never_above_the_plan_carried_along(

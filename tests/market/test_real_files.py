@@ -9,9 +9,10 @@ import bess
 import bess.ems
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
-pytestmark = pytest.mark.skipif(
-    not DATA.is_dir(), reason="real data are not beside the repository (../shared/data)"
-)
+pytestmark = [
+    pytest.mark.golden,
+    pytest.mark.skipif(not DATA.is_dir(), reason="real data are not beside the repository (../shared/data)"),
+]
 
 PRICES = [
     # file, zone, product, rows, min, mean, max, negative

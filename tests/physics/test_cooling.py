@@ -14,6 +14,8 @@ import bess
 from bess import _core
 from bess.parameters.cooling import Cooling
 
+pytestmark = pytest.mark.closed_form
+
 DIRECT: dict[str, Any] = {"kind": "liquid", "start_c": -50.0, "supply_c": 20.0}
 """Cold plates whose coolant always flows."""
 

@@ -9,6 +9,8 @@ from plant_reference import ReferenceString
 
 import bess
 
+pytestmark = pytest.mark.independent
+
 FLOWS = {
     "delivered_kw": "delivered",
     "availability_loss_kw": "availability",

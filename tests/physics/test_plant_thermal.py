@@ -12,6 +12,8 @@ from scipy.optimize import brentq
 
 import bess
 
+pytestmark = pytest.mark.closed_form
+
 
 def with_thermal(**changes: float) -> bess.System:
     document = copy.deepcopy(bess.System.reference(1).document)

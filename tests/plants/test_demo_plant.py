@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from plant_partners import Connecting
 
+pytestmark = pytest.mark.process
+
 
 def _free_port() -> int:
     with socket.socket() as probe:

@@ -17,6 +17,8 @@ from bess.plants.journal import open_journal
 from bess.plants.simulated import SimulatedPlant
 from bess.plants.simulated_openems import SimulatedEdge
 
+pytestmark = pytest.mark.process
+
 DEMAND_KW = 78.0
 STUDY = """
 [demand]

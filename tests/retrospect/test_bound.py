@@ -119,7 +119,7 @@ def test_other_worths_are_bounded_as_well() -> None:
         flows = bess.Plant(plant, start).run(split(random, demand_kw, limit_kw), STEP_S)
         shed = (flows.availability_loss_kw + flows.derating_loss_kw).sum(axis=1)
         least = min(least, 2.0 * float(shed[-1]) * 0.25)
-    assert bound <= least
+    assert 0.0 < bound <= least
 
 
 def test_the_bound_of_a_program_holds_however_badly_it_was_solved(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,6 +15,8 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benches"))
 
 from service_load import Server, load
 
+pytestmark = pytest.mark.process
+
 BODY = {"demand_kw": 100.0, "strings": [{"soc": 0.6}, {"soc": 0.5}]}
 
 

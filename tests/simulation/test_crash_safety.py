@@ -26,6 +26,8 @@ from bess.record.codec import pack, unpack
 from bess.record.store import Lock
 from bess.study import Study
 
+pytestmark = pytest.mark.process
+
 BESS = [sys.executable, "-m", "bess"]
 LONG = {
     "policy.name": "soc",

@@ -12,6 +12,8 @@ import pytest
 import bess
 from bess import _core
 
+pytestmark = pytest.mark.closed_form
+
 OCV_50_V = {"charge": 3.702 * 192, "discharge": 3.686 * 192}
 R_25_OHM = 2.5e-3 * 192 / 4
 NOMINAL_LOSS_KW = {"charge": 0.0193 * 92.0, "discharge": 0.0177 * 92.0}

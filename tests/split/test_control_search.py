@@ -7,6 +7,8 @@ import pytest
 from control_cases import Case, case
 from numpy.typing import NDArray
 
+pytestmark = pytest.mark.exhaustive
+
 N_STEPS = 3
 COARSE = 33
 REFINEMENTS = 7

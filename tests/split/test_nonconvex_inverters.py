@@ -19,6 +19,8 @@ from bess.split.relaxation.envelope import Envelope
 sys.path.insert(0, str(Path(__file__).parent))
 from referee import Referee, StringModel
 
+pytestmark = pytest.mark.exhaustive
+
 STEPS = 4
 SEEDS = 10
 WEIGHTS = {"ones": (1.0, 1.0, 1.0), "S1": (1.0, 1.0, 0.0), "S2": (1.0, 0.5, 0.5), "S3": (1.0, 0.0, 1.0)}

@@ -9,6 +9,8 @@ import pytest
 
 from bess.split.tree import Closure, Node, search
 
+pytestmark = pytest.mark.exhaustive
+
 
 class Knapsack:
     """Minimise ``-value @ x`` with ``weight @ x <= capacity``; the relaxation is Dantzig's fractional

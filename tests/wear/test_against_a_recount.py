@@ -10,6 +10,8 @@ from published import PUBLISHED
 
 import bess
 
+pytestmark = pytest.mark.independent
+
 STEP_H = 0.25
 START_C, START_SOC = [25.0, 40.0], [0.5, 0.3]
 

@@ -11,6 +11,8 @@ import bess
 from bess import wear
 from bess.plant import Flows
 
+pytestmark = pytest.mark.golden
+
 TEMPERATURES_C = (25.0, 35.0, 45.0)
 TEN_YEARS_PCT = {"kokam-75ah": (11, 22, 40), "nmc-a-75ah": (23, 29, 40), "naumann-lfp": (22, 25, 29)}
 DAYS = 3650

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from bess import _core
 
+pytestmark = pytest.mark.independent
+
 
 def random_series(seed: int) -> NDArray[np.float64]:
     """Walks, noise, plateaus, coarse values with many ties, and runs to and from the same ends."""
