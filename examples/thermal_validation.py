@@ -21,6 +21,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -37,7 +38,9 @@ FULL_V = 4.19  # at rest after a full charge
 MASS_KG = 0.799
 SURFACE_M2 = 0.0676
 SOC = np.linspace(0.0, 1.0, 41)
+ENTROPY_SOC = np.linspace(0.0, 1.0, 6)
 Array = NDArray[np.float64]
+Reversible = Literal["none", "published", "fitted"]
 
 
 @dataclass(frozen=True)
@@ -120,15 +123,34 @@ def _over_soc(test: Measurement, chosen: NDArray[np.bool_]) -> Array:
     return np.interp(SOC, soc[chosen][order], volts[chosen][order], left=np.nan, right=np.nan)
 
 
+def nmc111_entropy_mv_k(soc: Array) -> Array:
+    """Entropy coefficient of a published 12.5 Ah pouch cell, NMC111 on graphite [mV/K].
+
+    Both electrodes of the parameter set that About:Energy gave to the standard BPX: 0.1 mV/K of the cathode,
+    and a bell at the first stage of the graphite, whose stoichiometry runs from 0.0055 to 0.7567.
+    """
+    x = 0.005504 + soc * (0.75668 - 0.005504)
+    anode = -0.1112 * x + 0.02914 + 0.3561 * np.exp(-((x - 0.08309) ** 2) / 0.004616)
+    return np.asarray(-0.1 - anode)
+
+
 def cell_system(
-    tests: Sequence[Measurement], *, specific_heat_j_kgk: float, film_w_m2k: float, nodes: int = 8
+    tests: Sequence[Measurement],
+    *,
+    specific_heat_j_kgk: float,
+    film_w_m2k: float,
+    nodes: int = 8,
+    entropy: tuple[Array, Array] | None = None,
 ) -> bess.System:
-    """One cell behind an inverter without losses, air on both faces, conduction along the cell."""
+    """One cell behind an inverter without losses, air on both faces, conduction along the cell.
+
+    ``entropy`` is SOC and ``dU/dT`` [mV/K]; None leaves reversible heat out.
+    """
     ocv, milliohm = electrical(tests)
     order = np.argsort([test.c_rate for test in tests])
     table = milliohm[order][:, None, :]
     length_m, volume_m3 = 0.261, 0.261 * 0.216 * 0.0079
-    document = {
+    document: dict[str, Any] = {
         "system": {"n_strings": 1},
         "battery": {
             "cells_series": 1,
@@ -178,6 +200,8 @@ def cell_system(
         },
         "control": {"plant_step_s": STEP_S},
     }
+    if entropy is not None:
+        document["battery"]["entropy"] = {"soc": entropy[0], "du_dt_mv_k": entropy[1]}
     return bess.System(document, name="Leaf cell")
 
 
@@ -196,16 +220,30 @@ def predict(system: bess.System, test: Measurement) -> Array:
     return np.concatenate(temperature)[:-1]
 
 
-def fit_plant(tests: Sequence[Measurement]) -> bess.System:
-    """Specific heat and film coefficient that meet the temperatures of ``tests`` best."""
+def fit_plant(tests: Sequence[Measurement], reversible: Reversible = "none") -> bess.System:
+    """Specific heat and film coefficient that meet the temperatures of ``tests`` best.
 
-    def residual(logs: Array) -> Array:
-        system = cell_system(tests, specific_heat_j_kgk=np.exp(logs[0]), film_w_m2k=np.exp(logs[1]))
-        errors = [predict(system, test) - test.temperature_c for test in tests]
-        return np.concatenate([error / np.sqrt(error.size) for error in errors])
+    Reversible heat is left out, has the published entropy of another cell, or is fitted at six SOC as well.
+    """
 
-    best = np.exp(least_squares(residual, np.log([1600.0, 15.0]), diff_step=1e-3).x)
-    return cell_system(tests, specific_heat_j_kgk=float(best[0]), film_w_m2k=float(best[1]))
+    def system_of(values: Array) -> bess.System:
+        entropy = {
+            "none": None,
+            "published": (SOC, nmc111_entropy_mv_k(SOC)),
+            "fitted": (ENTROPY_SOC, values[2:]),
+        }[reversible]
+        heat, film = np.exp(values[:2])
+        return cell_system(tests, specific_heat_j_kgk=float(heat), film_w_m2k=float(film), entropy=entropy)
+
+    def residual(values: Array) -> Array:
+        errors = [predict(system_of(values), test) - test.temperature_c for test in tests]
+        # A test that says little of the entropy leaves it small.
+        small = 0.02 * values[2:]
+        return np.concatenate([*(error / np.sqrt(error.size) for error in errors), small])
+
+    unknown = ENTROPY_SOC.size if reversible == "fitted" else 0
+    start = np.concatenate([np.log([1600.0, 15.0]), np.full(unknown, 0.1)])
+    return system_of(least_squares(residual, start, diff_step=1e-3).x)
 
 
 def lumped(parameters: Array, test: Measurement) -> Array:
@@ -243,10 +281,32 @@ def leaf_tests(folder: Path) -> list[Measurement]:
 
 def with_electrics_of(fitted: bess.System, test: Measurement) -> bess.System:
     """The thermal parameters of a fitted cell with OCV and resistance of ``test``."""
-    spatial = fitted.strings[0].thermal.spatial
+    spatial, table = fitted.strings[0].thermal.spatial, fitted.strings[0].battery.entropy
     return cell_system(
-        [test], specific_heat_j_kgk=spatial.specific_heat_j_kgk, film_w_m2k=spatial.lateral_u_w_m2k
+        [test],
+        specific_heat_j_kgk=spatial.specific_heat_j_kgk,
+        film_w_m2k=spatial.lateral_u_w_m2k,
+        entropy=None if table is None else (np.array(table.soc), np.array(table.du_dt_mv_k)),
     )
+
+
+def reversible_table(tests: Sequence[Measurement], reversible: Reversible) -> pd.DataFrame:
+    """RMSE [K] of the plant with reversible heat, as :func:`hold_out_table`, and the entropy coefficients."""
+    rows = {}
+    for size in range(1, len(tests) + 1):
+        for chosen in combinations(tests, size):
+            system = fit_plant(chosen, reversible)
+            spatial, table = system.strings[0].thermal.spatial, system.strings[0].battery.entropy
+            row = {"c_p": f"{spatial.specific_heat_j_kgk:.0f}", "film": f"{spatial.lateral_u_w_m2k:.1f}"}
+            for test in tests:
+                mark = "*" if test in chosen else ""
+                own, strict = with_electrics_of(system, test), system
+                row[f"plant {test.name}"] = f"{rmse(predict(own, test), test):.2f}{mark}"
+                row[f"strict {test.name}"] = f"{rmse(predict(strict, test), test):.2f}{mark}"
+            if reversible == "fitted" and table is not None:
+                row["dU/dT, mV/K"] = ", ".join(f"{value:.2f}" for value in table.du_dt_mv_k)
+            rows["+".join(test.name for test in chosen)] = row
+    return pd.DataFrame(rows).T
 
 
 def hold_out_table(tests: Sequence[Measurement]) -> pd.DataFrame:
@@ -269,30 +329,6 @@ def hold_out_table(tests: Sequence[Measurement]) -> pd.DataFrame:
     return pd.DataFrame(rows).T
 
 
-def reversible_heat(system: bess.System, tests: Sequence[Measurement]) -> tuple[Array, list[float]]:
-    """Fit ``T dU/dT`` [V], which the plant has not, at six SOC knots to its errors; and the RMSE left."""
-    spatial = system.strings[0].thermal.spatial
-    capacity_j_k = MASS_KG * spatial.specific_heat_j_kgk
-    cooling = spatial.lateral_u_w_m2k * SURFACE_M2 / capacity_j_k
-    knots = np.linspace(0.0, 1.0, 6)
-    columns, errors = [], []
-    for test in tests:
-        hats = np.array([np.interp(test.soc, knots, row) for row in np.eye(knots.size)])
-        heating = -STEP_S / capacity_j_k * test.current_a * hats
-        columns.append(lfilter([0.0, 1.0], [1.0, STEP_S * cooling - 1.0], heating).T)
-        errors.append(test.temperature_c - predict(with_electrics_of(system, test), test))
-    weights = [1.0 / np.sqrt(error.size) for error in errors]
-    volts = np.linalg.lstsq(
-        np.concatenate([w * c for w, c in zip(weights, columns, strict=True)]),
-        np.concatenate([w * e for w, e in zip(weights, errors, strict=True)]),
-    )[0]
-    left = [
-        rmse(test.temperature_c - error + column @ volts, test)
-        for test, column, error in zip(tests, columns, errors, strict=True)
-    ]
-    return volts, left
-
-
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -311,9 +347,10 @@ def main() -> None:
             print(f"{test.name}: peak {predicted.max():.1f} of {test.temperature_c.max():.1f} degC")
             print(f"    thermocouples one by one {', '.join(f'{e:.2f}' for e in sensors)} K")
             print(f"    they differ by up to {spread:.1f} K")
-        volts, left = reversible_heat(system, tests)
-        print("with reversible heat, T dU/dT in mV at SOC 0, 0.2 to 1:", (1000.0 * volts).round(0).tolist())
-        print("RMSE then left [K]:", [round(error, 2) for error in left])
+        kinds: tuple[Reversible, ...] = ("fitted", "published")
+        for reversible in kinds:
+            print(f"with reversible heat, entropy {reversible}")
+            print(reversible_table(tests, reversible).to_string())
         return
     unseen = read(*arguments.predict)
     system = fit_plant([tests[rate - 1] for rate in arguments.fit])

@@ -45,6 +45,7 @@ CELL_KEYS = (
     "resistance_temperature",
     "resistance_soc",
     "resistance_table",
+    "entropy",
 )
 
 

@@ -16,6 +16,7 @@ from bess.parameters.quantities import (
     CellResistance,
     CellVoltage,
     Count,
+    EntropyCoefficient,
     Fraction,
     RateAxis,
     Ratio,
@@ -102,6 +103,20 @@ class ResistanceOverSoc(Section):
         return self
 
 
+class EntropyTable(Section):
+    """Entropy coefficient ``dU/dT`` of one cell [mV/K] over SOC; clamped outside."""
+
+    soc: SocAxis
+    du_dt_mv_k: tuple[EntropyCoefficient, ...]
+
+    _ascend = field_validator("soc")(ascending)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        same_length("soc", self.soc, "du_dt_mv_k", self.du_dt_mv_k)
+        return self
+
+
 class ResistanceTable(Section):
     """Measured cell resistance [mOhm], indexed ``[c_rate][temperature][soc]``, each direction on its own.
 
@@ -147,6 +162,7 @@ class Battery(Section):
     resistance_temperature: ResistanceOverTemperature | None = None
     resistance_soc: ResistanceOverSoc | None = None
     resistance_table: ResistanceTable | None = None
+    entropy: EntropyTable | None = None
 
     @model_validator(mode="before")
     @classmethod

@@ -52,7 +52,10 @@ class Flows:
     standby_kw : ndarray
         That standby alone [kW]; the grid supplies it beside ``delivered_kw``.
     battery_loss_kw : ndarray
-        Ohmic loss ``R I^2`` [kW]: the heat that the strings take up.
+        Ohmic loss ``R I^2`` [kW]: the heat that the strings take up, beside ``reversible_heat_kw``.
+    reversible_heat_kw : ndarray
+        Heat of reaction ``-I T dU/dT`` [kW], negative where it cools; 0 for strings without a table of
+        entropy.
     chemical_kw : ndarray
         Power taken from the chemical store, ``V I`` [kW], signed.
     current_a : ndarray
@@ -95,6 +98,7 @@ class Flows:
     inverter_loss_kw: Floats
     standby_kw: Floats
     battery_loss_kw: Floats
+    reversible_heat_kw: Floats
     chemical_kw: Floats
     current_a: Floats
     soc: Floats

@@ -52,6 +52,7 @@ VARIABLES: dict[str, Variable] = {
     "auxiliary_kw": Variable(_T, "kW", "power of cooling (fans, pumps, chiller), taken from the grid"),
     "cooling_kw": Variable(_TS, "kW", "heat carried off by the coolant"),
     "coolant_c": Variable(_T, "degC", "temperature of the coolant at the inlet, at the end of the step"),
+    "reversible_heat_kw": Variable(_TS, "kW", "heat of reaction -I T dU/dT, negative where it cools"),
     "current_a": Variable(_TS, "A", "mean string current, positive = discharge"),
     "soc": Variable(_TS, "1", "state of charge at the end of the step"),
     "temperature_c": Variable(_TS, "degC", "mean temperature over the nodes at the end of the step"),
@@ -101,6 +102,9 @@ FLOWS = (
 
 COOLING_FLOWS = ("auxiliary_kw", "cooling_kw", "coolant_c")
 """The same, of plants with a section ``[cooling]`` only."""
+
+ENTROPY_FLOWS = ("reversible_heat_kw",)
+"""The same, of plants with a table of entropy only."""
 
 AGEING_FLOWS = ("calendar_loss", "cyclic_loss", "aged_charge_ah")
 """The same, of plants with a cell model of ageing only."""

@@ -12,7 +12,7 @@ from bess.errors import BessError, InputError
 from bess.numbers import real_numbers
 from bess.plant import Plant, PlantSnapshot
 from bess.policies import Decision, Policy, Situation
-from bess.record.schema import AGEING_FLOWS, COOLING_FLOWS, FLOWS
+from bess.record.schema import AGEING_FLOWS, COOLING_FLOWS, ENTROPY_FLOWS, FLOWS
 from bess.simulation.demand import Now
 from bess.simulation.inputs import Inputs
 from bess.wear import WearPrices
@@ -42,6 +42,7 @@ class ClosedLoop:
         self._flows = (
             *FLOWS,
             *(AGEING_FLOWS if self._ages else ()),
+            *(ENTROPY_FLOWS if any(string.battery.entropy for string in strings) else ()),
             *(COOLING_FLOWS if inputs.system.cooling is not None else ()),
             *(("node_temperature_c",) if node_temperatures else ()),
         )

@@ -14,6 +14,8 @@ use crate::thermal::{AirPath, Coefficients};
 use crate::totals::Totals;
 use crate::PlantError;
 
+const ZERO_C_IN_K: f64 = 273.15;
+
 /// Time base of the integral gain [s].
 const INTEGRAL_STEP_S: f64 = 900.0;
 
@@ -71,6 +73,7 @@ pub(crate) struct Block<const W: usize> {
     begun: Option<(Begun<W>, Totals<W>, [Limits; W])>,
     scratch: Scratch,
     any_measured: bool,
+    any_entropy: bool,
     k_per_w: Lanes<W>,
     soc_per_a: Lanes<W>,
     soc_min: Lanes<W>,
@@ -112,6 +115,7 @@ impl<const W: usize> Block<W> {
             begun: None,
             scratch: Scratch::new(nodes, strings.iter().map(|s| &s.resistance)),
             any_measured: strings.iter().any(|s| matches!(s.resistance, Resistance::Measured { .. })),
+            any_entropy: strings.iter().any(|s| s.entropy.is_some()),
             k_per_w: Lanes::from_fn(|l| coefficients[l].k_per_w),
             soc_per_a: Lanes::ZERO,
             soc_min: each(&|s| s.soc_min),
@@ -230,13 +234,30 @@ impl<const W: usize> Block<W> {
 
     #[inline(always)]
     pub(crate) fn run_portable(&mut self, schedule: &Schedule, record: &mut Record) {
+        if self.any_entropy {
+            self.run_steps::<true>(schedule, record);
+        } else {
+            self.run_steps::<false>(schedule, record);
+        }
+    }
+
+    /// Compiled twice, so that strings without reversible heat do not pay for it.
+    #[inline(always)]
+    fn run_steps<const REVERSIBLE: bool>(&mut self, schedule: &Schedule, record: &mut Record) {
         for step in 0..schedule.steps {
             // Locals, because the compiler keeps them in registers.
             let begun = self.begin_step(schedule, step);
             let Begun { magnitude_w, sign, direction, inlet_c, .. } = begun;
             let (mut totals, mut limits) = (Totals::new(), [Limits::NONE; W]);
             for _ in 0..schedule.substeps {
-                self.plant_step(magnitude_w, sign, &direction, inlet_c, &mut totals, &mut limits);
+                self.plant_step::<REVERSIBLE>(
+                    magnitude_w,
+                    sign,
+                    &direction,
+                    inlet_c,
+                    &mut totals,
+                    &mut limits,
+                );
             }
             self.finish_step(&begun, &totals, &limits, schedule, step, record);
         }
@@ -283,17 +304,27 @@ impl<const W: usize> Block<W> {
             unsafe { self.plant_step_avx2(begun, totals, limits) };
             return;
         }
-        self.plant_step(begun.magnitude_w, begun.sign, &begun.direction, begun.inlet_c, totals, limits);
+        self.portable_plant_step(begun, totals, limits);
+    }
+
+    #[inline(always)]
+    fn portable_plant_step(&mut self, begun: &Begun<W>, totals: &mut Totals<W>, limits: &mut [Limits; W]) {
+        let Begun { magnitude_w, sign, direction, inlet_c, .. } = *begun;
+        if self.any_entropy {
+            self.plant_step::<true>(magnitude_w, sign, &direction, inlet_c, totals, limits);
+        } else {
+            self.plant_step::<false>(magnitude_w, sign, &direction, inlet_c, totals, limits);
+        }
     }
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
     unsafe fn plant_step_avx2(&mut self, begun: &Begun<W>, totals: &mut Totals<W>, limits: &mut [Limits; W]) {
-        self.plant_step(begun.magnitude_w, begun.sign, &begun.direction, begun.inlet_c, totals, limits);
+        self.portable_plant_step(begun, totals, limits);
     }
 
     #[inline(always)]
-    fn plant_step(
+    fn plant_step<const REVERSIBLE: bool>(
         &mut self,
         magnitude_w: Lanes<W>,
         sign: Lanes<W>,
@@ -381,7 +412,34 @@ impl<const W: usize> Block<W> {
 
         let heating = self.k_per_w * squared * drawn.node_factor;
         let tables = std::array::from_fn(|l| &self.strings[l].resistance);
-        totals.hottest_c = self.air_path.advance(heating, inlet_c, totals.hottest_c, &tables);
+        if REVERSIBLE {
+            self.advance_reversibly(heating, drawn.current_a, soc, inlet_c, totals);
+        } else {
+            totals.hottest_c = self.air_path.advance(heating, inlet_c, totals.hottest_c, &tables);
+        }
+    }
+
+    /// Heat along the path with `-I T dU/dT`, the heat of reaction, which all nodes share alike. Both are of the state
+    /// before the step, so their order does not matter.
+    #[cold]
+    #[inline(never)]
+    fn advance_reversibly(
+        &mut self,
+        heating: Lanes<W>,
+        current_a: Lanes<W>,
+        soc: Lanes<W>,
+        inlet_c: Lanes<W>,
+        totals: &mut Totals<W>,
+    ) {
+        let mean_c = self.air_path.mean_temperature();
+        let reversible_w = Lanes::from_fn(|l| {
+            let volts_k = self.strings[l].entropy.as_ref().map_or(0.0, |table| table.at(soc.0[l]));
+            -current_a.0[l] * (mean_c.0[l] + ZERO_C_IN_K) * volts_k
+        });
+        totals.reversible_w = totals.reversible_w + reversible_w;
+        let tables = std::array::from_fn(|l| &self.strings[l].resistance);
+        self.air_path.advance(heating, inlet_c, mean_c, &tables);
+        totals.hottest_c = self.air_path.warm(self.k_per_w * reversible_w, totals.hottest_c, &tables);
     }
 
     /// Replaces what was drawn from a lane that has a limit, or a resistance that depends on its own current.

@@ -83,6 +83,8 @@ record! {
     standby_w,
     /// Ohmic battery loss [W].
     battery_loss_w,
+    /// Heat of reaction [W], `-I T dU/dT`: negative where it cools; 0 without a table of entropy.
+    reversible_w,
     /// Heat that the coolant carried off [W]; 0 where a plant has no cooling of its own.
     cooling_w,
     /// Power taken from the chemical store, `V I` [W].

@@ -126,6 +126,23 @@ impl<const W: usize> AirPath<W> {
         self.temperature.iter().fold(inlet, |air, &node| self.air_decay * air + self.air_gain * node)
     }
 
+    /// Warms every node by the same [K], after [`Self::advance`]; `hottest` is raised to the hottest node.
+    #[cold]
+    #[inline(never)]
+    pub(crate) fn warm(
+        &mut self,
+        rise: Lanes<W>,
+        mut hottest: Lanes<W>,
+        tables: &[&Resistance; W],
+    ) -> Lanes<W> {
+        for node in &mut self.temperature {
+            *node = *node + rise;
+            hottest = hottest.at_least(*node);
+        }
+        self.look_up(tables);
+        hottest
+    }
+
     /// Mean temperature [degC].
     #[inline(always)]
     pub(crate) fn mean_temperature(&self) -> Lanes<W> {

@@ -11,6 +11,7 @@ pub(crate) struct Totals<const W: usize> {
     /// Plant steps with the inverter off.
     pub(crate) off_steps: Lanes<W>,
     pub(crate) heat_w: Lanes<W>,
+    pub(crate) reversible_w: Lanes<W>,
     pub(crate) chemical_w: Lanes<W>,
     pub(crate) current_a: Lanes<W>,
     pub(crate) factor: Lanes<W>,
@@ -27,6 +28,7 @@ impl<const W: usize> Totals<W> {
             loss_on_w: Lanes::ZERO,
             off_steps: Lanes::ZERO,
             heat_w: Lanes::ZERO,
+            reversible_w: Lanes::ZERO,
             chemical_w: Lanes::ZERO,
             current_a: Lanes::ZERO,
             factor: Lanes::ZERO,
@@ -57,6 +59,7 @@ impl<const W: usize> Totals<W> {
         record.inverter_loss_w[at] = loss_w / n;
         record.standby_w[at] = standby_w / n;
         record.battery_loss_w[at] = heat_w / n;
+        record.reversible_w[at] = self.reversible_w.0[lane] / n;
         record.chemical_w[at] = chemical_w / n;
         record.current_a[at] = self.current_a.0[lane] / n;
         record.node_max_c[at] = self.hottest_c.0[lane];

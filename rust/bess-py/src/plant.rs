@@ -171,6 +171,7 @@ fn to_dict(py: Python<'_>, record: Record, cooled: bool) -> PyResult<Bound<'_, P
         ("inverter_loss_kw", record.inverter_loss_w, W_PER_KW),
         ("standby_kw", record.standby_w, W_PER_KW),
         ("battery_loss_kw", record.battery_loss_w, W_PER_KW),
+        ("reversible_heat_kw", record.reversible_w, W_PER_KW),
         ("chemical_kw", record.chemical_w, W_PER_KW),
         ("current_a", record.current_a, 1.0),
         ("soc", record.soc, 1.0),

@@ -81,6 +81,15 @@ struct BatteryDocument {
     resistance_temperature: Option<ResistanceTemperatureDocument>,
     resistance_soc: Option<ResistanceSocDocument>,
     resistance_table: Option<ResistanceTableDocument>,
+    #[serde(default)]
+    entropy: Option<EntropyDocument>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct EntropyDocument {
+    soc: Vec<f64>,
+    du_dt_mv_k: Vec<f64>,
 }
 
 #[derive(Deserialize)]
@@ -164,6 +173,11 @@ impl StringDocument {
             ocv("battery.ocv_v.discharge", &self.battery.ocv_v.discharge, &self.battery.ocv_v)?;
 
         let resistance = self.battery.resistance(&name, ohm)?;
+        let entropy = self.battery.entropy.map(|table| {
+            let volts_k = table.du_dt_mv_k.iter().map(|mv_k| 1e-3 * mv_k * series).collect();
+            Lut::new(&name("battery.entropy"), table.soc, volts_k)
+        });
+        let entropy = entropy.transpose()?;
         let nominal_w = self.inverter.nominal_kw * WATTS_PER_KW;
         let loss = |label: &str, loss: &[f64]| {
             Lut::new(
@@ -183,6 +197,7 @@ impl StringDocument {
             ocv_charge,
             ocv_discharge,
             resistance,
+            entropy,
             inverter: Inverter {
                 nominal_w,
                 loss_charge: loss("inverter.loss_charge", &self.inverter.loss_charge)?,

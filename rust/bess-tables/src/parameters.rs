@@ -45,6 +45,8 @@ pub struct StringParameters {
     pub ocv_discharge: Grid,
     /// Internal resistance [Ohm].
     pub resistance: Resistance,
+    /// Entropy coefficient `dU/dT` over SOC [V/K]; none for a string without reversible heat.
+    pub entropy: Option<Lut>,
     /// The inverter.
     pub inverter: Inverter,
     /// Temperature derating.
