@@ -39,8 +39,9 @@ _SHORT_H: Final = 10.0 / 3600.0
 class Curves:
     """Loss of each string over its power in one direction, ``idle + slope p + bend p^2`` [kW].
 
-    A parabola through three points of the control model: at no load, half and full power. What derating
-    takes away counts :data:`SHORTFALL` times.
+    A parabola through three points of the control model: at no load, and at a third and two thirds of what
+    the voltage allows; near that the loss rises faster than a parabola. What derating takes away counts
+    :data:`SHORTFALL` times.
     """
 
     idle_kw: Array
@@ -50,12 +51,14 @@ class Curves:
     @classmethod
     def of(cls, system: System, state: State, discharge: bool) -> Curves:
         """Curves in a measured state."""
-        nominal = system.nominal_kw
-        levels = np.stack([1e-6 * nominal, 0.5 * nominal, nominal])[:, :, None]
         edges = [(s.battery.soc_min + _EDGE, s.battery.soc_max - _EDGE) for s in system.strings]
         low, high = np.array(edges).T
-        flows = system.control_at(state).rollout(
-            np.clip(state.soc, low, high),
+        soc, model = np.clip(state.soc, low, high), system.control_at(state)
+        able = model.max_power_kw(soc, state.temperature_c, discharge, _SHORT_H)
+        third = np.clip(able, 0.01 * system.nominal_kw, system.nominal_kw) / 3.0
+        levels = np.stack([1e-6 * third, third, 2.0 * third])[:, :, None]
+        flows = model.rollout(
+            soc,
             state.temperature_c,
             np.ascontiguousarray(levels if discharge else -levels),
             np.array([system.ambient_c]),
@@ -63,10 +66,9 @@ class Curves:
         )
         loss = flows.inverter_loss_kw + flows.battery_loss_kw
         loss = loss + SHORTFALL * (flows.derating_loss_kw + flows.availability_loss_kw)
-        idle, half, full = loss[:, :, 0]
-        step = 0.5 * nominal
-        bend = np.maximum((full - 2.0 * half + idle) / (2.0 * step**2), _NARROWEST)
-        return cls(idle, (full - idle) / nominal - bend * nominal, bend)
+        idle, first, second = loss[:, :, 0]
+        bend = np.maximum((second - 2.0 * first + idle) / (2.0 * third**2), _NARROWEST)
+        return cls(idle, np.maximum((first - idle) / third - bend * third, 0.0), bend)
 
     def marginal(self, power_kw: Array) -> Array:
         """Loss of one more kW."""
