@@ -28,7 +28,7 @@ Flags = NDArray[np.bool_]
 
 SHORTFALL: Final = 3.0
 """Cost of a kWh not delivered, in kWh lost; as in ``Objectives.energy``."""
-ROTATION: Final = 0.05
+ROTATION: Final = 0.02
 """By how much a start costs more for each start that the string has made above the one with the fewest."""
 _NARROWEST: Final = 1e-7
 _EDGE: Final = 0.02

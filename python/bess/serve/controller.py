@@ -30,9 +30,13 @@ from bess.study.sections import ServiceChoice
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-NOT_PLANNED: Final = 0.02
+NOT_PLANNED: Final = 0.005
 """What a kWh through a string that the plan leaves out counts more, in kWh lost."""
-STEEPEST: Final = 0.05
+NEAR: Final = 0.1
+"""Relative distance from the demand of the plan within which the shares are the plan's."""
+NEAR_S: Final = 60.0
+"""How long the demand must have been that near."""
+STEEPEST: Final = 0.02
 """Largest difference of marginal losses that is read out of a plan."""
 QUARTER: Final = 0.25
 """Share of nominal power at which a string is calibrated unless the settings say otherwise."""
@@ -161,6 +165,7 @@ class Controller:
         # Mean demand of each step of the day, as it was when it last came.
         self._day_kw: Array = np.full(max(1, round(86_400.0 / plan_s)), np.nan)
         self._mean: tuple[int, float, float] = (-1, 0.0, 0.0)
+        self._near_s = 0.0
 
     @property
     def n_strings(self) -> int:
@@ -305,6 +310,7 @@ class Controller:
             "calibration": None if calibration is None else [calibration.string, calibration.target_soc],
             "day_kw": [None if np.isnan(v) else v for v in self._day_kw.tolist()],
             "mean": list(self._mean),
+            "near_s": self._near_s,
             "counters": {
                 "answers": self.counters.answers,
                 "fallbacks": self.counters.fallbacks,
@@ -337,6 +343,7 @@ class Controller:
         self._day_kw = np.array([np.nan if v is None else v for v in memory["day_kw"]], dtype=np.float64)
         slot, mean, weight = memory["mean"]
         self._mean = (int(slot), float(mean), float(weight))
+        self._near_s = float(memory["near_s"])
 
     def close(self) -> None:
         """End the thread that plans."""
@@ -437,21 +444,32 @@ class Controller:
         """Choose what runs; return the magnitudes wanted of each string."""
         planned = self._planned(now_s)
         price = self._price(curves, planned, is_discharge)
-        can_run = usable & (most > 0.0)
-        if planned is not None and self.step_s == self.plan.step_s:
-            # The plan has no coarser step than this one: as long as it fits, it is the answer.
-            wanted = np.abs(planned)
-            signed_kw = demand_kw if is_discharge else -demand_kw
-            as_foreseen = abs(signed_kw - float(planned.sum())) <= 1e-6 * max(1.0, demand_kw)
-            if as_foreseen and (wanted <= most).all():
-                self.commitment.pass_time(usable, elapsed_s)
-                self.commitment.adopt(wanted > 0.0, can_run)
-                return wanted
+        followed = self._followed(planned, demand_kw if is_discharge else -demand_kw, most, elapsed_s)
+        if followed is not None:
+            self.commitment.pass_time(usable, elapsed_s)
+            self.commitment.adopt(followed > 0.0, usable & (most > 0.0))
+            return followed
         self.commitment.update(
             curves, price, demand_kw, most, usable, elapsed_s=elapsed_s, step_s=self.step_s
         )
         running = self.commitment.running[None, :]
         return np.asarray(best_shares(curves, price, most, demand_kw, running)[0])
+
+    def _followed(
+        self, planned: Array | None, demand_kw: float, most: Array, elapsed_s: float
+    ) -> Array | None:
+        """Magnitudes in the proportions of the plan, while the demand stays near that of the plan.
+
+        A demand that only passes there must not switch anything, so it has to stay for a while.
+        """
+        planned_kw = 0.0 if planned is None else float(planned.sum())
+        is_near = abs(demand_kw - planned_kw) <= NEAR * abs(planned_kw)
+        self._near_s = self._near_s + elapsed_s if is_near else 0.0
+        if planned is None or not is_near or self._near_s + self.step_s < min(NEAR_S, self.plan.step_s):
+            return None
+        wanted = np.abs(planned) * (abs(demand_kw) / abs(planned_kw) if planned_kw else 0.0)
+        # Where it does not fit any more, the least loss decides.
+        return wanted if (wanted <= most * (1.0 + 1e-9)).all() else None
 
     def _planned(self, now_s: float) -> Array | None:
         """Set-points of the plan for now."""
