@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 CHANGED: Final = 0.05
 """Share of the plant's power by which limits or a forecast must change before the plan is made anew."""
-REPLAN_S: Final = 10.0
+REPLAN_S: Final = 30.0
 """Shortest time between two plans of the same step."""
 
 

@@ -36,6 +36,8 @@ NEAR: Final = 0.1
 """Relative distance from the demand of the plan within which the shares are the plan's."""
 NEAR_S: Final = 60.0
 """How long the demand must have been that near."""
+SMOOTH_S: Final = 300.0
+"""Time over which a demand that fluctuates is smoothed for the plan."""
 STEEPEST: Final = 0.02
 """Largest difference of marginal losses that is read out of a plan."""
 QUARTER: Final = 0.25
@@ -166,6 +168,7 @@ class Controller:
         self._day_kw: Array = np.full(max(1, round(86_400.0 / plan_s)), np.nan)
         self._mean: tuple[int, float, float] = (-1, 0.0, 0.0)
         self._near_s = 0.0
+        self._smooth_kw: float | None = None
 
     @property
     def n_strings(self) -> int:
@@ -311,6 +314,7 @@ class Controller:
             "day_kw": [None if np.isnan(v) else v for v in self._day_kw.tolist()],
             "mean": list(self._mean),
             "near_s": self._near_s,
+            "smooth_kw": self._smooth_kw,
             "counters": {
                 "answers": self.counters.answers,
                 "fallbacks": self.counters.fallbacks,
@@ -344,6 +348,8 @@ class Controller:
         slot, mean, weight = memory["mean"]
         self._mean = (int(slot), float(mean), float(weight))
         self._near_s = float(memory["near_s"])
+        smooth_kw = memory["smooth_kw"]
+        self._smooth_kw = None if smooth_kw is None else float(smooth_kw)
 
     def close(self) -> None:
         """End the thread that plans."""
@@ -385,7 +391,9 @@ class Controller:
             ahead = np.asarray(given, dtype=np.float64)[:n]
             return np.concatenate([ahead, np.zeros(n - ahead.size)])
         ahead = np.nan_to_num(self._day_kw[(slot + np.arange(n)) % self._day_kw.size])
-        ahead[0] = demand_kw
+        weight = 1.0 if self._smooth_kw is None else min(1.0, self.step_s / SMOOTH_S)
+        self._smooth_kw = (1.0 - weight) * (self._smooth_kw or 0.0) + weight * demand_kw
+        ahead[0] = self._smooth_kw
         return ahead
 
     def _capability(self, trusted: Trusted) -> tuple[Array, Array]:
