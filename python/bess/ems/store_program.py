@@ -171,6 +171,11 @@ class StoreProgram:
         solver.run()
         status = solver.getModelStatus()
         if status != highspy.HighsModelStatus.kOptimal:
+            # A basis may leave the simplex method stuck; without one it starts elsewhere.
+            solver.clearSolver()
+            solver.run()
+            status = solver.getModelStatus()
+        if status != highspy.HighsModelStatus.kOptimal:
             raise BessError(f"the dispatch program has no solution; HiGHS says: {status.name}")
         self._basis = solver.getBasis()
         x = np.asarray(solver.getSolution().col_value)
