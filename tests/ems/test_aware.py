@@ -261,3 +261,23 @@ def test_what_is_left_at_the_end_is_worth_what_is_said() -> None:
         for price in (0.0, 50.0, 90.0)
     ]
     assert left[0] < 30.0 < 200.0 < left[1] < 300.0 < left[2]
+
+
+@pytest.mark.parametrize("r_scale", [1.0, 3.0])
+def test_a_plan_tapers_the_charge_of_cells_with_a_voltage_limit(r_scale: float) -> None:
+    """Nothing is asked for that the limit does not let in, and yet the store gets nearly full."""
+    document = bess.load_system("cornejo-180").document
+    document["battery"]["r_scale"] = r_scale
+    system = bess.System(document)
+    price = np.repeat([10.0, 200.0], 24)
+    state = bess.State([0.5], [25.0])
+    plan = bess.plan_dispatch(system, price, state, hours=12)
+    charging = plan.demand_kw[:24] < 0.0
+    plant = in_the_plant(system, state, plan.demand_kw)
+    delivered_kw = plant.delivered_kw.sum(axis=1)
+    assert np.abs(delivered_kw - plan.demand_kw)[:24].max() < 0.01 * 180.0
+    assert plan.expected_energy_kwh.max() > 0.96 * system.nominal_energy_kwh.sum()
+    # Without a limit in the plan the plant would have cut it.
+    flat_out = np.where(charging, -180.0, 0.0)
+    cut = in_the_plant(system, state, np.r_[flat_out, np.zeros(24)])
+    assert (np.abs(cut.delivered_kw.sum(axis=1)) < 179.0)[:24][charging].any()

@@ -35,8 +35,14 @@ _NEAR_LEAST: Final = 1.02
 _POWERS: Final = 24
 """Powers at which the best share is found, between nothing and the plant's nominal power."""
 
+_TAPER_POINTS: Final = 21
+"""Points over SOC at which the power within the voltage limits is taken."""
+
+_INSTANT_H: Final = 1e-9
+"""So short that no string gets full or empty."""
+
 _SUBSTEP_H: Final = 1.0 / 12.0
-"""Step of the roll-out [h]: the coefficients of the control model are those at the start of a step."""
+"""Step of the roll-out [h], with the coefficients of its middle."""
 
 
 @dataclass(frozen=True)
@@ -199,6 +205,27 @@ class Aggregate:
         size = np.array([energy[high] - energy[low] for low, high in parts])
         return size, np.array([factor[low : high + 1].mean() for low, high in parts])
 
+    @cached_property
+    def tapers(self) -> tuple[Array, Array]:
+        """What the voltage limits allow in charge and in discharge: lines over the stored energy.
+
+        Arrays of shape ``(n_lines, 2)``, slope [1/h] and power at no energy [kW]: the least of them is the
+        power that all strings at one SOC can take at :data:`_REFERENCE_C`, or a little more where that is not
+        concave. None where no limit binds.
+        """
+        limits = [(s.battery.cell_voltage_max_v, s.battery.cell_voltage_min_v) for s in self.system.strings]
+        soc = np.linspace(self.soc_min, self.soc_max, _TAPER_POINTS, axis=1)
+        energy, inside = self.energy_kwh(soc), np.clip(soc.T, self.soc_min + 1e-6, self.soc_max - 1e-6)
+        warm_c, found = np.full(self.soc_min.size, _REFERENCE_C), []
+        for discharge in (False, True):
+            if all(each[discharge] is None for each in limits):
+                found.append(np.empty((0, 2)))
+                continue
+            most = [self._model.max_power_kw(each, warm_c, discharge, _INSTANT_H) for each in inside]
+            power_kw = np.minimum(most, self.limit_kw).sum(axis=1)
+            found.append(_lines_above(energy, power_kw, self.power_kw))
+        return found[0], found[1]
+
     def derating(self) -> tuple[Array, Array]:
         """Table of the plant's derating factor: temperatures [degC], and the mean factor over the power."""
         tables = [string.derating for string in self.system.strings]
@@ -216,7 +243,9 @@ class Aggregate:
         fine_ambient = np.repeat(ambient_c, parts)
         for _ in range(3):
             fine = np.repeat(request, parts, axis=1)[None]
-            flows = self._model.rollout(state.soc, state.temperature_c, fine, fine_ambient, self.dt_h / parts)
+            flows = self._model.rollout(
+                state.soc, state.temperature_c, fine, fine_ambient, self.dt_h / parts, midpoint=True
+            )
             delivered, shed = (
                 flow[0].reshape(strings, steps, parts).mean(axis=2)
                 for flow in (flows.delivered_kw, flows.availability_loss_kw)
@@ -311,6 +340,19 @@ class Aggregate:
         grid = np.linspace(self.soc_min, self.soc_max, 21, axis=1)
         (charge, _), (discharge, _) = self._coefficients(grid, np.full_like(grid, _REFERENCE_C))
         return float(discharge.sum() / charge.sum())
+
+
+def _lines_above(energy_kwh: Array, power_kw: Array, most_kw: float) -> Array:
+    """Lines ``a E + b`` whose least is the power over the energy, or a little more where that is not concave.
+
+    None that stays at or above ``most_kw``.
+    """
+    slope = np.diff(power_kw) / np.diff(energy_kwh)
+    slope = np.maximum.accumulate(slope[::-1])[::-1]
+    start = power_kw[0] + np.r_[0.0, np.cumsum(slope * np.diff(energy_kwh))[:-1]]
+    lines = np.stack([slope, start - slope * energy_kwh[:-1]], axis=1)
+    below = np.minimum(start, start + slope * np.diff(energy_kwh)) < (1.0 - 1e-6) * most_kw
+    return np.asarray(lines[below])
 
 
 def energy_tables(system: System, health: State, soc_min: Array) -> tuple[list[Array], list[Array]]:

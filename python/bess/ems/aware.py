@@ -248,7 +248,8 @@ class _Task:
             plant.dt_h, self.blocks.count, charge, discharge, self.banks,
             power_kw=self.power_kw, stored_per_charged=plant.stored_per_charged,
             warming_k_per_kwh=plant.warming_k_per_kwh, cooling_per_h=plant.cooling_per_h,
-            tangents=_tangents(*plant.derating()), day=self.outlook.day[self.blocks.first],
+            tangents=_tangents(*plant.derating()), tapers=plant.tapers,
+            day=self.outlook.day[self.blocks.first],
         )  # fmt: skip
         best_eur, best = -np.inf, _nothing(self.outlook, self.state)
         rolled: Rolled | None = None

@@ -12,6 +12,7 @@ from scipy import sparse
 
 Array = npt.NDArray[np.float64]
 Places = npt.NDArray[np.int64]
+Sizes = tuple[int, int, int, int, int, int]
 
 
 class Layout:
@@ -31,6 +32,8 @@ class Layout:
         Rows of the energy of each bank.
     curtail : ndarray, shape (n, n_tangents)
         Rows of derating.
+    taper_c, taper_d : ndarray, shape (n, n_lines)
+        Rows of the voltage limits in charge and in discharge.
     cycle : ndarray, shape (n_days,)
         Rows of the cycles of each day.
     throughput : int
@@ -39,20 +42,22 @@ class Layout:
         Cells that are not 0, in groups that broadcast.
     """
 
-    def __init__(self, n_charge: int, n_discharge: int, n_banks: int, n_tangents: int, day: Places):
+    def __init__(self, sizes: Sizes, day: Places):
+        n_charge, n_discharge, n_banks, n_tangents, n_lines_c, n_lines_d = sizes
         n = day.size
-        sizes = np.cumsum([0, n_charge, n_discharge, n_banks, n_banks, n_banks, 1, 1])
-        first = sizes[-1] * np.arange(n)[:, None]
+        ends = np.cumsum([0, n_charge, n_discharge, n_banks, n_banks, n_banks, 1, 1])
+        first = ends[-1] * np.arange(n)[:, None]
         self.c, self.d, self.g, self.y, self.e, self.tau, self.q = (
-            first + np.arange(low, high) for low, high in pairwise(sizes)
+            first + np.arange(low, high) for low, high in pairwise(ends)
         )
-        self.n_columns = int(sizes[-1]) * n
-        sizes = np.cumsum([0, 1, 1, 1, 1, n_banks, n_tangents])
-        first = sizes[-1] * np.arange(n)[:, None]
-        self.into, self.out, self.heat, self.limit, self.balance, self.curtail = (
-            first + np.arange(low, high) for low, high in pairwise(sizes)
-        )
-        self.cycle = int(sizes[-1]) * n + np.arange(day[-1] - day[0] + 1)
+        self.n_columns = int(ends[-1]) * n
+        ends = np.cumsum([0, 1, 1, 1, 1, n_banks, n_tangents, n_lines_c, n_lines_d])
+        first = ends[-1] * np.arange(n)[:, None]
+        (
+            self.into, self.out, self.heat, self.limit,
+            self.balance, self.curtail, self.taper_c, self.taper_d,
+        ) = (first + np.arange(low, high) for low, high in pairwise(ends))  # fmt: skip
+        self.cycle = int(ends[-1]) * n + np.arange(day[-1] - day[0] + 1)
         self.throughput = int(self.cycle[-1]) + 1
         self.n_rows = self.throughput + 1
         self.cells: list[tuple[Any, Places]] = [
@@ -65,6 +70,11 @@ class Layout:
             (self.throughput, self.c), (self.throughput, self.d),
             (self.into, self.c), (self.out, self.d), (self.heat, self.c), (self.heat, self.d),
             (self.curtail, self.tau), (self.curtail[1:], self.tau[:-1]),
+            *(
+                (rows[:, :, None], columns[:, None, :])
+                for rows, power in ((self.taper_c, self.c), (self.taper_d, self.d))
+                for columns in (power, self.e)
+            ),
         ]  # fmt: skip
         cells = [np.broadcast_arrays(*cell) for cell in self.cells]
         self.shapes = [rows.shape for rows, _ in cells]
@@ -93,14 +103,17 @@ class Layout:
         return columns, rows
 
 
-def layout_of(n_charge: int, n_discharge: int, n_banks: int, n_tangents: int, day: Places) -> Layout:
-    """Return the layout for these numbers of pieces, banks and tangents, and the day of each block.
+def layout_of(sizes: Sizes, day: Places) -> Layout:
+    """Return the layout for these sizes and the day of each block.
+
+    The sizes are numbers of pieces in charge and in discharge, banks, tangents, and lines of the voltage
+    limits in charge and in discharge.
 
     Plans of a run have few different ones, so the last few are kept.
     """
-    return _layout(n_charge, n_discharge, n_banks, n_tangents, tuple(day - day[0]))
+    return _layout(sizes, tuple(day - day[0]))
 
 
 @lru_cache(maxsize=32)
-def _layout(n_charge: int, n_discharge: int, n_banks: int, n_tangents: int, day: tuple[int, ...]) -> Layout:
-    return Layout(n_charge, n_discharge, n_banks, n_tangents, np.array(day))
+def _layout(sizes: Sizes, day: tuple[int, ...]) -> Layout:
+    return Layout(sizes, np.array(day))

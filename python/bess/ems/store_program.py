@@ -118,10 +118,12 @@ class StoreProgram:
        \tau_t &= \tau_{t-1} + k_1 T'_t\,\bigl(\rho_t \sum_i h_i (c_{it} + d_{it})
        + \sum_j (x^c_j g_{jt} + x^d_j y_{jt})\bigr) - k_2 T'_t\,(\tau_{t-1} - \tau^{air}_t) \\
        q_t &\ge \hat p_t (1 - K(\bar\tau_t)), \quad \sum_i (c_{it} + d_{it}) + q_t \le P, \quad
-       \sum_{t \in \text{day}, j} y_{jt} T_t \le C E
+       \sum_{t \in \text{day}, j} y_{jt} T_t \le C E \\
+       \sum_i c_{it} &\le a^c_k + b^c_k \sum_j e_{jt}, \quad \sum_i d_{it} \le a^d_k + b^d_k \sum_j e_{jt}
 
     with the loss per power of each piece in the inverters :math:`w_i` and as heat :math:`h_i` (at a reference
-    state; :math:`\rho_t` scales it), the heat per energy of each bank beside it :math:`x_j`, the hysteresis
+    state; :math:`\rho_t` scales it), lines :math:`k` of the power that the voltage limits allow, the heat per
+    energy of each bank beside it :math:`x_j`, the hysteresis
     :math:`\eta`, cycles a day :math:`C`, tangents of the derating factor :math:`K`, and the mean
     :math:`\bar\tau_t` of the temperatures at the ends of the block's steps. Losses that rise from piece to
     piece and from bank to bank are used in that order by themselves.
@@ -140,13 +142,20 @@ class StoreProgram:
         warming_k_per_kwh: float,
         cooling_per_h: float,
         tangents: Array,
+        tapers: tuple[Array, Array],
         day: npt.NDArray[np.int64],
     ):
         self._hours, self._charge, self._discharge, self._banks = steps * dt_h, charge, discharge, banks
         self._power_kw, self._hysteresis, self._tangents = power_kw, stored_per_charged, tangents
+        self._tapers = tapers
         self._heat_of(dt_h, steps, warming_k_per_kwh, cooling_per_h)
-        sizes = (charge.width_kw.size, discharge.width_kw.size, banks.size_kwh.size, len(tangents))
-        self._at = layout_of(*sizes, day)
+        self._at = layout_of(
+            (
+                charge.width_kw.size, discharge.width_kw.size, banks.size_kwh.size, len(tangents),
+                len(tapers[0]), len(tapers[1]),
+            ),
+            day,
+        )  # fmt: skip
         self._bounds()
         self._solver = _solver()
         self._basis: Any = None
@@ -202,6 +211,8 @@ class StoreProgram:
         self._row_lower[at.limit], self._row_upper[at.limit] = -np.inf, self._power_kw
         self._row_upper[at.curtail] = np.inf
         self._row_lower[at.cycle] = self._row_lower[at.throughput] = -np.inf
+        for rows, lines in zip((at.taper_c, at.taper_d), self._tapers, strict=True):
+            self._row_lower[rows], self._row_upper[rows] = -np.inf, lines[:, 1]
 
     def _values(self, numbers: Numbers) -> list[Any]:
         """Values of the cells, in the order of the layout."""
@@ -220,6 +231,7 @@ class StoreProgram:
             -self._hysteresis * (1.0 - charge.inverter - heat_c), -(1.0 + discharge.inverter + heat_d),
             -warming * heat_c, -warming * heat_d,
             derated * at_end, (derated * (1.0 - at_end))[1:],
+            *(part for lines in self._tapers for part in (1.0, -lines[:, :1])),
         ]  # fmt: skip
 
     def _fill(self, numbers: Numbers) -> None:
