@@ -12,6 +12,7 @@ from bess.parameters import System
 from bess.policies.planned import PlannedPolicy
 from bess.policies.policy import Decision, Situation, SolverReport
 from bess.policies.settings import Settings
+from bess.policies.simplified import simplified
 
 if TYPE_CHECKING:
     from bess import PowerSplit
@@ -66,6 +67,7 @@ def build(system: System, settings: Settings) -> MpcPolicy | PlannedPolicy:
     The split is compiled for the system; it imports the optimiser, which takes a second or two.
     """
     chosen = settings.split
+    system = simplified(system, settings.model)
     if settings.plans:
         planner = Planner(system, settings.horizon_steps, settings.dt_h, rollouts=settings.rollouts)
         return PlannedPolicy(planner, chosen.objectives, settings.terms)

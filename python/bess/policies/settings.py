@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from bess.foresight.planner import ROLLOUTS
 from bess.parameters.terms import Terms
+from bess.policies.simplified import Model
 from bess.split.settings import SplitSettings
 
 
@@ -26,6 +27,8 @@ class Settings:
         certificate (:class:`bess.PowerSplit`).
     rollouts : int
         Effort of a plan.
+    model : {"nonlinear", "convex", "linear"}
+        What ``mpc`` takes the plant for (:func:`bess.policies.simplified.simplified`).
     terms : Terms
         What is agreed on beside the market price.
     """
@@ -35,4 +38,5 @@ class Settings:
     split: SplitSettings = field(default_factory=SplitSettings)
     plans: bool = False
     rollouts: int = ROLLOUTS
+    model: Model = "nonlinear"
     terms: Terms = field(default_factory=Terms)

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 from matplotlib.figure import Figure
 
+from bess.analysis.services import is_reserve, is_site
 from bess.report import charts, figures
 from bess.report.calendar import SHORTEST_MAP_DAYS, days_of, months_of
 from bess.report.chart import Chart
@@ -109,7 +110,16 @@ def over_time(run: Run) -> Iterator[Exhibit]:
     """Figures of one run along its time."""
     data = run.dataset
     daily = TimeAxis(data).daily
-    if "price_eur_mwh" in data:
+    if is_reserve(data) or is_site(data):
+        yield Exhibit(
+            "service",
+            "Service",
+            "Frequency, what the plant gave, and the state of charge within the required window."
+            if is_reserve(data)
+            else "What load and generation do, what the grid connection draws, and what the plant gives.",
+            partial(charts.service, data),
+        )
+    elif "price_eur_mwh" in data:
         yield Exhibit(
             "market",
             "Market",

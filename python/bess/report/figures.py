@@ -43,6 +43,7 @@ power_split = _drawn(charts.power_split)
 solver_effort = _drawn(charts.solver_effort)
 state_of_health = _drawn(charts.state_of_health)
 market_dispatch = _drawn(charts.market_dispatch)
+service = _drawn(charts.service)
 kpi_lines = _drawn(charts.kpi_lines)
 pareto_front = _drawn(charts.pareto_front)
 
@@ -62,6 +63,7 @@ __all__ = [
     "node_temperatures",
     "pareto_front",
     "power_split",
+    "service",
     "solver_effort",
     "state_of_health",
     "string_spread",

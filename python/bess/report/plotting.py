@@ -66,6 +66,10 @@ class Plot:
         """Price, dispatch and state of charge; of a study with prices."""
         return _panels(lambda: figures.market_dispatch(self._result))
 
+    def service(self) -> Panels:
+        """What a service asked and whether it was kept; of a study of one."""
+        return _panels(lambda: figures.service(self._result))
+
     def heat_map(self) -> Panels:
         """Days across, hours up: power, state of charge, temperature, price."""
         return _panels(lambda: figures.heat_maps(self._result))

@@ -233,5 +233,6 @@ def policy_settings(study: Study, inputs: Inputs) -> Settings:
         split=choice,
         plans=choice.plans,
         rollouts=choice.rollouts,
+        model=choice.model,
         terms=study.settlement.terms,
     )

@@ -193,12 +193,14 @@ class PolicyChoice(SplitSettings):
     over ``foresight_h``, 24 hours by default, with ``rollouts`` for the effort of each step
     (:class:`bess.foresight.Planner`). With ``foresight_h = 0``, and for objectives of kind ``paper``, the
     next ``horizon_steps`` are split with a certificate: ``gap``, ``node_limit`` and ``time_limit_s`` are
-    settings of :class:`bess.PowerSplit`.
+    settings of :class:`bess.PowerSplit`. ``model`` is what ``mpc`` takes the plant for: as it is, with convex
+    losses, or with one efficiency (:func:`bess.policies.simplified.simplified`).
     """
 
     name: str = "mpc"
     foresight_h: Annotated[float, within(0.0, 48.0, "h")] | None = None
     rollouts: Annotated[int, Field(ge=0, le=1_000_000)] = ROLLOUTS
+    model: Literal["nonlinear", "convex", "linear"] = "nonlinear"
     horizon_steps: Annotated[int, Field(ge=1, le=96)] | None = None
 
     @model_validator(mode="after")

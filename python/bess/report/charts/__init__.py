@@ -5,6 +5,7 @@ from bess.report.charts.health import state_of_health
 from bess.report.charts.many import kpi_lines, pareto_front
 from bess.report.charts.market import market_dispatch
 from bess.report.charts.power import power_split
+from bess.report.charts.services import service
 from bess.report.charts.solver import solver_effort
 from bess.report.charts.strings import string_spread, strings
 from bess.report.charts.thermal import derating_curves, mean_temperature
@@ -17,6 +18,7 @@ __all__ = [
     "mean_temperature",
     "pareto_front",
     "power_split",
+    "service",
     "solver_effort",
     "state_of_health",
     "string_spread",
