@@ -75,9 +75,6 @@ def rig(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> Iterator[Rig]:
-    monkeypatch.setattr(openems, "ANSWER_S", 0.4)
-    monkeypatch.setattr(sunspec, "ALL_S", 0.4)
-    monkeypatch.setattr(sunspec, "ANSWER_S", 0.3)
     monkeypatch.setattr(openems, "CLOCK", watched.clock)
     monkeypatch.setattr(sunspec, "CLOCK", watched.clock)
     study = Study.from_document(
@@ -98,6 +95,6 @@ def rig(
     journal = Journal(tmp_path / "state", service.controller.system, "matrix")
     link = connecting(partner.address)  # looks at the clock above
     cycle = Cycle(service, link, demands, journal, monotonic=clock)
-    yield Rig(watched, partner, cycle, service, demands, clock, tmp_path / "state")
+    yield Rig(watched, partner, cycle, service, demands, clock, tmp_path / "state", monkeypatch)
     service.close()
     journal.close()

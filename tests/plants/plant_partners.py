@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from bess.plants import PlantLink
 from bess.plants.simulated import SimulatedPlant
@@ -57,6 +58,7 @@ class Rig:
     demands: Demands
     clock: ManualClock
     journal: Path
+    monkeypatch: pytest.MonkeyPatch
     demand_kw: float = 0.0
     broken: list[str] = field(default_factory=list)
 

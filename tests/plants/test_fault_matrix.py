@@ -45,12 +45,12 @@ def _of_string(name: str) -> Fault:
     )
 
 
-def _set(name: str, value: object, after: object) -> Fault:
-    return Fault(
-        lambda rig: setattr(rig.watched.plant.faults, name, value),
-        lambda rig: setattr(rig.watched.plant.faults, name, after),
-        False,
-    )
+def _say_kilowatts(rig: Rig) -> None:
+    rig.watched.plant.faults.kilowatts = True
+
+
+def _say_watts(rig: Rig) -> None:
+    rig.watched.plant.faults.kilowatts = False
 
 
 def _restart(rig: Rig) -> None:
@@ -58,10 +58,23 @@ def _restart(rig: Rig) -> None:
     rig.partner.start()
 
 
+def _set_slow(rig: Rig) -> None:
+    """Answers take longer than is waited for; less is waited for than otherwise, for the sake of the test."""
+    rig.monkeypatch.setattr(openems, "ANSWER_S", 0.2)
+    rig.monkeypatch.setattr(sunspec, "ALL_S", 0.2)
+    rig.watched.plant.faults.delay_s = 0.4
+
+
+def _set_fast(rig: Rig) -> None:
+    rig.monkeypatch.setattr(openems, "ANSWER_S", 3.0)
+    rig.monkeypatch.setattr(sunspec, "ALL_S", 3.0)
+    rig.watched.plant.faults.delay_s = 0.0
+
+
 FAULTS = {
     "link lost": Fault(lambda rig: rig.partner.stop(), lambda rig: rig.partner.start(), False),
-    "slow": _set("delay_s", 0.6, 0.0),
-    "wrong units": _set("kilowatts", True, False),
+    "slow": Fault(_set_slow, _set_fast, False),
+    "wrong units": Fault(_say_kilowatts, _say_watts, False),
     "a string undefined": _of_string("undefined"),
     "a string silent": _of_string("silent"),
     "a string dead": _of_string("dead"),

@@ -15,12 +15,6 @@ AFTER_ALL = 60.0
 """Seconds until either plant's watchdog acts."""
 
 
-@pytest.fixture(autouse=True)
-def _short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(openems, "ANSWER_S", 0.6)
-    monkeypatch.setattr(sunspec, "ALL_S", 0.6)
-
-
 def test_what_is_read_is_what_the_strings_do(link: PlantLink, watched: Watched) -> None:
     for string, kw in enumerate(ASKED):
         watched.plant.ask(string, float(kw), np.inf)
@@ -128,19 +122,27 @@ def test_a_server_that_was_restarted_between_two_calls_costs_at_most_one(
     assert watched.power_kw() == pytest.approx(-ASKED, abs=0.5)
 
 
-def test_a_slow_plant_is_an_error_after_a_stated_time(link: PlantLink, watched: Watched) -> None:
+def test_a_slow_plant_is_an_error_after_a_stated_time(
+    link: PlantLink, watched: Watched, monkeypatch: pytest.MonkeyPatch
+) -> None:
     link.read()
-    watched.plant.faults.delay_s = 0.7
-    began = time.monotonic()
-    with pytest.raises(LinkError, match=r"within|no device"):
-        link.write(ASKED)
-    with pytest.raises(LinkError, match=r"within|no device"):
-        link.read()
-    assert time.monotonic() - began < 10.0
+    with monkeypatch.context() as short:
+        short.setattr(openems, "ANSWER_S", 0.5)
+        short.setattr(sunspec, "ALL_S", 0.5)
+        _is_slow(link, watched)
     watched.plant.faults.delay_s = 0.0
     link.write(ASKED)
     assert watched.power_kw() == pytest.approx(ASKED, abs=0.01)
     assert link.read().power_kw == pytest.approx(ASKED, abs=0.01)
+
+
+def _is_slow(link: PlantLink, watched: Watched) -> None:
+    watched.plant.faults.delay_s = 0.7
+    began = time.monotonic()
+    for attempt in (lambda: link.write(ASKED), link.read):
+        with pytest.raises(LinkError, match=r"within|too slow"):
+            attempt()
+    assert time.monotonic() - began < 10.0
 
 
 def test_powers_in_other_units_are_an_error_and_stop_all_writing(link: PlantLink, watched: Watched) -> None:
@@ -184,7 +186,7 @@ def test_a_string_of_which_nothing_is_known_leaves_the_others_alone(
 def test_the_others_are_written_when_one_string_cannot_be(link: PlantLink, watched: Watched) -> None:
     link.read()
     watched.plant.faults.silent.add(0)
-    with pytest.raises(LinkError, match=r"(ess0|units 1) not written"):
+    with pytest.raises(LinkError, match=r"set-points of (ess0|unit 1 at 127.0.0.1:\d+) not written"):
         link.write(ASKED)
     assert watched.power_kw() == pytest.approx([0.0, *ASKED[1:]], abs=0.01)
 

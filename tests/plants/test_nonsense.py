@@ -139,6 +139,6 @@ def test_sunspec_with_any_registers(connecting: Connecting, monkeypatch: pytest.
     for seed in range(CASES):
         rng = random.Random(seed)
         link: Any = connecting("sunspec=127.0.0.1:9", 2)
-        monkeypatch.setattr(link, "_client", _Device(rng))
+        monkeypatch.setattr(link._gateways[0], "_client", _Device(rng))
         outcomes.append(_try(link, rng))
     assert 0.1 < np.mean(outcomes) < 0.99

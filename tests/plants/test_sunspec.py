@@ -175,7 +175,38 @@ def test_a_modbus_server_without_sunspec_is_said_to_be_one(
             link.read()
 
 
-@pytest.mark.parametrize("option", ["unit=1,2,248", "unit=1,2,x", "unit=1,2,-3"])
+def test_strings_may_be_behind_addresses_of_their_own(connecting: Connecting, watched: Watched) -> None:
+    with SimulatedDevices(watched.plant) as one, SimulatedDevices(watched.plant) as other:
+        elsewhere = other.address.removeprefix("sunspec=")
+        link = connecting(f"{one.address}?unit=1,2@{elsewhere},3@{elsewhere}")
+        link.write(ASKED)
+        assert watched.power_kw() == pytest.approx(ASKED, abs=0.01)
+        assert link.read().power_kw == pytest.approx(ASKED, abs=0.01)
+        other.stop()
+        assert link.read().available.tolist() == [True, False, False]
+        with pytest.raises(
+            LinkError, match=f"set-points of unit 2 at {elsewhere}, unit 3 at {elsewhere} not"
+        ):
+            link.write(-ASKED)
+        assert watched.power_kw() == pytest.approx([-ASKED[0], *ASKED[1:]], abs=0.01)
+        other.start()
+        link.write(-ASKED)
+        assert watched.power_kw() == pytest.approx(-ASKED, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        "unit=1,2,248",
+        "unit=1,2,x",
+        "unit=1,2,-3",
+        "unit=1,2,3@",
+        "unit=1,2,3@host:0",
+        "unit=1,2,3@host:x",
+        "unit=1,2,3@host/path",
+        "unit=1,2,2@127.0.0.1:9",
+    ],
+)
 def test_a_unit_must_be_one_of_modbus(connecting: Connecting, option: str) -> None:
-    with pytest.raises(InputError, match="each 0 to 247"):
+    with pytest.raises(InputError, match=r"each 0 to 247, or 1@HOST:PORT if it is elsewhere"):
         connecting(f"sunspec=127.0.0.1:9?{option}")

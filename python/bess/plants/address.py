@@ -14,7 +14,7 @@ _OPTIONS: Final = {
     "sunspec": ("unit",),
 }
 """What may follow the question mark, for each kind of plant."""
-_PORTS: Final = {"openems": 8084, "sunspec": 502}
+PORTS: Final = {"openems": 8084, "sunspec": 502}
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def parse_address(text: str) -> Address:
         kind=kind,
         scheme=parts.scheme,
         host=parts.hostname,
-        port=port or _PORTS[kind],
+        port=port or PORTS[kind],
         user=parts.username,
         password=parts.password,
         strings=_strings(kind, text, parts),
@@ -110,6 +110,7 @@ def _strings(kind: str, text: str, parts: SplitResult) -> tuple[str, ...]:
 
 def _hidden(text: str) -> str:
     """Return the text without a password."""
-    before, at, after = text.rpartition("@")
+    network, question, options = text.partition("?")
+    before, at, after = network.rpartition("@")
     head, slashes, user = before.rpartition("//")
-    return f"{head}{slashes}{user.partition(':')[0]}@{after}" if at else text
+    return f"{head}{slashes}{user.partition(':')[0]}@{after}{question}{options}" if at else text

@@ -1,0 +1,243 @@
+"""One SunSpec device: a unit behind a Modbus/TCP address, what it says, and what it is told."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from pymodbus.client import ModbusTcpClient
+from pymodbus.exceptions import ConnectionException, ModbusException
+
+from bess.plants.link import LinkError
+from bess.plants.setpoints import watts
+from bess.plants.sunspec_models import BASES, END, MARK, decode, offset, registers_of, scale, value
+
+REVERT_S: Final = 60
+"""``WSetRvrtTms``: time after the last write until a device takes its set-point back."""
+ANSWER_S: Final = 1.0
+"""Time for the answer to one request."""
+
+# Every failure is an error of ours; Modbus' own lines would only say it again.
+logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
+
+_MOST_REGISTERS: Final = 120
+_MOST_MODELS: Final = 100
+_MOST_STEPS: Final = 2**31 - 1
+_ON, _OFF, _WATTS = 1, 0, 1
+_OUT_OF_SERVICE: Final[Mapping[tuple[int, str], tuple[int, ...]]] = {
+    (701, "St"): (0,),  # off
+    (701, "InvSt"): (0, 5, 6),  # off, shutting down, fault
+    (701, "ConnSt"): (0,),  # disconnected
+    (713, "Sta"): (2,),  # error
+    (802, "LocRemCtl"): (1,),  # under local control
+    (802, "State"): (1, 6, 99),  # disconnected, suspending, fault
+}
+_CHARGE_LIMITS: Final = ("WChaRteMaxRtg", "WChaRteMax")
+_DISCHARGE_LIMITS: Final = ("WMaxRtg", "WMax", "WDisChaRteMaxRtg", "WDisChaRteMax")
+
+
+class Silent(Exception):  # noqa: N818 - of one device, not of the link
+    """A device gave no answer that can be used."""
+
+
+class _Refused(Silent):
+    """A device answered that it has no such register."""
+
+
+@dataclass(frozen=True)
+class Said:
+    """What a device says; powers positive = discharge, NaN where it says nothing."""
+
+    soc: float = math.nan
+    temperature_c: float = math.nan
+    power_kw: float = math.nan
+    charge_limit_kw: float = 0.0
+    discharge_limit_kw: float = 0.0
+    available: bool = False
+
+
+class Gateway:
+    """One Modbus/TCP address; made anew after every failure, so that no late answer is taken for another."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self.place = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+        self.connections = 0
+        # Its methods carry no types.
+        self._client: Any = ModbusTcpClient(host, port=port, timeout=ANSWER_S, retries=0)
+
+    def request(self, what: str, unit: int, deadline: float, *arguments: Any, **named: Any) -> Any:
+        """Return the answer to one request.
+
+        Raises
+        ------
+        Silent
+            If there is none in time, or the unit refuses.
+        """
+        if time.monotonic() > deadline:
+            self.disconnect()
+            raise Silent(f"{self.place} is too slow")
+        try:
+            if not self._client.connect():
+                raise Silent(f"{self.place} cannot be reached")
+            answer = getattr(self._client, what)(*arguments, device_id=unit, **named)
+        except ConnectionException as error:
+            self.disconnect()
+            raise Silent(f"{self.place} cannot be reached (it closed the connection)") from error
+        except (ModbusException, OSError) as error:
+            self.disconnect()
+            raise Silent(f"unit {unit} at {self.place} gives no answer within {ANSWER_S:g} s") from error
+        if answer.isError():
+            raise _Refused(f"unit {unit} at {self.place} refuses register {arguments[0]} ({answer})")
+        return answer
+
+    def disconnect(self) -> None:
+        """Close the connection; what the devices hold is looked up anew in the next."""
+        self._client.close()
+        self.connections += 1
+
+
+class Device:
+    """One unit; every call ends with :class:`Silent`, or with :class:`LinkError` if it must not be driven.
+
+    Parameters
+    ----------
+    gateway
+        Where it is.
+    unit
+        Its Modbus unit.
+    """
+
+    def __init__(self, gateway: Gateway, unit: int) -> None:
+        self.gateway = gateway
+        self.name = f"unit {unit} at {gateway.place}"
+        self._unit = unit
+        self._models: dict[int, tuple[int, int]] = {}
+        self._connection = -1
+
+    @property
+    def may_watch_heartbeat(self) -> bool:
+        """Whether it has a register for the controller's heartbeat, or has not been asked yet."""
+        return not self._models or 802 in self._models
+
+    def measure(self, deadline: float) -> Said:
+        """Return what it says now."""
+        known = self._layout(deadline)
+        models = {m: self._model(m, deadline) for m in (701, 702, 713, 802, 803) if m in known}
+        try:
+            soc = math.nan
+            for model_id in (802, 713):
+                if model_id in models and not math.isnan(said := value(models[model_id], "SoC")):
+                    soc = said / 100.0
+            power_kw = value(models[701], "W") / 1000.0
+            charge_kw, discharge_kw = (
+                _limit_kw(models, each) for each in (_CHARGE_LIMITS, _DISCHARGE_LIMITS)
+            )
+            temperature_c = math.nan
+            if 803 in models:
+                temperature_c = (value(models[803], "ModTmpMin") + value(models[803], "ModTmpMax")) / 2.0
+        except LinkError as error:
+            raise LinkError(f"{self.name}: {error}") from error
+        in_service = all(
+            model_id not in models or models[model_id].points[name].value not in states
+            for (model_id, name), states in _OUT_OF_SERVICE.items()
+        )
+        known_state = math.isfinite(soc) and math.isfinite(power_kw)
+        return Said(soc, temperature_c, power_kw, charge_kw, discharge_kw, known_state and in_service)
+
+    def write(self, power_kw: float, heartbeat: int, deadline: float) -> None:
+        """Write a set-point that reverts by itself, or take it back (NaN); count the heartbeat."""
+        start, _ = self._layout(deadline)[704]
+        control = self._model(704, deadline)
+        points = control.points
+        if points["WSetRvrtTms"].value is None:
+            raise LinkError(f"{self.name}: has no WSetRvrtTms, its set-points would never lapse; not driven")
+        if math.isnan(power_kw):
+            self._send(start + points["WSetEna"].offset, [_OFF], deadline)
+        else:
+            steps = self._steps(control, power_kw)
+            # The time first: from its first moment on, a set-point is one that reverts.
+            revert = [
+                *registers_of(control, "WSetEnaRvrt", _OFF),
+                *registers_of(control, "WSetRvrtTms", REVERT_S),
+            ]
+            self._send(start + points["WSetEnaRvrt"].offset, revert, deadline)
+            setpoint = [_ON, _WATTS, *registers_of(control, "WSet", steps)]
+            self._send(start + points["WSetEna"].offset, setpoint, deadline)
+        if 802 in self._models:
+            self._send(self._models[802][0] + offset(802, "CtrlHb"), [heartbeat], deadline)
+
+    def _steps(self, control: Any, power_kw: float) -> int:
+        try:
+            step_w = 10.0 ** scale(control, "WSet")
+        except LinkError as error:
+            raise LinkError(f"{self.name}: {error}") from error
+        steps = math.trunc(watts(power_kw) / step_w)
+        if abs(steps) > _MOST_STEPS:
+            raise LinkError(f"{self.name}: WSet in steps of {step_w:g} W is too fine for {power_kw:g} kW")
+        return steps
+
+    def _layout(self, deadline: float) -> Mapping[int, tuple[int, int]]:
+        """Return where each model begins and how long it is, asked for once in each connection."""
+        if self._connection != self.gateway.connections:
+            self._models = {}
+        if not self._models:
+            self._models = self._walk(self._base(deadline), deadline)
+            self._connection = self.gateway.connections
+        return self._models
+
+    def _base(self, deadline: float) -> int:
+        for base in BASES:
+            try:
+                if tuple(self._registers(base, 2, deadline)) == MARK:
+                    return base
+            except _Refused:
+                continue
+        raise Silent(f"{self.name} holds no SunSpec models at {', '.join(map(str, BASES))}")
+
+    def _walk(self, base: int, deadline: float) -> dict[int, tuple[int, int]]:
+        models: dict[int, tuple[int, int]] = {}
+        address = base + len(MARK)
+        for _ in range(_MOST_MODELS):
+            model_id, length = self._registers(address, 2, deadline)
+            if model_id == END:
+                break
+            models.setdefault(model_id, (address, length + 2))
+            address += length + 2
+        if missing := {701, 704} - models.keys():
+            raise LinkError(
+                f"{self.name}: has no model {' and '.join(map(str, sorted(missing)))}, "
+                f"only {', '.join(map(str, models))}"
+            )
+        if not {713, 802} & models.keys():
+            raise LinkError(f"{self.name}: has neither model 713 nor 802, so no state of charge")
+        return models
+
+    def _model(self, model_id: int, deadline: float) -> Any:
+        address, count = self._models[model_id]
+        registers: list[int] = []
+        while len(registers) < count:
+            piece = min(count - len(registers), _MOST_REGISTERS)
+            registers += self._registers(address + len(registers), piece, deadline)
+        if registers[0] != model_id:
+            self._models = {}
+            raise Silent(f"{self.name} has another layout than before")
+        return decode(model_id, registers)
+
+    def _registers(self, address: int, count: int, deadline: float) -> list[int]:
+        answer = self.gateway.request("read_holding_registers", self._unit, deadline, address, count=count)
+        if len(answer.registers) != count:
+            raise Silent(f"{self.name} answers with {len(answer.registers)} registers of {count}")
+        return list(answer.registers)
+
+    def _send(self, address: int, registers: Sequence[int], deadline: float) -> None:
+        self.gateway.request("write_registers", self._unit, deadline, address, list(registers))
+
+
+def _limit_kw(models: Mapping[int, Any], names: Sequence[str]) -> float:
+    """Return the smallest of the limits that a device names; infinite if it names none."""
+    limits = [value(models[702], name) for name in names] if 702 in models else []
+    return min((watt for watt in limits if watt == watt), default=math.inf) / 1000.0
