@@ -223,6 +223,15 @@ def test_the_reference_names_every_route(client: TestClient) -> None:
     assert "POST /v1/split" in client.get("/docs").text
 
 
+def test_openems_is_answered_in_per_cent(client: TestClient) -> None:
+    body = {"SetActivePower": 150_000, "powerDistribution": {"ess0": {"soc": 50}, "ess1": {"soc": 60}}}
+    answer = client.post("/v1/openems-solver", json=body).json()
+    shares = [answer["powerDistribution"][name]["pdist"] for name in ("ess0", "ess1")]
+    assert sum(shares) == pytest.approx(100.0)
+    assert client.post("/v1/openems-solver", json={"SetActivePower": 0}).status_code == 422
+    assert client.post("/v1/openems-solver", content=b"{").status_code == 422
+
+
 def test_calibration_over_http(client: TestClient) -> None:
     assert client.post("/v1/calibration", json={"string": 1}).status_code == 200
     answer = client.post("/v1/split", json={**GOOD, "demand_kw": 0.0}).json()

@@ -15,6 +15,7 @@ from starlette.exceptions import HTTPException
 
 from bess import __version__
 from bess.errors import InputError
+from bess.plants.openems_solver import answer as openems_answer
 from bess.serve.cycle import Cycle
 from bess.serve.demands import Demands
 from bess.serve.limits import LARGEST_BODY, Rate, is_allowed
@@ -24,6 +25,7 @@ from bess.serve.messages import (
     Message,
     SplitMessage,
     measurements_of,
+    read_json,
     read_message,
 )
 from bess.serve.page import PAGE, PAGE_HEADERS, reference_page
@@ -121,6 +123,13 @@ def build_app(service: Service, token: str | None = None, driven: Driven | None 
         measured = measurements_of(message, service.controller.system)
         answer = await service.split(measured, message.now_kw, message.forecast_kw)
         return _json(answer_document(answer))
+
+    @app.post("/v1/openems-solver", summary="Shares in per cent, as OpenEMS asks a solver for them")
+    async def openems_solver(request: Request) -> Response:
+        document = read_json(await _body(request))
+        controller = service.controller
+        split = controller.at_least_loss
+        return _json(await service.call(openems_answer, document, controller.n_strings, split))
 
     @app.post("/v1/demand", openapi_extra=_takes(DemandMessage), summary="Ask a driven plant for power")
     async def demand(request: Request) -> Response:

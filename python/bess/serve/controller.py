@@ -277,6 +277,28 @@ class Controller:
             time.perf_counter() - began, power > 0.0, reasons,
         )  # fmt: skip
 
+    def at_least_loss(self, demand_kw: float, soc: Array) -> Array:
+        """Set-points [kW] of the least loss at these states of charge; nothing is remembered.
+
+        Temperatures are those measured last. For callers who know no more than that; see :meth:`step`.
+        """
+        discharge = demand_kw >= 0.0
+        last = self.system.initial_state() if self.trusted is None else self.trusted.state
+        low, high = np.array([(s.battery.soc_min, s.battery.soc_max) for s in self.system.strings]).T
+        state = State(np.clip(soc, low, high), last.temperature_c, last.soh_capacity, last.soh_resistance)
+        free = np.ones(self.n_strings, dtype=bool)
+        nominal = self.system.nominal_kw
+        trusted = Trusted(state, state.soc, state.soc, nominal, nominal, free, ("",) * self.n_strings)
+        charge, discharging = self._capability(trusted)
+        most = discharging if discharge else charge
+        curves, price = Curves.of(self.system, state, discharge), np.zeros(self.n_strings)
+        chosen = Commitment(self.n_strings, start_kwh=0.0)
+        step_s = self.plan.step_s
+        chosen.update(curves, price, abs(demand_kw), most, most > 0.0, elapsed_s=0.0, step_s=step_s)
+        wanted = best_shares(curves, price, most, abs(demand_kw), chosen.running[None, :])[0]
+        limits = envelope(charge, discharging, self.last_kw, None)
+        return share(demand_kw, wanted, chosen.running, limits, self._minimum_kw)
+
     def applied(self, answer: Answer) -> None:
         """Take note that this answer went out in place of the last of :meth:`step`."""
         self.last_kw = answer.request_kw

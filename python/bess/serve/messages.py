@@ -93,6 +93,22 @@ class CalibrationMessage(Message):
 M = TypeVar("M", bound=Message)
 
 
+def read_json(body: bytes) -> Any:
+    """Return what a body says.
+
+    Raises
+    ------
+    InputError
+        If it is no JSON, or too deep to be read.
+    """
+    try:
+        return json.loads(body, parse_constant=_refuse_constant)
+    except RecursionError:
+        raise InputError("the body is nested too deeply") from None
+    except ValueError as error:
+        raise InputError(f"the body is no JSON ({error})") from None
+
+
 def read_message(kind: type[M], body: bytes) -> M:
     """Return a message from the bytes of a request.
 
@@ -101,12 +117,7 @@ def read_message(kind: type[M], body: bytes) -> M:
     InputError
         In one sentence: what, its value, what is allowed.
     """
-    try:
-        document = json.loads(body, parse_constant=_refuse_constant)
-    except RecursionError:
-        raise InputError("the body is nested too deeply") from None
-    except (ValueError, UnicodeDecodeError) as error:
-        raise InputError(f"the body is no JSON ({error})") from None
+    document = read_json(body)
     if not isinstance(document, dict):
         raise InputError("the body must be a JSON object, such as {" + _EXAMPLES[kind.__name__] + "}")
     try:
