@@ -6,20 +6,10 @@ The build calls :func:`write`; nothing here is typed by hand.
 from itertools import groupby
 from pathlib import Path
 
-from bess.analysis.catalogue import CATALOGUE
+from bess.analysis.catalogue import CATALOGUE, HEADINGS
 from bess.study.reference import KINDS, Key, keys
 
 FOLDER = Path(__file__).parent / "_generated"
-HEADINGS = {
-    "energy": "Energy",
-    "money": "Money",
-    "efficiency": "Efficiencies",
-    "temperature": "Temperatures",
-    "service": "Services",
-    "wear": "Wear",
-    "strings": "Strings",
-    "optimiser": "Optimiser and balance",
-}
 
 
 def write() -> None:

@@ -147,6 +147,12 @@ def test_the_waterfall_steps_down_from_what_was_asked_for_to_what_is_left() -> N
     assert ends["Battery loss"].get_width() == pytest.approx(values["battery_loss_kwh"])
 
 
+def test_the_waterfall_of_a_run_that_was_asked_for_nothing_has_an_axis() -> None:
+    nothing = dict.fromkeys(kpis(record(2, 96)), 0.0)
+    low, high = figures.loss_waterfall(nothing).axes[0].get_xlim()
+    assert (low, high) == (0.0, 1.0)
+
+
 def test_bars_of_losses_are_as_long_as_their_sum() -> None:
     named = {name: kpis(record(2, 96, concentrate=share)) for name, share in (("a", 0.0), ("b", 1.0))}
     axes = figures.losses_compared(named).axes[0]

@@ -16,6 +16,18 @@ from bess.errors import InputError
 
 Group = Literal["energy", "money", "efficiency", "temperature", "service", "wear", "strings", "optimiser"]
 
+HEADINGS: Final[dict[Group, str]] = {
+    "energy": "Energy",
+    "money": "Money",
+    "efficiency": "Efficiencies",
+    "temperature": "Temperatures",
+    "service": "Services",
+    "wear": "Wear",
+    "strings": "Strings",
+    "optimiser": "Optimiser and balance",
+}
+"""Heading of each group, in the order of every table."""
+
 
 @dataclass(frozen=True)
 class Kpi:

@@ -72,7 +72,8 @@ def loss_waterfall(kpis: Mapping[str, float]) -> Figure:
             axes.plot([through, through], [place - 0.35, place + 1.35], color=BACKGROUND, linewidth=0.6)
     axes.set_yticks(range(len(rows)), [row[0] for row in rows])
     axes.invert_yaxis()
-    axes.set_xlim(floor, kpis["demand_kwh"] + 0.13 * (kpis["demand_kwh"] - floor))
+    span = kpis["demand_kwh"] - floor
+    axes.set_xlim(floor, kpis["demand_kwh"] + 0.13 * span if span > 0.0 else floor + 1.0)
     axes.set_xlabel("Energy (kWh)" if floor == 0.0 else f"Energy (kWh), axis starts at {floor:,.0f} kWh")
     axes.grid(visible=False, axis="y")
     return figure

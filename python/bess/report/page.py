@@ -33,7 +33,7 @@ _PACKAGES = ("numpy", "clarabel", "xarray", "matplotlib", "bokeh")
 
 
 @dataclass(frozen=True)
-class Shown:
+class PageFigure:
     """A figure on the page."""
 
     id: str
@@ -51,7 +51,7 @@ class Section:
 
     id: str
     title: str
-    figures: list[Shown]
+    figures: list[PageFigure]
 
 
 def write_report(directory: str | Path, *, hindsight: bool = False) -> Path:
@@ -190,12 +190,12 @@ def section(id_: str, title: str, exhibits: Iterable[Exhibit], folder: Path) -> 
     return Section(id_, title, [_show(exhibit, folder) for exhibit in exhibits])
 
 
-def _show(exhibit: Exhibit, folder: Path) -> Shown:
+def _show(exhibit: Exhibit, folder: Path) -> PageFigure:
     figure, chart = exhibit.drawn()
     svg, *_ = save_figure(figure, folder / f"{exhibit.name}.svg")
     # "</" would end the script element that holds the data, "<!--" change how it is read.
     spec = "" if chart is None else bokeh_document(chart).replace("<", "\\u003c")
-    return Shown(
+    return PageFigure(
         id=exhibit.name,
         title=exhibit.title,
         caption=exhibit.caption,

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from bess.analysis.catalogue import Kpi, in_order, kpi
+from bess.analysis.catalogue import HEADINGS, Kpi, in_order, kpi
 
 Kpis = Mapping[str, Mapping[str, float]]
 
@@ -22,17 +22,6 @@ DECISION: Final = (
     "peak_string_temperature_c",
 )
 """What one looks at first when choosing among runs."""
-
-_HEADINGS: Final = {
-    "energy": "Energy",
-    "money": "Money",
-    "efficiency": "Efficiencies",
-    "temperature": "Temperatures",
-    "service": "Services",
-    "wear": "Wear",
-    "strings": "Strings",
-    "optimiser": "Optimiser and balance",
-}
 
 
 @dataclass(frozen=True)
@@ -74,7 +63,7 @@ def kpi_groups(kpis: Kpis) -> list[Group]:
     rows: dict[str, list[Row]] = {}
     for name in in_order(key for values in kpis.values() for key in values):
         rows.setdefault(kpi(name).group, []).append(_row(kpi(name), _values(kpis, name)))
-    return [Group(heading, tuple(rows[group])) for group, heading in _HEADINGS.items() if group in rows]
+    return [Group(heading, tuple(rows[group])) for group, heading in HEADINGS.items() if group in rows]
 
 
 def _values(kpis: Kpis, name: str) -> list[float]:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from bess.errors import InputError
 from bess.parameters import System
-from bess.simulation.asked import DEFAULT_START, Asked, repair_notes, utc_index
 from bess.simulation.demand import (
     ArbitrageSource,
     AwarePlanner,
@@ -18,6 +17,7 @@ from bess.simulation.demand import (
     Planner,
     ProfileSource,
 )
+from bess.simulation.run_demand import DEFAULT_START, RunDemand, repair_notes, utc_index
 from bess.study.grid import Grid, Series, seconds_of
 from bess.study.keys import check_bundled
 from bess.study.sections import ArbitrageDemand, ProfileDemand
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-def demand_of(study: Study, system: System, step_s: float, horizon: int) -> Asked:
+def demand_of(study: Study, system: System, step_s: float, horizon: int) -> RunDemand:
     """Read what the section ``[demand]`` names and lay it onto the control steps of the run."""
     if isinstance(study.demand, ArbitrageDemand):
         return _arbitrage(study, study.demand, system, step_s)
@@ -44,7 +44,7 @@ def demand_of(study: Study, system: System, step_s: float, horizon: int) -> Aske
     return _profile(study, study.demand, system, step_s, horizon)
 
 
-def _profile(study: Study, choice: ProfileDemand, system: System, step_s: float, horizon: int) -> Asked:
+def _profile(study: Study, choice: ProfileDemand, system: System, step_s: float, horizon: int) -> RunDemand:
     from bess.ems import PROFILES, Perfect, Persistence, bundled_profile, read_profile
 
     dt_h = step_s / 3600.0
@@ -90,12 +90,12 @@ def _profile(study: Study, choice: ProfileDemand, system: System, step_s: float,
         notes.append(
             f"demand is above the {system.nominal_kw.sum():g} kW of the plant in {above} steps (unmet)"
         )
-    return Asked(
+    return RunDemand(
         grid, ProfileSource(forecast), None, [] if choice.file in PROFILES else [Path(choice.file)], notes
     )
 
 
-def _arbitrage(study: Study, choice: ArbitrageDemand, system: System, step_s: float) -> Asked:
+def _arbitrage(study: Study, choice: ArbitrageDemand, system: System, step_s: float) -> RunDemand:
     from bess.market import prolonged, read_prices
 
     if choice.prices is None:
@@ -119,7 +119,7 @@ def _arbitrage(study: Study, choice: ArbitrageDemand, system: System, step_s: fl
         f"{price.min():.2f} / {price.mean():.2f} / {price.max():.2f} EUR/MWh",
         *repair_notes(read),
     ]
-    return Asked(grid, ArbitrageSource(planner, system), price, [Path(choice.prices), *files], notes)
+    return RunDemand(grid, ArbitrageSource(planner, system), price, [Path(choice.prices), *files], notes)
 
 
 def _price_forecast(choice: ArbitrageDemand, grid: Grid, price: Array) -> tuple[Forecast, list[Path]]:

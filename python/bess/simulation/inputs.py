@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from bess.errors import InputError
 from bess.parameters import System
-from bess.simulation.asked import repair_notes
 from bess.simulation.demand import DemandSource
 from bess.simulation.demand_choice import demand_of
+from bess.simulation.run_demand import repair_notes
 from bess.study.grid import Grid, Series, seconds_of
 from bess.study.plant_choice import build_system
 from bess.study.sections import Event, WeatherChoice

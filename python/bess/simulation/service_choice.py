@@ -25,7 +25,7 @@ from bess.ems.arbitrage import calendar_days
 from bess.ems.synthetic import frequency_deviation, market_prices
 from bess.errors import InputError
 from bess.parameters import System
-from bess.simulation.asked import DEFAULT_START, Asked, repair_notes, utc_index
+from bess.simulation.run_demand import DEFAULT_START, RunDemand, repair_notes, utc_index
 from bess.simulation.services import ExpectedZero, MeterSource, Reserve, ReserveSource, Trade
 from bess.study.grid import Grid, Series, seconds_of
 from bess.study.keys import check_bundled
@@ -51,7 +51,7 @@ _LEAST_SHARE = 0.03
 _SECONDS_PER_MINUTE = 60.0
 
 
-def reserve_of(study: Study, choice: FcrDemand, system: System, step_s: float) -> Asked:
+def reserve_of(study: Study, choice: FcrDemand, system: System, step_s: float) -> RunDemand:
     """Frequency containment, with trade beside it or without."""
     series, files, notes = _frequency(study, choice)
     start = study.run.start or series.start
@@ -80,7 +80,7 @@ def reserve_of(study: Study, choice: FcrDemand, system: System, step_s: float) -
         power_kw = float(system.nominal_kw.sum()) - capacity_kw - recharge_kw
         trade = _trade(choice, grid, price, power_kw, band)
     reserve = Reserve(capacity_kw, choice.duration_min, choice.band)
-    return Asked(
+    return RunDemand(
         grid,
         ReserveSource(response, reserve, recharge, store, trade),
         price,
@@ -90,7 +90,7 @@ def reserve_of(study: Study, choice: FcrDemand, system: System, step_s: float) -
     )
 
 
-def site_of(study: Study, choice: SiteDemand, system: System, step_s: float, horizon: int) -> Asked:
+def site_of(study: Study, choice: SiteDemand, system: System, step_s: float, horizon: int) -> RunDemand:
     """A load, and generation perhaps, behind one meter with the plant."""
     dt_h = step_s / _HOUR_S
     load, files, notes = _site_series(study, choice, "load", dt_h)
@@ -132,7 +132,7 @@ def site_of(study: Study, choice: SiteDemand, system: System, step_s: float, hor
         forecast = Persistence(net_kw, dt_h)
     level = Level(level_kw, power_kw, full_kwh, store.one_way, dt_h, _LEAST_SHARE * power_kw)
     price = np.full(grid.n_steps, choice.price_eur_mwh)
-    return Asked(grid, MeterSource(forecast, level, store, choice.ready_soc), price, files, notes, series)
+    return RunDemand(grid, MeterSource(forecast, level, store, choice.ready_soc), price, files, notes, series)
 
 
 def _powers(choice: FcrDemand, nominal_kw: float, *, trades: bool) -> tuple[float, float]:

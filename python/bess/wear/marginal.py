@@ -35,6 +35,10 @@ class MarginalWear:
         Capacity lost so far by standing and by cycling, as shares of the nameplate.
     prices : WearPrices
         Prices of the strings.
+    nominal_energy_kwh, capacity_ah : ndarray, shape (n_strings,)
+        Energy and charge of each string when new.
+    core : _core.Ageing
+        The cell models.
 
     References
     ----------
@@ -118,7 +122,7 @@ class MarginalWear:
 def marginal(system: System, state: State) -> MarginalWear:
     """Return the marginal wear of every string at ``state``.
 
-    The rates are slopes of the models [1]_, [2]_, [3]_, [4]_ and [5]_; half cycles are those of [6]_.
+    Models and sources stand at :class:`MarginalWear`.
 
     Parameters
     ----------
@@ -138,19 +142,6 @@ def marginal(system: System, state: State) -> MarginalWear:
     ------
     InputError
         If ``state`` does not fit the system.
-
-    References
-    ----------
-    .. [1] Smith et al.: American Control Conference 2017, IEEE Xplore 7963578 (``kokam-75ah``, as in
-       BLAST-Lite).
-    .. [2] J. Energy Storage (2023), doi:10.1016/j.est.2023.109042 (``nmc-a-75ah``, as in BLAST-Lite).
-    .. [3] Schmalstieg, J., et al.: J. Power Sources 257 (2014) 325, doi:10.1016/j.jpowsour.2014.02.012
-       (``schmalstieg``).
-    .. [4] Naumann, M., et al.: J. Energy Storage 17 (2018), doi:10.1016/j.est.2018.01.019 (``naumann-lfp``,
-       standing).
-    .. [5] Naumann, M., et al.: J. Power Sources (2020), doi:10.1016/j.jpowsour.2019.227666 (``naumann-lfp``,
-       cycling).
-    .. [6] ASTM E1049-85: Standard practices for cycle counting in fatigue analysis.
 
     Examples
     --------

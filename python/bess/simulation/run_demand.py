@@ -24,7 +24,7 @@ DEFAULT_START: Final = datetime(2024, 1, 1, tzinfo=UTC)
 
 
 @dataclass(frozen=True)
-class Asked:
+class RunDemand:
     """Demand of a run.
 
     Attributes
