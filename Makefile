@@ -41,6 +41,7 @@ cases: $(VENV)/built
 	$(BIN)/python docs/make_ageing.py
 	$(BIN)/python docs/make_midpoint.py
 	$(BIN)/python examples/m5bat_live.py ../shared/data --table docs/_cases/m5bat-live.md
+	$(BIN)/python docs/make_cooling.py
 	$(BIN)/python docs/make_services.py
 
 # Every rule and mpc in every scenario of the arena (some minutes), and the tables of arena.md.

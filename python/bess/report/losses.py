@@ -11,6 +11,7 @@ from matplotlib.patches import Patch
 from bess.analysis.catalogue import kpi
 from bess.errors import InputError
 from bess.report.style import (
+    AUXILIARY,
     AVAILABILITY,
     BACKGROUND,
     BATTERY,
@@ -28,6 +29,8 @@ _UNDELIVERED = {
     "availability_loss_kwh": AVAILABILITY,
 }
 _CONVERSION = {"inverter_loss_kwh": INVERTER, "battery_loss_kwh": BATTERY}
+_OF_COOLED = {"auxiliary_kwh": AUXILIARY}
+"""Of plants with cooling only."""
 _NOTHING_KWH = 0.05
 _WIDTH_IN = 5.6
 _ROW_IN = 0.29
@@ -52,9 +55,9 @@ def loss_waterfall(kpis: Mapping[str, float]) -> Figure:
         left -= kpis[part]
     left = kpis["delivered_kwh"]
     rows.append((kpi("delivered_kwh").label, 0.0, left, DISCHARGE))
-    for part, colour in _CONVERSION.items():
-        rows.append((kpi(part).label, left - kpis[part], left, colour))
-        left -= kpis[part]
+    for part, colour in (_CONVERSION | _OF_COOLED).items():
+        rows.append((kpi(part).label, left - kpis.get(part, 0.0), left, colour))
+        left -= kpis.get(part, 0.0)
     rows.append(("Delivered less losses", 0.0, left, DISCHARGE))
     rows = [row for row in rows if row[2] - row[1] > _NOTHING_KWH]
     floor = _floor(left, kpis["demand_kwh"])
@@ -91,15 +94,15 @@ def losses_compared(kpis: Mapping[str, Mapping[str, float]]) -> Figure:
     _check(kpis, (*_UNDELIVERED, *_CONVERSION))
     parts = {
         part: colour
-        for part, colour in (_UNDELIVERED | _CONVERSION).items()
-        if any(entry[part] > _NOTHING_KWH for entry in kpis.values())
+        for part, colour in (_UNDELIVERED | _CONVERSION | _OF_COOLED).items()
+        if any(entry.get(part, 0.0) > _NOTHING_KWH for entry in kpis.values())
     }
     figure = new_figure(_WIDTH_IN, 1.0 + _ROW_IN * len(kpis))
     axes = figure.subplots()
     places = np.arange(len(kpis))
     ends = np.zeros(len(kpis))
     for part, colour in parts.items():
-        values = np.array([entry[part] for entry in kpis.values()])
+        values = np.array([entry.get(part, 0.0) for entry in kpis.values()])
         axes.barh(places, values, 0.7, left=ends, color=colour)
         ends += values
     for place, end in zip(places, ends, strict=True):
