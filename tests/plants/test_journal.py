@@ -105,6 +105,7 @@ def test_a_folder_that_vanished_is_an_error_that_passes(tmp_path: Path) -> None:
         assert journal.error == ""
 
 
+@pytest.mark.process
 def test_kill_9_loses_nothing_that_was_appended(tmp_path: Path) -> None:
     code = f"""
 import sys

@@ -93,6 +93,7 @@ def test_the_page_says_what_was_watched_and_what_was_missing(folder: Path) -> No
     ]
 
 
+@pytest.mark.process
 def test_report_and_export_know_a_journal(folder: Path) -> None:
     for command in ("report", "export"):
         done = subprocess.run(
