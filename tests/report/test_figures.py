@@ -147,12 +147,12 @@ def test_the_waterfall_steps_down_from_what_was_asked_for_to_what_is_left() -> N
     assert ends["Battery loss"].get_width() == pytest.approx(values["battery_loss_kwh"])
 
 
-<<<<<<< HEAD
 def test_the_waterfall_of_a_run_that_was_asked_for_nothing_has_an_axis() -> None:
     nothing = dict.fromkeys(kpis(record(2, 96)), 0.0)
     low, high = figures.loss_waterfall(nothing).axes[0].get_xlim()
     assert (low, high) == (0.0, 1.0)
-=======
+
+
 def test_the_waterfall_of_a_cooled_plant_goes_down_by_what_cooling_takes() -> None:
     values = kpis(record(2, 192, concentrate=1.0))
     plain, cooled = (
@@ -160,7 +160,6 @@ def test_the_waterfall_of_a_cooled_plant_goes_down_by_what_cooling_takes() -> No
     )
     ends = [bar.get_x() + bar.get_width() for bar in (plain, cooled)]
     assert ends[0] - ends[1] == pytest.approx(12.5)
->>>>>>> fe247ab (A page about cooling: a hot and a cool week of each kind, what the controller knows; auxiliary energy in the figures of losses)
 
 
 def test_bars_of_losses_are_as_long_as_their_sum() -> None:
