@@ -8,7 +8,7 @@ from typing import Literal
 
 from bess.errors import InputError
 
-Extra = Literal["report", "sweep", "market", "plant"]
+Extra = Literal["report", "sweep", "market", "plant", "distil"]
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from typing import Final, cast
 
 from bess.errors import InputError
 from bess.parameters import System
-from bess.policies import equal, mpc, priority, soc, temperature
+from bess.policies import distilled, equal, mpc, priority, soc, temperature
 from bess.policies.policy import Policy
 from bess.policies.rule import RulePolicy, Share
 from bess.policies.settings import Settings
@@ -32,6 +32,7 @@ POLICIES: dict[str, tuple[Factory, str]] = {
         "in proportion to nominal power and the distance from derating",
     ),
     "mpc": (mpc.build, "mixed-integer model predictive control over the horizon"),
+    "distilled": (distilled.build, "what bess distil made of a study: policy.file, no solver"),
 }
 
 

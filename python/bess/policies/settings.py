@@ -31,6 +31,8 @@ class Settings:
         What ``mpc`` takes the plant for (:func:`bess.policies.simplified.simplified`).
     terms : Terms
         What is agreed on beside the market price.
+    file : str or None
+        File of a ``distilled`` policy.
     """
 
     dt_h: float = 0.25
@@ -40,3 +42,4 @@ class Settings:
     rollouts: int = ROLLOUTS
     model: Model = "nonlinear"
     terms: Terms = field(default_factory=Terms)
+    file: str | None = None

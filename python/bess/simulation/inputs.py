@@ -85,6 +85,8 @@ def prepare(study: Study, system: System | None = None) -> Inputs:
         ambient, found = _ambient(study.weather, study.weather.file, grid)
         files.append(Path(study.weather.file))
         notes += found
+    if study.policy.file is not None:
+        files.append(Path(study.policy.file))
     limit = limits_of(study.event, system, grid)
     return Inputs(
         system,

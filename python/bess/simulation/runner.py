@@ -235,4 +235,5 @@ def policy_settings(study: Study, inputs: Inputs) -> Settings:
         rollouts=choice.rollouts,
         model=choice.model,
         terms=study.settlement.terms,
+        file=choice.file,
     )

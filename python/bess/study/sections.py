@@ -194,10 +194,12 @@ class PolicyChoice(SplitSettings):
     (:class:`bess.foresight.Planner`). With ``foresight_h = 0``, and for objectives of kind ``paper``, the
     next ``horizon_steps`` are split with a certificate: ``gap``, ``node_limit`` and ``time_limit_s`` are
     settings of :class:`bess.PowerSplit`. ``model`` is what ``mpc`` takes the plant for: as it is, with convex
-    losses, or with one efficiency (:func:`bess.policies.simplified.simplified`).
+    losses, or with one efficiency (:func:`bess.policies.simplified.simplified`). ``file`` is the
+    ``policy.json`` of the policy ``distilled``.
     """
 
     name: str = "mpc"
+    file: str | None = None
     foresight_h: Annotated[float, within(0.0, 48.0, "h")] | None = None
     rollouts: Annotated[int, Field(ge=0, le=1_000_000)] = ROLLOUTS
     model: Literal["nonlinear", "convex", "linear"] = "nonlinear"
@@ -205,6 +207,8 @@ class PolicyChoice(SplitSettings):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        if self.file is not None and self.name != "distilled":
+            raise ValueError(f'file = "{self.file}" belongs to name = "distilled", not to "{self.name}"')
         if self.foresight_h and self.objectives.kind == "paper":
             raise ValueError(
                 f'foresight_h = {self.foresight_h:g} h: objectives of kind "paper" have priorities and are '

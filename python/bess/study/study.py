@@ -39,6 +39,7 @@ _PATHS = (
     ("system", "file"),
     ("demand", "file"),
     ("demand", "prices"),
+    ("policy", "file"),
     ("demand", "forecast_prices"),
     ("demand", "frequency"),
     ("demand", "capacity_prices"),

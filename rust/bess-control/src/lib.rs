@@ -7,6 +7,7 @@
 extern crate self as bess_control;
 
 mod error;
+mod explicit;
 mod model;
 mod one_step;
 mod plan;
@@ -15,6 +16,7 @@ mod search;
 mod split;
 
 pub use error::ControlError;
+pub use explicit::{ExplicitLaw, Measured, N_OUTLOOK, N_WEIGHTS};
 pub use model::{
     direction_of, CoefficientRanges, Coefficients, CoefficientsFrom, ControlHorizon, ControlModel, Costs,
     CostsOf, Flow, Interval, Losses, Problem, Range, Rollouts, StateBox, StringModel, StringState,

@@ -66,6 +66,13 @@ macro_rules! record {
                     nodes,
                 }
             }
+
+            /// Adds the steps of another record of the same lanes.
+            pub fn append(&mut self, mut later: Self) {
+                $(self.$field.append(&mut later.$field);)*
+                self.limits.append(&mut later.limits);
+                self.node_temperature_c.append(&mut later.node_temperature_c);
+            }
         }
     };
 }

@@ -4,6 +4,7 @@ use pyo3::prelude::*;
 
 mod ageing;
 mod arrays;
+mod explicit;
 mod horizon;
 mod model;
 mod plan;
@@ -16,6 +17,8 @@ mod system;
 mod _core {
     #[pymodule_export]
     use crate::ageing::{ageing_models, rainflow, Ageing};
+    #[pymodule_export]
+    use crate::explicit::Explicit;
     #[pymodule_export]
     use crate::horizon::{
         CoefficientBounds, Confined, ControlHorizon, GroupBounds, Incumbent, SplitAnswer, StepCuts,

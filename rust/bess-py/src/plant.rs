@@ -16,11 +16,11 @@ const J_PER_KWH: f64 = 3.6e6;
 /// Electro-thermal plant of one or more scenarios. Arrays are flat, in the order (step, scenario, string, node).
 #[pyclass(module = "bess._core")]
 pub struct Plant {
-    inner: bess_plant::Plant,
+    pub(crate) inner: bess_plant::Plant,
     system: Arc<bess_tables::System>,
 }
 
-fn refused(error: PlantError) -> PyErr {
+pub(crate) fn plant_refused(error: PlantError) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
 
@@ -40,14 +40,14 @@ fn plant_state(system: &bess_tables::System, state: &Bound<'_, PyDict>) -> PyRes
         ageing: if state.contains("ageing")? {
             let lanes = item("soc")?.len()?;
             let rows = numbers("ageing")?;
-            // One row for each lane; a length that is no multiple leaves a row too short, which is refused.
+            // One row for each lane; a length that is no multiple leaves a row too short, which is plant_refused.
             rows.chunks((rows.len() / lanes.max(1)).max(1))
                 .map(AgeingState::from_numbers)
                 .collect::<Result<_, _>>()
-                .map_err(refused)?
+                .map_err(plant_refused)?
         } else {
             starting_ageing(system, &numbers("soh_capacity")?, &numbers("soh_resistance")?)
-                .map_err(refused)?
+                .map_err(plant_refused)?
         },
         cooling: if state.contains("cooling_stages")? {
             // A stage that is no small whole number becomes one that no plant has, or the nearest.
@@ -93,7 +93,7 @@ impl Plant {
         let state = plant_state(&system.inner, state)?;
         let inner = py
             .detach(|| bess_plant::Plant::new(&system.inner, scenarios, plant_step_s, law, &state))
-            .map_err(refused)?;
+            .map_err(plant_refused)?;
         Ok(Self { inner, system: system.inner.clone() })
     }
 
@@ -139,7 +139,7 @@ impl Plant {
 
     /// Replaces the state.
     fn set_state(&mut self, state: &Bound<'_, PyDict>) -> PyResult<()> {
-        self.inner.set_state(&plant_state(&self.system, state)?).map_err(refused)
+        self.inner.set_state(&plant_state(&self.system, state)?).map_err(plant_refused)
     }
 
     /// Advances through all requests [kW]; flat arrays by name, in kW, A, degC and kWh.
@@ -155,13 +155,13 @@ impl Plant {
         let ambient_c = floats(&ambient_c)?;
         let inner = &mut self.inner;
         let record =
-            py.detach(|| inner.run(&request_w, &ambient_c, duration_s, keep_nodes)).map_err(refused)?;
+            py.detach(|| inner.run(&request_w, &ambient_c, duration_s, keep_nodes)).map_err(plant_refused)?;
         let cooled = inner.is_cooled();
         to_dict(py, record, cooled)
     }
 }
 
-fn to_dict(py: Python<'_>, record: Record, cooled: bool) -> PyResult<Bound<'_, PyDict>> {
+pub(crate) fn to_dict(py: Python<'_>, record: Record, cooled: bool) -> PyResult<Bound<'_, PyDict>> {
     let out = PyDict::new(py);
     let scaled = |values: Vec<f64>, unit: f64| -> Vec<f64> { values.into_iter().map(|v| v / unit).collect() };
     for (name, values, unit) in [

@@ -1,0 +1,116 @@
+"""An explicit controller: tables of its plant, and weights; ``policy.json`` on disk."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+
+from bess import _core
+from bess.errors import InputError
+from bess.explicit.tables import Tables
+from bess.files import read_text
+from bess.parameters import State
+
+Array = NDArray[np.float64]
+
+N_WEIGHTS: Final = _core.Explicit.N_WEIGHTS
+"""Weights of a controller; their places are in :mod:`bess.explicit.decision`."""
+
+
+class ExplicitController(BaseModel):
+    """What ``policy.json`` holds, ready to decide.
+
+    Attributes
+    ----------
+    format : int
+        Version of the file's layout.
+    study, system : str
+        What it was distilled from; for people.
+    weights : tuple of float
+        The fitted numbers, see :mod:`bess.explicit.decision`.
+    tables : Tables
+        The plant, and how far ahead the controller is told of the demand.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    format: Literal[1] = 1
+    study: str
+    system: str
+    weights: Annotated[tuple[FiniteFloat, ...], Field(min_length=N_WEIGHTS, max_length=N_WEIGHTS)]
+    tables: Tables
+
+    def model_post_init(self, context: Any) -> None:
+        """Build the core; tables that do not fit each other are refused there."""
+        try:
+            core = _core.Explicit(self.tables.model_dump_json())
+        except ValueError as error:
+            raise InputError(f"tables of an explicit controller: {error}") from error
+        object.__setattr__(self, "_core", core)
+        object.__setattr__(self, "_weights", np.array(self.weights))
+
+    @classmethod
+    def read(cls, path: str | Path) -> Self:
+        """Read ``policy.json``.
+
+        Raises
+        ------
+        InputError
+            If there is none, or it is not what ``bess distil`` writes.
+        """
+        try:
+            return cls.model_validate(json.loads(read_text(Path(path))))
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+        except OSError as error:
+            reason = error.strerror or error
+            raise InputError(f"{path}: {reason}; bess distil STUDY --out DIR writes a policy.json") from error
+        except ValidationError as error:
+            first = error.errors()[0]
+            place = ".".join(map(str, first["loc"])) or "file"
+            raise InputError(f"{path}: {place}: {first['msg']}; bess distil writes such files") from error
+        except ValueError as error:
+            raise InputError(f"{path}: is no policy of bess distil ({error})") from error
+
+    def to_json(self) -> str:
+        """Text of ``policy.json``."""
+        return self.model_dump_json(indent=1) + "\n"
+
+    @property
+    def core(self) -> _core.Explicit:
+        """The law in the core; it takes weights beside measurements."""
+        core: _core.Explicit = self.__dict__["_core"]
+        return core
+
+    def split(self, state: State, ahead_kw: Array, limit_kw: Array) -> Array:
+        """Share the demand of the step that begins.
+
+        Parameters
+        ----------
+        state : State
+            Measured state of every string.
+        ahead_kw : ndarray, shape (tables.steps,)
+            Demand [kW] of this step, at most what the limits allow, and of the next ones; positive = discharge.
+        limit_kw : ndarray, shape (n_strings,)
+            Largest power of each inverter [kW]; 0 = out of service.
+
+        Returns
+        -------
+        ndarray, shape (n_strings,)
+            Set-points [kW], signed as the demand; they sum to it.
+        """
+        weights: Array = self.__dict__["_weights"]
+        return self.core.split(
+            weights,
+            state.soc,
+            state.temperature_c,
+            state.soh_capacity,
+            state.soh_resistance,
+            limit_kw,
+            ahead_kw,
+        )

@@ -1,0 +1,225 @@
+"""Tables and constants of an explicit controller: what its decision needs to know of a plant."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Any, Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+
+from bess.parameters import System
+from bess.parameters.battery import Battery, ResistanceTable
+
+Array = NDArray[np.float64]
+Numbers = tuple[FiniteFloat, ...]
+Count = Annotated[int, Field(ge=1)]
+
+NEAR_H: Final = 6.0
+"""Hours that count as near in the outlook."""
+REFERENCE_C: Final = 25.0
+"""Temperature at which the SOC factor of resistance is 1."""
+
+
+class Tables(BaseModel):
+    """Everything that :mod:`bess.explicit.decision` calls by a name in capitals, but for the weights.
+
+    Arrays over several axes are flat, the last axis first to move. ``side`` is 0 for charge, 1 for discharge.
+
+    Attributes
+    ----------
+    strings : int
+        Number of strings.
+    soc_knots, temperature_knots, derating_knots, power_knots, heat_knots, low_knots : int
+        Lengths of the axes.
+    steps, near_steps : int
+        Control steps of the schedule ahead, and those of them that are near.
+    step_h : float
+        Control step [h].
+    step_share, near_share : float
+        ``1 / steps`` and ``1 / near_steps``.
+    shortfall : float
+        Cost of a kWh not delivered [kWh].
+    soc_axis, temperature_axis : tuple of float
+        Knots of the two tables below, common to all strings; [degC].
+    voltage_v, resistance_ohm : tuple of float
+        Open-circuit voltage [V] and resistance [Ohm] over (side, string, SOC, temperature).
+    derating_c, derating_factor : tuple of float
+        Derating table of each string over temperature [degC].
+    power_kw : tuple of float
+        Knots of the inverter's loss tables [kW] of each string.
+    loss_kw : tuple of float
+        Inverter loss [kW] over (side, string, knot).
+    idle_loss_kw, capacity_ah, energy_kwh, soc_min, soc_max, derating_start_c : tuple of float
+        Of each string: loss of the inverter when off [kW], capacity [Ah], energy of the SOC window [kWh], the window,
+        temperature at which derating starts [degC].
+    heat_k : tuple of float
+        Knots of the price of heat: temperature over that at which derating starts [K].
+    low_fill : tuple of float
+        Fills (shares of the SOC window) below which charge is kept in reserve.
+    high_fill : float
+        Fill above which room is kept.
+    share : tuple of float
+        Requests at which a string's cost is evaluated, as shares of the largest.
+    flattest, shed_slope, crumbs, unbounded : float
+        Least curvature of a string's cost [1/kW], that of the cost of what is shed [1/kW], share of the plant's power
+        that counts as rounding, and a cost above all others [kW].
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
+
+    strings: Annotated[int, Field(ge=1, le=32)]
+    soc_knots: Annotated[int, Field(ge=2)]
+    temperature_knots: Annotated[int, Field(ge=2)]
+    derating_knots: Annotated[int, Field(ge=2)]
+    power_knots: Annotated[int, Field(ge=2)]
+    heat_knots: Annotated[int, Field(ge=2)] = 5
+    low_knots: Count = 3
+    steps: Count
+    near_steps: Count
+    step_h: FiniteFloat
+    step_share: FiniteFloat
+    near_share: FiniteFloat
+    shortfall: FiniteFloat
+    soc_axis: Numbers
+    temperature_axis: Numbers
+    voltage_v: Numbers
+    resistance_ohm: Numbers
+    derating_c: Numbers
+    derating_factor: Numbers
+    power_kw: Numbers
+    loss_kw: Numbers
+    idle_loss_kw: Numbers
+    capacity_ah: Numbers
+    energy_kwh: Numbers
+    soc_min: Numbers
+    soc_max: Numbers
+    derating_start_c: Numbers
+    heat_k: Numbers = (-30.0, -15.0, -5.0, 0.0, 5.0)
+    low_fill: Numbers = (0.05, 0.12, 0.3)
+    high_fill: FiniteFloat = 0.9
+    share: Numbers = (0.0, 0.5, 1.0)
+    flattest: FiniteFloat = 1e-6
+    shed_slope: FiniteFloat = 1e-3
+    crumbs: FiniteFloat = 1e-9
+    unbounded: FiniteFloat = 1e30
+
+    @classmethod
+    def of(cls, system: System, steps: int, step_h: float, shortfall: float) -> Self:
+        """Tables of a plant, and of a controller that is told of ``steps`` control steps of ``step_h``."""
+        strings = system.strings
+        batteries = [string.battery for string in strings]
+        soc = np.array(sorted({value for battery in batteries for value in _soc_knots(battery)}))
+        temperature_c = np.array(sorted({t for battery in batteries for t in _temperature_knots(battery)}))
+        if temperature_c.size == 1:
+            temperature_c = np.append(temperature_c, temperature_c[0] + 1.0)
+        derating_knots = max(len(string.derating.factor) for string in strings)
+        power_knots = max(len(string.inverter.load) for string in strings)
+        derating = [
+            _lengthened((string.derating.temperature_c, string.derating.factor), derating_knots)
+            for string in strings
+        ]
+        inverters = [
+            _lengthened(
+                (string.inverter.load, string.inverter.loss_charge, string.inverter.loss_discharge), power_knots
+            )
+            * string.inverter.nominal_kw
+            for string in strings
+        ]
+        near_steps = min(steps, max(1, round(NEAR_H / step_h)))
+        window = np.array([battery.soc_max - battery.soc_min for battery in batteries])
+        tables: dict[str, Any] = {
+            "voltage_v": [_voltage_v(each, side, soc, temperature_c) for side in (0, 1) for each in batteries],
+            "resistance_ohm": [_ohm(each, side, soc, temperature_c) for side in (0, 1) for each in batteries],
+            "derating_c": [rows[0] for rows in derating],
+            "derating_factor": [rows[1] for rows in derating],
+            "power_kw": [rows[0] for rows in inverters],
+            "loss_kw": [rows[1 + side] for side in (0, 1) for rows in inverters],
+            "idle_loss_kw": [string.inverter.off_loss * string.inverter.nominal_kw for string in strings],
+            "capacity_ah": system.capacity_ah,
+            "energy_kwh": system.nominal_energy_kwh * window,
+            "soc_min": [battery.soc_min for battery in batteries],
+            "soc_max": [battery.soc_max for battery in batteries],
+            "derating_start_c": [string.derating.start_c for string in strings],
+            "soc_axis": soc,
+            "temperature_axis": temperature_c,
+        }
+        return cls(
+            strings=len(strings),
+            soc_knots=soc.size,
+            temperature_knots=temperature_c.size,
+            derating_knots=derating_knots,
+            power_knots=power_knots,
+            steps=steps,
+            near_steps=near_steps,
+            step_h=step_h,
+            step_share=1.0 / steps,
+            near_share=1.0 / near_steps,
+            shortfall=shortfall,
+            **{name: tuple(np.asarray(values, dtype=float).ravel().tolist()) for name, values in tables.items()},
+        )
+
+
+def _soc_knots(battery: Battery) -> set[float]:
+    if battery.resistance_table is not None:
+        return {*battery.ocv_v.soc, *battery.resistance_table.soc}
+    assert battery.resistance_soc is not None
+    low = {value for value in battery.resistance_soc.soc if value < battery.low_soc_switch}
+    return {*battery.ocv_v.soc, *low, battery.low_soc_switch}
+
+
+def _temperature_knots(battery: Battery) -> set[float]:
+    if battery.resistance_table is not None:
+        return {*battery.ocv_v.temperature_c, *battery.resistance_table.temperature_c}
+    assert battery.resistance_temperature is not None
+    return {*battery.ocv_v.temperature_c, *battery.resistance_temperature.temperature_c}
+
+
+def _voltage_v(battery: Battery, side: int, soc: Array, temperature_c: Array) -> Array:
+    table = battery.ocv_v
+    rows = (table.charge, table.discharge)[side]
+    return _on_grid(rows, table.soc, table.temperature_c, soc, temperature_c) * battery.cells_series
+
+
+def _ohm(battery: Battery, side: int, soc: Array, temperature_c: Array) -> Array:
+    """Resistance as the control model has it, exact at the knots, shape ``(soc, temperature)``."""
+    ohm = 1e-3 * battery.r_scale * battery.cells_series / battery.cells_parallel
+    if battery.resistance_table is not None:
+        return _measured_mohm(battery.resistance_table, side, soc, temperature_c) * ohm
+    warm, low = battery.resistance_temperature, battery.resistance_soc
+    assert warm is not None and low is not None
+    by_temperature = np.interp(temperature_c, warm.temperature_c, warm.resistance_mohm)
+    factor = np.interp(soc, low.soc, low.resistance_mohm)
+    factor /= np.interp(REFERENCE_C, warm.temperature_c, warm.resistance_mohm)
+    factor = np.where(soc < battery.low_soc_switch, factor, 1.0)
+    return np.outer(factor, by_temperature) * ohm
+
+
+def _measured_mohm(table: ResistanceTable, side: int, soc: Array, temperature_c: Array) -> Array:
+    blocks = (table.charge_mohm, table.discharge_mohm)[side]
+    grids = np.array([_on_grid(rows, table.soc, table.temperature_c, soc, temperature_c) for rows in blocks])
+    rates = np.array(table.c_rate)
+    shares = [np.interp(table.control_c_rate, rates, row) for row in np.eye(rates.size)]
+    return np.asarray(np.tensordot(shares, grids, axes=1))
+
+
+def _on_grid(
+    rows: Sequence[Sequence[float]],
+    own_soc: Sequence[float],
+    own_temperature_c: Sequence[float],
+    soc: Array,
+    temperature_c: Array,
+) -> Array:
+    """A table with one row for each temperature on other knots, shape ``(soc, temperature)``."""
+    by_soc = np.array([np.interp(soc, own_soc, row) for row in rows])
+    return np.array([np.interp(temperature_c, own_temperature_c, column) for column in by_soc.T])
+
+
+def _lengthened(rows: Sequence[Sequence[float]], length: int) -> Array:
+    """The same piecewise linear functions with more knots: the last segment is halved as often as needed."""
+    out = [list(row) for row in rows]
+    while len(out[0]) < length:
+        for row in out:
+            row.insert(-1, 0.5 * (row[-2] + row[-1]))
+    return np.array(out)

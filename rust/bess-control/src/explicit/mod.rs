@@ -1,0 +1,218 @@
+//! Explicit control: the decision of a step in a bounded number of operations, from tables and fitted weights.
+//!
+//! The decision itself is translated from Python, see `decision.rs`; here is what it stands on. kW and degC, as in C and
+//! structured text, which do the same operations.
+
+use serde::Deserialize;
+
+use crate::ControlError;
+
+#[rustfmt::skip]
+#[allow(clippy::all, unused_mut, unused_parens, unused_assignments)]
+mod decision;
+
+/// Most strings of a plant.
+const MOST_STRINGS: usize = 32;
+
+/// Numbers that [`ExplicitLaw::look`] makes of a schedule.
+pub const N_OUTLOOK: usize = decision::N_OUTLOOK;
+/// Weights of a law.
+pub const N_WEIGHTS: usize = decision::N_WEIGHTS;
+
+/// What a decision knows of a plant; the fields are those of `bess.explicit.tables.Tables`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Tables {
+    strings: usize,
+    soc_knots: usize,
+    temperature_knots: usize,
+    derating_knots: usize,
+    power_knots: usize,
+    heat_knots: usize,
+    low_knots: usize,
+    steps: usize,
+    near_steps: usize,
+    step_h: f64,
+    step_share: f64,
+    near_share: f64,
+    shortfall: f64,
+    soc_axis: Vec<f64>,
+    temperature_axis: Vec<f64>,
+    voltage_v: Vec<f64>,
+    resistance_ohm: Vec<f64>,
+    derating_c: Vec<f64>,
+    derating_factor: Vec<f64>,
+    power_kw: Vec<f64>,
+    loss_kw: Vec<f64>,
+    idle_loss_kw: Vec<f64>,
+    capacity_ah: Vec<f64>,
+    energy_kwh: Vec<f64>,
+    soc_min: Vec<f64>,
+    soc_max: Vec<f64>,
+    derating_start_c: Vec<f64>,
+    heat_k: Vec<f64>,
+    low_fill: Vec<f64>,
+    high_fill: f64,
+    share: Vec<f64>,
+    flattest: f64,
+    shed_slope: f64,
+    crumbs: f64,
+    unbounded: f64,
+}
+
+/// A plant as it is measured when a step begins, one value for each string.
+#[derive(Debug, Clone, Copy)]
+pub struct Measured<'a> {
+    /// State of charge.
+    pub soc: &'a [f64],
+    /// Mean temperature [degC].
+    pub temperature_c: &'a [f64],
+    /// Capacity over that of the system file.
+    pub soh_capacity: &'a [f64],
+    /// Resistance over that of the system file.
+    pub soh_resistance: &'a [f64],
+    /// Largest power of each inverter [kW].
+    pub limit_kw: &'a [f64],
+}
+
+/// An explicit law without its weights.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ExplicitLaw {
+    tables: Tables,
+}
+
+impl ExplicitLaw {
+    /// Reads the tables, JSON as `bess.explicit` writes it.
+    ///
+    /// # Errors
+    ///
+    /// Text that is no such table, or tables whose lengths do not fit each other.
+    pub fn from_json(text: &str) -> Result<Self, String> {
+        let tables: Tables = serde_json::from_str(text).map_err(|error| error.to_string())?;
+        let t = &tables;
+        let small = [
+            ("strings", t.strings, 1, MOST_STRINGS),
+            ("soc_knots", t.soc_knots, 2, 10_000),
+            ("temperature_knots", t.temperature_knots, 2, 10_000),
+            ("derating_knots", t.derating_knots, 2, 10_000),
+            ("power_knots", t.power_knots, 2, 10_000),
+            ("heat_knots", t.heat_knots, 5, 5),
+            ("low_knots", t.low_knots, 3, 3),
+            ("steps", t.steps, 1, 10_000),
+            ("near_steps", t.near_steps, 1, t.steps),
+        ];
+        for (name, value, low, high) in small {
+            if !(low..=high).contains(&value) {
+                return Err(format!("{name} = {value}: must be {low} to {high}"));
+            }
+        }
+        let cells = 2 * t.strings * t.soc_knots * t.temperature_knots;
+        let lengths = [
+            ("soc_axis", &t.soc_axis, t.soc_knots),
+            ("temperature_axis", &t.temperature_axis, t.temperature_knots),
+            ("voltage_v", &t.voltage_v, cells),
+            ("resistance_ohm", &t.resistance_ohm, cells),
+            ("derating_c", &t.derating_c, t.strings * t.derating_knots),
+            ("derating_factor", &t.derating_factor, t.strings * t.derating_knots),
+            ("power_kw", &t.power_kw, t.strings * t.power_knots),
+            ("loss_kw", &t.loss_kw, 2 * t.strings * t.power_knots),
+            ("idle_loss_kw", &t.idle_loss_kw, t.strings),
+            ("capacity_ah", &t.capacity_ah, t.strings),
+            ("energy_kwh", &t.energy_kwh, t.strings),
+            ("soc_min", &t.soc_min, t.strings),
+            ("soc_max", &t.soc_max, t.strings),
+            ("derating_start_c", &t.derating_start_c, t.strings),
+            ("heat_k", &t.heat_k, t.heat_knots),
+            ("low_fill", &t.low_fill, t.low_knots),
+            ("share", &t.share, 3),
+        ];
+        for (name, values, needed) in lengths {
+            if values.len() != needed {
+                return Err(format!("{name}: {} values, needs {needed}", values.len()));
+            }
+        }
+        Ok(Self { tables })
+    }
+
+    /// Number of strings.
+    pub fn n_strings(&self) -> usize {
+        self.tables.strings
+    }
+
+    /// Control steps of the schedule that [`Self::look`] takes.
+    pub fn n_steps(&self) -> usize {
+        self.tables.steps
+    }
+
+    /// What a decision needs to know of a schedule of demand [kW].
+    ///
+    /// # Errors
+    ///
+    /// [`ControlError::Length`] for a schedule of another length.
+    pub fn look(&self, ahead_kw: &[f64]) -> Result<[f64; N_OUTLOOK], ControlError> {
+        length("demand", ahead_kw, self.tables.steps)?;
+        let mut outlook = [0.0; N_OUTLOOK];
+        decision::look(&self.tables, ahead_kw, &mut outlook);
+        Ok(outlook)
+    }
+
+    /// Set-points [kW], signed as the demand, into `request_kw`.
+    ///
+    /// # Errors
+    ///
+    /// [`ControlError::Length`] where an array has not one value for each string, or there are not [`N_WEIGHTS`] weights.
+    pub fn split(
+        &self,
+        weights: &[f64],
+        plant: &Measured<'_>,
+        demand_kw: f64,
+        outlook: &[f64; N_OUTLOOK],
+        request_kw: &mut [f64],
+    ) -> Result<(), ControlError> {
+        let n = self.tables.strings;
+        length("weights", weights, N_WEIGHTS)?;
+        length("soc", plant.soc, n)?;
+        length("temperature_c", plant.temperature_c, n)?;
+        length("soh_capacity", plant.soh_capacity, n)?;
+        length("soh_resistance", plant.soh_resistance, n)?;
+        length("limit_kw", plant.limit_kw, n)?;
+        length("request_kw", request_kw, n)?;
+        decision::split(
+            &self.tables,
+            weights,
+            plant.soc,
+            plant.temperature_c,
+            plant.soh_capacity,
+            plant.soh_resistance,
+            plant.limit_kw,
+            demand_kw,
+            outlook,
+            request_kw,
+        );
+        Ok(())
+    }
+}
+
+fn length(name: &'static str, values: &[f64], expected: usize) -> Result<(), ControlError> {
+    crate::error::check_length(name, values, expected)
+}
+
+/// The larger number, the first of equal ones.
+#[inline]
+fn larger(a: f64, b: f64) -> f64 {
+    if b > a {
+        b
+    } else {
+        a
+    }
+}
+
+/// The smaller number, the first of equal ones.
+#[inline]
+fn smaller(a: f64, b: f64) -> f64 {
+    if b < a {
+        b
+    } else {
+        a
+    }
+}
