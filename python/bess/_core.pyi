@@ -236,3 +236,29 @@ class ControlHorizon:
     def step_bounds(self, boxes: StateBoxes, costs: _Array, budget_kw: _Array) -> StepCuts: ...
     def confine(self, request_kw: _Array, costs: _Array, shed_budget_kw: float) -> Confined: ...
     def coefficients(self, boxes: StateBoxes, near: StateBoxes) -> CoefficientBounds: ...
+
+@final
+class Explicit:
+    N_WEIGHTS: int
+    def __new__(cls, tables: dict[str, Any]) -> Explicit: ...
+    def look(self, ahead_kw: NDArray[np.float64]) -> NDArray[np.float64]: ...
+    def split(
+        self,
+        weights: NDArray[np.float64],
+        soc: NDArray[np.float64],
+        temperature_c: NDArray[np.float64],
+        soh_capacity: NDArray[np.float64],
+        soh_resistance: NDArray[np.float64],
+        limit_kw: NDArray[np.float64],
+        ahead_kw: NDArray[np.float64],
+    ) -> NDArray[np.float64]: ...
+    def run(
+        self,
+        plant: Plant,
+        weights: NDArray[np.float64],
+        demand_kw: NDArray[np.float64],
+        outlook: NDArray[np.float64],
+        limit_kw: NDArray[np.float64],
+        ambient_c: NDArray[np.float64],
+        duration_s: float,
+    ) -> dict[str, NDArray[Any]]: ...

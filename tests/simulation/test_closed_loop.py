@@ -43,7 +43,10 @@ def check_invariants(data: xr.Dataset) -> None:
     assert float(np.abs(data.ledger_residual_kwh).sum()) <= 1e-9 * throughput_kwh
 
 
-@pytest.mark.parametrize("name", POLICIES)
+WITHOUT_FILE = [name for name in POLICIES if name != "distilled"]  # that is tried in tests/distil
+
+
+@pytest.mark.parametrize("name", WITHOUT_FILE)
 def test_every_policy_keeps_the_balances(name: str) -> None:
     study: dict[str, Any] = {"policy.name": name, "system.file": "unequal-4", "demand.scale": 2.5}
     if name == "mpc":

@@ -255,6 +255,28 @@ def schema(
 
 
 @app.command()
+def distil(
+    study: StudyName,
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the controller.")],
+    generations: Annotated[
+        int | None, typer.Option(min=0, help="Effort: generations of the search; 150 if omitted.")
+    ] = None,
+    days: Days = None,
+    assignments: Assignments = None,
+) -> None:
+    """Distil a study into a controller without a solver: policy.json, C99, structured text, a report."""
+    from bess.distil import GENERATIONS, distil_runs
+    from bess.study import load_study
+
+    effort = GENERATIONS if generations is None else generations
+    for folder in distil_runs(load_study(study, _values(days, assignments)), out, generations=effort):
+        print(
+            f"{folder}: policy.json (policy.name=distilled, policy.file={folder / 'policy.json'}), split.c, "
+            f"split.h, split.st; {folder / 'report.md'} says what was lost"
+        )
+
+
+@app.command()
 def check(study: StudyName, days: Days = None, assignments: Assignments = None) -> None:
     """Validate a study and the data it names; run nothing."""
     from bess.cli.checking import findings

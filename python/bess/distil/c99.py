@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Final, Literal
+from typing import ClassVar, Final, Literal
 
 from bess.distil.translate import Kind, Printer, arguments, functions, outputs, places
 
@@ -14,7 +14,7 @@ PREFIX: Final = "bess_"
 class CPrinter(Printer):
     """C99."""
 
-    words: Final = {
+    words: ClassVar[dict[str, str]] = {
         "not": "!", "and": "&&", "or": "||", "==": "==", "!=": "!=", "True": "1", "False": "0",
         "max": "larger", "min": "smaller", "abs": "fabs", "sqrt": "sqrt",
     }  # fmt: skip
@@ -76,10 +76,10 @@ def c_header(n_strings: int, steps: int, about: str) -> str:
 {_signature("look")};
 
 /* {_summary("split")}
- * Each array has BESS_STRINGS values. soc and temperature_c are measured; soh_capacity and soh_resistance are capacity
- * and resistance over those of the system file, 1.0 for new strings; limit_kw is the largest power of each inverter,
- * 0.0 where it is out of service. demand_kw is positive in discharge and never above the sum of the limits;
- * request_kw is signed as the demand. */
+ * Each array has BESS_STRINGS values. soc and temperature_c are measured; soh_capacity and soh_resistance
+ * are capacity and resistance over those of the system file, 1.0 for new strings; limit_kw is the largest
+ * power of each inverter, 0.0 where it is out of service. demand_kw is positive in discharge and never above
+ * the sum of the limits; request_kw is signed as the demand. */
 {_signature("split")};
 
 #endif

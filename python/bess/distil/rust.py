@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Final, Literal
+from typing import ClassVar, Final, Literal
 
 from bess.distil.translate import Kind, Printer, arguments, functions, outputs, places
 
 TYPES: Final = {"float": "f64", "int": "usize", "bool": "bool"}
-HEAD: Final = """//! Written by `bess.distil.rust` from `python/bess/explicit/decision.py`; a test holds both together.
+HEAD: Final = """//! Written by `bess.distil.rust` from `bess/explicit/decision.py`; a test compares them.
 
 use super::{larger, smaller, Tables, MOST_STRINGS};
 """
@@ -17,7 +17,7 @@ use super::{larger, smaller, Tables, MOST_STRINGS};
 class RustPrinter(Printer):
     """Rust; tables are fields of ``t``, the weights an argument."""
 
-    words: Final = {
+    words: ClassVar[dict[str, str]] = {
         "not": "!", "and": "&&", "or": "||", "==": "==", "!=": "!=", "True": "true", "False": "false",
         "max": "larger", "min": "smaller",
     }  # fmt: skip

@@ -1,7 +1,8 @@
 """Translations of :mod:`bess.explicit.decision` into C99, structured text (IEC 61131-3) and Rust.
 
-Each language is a table of how it writes an expression, a statement, a declaration; :class:`Printer` walks the syntax
-tree of the Python source. What the three have in common, and what the source may therefore use, is said there.
+Each language is a table of how it writes an expression, a statement, a declaration; :class:`Printer` walks
+the syntax tree of the Python source. What the three have in common, and what the source may therefore use, is
+said there.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from functools import cache
-from typing import Final, Literal
+from typing import ClassVar, Final, Literal
 
 from bess.errors import BessError
 from bess.explicit import decision
@@ -74,7 +75,7 @@ class Printer(ABC):
 
     # How the language writes things.
 
-    words: dict[str, str]
+    words: ClassVar[dict[str, str]]
     """``not``, ``and``, ``or``, ``==``, ``!=``, ``True``, ``False``, ``max``, ``min``, ``abs``, ``sqrt``."""
 
     @abstractmethod

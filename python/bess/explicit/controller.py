@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 from bess import _core
 from bess.errors import InputError
 from bess.explicit.tables import Tables
-from bess.files import read_text
+from bess.files import read_file
 from bess.parameters import State
 
 Array = NDArray[np.float64]
@@ -48,7 +48,7 @@ class ExplicitController(BaseModel):
     def model_post_init(self, context: Any) -> None:
         """Build the core; tables that do not fit each other are refused there."""
         try:
-            core = _core.Explicit(self.tables.model_dump_json())
+            core = _core.Explicit(self.tables.model_dump())
         except ValueError as error:
             raise InputError(f"tables of an explicit controller: {error}") from error
         object.__setattr__(self, "_core", core)
@@ -64,7 +64,7 @@ class ExplicitController(BaseModel):
             If there is none, or it is not what ``bess distil`` writes.
         """
         try:
-            return cls.model_validate(json.loads(read_text(Path(path))))
+            return cls.model_validate(json.loads(read_file(path)))
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
         except OSError as error:
@@ -95,7 +95,8 @@ class ExplicitController(BaseModel):
         state : State
             Measured state of every string.
         ahead_kw : ndarray, shape (tables.steps,)
-            Demand [kW] of this step, at most what the limits allow, and of the next ones; positive = discharge.
+            Demand [kW] of this step, at most what the limits allow, and of the next ones; positive =
+            discharge.
         limit_kw : ndarray, shape (n_strings,)
             Largest power of each inverter [kW]; 0 = out of service.
 

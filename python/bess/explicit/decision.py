@@ -1,10 +1,10 @@
 """The decision of an explicit controller: which strings run, and at what power.
 
-Written in the part of Python that :mod:`bess.distil.translate` turns into C, structured text and Rust: numbers,
-arrays of fixed size, tables, loops, ``+ - * /``, ``abs``, ``max``, ``min`` and ``sqrt``. Every translation does the
-same operations on the same numbers in the same order, so all of them agree to the last bit. Names in capitals are
-tables and constants of :class:`bess.explicit.tables.Tables`; conditions never rely on an ``and`` that stops early,
-and no two names differ in case only (structured text has neither).
+Written in the part of Python that :mod:`bess.distil.translate` turns into C, structured text and Rust:
+numbers, arrays of fixed size, tables, loops, ``+ - * /``, ``abs``, ``max``, ``min`` and ``sqrt``. Every
+translation does the same operations on the same numbers in the same order, so all of them agree to the last
+bit. Names in capitals are tables and constants of :class:`bess.explicit.tables.Tables`; conditions never rely
+on an ``and`` that stops early, and no two names differ in case only (structured text has neither).
 """
 
 # ruff: noqa: F821
@@ -46,9 +46,9 @@ N_WEIGHTS = 38
 def look(ahead_kw: Floats, outlook: Floats) -> None:
     """What a controller needs to know of the demand ahead.
 
-    ``outlook`` becomes, over the whole schedule, the most energy that will have been discharged, net, at any of
-    its moments [kWh], the same of charge, and the largest power [kW] over its first hours; and the mean power over
-    these and over all of it [kW].
+    ``outlook`` becomes, over the whole schedule, the most energy that will have been discharged, net, at any
+    of its moments [kWh], the same of charge, and the largest power [kW] over its first hours; and the mean
+    power over these and over all of it [kW].
     """
     level_kwh: float = 0.0
     out_kwh: float = 0.0
@@ -83,10 +83,11 @@ def split(
 ) -> None:
     """Share ``demand_kw`` among the strings; ``request_kw`` sums to it.
 
-    The cost of a string is a parabola through its cost at three requests: none (inverter on), half and all of what
-    it could take. Costs are losses and what is not delivered, and prices of the state it would be left in, which are
-    what the weights say. All strings run at first; then the one that is missed least is left out, and so on. Of these
-    sets the cheapest is taken, each with and without asking more of one string than it has.
+    The cost of a string is a parabola through its cost at three requests: none (inverter on), half and all of
+    what it could take. Costs are losses and what is not delivered, and prices of the state it would be left
+    in, which are what the weights say. All strings run at first; then the one that is missed least is left
+    out, and so on. Of these sets the cheapest is taken, each with and without asking more of one string than
+    it has.
     """
     top_kw: Floats = zeros(STRINGS + 1)
     c0: Floats = zeros(STRINGS + 1)
@@ -142,7 +143,7 @@ def split(
     shedder: int = 0
     spare_kw: float = 0.0
     for m in range(STRINGS):
-        capacity_ah: float = CAPACITY_AH[m] * soh_capacity[m]
+        full_ah: float = CAPACITY_AH[m] * soh_capacity[m]
         power_at: int = m * POWER_KNOTS
         loss_at: int = (side * STRINGS + m) * POWER_KNOTS
 
@@ -178,28 +179,33 @@ def split(
             # Coefficients in the middle of the step; for the first part, which finds the limit, at its start.
             middle: float = soc[m]
             if part > 0:
-                middle += sign * 500.0 * k * SHARE[part] * top_kw[m] / voltage_v * STEP_H / capacity_ah
+                middle += sign * 500.0 * k * SHARE[part] * top_kw[m] / voltage_v * STEP_H / full_ah
             i = 0
             while i < SOC_KNOTS - 2 and middle >= SOC_AXIS[i + 1]:
                 i += 1
             x: float = max(0.0, min(1.0, (middle - SOC_AXIS[i]) / (SOC_AXIS[i + 1] - SOC_AXIS[i])))
             a = table + i * TEMPERATURE_KNOTS
             b: int = a + TEMPERATURE_KNOTS
-            below: float = VOLTAGE_V[a] + y * (VOLTAGE_V[a + 1] - VOLTAGE_V[a])
-            above: float = VOLTAGE_V[b] + y * (VOLTAGE_V[b + 1] - VOLTAGE_V[b])
+            below: float = OCV_V[a] + y * (OCV_V[a + 1] - OCV_V[a])
+            above: float = OCV_V[b] + y * (OCV_V[b + 1] - OCV_V[b])
             voltage_v = below + x * (above - below)
             below = RESISTANCE_OHM[a] + y * (RESISTANCE_OHM[a + 1] - RESISTANCE_OHM[a])
             above = RESISTANCE_OHM[b] + y * (RESISTANCE_OHM[b + 1] - RESISTANCE_OHM[b])
             ohm: float = (below + x * (above - below)) * soh_resistance[m]
             if part == 0:
-                # The largest power that ends the step within the SOC window.
-                room_a: float = (SOC_MAX[m] - soc[m]) * capacity_ah / STEP_H
+                # The largest power that ends the step within the SOC window, and keeps the limits of voltage.
+                room_a: float = (SOC_MAX[m] - soc[m]) * full_ah / STEP_H
+                room_a = min(room_a, (VOLTAGE_MAX_V[m] - voltage_v) / ohm)
                 if side == 1:
-                    room_a = min((soc[m] - SOC_MIN[m]) * capacity_ah / STEP_H, 0.5 * voltage_v / ohm)
+                    room_a = min((soc[m] - SOC_MIN[m]) * full_ah / STEP_H, 0.5 * voltage_v / ohm)
+                    room_a = min(room_a, (voltage_v - VOLTAGE_MIN_V[m]) / ohm)
                 room_a = max(0.0, room_a)
                 inner_kw: float = room_a * (voltage_v + sign * ohm * room_a) / 1000.0
                 j = 0
-                while j < POWER_KNOTS - 2 and POWER_KW[power_at + j + 1] - sign * LOSS_KW[loss_at + j + 1] <= inner_kw:
+                while (
+                    j < POWER_KNOTS - 2
+                    and POWER_KW[power_at + j + 1] - sign * LOSS_KW[loss_at + j + 1] <= inner_kw
+                ):
                     j += 1
                 below = POWER_KW[power_at + j] - sign * LOSS_KW[loss_at + j]
                 above = POWER_KW[power_at + j + 1] - sign * LOSS_KW[loss_at + j + 1]
@@ -226,7 +232,7 @@ def split(
             inner_w: float = 1000.0 * (p - sign * loss)
             root: float = sqrt(max(0.0, voltage_v * voltage_v + sign * 4.0 * ohm * inner_w))
             current_a: float = 2.0 * inner_w / (voltage_v + root)
-            after: float = sign * current_a * STEP_H / (capacity_ah * (SOC_MAX[m] - SOC_MIN[m])) + filled[m]
+            after: float = sign * current_a * STEP_H / (full_ah * (SOC_MAX[m] - SOC_MIN[m])) + filled[m]
             value: float = (after - level) * (after - level) - (filled[m] - level) * (filled[m] - level)
             value = balance * value
             for h in range(LOW_KNOTS):
@@ -285,7 +291,7 @@ def split(
                     room_now_kw += top_kw[STRINGS]
                     if runs[shedder] and shedder != away:
                         room_now_kw = room_now_kw - top_kw[shedder]
-                if possible and room_now_kw >= rest_kw:
+                if possible and room_now_kw + CRUMBS * plant_kw >= rest_kw:
                     cost: float = 0.0
                     for m in range(STRINGS + 1):
                         u_kw[m] = 0.0
@@ -340,8 +346,8 @@ def split(
             room_kw = room_kw - top_kw[leaver]
         everybody = False
 
-    # What no string can take is asked for all the same, where there is inverter power left. What rounding left over
-    # goes to a string that runs: it switches nothing on.
+    # What no string can take is asked for all the same, where there is inverter power left. What rounding
+    # left over goes to a string that runs: it switches nothing on.
     missing_kw: float = need_kw
     free_kw: float = 0.0
     largest: int = 0

@@ -18,6 +18,8 @@ Count = Annotated[int, Field(ge=1)]
 
 NEAR_H: Final = 6.0
 """Hours that count as near in the outlook."""
+NO_LIMIT_V: Final = 1e9
+"""Highest voltage of a string without a limit [V]: JSON knows no infinity."""
 REFERENCE_C: Final = 25.0
 """Temperature at which the SOC factor of resistance is 1."""
 
@@ -43,7 +45,7 @@ class Tables(BaseModel):
         Cost of a kWh not delivered [kWh].
     soc_axis, temperature_axis : tuple of float
         Knots of the two tables below, common to all strings; [degC].
-    voltage_v, resistance_ohm : tuple of float
+    ocv_v, resistance_ohm : tuple of float
         Open-circuit voltage [V] and resistance [Ohm] over (side, string, SOC, temperature).
     derating_c, derating_factor : tuple of float
         Derating table of each string over temperature [degC].
@@ -51,9 +53,12 @@ class Tables(BaseModel):
         Knots of the inverter's loss tables [kW] of each string.
     loss_kw : tuple of float
         Inverter loss [kW] over (side, string, knot).
-    idle_loss_kw, capacity_ah, energy_kwh, soc_min, soc_max, derating_start_c : tuple of float
-        Of each string: loss of the inverter when off [kW], capacity [Ah], energy of the SOC window [kWh], the window,
-        temperature at which derating starts [degC].
+    idle_loss_kw, capacity_ah, energy_kwh, soc_min, soc_max : tuple of float
+        Of each string: loss of the inverter when off [kW], capacity [Ah], energy of the SOC window [kWh], the
+        window.
+    voltage_min_v, voltage_max_v, derating_start_c : tuple of float
+        Of each string: lowest voltage in discharge and highest in charge [V], temperature at which derating
+        starts [degC].
     heat_k : tuple of float
         Knots of the price of heat: temperature over that at which derating starts [K].
     low_fill : tuple of float
@@ -63,8 +68,8 @@ class Tables(BaseModel):
     share : tuple of float
         Requests at which a string's cost is evaluated, as shares of the largest.
     flattest, shed_slope, crumbs, unbounded : float
-        Least curvature of a string's cost [1/kW], that of the cost of what is shed [1/kW], share of the plant's power
-        that counts as rounding, and a cost above all others [kW].
+        Least curvature of a string's cost [1/kW], that of the cost of what is shed [1/kW], share of the
+        plant's power that counts as rounding, and a cost above all others [kW].
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
@@ -84,7 +89,7 @@ class Tables(BaseModel):
     shortfall: FiniteFloat
     soc_axis: Numbers
     temperature_axis: Numbers
-    voltage_v: Numbers
+    ocv_v: Numbers
     resistance_ohm: Numbers
     derating_c: Numbers
     derating_factor: Numbers
@@ -95,6 +100,8 @@ class Tables(BaseModel):
     energy_kwh: Numbers
     soc_min: Numbers
     soc_max: Numbers
+    voltage_min_v: Numbers
+    voltage_max_v: Numbers
     derating_start_c: Numbers
     heat_k: Numbers = (-30.0, -15.0, -5.0, 0.0, 5.0)
     low_fill: Numbers = (0.05, 0.12, 0.3)
@@ -122,7 +129,8 @@ class Tables(BaseModel):
         ]
         inverters = [
             _lengthened(
-                (string.inverter.load, string.inverter.loss_charge, string.inverter.loss_discharge), power_knots
+                (string.inverter.load, string.inverter.loss_charge, string.inverter.loss_discharge),
+                power_knots,
             )
             * string.inverter.nominal_kw
             for string in strings
@@ -130,7 +138,7 @@ class Tables(BaseModel):
         near_steps = min(steps, max(1, round(NEAR_H / step_h)))
         window = np.array([battery.soc_max - battery.soc_min for battery in batteries])
         tables: dict[str, Any] = {
-            "voltage_v": [_voltage_v(each, side, soc, temperature_c) for side in (0, 1) for each in batteries],
+            "ocv_v": [_ocv_v(each, side, soc, temperature_c) for side in (0, 1) for each in batteries],
             "resistance_ohm": [_ohm(each, side, soc, temperature_c) for side in (0, 1) for each in batteries],
             "derating_c": [rows[0] for rows in derating],
             "derating_factor": [rows[1] for rows in derating],
@@ -141,9 +149,14 @@ class Tables(BaseModel):
             "energy_kwh": system.nominal_energy_kwh * window,
             "soc_min": [battery.soc_min for battery in batteries],
             "soc_max": [battery.soc_max for battery in batteries],
+            "voltage_min_v": [battery.voltage_min_v for battery in batteries],
+            "voltage_max_v": [min(battery.voltage_max_v, NO_LIMIT_V) for battery in batteries],
             "derating_start_c": [string.derating.start_c for string in strings],
             "soc_axis": soc,
             "temperature_axis": temperature_c,
+        }
+        flat: dict[str, Any] = {
+            name: tuple(np.asarray(values, dtype=float).ravel().tolist()) for name, values in tables.items()
         }
         return cls(
             strings=len(strings),
@@ -157,7 +170,7 @@ class Tables(BaseModel):
             step_share=1.0 / steps,
             near_share=1.0 / near_steps,
             shortfall=shortfall,
-            **{name: tuple(np.asarray(values, dtype=float).ravel().tolist()) for name, values in tables.items()},
+            **flat,
         )
 
 
@@ -176,7 +189,7 @@ def _temperature_knots(battery: Battery) -> set[float]:
     return {*battery.ocv_v.temperature_c, *battery.resistance_temperature.temperature_c}
 
 
-def _voltage_v(battery: Battery, side: int, soc: Array, temperature_c: Array) -> Array:
+def _ocv_v(battery: Battery, side: int, soc: Array, temperature_c: Array) -> Array:
     table = battery.ocv_v
     rows = (table.charge, table.discharge)[side]
     return _on_grid(rows, table.soc, table.temperature_c, soc, temperature_c) * battery.cells_series

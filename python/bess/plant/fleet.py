@@ -47,6 +47,11 @@ class Fleet:
     plant_step_s, derating_law, ambient_c
         As for :class:`~bess.Plant`.
 
+    Attributes
+    ----------
+    core : bess._core.Plant
+        The plant in the core; what advances it advances the fleet.
+
     Raises
     ------
     InputError
@@ -97,17 +102,17 @@ class Fleet:
         if plant_step_s is not None:
             step_s = one_number("plant_step_s", plant_step_s, "s")
         with refusals():
-            self._core = _core.Plant(system.core, self.n_scenarios, step_s, derating_law, start)
+            self.core = _core.Plant(system.core, self.n_scenarios, step_s, derating_law, start)
 
     @property
     def plant_step_s(self) -> float:
         """Plant step [s]."""
-        return self._core.plant_step_s
+        return self.core.plant_step_s
 
     @property
     def states(self) -> list[State]:
         """Measured state of each scenario."""
-        flat = self._core.state()
+        flat = self.core.state()
         node_c = flat["node_temperature_c"].reshape(*self._shape, -1)
         mean_c = node_c.sum(axis=2, where=self._real) / self._nodes
         soc = flat["soc"].reshape(self._shape)
@@ -197,7 +202,7 @@ class Fleet:
         """
         duration_s = one_number("control step", step_s, "s")
         with refusals():
-            array = self._core.run(request_kw.ravel(), air_c.ravel(), duration_s, nodes)
+            array = self.core.run(request_kw.ravel(), air_c.ravel(), duration_s, nodes)
         node_c = array.pop("node_temperature_c")
         shared = {name: array.pop(name).reshape(shape[:-1]) for name in _OF_THE_PLANT if name in array}
         if len(shape) > 1:
@@ -207,12 +212,12 @@ class Fleet:
         return Flows(
             **array,
             **shared,
-            node_temperature_c=node_c.reshape(*shape, self._core.max_nodes) if nodes else None,
+            node_temperature_c=node_c.reshape(*shape, self.core.max_nodes) if nodes else None,
         )
 
     def snapshot(self) -> PlantSnapshot:
         """Return everything the fleet remembers, to be given to :meth:`restore`."""
-        flat = self._core.state()
+        flat = self.core.state()
         return PlantSnapshot(
             soc=flat["soc"].reshape(self._shape),
             node_temperature_c=flat["node_temperature_c"].reshape(*self._shape, -1),
@@ -228,7 +233,7 @@ class Fleet:
         if not isinstance(snapshot, PlantSnapshot):
             raise InputError(f"plant: snapshot must be a PlantSnapshot, not {type(snapshot).__name__}")
         with refusals():
-            self._core.set_state(_flat(snapshot))
+            self.core.set_state(_flat(snapshot))
 
 
 def _flat(snapshot: PlantSnapshot) -> dict[str, NDArray[np.float64] | NDArray[np.bool_]]:

@@ -53,7 +53,7 @@ def build(system: System, settings: Settings) -> DistilledPolicy:
     """
     if settings.file is None:
         raise InputError(
-            'policy.name = "distilled" needs policy.file, the policy.json that bess distil STUDY --out DIR wrote'
+            'policy.name = "distilled" needs policy.file, the policy.json of bess distil STUDY --out DIR'
         )
     controller = ExplicitController.read(settings.file)
     tables = controller.tables
@@ -71,7 +71,7 @@ def build(system: System, settings: Settings) -> DistilledPolicy:
     if own != tables:
         differing = [name for name in type(own).model_fields if getattr(own, name) != getattr(tables, name)]
         raise InputError(
-            f"{given} another plant (of system {controller.system!r}; {', '.join(differing)} differ); distil this "
-            "study"
+            f"{given} another plant (of system {controller.system!r}; {', '.join(differing)} differ); "
+            "distil this study"
         )
     return DistilledPolicy(controller)

@@ -85,7 +85,7 @@ def prepare(study: Study, system: System | None = None) -> Inputs:
         ambient, found = _ambient(study.weather, study.weather.file, grid)
         files.append(Path(study.weather.file))
         notes += found
-    if study.policy.file is not None:
+    if study.policy.name == "distilled" and study.policy.file is not None:
         files.append(Path(study.policy.file))
     limit = limits_of(study.event, system, grid)
     return Inputs(

@@ -195,7 +195,7 @@ class PolicyChoice(SplitSettings):
     next ``horizon_steps`` are split with a certificate: ``gap``, ``node_limit`` and ``time_limit_s`` are
     settings of :class:`bess.PowerSplit`. ``model`` is what ``mpc`` takes the plant for: as it is, with convex
     losses, or with one efficiency (:func:`bess.policies.simplified.simplified`). ``file`` is the
-    ``policy.json`` of the policy ``distilled``.
+    ``policy.json`` of the policy ``distilled``; other policies do not read it.
     """
 
     name: str = "mpc"
@@ -207,8 +207,6 @@ class PolicyChoice(SplitSettings):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if self.file is not None and self.name != "distilled":
-            raise ValueError(f'file = "{self.file}" belongs to name = "distilled", not to "{self.name}"')
         if self.foresight_h and self.objectives.kind == "paper":
             raise ValueError(
                 f'foresight_h = {self.foresight_h:g} h: objectives of kind "paper" have priorities and are '

@@ -16,7 +16,7 @@ mod search;
 mod split;
 
 pub use error::ControlError;
-pub use explicit::{ExplicitLaw, Measured, N_OUTLOOK, N_WEIGHTS};
+pub use explicit::{ExplicitLaw, Measured, Tables, N_OUTLOOK, N_WEIGHTS};
 pub use model::{
     direction_of, CoefficientRanges, Coefficients, CoefficientsFrom, ControlHorizon, ControlModel, Costs,
     CostsOf, Flow, Interval, Losses, Problem, Range, Rollouts, StateBox, StringModel, StringState,

@@ -70,6 +70,8 @@ macro_rules! record {
             /// Adds the steps of another record of the same lanes.
             pub fn append(&mut self, mut later: Self) {
                 $(self.$field.append(&mut later.$field);)*
+                self.auxiliary_w.append(&mut later.auxiliary_w);
+                self.coolant_c.append(&mut later.coolant_c);
                 self.limits.append(&mut later.limits);
                 self.node_temperature_c.append(&mut later.node_temperature_c);
             }

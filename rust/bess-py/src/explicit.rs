@@ -1,4 +1,4 @@
-use bess_control::{ExplicitLaw, Measured, N_OUTLOOK, N_WEIGHTS};
+use bess_control::{ExplicitLaw, Measured, Tables, N_OUTLOOK, N_WEIGHTS};
 use bess_plant::{PlantState, Record};
 use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::exceptions::PyValueError;
@@ -16,10 +16,18 @@ pub struct Explicit {
 
 #[pymethods]
 impl Explicit {
-    /// From tables, JSON.
+    /// From tables by name.
     #[new]
-    fn new(tables: &str) -> PyResult<Self> {
-        Ok(Self { inner: ExplicitLaw::from_json(tables).map_err(PyValueError::new_err)? })
+    fn new(tables: &Bound<'_, PyDict>) -> PyResult<Self> {
+        let item = |name: &str| {
+            tables.get_item(name)?.ok_or_else(|| PyValueError::new_err(format!("{name} is missing")))
+        };
+        let tables = Tables::read(
+            |name| item(name)?.extract(),
+            |name| item(name)?.extract(),
+            |name| item(name)?.extract(),
+        )?;
+        Ok(Self { inner: ExplicitLaw::new(tables).map_err(PyValueError::new_err)? })
     }
 
     /// Weights of a law.
@@ -98,6 +106,7 @@ impl Explicit {
         let (weights, demand_kw) = (flat(weights.as_array(), 1.0), flat(demand_kw.as_array(), 1.0));
         let (outlook, limit_kw) = (flat(outlook.as_array(), 1.0), flat(limit_kw.as_array(), 1.0));
         let ambient_c = flat(ambient_c.as_array(), 1.0);
+        let cooled = plant.inner.is_cooled();
         let (law, plant) = (&self.inner, &mut plant.inner);
         let run = || -> PyResult<(Option<Record>, Vec<f64>)> {
             let mut record: Option<Record> = None;
@@ -123,8 +132,14 @@ impl Explicit {
                     };
                     let seen = outlook[at * N_OUTLOOK..][..N_OUTLOOK].try_into().expect("its length");
                     let request_kw = &mut requests_kw[first + own.start..first + own.end];
-                    law.split(&weights[s * N_WEIGHTS..][..N_WEIGHTS], &measured, demand_kw[at], seen, request_kw)
-                        .map_err(refused)?;
+                    law.split(
+                        &weights[s * N_WEIGHTS..][..N_WEIGHTS],
+                        &measured,
+                        demand_kw[at],
+                        seen,
+                        request_kw,
+                    )
+                    .map_err(refused)?;
                 }
                 let request_w: Vec<f64> = requests_kw[first..].iter().map(|p| p * W_PER_KW).collect();
                 let air_c = &ambient_c[t * scenarios..(t + 1) * scenarios];
@@ -138,7 +153,7 @@ impl Explicit {
         };
         let (record, request_kw) = py.detach(run)?;
         let record = record.ok_or_else(|| PyValueError::new_err("demand: needs at least one step"))?;
-        let out = to_dict(py, record)?;
+        let out = to_dict(py, record, cooled)?;
         out.set_item("request_kw", vector(py, request_kw))?;
         Ok(out)
     }

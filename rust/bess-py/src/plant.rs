@@ -40,7 +40,7 @@ fn plant_state(system: &bess_tables::System, state: &Bound<'_, PyDict>) -> PyRes
         ageing: if state.contains("ageing")? {
             let lanes = item("soc")?.len()?;
             let rows = numbers("ageing")?;
-            // One row for each lane; a length that is no multiple leaves a row too short, which is plant_refused.
+            // One row for each lane; a length that is no multiple leaves a row too short, which is refused.
             rows.chunks((rows.len() / lanes.max(1)).max(1))
                 .map(AgeingState::from_numbers)
                 .collect::<Result<_, _>>()

@@ -1,4 +1,4 @@
-//! Written by `bess.distil.rust` from `python/bess/explicit/decision.py`; a test holds both together.
+//! Written by `bess.distil.rust` from `bess/explicit/decision.py`; a test compares them.
 
 use super::{larger, smaller, Tables, MOST_STRINGS};
 
@@ -104,7 +104,7 @@ pub(crate) fn split(t: &Tables, weights: &[f64], soc: &[f64], temperature_c: &[f
     let mut shedder: usize = 0;
     let mut spare_kw: f64 = 0.0;
     for m in 0..t.strings {
-        let mut capacity_ah: f64 = (t.capacity_ah[m] * soh_capacity[m]);
+        let mut full_ah: f64 = (t.capacity_ah[m] * soh_capacity[m]);
         let mut power_at: usize = (m * t.power_knots);
         let mut loss_at: usize = (((side * t.strings) + m) * t.power_knots);
         let mut i: usize = 0;
@@ -140,7 +140,7 @@ pub(crate) fn split(t: &Tables, weights: &[f64], soc: &[f64], temperature_c: &[f
         for part in 0..3 {
             let mut middle: f64 = soc[m];
             if (part > 0) {
-                middle = (middle + (((((((sign * 500.0) * k) * t.share[part]) * top_kw[m]) / voltage_v) * t.step_h) / capacity_ah));
+                middle = (middle + (((((((sign * 500.0) * k) * t.share[part]) * top_kw[m]) / voltage_v) * t.step_h) / full_ah));
             }
             i = 0;
             while ((i < (t.soc_knots - 2)) && (middle >= t.soc_axis[(i + 1)])) {
@@ -149,16 +149,18 @@ pub(crate) fn split(t: &Tables, weights: &[f64], soc: &[f64], temperature_c: &[f
             let mut x: f64 = larger(0.0, smaller(1.0, ((middle - t.soc_axis[i]) / (t.soc_axis[(i + 1)] - t.soc_axis[i]))));
             a = (table + (i * t.temperature_knots));
             let mut b: usize = (a + t.temperature_knots);
-            let mut below: f64 = (t.voltage_v[a] + (y * (t.voltage_v[(a + 1)] - t.voltage_v[a])));
-            let mut above: f64 = (t.voltage_v[b] + (y * (t.voltage_v[(b + 1)] - t.voltage_v[b])));
+            let mut below: f64 = (t.ocv_v[a] + (y * (t.ocv_v[(a + 1)] - t.ocv_v[a])));
+            let mut above: f64 = (t.ocv_v[b] + (y * (t.ocv_v[(b + 1)] - t.ocv_v[b])));
             voltage_v = (below + (x * (above - below)));
             below = (t.resistance_ohm[a] + (y * (t.resistance_ohm[(a + 1)] - t.resistance_ohm[a])));
             above = (t.resistance_ohm[b] + (y * (t.resistance_ohm[(b + 1)] - t.resistance_ohm[b])));
             let mut ohm: f64 = ((below + (x * (above - below))) * soh_resistance[m]);
             if (part == 0) {
-                let mut room_a: f64 = (((t.soc_max[m] - soc[m]) * capacity_ah) / t.step_h);
+                let mut room_a: f64 = (((t.soc_max[m] - soc[m]) * full_ah) / t.step_h);
+                room_a = smaller(room_a, ((t.voltage_max_v[m] - voltage_v) / ohm));
                 if (side == 1) {
-                    room_a = smaller((((soc[m] - t.soc_min[m]) * capacity_ah) / t.step_h), ((0.5 * voltage_v) / ohm));
+                    room_a = smaller((((soc[m] - t.soc_min[m]) * full_ah) / t.step_h), ((0.5 * voltage_v) / ohm));
+                    room_a = smaller(room_a, ((voltage_v - t.voltage_min_v[m]) / ohm));
                 }
                 room_a = larger(0.0, room_a);
                 let mut inner_kw: f64 = ((room_a * (voltage_v + ((sign * ohm) * room_a))) / 1000.0);
@@ -196,7 +198,7 @@ pub(crate) fn split(t: &Tables, weights: &[f64], soc: &[f64], temperature_c: &[f
             let mut inner_w: f64 = (1000.0 * (p - (sign * loss)));
             let mut root: f64 = (larger(0.0, ((voltage_v * voltage_v) + (((sign * 4.0) * ohm) * inner_w)))).sqrt();
             let mut current_a: f64 = ((2.0 * inner_w) / (voltage_v + root));
-            let mut after: f64 = ((((sign * current_a) * t.step_h) / (capacity_ah * (t.soc_max[m] - t.soc_min[m]))) + filled[m]);
+            let mut after: f64 = ((((sign * current_a) * t.step_h) / (full_ah * (t.soc_max[m] - t.soc_min[m]))) + filled[m]);
             let mut value: f64 = (((after - level) * (after - level)) - ((filled[m] - level) * (filled[m] - level)));
             value = (balance * value);
             for h in 0..t.low_knots {
@@ -263,7 +265,7 @@ pub(crate) fn split(t: &Tables, weights: &[f64], soc: &[f64], temperature_c: &[f
                         room_now_kw = (room_now_kw - top_kw[shedder]);
                     }
                 }
-                if (possible && (room_now_kw >= rest_kw)) {
+                if (possible && ((room_now_kw + (t.crumbs * plant_kw)) >= rest_kw)) {
                     let mut cost: f64 = 0.0;
                     for m in 0..(t.strings + 1) {
                         u_kw[m] = 0.0;

@@ -3,8 +3,6 @@
 //! The decision itself is translated from Python, see `decision.rs`; here is what it stands on. kW and degC, as in C and
 //! structured text, which do the same operations.
 
-use serde::Deserialize;
-
 use crate::ControlError;
 
 #[rustfmt::skip]
@@ -19,45 +17,43 @@ pub const N_OUTLOOK: usize = decision::N_OUTLOOK;
 /// Weights of a law.
 pub const N_WEIGHTS: usize = decision::N_WEIGHTS;
 
-/// What a decision knows of a plant; the fields are those of `bess.explicit.tables.Tables`.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Tables {
-    strings: usize,
-    soc_knots: usize,
-    temperature_knots: usize,
-    derating_knots: usize,
-    power_knots: usize,
-    heat_knots: usize,
-    low_knots: usize,
-    steps: usize,
-    near_steps: usize,
-    step_h: f64,
-    step_share: f64,
-    near_share: f64,
-    shortfall: f64,
-    soc_axis: Vec<f64>,
-    temperature_axis: Vec<f64>,
-    voltage_v: Vec<f64>,
-    resistance_ohm: Vec<f64>,
-    derating_c: Vec<f64>,
-    derating_factor: Vec<f64>,
-    power_kw: Vec<f64>,
-    loss_kw: Vec<f64>,
-    idle_loss_kw: Vec<f64>,
-    capacity_ah: Vec<f64>,
-    energy_kwh: Vec<f64>,
-    soc_min: Vec<f64>,
-    soc_max: Vec<f64>,
-    derating_start_c: Vec<f64>,
-    heat_k: Vec<f64>,
-    low_fill: Vec<f64>,
-    high_fill: f64,
-    share: Vec<f64>,
-    flattest: f64,
-    shed_slope: f64,
-    crumbs: f64,
-    unbounded: f64,
+macro_rules! tables {
+    ($(#[$doc:meta])* counts: $($count:ident),*; numbers: $($number:ident),*; arrays: $($array:ident),* $(,)?) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, PartialEq, Default)]
+        #[allow(missing_docs)]
+        pub struct Tables {
+            $(pub $count: usize,)*
+            $(pub $number: f64,)*
+            $(pub $array: Vec<f64>,)*
+        }
+
+        impl Tables {
+            /// Tables from what three functions give for each name: counts, numbers, arrays.
+            ///
+            /// # Errors
+            ///
+            /// Those of the functions.
+            pub fn read<E>(
+                count: impl Fn(&str) -> Result<usize, E>,
+                number: impl Fn(&str) -> Result<f64, E>,
+                array: impl Fn(&str) -> Result<Vec<f64>, E>,
+            ) -> Result<Self, E> {
+                Ok(Self {
+                    $($count: count(stringify!($count))?,)*
+                    $($number: number(stringify!($number))?,)*
+                    $($array: array(stringify!($array))?,)*
+                })
+            }
+        }
+    };
+}
+
+tables! {
+    /// What a decision knows of a plant; the fields are those of `bess.explicit.tables.Tables`, which says what they are.
+    counts: strings, soc_knots, temperature_knots, derating_knots, power_knots, heat_knots, low_knots, steps, near_steps;
+    numbers: step_h, step_share, near_share, shortfall, high_fill, flattest, shed_slope, crumbs, unbounded;
+    arrays: soc_axis, temperature_axis, ocv_v, resistance_ohm, derating_c, derating_factor, power_kw, loss_kw, idle_loss_kw, capacity_ah, energy_kwh, soc_min, soc_max, voltage_min_v, voltage_max_v, derating_start_c, heat_k, low_fill, share,
 }
 
 /// A plant as it is measured when a step begins, one value for each string.
@@ -82,13 +78,12 @@ pub struct ExplicitLaw {
 }
 
 impl ExplicitLaw {
-    /// Reads the tables, JSON as `bess.explicit` writes it.
+    /// A law over tables.
     ///
     /// # Errors
     ///
-    /// Text that is no such table, or tables whose lengths do not fit each other.
-    pub fn from_json(text: &str) -> Result<Self, String> {
-        let tables: Tables = serde_json::from_str(text).map_err(|error| error.to_string())?;
+    /// A sentence where lengths do not fit each other.
+    pub fn new(tables: Tables) -> Result<Self, String> {
         let t = &tables;
         let small = [
             ("strings", t.strings, 1, MOST_STRINGS),
@@ -110,7 +105,7 @@ impl ExplicitLaw {
         let lengths = [
             ("soc_axis", &t.soc_axis, t.soc_knots),
             ("temperature_axis", &t.temperature_axis, t.temperature_knots),
-            ("voltage_v", &t.voltage_v, cells),
+            ("ocv_v", &t.ocv_v, cells),
             ("resistance_ohm", &t.resistance_ohm, cells),
             ("derating_c", &t.derating_c, t.strings * t.derating_knots),
             ("derating_factor", &t.derating_factor, t.strings * t.derating_knots),
@@ -121,6 +116,8 @@ impl ExplicitLaw {
             ("energy_kwh", &t.energy_kwh, t.strings),
             ("soc_min", &t.soc_min, t.strings),
             ("soc_max", &t.soc_max, t.strings),
+            ("voltage_min_v", &t.voltage_min_v, t.strings),
+            ("voltage_max_v", &t.voltage_max_v, t.strings),
             ("derating_start_c", &t.derating_start_c, t.strings),
             ("heat_k", &t.heat_k, t.heat_knots),
             ("low_fill", &t.low_fill, t.low_knots),

@@ -1,0 +1,127 @@
+"""The decision as structured text (IEC 61131-3): two function blocks and their constants."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator, Mapping
+from typing import ClassVar, Final, Literal
+
+from bess.distil.translate import Kind, Printer, arguments, functions, locals_of, outputs, places
+from bess.errors import BessError
+
+TYPES: Final = {"float": "LREAL", "int": "DINT", "bool": "BOOL", "Floats": "LREAL", "Flags": "BOOL"}
+PREFIX: Final = "BESS_"
+COUNTER: Final = "cell"
+"""Counter of the loops that clear an array; no variable of the decision has this name."""
+
+
+class StPrinter(Printer):
+    """Structured text. Its AND evaluates both sides, and it does not tell upper from lower case."""
+
+    words: ClassVar[dict[str, str]] = {
+        "not": "NOT", "and": "AND", "or": "OR", "==": "=", "!=": "<>", "True": "TRUE", "False": "FALSE",
+        "max": "MAX", "min": "MIN", "abs": "ABS", "sqrt": "SQRT",
+    }  # fmt: skip
+
+    def name(self, name: str) -> str:
+        """As it is; a name may not end with an underscore."""
+        return name.rstrip("_")
+
+    def number(self, value: float) -> str:
+        """With a decimal point in the mantissa, as the standard asks."""
+        mantissa, e, exponent = repr(value).partition("e")
+        if e and "." not in mantissa:
+            mantissa += ".0"
+        return f"{mantissa}E{exponent}" if e else mantissa
+
+    def index(self, array: str, index: str) -> str:
+        """``a[i]``."""
+        return f"{array}[{index}]"
+
+    def declare(self, name: str, kind: Kind, value: str) -> Iterator[str]:
+        """Variables are declared above; here they get their first value."""
+        yield f"{name} := {value};"
+
+    def clear(self, name: str, kind: Kind, size: str) -> Iterator[str]:
+        """A loop: variables of a function block keep their values from call to call."""
+        zero = "0.0" if kind == "Floats" else "FALSE"
+        yield f"FOR {COUNTER} := 0 TO {size} - 1 DO {name}[{COUNTER}] := {zero}; END_FOR;"
+
+    def assign(self, target: str, value: str) -> str:
+        """``x := y;``."""
+        return f"{target} := {value};"
+
+    def block(self, head: Literal["if", "elif", "while"], condition: str) -> str:
+        """``IF a THEN``."""
+        return (
+            f"WHILE {condition} DO"
+            if head == "while"
+            else f"{head.upper().replace('ELIF', 'ELSIF')} {condition} THEN"
+        )
+
+    def loop(self, counter: str, size: str) -> str:
+        """``FOR i := 0 TO n - 1 DO``."""
+        return f"FOR {counter} := 0 TO {size} - 1 DO"
+
+    def otherwise(self) -> str:
+        """``ELSE``."""
+        return "ELSE"
+
+    def close(self, head: Literal["if", "while", "for"]) -> str:
+        """``END_IF;``."""
+        return f"END_{head.upper()};"
+
+
+def st_source(constants: Mapping[str, float | tuple[float, ...]], about: str) -> str:
+    """Text of ``split.st``."""
+    printer = StPrinter()
+    lines = [f"(* {about} *)", "VAR_GLOBAL CONSTANT"]
+    for name, value in (*places().items(), *constants.items()):
+        if isinstance(value, tuple):
+            lines.append(
+                f"    {name} : ARRAY[0..{len(value) - 1}] OF LREAL := [\n{_listed(value, printer)}];"
+            )
+        else:
+            kind = "DINT" if type(value) is int else "LREAL"
+            lines.append(f"    {name} : {kind} := {printer.number(value)};")
+    lines.append("END_VAR")
+    integers: dict[str, int] = {n: v for n, v in (*places().items(), *constants.items()) if type(v) is int}
+    extents = {
+        "ahead_kw": integers["STEPS"], "outlook": integers["N_OUTLOOK"],
+    }  # fmt: skip
+    for name, function in functions().items():
+        filled = outputs(function)
+        heads: dict[str, list[str]] = {"VAR_INPUT": [], "VAR_OUTPUT": [], "VAR": []}
+        for argument, kind in arguments(function).items():
+            text = _declared(argument, kind, extents.get(argument, integers["STRINGS"]))
+            heads["VAR_OUTPUT" if argument in filled else "VAR_INPUT"].append(text)
+        for variable, (kind, size) in locals_of(function).items():
+            extent = 0 if size is None else _extent(size, integers)
+            heads["VAR"].append(_declared(printer.name(variable), kind, extent))
+        heads["VAR"].append(_declared(COUNTER, "int", 0))
+        lines += ["", f"FUNCTION_BLOCK {PREFIX}{name.upper()}"]
+        for head, declarations in heads.items():
+            lines += [head, *(f"    {text}" for text in declarations), "END_VAR"]
+        lines += [*StPrinter().body(function.body), "END_FUNCTION_BLOCK"]
+    return "\n".join(lines) + "\n"
+
+
+def _extent(size: ast.expr, integers: Mapping[str, int]) -> int:
+    match size:
+        case ast.Constant(int(value)):
+            return value
+        case ast.Name(name):
+            return integers[name]
+        case ast.BinOp(left, ast.Add(), right):
+            return _extent(left, integers) + _extent(right, integers)
+    raise BessError(f"decision.py line {size.lineno}: {ast.unparse(size)}: is no size of an array")
+
+
+def _declared(name: str, kind: Kind, extent: int) -> str:
+    array = f"ARRAY[0..{extent - 1}] OF " if kind in ("Floats", "Flags") else ""
+    return f"{name} : {array}{TYPES[kind]};"
+
+
+def _listed(values: tuple[float, ...], printer: Printer) -> str:
+    rows = [values[first : first + 8] for first in range(0, len(values), 8)]
+    return ",\n".join("        " + ", ".join(printer.number(float(value)) for value in row) for row in rows)

@@ -1,0 +1,119 @@
+"""Controllers and states to try translations on, and the decision as plain Python."""
+
+from __future__ import annotations
+
+import ctypes
+import subprocess
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import FunctionType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import bess
+from bess.distil.exports import constants, exports
+from bess.distil.search import first_weights
+from bess.explicit import ExplicitController, Tables, decision
+
+Array = NDArray[np.float64]
+
+SYSTEMS: dict[str, Callable[[], bess.System]] = {
+    "two": lambda: bess.System.reference(2),
+    "eight": lambda: bess.System.reference(8),
+    "unequal-4": lambda: bess.load_system("unequal-4"),
+    "mixed-4": lambda: bess.load_system("mixed-4"),
+}
+
+
+def controller(system: bess.System, weights: Array | None = None, steps: int = 24) -> ExplicitController:
+    chosen = first_weights() if weights is None else weights
+    return ExplicitController(
+        study="cases",
+        system=system.name,
+        weights=tuple(chosen.tolist()),
+        tables=Tables.of(system, steps, 0.25, 3.0),
+    )
+
+
+def random_weights(random: np.random.Generator) -> Array:
+    return first_weights() + random.normal(0.0, 1.0, first_weights().size)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A measured plant and the demand ahead."""
+
+    state: bess.State
+    limit_kw: Array
+    ahead_kw: Array
+
+
+def cases(system: bess.System, n: int, seed: int, steps: int = 24) -> Iterator[Case]:
+    """States all over the windows, their ends among them; some strings out of service or limited."""
+    random = np.random.default_rng(seed)
+    low = np.array([string.battery.soc_min for string in system.strings])
+    high = np.array([string.battery.soc_max for string in system.strings])
+    size = system.n_strings
+    for _ in range(n):
+        place = np.clip(random.uniform(-0.2, 1.2, size), 0.0, 1.0)
+        state = bess.State(
+            low + place * (high - low),
+            random.uniform(5.0, 62.0, size),
+            random.uniform(0.7, 1.0, size),
+            random.uniform(1.0, 2.0, size),
+        )
+        limit_kw = system.nominal_kw * random.choice([0.0, 0.4, 1.0, 1.0, 1.0], size)
+        total_kw = limit_kw.sum()
+        ahead_kw = total_kw * np.clip(random.normal(0.0, 0.6, steps), -1.0, 1.0)
+        if random.random() < 0.1:
+            ahead_kw[0] = total_kw * np.sign(ahead_kw[0])
+        yield Case(state, limit_kw, ahead_kw)
+
+
+def in_python(law: ExplicitController, case: Case) -> Array:
+    """The decision as it is written, with the tables of this controller for its names in capitals."""
+    names = {**vars(decision), **constants(law)}
+    look, split = (FunctionType(each.__code__, names) for each in (decision.look, decision.split))
+    outlook = [0.0] * decision.N_OUTLOOK
+    request_kw = [0.0] * case.limit_kw.size
+    state = case.state
+    measured = (state.soc, state.temperature_c, state.soh_capacity, state.soh_resistance, case.limit_kw)
+    look(case.ahead_kw.tolist(), outlook)
+    split(*(values.tolist() for values in measured), float(case.ahead_kw[0]), outlook, request_kw)
+    return np.array(request_kw)
+
+
+class InC:
+    """The decision as ``split.c``, compiled."""
+
+    def __init__(self, law: ExplicitController, folder: Path) -> None:
+        for name, text in exports(law).items():
+            (folder / name).write_text(text, encoding="utf-8")
+        library = folder / "split.so"
+        strict = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O2", "-ffp-contract=off"]
+        command = ["gcc", *strict, "-shared", "-fPIC", "-o", library, folder / "split.c", "-lm"]
+        subprocess.run([str(part) for part in command], check=True, capture_output=True, text=True)
+        self._library = ctypes.CDLL(str(library))
+
+    def __call__(self, case: Case) -> Array:
+        def pointer(values: Array) -> Any:
+            return np.ascontiguousarray(values).ctypes.data_as(ctypes.POINTER(ctypes.c_double))
+
+        outlook, request_kw = np.zeros(decision.N_OUTLOOK), np.zeros(case.limit_kw.size)
+        state = case.state
+        measured = (state.soc, state.temperature_c, state.soh_capacity, state.soh_resistance, case.limit_kw)
+        self._library.bess_look(pointer(case.ahead_kw), pointer(outlook))
+        self._library.bess_split(
+            *(pointer(values) for values in measured),
+            ctypes.c_double(case.ahead_kw[0]),
+            pointer(outlook),
+            pointer(request_kw),
+        )
+        return request_kw
+
+
+def same_bits(a: Array, b: Array) -> bool:
+    return a.tobytes() == b.tobytes()

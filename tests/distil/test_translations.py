@@ -1,0 +1,171 @@
+"""The decision in C, in structured text and in the core is that of the Python source, to the last bit."""
+
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from explicit_cases import SYSTEMS, Case, InC, cases, controller, in_python, random_weights, same_bits
+from structured_text_reader import StructuredText
+
+from bess.distil.exports import constants, exports
+from bess.distil.rust import rust_source
+from bess.distil.translate import functions, locals_of, places
+
+CORE = Path(__file__).parents[2] / "rust" / "bess-control" / "src" / "explicit" / "decision.rs"
+
+# Of IEC 61131-3 and of usual systems that extend it.
+RESERVED = [
+    "ABS",
+    "ACTION",
+    "AND",
+    "ARRAY",
+    "AT",
+    "BOOL",
+    "BY",
+    "BYTE",
+    "CASE",
+    "CONSTANT",
+    "DATE",
+    "DINT",
+    "DO",
+    "DWORD",
+    "ELSE",
+    "ELSIF",
+    "END_IF",
+    "EXIT",
+    "EXP",
+    "FALSE",
+    "FOR",
+    "FROM",
+    "FUNCTION",
+    "IF",
+    "INT",
+    "INTERVAL",
+    "LEFT",
+    "LEN",
+    "LIMIT",
+    "LN",
+    "LOG",
+    "LREAL",
+    "MAX",
+    "MIN",
+    "MOD",
+    "MOVE",
+    "MUX",
+    "NOT",
+    "OF",
+    "ON",
+    "OR",
+    "PRIORITY",
+    "PROGRAM",
+    "READ_ONLY",
+    "REAL",
+    "REPEAT",
+    "RESOURCE",
+    "RETAIN",
+    "RETURN",
+    "RIGHT",
+    "ROL",
+    "ROR",
+    "SEL",
+    "SHL",
+    "SHR",
+    "SINGLE",
+    "SQRT",
+    "STEP",
+    "STRING",
+    "STRUCT",
+    "TASK",
+    "THEN",
+    "TIME",
+    "TO",
+    "TRUE",
+    "TYPE",
+    "UNTIL",
+    "VAR",
+    "WHILE",
+    "WITH",
+    "XOR",
+    "R",
+    "S",
+]
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_the_core_decides_as_the_source_does(name: str) -> None:
+    system, random = SYSTEMS[name](), np.random.default_rng(1)
+    for round_ in range(10):
+        law = controller(system, random_weights(random))
+        for case in cases(system, 30, round_):
+            own = law.split(case.state, case.ahead_kw, case.limit_kw)
+            assert same_bits(own, in_python(law, case)), case
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_c_decides_as_the_source_does(name: str, tmp_path: Path) -> None:
+    system = SYSTEMS[name]()
+    law = controller(system, random_weights(np.random.default_rng(2)))
+    compiled = InC(law, tmp_path)
+    for case in cases(system, 200, 3):
+        assert same_bits(compiled(case), in_python(law, case)), case
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
+def test_c_needs_nothing_but_math_h_and_allocates_nothing(tmp_path: Path) -> None:
+    texts = exports(controller(SYSTEMS["two"]()))
+    assert re.findall(r"#include (\S+)", texts["split.c"]) == ["<math.h>", '"split.h"']
+    assert set(re.findall(r"\b(\w+)\(", texts["split.c"])) <= {
+        "bess_look", "bess_split", "larger", "smaller", "fabs", "sqrt", "if", "while", "for",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_structured_text_decides_as_the_source_does(name: str) -> None:
+    system = SYSTEMS[name]()
+    law = controller(system, random_weights(np.random.default_rng(4)))
+    blocks = StructuredText(exports(law)["split.st"]).blocks
+    for case in cases(system, 40, 5):
+        assert same_bits(_in_structured_text(blocks, case), in_python(law, case)), case
+
+
+def test_structured_text_carries_every_number_of_the_tables() -> None:
+    law = controller(SYSTEMS["mixed-4"](), random_weights(np.random.default_rng(6)))
+    read = StructuredText(exports(law)["split.st"]).constants
+    for name, value in constants(law).items():
+        assert read[name] == (list(value) if isinstance(value, tuple) else value), name
+
+
+def test_names_differ_in_more_than_case_and_are_not_reserved() -> None:
+    tables = {*places(), *constants(controller(SYSTEMS["two"]()))}
+    for function in functions().values():
+        names = {argument.arg for argument in function.args.args} | {
+            name.rstrip("_") for name in locals_of(function)
+        }
+        together = [name.upper() for name in (*names, *tables)]
+        assert len(set(together)) == len(together), sorted({n for n in together if together.count(n) > 1})
+        assert not set(together) & set(RESERVED)
+
+
+@pytest.mark.skipif(not CORE.exists(), reason="needs the sources of the core")
+def test_the_core_is_compiled_from_the_source() -> None:
+    assert CORE.read_text(encoding="utf-8") == rust_source(), (
+        "write it anew: python -c \"from bess.distil.rust import rust_source; print(rust_source(), end='')\""
+    )
+
+
+def _in_structured_text(blocks: dict, case: Case) -> np.ndarray:
+    state = case.state
+    outlook = blocks["BESS_LOOK"](ahead_kw=case.ahead_kw.tolist()).outlook
+    split = blocks["BESS_SPLIT"](
+        soc=state.soc.tolist(),
+        temperature_c=state.temperature_c.tolist(),
+        soh_capacity=state.soh_capacity.tolist(),
+        soh_resistance=state.soh_resistance.tolist(),
+        limit_kw=case.limit_kw.tolist(),
+        demand_kw=float(case.ahead_kw[0]),
+        outlook=outlook,
+    )
+    return np.array(split.request_kw)
