@@ -11,6 +11,7 @@ __all__ = [
     "Confined",
     "ControlHorizon",
     "ControlModel",
+    "Explicit",
     "FlowArrays",
     "GroupBounds",
     "Incumbent",
