@@ -122,4 +122,4 @@ def test_peak_shaving_rests_at_weekends_and_frequency_control_never_for_long():
     assert not bundled_profile("peak-shaving-week")[-96 - 64 :].any()
     idle = bundled_profile("frequency-week") == 0.0
     assert 0.02 < idle.mean() < 0.3
-    assert set(PROFILES) == {"two-cycle-48h", *SYNTHETIC}
+    assert set(PROFILES) == {"two-cycle-48h", "two-cycle-fitted-48h", *SYNTHETIC}

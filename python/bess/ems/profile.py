@@ -50,8 +50,26 @@ def two_cycles_48h(hi_kw: float = 78.0, lo_kw: float = 30.0, dt_h: float = 0.25)
     return np.tile(np.repeat(power, quarters), 2).astype(np.float64).repeat(per_quarter)
 
 
+_FITTED_LEVELS_KW: Final = (-76.0, -5.0, 0.0, 78.0, 76.0, 0.0)
+_FITTED_QUARTERS: Final = (18, 2, 4, 19, 5, 0, 22, 2, 2, 19, 0, 3)
+_FITTED_START: Final = 16
+"""Found by ``benches/fit_demand.py``: charge high and low, rest, discharge high and low, rest, twice."""
+
+
+def fitted_48h(dt_h: float = 0.25) -> Array:
+    """Return two days on which most of the paper's statements come out, shape (48 / dt_h,), kW in total.
+
+    Fitted to the paper's results (:mod:`bess.report.paper`), so agreeing with them is no confirmation; its
+    own demand is unpublished.
+    """
+    per_quarter = steps_in(0.25, dt_h, "profile two-cycle-fitted-48h: its quarter of an hour")
+    day = np.repeat(np.tile(_FITTED_LEVELS_KW, 2), _FITTED_QUARTERS)
+    return np.tile(np.roll(day, -_FITTED_START), 2).repeat(per_quarter)
+
+
 PROFILES: Final[dict[str, Callable[..., Array]]] = {
     "two-cycle-48h": two_cycles_48h,
+    "two-cycle-fitted-48h": fitted_48h,
     "frequency-week": frequency_week,
     "peak-shaving-week": peak_shaving_week,
     "market-week": market_week,
