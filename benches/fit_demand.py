@@ -268,8 +268,8 @@ def table(stored: Mapping[str, Any]) -> str:
     lines.append(
         f"{count} of {len(rows)} come out. {search['tried']} demands were tried; by number of statements "
         f"that came out: {listed}. Over all of them S2 gained at most {search['battery']:+.2f} points of "
-        f"battery efficiency over S1, and at most {search['derating']:+.2f} of derating efficiency, but not on "
-        f"the same demand: with a gain in derating of 1 point or more the battery gained at most "
+        f"battery efficiency over S1, and at most {search['derating']:+.2f} of derating efficiency, but not "
+        "on the same demand: with a gain in derating of 1 point or more the battery gained at most "
         f"{_points(search['battery_where_derating'])} (0.5 are needed), and with a gain of 0.5 points or "
         f"more in battery, derating {_points(search['derating_where_battery'])} (1 is needed)."
     )
