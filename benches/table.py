@@ -24,6 +24,7 @@ from machine import describe_machine
 REPEATS = 3
 HORIZONS = (4, 8, 16, 32)
 STRINGS = (2, 8, 32)
+SPLIT_STEPS = (4, 5)
 PRICES = Path(__file__).parents[2] / "shared/data/prices/smard_de_viertelstunde_2024_berechnet_resaved.csv"
 
 
@@ -86,18 +87,21 @@ def loops(bench: Bench, days: float, prices: Path | None, simses_s: float | None
             note = f"{figures['year_cpu_s'] / (2 * simses_s):.3g} x SimSES 10 s, 2 strings; " + note
         return f"{figures['year_cpu_s']:.0f} CPU s / year", note
 
-    bench.row("bess closed loop, MPC, two-cycle profile", run_contender("bess_loop.py", days), shown)
-    name = "bess closed loop, MPC, day-ahead prices"
-    if prices is None or not prices.is_file():
-        bench.row(name, Outcome(None, f"no price file ({prices}); give --prices"), shown)
-    else:
-        bench.row(name, run_contender("bess_loop.py", days, prices), shown)
+    for kind, what in (("planned", "a day planned"), ("certified", "two hours certified")):
+        name = f"bess closed loop, {what}, two-cycle profile"
+        bench.row(name, run_contender("bess_loop.py", days, kind), shown)
+        name = f"bess closed loop, {what}, day-ahead prices"
+        if prices is None or not prices.is_file():
+            bench.row(name, Outcome(None, f"no price file ({prices}); give --prices"), shown)
+        else:
+            bench.row(name, run_contender("bess_loop.py", days, kind, prices), shown)
 
 
-def splits(bench: Bench, states: int) -> None:
-    """Two strings, four steps: ours and the rivals on the same states."""
+def splits(bench: Bench, states: int, steps: int) -> None:
+    """Two strings, a few steps: ours and the rivals on the same states."""
     bench.table.add_section()
-    done = {name: run_contender("splits.py", name, states) for name in ("bess", "gurobi", "bonmin", "scip")}
+    names = ("bess", "gurobi", "bonmin", "scip")
+    done = {name: run_contender("splits.py", name, states, steps) for name in names}
     ours = keyed(done["bess"])
     for name, outcome in done.items():
         theirs = keyed(outcome)
@@ -124,7 +128,7 @@ def splits(bench: Bench, states: int) -> None:
                 "stopped_at_the_time_limit": len(both) - len(finished),
                 "without_a_split": len(figures) - len(both),
             }
-            bench.figures[f"{name} against bess"] = summary
+            bench.figures[f"{name} against bess, {steps} steps"] = summary
             # A time limit is a lower bound of the time that the solver would have taken.
             stopped = summary["stopped_at_the_time_limit"]
             closed += f", {stopped} stopped at the time limit with a split" if stopped else ""
@@ -134,7 +138,7 @@ def splits(bench: Bench, states: int) -> None:
                 f"our objective {100 * min(worse):+.4f} to {100 * max(worse):+.4f} %; {closed}"
             )
 
-        bench.row(f"split, 2 strings x 4 steps: {name}", outcome, shown)
+        bench.row(f"split, 2 strings x {steps} steps: {name}", outcome, shown)
 
 
 def growth(bench: Bench, states: int) -> None:
@@ -208,7 +212,8 @@ def main() -> None:
     bench = Bench(Table("", "measured", "beside", title=title, title_justify="left"))
     simses_s = plants(bench, chosen.days)
     loops(bench, chosen.days, chosen.prices, simses_s)
-    splits(bench, chosen.states)
+    for steps in SPLIT_STEPS:
+        splits(bench, chosen.states, steps)
     growth(bench, chosen.states)
     dispatches(bench, chosen.plans)
     console = Console()

@@ -104,15 +104,15 @@ def test_a_stopped_rival_is_a_lower_bound_and_not_at_the_gap(monkeypatch: pytest
             {"weights": "S1", "seed": 2, "missing": "no split"},
         ],
     }
-    monkeypatch.setattr(table, "run_contender", lambda script, name, states: table.Outcome(runs[name]))
+    monkeypatch.setattr(table, "run_contender", lambda script, name, states, steps: table.Outcome(runs[name]))
     bench = table.Bench(table.Table("", "measured", "beside"))
-    table.splits(bench, 3)
+    table.splits(bench, 3, 4)
     beside = {name.rpartition(" ")[2]: row for name, _, row in bench.rows}
     assert beside["gurobi"].startswith("100 x (") and beside["gurobi"].endswith("; 3 of 3 to the gap")
     assert beside["bonmin"] == "0 of 3 to the gap"
     assert beside["scip"].startswith("at least 1000 x (")
     assert beside["scip"].endswith("; 1 of 3 to the gap, 1 stopped at the time limit with a split")
-    assert bench.figures["scip against bess"]["without_a_split"] == 1
+    assert bench.figures["scip against bess, 4 steps"]["without_a_split"] == 1
 
 
 def test_crumbs_of_a_solver_move_to_the_other_string() -> None:
