@@ -38,6 +38,9 @@ _POWERS: Final = 24
 _TAPER_POINTS: Final = 21
 """Points over SOC at which the power within the voltage limits is taken."""
 
+_TAPERED_SUBSTEP_H: Final = 1.0 / 60.0
+"""The same for cells with a voltage limit, which cuts a constant power as the voltage rises."""
+
 _INSTANT_H: Final = 1e-9
 """So short that no string gets full or empty."""
 
@@ -132,7 +135,6 @@ class Aggregate:
         health = _rounded(state)
         self._health = health
         self._model = system.control_at(health)
-        self._substeps = max(1, round(dt_h / _SUBSTEP_H))
         batteries = [string.battery for string in system.strings]
         self.soc_min = np.array([battery.soc_min for battery in batteries])
         self.soc_max = np.array([battery.soc_max for battery in batteries])
@@ -150,6 +152,8 @@ class Aggregate:
         self._reference = self._ohm_per_v2(middle[:, None], np.full((system.n_strings, 1), _REFERENCE_C))
         self.curves = (self._curve(middle, -1.0), self._curve(middle, 1.0))
         self.stored_per_charged = self._voltage_ratio()
+        tapers = any(lines.size for lines in self.tapers)
+        self._substeps = max(1, round(dt_h / (_TAPERED_SUBSTEP_H if tapers else _SUBSTEP_H)))
 
     def fits(self, state: State, limit_kw: Array) -> bool:
         """Whether strings of this state and in this service are the ones described here."""

@@ -25,6 +25,9 @@ _PIECES: Final = 5
 _PROGRAMS: Final = 3
 """Linear programs of a plan, each with the coefficients of the roll-out before it."""
 
+_TRIMS: Final = 3
+"""Times that what strings cannot take is taken off a plan, of which each leaves a little."""
+
 _LEAST: Final = 1e-6
 """Share of the plant's power below which nothing is asked for, or missing."""
 
@@ -260,9 +263,11 @@ class _Task:
             demand_kw = self.blocks.spread(discharge_kw - charge_kw, plant.curves)
             demand_kw[np.abs(demand_kw) < _LEAST * self.power_kw] = 0.0
             rolled = taken = plant.roll_out(self.state, demand_kw, self.outlook.ambient_c)
-            if rolled.availability_kw.any():
+            for _ in range(_TRIMS):
+                if not taken.availability_kw.any():
+                    break
                 # What full or empty strings cannot take is not asked for.
-                demand_kw = demand_kw - np.sign(demand_kw) * rolled.availability_kw
+                demand_kw = demand_kw - np.sign(demand_kw) * taken.availability_kw
                 taken = plant.roll_out(self.state, demand_kw, self.outlook.ambient_c)
             plan, value_eur = self._valued(demand_kw, taken)
             if value_eur > best_eur:

@@ -72,8 +72,8 @@ class Layout:
             (self.curtail, self.tau), (self.curtail[1:], self.tau[:-1]),
             *(
                 (rows[:, :, None], columns[:, None, :])
-                for rows, power in ((self.taper_c, self.c), (self.taper_d, self.d))
-                for columns in (power, self.e)
+                for taper, power in ((self.taper_c, self.c), (self.taper_d, self.d))
+                for rows, columns in ((taper, power), (taper, self.e), (taper[1:], self.e[:-1]))
             ),
         ]  # fmt: skip
         cells = [np.broadcast_arrays(*cell) for cell in self.cells]

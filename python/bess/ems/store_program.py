@@ -119,14 +119,14 @@ class StoreProgram:
        + \sum_j (x^c_j g_{jt} + x^d_j y_{jt})\bigr) - k_2 T'_t\,(\tau_{t-1} - \tau^{air}_t) \\
        q_t &\ge \hat p_t (1 - K(\bar\tau_t)), \quad \sum_i (c_{it} + d_{it}) + q_t \le P, \quad
        \sum_{t \in \text{day}, j} y_{jt} T_t \le C E \\
-       \sum_i c_{it} &\le a^c_k + b^c_k \sum_j e_{jt}, \quad \sum_i d_{it} \le a^d_k + b^d_k \sum_j e_{jt}
+       \sum_i c_{it} &\le a^c_k + b^c_k \bar e_t, \quad \sum_i d_{it} \le a^d_k + b^d_k \bar e_t
 
     with the loss per power of each piece in the inverters :math:`w_i` and as heat :math:`h_i` (at a reference
-    state; :math:`\rho_t` scales it), lines :math:`k` of the power that the voltage limits allow, the heat per
-    energy of each bank beside it :math:`x_j`, the hysteresis
-    :math:`\eta`, cycles a day :math:`C`, tangents of the derating factor :math:`K`, and the mean
-    :math:`\bar\tau_t` of the temperatures at the ends of the block's steps. Losses that rise from piece to
-    piece and from bank to bank are used in that order by themselves.
+    state; :math:`\rho_t` scales it), lines :math:`k` of the power that the voltage limits allow at the mean
+    :math:`\bar e_t` of the energies at both ends of a block, the heat per energy of each bank beside it
+    :math:`x_j`, the hysteresis :math:`\eta`, cycles a day :math:`C`, tangents of the derating factor :math:`K`, and
+    the mean :math:`\bar\tau_t` of the temperatures at the ends of the block's steps. Losses that rise from
+    piece to piece and from bank to bank are used in that order by themselves.
     """
 
     def __init__(
@@ -231,7 +231,7 @@ class StoreProgram:
             -self._hysteresis * (1.0 - charge.inverter - heat_c), -(1.0 + discharge.inverter + heat_d),
             -warming * heat_c, -warming * heat_d,
             derated * at_end, (derated * (1.0 - at_end))[1:],
-            *(part for lines in self._tapers for part in (1.0, -lines[:, :1])),
+            *(part for lines in self._tapers for part in (1.0, -0.5 * lines[:, :1], -0.5 * lines[:, :1])),
         ]  # fmt: skip
 
     def _fill(self, numbers: Numbers) -> None:
@@ -252,6 +252,8 @@ class StoreProgram:
         curtailed = np.repeat(offset[None], hours.size, axis=0)
         curtailed[0] += slope * (1.0 - self._at_end[0]) * numbers.temperature_c
         self._row_lower[at.curtail] = numbers.derated_kw[:, None] * curtailed
+        for rows, lines in zip((at.taper_c, at.taper_d), self._tapers, strict=True):
+            self._row_upper[rows[0]] = lines[:, 1] + 0.5 * lines[:, 0] * numbers.energy_kwh.sum()
         self._row_upper[at.cycle] = numbers.allowed_kwh
         self._row_upper[at.throughput] = numbers.throughput_kwh
 
