@@ -109,6 +109,35 @@ def test_a_string_that_does_not_follow_is_relieved_by_the_others(gives: float, c
     assert totals[-1] >= 92.0 - 1e-6
 
 
+def test_a_frozen_state_of_charge_stays_out_though_the_power_is_alive() -> None:
+    live = controller(2, control_step_s=60.0, frozen_readings=5)
+    soc, power, carried = np.array([0.6, 0.6]), np.zeros(2), []
+    for k in range(14):
+        answer = live.step(measured(soc, power_kw=power), 120.0, 60.0 * k)
+        power = answer.request_kw
+        soc[1] -= power[1] / 266.0 / 60.0
+        carried.append(power[0] != 0.0)
+    assert carried[:2] == [True, True]
+    # Out from the first time on until it is tried again after 300 s.
+    first = carried.index(False)
+    assert not any(carried[first : first + 5])
+
+
+def test_a_string_whose_every_value_stands_still_is_named_for_that() -> None:
+    live = controller(2, control_step_s=10.0)
+    for k in range(12):
+        demand_kw = 120.0 if k < 8 else 60.0
+        answer = live.step(measured([0.6, 0.6 - 1e-4 * k], power_kw=[60.0, 60.0 + k]), demand_kw, 10.0 * k)
+        if k == 0:
+            live.last_kw = np.array([60.0, 60.0])
+    assert "its state of charge has stood at 60 % and its power at 60 kW" in answer.reasons[0]
+    assert answer.request_kw[0] == 0.0
+    # Any value that moves is enough to be believed again.
+    power = [0.0, answer.request_kw[1]]
+    live.step(measured([0.6, 0.6], power_kw=power), 60.0, 120.0)
+    assert live.trusted is not None and live.trusted.in_service[0]
+
+
 def test_a_string_that_was_relieved_is_tried_again() -> None:
     live = controller(2, control_step_s=10.0, retry_after_s=50.0)
     power = np.zeros(2)

@@ -73,6 +73,8 @@ class _Watch:
     moved: float = 0.0
     resolution: float = COARSEST_SOC
     last_reading: float | None = None
+    last_power_kw: float | None = None
+    stands: str = ""
     missing_s: float = 0.0
     off_target: int = 0
     on_target: int = 0
@@ -196,10 +198,13 @@ class Guard:
         soc = min(max(soc, 0.0), 1.0)
         doubt = self._take_soc(i, watch, soc, expected, elapsed_s)
         doubt = self._take_temperature(watch, temperature, elapsed_s) or doubt
+        same_power = watch.last_power_kw is not None and power == watch.last_power_kw
+        watch.last_power_kw = power if np.isfinite(power) else None
         if watch.out_reason:
-            return self._still_out(watch, soc, elapsed_s)
+            moves = soc != watch.last_reading or (watch.stands == "all" and not same_power)
+            return self._still_out(watch, moves, soc, elapsed_s)
         if self._is_frozen(watch, soc, abs(expected)):
-            watch.out_until_s = self._service.retry_after_s
+            watch.out_until_s, watch.stands = self._service.retry_after_s, "soc"
             return self._take_out(
                 watch,
                 f"its state of charge has stood at {100.0 * soc:.4g} % for {watch.unchanged} readings "
@@ -208,6 +213,13 @@ class Guard:
             )
         watch.last_reading = soc
         if np.isfinite(power) and (sentence := self._does_not_follow(i, watch, power, asked_kw)):
+            if same_power and power != 0.0 and watch.unchanged >= NOT_FOLLOWING:
+                # It may well follow: what it says of itself stands still.
+                watch.out_until_s, watch.stands = self._service.retry_after_s, "all"
+                stood = (
+                    f"its state of charge has stood at {100.0 * soc:.4g} % and its power at {power:.4g} kW"
+                )
+                return self._take_out(watch, f"{stood}, whatever it was asked for", 0.0)
             # Tried again soon at first, then ever later.
             soon_s = 2.0 * self._step_s * 2.0 ** min(watch.tries, 30)
             watch.tries += 1
@@ -274,11 +286,10 @@ class Guard:
         watch.off_target = 0
         return self._out_sentence(watch), cap_kw == 0.0
 
-    def _still_out(self, watch: _Watch, soc: float, elapsed_s: float) -> tuple[str, bool]:
+    def _still_out(self, watch: _Watch, moves: bool, soc: float, elapsed_s: float) -> tuple[str, bool]:
         """Until it is tried again; a frozen value that moves again is believed at once."""
         watch.out_s += elapsed_s
-        thawed = watch.unchanged >= self._service.frozen_readings and soc != watch.last_reading
-        if thawed or watch.out_s >= watch.out_until_s:
+        if (watch.stands and moves) or watch.out_s >= watch.out_until_s:
             self._forgive(watch)
             watch.unchanged, watch.moved, watch.last_reading = 0, 0.0, soc
             return "", False
@@ -290,3 +301,4 @@ class Guard:
 
     def _forgive(self, watch: _Watch) -> None:
         watch.out_reason, watch.out_s, watch.cap_kw, watch.off_target = "", 0.0, None, 0
+        watch.stands = ""
