@@ -37,9 +37,7 @@ def main(days: float, kind: str, prices: str = "") -> None:
                 "year_cpu_s": (usage.ru_utime - before) * 365.0 / days,
                 "simulated_days": days,
                 "solves_per_day": kpis["solver_steps"] / days,
-                "nodes_mean": float(result.dataset["solver_nodes"].mean())
-                if "solver_nodes" in result.dataset
-                else 0.0,
+                "nodes_mean": float(result.dataset["solver_nodes"].mean()),
                 "search_gap_median": kpis.get("solver_search_gap_median"),
                 "fallback_steps": kpis["fallback_steps"],
                 "peak_memory_mb": usage.ru_maxrss / 1024.0,
