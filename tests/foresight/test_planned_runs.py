@@ -11,12 +11,9 @@ import pytest
 import bess
 import bess.simulation.runner as run_module
 from bess.policies.planned import PLANNED
+from power_cut import cut_off
 
 PLANNED_CASE = {"policy.objectives.kind": "energy", "policy.rollouts": 40}
-
-
-class PowerCut(BaseException):
-    """Stands for the end of the process; nothing in the package catches it."""
 
 
 def run(values: dict[str, Any]) -> bess.Result:
@@ -31,18 +28,7 @@ def test_a_planned_run_continues_to_the_same_bits(
     reference = bess.run(study, progress=False)
     assert (reference.dataset.solver_status == PLANNED).sum() > 60
     monkeypatch.setattr(run_module, "PART_STEPS", 16)
-    calls = iter(range(after))
-    step = bess.Plant.step
-
-    def cut(plant: bess.Plant, *arguments: Any, **options: Any) -> Any:
-        if next(calls, None) is None:
-            raise PowerCut
-        return step(plant, *arguments, **options)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(bess.Plant, "step", cut)
-        with pytest.raises(PowerCut):
-            bess.run(study, progress=False, out=tmp_path / "run")
+    cut_off(study, tmp_path / "run", after, monkeypatch)
     bess.run(study, progress=False, out=tmp_path / "run", resume=True)
     assert bess.open_result(tmp_path / "run").identical(reference.dataset)
 

@@ -1,13 +1,13 @@
 """Claims about studies of plants with cooling: what is recorded, counted, and known to the controller."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 import bess
 import bess.simulation.runner as run_module
+from power_cut import cut_off
 
 COOLED = {
     "system.parameters.cooling": {"kind": "hybrid", "loop": {"heat_capacity_kj_k": 500.0}},
@@ -45,25 +45,12 @@ def test_the_round_trip_pays_for_cooling(result: bess.Result) -> None:
     assert "auxiliary_kwh" not in without
 
 
-class PowerCut(BaseException):
-    """The end of a process, in mid run."""
-
-
 def test_a_cooled_run_is_resumed_to_the_same_bits(
     result: bess.Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(run_module, "PART_STEPS", 8)
-    study, step, calls = bess.load_study("case1", COOLED), bess.Plant.step, iter(range(20))
-
-    def cut(plant: bess.Plant, *arguments: Any, **options: Any) -> Any:
-        if next(calls, None) is None:
-            raise PowerCut
-        return step(plant, *arguments, **options)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(bess.Plant, "step", cut)
-        with pytest.raises(PowerCut):
-            bess.run(study, progress=False, out=tmp_path / "run")
+    study = bess.load_study("case1", COOLED)
+    cut_off(study, tmp_path / "run", 20, monkeypatch)
     resumed = bess.run(study, progress=False, out=tmp_path / "run", resume=True).dataset
     for name in ("temperature_c", "auxiliary_kw", "cooling_kw", "coolant_c"):
         np.testing.assert_array_equal(resumed[name].values, result.dataset[name].values, err_msg=name)

@@ -25,6 +25,7 @@ import bess.simulation.runner as run_module
 from bess.record.codec import pack, unpack
 from bess.record.store import Lock
 from bess.study import Study
+from power_cut import PowerCut, cut_off
 
 pytestmark = pytest.mark.process
 
@@ -37,10 +38,6 @@ LONG = {
     "wear.model": "kokam-75ah",
 }
 PRICES = Path(__file__).parents[3] / "shared/data/prices/smard_de_viertelstunde_2024_berechnet_resaved.csv"
-
-
-class PowerCut(BaseException):
-    """Stands for the end of the process; nothing in the package catches it."""
 
 
 @pytest.fixture
@@ -73,18 +70,7 @@ def test_an_optimised_run_continues_to_the_same_bits(
     study = bess.load_study("case1", {"run.days": 0.5, "policy.horizon_steps": 4})
     reference = bess.run(study, progress=False)
     assert reference.kpis["solver_steps"] > 40
-    calls = iter(range(20))
-    step = bess.Plant.step
-
-    def cut(plant: bess.Plant, *arguments: Any, **options: Any) -> Any:
-        if next(calls, None) is None:
-            raise PowerCut
-        return step(plant, *arguments, **options)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(bess.Plant, "step", cut)
-        with pytest.raises(PowerCut):
-            bess.run(study, progress=False, out=tmp_path / "run")
+    cut_off(study, tmp_path / "run", 20, monkeypatch)
     bess.run(study, progress=False, out=tmp_path / "run", resume=True)
     assert_same(tmp_path / "run", reference)
 
@@ -181,18 +167,7 @@ def test_an_arbitrage_plan_under_way_survives_a_crash(
     values = {"policy.name": "soc", "demand.prices": str(PRICES), "run.days": 2, "demand.replan_h": 11.0}
     study = bess.load_study("arbitrage-2024", values)
     reference = bess.run(study, progress=False)
-    step = bess.Plant.step
-    steps = iter(range(100))
-
-    def cut(plant: bess.Plant, *arguments: Any, **options: Any) -> Any:
-        if next(steps, None) is None:
-            raise PowerCut
-        return step(plant, *arguments, **options)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(bess.Plant, "step", cut)
-        with pytest.raises(PowerCut):
-            bess.run(study, progress=False, out=tmp_path / "run")
+    cut_off(study, tmp_path / "run", 100, monkeypatch)
     assert bess.open_result(tmp_path / "run").sizes["time"] == 96
     bess.run(study, progress=False, out=tmp_path / "run", resume=True)
     assert_same(tmp_path / "run", reference)
