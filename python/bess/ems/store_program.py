@@ -124,9 +124,9 @@ class StoreProgram:
     with the loss per power of each piece in the inverters :math:`w_i` and as heat :math:`h_i` (at a reference
     state; :math:`\rho_t` scales it), lines :math:`k` of the power that the voltage limits allow at the mean
     :math:`\bar e_t` of the energies at both ends of a block, the heat per energy of each bank beside it
-    :math:`x_j`, the hysteresis :math:`\eta`, cycles a day :math:`C`, tangents of the derating factor :math:`K`,
-    and the mean :math:`\bar\tau_t` of the temperatures at the ends of the block's steps. Losses that rise from
-    piece to piece and from bank to bank are used in that order by themselves.
+    :math:`x_j`, the hysteresis :math:`\eta`, cycles a day :math:`C`, tangents of the derating factor
+    :math:`K`, and the mean :math:`\bar\tau_t` of the temperatures at the ends of the block's steps. Losses
+    that rise from piece to piece and from bank to bank are used in that order by themselves.
     """
 
     def __init__(
