@@ -1,7 +1,11 @@
 """Measurements that lie: each is found, named, and costs no more than that string."""
 
+import json
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from live_cases import controller, measured
 
 
@@ -149,3 +153,31 @@ def test_a_string_that_was_relieved_is_tried_again() -> None:
         asked.append(answer.request_kw[0])
     assert 0.0 in asked
     assert asked[-1] > 50.0
+
+
+ODD = st.sampled_from([np.nan, np.inf, -np.inf, -1.0, 0.0, 0.3, 0.5, 0.999, 1.0, 50.0, 1e300])
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.data())
+def test_no_measurements_whatever_bring_a_controller_down(data: st.DataObject) -> None:
+    live = controller(3, control_step_s=10.0, policy="soc")
+    now_s = 0.0
+    for _ in range(6):
+        values = {
+            name: np.array(data.draw(st.lists(ODD, min_size=3, max_size=3)))
+            for name in ("soc", "temperature_c", "power_kw", "charge_limit_kw", "discharge_limit_kw")
+        }
+        soc, temperature_c = values.pop("soc"), values.pop("temperature_c")
+        available = np.array(data.draw(st.lists(st.booleans(), min_size=3, max_size=3)))
+        demand_kw = data.draw(st.floats(-1e6, 1e6))
+        reading = measured(soc, temperature_c, available=available, **values)
+        now_s += data.draw(st.sampled_from([0.0, 1.0, 10.0, 1e5]))
+        for answer in (live.step(reading, demand_kw, now_s), live.fallback(reading, demand_kw, "")):
+            assert np.isfinite(answer.request_kw).all()
+            assert (np.abs(answer.request_kw) <= 92.0 + 1e-9).all()
+            assert (answer.request_kw * np.sign(demand_kw) >= 0.0).all()
+            assert not answer.request_kw[~available].any()
+            sum_kw = answer.request_kw.sum() + np.sign(demand_kw) * answer.unmet_kw
+            assert abs(sum_kw - demand_kw) <= 1e-8 * max(1.0, abs(demand_kw))
+        json.dumps(live.memory(), allow_nan=False)

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import subprocess
 import sys
 import urllib.request
 from pathlib import Path
@@ -65,3 +66,15 @@ def test_a_service_that_is_killed_continues_with_its_plan_and_its_counters(
     assert plan is not None
     # The same plan, or its successor if a quarter hour has passed meanwhile.
     assert after["plan"]["slot"] != plan["plan"]["slot"] or after["plan"] == plan["plan"]
+
+
+def test_a_port_that_is_taken_is_bad_input(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    server = Server(tmp_path, 2)
+    try:
+        command = [sys.executable, "-m", "bess", "serve", "case1", "--port", str(server.port)]
+        done = subprocess.run([*command, "--state", str(tmp_path / "other")], timeout=60.0, check=False)
+    finally:
+        server.kill()
+    assert done.returncode == 2
+    last = capfd.readouterr().err.splitlines()[-1]
+    assert last.startswith(f"bess: --host 127.0.0.1 --port {server.port}: cannot be listened on")

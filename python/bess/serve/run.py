@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import logging
+import socket
 import sys
 import threading
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from bess.errors import InputError
@@ -39,6 +41,7 @@ def serve(
     check_host(host, token)
     if shadow and plant is None:
         raise InputError("--shadow: watches a plant; name one with --plant openems=URL or sunspec=HOST")
+    address = None if plant is None else parse_address(plant)
     with extra("plant", "bess serve"):
         import fastapi  # noqa: F401
         import prometheus_client  # noqa: F401
@@ -62,26 +65,23 @@ def serve(
         folder.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
         raise InputError(f"--state {folder}: is no folder that can be written to ({error})") from error
-    with Lock(folder):
+    with Lock(folder), _listening(host, port) as listener:
         service = Service(study, folder)
         log = logging.getLogger("bess.serve")
         for note in service.notes:
             log.info(note)
         driven, thread = None, None
-        if plant is not None:
+        if plant is not None and address is not None:
             controller = service.controller
             link = connect(plant, controller.n_strings)
             demands = Demands(study, controller.plan.step_s)
             journal = Journal(folder, controller.system, study.title or study.name)
             cycle = Cycle(service, link, demands, journal, shadow=shadow)
-            address = parse_address(plant)
             driven = Driven(f"{address.kind} at {address.url}", demands, cycle)
             thread = threading.Thread(target=cycle.run, name="cycle")
             thread.start()
         config = uvicorn.Config(
             build_app(service, token, driven),
-            host=host,
-            port=port,
             log_config=None,
             access_log=False,
             server_header=False,
@@ -93,11 +93,30 @@ def serve(
         try:
             # A signal that has been obeyed is raised again.
             with suppress(KeyboardInterrupt):
-                server.run()
+                server.run(sockets=[listener])
         finally:
             if driven is not None and thread is not None:
                 driven.cycle.stop()
                 thread.join()
             service.close()
-        if not server.started:
-            raise InputError(f"--host {host} --port {port}: cannot be listened on; is another service there?")
+
+
+@contextmanager
+def _listening(host: str, port: int) -> Iterator[socket.socket]:
+    """A socket that listens: whether it can is known before anything else begins."""
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        listener = socket.socket(family, kind, protocol)
+    except OSError as error:
+        raise InputError(f"--host {host}: is no address of this machine ({error})") from error
+    with listener:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listener.bind(address)
+            listener.listen(2048)
+        except OSError as error:
+            raise InputError(
+                f"--host {host} --port {port}: cannot be listened on ({error.strerror}); use another --port"
+            ) from error
+        logging.getLogger("bess.serve").info(f"listens at http://{host}:{port}")
+        yield listener
