@@ -16,6 +16,7 @@ from bess.distil.search import first_weights
 from bess.errors import InputError
 from bess.explicit import ExplicitController
 from bess.policies.distilled import DistilledPolicy
+from bess.simulation import runner
 
 STUDY = {
     "name": "short",
@@ -65,6 +66,28 @@ def test_a_policy_on_disk_is_the_one_in_memory(
     from_file = bess.run(_using(study, file), progress=False).dataset
     in_memory = bess.run(study, policy=DistilledPolicy(distilled), progress=False).dataset
     np.testing.assert_array_equal(from_file.request_kw, in_memory.request_kw)
+
+
+def test_many_steps_in_one_call_are_as_one_after_the_other(
+    study: bess.Study, distilled: ExplicitController
+) -> None:
+    policy = DistilledPolicy(distilled)
+    at_once = bess.run(study, policy=policy, progress=False).dataset
+    in_turn = bess.run(study, policy=lambda situation: policy(situation), progress=False).dataset
+    assert set(at_once.data_vars) == set(in_turn.data_vars)
+    for name, values in in_turn.data_vars.items():
+        assert at_once[name].dtype == values.dtype, name
+        np.testing.assert_allclose(at_once[name], values, rtol=1e-9, atol=1e-9, err_msg=str(name))
+
+
+def test_where_a_run_is_cut_makes_no_difference_to_a_bit(
+    study: bess.Study, file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = bess.run(_using(study, file), progress=False).dataset
+    monkeypatch.setattr(runner, "PART_STEPS", 7)
+    parts = bess.run(_using(study, file), progress=False).dataset
+    for name, values in whole.data_vars.items():
+        np.testing.assert_array_equal(parts[name], values, err_msg=str(name))
 
 
 def test_lessons_cost_what_a_run_costs(study: bess.Study, distilled: ExplicitController) -> None:

@@ -95,7 +95,7 @@ class Course:
             inputs.grid.dt_h,
             np.array([situation.demand_kw for situation in told]),
             np.array([situation.limit_kw for situation in told]),
-            np.array([situation.ambient_c[0] for situation in told]),
+            inputs.ambient_c,
         )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -203,6 +203,10 @@ class Fleet:
         duration_s = one_number("control step", step_s, "s")
         with refusals():
             array = self.core.run(request_kw.ravel(), air_c.ravel(), duration_s, nodes)
+        return self.flows(array, shape, nodes=nodes)
+
+    def flows(self, array: dict[str, NDArray[Any]], shape: tuple[int, ...], *, nodes: bool = False) -> Flows:
+        """What the core returned, flat, as flows of ``shape``."""
         node_c = array.pop("node_temperature_c")
         shared = {name: array.pop(name).reshape(shape[:-1]) for name in _OF_THE_PLANT if name in array}
         if len(shape) > 1:

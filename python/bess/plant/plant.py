@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from typing import Literal
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from bess.display import as_table, few, one_line
+from bess.explicit import ExplicitController
 from bess.parameters import State, System
 from bess.plant.fleet import Fleet
 from bess.plant.flows import Flows
-from bess.plant.inputs import ambient, numbers
+from bess.plant.inputs import ambient, numbers, refusals
 from bess.plant.snapshot import PlantSnapshot
 
 
@@ -175,6 +177,57 @@ class Plant:
         request = numbers("request_kw", request_kw, ("n_steps", self.system.n_strings), "kW")
         air_c = ambient(ambient_c, self._fleet.ambient_c, 1, request.shape[0])
         return self._fleet.advance(request, air_c, step_s, request.shape, nodes=nodes)
+
+    def follow(
+        self,
+        controller: ExplicitController,
+        ahead_kw: NDArray[np.float64],
+        limit_kw: NDArray[np.float64],
+        ambient_c: NDArray[np.float64],
+        step_s: float,
+    ) -> tuple[NDArray[np.float64], Flows]:
+        """Advance in closed loop with an explicit controller, in one call of the core.
+
+        Parameters
+        ----------
+        controller
+            Distilled for this plant.
+        ahead_kw : ndarray, shape (n_steps, controller.tables.steps)
+            Demand [kW] of each step, at most the sum of ``limit_kw``, and as foreseen for the next ones.
+        limit_kw : ndarray, shape (n_steps, n_strings)
+            Largest power of each inverter [kW].
+        ambient_c : ndarray, shape (n_steps,)
+            Air inlet temperature [degC].
+        step_s
+            Length of a control step [s].
+
+        Returns
+        -------
+        request_kw : ndarray, shape (n_steps, n_strings)
+            Set-points [kW].
+        flows : Flows
+            As of :meth:`run`.
+
+        Raises
+        ------
+        InputError
+            On shapes that do not fit each other, or what :meth:`run` refuses.
+        """
+        law, shape = controller.core, limit_kw.shape
+        with refusals():
+            outlook = law.look(np.ascontiguousarray(ahead_kw))[:, None, :]
+            demand_kw = np.ascontiguousarray(ahead_kw[:, :1])
+            array = law.run(
+                self._fleet.core,
+                np.array([controller.weights]),
+                demand_kw,
+                outlook,
+                np.ascontiguousarray(limit_kw),
+                ambient_c[:, None],
+                step_s,
+            )
+        request_kw = array.pop("request_kw").reshape(shape)
+        return request_kw, self._fleet.flows(array, shape)
 
     def snapshot(self) -> PlantSnapshot:
         """Return everything the plant remembers, to be given to :meth:`restore`."""

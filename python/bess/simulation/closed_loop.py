@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from bess.errors import BessError, InputError
 from bess.numbers import real_numbers
 from bess.plant import Plant, PlantSnapshot
-from bess.policies import Decision, Policy, Situation
+from bess.policies import NO_OPTIMISATION, Decision, Policy, Situation, SolverReport
+from bess.policies.distilled import DistilledPolicy
 from bess.record.schema import AGEING_FLOWS, COOLING_FLOWS, ENTROPY_FLOWS, FLOWS
-from bess.simulation.demand import Now
+from bess.simulation.demand import Now, ProfileSource
 from bess.simulation.inputs import Inputs
 from bess.wear import WearPrices
 
@@ -119,6 +120,83 @@ class ClosedLoop:
             "solve_time_s": solver.solve_time_s,
         }
         self.step += 1
+        return record, log
+
+    @property
+    def in_blocks(self) -> bool:
+        """Whether many steps can be run in one call: by a distilled controller, of a demand that is known."""
+        return (
+            isinstance(self._policy, DistilledPolicy)
+            and isinstance(self._inputs.demand, ProfileSource)
+            and not self._ages
+            and "node_temperature_c" not in self._flows
+        )
+
+    def advance_block(self, most: int) -> tuple[dict[str, NDArray[Any]], list[dict[str, Any]]]:
+        """Run up to ``most`` control steps in one call of the core; only where :attr:`in_blocks`.
+
+        Returns
+        -------
+        record, log
+            As of :meth:`advance`, the record with the steps along the first axis.
+        """
+        assert isinstance(self._policy, DistilledPolicy)
+        inputs, first = self._inputs, self.step
+        n_steps = min(most, inputs.grid.n_steps - first)
+        steps = slice(first, first + n_steps)
+        now = Now(self._plant.state, inputs.limit_kw[first], self._surroundings_c[first:])
+        ahead_kw = np.array(
+            [inputs.demand.ahead(step, inputs.horizon_steps, now) for step in range(first, first + n_steps)]
+        )
+        total_kw = self._total_kw[steps, None]
+        served_kw = np.minimum(np.maximum(ahead_kw, -total_kw), total_kw)
+        limit_kw, ambient_c = inputs.limit_kw[steps], inputs.ambient_c[steps]
+        before = now.state.soh_capacity
+        try:
+            request_kw, flows = self._plant.follow(
+                self._policy.controller, served_kw, limit_kw, ambient_c, float(inputs.grid.step_s)
+            )
+        except InputError as error:
+            raise InputError(f"{self._place}: {error}") from error
+        missed_kw = np.abs(request_kw.sum(axis=1) - served_kw[:, 0])
+        if (missed_kw > _TOLERANCE * np.maximum(1.0, total_kw[:, 0])).any():
+            raise BessError(f"{self._place}: set-points do not sum to the demand; please report this")
+        record: dict[str, NDArray[Any]] = {
+            "demand_kw": ahead_kw[:, 0],
+            "unmet_kw": np.abs(ahead_kw[:, 0] - served_kw[:, 0]),
+            "ambient_c": ambient_c,
+            "request_kw": request_kw,
+            "solver_status": np.full(n_steps, NO_OPTIMISATION),
+            "solver_gap": np.full(n_steps, np.nan),
+            "solver_search_gap": np.full(n_steps, np.nan),
+            "solver_nodes": np.zeros(n_steps, dtype=np.int64),
+            "fallback": np.zeros(n_steps, dtype=np.int64),
+        }
+        if inputs.price_eur_mwh is not None:
+            record["price_eur_mwh"] = inputs.price_eur_mwh[steps]
+        record |= {name: values[steps] for name, values in inputs.series.items()}
+        record |= {name: getattr(flows, name) for name in self._flows}
+        lost = -np.diff(flows.soh_capacity, axis=0, prepend=before[None])
+        discharged_kwh = np.maximum(flows.delivered_kw, 0.0) * inputs.grid.dt_h
+        record["wear_eur"] = self._prices.cost_eur(lost, discharged_kwh)
+        starts_s = inputs.grid.start_s + np.arange(first, first + n_steps) * inputs.grid.step_s
+        times = np.datetime_as_string(starts_s.astype("datetime64[s]"))
+        solver = SolverReport()
+        log = [
+            {
+                "step": first + index,
+                "time": f"{time}Z",
+                "status": self._policy.statuses[solver.status],
+                "gap": solver.gap,
+                "search_gap": solver.search_gap,
+                "nodes": solver.nodes,
+                "fallback": solver.fallback,
+                "unmet_kw": unmet_kw,
+                "solve_time_s": solver.solve_time_s,
+            }
+            for index, (time, unmet_kw) in enumerate(zip(times, record["unmet_kw"].tolist(), strict=True))
+        ]
+        self.step += n_steps
         return record, log
 
     def checkpoint(self) -> dict[str, Any]:

@@ -177,8 +177,14 @@ def _complete(directory: Path, study: Study, inputs: Inputs, policy: Policy, *, 
     ):
         while loop.step < n_steps and not stop_asked():
             first, deadline = loop.step, time.monotonic() + PART_SECONDS
+            if loop.in_blocks:
+                record, lines = loop.advance_block(PART_STEPS)
+                update(loop.step)
+                log.write(lines)
+                _save(directory, first, record, loop, log)
+                continue
             rows: list[dict[str, Any]] = []
-            lines: list[dict[str, Any]] = []
+            lines = []
             whole = False
             while not whole:  # a stop may be asked for at any moment: a part has one step at least
                 row, line = loop.advance()
@@ -188,7 +194,7 @@ def _complete(directory: Path, study: Study, inputs: Inputs, policy: Policy, *, 
                 whole = loop.step == n_steps or len(rows) == PART_STEPS
                 whole = whole or stop_asked() or time.monotonic() > deadline
             log.write(lines)
-            _save(directory, first, rows, loop, log)
+            _save(directory, first, _record(rows), loop, log)
         if loop.step < n_steps:
             raise StoppedEarly(
                 f"{study.name}: stopped after step {loop.step} of {n_steps}; all is saved in {directory}; "
@@ -196,9 +202,14 @@ def _complete(directory: Path, study: Study, inputs: Inputs, policy: Policy, *, 
             )
 
 
-def _save(directory: Path, first: int, rows: list[dict[str, Any]], loop: ClosedLoop, log: StepLog) -> None:
+def _record(rows: list[dict[str, Any]]) -> dict[str, NDArray[Any]]:
+    return {name: _stacked([row[name] for row in rows]) for name in rows[0]}
+
+
+def _save(
+    directory: Path, first: int, record: dict[str, NDArray[Any]], loop: ClosedLoop, log: StepLog
+) -> None:
     """Log first, so that the log on disk is never shorter than the checkpoint says."""
-    record = {name: _stacked([row[name] for row in rows]) for name in rows[0]}
     check_finite(first, record)
     write_part(directory, first, record, {"loop": loop.checkpoint(), "log_bytes": log.sync()})
 
