@@ -1,6 +1,7 @@
 """Claims about cooling: closed forms, an ODE solver, energy balances, thermostats and what it takes."""
 
 import copy
+import tomllib
 import typing
 from typing import Any
 
@@ -263,6 +264,28 @@ def test_scenarios_are_cooled_each_by_itself() -> None:
         np.testing.assert_array_equal(together.auxiliary_kw[index], alone.auxiliary_kw)
 
 
+def test_strings_of_different_length_share_one_coolant() -> None:
+    document = copy.deepcopy(bess.System.reference(3).document)
+    document["string"] = [{}, {"thermal": {"spatial": {"nodes": 24}}}, {}]
+    document["cooling"] = DIRECT | {"loop": {"heat_capacity_kj_k": 500.0, "series": True}}
+    system = bess.System(document)
+    start_c = np.array([38.0, 34.0, 31.0])
+    plant = plant_of(system, start_c.tolist(), 35.0)
+    flows = plant.run(np.full((20, 3), 40.0))
+    assert flows.cooling_kw is not None
+    kept_kwh = heat_capacity_kwh_k(system) * (flows.temperature_c[-1] - start_c)
+    balance_kwh = 0.25 * (flows.battery_loss_kw - flows.cooling_kw).sum(axis=0)
+    np.testing.assert_allclose(kept_kwh, balance_kwh, rtol=1e-9, atol=1e-9)
+    assert (np.diff(flows.temperature_c[-1]) > 0.005).all(), "what comes after is warmer"
+
+
+def test_a_system_with_cooling_reads_back_from_its_own_file() -> None:
+    system = cooled(2, kind="hybrid", loop={"heat_capacity_kj_k": 300.0})
+    again = bess.System(tomllib.loads(system.to_toml()))
+    assert again.cooling == system.cooling
+    assert [s.thermal.lumped for s in again.strings] == [s.thermal.lumped for s in system.strings]
+
+
 def test_the_controllers_model_of_air_is_found_again_by_asking_the_plant() -> None:
     plain, air = cooled(), cooled(kind="air")
     typed, lumped = plain.strings[0].thermal.lumped, air.lumped
@@ -283,6 +306,16 @@ def test_the_controllers_model_follows_the_kind() -> None:
     np.testing.assert_allclose(liquid.lumped.follows, 0.0, atol=0.02)
     assert liquid.strings[0].thermal.lumped.k2_per_s > hybrid.strings[0].thermal.lumped.k2_per_s
     assert hybrid.lumped.follows[0] > 0.05
+
+
+def test_a_controller_that_is_told_no_ambient_takes_what_the_strings_cool_towards() -> None:
+    system, plain = cooled(kind="liquid"), cooled()
+    assert plain.cools_towards_c == plain.ambient_c
+    state, request = bess.State([0.5], [27.0]), [[40.0, 40.0]]
+    default = bess.rollout(system, state, request, 0.25)
+    told = bess.rollout(system, state, request, 0.25, ambient_c=system.cools_towards_c)
+    np.testing.assert_array_equal(default.temperature_c, told.temperature_c)
+    assert bess.split_power(system, state, [40.0]).rollout.temperature_c[0, 0] == default.temperature_c[0, 0]
 
 
 @pytest.mark.parametrize(

@@ -304,7 +304,7 @@ class Aggregate:
         share = np.zeros((power.size, strings))
         costs, tolerance = np.ones((1, strings, 4)), np.zeros(1)
         costs[:, :, 3] = _HEAT_WEIGHT
-        step = (np.array([self.system.ambient_c]), _SUBSTEP_H, self.limit_kw[:, None])
+        step = (np.array([self.system.cools_towards_c]), _SUBSTEP_H, self.limit_kw[:, None])
         for i, total in enumerate(power[1:], start=1):
             horizon = _core.ControlHorizon(
                 self._model, soc, warm_c, np.array([sign * total]),
@@ -334,7 +334,7 @@ class Aggregate:
         for sign in (-1.0, 1.0):
             horizon = _core.ControlHorizon(
                 self._model, soc[:, 0], temperature_c[:, 0], np.full(steps, sign * self.power_kw),
-                np.full(steps, self.system.ambient_c), self.dt_h, limit, costs, costs, zero, zero,
+                np.full(steps, self.system.cools_towards_c), self.dt_h, limit, costs, costs, zero, zero,
             )  # fmt: skip
             at = horizon.coefficients(boxes, boxes)
             found.append((at.voltage_low_v, at.resistance_low_ohm))

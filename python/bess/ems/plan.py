@@ -45,7 +45,8 @@ def plan_dispatch(
     terms : Terms, optional
         Fees and the price of a shortfall (:class:`bess.parameters.terms.Terms`); the defaults of a study.
     ambient_c : float or array_like, shape (n_steps,), optional
-        Ambient temperature [degC]; the system's by default.
+        Ambient temperature [degC]; the system's by default. Of a system with cooling, what its strings cool
+        towards (:meth:`~bess.System.surroundings_c`).
     cycles_per_day : float
         Most full cycles a day.
     market_time_zone : str
@@ -75,7 +76,7 @@ def plan_dispatch(
     dt_h = system.control.step_min / 60.0
     steps = steps_in(hours, dt_h, "hours")
     values, days = _on_steps(prices, steps, dt_h, market_time_zone)
-    ambient = np.asarray(system.ambient_c if ambient_c is None else ambient_c, dtype=np.float64)
+    ambient = np.asarray(system.cools_towards_c if ambient_c is None else ambient_c, dtype=np.float64)
     if ambient.shape not in ((), (steps,)) or not np.isfinite(ambient).all():
         raise InputError(f"ambient_c: give one finite value, or one for each of {steps} steps")
     outlook = Outlook(values, np.broadcast_to(ambient, steps), days)

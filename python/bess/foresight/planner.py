@@ -138,7 +138,8 @@ class Planner:
         prices : PlanPrices
             What counts.
         ambient_c : float or array_like, shape (n_steps,), optional
-            Ambient temperature [degC]; the system's by default.
+            Ambient temperature [degC]; the system's by default. Of a system with cooling, what its strings
+            cool towards (:meth:`~bess.System.surroundings_c`).
         limit_kw : array_like, shape (n_strings,), optional
             Largest power of each inverter over the whole plan [kW]; 0 takes a string out of service.
 

@@ -89,6 +89,11 @@ class System:
         except ValueError as error:
             raise InputError(f"{self.name}: {error}") from error
 
+    @property
+    def cools_towards_c(self) -> float:
+        """Temperature that strings cool towards at the system's own ambient, to a controller [degC]."""
+        return float(self.surroundings_c(np.array(self.ambient_c)))
+
     def surroundings_c(self, ambient_c: NDArray[np.float64]) -> NDArray[np.float64]:
         """Temperature that the strings cool towards, as a controller sees it, at ambient temperatures [degC].
 

@@ -27,7 +27,8 @@ class Situation:
         Signed demand of this step (never more than ``limit_kw`` allows in total) and forecast of the next
         ones.
     ambient_c : ndarray, shape (n_steps,)
-        Ambient temperature [degC] of this step and the next ones.
+        Ambient temperature [degC] of this step and the next ones; of a system with cooling, what its strings
+        cool towards.
     limit_kw : ndarray, shape (n_strings,)
         Largest power of each inverter in service; 0 = out of service.
     """

@@ -189,7 +189,7 @@ class CarriedPlan:
     def _make(self, slot: int, gone: int, state: State, forecast_kw: Array, limit_kw: Array) -> Plan:
         total = limit_kw.sum()
         served = np.clip(forecast_kw, -total, total)
-        ambient = np.full(self.n_steps, self._system.ambient_c)
+        ambient = np.full(self.n_steps, self._system.cools_towards_c)
         if gone <= 0:
             self._policy.recall(self._before)  # the same step again, or a clock that was set back
         for _ in range(min(gone, self.n_steps) - 1):  # steps in which nobody asked

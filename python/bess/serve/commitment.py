@@ -61,7 +61,7 @@ class Curves:
             soc,
             state.temperature_c,
             np.ascontiguousarray(levels if discharge else -levels),
-            np.array([system.ambient_c]),
+            np.array([system.cools_towards_c]),
             _SHORT_H,
         )
         loss = flows.inverter_loss_kw + flows.battery_loss_kw

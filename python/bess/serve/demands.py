@@ -57,7 +57,11 @@ class Demands:
         self._repeats = False
         if isinstance(study.demand, ProfileDemand):
             inputs = prepare(study.with_values({"demand.forecast": "perfect"}))
-            now = Now(inputs.system.initial_state(), inputs.limit_kw[0], inputs.ambient_c)
+            now = Now(
+                inputs.system.initial_state(),
+                inputs.limit_kw[0],
+                inputs.system.surroundings_c(inputs.ambient_c),
+            )
             self._profile = inputs.demand.ahead(0, inputs.grid.n_steps, now)
             self._start_s, self._step_s = inputs.grid.start_s, inputs.grid.step_s
             self._repeats = study.demand.repeat

@@ -161,7 +161,8 @@ class PowerSplit:
         demand_kw : array_like, shape (n_steps,)
             Demand on the plant [kW], positive = discharge; what exceeds the limits is reported as unmet.
         ambient_c : float or array_like, shape (n_steps,), optional
-            Ambient temperature [degC]; the system's by default.
+            Ambient temperature [degC]; the system's by default. Of a system with cooling, what its strings
+            cool towards (:meth:`~bess.System.surroundings_c`).
         limit_kw : array_like, shape (n_strings,) or (n_strings, n_steps), optional
             Largest request of each string [kW]; nominal power by default, 0 takes a string out of service.
 

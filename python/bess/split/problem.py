@@ -69,7 +69,7 @@ class SplitProblem:
                 f"demand_kw has shape {demand.shape}, but the split is for a horizon of {n_steps} steps; "
                 "give one value for each step, or build a PowerSplit with that horizon"
             )
-        around = system.ambient_c if ambient_c is None else ambient_c
+        around = system.cools_towards_c if ambient_c is None else ambient_c
         limit = _limits(system, n_steps, limit_kw)
         largest = limit.sum(axis=0)
         asked = np.minimum(np.maximum(demand, -largest), largest)

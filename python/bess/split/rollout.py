@@ -75,7 +75,8 @@ def rollout(
     dt_h : float
         Length of a step [h].
     ambient_c : float or array_like, shape (n_steps,), optional
-        Ambient temperature [degC]; the system's by default.
+        Ambient temperature [degC]; the system's by default. Of a system with cooling, what its strings cool
+        towards (:meth:`~bess.System.surroundings_c`).
     model : {"start", "midpoint"}
         Where open-circuit voltage, resistance and derating factor are taken: at the start of each step, as in
         the paper and in the certified split, or in its middle, as in plans (docs/foresight.md).
@@ -112,7 +113,7 @@ def rollout(
         raise InputError(f'model = {model!r} must be one of "start" and "midpoint"')
 
     shape, n_steps = request.shape, request.shape[-1]
-    around = system.ambient_c if ambient_c is None else ambient_c
+    around = system.cools_towards_c if ambient_c is None else ambient_c
     arrays = system.control_at(state).rollout(
         state.soc,
         state.temperature_c,
