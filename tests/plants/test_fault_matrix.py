@@ -79,6 +79,7 @@ FAULTS = {
     "a string silent": _of_string("silent"),
     "a string dead": _of_string("dead"),
     "a string frozen": _of_string("frozen"),
+    "a string hung": _of_string("hung"),
     "a string deaf": _of_string("deaf"),
     "restarted": Fault(_restart, _restart, True),
 }
@@ -114,7 +115,12 @@ def test_no_fault_sends_what_should_not_be_sent(
 
 @pytest.mark.parametrize(
     ("fault", "sentence"),
-    [("deaf", "does not follow"), ("frozen", "its state of charge has stood at"), ("dead", "out of service")],
+    [
+        ("deaf", "does not follow"),
+        ("frozen", "its state of charge has stood at"),
+        ("hung", "does not follow"),
+        ("dead", "out of service"),
+    ],
 )
 def test_a_string_that_cannot_be_trusted_is_named(rig: Rig, fault: str, sentence: str) -> None:
     rig.ask(DISCHARGE_KW)
@@ -122,7 +128,7 @@ def test_a_string_that_cannot_be_trusted_is_named(rig: Rig, fault: str, sentence
     FAULTS[f"a string {fault}"].begin(rig)
     (victim,) = getattr(rig.watched.plant.faults, fault)
     seen = set()
-    for _ in range(40):
+    for _ in range(60):
         rig.step()
         answer = rig.service.last[-1]  # type: ignore[index]
         seen |= {string for string, reason in enumerate(answer.reasons) if sentence in reason}

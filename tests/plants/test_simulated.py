@@ -76,13 +76,18 @@ def test_a_dead_string_says_so_and_a_deaf_one_does_not(watched: Watched) -> None
     assert said[1].discharge_limit_kw == pytest.approx(92.0)
 
 
-def test_a_frozen_string_says_what_it_said_last_and_goes_on(watched: Watched) -> None:
+def test_a_frozen_string_says_its_old_state_and_a_hung_one_says_all_as_before(watched: Watched) -> None:
     before = watched.plant.readings()
     watched.plant.faults.frozen.add(0)
-    watched.plant.ask(0, 92.0, np.inf)
+    watched.plant.faults.hung.add(1)
+    for string in (0, 1):
+        watched.plant.ask(string, 92.0, np.inf)
     watched.clock.now_s += 600.0
-    assert watched.plant.readings()[0] == before[0]
-    assert _soc(watched.plant)[0] < before[0].soc - 0.05
+    said = watched.plant.readings()
+    assert (said[0].soc, said[0].hottest_c) == (before[0].soc, before[0].hottest_c)
+    assert said[0].power_kw == pytest.approx(92.0)
+    assert said[1] == before[1]
+    assert (_soc(watched.plant)[:2] < before[0].soc - 0.05).all()
 
 
 @pytest.mark.parametrize("kind", [SimulatedEdge, SimulatedDevices])

@@ -42,7 +42,9 @@ class Faults:
     undefined
         Strings whose values are said to be unknown (null, NaN).
     frozen
-        Strings whose values stay as they were last said.
+        Strings whose state of charge and temperature stay as they were last said: their battery hangs.
+    hung
+        Strings of which every value stays as it was last said.
     kilowatts
         Powers are said in kW where they should be in W, and the unit as well.
     delay_s
@@ -54,6 +56,7 @@ class Faults:
     silent: set[int] = field(default_factory=set)
     undefined: set[int] = field(default_factory=set)
     frozen: set[int] = field(default_factory=set)
+    hung: set[int] = field(default_factory=set)
     kilowatts: bool = False
     delay_s: float = 0.0
 
@@ -146,8 +149,13 @@ class SimulatedPlant:
             true = self._true_readings()
             unknown = Reading(nan, nan, nan, nan, nan, nan, fault=False)
             for string, reading in enumerate(true):
-                if string not in self.faults.frozen or string not in self._said:
-                    self._said[string] = unknown if string in self.faults.undefined else reading
+                said = unknown if string in self.faults.undefined else reading
+                before = self._said.setdefault(string, said)
+                if string in self.faults.frozen:
+                    said = replace(
+                        said, soc=before.soc, coldest_c=before.coldest_c, hottest_c=before.hottest_c
+                    )
+                self._said[string] = before if string in self.faults.hung else said
             return {s: reading for s, reading in self._said.items() if s not in self.faults.silent}
 
     def truth(self) -> list[Reading]:
