@@ -118,7 +118,7 @@ def test_no_fault_sends_what_should_not_be_sent(
     [
         ("deaf", "does not follow"),
         ("frozen", "its state of charge has stood at"),
-        ("hung", "does not follow"),
+        ("hung", "whatever it was asked for"),
         ("dead", "out of service"),
     ],
 )
