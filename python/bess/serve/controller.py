@@ -21,6 +21,7 @@ from bess.parameters import State, System
 from bess.plants import Measurements
 from bess.policies import Policy
 from bess.policies.rule import water_fill
+from bess.serve.ageing import Ageing
 from bess.serve.carried_plan import CarriedPlan
 from bess.serve.commitment import Commitment, Curves, best_shares
 from bess.serve.constraints import CRUMBS_KW, envelope, share
@@ -151,7 +152,8 @@ class Controller:
         self._ceiling = np.minimum(_each("service.soc_ceiling", service.soc_ceiling, n), window[:, 1])
         self._full = window[:, 1]
         self._check_settings()
-        self._guard = Guard(system, service, self.step_s)
+        self.ageing = Ageing(system)
+        self._guard = Guard(system, service, self.step_s, self.ageing)
         self.commitment = Commitment(
             n,
             start_kwh=service.start_kwh,
@@ -206,6 +208,7 @@ class Controller:
         # A plant that is only watched follows somebody else.
         asked_kw = self.last_kw if self.drives else np.nan_to_num(measured.power_kw)
         trusted = self._guard(measured, asked_kw, elapsed_s)
+        self.ageing.gather(trusted.state, asked_kw, elapsed_s, min(elapsed_s, self.step_s))
         forecast = self._forecast(demand_kw, now_s, elapsed_s, forecast_kw)
         self._last_s = now_s
         in_service = np.where(trusted.in_service, np.maximum(trusted.charge_kw, trusted.discharge_kw), 0.0)
@@ -332,6 +335,7 @@ class Controller:
             "last_kw": self.last_kw.tolist(),
             "commitment": self.commitment.memory(),
             "guard": self._guard.memory(),
+            "ageing": self.ageing.memory(),
             "calibration": None if calibration is None else [calibration.string, calibration.target_soc],
             "day_kw": [None if np.isnan(v) else v for v in self._day_kw.tolist()],
             "mean": list(self._mean),
@@ -362,6 +366,7 @@ class Controller:
             raise ValueError(f"is of {last.size} strings, not {n}")
         self.commitment.recall(memory["commitment"])
         self._guard.recall(memory["guard"])
+        self.ageing.recall(memory["ageing"])
         self.last_kw, self.counters = last, counters
         self._last_s = None if memory["last_s"] is None else float(memory["last_s"])
         begun = memory["calibration"]

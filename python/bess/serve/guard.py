@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from bess.parameters import State, System
 from bess.plants import Measurements
+from bess.serve.ageing import Ageing
 from bess.study.sections import ServiceChoice
 
 Array = NDArray[np.float64]
@@ -96,13 +97,13 @@ class Guard:
         Settings of the live controller.
     step_s
         Its control step.
+    ageing
+        Says what capacity is left.
     """
 
-    def __init__(self, system: System, service: ServiceChoice, step_s: float) -> None:
+    def __init__(self, system: System, service: ServiceChoice, step_s: float, ageing: Ageing) -> None:
         self._system, self._service, self._step_s = system, service, step_s
-        health = system.initial_state()
-        self._soh = (health.soh_capacity, health.soh_resistance)
-        self._energy_kwh = system.nominal_energy_kwh * health.soh_capacity
+        self._ageing = ageing
         self._watch = [_Watch() for _ in range(system.n_strings)]
         self._window = [(s.battery.soc_min, s.battery.soc_max) for s in system.strings]
         self._late_s = 0.0
@@ -121,6 +122,7 @@ class Guard:
             Time since then.
         """
         n = self._system.n_strings
+        self._energy_kwh = self._system.nominal_energy_kwh * self._ageing.soh_capacity
         nominal = self._system.nominal_kw
         charge = np.minimum(np.nan_to_num(measured.charge_limit_kw, nan=0.0, posinf=np.inf), nominal)
         discharge = np.minimum(np.nan_to_num(measured.discharge_limit_kw, nan=0.0, posinf=np.inf), nominal)
@@ -144,7 +146,7 @@ class Guard:
             elif watch.cap_kw is not None:
                 charge[i], discharge[i] = min(charge[i], watch.cap_kw), min(discharge[i], watch.cap_kw)
             reasons.append(reason)
-        state = State(soc, temperature, *self._soh)
+        state = State(soc, temperature, self._ageing.soh_capacity, self._ageing.soh_resistance)
         return Trusted(state, low, high, charge, discharge, in_service, tuple(reasons))
 
     def memory(self) -> dict[str, Any]:

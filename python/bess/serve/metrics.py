@@ -36,6 +36,7 @@ class Metrics:
         self._starts = gauge("bess_starts", "Starts of the inverter since the state began.", names)
         self._charged = gauge("bess_charged_kwh", "Energy charged since the state began.", names)
         self._discharged = gauge("bess_discharged_kwh", "Energy discharged since the state began.", names)
+        self._soh = gauge("bess_soh_capacity_ratio", "Capacity left, as estimated.", names)
         self.state_errors = gauge("bess_state_error", "1 while the state cannot be written.")
         self.link_errors = counter("bess_link_errors", "Failed reads and writes of the plant.")
 
@@ -56,6 +57,7 @@ class Metrics:
             self._request.labels(name).set(answer.request_kw[i])
             self._running.labels(name).set(bool(answer.running[i]))
             self._starts.labels(name).set(int(controller.commitment.starts[i]))
+            self._soh.labels(name).set(controller.ageing.soh_capacity[i])
             self._charged.labels(name).set(counters.charged_kwh[i])
             self._discharged.labels(name).set(counters.discharged_kwh[i])
             if trusted is not None:

@@ -148,6 +148,7 @@ class Service:
             "nominal_kw": controller.system.nominal_kw.tolist(),
             "control_step_s": controller.step_s,
             "starts": controller.commitment.starts.tolist(),
+            "soh_capacity": controller.ageing.soh_capacity.tolist(),
             "answers": controller.counters.answers,
             "fallbacks": controller.counters.fallbacks,
             "calibrating": None if controller.calibration is None else controller.calibration.string,
