@@ -1,5 +1,6 @@
 //! The control model: a string, a horizon of strings, roll-outs, and what coefficients a box of states can have.
 
+mod control_model;
 mod fitted;
 mod heat;
 mod horizon;
@@ -9,9 +10,10 @@ mod ranges;
 mod rollout;
 mod string;
 
+pub use control_model::{direction_of, ControlModel};
 pub(crate) use heat::{heat_share, heat_w};
 pub(crate) use horizon::add;
-pub use horizon::{direction_of, ControlHorizon, ControlModel, Costs, CostsOf, Problem, MAX_GROUPS};
+pub use horizon::{ControlHorizon, Costs, CostsOf, Problem, MAX_GROUPS};
 pub(crate) use loss::LossCurve;
 pub use losses::Losses;
 pub use ranges::{CoefficientRanges, Range, StateBox};
