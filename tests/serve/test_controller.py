@@ -43,6 +43,20 @@ def test_at_the_step_of_the_plan_the_answer_is_the_plan() -> None:
     np.testing.assert_allclose(answer.plan_kw.sum(axis=0), forecast)
 
 
+def test_the_plan_of_any_forecast_meets_it_within_the_limits() -> None:
+    live, rng = controller(3), np.random.default_rng(9)
+    for k in range(30):
+        forecast = rng.uniform(-350.0, 350.0, int(rng.integers(2, 12)))
+        limits = rng.uniform(10.0, 92.0, 3)
+        soc = 0.5 + 1e-3 * rng.standard_normal(3)
+        reading = measured(soc, charge_limit_kw=limits, discharge_limit_kw=limits)
+        answer = live.step(reading, float(forecast[0]), 90.0 * k, forecast_kw=forecast)
+        can = np.minimum(np.abs(forecast), limits.sum())
+        np.testing.assert_allclose(np.abs(answer.plan_kw.sum(axis=0)), can, atol=1e-6)
+        assert (np.abs(answer.plan_kw) <= limits[:, None] + 1e-9).all()
+        assert (answer.plan_kw * np.sign(forecast) >= 0.0).all()
+
+
 def test_a_reserve_is_never_discharged() -> None:
     live = controller(2, control_step_s=10.0, soc_floor=(0.3, 0.0))
     answer = live.step(measured([0.3, 0.6]), 80.0, 0.0)

@@ -540,18 +540,21 @@ class Controller:
         if forecast is None or len(forecast) < 2:
             return request[:, None]
         ahead = np.asarray(forecast, dtype=np.float64)
-        columns = [request]
+        planned = np.zeros((self.n_strings, ahead.size))
         column, current = self.plan.column(now_s), self.plan.current
-        for k in range(1, ahead.size):
-            planned = None
-            if current is not None and column is not None and column + k < current.request_kw.shape[1]:
-                planned = np.minimum(np.abs(current.request_kw[:, column + k]), limit)
-            wanted = abs(float(ahead[k]))
-            power = limit if planned is None or not planned.any() else planned
-            power = power * min(1.0, wanted / max(float(power.sum()), 1e-12))
-            power = power + water_fill(wanted - float(power.sum()), limit - power, limit - power)
-            columns.append(np.copysign(power, ahead[k]))
-        return np.stack(columns, axis=1)
+        if column is not None and current is not None:
+            known = np.minimum(np.abs(current.request_kw[:, column : column + ahead.size]), limit[:, None])
+            planned[:, : known.shape[1]] = known
+        wanted, most = np.abs(ahead), limit[:, None]
+        power = np.where(planned.any(axis=0), planned, most)
+        power = power * np.minimum(1.0, wanted / np.maximum(power.sum(axis=0), 1e-12))
+        # What the plan leaves open goes where there is room.
+        room = most - power
+        rest = np.maximum(wanted - power.sum(axis=0), 0.0)
+        power = power + room * np.minimum(1.0, rest / np.maximum(room.sum(axis=0), 1e-12))
+        plan = np.asarray(np.copysign(power, ahead))
+        plan[:, 0] = request
+        return plan
 
     def _status(self, unmet_kw: float, demand_kw: float, now_s: float) -> str:
         if unmet_kw > 0.0:
