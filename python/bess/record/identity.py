@@ -19,7 +19,7 @@ from bess.study.study import Study
 IDENTITY = "run.json"
 Identity = dict[str, Any]
 
-_NOT_PART_OF_A_RUN = ("cli", "plants", "report", "retrospect", "serve", "sweep")
+_NOT_PART_OF_A_RUN = ("cli", "distil", "plants", "report", "retrospect", "serve", "sweep")
 """Folders of the package that do not change what a run gives."""
 
 

@@ -128,7 +128,7 @@ def _others(replay: Replay, effort: Effort) -> Iterator[tuple[str, Policy, int]]
     """Every rule, and the plan that minimises what is lost, told all that will be asked."""
     dt_h = replay.inputs.grid.dt_h
     for name in POLICIES:
-        if name != "mpc":
+        if name not in ("mpc", "distilled"):
             policy = build_policy(name, replay.system, Settings(dt_h=dt_h, horizon_steps=1))
             if isinstance(policy, RulePolicy):
                 yield name, policy, 1
