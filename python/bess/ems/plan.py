@@ -29,7 +29,17 @@ def plan_dispatch(
     cycles_per_day: float = 2.0,
     market_time_zone: str = "Europe/Berlin",
 ) -> DispatchPlan:
-    """Plan what to buy and sell, knowing what the plant can deliver and what that costs.
+    r"""Plan what to buy and sell, knowing what the plant can deliver and what that costs.
+
+    With price :math:`\pi`, delivered power :math:`p` (:math:`p^+` discharge, :math:`p^-` charge), demand
+    :math:`D`, fees :math:`f`, wear :math:`W`, and the energy :math:`e_T` that is left at its value :math:`v`,
+
+    .. math:: \max_D\ \sum_t \bigl(p^+_t (\pi_t - f_d) - p^-_t (\pi_t + f_c)
+       - (|D_t| - |p_t|)(|\pi_t| + s)\bigr)\,\Delta t - W + v\, e_T
+
+    where :math:`p`, :math:`e` and the temperatures follow from :math:`D` by the control model (equations 1 to
+    6 of ``docs/equations.md``). The program that is solved in turn with its roll-out is stated at
+    :class:`bess.ems.store_program.StoreProgram`, what it is for at :class:`bess.ems.AwareDispatch`.
 
     Parameters
     ----------

@@ -1,0 +1,168 @@
+"""Measure the numbers of ``howto/money.md``: ``python docs/make_money.py [month|ages|accuracy ...]``.
+
+A month takes seconds, the year of two ages and the two months of the published benchmark a few minutes.
+Prices are read from ``../shared/data/prices``; without them the stored numbers stay.
+"""
+
+import json
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import bess
+from bess.study import Study, expand
+
+DOCS = Path(__file__).parent
+PRICES = DOCS.parents[1] / "shared" / "data" / "prices"
+SMARD = PRICES / "smard_de_viertelstunde_2024_berechnet_resaved.csv"
+INTRADAY = PRICES / "energy-charts_de_intraday15_2021.csv"
+STORED = DOCS / "_cases" / "money.json"
+
+KPIS = (
+    "net_eur", "revenue_eur", "wear_eur", "shortfall_eur", "fulfilment_pct", "round_trip_efficiency_pct",
+    "short_of_charge_kwh", "short_of_discharge_kwh", "delivered_kwh", "soh_capacity_mean",
+)  # fmt: skip
+WEAR_EUR_MWH = (0.0, 20.0, 40.0, 60.0)
+START_HEALTH = 0.92
+"""Mean capacity at the start of the study ``unequal-ages``."""
+
+PUBLISHED = {
+    "linear-r1": (10_850, 583, 91.4, 0.818, 1.082),
+    "aware-r1": (10_898, 584, 91.5, 0.018, 0.031),
+    "linear-r2": (10_282, 575, 87.7, 5.176, 1.344),
+    "aware-r2": (10_478, 582, 88.6, 0.000, 0.034),
+    "linear-r3": (9_690, 564, 84.2, 10.283, 1.610),
+    "aware-r3": (10_056, 580, 86.1, 0.000, 0.037),
+}
+"""Revenue [EUR/a], full cycles a year of 180 kWh, round trip [%], short of charge and of discharge [MWh/a] of
+arXiv 2506.17059; what is ``aware`` here is a nonlinear program there."""
+
+Figures = dict[str, dict[str, float]]
+
+
+class Piece(NamedTuple):
+    """What is measured: the runs of a study over so many days, and over a few that a test repeats."""
+
+    prices: Path
+    days: float
+    few_days: float
+
+    def runs(self, name: str, days: float) -> dict[str, Study]:
+        """Runs by name."""
+        values = {"demand.prices": str(self.prices), "run.days": days}
+        if name != "month":
+            study = {"ages": "unequal-ages", "accuracy": "model-accuracy"}[name]
+            return dict(expand(bess.load_study(study, values)))
+        values |= {"policy.name": "equal"}
+        return {
+            f"{plan}, {price:g}": bess.load_study(
+                "arbitrage-2024", values | {"demand.plan": plan, "wear.eur_per_mwh": price}
+            )
+            for plan in ("linear", "aware")
+            for price in WEAR_EUR_MWH
+        }
+
+    def measure(self, name: str, days: float) -> Figures:
+        """Key figures of every run."""
+        return {label: figures(bess.run(s, progress=False)) for label, s in self.runs(name, days).items()}
+
+
+PIECES = {
+    "month": Piece(SMARD, 28.0, 2.0),
+    "ages": Piece(SMARD, 366.0, 2.0),
+    "accuracy": Piece(INTRADAY, 60.0, 0.5),
+}
+
+
+def main(names: list[str]) -> None:
+    """Measure and write."""
+    numbers: dict[str, Any] = stored() if STORED.exists() else {}
+    for name in names or PIECES:
+        piece = PIECES[name]
+        if piece.prices.exists():
+            numbers[name] = piece.measure(name, piece.days)
+            numbers[f"{name}, few days"] = piece.measure(name, piece.few_days)
+    write(numbers)
+
+
+def write(numbers: Mapping[str, Any]) -> None:
+    """Write the numbers and the tables made of them."""
+    STORED.write_text(json.dumps(numbers, indent=1) + "\n", encoding="utf-8")
+    for name, text in tables(numbers).items():
+        (DOCS / "_cases" / name).write_text(text, encoding="utf-8")
+
+
+def stored() -> dict[str, Any]:
+    """Numbers as the page shows them."""
+    numbers: dict[str, Any] = json.loads(STORED.read_text(encoding="utf-8"))
+    return numbers
+
+
+def figures(result: bess.Result) -> dict[str, float]:
+    """Key figures that the page shows, to seven digits."""
+    return {key: float(f"{result.kpis[key]:.7g}") for key in KPIS if key in result.kpis}
+
+
+def tables(numbers: Mapping[str, Any]) -> dict[str, str]:
+    """Text of every file that is made of the numbers."""
+    made = {
+        "money-month.md": _month(numbers["month"]),
+        "money-ages.md": _ages(numbers["ages"]),
+        "money-accuracy.md": _accuracy(numbers["accuracy"]),
+    }
+    return {name: f"<!-- written by docs/make_money.py -->\n\n{_table(rows)}" for name, rows in made.items()}
+
+
+def _month(runs: Figures) -> list[list[str]]:
+    rows = [["wear [EUR/MWh]", "net, linear [EUR]", "net, aware [EUR]", "fulfilled, linear / aware [%]"]]
+    for price in WEAR_EUR_MWH:
+        linear, aware = (runs[f"{plan}, {price:g}"] for plan in ("linear", "aware"))
+        fulfilled = f"{linear['fulfilment_pct']:.1f} / {aware['fulfilment_pct']:.1f}"
+        rows.append([f"{price:g}", f"{linear['net_eur']:.1f}", f"{aware['net_eur']:.1f}", fulfilled])
+    return rows
+
+
+def _ages(runs: Figures) -> list[list[str]]:
+    rows = [["", "revenue [EUR]", "health lost [points]", "revenue per point [EUR]", "net [EUR]"]]
+    for name, run in runs.items():
+        lost = 100.0 * (START_HEALTH - run["soh_capacity_mean"])
+        each = f"{run['revenue_eur'] / lost:,.0f}"
+        rows.append(
+            [f"`{name}`", f"{run['revenue_eur']:,.0f}", f"{lost:.2f}", each, f"{run['net_eur']:,.0f}"]
+        )
+    return rows
+
+
+def _accuracy(runs: Figures) -> list[list[str]]:
+    rows = [
+        [
+            "",
+            "revenue over linear [%]",
+            "round trip [%]",
+            "short of charge [kWh/MWh]",
+            "of discharge [kWh/MWh]",
+        ]
+    ]
+    for name, run in runs.items():
+        revenue, cycles, round_trip, charge, discharge = PUBLISHED[name]
+        linear = name.replace("aware", "linear")
+        moved_mwh, published_mwh = run["delivered_kwh"] / 2000.0, 0.18 * cycles
+        pairs = [
+            (run["revenue_eur"] / runs[linear]["revenue_eur"], revenue / PUBLISHED[linear][0]),
+            (run["round_trip_efficiency_pct"], round_trip),
+            (run["short_of_charge_kwh"] / moved_mwh, 1000.0 * charge / published_mwh),
+            (run["short_of_discharge_kwh"] / moved_mwh, 1000.0 * discharge / published_mwh),
+        ]
+        pairs[0] = (100.0 * (pairs[0][0] - 1.0), 100.0 * (pairs[0][1] - 1.0))
+        rows.append([f"`{name}`", *(f"{here:.1f} ({there:.1f})" for here, there in pairs)])
+    return rows
+
+
+def _table(rows: list[list[str]]) -> str:
+    head, *body = ("| " + " | ".join(row) + " |" for row in rows)
+    return "\n".join([head, "|" + " --- |" * len(rows[0]), *body]) + "\n"
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
