@@ -69,7 +69,7 @@ class ExplicitController(BaseModel):
             raise InputError(f"{path}: {error}") from error
         except OSError as error:
             reason = error.strerror or error
-            raise InputError(f"{path}: {reason}; bess distil STUDY --out DIR writes a policy.json") from error
+            raise InputError(f"{path}: {reason}; bess distil writes a policy.json") from error
         except ValidationError as error:
             first = error.errors()[0]
             place = ".".join(map(str, first["loc"])) or "file"

@@ -53,7 +53,7 @@ def build(system: System, settings: Settings) -> DistilledPolicy:
     """
     if settings.file is None:
         raise InputError(
-            'policy.name = "distilled" needs policy.file, the policy.json of bess distil STUDY --out DIR'
+            'policy.name = "distilled" needs policy.file, the policy.json that bess distil writes'
         )
     controller = ExplicitController.read(settings.file)
     tables = controller.tables
