@@ -102,10 +102,12 @@ def hindsight(result: Result | xr.Dataset, effort: Effort = "quick") -> Hindsigh
         raise InputError(f'hindsight: effort = {effort!r}: must be "quick" or "thorough"')
     record: Any = getattr(result, "dataset", result)
     replay = Replay.of(record)
+    fine = True if effort == "thorough" else None
+    # First, because it refuses what nothing can be proven about.
+    bound_kwh = _bound(replay, None, fine)
     figures = {"this run": kpis(record)}
     for name, policy, horizon_steps in _others(replay, effort):
         figures[name] = kpis(replay.under(policy, horizon_steps))
-    fine = True if effort == "thorough" else None
     found_by = min(figures, key=lambda name: figures[name]["lost_kwh"])
     money = {}
     if replay.inputs.price_eur_mwh is not None:
@@ -118,7 +120,7 @@ def hindsight(result: Result | xr.Dataset, effort: Effort = "quick") -> Hindsigh
     return Hindsight(
         lost_kwh=figures["this run"]["lost_kwh"],
         found_kwh=figures[found_by]["lost_kwh"],
-        bound_kwh=_bound(replay, None, fine),
+        bound_kwh=bound_kwh,
         found_by=found_by,
         **money,
     )
