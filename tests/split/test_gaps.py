@@ -53,3 +53,13 @@ def test_where_only_battery_losses_count_the_rigorous_gap_is_closed(splits):
     gaps = [split.gap for split in splits["S3"]]
     assert np.median(gaps) <= 5e-4
     assert max(gaps) <= 1e-3
+
+
+def test_a_split_ends_where_rounding_takes_back_what_a_one_step_optimum_gains() -> None:
+    """A string just below the switch of its resistance, five minutes: met in a run, it never ended."""
+    state = bess.State([0.09997380989183274, 0.5317197034913058], [39.89098137110257, 35.27990949128456])
+    goals = bess.Objectives.energy()
+    demand_kw = [127.5] + [0.0] * 7
+    split = bess.split_power(bess.System.reference(2), state, demand_kw, objectives=goals, dt_h=5 / 60)
+    assert split.request_kw[:, 0].sum() == pytest.approx(127.5)
+    assert split.gap < 0.05

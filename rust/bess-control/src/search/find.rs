@@ -30,6 +30,10 @@ const WORTHWHILE: f64 = 1e-6;
 /// Times that a gain from the one-step optima along the incumbent is followed by a descent.
 const SETTLING_ROUNDS: usize = 3;
 
+/// Rounds after which it is left as it is: where a last digit decides, rounding to kW can take back what an optimum gains,
+/// and so on for ever.
+const MOST_ROUNDS: usize = 50;
+
 /// How much a search may do.
 #[derive(Debug, Clone, Copy)]
 pub struct Effort {
@@ -255,6 +259,9 @@ impl Search<'_> {
             self.round();
             let flows = self.horizon.flows(self.best());
             let optima = self.horizon.one_step_optima(&flows);
+            if round > MOST_ROUNDS {
+                return (flows, optima);
+            }
             let mut gained = false;
             for optimum in &optima {
                 gained |= self.offer(self.horizon.rated(self.horizon.fitted(&optimum.request_w)));
