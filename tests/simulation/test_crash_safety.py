@@ -159,6 +159,15 @@ def test_twenty_kills_of_a_run_of_two_weeks(policy: str, longest_s: float, tmp_p
     assert_same(directory, bess.run(bess.load_study("case1", values), progress=False))
 
 
+@pytest.mark.slow
+def test_three_years_of_ageing_survive_kills_to_the_last_bit(tmp_path: Path) -> None:
+    values = {**LONG, "run.days": 1096, "system.initial_soh_capacity": [1.0, 0.9]}
+    directory = tmp_path / "run"
+    pauses = iter([0.0, 0.03, 0.1, 0.2])
+    assert kill_until_done(command(directory, values), directory, 4, pauses) >= 2
+    assert_same(directory, bess.run(bess.load_study("case1", values), progress=False))
+
+
 def test_an_arbitrage_plan_under_way_survives_a_crash(
     small_parts: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
