@@ -6,6 +6,9 @@ use crate::plan::paths::Paths;
 /// Lengths of blocks [steps], one after the other from call to call.
 pub(crate) const LENGTHS: [usize; 5] = [2, 4, 8, 16, 32];
 
+/// A block of at most this length is short [steps].
+const SHORT: usize = 8;
+
 /// What becomes of a block.
 #[derive(Debug, Clone, Copy)]
 enum Change {
@@ -32,9 +35,11 @@ impl Change {
     }
 }
 
-/// Tries all changes on one block after the other, the first beginning at `offset`.
+/// Tries all changes on one block after the other, the first beginning at `offset`. A change of a short block is rolled out
+/// to the end of the plan only where the slopes behind the block promise a gain; behind a long one they say too little.
 pub(crate) fn rearrange(paths: &mut Paths<'_>, pair: Pair, length: usize, offset: usize, budget: u64) {
     let n_steps = paths.problem.n_steps();
+    let mut slopes = (length <= SHORT).then(|| pair.slopes(paths));
     for from in (offset % length..n_steps).step_by(length) {
         for kind in Change::ALL {
             if paths.work >= budget {
@@ -43,9 +48,13 @@ pub(crate) fn rearrange(paths: &mut Paths<'_>, pair: Pair, length: usize, offset
             let to = (from + length).min(n_steps);
             let change: Vec<_> =
                 (from..to).map(|t| kind.of(&pair.room(paths, t), paths.request(pair.second, t))).collect();
+            if slopes.as_ref().is_some_and(|slopes| pair.promise(paths, from, &change, slopes) >= 0.0) {
+                continue;
+            }
             let before = pair.cost(paths);
             if pair.cost_with(paths, from, &change, before) < before - 1e-12 * before.abs() {
                 pair.take(paths, from, &change);
+                slopes = slopes.map(|_| pair.slopes(paths));
             }
         }
     }

@@ -23,6 +23,10 @@ use slopes::Slopes;
 /// A round of moves that gains less than this share of the cost is not worth another one.
 const WORTHWHILE: f64 = 2e-4;
 
+/// Distance of the plant's fill from empty and full, above which imbalance does no harm, and below which it counts in full.
+const ROOMY: f64 = 0.3;
+const TIGHT: f64 = 0.15;
+
 /// How much a plan is worked on. Counted in roll-outs of all strings over all steps, so that answers do not depend on the
 /// machine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -94,7 +98,8 @@ impl PlanProblem<'_> {
         }
     }
 
-    /// Imbalance is measured from the fill of the plant along the plan at hand.
+    /// Imbalance is measured from the fill of the plant along the plan at hand, and counts as long as the plant will still come
+    /// near empty or full.
     fn aim_for_balance(&mut self, previous: Option<&[f64]>) {
         if self.prices.balance == 0.0 {
             return;
@@ -110,6 +115,12 @@ impl PlanProblem<'_> {
             (0..self.n_strings()).map(charge).sum::<f64>() / capacity
         };
         self.fill = (0..self.n_steps()).map(fill).collect();
+        let mut tightness: f64 = 0.0;
+        for t in (0..self.n_steps()).rev() {
+            let margin = self.fill[t].min(1.0 - self.fill[t]);
+            tightness = tightness.max(((ROOMY - margin) / (ROOMY - TIGHT)).clamp(0.0, 1.0));
+            self.tightness[t] = tightness;
+        }
     }
 }
 

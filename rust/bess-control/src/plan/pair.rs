@@ -1,6 +1,7 @@
 //! Two strings that exchange power: what the first may be asked for while their sum stays.
 
 use crate::plan::paths::Paths;
+use crate::plan::slopes::Slopes;
 
 /// Two strings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -58,6 +59,30 @@ impl Pair {
             return f64::INFINITY;
         }
         first + paths.cost_with(self.second, from, change.iter().map(|c| c.1), most - first)
+    }
+
+    /// Slopes along both strings.
+    pub fn slopes(&self, paths: &mut Paths<'_>) -> (Slopes, Slopes) {
+        (Slopes::along(paths, self.first), Slopes::along(paths, self.second))
+    }
+
+    /// What other requests from step `from` on would add to the cost of both strings, by the slopes of what follows.
+    pub fn promise(
+        &self,
+        paths: &mut Paths<'_>,
+        from: usize,
+        change: &[(f64, f64)],
+        slopes: &(Slopes, Slopes),
+    ) -> f64 {
+        let to = from + change.len();
+        paths.work += 2 * change.len() as u64;
+        let ahead = |m: usize, requests: &mut dyn Iterator<Item = f64>| {
+            requests.zip(from..).fold(*paths.at(m, from), |point, (u, t)| paths.next(m, t, &point, u))
+        };
+        let first = ahead(self.first, &mut change.iter().map(|c| c.0));
+        let second = ahead(self.second, &mut change.iter().map(|c| c.1));
+        slopes.0.change(to, paths.at(self.first, to), &first)
+            + slopes.1.change(to, paths.at(self.second, to), &second)
     }
 
     /// Takes other requests from step `from` on.

@@ -32,6 +32,8 @@ pub struct PlanProblem<'a> {
     pub(crate) prices: Prices,
     /// Fill of the plant at the end of each step `(T,)`, from which imbalance is measured.
     pub(crate) fill: Vec<f64>,
+    /// Whether the plant will still come near empty or full `(T,)`, from 0 (no) to 1 (yes); else imbalance does no harm.
+    pub(crate) tightness: Vec<f64>,
 }
 
 impl<'a> PlanProblem<'a> {
@@ -70,7 +72,8 @@ impl<'a> PlanProblem<'a> {
         }
         let total: f64 = limit_w.iter().sum();
         let demand_w = demand_w.iter().map(|d| d.min(total)).collect();
-        Ok(Self { model, start, running, demand_w, intervals, limit_w, prices, fill: vec![0.0; n_steps] })
+        let (fill, tightness) = (vec![0.0; n_steps], vec![0.0; n_steps]);
+        Ok(Self { model, start, running, demand_w, intervals, limit_w, prices, fill, tightness })
     }
 
     /// Number of strings.
@@ -99,7 +102,7 @@ impl<'a> PlanProblem<'a> {
         let mut rate = flow.losses().cost(&p.losses[t]) + p.wear[m] * flow.current_a.abs();
         if p.balance > 0.0 {
             let off = self.fill_of(m, flow.end) - self.fill[t];
-            rate += p.balance * self.capacity_ah(m) * off * off;
+            rate += p.balance * self.tightness[t] * self.capacity_ah(m) * off * off;
         }
         let start = if running || request_w <= 0.0 { 0.0 } else { p.start };
         (rate * interval.dt_h + start, flow.end)

@@ -52,7 +52,7 @@ struct Exchange {
 /// Goes once over all steps.
 pub(crate) fn sweep(paths: &mut Paths<'_>, pair: Pair, budget: u64) {
     let least = PROMISING * paths.cost();
-    let slopes = (Slopes::along(paths, pair.first), Slopes::along(paths, pair.second));
+    let slopes = pair.slopes(paths);
     let mut sweep = Sweep { paths, pair, slopes, forks: vec![] };
     let n_steps = sweep.paths.problem.n_steps();
     sweep.forks = (0..n_steps).map(|t| sweep.fork(t)).collect();
@@ -129,8 +129,7 @@ impl Sweep<'_, '_> {
         }
         self.pair.take(self.paths, t, &change);
         if change.len() > 1 {
-            self.slopes =
-                (Slopes::along(self.paths, self.pair.first), Slopes::along(self.paths, self.pair.second));
+            self.slopes = self.pair.slopes(self.paths);
             let later = t + change.len() - 1;
             self.forks[later] = self.fork(later);
         }
