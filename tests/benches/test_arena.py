@@ -15,7 +15,17 @@ pytestmark = pytest.mark.golden
 STORED = json.loads(arena.STORED.read_text(encoding="utf-8"))
 SCENARIOS = arena.scenarios()
 MEASURED_AGAIN = ("seven-days", "three-hot", "four-market", "unequal-light", "differing", "mixed", "m5bat")
-FOUGHT = ("two-light-cool", "two-spread", "three-hot", "four-market", "unequal-light", "differing")
+FOUGHT = (
+    "two-light-cool",
+    "two-spread",
+    "two-frequency",
+    "two-persistence",
+    "three-hot",
+    "four-market",
+    "four-frequency",
+    "unequal-light",
+    "differing",
+)
 
 
 def test_the_arena_is_as_wide_as_its_page_says() -> None:

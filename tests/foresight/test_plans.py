@@ -91,8 +91,8 @@ def test_calls_repeat_to_the_last_bit_and_continue_from_what_is_remembered() -> 
     once = Planner(problem.system, 24, DT_H, rollouts=20)
     again = Planner(problem.system, 24, DT_H, rollouts=20)
     both = list(zip(three(once), three(again), strict=True))
-    once.skip()
-    again.skip()
+    once.skip(problem.demand_kw)
+    again.skip(problem.demand_kw)
     resumed = Planner(problem.system, 24, DT_H, rollouts=20)
     resumed.recall(once.memory())
     both += [(problem.plan(once), problem.plan(again)), (problem.plan(once), problem.plan(again))]
@@ -241,3 +241,18 @@ def test_a_start_of_an_inverter_is_paid_once_and_only_where_it_was_off() -> None
     assert second.cost < 100.0  # and runs already
     running = np.flatnonzero(second.request_kw.any(axis=1))
     assert running.size == 1
+
+
+def test_what_did_not_come_as_foreseen_is_trusted_less_and_forgotten_in_time() -> None:
+    """A demand a fifth above its forecast, then a lost inverter, then nothing unforeseen for a week."""
+    system, demand = bess.System.reference(2), np.full(8, 60.0)
+    planner = Planner(system, 8, DT_H, rollouts=0)
+    prices, state = PlanPrices.energy(ENERGY, 2, 8), bess.State([0.5, 0.5], [25.0, 25.0])
+    seen = []
+    for limit_kw in [[92.0, 92.0]] * 3 + [[92.0, 46.0]]:
+        planner(state, np.concatenate([[72.0], demand[1:]]), prices, limit_kw=limit_kw)
+        seen.append(planner._mistrust())
+    assert seen == pytest.approx([0.0, 12 / 72, 12 / 72, 12 / 72 + 0.25])
+    for _ in range(7 * 96):
+        planner.skip(demand)
+    assert planner._mistrust() < 0.2 * seen[-1]

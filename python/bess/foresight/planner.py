@@ -34,6 +34,15 @@ DOUBT_H = 300.0
 URGENCY = 1.1
 """Price of a shortfall in the step that begins, against one just after it: what can be delivered now is not
 kept for later without a gain."""
+MISTRUSTED_BALANCE_PER_H = 0.1
+"""What is added to the price of imbalance [1/h] where nothing that was foreseen came (mistrust 1, see
+:meth:`Planner._mistrust`)."""
+MISTRUSTED_DOUBT_H = 5.0
+"""Time in which the price of a shortfall falls to 1/e under a mistrust of 1."""
+MISTRUSTED_URGENCY = 1.0
+"""What a mistrust of 1 adds to the urgency."""
+MEMORY_H = 24.0
+"""Time over which errors of the forecast are averaged, and in which unforeseen limits are forgotten."""
 MOST_STEPS = 48 * 60
 """Steps of the longest plan: two days of minutes."""
 
@@ -84,6 +93,7 @@ class Planner:
     balance : float
         Price of imbalance [1/h]: the squared distance of a string's fill (share of its SOC window) from the
         plant's, times its nominal energy, times the mean price of losses, costs this much for each hour.
+        It counts where the plant will come near empty or full, and more where little came as foreseen.
 
     Raises
     ------
@@ -107,16 +117,13 @@ class Planner:
         self.n_steps = int(n_steps)
         self.dt_h = dt_h
         self.rollouts = int(rollouts)
-        # The core counts charge; energy and charge differ by the mean voltage.
-        kwh_per_ah = float(system.nominal_energy_kwh.sum() / system.capacity_ah.sum())
-        self._balance = balance * kwh_per_ah
-        certainty = np.exp(-np.arange(self.n_steps) * dt_h / DOUBT_H)
-        certainty[0] *= URGENCY
-        self._certainty = np.stack([certainty, certainty, *2 * [np.ones(self.n_steps)]], axis=1)
+        self._balance = balance
         self._request_kw: Array | None = None
         self._limit_kw: Array | None = None
         self._start_charge = 0.0
         self._turn = 0
+        self._foreseen_kw: float | None = None
+        self._error_kw = self._level_kw = self._surprise = 0.0
 
     def __call__(
         self,
@@ -158,6 +165,7 @@ class Planner:
             self.system, self.n_steps, self.dt_h, state, demand_kw, ambient_c, limit_kw
         )
         limit = np.ascontiguousarray(problem.limit_kw[:, 0])
+        self._compare(np.atleast_1d(np.asarray(demand_kw, dtype=np.float64)), limit)
         previous, running = self._moved_on(), self._running()
         changed = self._limit_kw is not None and not np.array_equal(limit, self._limit_kw)
         fresh = previous is None or changed or self._turn % FRESH_STEPS == 0
@@ -171,10 +179,10 @@ class Planner:
                 problem.ambient_c,
                 self.dt_h,
                 limit,
-                prices.losses * self._certainty,
+                prices.losses * self._certainty(),
                 prices.wear,
                 prices.start,
-                self._balance * float(prices.losses[:, 2:].mean()),
+                self._imbalance_price() * float(prices.losses[:, 2:].mean()),
                 END_SHARE * self._start_charge,
                 previous,
                 self.rollouts,
@@ -188,8 +196,9 @@ class Planner:
         self._turn += 1
         return Plan(plan.request_kw, plan.cost, plan.rule_cost, problem.unmet_kw, plan.rollouts)
 
-    def skip(self) -> None:
-        """Let a step pass in which nothing is asked."""
+    def skip(self, demand_kw: ArrayLike) -> None:
+        """Let a step pass in which nothing is asked; ``demand_kw`` as in a call."""
+        self._compare(np.asarray(demand_kw, dtype=np.float64), self._limit_kw)
         self._request_kw = self._moved_on()
         if self._request_kw is not None:
             self._request_kw[:, 0] = 0.0
@@ -201,12 +210,56 @@ class Planner:
             "limit_kw": self._limit_kw,
             "start_charge": self._start_charge,
             "turn": self._turn,
+            "foreseen_kw": self._foreseen_kw,
+            "error_kw": self._error_kw,
+            "level_kw": self._level_kw,
+            "surprise": self._surprise,
         }
 
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Continue with what :meth:`memory` returned."""
         self._request_kw, self._limit_kw = memory["request_kw"], memory["limit_kw"]
         self._start_charge, self._turn = float(memory["start_charge"]), int(memory["turn"])
+        self._foreseen_kw = memory["foreseen_kw"]
+        self._error_kw, self._level_kw = float(memory["error_kw"]), float(memory["level_kw"])
+        self._surprise = float(memory["surprise"])
+
+    def _compare(self, demand_kw: Array, limit_kw: Array | None) -> None:
+        """Notes how far the demand and the limits of this step are from what the call before foresaw."""
+        # What is above the inverters in service was never going to be shared.
+        most_kw = float((self.system.nominal_kw if limit_kw is None else limit_kw).sum())
+        now, new = float(np.clip(demand_kw[0], -most_kw, most_kw)), min(1.0, self.dt_h / MEMORY_H)
+        if self._foreseen_kw is not None:
+            foreseen = float(np.clip(self._foreseen_kw, -most_kw, most_kw))
+            self._error_kw += new * (abs(now - foreseen) - self._error_kw)
+            self._level_kw += new * (abs(now) - self._level_kw)
+        self._foreseen_kw = float(demand_kw[1]) if demand_kw.size > 1 else None
+        self._surprise *= 1.0 - new
+        if limit_kw is not None and self._limit_kw is not None:
+            change_kw = float(np.abs(limit_kw - self._limit_kw).sum())
+            self._surprise += change_kw / float(self.system.nominal_kw.sum())
+
+    def _mistrust(self) -> float:
+        """How little what is foreseen is to be trusted, from 0 to 1.
+
+        Relative error of the forecasts of the next step, and share of the inverters' power that was lost or
+        found again unforeseen, of the last day or so.
+        """
+        error = self._error_kw / self._level_kw if self._level_kw > 0.0 else 0.0
+        return min(error + self._surprise, 1.0)
+
+    def _imbalance_price(self) -> float:
+        """Price of imbalance [kWh/Ah/h]; the core counts charge, energy is charge times mean voltage."""
+        kwh_per_ah = float(self.system.nominal_energy_kwh.sum() / self.system.capacity_ah.sum())
+        return (self._balance + MISTRUSTED_BALANCE_PER_H * self._mistrust()) * kwh_per_ah
+
+    def _certainty(self) -> Array:
+        """Weights of the four losses in each step, shape (n_steps, 4): a shortfall later counts less."""
+        mistrust = self._mistrust()
+        hours = np.arange(self.n_steps) * self.dt_h
+        shortfall = np.exp(-hours * (1.0 / DOUBT_H + mistrust / MISTRUSTED_DOUBT_H))
+        shortfall[0] *= URGENCY + MISTRUSTED_URGENCY * mistrust
+        return np.stack([shortfall, shortfall, *2 * [np.ones(self.n_steps)]], axis=1)
 
     def _moved_on(self) -> Array | None:
         """The last plan from its second step on; what its new last step asks for is still to be shared."""

@@ -46,7 +46,7 @@ class PlannedPolicy:
     def __call__(self, situation: Situation) -> Decision:
         """Plan the steps ahead; an idle step needs no plan."""
         if situation.demand_kw[0] == 0.0:
-            self._planner.skip()
+            self._planner.skip(situation.demand_kw)
             return Decision(np.zeros_like(situation.limit_kw))
         started = time.perf_counter()
         plan = self._planner(

@@ -6,8 +6,8 @@ use crate::plan::paths::Paths;
 /// Lengths of blocks [steps], one after the other from call to call.
 pub(crate) const LENGTHS: [usize; 5] = [2, 4, 8, 16, 32];
 
-/// A block of at most this length is short [steps].
-const SHORT: usize = 8;
+/// Blocks of at most this length [steps] are screened by the slopes behind them.
+const SHORT: usize = 4;
 
 /// What becomes of a block.
 #[derive(Debug, Clone, Copy)]

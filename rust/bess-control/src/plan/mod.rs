@@ -109,9 +109,12 @@ impl PlanProblem<'_> {
             None => Rule::Soc.schedule(self),
         };
         let paths = Paths::new(self, request_w);
-        let capacity: f64 = (0..self.n_strings()).map(|m| self.capacity_ah(m)).sum();
+        let capacity: f64 = (0..self.n_strings()).map(|m| self.usable_ah(m)).sum();
+        if capacity <= 0.0 {
+            return;
+        }
         let fill = |t: usize| {
-            let charge = |m: usize| self.capacity_ah(m) * self.fill_of(m, paths.at(m, t + 1).state);
+            let charge = |m: usize| self.usable_ah(m) * self.fill_of(m, paths.at(m, t + 1).state);
             (0..self.n_strings()).map(charge).sum::<f64>() / capacity
         };
         self.fill = (0..self.n_steps()).map(fill).collect();

@@ -102,7 +102,7 @@ impl<'a> PlanProblem<'a> {
         let mut rate = flow.losses().cost(&p.losses[t]) + p.wear[m] * flow.current_a.abs();
         if p.balance > 0.0 {
             let off = self.fill_of(m, flow.end) - self.fill[t];
-            rate += p.balance * self.tightness[t] * self.capacity_ah(m) * off * off;
+            rate += p.balance * self.tightness[t] * self.usable_ah(m) * off * off;
         }
         let start = if running || request_w <= 0.0 { 0.0 } else { p.start };
         (rate * interval.dt_h + start, flow.end)
@@ -126,5 +126,11 @@ impl<'a> PlanProblem<'a> {
     #[inline]
     pub(crate) fn capacity_ah(&self, m: usize) -> f64 {
         self.model.strings()[m].parameters.capacity_ah
+    }
+
+    /// Capacity of a string, less where its inverter is limited: charge that cannot be reached balances nothing.
+    #[inline]
+    pub(crate) fn usable_ah(&self, m: usize) -> f64 {
+        self.capacity_ah(m) * self.limit_w[m] / self.model.strings()[m].nominal_w()
     }
 }

@@ -1,0 +1,69 @@
+"""Claims about what nobody foresaw: outages, limits, forecasts of yesterday's demand, and wrong ones."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+import bess
+from bess.foresight import Planner
+from bess.parameters.terms import Terms
+from bess.policies.planned import PlannedPolicy
+from bess.policies.policy import Decision, Situation
+from bess.study.scenarios import expand
+
+
+def outages(policy: str, **values: Any) -> bess.Study:
+    """Two days of four unequal strings that lose two inverters and are asked for a lot."""
+    study = bess.load_study("differing", {"demand.scale": 1.5, **values})
+    return expand(study)[policy]
+
+
+class Misled:
+    """Foresight that is told a share of what every later step will ask for."""
+
+    def __init__(self, share: float) -> None:
+        planner = Planner(bess.load_system("unequal-4"), n_steps=96)
+        self._policy = PlannedPolicy(planner, bess.Objectives.energy(), Terms())
+        self.statuses = self._policy.statuses
+        self._share = share
+
+    def __call__(self, situation: Situation) -> Decision:
+        told = self._share * situation.demand_kw
+        told[0] = situation.demand_kw[0]
+        return self._policy(replace(situation, demand_kw=told))
+
+    def memory(self) -> dict[str, Any]:
+        return self._policy.memory()
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        self._policy.recall(memory)
+
+
+@pytest.fixture(scope="module")
+def soc() -> dict[str, float]:
+    return bess.run(outages("soc"), progress=False).kpis
+
+
+def delivers_as_much_and_loses_less(kpis: Mapping[str, float], rule: Mapping[str, float]) -> None:
+    assert kpis["delivered_kwh"] >= rule["delivered_kwh"]
+    assert kpis["availability_pct"] >= rule["availability_pct"]
+    losses, of_rule = (k["inverter_loss_kwh"] + k["battery_loss_kwh"] for k in (kpis, rule))
+    assert losses < of_rule
+
+
+@pytest.mark.parametrize("forecast", ["perfect", "persistence"])
+def test_outages_and_limits_that_nobody_foresaw_cost_no_more_than_under_soc(
+    forecast: str, soc: dict[str, float]
+) -> None:
+    study = outages("mpc", **{"demand.forecast": forecast})
+    delivers_as_much_and_loses_less(bess.run(study, progress=False).kpis, soc)
+
+
+@pytest.mark.parametrize("share", [0.8, 1.2])
+def test_a_forecast_wrong_by_a_fifth_costs_no_more_than_soc(share: float, soc: dict[str, float]) -> None:
+    result = bess.run(outages("mpc"), policy=Misled(share), progress=False)
+    delivers_as_much_and_loses_less(result.kpis, soc)
