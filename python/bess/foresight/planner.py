@@ -23,9 +23,9 @@ FRESH_ROLLOUTS = 600
 """Roll-outs for every rule's schedule where a plan is made from nothing, or anew."""
 FRESH_STEPS = 96
 """Calls after which the plan is also made anew: what a carried plan cannot get out of, a fresh one may."""
-END_SHARE = 0.5
-"""Value of charge at the end of a plan, as a share of its value at the start: what is scarce now will be
-scarce again, but a plan that counts on all of it hoards."""
+END_SHARE = 0.1
+"""Value of charge at the end of a plan, as a share of its value at the start. A plan that counts on more of
+it hoards: what is scarce now will be scarce again, but not certainly."""
 BALANCE_PER_H = 0.01
 """Price of imbalance [1/h], see :class:`Planner`. Strings that nothing holds together drift apart; then one
 that fails, or a forecast that is wrong, leaves too little power."""

@@ -6,9 +6,6 @@ use crate::plan::paths::Paths;
 /// Lengths of blocks [steps], one after the other from call to call.
 pub(crate) const LENGTHS: [usize; 5] = [2, 4, 8, 16, 32];
 
-/// Blocks of at most this length [steps] are screened by the slopes behind them.
-const SHORT: usize = 4;
-
 /// What becomes of a block.
 #[derive(Debug, Clone, Copy)]
 enum Change {
@@ -35,11 +32,9 @@ impl Change {
     }
 }
 
-/// Tries all changes on one block after the other, the first beginning at `offset`. A change of a short block is rolled out
-/// to the end of the plan only where the slopes behind the block promise a gain; behind a long one they say too little.
+/// Tries all changes on one block after the other, the first beginning at `offset`.
 pub(crate) fn rearrange(paths: &mut Paths<'_>, pair: Pair, length: usize, offset: usize, budget: u64) {
     let n_steps = paths.problem.n_steps();
-    let mut slopes = (length <= SHORT).then(|| pair.slopes(paths));
     for from in (offset % length..n_steps).step_by(length) {
         for kind in Change::ALL {
             if paths.work >= budget {
@@ -48,13 +43,9 @@ pub(crate) fn rearrange(paths: &mut Paths<'_>, pair: Pair, length: usize, offset
             let to = (from + length).min(n_steps);
             let change: Vec<_> =
                 (from..to).map(|t| kind.of(&pair.room(paths, t), paths.request(pair.second, t))).collect();
-            if slopes.as_ref().is_some_and(|slopes| pair.promise(paths, from, &change, slopes) >= 0.0) {
-                continue;
-            }
             let before = pair.cost(paths);
             if pair.cost_with(paths, from, &change, before) < before - 1e-12 * before.abs() {
                 pair.take(paths, from, &change);
-                slopes = slopes.map(|_| pair.slopes(paths));
             }
         }
     }

@@ -26,6 +26,8 @@ const WORTHWHILE: f64 = 2e-4;
 /// Distance of the plant's fill from empty and full, above which imbalance does no harm, and below which it counts in full.
 const ROOMY: f64 = 0.3;
 const TIGHT: f64 = 0.15;
+/// What is left of the price of imbalance where it does no harm: strings alike are easier to plan for.
+const SLACK: f64 = 0.1;
 
 /// How much a plan is worked on. Counted in roll-outs of all strings over all steps, so that answers do not depend on the
 /// machine.
@@ -118,7 +120,7 @@ impl PlanProblem<'_> {
             (0..self.n_strings()).map(charge).sum::<f64>() / capacity
         };
         self.fill = (0..self.n_steps()).map(fill).collect();
-        let mut tightness: f64 = 0.0;
+        let mut tightness = SLACK;
         for t in (0..self.n_steps()).rev() {
             let margin = self.fill[t].min(1.0 - self.fill[t]);
             tightness = tightness.max(((ROOMY - margin) / (ROOMY - TIGHT)).clamp(0.0, 1.0));

@@ -66,25 +66,6 @@ impl Pair {
         (Slopes::along(paths, self.first), Slopes::along(paths, self.second))
     }
 
-    /// What other requests from step `from` on would add to the cost of both strings, by the slopes of what follows.
-    pub fn promise(
-        &self,
-        paths: &mut Paths<'_>,
-        from: usize,
-        change: &[(f64, f64)],
-        slopes: &(Slopes, Slopes),
-    ) -> f64 {
-        let to = from + change.len();
-        paths.work += 2 * change.len() as u64;
-        let ahead = |m: usize, requests: &mut dyn Iterator<Item = f64>| {
-            requests.zip(from..).fold(*paths.at(m, from), |point, (u, t)| paths.next(m, t, &point, u))
-        };
-        let first = ahead(self.first, &mut change.iter().map(|c| c.0));
-        let second = ahead(self.second, &mut change.iter().map(|c| c.1));
-        slopes.0.change(to, paths.at(self.first, to), &first)
-            + slopes.1.change(to, paths.at(self.second, to), &second)
-    }
-
     /// Takes other requests from step `from` on.
     pub fn take(&self, paths: &mut Paths<'_>, from: usize, change: &[(f64, f64)]) {
         for (k, &(u, v)) in change.iter().enumerate() {

@@ -32,7 +32,7 @@ pub struct PlanProblem<'a> {
     pub(crate) prices: Prices,
     /// Fill of the plant at the end of each step `(T,)`, from which imbalance is measured.
     pub(crate) fill: Vec<f64>,
-    /// Whether the plant will still come near empty or full `(T,)`, from 0 (no) to 1 (yes); else imbalance does no harm.
+    /// Whether the plant will still come near empty or full `(T,)`, up to 1 (yes): what imbalance counts.
     pub(crate) tightness: Vec<f64>,
 }
 

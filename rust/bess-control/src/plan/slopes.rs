@@ -54,7 +54,7 @@ impl Slopes {
 
     /// What it costs to be at `other` instead of `here` at the start of step `t`, to first order.
     #[inline]
-    pub fn change(&self, t: usize, here: &Point, other: &Point) -> f64 {
+    fn change(&self, t: usize, here: &Point, other: &Point) -> f64 {
         other.cost - here.cost
             + self.soc[t] * (other.state.soc - here.state.soc)
             + self.temperature[t] * (other.state.temperature_c - here.state.temperature_c)
