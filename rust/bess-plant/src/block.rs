@@ -635,6 +635,8 @@ mod tests {
 
     #[test]
     fn the_widest_instructions_at_hand_change_no_bit() {
-        assert_eq!(record::<8>(Block::run), record::<8>(Block::run_portable));
+        // As text, because what was not recorded is NaN, which equals nothing.
+        let text = |record: Record| format!("{record:?}");
+        assert_eq!(text(record::<8>(Block::run)), text(record::<8>(Block::run_portable)));
     }
 }
