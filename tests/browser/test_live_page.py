@@ -40,7 +40,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     now_s = made.clock()
     for k in range(600):
         made.clock = lambda k=k: now_s - 36_000.0 + 60.0 * k  # type: ignore[assignment,misc]
-        answer = made.decide(measured(soc, [25.0, 30.0, 53.0]), 180.0 * np.sin(k / 60.0))
+        answer = made.answer(measured(soc, [25.0, 30.0, 53.0]), 180.0 * np.sin(k / 60.0))
         soc = soc - answer.request_kw / 266.0 / 60.0
     yield made
     made.close()

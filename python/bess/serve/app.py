@@ -29,7 +29,7 @@ from bess.serve.messages import (
     read_message,
 )
 from bess.serve.page import PAGE, PAGE_HEADERS, reference_page
-from bess.serve.service import LOG, Service, answer_document
+from bess.serve.service import LOG, Service
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ def build_app(service: Service, token: str | None = None, driven: Driven | None 
         message = read_message(SplitMessage, await _body(request))
         measured = measurements_of(message, service.controller.system)
         answer = await service.split(measured, message.now_kw, message.forecast_kw)
-        return _json(answer_document(answer))
+        return _json(answer.document())
 
     @app.post("/v1/openems-solver", summary="Shares in per cent, as OpenEMS asks a solver for them")
     async def openems_solver(request: Request) -> Response:

@@ -118,6 +118,18 @@ class CarriedPlan:
         offset = self.slot(now_s) - self.current.slot
         return offset if 0 <= offset < self.current.demand_kw.size else None
 
+    def from_now(self, now_s: float) -> Array | None:
+        """Set-points from the step that holds now on, shape ``(n_strings, n_left)``; None without any."""
+        column = self.column(now_s)
+        return None if column is None or self.current is None else self.current.request_kw[:, column:]
+
+    def gap(self, request_kw: Array, now_s: float) -> float | None:
+        """Distance to a proven bound of set-points that are those of a plan that was made in this step."""
+        planned, plan = self.from_now(now_s), self.current
+        if planned is None or plan is None or plan.slot != self.slot(now_s):
+            return None
+        return plan.gap if np.allclose(request_kw, planned[:, 0], rtol=1e-6, atol=1e-6) else None
+
     def memory(self) -> dict[str, Any]:
         """What continues the plan in another process."""
         plan = self.current

@@ -75,22 +75,55 @@ class Curves:
         return self.slope + 2.0 * self.bend * power_kw
 
 
-def best_shares(curves: Curves, price: Array, most_kw: Array, demand_kw: float, sets: Flags) -> Array:
-    """Powers at equal marginal costs within each set, shape ``(n_sets, n_strings)``; as much as it can take.
+@dataclass(frozen=True)
+class Task:
+    """A demand in one direction, and the strings that may share it; arrays of shape ``(n_strings,)``.
 
-    ``price`` is added to the marginal loss of each string.
+    Attributes
+    ----------
+    demand_kw : float
+        Magnitude.
+    most_kw : ndarray
+        What each string can take in this direction.
+    usable : ndarray of bool
+        Strings that may run at all.
+    curves : Curves
+        Losses of the strings in this direction.
+    price : ndarray
+        Cost of a kW of each string beside its loss [kW/kW], by which a plan says which it wants.
     """
-    slope, twice = curves.slope + price, 2.0 * curves.bend
-    # What a set gives is piecewise linear in the marginal cost, with a knot where a string begins or is full.
-    knots = np.sort(np.concatenate([slope, slope + twice * most_kw]))
-    given = np.minimum(np.maximum((knots[:, None] - slope) / twice, 0.0), most_kw) @ sets.T
-    asked = np.minimum(demand_kw, given[-1])
-    after = np.clip((given < asked).sum(axis=0), 1, knots.size - 1)
-    column = np.arange(len(sets))
-    low, high = given[after - 1, column], given[after, column]
-    part = (asked - low) / np.maximum(high - low, CRUMBS_KW)
-    cost = knots[after - 1] + part * (knots[after] - knots[after - 1])
-    return np.asarray(np.minimum(np.maximum((cost[:, None] - slope) / twice, 0.0), most_kw) * sets)
+
+    demand_kw: float
+    most_kw: Array
+    usable: Flags
+    curves: Curves
+    price: Array
+
+    def best_shares(self, sets: Flags) -> Array:
+        """Powers at equal marginal costs within each set, as much as it can take; as ``sets``.
+
+        ``sets`` has the shape ``(n_sets, n_strings)``, or ``(n_strings,)`` for one.
+        """
+        within, most = np.atleast_2d(sets), self.most_kw
+        slope, twice = self.curves.slope + self.price, 2.0 * self.curves.bend
+        # What a set gives is piecewise linear in the marginal cost, with a knot where a string begins or is
+        # full.
+        knots = np.sort(np.concatenate([slope, slope + twice * most]))
+        given = np.minimum(np.maximum((knots[:, None] - slope) / twice, 0.0), most) @ within.T
+        asked = np.minimum(self.demand_kw, given[-1])
+        after = np.clip((given < asked).sum(axis=0), 1, knots.size - 1)
+        column = np.arange(len(within))
+        low, high = given[after - 1, column], given[after, column]
+        part = (asked - low) / np.maximum(high - low, CRUMBS_KW)
+        cost = knots[after - 1] + part * (knots[after] - knots[after - 1])
+        shares = np.minimum(np.maximum((cost[:, None] - slope) / twice, 0.0), most) * within
+        return np.asarray(shares.reshape(sets.shape))
+
+    def cost_kw(self, sets: Flags) -> Array:
+        """Losses and prices of the best shares of each set, shape ``(n_sets,)``."""
+        shares, curves = self.best_shares(sets), self.curves
+        costs = curves.idle_kw * sets + (curves.slope + self.price) * shares + curves.bend * shares**2
+        return np.asarray(costs.sum(axis=1))
 
 
 class Commitment:
@@ -118,41 +151,23 @@ class Commitment:
         self._saved_kwh: Array = np.zeros((n_strings + 1, n_strings + 1))
         self._peaks: list[tuple[float, float]] = []
 
-    def update(
-        self,
-        curves: Curves,
-        price: Array,
-        demand_kw: float,
-        most_kw: Array,
-        usable: Flags,
-        *,
-        elapsed_s: float,
-        step_s: float,
-    ) -> None:
+    def update(self, task: Task, *, elapsed_s: float, step_s: float) -> None:
         """Decide for one control step.
 
         Parameters
         ----------
-        curves
-            Losses of the strings in the direction of the demand.
-        price
-            Cost of a kW of each string beside its loss [kW/kW], by which a plan says which it wants.
-        demand_kw
-            Magnitude.
-        most_kw
-            What each string can take in this direction.
-        usable
-            Strings that may run at all.
+        task
+            What is to be shared.
         elapsed_s
             Time since the last decision.
         step_s
             Time for which this one holds.
         """
-        self.pass_time(usable, elapsed_s)
-        self._remember(demand_kw, elapsed_s)
+        self.pass_time(task.usable, elapsed_s)
+        self._remember(task.demand_kw, elapsed_s)
         first = True
         for _ in range(2 * self.running.size):
-            move = self._move(curves, price, demand_kw, most_kw, usable, step_s, adds_up=first)
+            move = self._move(task, step_s, adds_up=first)
             first = False
             if move is None:
                 break
@@ -202,38 +217,22 @@ class Commitment:
         self._peaks = [(age, peak) for age, peak in kept if age <= self._minimum_off_s]
         self._peaks.append((0.0, demand_kw))
 
-    def _move(
-        self,
-        curves: Curves,
-        price: Array,
-        demand_kw: float,
-        most_kw: Array,
-        usable: Flags,
-        step_s: float,
-        *,
-        adds_up: bool,
-    ) -> tuple[Flags, Flags] | None:
+    def _move(self, task: Task, step_s: float, *, adds_up: bool) -> tuple[Flags, Flags] | None:
         """The next switching that is worth it: what stops, what starts."""
         n = self.running.size
-        stop = np.flatnonzero(self.running & (self.since_s >= self._minimum_on_s))
-        start = np.flatnonzero(~self.running & usable & (self.since_s >= self._minimum_off_s))
-        rows, columns = [*stop, n], [*start, n]
-        from_, to = (a.ravel() for a in np.meshgrid(rows, columns, indexing="ij"))
-        nothing = (from_ == n) & (to == n)
-        from_, to = from_[~nothing], to[~nothing]
+        from_, to = self._candidates(task.usable)
         if not from_.size:
             return None
-        wide = np.zeros((from_.size + 1, n + 1), dtype=bool)
-        wide[:, :n] = self.running
+        # Sets of running strings: the present one, then that of each candidate; the last column is none.
+        sets = np.zeros((from_.size + 1, n + 1), dtype=bool)
+        sets[:, :n] = self.running
         index = np.arange(1, from_.size + 1)
-        wide[index, from_] = False
-        wide[index, to] = True
-        sets = wide[:, :n]
-
-        shares = best_shares(curves, price, most_kw, demand_kw, sets)
-        loss = (curves.idle_kw * sets + (curves.slope + price) * shares + curves.bend * shares**2).sum(axis=1)
-        can = (most_kw * sets).sum(axis=1)
-        short = np.maximum(demand_kw - can, 0.0)
+        sets[index, from_] = False
+        sets[index, to] = True
+        sets = sets[:, :n]
+        loss = task.cost_kw(sets)
+        can = (task.most_kw * sets).sum(axis=1)
+        short = np.maximum(task.demand_kw - can, 0.0)
         extra = np.append(self._start_worth_kwh(), 0.0)
         if short[0] > CRUMBS_KW and (short[1:] < short[0] - CRUMBS_KW).any():
             # Too little runs: the cheapest helper starts now, its start written off over the hour.
@@ -256,6 +255,15 @@ class Commitment:
             self._saved_kwh[:] = 0.0
             self._saved_kwh[from_, to] = saved
         return None
+
+    def _candidates(self, usable: Flags) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """What may stop and what may start instead; ``n_strings`` stands for none."""
+        n = self.running.size
+        stop = np.flatnonzero(self.running & (self.since_s >= self._minimum_on_s))
+        start = np.flatnonzero(~self.running & usable & (self.since_s >= self._minimum_off_s))
+        from_, to = (a.ravel() for a in np.meshgrid([*stop, n], [*start, n], indexing="ij"))
+        moves = (from_ < n) | (to < n)
+        return from_[moves], to[moves]
 
     def _flags(self, stop: int, start: int) -> tuple[Flags, Flags]:
         n = self.running.size

@@ -15,7 +15,7 @@ import numpy as np
 
 from bess.plants import LinkError, Measurements, PlantLink
 from bess.plants.journal import Journal
-from bess.serve.controller import Answer
+from bess.serve.answer import Answer
 from bess.serve.demands import Demands
 from bess.serve.service import LOG, Service
 
@@ -90,8 +90,7 @@ class Cycle:
         try:
             measured = self._link.read()
         except LinkError as error:
-            service.metrics.link_errors.inc()
-            self._doubt(str(error))
+            self._failed(error)
             return None
         now_s = service.clock()
         asked = self._demands.at(now_s, service.controller.plan.n_steps)
@@ -114,16 +113,21 @@ class Cycle:
             return None
         # A string that takes no set-points is not written: what it was given lapses.
         set_points = np.where(measured.available, answer.request_kw, np.nan)
-        self._written, self._written_at_s, self._holds = set_points, self._monotonic(), True
-        try:
-            self._link.write(set_points)
-        except LinkError as error:
-            self._service.metrics.link_errors.inc()
-            self._doubt(str(error))
+        if not self._send(set_points):
             return None
         self.trouble = ""
         self._service.controller.drives = True
         return set_points
+
+    def _send(self, set_points: np.ndarray) -> bool:
+        """Write set-points, for the first time or again; whether they arrived."""
+        self._written, self._written_at_s, self._holds = set_points, self._monotonic(), True
+        try:
+            self._link.write(set_points)
+        except LinkError as error:
+            self._failed(error)
+            return False
+        return True
 
     def _refresh_in_s(self) -> float:
         """Time until the set-points must be written again."""
@@ -136,12 +140,12 @@ class Cycle:
             return
         if self._monotonic() - self._written_at_s < self._link.refresh_s - 0.05:
             return
-        self._written_at_s = self._monotonic()
-        try:
-            self._link.write(self._written)
-        except LinkError as error:
-            self._service.metrics.link_errors.inc()
-            self._doubt(str(error))
+        self._send(self._written)
+
+    def _failed(self, error: LinkError) -> None:
+        """Count what the link could not do; write nothing more for now."""
+        self._service.metrics.link_errors.inc()
+        self._doubt(str(error))
 
     def _doubt(self, sentence: str) -> None:
         """Write nothing more for now: what was written lapses by itself."""

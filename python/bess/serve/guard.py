@@ -61,6 +61,28 @@ class Trusted:
     in_service: Flags
     reasons: tuple[str, ...]
 
+    @classmethod
+    def without_doubt(cls, state: State, nominal_kw: Array) -> Trusted:
+        """A plant in this state with every string in service and no limit but its inverter."""
+        n = nominal_kw.size
+        free = np.ones(n, dtype=bool)
+        return cls(state, state.soc, state.soc, nominal_kw, nominal_kw, free, ("",) * n)
+
+    @property
+    def limit_kw(self) -> Array:
+        """Power of each string in service, in whichever direction it is larger."""
+        return np.where(self.in_service, np.maximum(self.charge_kw, self.discharge_kw), 0.0)
+
+    def worse(self, discharge: bool) -> State:
+        """The state with which less can be done in one direction."""
+        state = self.state
+        return State(
+            self.soc_low if discharge else self.soc_high,
+            state.temperature_c,
+            state.soh_capacity,
+            state.soh_resistance,
+        )
+
 
 @dataclass
 class _Watch:

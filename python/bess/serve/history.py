@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bess.serve.controller import Answer
+from bess.serve.answer import Answer
 
 SPAN_S: Final = 86_400.0
 EVERY_S: Final = 60.0

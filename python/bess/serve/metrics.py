@@ -6,7 +6,8 @@ from functools import partial
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
 
-from bess.serve.controller import Answer, Controller
+from bess.serve.answer import Answer
+from bess.serve.controller import Controller
 
 
 class Metrics:

@@ -5,15 +5,18 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
-from concurrent.futures import ThreadPoolExecutor
+import time
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
 from bess.plants import Measurements
 from bess.policies import build_policy
 from bess.policies.settings import Settings
+from bess.serve.answer import Answer
 from bess.serve.clock import Clock, stamp
-from bess.serve.controller import Answer, Controller
+from bess.serve.controller import Controller
 from bess.serve.history import History
 from bess.serve.memory import Memory
 from bess.serve.metrics import Metrics
@@ -53,6 +56,16 @@ def build_controller(study: Study, *, background: bool = True) -> tuple[Controll
     return Controller(system, policy, study.service, steps, background=background), notes
 
 
+@dataclass(frozen=True)
+class Question:
+    """What the controller is asked, and when [s of the monotonic clock]."""
+
+    measured: Measurements
+    demand_kw: float
+    forecast_kw: list[float] | None
+    asked_s: float = field(default_factory=time.monotonic)
+
+
 class Service:
     """What stands behind the HTTP routes and the cycle of a driven plant.
 
@@ -81,48 +94,19 @@ class Service:
         self, measured: Measurements, demand_kw: float, forecast_kw: list[float] | None = None
     ) -> Answer:
         """Return an answer in the time that is allowed: the controller's, or the shares by energy."""
-        loop = asyncio.get_running_loop()
-        began_s = loop.time()
-        due_s = self.controller.service.answer_within_s
-        work = self._worker.submit(self.decide, measured, demand_kw, forecast_kw)
-        try:
-            answer = await asyncio.wait_for(asyncio.shield(asyncio.wrap_future(work)), due_s)
-        except TimeoutError:
-            work.cancel()
-            why = f"The controller had no answer within {due_s:g} s"
-            answer = self._fallback(measured, demand_kw, forecast_kw, why)
-        except Exception as error:
-            LOG.exception("the controller failed")
-            why = f"The controller failed ({type(error).__name__}: {error})"
-            answer = self._fallback(measured, demand_kw, forecast_kw, why)
-        self.metrics.answer_time.observe(loop.time() - began_s)
-        return answer
+        question = Question(measured, demand_kw, forecast_kw)
+        work = self._worker.submit(self._decide, question)
+        await asyncio.wait([asyncio.wrap_future(work)], timeout=self.controller.service.answer_within_s)
+        return self._outcome(question, work)
 
     def answer(
         self, measured: Measurements, demand_kw: float, forecast_kw: list[float] | None = None
     ) -> Answer:
         """As :meth:`split`, for a thread that may wait."""
-        due_s = self.controller.service.answer_within_s
-        work = self._worker.submit(self.decide, measured, demand_kw, forecast_kw)
-        try:
-            return work.result(timeout=due_s)
-        except TimeoutError:
-            work.cancel()
-            why = f"The controller had no answer within {due_s:g} s"
-        except Exception as error:
-            LOG.exception("the controller failed")
-            why = f"The controller failed ({type(error).__name__}: {error})"
-        return self._fallback(measured, demand_kw, forecast_kw, why)
-
-    def decide(
-        self, measured: Measurements, demand_kw: float, forecast_kw: list[float] | None = None
-    ) -> Answer:
-        """Decide, and see to it that it is not forgotten. From the thread of the controller only."""
-        now_s = self.clock()
-        wait_s = PLAN_SHARE * self.controller.service.answer_within_s
-        answer = self.controller.step(measured, demand_kw, now_s, forecast_kw=forecast_kw, wait_s=wait_s)
-        self._take(now_s, demand_kw, answer)
-        return answer
+        question = Question(measured, demand_kw, forecast_kw)
+        work = self._worker.submit(self._decide, question)
+        wait([work], timeout=self.controller.service.answer_within_s)
+        return self._outcome(question, work)
 
     async def call(self, function: Any, *arguments: Any) -> Any:
         """Run something in the thread of the controller."""
@@ -162,7 +146,7 @@ class Service:
             document["last"] = {
                 "time_s": at_s,
                 "demand_kw": demand_kw,
-                **answer_document(answer),
+                **answer.document(),
                 "soc": None if trusted is None else trusted.state.soc.tolist(),
                 "temperature_c": None if trusted is None else trusted.state.temperature_c.tolist(),
             }
@@ -191,14 +175,41 @@ class Service:
         self.controller.close()
         self.memory.close()
 
-    def _fallback(
-        self, measured: Measurements, demand_kw: float, forecast_kw: list[float] | None, why: str
-    ) -> Answer:
-        status = f"{why}; shared by the energy left."
-        answer = self.controller.fallback(measured, demand_kw, status, len(forecast_kw or [0.0]))
+    def _decide(self, question: Question) -> Answer | str:
+        """Decide, and see to it that it is not forgotten; or say why there is no answer."""
+        now_s = self.clock()
+        try:
+            answer = self.controller.step(
+                question.measured,
+                question.demand_kw,
+                now_s,
+                forecast_kw=question.forecast_kw,
+                wait_s=PLAN_SHARE * self.controller.service.answer_within_s,
+            )
+            self._take(now_s, question.demand_kw, answer)
+        except Exception as error:
+            LOG.exception("the controller failed")
+            return f"The controller failed ({type(error).__name__}: {error})"
+        return answer
+
+    def _outcome(self, question: Question, work: Future[Answer | str]) -> Answer:
+        """What the controller has answered by now, else the fallback."""
+        if work.done():
+            outcome = work.result()
+        else:
+            work.cancel()
+            outcome = f"The controller had no answer within {self.controller.service.answer_within_s:g} s"
+        if isinstance(outcome, str):
+            outcome = self._fallback(question, f"{outcome}; shared by the energy left.")
+        self.metrics.answer_time.observe(time.monotonic() - question.asked_s)
+        return outcome
+
+    def _fallback(self, question: Question, status: str) -> Answer:
+        n_steps = len(question.forecast_kw or [0.0])
+        answer = self.controller.fallback(question.measured, question.demand_kw, status, n_steps)
         self.metrics.fallbacks.inc()
         LOG.warning(status)
-        self._worker.submit(self._applied, answer, demand_kw)
+        self._worker.submit(self._applied, answer, question.demand_kw)
         return answer
 
     def _applied(self, answer: Answer, demand_kw: float) -> None:
@@ -226,22 +237,6 @@ class Service:
                     }
                 },
             )
-
-
-def answer_document(answer: Answer) -> dict[str, Any]:
-    """An answer as the JSON of ``POST /v1/split``."""
-    return {
-        "request_kw": answer.request_kw.tolist(),
-        "plan_kw": answer.plan_kw.tolist(),
-        "status": answer.status,
-        "gap": answer.gap,
-        "fallback": answer.fallback,
-        "unmet_kw": answer.unmet_kw,
-        "valid_for_s": answer.valid_for_s,
-        "solve_time_s": round(answer.solve_time_s, 6),
-        "running": answer.running.tolist(),
-        "reasons": list(answer.reasons),
-    }
 
 
 class JsonLines(logging.Formatter):
