@@ -1,6 +1,8 @@
 """What only SunSpec devices do, and devices that should not be driven."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from typing import Any
 
 import numpy as np
 import pytest
@@ -102,6 +104,26 @@ def test_a_device_takes_nothing_but_its_controls(modbus: ModbusTcpClient, watche
     assert watched.asked == []
 
 
+Models = dict[int, dict[str, Any]]
+
+
+@pytest.fixture
+def altering(watched: Watched, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., SimulatedDevices]]:
+    """Starts devices whose models have been altered."""
+    whole = simulated_sunspec._Device._models
+    with ExitStack() as stack:
+
+        def started(alter: Callable[[Models], Models]) -> SimulatedDevices:
+            monkeypatch.setattr(simulated_sunspec._Device, "_models", lambda self: alter(whole(self)))
+            return stack.enter_context(SimulatedDevices(watched.plant))
+
+        yield started
+
+
+def _without(lacking: set[int]) -> Callable[[Models], Models]:
+    return lambda models: {key: values for key, values in models.items() if key not in lacking}
+
+
 @pytest.mark.parametrize(
     ("lacking", "message"),
     [
@@ -111,58 +133,39 @@ def test_a_device_takes_nothing_but_its_controls(modbus: ModbusTcpClient, watche
     ],
 )
 def test_a_device_without_what_is_needed_is_refused(
-    connecting: Connecting, watched: Watched, monkeypatch: pytest.MonkeyPatch, lacking: set[int], message: str
+    connecting: Connecting, altering: Callable[..., SimulatedDevices], lacking: set[int], message: str
 ) -> None:
-    whole = simulated_sunspec._Device._models
-    monkeypatch.setattr(
-        simulated_sunspec._Device,
-        "_models",
-        lambda self: {key: values for key, values in whole(self).items() if key not in lacking},
-    )
-    with SimulatedDevices(watched.plant) as devices:
-        link = connecting(devices.address)
-        with pytest.raises(LinkError, match=message):
-            link.read()
+    link = connecting(altering(_without(lacking)).address)
+    with pytest.raises(LinkError, match=message):
+        link.read()
 
 
 @pytest.mark.parametrize("lacking", [{713}, {802}, {702, 803}])
 def test_a_device_with_only_what_is_needed_is_driven(
-    connecting: Connecting, watched: Watched, monkeypatch: pytest.MonkeyPatch, lacking: set[int]
+    connecting: Connecting, altering: Callable[..., SimulatedDevices], lacking: set[int]
 ) -> None:
-    whole = simulated_sunspec._Device._models
-    monkeypatch.setattr(
-        simulated_sunspec._Device,
-        "_models",
-        lambda self: {key: values for key, values in whole(self).items() if key not in lacking},
-    )
-    with SimulatedDevices(watched.plant) as devices:
-        link = connecting(devices.address)
-        link.write(ASKED)
-        said = link.read()
-        assert said.available.all()
-        assert said.power_kw == pytest.approx(ASKED, abs=0.01)
-        assert np.isinf(said.charge_limit_kw).all() == (702 in lacking)
-        assert np.isnan(said.temperature_c).all() == (803 in lacking)
-        assert link.refresh_s == (20.0 if 802 in lacking else 1.0)
+    link = connecting(altering(_without(lacking)).address)
+    link.write(ASKED)
+    said = link.read()
+    assert said.available.all()
+    assert said.power_kw == pytest.approx(ASKED, abs=0.01)
+    assert np.isinf(said.charge_limit_kw).all() == (702 in lacking)
+    assert np.isnan(said.temperature_c).all() == (803 in lacking)
+    assert link.refresh_s == (20.0 if 802 in lacking else 1.0)
 
 
 def test_a_device_that_cannot_revert_is_not_driven(
-    connecting: Connecting, watched: Watched, monkeypatch: pytest.MonkeyPatch
+    connecting: Connecting, altering: Callable[..., SimulatedDevices], watched: Watched
 ) -> None:
-    whole = simulated_sunspec._Device._models
+    def without(models: Models) -> Models:
+        control = {key: value for key, value in models[704].items() if key != "WSetRvrtTms"}
+        return models | {704: control}
 
-    def without(self: simulated_sunspec._Device) -> dict[int, dict[str, object]]:
-        models = whole(self)
-        models[704] = {key: value for key, value in models[704].items() if key != "WSetRvrtTms"}
-        return models
-
-    monkeypatch.setattr(simulated_sunspec._Device, "_models", without)
-    with SimulatedDevices(watched.plant) as devices:
-        link = connecting(devices.address)
-        assert link.read().available.all()
-        with pytest.raises(LinkError, match="would never lapse; not driven"):
-            link.write(ASKED)
-        assert watched.asked == []
+    link = connecting(altering(without).address)
+    assert link.read().available.all()
+    with pytest.raises(LinkError, match="would never lapse; not driven"):
+        link.write(ASKED)
+    assert watched.asked == []
 
 
 def test_a_modbus_server_without_sunspec_is_said_to_be_one(

@@ -18,12 +18,11 @@ import time
 from contextlib import suppress
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final
 from urllib.parse import unquote
 
-from bess.errors import InputError
 from bess.plants.simulated import Reading, SimulatedPlant
+from bess.plants.simulated_partner import SimulatedPartner
 
 API_TIMEOUT_S: Final = 60.0
 PASSWORD: Final = "owner"
@@ -33,7 +32,7 @@ _SET: Final = "SetActivePowerEquals"
 _LONGEST_BODY: Final = 65_536
 
 
-class SimulatedEdge:
+class SimulatedEdge(SimulatedPartner):
     """Serves a plant on the loopback, strings as ``ess0``, ``ess1``, ...; a context manager.
 
     Parameters
@@ -56,27 +55,15 @@ class SimulatedEdge:
         password: str = PASSWORD,
         api_timeout_s: float = API_TIMEOUT_S,
     ) -> None:
-        self.plant = plant
+        super().__init__(plant, port)
         self.password = password
         self.api_timeout_s = api_timeout_s
-        self._port = port
         self._server: _Server | None = None
 
     @property
     def address(self) -> str:
         """What ``--plant`` takes, password included."""
         return f"openems=http://x:{self.password}@127.0.0.1:{self._port}"
-
-    def start(self) -> None:
-        """Listen, at the same port as before if it was stopped."""
-        try:
-            server = _Server(("127.0.0.1", self._port), _Handler)
-        except OSError as error:
-            raise InputError(f"port {self._port}: cannot be listened at ({error}); use another") from error
-        server.edge = self
-        self._port = server.server_address[1]
-        self._server = server
-        threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
 
     def stop(self) -> None:
         """Vanish as a computer that is switched off: connections break; plant and watchdog live on."""
@@ -85,15 +72,6 @@ class SimulatedEdge:
             self._server.server_close()
             self._server.cut()
             self._server = None
-
-    def __enter__(self) -> Self:
-        self.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.stop()
 
     def channels(self) -> list[dict[str, Any]]:
         """Return all channels of all strings as the edge says them."""
@@ -118,6 +96,12 @@ class SimulatedEdge:
             self.plant.take_back(string)
         else:
             self.plant.ask(string, value / 1000.0, lapses_at)
+
+    def _listen(self, port: int) -> int:
+        self._server = server = _Server(("127.0.0.1", port), _Handler)
+        server.edge = self
+        threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
+        return int(server.server_address[1])
 
     def _said(self, reading: Reading) -> list[tuple[str, str, int | None]]:
         unit, scale = ("kW", 1.0) if self.plant.faults.kilowatts else ("W", 1000.0)

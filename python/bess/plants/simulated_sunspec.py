@@ -10,15 +10,14 @@ import asyncio
 import math
 import threading
 from collections.abc import Callable, Mapping
-from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final
 
 from pymodbus.constants import ExcCodes
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from bess.errors import InputError
 from bess.plants.simulated import SimulatedPlant
+from bess.plants.simulated_partner import SimulatedPartner
 from bess.plants.sunspec_models import END, MARK, decode, encode, offset, value
 
 BASE: Final = 40_000
@@ -35,7 +34,7 @@ _UNSET: Final[Mapping[str, int]] = {
 }
 
 
-class SimulatedDevices:
+class SimulatedDevices(SimulatedPartner):
     """Serves a plant as SunSpec devices on the loopback, strings as units 1, 2, ...; a context manager.
 
     Parameters
@@ -47,8 +46,7 @@ class SimulatedDevices:
     """
 
     def __init__(self, plant: SimulatedPlant, *, port: int = 0) -> None:
-        self.plant = plant
-        self._port = port
+        super().__init__(plant, port)
         self._loop: asyncio.AbstractEventLoop | None = None
         self._server: ModbusTcpServer | None = None
         self._thread: threading.Thread | None = None
@@ -57,17 +55,6 @@ class SimulatedDevices:
     def address(self) -> str:
         """What ``--plant`` takes."""
         return f"sunspec=127.0.0.1:{self._port}"
-
-    def start(self) -> None:
-        """Listen, at the same port as before if it was stopped."""
-        self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
-        self._thread.start()
-        try:
-            asyncio.run_coroutine_threadsafe(self._listen(), self._loop).result(_START_S)
-        except (RuntimeError, OSError, TimeoutError) as error:
-            self.stop()
-            raise InputError(f"port {self._port}: cannot be listened at ({error}); use another") from error
 
     def stop(self) -> None:
         """Vanish as a gateway that is switched off: connections break; plant and watchdog live on."""
@@ -82,21 +69,18 @@ class SimulatedDevices:
         self._loop.close()
         self._loop = None
 
-    def __enter__(self) -> Self:
-        self.start()
-        return self
+    def _listen(self, port: int) -> int:
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
+        self._thread.start()
+        return asyncio.run_coroutine_threadsafe(self._serve(port), self._loop).result(_START_S)
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.stop()
-
-    async def _listen(self) -> None:
+    async def _serve(self, port: int) -> int:
         devices = [_Device(self.plant, string).simulated() for string in range(self.plant.n_strings)]
-        self._server = ModbusTcpServer(devices, address=("127.0.0.1", self._port))
+        self._server = ModbusTcpServer(devices, address=("127.0.0.1", port))
         await self._server.serve_forever(background=True)
         transport: Any = self._server.transport
-        self._port = transport.sockets[0].getsockname()[1]
+        return int(transport.sockets[0].getsockname()[1])
 
 
 async def _shut_down(server: Any) -> None:
