@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import ClassVar, Final, Literal
 
-from bess.distil.translate import Kind, Printer, arguments, functions, outputs, places
+from bess.distil.translate import INDENT, Kind, Printer, arguments, functions, integers, outputs, places
 
 TYPES: Final = {"float": "double", "int": "int", "bool": "int", "Floats": "double", "Flags": "int"}
 PREFIX: Final = "bess_"
@@ -89,17 +89,18 @@ def c_header(n_strings: int, steps: int, about: str) -> str:
 def c_source(constants: Mapping[str, float | tuple[float, ...]], about: str) -> str:
     """Text of ``split.c``; compile without contraction of floating-point operations (-ffp-contract=off)."""
     lines = [f"/* {about} */", "#include <math.h>", "", '#include "split.h"', ""]
-    integers = {name: value for name, value in (*places().items(), *constants.items()) if type(value) is int}
-    lines += [f"enum {{ {name} = {value} }};" for name, value in integers.items()]
+    printer = CPrinter()
+    lines += [f"enum {{ {name} = {value} }};" for name, value in integers(constants).items()]
     for name, value in constants.items():
         if isinstance(value, tuple):
-            lines.append(f"static const double {name}[{len(value)}] = {{\n    {_listed(value)}\n}};")
+            table = printer.listed(value, INDENT)
+            lines.append(f"static const double {name}[{len(value)}] = {{\n{table}\n}};")
         elif type(value) is not int:
             lines.append(f"static const double {name} = {value!r};")
     lines += ["", "static double larger(double a, double b) { return b > a ? b : a; }"]
     lines += ["static double smaller(double a, double b) { return b < a ? b : a; }"]
     for name, function in functions().items():
-        lines += ["", f"{_signature(name)}", "{", *CPrinter().body(function.body), "}"]
+        lines += ["", f"{_signature(name)}", "{", *printer.body(function.body), "}"]
     return "\n".join(lines) + "\n"
 
 
@@ -118,8 +119,3 @@ def _summary(name: str) -> str:
     from ast import get_docstring
 
     return (get_docstring(functions()[name]) or "").partition("\n")[0].replace("``", "")
-
-
-def _listed(values: tuple[float, ...]) -> str:
-    rows = [values[first : first + 8] for first in range(0, len(values), 8)]
-    return ",\n    ".join(", ".join(repr(float(value)) for value in row) for row in rows)

@@ -6,7 +6,17 @@ import ast
 from collections.abc import Iterator, Mapping
 from typing import ClassVar, Final, Literal
 
-from bess.distil.translate import Kind, Printer, arguments, functions, locals_of, outputs, places
+from bess.distil.translate import (
+    INDENT,
+    Kind,
+    Printer,
+    arguments,
+    functions,
+    integers,
+    locals_of,
+    outputs,
+    places,
+)
 from bess.errors import BessError
 
 TYPES: Final = {"float": "LREAL", "int": "DINT", "bool": "BOOL", "Floats": "LREAL", "Flags": "BOOL"}
@@ -78,50 +88,42 @@ def st_source(constants: Mapping[str, float | tuple[float, ...]], about: str) ->
     lines = [f"(* {about} *)", "VAR_GLOBAL CONSTANT"]
     for name, value in (*places().items(), *constants.items()):
         if isinstance(value, tuple):
-            lines.append(
-                f"    {name} : ARRAY[0..{len(value) - 1}] OF LREAL := [\n{_listed(value, printer)}];"
-            )
+            table = printer.listed(value, 2 * INDENT)
+            lines.append(f"    {name} : ARRAY[0..{len(value) - 1}] OF LREAL := [\n{table}];")
         else:
             kind = "DINT" if type(value) is int else "LREAL"
             lines.append(f"    {name} : {kind} := {printer.number(value)};")
     lines.append("END_VAR")
-    integers: dict[str, int] = {n: v for n, v in (*places().items(), *constants.items()) if type(v) is int}
-    extents = {
-        "ahead_kw": integers["STEPS"], "outlook": integers["N_OUTLOOK"],
-    }  # fmt: skip
+    whole = integers(constants)
+    extents = {"ahead_kw": whole["STEPS"], "outlook": whole["N_OUTLOOK"]}
     for name, function in functions().items():
         filled = outputs(function)
         heads: dict[str, list[str]] = {"VAR_INPUT": [], "VAR_OUTPUT": [], "VAR": []}
         for argument, kind in arguments(function).items():
-            text = _declared(argument, kind, extents.get(argument, integers["STRINGS"]))
+            text = _declared(argument, kind, extents.get(argument, whole["STRINGS"]))
             heads["VAR_OUTPUT" if argument in filled else "VAR_INPUT"].append(text)
         for variable, (kind, size) in locals_of(function).items():
-            extent = 0 if size is None else _extent(size, integers)
+            extent = 0 if size is None else _extent(size, whole)
             heads["VAR"].append(_declared(printer.name(variable), kind, extent))
         heads["VAR"].append(_declared(COUNTER, "int", 0))
         lines += ["", f"FUNCTION_BLOCK {PREFIX}{name.upper()}"]
         for head, declarations in heads.items():
             lines += [head, *(f"    {text}" for text in declarations), "END_VAR"]
-        lines += [*StPrinter().body(function.body), "END_FUNCTION_BLOCK"]
+        lines += [*printer.body(function.body), "END_FUNCTION_BLOCK"]
     return "\n".join(lines) + "\n"
 
 
-def _extent(size: ast.expr, integers: Mapping[str, int]) -> int:
+def _extent(size: ast.expr, whole: Mapping[str, int]) -> int:
     match size:
         case ast.Constant(int(value)):
             return value
         case ast.Name(name):
-            return integers[name]
+            return whole[name]
         case ast.BinOp(left, ast.Add(), right):
-            return _extent(left, integers) + _extent(right, integers)
+            return _extent(left, whole) + _extent(right, whole)
     raise BessError(f"decision.py line {size.lineno}: {ast.unparse(size)}: is no size of an array")
 
 
 def _declared(name: str, kind: Kind, extent: int) -> str:
     array = f"ARRAY[0..{extent - 1}] OF " if kind in ("Floats", "Flags") else ""
     return f"{name} : {array}{TYPES[kind]};"
-
-
-def _listed(values: tuple[float, ...], printer: Printer) -> str:
-    rows = [values[first : first + 8] for first in range(0, len(values), 8)]
-    return ",\n".join("        " + ", ".join(printer.number(float(value)) for value in row) for row in rows)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import ast
 import inspect
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from typing import ClassVar, Final, Literal
 
@@ -118,6 +118,11 @@ class Printer(ABC):
     def close(self, head: Literal["if", "while", "for"]) -> str:
         """The line that ends a block."""
 
+    def listed(self, values: Sequence[float], indent: str) -> str:
+        """Literals of a table, eight on a line."""
+        rows = [values[first : first + 8] for first in range(0, len(values), 8)]
+        return ",\n".join(indent + ", ".join(self.number(float(value)) for value in row) for row in rows)
+
     def call(self, function: str, arguments: list[str]) -> str:
         """A call of ``max``, ``min``, ``abs`` or ``sqrt``."""
         return f"{self.words[function]}({', '.join(arguments)})"
@@ -194,6 +199,11 @@ class Printer(ABC):
         depth, self._depth = self._depth, 1
         yield from self.body(statements)
         self._depth = depth
+
+
+def integers(constants: Mapping[str, float | tuple[float, ...]]) -> dict[str, int]:
+    """What is whole among the decision's own constants and these, by name."""
+    return {name: value for name, value in (*places().items(), *constants.items()) if type(value) is int}
 
 
 def _name(node: object) -> str:
