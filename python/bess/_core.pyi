@@ -97,6 +97,7 @@ class Plant:
         ambient_c: NDArray[np.float64],
         duration_s: float,
         keep_nodes: bool,
+        reactive_kvar: NDArray[np.float64] | None = None,
     ) -> dict[str, NDArray[Any]]: ...
 
 @final

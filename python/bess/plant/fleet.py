@@ -194,15 +194,17 @@ class Fleet:
         shape: tuple[int, ...],
         *,
         nodes: bool,
+        reactive_kvar: NDArray[np.float64] | None = None,
     ) -> Flows:
         """Call the core with requests in its order (step, scenario, string); give flows of ``shape``.
 
         ``shape`` ends with the strings; axes of length 1 before it may be left out. ``air_c`` is in the order
-        (step, scenario).
+        (step, scenario), ``reactive_kvar`` in that of requests.
         """
         duration_s = one_number("control step", step_s, "s")
         with refusals():
-            array = self.core.run(request_kw.ravel(), air_c.ravel(), duration_s, nodes)
+            asked_kvar = None if reactive_kvar is None else reactive_kvar.ravel()
+            array = self.core.run(request_kw.ravel(), air_c.ravel(), duration_s, nodes, asked_kvar)
         return self.flows(array, shape, nodes=nodes)
 
     def flows(self, array: dict[str, NDArray[Any]], shape: tuple[int, ...], *, nodes: bool = False) -> Flows:

@@ -50,7 +50,8 @@ class Flows:
     inverter_loss_kw : ndarray
         Inverter loss [kW], with the standby of an inverter that is off.
     standby_kw : ndarray
-        That standby alone [kW]; the grid supplies it beside ``delivered_kw``.
+        That standby alone [kW], and the loss of an inverter with reactive power but no active power; the grid
+        supplies it beside ``delivered_kw``.
     battery_loss_kw : ndarray
         Ohmic loss ``R I^2`` [kW]: the heat that the strings take up, beside ``reversible_heat_kw``.
     reversible_heat_kw : ndarray
@@ -90,6 +91,8 @@ class Flows:
     coolant_c : ndarray or None
         Temperature at which the coolant reaches the (first) string at the end of the step [degC]; no string
         axis; None for a system without section ``[cooling]``.
+    reactive_kvar : ndarray or None
+        Reactive power [kvar], positive where the inverter gives it; None if none was asked for.
     """
 
     delivered_kw: Floats
@@ -117,6 +120,7 @@ class Flows:
     node_temperature_c: Floats | None
     cooling_kw: Floats | None = None
     coolant_c: Floats | None = None
+    reactive_kvar: Floats | None = None
 
     def _facts(self) -> dict[str, str]:
         *_, strings = self.delivered_kw.shape

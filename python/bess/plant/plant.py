@@ -17,7 +17,7 @@ from bess.plant.snapshot import PlantSnapshot
 
 
 class Plant:
-    """Electro-thermal plant of a battery of parallel strings, each behind its own inverter.
+    r"""Electro-thermal plant of a battery of parallel strings, each behind its own inverter.
 
     Rint cells, derating and the one-dimensional thermal model (forward in time, central in space) follow
     [1]_; cycles of strings that age are counted as in [2]_.
@@ -31,6 +31,12 @@ class Plant:
     A system with a section ``[cooling]`` has thermostats, fans or pumps, and a source of cold, which take
     :attr:`Flows.auxiliary_kw` from the grid; without one, air of the ambient passes the strings at a constant
     flow and costs nothing.
+
+    Reactive power, where it is asked for, loads the inverters: their losses are those of the apparent power
+    :math:`\sqrt{P^2 + Q^2}`, and what active power leaves of nominal power is the most they carry (equations
+    R1 and R2 of docs/equations.md). The battery covers the losses as ever; an inverter that delivers no
+    active power draws them from the grid, as part of :attr:`Flows.standby_kw`, so that empty and full strings
+    carry reactive power as well.
 
     Strings whose section ``[wear]`` names a cell model age: after a control step, once at least 900 s have
     gathered, their capacity falls and their resistance rises. SOC stays what it is then; the charge that goes
@@ -115,7 +121,12 @@ class Plant:
         return self._fleet.states[0]
 
     def step(
-        self, request_kw: ArrayLike, duration_s: float = 900.0, *, ambient_c: float | None = None
+        self,
+        request_kw: ArrayLike,
+        duration_s: float = 900.0,
+        *,
+        ambient_c: float | None = None,
+        reactive_kvar: ArrayLike | None = None,
     ) -> Flows:
         """Advance by one control step.
 
@@ -127,6 +138,8 @@ class Plant:
             Length of the control step [s], a multiple of the plant step, a day at most.
         ambient_c
             Air inlet temperature [degC]; the plant's own if None.
+        reactive_kvar
+            Reactive power of each string [kvar], shape ``(n_strings,)``, positive where it is given gives it.
 
         Returns
         -------
@@ -140,7 +153,8 @@ class Plant:
         """
         request = numbers("request_kw", request_kw, (self.system.n_strings,), "kW")
         air_c = ambient(ambient_c, self._fleet.ambient_c, 1, 1)
-        return self._fleet.advance(request, air_c, duration_s, request.shape, nodes=True)
+        asked = _beside(request, reactive_kvar)
+        return self._fleet.advance(request, air_c, duration_s, request.shape, nodes=True, reactive_kvar=asked)
 
     def run(
         self,
@@ -149,6 +163,7 @@ class Plant:
         *,
         ambient_c: ArrayLike | None = None,
         nodes: bool = False,
+        reactive_kvar: ArrayLike | None = None,
     ) -> Flows:
         """Advance through a horizon in one call; bit by bit the same as one :meth:`step` after the other.
 
@@ -162,6 +177,8 @@ class Plant:
             Air inlet temperature [degC], one value or one per step; the plant's own if None.
         nodes
             Keep the node temperatures of every step.
+        reactive_kvar
+            Reactive power [kvar], shape ``(n_steps, n_strings)``, positive where the inverter gives it.
 
         Returns
         -------
@@ -171,12 +188,13 @@ class Plant:
         Raises
         ------
         InputError
-            On a wrong shape, NaN, a request above nominal power, a step that the plant step does not
-            divide, or more than 1e10 plant steps of strings. Nothing has advanced then.
+            On a wrong shape, NaN, a request or reactive power above nominal power, a step that the plant step
+            does not divide, or more than 1e10 plant steps of strings. Nothing has advanced then.
         """
         request = numbers("request_kw", request_kw, ("n_steps", self.system.n_strings), "kW")
         air_c = ambient(ambient_c, self._fleet.ambient_c, 1, request.shape[0])
-        return self._fleet.advance(request, air_c, step_s, request.shape, nodes=nodes)
+        asked = _beside(request, reactive_kvar)
+        return self._fleet.advance(request, air_c, step_s, request.shape, nodes=nodes, reactive_kvar=asked)
 
     def follow(
         self,
@@ -245,3 +263,10 @@ class Plant:
     def restore(self, snapshot: PlantSnapshot) -> None:
         """Go back (or on) to a snapshot; the plant continues from it bit by bit."""
         self._fleet.restore(snapshot)
+
+
+def _beside(request_kw: NDArray[np.float64], reactive_kvar: ArrayLike | None) -> NDArray[np.float64] | None:
+    """Reactive power in the shape of the requests, if any is asked for."""
+    if reactive_kvar is None:
+        return None
+    return numbers("reactive_kvar", reactive_kvar, request_kw.shape, "kvar")

@@ -34,6 +34,8 @@ pub(crate) struct LaneState {
 struct Begun<const W: usize> {
     request_w: Lanes<W>,
     magnitude_w: Lanes<W>,
+    /// Reactive power asked for, magnitude [var].
+    reactive_var: Lanes<W>,
     sign: Lanes<W>,
     direction: [Direction; W],
     /// Temperature of the air, or coolant, at the inlet.
@@ -76,6 +78,7 @@ pub(crate) struct Block<const W: usize> {
     any_entropy: bool,
     k_per_w: Lanes<W>,
     soc_per_a: Lanes<W>,
+    nominal_w: Lanes<W>,
     soc_min: Lanes<W>,
     soc_max: Lanes<W>,
     voltage_min_v: Lanes<W>,
@@ -118,6 +121,7 @@ impl<const W: usize> Block<W> {
             any_entropy: strings.iter().any(|s| s.entropy.is_some()),
             k_per_w: Lanes::from_fn(|l| coefficients[l].k_per_w),
             soc_per_a: Lanes::ZERO,
+            nominal_w: each(&|s| s.inverter.nominal_w),
             soc_min: each(&|s| s.soc_min),
             soc_max: each(&|s| s.soc_max),
             voltage_min_v: each(&|s| s.voltage_min_v),
@@ -234,24 +238,30 @@ impl<const W: usize> Block<W> {
 
     #[inline(always)]
     pub(crate) fn run_portable(&mut self, schedule: &Schedule, record: &mut Record) {
-        if self.any_entropy {
-            self.run_steps::<true>(schedule, record);
-        } else {
-            self.run_steps::<false>(schedule, record);
+        match (self.any_entropy, schedule.reactive_var.is_some()) {
+            (false, false) => self.run_steps::<false, false>(schedule, record),
+            (true, false) => self.run_steps::<true, false>(schedule, record),
+            (false, true) => self.run_steps::<false, true>(schedule, record),
+            (true, true) => self.run_steps::<true, true>(schedule, record),
         }
     }
 
-    /// Compiled twice, so that strings without reversible heat do not pay for it.
+    /// Compiled for each, so that strings without reversible heat or reactive power do not pay for it.
     #[inline(always)]
-    fn run_steps<const REVERSIBLE: bool>(&mut self, schedule: &Schedule, record: &mut Record) {
+    fn run_steps<const REVERSIBLE: bool, const REACTIVE: bool>(
+        &mut self,
+        schedule: &Schedule,
+        record: &mut Record,
+    ) {
         for step in 0..schedule.steps {
             // Locals, because the compiler keeps them in registers.
             let begun = self.begin_step(schedule, step);
-            let Begun { magnitude_w, sign, direction, inlet_c, .. } = begun;
+            let Begun { magnitude_w, reactive_var, sign, direction, inlet_c, .. } = begun;
             let (mut totals, mut limits) = (Totals::new(), [Limits::NONE; W]);
             for _ in 0..schedule.substeps {
-                self.plant_step::<REVERSIBLE>(
+                self.plant_step::<REVERSIBLE, REACTIVE>(
                     magnitude_w,
+                    reactive_var,
                     sign,
                     &direction,
                     inlet_c,
@@ -270,6 +280,7 @@ impl<const W: usize> Block<W> {
         let inlet_c = Lanes::from_fn(|l| schedule.ambient_c(step, member(l)));
         let (soc, temperature_c) = (self.soc, self.air_path.mean_temperature());
         let magnitude_w = Lanes::from_fn(|l| request_w.0[l].abs());
+        let reactive_var = Lanes::from_fn(|l| schedule.reactive_var(step, member(l)).abs());
         let sign = Lanes::from_fn(|l| if request_w.0[l] < 0.0 { -1.0 } else { 1.0 });
         let direction: [Direction; W] =
             std::array::from_fn(|l| if sign.0[l] < 0.0 { Direction::Charge } else { Direction::Discharge });
@@ -280,7 +291,7 @@ impl<const W: usize> Block<W> {
             let excess_k = self.excess_k();
             self.integral_k = (self.integral_k + excess_k * Lanes::splat(share)).at_least(Lanes::ZERO);
         }
-        Begun { request_w, magnitude_w, sign, direction, inlet_c, soc, temperature_c }
+        Begun { request_w, magnitude_w, reactive_var, sign, direction, inlet_c, soc, temperature_c }
     }
 
     fn finish_step(
@@ -293,6 +304,13 @@ impl<const W: usize> Block<W> {
         record: &mut Record,
     ) {
         self.report(step, begun.request_w, totals, limits, schedule.substeps, record);
+        if schedule.reactive_var.is_some() {
+            for (lane, &id) in self.ids.iter().enumerate() {
+                let sign = if schedule.reactive_var(step, id) < 0.0 { -1.0 } else { 1.0 };
+                record.reactive_var[step * schedule.lanes + id] =
+                    sign * totals.reactive_var.0[lane] / schedule.substeps as f64;
+            }
+        }
         let duration_s = schedule.substeps as f64 * self.step_s;
         self.age(begun.soc, begun.temperature_c, duration_s, step * schedule.lanes, record);
     }
@@ -309,12 +327,15 @@ impl<const W: usize> Block<W> {
 
     #[inline(always)]
     fn portable_plant_step(&mut self, begun: &Begun<W>, totals: &mut Totals<W>, limits: &mut [Limits; W]) {
-        let Begun { magnitude_w, sign, direction, inlet_c, .. } = *begun;
-        if self.any_entropy {
-            self.plant_step::<true>(magnitude_w, sign, &direction, inlet_c, totals, limits);
-        } else {
-            self.plant_step::<false>(magnitude_w, sign, &direction, inlet_c, totals, limits);
-        }
+        let Begun { magnitude_w, reactive_var, sign, direction, inlet_c, .. } = *begun;
+        let reactive = (0..W).fold(false, |any, lane| any | (reactive_var.0[lane] > 0.0));
+        let step = match (self.any_entropy, reactive) {
+            (false, false) => Self::plant_step::<false, false>,
+            (true, false) => Self::plant_step::<true, false>,
+            (false, true) => Self::plant_step::<false, true>,
+            (true, true) => Self::plant_step::<true, true>,
+        };
+        step(self, magnitude_w, reactive_var, sign, &direction, inlet_c, totals, limits);
     }
 
     #[cfg(target_arch = "x86_64")]
@@ -324,9 +345,11 @@ impl<const W: usize> Block<W> {
     }
 
     #[inline(always)]
-    fn plant_step<const REVERSIBLE: bool>(
+    #[allow(clippy::too_many_arguments)]
+    fn plant_step<const REVERSIBLE: bool, const REACTIVE: bool>(
         &mut self,
         magnitude_w: Lanes<W>,
+        asked_var: Lanes<W>,
         sign: Lanes<W>,
         direction: &[Direction; W],
         inlet_c: Lanes<W>,
@@ -349,9 +372,19 @@ impl<const W: usize> Block<W> {
         let node_factor = low_soc * self.growth;
         let resistance = self.air_path.mean_resistance() * node_factor;
 
+        // Active power comes first: reactive power gets what it leaves of the inverter's apparent power.
+        let (reactive_var, apparent_va) = if REACTIVE {
+            let active = wanted_w * wanted_w;
+            let left = (self.nominal_w * self.nominal_w - active).at_least(zero);
+            let reactive_var = asked_var.at_most(left.sqrt());
+            (reactive_var, (active + reactive_var * reactive_var).sqrt())
+        } else {
+            (zero, wanted_w)
+        };
+
         // Where no limit is near: V I - R I^2 = sign p + w, small root.
         let loss_at =
-            self.loss_lines.at(wanted_w, |l, at| Line::of(strings[l].inverter.loss(direction[l]), at));
+            self.loss_lines.at(apparent_va, |l, at| Line::of(strings[l].inverter.loss(direction[l]), at));
         let loss_w = wanted_w.if_positive(loss_at, zero);
         let power_w = sign * wanted_w + loss_w;
         let voltage_v = power_w.if_positive(discharge_v, charge_v);
@@ -384,6 +417,7 @@ impl<const W: usize> Block<W> {
                 let demand = Demand {
                     direction: direction[lane],
                     wanted_w: wanted_w.0[lane],
+                    reactive_var: reactive_var.0[lane],
                     soc: soc.0[lane],
                     charge_v: charge_v.0[lane],
                     discharge_v: discharge_v.0[lane],
@@ -397,7 +431,20 @@ impl<const W: usize> Block<W> {
 
         let squared = drawn.current_a * drawn.current_a;
         let heat_w = squared * drawn.resistance;
-        let on = drawn.delivered_w.if_positive(Lanes::splat(1.0), zero);
+        let mut on = drawn.delivered_w.if_positive(Lanes::splat(1.0), zero);
+        if REACTIVE {
+            // An inverter that delivers no active power draws what reactive power costs it from the grid.
+            let of_grid = Lanes::from_fn(|l| {
+                if drawn.delivered_w.0[l] > 0.0 || reactive_var.0[l] == 0.0 {
+                    0.0
+                } else {
+                    self.strings[l].inverter.loss(direction[l]).at(reactive_var.0[l])
+                }
+            });
+            on = on.at_least(reactive_var.if_positive(Lanes::splat(1.0), zero));
+            totals.grid_loss_w = totals.grid_loss_w + of_grid;
+            totals.reactive_var = totals.reactive_var + reactive_var;
+        }
         totals.delivered_w = totals.delivered_w + drawn.delivered_w;
         totals.availability_loss_w = totals.availability_loss_w + (wanted_w - drawn.delivered_w);
         totals.derating_loss_w = totals.derating_loss_w + (magnitude_w - wanted_w);
@@ -607,7 +654,10 @@ mod tests {
     use crate::common;
 
     /// Eight strings through all regimes: full, empty, hot, idle.
-    fn record<const W: usize>(run: impl Fn(&mut Block<W>, &Schedule, &mut Record)) -> Record {
+    fn record<const W: usize>(
+        reactive_var: Option<&[f64]>,
+        run: impl Fn(&mut Block<W>, &Schedule, &mut Record),
+    ) -> Record {
         let system = common::reference(W);
         let members: Vec<_> = system.strings.iter().enumerate().collect();
         let mut block = Block::<W>::new(&members, DeratingLaw::Pi, 10.0).unwrap();
@@ -626,9 +676,16 @@ mod tests {
         let (steps, substeps) = (30, 90);
         let request_w: Vec<f64> = (0..steps * W).map(|at| 92e3 * (0.37 * at as f64).sin()).collect();
         let ambient_c = vec![25.0; steps];
-        let schedule =
-            Schedule { steps, substeps, lanes: W, strings: W, request_w: &request_w, ambient_c: &ambient_c };
-        let mut record = Record::new(steps, (1, W), 40, true);
+        let schedule = Schedule {
+            steps,
+            substeps,
+            lanes: W,
+            strings: W,
+            request_w: &request_w,
+            ambient_c: &ambient_c,
+            reactive_var,
+        };
+        let mut record = Record::new(steps, (1, W), 40, true, reactive_var.is_some());
         run(&mut block, &schedule, &mut record);
         record
     }
@@ -637,6 +694,18 @@ mod tests {
     fn the_widest_instructions_at_hand_change_no_bit() {
         // As text, because what was not recorded is NaN, which equals nothing.
         let text = |record: Record| format!("{record:?}");
-        assert_eq!(text(record::<8>(Block::run)), text(record::<8>(Block::run_portable)));
+        assert_eq!(text(record::<8>(None, Block::run)), text(record::<8>(None, Block::run_portable)));
+        let asked_var: Vec<f64> = (0..30 * 8).map(|at| 92e3 * (0.11 * f64::from(at)).cos()).collect();
+        let reactive = |run: fn(&mut Block<8>, &Schedule, &mut Record)| record(Some(&asked_var), run);
+        assert_eq!(text(reactive(Block::run)), text(reactive(Block::run_portable)));
+    }
+
+    #[test]
+    fn no_reactive_power_changes_no_bit() {
+        let without = record::<8>(None, Block::run);
+        let mut with = record::<8>(Some(&[0.0; 30 * 8]), Block::run);
+        assert_eq!(with.reactive_var, vec![0.0; 30 * 8]);
+        with.reactive_var.clear();
+        assert_eq!(format!("{with:?}"), format!("{without:?}"));
     }
 }

@@ -14,6 +14,8 @@ pub(crate) struct Demand {
     pub(crate) direction: Direction,
     /// AC power after derating, magnitude [W].
     pub(crate) wanted_w: f64,
+    /// Reactive power, magnitude [var].
+    pub(crate) reactive_var: f64,
     pub(crate) soc: f64,
     /// Open-circuit voltage of each direction [V].
     pub(crate) charge_v: f64,
@@ -67,21 +69,26 @@ impl Demand {
         if delivered_w > 0.0 {
             let (target_w, binding) = self.battery_limit(string, resistance_ohm);
             let sign = if self.direction == Direction::Discharge { 1.0 } else { -1.0 };
-            let net = |p: f64| p + sign * loss.at(p);
+            let net = |p: f64| p + sign * loss.at(self.apparent_va(p));
             if net(delivered_w) > target_w {
                 limits = binding;
-                delivered_w = largest_below(loss.x(), net, target_w, delivered_w);
+                delivered_w = largest_below(loss.x(), self.reactive_var, net, target_w, delivered_w);
             }
             if self.direction == Direction::Charge && self.empties(string, delivered_w, resistance_ohm) {
                 limits = Limits::SOC_EMPTY;
                 delivered_w = 0.0;
             }
         }
-        let loss_w = if delivered_w > 0.0 { loss.at(delivered_w) } else { 0.0 };
+        let loss_w = if delivered_w > 0.0 { loss.at(self.apparent_va(delivered_w)) } else { 0.0 };
         let (voltage_v, current_a) = self.unlimited(delivered_w, loss_w, resistance_ohm);
         // Only rounding is left to clip: the power above was solved for the window.
         let soc = self.soc_after(current_a).clamp(string.soc_min, string.soc_max);
         Operation { delivered_w, loss_w, voltage_v, current_a, soc, limits }
+    }
+
+    /// Apparent power, exactly the active power where there is no reactive power.
+    fn apparent_va(&self, active_w: f64) -> f64 {
+        (active_w * active_w + self.reactive_var * self.reactive_var).sqrt()
     }
 
     /// Current that `operate` would settle at: what the measured tables iterate on.
@@ -115,25 +122,48 @@ impl Demand {
     }
 
     fn empties(&self, string: &StringParameters, delivered_w: f64, resistance_ohm: f64) -> bool {
-        let loss_w = string.inverter.loss(self.direction).at(delivered_w);
+        let loss_w = string.inverter.loss(self.direction).at(self.apparent_va(delivered_w));
         let (_, current_a) = self.unlimited(delivered_w, loss_w, resistance_ohm);
         current_a > 0.0 && self.soc_after(current_a) < string.soc_min
     }
 }
 
-/// Largest `p` in `[0, start]` with `net(p) <= target`, for a `net` that is linear between `knots` and above the
-/// target at `start`; 0 where there is none.
-fn largest_below(knots: &[f64], net: impl Fn(f64) -> f64, target: f64, start: f64) -> f64 {
+/// Halvings that leave a power between two knots exact to rounding.
+const HALVINGS: usize = 60;
+
+/// Largest `p` in `[0, start]` with `net(p) <= target`, for a `net` above the target at `start`; 0 where there is none.
+/// `net` is linear in `p` between knots of apparent power without reactive power, and smooth with.
+fn largest_below(knots: &[f64], reactive: f64, net: impl Fn(f64) -> f64, target: f64, start: f64) -> f64 {
     let (mut high, mut net_high) = (start, net(start));
-    for &low in knots.iter().rev().filter(|&&knot| knot < start) {
+    for &knot in knots.iter().rev() {
+        let low = if reactive > 0.0 { (knot * knot - reactive * reactive).max(0.0).sqrt() } else { knot };
+        if low >= start {
+            continue;
+        }
         let net_low = net(low);
         if net_low <= target {
+            if reactive > 0.0 {
+                return halved(low, high, |p| net(p) <= target);
+            }
             let share = (target - net_low) / (net_high - net_low);
             return (low + share * (high - low)).clamp(low, high);
         }
         (high, net_high) = (low, net_low);
     }
     0.0
+}
+
+/// The border of what holds at `low` and not at `high`, on the side of `low`.
+fn halved(mut low: f64, mut high: f64, holds: impl Fn(f64) -> bool) -> f64 {
+    for _ in 0..HALVINGS {
+        let middle = 0.5 * (low + high);
+        if holds(middle) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    low
 }
 
 #[cfg(test)]
@@ -157,8 +187,8 @@ mod tests {
     fn the_inverse_of_the_inverter_finds_the_largest_power_below_a_target() {
         let net = |p: f64| p + 10.0 + if p > 50.0 { 0.2 * (p - 50.0) } else { 0.0 };
         let knots = [0.0, 50.0, 100.0];
-        assert!((largest_below(&knots, net, 40.0, 100.0) - 30.0).abs() < 1e-12);
-        assert!((largest_below(&knots, net, 84.0, 100.0) - 70.0).abs() < 1e-12);
-        assert_eq!(largest_below(&knots, net, 9.0, 100.0), 0.0);
+        assert!((largest_below(&knots, 0.0, net, 40.0, 100.0) - 30.0).abs() < 1e-12);
+        assert!((largest_below(&knots, 0.0, net, 84.0, 100.0) - 70.0).abs() < 1e-12);
+        assert_eq!(largest_below(&knots, 0.0, net, 9.0, 100.0), 0.0);
     }
 }

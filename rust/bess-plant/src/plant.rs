@@ -99,12 +99,19 @@ pub struct Schedule<'a> {
     pub(crate) strings: usize,
     pub(crate) request_w: &'a [f64],
     pub(crate) ambient_c: &'a [f64],
+    /// Where reactive power is asked.
+    pub(crate) reactive_var: Option<&'a [f64]>,
 }
 
 impl Schedule<'_> {
     #[inline]
     pub(crate) fn request_w(&self, step: usize, lane: usize) -> f64 {
         self.request_w[step * self.lanes + lane]
+    }
+
+    #[inline]
+    pub(crate) fn reactive_var(&self, step: usize, lane: usize) -> f64 {
+        self.reactive_var.map_or(0.0, |values| values[step * self.lanes + lane])
     }
 
     #[inline]
@@ -266,24 +273,31 @@ impl Plant {
         duration_s: f64,
         keep_nodes: bool,
     ) -> Result<Record, PlantError> {
+        self.run_with_reactive(request_w, None, ambient_c, duration_s, keep_nodes)
+    }
+
+    /// Like [`Self::run`], with reactive power beside each request, in their order [var]; its sign is kept. It gets what
+    /// active power leaves of the apparent power of its inverter, which is the nominal power; the rest is not carried.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::run`], and where a reactive power is above the nominal power of its string.
+    pub fn run_with_reactive(
+        &mut self,
+        request_w: &[f64],
+        reactive_var: Option<&[f64]>,
+        ambient_c: &[f64],
+        duration_s: f64,
+        keep_nodes: bool,
+    ) -> Result<Record, PlantError> {
         let lanes = self.lanes();
         let steps = request_w.len() / lanes;
         check_all("request", request_w, steps * lanes)?;
         check_all("ambient temperature", ambient_c, steps * self.scenarios)?;
-        for (at, &value) in request_w.iter().enumerate() {
-            let (step, string) = (at / lanes, at % lanes % self.strings.len());
-            let nominal_w = self.strings[string].inverter.nominal_w;
-            let limit = nominal_w * (1.0 + ROUNDING);
-            if !(-limit..=limit).contains(&value) {
-                return Err(PlantError::Range {
-                    place: format!("{}step {step}, string {string}: ", self.scenario(at % lanes)),
-                    name: "requested power",
-                    value: value / 1e3,
-                    unit: " kW",
-                    low: -nominal_w / 1e3,
-                    high: nominal_w / 1e3,
-                });
-            }
+        self.check_powers("requested power", request_w, " kW")?;
+        if let Some(reactive_var) = reactive_var {
+            check_all("reactive power", reactive_var, steps * lanes)?;
+            self.check_powers("reactive power", reactive_var, " kvar")?;
         }
         for (at, &value) in ambient_c.iter().enumerate() {
             let place = || format!("step {}: ", at / self.scenarios);
@@ -294,8 +308,17 @@ impl Plant {
         if count > MOST_PLANT_STEPS {
             return Err(PlantError::TooMany { count, most: MOST_PLANT_STEPS, step_s: self.step_s });
         }
-        let schedule = Schedule { steps, substeps, lanes, strings: self.strings.len(), request_w, ambient_c };
-        let mut record = Record::new(steps, (self.scenarios, lanes), self.max_nodes(), keep_nodes);
+        let schedule = Schedule {
+            steps,
+            substeps,
+            lanes,
+            strings: self.strings.len(),
+            request_w,
+            ambient_c,
+            reactive_var,
+        };
+        let mut record =
+            Record::new(steps, (self.scenarios, lanes), self.max_nodes(), keep_nodes, reactive_var.is_some());
         if let Some(station) = &mut self.station {
             let eights = self.eights.iter_mut().map(|block| block as &mut dyn Cooled);
             let fours = self.fours.iter_mut().map(|block| block as &mut dyn Cooled);
@@ -306,6 +329,32 @@ impl Plant {
             self.fours.iter_mut().for_each(|block| block.run(&schedule, &mut record));
         }
         Ok(record)
+    }
+
+    /// Powers of all lanes, step after step, are within the nominal powers of their strings.
+    fn check_powers(
+        &self,
+        name: &'static str,
+        power_w: &[f64],
+        unit: &'static str,
+    ) -> Result<(), PlantError> {
+        let lanes = self.lanes();
+        for (at, &value) in power_w.iter().enumerate() {
+            let (step, string) = (at / lanes, at % lanes % self.strings.len());
+            let nominal_w = self.strings[string].inverter.nominal_w;
+            let limit = nominal_w * (1.0 + ROUNDING);
+            if !(-limit..=limit).contains(&value) {
+                return Err(PlantError::Range {
+                    place: format!("{}step {step}, string {string}: ", self.scenario(at % lanes)),
+                    name,
+                    value: value / 1e3,
+                    unit,
+                    low: -nominal_w / 1e3,
+                    high: nominal_w / 1e3,
+                });
+            }
+        }
+        Ok(())
     }
 
     /// Whether the plant has cooling of its own.

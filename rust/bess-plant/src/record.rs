@@ -37,6 +37,8 @@ macro_rules! record {
             /// Temperature of the coolant as it reaches the first string, at the end of the step [degC], in that order; NaN
             /// where a plant has no cooling of its own.
             pub coolant_c: Vec<f64>,
+            /// Reactive power [var], signed as asked; empty where none was asked.
+            pub reactive_var: Vec<f64>,
             /// Limits that bound within the step.
             pub limits: Vec<Limits>,
             /// Node temperatures at the end of the step [degC], `nodes` values for each lane; empty if not asked for.
@@ -53,12 +55,14 @@ macro_rules! record {
                 (scenarios, lanes): (usize, usize),
                 nodes: usize,
                 keep_nodes: bool,
+                reactive: bool,
             ) -> Self {
                 let size = steps * lanes;
                 Self {
                     $($field: vec![0.0; size],)*
                     auxiliary_w: vec![0.0; steps * scenarios],
                     coolant_c: vec![f64::NAN; steps * scenarios],
+                    reactive_var: vec![0.0; if reactive { size } else { 0 }],
                     limits: vec![Limits::NONE; size],
                     // Strings with fewer nodes than the longest leave the rest undefined.
                     node_temperature_c: vec![f64::NAN; if keep_nodes { size * nodes } else { 0 }],
@@ -72,6 +76,7 @@ macro_rules! record {
                 $(self.$field.append(&mut later.$field);)*
                 self.auxiliary_w.append(&mut later.auxiliary_w);
                 self.coolant_c.append(&mut later.coolant_c);
+                self.reactive_var.append(&mut later.reactive_var);
                 self.limits.append(&mut later.limits);
                 self.node_temperature_c.append(&mut later.node_temperature_c);
             }
@@ -88,7 +93,8 @@ record! {
     derating_loss_w,
     /// Inverter loss, standby included [W].
     inverter_loss_w,
-    /// The part of the inverter loss that an inverter that is off takes from the grid, beside the delivered power [W].
+    /// The part of the inverter loss that an inverter takes from the grid, beside the delivered power: one that is off, or
+    /// that has reactive power alone [W].
     standby_w,
     /// Ohmic battery loss [W].
     battery_loss_w,

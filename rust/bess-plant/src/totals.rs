@@ -8,6 +8,9 @@ pub(crate) struct Totals<const W: usize> {
     pub(crate) availability_loss_w: Lanes<W>,
     pub(crate) derating_loss_w: Lanes<W>,
     pub(crate) loss_on_w: Lanes<W>,
+    /// Inverter loss of plant steps with reactive power alone.
+    pub(crate) grid_loss_w: Lanes<W>,
+    pub(crate) reactive_var: Lanes<W>,
     /// Plant steps with the inverter off.
     pub(crate) off_steps: Lanes<W>,
     pub(crate) heat_w: Lanes<W>,
@@ -26,6 +29,8 @@ impl<const W: usize> Totals<W> {
             availability_loss_w: Lanes::ZERO,
             derating_loss_w: Lanes::ZERO,
             loss_on_w: Lanes::ZERO,
+            grid_loss_w: Lanes::ZERO,
+            reactive_var: Lanes::ZERO,
             off_steps: Lanes::ZERO,
             heat_w: Lanes::ZERO,
             reversible_w: Lanes::ZERO,
@@ -50,7 +55,7 @@ impl<const W: usize> Totals<W> {
     ) {
         let n = substeps as f64;
         let delivered_w = sign * self.delivered_w.0[lane];
-        let standby_w = self.off_steps.0[lane] * off_loss_w;
+        let standby_w = self.off_steps.0[lane] * off_loss_w + self.grid_loss_w.0[lane];
         let loss_w = self.loss_on_w.0[lane] + standby_w;
         let (heat_w, chemical_w) = (self.heat_w.0[lane], self.chemical_w.0[lane]);
         record.delivered_w[at] = delivered_w / n;
@@ -65,7 +70,7 @@ impl<const W: usize> Totals<W> {
         record.node_max_c[at] = self.hottest_c.0[lane];
         record.derating_factor[at] = self.factor.0[lane] / n;
         record.inverter_starts[at] = self.starts.0[lane];
-        // An inverter that is off takes its standby from the grid, beside the delivered power.
+        // An inverter that is off, or has reactive power alone, takes its loss from the grid, beside the delivered power.
         let ac_w = standby_w - delivered_w;
         record.ledger_residual_j[at] = (ac_w - (heat_w + loss_w - chemical_w)) * step_s;
         if self.derating_loss_w.0[lane] > 0.0 {

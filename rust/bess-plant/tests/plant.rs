@@ -1,6 +1,7 @@
 //! Claims about the plant that need many cases, or the binary alone.
 
 use bess_plant::{DeratingLaw, Limits, Plant, PlantError, PlantState, Record};
+use bess_tables::{Direction, System};
 use proptest::prelude::*;
 use serde_json::json;
 
@@ -9,13 +10,19 @@ mod common;
 const STEP_S: f64 = 10.0;
 const CONTROL_S: f64 = 900.0;
 
-fn run(system: &bess_tables::System, scenarios: usize, state: &PlantState, request_w: &[f64]) -> Record {
+fn run(system: &System, scenarios: usize, state: &PlantState, request_w: &[f64]) -> Record {
     let mut plant = Plant::new(system, scenarios, STEP_S, DeratingLaw::Table, state).unwrap();
     let steps = request_w.len() / plant.lanes();
     plant.run(request_w, &vec![25.0; steps * scenarios], CONTROL_S, true).unwrap()
 }
 
-fn spread_state(system: &bess_tables::System, soc: &[f64], temperature_c: &[f64]) -> PlantState {
+fn run_reactive(system: &System, state: &PlantState, request_w: &[f64], asked_var: &[f64]) -> Record {
+    let mut plant = Plant::new(system, 1, STEP_S, DeratingLaw::Table, state).unwrap();
+    let steps = request_w.len() / plant.lanes();
+    plant.run_with_reactive(request_w, Some(asked_var), &vec![25.0; steps], CONTROL_S, true).unwrap()
+}
+
+fn spread_state(system: &System, soc: &[f64], temperature_c: &[f64]) -> PlantState {
     let mut state = common::uniform_state(system, 1, 0.5, 25.0);
     let nodes = state.node_temperature_c.len() / soc.len();
     state.soc.copy_from_slice(soc);
@@ -37,6 +44,34 @@ fn lane(record: &Record, id: usize) -> Vec<u64> {
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn with_reactive_power_the_ledger_closes_and_no_inverter_is_overloaded(
+        soc in prop::collection::vec(0.0..=1.0, 5),
+        temperature_c in prop::collection::vec(-10.0..62.0, 5),
+        request in prop::collection::vec(-92e3..=92e3, 15),
+        idle in prop::collection::vec(any::<bool>(), 15),
+        asked in prop::collection::vec(-92e3..=92e3, 15),
+    ) {
+        let system = common::reference(5);
+        let request: Vec<f64> = request.iter().zip(idle).map(|(&p, idle)| if idle { 0.0 } else { p }).collect();
+        let state = spread_state(&system, &soc, &temperature_c);
+        let record = run_reactive(&system, &state, &request, &asked);
+        for (at, (&asked_w, &asked_var)) in request.iter().zip(&asked).enumerate() {
+            let (shed_w, derated_w) = (record.availability_loss_w[at], record.derating_loss_w[at]);
+            let (delivered_w, carried_var) = (record.delivered_w[at], record.reactive_var[at]);
+            prop_assert!((delivered_w.abs() + shed_w + derated_w - asked_w.abs()).abs() < 1e-7);
+            prop_assert!(delivered_w.hypot(carried_var) <= 92e3 * (1.0 + 1e-12));
+            prop_assert!(carried_var * asked_var >= 0.0 && carried_var.abs() <= asked_var.abs() * (1.0 + 1e-12));
+            // All of it, where what was asked for leaves room for it.
+            if asked_w.hypot(asked_var) <= 92e3 {
+                prop_assert!((carried_var - asked_var).abs() <= 1e-6);
+            }
+            prop_assert!((0.0..=1.0).contains(&record.soc[at]));
+            prop_assert!(record.ledger_residual_j[at].abs() < 1e-4);
+            prop_assert!(record.standby_w[at] <= record.inverter_loss_w[at]);
+        }
+    }
 
     #[test]
     fn nothing_is_shed_silently_and_the_ledger_closes(
@@ -137,4 +172,57 @@ fn bad_input_is_refused_and_names_place_value_and_range() {
     let unstable = Plant::new(&system, 1, 2000.0, DeratingLaw::Table, &state).unwrap_err();
     let PlantError::Unstable { largest_s, .. } = unstable else { panic!("{unstable}") };
     assert!(Plant::new(&system, 1, largest_s, DeratingLaw::Table, &state).is_ok());
+}
+
+#[test]
+fn losses_follow_apparent_power_and_the_battery_covers_those_of_active_power() {
+    let system = common::reference(4);
+    let state = common::uniform_state(&system, 1, 0.5, 25.0);
+    let (p, q) = ([60e3, -60e3, 0.0, 0.0], [55e3, -55e3, 40e3, 0.0]);
+    let record = run_reactive(&system, &state, &p, &q);
+    let inverter = &system.strings[0].inverter;
+    let at = |direction, p: f64, q: f64| inverter.loss(direction).at(p.hypot(q));
+    let expected = [
+        at(Direction::Discharge, p[0], q[0]),
+        at(Direction::Charge, p[1], q[1]),
+        at(Direction::Discharge, p[2], q[2]),
+        0.0,
+    ];
+    for (lane, loss_w) in expected.into_iter().enumerate() {
+        assert!((record.inverter_loss_w[lane] - loss_w).abs() < 1e-9 * 92e3, "string {lane}");
+        assert_eq!(record.delivered_w[lane], p[lane]);
+        let from_grid = if p[lane] == 0.0 { loss_w } else { 0.0 };
+        assert!((record.standby_w[lane] - from_grid).abs() < 1e-9 * 92e3, "string {lane}");
+        let of_battery = p[lane] + loss_w - from_grid + record.battery_loss_w[lane];
+        assert!((record.chemical_w[lane] - of_battery).abs() < 1e-6, "string {lane}");
+    }
+    assert_eq!(record.current_a[2], 0.0);
+    assert_eq!(record.inverter_starts, [1.0, 1.0, 1.0, 0.0]);
+}
+
+#[test]
+fn an_empty_and_a_full_string_carry_reactive_power_at_the_cost_of_the_grid() {
+    let system = common::reference(2);
+    let state = spread_state(&system, &[0.0, 1.0], &[25.0, 25.0]);
+    let record = run_reactive(&system, &state, &[50e3, -50e3], &[30e3, 30e3]);
+    assert_eq!(record.reactive_var, [30e3, 30e3]);
+    assert_eq!(record.soc, state.soc);
+    // The empty one delivers nothing; the full one takes what its inverter loses, and nothing more.
+    let loss_w = &record.inverter_loss_w;
+    assert!(loss_w[0] > 1e3 && loss_w[1] > 1e3);
+    assert_eq!((record.delivered_w[0], record.standby_w[0]), (0.0, loss_w[0]));
+    assert!((record.delivered_w[1] + loss_w[1]).abs() < 1e-6 && record.standby_w[1] == 0.0);
+}
+
+#[test]
+fn reactive_power_above_the_inverter_is_refused_with_its_place() {
+    let system = common::reference(2);
+    let state = common::uniform_state(&system, 1, 0.5, 25.0);
+    let mut plant = Plant::new(&system, 1, STEP_S, DeratingLaw::Table, &state).unwrap();
+    let mut refused = |asked: &[f64]| {
+        plant.run_with_reactive(&[0.0, 0.0], Some(asked), &[25.0], 900.0, false).unwrap_err().to_string()
+    };
+    let said = refused(&[0.0, 93e3]);
+    assert_eq!(said, "step 0, string 1: reactive power 93 kvar is outside [-92, 92] kvar");
+    assert!(refused(&[0.0]).contains("reactive power: 1 values, needs 2"));
 }

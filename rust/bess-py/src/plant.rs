@@ -142,7 +142,9 @@ impl Plant {
         self.inner.set_state(&plant_state(&self.system, state)?).map_err(plant_refused)
     }
 
-    /// Advances through all requests [kW]; flat arrays by name, in kW, A, degC and kWh.
+    /// Advances through all requests [kW], with reactive power [kvar] beside them or none; flat arrays by name, in kW, kvar,
+    /// A, degC and kWh.
+    #[pyo3(signature = (request_kw, ambient_c, duration_s, keep_nodes, reactive_kvar=None))]
     fn run<'py>(
         &mut self,
         py: Python<'py>,
@@ -150,14 +152,26 @@ impl Plant {
         ambient_c: PyReadonlyArray1<'py, f64>,
         duration_s: f64,
         keep_nodes: bool,
+        reactive_kvar: Option<PyReadonlyArray1<'py, f64>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let request_w: Vec<f64> = request_kw.as_array().iter().map(|p| p * W_PER_KW).collect();
+        let reactive_var: Option<Vec<f64>> =
+            reactive_kvar.map(|values| values.as_array().iter().map(|q| q * W_PER_KW).collect());
         let ambient_c = floats(&ambient_c)?;
         let inner = &mut self.inner;
-        let record =
-            py.detach(|| inner.run(&request_w, &ambient_c, duration_s, keep_nodes)).map_err(plant_refused)?;
-        let cooled = inner.is_cooled();
-        to_dict(py, record, cooled)
+        let mut record = py
+            .detach(|| {
+                let reactive_var = reactive_var.as_deref();
+                inner.run_with_reactive(&request_w, reactive_var, &ambient_c, duration_s, keep_nodes)
+            })
+            .map_err(plant_refused)?;
+        let carried_var = std::mem::take(&mut record.reactive_var);
+        let out = to_dict(py, record, inner.is_cooled())?;
+        if reactive_var.is_some() {
+            let carried_kvar: Vec<f64> = carried_var.into_iter().map(|q| q / W_PER_KW).collect();
+            out.set_item("reactive_kvar", carried_kvar.into_pyarray(py))?;
+        }
+        Ok(out)
     }
 }
 
