@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from problems import DT_H, ENERGY, by_hand, case, differing
+from problems import DT_H, ENERGY, Case, by_hand, case, differing
 
 import bess
 from bess.foresight import Plan, Planner, PlanPrices
-from bess.foresight.planner import DOUBT_H, END_SHARE, URGENCY
+from bess.foresight.planner import DOUBT_H, END_SHARE, ROLLOUTS, URGENCY
 from bess.parameters.terms import Terms
 from bess.policies import Settings, Situation, build_policy
 
@@ -111,6 +111,31 @@ def test_effort_is_counted_in_roll_outs() -> None:
     # The last move of each start may run over by a roll-out of its pair.
     assert first.rollouts <= 50 + fresh + 20
     assert second.rollouts <= 50 + 20
+
+
+def test_a_plan_that_nothing_new_was_found_for_is_not_searched_for_long() -> None:
+    """Asked for the same again and again, the moves run out; from another state, not yet."""
+    demand = np.zeros(48)
+    demand[8:16], demand[30:40] = -60.0, 90.0
+    problem = Case(
+        bess.System.reference(2), bess.State([0.5, 0.45], [25.0, 30.0]), demand,
+        np.array([92.0, 92.0]), PlanPrices.energy(ENERGY, 2, 48),
+    )  # fmt: skip
+    planner = Planner(problem.system, 48, DT_H)
+    problem.plan(planner)
+    carried = dict(planner.memory())
+    spent = []
+    for turn in range(1, 7):
+        # The plan as it is, not moved on by a step.
+        planner.recall(
+            carried | {"request_kw": np.roll(planner.memory()["request_kw"], 1, axis=1), "turn": turn}
+        )
+        spent.append(problem.plan(planner).rollouts)
+    assert max(spent[3:]) < ROLLOUTS / 2
+    other = Case(
+        problem.system, bess.State([0.9, 0.05], [25.0, 40.0]), demand, problem.limit_kw, problem.prices
+    )
+    assert other.plan(planner).rollouts > max(spent[3:])
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])

@@ -36,11 +36,14 @@ impl Change {
 pub(crate) fn rearrange(paths: &mut Paths<'_>, pair: Pair, length: usize, offset: usize, budget: u64) {
     let n_steps = paths.problem.n_steps();
     for from in (offset % length..n_steps).step_by(length) {
+        let to = (from + length).min(n_steps);
+        if !(from..to).any(|t| pair.room(paths, t).is_open()) {
+            continue;
+        }
         for kind in Change::ALL {
             if paths.work >= budget {
                 return;
             }
-            let to = (from + length).min(n_steps);
             let change: Vec<_> =
                 (from..to).map(|t| kind.of(&pair.room(paths, t), paths.request(pair.second, t))).collect();
             let before = pair.cost(paths);

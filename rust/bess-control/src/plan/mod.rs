@@ -74,12 +74,14 @@ impl PlanProblem<'_> {
             Some(carried) if carried.cost() <= rule_cost => carried,
             _ => rules[0].clone(),
         };
-        improve(&mut best, effort.rollouts * size, effort.turn);
+        let every_pair = pair::rounds(self.n_strings());
+        improve(&mut best, effort.rollouts * size, effort.turn, every_pair);
         work += best.work;
         if effort.fresh_rollouts > 0 {
+            let every_move = every_pair.max(blocks::LENGTHS.len());
             for mut fresh in rules {
                 fresh.work = 0;
-                improve(&mut fresh, effort.fresh_rollouts * size, effort.turn);
+                improve(&mut fresh, effort.fresh_rollouts * size, effort.turn, every_move);
                 work += fresh.work;
                 if fresh.cost() < best.cost() {
                     best = fresh;
@@ -129,11 +131,11 @@ impl PlanProblem<'_> {
     }
 }
 
-/// Rounds of moves until a whole cycle of them gains too little, or the budget is used up.
-fn improve(paths: &mut Paths<'_>, budget: usize, turn: usize) {
+/// Rounds of moves until `cycle` of them gain too little, or the budget is used up. A plan that is carried along was tried
+/// with all moves in the steps before: where every pair has met once in vain, little is left to find.
+fn improve(paths: &mut Paths<'_>, budget: usize, turn: usize, cycle: usize) {
     let n = paths.problem.n_strings();
     let budget = budget as u64;
-    let cycle = pair::rounds(n).max(blocks::LENGTHS.len());
     let mut at_start = paths.cost();
     for round in turn.. {
         for pair in pair::tournament(n, round) {
