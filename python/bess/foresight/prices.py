@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,11 @@ Array = NDArray[np.float64]
 LEAST_LOSS_EUR_KWH = 1e-3
 """What a kWh lost costs at least: where energy is free, nothing else would tell a wasteful plan from another
 one."""
+
+FOLLOWING_SHARE = 0.1
+"""Price of a kWh that a string which is full or empty will not take or give, against one that is asked
+whatever is in store. At nothing, plans count on strings to refuse; at a half, they waste energy to have
+room."""
 
 
 @dataclass(frozen=True)
@@ -72,3 +77,13 @@ class PlanPrices:
         losses = np.stack([missing, missing, lost, lost], axis=1)
         weights = np.array([objective.weight for objective in objectives.members])
         return cls(losses * weights, wear_eur_ah, prices.start_eur)
+
+    def following_store(self) -> PlanPrices:
+        """The same for a demand that follows from what is in store (docs/foresight.md).
+
+        Availability losses after the first step count :data:`FOLLOWING_SHARE`: what will find no room, or
+        nothing left, will not be asked.
+        """
+        losses = self.losses.copy()
+        losses[1:, 0] *= FOLLOWING_SHARE
+        return replace(self, losses=losses)

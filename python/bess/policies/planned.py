@@ -49,10 +49,11 @@ class PlannedPolicy:
             self._planner.skip(situation.demand_kw)
             return Decision(np.zeros_like(situation.limit_kw))
         started = time.perf_counter()
+        prices = self._prices(situation)
         plan = self._planner(
             situation.state,
             situation.demand_kw,
-            self._prices(situation),
+            prices.following_store() if situation.follows_store else prices,
             ambient_c=situation.ambient_c,
             limit_kw=situation.limit_kw,
         )

@@ -31,6 +31,11 @@ class Situation:
         cool towards.
     limit_kw : ndarray, shape (n_strings,)
         Largest power of each inverter in service; 0 = out of service.
+    price_eur_mwh : ndarray, shape (n_steps,), optional
+        Price of energy, of studies that have one.
+    follows_store : bool
+        Whether what is foreseen follows from what will be in store, as behind a meter: a store that is full
+        sooner is asked to charge less, one that is empty to discharge no more.
     """
 
     state: State
@@ -38,6 +43,7 @@ class Situation:
     ambient_c: NDArray[np.float64]
     limit_kw: NDArray[np.float64]
     price_eur_mwh: NDArray[np.float64] | None = None
+    follows_store: bool = False
 
 
 @dataclass(frozen=True)

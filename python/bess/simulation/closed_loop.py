@@ -51,6 +51,7 @@ class ClosedLoop:
         # A controller knows of ambient and cooling what its strings cool towards.
         self._surroundings_c = inputs.system.surroundings_c(inputs.ambient_c)
         self._total_kw = inputs.limit_kw.sum(axis=1)
+        self._delivered_kw = 0.0
         self.step = 0
 
     def advance(self) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -64,7 +65,7 @@ class ClosedLoop:
         step, inputs = self.step, self._inputs
         state = self._plant.state
         limit_kw, total_kw = inputs.limit_kw[step], self._total_kw[step]
-        now = Now(state, limit_kw, self._surroundings_c[step:])
+        now = Now(state, limit_kw, self._surroundings_c[step:], self._delivered_kw)
         ahead_kw = inputs.demand.ahead(step, inputs.horizon_steps, now)
         demand_kw = float(ahead_kw[0])
         served_kw = np.minimum(np.maximum(ahead_kw, -total_kw), total_kw)
@@ -79,11 +80,13 @@ class ClosedLoop:
                 if inputs.price_eur_mwh is None
                 else _ahead(inputs.price_eur_mwh, step, inputs.horizon_steps)
             ),
+            follows_store=inputs.demand.follows_store,
         )
         decision = self._decide(situation, total_kw)
         flows = self._plant.step(
             decision.request_kw, duration_s=float(inputs.grid.step_s), ambient_c=ambient_c
         )
+        self._delivered_kw = float(flows.delivered_kw.sum())
         solver = decision.solver
         record: dict[str, Any] = {
             "demand_kw": demand_kw,
@@ -196,6 +199,7 @@ class ClosedLoop:
             }
             for index, (time, unmet_kw) in enumerate(zip(times, record["unmet_kw"].tolist(), strict=True))
         ]
+        self._delivered_kw = float(flows.delivered_kw[-1].sum())
         self.step += n_steps
         return record, log
 
@@ -206,6 +210,7 @@ class ClosedLoop:
             "plant": vars(self._plant.snapshot()),
             "policy": self._policy.memory(),
             "demand": self._inputs.demand.memory(),
+            "delivered_kw": self._delivered_kw,
         }
 
     def restore(self, checkpoint: Mapping[str, Any]) -> None:
@@ -214,6 +219,7 @@ class ClosedLoop:
         self._plant.restore(PlantSnapshot(**checkpoint["plant"]))
         self._policy.recall(checkpoint["policy"])
         self._inputs.demand.recall(checkpoint["demand"])
+        self._delivered_kw = checkpoint["delivered_kw"]
 
     def _decide(self, situation: Situation, total_kw: float) -> Decision:
         try:

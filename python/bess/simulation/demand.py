@@ -29,15 +29,21 @@ class Now:
         Power of each inverter in service.
     ambient_c : ndarray, shape (n_steps_left,)
         Ambient temperature of this step and those to come, as a weather forecast has it.
+    delivered_kw : float
+        Mean power of the plant in the step before, positive = discharge.
     """
 
     state: State
     limit_kw: Array
     ambient_c: Array
+    delivered_kw: float = 0.0
 
 
 class DemandSource(Protocol):
     """Gives the demand of a step and its forecast; what it remembers is part of a checkpoint."""
+
+    follows_store: bool
+    """See :class:`bess.policies.Situation`."""
 
     def ahead(self, step: int, horizon: int, now: Now) -> Array:
         """Demand [kW] of ``step`` (binding) and as foreseen for the next ones, shape ``(horizon,)``.
@@ -57,6 +63,8 @@ class DemandSource(Protocol):
 
 class ProfileSource:
     """A series that is known; after its end nothing is asked."""
+
+    follows_store = False
 
     def __init__(self, forecast: Forecast) -> None:
         self._forecast = forecast
@@ -149,6 +157,8 @@ class AwarePlanner:
 
 class ArbitrageSource:
     """A plan over prices, made anew whenever it is due."""
+
+    follows_store = False
 
     def __init__(self, planner: Planner, system: System) -> None:
         self._planner = planner

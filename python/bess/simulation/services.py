@@ -37,14 +37,18 @@ class ExpectedZero:
 class MeterSource:
     """A store behind a meter keeps what is drawn from the grid at a level (:class:`bess.ems.Level`)."""
 
+    follows_store = True
+
     def __init__(self, net_kw: Forecast, level: Level, store: Store, ready_soc: float) -> None:
         self._net_kw, self._level, self._store, self._ready_soc = net_kw, level, store, ready_soc
 
     def ahead(self, step: int, horizon: int, now: Now) -> Array:
         """See :class:`bess.simulation.demand.DemandSource`."""
         state = now.state
+        self._store.count(state, now.delivered_kw * self._level.dt_h)
         level = replace(
             self._level,
+            one_way=self._store.one_way,
             power_kw=min(self._level.power_kw, float(now.limit_kw.sum())),
             full_kwh=self._store.size_kwh(state, self._ready_soc),
         )
@@ -57,11 +61,12 @@ class MeterSource:
         return {}
 
     def memory(self) -> dict[str, Any]:
-        """Nothing: the state of the plant is all that matters."""
-        return {}
+        """What was measured of the store."""
+        return self._store.memory()
 
     def recall(self, memory: Mapping[str, Any]) -> None:
-        """Nothing to restore."""
+        """See :class:`bess.simulation.demand.DemandSource`."""
+        self._store.recall(memory)
 
 
 @dataclass(frozen=True)
@@ -93,6 +98,8 @@ class Trade:
 
 class ReserveSource:
     """Droop response, recharge by schedule, and trade beside it if there is one."""
+
+    follows_store = False
 
     def __init__(
         self, response_kw: Forecast, reserve: Reserve, recharge: Recharge, store: Store, trade: Trade | None

@@ -85,7 +85,7 @@ class SiteDemand(Section):
     :func:`bess.ems.read_profile` reads them, positive for what the load draws and the panels give; ``repeat``
     starts both again at their end. ``price_eur_mwh`` is paid for what the meter draws,
     ``export_price_eur_mwh`` for what it gives. What the plant will be asked ahead follows from the forecast
-    of load and generation, and from the ``efficiency`` of the round trip.
+    of load and generation, and from the round trip: ``efficiency`` at first, then what the plant shows.
     """
 
     kind: Literal["peak-shaving", "self-consumption"]
