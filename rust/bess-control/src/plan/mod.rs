@@ -62,14 +62,15 @@ impl PlanProblem<'_> {
     /// is missing or costs more, the best rule's schedule, improved by a local search.
     pub fn plan(&mut self, previous: Option<&[f64]>, effort: PlanEffort) -> Plan {
         let size = self.n_strings() * self.n_steps();
-        self.aim_for_balance(previous);
+        let carried = previous.map(|request_w| starts::fitted(self, request_w));
+        self.aim_for_balance(carried.as_deref());
         let problem: &Self = self;
         let mut rules: Vec<Paths<'_>> =
             Rule::ALL.iter().map(|rule| Paths::new(problem, rule.schedule(problem))).collect();
         rules.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
         let rule_cost = rules[0].cost();
         let mut work: u64 = rules.iter().map(|r| r.work).sum();
-        let carried = previous.map(|request_w| Paths::new(problem, starts::fitted(problem, request_w)));
+        let carried = carried.map(|request_w| Paths::new(problem, request_w));
         let mut best = match carried {
             Some(carried) if carried.cost() <= rule_cost => carried,
             _ => rules[0].clone(),
@@ -104,15 +105,12 @@ impl PlanProblem<'_> {
 
     /// Imbalance is measured from the fill of the plant along the plan at hand, and counts as long as the plant will still come
     /// near empty or full.
-    fn aim_for_balance(&mut self, previous: Option<&[f64]>) {
+    fn aim_for_balance(&mut self, carried: Option<&[f64]>) {
         if self.prices.balance == 0.0 {
             return;
         }
-        let request_w = match previous {
-            Some(request_w) => starts::fitted(self, request_w),
-            None => Rule::Soc.schedule(self),
-        };
-        let paths = Paths::new(self, request_w);
+        let at_hand = carried.map_or_else(|| Rule::Soc.schedule(self), <[f64]>::to_vec);
+        let paths = Paths::new(self, at_hand);
         let capacity: f64 = (0..self.n_strings()).map(|m| self.usable_ah(m)).sum();
         if capacity <= 0.0 {
             return;
