@@ -136,6 +136,18 @@ class Plan:
     def start_charge(self) -> float: ...
 
 @final
+class BestShares:
+    def __new__(cls, charge_kw: _Array, discharge_kw: _Array, limit_kw: _Array) -> BestShares: ...
+
+@final
+class FollowedArrays:
+    asked_kw: _Array
+    delivered_kw: _Array
+    request_kw: _Array
+    soc: _Array
+    temperature_c: _Array
+
+@final
 class ControlModel:
     def __new__(cls, system: System) -> ControlModel: ...
     def rollout(
@@ -147,6 +159,17 @@ class ControlModel:
         dt_h: float,
         midpoint: bool = False,
     ) -> RolloutArrays: ...
+    def follow(
+        self,
+        soc0: _Array,
+        temperature0_c: _Array,
+        demand_kw: _Array,
+        ambient_c: _Array,
+        dt_h: float,
+        parts: int,
+        shares: BestShares,
+    ) -> FollowedArrays: ...
+    def coefficients(self, soc: _Array, temperature_c: _Array, discharge: bool) -> tuple[_Array, _Array]: ...
     def max_power_kw(self, soc0: _Array, temperature0_c: _Array, discharge: bool, dt_h: float) -> _Array: ...
     def nominal_loss_kw(self) -> tuple[_Array, _Array]: ...
 

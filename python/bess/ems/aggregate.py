@@ -90,25 +90,26 @@ class Rolled:
 
     Attributes
     ----------
-    delivered_kw : ndarray, shape (n_steps,)
-        Signed.
+    demand_kw, delivered_kw : ndarray, shape (n_steps,)
+        What is asked for, less what no string could take, and what is delivered; signed.
+    request_kw : ndarray, shape (n_strings, n_steps)
+        What is asked of each string.
     energy_kwh : ndarray, shape (n_steps + 1,)
         Stored above the lower SOC limits, at the start and at the end of each step.
     soc, temperature_c : ndarray, shape (n_strings, n_steps + 1)
         Of each string, likewise.
-    availability_kw : ndarray, shape (n_steps,)
-        Asked for, not delivered by strings that are full or empty, a magnitude.
     standby_kw : ndarray, shape (n_steps,)
         Standby of the inverters that are off.
     starts : int
         Starts of inverters after the first step.
     """
 
+    demand_kw: Array
     delivered_kw: Array
+    request_kw: Array
     energy_kwh: Array
     soc: Array
     temperature_c: Array
-    availability_kw: Array
     standby_kw: Array
     starts: int
 
@@ -151,9 +152,11 @@ class Aggregate:
         middle = np.clip(np.full(system.n_strings, _REFERENCE_SOC), self.soc_min, self.soc_max)
         self._reference = self._ohm_per_v2(middle[:, None], np.full((system.n_strings, 1), _REFERENCE_C))
         self.curves = (self._curve(middle, -1.0), self._curve(middle, 1.0))
+        charge, discharge = self.curves
+        self._shares = _core.BestShares(charge.share_kw, discharge.share_kw, self.limit_kw)
         self.stored_per_charged = self._voltage_ratio()
         tapers = any(lines.size for lines in self.tapers)
-        self._substeps = max(1, round(dt_h / (_TAPERED_SUBSTEP_H if tapers else _SUBSTEP_H)))
+        self._parts = max(1, round(dt_h / (_TAPERED_SUBSTEP_H if tapers else _SUBSTEP_H)))
 
     def fits(self, state: State, limit_kw: Array) -> bool:
         """Whether strings of this state and in this service are the ones described here."""
@@ -240,62 +243,23 @@ class Aggregate:
     def roll_out(self, state: State, demand_kw: Array, ambient_c: Array) -> Rolled:
         """Return what the control model makes of a demand, shared as loses least.
 
-        What a full or empty string cannot take is given to the others, as far as they have power left.
+        What a full or empty string cannot take is given to the others, as far as they have power left, and
+        not asked for where they have not.
         """
-        strings, steps, parts = self.system.n_strings, demand_kw.size, self._substeps
-        request = self._shared(demand_kw)
-        fine_ambient = np.repeat(ambient_c, parts)
-        for _ in range(3):
-            fine = np.repeat(request, parts, axis=1)[None]
-            flows = self._model.rollout(
-                state.soc, state.temperature_c, fine, fine_ambient, self.dt_h / parts, midpoint=True
-            )
-            delivered, shed = (
-                flow[0].reshape(strings, steps, parts).mean(axis=2)
-                for flow in (flows.delivered_kw, flows.availability_loss_kw)
-            )
-            moved = self._moved(request, shed)
-            if moved is None:
-                break
-            request = moved
-        ends = slice(parts - 1, None, parts)
-        soc = np.concatenate([state.soc[:, None], flows.soc[0][:, ends]], axis=1)
-        temperature = np.concatenate([state.temperature_c[:, None], flows.temperature_c[0][:, ends]], axis=1)
+        flows = self._model.follow(
+            state.soc, state.temperature_c, demand_kw, ambient_c, self.dt_h, self._parts, self._shares
+        )
+        request = flows.request_kw
         return Rolled(
-            delivered_kw=delivered.sum(axis=0),
-            energy_kwh=self.energy_kwh(soc),
-            soc=soc,
-            temperature_c=temperature,
-            availability_kw=shed.sum(axis=0),
+            demand_kw=flows.asked_kw,
+            delivered_kw=flows.delivered_kw,
+            request_kw=request,
+            energy_kwh=self.energy_kwh(flows.soc),
+            soc=flows.soc,
+            temperature_c=flows.temperature_c,
             standby_kw=self._off_kw @ (request == 0.0),
             starts=int(np.count_nonzero((request[:, 1:] != 0.0) & (request[:, :-1] == 0.0))),
         )
-
-    def _shared(self, demand_kw: Array) -> Array:
-        """Requests of the strings [kW], ``(n_strings, n_steps)``, by the best share of each power."""
-        magnitude = np.minimum(np.abs(demand_kw), self.power_kw)
-        request = np.empty((self.system.n_strings, demand_kw.size))
-        for direction, sign in ((CHARGE, -1.0), (DISCHARGE, 1.0)):
-            here = demand_kw * sign > 0.0 if direction == CHARGE else demand_kw >= 0.0
-            curve = self.curves[direction]
-            for m in range(self.system.n_strings):
-                request[m, here] = sign * np.interp(magnitude[here], curve.power_kw, curve.share_kw[:, m])
-        return request
-
-    def _moved(self, request: Array, shed: Array) -> Array | None:
-        """Requests with what was shed moved to strings that shed nothing; None if nothing was."""
-        least_kw = 1e-6 * self.power_kw
-        lost = np.where(shed > least_kw, shed, 0.0)
-        free = np.where(lost > 0.0, 0.0, np.maximum(self.limit_kw[:, None] - np.abs(request), 0.0))
-        total, room = lost.sum(axis=0), free.sum(axis=0)
-        amount = np.minimum(total, room)
-        amount[amount < least_kw] = 0.0
-        if not np.any(amount):
-            return None
-        given = free * (amount / np.maximum(room, least_kw))
-        taken = lost * (amount / np.maximum(total, least_kw))
-        magnitude = np.clip(np.abs(request) + given - taken, 0.0, self.limit_kw[:, None])
-        return np.asarray(np.sign(request.sum(axis=0)) * magnitude)
 
     def _curve(self, soc: Array, sign: float) -> Curve:
         strings = self.system.n_strings
@@ -326,19 +290,7 @@ class Aggregate:
 
     def _coefficients(self, soc: Array, temperature_c: Array) -> list[tuple[Array, Array]]:
         """Voltage [V] and resistance [Ohm] in charge and in discharge."""
-        steps = soc.shape[1]
-        limit = np.repeat(self.limit_kw[:, None], steps, axis=1)
-        states = [np.ascontiguousarray(values) for values in (soc, soc, temperature_c, temperature_c)]
-        boxes, costs, zero = _core.StateBoxes(*states), np.ones((1, self.system.n_strings, 4)), np.zeros(1)
-        found = []
-        for sign in (-1.0, 1.0):
-            horizon = _core.ControlHorizon(
-                self._model, soc[:, 0], temperature_c[:, 0], np.full(steps, sign * self.power_kw),
-                np.full(steps, self.system.cools_towards_c), self.dt_h, limit, costs, costs, zero, zero,
-            )  # fmt: skip
-            at = horizon.coefficients(boxes, boxes)
-            found.append((at.voltage_low_v, at.resistance_low_ohm))
-        return found
+        return [self._model.coefficients(soc, temperature_c, discharge) for discharge in (False, True)]
 
     def _voltage_ratio(self) -> float:
         grid = np.linspace(self.soc_min, self.soc_max, 21, axis=1)

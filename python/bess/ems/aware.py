@@ -25,9 +25,6 @@ _PIECES: Final = 5
 _PROGRAMS: Final = 3
 """Linear programs of a plan, each with the coefficients of the roll-out before it."""
 
-_TRIMS: Final = 3
-"""Times that what strings cannot take is taken off a plan, of which each leaves a little."""
-
 _LEAST: Final = 1e-6
 """Share of the plant's power below which nothing is asked for, or missing."""
 
@@ -262,14 +259,8 @@ class _Task:
             charge_kw, discharge_kw = program.solve(numbers)
             demand_kw = self.blocks.spread(discharge_kw - charge_kw, plant.curves)
             demand_kw[np.abs(demand_kw) < _LEAST * self.power_kw] = 0.0
-            rolled = taken = plant.roll_out(self.state, demand_kw, self.outlook.ambient_c)
-            for _ in range(_TRIMS):
-                if not taken.availability_kw.any():
-                    break
-                # What full or empty strings cannot take is not asked for.
-                demand_kw = demand_kw - np.sign(demand_kw) * taken.availability_kw
-                taken = plant.roll_out(self.state, demand_kw, self.outlook.ambient_c)
-            plan, value_eur = self._valued(demand_kw, taken)
+            rolled = plant.roll_out(self.state, demand_kw, self.outlook.ambient_c)
+            plan, value_eur = self._valued(rolled)
             if value_eur > best_eur:
                 best_eur, best = value_eur, plan
         return best
@@ -290,10 +281,10 @@ class _Task:
             ),
         )
 
-    def _valued(self, demand_kw: Array, rolled: Rolled) -> tuple[DispatchPlan, float]:
+    def _valued(self, rolled: Rolled) -> tuple[DispatchPlan, float]:
         """The plan of a roll-out, and what it is worth with what is left in store [EUR]."""
         terms, price, dt_h = self.terms, self.outlook.price_eur_mwh, self.plant.dt_h
-        delivered_kw = rolled.delivered_kw
+        demand_kw, delivered_kw = rolled.demand_kw, rolled.delivered_kw
         sold_kw, bought_kw = np.maximum(delivered_kw, 0.0), np.maximum(-delivered_kw, 0.0)
         missing_kw = np.maximum(np.abs(demand_kw) - np.abs(delivered_kw), 0.0)
         eur_per_h = (

@@ -5,6 +5,7 @@ use pyo3::prelude::*;
 mod ageing;
 mod arrays;
 mod explicit;
+mod follow;
 mod horizon;
 mod model;
 mod plan;
@@ -19,6 +20,8 @@ mod _core {
     use crate::ageing::{ageing_models, rainflow, Ageing};
     #[pymodule_export]
     use crate::explicit::Explicit;
+    #[pymodule_export]
+    use crate::follow::{BestShares, FollowedArrays};
     #[pymodule_export]
     use crate::horizon::{
         CoefficientBounds, Confined, ControlHorizon, GroupBounds, Incumbent, SplitAnswer, StepCuts,

@@ -1,9 +1,10 @@
-use bess_control::{CoefficientsFrom, Flow, Rollouts};
+use bess_control::{CoefficientsFrom, Flow, Rollouts, StringState};
 use bess_tables::Direction;
-use numpy::{PyReadonlyArray1, PyReadonlyArray3};
+use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
 use crate::arrays::{check_shape, cube, flat, matrix, refused, vector, Cube, Matrix, Vector, W_PER_KW};
+use crate::follow::{BestShares, FollowedArrays};
 use crate::system::System;
 
 /// What schedules do, each array `(B, M, T)`; positive = discharge, losses `>= 0`.
@@ -104,6 +105,52 @@ impl ControlModel {
             soc: scaled(out.soc, 1.0),
             temperature_c: scaled(out.temperature_c, 1.0),
         })
+    }
+
+    /// Follows a signed demand `(T,)` [kW], shared as loses least, each step in `parts` of the midpoint rule.
+    #[allow(clippy::too_many_arguments)]
+    fn follow(
+        &self,
+        py: Python<'_>,
+        soc0: PyReadonlyArray1<'_, f64>,
+        temperature0_c: PyReadonlyArray1<'_, f64>,
+        demand_kw: PyReadonlyArray1<'_, f64>,
+        ambient_c: PyReadonlyArray1<'_, f64>,
+        dt_h: f64,
+        parts: usize,
+        shares: &BestShares,
+    ) -> PyResult<FollowedArrays> {
+        let (soc, temperature_c) = (flat(soc0.as_array(), 1.0), flat(temperature0_c.as_array(), 1.0));
+        let (demand_w, ambient_c) = (flat(demand_kw.as_array(), W_PER_KW), flat(ambient_c.as_array(), 1.0));
+        let followed = py
+            .detach(|| {
+                let start = self.inner.states(&soc, &temperature_c)?;
+                self.inner.follow(&start, &demand_w, &ambient_c, dt_h, parts, &shares.inner)
+            })
+            .map_err(refused)?;
+        Ok(FollowedArrays::new(py, self.inner.strings().len(), followed))
+    }
+
+    /// Open-circuit voltage [V] and resistance [Ohm] of every string at states `(M, N)` in one direction.
+    fn coefficients(
+        &self,
+        py: Python<'_>,
+        soc: PyReadonlyArray2<'_, f64>,
+        temperature_c: PyReadonlyArray2<'_, f64>,
+        discharge: bool,
+    ) -> PyResult<(Matrix, Matrix)> {
+        let (n_strings, shape) = (self.inner.strings().len(), soc.shape());
+        check_shape("soc", &[n_strings, shape[1]], shape)?;
+        check_shape("temperature_c", shape, temperature_c.shape())?;
+        let direction = if discharge { Direction::Discharge } else { Direction::Charge };
+        let (soc, temperature_c) = (soc.as_array(), temperature_c.as_array());
+        let at = |(((m, _), &soc), &temperature_c): (((usize, usize), &f64), &f64)| {
+            let state = StringState { soc, temperature_c };
+            let c = self.inner.strings()[m].coefficients(direction, state);
+            (c.voltage_v, c.resistance_ohm)
+        };
+        let (voltage_v, resistance_ohm) = soc.indexed_iter().zip(&temperature_c).map(at).unzip();
+        Ok((matrix(py, n_strings, voltage_v), matrix(py, n_strings, resistance_ohm)))
     }
 
     /// Largest AC power of each string over the next interval, before derating `(M,)` [kW].

@@ -2,6 +2,7 @@
 
 mod control_model;
 mod fitted;
+mod follow;
 mod heat;
 mod horizon;
 mod loss;
@@ -11,6 +12,7 @@ mod rollout;
 mod string;
 
 pub use control_model::{direction_of, ControlModel};
+pub use follow::{BestShares, Followed};
 pub(crate) use heat::{heat_share, heat_w};
 pub(crate) use horizon::add;
 pub use horizon::{ControlHorizon, Costs, CostsOf, Problem, MAX_GROUPS};

@@ -1,0 +1,55 @@
+use bess_control::Followed;
+use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+
+use crate::arrays::{check_shape, flat, matrix, refused, vector, Matrix, Vector, W_PER_KW};
+
+/// How strings share each power of a plant `(P, M)` [kW], in charge and in discharge: at powers in equal distances from
+/// nothing to the sum of `limit_kw` `(M,)`.
+#[pyclass(frozen, module = "bess._core")]
+pub struct BestShares {
+    pub(crate) inner: bess_control::BestShares,
+}
+
+#[pymethods]
+impl BestShares {
+    #[new]
+    fn new(
+        charge_kw: PyReadonlyArray2<'_, f64>,
+        discharge_kw: PyReadonlyArray2<'_, f64>,
+        limit_kw: PyReadonlyArray1<'_, f64>,
+    ) -> PyResult<Self> {
+        check_shape("charge", &[charge_kw.shape()[0], limit_kw.len()], charge_kw.shape())?;
+        check_shape("discharge", charge_kw.shape(), discharge_kw.shape())?;
+        let inner = bess_control::BestShares::new(
+            flat(charge_kw.as_array(), W_PER_KW),
+            flat(discharge_kw.as_array(), W_PER_KW),
+            flat(limit_kw.as_array(), W_PER_KW),
+        );
+        Ok(Self { inner: inner.map_err(refused)? })
+    }
+}
+
+/// What a demand becomes: what is asked and delivered `(T,)`, what is asked of each string `(M, T)` [kW, positive =
+/// discharge], and the states at the start and at the end of each step `(M, T + 1)`.
+#[pyclass(frozen, get_all, module = "bess._core")]
+pub struct FollowedArrays {
+    asked_kw: Vector,
+    delivered_kw: Vector,
+    request_kw: Matrix,
+    soc: Matrix,
+    temperature_c: Matrix,
+}
+
+impl FollowedArrays {
+    pub(crate) fn new(py: Python<'_>, n_strings: usize, of: Followed) -> Self {
+        let kw = |values: Vec<f64>| values.into_iter().map(|w| w / W_PER_KW).collect();
+        Self {
+            asked_kw: vector(py, kw(of.asked_w)),
+            delivered_kw: vector(py, kw(of.delivered_w)),
+            request_kw: matrix(py, n_strings, kw(of.request_w)),
+            soc: matrix(py, n_strings, of.soc),
+            temperature_c: matrix(py, n_strings, of.temperature_c),
+        }
+    }
+}
