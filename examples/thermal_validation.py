@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import argparse
 import gzip
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
@@ -148,20 +148,61 @@ def cell_system(
     """
     ocv, milliohm = electrical(tests)
     order = np.argsort([test.c_rate for test in tests])
-    table = milliohm[order][:, None, :]
-    length_m, volume_m3 = 0.261, 0.261 * 0.216 * 0.0079
+    return one_cell(
+        LEAF,
+        (SOC, ocv),
+        {tests[index].c_rate: milliohm[index] for index in order},
+        specific_heat_j_kgk=specific_heat_j_kgk,
+        film_w_m2k=film_w_m2k,
+        nodes=nodes,
+        entropy=entropy,
+    )
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What is known of a cell before a fit."""
+
+    name: str
+    capacity_ah: float
+    mass_kg: float
+    surface_m2: float
+    length_m: float
+    volume_m3: float
+
+
+LEAF = Cell("Leaf cell", CAPACITY_AH, MASS_KG, SURFACE_M2, length_m=0.261, volume_m3=0.261 * 0.216 * 0.0079)
+
+
+def one_cell(
+    cell: Cell,
+    ocv_v: tuple[Array, Array],
+    milliohm: Mapping[float, Array],
+    *,
+    specific_heat_j_kgk: float,
+    film_w_m2k: float,
+    nodes: int = 8,
+    plant_step_s: float = STEP_S,
+    entropy: tuple[Array, Array] | None = None,
+) -> bess.System:
+    """One cell behind an inverter without losses, air of one temperature on its faces.
+
+    ``ocv_v`` is SOC and voltage; ``milliohm`` resistance over the same SOC by C-rate, ascending;
+    ``entropy`` as in :func:`cell_system`.
+    """
+    table = np.array(list(milliohm.values()))[:, None, :]
     document: dict[str, Any] = {
         "system": {"n_strings": 1},
         "battery": {
             "cells_series": 1,
             "cells_parallel": 1,
-            "cell_capacity_ah": CAPACITY_AH,
-            "cell_mass_kg": MASS_KG,
-            "ocv_v": {"soc": SOC, "charge": ocv, "discharge": ocv},
+            "cell_capacity_ah": cell.capacity_ah,
+            "cell_mass_kg": cell.mass_kg,
+            "ocv_v": {"soc": ocv_v[0], "charge": ocv_v[1], "discharge": ocv_v[1]},
             "resistance_table": {
-                "soc": SOC,
+                "soc": ocv_v[0],
                 "temperature_c": [25.0],
-                "c_rate": [tests[i].c_rate for i in order],
+                "c_rate": list(milliohm),
                 "control_c_rate": 1.0,
                 "charge_mohm": table,
                 "discharge_mohm": table,
@@ -184,11 +225,11 @@ def cell_system(
         "thermal": {
             "spatial": {
                 "packs_per_string": 1,
-                "length_m": length_m,
+                "length_m": cell.length_m,
                 "nodes": nodes,
-                "section_m2": volume_m3 / length_m,
-                "width_m": SURFACE_M2 / length_m,
-                "density_kg_m3": MASS_KG / volume_m3,
+                "section_m2": cell.volume_m3 / cell.length_m,
+                "width_m": cell.surface_m2 / cell.length_m,
+                "density_kg_m3": cell.mass_kg / cell.volume_m3,
                 "specific_heat_j_kgk": specific_heat_j_kgk,
                 "conductivity_w_mk": 20.0,
                 "lateral_u_w_m2k": film_w_m2k,
@@ -196,13 +237,13 @@ def cell_system(
                 "air_flow_kg_s": 1.0,  # still air: the cell does not heat what it stands in
                 "air_cp_j_kgk": 1006.0,
             },
-            "lumped": {"k1_k_per_j": 1.0 / (MASS_KG * specific_heat_j_kgk), "k2_per_s": 1e-3},
+            "lumped": {"k1_k_per_j": 1.0 / (cell.mass_kg * specific_heat_j_kgk), "k2_per_s": 1e-3},
         },
-        "control": {"plant_step_s": STEP_S},
+        "control": {"plant_step_s": plant_step_s},
     }
     if entropy is not None:
         document["battery"]["entropy"] = {"soc": entropy[0], "du_dt_mv_k": entropy[1]}
-    return bess.System(document, name="Leaf cell")
+    return bess.System(document, name=cell.name)
 
 
 def predict(system: bess.System, test: Measurement) -> Array:
