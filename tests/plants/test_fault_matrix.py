@@ -81,6 +81,7 @@ FAULTS = {
     "a string frozen": _of_string("frozen"),
     "a string hung": _of_string("hung"),
     "a string deaf": _of_string("deaf"),
+    "a string severed": _of_string("severed"),
     "restarted": Fault(_restart, _restart, True),
 }
 
@@ -136,6 +137,37 @@ def test_a_string_that_cannot_be_trusted_is_named(rig: Rig, fault: str, sentence
             break
     assert seen == {victim}
     rig.step()
+    assert rig.follows()
+    assert rig.broken == []
+
+
+def test_a_string_that_is_cut_off_from_what_answers_for_it_is_not_missed(rig: Rig) -> None:
+    rig.ask(DISCHARGE_KW)
+    rig.step(3)
+    FAULTS["a string severed"].begin(rig)  # every value stays as it should be, as the demand does
+    (victim,) = rig.watched.plant.faults.severed
+    rig.step(LAPSE_STEPS)
+    assert rig.watched.plant.holds(victim) is None
+    assert rig.follows()
+    reason = rig.service.last[-1].reasons[victim]  # type: ignore[index]
+    known = "says the plant" if isinstance(rig.partner, SimulatedEdge) else "its heartbeat has stood at"
+    assert known in reason
+    FAULTS["a string severed"].end(rig)
+    rig.step(2)
+    assert rig.follows()
+    assert rig.watched.plant.holds(victim) is not None
+    assert rig.broken == []
+
+
+def test_a_plant_that_is_cut_off_as_a_whole_is_let_go(rig: Rig) -> None:
+    rig.ask(DISCHARGE_KW)
+    rig.step(3)
+    rig.watched.plant.faults.severed |= set(range(N))
+    rig.step(LAPSE_STEPS)
+    assert rig.power_kw() == 0.0
+    assert "no string is in service" in rig.cycle.trouble
+    rig.watched.plant.faults.severed.clear()
+    rig.step(2)
     assert rig.follows()
     assert rig.broken == []
 

@@ -10,7 +10,7 @@ from plant_partners import Connecting, Watched
 from pymodbus.client import ModbusTcpClient
 
 from bess.errors import InputError
-from bess.plants import LinkError, simulated_sunspec, sunspec_models
+from bess.plants import LinkError, simulated_sunspec, sunspec, sunspec_models
 from bess.plants.simulated_sunspec import SimulatedDevices
 
 ASKED = np.array([40.0, -30.0, 92.0])
@@ -28,6 +28,26 @@ def modbus(devices: SimulatedDevices) -> Iterator[ModbusTcpClient]:
     client.connect()
     yield client
     client.close()
+
+
+Models = dict[int, dict[str, Any]]
+
+
+@pytest.fixture
+def altering(watched: Watched, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., SimulatedDevices]]:
+    """Starts devices whose models have been altered."""
+    whole = simulated_sunspec._Device._models
+    with ExitStack() as stack:
+
+        def started(alter: Callable[[Models], Models]) -> SimulatedDevices:
+            monkeypatch.setattr(simulated_sunspec._Device, "_models", lambda self: alter(whole(self)))
+            return stack.enter_context(SimulatedDevices(watched.plant))
+
+        yield started
+
+
+def _without(lacking: set[int]) -> Callable[[Models], Models]:
+    return lambda models: {key: values for key, values in models.items() if key not in lacking}
 
 
 def _model(modbus: ModbusTcpClient, model_id: int, unit: int = 1) -> tuple[int, object]:
@@ -96,32 +116,67 @@ def test_the_heartbeat_counts_with_every_write(
     assert link.refresh_s == 1.0
 
 
+def test_a_device_whose_heartbeat_stops_between_two_readings_is_written_nothing(
+    connecting: Connecting, devices: SimulatedDevices, watched: Watched, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sunspec, "CLOCK", watched.clock)
+    link = connecting(devices.address)
+    link.read()
+    for _ in range(2):
+        watched.clock.now_s += 1.0
+        link.write(ASKED)
+    watched.plant.faults.severed.add(1)
+    for _ in range(9):
+        watched.clock.now_s += 1.0
+        link.write(ASKED)
+    watched.clock.now_s += 1.0
+    with pytest.raises(LinkError, match=r"set-points of unit 2 at .* its heartbeat has stood at 2 for 10 s"):
+        link.write(ASKED)
+    assert link.read().available.tolist() == [True, False, True]
+    watched.plant.faults.severed.clear()
+    assert link.read().available.all()
+    link.write(ASKED)
+
+
+def test_a_counter_that_never_moves_is_no_heartbeat(
+    connecting: Connecting,
+    altering: Callable[..., SimulatedDevices],
+    watched: Watched,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sunspec, "CLOCK", watched.clock)
+    link = connecting(altering(lambda models: models | {802: models[802] | {"Hb": 0}}).address)
+    for _ in range(5):
+        watched.clock.now_s += 60.0
+        link.write(ASKED)
+        assert link.read().available.all()
+
+
+def test_a_counter_that_starts_anew_as_often_as_it_is_read_still_beats(
+    connecting: Connecting,
+    altering: Callable[..., SimulatedDevices],
+    watched: Watched,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sunspec, "CLOCK", watched.clock)
+
+    def soon_anew(models: Models) -> Models:
+        return models | {802: models[802] | {"Hb": int(watched.clock.now_s) % 20}}
+
+    link = connecting(altering(soon_anew).address)
+    for _ in range(3):
+        assert link.read().available.all()
+        for _ in range(20):
+            link.write(ASKED)
+            watched.clock.now_s += 1.0
+
+
 def test_a_device_takes_nothing_but_its_controls(modbus: ModbusTcpClient, watched: Watched) -> None:
     for model_id, point in ((701, "W"), (702, "WMax"), (704, "WMaxLimPct"), (713, "SoC")):
         address, model = _model(modbus, model_id)
         where = address + model.points[point].offset  # type: ignore[attr-defined]
         assert modbus.write_registers(where, [1], device_id=1).isError()
     assert watched.asked == []
-
-
-Models = dict[int, dict[str, Any]]
-
-
-@pytest.fixture
-def altering(watched: Watched, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., SimulatedDevices]]:
-    """Starts devices whose models have been altered."""
-    whole = simulated_sunspec._Device._models
-    with ExitStack() as stack:
-
-        def started(alter: Callable[[Models], Models]) -> SimulatedDevices:
-            monkeypatch.setattr(simulated_sunspec._Device, "_models", lambda self: alter(whole(self)))
-            return stack.enter_context(SimulatedDevices(watched.plant))
-
-        yield started
-
-
-def _without(lacking: set[int]) -> Callable[[Models], Models]:
-    return lambda models: {key: values for key, values in models.items() if key not in lacking}
 
 
 @pytest.mark.parametrize(

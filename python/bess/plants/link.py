@@ -36,6 +36,9 @@ class Measurements:
         What the plant itself allows now [kW], ``>= 0``; infinite where it names no limit.
     available
         Whether the string takes set-points.
+    remarks
+        For each string a sentence on why it is not available, where the link knows more than that the plant
+        says so; empty for the others. May be left out altogether.
     """
 
     time: datetime
@@ -45,6 +48,7 @@ class Measurements:
     charge_limit_kw: NDArray[np.float64]
     discharge_limit_kw: NDArray[np.float64]
     available: NDArray[np.bool_]
+    remarks: tuple[str, ...] = ()
 
 
 class PlantLink(Protocol):

@@ -7,6 +7,8 @@ Facts from the edge's source that this link rests on:
   whichever string that was for. A string that is no longer written thus keeps its set-point for as long as
   others are. The value ``null`` takes it back at once; where that does not arrive, nothing is written to any
   string until the edge has forgotten all (:class:`~bess.plants.shared_watchdog.SharedWatchdog`).
+- It notices by itself that a battery does not answer any more, and says so by ``State``; it names no
+  heartbeat.
 - A wrong password is answered by status 500, as every other failure.
 """
 
@@ -137,6 +139,10 @@ class OpenEms:
             charge_limit_kw=np.nan_to_num(charge_kw, nan=0.0, posinf=np.inf),
             discharge_limit_kw=np.nan_to_num(discharge_kw, nan=0.0, posinf=np.inf),
             available=known & fit,
+            remarks=tuple(
+                "" if name in components and is_known else f"the edge says nothing of {name}, or not all"
+                for name, is_known in zip(self._names, known, strict=True)
+            ),
         )
 
     def write(self, power_kw: NDArray[np.float64]) -> None:

@@ -45,6 +45,9 @@ class Faults:
         Strings whose state of charge and temperature stay as they were last said: their battery hangs.
     hung
         Strings of which every value stays as it was last said.
+    severed
+        Strings that are cut off from whatever answers for them: every value stays as it was last said, the
+        heartbeat as well, and set-points are taken and lead nowhere.
     kilowatts
         Powers are said in kW where they should be in W, and the unit as well.
     delay_s
@@ -57,6 +60,7 @@ class Faults:
     undefined: set[int] = field(default_factory=set)
     frozen: set[int] = field(default_factory=set)
     hung: set[int] = field(default_factory=set)
+    severed: set[int] = field(default_factory=set)
     kilowatts: bool = False
     delay_s: float = 0.0
 
@@ -72,6 +76,8 @@ class Reading:
     charge_limit_kw: float
     discharge_limit_kw: float
     fault: bool
+    beat: int
+    """Seconds, counted by the string."""
 
 
 class SimulatedPlant:
@@ -118,6 +124,8 @@ class SimulatedPlant:
         """Give a string a set-point, which holds until the clock shows ``lapses_at``, then none."""
         with self._lock:
             self._advance()
+            if string in self.faults.severed:
+                return
             nominal = self.system.nominal_kw[string]
             self._setpoint_kw[string] = np.clip(power_kw, -nominal, nominal)
             self._lapses_at[string] = lapses_at
@@ -127,13 +135,16 @@ class SimulatedPlant:
         """Let a string have no set-point: it rests."""
         with self._lock:
             self._advance()
-            self._rest(string)
+            if string not in self.faults.severed:
+                self._rest(string)
 
     def prolong(self, lapses_at: float) -> None:
         """Let all set-points that have not lapsed yet hold until then."""
         with self._lock:
             self._advance()
-            self._lapses_at[self._driven] = lapses_at
+            prolonged = self._driven.copy()
+            prolonged[list(self.faults.severed)] = False
+            self._lapses_at[prolonged] = lapses_at
 
     def holds(self, string: int) -> tuple[float, float] | None:
         """Return the set-point [kW] and when it lapses; None if the string has none."""
@@ -147,7 +158,7 @@ class SimulatedPlant:
         with self._lock:
             self._advance()
             true = self._true_readings()
-            unknown = Reading(nan, nan, nan, nan, nan, nan, fault=False)
+            unknown = Reading(nan, nan, nan, nan, nan, nan, fault=False, beat=self._beat())
             for string, reading in enumerate(true):
                 said = unknown if string in self.faults.undefined else reading
                 before = self._said.setdefault(string, said)
@@ -155,7 +166,9 @@ class SimulatedPlant:
                     said = replace(
                         said, soc=before.soc, coldest_c=before.coldest_c, hottest_c=before.hottest_c
                     )
-                self._said[string] = before if string in self.faults.hung else said
+                if string in self.faults.hung:
+                    said = replace(before, beat=said.beat)
+                self._said[string] = before if string in self.faults.severed else said
             return {s: reading for s, reading in self._said.items() if s not in self.faults.silent}
 
     def truth(self) -> list[Reading]:
@@ -178,12 +191,16 @@ class SimulatedPlant:
                 charge_limit_kw=max(float(charge_kw[i]), 0.0),
                 discharge_limit_kw=max(float(discharge_kw[i]), 0.0),
                 fault=False,
+                beat=self._beat(),
             )
             for i in range(self.n_strings)
         ]
         for i in self.faults.dead:
             readings[i] = replace(readings[i], charge_limit_kw=0.0, discharge_limit_kw=0.0, fault=True)
         return readings
+
+    def _beat(self) -> int:
+        return int(self.clock())
 
     def _request_kw(self) -> NDArray[np.float64]:
         request = self._setpoint_kw.copy()

@@ -2,7 +2,8 @@
 
 It behaves as the edge's source does where a controller can tell the difference: values lapse ``apiTimeout``
 after the last write to *any* string, ``null`` takes a set-point back, per cent and powers are whole numbers,
-one channel alone comes without a list, and a wrong password is a failure with status 500.
+one channel alone comes without a list, a battery that does not answer any more is in fault, and a wrong
+password is a failure with status 500.
 """
 
 from __future__ import annotations
@@ -85,7 +86,7 @@ class SimulatedEdge(SimulatedPartner):
                 **({} if name == _SET else {"value": value}),
             }
             for string, reading in self.plant.readings().items()
-            for name, unit, value in self._said(reading)
+            for name, unit, value in self._said(reading, string in self.plant.faults.severed)
         ]
 
     def write(self, string: int, value: float | None) -> None:
@@ -103,7 +104,7 @@ class SimulatedEdge(SimulatedPartner):
         threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
         return int(server.server_address[1])
 
-    def _said(self, reading: Reading) -> list[tuple[str, str, int | None]]:
+    def _said(self, reading: Reading, is_severed: bool) -> list[tuple[str, str, int | None]]:
         unit, scale = ("kW", 1.0) if self.plant.faults.kilowatts else ("W", 1000.0)
         # A limit is rounded towards zero.
         return [
@@ -114,7 +115,7 @@ class SimulatedEdge(SimulatedPartner):
             ("MinCellTemperature", "°C", _whole(reading.coldest_c)),
             ("MaxCellTemperature", "°C", _whole(reading.hottest_c)),
             ("GridMode", "", 1),
-            ("State", "", 3 if reading.fault else 0),
+            ("State", "", 3 if reading.fault or is_severed else 0),
             (_SET, unit, None),
         ]
 

@@ -195,7 +195,7 @@ class _Device:
                 **soc,
                 "SoC_SF": -2,
                 "LocRemCtl": 0,
-                "Hb": int(self._plant.clock()) % 0xFFFF,
+                "Hb": reading.beat % 0xFFFF,
                 "CtrlHb": self._controller_beat,
                 "State": 99 if fault else 3,
             },

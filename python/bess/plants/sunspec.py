@@ -2,8 +2,9 @@
 
 Read are models 701 (AC power, state), 702 (limits), 713 or 802 (SOC, state) and 803 (temperature); written
 is ``WSet`` of model 704, which reverts by itself after ``WSetRvrtTms``, and the controller's heartbeat
-``CtrlHb`` of model 802. A device that cannot revert is refused: nothing would take the last set-point back
-if this controller were lost.
+``CtrlHb`` of model 802. A device whose own heartbeat ``Hb`` stops is out of service, and is written nothing:
+a gateway may answer for what is gone. A device that cannot revert is refused: nothing would take the last
+set-point back if this controller were lost.
 """
 
 from __future__ import annotations
@@ -68,9 +69,10 @@ class SunSpec:
                 "one for each string, each 0 to 247, or 1@HOST:PORT if it is elsewhere"
             )
         self.n_strings = n_strings
-        gateways = {place[:2]: Gateway(*place[:2]) for place in places if place is not None}
+        known = [place for place in places if place is not None]
+        gateways = {place[:2]: Gateway(*place[:2]) for place in known}
         self._gateways = tuple(gateways.values())
-        self._devices = [Device(gateways[place[:2]], place[2]) for place in places if place is not None]
+        self._devices = [Device(gateways[place[:2]], place[2], CLOCK) for place in known]
         self._heartbeat = 0
         # A process before this one may have written.
         self._holds_until = [CLOCK() + REVERT_S + 1.0] * n_strings
@@ -86,7 +88,8 @@ class SunSpec:
         said, silent = self._each(range(self.n_strings), lambda i, until: self._devices[i].measure(until))
         if not said:
             raise LinkError(f"no device can be read: {next(iter(silent.values()))}")
-        rows = zip(*(astuple(said.get(i, Said())) for i in range(self.n_strings)), strict=True)
+        devices = [said[i] if i in said else Said(remark=str(silent[i])) for i in range(self.n_strings)]
+        rows = zip(*(astuple(device)[:-1] for device in devices), strict=True)
         soc, temperature_c, power_kw, charge_kw, discharge_kw, available = (np.array(row) for row in rows)
         return Measurements(
             time=datetime.now(UTC),
@@ -96,6 +99,7 @@ class SunSpec:
             charge_limit_kw=charge_kw,
             discharge_limit_kw=discharge_kw,
             available=available,
+            remarks=tuple(device.remark for device in devices),
         )
 
     def write(self, power_kw: NDArray[np.float64]) -> None:

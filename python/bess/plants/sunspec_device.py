@@ -5,13 +5,15 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Final
 
 from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ConnectionException, ModbusException
 
+from bess.plants.heartbeat import Heartbeat
 from bess.plants.link import LinkError
 from bess.plants.setpoints import watts
 from bess.plants.sunspec_models import BASES, END, MARK, decode, offset, registers_of, scale, value
@@ -26,6 +28,7 @@ logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
 
 _MOST_REGISTERS: Final = 120
 _MOST_MODELS: Final = 100
+_NO_VALUE: Final = 0xFFFF
 _MOST_STEPS: Final = 2**31 - 1
 _ON, _OFF, _WATTS = 1, 0, 1
 _OUT_OF_SERVICE: Final[Mapping[tuple[int, str], tuple[int, ...]]] = {
@@ -58,6 +61,8 @@ class Said:
     charge_limit_kw: float = 0.0
     discharge_limit_kw: float = 0.0
     available: bool = False
+    remark: str = ""
+    """Why it is not available, if it does not say so itself."""
 
 
 class Gateway:
@@ -109,14 +114,17 @@ class Device:
         Where it is.
     unit
         Its Modbus unit.
+    clock
+        Seconds; never goes back.
     """
 
-    def __init__(self, gateway: Gateway, unit: int) -> None:
+    def __init__(self, gateway: Gateway, unit: int, clock: Callable[[], float]) -> None:
         self.gateway = gateway
         self.name = f"unit {unit} at {gateway.place}"
         self._unit = unit
         self._models: dict[int, tuple[int, int]] = {}
         self._connection = -1
+        self._heartbeat = Heartbeat(clock)
 
     @property
     def may_watch_heartbeat(self) -> bool:
@@ -145,11 +153,18 @@ class Device:
             model_id not in models or models[model_id].points[name].value not in states
             for (model_id, name), states in _OUT_OF_SERVICE.items()
         )
-        known_state = math.isfinite(soc) and math.isfinite(power_kw)
-        return Said(soc, temperature_c, power_kw, charge_kw, discharge_kw, known_state and in_service)
+        if 802 in models:
+            self._heartbeat.see(value(models[802], "Hb"))
+        remark = self._heartbeat.doubt
+        if not (math.isfinite(soc) and math.isfinite(power_kw)):
+            remark = "its device names no state of charge, or no power"
+        return Said(soc, temperature_c, power_kw, charge_kw, discharge_kw, in_service and not remark, remark)
 
     def write(self, power_kw: float, heartbeat: int, deadline: float) -> None:
-        """Write a set-point that reverts by itself, or take it back (NaN); count the heartbeat."""
+        """Write a set-point that reverts by itself, or take it back (NaN); count the heartbeat.
+
+        A device whose own heartbeat has stopped is given none: what it was given before reverts.
+        """
         start, _ = self._layout(deadline)[704]
         control = self._model(704, deadline)
         points = control.points
@@ -157,6 +172,8 @@ class Device:
             raise LinkError(f"{self.name}: has no WSetRvrtTms, its set-points would never lapse; not driven")
         if math.isnan(power_kw):
             self._send(start + points["WSetEna"].offset, [_OFF], deadline)
+        elif doubt := self._heartbeat.doubt:
+            raise Silent(f"{self.name}: {doubt}")
         else:
             steps = self._steps(control, power_kw)
             # The time first: from its first moment on, a set-point is one that reverts.
@@ -168,7 +185,13 @@ class Device:
             setpoint = [_ON, _WATTS, *registers_of(control, "WSet", steps)]
             self._send(start + points["WSetEna"].offset, setpoint, deadline)
         if 802 in self._models:
-            self._send(self._models[802][0] + offset(802, "CtrlHb"), [heartbeat], deadline)
+            battery, _ = self._models[802]
+            self._send(battery + offset(802, "CtrlHb"), [heartbeat], deadline)
+            # Between two readings too: a counter that starts anew after N seconds, read every N seconds,
+            # seems to stand still.
+            with suppress(Silent):
+                (beat,) = self._registers(battery + offset(802, "Hb"), 1, deadline)
+                self._heartbeat.see(math.nan if beat == _NO_VALUE else beat)
 
     def _steps(self, control: Any, power_kw: float) -> int:
         try:

@@ -207,7 +207,8 @@ class Guard:
             watch.unchanged, watch.moved = 0, 0.0
             if np.isfinite(soc) and 0.0 <= soc <= 1.0:
                 watch.soc, watch.other_soc, watch.agreeing = soc, None, 0
-            return "out of service, says the plant", True
+            remark = measured.remarks[i] if measured.remarks else ""
+            return remark or "out of service, says the plant", True
         if not np.isfinite(soc):
             watch.missing_s += elapsed_s
             if watch.soc is None or watch.missing_s > self._service.late_after_s:
