@@ -1,5 +1,6 @@
 """The journal of a plant: nothing said before is lost, and nothing that goes wrong stops who writes it."""
 
+import gzip
 import os
 import resource
 import signal
@@ -103,6 +104,54 @@ def test_a_folder_that_vanished_is_an_error_that_passes(tmp_path: Path) -> None:
         (tmp_path / "journal").mkdir()
         journal.append(_said(1), 1.0, [0.0, 0.0])
         assert journal.error == ""
+
+
+def test_days_take_no_more_than_they_may_and_what_is_left_is_read(tmp_path: Path) -> None:
+    most_mb, n_days, day_s = 0.02, 150, 86_400.0
+    with Journal(tmp_path, SYSTEM, "", most_mb) as journal:
+        for day in range(n_days):
+            for second in range(10):
+                journal.append(_said(day * day_s + 10.0 + second), float(day), [0.0, 0.0])
+        assert journal.error == ""
+    files = sorted((tmp_path / "journal").iterdir())
+    assert sum(file.stat().st_size for file in files[:-1]) <= 1e6 * most_mb
+    assert [file.suffix for file in files] == [".gz"] * (len(files) - 1) + [".bin"]
+    data = open_journal(tmp_path)
+    days = np.unique(data["demand_kw"].values)
+    assert len(days) == len(files) > 20
+    assert days.tolist() == list(range(n_days - len(days), n_days))
+    assert data.sizes["time"] == 10 * len(days)
+
+
+def test_days_that_a_killed_process_left_unpacked_are_read_and_packed(tmp_path: Path) -> None:
+    with Journal(tmp_path, SYSTEM, "") as journal:
+        journal.append(_said(0), 1.0, [0.0, 0.0])
+    folder = tmp_path / "journal"
+    (file,) = folder.iterdir()
+    full = file.rename(folder / "2026-11-21.0.full")
+    (folder / "2026-11-21.0.part").write_bytes(b"half")
+    assert open_journal(tmp_path).sizes["time"] == 1
+    with Journal(tmp_path, SYSTEM, "") as journal:
+        journal.append(_said(5), 2.0, [0.0, 0.0])  # the clock was set back to that day
+        journal.append(_said(86_400), 3.0, [0.0, 0.0])
+    names = sorted(path.name for path in folder.iterdir())
+    assert names == ["2026-11-21.0.gz", "2026-11-21.1.gz", "2026-11-22.bin"]
+    assert open_journal(tmp_path)["demand_kw"].values.tolist() == [1.0, 2.0, 3.0]
+    # Killed between both names of the same content.
+    full.write_bytes(gzip.decompress((folder / "2026-11-21.0.gz").read_bytes()))
+    assert open_journal(tmp_path).sizes["time"] == 3
+
+
+def test_a_packed_day_that_is_damaged_is_named(tmp_path: Path) -> None:
+    with Journal(tmp_path, SYSTEM, "") as journal:
+        journal.append(_said(0), 1.0, [0.0, 0.0])
+        journal.append(_said(60), 1.0, [0.0, 0.0])
+    (packed,) = (tmp_path / "journal").glob("*.gz")
+    whole = packed.read_bytes()
+    for content in (b"nothing", whole[:-12], whole[:20] + bytes(8) + whole[28:]):
+        packed.write_bytes(content)
+        with pytest.raises(InputError, match=r"2026-11-21.0.gz: cannot be read"):
+            open_journal(tmp_path)
 
 
 @pytest.mark.process

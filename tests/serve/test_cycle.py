@@ -14,6 +14,7 @@ from live_cases import measured
 
 from bess.plants import LinkError, Measurements
 from bess.plants.journal import Journal, open_journal
+from bess.serve.app import Driven as AppDriven
 from bess.serve.cycle import Cycle
 from bess.serve.demands import Demands
 from bess.serve.service import Service
@@ -164,6 +165,25 @@ def test_a_shadow_writes_nothing_and_keeps_a_journal(tmp_path: Path) -> None:
     assert journal.sizes["time"] == 20
     np.testing.assert_allclose(journal["power_kw"][-1], [10.0, 70.0])
     assert np.isnan(journal["written_kw"]).all()
+
+
+def test_a_gap_in_the_journal_is_told(driven: Driven, tmp_path: Path) -> None:
+    journal = Journal(tmp_path / "state", driven.service.controller.system, "test")
+    driven.cycle._journal = journal
+    app = AppDriven("a plant", driven.demands, driven.cycle)
+    driven.demands.post(80.0, 1000.0, driven.now_s)
+    driven.steps(1)
+    assert "status" not in app.health()
+    journal._days.close_day()
+    folder = (tmp_path / "state" / "journal").rename(tmp_path / "elsewhere")
+    driven.steps(1)
+    assert app.health()["status"] == "impaired"
+    assert "the journal of the plant has a gap" in app.health()["trouble"]
+    assert driven.link.power_kw.sum() == pytest.approx(80.0)
+    folder.rename(tmp_path / "state" / "journal")
+    driven.steps(1)
+    assert "status" not in app.health()
+    journal.close()
 
 
 def test_a_forecast_that_was_posted_moves_on_with_time(driven: Driven) -> None:

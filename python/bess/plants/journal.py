@@ -1,21 +1,18 @@
 """What a driven or watched plant did, reading after reading, and what was recommended.
 
-A folder with ``journal.json`` (which plant, in which layout) and one file of records for each day (UTC). A
-record has a fixed number of bytes, so that what a killed process or a full disk left of the last one is seen
-by its length, and cut off.
+A folder with ``journal.json`` (which plant, in which layout) and the records of each day (UTC), see
+:mod:`bess.plants.journal_files`. A record has a fixed number of bytes, so that what a killed process or a
+full disk left of the last one is seen by its length, and cut off.
 """
 
 from __future__ import annotations
 
-import errno
 import json
-import os
-import time
 from collections.abc import Iterator
 from datetime import UTC
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, BinaryIO, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from bess import __version__
 from bess.errors import BessError, InputError
 from bess.parameters import System
+from bess.plants.journal_files import DayFiles, contents
 from bess.plants.link import Measurements
 from bess.record.atomic import write_bytes
 
@@ -32,8 +30,8 @@ if TYPE_CHECKING:
 HEADER: Final = "journal.json"
 RECORDS: Final = "journal"
 FORMAT: Final = 1
-_SYNC_S: Final = 10.0
-"""What a loss of power may cost; a killed process loses nothing."""
+MOST_MB: Final = 2000.0
+"""What the days of a journal that are over may take: a year of ten strings, read every second."""
 
 _OF_STRINGS: Final = {
     "power_kw": ("kW", "AC power that the string delivered, positive = discharge"),
@@ -60,6 +58,8 @@ class Journal:
         The plant.
     title
         What the report calls it.
+    most_mb
+        What days that are over may take on the disk; the oldest are removed.
 
     Raises
     ------
@@ -67,7 +67,7 @@ class Journal:
         If the folder holds the journal of another number of strings, or cannot be written to at all.
     """
 
-    def __init__(self, directory: Path, system: System, title: str) -> None:
+    def __init__(self, directory: Path, system: System, title: str, most_mb: float = MOST_MB) -> None:
         self._records = directory / RECORDS
         self._layout = _layout(system.n_strings)
         if (directory / HEADER).exists() and _header(directory)["n_strings"] != system.n_strings:
@@ -89,10 +89,13 @@ class Journal:
             raise InputError(
                 f"{directory}: is no folder that a journal can be written to ({error})"
             ) from error
-        self.error = ""
-        self._file: BinaryIO | None = None
-        self._path = self._records
-        self._synced_s = time.monotonic()
+        self._days = DayFiles(self._records, self._layout.itemsize, 1e6 * most_mb)
+        self._gap = ""
+
+    @property
+    def error(self) -> str:
+        """What is wrong with the disk now, in a sentence; empty if nothing is."""
+        return self._gap or self._days.error
 
     def append(
         self,
@@ -123,33 +126,18 @@ class Journal:
         for name in ("power_kw", "soc", "temperature_c", "charge_limit_kw", "discharge_limit_kw"):
             record[name] = getattr(measurements, name)
         day = measurements.time.astimezone(UTC).strftime("%Y-%m-%d")
-        path = self._records / f"{day}.bin"
         try:
-            self._write(path, record.tobytes())
-            self.error = ""
+            self._days.append(day, record.tobytes())
+            self._gap = ""
         except OSError as error:
-            self.close()
-            self.error = f"{path}: cannot be written ({error.strerror}); the journal of the plant has a gap"
+            self._days.close_day()
+            self._gap = (
+                f"{self._records}: cannot be written ({error.strerror}); the journal of the plant has a gap"
+            )
 
     def close(self) -> None:
-        """Close the file of the day."""
-        if self._file is not None:
-            self._file.close()
-            self._file = None
-
-    def _write(self, path: Path, record: bytes) -> None:
-        if self._file is None or path != self._path:
-            self.close()
-            self._file, self._path = path.open("ab", buffering=0), path
-        # Whatever was left of a record that could not be written whole goes before the next.
-        whole = os.fstat(self._file.fileno()).st_size // self._layout.itemsize * self._layout.itemsize
-        self._file.truncate(whole)
-        written = self._file.write(record)
-        if written != len(record):
-            raise OSError(errno.ENOSPC, "no space for a whole record")
-        if time.monotonic() - self._synced_s > _SYNC_S:
-            os.fsync(self._file.fileno())
-            self._synced_s = time.monotonic()
+        """Close the files."""
+        self._days.close()
 
     def __enter__(self) -> Self:
         return self
@@ -230,9 +218,5 @@ def _header(directory: Path) -> dict[str, Any]:
 
 
 def _days(directory: Path, layout: np.dtype[np.void]) -> Iterator[NDArray[np.void]]:
-    for path in sorted((directory / RECORDS).glob("*.bin")):
-        try:
-            content = path.read_bytes()
-        except OSError as error:
-            raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    for content in contents(directory / RECORDS):
         yield np.frombuffer(content[: len(content) // layout.itemsize * layout.itemsize], dtype=layout)

@@ -42,8 +42,10 @@ class Driven:
 
     def health(self) -> dict[str, Any]:
         """How the plant is doing."""
-        trouble = self.cycle.trouble
-        return {"plant": self.address, **({"status": "impaired", "trouble": trouble} if trouble else {})}
+        troubles = [trouble for trouble in (self.cycle.trouble, self.cycle.journal_trouble) if trouble]
+        if not troubles:
+            return {"plant": self.address}
+        return {"plant": self.address, "status": "impaired", "trouble": "; ".join(troubles)}
 
 
 _OPEN: Final = {"/v1/health"}

@@ -58,6 +58,7 @@ class Cycle:
         self._written_at_s = -np.inf
         self._holds = False
         self.trouble = "the plant has not been read yet"
+        self.journal_trouble = ""
         service.controller.drives = False
 
     def run(self) -> None:
@@ -101,6 +102,9 @@ class Cycle:
         written = None if self._shadow else self._write(measured, answer)
         if self._journal is not None:
             self._journal.append(measured, asked.demand_kw, answer.request_kw, written)
+            if self._journal.error and self._journal.error != self.journal_trouble:
+                LOG.warning(self._journal.error)
+            self.journal_trouble = self._journal.error
         if self._shadow:
             self.trouble = ""
         return answer

@@ -75,7 +75,7 @@ def serve(
             controller = service.controller
             link = connect(plant, controller.n_strings)
             demands = Demands(study, controller.plan.step_s)
-            journal = Journal(folder, controller.system, study.title or study.name)
+            journal = Journal(folder, controller.system, study.title or study.name, study.service.journal_mb)
             cycle = Cycle(service, link, demands, journal, shadow=shadow)
             driven = Driven(f"{address.kind} at {address.url}", demands, cycle)
             thread = threading.Thread(target=cycle.run, name="cycle")
