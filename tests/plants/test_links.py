@@ -223,4 +223,4 @@ def test_strings_are_in_the_order_that_the_address_names(
 
 
 def test_no_faults_is_the_default() -> None:
-    assert Faults() == Faults(*[set()] * 6, False, 0.0)
+    assert Faults() == Faults(*[set()] * 7, False, 0.0)

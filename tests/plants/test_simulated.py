@@ -1,5 +1,7 @@
 """The simulated plant: what it does between two looks, and what it says when something is wrong."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from plant_partners import N, Watched
@@ -86,7 +88,7 @@ def test_a_frozen_string_says_its_old_state_and_a_hung_one_says_all_as_before(wa
     said = watched.plant.readings()
     assert (said[0].soc, said[0].hottest_c) == (before[0].soc, before[0].hottest_c)
     assert said[0].power_kw == pytest.approx(92.0)
-    assert said[1] == before[1]
+    assert said[1] == replace(before[1], beat=600)
     assert (_soc(watched.plant)[:2] < before[0].soc - 0.05).all()
 
 

@@ -44,7 +44,7 @@ class Faults:
     frozen
         Strings whose state of charge and temperature stay as they were last said: their battery hangs.
     hung
-        Strings of which every value stays as it was last said.
+        Strings of which every value but the heartbeat stays as it was last said.
     severed
         Strings that are cut off from whatever answers for them: every value stays as it was last said, the
         heartbeat as well, and set-points are taken and lead nowhere.
