@@ -70,8 +70,8 @@ def reading(rows: dict[str, dict[str, float]]) -> str:
     free = FREE_COOLING * hybrid["battery loss, % of discharged"] + hybrid[TOTAL] - hybrid[COLD]
     return (
         f"{text} To save {PUBLISHED_POINTS} points against the {controlled[TOTAL]:.2f} of fans by "
-        f"temperature, a hybrid would have to make do with {controlled[TOTAL] - PUBLISHED_POINTS:.2f}; its pump and free "
-        f"cooling of all battery losses around the clock, no chiller, are {free:.2f}.\n"
+        f"temperature, a hybrid would have to make do with {controlled[TOTAL] - PUBLISHED_POINTS:.2f}; "
+        f"its pump and free cooling of all battery losses around the clock, no chiller, are {free:.2f}.\n"
     )
 
 
