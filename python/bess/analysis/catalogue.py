@@ -140,6 +140,13 @@ CATALOGUE: Final[dict[str, Kpi]] = {
         "Above the power in service",
         "Demand above the nominal power of the inverters in service, which no string was asked for.",
     ),
+    "reactive_demand_kvarh": Kpi(
+        "Reactive power asked", "kvarh", None, 1, "Reactive power asked of the plant, over time.", "energy",
+    ),
+    "reactive_kvarh": Kpi(
+        "Reactive power carried", "kvarh", "max", 1,
+        "Reactive power that the inverters carried; active power comes first.", "energy",
+    ),
     "inverter_loss_kwh": _energy("Inverter loss", "Energy lost in the inverters, standby included."),
     "battery_loss_kwh": _energy("Battery loss", "Heat in the internal resistance of the batteries."),
     "auxiliary_kwh": _energy(

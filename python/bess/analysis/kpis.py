@@ -49,6 +49,8 @@ def kpis(result: Result | xr.Dataset) -> dict[str, float]:
     - ``soc_spread_start``, ``_end``, ``_mean`` and ``_max`` of the largest minus the smallest SOC, the same
       of the strings' temperatures with ``temperature_spread_..._k``; ``full_cycles`` half the SOC travelled,
       mean over strings; ``inverter_starts_mean``, ``inverter_starts_max`` per inverter;
+    - of studies with reactive power ``reactive_demand_kvarh``, what was asked, and ``reactive_kvarh``, what
+      was carried, both regardless of sign; efficiencies are still per active power;
     - energies in kWh; ``ledger_residual_ratio``, the sum of absolute residuals over the delivered energy;
     - ``fallback_steps``, ``solver_steps``, and ``median``, ``p95`` and ``max`` of gaps and nodes over the
       steps with a certified split (a plan has neither); for market studies ``revenue_eur``;
@@ -125,6 +127,9 @@ def _figures(dataset: xr.Dataset) -> Iterator[tuple[str, Any]]:
     yield "battery_loss_kwh", battery
     yield "undelivered_kwh", shed + derated
     yield "lost_kwh", shed + derated + inverter + battery
+    if "reactive_kvar" in dataset:
+        yield "reactive_demand_kvarh", float(np.abs(dataset["reactive_demand_kvar"].values).sum()) * dt_h
+        yield "reactive_kvarh", float(np.abs(dataset["reactive_kvar"].values).sum()) * dt_h
     residual = float(np.abs(dataset["ledger_residual_kwh"].values).sum())
     yield "ledger_residual_ratio", residual / delivered if delivered > 0.0 else residual
     if has_prices(dataset):

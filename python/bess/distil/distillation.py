@@ -14,6 +14,7 @@ from bess.distil.losses import report, trials
 from bess.distil.search import GENERATIONS, first_weights, fit
 from bess.errors import InputError, option
 from bess.explicit import ExplicitController, Tables
+from bess.policies.reactive import refuse_reactive
 from bess.record.atomic import folder_in, write_bytes
 from bess.simulation.progress import reporting
 from bess.split.objectives import SHORTFALL
@@ -52,6 +53,9 @@ def distil(
         raise InputError(f"{study.name}: is a study of several runs; use bess.distil.distil_runs")
     if generations < 0:
         raise InputError(f"generations = {generations}: must be >= 0")
+    refuse_reactive(
+        "an explicit controller", "run the study with mpc or a rule", asked=study.reactive is not None
+    )
     course = Course.of(study)
     strings = course.system.n_strings
     if strings > MOST_STRINGS:

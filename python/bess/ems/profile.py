@@ -24,6 +24,7 @@ from bess.market.repairs import Repairs
 from bess.market.units import power_unit
 
 _TO_KW: Final = {"W": 1e-3, "kW": 1.0, "MW": 1e3}
+_TO_KVAR: Final = {"var": 1e-3, "kvar": 1.0, "Mvar": 1e3}
 _SIGN: Final = {"discharge": 1.0, "charge": -1.0}
 
 _DAY: Final = (
@@ -111,8 +112,8 @@ def read_profile(
         CSV (any of comma, semicolon, tab; decimal point or comma) or Parquet, with a column of times.
     column : str, optional
         Name of the power column; needed if there are several.
-    unit : {"kW", "W", "MW"}
-        Unit of the file.
+    unit : {"kW", "W", "MW", "kvar", "var", "Mvar"}
+        Unit of the file; that of reactive power for a profile of it.
     positive : {"discharge", "charge"}
         What a positive number of the file means.
     scale : float
@@ -127,8 +128,8 @@ def read_profile(
     Returns
     -------
     pandas.Series
-        Power [kW], positive = discharge, labelled at the start of the step, in UTC, regular; ``attrs`` hold
-        ``units`` and ``repairs``.
+        Power [kW or kvar], positive = discharge, labelled at the start of the step, in UTC, regular;
+        ``attrs`` hold ``units`` and ``repairs``.
 
     Raises
     ------
@@ -137,8 +138,10 @@ def read_profile(
         to do.
     """
     name = path_text(path)
-    if unit not in _TO_KW:
-        raise InputError(f"profile {name}: unit {unit!r} is unknown; allowed are {', '.join(_TO_KW)}")
+    to_unit = _TO_KVAR if unit in _TO_KVAR else _TO_KW
+    if unit not in to_unit:
+        allowed = ", ".join([*_TO_KW, *_TO_KVAR])
+        raise InputError(f"profile {name}: unit {unit!r} is unknown; allowed are {allowed}")
     if positive not in _SIGN:
         raise InputError(f"profile {name}: positive {positive!r} is unknown; allowed are {', '.join(_SIGN)}")
     if not (np.isfinite(scale) and scale > 0.0):
@@ -149,9 +152,9 @@ def read_profile(
     _check_unit(name, chosen, unit)
     rows = columns.labelled_at_start(repairs).rows(chosen, time_zone, repairs)
     series = regular(rows, fill, repairs, bridged_s=0)
-    power = _resampled(name, series, dt_h) * (_SIGN[positive] * _TO_KW[unit] * scale)
+    power = _resampled(name, series, dt_h) * (_SIGN[positive] * to_unit[unit] * scale)
     power = power.rename("demand_kw")
-    power.attrs = {"units": "kW", "repairs": repairs}
+    power.attrs = {"units": "kvar" if unit in _TO_KVAR else "kW", "repairs": repairs}
     repairs.report(name)
     return power
 
@@ -160,7 +163,9 @@ def _check_unit(path: str, column: str, unit: str) -> None:
     """Refuse a column whose name says another unit than `unit`."""
     said = power_unit(column)
     if said is not None and said != unit:
-        remedy = f"give unit={said!r}" if said in _TO_KW else "give a column of power"
+        alike = _TO_KVAR if unit in _TO_KVAR else _TO_KW
+        what = "reactive power" if unit in _TO_KVAR else "power"
+        remedy = f"give unit={said!r}" if said in alike else f"give a column of {what}"
         fail(path, 1, f"column {column!r} is in {said}, not in {unit}; {remedy}")
 
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from bess import _core
 from bess.errors import InputError
 from bess.foresight.prices import PlanPrices
+from bess.numbers import real_numbers
 from bess.parameters import State, System
 from bess.split.problem import SplitProblem, check_horizon
 
@@ -133,6 +134,7 @@ class Planner:
         *,
         ambient_c: ArrayLike | None = None,
         limit_kw: ArrayLike | None = None,
+        reactive_kvar: ArrayLike | None = None,
     ) -> Plan:
         """Plan the steps ahead.
 
@@ -149,6 +151,9 @@ class Planner:
             cool towards (:meth:`~bess.System.surroundings_c`).
         limit_kw : array_like, shape (n_strings,), optional
             Largest power of each inverter over the whole plan [kW]; 0 takes a string out of service.
+        reactive_kvar : array_like, shape (n_steps,), optional
+            Reactive power asked of the plant [kvar]. The plan counts the losses of apparent power, as if
+            every string had the power factor of the plant (docs/equations.md, R4).
 
         Raises
         ------
@@ -165,6 +170,8 @@ class Planner:
             self.system, self.n_steps, self.dt_h, state, demand_kw, ambient_c, limit_kw
         )
         limit = np.ascontiguousarray(problem.limit_kw[:, 0])
+        if reactive_kvar is not None:
+            reactive_kvar = real_numbers(reactive_kvar)
         self._compare(np.atleast_1d(np.asarray(demand_kw, dtype=np.float64)), limit)
         previous, running = self._moved_on(), self._running()
         changed = self._limit_kw is not None and not np.array_equal(limit, self._limit_kw)
@@ -188,6 +195,7 @@ class Planner:
                 self.rollouts,
                 min(FRESH_ROLLOUTS, 4 * self.rollouts) if fresh else 0,
                 self._turn,
+                reactive_kvar,
             )
         except ValueError as error:
             raise InputError(f"plan: {error}") from error

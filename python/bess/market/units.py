@@ -32,9 +32,10 @@ _CURRENCY_COLUMN: Final = re.compile(
     r"(?:price\s+)?(?:currency|währung|devise|valuta|moneda|unit|einheit)(?:\s+code)?", re.IGNORECASE
 )
 
-_POWER: Final = re.compile(r"(?<![A-Za-z])(m?W|[kM]W|GW|TW|[kM]?VA|[kMG]Wh|Wh)(?![A-Za-z])")
-_POWER_WORD: Final = re.compile(r"(?<![a-z])(w|kw|mw|gw|kva|mva|wh|kwh|mwh|gwh)(?![a-z])")
+_POWER: Final = re.compile(r"(?<![A-Za-z])(m?W|[kM]W|GW|TW|[kM]?VA|[kM]?var|[kMG]Wh|Wh)(?![A-Za-z])")
+_POWER_WORD: Final = re.compile(r"(?<![a-z])(w|kw|mw|gw|kva|mva|var|kvar|mvar|wh|kwh|mwh|gwh)(?![a-z])")
 _SPELLED: Final = {
+    "var": "var", "kvar": "kvar", "mvar": "Mvar",
     "w": "W", "kw": "kW", "mw": "MW", "gw": "GW", "kva": "kVA", "mva": "MVA", "wh": "Wh", "kwh": "kWh",
     "mwh": "MWh", "gwh": "GWh",
 }  # fmt: skip
@@ -73,7 +74,7 @@ def is_currency_column(name: str) -> bool:
 
 
 def power_unit(column: str) -> str | None:
-    """Unit of power (or energy) in the name of a column, or None."""
+    """Unit of power (active, reactive, apparent) or energy in the name of a column, or None."""
     found = _POWER.search(column.replace("_", " "))
     if found:
         return found[1]

@@ -11,6 +11,7 @@ from bess.errors import InputError
 from bess.explicit import ExplicitController, Tables
 from bess.parameters import System
 from bess.policies.policy import NO_OPTIMISATION, Decision, Situation
+from bess.policies.reactive import refuse_reactive
 from bess.policies.settings import Settings
 
 
@@ -51,6 +52,7 @@ def build(system: System, settings: Settings) -> DistilledPolicy:
         No file is named, it is not what ``bess distil`` writes, or it is for another plant, control step or
         foresight.
     """
+    refuse_reactive('policy.name = "distilled"', "use mpc or a rule", asked=settings.reactive)
     if settings.file is None:
         raise InputError(
             'policy.name = "distilled" needs policy.file, the policy.json that bess distil writes'

@@ -11,6 +11,7 @@ from bess.foresight import Planner
 from bess.parameters import System
 from bess.policies.planned import PlannedPolicy
 from bess.policies.policy import Decision, Situation, SolverReport
+from bess.policies.reactive import refuse_reactive
 from bess.policies.settings import Settings
 from bess.policies.simplified import simplified
 
@@ -72,6 +73,12 @@ def build(system: System, settings: Settings) -> MpcPolicy | PlannedPolicy:
         planner = Planner(system, settings.horizon_steps, settings.dt_h, rollouts=settings.rollouts)
         return PlannedPolicy(planner, chosen.objectives, settings.terms)
 
+    refuse_reactive(
+        "a certified split",
+        'let mpc plan (no horizon_steps, foresight_h above 0, objectives of kind "energy" or "money") or use '
+        "a rule",
+        asked=settings.reactive,
+    )
     from bess import PowerSplit
     from bess.split.result import SplitStatus
 

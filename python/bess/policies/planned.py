@@ -14,8 +14,11 @@ from bess.foresight import Planner, PlanPrices
 from bess.parameters import State
 from bess.parameters.terms import Terms
 from bess.policies.policy import NO_OPTIMISATION, Decision, Situation, SolverReport
+from bess.policies.reactive import shared_at_least_loss
 from bess.split.objectives import Objectives
 from bess.wear import WearRates
+
+Vector = NDArray[np.float64]
 
 PLANNED: Final = 20
 """Status code of a step that was planned, not certified."""
@@ -42,13 +45,15 @@ class PlannedPolicy:
         self._objectives = objectives
         self._terms = terms
         self._wear = WearRates(planner.system)
+        self._ran: NDArray[np.bool_] | None = None
 
     def __call__(self, situation: Situation) -> Decision:
         """Plan the steps ahead; an idle step needs no plan."""
+        started = time.perf_counter()
         if situation.demand_kw[0] == 0.0:
             self._planner.skip(situation.demand_kw)
-            return Decision(np.zeros_like(situation.limit_kw))
-        started = time.perf_counter()
+            request_kw = np.zeros_like(situation.limit_kw)
+            return Decision(request_kw, reactive_kvar=self._reactive(situation, request_kw))
         prices = self._prices(situation)
         plan = self._planner(
             situation.state,
@@ -56,17 +61,44 @@ class PlannedPolicy:
             prices.following_store() if situation.follows_store else prices,
             ambient_c=situation.ambient_c,
             limit_kw=situation.limit_kw,
+            reactive_kvar=situation.reactive_kvar,
         )
+        request_kw = plan.request_kw[:, 0].copy()
+        reactive_kvar = self._reactive(situation, request_kw)
         report = SolverReport(status=PLANNED, solve_time_s=time.perf_counter() - started)
-        return Decision(plan.request_kw[:, 0].copy(), report)
+        return Decision(request_kw, report, reactive_kvar)
 
     def memory(self) -> dict[str, Any]:
-        """What the planner carries along."""
-        return self._planner.memory()
+        """What the planner carries along, and which inverters ran for reactive power."""
+        return self._planner.memory() | ({} if self._ran is None else {"ran": self._ran})
 
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Continue with the plan of the checkpoint."""
         self._planner.recall(memory)
+        self._ran = memory.get("ran")
+
+    def _reactive(self, situation: Situation, request_kw: Vector) -> Vector | None:
+        """Reactive power of each string, where any is asked for: that which loses least beside active power.
+
+        In EUR, the start of an inverter counts as the loss that its price would buy in this step.
+        """
+        if situation.reactive_kvar is None:
+            return None
+        prices = self._prices(situation)
+        loss = float(prices.losses[0, 2]) * self._planner.dt_h
+        start_kw = np.full(request_kw.size, prices.start / loss if loss > 0.0 else 0.0)
+        if self._ran is not None:
+            start_kw[self._ran] = 0.0
+        shares_kvar = shared_at_least_loss(
+            self._planner.system,
+            situation.state,
+            request_kw,
+            float(situation.reactive_kvar[0]),
+            situation.limit_kw,
+            start_kw,
+        )
+        self._ran = (request_kw != 0.0) | (shares_kvar != 0.0)
+        return shares_kvar
 
     def _prices(self, situation: Situation) -> PlanPrices:
         if self._objectives.kind != "money":

@@ -36,6 +36,8 @@ class Situation:
     follows_store : bool
         Whether what is foreseen follows from what will be in store, as behind a meter: a store that is full
         sooner is asked to charge less, one that is empty to discharge no more.
+    reactive_kvar : ndarray, shape (n_steps,), or None
+        Reactive power asked of the plant in this step and the next ones, signed [kvar]; None if none is.
     """
 
     state: State
@@ -44,6 +46,7 @@ class Situation:
     limit_kw: NDArray[np.float64]
     price_eur_mwh: NDArray[np.float64] | None = None
     follows_store: bool = False
+    reactive_kvar: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True)
@@ -60,10 +63,15 @@ class SolverReport:
 
 @dataclass(frozen=True)
 class Decision:
-    """Set-points of this step, signed [kW], shape ``(n_strings,)``; they sum to the demand."""
+    """Set-points of this step, signed [kW], shape ``(n_strings,)``; they sum to the demand.
+
+    ``reactive_kvar`` is what each string carries of the reactive power that is asked for; of a policy that
+    leaves it out it is shared in equal parts among the strings that run.
+    """
 
     request_kw: NDArray[np.float64]
     solver: SolverReport = field(default_factory=SolverReport)
+    reactive_kvar: NDArray[np.float64] | None = None
 
 
 class Policy(Protocol):

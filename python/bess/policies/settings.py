@@ -33,6 +33,8 @@ class Settings:
         What is agreed on beside the market price.
     file : str or None
         File of a ``distilled`` policy.
+    reactive : bool
+        Whether reactive power is asked for.
     """
 
     dt_h: float = 0.25
@@ -43,3 +45,4 @@ class Settings:
     model: Model = "nonlinear"
     terms: Terms = field(default_factory=Terms)
     file: str | None = None
+    reactive: bool = False

@@ -23,6 +23,7 @@ _TS = ("time", "string")
 
 VARIABLES: dict[str, Variable] = {
     "demand_kw": Variable(_T, "kW", "power asked of the plant, positive = discharge"),
+    "reactive_demand_kvar": Variable(_T, "kvar", "reactive power asked of the plant, positive = given"),
     "unmet_kw": Variable(_T, "kW", "part of the demand above the power in service, asked of no string"),
     "price_eur_mwh": Variable(_T, "EUR/MWh", "market price"),
     "expected_kw": Variable(_T, "kW", "power that the dispatch expected to be delivered"),
@@ -44,10 +45,15 @@ VARIABLES: dict[str, Variable] = {
     "ambient_c": Variable(_T, "degC", "ambient (air inlet) temperature"),
     "request_kw": Variable(_TS, "kW", "set-point of each string (AC), positive = discharge"),
     "delivered_kw": Variable(_TS, "kW", "delivered AC power, mean over the step, positive = discharge"),
+    "reactive_kvar": Variable(_TS, "kvar", "reactive power carried, mean over the step, positive = given"),
     "availability_loss_kw": Variable(_TS, "kW", "requested, not delivered: SOC, voltage and root limits"),
     "derating_loss_kw": Variable(_TS, "kW", "requested, not delivered: temperature derating"),
     "inverter_loss_kw": Variable(_TS, "kW", "inverter loss"),
-    "standby_kw": Variable(_TS, "kW", "inverter loss taken from the grid by inverters that are off"),
+    "standby_kw": Variable(
+        _TS,
+        "kW",
+        "inverter loss taken from the grid beside the delivered power: standby, or reactive power",
+    ),
     "battery_loss_kw": Variable(_TS, "kW", "heat in the battery"),
     "auxiliary_kw": Variable(_T, "kW", "power of cooling (fans, pumps, chiller), taken from the grid"),
     "cooling_kw": Variable(_TS, "kW", "heat carried off by the coolant"),
@@ -105,6 +111,9 @@ COOLING_FLOWS = ("auxiliary_kw", "cooling_kw", "coolant_c")
 
 ENTROPY_FLOWS = ("reversible_heat_kw",)
 """The same, of plants with a table of entropy only."""
+
+REACTIVE_FLOWS = ("reactive_kvar",)
+"""The same, of studies that ask for reactive power only."""
 
 AGEING_FLOWS = ("calendar_loss", "cyclic_loss", "aged_charge_ah")
 """The same, of plants with a cell model of ageing only."""

@@ -145,6 +145,14 @@ def over_time(run: Run) -> Iterator[Exhibit]:
             "upwards, charge downwards). Loss: in inverters and batteries.",
             partial(charts.power_split, data),
         )
+    if "reactive_kvar" in data:
+        yield Exhibit(
+            "reactive",
+            "Reactive power",
+            "Reactive power asked of the plant and carried, that of every string, and the apparent power of "
+            "its inverter.",
+            partial(charts.reactive_power, data),
+        )
     if data.sizes["string"] > 1:
         yield Exhibit(
             "inverters",

@@ -40,6 +40,7 @@ string_spread = _drawn(charts.string_spread)
 mean_temperature = _drawn(charts.mean_temperature)
 derating_curves = _drawn(charts.derating_curves)
 power_split = _drawn(charts.power_split)
+reactive_power = _drawn(charts.reactive_power)
 solver_effort = _drawn(charts.solver_effort)
 state_of_health = _drawn(charts.state_of_health)
 market_dispatch = _drawn(charts.market_dispatch)
@@ -63,6 +64,7 @@ __all__ = [
     "node_temperatures",
     "pareto_front",
     "power_split",
+    "reactive_power",
     "service",
     "solver_effort",
     "state_of_health",

@@ -17,7 +17,7 @@ from bess.report.data import Result, TimeAxis, dataset_of
 from bess.report.long_runs import daily
 from bess.report.style import DOUBLE_COLUMN_IN, new_figure, styled
 
-_CHARGING, _OFF, _DISCHARGING = "#56B4E9", "#EFEFEF", "#D55E00"
+_CHARGING, _OFF, _DISCHARGING, _REACTIVE = "#56B4E9", "#EFEFEF", "#D55E00", "#009E73"
 
 
 @styled
@@ -26,6 +26,9 @@ def inverter_pattern(result: Result) -> Figure:
     dataset = dataset_of(result)
     time = TimeAxis(dataset)
     running = np.sign(np.round(dataset["delivered_kw"].values, 6))
+    if "reactive_kvar" in dataset:
+        alone = (running == 0.0) & (np.round(dataset["reactive_kvar"].values, 6) != 0.0)
+        running = np.where(alone, 2.0, running)
     n_strings = running.shape[1]
     height = 0.85 + min(0.3 * n_strings, 3.2 + 0.02 * n_strings)
     figure = new_figure(DOUBLE_COLUMN_IN, height)
@@ -37,15 +40,18 @@ def inverter_pattern(result: Result) -> Figure:
         "rasterized": True,
     }
     if time.daily:
-        hours = 24.0 * daily(time, np.abs(running))[2]
+        hours = 24.0 * daily(time, (running != 0.0).astype(np.float64))[2]
         image = axes.imshow(hours.T, cmap="viridis", vmin=0.0, vmax=24.0, **place)
         figure.colorbar(image, ax=axes, label="Hours on per day", pad=0.01)
     else:
-        norm = BoundaryNorm([-1.5, -0.5, 0.5, 1.5], 3)
-        axes.imshow(running.T, cmap=ListedColormap([_CHARGING, _OFF, _DISCHARGING]), norm=norm, **place)
-        named = ((_CHARGING, "on, charging"), (_DISCHARGING, "on, discharging"), (_OFF, "off"))
+        norm = BoundaryNorm([-1.5, -0.5, 0.5, 1.5, 2.5], 4)
+        states = ListedColormap([_CHARGING, _OFF, _DISCHARGING, _REACTIVE])
+        axes.imshow(running.T, cmap=states, norm=norm, **place)
+        named = [(_CHARGING, "on, charging"), (_DISCHARGING, "on, discharging"), (_OFF, "off")]
+        if (running == 2.0).any():
+            named.insert(2, (_REACTIVE, "on, reactive power alone"))
         handles = [Patch(color=colour, label=name) for colour, name in named]
-        figure.legend(handles=handles, loc="outside upper center", ncols=3)
+        figure.legend(handles=handles, loc="outside upper center", ncols=len(named))
     axes.yaxis.set_major_locator(MaxNLocator(nbins=12, integer=True, min_n_ticks=1))
     axes.set_yticks(np.arange(n_strings - 1) + 0.5, minor=True)
     axes.grid(visible=False)

@@ -70,6 +70,10 @@ class Plot:
         """What a service asked and whether it was kept; of a study of one."""
         return _panels(lambda: figures.service(self._result))
 
+    def reactive(self) -> Panels:
+        """Reactive power asked and carried; of a study that asks for it."""
+        return _panels(lambda: figures.reactive_power(self._result))
+
     def heat_map(self) -> Panels:
         """Days across, hours up: power, state of charge, temperature, price."""
         return _panels(lambda: figures.heat_maps(self._result))

@@ -60,6 +60,11 @@ class Replay:
             raise InputError(
                 "hindsight: the record has no study in its attributes, as results of bess.run have"
             )
+        if "reactive_kvar" in record:
+            raise InputError(
+                "hindsight: this run carried reactive power, for which neither the best found nor the bound "
+                "is proven; leave out [reactive] of its study"
+            )
         study = Study.from_document(tomllib.loads(str(text)), "study of the record")
         system = build_system(study.system, study.run, study.wear)
         seconds = record["time"].values.astype("datetime64[s]").astype(np.int64)

@@ -15,6 +15,7 @@ from bess.extras import extra
 from bess.plants import connect
 from bess.plants.address import parse_address
 from bess.plants.journal import Journal
+from bess.policies.reactive import refuse_reactive
 from bess.record.store import Lock
 from bess.serve.limits import check_host, read_token
 from bess.study import Study
@@ -37,6 +38,7 @@ def serve(
     InputError
         From the study, the token, the address, or a library that is missing.
     """
+    refuse_reactive("the service", "share it by another controller", asked=study.reactive is not None)
     token = None if token_file is None else read_token(token_file)
     check_host(host, token)
     if shadow and plant is None:

@@ -13,7 +13,8 @@ from bess.numbers import real_numbers
 from bess.plant import Plant, PlantSnapshot
 from bess.policies import NO_OPTIMISATION, Decision, Policy, Situation, SolverReport
 from bess.policies.distilled import DistilledPolicy
-from bess.record.schema import AGEING_FLOWS, COOLING_FLOWS, ENTROPY_FLOWS, FLOWS
+from bess.policies.reactive import shared_equally
+from bess.record.schema import AGEING_FLOWS, COOLING_FLOWS, ENTROPY_FLOWS, FLOWS, REACTIVE_FLOWS
 from bess.simulation.demand import Now, ProfileSource
 from bess.simulation.inputs import Inputs
 from bess.wear import WearPrices
@@ -44,6 +45,7 @@ class ClosedLoop:
             *FLOWS,
             *(AGEING_FLOWS if self._ages else ()),
             *(ENTROPY_FLOWS if any(string.battery.entropy for string in strings) else ()),
+            *(REACTIVE_FLOWS if inputs.reactive is not None else ()),
             *(COOLING_FLOWS if inputs.system.cooling is not None else ()),
             *(("node_temperature_c",) if node_temperatures else ()),
         )
@@ -69,6 +71,7 @@ class ClosedLoop:
         ahead_kw = inputs.demand.ahead(step, inputs.horizon_steps, now)
         demand_kw = float(ahead_kw[0])
         served_kw = np.minimum(np.maximum(ahead_kw, -total_kw), total_kw)
+        asked_kvar = None if inputs.reactive is None else inputs.reactive.ahead(step, served_kw)
         ambient_c = float(inputs.ambient_c[step])
         situation = Situation(
             state=state,
@@ -81,10 +84,14 @@ class ClosedLoop:
                 else _ahead(inputs.price_eur_mwh, step, inputs.horizon_steps)
             ),
             follows_store=inputs.demand.follows_store,
+            reactive_kvar=asked_kvar,
         )
         decision = self._decide(situation, total_kw)
         flows = self._plant.step(
-            decision.request_kw, duration_s=float(inputs.grid.step_s), ambient_c=ambient_c
+            decision.request_kw,
+            duration_s=float(inputs.grid.step_s),
+            ambient_c=ambient_c,
+            reactive_kvar=self._reactive(situation, decision),
         )
         self._delivered_kw = float(flows.delivered_kw.sum())
         solver = decision.solver
@@ -99,6 +106,8 @@ class ClosedLoop:
             "solver_nodes": solver.nodes,
             "fallback": int(solver.fallback),
         }
+        if asked_kvar is not None:
+            record["reactive_demand_kvar"] = asked_kvar[0]
         if inputs.price_eur_mwh is not None:
             record["price_eur_mwh"] = inputs.price_eur_mwh[step]
         record |= inputs.demand.planned(step)
@@ -246,6 +255,31 @@ class ClosedLoop:
                 f"within {_listed(situation.limit_kw)} kW; this is an error of the policy"
             )
         return decision
+
+    def _reactive(self, situation: Situation, decision: Decision) -> NDArray[np.float64] | None:
+        """Reactive power of each string: as the policy shares it, or in equal parts if it does not."""
+        if situation.reactive_kvar is None:
+            return None
+        asked_kvar, limit_kva = float(situation.reactive_kvar[0]), situation.limit_kw
+        if decision.reactive_kvar is None:
+            return shared_equally(real_numbers(decision.request_kw), asked_kvar, limit_kva)
+        try:
+            shares_kvar = real_numbers(decision.reactive_kvar)
+        except ValueError as error:
+            raise BessError(f"{self._place}: reactive power: {error}") from error
+        slack_kvar = _TOLERANCE * max(1.0, abs(asked_kvar), float(limit_kva.sum()))
+        within = shares_kvar.shape == limit_kva.shape and bool(
+            (np.hypot(decision.request_kw, shares_kvar) <= limit_kva + slack_kvar).all()
+            and (shares_kvar * asked_kvar >= 0.0).all()
+            and abs(shares_kvar.sum()) <= abs(asked_kvar) + slack_kvar
+        )
+        if not within:
+            raise BessError(
+                f"{self._place}: the policy shares {_listed(np.atleast_1d(shares_kvar))} kvar for "
+                f"{asked_kvar:g} kvar beside {_listed(np.atleast_1d(decision.request_kw))} kW within "
+                f"{_listed(limit_kva)} kVA; this is an error of the policy"
+            )
+        return shares_kvar
 
     @property
     def _place(self) -> str:

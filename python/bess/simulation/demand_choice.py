@@ -75,13 +75,7 @@ def _profile(study: Study, choice: ProfileDemand, system: System, step_s: float,
     grid = Grid.of(start, step_s, study.run.days or series.days_from(start, step_s))
     # A forecast may look past the end of the run, as far as the profile goes.
     wanted = grid.longer(horizon)
-    if choice.repeat:
-        period = series.on(Grid(series.start_s, grid.step_s, wanted.n_steps), whole=False)
-        first = (grid.start_s - series.start_s) // grid.step_s
-        values = period[(first + np.arange(wanted.n_steps)) % period.size]
-    else:
-        series.on(grid)
-        values = series.on(wanted, whole=False)
+    values = series.laid(grid, wanted, repeat=choice.repeat)
     forecast = Perfect(values) if choice.forecast == "perfect" else Persistence(values, dt_h)
     asked = values[: grid.n_steps]
     above = int((np.abs(asked) > system.nominal_kw.sum() * (1.0 + 1e-9)).sum())

@@ -13,6 +13,7 @@ from bess.errors import InputError
 from bess.parameters import System
 from bess.simulation.demand import DemandSource
 from bess.simulation.demand_choice import demand_of
+from bess.simulation.reactive_demand import ReactiveSource, reactive_of
 from bess.simulation.run_demand import repair_notes
 from bess.study.grid import Grid, Series, seconds_of
 from bess.study.plant_choice import build_system
@@ -48,6 +49,8 @@ class Inputs:
         What was found in them, for people.
     series : dict of ndarray, shape (n_steps,)
         What else is recorded of each step, by names of the record.
+    reactive : ReactiveSource or None
+        Reactive power, of studies that ask for it.
     """
 
     system: System
@@ -60,6 +63,7 @@ class Inputs:
     files: list[Path]
     notes: list[str]
     series: Mapping[str, Array] = field(default_factory=dict)
+    reactive: ReactiveSource | None = None
 
 
 def prepare(study: Study, system: System | None = None) -> Inputs:
@@ -85,6 +89,11 @@ def prepare(study: Study, system: System | None = None) -> Inputs:
         ambient, found = _ambient(study.weather, study.weather.file, grid)
         files.append(Path(study.weather.file))
         notes += found
+    reactive = None
+    if study.reactive is not None:
+        reactive, read, found = reactive_of(study.reactive, grid, horizon)
+        files += read
+        notes += found
     if study.policy.name == "distilled" and study.policy.file is not None:
         files.append(Path(study.policy.file))
     limit = limits_of(study.event, system, grid)
@@ -99,6 +108,7 @@ def prepare(study: Study, system: System | None = None) -> Inputs:
         files,
         notes,
         asked.series,
+        reactive,
     )
 
 

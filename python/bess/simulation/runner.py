@@ -247,4 +247,5 @@ def policy_settings(study: Study, inputs: Inputs) -> Settings:
         model=choice.model,
         terms=study.settlement.terms,
         file=choice.file,
+        reactive=inputs.reactive is not None,
     )

@@ -97,11 +97,11 @@ def site_of(study: Study, choice: SiteDemand, system: System, step_s: float, hor
     start = study.run.start or load.start
     grid = Grid.of(start, step_s, study.run.days or load.days_from(start, step_s))
     longer = grid.longer(horizon)
-    load_kw = _laid(load, longer, grid, repeat=choice.repeat)
+    load_kw = load.laid(grid, longer, repeat=choice.repeat)
     pv_kw = np.zeros_like(load_kw)
     if choice.pv is not None:
         pv, more_files, more_notes = _site_series(study, choice, "pv", dt_h)
-        pv_kw = _laid(pv, longer, grid, repeat=choice.repeat)
+        pv_kw = pv.laid(grid, longer, repeat=choice.repeat)
         files, notes = files + more_files, notes + more_notes
     shared = min(load_kw.size, pv_kw.size) if choice.pv is not None else load_kw.size
     net_kw = load_kw[:shared] - pv_kw[:shared]
@@ -288,13 +288,3 @@ def _site_series(
         files, repairs = [Path(name)], repair_notes(read)
     found = f"{key}: {series.what}, {series.values.min():.4g} to {series.values.max():.4g} kW"
     return series, files, [found, *repairs]
-
-
-def _laid(series: Series, longer: Grid, grid: Grid, *, repeat: bool) -> Array:
-    """Values of the run and, as far as there are any, of the steps after it."""
-    if repeat:
-        period = series.on(Grid(series.start_s, grid.step_s, longer.n_steps), whole=False)
-        first = (grid.start_s - series.start_s) // grid.step_s
-        return period[(first + np.arange(longer.n_steps)) % period.size]
-    series.on(grid)
-    return series.on(longer, whole=False)

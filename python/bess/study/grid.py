@@ -134,6 +134,23 @@ class Series:
         integral = np.concatenate([[0.0], np.cumsum(self.values * self.step_s)])
         return np.asarray(np.diff(np.interp(edges, knots, integral)) / grid.step_s)
 
+    def laid(self, grid: Grid, longer: Grid, *, repeat: bool) -> NDArray[np.float64]:
+        """Return the means over the steps of ``grid`` and, as far as there are any, of ``longer`` after it.
+
+        Parameters
+        ----------
+        grid, longer
+            Steps that must be covered, and the same with more at the end.
+        repeat
+            Begin the series again at its end.
+        """
+        if repeat:
+            period = self.on(Grid(self.start_s, grid.step_s, longer.n_steps), whole=False)
+            first = (grid.start_s - self.start_s) // grid.step_s
+            return period[(first + np.arange(longer.n_steps)) % period.size]
+        self.on(grid)
+        return self.on(longer, whole=False)
+
     def _refuse(self, grid: Grid) -> None:
         have = (self.start_s, self.start_s + self.step_s * self.values.size)
         need = (grid.start_s, grid.start_s + grid.step_s * grid.n_steps)

@@ -30,7 +30,8 @@ KINDS: Final[tuple[Kind, ...]] = ("study", "system")
 _UNITS: Final = {
     "eur_kw_year": "EUR/kW/year", "eur_mw": "EUR/MW", "_mhz": "mHz",
     "eur_mwh": "EUR/MWh", "eur_per_mwh": "EUR/MWh", "eur_kwh": "EUR/kWh", "_eur": "EUR", "_kwh": "kWh",
-    "_kw": "kW", "_kg_m3": "kg/m³", "_j_kgk": "J/(kg K)", "_w_m2k": "W/(m² K)", "_w_mk": "W/(m K)",
+    "kvar": "kvar", "_kw": "kW", "_kg_m3": "kg/m³", "_j_kgk": "J/(kg K)", "_w_m2k": "W/(m² K)",
+    "_w_mk": "W/(m K)",
     "_kg_s": "kg/s", "_m2": "m²", "_k_per_j": "K/J", "_per_k_step": "1/(K step)", "_per_k": "1/K",
     "_mv_k": "mV/K", "_w_per_w": "", "_w_k": "W/K", "_kj_k": "kJ/K", "_pa": "Pa",
     "_kw_per_s": "kW/s",

@@ -186,6 +186,32 @@ class WeatherChoice(Section):
     offset_k: Annotated[float, within(-50.0, 50.0, "K")] = 0.0
 
 
+class ReactiveChoice(Section):
+    """Section ``[reactive]``: reactive power asked of the plant beside its demand; none without the section.
+
+    Either ``kvar`` (constant), or ``power_factor`` (beside the active power that is asked in each step), or
+    ``file``, read as :func:`bess.ems.read_profile` says. Positive is given to the grid (over-excited).
+    """
+
+    kvar: Annotated[float, within(-1e6, 1e6, "kvar")] | None = None
+    power_factor: Annotated[float, within(0.0, 1.0, above=True)] | None = None
+    file: str | None = None
+    column: str | None = None
+    unit: Literal["kvar", "var", "Mvar"] = "kvar"
+    scale: Positive = 1.0
+    time_zone: str | None = None
+    fill: Fill | None = None
+    repeat: bool = False
+    forecast: Literal["perfect", "persistence"] = "perfect"
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        given = [name for name in ("kvar", "power_factor", "file") if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise ValueError(f"give one of kvar, power_factor and file, not {' and '.join(given) or 'none'}")
+        return self
+
+
 class PolicyChoice(SplitSettings):
     """Section ``[policy]``: which policy, and what ``mpc`` minimises and when it stops searching.
 

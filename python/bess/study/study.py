@@ -24,6 +24,7 @@ from bess.study.sections import (
     Event,
     OutputChoice,
     PolicyChoice,
+    ReactiveChoice,
     RunChoice,
     RunName,
     Scenario,
@@ -45,6 +46,7 @@ _PATHS = (
     ("demand", "capacity_prices"),
     ("demand", "load"),
     ("demand", "pv"),
+    ("reactive", "file"),
     ("weather", "file"),
 )
 """Keys that name files. A name without a folder and an ending is that of something bundled."""
@@ -62,6 +64,7 @@ class Study(Section):
     title: str = ""
     system: SystemChoice = SystemChoice()
     demand: Demand
+    reactive: ReactiveChoice | None = None
     weather: WeatherChoice = WeatherChoice()
     policy: PolicyChoice = PolicyChoice()
     settlement: SettlementChoice = SettlementChoice()

@@ -12,6 +12,7 @@ mod model;
 mod one_step;
 mod plan;
 mod reach;
+mod reactive;
 mod search;
 mod split;
 

@@ -169,6 +169,26 @@ impl ControlModel {
         Ok(vector(py, limits.into_iter().map(|p| p / W_PER_KW).collect()))
     }
 
+    /// Reactive power of each string `(M,)` [kvar] of a total, signed alike, that loses least beside signed requests `(M,)`
+    /// [kW] within `limit_kva` `(M,)`; starting a string is worth `start_kw` `(M,)`.
+    fn share_reactive(
+        &self,
+        py: Python<'_>,
+        request_kw: PyReadonlyArray1<'_, f64>,
+        total_kvar: f64,
+        limit_kva: PyReadonlyArray1<'_, f64>,
+        start_kw: PyReadonlyArray1<'_, f64>,
+    ) -> PyResult<Vector> {
+        let watts = |values: PyReadonlyArray1<'_, f64>| flat(values.as_array(), W_PER_KW);
+        let (request_w, limit_va, start_w) = (watts(request_kw), watts(limit_kva), watts(start_kw));
+        let total_var = total_kvar.abs() * W_PER_KW;
+        let shares = py
+            .detach(|| self.inner.share_reactive(&request_w, total_var, &limit_va, &start_w))
+            .map_err(refused)?;
+        let unit = if total_kvar < 0.0 { -W_PER_KW } else { W_PER_KW };
+        Ok(vector(py, shares.into_iter().map(|q| q / unit).collect()))
+    }
+
     /// Constants of normalisation of each string [kW]: inverter loss at `p_N` in charge, and `h_N`.
     fn nominal_loss_kw(&self, py: Python<'_>) -> (Vector, Vector) {
         let (inverter, battery) = self.inner.nominal_losses_w();

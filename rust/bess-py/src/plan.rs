@@ -24,10 +24,10 @@ pub struct Plan {
 
 /// Plans over `demand_kw` `(T,)`. `loss_prices` `(T, 4)` [cost/kWh]: availability, derating, inverter, battery;
 /// `wear` `(M,)` and `end_charge` [cost/Ah], `start_cost` of an inverter, `balance` [cost per Ah and hour];
-/// `previous_kw` `(M, T)` is a plan to start from.
+/// `previous_kw` `(M, T)` is a plan to start from; `reactive_kvar` `(T,)` is what the inverters carry beside it.
 #[pyfunction]
 #[pyo3(signature = (model, soc, temperature_c, running, demand_kw, ambient_c, dt_h, limit_kw, loss_prices, wear,
-                    start_cost, balance, end_charge, previous_kw, rollouts, fresh_rollouts, turn))]
+                    start_cost, balance, end_charge, previous_kw, rollouts, fresh_rollouts, turn, reactive_kvar=None))]
 #[allow(clippy::too_many_arguments)]
 pub fn plan(
     py: Python<'_>,
@@ -48,6 +48,7 @@ pub fn plan(
     rollouts: usize,
     fresh_rollouts: usize,
     turn: usize,
+    reactive_kvar: Option<PyReadonlyArray1<'_, f64>>,
 ) -> PyResult<Plan> {
     let demand_w = flat(demand_kw.as_array(), W_PER_KW);
     let (n_strings, n_steps) = (model.inner.strings().len(), demand_w.len());
@@ -67,6 +68,8 @@ pub fn plan(
         }
         None => None,
     };
+    let reactive_var: Option<Vec<f64>> =
+        reactive_kvar.map(|values| values.as_array().iter().map(|q| q.abs() * W_PER_KW).collect());
     let ambient_c = flat(ambient_c.as_array(), 1.0);
     let running = running.as_array().to_vec();
     let interval =
@@ -85,6 +88,9 @@ pub fn plan(
             let start = model.inner.states(&soc, &temperature_c)?;
             let mut problem =
                 PlanProblem::new(&model.inner, start, running, &magnitudes, intervals, limit_w, prices)?;
+            if let Some(reactive_var) = &reactive_var {
+                problem = problem.with_reactive(reactive_var)?;
+            }
             Ok(problem.plan(previous_w.as_deref(), PlanEffort { rollouts, fresh_rollouts, turn }))
         })
         .map_err(refused)?;

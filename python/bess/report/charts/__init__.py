@@ -5,6 +5,7 @@ from bess.report.charts.health import state_of_health
 from bess.report.charts.many import kpi_lines, pareto_front
 from bess.report.charts.market import market_dispatch
 from bess.report.charts.power import power_split
+from bess.report.charts.reactive import reactive_power
 from bess.report.charts.services import service
 from bess.report.charts.solver import solver_effort
 from bess.report.charts.strings import string_spread, strings
@@ -18,6 +19,7 @@ __all__ = [
     "mean_temperature",
     "pareto_front",
     "power_split",
+    "reactive_power",
     "service",
     "solver_effort",
     "state_of_health",

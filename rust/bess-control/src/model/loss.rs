@@ -60,6 +60,11 @@ impl LossCurve {
         }
     }
 
+    /// Direction of the power.
+    pub fn direction(&self) -> Direction {
+        self.direction
+    }
+
     /// Knots [W].
     pub fn power(&self) -> &[f64] {
         &self.power

@@ -136,7 +136,20 @@ impl StringModel {
 
     /// Largest AC power that the string can deliver over the interval, at most `p_N` [W].
     pub fn limit_w(&self, c: &Coefficients, direction: Direction, soc: f64, dt_h: f64) -> f64 {
-        self.loss(direction).largest_power(self.internal_limit_w(c, direction, soc, dt_h))
+        self.limit_over(self.loss(direction), c, direction, soc, dt_h)
+    }
+
+    /// Like [`Self::limit_w`], with another curve of the inverter's loss.
+    #[inline]
+    pub(crate) fn limit_over(
+        &self,
+        curve: &LossCurve,
+        c: &Coefficients,
+        direction: Direction,
+        soc: f64,
+        dt_h: f64,
+    ) -> f64 {
+        curve.largest_power(self.internal_limit_w(c, direction, soc, dt_h))
     }
 
     /// Carries out a request of `request_w >= 0` from `state`, with the coefficients of its start.
@@ -145,7 +158,8 @@ impl StringModel {
         if request_w <= 0.0 {
             return self.idle(state, 0.0, 0.0, interval);
         }
-        self.carry(state, request_w, interval, &self.coefficients(interval.direction, state))
+        let curve = self.loss(interval.direction);
+        self.carry(curve, state, request_w, interval, &self.coefficients(interval.direction, state))
     }
 
     /// Like [`Self::step`] with the coefficients of the middle of the interval (explicit midpoint rule), and with the
@@ -153,26 +167,45 @@ impl StringModel {
     /// there.
     #[inline]
     pub fn step_midpoint(&self, state: StringState, request_w: f64, interval: &Interval) -> Flow {
+        self.step_midpoint_over(self.loss(interval.direction), state, request_w, interval)
+    }
+
+    /// Like [`Self::step_midpoint`], with another curve of the inverter's loss.
+    #[inline]
+    pub(crate) fn step_midpoint_over(
+        &self,
+        curve: &LossCurve,
+        state: StringState,
+        request_w: f64,
+        interval: &Interval,
+    ) -> Flow {
         if request_w <= 0.0 {
             return self.idle(state, 0.0, 0.0, interval);
         }
         let c = self.coefficients(interval.direction, state);
-        let (middle, lowest) = self.middle(&c, state, request_w, interval);
+        let (middle, lowest) = self.middle(curve, &c, state, request_w, interval);
         if lowest < self.parameters.low_soc_switch {
-            return self.step_in_parts(state, request_w, interval);
+            return self.step_in_parts(curve, state, request_w, interval);
         }
-        self.carry(state, request_w, interval, &self.coefficients(interval.direction, middle))
+        self.carry(curve, state, request_w, interval, &self.coefficients(interval.direction, middle))
     }
 
     #[cold]
-    fn step_in_parts(&self, state: StringState, request_w: f64, interval: &Interval) -> Flow {
+    fn step_in_parts(
+        &self,
+        curve: &LossCurve,
+        state: StringState,
+        request_w: f64,
+        interval: &Interval,
+    ) -> Flow {
         let share = 1.0 / LOW_SOC_PARTS as f64;
         let part = Interval { dt_h: share * interval.dt_h, ..*interval };
         let mut whole = self.idle(state, 0.0, 0.0, interval);
         for _ in 0..LOW_SOC_PARTS {
             let c = self.coefficients(part.direction, whole.end);
-            let (middle, _) = self.middle(&c, whole.end, request_w, &part);
-            let flow = self.carry(whole.end, request_w, &part, &self.coefficients(part.direction, middle));
+            let (middle, _) = self.middle(curve, &c, whole.end, request_w, &part);
+            let flow =
+                self.carry(curve, whole.end, request_w, &part, &self.coefficients(part.direction, middle));
             whole.delivered_w += share * flow.delivered_w;
             whole.availability_w += share * flow.availability_w;
             whole.derating_w += share * flow.derating_w;
@@ -188,13 +221,13 @@ impl StringModel {
     #[inline]
     fn middle(
         &self,
+        curve: &LossCurve,
         c: &Coefficients,
         state: StringState,
         request_w: f64,
         interval: &Interval,
     ) -> (StringState, f64) {
         let wanted = c.derating * request_w;
-        let curve = self.loss(interval.direction);
         let internal = curve.direction_power(wanted, curve.at(wanted).0);
         let (current_a, _) = small_root(c, interval.direction, internal);
         let half = Interval { dt_h: 0.5 * interval.dt_h, ..*interval };
@@ -205,7 +238,14 @@ impl StringModel {
     }
 
     #[inline]
-    fn carry(&self, state: StringState, request_w: f64, interval: &Interval, c: &Coefficients) -> Flow {
+    fn carry(
+        &self,
+        curve: &LossCurve,
+        state: StringState,
+        request_w: f64,
+        interval: &Interval,
+        c: &Coefficients,
+    ) -> Flow {
         let direction = interval.direction;
         let derating_w = (1.0 - c.derating) * request_w;
         let wanted = request_w - derating_w;
@@ -214,7 +254,6 @@ impl StringModel {
         }
 
         let p = &self.parameters;
-        let curve = self.loss(direction);
         let (mut inverter_w, highest_internal) = curve.at(wanted);
         let mut delivered_w = wanted;
         let (mut current_a, has_root) = small_root(c, direction, highest_internal);

@@ -1,7 +1,8 @@
 //! What a plan is made for: strings, measured state, demand, limits, surroundings, prices.
 
 use crate::error::{check_length, check_range};
-use crate::model::{ControlModel, Interval, Losses, StringState};
+use crate::model::{ControlModel, Flow, Interval, LossCurve, Losses, StringState};
+use crate::reactive::curve_at_power_factor;
 use crate::ControlError;
 
 /// What counts in a plan.
@@ -34,6 +35,8 @@ pub struct PlanProblem<'a> {
     pub(crate) fill: Vec<f64>,
     /// Whether the plant will still come near empty or full `(T,)`, up to 1 (yes): what imbalance counts.
     pub(crate) tightness: Vec<f64>,
+    /// Losses of the inverters with the reactive power of each step `(M, T)`; empty where there is none.
+    curves: Vec<LossCurve>,
 }
 
 impl<'a> PlanProblem<'a> {
@@ -73,7 +76,65 @@ impl<'a> PlanProblem<'a> {
         let total: f64 = limit_w.iter().sum();
         let demand_w = demand_w.iter().map(|d| d.min(total)).collect();
         let (fill, tightness) = (vec![0.0; n_steps], vec![0.0; n_steps]);
-        Ok(Self { model, start, running, demand_w, intervals, limit_w, prices, fill, tightness })
+        Ok(Self {
+            model,
+            start,
+            running,
+            demand_w,
+            intervals,
+            limit_w,
+            prices,
+            fill,
+            tightness,
+            curves: vec![],
+        })
+    }
+
+    /// The same with a demand of reactive power, magnitudes `(T,)` [var]; what the inverters cannot carry beside the active
+    /// power is left out.
+    ///
+    /// In a plan every string carries reactive power in proportion to its active power, and what would overload it runs
+    /// another inverter like it: losses are those of the plant's power factor. Sharing by [`ControlModel::share_reactive`]
+    /// what the plan asks of a step loses no more than that, but where there is no such other inverter.
+    ///
+    /// # Errors
+    ///
+    /// Where the length is not that of the demand, or a number is not finite or negative.
+    pub fn with_reactive(mut self, reactive_var: &[f64]) -> Result<Self, ControlError> {
+        let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
+        check_length("reactive power", reactive_var, n_steps)?;
+        check_range("reactive power", reactive_var, (0.0, f64::MAX), " var")?;
+        let total: f64 = self.limit_w.iter().sum();
+        let factors: Vec<f64> = self
+            .demand_w
+            .iter()
+            .zip(reactive_var)
+            .map(|(&p, q)| if p > 0.0 { p.hypot(*q).min(total).max(p) / p } else { 1.0 })
+            .collect();
+        for m in 0..n_strings {
+            for (t, &factor) in factors.iter().enumerate() {
+                let curve = self.model.strings()[m].loss(self.intervals[t].direction);
+                let nominal_w = self.model.strings()[m].nominal_w();
+                self.curves.push(curve_at_power_factor(curve, nominal_w, factor, self.demand_w[t]));
+            }
+        }
+        Ok(self)
+    }
+
+    /// Loss of an inverter over its active power.
+    #[inline]
+    pub(crate) fn curve(&self, m: usize, t: usize) -> &LossCurve {
+        if self.curves.is_empty() {
+            return self.model.strings()[m].loss(self.intervals[t].direction);
+        }
+        &self.curves[m * self.n_steps() + t]
+    }
+
+    /// What one string does in one step.
+    #[inline]
+    pub(crate) fn flow(&self, m: usize, t: usize, state: StringState, request_w: f64) -> Flow {
+        let string = &self.model.strings()[m];
+        string.step_midpoint_over(self.curve(m, t), state, request_w, &self.intervals[t])
     }
 
     /// Number of strings.
@@ -97,7 +158,7 @@ impl<'a> PlanProblem<'a> {
         running: bool,
     ) -> (f64, StringState) {
         let interval = &self.intervals[t];
-        let flow = self.model.strings()[m].step_midpoint(state, request_w, interval);
+        let flow = self.flow(m, t, state, request_w);
         let p = &self.prices;
         let mut rate = flow.losses().cost(&p.losses[t]) + p.wear[m] * flow.current_a.abs();
         if p.balance > 0.0 {

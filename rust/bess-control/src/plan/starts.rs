@@ -36,7 +36,7 @@ impl Rule {
             let powers = self.share(problem, t, &states);
             for (m, (state, &power)) in states.iter_mut().zip(&powers).enumerate() {
                 request_w[m * n_steps + t] = power;
-                *state = problem.model.strings()[m].step_midpoint(*state, power, &problem.intervals[t]).end;
+                *state = problem.flow(m, t, *state, power).end;
             }
         }
         request_w
@@ -88,7 +88,8 @@ fn deliverable_w(problem: &PlanProblem<'_>, t: usize, states: &[StringState]) ->
     let cap = |(m, state): (usize, &StringState)| {
         let string = &problem.model.strings()[m];
         let c = string.coefficients(interval.direction, *state);
-        string.limit_w(&c, interval.direction, state.soc, interval.dt_h).min(problem.limit_w[m])
+        let curve = problem.curve(m, t);
+        string.limit_over(curve, &c, interval.direction, state.soc, interval.dt_h).min(problem.limit_w[m])
     };
     states.iter().enumerate().map(cap).collect()
 }

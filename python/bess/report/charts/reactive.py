@@ -1,0 +1,35 @@
+"""Reactive power: what was asked and carried, and how far the inverters were loaded."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bess.errors import InputError
+from bess.report.chart import Chart, Panel
+from bess.report.data import Result, TimeAxis, dataset_of, event_spans
+from bess.report.long_runs import curve
+from bess.report.style import AVAILABILITY, INK, colours
+
+
+def reactive_power(result: Result) -> Chart:
+    """Reactive power of the plant, and of every string its reactive and its apparent power."""
+    dataset = dataset_of(result)
+    if "reactive_kvar" not in dataset:
+        raise InputError("the result has no reactive_kvar; ask for it in the study's [reactive]")
+    time = TimeAxis(dataset)
+    q_kvar = dataset["reactive_kvar"].values
+    apparent_kva = np.hypot(dataset["delivered_kw"].values, q_kvar)
+    plant = curve(time, q_kvar.sum(axis=1), INK, "carried", kind="step")
+    asked_kvar = dataset["reactive_demand_kvar"].values
+    plant += curve(time, asked_kvar, AVAILABILITY, "asked", kind="step", dashed=True)
+    strings, loading = [], []
+    for index, colour in enumerate(colours(q_kvar.shape[1])):
+        among = q_kvar.shape[1]
+        strings += curve(time, q_kvar[:, index], colour, f"string {index}", among=among, band=False)
+        loading += curve(time, apparent_kva[:, index], colour, f"string {index}", among=among, band=False)
+    panels = (
+        Panel("Plant (kvar)", tuple(plant)),
+        Panel("Strings (kvar)", tuple(strings)),
+        Panel("Strings (kVA)", tuple(loading)),
+    )
+    return Chart(time.label, panels, panel_height_in=1.35, spans=event_spans(dataset, time))

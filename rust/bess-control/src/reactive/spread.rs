@@ -1,0 +1,87 @@
+//! Reactive power of inverters that run: equal marginal losses.
+
+use crate::model::LossCurve;
+
+/// Halvings of the range of prices.
+const HALVINGS: usize = 60;
+
+/// An inverter in one step: its loss over apparent power, its active power, and the most reactive power beside it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Inverter<'a> {
+    pub curve: &'a LossCurve,
+    pub active_w: f64,
+    pub room_var: f64,
+}
+
+impl Inverter<'_> {
+    /// Loss with a reactive power [W].
+    pub fn loss_w(&self, reactive_var: f64) -> f64 {
+        self.curve.at(self.active_w.hypot(reactive_var)).0
+    }
+
+    /// Reactive power at which loss less `price` times reactive power is least: the smallest one.
+    ///
+    /// The curve is linear in apparent power between knots, with a slope `b` there: the least is at a knot, at an end, or where
+    /// the marginal loss `b q / S` is the price.
+    fn best_at(&self, price: f64) -> f64 {
+        let (p, most) = (self.active_w, self.active_w.hypot(self.room_var));
+        let mut best = (self.loss_w(0.0), 0.0);
+        let mut consider = |q: f64, loss: f64| {
+            if loss - price * q < best.0 {
+                best = (loss - price * q, q);
+            }
+        };
+        let (knots, losses) = (self.curve.power(), self.curve.loss());
+        for (s, w) in knots.windows(2).zip(losses.windows(2)) {
+            if s[1] <= p || s[0] >= most {
+                continue;
+            }
+            let slope = (w[1] - w[0]) / (s[1] - s[0]);
+            if price > 0.0 && price < slope {
+                let q = p * price / (slope * slope - price * price).sqrt();
+                let apparent = p.hypot(q);
+                if q < self.room_var && (s[0]..=s[1]).contains(&apparent) {
+                    consider(q, w[0] + slope * (apparent - s[0]));
+                }
+            }
+            if s[1] < most {
+                consider((s[1] * s[1] - p * p).sqrt(), w[1]);
+            }
+        }
+        consider(self.room_var, self.loss_w(self.room_var));
+        best.1
+    }
+
+    fn steepest(&self) -> f64 {
+        let (knots, losses) = (self.curve.power(), self.curve.loss());
+        let slopes =
+            knots.windows(2).zip(losses.windows(2)).map(|(s, w)| ((w[1] - w[0]) / (s[1] - s[0])).abs());
+        slopes.fold(0.0, f64::max)
+    }
+}
+
+/// Reactive power of each inverter, all of which run, so that their losses are least: one price of reactive power at which all
+/// of them have enough. Exact for convex curves; on others at most one inverter is away from its best. `total_var` is at most
+/// the sum of the rooms.
+pub(crate) fn spread(inverters: &[Inverter<'_>], total_var: f64) -> Vec<f64> {
+    let at = |price: f64| -> Vec<f64> { inverters.iter().map(|i| i.best_at(price)).collect() };
+    let steepest = 1.0001 * inverters.iter().map(Inverter::steepest).fold(f64::MIN_POSITIVE, f64::max);
+    let (mut low, mut high) = (-steepest, steepest);
+    let (mut less, mut more) = (at(low), at(high));
+    for _ in 0..HALVINGS {
+        let price = 0.5 * (low + high);
+        let here = at(price);
+        if here.iter().sum::<f64>() <= total_var {
+            (low, less) = (price, here);
+        } else {
+            (high, more) = (price, here);
+        }
+    }
+    let mut rest = total_var - less.iter().sum::<f64>();
+    for ((q, more), inverter) in less.iter_mut().zip(more).zip(inverters) {
+        let step = rest.min(more - *q).max(0.0);
+        *q = (*q + step).min(inverter.room_var);
+        rest -= step;
+    }
+    less
+}
