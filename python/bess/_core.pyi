@@ -7,12 +7,14 @@ _Array = NDArray[np.float64]
 
 __all__ = [
     "Ageing",
+    "BestShares",
     "CoefficientBounds",
     "Confined",
     "ControlHorizon",
     "ControlModel",
     "Explicit",
     "FlowArrays",
+    "FollowedArrays",
     "GroupBounds",
     "Incumbent",
     "Plan",
