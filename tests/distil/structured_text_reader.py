@@ -25,20 +25,20 @@ _WORDS = [
 
 
 class StructuredText:
-    """The constants and function blocks of a file."""
+    """The function blocks of a file, with their constants."""
 
     def __init__(self, text: str) -> None:
-        head, *blocks = re.split(r"^FUNCTION_BLOCK ", text, flags=re.M)
-        self.constants: dict[str, Any] = {}
-        for name, array, value in re.findall(r"^    (\w+) : (ARRAY[^:]*|\w+) := ([^;]*);", head, flags=re.M):
-            self.constants[name] = (
-                [float(x) for x in value.strip("[] \n").split(",")] if "ARRAY" in array else _number(value)
-            )
-        self.blocks = {block.split(None, 1)[0]: _Block(block, self.constants) for block in blocks}
+        _, *blocks = re.split(r"^FUNCTION_BLOCK ", text, flags=re.M)
+        self.blocks = {block.split(None, 1)[0]: _Block(block) for block in blocks}
 
 
 class _Block:
-    def __init__(self, text: str, constants: dict[str, Any]) -> None:
+    def __init__(self, text: str) -> None:
+        self.constants: dict[str, Any] = {}
+        for name, array, value in re.findall(r"^    (\w+) : (ARRAY[^:]*|\w+) := ([^;]*);", text, flags=re.M):
+            self.constants[name] = (
+                [float(x) for x in value.strip("[] \n").split(",")] if "ARRAY" in array else _number(value)
+            )
         self.variables: dict[str, Any] = {}
         self.declared: list[str] = []
         sections = re.findall(r"^VAR(?:_INPUT|_OUTPUT)?\n(.*?)^END_VAR\n", text, flags=re.M | re.S)
@@ -60,11 +60,10 @@ class _Block:
             lines.append("    " * depth + line)
             depth += opens
         self._code = compile("\n".join(lines), "split.st", "exec")
-        self._constants = constants
 
     def __call__(self, **inputs: Any) -> SimpleNamespace:
         names = {
-            **self._constants,
+            **self.constants,
             **{k: list(v) if isinstance(v, list) else v for k, v in self.variables.items()},
         }
         exec(self._code, {**names, **inputs}, space := {**names, **inputs})

@@ -1,8 +1,10 @@
 """The decision in C, in structured text and in the core is that of the Python source, to the last bit."""
 
+import ast
 import re
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -133,9 +135,27 @@ def test_structured_text_decides_as_the_source_does(name: str) -> None:
 
 def test_structured_text_carries_every_number_of_the_tables() -> None:
     law = controller(SYSTEMS["mixed-4"](), random_weights(np.random.default_rng(6)))
-    read = StructuredText(exports(law)["split.st"]).constants
+    read: dict[str, Any] = {}
+    for block in StructuredText(exports(law)["split.st"]).blocks.values():
+        read |= block.constants
+    bodies = functions().values()
+    used = {node.id for body in bodies for node in ast.walk(body) if isinstance(node, ast.Name)}
     for name, value in constants(law).items():
-        assert read[name] == (list(value) if isinstance(value, tuple) else value), name
+        if name in used:
+            assert read.pop(name) == (list(value) if isinstance(value, tuple) else value), name
+    assert read.keys() <= places().keys()
+
+
+@pytest.mark.parametrize("name", ["BESS_LOOK", pytest.param("BESS_SPLIT", marks=pytest.mark.slow)])
+def test_structured_text_is_read_by_a_parser_of_the_language(name: str) -> None:
+    """blark, a parser for TwinCAT. It is slow, so that long tables are cut; others read their numbers."""
+    blark = pytest.importorskip("blark")
+    text = exports(controller(SYSTEMS["two"]()))["split.st"]
+    short = re.sub(r":= \[\n([^,]*), ([^,]*), [^\]]*\]", r":= [\1, \2]", text)
+    about, *blocks = re.split(r"^(?=FUNCTION_BLOCK)", short, flags=re.M)
+    (block,) = (block for block in blocks if block.startswith(f"FUNCTION_BLOCK {name}\n"))
+    assert blark.parse_source_code(about + block).exception is None
+    assert blark.parse_source_code(block.replace("END_FOR;", "", 1)).exception is not None
 
 
 def test_names_differ_in_more_than_case_and_are_not_reserved() -> None:

@@ -1,4 +1,4 @@
-"""The decision as structured text (IEC 61131-3): two function blocks and their constants."""
+"""The decision as structured text (IEC 61131-3): two function blocks that need nothing else."""
 
 from __future__ import annotations
 
@@ -83,22 +83,18 @@ class StPrinter(Printer):
 
 
 def st_source(constants: Mapping[str, float | tuple[float, ...]], about: str) -> str:
-    """Text of ``split.st``."""
+    """Text of ``split.st``.
+
+    Each function block holds the constants that it uses: the standard knows global ones in a configuration
+    alone, which a file of function blocks has none of.
+    """
     printer = StPrinter()
-    lines = [f"(* {about} *)", "VAR_GLOBAL CONSTANT"]
-    for name, value in (*places().items(), *constants.items()):
-        if isinstance(value, tuple):
-            table = printer.listed(value, 2 * INDENT)
-            lines.append(f"    {name} : ARRAY[0..{len(value) - 1}] OF LREAL := [\n{table}];")
-        else:
-            kind = "DINT" if type(value) is int else "LREAL"
-            lines.append(f"    {name} : {kind} := {printer.number(value)};")
-    lines.append("END_VAR")
     whole = integers(constants)
     extents = {"ahead_kw": whole["STEPS"], "outlook": whole["N_OUTLOOK"]}
+    lines = [f"(* {about} *)"]
     for name, function in functions().items():
         filled = outputs(function)
-        heads: dict[str, list[str]] = {"VAR_INPUT": [], "VAR_OUTPUT": [], "VAR": []}
+        heads: dict[str, list[str]] = {"VAR_INPUT": [], "VAR_OUTPUT": [], "VAR": [], "VAR CONSTANT": []}
         for argument, kind in arguments(function).items():
             text = _declared(argument, kind, extents.get(argument, whole["STRINGS"]))
             heads["VAR_OUTPUT" if argument in filled else "VAR_INPUT"].append(text)
@@ -106,11 +102,22 @@ def st_source(constants: Mapping[str, float | tuple[float, ...]], about: str) ->
             extent = 0 if size is None else _extent(size, whole)
             heads["VAR"].append(_declared(printer.name(variable), kind, extent))
         heads["VAR"].append(_declared(COUNTER, "int", 0))
+        used = {node.id for node in ast.walk(function) if isinstance(node, ast.Name)}
+        for constant, value in (*places().items(), *constants.items()):
+            if constant in used:
+                heads["VAR CONSTANT"].append(_constant(constant, value, printer))
         lines += ["", f"FUNCTION_BLOCK {PREFIX}{name.upper()}"]
         for head, declarations in heads.items():
-            lines += [head, *(f"    {text}" for text in declarations), "END_VAR"]
+            lines += [head, *(f"{INDENT}{text}" for text in declarations), "END_VAR"]
         lines += [*printer.body(function.body), "END_FUNCTION_BLOCK"]
     return "\n".join(lines) + "\n"
+
+
+def _constant(name: str, value: float | tuple[float, ...], printer: StPrinter) -> str:
+    if isinstance(value, tuple):
+        table = printer.listed(value, 2 * INDENT)
+        return f"{name} : ARRAY[0..{len(value) - 1}] OF LREAL := [\n{table}];"
+    return f"{name} : {'DINT' if type(value) is int else 'LREAL'} := {printer.number(value)};"
 
 
 def _extent(size: ast.expr, whole: Mapping[str, int]) -> int:
