@@ -99,6 +99,23 @@ def test_least_times_hold_while_the_demand_jumps_about() -> None:
     assert live.commitment.starts.sum() > 3
 
 
+def test_least_times_hold_over_a_restart() -> None:
+    settings = {"control_step_s": 10.0, "minimum_off_s": 120.0, "start_kwh": 0.0}
+    whole, first = (controller(3, policy="equal", **settings) for _ in range(2))  # type: ignore[arg-type]
+    demands = [240.0, 240.0, *[40.0] * 6]
+    for k, demand_kw in enumerate(demands):
+        before = [
+            live.step(measured([0.5] * 3, at_s=10.0 * k), demand_kw, 10.0 * k) for live in (whole, first)
+        ]
+        assert (before[0].running == before[1].running).all()
+    second = controller(3, policy="equal", **settings)  # type: ignore[arg-type]
+    second.recall(json.loads(json.dumps(first.memory())))
+    second.plan.recall(first.plan.memory())
+    for k in range(len(demands), len(demands) + 20):
+        now = [live.step(measured([0.5] * 3, at_s=10.0 * k), 40.0, 10.0 * k) for live in (whole, second)]
+        assert (now[0].running == now[1].running).all(), k
+
+
 def test_what_a_start_is_worth_makes_starts_rare() -> None:
     starts = []
     for start_kwh in (0.0, 0.5):

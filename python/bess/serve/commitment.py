@@ -149,6 +149,7 @@ class Commitment:
         self.starts: NDArray[np.int64] = np.zeros(n_strings, dtype=np.int64)
         # What each move would have saved so far, from a string (row) to one (column); the last is none.
         self._saved_kwh: Array = np.zeros((n_strings + 1, n_strings + 1))
+        # Age [s] and magnitude [kW] of demands above all that came after them.
         self._peaks: list[tuple[float, float]] = []
 
     def update(self, task: Task, *, elapsed_s: float, step_s: float) -> None:
@@ -163,8 +164,7 @@ class Commitment:
         step_s
             Time for which this one holds.
         """
-        self.pass_time(task.usable, elapsed_s)
-        self._remember(task.demand_kw, elapsed_s)
+        self.pass_time(task.usable, task.demand_kw, elapsed_s)
         first = True
         for _ in range(2 * self.running.size):
             move = self._move(task, step_s, adds_up=first)
@@ -176,9 +176,10 @@ class Commitment:
             self._switch(stop, on=False)
             self._switch(start, on=True)
 
-    def pass_time(self, usable: Flags, elapsed_s: float) -> None:
-        """Let time go by; what may not run any more stops."""
+    def pass_time(self, usable: Flags, demand_kw: float, elapsed_s: float) -> None:
+        """Let time go by until this demand (magnitude); what may not run any more stops."""
         self.since_s = self.since_s + elapsed_s
+        self._remember(demand_kw, elapsed_s)
         self._switch(self.running & ~usable, on=False)
 
     def adopt(self, wanted: Flags, usable: Flags) -> None:
@@ -196,6 +197,7 @@ class Commitment:
             "since_s": np.minimum(self.since_s, 1e9).tolist(),
             "starts": self.starts.tolist(),
             "saved_kwh": self._saved_kwh.tolist(),
+            "peaks": [list(each) for each in self._peaks],
         }
 
     def recall(self, memory: Mapping[str, Any]) -> None:
@@ -204,6 +206,8 @@ class Commitment:
         self.since_s = np.array(memory["since_s"], dtype=np.float64)
         self.starts = np.array(memory["starts"], dtype=np.int64)
         self._saved_kwh = np.array(memory["saved_kwh"], dtype=np.float64)
+        # States that older versions wrote have none.
+        self._peaks = [(float(age_s), float(kw)) for age_s, kw in memory.get("peaks", [])]
 
     def _switch(self, which: Flags, *, on: bool) -> None:
         if which.any():

@@ -332,7 +332,7 @@ class Controller:
         signed_kw = demand_kw if discharge else -demand_kw
         followed = self._following.shares(planned, signed_kw, most, elapsed_s)
         if followed is not None:
-            self.commitment.pass_time(usable, elapsed_s)
+            self.commitment.pass_time(usable, demand_kw, elapsed_s)
             self.commitment.adopt(followed > 0.0, usable & (most > 0.0))
             return followed
         curves = Curves.of(self.system, trusted.worse(discharge), discharge)
