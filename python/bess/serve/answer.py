@@ -26,7 +26,8 @@ class Answer:
     status : str
         A sentence.
     gap : float or None
-        Relative distance to a proven bound, where the policy knows one.
+        Relative distance to a proven bound, where these are the set-points of a certified split; None for
+        plans, between two plans, and for the fallback.
     fallback : bool
         Whether these are the shares by energy, because the controller had no answer in time.
     unmet_kw : float

@@ -322,6 +322,8 @@ class ServiceChoice(Section):
 
     What stands for each string is one number for all of them or a list. Times in seconds; ``start_kwh`` is
     what a start of an inverter is worth: it is switched when that much energy would have been saved.
+    ``bess run`` uses none of these keys: its plant takes the policy's set-points at every control step, and
+    its windows of SOC are those of the system (``soc_min``, ``soc_max``).
     """
 
     control_step_s: Annotated[float, within(1.0, 900.0, "s")] | None = None
