@@ -20,7 +20,7 @@ from bess.simulation import closed_loop
 
 RULES = ("equal", "priority", "soc", "temperature")
 WEEK = "frequency-week"
-SLACK_NOT_CONVEX = 2e-3
+SLACK_NOT_CONVEX = 5e-4
 
 
 def _study(policy: str = "equal", *, days: float = 1.0, demand: str = WEEK, **reactive: Any) -> bess.Study:

@@ -52,20 +52,37 @@ impl Inverter<'_> {
         best.1
     }
 
-    fn steepest(&self) -> f64 {
+    /// Slopes of the curve.
+    fn slopes(&self) -> impl Iterator<Item = f64> + '_ {
         let (knots, losses) = (self.curve.power(), self.curve.loss());
-        let slopes =
-            knots.windows(2).zip(losses.windows(2)).map(|(s, w)| ((w[1] - w[0]) / (s[1] - s[0])).abs());
-        slopes.fold(0.0, f64::max)
+        knots.windows(2).zip(losses.windows(2)).map(|(s, w)| (w[1] - w[0]) / (s[1] - s[0]))
+    }
+
+    /// Whether the loss is convex in reactive power, up to rounding of the curve.
+    fn is_convex(&self) -> bool {
+        let mut before = 0.0;
+        self.slopes().all(|slope| {
+            let rises = slope >= before - 1e-9;
+            before = slope;
+            rises
+        })
+    }
+
+    /// Reactive powers at the knots of the curve, and none, and all.
+    fn corners(&self) -> impl Iterator<Item = f64> + '_ {
+        let inside = self.curve.power().iter().filter(|&&s| s > self.active_w);
+        let at_knots = inside.map(|s| (s * s - self.active_w * self.active_w).sqrt());
+        at_knots.filter(|&q| q < self.room_var).chain([0.0, self.room_var])
     }
 }
 
 /// Reactive power of each inverter, all of which run, so that their losses are least: one price of reactive power at which all
-/// of them have enough. Exact for convex curves; on others at most one inverter is away from its best. `total_var` is at most
-/// the sum of the rooms.
+/// of them have enough. Exact for convex curves; on others pairs then exchange what saves. `total_var` is at most the sum of the
+/// rooms.
 pub(crate) fn spread(inverters: &[Inverter<'_>], total_var: f64) -> Vec<f64> {
     let at = |price: f64| -> Vec<f64> { inverters.iter().map(|i| i.best_at(price)).collect() };
-    let steepest = 1.0001 * inverters.iter().map(Inverter::steepest).fold(f64::MIN_POSITIVE, f64::max);
+    let steepest =
+        1.0001 * inverters.iter().flat_map(Inverter::slopes).map(f64::abs).fold(f64::MIN_POSITIVE, f64::max);
     let (mut low, mut high) = (-steepest, steepest);
     let (mut less, mut more) = (at(low), at(high));
     for _ in 0..HALVINGS {
@@ -83,5 +100,33 @@ pub(crate) fn spread(inverters: &[Inverter<'_>], total_var: f64) -> Vec<f64> {
         *q = (*q + step).min(inverter.room_var);
         rest -= step;
     }
+    if !inverters.iter().all(Inverter::is_convex) {
+        exchange(inverters, &mut less);
+    }
     less
+}
+
+/// Moves reactive power between pairs of inverters, one of each pair to a corner of its curve, as long as that saves.
+fn exchange(inverters: &[Inverter<'_>], shares_var: &mut [f64]) {
+    let n = inverters.len();
+    let mut saves = true;
+    while saves {
+        saves = false;
+        for (a, b) in (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b))) {
+            let (first, second, sum) = (&inverters[a], &inverters[b], shares_var[a] + shares_var[b]);
+            let cost = |q: f64| first.loss_w(q) + second.loss_w(sum - q);
+            let now = cost(shares_var[a]);
+            let best = first
+                .corners()
+                .chain(second.corners().map(|q| sum - q))
+                .filter(|&q| {
+                    (0.0..=first.room_var).contains(&q) && (0.0..=second.room_var).contains(&(sum - q))
+                })
+                .min_by(|x, y| cost(*x).total_cmp(&cost(*y)));
+            if let Some(q) = best.filter(|&q| cost(q) < now * (1.0 - 1e-9)) {
+                (shares_var[a], shares_var[b]) = (q, sum - q);
+                saves = true;
+            }
+        }
+    }
 }
