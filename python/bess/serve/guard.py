@@ -128,6 +128,7 @@ class Guard:
         self._ageing = ageing
         self._watch = [_Watch() for _ in range(system.n_strings)]
         self._window = [(s.battery.soc_min, s.battery.soc_max) for s in system.strings]
+        self._energy_kwh = system.nominal_energy_kwh * ageing.soh_capacity
         self._late_s = 0.0
         self._last_time: str | None = None
 
@@ -145,10 +146,7 @@ class Guard:
         """
         n = self._system.n_strings
         self._energy_kwh = self._system.nominal_energy_kwh * self._ageing.soh_capacity
-        nominal = self._system.nominal_kw
-        charge = np.minimum(np.nan_to_num(measured.charge_limit_kw, nan=0.0, posinf=np.inf), nominal)
-        discharge = np.minimum(np.nan_to_num(measured.discharge_limit_kw, nan=0.0, posinf=np.inf), nominal)
-        charge, discharge = np.maximum(charge, 0.0), np.maximum(discharge, 0.0)
+        charge, discharge = self._limit(measured.charge_limit_kw), self._limit(measured.discharge_limit_kw)
         late = self._is_late(measured, elapsed_s)
         in_service = np.zeros(n, dtype=bool)
         soc, temperature = np.empty(n), np.empty(n)
@@ -178,6 +176,10 @@ class Guard:
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Continue with what :meth:`memory` returned."""
         self._watch = [_Watch(**entry) for entry in memory["strings"]]
+
+    def _limit(self, said_kw: Array) -> Array:
+        """What plant and inverters allow in one direction; nothing where the plant says no number."""
+        return np.clip(np.nan_to_num(said_kw, nan=0.0, posinf=np.inf), 0.0, self._system.nominal_kw)
 
     def _is_late(self, measured: Measurements, elapsed_s: float) -> str:
         """A sentence if the plant has repeated the same old measurements for too long."""
