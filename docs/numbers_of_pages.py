@@ -98,11 +98,20 @@ def m5bat(data: Path = M5BAT_DATA, policies: Sequence[str] = M5BAT_POLICIES) -> 
     day = pd.read_parquet(data / "bess/m5bat_2023-04-07_15min.parquet")
     demand_kw = day.M5BAT_P.to_numpy(dtype=np.float64)
     replays = {name: example.replay(name, demand_kw) for name in policies}
+    samples = pd.read_parquet(data / "inverter/m5bat_inverter_steady_samples.parquet")
+    readings = example.loss_readings(samples, second)
+    losses = {
+        str(row): {key: _rounded(float(v)) for key, v in values.dropna().items()}
+        for row, values in readings.iterrows()
+    }
+    carried = float((samples.q_kvar.abs() > example.CARRIES_KVAR).mean())
     units = example.units_by_power(second, demand_kw, replays).drop(columns=["seconds"])
     made = example.policy_table(demand_kw, replays).drop(index=["seconds"])
     return {
         "throughput_kwh": _rounded(float(np.abs(demand_kw).sum()) * example.DT_H),
         "policies": {name: {key: float(v) for key, v in made[name].items()} for name in policies},
+        "losses": losses,
+        "with_reactive_pct": _rounded(100.0 * carried),
         "units": {str(row): {key: float(v) for key, v in values.items()} for row, values in units.iterrows()},
     }
 
@@ -125,6 +134,7 @@ def tables(numbers: Mapping[str, Any]) -> dict[str, str]:
         "differing.md": _differing_table(numbers["differing"]),
         "differing-tight.md": _differing_table(numbers["differing-tight"]),
         "m5bat-units.md": _units_table(numbers["m5bat"]["units"]),
+        "m5bat-losses.md": _losses_table(numbers["m5bat"]["losses"]),
         "m5bat-policies.md": _m5bat_table(numbers["m5bat"]),
     }
     marked = {name: f"<!-- written by make cases -->\n\n{text}" for name, text in made.items()}
@@ -139,6 +149,10 @@ def words(numbers: Mapping[str, Any]) -> dict[str, str]:
     return {
         "constant_resistance_s1_pct": f"{constant['S1']['derating_efficiency_pct']:.1f}",
         "constant_resistance_s2_pct": f"{constant['S2']['derating_efficiency_pct']:.1f}",
+        "m5bat_with_reactive_pct": f"{day['with_reactive_pct']:.0f}",
+        "m5bat_active_no_load_kw": f"{day['losses']['line over active power']['no load, kW']:.1f}",
+        "m5bat_apparent_no_load_kw": f"{day['losses']['line over apparent power']['no load, kW']:.1f}",
+        "m5bat_active_error_kw": f"{-day['losses']['line over active power']['mean error with Q, kW']:.1f}",
         "m5bat_equal_inverter_pct": f"{100.0 * policies['equal']['inverter loss, kWh'] / throughput:.1f}",
         "m5bat_priority_undelivered_kwh": f"{policies['priority']['not delivered, kWh']:.0f}",
         "m5bat_priority_derated_kwh": f"{policies['priority']['of that by derating, kWh']:.0f}",
@@ -183,6 +197,24 @@ def _units_table(units: Mapping[str, Mapping[str, float]]) -> str:
         counts = [values[f"{name}, units"] for name in names]
         shown = ("–" if math.isnan(v) else f"{v:.1f}" for v in (real, *counts))
         rows.append([f"{low} to {high}", *shown])
+    return _table(rows)
+
+
+def _losses_table(losses: Mapping[str, Mapping[str, float]]) -> str:
+    names = ("line over active power", "line over apparent power", "measured")
+    rows = [["", *names]]
+    for label, key, digits in (
+        ("loss at no load [kW]", "no load, kW", 2),
+        ("slope [%]", "slope, %", 2),
+        ("mean error, seconds without reactive power [kW]", "mean error without Q, kW", 2),
+        ("mean error, seconds with [kW]", "mean error with Q, kW", 2),
+        ("mean absolute error, without [kW]", "mean absolute error without Q, kW", 2),
+        ("mean absolute error, with [kW]", "mean absolute error with Q, kW", 2),
+        ("unit 1 over the day [kWh]", "batt1, kWh", 1),
+        ("unit 10 over the day [kWh]", "batt10, kWh", 1),
+    ):
+        shown = (f"{losses[name][key]:.{digits}f}" if key in losses[name] else " " for name in names)
+        rows.append([label, *shown])
     return _table(rows)
 
 

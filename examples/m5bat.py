@@ -26,6 +26,7 @@ from bess.split.settings import SplitSettings
 DT_H = 0.25
 MEASURED_UNITS = {"batt1": 0, "batt10": 9}  # name in the data: index in the system
 RUNNING_KW = 1e-3
+CARRIES_KVAR = 60.0
 POWER_BINS_KW = [-1, 50, 200, 400, 600, 800, 1000, 1700]
 Array = NDArray[np.float64]
 
@@ -85,7 +86,9 @@ def loss_line_kw(apparent_kva: Array) -> Array:
 def steady_table(samples: pd.DataFrame) -> pd.DataFrame:
     """Median measured loss [kW] and the loss line, in bins of power, without and with reactive power."""
     kvar = samples.q_kvar.abs()
-    bins = samples.assign(reactive=np.select([kvar < 60.0, kvar > 150.0], ["no Q", "Q > 150 kvar"], ""))
+    bins = samples.assign(
+        reactive=np.select([kvar < CARRIES_KVAR, kvar > 150.0], ["no Q", "Q > 150 kvar"], "")
+    )
     bins = bins[bins.reactive != ""]
     edges = [-420, -200, -140, -100, -60, -20, 20, 60, 100, 140, 200, 320]
     bins["bin"] = pd.cut(bins.pac_kW, edges)
@@ -97,6 +100,36 @@ def steady_table(samples: pd.DataFrame) -> pd.DataFrame:
         line_kw=("line_kw", "median"),
     )
     return table[table.seconds >= 30].round(2)
+
+
+def loss_readings(samples: pd.DataFrame, second: pd.DataFrame) -> pd.DataFrame:
+    """A loss line fitted to the steady seconds over active power, and one over apparent power; one row each.
+
+    Columns: the line (least squares), the error of it without and with reactive power, and what it gives for
+    the day of each measured unit, in kWh.
+    """
+    measured_kwh = {f"{unit}, kWh": unit_day(second, unit)["measured_loss_kwh"] for unit in MEASURED_UNITS}
+    rows = {"measured": measured_kwh}
+    carries = samples.q_kvar.abs() > CARRIES_KVAR
+    for reading in ("active", "apparent"):
+
+        def load_kva(p: pd.Series, q: pd.Series, reading: str = reading) -> Array:
+            return (p.abs() if reading == "active" else np.hypot(p, q)).to_numpy(dtype=np.float64)
+
+        slope, no_load_kw = np.polyfit(load_kva(samples.pac_kW, samples.q_kvar), samples.loss_kW, 1)
+        error_kw = (
+            no_load_kw + slope * load_kva(samples.pac_kW, samples.q_kvar) - samples.loss_kW
+        ).to_numpy()
+        row = {"no load, kW": no_load_kw, "slope, %": 100.0 * slope}
+        for name, chosen in (("without Q", ~carries), ("with Q", carries)):
+            row[f"mean error {name}, kW"] = error_kw[chosen.to_numpy()].mean()
+            row[f"mean absolute error {name}, kW"] = np.abs(error_kw[chosen.to_numpy()]).mean()
+        for unit in MEASURED_UNITS:
+            running = second[f"Mode_PQ_{unit}"] == 1
+            load = load_kva(second[f"P_AC_{unit}"][running], second[f"Q_AC_{unit}"][running])
+            row[f"{unit}, kWh"] = float((no_load_kw + slope * load).sum() / 3600.0)
+        rows[f"line over {reading} power"] = row
+    return pd.DataFrame(rows).T.astype(np.float64)
 
 
 def unit_day(second: pd.DataFrame, unit: str) -> dict[str, float]:
@@ -219,6 +252,7 @@ def main() -> None:
 
     print(steady_table(samples).to_string(), end="\n\n")
     print(pd.DataFrame({u: unit_day(second, u) for u in MEASURED_UNITS}).round(2).to_string(), end="\n\n")
+    print(loss_readings(samples, second).round(2).to_string(), end="\n\n")
     gross = [np.abs(demand_kw).sum() * DT_H, second.M5BAT_P.abs().sum() / 3600.0]
     print(f"energy moved: {gross[0]:.0f} kWh in 15-min means, {gross[1]:.0f} kWh in seconds", end="\n\n")
     replays = {name: replay(name, demand_kw) for name in arguments.policies}

@@ -10,6 +10,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import bess
+
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT.parent / "shared" / "data"
 pytestmark = [
@@ -36,6 +38,32 @@ def test_the_bundled_loss_line_meets_the_measured_medians_without_reactive_power
     assert len(table) >= 9
     assert error[table.power_kw.abs() < 150.0].max() < 0.35
     assert error.max() < 1.5, "the data hold medians to 1.5 kW"
+
+
+def test_the_plant_loses_what_was_measured_with_reactive_power_alone() -> None:
+    samples = pd.read_parquet(DATA / "inverter/m5bat_inverter_steady_samples.parquet")
+    alone = samples[(samples.q_kvar.abs() > 200.0) & (samples.pac_kW.abs() < 20.0)]
+    system = bess.load_system("m5bat")
+    reactive_kvar = np.full(system.n_strings, alone.q_kvar.median())
+    flows = bess.Plant(system, system.initial_state()).step(
+        np.zeros(system.n_strings), reactive_kvar=reactive_kvar
+    )
+    np.testing.assert_allclose(flows.inverter_loss_kw, alone.loss_kW.median(), atol=0.3)
+
+
+def test_a_line_over_apparent_power_reads_the_losses_that_one_over_active_power_misses(
+    m5bat: ModuleType,
+) -> None:
+    samples = pd.read_parquet(DATA / "inverter/m5bat_inverter_steady_samples.parquet")
+    second = pd.read_parquet(DATA / "bess/m5bat_bess_battery_together_sample.parquet")
+    table = m5bat.loss_readings(samples, second)
+    active, apparent = table.loc["line over active power"], table.loc["line over apparent power"]
+    for kind in ("without Q", "with Q"):
+        assert abs(apparent[f"mean error {kind}, kW"]) < 0.1 < 1.0 < abs(active[f"mean error {kind}, kW"])
+        assert apparent[f"mean absolute error {kind}, kW"] < 0.4 * active[f"mean absolute error {kind}, kW"]
+    for unit in ("batt1, kWh", "batt10, kWh"):
+        measured = table.loc["measured", unit]
+        assert abs(apparent[unit] - measured) < 0.6 * abs(active[unit] - measured)
 
 
 def test_losses_of_both_measured_units_over_the_day_agree_with_the_line(m5bat: ModuleType) -> None:
