@@ -128,6 +128,8 @@ def test_a_power_factor_asks_in_proportion_to_active_power() -> None:
     assert figures["reactive_kvarh"] == pytest.approx(figures["reactive_demand_kvarh"], rel=1e-9)
     chart = charts.reactive_power(record)
     assert [panel.y_label for panel in chart.panels] == ["Plant (kvar)", "Strings (kvar)", "Strings (kVA)"]
+    low, high = chart.panels[0].y_limits or (0.0, 0.0)
+    assert low < 0.0 and high > float(record.reactive_kvar.sum("string").max())
 
 
 def test_a_file_of_reactive_power_is_read_in_its_unit(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bess.errors import InputError
-from bess.report.chart import Chart, Panel
+from bess.report.chart import Chart, Panel, Values
 from bess.report.data import Result, TimeAxis, dataset_of, event_spans
 from bess.report.long_runs import curve
 from bess.report.style import AVAILABILITY, INK, colours
@@ -28,8 +28,15 @@ def reactive_power(result: Result) -> Chart:
         strings += curve(time, q_kvar[:, index], colour, f"string {index}", among=among, band=False)
         loading += curve(time, apparent_kva[:, index], colour, f"string {index}", among=among, band=False)
     panels = (
-        Panel("Plant (kvar)", tuple(plant)),
+        Panel("Plant (kvar)", tuple(plant), y_limits=_with_zero(q_kvar.sum(axis=1), asked_kvar)),
         Panel("Strings (kvar)", tuple(strings)),
         Panel("Strings (kVA)", tuple(loading)),
     )
     return Chart(time.label, panels, panel_height_in=1.35, spans=event_spans(dataset, time))
+
+
+def _with_zero(*values: Values) -> tuple[float, float]:
+    """Limits that hold zero and all values; of what is constant, rounding alone would be seen otherwise."""
+    low, high = (float(end([end(each) for each in values] + [0.0])) for end in (np.min, np.max))
+    margin = 0.05 * (high - low) or 1.0
+    return low - margin, high + margin
