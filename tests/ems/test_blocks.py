@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import bess
-from bess.ems import AwareDispatch, Outlook
+from bess.ems import Arbitrage, AwareDispatch, Outlook, Perfect
 from bess.ems.aggregate import Curve
 from bess.ems.blocks import Blocks
 from bess.parameters.terms import Terms
@@ -69,3 +69,26 @@ def test_a_plan_in_blocks_earns_as_much_as_one_in_steps(soc: float, temperature_
     )
     assert blocks.expected_net_eur > 0.995 * steps.expected_net_eur
     assert np.abs(steps.demand_kw).sum() * 0.25 > 1000.0
+
+
+def test_a_linear_program_over_blocks_is_the_one_over_their_steps() -> None:
+    """Prices of the steps that differ by a millionth make every step a block, and hardly move the optimum."""
+    steps, quarter = 96, np.random.default_rng(3).normal(60.0, 40.0, 24)
+    price = np.repeat(quarter, 4)
+    uneven = price + 1e-5 * np.arange(steps)
+    day = np.zeros(steps, dtype=np.int64)
+
+    def income(prices: np.ndarray) -> float:
+        plan = Arbitrage(
+            Perfect(prices), day, power_kw=100.0, energy_kwh=170.0, efficiency=0.9, look_ahead_h=24.0
+        ).plan(0, 30.0)
+        return float(plan @ price)
+
+    here, there = income(price), income(uneven)
+    assert here == pytest.approx(there, rel=1e-6)
+    # At full power, at the end of a block, as a vertex of the program over steps.
+    np.testing.assert_allclose(
+        Blocks.of(price, day, 0.25).at_full(np.r_[-0.6, np.zeros(23)])[:4],
+        [0.0, -0.4, -1.0, -1.0],
+        atol=1e-12,
+    )

@@ -7,6 +7,7 @@ import numpy.typing as npt
 import pandas as pd
 from scipy import sparse
 
+from bess.ems.blocks import Blocks
 from bess.ems.forecast import Array, Forecast, steps_in
 from bess.ems.program import Program
 from bess.errors import InputError
@@ -108,7 +109,6 @@ class Arbitrage:
         self.power_kw, self.energy_kwh, self.dt_h = power_kw, energy_kwh, dt_h
         self.efficiency, self.cycles_per_day = efficiency, cycles_per_day
         self.cycles_per_plan = cycles_per_plan
-        self._balance: dict[int, sparse.csr_array] = {}
 
     def is_due(self, step: int) -> bool:
         """Tell whether a new plan is due at `step`: every `replan_h` from step 0."""
@@ -160,16 +160,19 @@ class Arbitrage:
         self, price: Array, days: npt.NDArray[np.int64], energy_kwh: float, discharged_kwh: float
     ) -> Array:
         """Solve the program in per unit: power over `power_kw`, energy over `power_kw` times 1 h."""
+        blocks = Blocks.of(price, days, self.dt_h)
+        price, days, hours = price[blocks.first], days[blocks.first], blocks.count * self.dt_h
         steps, one_way = price.size, np.sqrt(self.efficiency)
         held, full = energy_kwh / self.power_kw, self.energy_kwh / self.power_kw
         start, idle = np.zeros(steps), np.zeros(steps)
         start[0] = held
-        daily, allowed = self._cycles(days, discharged_kwh)
+        daily, allowed = self._cycles(days, hours, discharged_kwh)
+        cost = price * hours / (self.dt_h * max(1.0, float(np.abs(price).max())))
         program = Program(
-            cost=np.concatenate([price, -price, idle]) / max(1.0, float(np.abs(price).max())),
+            cost=np.concatenate([cost, -cost, idle]),
             lower=np.repeat([0.0, 0.0, min(0.0, held)], steps),
             upper=np.repeat([1.0, 1.0, max(full, held)], steps),
-            rows=sparse.vstack([self._balance_rows(steps), daily], format="csr"),
+            rows=sparse.vstack([self._balance_rows(hours), daily], format="csr"),
             least=np.concatenate([start, np.full(allowed.size, -np.inf)]),
             most=np.concatenate([start, allowed]),
         )
@@ -181,30 +184,27 @@ class Arbitrage:
         stored = one_way * charge - discharge / one_way
         share = -np.where(stored > 0.0, stored / one_way, stored * one_way)
         share[np.abs(share) < _TOLERANCE] = 0.0
-        demand: Array = self.power_kw * np.clip(share, -1.0, 1.0)
+        demand: Array = self.power_kw * blocks.at_full(np.clip(share, -1.0, 1.0))
         return demand
 
-    def _balance_rows(self, steps: int) -> sparse.csr_array:
-        """Rows of ``e_t - e_{t-1} - eta_c c_t dt + d_t dt / eta_d``, kept for each length of plan."""
-        if steps not in self._balance:
-            one_way = np.sqrt(self.efficiency)
-            unit = sparse.eye_array(steps)
-            change = unit - sparse.eye_array(steps, k=-1)
-            self._balance[steps] = sparse.hstack(
-                [-one_way * self.dt_h * unit, self.dt_h / one_way * unit, change], format="csr"
-            )
-        return self._balance[steps]
+    def _balance_rows(self, hours: Array) -> sparse.csr_array:
+        """Rows of ``e_t - e_{t-1} - eta_c c_t T_t + d_t T_t / eta_d``."""
+        one_way, length = np.sqrt(self.efficiency), sparse.diags_array(hours)
+        change = sparse.eye_array(hours.size) - sparse.eye_array(hours.size, k=-1)
+        return sparse.hstack([-one_way * length, length / one_way, change], format="csr")
 
-    def _cycles(self, days: npt.NDArray[np.int64], discharged_kwh: float) -> tuple[sparse.csr_array, Array]:
+    def _cycles(
+        self, days: npt.NDArray[np.int64], hours: Array, discharged_kwh: float
+    ) -> tuple[sparse.csr_array, Array]:
         """Rows of what counts as cycles, on each day or in the plan, and what the limit leaves of it."""
+        steps = days.size
         if self.cycles_per_plan is not None:
-            used = np.r_[np.full(2 * days.size, 0.5 * self.dt_h), np.zeros(days.size)]
+            used = np.r_[0.5 * hours, 0.5 * hours, np.zeros(steps)]
             most = self.cycles_per_plan * self.energy_kwh / self.power_kw
             return sparse.csr_array(used[None]), np.array([most])
         numbers, day = np.unique(days, return_inverse=True)
-        steps = days.size
-        per_step = np.full(steps, self.dt_h / np.sqrt(self.efficiency))
-        rows = sparse.csr_array((per_step, (day, steps + np.arange(steps))), shape=(numbers.size, 3 * steps))
+        per_block = hours / np.sqrt(self.efficiency)
+        rows = sparse.csr_array((per_block, (day, steps + np.arange(steps))), shape=(numbers.size, 3 * steps))
         allowed = np.full(numbers.size, self.cycles_per_day * self.energy_kwh)
         allowed[day[0]] = max(0.0, allowed[day[0]] - discharged_kwh)
         return rows, allowed / self.power_kw

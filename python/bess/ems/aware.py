@@ -267,9 +267,11 @@ class _Task:
 
     def _after(self, numbers: Numbers, rolled: Rolled) -> Numbers:
         """Resistance and derated power as the roll-out had them."""
-        soc = np.maximum(0.5 * (rolled.soc[:, 1:] + rolled.soc[:, :-1]), _REGULAR_SOC)
-        temperature_c = 0.5 * (rolled.temperature_c[:, 1:] + rolled.temperature_c[:, :-1])
-        charge, discharge = map(self.blocks.mean, self.plant.resistance_factor(soc, temperature_c))
+        soc, temperature_c = (
+            self.blocks.mean(0.5 * (ends[:, 1:] + ends[:, :-1]))
+            for ends in (rolled.soc, rolled.temperature_c)
+        )
+        charge, discharge = self.plant.resistance_factor(np.maximum(soc, _REGULAR_SOC), temperature_c)
         return replace(
             numbers,
             heat_charge=charge,

@@ -72,3 +72,13 @@ class Blocks:
         place = np.where(from_start, place, self.count[self.of_step] - 1 - place)
         runs = place < most[self.of_step]
         return np.where(runs, (power_kw * self.count / most)[self.of_step], 0.0)
+
+    def at_full(self, share: Array) -> Array:
+        """Return the share of each step for the mean shares of blocks, at most 1 in size.
+
+        As a vertex of the program over all steps has it: the last steps of a block at full power, one at the
+        rest of it, none before.
+        """
+        place = self.count[self.of_step] - 1 - np.arange(self.of_step.size) + self.first[self.of_step]
+        whole = (np.abs(share) * self.count)[self.of_step] - place
+        return np.asarray(np.sign(share)[self.of_step] * np.clip(whole, 0.0, 1.0))
