@@ -161,18 +161,20 @@ class Arbitrage:
     ) -> Array:
         """Solve the program in per unit: power over `power_kw`, energy over `power_kw` times 1 h."""
         blocks = Blocks.of(price, days, self.dt_h)
-        price, days, hours = price[blocks.first], days[blocks.first], blocks.count * self.dt_h
+        price, days = price[blocks.first], days[blocks.first]
+        hours = np.asarray(blocks.count * self.dt_h, dtype=np.float64)
         steps, one_way = price.size, np.sqrt(self.efficiency)
         held, full = energy_kwh / self.power_kw, self.energy_kwh / self.power_kw
         start, idle = np.zeros(steps), np.zeros(steps)
         start[0] = held
         daily, allowed = self._cycles(days, hours, discharged_kwh)
+        rows: sparse.csr_array = sparse.vstack([self._balance_rows(hours), daily], format="csr")
         cost = price * hours / (self.dt_h * max(1.0, float(np.abs(price).max())))
         program = Program(
             cost=np.concatenate([cost, -cost, idle]),
             lower=np.repeat([0.0, 0.0, min(0.0, held)], steps),
             upper=np.repeat([1.0, 1.0, max(full, held)], steps),
-            rows=sparse.vstack([self._balance_rows(hours), daily], format="csr"),
+            rows=rows,
             least=np.concatenate([start, np.full(allowed.size, -np.inf)]),
             most=np.concatenate([start, allowed]),
         )
@@ -191,7 +193,8 @@ class Arbitrage:
         """Rows of ``e_t - e_{t-1} - eta_c c_t T_t + d_t T_t / eta_d``."""
         one_way, length = np.sqrt(self.efficiency), sparse.diags_array(hours)
         change = sparse.eye_array(hours.size) - sparse.eye_array(hours.size, k=-1)
-        return sparse.hstack([-one_way * length, length / one_way, change], format="csr")
+        rows: sparse.csr_array = sparse.hstack([-one_way * length, length / one_way, change], format="csr")
+        return rows
 
     def _cycles(
         self, days: npt.NDArray[np.int64], hours: Array, discharged_kwh: float

@@ -25,6 +25,10 @@ _PIECES: Final = 5
 _PROGRAMS: Final = 3
 """Linear programs of a plan, each with the coefficients of the roll-out before it."""
 
+_TOWARDS: Final = 0.9
+"""Share of the way from the derated power of a program to that of its roll-out: not all of it, so that the
+hot hours do not swap places for ever."""
+
 _LEAST: Final = 1e-6
 """Share of the plant's power below which nothing is asked for, or missing."""
 
@@ -276,9 +280,9 @@ class _Task:
             numbers,
             heat_charge=charge,
             heat_discharge=discharge,
-            # Half of the step to the new one, so that the hot hours do not swap places for ever.
             derated_kw=np.minimum(
-                0.5 * (numbers.derated_kw + self.blocks.mean(np.abs(rolled.delivered_kw))),
+                (1.0 - _TOWARDS) * numbers.derated_kw
+                + _TOWARDS * self.blocks.mean(np.abs(rolled.delivered_kw)),
                 _most_derated_kw(self.plant, self.outlook, self.state),
             ),
         )
