@@ -71,7 +71,7 @@ class Piece(NamedTuple):
 PIECES = {
     "month": Piece(SMARD, 28.0, 2.0),
     "ages": Piece(SMARD, 366.0, 2.0),
-    "accuracy": Piece(INTRADAY, 60.0, 0.5),
+    "accuracy": Piece(INTRADAY, 28.0, 0.5),
 }
 
 

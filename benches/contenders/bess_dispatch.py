@@ -1,4 +1,4 @@
-"""CPU of a plan over 12 hours by the dispatch that asks the plant: ``bess_dispatch.py PLANS``."""
+"""CPU of a plan over 12 hours by the dispatch that asks the plant: ``bess_dispatch.py PLANS MINUTES``."""
 
 from __future__ import annotations
 
@@ -7,29 +7,35 @@ import sys
 import time
 
 import numpy as np
-from market_day import CYCLES, DT_H, ENERGY_KWH, STEPS, SYSTEM, earned_eur, prices, state
+from market_day import CYCLES, ENERGY_KWH, STEPS, SYSTEM, earned_eur, prices, state
 
 import bess
 from bess.ems import AwareDispatch, Outlook
 from bess.parameters.terms import Terms
 
 
-def main(plans: int) -> None:
+def main(plans: int, minutes: int) -> None:
     """Print the CPU of a plan [s] and what all plans earn in the plant [EUR]."""
+    dt_h, steps = minutes / 60.0, STEPS * 15 // minutes
     dispatch = AwareDispatch(
-        bess.load_system(SYSTEM), DT_H, Terms(), max_energy_kwh=ENERGY_KWH, cycles_per_plan=CYCLES
+        bess.load_system(SYSTEM), dt_h, Terms(), max_energy_kwh=ENERGY_KWH, cycles_per_plan=CYCLES
     )
     outlooks = [
-        Outlook(prices(seed), np.full(STEPS, 25.0), np.zeros(STEPS, dtype=np.int64), is_last=True)
+        Outlook(
+            np.repeat(prices(seed), steps // STEPS),
+            np.full(steps, 25.0),
+            np.zeros(steps, dtype=np.int64),
+            is_last=True,
+        )
         for seed in range(plans)
     ]
     dispatch.plan(outlooks[0], state(0))  # what is loaded once does not count
     started = time.process_time()
     made = [dispatch.plan(outlook, state(seed)).demand_kw for seed, outlook in enumerate(outlooks)]
     cpu_s = (time.process_time() - started) / plans
-    earned = sum(earned_eur(demand_kw, DT_H, seed) for seed, demand_kw in enumerate(made))
+    earned = sum(earned_eur(demand_kw, dt_h, seed) for seed, demand_kw in enumerate(made))
     print(json.dumps({"plan_cpu_s": cpu_s, "earned_eur": earned}))
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]))
+    main(int(sys.argv[1]), int(sys.argv[2]))
