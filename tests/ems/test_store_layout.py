@@ -15,7 +15,7 @@ SIZES = (3, 2, 2, 2, 1, 2)
 def values() -> list[np.ndarray]:
     """Random values of all cells, group by group."""
     random = np.random.default_rng(1)
-    return [random.uniform(0.5, 2.0, shape) for shape in layout_of(SIZES, DAY).shapes]
+    return [random.uniform(0.5, 2.0, shape) for *_, shape in layout_of(SIZES, DAY).groups]
 
 
 def matrix(values: list[np.ndarray]) -> np.ndarray:

@@ -233,12 +233,20 @@ class Aggregate:
             found.append(_lines_above(energy, power_kw, self.power_kw))
         return found[0], found[1]
 
-    def derating(self) -> tuple[Array, Array]:
-        """Table of the plant's derating factor: temperatures [degC], and the mean factor over the power."""
+    @cached_property
+    def derated_lines(self) -> Array:
+        """Lines ``a tau + b`` of which the largest is at least what derating takes, shape ``(n, 2)``.
+
+        Over the temperature [degC], as a share of the plant's power: the mean of the strings by their power.
+        """
         tables = [string.derating for string in self.system.strings]
         knots = np.unique(np.concatenate([table.temperature_c for table in tables]))
         factors = [np.interp(knots, table.temperature_c, table.factor) for table in tables]
-        return knots, np.asarray(np.average(factors, axis=0, weights=self.limit_kw))
+        lost = 1.0 - np.average(factors, axis=0, weights=self.limit_kw)
+        start = int(np.flatnonzero(lost <= 0.0)[-1]) if np.any(lost <= 0.0) else 0
+        chosen = np.unique(np.round(np.linspace(start, int(np.argmax(lost)), 4)).astype(int))
+        slope = np.diff(lost[chosen]) / np.diff(knots[chosen])
+        return np.stack([slope, lost[chosen[:-1]] - slope * knots[chosen[:-1]]], axis=1)
 
     def roll_out(self, state: State, demand_kw: Array, ambient_c: Array) -> Rolled:
         """Return what the control model makes of a demand, shared as loses least.

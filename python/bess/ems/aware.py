@@ -23,7 +23,10 @@ _PIECES: Final = 5
 """Pieces of the loss curve in each direction."""
 
 _PROGRAMS: Final = 3
-"""Linear programs of a plan, each with the coefficients of the roll-out before it."""
+"""Most linear programs of a plan, each with the coefficients of the roll-out before it."""
+
+_SETTLED: Final = 0.01
+"""Change of the resistance that is not worth another program, where nothing is derated."""
 
 _TOWARDS: Final = 0.9
 """Share of the way from the derated power of a program to that of its roll-out: not all of it, so that the
@@ -185,7 +188,7 @@ def _nothing(outlook: Outlook, state: State) -> DispatchPlan:
 
 @dataclass(frozen=True)
 class _Task:
-    """One plan to be made."""
+    """One plan to be made; derating applies to no more than ``most_derated_kw``."""
 
     plant: Aggregate
     terms: Terms
@@ -195,6 +198,7 @@ class _Task:
     blocks: Blocks
     depths: Depths
     banks: Banks
+    most_derated_kw: float
     numbers: Numbers
 
     @classmethod
@@ -222,11 +226,13 @@ class _Task:
         allowed = np.full(days, cycles_per_day * energy_kwh if cycles_per_plan is None else np.inf)
         allowed[0] = max(0.0, allowed[0] - outlook.discharged_kwh)
         most_kwh = np.inf if cycles_per_plan is None else cycles_per_plan * energy_kwh
-        end_eur = _value_of_store(buy, sell - depths.marginal_eur_kwh.mean())
-        if end_price_eur_mwh is not None:
-            end_eur = end_price_eur_mwh / KWH_PER_MWH
         if outlook.is_last:
             end_eur = 0.0
+        elif end_price_eur_mwh is not None:
+            end_eur = end_price_eur_mwh / KWH_PER_MWH
+        else:
+            end_eur = _value_of_store(buy, sell - depths.marginal_eur_kwh.mean())
+        most_derated_kw = _most_derated_kw(plant, outlook, state)
         numbers = Numbers(
             charge_eur=buy,
             discharge_eur=np.where(sell < 0.0, _NEVER_EUR_KWH, sell),
@@ -238,11 +244,11 @@ class _Task:
             energy_kwh=_in_banks(banks, float(plant.energy_kwh(state.soc))),
             temperature_c=float(plant.mean_c(state.temperature_c)),
             ambient_c=blocks.mean(outlook.ambient_c),
-            derated_kw=np.full(n_blocks, min(0.5 * power_kw, _most_derated_kw(plant, outlook, state))),
+            derated_kw=np.full(n_blocks, min(0.5 * power_kw, most_derated_kw)),
             allowed_kwh=allowed,
             throughput_kwh=most_kwh,
         )
-        return cls(plant, terms, outlook, state, power_kw, blocks, depths, banks, numbers)
+        return cls(plant, terms, outlook, state, power_kw, blocks, depths, banks, most_derated_kw, numbers)
 
     def solved(self) -> DispatchPlan:
         """Solve and roll out in turn; keep the roll-out that earns most."""
@@ -252,14 +258,16 @@ class _Task:
             plant.dt_h, self.blocks.count, charge, discharge, self.banks,
             power_kw=self.power_kw, stored_per_charged=plant.stored_per_charged,
             warming_k_per_kwh=plant.warming_k_per_kwh, cooling_per_h=plant.cooling_per_h,
-            tangents=_tangents(*plant.derating()), tapers=plant.tapers,
+            tangents=plant.derated_lines, tapers=plant.tapers,
             day=self.outlook.day[self.blocks.first],
         )  # fmt: skip
         best_eur, best = -np.inf, _nothing(self.outlook, self.state)
         rolled: Rolled | None = None
         for _ in range(_PROGRAMS):
             if rolled is not None:
-                numbers = self._after(numbers, rolled)
+                before, numbers = numbers, self._after(numbers, rolled)
+                if self._is_settled(before, numbers, rolled):
+                    break
             charge_kw, discharge_kw = program.solve(numbers)
             demand_kw = self.blocks.spread(discharge_kw - charge_kw, plant.curves)
             demand_kw[np.abs(demand_kw) < _LEAST * self.power_kw] = 0.0
@@ -283,9 +291,17 @@ class _Task:
             derated_kw=np.minimum(
                 (1.0 - _TOWARDS) * numbers.derated_kw
                 + _TOWARDS * self.blocks.mean(np.abs(rolled.delivered_kw)),
-                _most_derated_kw(self.plant, self.outlook, self.state),
+                self.most_derated_kw,
             ),
         )
+
+    def _is_settled(self, before: Numbers, after: Numbers, rolled: Rolled) -> bool:
+        """Whether a program with the numbers of the roll-out would be the one before it."""
+        slope, offset = self.plant.derated_lines.T
+        if (slope * float(rolled.temperature_c.max()) + offset).max() > 0.0:
+            return False
+        pairs = ((before.heat_charge, after.heat_charge), (before.heat_discharge, after.heat_discharge))
+        return all(bool((np.abs(new - old) <= _SETTLED * old).all()) for old, new in pairs)
 
     def _valued(self, rolled: Rolled) -> tuple[DispatchPlan, float]:
         """The plan of a roll-out, and what it is worth with what is left in store [EUR]."""
@@ -313,7 +329,7 @@ class _Task:
 def _most_derated_kw(plant: Aggregate, outlook: Outlook, state: State) -> float:
     """Largest power to which derating may apply if a plant that rests is to remain a plan, however hot."""
     hottest_c = max(float(plant.mean_c(state.temperature_c)), float(outlook.ambient_c.max()))
-    slope, offset = _tangents(*plant.derating()).T
+    slope, offset = plant.derated_lines.T
     return plant.power_kw / max(1.0, float(np.max(slope * hottest_c + offset)))
 
 
@@ -331,12 +347,3 @@ def _pieces(curve: Curve) -> Pieces:
     points = curve.convex_points(_PIECES)
     width_kw = np.diff(points.power_kw)
     return Pieces(width_kw, np.diff(points.inverter_kw) / width_kw, np.diff(points.heat_kw) / width_kw)
-
-
-def _tangents(temperature_c: Array, factor: Array) -> Array:
-    """Lines ``a tau + b`` of which the largest is at least what derating takes, shape ``(n, 2)``."""
-    lost = 1.0 - factor
-    start = int(np.flatnonzero(lost <= 0.0)[-1]) if np.any(lost <= 0.0) else 0
-    knots = np.unique(np.round(np.linspace(start, int(np.argmax(lost)), 4)).astype(int))
-    slope = np.diff(lost[knots]) / np.diff(temperature_c[knots])
-    return np.stack([slope, lost[knots[:-1]] - slope * temperature_c[knots[:-1]]], axis=1)

@@ -77,7 +77,11 @@ class Layout:
             ),
         ]  # fmt: skip
         cells = [np.broadcast_arrays(*cell) for cell in self.cells]
-        self.shapes = [rows.shape for rows, _ in cells]
+        ends = np.cumsum([0, *(rows.size for rows, _ in cells)])
+        self.groups = [
+            (int(first), int(last), rows.shape)
+            for (first, last), (rows, _) in zip(pairwise(ends), cells, strict=True)
+        ]
         rows, columns = (np.concatenate([cell[i].ravel() for cell in cells]) for i in range(2))
         # The numbers of the cells as data: what the conversion sorts is where each belongs.
         numbered = sparse.csc_array(
@@ -88,10 +92,10 @@ class Layout:
 
     def ordered(self, values: list[Any]) -> Array:
         """Values of :attr:`cells`, group by group, in the order of the compressed columns."""
-        spread = [
-            np.broadcast_to(part, shape).ravel() for part, shape in zip(values, self.shapes, strict=True)
-        ]
-        return np.concatenate(spread)[self._order]
+        flat = np.empty(self._order.size)
+        for part, (first, last, shape) in zip(values, self.groups, strict=True):
+            flat[first:last].reshape(shape)[...] = part
+        return flat[self._order]
 
     def of_rest(self) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
         """Columns and rows that are basic when nothing is done: banks keep their energy, the plant cools."""
