@@ -32,6 +32,9 @@ _DEEP: Final = (5.0, 1.5)
 _NEAR_LEAST: Final = 1.02
 """Loss per power that is as good as the least one."""
 
+_PIECES: Final = 5
+"""Pieces of the loss curve in each direction."""
+
 _POWERS: Final = 24
 """Powers at which the best share is found, between nothing and the plant's nominal power."""
 
@@ -232,6 +235,12 @@ class Aggregate:
             power_kw = np.minimum(most, self.limit_kw).sum(axis=1)
             found.append(_lines_above(energy, power_kw, self.power_kw))
         return found[0], found[1]
+
+    @cached_property
+    def rising(self) -> tuple[Curve, Curve]:
+        """The curves of both directions at few points: losses per power rise from piece to piece."""
+        charge, discharge = (curve.convex_points(_PIECES) for curve in self.curves)
+        return charge, discharge
 
     @cached_property
     def derated_lines(self) -> Array:

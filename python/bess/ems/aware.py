@@ -19,9 +19,6 @@ from bess.wear import MarginalWear, WearRates
 
 Array = npt.NDArray[np.float64]
 
-_PIECES: Final = 5
-"""Pieces of the loss curve in each direction."""
-
 _PROGRAMS: Final = 3
 """Most linear programs of a plan, each with the coefficients of the roll-out before it."""
 
@@ -253,7 +250,7 @@ class _Task:
     def solved(self) -> DispatchPlan:
         """Solve and roll out in turn; keep the roll-out that earns most."""
         plant, numbers = self.plant, self.numbers
-        charge, discharge = (_pieces(curve) for curve in plant.curves)
+        charge, discharge = (_pieces(points) for points in plant.rising)
         program = StoreProgram(
             plant.dt_h, self.blocks.count, charge, discharge, self.banks,
             power_kw=self.power_kw, stored_per_charged=plant.stored_per_charged,
@@ -343,7 +340,6 @@ def _in_banks(banks: Banks, energy_kwh: float) -> Array:
     return np.asarray(np.clip(energy_kwh - below, 0.0, banks.size_kwh))
 
 
-def _pieces(curve: Curve) -> Pieces:
-    points = curve.convex_points(_PIECES)
+def _pieces(points: Curve) -> Pieces:
     width_kw = np.diff(points.power_kw)
     return Pieces(width_kw, np.diff(points.inverter_kw) / width_kw, np.diff(points.heat_kw) / width_kw)
