@@ -44,6 +44,30 @@ def test_the_bundled_profile_is_a_candidate_of_the_search() -> None:
     np.testing.assert_array_equal(candidate.power_kw(), bundled_profile("two-cycle-fitted-48h"))
 
 
+def test_s2_runs_a_second_string_where_one_suffices_only_where_resistance_climbs() -> None:
+    """Above SOC 0.1 the heat that it saves is worth less to S2 than what its inverter loses."""
+    system, goals = bess.System.reference(2), bess.Objectives(inverter=0.5, battery=0.5)
+
+    def running(soc: float, power_kw: float, temperature_c: float) -> int:
+        state = bess.State([soc, soc], [temperature_c, temperature_c])
+        split = bess.split_power(system, state, [power_kw], objectives=goals, dt_h=0.25)
+        return int(split.inverter_on[:, 0].sum())
+
+    for temperature_c in (25.0, 45.0):
+        for soc in (0.12, 0.3, 0.8):
+            assert [running(soc, sign * 80.0, temperature_c) for sign in (-1.0, 1.0)] == [1, 1]
+        assert running(0.05, -80.0, temperature_c) == 2
+
+
+def test_a_short_cycle_takes_over_from_the_two_days() -> None:
+    levels, quarters, start = (78, 30, 78, 30), (18, 2, 2, 19, 3, 2, 20, 3, 2, 19, 3, 3), 9
+    plain = fit_demand.Demand(levels, quarters, start).power_kw()
+    turned = fit_demand.Demand(levels, quarters, start, (80, 75, 2, 1, 70, 3, 0)).power_kw()
+    np.testing.assert_array_equal(turned[:80], plain[:80])
+    np.testing.assert_array_equal(turned[80:92], [-75, -75, 0, 70, 70, 70] * 2)
+    assert turned.size == 192
+
+
 def test_a_search_goes_on_where_it_was_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     values = {"S1": 51.0, "S2": 46.0, "S3": 40.0}
     made = {
