@@ -1,6 +1,7 @@
-"""Measure the numbers of ``howto/money.md``: ``python docs/make_money.py [month|ages|accuracy ...]``.
+"""Measure the numbers of ``howto/money.md``: ``python docs/make_money.py [month|ages|accuracy|year ...]``.
 
-A month takes seconds, the year of two ages and the two months of the published benchmark a few minutes.
+A month takes seconds, the year of two ages and four weeks of the published benchmark a few minutes, its whole
+year (only if named) twenty.
 Prices are read from ``../shared/data/prices``; without them the stored numbers stay.
 """
 
@@ -24,6 +25,9 @@ KPIS = (
     "short_of_charge_kwh", "short_of_discharge_kwh", "delivered_kwh", "soh_capacity_mean",
 )  # fmt: skip
 WEAR_EUR_MWH = (0.0, 20.0, 40.0, 60.0)
+YEAR_DAYS = 365.0
+BATTERY_KWH = 180.0
+"""Energy that the publication takes for a full cycle."""
 START_HEALTH = 0.92
 """Mean capacity at the start of the study ``unequal-ages``."""
 
@@ -78,12 +82,23 @@ PIECES = {
 def main(names: list[str]) -> None:
     """Measure and write."""
     numbers: dict[str, Any] = stored() if STORED.exists() else {}
+    if names[:1] == ["year"]:
+        return measure_year(names[1:])
     for name in names or PIECES:
         piece = PIECES[name]
         if piece.prices.exists():
             numbers[name] = piece.measure(name, piece.days)
             numbers[f"{name}, few days"] = piece.measure(name, piece.few_days)
     write(numbers)
+
+
+def measure_year(names: list[str]) -> None:
+    """Measure the published benchmark over its year: all runs, or those named, such as ``aware-r1``."""
+    runs = PIECES["accuracy"].runs("accuracy", YEAR_DAYS)
+    for name in names or runs:
+        measured = figures(bess.run(runs[name], progress=False))
+        numbers = stored()
+        write({**numbers, "year": {**numbers.get("year", {}), name: measured}})
 
 
 def write(numbers: Mapping[str, Any]) -> None:
@@ -110,6 +125,7 @@ def tables(numbers: Mapping[str, Any]) -> dict[str, str]:
         "money-month.md": _month(numbers["month"]),
         "money-ages.md": _ages(numbers["ages"]),
         "money-accuracy.md": _accuracy(numbers["accuracy"]),
+        "money-year.md": _year(numbers["year"]),
     }
     return {name: f"<!-- written by docs/make_money.py -->\n\n{_table(rows)}" for name, rows in made.items()}
 
@@ -147,7 +163,7 @@ def _accuracy(runs: Figures) -> list[list[str]]:
     for name, run in runs.items():
         revenue, cycles, round_trip, charge, discharge = PUBLISHED[name]
         linear = name.replace("aware", "linear")
-        moved_mwh, published_mwh = run["delivered_kwh"] / 2000.0, 0.18 * cycles
+        moved_mwh, published_mwh = run["delivered_kwh"] / 2000.0, BATTERY_KWH / 1000.0 * cycles
         pairs = [
             (run["revenue_eur"] / runs[linear]["revenue_eur"], revenue / PUBLISHED[linear][0]),
             (run["round_trip_efficiency_pct"], round_trip),
@@ -156,6 +172,26 @@ def _accuracy(runs: Figures) -> list[list[str]]:
         ]
         pairs[0] = (100.0 * (pairs[0][0] - 1.0), 100.0 * (pairs[0][1] - 1.0))
         rows.append([f"`{name}`", *(f"{here:.1f} ({there:.1f})" for here, there in pairs)])
+    return rows
+
+
+def _year(runs: Figures) -> list[list[str]]:
+    rows = [["", "revenue [EUR]", "full cycles", "round trip [%]", "short of charge, discharge [MWh]"]]
+    for name, published in PUBLISHED.items():
+        if name in runs:
+            run = runs[name]
+            cycles = run["delivered_kwh"] / 2.0 / BATTERY_KWH
+            short = [run[f"short_of_{way}_kwh"] / 1000.0 for way in ("charge", "discharge")]
+            revenue, their_cycles, round_trip, *their_short = published
+            rows.append(
+                [
+                    f"`{name}`",
+                    f"{run['revenue_eur']:,.0f} ({revenue:,})",
+                    f"{cycles:.0f} ({their_cycles})",
+                    f"{run['round_trip_efficiency_pct']:.1f} ({round_trip})",
+                    f"{short[0]:.3f}, {short[1]:.3f} ({their_short[0]:.3f}, {their_short[1]:.3f})",
+                ]
+            )
     return rows
 
 

@@ -37,3 +37,14 @@ def test_two_strings_of_different_age_earn_more_for_their_health_with_a_plan_tha
     }
     assert per_point["mpc-aware"] > 1.21 * per_point["equal-linear"]
     assert runs["mpc-aware"]["net_eur"] > runs["equal-linear"]["net_eur"]
+
+
+def test_a_year_of_the_published_benchmark_earns_what_its_nonlinear_program_does() -> None:
+    runs = make_money.stored()["year"]
+    aware = [name for name in runs if name.startswith("aware")]
+    assert aware
+    for name in aware:
+        revenue, _, _, charge_mwh, discharge_mwh = make_money.PUBLISHED[name]
+        assert runs[name]["revenue_eur"] >= revenue, name
+        short_kwh = runs[name]["short_of_charge_kwh"] + runs[name]["short_of_discharge_kwh"]
+        assert short_kwh <= 1000.0 * (charge_mwh + discharge_mwh), name
