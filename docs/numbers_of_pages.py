@@ -52,6 +52,16 @@ DIFFERING = (
     "temperature_spread_start_k",
     "temperature_spread_end_k",
 )
+REACTIVE = (
+    "delivered_kwh",
+    "undelivered_kwh",
+    "reactive_demand_kvarh",
+    "reactive_kvarh",
+    "inverter_efficiency_pct",
+    "battery_efficiency_pct",
+    "lost_kwh",
+    "inverter_starts_mean",
+)
 CONSTANT_RESISTANCE = {
     "system.parameters.battery.resistance_temperature": {"temperature_c": [25.0], "resistance_mohm": [2.5]}
 }
@@ -69,18 +79,19 @@ def runs(name: str, folder: Path | None = None) -> Runs:
         "case2": lambda: bess.load_study("case2"),
         "constant-resistance": lambda: bess.load_study("case2", CONSTANT_RESISTANCE),
         "differing": lambda: bess.load_study("differing"),
+        "reactive": lambda: bess.load_study("reactive"),
         "differing-tight": lambda: bess.load_study("differing", {"demand.scale": 1.5}),
     }[name]()
     out = None if folder is None else folder / name
     return bess.run_scenarios(study, out=out, resume=out is not None, progress=False)
 
 
-STUDIES = ("case1", "case2", "constant-resistance", "differing", "differing-tight")
+STUDIES = ("case1", "case2", "constant-resistance", "differing", "differing-tight", "reactive")
 
 
 def figures_of(results: Runs) -> Figures:
     """Key figures that pages show, to seven digits."""
-    wanted = {*CASES, *DIFFERING}
+    wanted = {*CASES, *DIFFERING, *REACTIVE}
     return {
         name: {key: _rounded(value) for key, value in result.kpis.items() if key in wanted}
         for name, result in results.items()
@@ -133,6 +144,7 @@ def tables(numbers: Mapping[str, Any]) -> dict[str, str]:
         "policies.md": _kpi_table(numbers["case1"], CASES),
         "differing.md": _differing_table(numbers["differing"]),
         "differing-tight.md": _differing_table(numbers["differing-tight"]),
+        "reactive.md": _kpi_table(numbers["reactive"], REACTIVE),
         "m5bat-units.md": _units_table(numbers["m5bat"]["units"]),
         "m5bat-losses.md": _losses_table(numbers["m5bat"]["losses"]),
         "m5bat-policies.md": _m5bat_table(numbers["m5bat"]),
@@ -149,6 +161,7 @@ def words(numbers: Mapping[str, Any]) -> dict[str, str]:
     return {
         "constant_resistance_s1_pct": f"{constant['S1']['derating_efficiency_pct']:.1f}",
         "constant_resistance_s2_pct": f"{constant['S2']['derating_efficiency_pct']:.1f}",
+        "reactive_saved_pct": f"{_saved_pct(numbers['reactive']):.0f}",
         "m5bat_with_reactive_pct": f"{day['with_reactive_pct']:.0f}",
         "m5bat_active_no_load_kw": f"{day['losses']['line over active power']['no load, kW']:.1f}",
         "m5bat_apparent_no_load_kw": f"{day['losses']['line over apparent power']['no load, kW']:.1f}",
@@ -198,6 +211,12 @@ def _units_table(units: Mapping[str, Mapping[str, float]]) -> str:
         shown = ("–" if math.isnan(v) else f"{v:.1f}" for v in (real, *counts))
         rows.append([f"{low} to {high}", *shown])
     return _table(rows)
+
+
+def _saved_pct(runs: Mapping[str, Mapping[str, float]]) -> float:
+    """By how much ``mpc`` loses less than the best rule."""
+    best = min(run["lost_kwh"] for name, run in runs.items() if name != "mpc")
+    return 100.0 * (1.0 - runs["mpc"]["lost_kwh"] / best)
 
 
 def _losses_table(losses: Mapping[str, Mapping[str, float]]) -> str:
