@@ -171,6 +171,12 @@ class AwareDispatch:
         )  # fmt: skip
         return task.solved()
 
+    def condition(self, state: State, limit_kw: Array) -> tuple[float, float, float]:
+        """Return stored energy above the lower SOC limits and capacity [kWh], and mean temperature [degC]."""
+        plant = self._aggregate(state, limit_kw)
+        energy_kwh, temperature_c = plant.energy_kwh(state.soc), plant.mean_c(state.temperature_c)
+        return float(energy_kwh), plant.capacity_kwh, float(temperature_c)
+
     def _aggregate(self, state: State, limit_kw: Array) -> Aggregate:
         """The plant as it is now; kept until strings fail or have aged by a thousandth."""
         if self._plant is None or not self._plant.fits(state, limit_kw):

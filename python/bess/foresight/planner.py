@@ -236,9 +236,9 @@ class Planner:
         """Notes how far the demand and the limits of this step are from what the call before foresaw."""
         # What is above the inverters in service was never going to be shared.
         most_kw = float((self.system.nominal_kw if limit_kw is None else limit_kw).sum())
-        now, new = float(np.clip(demand_kw[0], -most_kw, most_kw)), min(1.0, self.dt_h / MEMORY_H)
+        now, new = min(max(float(demand_kw[0]), -most_kw), most_kw), min(1.0, self.dt_h / MEMORY_H)
         if self._foreseen_kw is not None:
-            foreseen = float(np.clip(self._foreseen_kw, -most_kw, most_kw))
+            foreseen = min(max(self._foreseen_kw, -most_kw), most_kw)
             self._error_kw += new * (abs(now - foreseen) - self._error_kw)
             self._level_kw += new * (abs(now) - self._level_kw)
         self._foreseen_kw = float(demand_kw[1]) if demand_kw.size > 1 else None
@@ -271,7 +271,11 @@ class Planner:
 
     def _moved_on(self) -> Array | None:
         """The last plan from its second step on; what its new last step asks for is still to be shared."""
-        return None if self._request_kw is None else np.pad(self._request_kw[:, 1:], ((0, 0), (0, 1)))
+        if self._request_kw is None:
+            return None
+        moved = np.zeros_like(self._request_kw)
+        moved[:, :-1] = self._request_kw[:, 1:]
+        return moved
 
     def _running(self) -> NDArray[np.bool_]:
         """Inverters that the plan of the step before had switched on."""

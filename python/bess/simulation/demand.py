@@ -16,6 +16,15 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+COMPARE_H = 3.0
+"""How often what has come is compared with what a plan over prices counts on."""
+LONGEST_SHARE = 1.0 / 6.0
+"""Share of a plan after which it is made anew all the same: what lies behind its end comes into sight."""
+ENERGY_TOLERANCE = 0.02
+"""Distance of the stored energy from the plan, over the plant's capacity, at which it is made anew."""
+TEMPERATURE_TOLERANCE_K = 3.0
+"""The same of the mean temperature."""
+
 
 @dataclass(frozen=True)
 class Now:
@@ -85,6 +94,30 @@ class ProfileSource:
         """Nothing to restore."""
 
 
+@dataclass(frozen=True)
+class MarketPlan:
+    """A plan over prices, and what it counts on; arrays over its steps.
+
+    Attributes
+    ----------
+    step : int
+        Its first step.
+    demand_kw, delivered_kw : ndarray
+        What is asked of the plant, and what of it the plan expects to be delivered.
+    limit_kw : ndarray, shape (n_strings,)
+        Power of each inverter in service.
+    energy_kwh, temperature_c : ndarray
+        Of the plant at the end of each step; empty where the plan has no opinion.
+    """
+
+    step: int
+    demand_kw: Array
+    delivered_kw: Array
+    limit_kw: Array
+    energy_kwh: Array
+    temperature_c: Array
+
+
 class Planner(Protocol):
     """Makes plans over prices, each from its arguments alone."""
 
@@ -92,11 +125,11 @@ class Planner(Protocol):
     def days(self) -> NDArray[np.int64]:
         """Number of the trading day of each step."""
 
-    def is_due(self, step: int) -> bool:
-        """Whether a new plan is due at ``step``."""
+    def is_due(self, step: int, now: Now, plan: MarketPlan) -> bool:
+        """Whether ``plan``, the last one, is to be made anew."""
 
-    def plan(self, step: int, now: Now, energy_kwh: float, discharged_kwh: float) -> tuple[Array, Array]:
-        """Demand and expected delivery [kW] over the look-ahead.
+    def plan(self, step: int, now: Now, energy_kwh: float, discharged_kwh: float) -> MarketPlan:
+        """Plan over the look-ahead.
 
         ``energy_kwh`` is stored above the lower SOC limits, ``discharged_kwh`` what of it was discharged on
         this trading day so far.
@@ -110,18 +143,22 @@ class LinearPlanner:
         self._arbitrage = arbitrage
         self.days = arbitrage.days
 
-    def is_due(self, step: int) -> bool:
+    def is_due(self, step: int, now: Now, plan: MarketPlan) -> bool:
         """See :class:`Planner`."""
         return self._arbitrage.is_due(step)
 
-    def plan(self, step: int, now: Now, energy_kwh: float, discharged_kwh: float) -> tuple[Array, Array]:
+    def plan(self, step: int, now: Now, energy_kwh: float, discharged_kwh: float) -> MarketPlan:
         """See :class:`Planner`."""
         demand_kw = self._arbitrage.plan(step, energy_kwh, discharged_kwh)
-        return demand_kw, demand_kw
+        return MarketPlan(step, demand_kw, demand_kw, now.limit_kw, np.zeros(0), np.zeros(0))
 
 
 class AwarePlanner:
-    """Plans that know the plant."""
+    """Plans that know the plant.
+
+    With ``replan_steps`` a plan is made anew after so many steps; without, when what it counts on has
+    changed, and once a sixth of it has passed.
+    """
 
     def __init__(
         self,
@@ -130,16 +167,34 @@ class AwarePlanner:
         days: NDArray[np.int64],
         *,
         look_ahead_steps: int,
-        replan_steps: int,
+        replan_steps: int | None,
+        compare_steps: int,
     ) -> None:
         self._dispatch, self._prices, self.days = dispatch, prices, days
         self._look_ahead_steps, self._replan_steps = look_ahead_steps, replan_steps
+        self._compare_steps = compare_steps
 
-    def is_due(self, step: int) -> bool:
+    def is_due(self, step: int, now: Now, plan: MarketPlan) -> bool:
         """See :class:`Planner`."""
-        return step % self._replan_steps == 0
+        if self._replan_steps is not None:
+            return step % self._replan_steps == 0
+        age = step - plan.step
+        if not np.array_equal(now.limit_kw, plan.limit_kw) or age >= LONGEST_SHARE * self._look_ahead_steps:
+            return True
+        return age > 0 and age % self._compare_steps == 0 and not self._came_true(step, now, plan)
 
-    def plan(self, step: int, now: Now, energy_kwh: float, discharged_kwh: float) -> tuple[Array, Array]:
+    def _came_true(self, step: int, now: Now, plan: MarketPlan) -> bool:
+        """Whether prices are foreseen as they were, and the plant is where the plan has it."""
+        age, n_steps = step - plan.step, plan.demand_kw.size
+        before = self._prices.ahead(plan.step, n_steps)[age:]
+        if not np.array_equal(before, self._prices.ahead(step, n_steps - age)):
+            return False
+        energy_kwh, capacity_kwh, temperature_c = self._dispatch.condition(now.state, now.limit_kw)
+        off_kwh = abs(energy_kwh - float(plan.energy_kwh[age - 1]))
+        off_k = abs(temperature_c - float(plan.temperature_c[age - 1]))
+        return off_kwh <= ENERGY_TOLERANCE * capacity_kwh and off_k <= TEMPERATURE_TOLERANCE_K
+
+    def plan(self, step: int, now: Now, energy_kwh: float, discharged_kwh: float) -> MarketPlan:
         """See :class:`Planner`."""
         from bess.ems import Outlook
 
@@ -152,7 +207,14 @@ class AwarePlanner:
             is_last=step + price.size == self.days.size,
         )
         plan = self._dispatch.plan(outlook, now.state, limit_kw=now.limit_kw)
-        return plan.demand_kw, plan.expected_delivered_kw
+        return MarketPlan(
+            step,
+            plan.demand_kw,
+            plan.expected_delivered_kw,
+            now.limit_kw,
+            plan.expected_energy_kwh,
+            plan.expected_temperature_c,
+        )
 
 
 class ArbitrageSource:
@@ -164,9 +226,7 @@ class ArbitrageSource:
         self._planner = planner
         self._soc_min = np.array([string.battery.soc_min for string in system.strings])
         self._nominal_kwh = system.nominal_energy_kwh
-        self._plan: Array = np.zeros(0)
-        self._expected: Array = np.zeros(0)
-        self._planned_at = 0
+        self._plan: MarketPlan | None = None
         self._day: int | None = None
         self._energy_kwh = 0.0
         self._discharged_kwh = 0.0
@@ -176,22 +236,20 @@ class ArbitrageSource:
         state = now.state
         held_kwh = (state.soc - self._soc_min) * self._nominal_kwh * state.soh_capacity
         self._count_discharge(int(self._planner.days[step]), float(held_kwh.sum()))
-        if self._planner.is_due(step):
-            self._plan, self._expected = self._planner.plan(step, now, self._energy_kwh, self._discharged_kwh)
-            self._planned_at = step
-        offset = step - self._planned_at
-        return padded(self._plan[offset : offset + horizon], horizon)
+        if self._plan is None or self._planner.is_due(step, now, self._plan):
+            self._plan = self._planner.plan(step, now, self._energy_kwh, self._discharged_kwh)
+        offset = step - self._plan.step
+        return padded(self._plan.demand_kw[offset : offset + horizon], horizon)
 
     def planned(self, step: int) -> dict[str, float]:
         """See :class:`DemandSource`."""
-        return {"expected_kw": float(self._expected[step - self._planned_at])}
+        assert self._plan is not None
+        return {"expected_kw": float(self._plan.delivered_kw[step - self._plan.step])}
 
     def memory(self) -> dict[str, Any]:
         """The plan, and what counts against the cycle limit of the day."""
         return {
-            "plan": self._plan,
-            "expected": self._expected,
-            "planned_at": self._planned_at,
+            "plan": None if self._plan is None else vars(self._plan),
             "day": self._day,
             "energy_kwh": self._energy_kwh,
             "discharged_kwh": self._discharged_kwh,
@@ -199,9 +257,8 @@ class ArbitrageSource:
 
     def recall(self, memory: Mapping[str, Any]) -> None:
         """See :class:`DemandSource`."""
-        self._plan = memory["plan"]
-        self._expected = memory["expected"]
-        self._planned_at = memory["planned_at"]
+        plan = memory["plan"]
+        self._plan = None if plan is None else MarketPlan(**plan)
         self._day = memory["day"]
         self._energy_kwh = memory["energy_kwh"]
         self._discharged_kwh = memory["discharged_kwh"]

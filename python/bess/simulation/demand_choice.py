@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from bess.errors import InputError
 from bess.parameters import System
 from bess.simulation.demand import (
+    COMPARE_H,
     ArbitrageSource,
     AwarePlanner,
     LinearPlanner,
@@ -140,8 +141,10 @@ def _planner(
     days = calendar_days(utc_index(grid), choice.market_time_zone)
     if choice.plan == "aware":
         look_ahead = steps_in(choice.look_ahead_h, grid.dt_h, "demand.look_ahead_h")
-        replan = steps_in(choice.replan_h, grid.dt_h, "demand.replan_h")
-        if replan > look_ahead:
+        replan = None
+        if choice.replan_h is not None:
+            replan = steps_in(choice.replan_h, grid.dt_h, "demand.replan_h")
+        if choice.replan_h is not None and choice.replan_h > choice.look_ahead_h:
             raise InputError(
                 f"demand.replan_h {choice.replan_h:g} h must not exceed "
                 f"demand.look_ahead_h {choice.look_ahead_h:g} h"
@@ -156,7 +159,14 @@ def _planner(
             cycles_per_plan=choice.cycles_per_plan,
             end_price_eur_mwh=choice.end_price_eur_mwh,
         )
-        return AwarePlanner(dispatch, forecast, days, look_ahead_steps=look_ahead, replan_steps=replan)
+        return AwarePlanner(
+            dispatch,
+            forecast,
+            days,
+            look_ahead_steps=look_ahead,
+            replan_steps=replan,
+            compare_steps=max(1, round(COMPARE_H / grid.dt_h)),
+        )
     window = np.array([string.battery.soc_max - string.battery.soc_min for string in system.strings])
     energy_kwh = float((system.nominal_energy_kwh * window).sum())
     power_kw = float(system.nominal_kw.sum())
@@ -169,7 +179,7 @@ def _planner(
         cycles_per_day=choice.cycles_per_day,
         cycles_per_plan=choice.cycles_per_plan,
         look_ahead_h=choice.look_ahead_h,
-        replan_h=choice.replan_h,
+        replan_h=COMPARE_H if choice.replan_h is None else choice.replan_h,
         dt_h=grid.dt_h,
     )
     return LinearPlanner(arbitrage)

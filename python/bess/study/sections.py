@@ -112,7 +112,10 @@ class ArbitrageDemand(Section):
     trading day, to which ``cycles_per_day`` applies; with ``cycles_per_plan`` there is a limit for each plan
     instead, on the mean of what is charged and discharged (AC). ``end_price_eur_mwh`` is what a MWh left in
     store at the end of an aware plan is worth; by default the median price of buying, or what the best tenth
-    of prices brings if that is less. ``repeat`` lets the last year of the file follow year by year, for runs
+    of prices brings if that is less. A plan is made anew every ``replan_h``; an aware one, if that is
+    omitted, when inverters in service, prices ahead, stored energy or temperature are not as it counted on
+    (compared every 3 h, inverters in every step), and when a sixth of its time has passed; a linear one every
+    3 h. ``repeat`` lets the last year of the file follow year by year, for runs
     over decades (:func:`bess.market.prolonged`). ``forecast`` is that of prices; with ``file`` it is read
     from ``forecast_prices``, a price file of its own. What is sold is settled at the prices that came true.
     """
@@ -132,7 +135,7 @@ class ArbitrageDemand(Section):
     cycles_per_plan: Positive | None = None
     end_price_eur_mwh: NonNegative | None = None
     look_ahead_h: Positive = 36.0
-    replan_h: Positive = 3.0
+    replan_h: Positive | None = None
     repeat: bool = False
     forecast: Literal["perfect", "persistence", "file"] = "perfect"
     forecast_prices: str | None = None
