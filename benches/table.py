@@ -1,6 +1,7 @@
 """One table: this package beside its rivals, measured in the same run. How to read it: docs/benchmarks.md.
 
     python benches/table.py [--days N] [--states N] [--plans N] [--prices FILE] [--out FILE] [--markdown FILE]
+    python benches/table.py --only splits growth              some of its parts
 
 Every contender runs in a process of its own; a rival that is not installed is a row that says so.
 """
@@ -25,6 +26,7 @@ REPEATS = 3
 HORIZONS = (4, 8, 16, 32)
 STRINGS = (2, 8, 32)
 SPLIT_STEPS = (4, 5)
+PARTS = ("plants", "loops", "splits", "growth", "dispatches")
 PRICES = Path(__file__).parents[2] / "shared/data/prices/smard_de_viertelstunde_2024_berechnet_resaved.csv"
 
 
@@ -200,17 +202,23 @@ def main() -> None:
     parser.add_argument("--plans", type=int, default=5, help="plans of each dispatch")
     parser.add_argument("--prices", type=Path, default=PRICES, help="price file for the closed loop")
     parser.add_argument("--out", type=Path, default=Path(__file__).with_name("results.json"))
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=PARTS, help="parts of the table")
     parser.add_argument("--markdown", type=Path, help="write the table for the documentation as well")
     chosen = parser.parse_args()
+    if chosen.markdown is not None and set(chosen.only) != set(PARTS):
+        parser.error("--markdown: the table of the documentation is that of one run of all parts")
     machine = describe_machine()
     title = f"{machine['cpu']}, {machine['cores']} cores, {machine['date']}"
     bench = Bench(Table("", "measured", "beside", title=title, title_justify="left"))
-    simses_s = plants(bench, chosen.days)
-    loops(bench, chosen.days, chosen.prices, simses_s)
-    for steps in SPLIT_STEPS:
+    simses_s = plants(bench, chosen.days) if "plants" in chosen.only else None
+    if "loops" in chosen.only:
+        loops(bench, chosen.days, chosen.prices, simses_s)
+    for steps in SPLIT_STEPS if "splits" in chosen.only else ():
         splits(bench, chosen.states, steps)
-    growth(bench, chosen.states)
-    dispatches(bench, chosen.plans)
+    if "growth" in chosen.only:
+        growth(bench, chosen.states)
+    if "dispatches" in chosen.only:
+        dispatches(bench, chosen.plans)
     console = Console()
     # Into a file or a pipe, a table as wide as it needs.
     (console if console.is_terminal else Console(width=140)).print(bench.table)
