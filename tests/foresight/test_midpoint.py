@@ -28,6 +28,20 @@ def test_with_half_the_step_the_error_of_soc_is_a_quarter_in_the_middle_and_a_ha
         np.testing.assert_allclose([errors[0] / errors[1], errors[1] / errors[2]], ratio, rtol=0.15)
 
 
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+@pytest.mark.parametrize("soc", [0.06, 0.1, 0.2])
+def test_a_step_that_is_taken_in_parts_cools_once(sign: float, soc: float) -> None:
+    """Below the low-SOC switch as above it: it leaves the string as warm as the other form does in 256 steps."""
+    state, hours = bess.State([soc, soc], [40.0, 40.0]), 0.25
+
+    def end_c(parts: int, model: str) -> float:
+        request = np.full((2, parts), sign * 5.0)
+        roll = bess.rollout(SYSTEM, state, request, hours / parts, model=model)  # type: ignore[arg-type]
+        return float(roll.temperature_c[0, -1])
+
+    assert end_c(1, "midpoint") == pytest.approx(end_c(256, "start"), abs=0.01)
+
+
 def test_both_forms_agree_on_what_does_not_move() -> None:
     idle = [
         bess.rollout(SYSTEM, bess.State([0.5, 0.1], [25.0, 40.0]), np.zeros((2, 3)), model=model)  # type: ignore[arg-type]

@@ -200,7 +200,7 @@ impl StringModel {
     ) -> Flow {
         let share = 1.0 / LOW_SOC_PARTS as f64;
         let part = Interval { dt_h: share * interval.dt_h, ..*interval };
-        let mut whole = self.idle(state, 0.0, 0.0, interval);
+        let mut whole = Flow { end: state, ..self.idle(state, 0.0, 0.0, interval) };
         for _ in 0..LOW_SOC_PARTS {
             let c = self.coefficients(part.direction, whole.end);
             let (middle, _) = self.middle(curve, &c, whole.end, request_w, &part);
