@@ -223,7 +223,7 @@ def _sentence(everything: Mapping[str, Mapping[str, Score]]) -> str:
         f"In the mean over {len(behind)} scenarios `mpc` costs {100.0 * abs(np.mean(costs)):.1f} % "
         f"{'less' if np.mean(costs) < 0.0 else 'more'} than the best rule of each, at worst "
         f"{100.0 * max(costs):+.1f} %. A rule wins (by more than {100.0 * WINS:g} %, in cost or in energy "
-        f"delivered) in {len(won)}{': ' + ', '.join(won) if won else ''}."
+        f"delivered) in {f'{len(won)}: ' + ', '.join(won) if won else 'none'}."
     )
 
 
