@@ -31,7 +31,7 @@ def test_with_half_the_step_the_error_of_soc_is_a_quarter_in_the_middle_and_a_ha
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 @pytest.mark.parametrize("soc", [0.06, 0.1, 0.2])
 def test_a_step_that_is_taken_in_parts_cools_once(sign: float, soc: float) -> None:
-    """Below the low-SOC switch as above it: it leaves the string as warm as the other form does in 256 steps."""
+    """Below the low-SOC switch as above it: as warm as the other form leaves it after 256 steps."""
     state, hours = bess.State([soc, soc], [40.0, 40.0]), 0.25
 
     def end_c(parts: int, model: str) -> float:
