@@ -1,0 +1,251 @@
+//! One plant step of all lanes: derating, electrical balance, heat.
+
+use bess_tables::{Direction, Resistance};
+
+use super::Block;
+use crate::electrical::{Demand, Operation};
+use crate::lanes::Lanes;
+use crate::line::Line;
+use crate::measured;
+use crate::plant::DeratingLaw;
+use crate::record::Limits;
+use crate::totals::Totals;
+
+const ZERO_C_IN_K: f64 = 273.15;
+
+/// What flows in one plant step.
+struct Drawn<const W: usize> {
+    delivered_w: Lanes<W>,
+    loss_w: Lanes<W>,
+    voltage_v: Lanes<W>,
+    current_a: Lanes<W>,
+    /// Electrical resistance of the string [Ohm].
+    resistance: Lanes<W>,
+    /// Factor from a node's stored resistance to the one in force.
+    node_factor: Lanes<W>,
+    soc: Lanes<W>,
+}
+
+impl<const W: usize> Block<W> {
+    #[inline(always)]
+    #[allow(clippy::too_many_arguments)]
+    pub(super) fn plant_step<const REVERSIBLE: bool, const REACTIVE: bool>(
+        &mut self,
+        magnitude_w: Lanes<W>,
+        asked_var: Lanes<W>,
+        sign: Lanes<W>,
+        direction: &[Direction; W],
+        inlet_c: Lanes<W>,
+        totals: &mut Totals<W>,
+        limits: &mut [Limits; W],
+    ) {
+        let zero = Lanes::ZERO;
+        let mean_c = self.air_path.mean_temperature();
+        let soc = self.soc;
+
+        let factor = self.derating_factor(mean_c);
+        let wanted_w = factor * magnitude_w;
+        let strings = &self.strings;
+
+        let charge_v =
+            self.charge_v_lines.at(soc, |l, at| Line::of_grid(&strings[l].ocv_charge, at, mean_c.0[l]));
+        let discharge_v =
+            self.discharge_v_lines.at(soc, |l, at| Line::of_grid(&strings[l].ocv_discharge, at, mean_c.0[l]));
+        let low_soc = self.low_soc_lines.at(soc, |l, at| low_soc_line(&strings[l].resistance, at));
+        let node_factor = low_soc * self.growth;
+        let resistance = self.air_path.mean_resistance() * node_factor;
+
+        // Active power comes first: reactive power gets what it leaves of the inverter's apparent power.
+        let (reactive_var, apparent_va) = if REACTIVE {
+            let active = wanted_w * wanted_w;
+            let left = (self.nominal_w * self.nominal_w - active).at_least(zero);
+            let reactive_var = asked_var.at_most(left.sqrt());
+            (reactive_var, (active + reactive_var * reactive_var).sqrt())
+        } else {
+            (zero, wanted_w)
+        };
+
+        // Where no limit is near: V I - R I^2 = sign p + w, small root.
+        let loss_at =
+            self.loss_lines.at(apparent_va, |l, at| Line::of(strings[l].inverter.loss(direction[l]), at));
+        let loss_w = wanted_w.if_positive(loss_at, zero);
+        let power_w = sign * wanted_w + loss_w;
+        let voltage_v = power_w.if_positive(discharge_v, charge_v);
+        let discriminant = voltage_v * voltage_v - Lanes::splat(4.0) * resistance * power_w;
+        let root = discriminant.at_least(zero).sqrt();
+        let current_a = (power_w + power_w).divided_by(voltage_v + root);
+        let soc_end = soc - current_a * self.soc_per_a;
+
+        let mut drawn = Drawn {
+            delivered_w: wanted_w,
+            loss_w,
+            voltage_v,
+            current_a,
+            resistance,
+            node_factor,
+            soc: soc_end,
+        };
+        let (soc_min, soc_max) = (self.soc_min, self.soc_max);
+        let terminal_v = voltage_v - resistance * current_a;
+        let (voltage_min_v, voltage_max_v) = (self.voltage_min_v, self.voltage_max_v);
+        let special = |lane: usize| {
+            (discriminant.0[lane] < 0.0)
+                | (soc_end.0[lane] < soc_min.0[lane])
+                | (soc_end.0[lane] > soc_max.0[lane])
+                | (terminal_v.0[lane] < voltage_min_v.0[lane])
+                | (terminal_v.0[lane] > voltage_max_v.0[lane])
+        };
+        if self.any_measured || (0..W).fold(false, |any, lane| any | special(lane)) {
+            for lane in 0..W {
+                let demand = Demand {
+                    direction: direction[lane],
+                    wanted_w: wanted_w.0[lane],
+                    reactive_var: reactive_var.0[lane],
+                    soc: soc.0[lane],
+                    charge_v: charge_v.0[lane],
+                    discharge_v: discharge_v.0[lane],
+                    step_s: self.step_s,
+                    capacity_ah: self.capacity_ah.0[lane],
+                };
+                self.special_lane(lane, special(lane), &demand, &mut drawn, &mut limits[lane]);
+            }
+        }
+        self.soc = drawn.soc;
+
+        let squared = drawn.current_a * drawn.current_a;
+        let heat_w = squared * drawn.resistance;
+        let mut on = drawn.delivered_w.if_positive(Lanes::splat(1.0), zero);
+        if REACTIVE {
+            // An inverter that delivers no active power draws what reactive power costs it from the grid.
+            let of_grid = Lanes::from_fn(|l| {
+                if drawn.delivered_w.0[l] > 0.0 || reactive_var.0[l] == 0.0 {
+                    0.0
+                } else {
+                    self.strings[l].inverter.loss(direction[l]).at(reactive_var.0[l])
+                }
+            });
+            on = on.at_least(reactive_var.if_positive(Lanes::splat(1.0), zero));
+            totals.grid_loss_w = totals.grid_loss_w + of_grid;
+            totals.reactive_var = totals.reactive_var + reactive_var;
+        }
+        totals.delivered_w = totals.delivered_w + drawn.delivered_w;
+        totals.availability_loss_w = totals.availability_loss_w + (wanted_w - drawn.delivered_w);
+        totals.derating_loss_w = totals.derating_loss_w + (magnitude_w - wanted_w);
+        totals.loss_on_w = totals.loss_on_w + drawn.loss_w;
+        totals.off_steps = totals.off_steps + (Lanes::splat(1.0) - on);
+        totals.heat_w = totals.heat_w + heat_w;
+        totals.chemical_w = totals.chemical_w + drawn.voltage_v * drawn.current_a;
+        totals.current_a = totals.current_a + drawn.current_a;
+        totals.factor = totals.factor + factor;
+        totals.starts = totals.starts + on * (Lanes::splat(1.0) - self.on);
+        self.on = on;
+
+        let heating = self.k_per_w * squared * drawn.node_factor;
+        let tables = std::array::from_fn(|l| &self.strings[l].resistance);
+        if REVERSIBLE {
+            self.advance_reversibly(heating, drawn.current_a, soc, inlet_c, totals);
+        } else {
+            totals.hottest_c = self.air_path.advance(heating, inlet_c, totals.hottest_c, &tables);
+        }
+    }
+
+    /// Heat along the path with `-I T dU/dT`, the heat of reaction, which all nodes share alike. Both are of the state
+    /// before the step, so their order does not matter.
+    #[cold]
+    #[inline(never)]
+    fn advance_reversibly(
+        &mut self,
+        heating: Lanes<W>,
+        current_a: Lanes<W>,
+        soc: Lanes<W>,
+        inlet_c: Lanes<W>,
+        totals: &mut Totals<W>,
+    ) {
+        let mean_c = self.air_path.mean_temperature();
+        let reversible_w = Lanes::from_fn(|l| {
+            let volts_k = self.strings[l].entropy.as_ref().map_or(0.0, |table| table.at(soc.0[l]));
+            -current_a.0[l] * (mean_c.0[l] + ZERO_C_IN_K) * volts_k
+        });
+        totals.reversible_w = totals.reversible_w + reversible_w;
+        let tables = std::array::from_fn(|l| &self.strings[l].resistance);
+        self.air_path.advance(heating, inlet_c, mean_c, &tables);
+        totals.hottest_c = self.air_path.warm(self.k_per_w * reversible_w, totals.hottest_c, &tables);
+    }
+
+    /// Replaces what was drawn from a lane that has a limit, or a resistance that depends on its own current.
+    #[cold]
+    #[inline(never)]
+    fn special_lane(
+        &mut self,
+        lane: usize,
+        limited: bool,
+        demand: &Demand,
+        drawn: &mut Drawn<W>,
+        limits: &mut Limits,
+    ) {
+        let string = &self.strings[lane];
+        // A string that charges with less than its inverter loses discharges a little; its charge table serves.
+        if let Some(tables) = measured::tables(&string.resistance, demand.direction) {
+            let temperatures = self.air_path.temperature.iter().map(|node| node.0[lane]);
+            drawn.resistance.0[lane] = self.scratch.solve(
+                tables,
+                self.growth.0[lane],
+                demand.soc,
+                temperatures,
+                string.capacity_ah,
+                |r| demand.current_a(string, r),
+            );
+            drawn.node_factor.0[lane] = 1.0;
+            for (node, resistance) in self.air_path.resistance.iter_mut().enumerate() {
+                resistance.0[lane] = self.scratch.node(node);
+            }
+        } else if !limited {
+            return;
+        }
+        let Operation { delivered_w, loss_w, voltage_v, current_a, soc, limits: bound } =
+            demand.operate(string, drawn.resistance.0[lane]);
+        drawn.delivered_w.0[lane] = delivered_w;
+        drawn.loss_w.0[lane] = loss_w;
+        drawn.voltage_v.0[lane] = voltage_v;
+        drawn.current_a.0[lane] = current_a;
+        drawn.soc.0[lane] = soc;
+        *limits = limits.with(bound);
+    }
+
+    #[inline(always)]
+    pub(super) fn excess_k(&self) -> Lanes<W> {
+        self.air_path.mean_temperature() - Lanes::from_fn(|l| self.strings[l].derating.start_c)
+    }
+
+    /// Share of the request that is let through, in `[0, 1]`.
+    #[inline(always)]
+    fn derating_factor(&mut self, mean_c: Lanes<W>) -> Lanes<W> {
+        let strings = &self.strings;
+        let factor = match self.law {
+            DeratingLaw::Table => {
+                self.factor_lines.at(mean_c, |l, at| Line::of(&strings[l].derating.factor, at))
+            }
+            DeratingLaw::Pi => {
+                let excess_k = self.excess_k().at_least(Lanes::ZERO);
+                let kp = Lanes::from_fn(|l| strings[l].derating.kp_per_k);
+                let ki = Lanes::from_fn(|l| strings[l].derating.ki_per_k_step);
+                Lanes::splat(1.0) - kp * excess_k - ki * self.integral_k
+            }
+        };
+        factor.at_least(Lanes::ZERO).at_most(Lanes::splat(1.0))
+    }
+}
+
+/// Factor on `f_T` below the low-SOC switch, 1 above it.
+fn low_soc_line(resistance: &Resistance, soc: f64) -> Line {
+    match resistance {
+        Resistance::Measured { .. } => Line::constant(f64::NEG_INFINITY, f64::INFINITY, 1.0),
+        Resistance::Switched { switch_soc, .. } if soc >= *switch_soc => {
+            Line::constant(*switch_soc, f64::INFINITY, 1.0)
+        }
+        Resistance::Switched { soc_factor, switch_soc, .. } => {
+            let line = Line::of(soc_factor, soc);
+            Line { high: line.high.min(*switch_soc), ..line }
+        }
+    }
+}
