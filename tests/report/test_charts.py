@@ -61,6 +61,14 @@ def test_the_loss_stack_ends_at_inverter_plus_battery_loss() -> None:
     np.testing.assert_allclose(top, expected)
 
 
+def test_a_string_that_is_asked_for_nothing_is_drawn_at_nothing() -> None:
+    data = record(2, 96)
+    for name in ("request_kw", "delivered_kw", "derating_loss_kw", "availability_loss_kw"):
+        data[name].values[:, 1] = 0.0
+    (drawn,) = series(charts.power_split(data), 2)
+    np.testing.assert_array_equal(drawn.y, 0.0)
+
+
 def test_charge_and_discharge_of_a_long_run_do_not_cancel() -> None:
     data = record(6, 40 * 96)
     chart = charts.power_split(data)

@@ -6,8 +6,8 @@ import numpy as np
 
 from bess.report.chart import Chart, Panel, Series, Values
 from bess.report.data import Result, TimeAxis, dataset_of, event_spans
-from bess.report.long_runs import daily, held
-from bess.report.style import AVAILABILITY, BATTERY, DERATING, DISCHARGE, INVERTER
+from bess.report.long_runs import curve, daily, held
+from bess.report.style import AVAILABILITY, BATTERY, DERATING, DISCHARGE, INK, INVERTER
 
 _MOST_STRINGS = 4
 
@@ -45,9 +45,10 @@ def power_split(result: Result) -> Chart:
 
         request = flows(_REQUEST, discharging, 1.0) + flows(_REQUEST, ~discharging, -1.0)
         losses = flows(_CONVERSION, np.ones_like(discharging), 1.0)
+        nothing = curve(time, np.zeros(len(time.start)), INK, kind="step")
         panels += [
-            Panel("Requested (kW)", tuple(request), title=title),
-            Panel("Loss (kW)", tuple(losses), title=title),
+            Panel("Requested (kW)", tuple(request or nothing), title=title),
+            Panel("Loss (kW)", tuple(losses or nothing), title=title),
         ]
     return Chart(time.label, tuple(panels), columns=2, panel_height_in=1.5, spans=event_spans(dataset, time))
 
