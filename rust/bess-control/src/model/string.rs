@@ -11,7 +11,7 @@ pub(crate) const SECONDS_PER_HOUR: f64 = 3600.0;
 const LOW_SOC_PARTS: u32 = 4;
 
 /// Measured or predicted state of a string.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct StringState {
     /// State of charge.
     pub soc: f64,
@@ -31,7 +31,7 @@ pub struct Coefficients {
 }
 
 /// What one string does in one interval. Powers and current are magnitudes in the interval's direction.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Flow {
     /// Delivered AC power [W].
     pub delivered_w: f64,
@@ -200,7 +200,7 @@ impl StringModel {
     ) -> Flow {
         let share = 1.0 / LOW_SOC_PARTS as f64;
         let part = Interval { dt_h: share * interval.dt_h, ..*interval };
-        let mut whole = Flow { end: state, ..self.idle(state, 0.0, 0.0, interval) };
+        let mut whole = Flow { end: state, ..Flow::default() };
         for _ in 0..LOW_SOC_PARTS {
             let c = self.coefficients(part.direction, whole.end);
             let (middle, _) = self.middle(curve, &c, whole.end, request_w, &part);
@@ -313,18 +313,8 @@ impl StringModel {
 
     #[inline]
     fn idle(&self, state: StringState, derating_w: f64, availability_w: f64, interval: &Interval) -> Flow {
-        Flow {
-            delivered_w: 0.0,
-            availability_w,
-            derating_w,
-            inverter_w: 0.0,
-            battery_w: 0.0,
-            current_a: 0.0,
-            end: StringState {
-                soc: state.soc,
-                temperature_c: self.warmed(state.temperature_c, 0.0, interval),
-            },
-        }
+        let temperature_c = self.warmed(state.temperature_c, 0.0, interval);
+        Flow { availability_w, derating_w, end: StringState { temperature_c, ..state }, ..Flow::default() }
     }
 }
 
