@@ -19,9 +19,9 @@ mod split;
 pub use error::ControlError;
 pub use explicit::{ExplicitLaw, Measured, Tables, N_OUTLOOK, N_WEIGHTS};
 pub use model::{
-    direction_of, BestShares, CoefficientRanges, Coefficients, CoefficientsFrom, ControlHorizon,
-    ControlModel, Costs, CostsOf, Flow, Followed, Interval, Losses, Problem, Range, Rollouts, StateBox,
-    StringModel, StringState, MAX_GROUPS,
+    BestShares, CoefficientRanges, Coefficients, CoefficientsFrom, ControlHorizon, ControlModel, Costs,
+    CostsOf, Flow, Followed, Interval, Losses, Problem, Range, Rollouts, StateBox, StringModel, StringState,
+    MAX_GROUPS,
 };
 pub use plan::{Plan, PlanEffort, PlanProblem, Prices, Rule};
 pub use reach::{Confined, GroupBounds, Planes, StepBound, StepBounds};

@@ -4,6 +4,7 @@
 //! `V I - R I^2 = p + w`. This file is the scalar form with every limit; the block evaluates the same balance
 //! side by side where no limit is near.
 
+use bess_tables::units::SECONDS_PER_HOUR;
 use bess_tables::{Direction, StringParameters};
 
 use crate::record::Limits;
@@ -68,8 +69,7 @@ impl Demand {
         let mut delivered_w = self.wanted_w;
         if delivered_w > 0.0 {
             let (target_w, binding) = self.battery_limit(string, resistance_ohm);
-            let sign = if self.direction == Direction::Discharge { 1.0 } else { -1.0 };
-            let net = |p: f64| p + sign * loss.at(self.apparent_va(p));
+            let net = |p: f64| p + self.direction.sign() * loss.at(self.apparent_va(p));
             if net(delivered_w) > target_w {
                 limits = binding;
                 delivered_w = largest_below(loss.x(), self.reactive_var, net, target_w, delivered_w);
@@ -97,12 +97,12 @@ impl Demand {
     }
 
     fn soc_after(&self, current_a: f64) -> f64 {
-        self.soc - current_a * self.step_s / (3600.0 * self.capacity_ah)
+        self.soc - current_a * self.step_s / (SECONDS_PER_HOUR * self.capacity_ah)
     }
 
     /// Largest battery power (magnitude, in the direction of the demand) [W], and what sets it.
     fn battery_limit(&self, string: &StringParameters, resistance_ohm: f64) -> (f64, Limits) {
-        let per_soc_a = 3600.0 * self.capacity_ah / self.step_s;
+        let per_soc_a = SECONDS_PER_HOUR * self.capacity_ah / self.step_s;
         let limit =
             |ocv_v: f64| (string.voltage_current_a(self.direction, ocv_v, resistance_ohm), Limits::VOLTAGE);
         let least = |a: (f64, Limits), b: (f64, Limits)| if b.0 < a.0 { b } else { a };

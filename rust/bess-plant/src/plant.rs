@@ -1,3 +1,4 @@
+use bess_tables::units::W_PER_KW;
 use bess_tables::{StringParameters, System};
 
 use crate::ageing::{AgeingState, StringAgeing};
@@ -347,10 +348,10 @@ impl Plant {
                 return Err(PlantError::Range {
                     place: format!("{}step {step}, string {string}: ", self.scenario(at % lanes)),
                     name,
-                    value: value / 1e3,
+                    value: value / W_PER_KW,
                     unit,
-                    low: -nominal_w / 1e3,
-                    high: nominal_w / 1e3,
+                    low: -nominal_w / W_PER_KW,
+                    high: nominal_w / W_PER_KW,
                 });
             }
         }

@@ -6,8 +6,6 @@ use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-pub(crate) const W_PER_KW: f64 = 1e3;
-
 pub(crate) type Vector = Py<PyArray1<f64>>;
 pub(crate) type Matrix = Py<PyArray2<f64>>;
 pub(crate) type Flags = Py<PyArray2<bool>>;

@@ -1,11 +1,12 @@
 use bess_control::{ExplicitLaw, Measured, Tables, N_OUTLOOK, N_WEIGHTS};
 use bess_plant::{PlantState, Record};
+use bess_tables::units::W_PER_KW;
 use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::arrays::{check_shape, flat, matrix, refused, vector, Matrix, Vector, W_PER_KW};
+use crate::arrays::{check_shape, flat, matrix, refused, vector, Matrix, Vector};
 use crate::plant::{plant_refused, to_dict, Plant};
 
 /// The law of an explicit controller, without its weights.

@@ -1,8 +1,9 @@
 use bess_control::Followed;
+use bess_tables::units::W_PER_KW;
 use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use crate::arrays::{check_shape, flat, matrix, refused, vector, Matrix, Vector, W_PER_KW};
+use crate::arrays::{check_shape, flat, matrix, refused, vector, Matrix, Vector};
 
 /// How strings share each power of a plant `(P, M)` [kW], in charge and in discharge: at powers in equal distances from
 /// nothing to the sum of `limit_kw` `(M,)`.

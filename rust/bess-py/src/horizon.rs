@@ -1,11 +1,12 @@
 use std::time::{Duration, Instant};
 
 use bess_control::{CoefficientRanges, Effort, Losses, Planes, Problem, StateBox, StringState};
+use bess_tables::units::W_PER_KW;
 use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::arrays::{check_shape, flags, flat, matrix, refused, vector, Flags, Matrix, Vector, W_PER_KW};
+use crate::arrays::{check_shape, flags, flat, matrix, refused, vector, Flags, Matrix, Vector};
 use crate::model::{ControlModel, FlowArrays};
 use crate::states::StateBoxes;
 

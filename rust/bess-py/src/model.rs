@@ -1,9 +1,10 @@
 use bess_control::{CoefficientsFrom, Flow, Rollouts, StringState};
+use bess_tables::units::W_PER_KW;
 use bess_tables::Direction;
 use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use crate::arrays::{check_shape, cube, flat, matrix, refused, vector, Cube, Matrix, Vector, W_PER_KW};
+use crate::arrays::{check_shape, cube, flat, matrix, refused, vector, Cube, Matrix, Vector};
 use crate::follow::{BestShares, FollowedArrays};
 use crate::system::System;
 

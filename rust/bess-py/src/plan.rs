@@ -1,10 +1,11 @@
-use bess_control::{direction_of, Interval, Losses, PlanEffort, PlanProblem, Prices};
+use bess_control::{Interval, Losses, PlanEffort, PlanProblem, Prices};
+use bess_tables::units::W_PER_KW;
 use bess_tables::Direction;
 use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::arrays::{check_shape, flat, matrix, refused, Matrix, W_PER_KW};
+use crate::arrays::{check_shape, flat, matrix, refused, Matrix};
 use crate::model::ControlModel;
 
 /// A plan and what it is worth in the control model.
@@ -73,16 +74,13 @@ pub fn plan(
     let ambient_c = flat(ambient_c.as_array(), 1.0);
     let running = running.as_array().to_vec();
     let interval =
-        |(&demand, &ambient_c): (&f64, &f64)| Interval { direction: direction_of(demand), ambient_c, dt_h };
+        |(&demand, &ambient_c): (&f64, &f64)| Interval { direction: Direction::of(demand), ambient_c, dt_h };
     let intervals: Vec<Interval> = demand_w.iter().zip(&ambient_c).map(interval).collect();
     let magnitudes: Vec<f64> = demand_w.iter().map(|d| d.abs()).collect();
     let prices = Prices { losses, wear: flat(wear.as_array(), 1.0), start: start_cost, balance, end_charge };
     let (soc, temperature_c) = (flat(soc.as_array(), 1.0), flat(temperature_c.as_array(), 1.0));
     let limit_w = flat(limit_kw.as_array(), W_PER_KW);
-    let signs: Vec<f64> = intervals
-        .iter()
-        .map(|i| if i.direction == Direction::Charge { -1.0 / W_PER_KW } else { 1.0 / W_PER_KW })
-        .collect();
+    let signs: Vec<f64> = intervals.iter().map(|i| i.direction.sign() / W_PER_KW).collect();
     let plan = py
         .detach(|| {
             let start = model.inner.states(&soc, &temperature_c)?;

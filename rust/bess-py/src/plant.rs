@@ -3,15 +3,13 @@ use std::sync::Arc;
 use bess_plant::ageing::AgeingState;
 use bess_plant::cooling::KINDS;
 use bess_plant::{starting_ageing, CoolingState, DeratingLaw, PlantError, PlantState, Record};
+use bess_tables::units::{J_PER_KWH, W_PER_KW};
 use numpy::{IntoPyArray, PyReadonlyArray1};
 use pyo3::exceptions::{PyKeyError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::system::System;
-
-const W_PER_KW: f64 = 1e3;
-const J_PER_KWH: f64 = 3.6e6;
 
 /// Electro-thermal plant of one or more scenarios. Arrays are flat, in the order (step, scenario, string, node).
 #[pyclass(module = "bess._core")]

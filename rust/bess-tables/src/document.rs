@@ -4,12 +4,12 @@
 use serde::Deserialize;
 
 use crate::lut::check_axis;
+use crate::units::W_PER_KW;
 use crate::{
     Ageing, Cooling, Derating, Grid, Inverter, LumpedThermal, Lut, Resistance, SpatialThermal,
     StringParameters, System, TableError,
 };
 
-const WATTS_PER_KW: f64 = 1e3;
 const OHM_PER_MILLIOHM: f64 = 1e-3;
 const REFERENCE_TEMPERATURE_C: f64 = 25.0;
 
@@ -178,7 +178,7 @@ impl StringDocument {
             Lut::new(&name("battery.entropy"), table.soc, volts_k)
         });
         let entropy = entropy.transpose()?;
-        let nominal_w = self.inverter.nominal_kw * WATTS_PER_KW;
+        let nominal_w = self.inverter.nominal_kw * W_PER_KW;
         let loss = |label: &str, loss: &[f64]| {
             Lut::new(
                 &name(label),
@@ -243,7 +243,7 @@ impl BatteryDocument {
                         soc.soc.clone(),
                         scaled(&soc.resistance_mohm, factor),
                     )?,
-                    switch_soc: self.low_soc_switch,
+                    low_soc_switch: self.low_soc_switch,
                 })
             }
             (None, None, Some(table)) => {

@@ -1,3 +1,5 @@
+//! Why a table or a description of a plant is refused.
+
 use thiserror::Error;
 
 /// A table or parameter that cannot be used. The text names the thing, its value and what is allowed.

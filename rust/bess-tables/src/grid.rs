@@ -1,3 +1,5 @@
+//! Tables over two axes, bilinear.
+
 use crate::lut::{check_axis, locate};
 use crate::TableError;
 

@@ -4,17 +4,25 @@
 //! one shows up against the other. Everything here is checked once, at construction, and immutable after it.
 //! Units are SI throughout (W, A, V, Ohm, s), temperatures in degC, charge in Ah; cell values have become
 //! string values.
+//!
+//! [`System::from_json`] reads the description of a plant that the Python side has validated, and makes of it one
+//! [`StringParameters`] for each string, with its tables ([`Lut`] over one axis, [`Grid`] over two, [`Resistance`] over
+//! the state) and its [`Cooling`].
 
+mod cooling;
+mod direction;
 mod document;
 mod error;
 mod grid;
 mod lut;
 mod parameters;
+mod resistance;
+pub mod units;
 
+pub use cooling::{CoolantLoop, Cooling};
+pub use direction::Direction;
 pub use error::TableError;
 pub use grid::Grid;
 pub use lut::{locate, Lut};
-pub use parameters::{
-    Ageing, CoolantLoop, Cooling, Derating, Direction, Inverter, LumpedThermal, Resistance, SpatialThermal,
-    StringParameters, System,
-};
+pub use parameters::{Ageing, Derating, Inverter, LumpedThermal, SpatialThermal, StringParameters, System};
+pub use resistance::Resistance;

@@ -1,3 +1,5 @@
+//! Tables over one axis, piecewise linear.
+
 use crate::TableError;
 
 /// Piecewise linear table `y(x)` with ascending knots, clamped to its end values outside them.

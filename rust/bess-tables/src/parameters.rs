@@ -2,16 +2,7 @@
 
 use serde::Deserialize;
 
-use crate::{Grid, Lut, TableError};
-
-/// Direction of power of one interval. It is common to all strings and known from the sign of the demand.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Direction {
-    /// From the grid.
-    Charge,
-    /// To the grid.
-    Discharge,
-}
+use crate::{Cooling, Direction, Grid, Lut, Resistance, TableError};
 
 /// Everything that is known about a plant before it runs.
 #[derive(Debug, Clone, PartialEq)]
@@ -75,31 +66,6 @@ impl Default for Ageing {
     }
 }
 
-/// Internal resistance of a string [Ohm].
-#[derive(Debug, Clone, PartialEq)]
-pub enum Resistance {
-    /// `f_T(T)`, and `f_soc(soc) f_T(T) / f_T(25 degC)` below the low-SOC switch (MODEL: eq. R1, R2).
-    Switched {
-        /// `f_T` [Ohm].
-        temperature: Lut,
-        /// `f_soc / f_T(25 degC)` (dimensionless).
-        soc_factor: Lut,
-        /// SOC below which the factor applies.
-        switch_soc: f64,
-    },
-    /// Measured over SOC (first axis), temperature and C-rate, for each direction: one grid per C-rate.
-    Measured {
-        /// C-rates of the grids, ascending.
-        c_rate: Vec<f64>,
-        /// Charge, one grid for each C-rate.
-        charge: Vec<Grid>,
-        /// Discharge, one grid for each C-rate.
-        discharge: Vec<Grid>,
-        /// C-rate at which the controller, which has no inner iteration, reads the table.
-        control_c_rate: f64,
-    },
-}
-
 impl System {
     /// The same plant with the capacity and the resistance of each string times a factor, one for each string.
     ///
@@ -122,55 +88,6 @@ impl System {
             string.resistance.scale(*resistance);
         }
         Ok(Self { strings, cooling: self.cooling.clone() })
-    }
-}
-
-impl Resistance {
-    /// Multiplies every value by `factor > 0`.
-    fn scale(&mut self, factor: f64) {
-        match self {
-            Self::Switched { temperature, .. } => temperature.scale(factor),
-            Self::Measured { charge, discharge, .. } => {
-                charge.iter_mut().chain(discharge).for_each(|grid| grid.scale(factor));
-            }
-        }
-    }
-
-    /// Resistance [Ohm] at a state and C-rate.
-    #[inline]
-    pub fn at(&self, direction: Direction, soc: f64, temperature_c: f64, c_rate: f64) -> f64 {
-        match self {
-            Self::Switched { temperature, soc_factor, switch_soc } => {
-                let at_temperature = temperature.at(temperature_c);
-                if soc < *switch_soc {
-                    soc_factor.at(soc) * at_temperature
-                } else {
-                    at_temperature
-                }
-            }
-            Self::Measured { c_rate: axis, charge, discharge, .. } => {
-                let grids = match direction {
-                    Direction::Charge => charge,
-                    Direction::Discharge => discharge,
-                };
-                let (segment, share) = crate::lut::locate(axis, c_rate);
-                let low = grids[segment].at(soc, temperature_c);
-                if grids.len() == 1 || share == 0.0 {
-                    return low;
-                }
-                low + share * (grids[segment + 1].at(soc, temperature_c) - low)
-            }
-        }
-    }
-
-    /// Resistance [Ohm] as the controller sees it: no dependence on the current of the interval.
-    #[inline]
-    pub fn control_at(&self, direction: Direction, soc: f64, temperature_c: f64) -> f64 {
-        let c_rate = match self {
-            Self::Switched { .. } => 0.0,
-            Self::Measured { control_c_rate, .. } => *control_c_rate,
-        };
-        self.at(direction, soc, temperature_c, c_rate)
     }
 }
 
@@ -231,65 +148,6 @@ pub struct SpatialThermal {
     pub air_cp_j_kgk: f64,
 }
 
-/// What passes the strings of a plant, when, and what makes it cold.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Cooling {
-    /// Name of the kind.
-    pub kind: String,
-    /// Full flow of one pack [kg/s]; that of the string's air if none.
-    pub flow_kg_s: Option<f64>,
-    /// Specific heat of the coolant [J/(kg K)]; that of the string's air if none.
-    pub cp_j_kgk: Option<f64>,
-    /// Heat transfer to the coolant [W/(m2 K)]; that to the string's air if none.
-    pub u_w_m2k: Option<f64>,
-    /// Density of the coolant [kg/m3].
-    pub density_kg_m3: f64,
-    /// Pressure that fan or pump has to make at full flow [Pa].
-    pub pressure_pa: f64,
-    /// Efficiency of fan or pump with its motor.
-    pub mover_efficiency: f64,
-    /// Mean temperature of a string at which its flow starts [degC]; none where it always flows.
-    pub start_c: Option<f64>,
-    /// How far below its start a stage of flow, or the chiller of the hybrid, ends [K].
-    pub dead_band_k: f64,
-    /// Shares of the full flow, ascending: one for each stage, the next beginning `step_k` above the one before.
-    pub flow_steps: Vec<f64>,
-    /// Distance of the stages [K].
-    pub step_k: f64,
-    /// Whether the flow varies between its first share and full, over the dead band and `step_k`.
-    pub variable_flow: bool,
-    /// Temperature at which the coolant is held [degC]; none for the ambient's.
-    pub supply_c: Option<f64>,
-    /// Hybrid: mean temperature of the warmest string at which the chiller starts [degC].
-    pub chill_c: Option<f64>,
-    /// Temperature difference of each heat exchanger [K].
-    pub approach_k: f64,
-    /// Share of Carnot's coefficient of performance that the chiller reaches.
-    pub carnot_share: f64,
-    /// Most that it reaches.
-    pub cop_max: f64,
-    /// Power of the fans of free cooling, per heat.
-    pub free_cooling_w_per_w: f64,
-    /// What lies between strings and source; none where every string is supplied at the supply temperature.
-    #[serde(rename = "loop")]
-    pub common: Option<CoolantLoop>,
-}
-
-/// The coolant that all strings share: the air of a container, or a circuit of pipes and a tank, fully mixed.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct CoolantLoop {
-    /// Heat capacity [kJ/K].
-    pub heat_capacity_kj_k: f64,
-    /// Heat conductance of its walls to the ambient [W/K].
-    pub wall_w_k: f64,
-    /// Heat that the source can take out [kW]; none for as much as it takes.
-    pub source_kw: Option<f64>,
-    /// Whether the coolant passes one string after the other.
-    pub series: bool,
-}
-
 /// Lumped thermal model of a string.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -320,13 +178,19 @@ impl StringParameters {
         }
     }
 
+    /// Table of the open-circuit voltage [V] of a direction.
+    #[inline]
+    pub fn ocv_table(&self, direction: Direction) -> &Grid {
+        match direction {
+            Direction::Charge => &self.ocv_charge,
+            Direction::Discharge => &self.ocv_discharge,
+        }
+    }
+
     /// Open-circuit voltage [V] of the string.
     #[inline]
     pub fn ocv(&self, direction: Direction, soc: f64, temperature_c: f64) -> f64 {
-        match direction {
-            Direction::Charge => self.ocv_charge.at(soc, temperature_c),
-            Direction::Discharge => self.ocv_discharge.at(soc, temperature_c),
-        }
+        self.ocv_table(direction).at(soc, temperature_c)
     }
 }
 

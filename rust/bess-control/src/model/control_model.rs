@@ -91,7 +91,7 @@ impl ControlModel {
                     sign = value;
                 }
             }
-            *direction = direction_of(sign);
+            *direction = Direction::of(sign);
         }
         Ok(directions)
     }
@@ -114,14 +114,5 @@ impl ControlModel {
         };
         let inverter = |string: &StringModel| string.loss(Direction::Charge).at(string.nominal_w()).0;
         (self.strings.iter().map(inverter).collect(), self.strings.iter().map(heat).collect())
-    }
-}
-
-/// Direction of a signed power; zero counts as discharge, in which nothing flows.
-pub fn direction_of(power: f64) -> Direction {
-    if power < 0.0 {
-        Direction::Charge
-    } else {
-        Direction::Discharge
     }
 }

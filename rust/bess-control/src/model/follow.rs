@@ -3,7 +3,7 @@
 
 use bess_tables::Direction;
 
-use super::control_model::{direction_of, ControlModel};
+use super::control_model::ControlModel;
 use super::string::{Interval, StringState};
 use crate::error::{check_length, check_range};
 use crate::ControlError;
@@ -142,10 +142,10 @@ impl ControlModel {
             if t == n_steps {
                 break;
             }
-            let direction = direction_of(demand_w[t]);
+            let direction = Direction::of(demand_w[t]);
             let interval = Interval { direction, ambient_c: ambient_c[t], dt_h: dt_h / parts as f64 };
             let (asked, taken) = self.follow_step(&states, demand_w[t].abs(), &interval, parts, shares);
-            let sign = if direction == Direction::Charge { -1.0 } else { 1.0 };
+            let sign = direction.sign();
             out.asked_w.push(sign * asked);
             out.delivered_w.push(sign * taken.delivered_w);
             for (m, request) in taken.request_w.iter().enumerate() {

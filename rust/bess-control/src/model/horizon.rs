@@ -2,7 +2,7 @@
 
 use bess_tables::Direction;
 
-use super::control_model::{direction_of, ControlModel, POWER_SLACK, TEMPERATURE_RANGE_C};
+use super::control_model::{ControlModel, POWER_SLACK, TEMPERATURE_RANGE_C};
 use crate::error::{check_length, check_range};
 use crate::model::{Flow, Interval, Losses, StringModel, StringState};
 use crate::ControlError;
@@ -103,7 +103,7 @@ impl ControlHorizon {
             }
         }
         let intervals = problem.demand_w.iter().zip(problem.ambient_c).map(|(&demand, &ambient_c)| {
-            Interval { direction: direction_of(demand), ambient_c, dt_h: problem.dt_h }
+            Interval { direction: Direction::of(demand), ambient_c, dt_h: problem.dt_h }
         });
         let losses = |costs: &[f64]| Losses::from_array([costs[0], costs[1], costs[2], costs[3]]);
         let of_string = |m: usize| (0..n_groups).map(move |g| (g * n_strings + m) * 4);
@@ -293,8 +293,8 @@ impl ControlHorizon {
 
     /// Signs of the demand on a schedule of magnitudes `(M, T)`.
     pub fn signed(&self, request_w: &[f64]) -> Vec<f64> {
-        let sign = |t: usize| if self.direction(t) == Direction::Charge { -1.0 } else { 1.0 };
-        request_w.iter().enumerate().map(|(i, u)| sign(i % self.n_steps()) * u).collect()
+        let sign = |i: usize| self.direction(i % self.n_steps()).sign();
+        request_w.iter().enumerate().map(|(i, u)| sign(i) * u).collect()
     }
 }
 

@@ -11,7 +11,7 @@ mod ranges;
 mod rollout;
 mod string;
 
-pub use control_model::{direction_of, ControlModel};
+pub use control_model::ControlModel;
 pub use follow::{BestShares, Followed};
 pub(crate) use heat::{heat_share, heat_w};
 pub(crate) use horizon::add;
@@ -21,5 +21,4 @@ pub use losses::Losses;
 pub use ranges::{CoefficientRanges, Range, StateBox};
 pub(crate) use ranges::{Corner, Piece};
 pub use rollout::{CoefficientsFrom, Rollouts};
-pub(crate) use string::SECONDS_PER_HOUR;
 pub use string::{Coefficients, Flow, Interval, StringModel, StringState};

@@ -122,10 +122,7 @@ impl StringModel {
     /// Parts of a box in each of which `V` and `R` are bilinear.
     pub(crate) fn pieces(&self, direction: Direction, states: &StateBox) -> Vec<Piece> {
         let p = &self.parameters;
-        let ocv = match direction {
-            Direction::Charge => &p.ocv_charge,
-            Direction::Discharge => &p.ocv_discharge,
-        };
+        let ocv = p.ocv_table(direction);
         let mut socs = vec![states.soc.low, states.soc.high];
         let mut temperatures = vec![states.temperature_c.low, states.temperature_c.high];
         let inside = |values: &[f64], range: &Range| -> Vec<f64> {
@@ -135,11 +132,11 @@ impl StringModel {
         temperatures.extend(inside(ocv.y(), &states.temperature_c));
         let mut switch = f64::NEG_INFINITY;
         match &p.resistance {
-            Resistance::Switched { temperature, soc_factor, switch_soc } => {
+            Resistance::Switched { temperature, soc_factor, low_soc_switch } => {
                 socs.extend(inside(soc_factor.x(), &states.soc));
-                socs.extend(inside(&[*switch_soc], &states.soc));
+                socs.extend(inside(&[*low_soc_switch], &states.soc));
                 temperatures.extend(inside(temperature.x(), &states.temperature_c));
-                switch = *switch_soc;
+                switch = *low_soc_switch;
             }
             Resistance::Measured { charge, discharge, .. } => {
                 let grids = if direction == Direction::Charge { charge } else { discharge };

@@ -2,7 +2,6 @@
 
 use crate::model::{ControlModel, Interval, StringModel, StringState};
 use crate::ControlError;
-use bess_tables::Direction;
 
 /// From which part of a step the coefficients of the control model are taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -62,7 +61,7 @@ impl ControlModel {
                     let interval = Interval { direction, ambient_c, dt_h };
                     let request = request_w[m * n_steps + t].abs().min(string.nominal_w());
                     let flow = step(string, state, request, &interval);
-                    let sign = if direction == Direction::Charge { -1.0 } else { 1.0 };
+                    let sign = direction.sign();
                     state = flow.end;
                     out.delivered_w.push(sign * flow.delivered_w);
                     out.availability_w.push(flow.availability_w);

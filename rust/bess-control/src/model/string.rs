@@ -1,11 +1,10 @@
 //! The control model of one string over one interval. Magnitudes with a direction, SI units.
 
+use bess_tables::units::SECONDS_PER_HOUR;
 use bess_tables::{Direction, StringParameters};
 
 use super::loss::LossCurve;
 use super::losses::Losses;
-
-pub(crate) const SECONDS_PER_HOUR: f64 = 3600.0;
 
 /// Parts of an interval at low SOC in the midpoint rule.
 const LOW_SOC_PARTS: u32 = 4;

@@ -1,10 +1,9 @@
 //! Rigorous bounds of every state that a feasible schedule can reach.
 
+use bess_tables::units::SECONDS_PER_HOUR;
 use bess_tables::Direction;
 
-use crate::model::{
-    heat_w, CoefficientRanges, ControlHorizon, Interval, Range, StateBox, StringModel, SECONDS_PER_HOUR,
-};
+use crate::model::{heat_w, CoefficientRanges, ControlHorizon, Interval, Range, StateBox, StringModel};
 
 /// Outward rounding: a bound must hold for the roll-out's floating-point numbers too.
 const SOC_ROUNDING: f64 = 1e-12;

@@ -1,7 +1,9 @@
-//! Which inverters carry reactive power, and how much each.
+//! Which inverters carry reactive power, and how much each (docs/equations.md, R3).
+
+use bess_tables::Direction;
 
 use crate::error::{check_length, check_range};
-use crate::model::{direction_of, ControlModel};
+use crate::model::ControlModel;
 use crate::reactive::spread::{spread, Inverter};
 use crate::ControlError;
 
@@ -50,7 +52,7 @@ impl ControlModel {
             let string = &self.strings()[m];
             let (active_w, most_va) = (request_w[m].abs(), limit_va[m].min(string.nominal_w()));
             let room_var = (most_va * most_va - active_w * active_w).max(0.0).sqrt();
-            Inverter { curve: string.loss(direction_of(request_w[m])), active_w, room_var }
+            Inverter { curve: string.loss(Direction::of(request_w[m])), active_w, room_var }
         };
         let inverters: Vec<_> = (0..n).map(inverter).collect();
         let room: f64 = inverters.iter().map(|i| i.room_var).sum();
@@ -128,7 +130,7 @@ impl Task<'_> {
 mod tests {
     use super::*;
     use crate::model::LossCurve;
-    use bess_tables::{Direction, Lut};
+    use bess_tables::Lut;
     use proptest::prelude::*;
 
     const NOMINAL_W: f64 = 100.0;

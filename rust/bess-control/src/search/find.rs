@@ -2,6 +2,8 @@
 
 use std::time::Instant;
 
+use bess_tables::units::W_PER_KW;
+
 use super::incumbent::{Incumbent, Schedule};
 use crate::model::{ControlHorizon, Flow};
 use crate::reach::StepBounds;
@@ -24,7 +26,6 @@ const FAR_MOVES: usize = 60;
 const MOST_SWAPS: usize = 64;
 /// No far move is tried any more after this many times the roll-outs of one descent.
 const MOVE_EFFORT: usize = 90;
-const W_PER_KW: f64 = 1e3;
 /// Gain of a round of far moves that asks for another one, relative.
 const WORTHWHILE: f64 = 1e-6;
 /// Times that a gain from the one-step optima along the incumbent is followed by a descent.

@@ -1,5 +1,6 @@
 //! Ageing of one string along its run.
 
+use bess_tables::units::{SECONDS_PER_DAY, SECONDS_PER_HOUR, ZERO_C_IN_K};
 use bess_tables::{Direction, StringParameters};
 
 use super::law::{Cycle, Knee, Model, Standing};
@@ -13,9 +14,6 @@ pub const BLOCK_S: f64 = 900.0;
 /// Capacity never falls below this share of the nameplate: a plant needs some.
 const LEAST_CAPACITY: f64 = 0.05;
 
-const ZERO_C_K: f64 = 273.15;
-const SECONDS_PER_HOUR: f64 = 3600.0;
-const SECONDS_PER_DAY: f64 = 86_400.0;
 /// Temperature at which cell voltages are read where a model wants them [degC].
 const VOLTAGE_C: f64 = 25.0;
 
@@ -132,7 +130,7 @@ impl StringAgeing {
         duration_s: f64,
     ) -> bool {
         let Some(model) = self.model else { return false };
-        let kelvin = mean_temperature_c + ZERO_C_K;
+        let kelvin = mean_temperature_c + ZERO_C_IN_K;
         let (before, after) = soc;
         if state.rainflow.points().is_empty() {
             state.rainflow.push(before, state.now, |_| ());
@@ -234,7 +232,7 @@ impl StringAgeing {
             // A range that would leave the window is the same range inside it.
             let half = 0.5 * depth;
             let middle = soc.clamp(half, (1.0 - half).max(half));
-            let cycle = self.cycle((middle - half, middle + half), c_rate, temperature_c + ZERO_C_K);
+            let cycle = self.cycle((middle - half, middle + half), c_rate, temperature_c + ZERO_C_IN_K);
             model.cyclic.marginal(&cycle, cyclic)
         })
     }
@@ -243,7 +241,7 @@ impl StringAgeing {
     pub fn calendar_rate(&self, calendar: f64, soc: f64, temperature_c: f64) -> f64 {
         self.model.map_or(0.0, |model| {
             let standing =
-                Standing { soc, temperature_k: temperature_c + ZERO_C_K, cell_v: self.cell_v(soc) };
+                Standing { soc, temperature_k: temperature_c + ZERO_C_IN_K, cell_v: self.cell_v(soc) };
             model.calendar.marginal(&standing, calendar)
         })
     }

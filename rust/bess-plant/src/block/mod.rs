@@ -5,6 +5,7 @@ mod step;
 
 pub(crate) use cooled::Cooled;
 
+use bess_tables::units::SECONDS_PER_HOUR;
 use bess_tables::{Direction, Resistance, StringParameters};
 
 use crate::ageing::{AgeingState, StringAgeing};
@@ -156,7 +157,7 @@ impl<const W: usize> Block<W> {
             let loss = self.aged[lane.min(self.aged.len() - 1)].loss();
             let capacity_ah = self.strings[lane].capacity_ah * loss.soh_capacity;
             self.capacity_ah.0[lane] = capacity_ah;
-            self.soc_per_a.0[lane] = self.step_s / (3600.0 * capacity_ah);
+            self.soc_per_a.0[lane] = self.step_s / (SECONDS_PER_HOUR * capacity_ah);
             self.growth.0[lane] = loss.soh_resistance;
         }
     }
@@ -265,9 +266,8 @@ impl<const W: usize> Block<W> {
         let (soc, temperature_c) = (self.soc, self.air_path.mean_temperature());
         let magnitude_w = Lanes::from_fn(|l| request_w.0[l].abs());
         let reactive_var = Lanes::from_fn(|l| schedule.reactive_var(step, member(l)).abs());
-        let sign = Lanes::from_fn(|l| if request_w.0[l] < 0.0 { -1.0 } else { 1.0 });
-        let direction: [Direction; W] =
-            std::array::from_fn(|l| if sign.0[l] < 0.0 { Direction::Charge } else { Direction::Discharge });
+        let direction: [Direction; W] = std::array::from_fn(|l| Direction::of(request_w.0[l]));
+        let sign = Lanes::from_fn(|l| direction[l].sign());
         // The loss table in force changes with the direction.
         self.loss_lines = Lines::unknown();
         if self.law == DeratingLaw::Pi {

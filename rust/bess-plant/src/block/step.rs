@@ -1,5 +1,6 @@
 //! One plant step of all lanes: derating, electrical balance, heat.
 
+use bess_tables::units::ZERO_C_IN_K;
 use bess_tables::{Direction, Resistance};
 
 use super::Block;
@@ -10,8 +11,6 @@ use crate::measured;
 use crate::plant::DeratingLaw;
 use crate::record::Limits;
 use crate::totals::Totals;
-
-const ZERO_C_IN_K: f64 = 273.15;
 
 /// What flows in one plant step.
 struct Drawn<const W: usize> {
@@ -240,12 +239,12 @@ impl<const W: usize> Block<W> {
 fn low_soc_line(resistance: &Resistance, soc: f64) -> Line {
     match resistance {
         Resistance::Measured { .. } => Line::constant(f64::NEG_INFINITY, f64::INFINITY, 1.0),
-        Resistance::Switched { switch_soc, .. } if soc >= *switch_soc => {
-            Line::constant(*switch_soc, f64::INFINITY, 1.0)
+        Resistance::Switched { low_soc_switch, .. } if soc >= *low_soc_switch => {
+            Line::constant(*low_soc_switch, f64::INFINITY, 1.0)
         }
-        Resistance::Switched { soc_factor, switch_soc, .. } => {
+        Resistance::Switched { soc_factor, low_soc_switch, .. } => {
             let line = Line::of(soc_factor, soc);
-            Line { high: line.high.min(*switch_soc), ..line }
+            Line { high: line.high.min(*low_soc_switch), ..line }
         }
     }
 }

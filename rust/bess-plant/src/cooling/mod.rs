@@ -20,6 +20,7 @@ pub use kind::Kind;
 pub use kinds::KINDS;
 pub(crate) use station::{Faces, Station};
 
+use bess_tables::units::ZERO_C_IN_K;
 use bess_tables::{Cooling, SpatialThermal};
 
 use crate::PlantError;
@@ -43,7 +44,6 @@ pub(crate) fn with_coolant(cooling: &Cooling, kind: &Kind, air: &SpatialThermal)
 
 /// Coefficient of performance of the chiller between a supply and an ambient temperature [degC].
 pub(crate) fn cop(cooling: &Cooling, supply_c: f64, ambient_c: f64) -> f64 {
-    const ZERO_C_IN_K: f64 = 273.15;
     let cold_k = supply_c - cooling.approach_k + ZERO_C_IN_K;
     let lift_k = ambient_c + cooling.approach_k + ZERO_C_IN_K - cold_k;
     if lift_k > 0.0 {

@@ -1,5 +1,6 @@
 //! Thermostats, source and common loop of every scenario of a plant.
 
+use bess_tables::units::W_PER_KW;
 use bess_tables::{Cooling, StringParameters};
 
 use super::kind::{Kind, Source, Supply};
@@ -10,8 +11,6 @@ use crate::plant::Schedule;
 use crate::record::Record;
 use crate::thermal::Coefficients;
 use crate::PlantError;
-
-const WATTS_PER_KW: f64 = 1e3;
 
 /// What the coolant met in a plant step, lane by lane [degC].
 #[derive(Debug, Clone, Default)]
@@ -78,7 +77,7 @@ impl Station {
         if let Some(common) = &cooling.common {
             // Strings may give up at most what flows through them or reaches their ends, so the loop overshoots no string.
             let most_w_k: f64 = units.iter().map(|unit| unit.flow_w_k + 2.0 * unit.end_w_k).sum();
-            let rate = step_s * (most_w_k + common.wall_w_k) / WATTS_PER_KW;
+            let rate = step_s * (most_w_k + common.wall_w_k) / W_PER_KW;
             let place = || format!("cooling.loop, with a plant step of {step_s} s: ");
             check_range("heat_capacity_kj_k", common.heat_capacity_kj_k, " kJ/K", (rate, f64::MAX), place)?;
         }
@@ -231,11 +230,11 @@ impl Station {
         let (supply, _) = self.supply(scenario, ambient_c);
         let mut taken_w = gained_w + mover_w;
         if let Some(common) = &self.cooling.common {
-            let capacity_j_k = WATTS_PER_KW * common.heat_capacity_kj_k;
+            let capacity_j_k = W_PER_KW * common.heat_capacity_kj_k;
             let loop_c = self.loop_c[scenario];
             let net_w = taken_w + common.wall_w_k * (ambient_c - loop_c);
             taken_w = net_w + capacity_j_k / self.step_s * (loop_c - supply.temperature_c);
-            let most_w = common.source_kw.map_or(f64::INFINITY, |kw| WATTS_PER_KW * kw);
+            let most_w = common.source_kw.map_or(f64::INFINITY, |kw| W_PER_KW * kw);
             taken_w = if supply.source == Source::Ambient { 0.0 } else { taken_w.clamp(0.0, most_w) };
             self.loop_c[scenario] = loop_c + self.step_s / capacity_j_k * (net_w - taken_w);
         }

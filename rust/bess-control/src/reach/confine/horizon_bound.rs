@@ -2,11 +2,10 @@
 //! worth to the later steps (docs/equations.md, 9). [`OperatingRanges`] holds what the strings can do in the boxes, a
 //! [`PricedStep`] the curves and the bound of one step, [`HorizonBound`] their sum.
 
+use bess_tables::units::SECONDS_PER_HOUR;
 use bess_tables::Direction;
 
-use crate::model::{
-    heat_w, CoefficientRanges, ControlHorizon, Losses, Range, StateBox, StringState, SECONDS_PER_HOUR,
-};
+use crate::model::{heat_w, CoefficientRanges, ControlHorizon, Losses, Range, StateBox, StringState};
 use crate::one_step::{maximise, Commitment, CostCurve, OperatingTerms};
 use crate::reach::{step_bound, Planes, StepBound};
 

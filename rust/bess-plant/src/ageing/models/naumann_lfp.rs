@@ -1,12 +1,13 @@
 //! Naumann et al.: Sony / Murata US26650FTC1, 3 Ah LFP. Calendar: J. Energy Storage 17 (2018), doi
 //! 10.1016/j.est.2018.01.019; cycling: J. Power Sources 451 (2020), doi 10.1016/j.jpowsour.2019.227666.
 
+use bess_tables::units::SECONDS_PER_DAY;
+
 use crate::ageing::law::{Cycle, Law, Model, Standing};
 
 /// [J/(mol K)], with the digits that the fit was made with.
 const GAS_CONSTANT: f64 = 8.3144598;
 const REFERENCE_K: f64 = 298.15;
-const SECONDS_PER_DAY: f64 = 86_400.0;
 
 pub(super) const MODEL: Model = Model {
     name: "naumann-lfp",
