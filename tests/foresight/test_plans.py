@@ -276,8 +276,8 @@ def test_what_did_not_come_as_foreseen_is_trusted_less_and_forgotten_in_time() -
     seen = []
     for limit_kw in [[92.0, 92.0]] * 3 + [[92.0, 46.0]]:
         planner(state, np.concatenate([[72.0], demand[1:]]), prices, limit_kw=limit_kw)
-        seen.append(planner._mistrust())
+        seen.append(planner._mistrust.share)
     assert seen == pytest.approx([0.0, 12 / 72, 12 / 72, 12 / 72 + 0.25])
     for _ in range(7 * 96):
         planner.skip(demand)
-    assert planner._mistrust() < 0.2 * seen[-1]
+    assert planner._mistrust.share < 0.2 * seen[-1]

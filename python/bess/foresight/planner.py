@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bess import _core
 from bess.errors import InputError
+from bess.foresight.mistrust import Mistrust
 from bess.foresight.prices import PlanPrices
 from bess.numbers import real_numbers
 from bess.parameters import State, System
@@ -37,13 +38,11 @@ URGENCY = 1.1
 kept for later without a gain."""
 MISTRUSTED_BALANCE_PER_H = 0.1
 """What is added to the price of imbalance [1/h] where nothing that was foreseen came (mistrust 1, see
-:meth:`Planner._mistrust`)."""
+:class:`bess.foresight.mistrust.Mistrust`)."""
 MISTRUSTED_DOUBT_H = 5.0
 """Time in which the price of a shortfall falls to 1/e under a mistrust of 1."""
 MISTRUSTED_URGENCY = 1.0
 """What a mistrust of 1 adds to the urgency."""
-MEMORY_H = 24.0
-"""Time over which errors of the forecast are averaged, and in which unforeseen limits are forgotten."""
 MOST_STEPS = 48 * 60
 """Steps of the longest plan: two days of minutes."""
 
@@ -119,12 +118,10 @@ class Planner:
         self.dt_h = dt_h
         self.rollouts = int(rollouts)
         self._balance = balance
+        self._mistrust = Mistrust(system.nominal_kw, dt_h)
         self._request_kw: Array | None = None
-        self._limit_kw: Array | None = None
         self._start_charge = 0.0
         self._turn = 0
-        self._foreseen_kw: float | None = None
-        self._error_kw = self._level_kw = self._surprise = 0.0
 
     def __call__(
         self,
@@ -172,9 +169,8 @@ class Planner:
         limit = np.ascontiguousarray(problem.limit_kw[:, 0])
         if reactive_kvar is not None:
             reactive_kvar = real_numbers(reactive_kvar)
-        self._compare(np.atleast_1d(np.asarray(demand_kw, dtype=np.float64)), limit)
+        changed = self._mistrust.compare(np.atleast_1d(np.asarray(demand_kw, dtype=np.float64)), limit)
         previous, running = self._moved_on(), self._running()
-        changed = self._limit_kw is not None and not np.array_equal(limit, self._limit_kw)
         fresh = previous is None or changed or self._turn % FRESH_STEPS == 0
         try:
             plan = _core.plan(
@@ -199,14 +195,14 @@ class Planner:
             )
         except ValueError as error:
             raise InputError(f"plan: {error}") from error
-        self._request_kw, self._limit_kw = plan.request_kw, limit
+        self._request_kw = plan.request_kw
         self._start_charge = plan.start_charge
         self._turn += 1
         return Plan(plan.request_kw, plan.cost, plan.rule_cost, problem.unmet_kw, plan.rollouts)
 
     def skip(self, demand_kw: ArrayLike) -> None:
         """Let a step pass in which nothing is asked; ``demand_kw`` as in a call."""
-        self._compare(np.asarray(demand_kw, dtype=np.float64), self._limit_kw)
+        self._mistrust.compare(np.asarray(demand_kw, dtype=np.float64))
         self._request_kw = self._moved_on()
         if self._request_kw is not None:
             self._request_kw[:, 0] = 0.0
@@ -215,55 +211,25 @@ class Planner:
         """What the next call depends on."""
         return {
             "request_kw": self._request_kw,
-            "limit_kw": self._limit_kw,
             "start_charge": self._start_charge,
             "turn": self._turn,
-            "foreseen_kw": self._foreseen_kw,
-            "error_kw": self._error_kw,
-            "level_kw": self._level_kw,
-            "surprise": self._surprise,
+            **self._mistrust.memory(),
         }
 
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Continue with what :meth:`memory` returned."""
-        self._request_kw, self._limit_kw = memory["request_kw"], memory["limit_kw"]
+        self._request_kw = memory["request_kw"]
         self._start_charge, self._turn = float(memory["start_charge"]), int(memory["turn"])
-        self._foreseen_kw = memory["foreseen_kw"]
-        self._error_kw, self._level_kw = float(memory["error_kw"]), float(memory["level_kw"])
-        self._surprise = float(memory["surprise"])
-
-    def _compare(self, demand_kw: Array, limit_kw: Array | None) -> None:
-        """Notes how far the demand and the limits of this step are from what the call before foresaw."""
-        # What is above the inverters in service was never going to be shared.
-        most_kw = float((self.system.nominal_kw if limit_kw is None else limit_kw).sum())
-        now, new = min(max(float(demand_kw[0]), -most_kw), most_kw), min(1.0, self.dt_h / MEMORY_H)
-        if self._foreseen_kw is not None:
-            foreseen = min(max(self._foreseen_kw, -most_kw), most_kw)
-            self._error_kw += new * (abs(now - foreseen) - self._error_kw)
-            self._level_kw += new * (abs(now) - self._level_kw)
-        self._foreseen_kw = float(demand_kw[1]) if demand_kw.size > 1 else None
-        self._surprise *= 1.0 - new
-        if limit_kw is not None and self._limit_kw is not None:
-            change_kw = float(np.abs(limit_kw - self._limit_kw).sum())
-            self._surprise += change_kw / float(self.system.nominal_kw.sum())
-
-    def _mistrust(self) -> float:
-        """How little what is foreseen is to be trusted, from 0 to 1.
-
-        Relative error of the forecasts of the next step, and share of the inverters' power that was lost or
-        found again unforeseen, of the last day or so.
-        """
-        error = self._error_kw / self._level_kw if self._level_kw > 0.0 else 0.0
-        return min(error + self._surprise, 1.0)
+        self._mistrust.recall(memory)
 
     def _imbalance_price(self) -> float:
         """Price of imbalance [kWh/Ah/h]; the core counts charge, energy is charge times mean voltage."""
         kwh_per_ah = float(self.system.nominal_energy_kwh.sum() / self.system.capacity_ah.sum())
-        return (self._balance + MISTRUSTED_BALANCE_PER_H * self._mistrust()) * kwh_per_ah
+        return (self._balance + MISTRUSTED_BALANCE_PER_H * self._mistrust.share) * kwh_per_ah
 
     def _certainty(self) -> Array:
         """Weights of the four losses in each step, shape (n_steps, 4): a shortfall later counts less."""
-        mistrust = self._mistrust()
+        mistrust = self._mistrust.share
         hours = np.arange(self.n_steps) * self.dt_h
         shortfall = np.exp(-hours * (1.0 / DOUBT_H + mistrust / MISTRUSTED_DOUBT_H))
         shortfall[0] *= URGENCY + MISTRUSTED_URGENCY * mistrust
