@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import stat
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final, Literal, Protocol
 
 from bess.errors import InputError
+
+Fill = Literal["previous", "interpolate", "previous_day"]
+"""How gaps of more than an hour are filled: last value, straight line, values of the day before."""
 
 LARGEST_BYTES: Final = 200 * 2**20
 """What is read of a file or unpacked from an archive at most: some 50 years of quarter hours."""

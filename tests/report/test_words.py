@@ -123,8 +123,10 @@ def test_a_gap_is_said_with_what_it_is_worth(tmp_path: Path) -> None:
     assert summary(runs)[-1].endswith(f"that is about {worth:,.1f} kWh.")
 
 
-def planned(directory: Path, **policy: float) -> None:
+def planned(directory: Path, like: dict[str, str] | None = None, **policy: float) -> None:
     data = record(2, 96)
+    for name, other in (like or {}).items():
+        data[name] = 0.0 * data[other]
     data["solver_status"][:] = PLANNED
     data["solver_gap"][:] = data["solver_search_gap"][:] = np.nan
     data["solver_nodes"][:] = data["fallback"][:] = 0
@@ -141,6 +143,23 @@ def test_a_planned_run_says_so_in_place_of_gaps(tmp_path: Path) -> None:
     assert not [
         name for name in compute(runs["run"].dataset) if name.startswith(("solver_gap", "solver_nodes"))
     ]
+
+
+@pytest.mark.parametrize(
+    "flows",
+    [
+        {"reactive_kvar": "delivered_kw", "reactive_demand_kvar": "demand_kw"},
+        {"auxiliary_kw": "demand_kw", "cooling_kw": "delivered_kw", "coolant_c": "demand_kw"},
+    ],
+)
+def test_hindsight_is_offered_only_where_it_does_not_refuse(tmp_path: Path, flows: dict[str, str]) -> None:
+    planned(tmp_path / "set" / "air")
+    planned(tmp_path / "set" / "other", like=flows)
+    for name, offers in (("air", True), ("other", False)):
+        (run,) = runs_in(tmp_path / "set" / name)[0].values()
+        assert ("--hindsight" in summary({name: run})[-1]) is offers
+    said = [sentence for sentence in summary(runs_in(tmp_path / "set")[0]) if "planned" in sentence]
+    assert ["--hindsight" in sentence for sentence in said] == [True, False]
 
 
 def test_a_comparison_says_which_runs_were_planned_and_how_far(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from bess.simulation import run
 from bess.study import expand, load_study
 from bess.study.study import Study
 from bess.sweep import run_sweep
+from bess.sweep.table import swept_keys, write_table
 
 STUDY = """
 title = "Initial SOC and temperature"
@@ -153,6 +154,31 @@ def test_bad_choices_of_workers_are_refused(
 ) -> None:
     with pytest.raises(error, match=message):
         run_sweep(study_of(tmp_path, 0.25), tmp_path / "out", progress=False, **kwargs)
+
+
+def test_objectives_stand_in_the_table_as_numbers_under_the_keys_of_the_study(tmp_path: Path) -> None:
+    study = load_study("pareto")
+    write_table(tmp_path, swept_keys(study), expand(study), {})
+    table = pd.read_csv(tmp_path / "sweep.csv")
+    weights = table[["policy.objectives.inverter", "policy.objectives.battery"]]
+    np.testing.assert_allclose(weights.to_numpy().sum(axis=1), 1.0)
+    assert weights.dtypes.tolist() == [np.float64] * 2
+    assert not [name for name in table if name.endswith(("priority", "weight", "_tol"))]
+
+
+def test_a_priority_that_differs_between_scenarios_has_a_column_of_its_own(tmp_path: Path) -> None:
+    study = load_study("case2").with_values(
+        {
+            "scenario": [
+                {"name": name, "set": {"policy.objectives.derating": {"weight": 1.0, "priority": priority}}}
+                for name, priority in (("blended", 1), ("first", 3))
+            ]
+        }
+    )
+    write_table(tmp_path, swept_keys(study), expand(study), {})
+    table = pd.read_csv(tmp_path / "sweep.csv")
+    assert table["policy.objectives.derating"].tolist() == [1.0, 1.0]
+    assert table["policy.objectives.derating.priority"].tolist() == [1, 3]
 
 
 def test_the_bundled_front_has_21_weights_that_sum_to_one() -> None:

@@ -17,9 +17,10 @@ from bess.ems.synthetic import (
     solar_power,
 )
 from bess.errors import InputError
+from bess.files import Fill
 from bess.market.columns import read_columns
 from bess.market.files import fail, path_text, read_bytes
-from bess.market.regular import Fill, regular
+from bess.market.regular import regular
 from bess.market.repairs import Repairs
 from bess.market.units import power_unit
 

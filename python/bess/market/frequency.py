@@ -8,9 +8,10 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from bess.files import Fill
 from bess.market.columns import Columns, read_columns
 from bess.market.files import fail, path_text, read_bytes
-from bess.market.regular import Fill, regular
+from bess.market.regular import regular
 from bess.market.repairs import Repairs
 from bess.market.stamps import Stamps
 

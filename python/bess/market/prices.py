@@ -7,11 +7,12 @@ from typing import Final
 
 import pandas as pd
 
+from bess.files import Fill
 from bess.market import energy_charts, entsoe, smard
 from bess.market.columns import Columns, csv_columns, read_columns
 from bess.market.files import fail, listed, path_text, read_bytes
 from bess.market.quotes import Quotes, only_product
-from bess.market.regular import Fill, regular
+from bess.market.regular import regular
 from bess.market.repairs import Repairs
 from bess.market.sources import read_table
 from bess.market.table import Ending, Table

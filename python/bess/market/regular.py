@@ -1,19 +1,17 @@
 """Rows in UTC to a regular series without gaps."""
 
 from itertools import pairwise
-from typing import Final, Literal, get_args
+from typing import Final, get_args
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
 from bess.errors import InputError
+from bess.files import Fill
 from bess.market.clock import Rows
 from bess.market.files import fail
 from bess.market.repairs import Repairs
-
-Fill = Literal["previous", "interpolate", "previous_day"]
-"""How gaps longer than an hour are filled: last value, straight line, values of the day before."""
 
 _HOUR: Final = 3600
 _DAY: Final = 24 * _HOUR

@@ -7,12 +7,13 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from bess.analysis.catalogue import kpi
+from bess.analysis.provable import unprovable
 from bess.policies.planned import PLANNED
 from bess.report.contents import MOST_COMPARED
 from bess.report.data import step_h
 from bess.report.differing import event_sentences, spread_sentences
 from bess.report.runs import Run
-from bess.study.sections import DEFAULT_FORESIGHT_H
+from bess.study.policy import DEFAULT_FORESIGHT_H
 
 _LEDGER_TOLERANCE_KWH = 1e-6
 _LEDGER_TOLERANCE = 1e-9
@@ -156,17 +157,18 @@ def _gap_sentence(run: Run) -> Iterator[str]:
 
 
 def _plan_sentences(runs: Mapping[str, Run]) -> Iterator[str]:
-    """Which runs follow plans, of which no gap is known; one sentence for each length of plan."""
-    planned: dict[float, list[str]] = {}
+    """Which runs follow plans, of which no gap is known; a sentence for each length of plan."""
+    planned: dict[tuple[float, bool], list[str]] = {}
     for name, run in runs.items():
         if (run.dataset["solver_status"].values == PLANNED).any():
             hours = run.study.get("policy", {}).get("foresight_h", DEFAULT_FORESIGHT_H)
-            planned.setdefault(float(hours), []).append(name)
-    for hours, names in planned.items():
+            planned.setdefault((float(hours), unprovable(run.dataset) is None), []).append(name)
+    for (hours, provable), names in planned.items():
         who = f"{_listed(names)}: every" if len(runs) > 1 else "Every"
         yield (
             f"{who} step was planned over {hours:g} h, not certified: how far a plan is from the best one is "
-            "not known while it runs. bess report --hindsight says afterwards what was possible."
+            "not known while it runs."
+            + (" bess report --hindsight says afterwards what was possible." if provable else "")
         )
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bess.analysis.provable import unprovable
 from bess.ems import Perfect
 from bess.errors import InputError
 from bess.parameters import System
@@ -53,18 +54,16 @@ class Replay:
         Raises
         ------
         InputError
-            The record does not say what it is of, or its system cannot be read.
+            The record does not say what it is of, its system cannot be read, or nothing can be proven about
+            its plant.
         """
         text = record.attrs.get("study")
         if not text:
             raise InputError(
                 "hindsight: the record has no study in its attributes, as results of bess.run have"
             )
-        if "reactive_kvar" in record:
-            raise InputError(
-                "hindsight: this run carried reactive power, for which neither the best found nor the bound "
-                "is proven; leave out [reactive] of its study"
-            )
+        if reason := unprovable(record):
+            raise InputError(f"hindsight: {reason}")
         study = Study.from_document(tomllib.loads(str(text)), "study of the record")
         system = build_system(study.system, study.run, study.wear)
         seconds = record["time"].values.astype("datetime64[s]").astype(np.int64)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bess.simulation.demand import Now
 from bess.simulation.inputs import prepare
 from bess.study import Study
-from bess.study.sections import ProfileDemand
+from bess.study.demands import ProfileDemand
 
 Array = NDArray[np.float64]
 

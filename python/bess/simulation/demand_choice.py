@@ -19,9 +19,9 @@ from bess.simulation.demand import (
     ProfileSource,
 )
 from bess.simulation.run_demand import DEFAULT_START, RunDemand, repair_notes, utc_index
+from bess.study.demands import ArbitrageDemand, ProfileDemand
 from bess.study.grid import Grid, Series, seconds_of
 from bess.study.keys import check_bundled
-from bess.study.sections import ArbitrageDemand, ProfileDemand
 from bess.study.services import FcrDemand, SiteDemand
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from bess.study.grid import Grid, Series
 
 if TYPE_CHECKING:
     from bess.ems import Forecast
-    from bess.study.sections import ReactiveChoice
+    from bess.study.reactive import ReactiveChoice
 
 Array = NDArray[np.float64]
 

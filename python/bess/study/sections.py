@@ -1,16 +1,15 @@
-"""Sections of a study file, one class each, checked once at load."""
+"""Sections of a study file but those of demand, reactive power and policy, checked once at load."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from bess.foresight.planner import ROLLOUTS
+from bess.files import Fill
 from bess.parameters.quantities import (
     AgeingModel,
     Count,
@@ -24,17 +23,7 @@ from bess.parameters.quantities import (
     within,
 )
 from bess.parameters.section import Section
-from bess.parameters.sections import Control
 from bess.parameters.terms import Terms
-from bess.split.settings import SplitSettings
-from bess.study.services import (
-    SERVICES,
-    FcrArbitrageDemand,
-    FcrDemand,
-    Fill,
-    PeakShavingDemand,
-    SelfConsumptionDemand,
-)
 
 
 def _aware(value: datetime) -> datetime:
@@ -60,9 +49,6 @@ def _folder_name(value: str) -> str:
 RunName = Annotated[str, AfterValidator(_folder_name)]
 """Name of a run, which is that of its folder as well."""
 
-DEFAULT_FORESIGHT_H = 24.0
-"""A day: the longest rhythm of most demands, and a little more than the time constant of a warm string."""
-
 Instant = Annotated[datetime, AfterValidator(_aware)]
 
 
@@ -84,96 +70,6 @@ class SystemChoice(Section):
     parameters: dict[str, Any] = Field(default_factory=dict)
 
 
-class ProfileDemand(Section):
-    """Section ``[demand]`` with ``kind = "profile"``: a series of power, as given.
-
-    ``file`` is a bundled profile or a CSV or Parquet file, read as :func:`bess.ems.read_profile` says;
-    ``repeat`` starts it again at its end.
-    """
-
-    kind: Literal["profile"] = "profile"
-    file: str
-    column: str | None = None
-    unit: Literal["kW", "W", "MW"] = "kW"
-    positive: Literal["discharge", "charge"] = "discharge"
-    scale: Positive = 1.0
-    time_zone: str | None = None
-    fill: Fill | None = None
-    repeat: bool = False
-    forecast: Literal["perfect", "persistence"] = "perfect"
-
-
-class ArbitrageDemand(Section):
-    """Section ``[demand]`` with ``kind = "arbitrage"``: buy and sell at the prices of a market file.
-
-    The file is read as :func:`bess.read_prices` says. ``plan`` is ``aware`` (:class:`bess.ems.AwareDispatch`,
-    which asks the plant) or ``linear`` (:class:`bess.ems.Arbitrage`, which takes a constant ``efficiency``).
-    ``max_power_kw`` and ``max_energy_kwh`` keep below what the plant has; ``market_time_zone`` is that of the
-    trading day, to which ``cycles_per_day`` applies; with ``cycles_per_plan`` there is a limit for each plan
-    instead, on the mean of what is charged and discharged (AC). ``end_price_eur_mwh`` is what a MWh left in
-    store at the end of an aware plan is worth; by default the median price of buying, or what the best tenth
-    of prices brings if that is less. A plan is made anew every ``replan_h``; an aware one, if that is
-    omitted, when inverters in service, prices ahead, stored energy or temperature are not as it counted on
-    (compared every 3 h, inverters in every step), and when a sixth of its time has passed; a linear one every
-    3 h. ``repeat`` lets the last year of the file follow year by year, for runs
-    over decades (:func:`bess.market.prolonged`). ``forecast`` is that of prices; with ``file`` it is read
-    from ``forecast_prices``, a price file of its own. What is sold is settled at the prices that came true.
-    """
-
-    kind: Literal["arbitrage"] = "arbitrage"
-    prices: str | None = None
-    zone: str = "DE-LU"
-    product: str | None = None
-    time_zone: str | None = None
-    fill: Fill | None = None
-    market_time_zone: str = "Europe/Berlin"
-    max_power_kw: Positive | None = None
-    max_energy_kwh: Positive | None = None
-    plan: Literal["aware", "linear"] = "aware"
-    efficiency: Annotated[float, within(0.0, 1.0, above=True)] = 0.9
-    cycles_per_day: Positive = 2.0
-    cycles_per_plan: Positive | None = None
-    end_price_eur_mwh: NonNegative | None = None
-    look_ahead_h: Positive = 36.0
-    replan_h: Positive | None = None
-    repeat: bool = False
-    forecast: Literal["perfect", "persistence", "file"] = "perfect"
-    forecast_prices: str | None = None
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if (self.forecast == "file") != (self.forecast_prices is not None):
-            raise ValueError('forecast = "file" and forecast_prices go together')
-        return self
-
-
-def kind_of_demand(demand: object) -> str | None:
-    """``kind`` as given, or what the other keys imply."""
-    if not isinstance(demand, Mapping):
-        return getattr(demand, "kind", None)
-    kind = demand.get("kind", "arbitrage" if "prices" in demand else "profile")
-    return kind if kind in DEMAND_KINDS else None
-
-
-DEMAND_KINDS = ("profile", "arbitrage", *SERVICES)
-
-Demand = Annotated[
-    Annotated[ProfileDemand, Tag("profile")]
-    | Annotated[ArbitrageDemand, Tag("arbitrage")]
-    | Annotated[FcrDemand, Tag("fcr")]
-    | Annotated[FcrArbitrageDemand, Tag("fcr-arbitrage")]
-    | Annotated[PeakShavingDemand, Tag("peak-shaving")]
-    | Annotated[SelfConsumptionDemand, Tag("self-consumption")],
-    Discriminator(
-        kind_of_demand,
-        custom_error_type="kind",
-        custom_error_message='must be a table with kind = "profile" (and file), "arbitrage" (and prices), '
-        + ", ".join(f'"{kind}"' for kind in SERVICES[:-1])
-        + f' or "{SERVICES[-1]}"',
-    ),
-]
-
-
 class WeatherChoice(Section):
     """Section ``[weather]``: ambient temperature from a file; without it, it is that of the system.
 
@@ -187,84 +83,6 @@ class WeatherChoice(Section):
     fill: Fill | None = None
     repeat: bool = False
     offset_k: Annotated[float, within(-50.0, 50.0, "K")] = 0.0
-
-
-class ReactiveChoice(Section):
-    """Section ``[reactive]``: reactive power asked of the plant beside its demand; none without the section.
-
-    Either ``kvar`` (constant), or ``power_factor`` (beside the active power that is asked in each step), or
-    ``file``, read as :func:`bess.ems.read_profile` says. Positive is given to the grid (over-excited).
-    """
-
-    kvar: Annotated[float, within(-1e6, 1e6, "kvar")] | None = None
-    power_factor: Annotated[float, within(0.0, 1.0, above=True)] | None = None
-    file: str | None = None
-    column: str | None = None
-    unit: Literal["kvar", "var", "Mvar"] = "kvar"
-    scale: Positive = 1.0
-    time_zone: str | None = None
-    fill: Fill | None = None
-    repeat: bool = False
-    forecast: Literal["perfect", "persistence"] = "perfect"
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        given = [name for name in ("kvar", "power_factor", "file") if getattr(self, name) is not None]
-        if len(given) != 1:
-            raise ValueError(f"give one of kvar, power_factor and file, not {' and '.join(given) or 'none'}")
-        return self
-
-
-class PolicyChoice(SplitSettings):
-    """Section ``[policy]``: which policy, and what ``mpc`` minimises and when it stops searching.
-
-    Objectives of kind ``energy`` (the default) and ``money`` (the default in studies with prices) are planned
-    over ``foresight_h``, 24 hours by default, with ``rollouts`` for the effort of each step
-    (:class:`bess.foresight.Planner`). With ``foresight_h = 0``, and for objectives of kind ``paper``, the
-    next ``horizon_steps`` are split with a certificate: ``gap``, ``node_limit`` and ``time_limit_s`` are
-    settings of :class:`bess.PowerSplit`. ``model`` is what ``mpc`` takes the plant for: as it is, with convex
-    losses, or with one efficiency (:func:`bess.policies.simplified.simplified`). ``file`` is the
-    ``policy.json`` of the policy ``distilled``; other policies do not read it.
-    """
-
-    name: str = "mpc"
-    file: str | None = None
-    foresight_h: Annotated[float, within(0.0, 48.0, "h")] | None = None
-    rollouts: Annotated[int, Field(ge=0, le=1_000_000)] = ROLLOUTS
-    model: Literal["nonlinear", "convex", "linear"] = "nonlinear"
-    horizon_steps: Annotated[int, Field(ge=1, le=96)] | None = None
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if self.foresight_h and self.objectives.kind == "paper":
-            raise ValueError(
-                f'foresight_h = {self.foresight_h:g} h: objectives of kind "paper" have priorities and are '
-                'split within horizon_steps; use kind "energy" or "money", or foresight_h = 0'
-            )
-        if self.foresight_h and self.horizon_steps is not None:
-            raise ValueError(
-                f"foresight_h = {self.foresight_h:g} h and horizon_steps = {self.horizon_steps}: the first "
-                "is for a plan, the second for a certified split; give one of them"
-            )
-        if self.objectives.kind == "money" and not self.plans:
-            raise ValueError(
-                'objectives.kind = "money" is planned: leave out horizon_steps and foresight_h = 0'
-            )
-        return self
-
-    @property
-    def plans(self) -> bool:
-        """Whether ``mpc`` plans with foresight; else it splits a horizon with a certificate."""
-        if self.foresight_h is None:
-            return self.objectives.kind != "paper" and self.horizon_steps is None
-        return self.foresight_h > 0.0
-
-    def steps_ahead(self, control: Control) -> int:
-        """Control steps that a policy is told of."""
-        if self.plans:
-            hours = DEFAULT_FORESIGHT_H if self.foresight_h is None else self.foresight_h
-            return max(1, round(hours * 60.0 / control.step_min))
-        return self.horizon_steps or control.horizon_steps
 
 
 class RunChoice(Section):

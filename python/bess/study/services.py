@@ -6,10 +6,10 @@ from typing import Annotated, Literal, Self
 
 from pydantic import model_validator
 
+from bess.files import Fill
 from bess.parameters.quantities import Fraction, NonNegative, Positive, within
 from bess.parameters.section import Section
 
-Fill = Literal["previous", "interpolate", "previous_day"]
 Efficiency = Annotated[float, within(0.0, 1.0, above=True)]
 
 SYNTHETIC = "synthetic"

@@ -16,15 +16,14 @@ from bess.display import as_table, one_line
 from bess.errors import InputError
 from bess.parameters.documents import describe, read_text
 from bess.parameters.section import Section
+from bess.study.demands import DEMAND_KINDS, Demand, kind_of_demand
 from bess.study.keys import check_keys, nearest, with_value
+from bess.study.policy import PolicyChoice
+from bess.study.reactive import ReactiveChoice
 from bess.study.sections import (
-    DEMAND_KINDS,
     Axis,
-    Demand,
     Event,
     OutputChoice,
-    PolicyChoice,
-    ReactiveChoice,
     RunChoice,
     RunName,
     Scenario,
@@ -33,7 +32,6 @@ from bess.study.sections import (
     SystemChoice,
     WearChoice,
     WeatherChoice,
-    kind_of_demand,
 )
 
 _PATHS = (

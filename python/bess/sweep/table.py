@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -35,19 +35,25 @@ def swept_keys(study: Study) -> list[str]:
 def write_table(
     directory: Path, keys: Iterable[str], studies: Mapping[str, Study], outcomes: Mapping[str, Outcome]
 ) -> None:
-    """Write ``sweep.csv`` and ``sweep.parquet``; scenarios without an outcome are ``open``."""
+    """Write ``sweep.csv`` and ``sweep.parquet``; scenarios without an outcome are ``open``.
+
+    There is a column for each of ``keys``, and for a priority or tolerance of an objective among them in
+    which scenarios differ.
+    """
     import pandas as pd
 
     keys = list(keys)
+    documents = [study.document() for study in studies.values()]
+    columns = [dict(_columns(document, keys)) for document in documents]
+    constant = {key for key in columns[0] if key not in keys and len({row.get(key) for row in columns}) == 1}
     rows: list[dict[str, Any]] = []
-    for name, study in studies.items():
+    for name, parameters in zip(studies, columns, strict=True):
         outcome = outcomes.get(name)
-        document = study.document()
         row = {
             "name": name,
             "status": outcome.status if outcome else "open",
             "error": outcome.error if outcome else "",
-            **{key: _plain(_value(document, key)) for key in keys},
+            **{key: value for key, value in parameters.items() if key not in constant},
         }
         rows.append(row | (outcome.kpis if outcome else {}))
     frame = pd.DataFrame(rows)
@@ -67,6 +73,13 @@ def _value(document: Mapping[str, Any], key: str) -> Any:
     return node
 
 
-def _plain(value: Any) -> Any:
-    """Lists and tables as text: a column of a table holds one kind of value."""
-    return value if isinstance(value, int | float | str | None) else str(value)
+def _columns(document: Mapping[str, Any], keys: Iterable[str]) -> Iterator[tuple[str, Any]]:
+    """Swept values under the keys of the study: a list as text, an objective as its weight, as study files
+    have it, with its other values beside it."""
+    for key in keys:
+        value = _value(document, key)
+        if isinstance(value, Mapping) and "weight" in value:
+            yield key, value["weight"]
+            yield from ((f"{key}.{name}", other) for name, other in value.items() if name != "weight")
+        else:
+            yield key, value if isinstance(value, int | float | str | None) else str(value)

@@ -1,0 +1,109 @@
+"""Section ``[demand]`` of a study file: the kinds of demand, and how a table is known to be one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Literal, Self
+
+from pydantic import Discriminator, Tag, model_validator
+
+from bess.files import Fill
+from bess.parameters.quantities import NonNegative, Positive, within
+from bess.parameters.section import Section
+from bess.study.services import (
+    SERVICES,
+    FcrArbitrageDemand,
+    FcrDemand,
+    PeakShavingDemand,
+    SelfConsumptionDemand,
+)
+
+
+class ProfileDemand(Section):
+    """Section ``[demand]`` with ``kind = "profile"``: a series of power, as given.
+
+    ``file`` is a bundled profile or a CSV or Parquet file, read as :func:`bess.ems.read_profile` says;
+    ``repeat`` starts it again at its end.
+    """
+
+    kind: Literal["profile"] = "profile"
+    file: str
+    column: str | None = None
+    unit: Literal["kW", "W", "MW"] = "kW"
+    positive: Literal["discharge", "charge"] = "discharge"
+    scale: Positive = 1.0
+    time_zone: str | None = None
+    fill: Fill | None = None
+    repeat: bool = False
+    forecast: Literal["perfect", "persistence"] = "perfect"
+
+
+class ArbitrageDemand(Section):
+    """Section ``[demand]`` with ``kind = "arbitrage"``: buy and sell at the prices of a market file.
+
+    The file is read as :func:`bess.read_prices` says. ``plan`` is ``aware`` (:class:`bess.ems.AwareDispatch`,
+    which asks the plant) or ``linear`` (:class:`bess.ems.Arbitrage`, which takes a constant ``efficiency``).
+    ``max_power_kw`` and ``max_energy_kwh`` keep below what the plant has; ``market_time_zone`` is that of the
+    trading day, to which ``cycles_per_day`` applies; with ``cycles_per_plan`` there is a limit for each plan
+    instead, on the mean of what is charged and discharged (AC). ``end_price_eur_mwh`` is what a MWh left in
+    store at the end of an aware plan is worth; by default the median price of buying, or what the best tenth
+    of prices brings if that is less. A plan is made anew every ``replan_h``; an aware one, if that is
+    omitted, when inverters in service, prices ahead, stored energy or temperature are not as it counted on
+    (compared every 3 h, inverters in every step), and when a sixth of its time has passed; a linear one every
+    3 h. ``repeat`` lets the last year of the file follow year by year, for runs
+    over decades (:func:`bess.market.prolonged`). ``forecast`` is that of prices; with ``file`` it is read
+    from ``forecast_prices``, a price file of its own. What is sold is settled at the prices that came true.
+    """
+
+    kind: Literal["arbitrage"] = "arbitrage"
+    prices: str | None = None
+    zone: str = "DE-LU"
+    product: str | None = None
+    time_zone: str | None = None
+    fill: Fill | None = None
+    market_time_zone: str = "Europe/Berlin"
+    max_power_kw: Positive | None = None
+    max_energy_kwh: Positive | None = None
+    plan: Literal["aware", "linear"] = "aware"
+    efficiency: Annotated[float, within(0.0, 1.0, above=True)] = 0.9
+    cycles_per_day: Positive = 2.0
+    cycles_per_plan: Positive | None = None
+    end_price_eur_mwh: NonNegative | None = None
+    look_ahead_h: Positive = 36.0
+    replan_h: Positive | None = None
+    repeat: bool = False
+    forecast: Literal["perfect", "persistence", "file"] = "perfect"
+    forecast_prices: str | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.forecast == "file") != (self.forecast_prices is not None):
+            raise ValueError('forecast = "file" and forecast_prices go together')
+        return self
+
+
+def kind_of_demand(demand: object) -> str | None:
+    """``kind`` as given, or what the other keys imply."""
+    if not isinstance(demand, Mapping):
+        return getattr(demand, "kind", None)
+    kind = demand.get("kind", "arbitrage" if "prices" in demand else "profile")
+    return kind if kind in DEMAND_KINDS else None
+
+
+DEMAND_KINDS = ("profile", "arbitrage", *SERVICES)
+
+Demand = Annotated[
+    Annotated[ProfileDemand, Tag("profile")]
+    | Annotated[ArbitrageDemand, Tag("arbitrage")]
+    | Annotated[FcrDemand, Tag("fcr")]
+    | Annotated[FcrArbitrageDemand, Tag("fcr-arbitrage")]
+    | Annotated[PeakShavingDemand, Tag("peak-shaving")]
+    | Annotated[SelfConsumptionDemand, Tag("self-consumption")],
+    Discriminator(
+        kind_of_demand,
+        custom_error_type="kind",
+        custom_error_message='must be a table with kind = "profile" (and file), "arbitrage" (and prices), '
+        + ", ".join(f'"{kind}"' for kind in SERVICES[:-1])
+        + f' or "{SERVICES[-1]}"',
+    ),
+]
