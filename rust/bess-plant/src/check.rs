@@ -1,3 +1,5 @@
+//! Checks of what a plant is given.
+
 use crate::PlantError;
 
 /// Temperatures that a plant accepts [degC].

@@ -1,12 +1,6 @@
+//! What a plant refuses, in words.
+
 use thiserror::Error;
-
-fn known_models() -> String {
-    crate::ageing::models::MODELS.map(|model| model.name).join(", ")
-}
-
-fn known_kinds() -> String {
-    crate::cooling::KINDS.map(|kind| kind.name).join(", ")
-}
 
 /// Input that the plant refuses. The text names the value with its unit, the place and what is allowed.
 #[derive(Debug, Clone, PartialEq, Error)]
@@ -55,16 +49,20 @@ pub enum PlantError {
         high: f64,
     },
     /// No ageing model is called so.
-    #[error("ageing model '{name}' is unknown; there are {}", known_models())]
+    #[error("ageing model '{name}' is unknown; there are {known}")]
     Model {
         /// The name given.
         name: String,
+        /// The names that there are.
+        known: String,
     },
     /// No kind of cooling is called so.
-    #[error("cooling kind '{name}' is unknown; there are {}", known_kinds())]
+    #[error("cooling kind '{name}' is unknown; there are {known}")]
     CoolingKind {
         /// The name given.
         name: String,
+        /// The names that there are.
+        known: String,
     },
     /// The plant step does not divide the control step.
     #[error(

@@ -1,3 +1,5 @@
+//! What flows in a control step, summed up over its plant steps.
+
 use crate::lanes::Lanes;
 use crate::record::{Limits, Record};
 

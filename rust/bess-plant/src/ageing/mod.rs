@@ -5,13 +5,17 @@
 //! by rainflow as they happen ([`rainflow`]); a range that is still open counts as the half cycle that it is so
 //! far. Capacity and resistance in force change once in a block of at least [`string::BLOCK_S`], between two
 //! control steps.
+//!
+//! [`StringAgeing`] advances an [`AgeingState`] by one control step after the other; the plant reads its [`Loss`].
 
 mod graphite;
 mod law;
 pub mod models;
 mod rainflow;
+mod state;
 mod string;
 
 pub use law::{Cycle, Knee, Law, Model, Standing};
 pub use rainflow::{Counted, Rainflow};
-pub use string::{AgeingState, Loss, StringAgeing};
+pub use state::{AgeingState, Loss};
+pub use string::StringAgeing;

@@ -1,39 +1,28 @@
 //! `W` strings stepped side by side through a whole schedule: parameters and state, control steps, the record.
 
-mod cooled;
+mod ageing;
+mod any;
+mod derating;
 mod step;
 
-pub(crate) use cooled::Cooled;
+pub(crate) use any::{AnyBlock, Faces, LaneState};
+pub use derating::DeratingLaw;
 
-use bess_tables::units::SECONDS_PER_HOUR;
 use bess_tables::{Direction, Resistance, StringParameters};
 
 use crate::ageing::{AgeingState, StringAgeing};
 use crate::lanes::Lanes;
 use crate::line::Lines;
 use crate::measured::Scratch;
-use crate::plant::{DeratingLaw, Schedule};
 use crate::record::{Limits, Record};
+use crate::schedule::Schedule;
 use crate::thermal::{AirPath, Coefficients};
 use crate::totals::Totals;
 use crate::PlantError;
 
-/// Time base of the integral gain [s].
-const INTEGRAL_STEP_S: f64 = 900.0;
-
-/// State of one lane.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct LaneState {
-    pub(crate) soc: f64,
-    pub(crate) node_temperature_c: Vec<f64>,
-    pub(crate) integral_k: f64,
-    pub(crate) inverter_on: bool,
-    pub(crate) ageing: AgeingState,
-}
-
-/// A control step that has begun.
+/// A control step: what it asks, and where it began.
 #[derive(Debug, Clone, Copy)]
-struct Begun<const W: usize> {
+struct ControlStep<const W: usize> {
     request_w: Lanes<W>,
     magnitude_w: Lanes<W>,
     /// Reactive power asked for, magnitude [var].
@@ -57,7 +46,7 @@ pub(crate) struct Block<const W: usize> {
     coefficients: [Coefficients; W],
     air_path: AirPath<W>,
     /// The control step of a plant whose strings share a coolant.
-    begun: Option<(Begun<W>, Totals<W>, [Limits; W])>,
+    begun: Option<(ControlStep<W>, Totals<W>, [Limits; W])>,
     scratch: Scratch,
     any_measured: bool,
     any_entropy: bool,
@@ -130,82 +119,8 @@ impl<const W: usize> Block<W> {
         })
     }
 
-    /// Lane numbers, in order.
-    pub(crate) fn ids(&self) -> &[usize] {
-        &self.ids
-    }
-
-    /// One state for each lane of `ids`.
-    pub(crate) fn set_state(&mut self, states: &[&LaneState]) {
-        for lane in 0..W {
-            let state = states[lane.min(states.len() - 1)];
-            self.soc.0[lane] = state.soc;
-            self.integral_k.0[lane] = state.integral_k;
-            self.on.0[lane] = f64::from(u8::from(state.inverter_on));
-            for (node, &value) in self.air_path.temperature.iter_mut().zip(&state.node_temperature_c) {
-                node.0[lane] = value;
-            }
-        }
-        self.air_path.look_up(&std::array::from_fn(|l| &self.strings[l].resistance));
-        self.aged = states.iter().map(|state| state.ageing.clone()).collect();
-        self.follow_ageing();
-    }
-
-    /// Capacity and resistance become those that ageing has left.
-    fn follow_ageing(&mut self) {
-        for lane in 0..W {
-            let loss = self.aged[lane.min(self.aged.len() - 1)].loss();
-            let capacity_ah = self.strings[lane].capacity_ah * loss.soh_capacity;
-            self.capacity_ah.0[lane] = capacity_ah;
-            self.soc_per_a.0[lane] = self.step_s / (SECONDS_PER_HOUR * capacity_ah);
-            self.growth.0[lane] = loss.soh_resistance;
-        }
-    }
-
-    /// Takes a control step that led from `soc` and `temperature_c` to what is now; the record says what it cost.
-    #[inline(never)]
-    fn age(
-        &mut self,
-        soc: Lanes<W>,
-        temperature_c: Lanes<W>,
-        duration_s: f64,
-        first: usize,
-        record: &mut Record,
-    ) {
-        let now_c = self.air_path.mean_temperature();
-        let mut changed = false;
-        for (lane, &id) in self.ids.iter().enumerate() {
-            let moved = (soc.0[lane], self.soc.0[lane]);
-            let mean_c = 0.5 * (temperature_c.0[lane] + now_c.0[lane]);
-            changed |= self.ageing[lane].observe(&mut self.aged[lane], moved, mean_c, duration_s);
-            let loss = self.aged[lane].loss();
-            record.soh_capacity[first + id] = loss.soh_capacity;
-            record.soh_resistance[first + id] = loss.soh_resistance;
-            record.calendar_loss[first + id] = loss.calendar;
-            record.cyclic_loss[first + id] = loss.cyclic;
-        }
-        if changed {
-            let before_ah = self.capacity_ah;
-            self.follow_ageing();
-            for (lane, &id) in self.ids.iter().enumerate() {
-                let lost_ah = before_ah.0[lane] - self.capacity_ah.0[lane];
-                record.aged_charge_ah[first + id] = self.soc.0[lane] * lost_ah;
-            }
-        }
-    }
-
-    pub(crate) fn state(&self, lane: usize) -> LaneState {
-        LaneState {
-            soc: self.soc.0[lane],
-            node_temperature_c: self.air_path.temperature.iter().map(|node| node.0[lane]).collect(),
-            integral_k: self.integral_k.0[lane],
-            inverter_on: self.on.0[lane] != 0.0,
-            ageing: self.aged[lane].clone(),
-        }
-    }
-
     /// Runs the schedule with the widest instructions at hand. They change the speed, not one bit of the result.
-    pub(crate) fn run(&mut self, schedule: &Schedule, record: &mut Record) {
+    fn run_widest(&mut self, schedule: &Schedule, record: &mut Record) {
         #[cfg(target_arch = "x86_64")]
         if std::arch::is_x86_feature_detected!("avx2") {
             // SAFETY: the processor has just been asked for AVX2.
@@ -222,7 +137,7 @@ impl<const W: usize> Block<W> {
     }
 
     #[inline(always)]
-    pub(crate) fn run_portable(&mut self, schedule: &Schedule, record: &mut Record) {
+    fn run_portable(&mut self, schedule: &Schedule, record: &mut Record) {
         match (self.any_entropy, schedule.reactive_var.is_some()) {
             (false, false) => self.run_steps::<false, false>(schedule, record),
             (true, false) => self.run_steps::<true, false>(schedule, record),
@@ -241,25 +156,16 @@ impl<const W: usize> Block<W> {
         for step in 0..schedule.steps {
             // Locals, because the compiler keeps them in registers.
             let begun = self.begin_step(schedule, step);
-            let Begun { magnitude_w, reactive_var, sign, direction, inlet_c, .. } = begun;
             let (mut totals, mut limits) = (Totals::new(), [Limits::NONE; W]);
             for _ in 0..schedule.substeps {
-                self.plant_step::<REVERSIBLE, REACTIVE>(
-                    magnitude_w,
-                    reactive_var,
-                    sign,
-                    &direction,
-                    inlet_c,
-                    &mut totals,
-                    &mut limits,
-                );
+                self.plant_step::<REVERSIBLE, REACTIVE>(&begun, &mut totals, &mut limits);
             }
-            self.finish_step(&begun, &totals, &limits, schedule, step, record);
+            self.finish_step(begun, &totals, &limits, schedule, step, record);
         }
     }
 
     #[inline(always)]
-    fn begin_step(&mut self, schedule: &Schedule, step: usize) -> Begun<W> {
+    fn begin_step(&mut self, schedule: &Schedule, step: usize) -> ControlStep<W> {
         let member = |l: usize| self.ids[l.min(self.ids.len() - 1)];
         let request_w = Lanes::from_fn(|l| schedule.request_w(step, member(l)));
         let inlet_c = Lanes::from_fn(|l| schedule.ambient_c(step, member(l)));
@@ -270,17 +176,13 @@ impl<const W: usize> Block<W> {
         let sign = Lanes::from_fn(|l| direction[l].sign());
         // The loss table in force changes with the direction.
         self.loss_lines = Lines::unknown();
-        if self.law == DeratingLaw::Pi {
-            let share = schedule.substeps as f64 * self.step_s / INTEGRAL_STEP_S;
-            let excess_k = self.excess_k();
-            self.integral_k = (self.integral_k + excess_k * Lanes::splat(share)).at_least(Lanes::ZERO);
-        }
-        Begun { request_w, magnitude_w, reactive_var, sign, direction, inlet_c, soc, temperature_c }
+        self.integrate_excess(schedule.substeps);
+        ControlStep { request_w, magnitude_w, reactive_var, sign, direction, inlet_c, soc, temperature_c }
     }
 
     fn finish_step(
         &mut self,
-        begun: &Begun<W>,
+        begun: ControlStep<W>,
         totals: &Totals<W>,
         limits: &[Limits; W],
         schedule: &Schedule,
@@ -372,16 +274,16 @@ mod tests {
     fn the_widest_instructions_at_hand_change_no_bit() {
         // As text, because what was not recorded is NaN, which equals nothing.
         let text = |record: Record| format!("{record:?}");
-        assert_eq!(text(record::<8>(None, Block::run)), text(record::<8>(None, Block::run_portable)));
+        assert_eq!(text(record::<8>(None, Block::run_widest)), text(record::<8>(None, Block::run_portable)));
         let asked_var: Vec<f64> = (0..30 * 8).map(|at| 92e3 * (0.11 * f64::from(at)).cos()).collect();
         let reactive = |run: fn(&mut Block<8>, &Schedule, &mut Record)| record(Some(&asked_var), run);
-        assert_eq!(text(reactive(Block::run)), text(reactive(Block::run_portable)));
+        assert_eq!(text(reactive(Block::run_widest)), text(reactive(Block::run_portable)));
     }
 
     #[test]
     fn no_reactive_power_changes_no_bit() {
-        let without = record::<8>(None, Block::run);
-        let mut with = record::<8>(Some(&[0.0; 30 * 8]), Block::run);
+        let without = record::<8>(None, Block::run_widest);
+        let mut with = record::<8>(Some(&[0.0; 30 * 8]), Block::run_widest);
         assert_eq!(with.reactive_var, vec![0.0; 30 * 8]);
         with.reactive_var.clear();
         assert_eq!(format!("{with:?}"), format!("{without:?}"));

@@ -1,14 +1,13 @@
 //! One plant step of all lanes: derating, electrical balance, heat.
 
 use bess_tables::units::ZERO_C_IN_K;
-use bess_tables::{Direction, Resistance};
+use bess_tables::Resistance;
 
-use super::Block;
+use super::{Block, ControlStep};
 use crate::electrical::{Demand, Operation};
 use crate::lanes::Lanes;
 use crate::line::Line;
 use crate::measured;
-use crate::plant::DeratingLaw;
 use crate::record::Limits;
 use crate::totals::Totals;
 
@@ -26,18 +25,57 @@ struct Drawn<const W: usize> {
 }
 
 impl<const W: usize> Block<W> {
-    #[inline(always)]
-    #[allow(clippy::too_many_arguments)]
-    pub(super) fn plant_step<const REVERSIBLE: bool, const REACTIVE: bool>(
+    /// One plant step of the control step that has begun, with the widest instructions at hand as [`Self::run_widest`].
+    pub(super) fn widest_plant_step(
         &mut self,
-        magnitude_w: Lanes<W>,
-        asked_var: Lanes<W>,
-        sign: Lanes<W>,
-        direction: &[Direction; W],
-        inlet_c: Lanes<W>,
+        begun: &ControlStep<W>,
         totals: &mut Totals<W>,
         limits: &mut [Limits; W],
     ) {
+        #[cfg(target_arch = "x86_64")]
+        if std::arch::is_x86_feature_detected!("avx2") {
+            // SAFETY: the processor has just been asked for AVX2.
+            unsafe { self.plant_step_avx2(begun, totals, limits) };
+            return;
+        }
+        self.portable_plant_step(begun, totals, limits);
+    }
+
+    #[inline(always)]
+    fn portable_plant_step(
+        &mut self,
+        begun: &ControlStep<W>,
+        totals: &mut Totals<W>,
+        limits: &mut [Limits; W],
+    ) {
+        let reactive = (0..W).fold(false, |any, lane| any | (begun.reactive_var.0[lane] > 0.0));
+        match (self.any_entropy, reactive) {
+            (false, false) => self.plant_step::<false, false>(begun, totals, limits),
+            (true, false) => self.plant_step::<true, false>(begun, totals, limits),
+            (false, true) => self.plant_step::<false, true>(begun, totals, limits),
+            (true, true) => self.plant_step::<true, true>(begun, totals, limits),
+        }
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    unsafe fn plant_step_avx2(
+        &mut self,
+        begun: &ControlStep<W>,
+        totals: &mut Totals<W>,
+        limits: &mut [Limits; W],
+    ) {
+        self.portable_plant_step(begun, totals, limits);
+    }
+
+    #[inline(always)]
+    pub(super) fn plant_step<const REVERSIBLE: bool, const REACTIVE: bool>(
+        &mut self,
+        begun: &ControlStep<W>,
+        totals: &mut Totals<W>,
+        limits: &mut [Limits; W],
+    ) {
+        let ControlStep { magnitude_w, reactive_var: asked_var, sign, direction, inlet_c, .. } = *begun;
         let zero = Lanes::ZERO;
         let mean_c = self.air_path.mean_temperature();
         let soc = self.soc;
@@ -209,29 +247,6 @@ impl<const W: usize> Block<W> {
         drawn.current_a.0[lane] = current_a;
         drawn.soc.0[lane] = soc;
         *limits = limits.with(bound);
-    }
-
-    #[inline(always)]
-    pub(super) fn excess_k(&self) -> Lanes<W> {
-        self.air_path.mean_temperature() - Lanes::from_fn(|l| self.strings[l].derating.start_c)
-    }
-
-    /// Share of the request that is let through, in `[0, 1]`.
-    #[inline(always)]
-    fn derating_factor(&mut self, mean_c: Lanes<W>) -> Lanes<W> {
-        let strings = &self.strings;
-        let factor = match self.law {
-            DeratingLaw::Table => {
-                self.factor_lines.at(mean_c, |l, at| Line::of(&strings[l].derating.factor, at))
-            }
-            DeratingLaw::Pi => {
-                let excess_k = self.excess_k().at_least(Lanes::ZERO);
-                let kp = Lanes::from_fn(|l| strings[l].derating.kp_per_k);
-                let ki = Lanes::from_fn(|l| strings[l].derating.ki_per_k_step);
-                Lanes::splat(1.0) - kp * excess_k - ki * self.integral_k
-            }
-        };
-        factor.at_least(Lanes::ZERO).at_most(Lanes::splat(1.0))
     }
 }
 

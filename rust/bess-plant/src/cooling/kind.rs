@@ -1,3 +1,5 @@
+//! What tells one kind of cooling from another.
+
 use bess_tables::Cooling;
 
 /// What takes the heat from the coolant.

@@ -18,7 +18,8 @@ mod station;
 
 pub use kind::Kind;
 pub use kinds::KINDS;
-pub(crate) use station::{Faces, Station};
+pub use station::CoolingState;
+pub(crate) use station::Station;
 
 use bess_tables::units::ZERO_C_IN_K;
 use bess_tables::{Cooling, SpatialThermal};
@@ -28,7 +29,10 @@ use crate::PlantError;
 /// The kind of this name.
 pub(crate) fn kind(name: &str) -> Result<&'static Kind, PlantError> {
     let found = KINDS.into_iter().find(|kind| kind.name == name);
-    found.ok_or_else(|| PlantError::CoolingKind { name: name.to_owned() })
+    found.ok_or_else(|| PlantError::CoolingKind {
+        name: name.to_owned(),
+        known: KINDS.map(|kind| kind.name).join(", "),
+    })
 }
 
 /// The thermal model of a string with its coolant in place of its air.

@@ -5,21 +5,22 @@ use bess_tables::{Cooling, StringParameters};
 
 use super::kind::{Kind, Source, Supply};
 use super::{cop, kind};
-use crate::block::Cooled;
+use crate::block::{AnyBlock, Faces};
 use crate::check::check_range;
-use crate::plant::Schedule;
 use crate::record::Record;
+use crate::schedule::Schedule;
 use crate::thermal::Coefficients;
 use crate::PlantError;
 
-/// What the coolant met in a plant step, lane by lane [degC].
-#[derive(Debug, Clone, Default)]
-pub(crate) struct Faces {
-    pub(crate) inlet_c: Vec<f64>,
-    pub(crate) outlet_c: Vec<f64>,
-    /// First and last node before the step.
-    pub(crate) front_c: Vec<f64>,
-    pub(crate) rear_c: Vec<f64>,
+/// What the cooling of a plant remembers.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CoolingState {
+    /// Stages of flow that are on, of each lane.
+    pub stages: Vec<u8>,
+    /// Whether the chiller of each scenario may run.
+    pub chilling: Vec<bool>,
+    /// Temperature of the common loop of each scenario [degC]; that of its strings where there is none.
+    pub loop_c: Vec<f64>,
 }
 
 /// What one string's coolant can do.
@@ -40,12 +41,7 @@ pub(crate) struct Station {
     kind: &'static Kind,
     units: Vec<Unit>,
     step_s: f64,
-    /// Stages of flow that are on, for each lane.
-    pub(crate) stages: Vec<u8>,
-    /// Whether the chiller may run, for each scenario.
-    pub(crate) chilling: Vec<bool>,
-    /// Temperature of the common loop, for each scenario [degC].
-    pub(crate) loop_c: Vec<f64>,
+    pub(crate) state: CoolingState,
     // Work space: share of the full flow, and what is summed over a control step.
     share: Vec<f64>,
     faces: Faces,
@@ -88,9 +84,11 @@ impl Station {
             cooling: cooling.clone(),
             units,
             step_s,
-            stages: vec![0; lanes],
-            chilling: vec![false; scenarios],
-            loop_c: vec![0.0; scenarios],
+            state: CoolingState {
+                stages: vec![0; lanes],
+                chilling: vec![false; scenarios],
+                loop_c: vec![0.0; scenarios],
+            },
             share: zeros.clone(),
             faces: Faces {
                 inlet_c: zeros.clone(),
@@ -109,7 +107,7 @@ impl Station {
     }
 
     /// Runs a schedule: all blocks one plant step after the other, with the coolant between them.
-    pub(crate) fn run(&mut self, blocks: &mut [&mut dyn Cooled], schedule: &Schedule, record: &mut Record) {
+    pub(crate) fn run(&mut self, blocks: &mut [Box<dyn AnyBlock>], schedule: &Schedule, record: &mut Record) {
         // A flow that nothing has set yet differs from every share.
         self.share.fill(f64::NAN);
         for step in 0..schedule.steps {
@@ -125,7 +123,7 @@ impl Station {
                 record.cooling_w[step * schedule.lanes + lane] = carried_w / n;
             }
             for (scenario, auxiliary_w) in self.auxiliary_w.iter().enumerate() {
-                let at = step * self.chilling.len() + scenario;
+                let at = step * self.state.chilling.len() + scenario;
                 record.auxiliary_w[at] = auxiliary_w / n;
                 let (_, inlet_c) =
                     self.supply(scenario, schedule.ambient_c(step, scenario * schedule.strings));
@@ -134,18 +132,19 @@ impl Station {
         }
     }
 
-    fn plant_step(&mut self, blocks: &mut [&mut dyn Cooled], schedule: &Schedule, step: usize) {
+    fn plant_step(&mut self, blocks: &mut [Box<dyn AnyBlock>], schedule: &Schedule, step: usize) {
         let strings = self.units.len();
         // Means stand in the place of outlets until the coolant has passed.
         for block in blocks.iter() {
             block.means_c(&mut self.faces.outlet_c);
         }
-        for scenario in 0..self.chilling.len() {
+        for scenario in 0..self.state.chilling.len() {
             let lanes = scenario * strings..(scenario + 1) * strings;
             let ambient_c = schedule.ambient_c(step, lanes.start);
             let means_c = &self.faces.outlet_c[lanes.clone()];
             let warmest_c = means_c.iter().fold(f64::NEG_INFINITY, |most, &mean| most.max(mean));
-            self.chilling[scenario] = (self.kind.chills)(&self.cooling, warmest_c, self.chilling[scenario]);
+            self.state.chilling[scenario] =
+                (self.kind.chills)(&self.cooling, warmest_c, self.state.chilling[scenario]);
             let (_, inlet_c) = self.supply(scenario, ambient_c);
             self.faces.inlet_c[lanes].fill(inlet_c);
         }
@@ -156,32 +155,32 @@ impl Station {
         for block in blocks.iter_mut() {
             block.cooled_step(&mut self.faces);
         }
-        for scenario in 0..self.chilling.len() {
+        for scenario in 0..self.state.chilling.len() {
             self.settle(scenario, schedule.ambient_c(step, scenario * strings));
         }
     }
 
     /// What the coolant is wanted to be, and the temperature at which it reaches the first string [degC].
     fn supply(&self, scenario: usize, ambient_c: f64) -> (Supply, f64) {
-        let supply = (self.kind.supply)(&self.cooling, ambient_c, self.chilling[scenario]);
+        let supply = (self.kind.supply)(&self.cooling, ambient_c, self.state.chilling[scenario]);
         let inlet_c =
-            if self.cooling.common.is_some() { self.loop_c[scenario] } else { supply.temperature_c };
+            if self.cooling.common.is_some() { self.state.loop_c[scenario] } else { supply.temperature_c };
         (supply, inlet_c)
     }
 
     /// Thermostats: every string's own, or that of the one that asks for most where one flow passes all.
-    fn set_flows(&mut self, blocks: &mut [&mut dyn Cooled]) {
+    fn set_flows(&mut self, blocks: &mut [Box<dyn AnyBlock>]) {
         let strings = self.units.len();
         let one_flow = self.cooling.common.as_ref().is_some_and(|common| common.series);
         let mut wanted = [0.0; 2];
-        for first in (0..self.stages.len()).step_by(strings) {
+        for first in (0..self.state.stages.len()).step_by(strings) {
             wanted[0] = 0.0;
             for lane in first..first + strings {
                 let mean_c = self.faces.outlet_c[lane];
-                self.stages[lane] = stages(&self.cooling, self.stages[lane], mean_c);
+                self.state.stages[lane] = stages(&self.cooling, self.state.stages[lane], mean_c);
                 // A thermostat lets no coolant pass that is warmer than the string.
                 let warms = self.cooling.start_c.is_some() && self.faces.inlet_c[lane] > mean_c;
-                wanted[1] = if warms { 0.0 } else { share(&self.cooling, self.stages[lane], mean_c) };
+                wanted[1] = if warms { 0.0 } else { share(&self.cooling, self.state.stages[lane], mean_c) };
                 wanted[0] = wanted[1].max(wanted[0]);
                 if !one_flow {
                     self.set_flow(blocks, lane, wanted[1]);
@@ -193,7 +192,7 @@ impl Station {
         }
     }
 
-    fn set_flow(&mut self, blocks: &mut [&mut dyn Cooled], lane: usize, share: f64) {
+    fn set_flow(&mut self, blocks: &mut [Box<dyn AnyBlock>], lane: usize, share: f64) {
         if share != self.share[lane] {
             self.share[lane] = share;
             blocks.iter_mut().for_each(|block| block.set_flow(lane, share));
@@ -201,7 +200,7 @@ impl Station {
     }
 
     /// What leaves one string enters the next.
-    fn pass_on(&mut self, blocks: &[&mut dyn Cooled]) {
+    fn pass_on(&mut self, blocks: &[Box<dyn AnyBlock>]) {
         let strings = self.units.len();
         for lane in (0..self.share.len()).filter(|lane| lane % strings + 1 < strings) {
             let inlet_c = self.faces.inlet_c[lane];
@@ -231,12 +230,12 @@ impl Station {
         let mut taken_w = gained_w + mover_w;
         if let Some(common) = &self.cooling.common {
             let capacity_j_k = W_PER_KW * common.heat_capacity_kj_k;
-            let loop_c = self.loop_c[scenario];
+            let loop_c = self.state.loop_c[scenario];
             let net_w = taken_w + common.wall_w_k * (ambient_c - loop_c);
             taken_w = net_w + capacity_j_k / self.step_s * (loop_c - supply.temperature_c);
             let most_w = common.source_kw.map_or(f64::INFINITY, |kw| W_PER_KW * kw);
             taken_w = if supply.source == Source::Ambient { 0.0 } else { taken_w.clamp(0.0, most_w) };
-            self.loop_c[scenario] = loop_c + self.step_s / capacity_j_k * (net_w - taken_w);
+            self.state.loop_c[scenario] = loop_c + self.step_s / capacity_j_k * (net_w - taken_w);
         }
         let source_w = match supply.source {
             Source::Ambient => 0.0,

@@ -6,14 +6,22 @@ mod nmc_a_75ah;
 mod schmalstieg;
 
 use super::law::Model;
+use crate::PlantError;
 
 /// All models. A new one is a file here and a line below.
 pub const MODELS: [&Model; 4] =
     [&kokam_75ah::MODEL, &nmc_a_75ah::MODEL, &schmalstieg::MODEL, &naumann_lfp::MODEL];
 
 /// The model of this name.
-pub fn model(name: &str) -> Option<&'static Model> {
-    MODELS.into_iter().find(|model| model.name == name)
+///
+/// # Errors
+///
+/// [`PlantError::Model`] where no model has the name.
+pub fn model(name: &str) -> Result<&'static Model, PlantError> {
+    MODELS.into_iter().find(|model| model.name == name).ok_or_else(|| PlantError::Model {
+        name: name.to_owned(),
+        known: MODELS.map(|model| model.name).join(", "),
+    })
 }
 
 /// Temperature to which the potentials and temperatures of two models are normed [K].

@@ -1,0 +1,150 @@
+//! What ageing remembers of a string, and its form as numbers.
+
+use super::rainflow::{Point, Rainflow};
+use crate::PlantError;
+
+/// What a string has lost, and what is left of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Loss {
+    /// Capacity lost by standing, as a share of the nameplate.
+    pub calendar: f64,
+    /// Capacity lost by cycling; with it the losses and what is left sum to the capacity at the start of life.
+    pub cyclic: f64,
+    /// Capacity over that of the nameplate.
+    pub soh_capacity: f64,
+    /// Resistance over that of the nameplate.
+    pub soh_resistance: f64,
+}
+
+/// What the power laws sum up instead of losses: see [`super::Law`].
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Damage {
+    pub(super) capacity: f64,
+    pub(super) resistance: f64,
+    /// Exposure of the active sites; none by standing.
+    pub(super) sites: f64,
+}
+
+impl Damage {
+    pub(super) fn add(&mut self, times: f64, other: &Self) {
+        self.capacity += times * other.capacity;
+        self.resistance += times * other.resistance;
+        self.sites += times * other.sites;
+    }
+}
+
+/// What a point of the rainflow count remembers: sums since the start, and the damage of the half cycle that ended
+/// there, once it has.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Mark {
+    /// SOC travelled.
+    pub(super) travel: f64,
+    /// The same, weighted by temperature [K].
+    pub(super) kelvin_travel: f64,
+    /// Time in which it moved [h].
+    pub(super) moving_h: f64,
+    pub(super) damage: Damage,
+}
+
+/// What has gathered since the last block.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Gathered {
+    pub(super) elapsed_s: f64,
+    /// SOC times time [s].
+    pub(super) soc_s: f64,
+    /// Temperature times time [K s].
+    pub(super) kelvin_s: f64,
+}
+
+/// Everything that ageing remembers of a string.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AgeingState {
+    /// Capacity and resistance at the start of life, as factors on the nameplate.
+    pub(super) base_capacity: f64,
+    pub(super) base_resistance: f64,
+    /// Damage of standing.
+    pub(super) calendar: Damage,
+    /// Damage of the cycles that are counted.
+    pub(super) cyclic: Damage,
+    /// Sums up to now.
+    pub(super) now: Mark,
+    pub(super) gathered: Gathered,
+    pub(super) rainflow: Rainflow<Mark>,
+    pub(super) loss: Loss,
+}
+
+impl AgeingState {
+    /// What the string has lost.
+    pub fn loss(&self) -> &Loss {
+        &self.loss
+    }
+
+    /// All of it as numbers; as many as the count of open cycles takes.
+    pub fn to_numbers(&self) -> Vec<f64> {
+        let Loss { calendar, cyclic, soh_capacity, soh_resistance } = self.loss;
+        let points = self.rainflow.points();
+        let mut out = vec![points.len() as f64, self.rainflow.seen() as f64];
+        out.extend([calendar, cyclic, soh_capacity, soh_resistance]);
+        out.extend([self.base_capacity, self.base_resistance]);
+        out.extend([self.calendar.capacity, self.calendar.resistance]);
+        out.extend([self.cyclic.capacity, self.cyclic.resistance, self.cyclic.sites]);
+        out.extend([self.gathered.elapsed_s, self.gathered.soc_s, self.gathered.kelvin_s]);
+        out.extend(self.now.numbers());
+        for point in points {
+            out.extend([point.value, point.index as f64]);
+            out.extend(point.mark.numbers());
+        }
+        out
+    }
+
+    /// Inverse of [`Self::to_numbers`]; numbers beyond the last point are not read.
+    ///
+    /// # Errors
+    ///
+    /// [`PlantError::Shape`] where there are fewer numbers than the first one announces, [`PlantError::Range`] where one is not
+    /// finite.
+    pub fn from_numbers(numbers: &[f64]) -> Result<Self, PlantError> {
+        let mut rest = numbers.iter().copied();
+        let count = rest.next().filter(|&count| (0.0..1e6).contains(&count) && count.fract() == 0.0);
+        let needed = count.map_or(HEADER, |count| HEADER + count as usize * PER_POINT);
+        let found = numbers.len();
+        if count.is_none() || found < needed {
+            return Err(PlantError::Shape { name: "ageing", found, expected: needed });
+        }
+        if let Some(&value) = numbers[..needed].iter().find(|value| !value.is_finite()) {
+            let (place, name) = (String::new(), "ageing state");
+            return Err(PlantError::Range { place, name, value, unit: "", low: f64::MIN, high: f64::MAX });
+        }
+        let mut next = || rest.next().expect("counted above");
+        let seen = next() as u64;
+        let loss = Loss { calendar: next(), cyclic: next(), soh_capacity: next(), soh_resistance: next() };
+        let (base_capacity, base_resistance) = (next(), next());
+        let calendar = Damage { capacity: next(), resistance: next(), sites: 0.0 };
+        let cyclic = Damage { capacity: next(), resistance: next(), sites: next() };
+        let gathered = Gathered { elapsed_s: next(), soc_s: next(), kelvin_s: next() };
+        let now = Mark::of(&mut next);
+        let points = (0..count.unwrap_or(0.0) as usize)
+            .map(|_| Point { value: next(), index: next() as u64, mark: Mark::of(&mut next) })
+            .collect();
+        let rainflow = Rainflow::resumed(points, seen);
+        Ok(Self { base_capacity, base_resistance, calendar, cyclic, now, gathered, rainflow, loss })
+    }
+}
+
+/// Numbers of a state without open cycles, and of each point.
+const HEADER: usize = 2 + 4 + 2 + 2 + 3 + 3 + MARK;
+const PER_POINT: usize = 2 + MARK;
+const MARK: usize = 6;
+
+impl Mark {
+    fn numbers(&self) -> [f64; MARK] {
+        let Damage { capacity, resistance, sites } = self.damage;
+        [self.travel, self.kelvin_travel, self.moving_h, capacity, resistance, sites]
+    }
+
+    fn of(next: &mut impl FnMut() -> f64) -> Self {
+        let (travel, kelvin_travel, moving_h) = (next(), next(), next());
+        let damage = Damage { capacity: next(), resistance: next(), sites: next() };
+        Self { travel, kelvin_travel, moving_h, damage }
+    }
+}

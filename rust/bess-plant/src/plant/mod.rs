@@ -1,0 +1,161 @@
+//! The plant as its users see it: made from parameters and a state, advanced by requests.
+
+mod requests;
+mod state;
+
+pub use state::{starting_ageing, PlantState};
+
+use bess_tables::{StringParameters, System};
+
+use crate::block::{AnyBlock, Block, DeratingLaw};
+use crate::check::check_range;
+use crate::cooling::{kind, with_coolant, Station};
+use crate::record::Record;
+use crate::thermal::Coefficients;
+use crate::PlantError;
+
+/// Values beyond a limit by no more than this share of it are rounding, not bad input.
+const ROUNDING: f64 = 1e-9;
+
+/// Plant steps that make sense [s].
+const STEP_S: (f64, f64) = (1e-3, 86_400.0);
+
+/// Strings, in one or more independent scenarios, that are stepped side by side.
+///
+/// Blocks of eight lanes, and one of four where four suffice. A lane's results depend on nothing but itself.
+#[derive(Debug)]
+pub struct Plant {
+    strings: Vec<StringParameters>,
+    scenarios: usize,
+    step_s: f64,
+    blocks: Vec<Box<dyn AnyBlock>>,
+    station: Option<Station>,
+}
+
+impl Plant {
+    /// A plant in `state`, or an error if the plant step [s] is not stable for every string, or the state is not one.
+    ///
+    /// # Errors
+    ///
+    /// [`PlantError::Unstable`] with the largest stable step; [`PlantError::Range`] for a number of scenarios, nodes or a step
+    /// that no plant has; as [`Self::set_state`] for the state.
+    pub fn new(
+        system: &System,
+        scenarios: usize,
+        step_s: f64,
+        law: DeratingLaw,
+        state: &PlantState,
+    ) -> Result<Self, PlantError> {
+        let mut strings = system.strings.clone();
+        if let Some(cooling) = &system.cooling {
+            let kind = kind(&cooling.kind)?;
+            for string in &mut strings {
+                string.spatial = with_coolant(cooling, kind, &string.spatial);
+            }
+        }
+        check_range("plant step", step_s, " s", STEP_S, String::new)?;
+        check_range("number of scenarios", scenarios as f64, "", (1.0, 1e6), String::new)?;
+        for (string, parameters) in strings.iter().enumerate() {
+            let place = || format!("string {string}: ");
+            check_range("thermal nodes", parameters.spatial.nodes as f64, "", (1.0, 1e6), place)?;
+            let number = Coefficients::new(&parameters.spatial, step_s).stability_number();
+            if number > 1.0 {
+                let nodes = parameters.spatial.nodes;
+                // Rounded down, so that the step named in the message is accepted.
+                let largest_s = (step_s / number * 1e4).floor() / 1e4;
+                return Err(PlantError::Unstable { string, step_s, nodes, number, largest_s });
+            }
+        }
+        let mut lanes: Vec<_> =
+            (0..scenarios * strings.len()).map(|id| (id, &strings[id % strings.len()])).collect();
+        lanes.sort_by_key(|(_, string)| string.spatial.nodes);
+        let mut blocks: Vec<Box<dyn AnyBlock>> = Vec::new();
+        for equal in lanes.chunk_by(|a, b| a.1.spatial.nodes == b.1.spatial.nodes) {
+            for members in equal.chunks(8) {
+                blocks.push(match members.len() {
+                    ..=4 => Box::new(Block::<4>::new(members, law, step_s)?),
+                    _ => Box::new(Block::<8>::new(members, law, step_s)?),
+                });
+            }
+        }
+        let station = match &system.cooling {
+            Some(cooling) => Some(Station::new(cooling, &strings, scenarios, step_s)?),
+            None => None,
+        };
+        let mut plant = Self { strings, scenarios, step_s, blocks, station };
+        plant.set_state(state)?;
+        Ok(plant)
+    }
+
+    /// Strings times scenarios.
+    pub fn lanes(&self) -> usize {
+        self.scenarios * self.strings.len()
+    }
+
+    /// Most thermal nodes of any string.
+    pub fn max_nodes(&self) -> usize {
+        self.strings.iter().map(|s| s.spatial.nodes).max().unwrap_or(0)
+    }
+
+    /// Plant step [s].
+    pub fn step_s(&self) -> f64 {
+        self.step_s
+    }
+
+    /// Advances by `request_w.len() / lanes` control steps of `duration_s`.
+    ///
+    /// `request_w[step * lanes + lane]` [W] is positive in discharge; `ambient_c[step * scenarios + scenario]`
+    /// [degC] is the air inlet temperature. Nothing changes if the input is refused.
+    ///
+    /// # Errors
+    ///
+    /// Where arrays do not fit the lanes and scenarios, a request is above the nominal power of its string, a temperature is
+    /// outside its range, or the duration is no multiple of the plant step.
+    pub fn run(
+        &mut self,
+        request_w: &[f64],
+        ambient_c: &[f64],
+        duration_s: f64,
+        keep_nodes: bool,
+    ) -> Result<Record, PlantError> {
+        self.run_with_reactive(request_w, None, ambient_c, duration_s, keep_nodes)
+    }
+
+    /// Like [`Self::run`], with reactive power beside each request, in their order [var]; its sign is kept. It gets what
+    /// active power leaves of the apparent power of its inverter, which is the nominal power; the rest is not carried.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::run`], and where a reactive power is above the nominal power of its string.
+    pub fn run_with_reactive(
+        &mut self,
+        request_w: &[f64],
+        reactive_var: Option<&[f64]>,
+        ambient_c: &[f64],
+        duration_s: f64,
+        keep_nodes: bool,
+    ) -> Result<Record, PlantError> {
+        let schedule = self.schedule(request_w, reactive_var, ambient_c, duration_s)?;
+        let shape = (self.scenarios, schedule.lanes);
+        let (nodes, reactive) = (self.max_nodes(), reactive_var.is_some());
+        let mut record = Record::new(schedule.steps, shape, nodes, keep_nodes, reactive);
+        match &mut self.station {
+            Some(station) => station.run(&mut self.blocks, &schedule, &mut record),
+            None => self.blocks.iter_mut().for_each(|block| block.run(&schedule, &mut record)),
+        }
+        Ok(record)
+    }
+
+    /// Whether the plant has cooling of its own.
+    pub fn is_cooled(&self) -> bool {
+        self.station.is_some()
+    }
+
+    /// Text that names the scenario of a lane, where there are several.
+    fn scenario(&self, lane: usize) -> String {
+        if self.scenarios == 1 {
+            return String::new();
+        }
+        format!("scenario {}, ", lane / self.strings.len())
+    }
+}

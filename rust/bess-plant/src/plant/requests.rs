@@ -1,0 +1,84 @@
+//! What a plant may be asked for.
+
+use bess_tables::units::W_PER_KW;
+
+use super::{Plant, ROUNDING};
+use crate::check::{check_all, check_range, TEMPERATURE_C};
+use crate::schedule::Schedule;
+use crate::PlantError;
+
+/// Longest control step [s]: a day, of which means still say something.
+const CONTROL_STEP_S: f64 = 86_400.0;
+
+/// Most plant steps of strings in one call: some minutes of work, a century of eight strings at 10 s.
+const MOST_PLANT_STEPS: u128 = 10_000_000_000;
+
+impl Plant {
+    /// Checks what [`Self::run_with_reactive`] is given.
+    pub(super) fn schedule<'a>(
+        &self,
+        request_w: &'a [f64],
+        reactive_var: Option<&'a [f64]>,
+        ambient_c: &'a [f64],
+        duration_s: f64,
+    ) -> Result<Schedule<'a>, PlantError> {
+        let lanes = self.lanes();
+        let steps = request_w.len() / lanes;
+        check_all("request", request_w, steps * lanes)?;
+        check_all("ambient temperature", ambient_c, steps * self.scenarios)?;
+        self.check_powers("requested power", request_w, " kW")?;
+        if let Some(reactive_var) = reactive_var {
+            check_all("reactive power", reactive_var, steps * lanes)?;
+            self.check_powers("reactive power", reactive_var, " kvar")?;
+        }
+        for (at, &value) in ambient_c.iter().enumerate() {
+            let place = || format!("step {}: ", at / self.scenarios);
+            check_range("ambient temperature", value, " degC", TEMPERATURE_C, place)?;
+        }
+        let substeps = self.substeps(duration_s)?;
+        let count = steps as u128 * substeps as u128 * lanes as u128;
+        if count > MOST_PLANT_STEPS {
+            return Err(PlantError::TooMany { count, most: MOST_PLANT_STEPS, step_s: self.step_s });
+        }
+        let strings = self.strings.len();
+        Ok(Schedule { steps, substeps, lanes, strings, request_w, ambient_c, reactive_var })
+    }
+
+    /// Powers of all lanes, step after step, are within the nominal powers of their strings.
+    fn check_powers(
+        &self,
+        name: &'static str,
+        power_w: &[f64],
+        unit: &'static str,
+    ) -> Result<(), PlantError> {
+        let lanes = self.lanes();
+        for (at, &value) in power_w.iter().enumerate() {
+            let (step, string) = (at / lanes, at % lanes % self.strings.len());
+            let nominal_w = self.strings[string].inverter.nominal_w;
+            let limit = nominal_w * (1.0 + ROUNDING);
+            if !(-limit..=limit).contains(&value) {
+                return Err(PlantError::Range {
+                    place: format!("{}step {step}, string {string}: ", self.scenario(at % lanes)),
+                    name,
+                    value: value / W_PER_KW,
+                    unit,
+                    low: -nominal_w / W_PER_KW,
+                    high: nominal_w / W_PER_KW,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Plant steps in a control step of `duration_s`.
+    fn substeps(&self, duration_s: f64) -> Result<usize, PlantError> {
+        let (ratio, step_s) = (duration_s / self.step_s, self.step_s);
+        check_range("control step", duration_s, " s", (step_s, CONTROL_STEP_S), String::new)?;
+        let whole = ratio.round();
+        if (ratio - whole).abs() <= ROUNDING * whole {
+            Ok(whole as usize)
+        } else {
+            Err(PlantError::Division { step_s, duration_s })
+        }
+    }
+}
