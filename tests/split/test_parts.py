@@ -30,8 +30,8 @@ def test_groups_follow_priorities_larger_first():
 
 def test_zero_weight_is_a_tie_break_in_the_search_only():
     goals, scale = Objectives(battery=0.0), np.ones((2, 4))
-    assert goals.costs(scale, tie_break=False)[1, 0, 3] == 0.0
-    assert goals.costs(scale, tie_break=True)[1, 0, 3] == 2e-4
+    assert goals.costs(scale).reported[1, 0, 3] == 0.0
+    assert goals.costs(scale).searched[1, 0, 3] == 2e-4
 
 
 @pytest.mark.parametrize(

@@ -11,14 +11,14 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bess import _core
 from bess.numbers import Array
 from bess.split import tree
+from bess.split.objectives import Costs
 from bess.split.problem import SplitProblem
 from bess.split.relaxation.data import PlantConstants
-from bess.split.relaxation.relaxed_split import RelaxedSplit
+from bess.split.relaxation.group import RelaxedOver, relaxed_group
 from bess.split.result import relative_gap
 from bess.split.settings import SplitSettings
 from bess.split.tree import Closure
@@ -80,20 +80,12 @@ class Certificate:
     incumbent: _core.Incumbent
 
 
-@dataclass(frozen=True)
-class CompiledPlant:
-    """What does not change from call to call: constants, whether string ``m + 1`` is like string ``m``."""
-
-    constants: PlantConstants
-    alike: NDArray[np.bool_]
-
-
 def certify(
-    plant: CompiledPlant,
+    constants: PlantConstants,
     problem: SplitProblem,
     control: _core.ControlHorizon,
     answer: _core.SplitAnswer,
-    costs: tuple[Array, Array],
+    costs: Costs,
     settings: SplitSettings,
     deadline: float | None,
 ) -> Certificate:
@@ -101,48 +93,50 @@ def certify(
 
     Parameters
     ----------
-    plant, problem, control
-        What was solved.
+    constants, problem, control
+        The plant, and what was solved.
     answer
         The schedule with the bounds of its one-step problems.
-    costs : tuple of ndarray, shape (n_groups, n_strings, 4)
-        Costs of the losses [1/kW]: of what is reported, and of the search.
+    costs
+        Costs of the losses.
     settings
         Gap and node limit.
     deadline
         Value of ``time.perf_counter()`` after which no relaxation is begun.
     """
-    work = _Work(plant, problem, control, answer, settings, deadline)
-    groups = tuple(work.certify(index, costs) for index in range(len(answer.groups)))
-    return Certificate(groups, work.nodes, work.failed, work.incumbent)
+    certifier = _Certifier(constants, problem, control, answer, costs, settings, deadline)
+    groups = tuple(certifier.certify(index) for index in range(len(answer.groups)))
+    return Certificate(groups, certifier.nodes, certifier.failed, certifier.incumbent)
 
 
-class _Work:
-    """Relaxations of one call: what they count, and the best schedule they led to."""
+class _Certifier:
+    """Bounds the groups of one answer; counts relaxations, and keeps the best schedule they led to."""
 
     def __init__(
         self,
-        plant: CompiledPlant,
+        constants: PlantConstants,
         problem: SplitProblem,
         control: _core.ControlHorizon,
         answer: _core.SplitAnswer,
+        costs: Costs,
         settings: SplitSettings,
         deadline: float | None,
     ) -> None:
-        self._plant, self._problem, self._control = plant, problem, control
-        self._answer, self._settings, self._deadline = answer, settings, deadline
+        self._constants, self._problem, self._control = constants, problem, control
+        self._answer, self._costs, self._settings = answer, costs, settings
+        self._deadline = deadline
         self._abs_tol, _ = settings.objectives.tolerances
         self.incumbent = answer.incumbent
         self.nodes = 0
         self.failed = False
 
-    def certify(self, index: int, costs: tuple[Array, Array]) -> GroupCertificate:
-        """Bound one group."""
-        group = self._answer.groups[index]
+    def certify(self, index: int) -> GroupCertificate:
+        """Bound one group: rigorously, then in the convexified program."""
+        group, before = self._answer.groups[index], self._answer.groups[:index]
         bound, search_bound = group.bound, group.search_bound
         if self._wants_relaxation(index):
-            before = [earlier.ceiling for earlier in self._answer.groups[:index]]
-            bound = self._relaxed(index, costs[0], before, bound, lambda: group.objective, 1).bound
+            ceilings = [earlier.ceiling for earlier in before]
+            bound = self._relaxed(ceilings, self._costs.reported, bound, lambda: group.objective, 1).bound
         is_proven = self._is_closed(index, group.objective, bound)
         if is_proven or self._is_closed(index, group.search_objective, search_bound):
             closure = Closure.GAP
@@ -153,17 +147,15 @@ class _Work:
         elif self._problem.limit_kw.size > LARGEST_RELAXATION:
             closure = Closure.NODE_LIMIT
         else:
-            before = [earlier.search_ceiling for earlier in self._answer.groups[:index]]
-            outcome = self._relaxed(
-                index,
-                costs[1],
-                before,
+            ended = self._relaxed(
+                [earlier.search_ceiling for earlier in before],
+                self._costs.searched,
                 search_bound,
                 lambda: float(self.incumbent.objectives[index]),
                 self._settings.node_limit,
                 frozen=True,
             )
-            search_bound, closure = outcome.bound, outcome.closure
+            search_bound, closure = ended.bound, ended.closure
         return GroupCertificate(
             group.objective, bound, group.search_objective, search_bound, is_proven, closure
         )
@@ -184,30 +176,24 @@ class _Work:
 
     def _relaxed(
         self,
-        index: int,
+        ceilings: list[float],
         cost: Array,
-        caps: list[float],
         start_bound: float,
         objective: tree.Objective,
         node_limit: int,
         *,
         frozen: bool = False,
-    ) -> tree.Outcome:
-        """Branch and bound with coefficients over the boxes, or frozen along the schedule."""
-        group, along = self._answer.groups[index], self._states_along()
+    ) -> tree.TreeResult:
+        """Branch and bound of the group after those with ``ceilings``, with coefficients over the boxes of
+        its states, or frozen along the schedule."""
+        index = len(ceilings)
+        group, schedule = self._answer.groups[index], self._states_along()
         assert group.boxes is not None and group.may_shed is not None
-        relaxed = RelaxedSplit(
-            self._problem,
-            self._plant.constants,
-            self._plant.alike,
-            self._control,
-            group.boxes,
-            group.may_shed,
-            along if frozen else group.boxes,
-            along,
-            cost,
-        ).group(index, caps, objective, self._propose)
-        outcome = tree.search(
+        over = RelaxedOver(group.boxes, group.may_shed, schedule if frozen else group.boxes, schedule)
+        relaxed = relaxed_group(
+            self._problem, self._control, self._constants, cost, ceilings, over, objective, self._propose
+        )
+        ended = tree.search(
             relaxed,
             *relaxed.root(),
             gap=self._settings.gap,
@@ -216,13 +202,13 @@ class _Work:
             deadline=self._deadline,
             start_bound=start_bound,
         )
-        self.nodes += outcome.nodes
-        self.failed = self.failed or relaxed.failures == outcome.nodes
-        return outcome
+        self.nodes += ended.nodes
+        self.failed = self.failed or relaxed.failures == ended.nodes
+        return ended
 
     def _propose(self, request_pu: Array, on: Array) -> None:
         """Look at the point of a node, and at the same with only those strings that it rather runs."""
-        wanted = np.maximum(request_pu, 0.0) * self._plant.constants.nominal_kw[:, None]
+        wanted = np.maximum(request_pu, 0.0) * self._constants.nominal_kw[:, None]
         wanted = np.stack([wanted, np.where(on > 0.5, wanted, 0.0)])
         self.incumbent = self._control.best_of(self.incumbent, wanted) or self.incumbent
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Annotated, Any, Final, Literal, Self
+from typing import Annotated, Any, Final, Literal, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from bess.errors import InputError
+from bess.numbers import Array
 from bess.parameters.documents import describe
 from bess.parameters.quantities import NonNegative
 from bess.parameters.section import Section
@@ -72,6 +72,21 @@ def _weight_alone(value: object) -> object:
 
 Weighted = Annotated[Objective, BeforeValidator(_weight_alone)]
 """An objective; a number is its weight."""
+
+
+class Costs(NamedTuple):
+    """Costs of the four losses [1/kW], each of shape ``(n_groups, n_strings, 4)``.
+
+    Attributes
+    ----------
+    reported : ndarray
+        By the weights as given: of what is reported and proven.
+    searched : ndarray
+        With :data:`TIE_BREAK_WEIGHT` in place of zero weights: of the search.
+    """
+
+    reported: Array
+    searched: Array
 
 
 class Objectives(Choice):
@@ -171,34 +186,22 @@ class Objectives(Choice):
         )
 
     @cached_property
-    def tolerances(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Absolute and relative tolerance of each group."""
+    def tolerances(self) -> tuple[Array, Array]:
+        """Absolute and relative tolerance of each group, each of shape ``(n_groups,)``."""
         pairs = [
             [min(getattr(self.members[i], name) for i in group) for group in self.groups]
             for name in ("abs_tol", "rel_tol")
         ]
         return np.array(pairs[0]), np.array(pairs[1])
 
-    def costs(self, scale_per_kw: NDArray[np.float64], *, tie_break: bool) -> NDArray[np.float64]:
-        """Cost of one kW of each loss in each group.
-
-        Parameters
-        ----------
-        scale_per_kw : ndarray, shape (n_strings, 4)
-            Normalisation constants [1/kW].
-        tie_break
-            Give zero weights :data:`TIE_BREAK_WEIGHT`: for the search, never for what is reported.
-
-        Returns
-        -------
-        ndarray, shape (n_groups, n_strings, 4)
-            Costs [1/kW].
-        """
-        costs = np.zeros((len(self.groups), *scale_per_kw.shape))
+    def costs(self, scale_per_kw: Array) -> Costs:
+        """Cost of one kW of each loss in each group; ``scale_per_kw`` is the normalisation [1/kW], of shape
+        ``(n_strings, 4)``."""
+        weights = np.array([objective.weight for objective in self.members])
+        search_weights = np.where(weights == 0.0, TIE_BREAK_WEIGHT, weights)
+        reported, searched = (np.zeros((len(self.groups), *scale_per_kw.shape)) for _ in range(2))
         for g, group in enumerate(self.groups):
             for i in group:
-                weight = self.members[i].weight
-                if tie_break and weight == 0.0:
-                    weight = TIE_BREAK_WEIGHT
-                costs[g, :, i] = weight * scale_per_kw[:, i]
-        return costs
+                reported[g, :, i] = weights[i] * scale_per_kw[:, i]
+                searched[g, :, i] = search_weights[i] * scale_per_kw[:, i]
+        return Costs(reported, searched)

@@ -7,8 +7,6 @@ tells the algorithm on one page.
 from __future__ import annotations
 
 import time
-from dataclasses import fields
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,21 +16,21 @@ from bess.display import as_table, one_line
 from bess.errors import InputError
 from bess.numbers import Array, finite_array
 from bess.parameters import State, System
-from bess.split.bounds import Certificate, CompiledPlant, certify
+from bess.split.bounds import Certificate, certify
+from bess.split.normalisation import constant_scale, payoff_scale
 from bess.split.objectives import NAMES, Objectives
-from bess.split.payoff import payoff_scale
 from bess.split.problem import SplitProblem, check_horizon
 from bess.split.relaxation.data import PlantConstants
 from bess.split.result import GroupResult, Split, SplitStatus, relative_gap
 from bess.split.rollout import Rollout
-from bess.split.settings import SplitSettings
+from bess.split.settings import ROLLOUTS, SplitSettings
 from bess.split.tree import Closure
 
 SATURATED_KW = 1e-9
 """Availability loss above which a string counts as saturated."""
 
-ROLLOUTS = 2000
-"""Effort of one descent of the local search on the control model."""
+SEARCHES = 2
+"""Most searches of a call: a schedule that a relaxation led to is searched on from, once."""
 
 DEFAULTS = SplitSettings()
 
@@ -107,14 +105,9 @@ class PowerSplit:
             time_limit_s=time_limit_s,
         )
         self.objectives = self.settings.objectives
-        inverter_kw, battery_kw = system.control_at(system.initial_state()).nominal_loss_kw()
-        strings = [s.model_dump(exclude={"site"}) for s in system.strings]
-        self._plant = CompiledPlant(
-            PlantConstants.of(system, battery_kw, dt_h),
-            np.array([a == b for a, b in pairwise(strings)], dtype=bool),
-        )
-        self._scale_per_kw = _scale(system, horizon_steps, dt_h, self.objectives, inverter_kw, battery_kw)
-        self._costs = self._costs_at(self._scale_per_kw)
+        self._constants = PlantConstants.of(system, dt_h)
+        self._scale_per_kw = constant_scale(system, horizon_steps, dt_h, self.objectives)
+        self._costs = self.objectives.costs(self._scale_per_kw)
         self._switch_soc = np.array([s.battery.low_soc_switch for s in system.strings])[:, None]
         self._warm_start: Array | None = None
 
@@ -180,43 +173,25 @@ class PowerSplit:
 
         costs = self._costs
         if self.objectives.normalisation == "payoff":
-            abs_tol, rel_tol = self.objectives.tolerances
-            costs = self._costs_at(payoff_scale(problem, self._scale_per_kw, abs_tol[0], rel_tol[0]))
-        control = problem.control(*costs, *self.objectives.tolerances)
+            costs = self.objectives.costs(payoff_scale(problem, self._scale_per_kw, self.objectives))
+        control = problem.control(costs, *self.objectives.tolerances)
 
-        answer = self._search(control, self._warm_start, deadline)
-        certificate = self._certify(problem, control, answer, costs, deadline)
-        if certificate.incumbent is not answer.incumbent:
-            answer = self._search(control, certificate.incumbent.request_kw, deadline)
-            certificate = self._certify(problem, control, answer, costs, deadline)
+        start = self._warm_start
+        for _ in range(SEARCHES):
+            left_s = None if deadline is None else deadline - time.perf_counter()
+            answer = control.split(start, ROLLOUTS, left_s)
+            certificate = certify(self._constants, problem, control, answer, costs, self.settings, deadline)
+            if certificate.incumbent is answer.incumbent:
+                break
+            # A relaxation led to a better schedule: search on from there.
+            start = certificate.incumbent.request_kw
         return self._answer(problem, answer, certificate, started)
-
-    def _costs_at(self, scale_per_kw: Array) -> tuple[Array, Array]:
-        """Costs of the losses: of what is reported, and of the search."""
-        reported, searched = (self.objectives.costs(scale_per_kw, tie_break=t) for t in (False, True))
-        return reported, searched
-
-    def _search(
-        self, control: _core.ControlHorizon, warm_start: Array | None, deadline: float | None
-    ) -> _core.SplitAnswer:
-        left_s = None if deadline is None else deadline - time.perf_counter()
-        return control.split(warm_start, ROLLOUTS, left_s)
-
-    def _certify(
-        self,
-        problem: SplitProblem,
-        control: _core.ControlHorizon,
-        answer: _core.SplitAnswer,
-        costs: tuple[Array, Array],
-        deadline: float | None,
-    ) -> Certificate:
-        return certify(self._plant, problem, control, answer, costs, self.settings, deadline)
 
     def _answer(
         self, problem: SplitProblem, answer: _core.SplitAnswer, certificate: Certificate, started: float
     ) -> Split:
         request = answer.incumbent.request_kw
-        result = Rollout(**{field.name: getattr(answer.flows, field.name) for field in fields(Rollout)})
+        result = Rollout.of(answer.flows)
         soc_start = np.concatenate([problem.state.soc[:, None], result.soc[:, :-1]], axis=1)
         self._warm_start = np.concatenate([request[:, 1:], request[:, -1:]], axis=1)
         idle = not problem.demand_kw.any()
@@ -278,23 +253,6 @@ def split_power(
     if demand.ndim != 1:
         raise InputError(f"demand_kw has shape {demand.shape}; give one value for each step")
     return PowerSplit(system, demand.size, objectives, dt_h, gap, time_limit_s)(state, demand)
-
-
-def _scale(
-    system: System,
-    horizon_steps: int,
-    dt_h: float,
-    objectives: Objectives,
-    inverter_kw: Array,
-    battery_kw: Array,
-) -> Array:
-    """Normalisation of each loss [1/kW], shape ``(n_strings, 4)``: one constant for the plant, so that a kWh
-    lost counts the same in whichever string it is lost."""
-    shape = (system.n_strings, 4)
-    if objectives.normalisation == "energy":
-        return np.full(shape, dt_h)
-    nominal = np.stack([system.nominal_kw, system.nominal_kw, inverter_kw, battery_kw], axis=1)
-    return np.broadcast_to(1.0 / (nominal.mean(axis=0) * system.n_strings * horizon_steps), shape).copy()
 
 
 def _status(certificate: Certificate) -> SplitStatus:

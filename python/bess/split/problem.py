@@ -12,6 +12,7 @@ from bess.errors import InputError
 from bess.numbers import Array, each_step, finite_array
 from bess.parameters import State, System
 from bess.parameters.state import TEMPERATURE_RANGE_C
+from bess.split.objectives import Costs
 
 MAX_HORIZON_STEPS = 96
 MAX_STRINGS = 32
@@ -83,11 +84,8 @@ class SplitProblem:
             dt_h=dt_h,
         )
 
-    def control(
-        self, costs: Array, search_costs: Array, abs_tol: Array, rel_tol: Array
-    ) -> _core.ControlHorizon:
-        """The control model over this horizon, with costs of the losses ``(n_groups, n_strings, 4)`` [1/kW],
-        of what is reported and of the search, and tolerances ``(n_groups,)``."""
+    def control(self, costs: Costs, abs_tol: Array, rel_tol: Array) -> _core.ControlHorizon:
+        """Return the control model over this horizon, with costs and tolerances ``(n_groups,)`` of groups."""
         return _core.ControlHorizon(
             self.system.control_at(self.state),
             self.state.soc,
@@ -96,8 +94,8 @@ class SplitProblem:
             self.ambient_c,
             self.dt_h,
             self.limit_kw,
-            costs,
-            search_costs,
+            costs.reported,
+            costs.searched,
             abs_tol,
             rel_tol,
         )

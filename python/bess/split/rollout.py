@@ -8,6 +8,7 @@ from typing import Final, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from bess import _core
 from bess.errors import InputError
 from bess.numbers import each_step, finite_array
 from bess.parameters import State, System
@@ -48,6 +49,14 @@ class Rollout:
     current_a: NDArray[np.float64]
     soc: NDArray[np.float64]
     temperature_c: NDArray[np.float64]
+
+    @classmethod
+    def of(
+        cls, flows: _core.FlowArrays | _core.RolloutArrays, shape: tuple[int, ...] | None = None
+    ) -> Rollout:
+        """Take the arrays of the core as they are, or in another shape."""
+        arrays = (getattr(flows, field.name) for field in fields(cls))
+        return cls(*(array if shape is None else array.reshape(shape) for array in arrays))
 
 
 def rollout(
@@ -122,7 +131,7 @@ def rollout(
         dt_h,
         model == "midpoint",
     )
-    return Rollout(**{f.name: getattr(arrays, f.name).reshape(shape) for f in fields(Rollout)})
+    return Rollout.of(arrays, shape)
 
 
 def _check_requests(system: System, request: NDArray[np.float64]) -> None:

@@ -5,12 +5,15 @@ Section ``[policy]`` of a study is made of these, and so are the keywords of :cl
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Final
 
 from pydantic import Field
 
 from bess.parameters.quantities import within
 from bess.split.objectives import Choice, Objectives
+
+ROLLOUTS: Final = 2000
+"""Effort of one descent of the search on the control model, in roll-outs; nobody has needed to set it."""
 
 
 class SplitSettings(Choice):

@@ -68,7 +68,7 @@ class Relaxation(Protocol):
 
 
 @dataclass(frozen=True)
-class Outcome:
+class TreeResult:
     """Result of a search: ``bound <= optimum of the problem``, nodes solved, and why it ended."""
 
     closure: Closure
@@ -86,7 +86,7 @@ def search(
     deadline: float | None = None,
     abs_gap: float = 1e-9,
     start_bound: float = -np.inf,
-) -> Outcome:
+) -> TreeResult:
     """Close the gap between the incumbent and the lower bound.
 
     Parameters
@@ -129,16 +129,16 @@ def search(
         bound = min(closed, heap[0][0] if heap else np.inf)
         if bound >= target:
             closure = Closure.GAP if np.isfinite(best) else Closure.INFEASIBLE
-            return Outcome(closure, min(bound, best), nodes)
+            return TreeResult(closure, min(bound, best), nodes)
         if not heap:
-            return Outcome(Closure.TREE, bound, nodes)
+            return TreeResult(Closure.TREE, bound, nodes)
         if closed <= heap[0][0]:
             # The bound cannot rise any more: a leaf holds it down.
-            return Outcome(Closure.TREE, bound, nodes)
+            return TreeResult(Closure.TREE, bound, nodes)
         if nodes >= node_limit:
-            return Outcome(Closure.NODE_LIMIT, bound, nodes)
+            return TreeResult(Closure.NODE_LIMIT, bound, nodes)
         if deadline is not None and time.perf_counter() >= deadline:
-            return Outcome(Closure.TIME_LIMIT, bound, nodes)
+            return TreeResult(Closure.TIME_LIMIT, bound, nodes)
         inherited, _, lower, upper, binaries = heapq.heappop(heap)
         index = _branching_binary(lower, upper, binaries)
         for value in (0, 1):

@@ -8,8 +8,10 @@ model that stays in them; a box that is one point freezes the coefficients there
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bess import _core
 from bess.numbers import Array
@@ -46,11 +48,15 @@ class PlantConstants:
     voltage_max_v: Array
     lines: tuple[dict[str, Array], dict[str, Array]]
     """Parameters of the inverter loss in charge and in discharge, per unit."""
+    alike: NDArray[np.bool_]
+    """Whether string ``m + 1`` is like string ``m``, shape ``(n_strings - 1,)``."""
 
     @classmethod
-    def of(cls, system: System, battery_kw: Array, dt_h: float) -> PlantConstants:
-        """Collect the constants; ``battery_kw`` is the nominal battery loss ``h_N`` of each string."""
+    def of(cls, system: System, dt_h: float) -> PlantConstants:
+        """Collect the constants."""
         strings = system.strings
+        _, battery_kw = system.control_at(system.initial_state()).nominal_loss_kw()
+        tables = [string.model_dump(exclude={"site"}) for string in strings]
         largest = np.array([max(*s.inverter.loss_charge, *s.inverter.loss_discharge) for s in strings])
         k1 = np.array([s.thermal.lumped.k1_k_per_j for s in strings])
         k2 = np.array([s.thermal.lumped.k2_per_s for s in strings])
@@ -81,11 +87,15 @@ class PlantConstants:
             voltage_min_v=np.array([s.battery.voltage_min_v for s in strings]),
             voltage_max_v=np.array([s.battery.voltage_max_v for s in strings]),
             lines=(lines[0], lines[1]),
+            alike=np.array([a == b for a, b in pairwise(tables)], dtype=bool),
         )
 
     def at(self, state: State) -> PlantConstants:
-        """Return the constants of the strings with the capacity that they have now."""
-        return replace(self, soc_per_ampere=self.soc_per_ampere / state.soh_capacity)
+        """Return the constants of the strings as they are now: of their capacity, alike in their states."""
+        alike = self.alike
+        for values in (state.soc, state.temperature_c, state.soh_capacity, state.soh_resistance):
+            alike = alike & (np.diff(values) == 0.0)
+        return replace(self, soc_per_ampere=self.soc_per_ampere / state.soh_capacity, alike=alike)
 
     @property
     def scale_kw(self) -> Array:

@@ -30,7 +30,7 @@ INVERTER_PIECES = 6
 
 
 @dataclass(frozen=True)
-class Relaxation:
+class Equations:
     """The CVXPY problem with its variables and parameters by name."""
 
     problem: cp.Problem
@@ -38,7 +38,7 @@ class Relaxation:
     parameters: dict[str, cp.Parameter]
 
 
-def build(n_strings: int, n_steps: int, n_caps: int) -> Relaxation:
+def build(n_strings: int, n_steps: int, n_caps: int) -> Equations:
     """State the relaxation; ``n_caps`` earlier objectives are kept below a cap (lexicographic stages)."""
     shape = (n_strings, n_steps)
     parameters: dict[str, cp.Parameter] = {}
@@ -107,11 +107,11 @@ def build(n_strings: int, n_steps: int, n_caps: int) -> Relaxation:
         total = sum(cp.sum(par(f"cap{cap}_{x}", (n_strings,)) @ variables[x]) for x in LOSSES)
         constraints.append(total <= par(f"cap{cap}", ()))
     objective = sum(cp.sum(par(f"cost_{x}", (n_strings,)) @ variables[x]) for x in LOSSES)
-    return Relaxation(cp.Problem(cp.Minimize(objective), constraints), variables, parameters)
+    return Equations(cp.Problem(cp.Minimize(objective), constraints), variables, parameters)
 
 
 @lru_cache(maxsize=64)
 def compiled(n_strings: int, n_steps: int, n_caps: int) -> ConicProgram:
     """Compile the relaxation for Clarabel, once per process and size."""
-    relaxation = build(n_strings, n_steps, n_caps)
-    return ConicProgram(relaxation.problem, relaxation.variables, relaxation.parameters)
+    stated = build(n_strings, n_steps, n_caps)
+    return ConicProgram(stated.problem, stated.variables, stated.parameters)
