@@ -84,6 +84,19 @@ def record(
     )
 
 
+def with_reserve(dataset: xr.Dataset) -> xr.Dataset:
+    """The same plant selling a reserve, a tenth of which is not there, and never asked by the frequency."""
+    steps = dataset.sizes["time"]
+    extra = {
+        "response_kw": 0.0,
+        "capacity_kw": 100.0,
+        "capacity_able_kw": 90.0,
+        "capacity_price_eur_mw_h": 40.0,
+    }
+    added = {name: ("time", np.full(steps, value)) for name, value in extra.items()}
+    return dataset.assign(added)
+
+
 def kpis(dataset: xr.Dataset) -> dict[str, float]:
     """What ``bess.kpis`` makes of such a record."""
     return dict(bess.kpis(dataset.assign_attrs(step_h=0.25)))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from synthetic import kpis, record
+from synthetic import kpis, record, with_reserve
 
 import bess
 from bess.errors import InputError
@@ -179,6 +179,13 @@ def test_months_add_up_to_the_year() -> None:
     assert len(net) == 4 and net.sum() == pytest.approx(values["net_eur"])
     discharged = [bar.get_height() for bar in energy.containers[0]]
     assert sum(discharged) == pytest.approx(values["discharged_kwh"] / 1000.0)
+
+
+def test_months_of_a_service_show_what_it_is_paid_for_its_reserve() -> None:
+    money, *_ = figures.monthly_bars(with_reserve(record(2, 960, price=True)).assign_attrs(step_h=0.25)).axes
+    net = money.lines[0].get_ydata()
+    drawn = sum(bar.get_height() for bars in money.containers for bar in bars)
+    assert drawn == pytest.approx(net.sum())
 
 
 def test_a_map_has_every_step_in_its_day_and_hour() -> None:

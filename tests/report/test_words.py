@@ -1,17 +1,19 @@
 """Claims about what the report says: it warns when it must, marks the best, and judges the paper fairly."""
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 from folders import write_run
-from synthetic import kpis, record
+from synthetic import kpis, record, with_reserve
 
 from bess.analysis.catalogue import kpi
 from bess.analysis.kpis import kpis as compute
 from bess.errors import InputError
 from bess.policies.planned import PLANNED
 from bess.report.contents import optimiser
+from bess.report.headline import tiles
 from bess.report.paper import Verdict, comparisons, is_case_2, reading
 from bess.report.runs import Run, runs_in
 from bess.report.tables import decision_table, kpi_groups
@@ -56,6 +58,21 @@ def test_a_clean_run_has_no_warnings(tmp_path: Path) -> None:
 def test_what_limits_the_numbers_is_said(tmp_path: Path, variable: str, value: float, message: str) -> None:
     (sentence,) = warnings(one(tmp_path, **{variable: value}), {})
     assert message in sentence
+
+
+def test_net_income_is_what_the_entries_beside_it_add_up_to(tmp_path: Path) -> None:
+    data = with_reserve(record(2, 960, price=True))
+    write_run(tmp_path / "run", data)
+    run = runs_in(tmp_path / "run")[0]
+    (sentence,) = [text for text in summary(run) if text.startswith("Net income")]
+    net, *entries = (float(found.replace(",", "")) for found in re.findall(r"(-?[\d,]+) EUR", sentence))
+    earned = len(re.findall(" EUR", sentence.split(" less ")[0])) - 1
+    assert "for capacity" in sentence and "penalty" in sentence
+    assert sum(entries[:earned]) - sum(entries[earned:]) == pytest.approx(net, abs=3.0)
+    (tile,) = [tile for tile in tiles(kpis(data)) if tile.label == "Net"]
+    revenue, costs = (float(found.replace(",", "")) for found in re.findall(r"-?[\d,]+", tile.detail))
+    assert revenue == pytest.approx(sum(entries[:earned]), abs=2.0)
+    assert costs == pytest.approx(sum(entries[earned:]), abs=3.0)
 
 
 def test_a_stopped_run_is_shown_as_far_as_it_got(tmp_path: Path) -> None:

@@ -67,6 +67,17 @@ def test_with_prices_hindsight_is_told_in_euros_too(tmp_path: Path) -> None:
     assert "In money" in str(sight)
 
 
+@pytest.mark.parametrize("service", ["fcr", "fcr-arbitrage", "peak-shaving", "self-consumption"])
+def test_of_services_no_euro_is_proven_that_is_not_paid_for_kilowatt_hours(service: str) -> None:
+    values = {"run.days": 0.25, "policy.name": "equal"}
+    result = bess.run(bess.load_study(service, values), progress=False)
+    assert "net_eur" in result.kpis
+    sight = bess.hindsight(result)
+    assert sight.bound_kwh <= sight.found_kwh <= sight.lost_kwh
+    assert sight.lost_eur is sight.found_eur is sight.bound_eur is None
+    assert "EUR" not in str(sight)
+
+
 def test_a_report_tells_it_when_asked(tmp_path: Path) -> None:
     result = bess.run(study(**{"run.days": 0.25}), progress=False, out=tmp_path / "run")
     sentence = str(bess.hindsight(result))

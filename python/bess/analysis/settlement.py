@@ -25,11 +25,11 @@ Array = NDArray[np.float64]
 
 _KWH_PER_MWH: Final = 1000.0
 
-COSTS: Final = ("charge_cost_eur", "shortfall_eur", "wear_eur", "start_eur", "auxiliary_eur")
-"""Entries of the ledger that are subtracted from ``discharge_revenue_eur``."""
+REVENUES: Final = ("discharge_revenue_eur", "capacity_revenue_eur")
+"""Entries of the ledger that add to ``net_eur``; only services that are paid for kW have the second."""
 
-CAPACITY: Final = {"capacity_revenue_eur": 1.0, "penalty_eur": -1.0}
-"""Entries of services that are paid for kW, with their sign in ``net_eur``; other runs have none."""
+COSTS: Final = ("charge_cost_eur", "shortfall_eur", "wear_eur", "start_eur", "auxiliary_eur", "penalty_eur")
+"""Entries that are subtracted; only a reserve has the last."""
 
 
 def ledger(result: Result | xr.Dataset) -> xr.Dataset:
@@ -75,10 +75,8 @@ def ledger(result: Result | xr.Dataset) -> xr.Dataset:
         raise InputError("settlement: the record has no prices (price_eur_mwh), as market studies have them")
     terms = recorded_terms(dataset)
     entries = dict(_entries(dataset, terms))
-    entries["net_eur"] = entries["discharge_revenue_eur"] - sum(entries[name] for name in COSTS)
-    for name, sign in CAPACITY.items():
-        if name in entries:
-            entries["net_eur"] = entries["net_eur"] + sign * entries[name]
+    revenue, costs = ([entries[name] for name in names if name in entries] for names in (REVENUES, COSTS))
+    entries["net_eur"] = sum(revenue[1:], revenue[0]) - sum(costs[1:], costs[0])
     return xr.Dataset(
         {name: ("time", values, {"units": "EUR"}) for name, values in entries.items()},
         {"time": dataset["time"]},
@@ -100,13 +98,12 @@ def recorded_terms(dataset: xr.Dataset) -> Terms:
 def settlement_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
     """Yield ``net_eur`` and the sums of which it is the difference, each exact but for one rounding."""
     entries = ledger(dataset)
-    revenue_eur = math.fsum(entries["discharge_revenue_eur"].values)
-    costs_eur = {name: math.fsum(entries[name].values) for name in COSTS}
-    capacity_eur = {name: math.fsum(entries[name].values) for name in CAPACITY if name in entries}
-    for_capacity_eur = math.fsum(CAPACITY[name] * value for name, value in capacity_eur.items())
-    yield "net_eur", revenue_eur - math.fsum(costs_eur.values()) + for_capacity_eur
-    yield "discharge_revenue_eur", revenue_eur
-    yield from capacity_eur.items()
+    revenues_eur, costs_eur = (
+        {name: math.fsum(entries[name].values) for name in names if name in entries}
+        for names in (REVENUES, COSTS)
+    )
+    yield "net_eur", math.fsum(revenues_eur.values()) - math.fsum(costs_eur.values())
+    yield from revenues_eur.items()
     yield from costs_eur.items()
 
 

@@ -14,12 +14,13 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from bess.analysis.catalogue import kpi
-from bess.analysis.settlement import COSTS, has_prices, ledger
+from bess.analysis.settlement import COSTS, REVENUES, has_prices, ledger
 from bess.errors import InputError
 from bess.report.chart import Values
 from bess.report.data import Result, dataset_of, step_h, with_initial
 from bess.report.style import (
     AVAILABILITY,
+    BACKGROUND,
     BATTERY,
     CHARGE,
     DERATING,
@@ -139,18 +140,12 @@ def monthly_bars(result: Result) -> Figure:
     panels: list[tuple[str, list[tuple[str, str, Values]], Values | None]] = []
     if has_prices(dataset):
         entries = ledger(dataset)
-        shades = dict(zip(COSTS, colours(7)[1:6], strict=True))
-        bars = [
-            (
-                kpi("discharge_revenue_eur").label,
-                DISCHARGE,
-                per_month(entries["discharge_revenue_eur"].values),
-            )
-        ]
-        for name in COSTS:
-            costs = per_month(entries[name].values)
-            if np.abs(costs).max() > 0.0:
-                bars.append((kpi(name).label, shades[name], -costs))
+        shades = dict(zip((*REVENUES, *COSTS), (DISCHARGE, BACKGROUND, *colours(7)[1:]), strict=True))
+        signed = [*((name, 1.0) for name in REVENUES), *((name, -1.0) for name in COSTS)]
+        bars = []
+        for name, sign in signed:
+            if name in entries and np.abs(values := per_month(entries[name].values)).max() > 0.0:
+                bars.append((kpi(name).label, shades[name], sign * values))
         panels.append(("EUR", bars, per_month(entries["net_eur"].values)))
     energy = [
         ("Discharged", DISCHARGE, per_month(to_mwh * np.maximum(delivered, 0.0).sum(axis=1))),

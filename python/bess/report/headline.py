@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from bess.analysis.catalogue import kpi
+from bess.analysis.settlement import REVENUES
 
 Kpis = Mapping[str, float]
 
@@ -37,7 +38,7 @@ def _tiles(kpis: Kpis) -> Iterator[Tile]:
     worth = losses_eur(kpis)
     yield _tile("lost_kwh", kpis, detail if worth is None else f"{detail}; worth {_whole(worth)} EUR")
     if "net_eur" in kpis:
-        revenue = kpis["discharge_revenue_eur"]
+        revenue = sum(kpis.get(name, 0.0) for name in REVENUES)
         detail = f"{_whole(revenue)} revenue − {_whole(revenue - kpis['net_eur'])} costs"
         yield _tile("net_eur", kpis, detail)
     back = "round_trip_efficiency_pct"

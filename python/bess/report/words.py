@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
 from bess.analysis.catalogue import kpi
 from bess.analysis.provable import unprovable
+from bess.analysis.settlement import COSTS, REVENUES
 from bess.policies.planned import PLANNED
 from bess.report.contents import MOST_COMPARED
 from bess.report.data import step_h
@@ -65,18 +66,20 @@ def _one(run: Run) -> Iterator[str]:
     asked = f"{_kwh(kpis['delivered_kwh'])} of {_kwh(kpis['demand_kwh'])} asked for were delivered"
     yield f"{asked}; of the rest, {reasons}." if reasons else f"{asked}: nothing is missing."
     if "net_eur" in kpis:
-        costs = {
-            name: kpis[f"{name}_eur"] for name in ("charge_cost", "shortfall", "wear", "start", "auxiliary")
-        }
-        listed = ", ".join(
-            f"{kpi(f'{name}_eur').label.lower()} {value:,.0f} EUR"
-            for name, value in costs.items()
-            if abs(value) >= 0.5
-        )
+        earned, spent = (_entries_eur(kpis, names) for names in (REVENUES, COSTS))
         yield (
-            f"Net income: {kpis['net_eur']:,.0f} EUR, from {kpis['discharge_revenue_eur']:,.0f} EUR of "
-            f"discharge revenue less {listed or 'no costs'}."
+            f"Net income: {kpis['net_eur']:,.0f} EUR, from {' and '.join(earned) or 'no revenue'} "
+            f"less {', '.join(spent) or 'no costs'}."
         )
+
+
+def _entries_eur(kpis: Mapping[str, float], names: Iterable[str]) -> list[str]:
+    """The entries of a ledger that are not nothing, each with its name."""
+    return [
+        f"{kpi(name).label[0].lower()}{kpi(name).label[1:]} {kpis[name]:,.0f} EUR"
+        for name in names
+        if abs(kpis.get(name, 0.0)) >= 0.5
+    ]
 
 
 def _compared(runs: Mapping[str, Run]) -> Iterator[str]:

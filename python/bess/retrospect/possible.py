@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from bess.analysis.kpis import kpis
+from bess.analysis.services import is_reserve, is_site
 from bess.errors import InputError
 from bess.foresight.planner import ROLLOUTS
 from bess.policies import POLICIES, Policy, Settings, build_policy
@@ -37,13 +38,13 @@ class Hindsight:
     """What a run lost, beside the least that was found and the least that is not proven impossible.
 
     Lost is what was asked for and not delivered (availability and derating), and what inverters and cells
-    lost, in kWh; demand above the power in service (unmet) is nobody's loss. In EUR, for runs with prices, it
+    lost, in kWh; demand above the power in service (unmet) is nobody's loss. In EUR, for runs that trade, it
     is what is missing to the net income of a plant without losses, wear, starts and auxiliaries.
 
     Attributes
     ----------
     lost_kwh, lost_eur : float
-        Of this run; EUR is None without prices.
+        Of this run; EUR is None without prices, and for services, which are not paid for each kWh.
     found_kwh, found_eur : float
         Of the best schedule found, run through the plant. Each is the best of its own kind.
     bound_kwh, bound_eur : float
@@ -69,7 +70,8 @@ class Hindsight:
         if self.lost_eur is None or self.found_eur is None or self.bound_eur is None:
             return text
         return (
-            f"{text} In money: lost {self.lost_eur:,.2f} EUR; {self.found_eur:,.2f} EUR was possible; "
+            f"{text} In money, wear and auxiliaries included: lost {self.lost_eur:,.2f} EUR; "
+            f"{self.found_eur:,.2f} EUR was possible; "
             f"less than {math.floor(100.0 * self.bound_eur) / 100.0:,.2f} EUR is proven impossible."
         )
 
@@ -110,7 +112,7 @@ def hindsight(result: Result | xr.Dataset, effort: Effort = "quick") -> Hindsigh
         figures[name] = kpis(replay.under(policy, horizon_steps))
     found_by = min(figures, key=lambda name: figures[name]["lost_kwh"])
     money = {}
-    if replay.inputs.price_eur_mwh is not None:
+    if replay.inputs.price_eur_mwh is not None and not (is_reserve(record) or is_site(record)):
         value = _Value(replay)
         money = {
             "lost_eur": value.ideal_eur - figures["this run"]["net_eur"],
