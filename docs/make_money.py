@@ -25,6 +25,8 @@ KPIS = (
     "short_of_charge_kwh", "short_of_discharge_kwh", "delivered_kwh", "soh_capacity_mean",
 )  # fmt: skip
 WEAR_EUR_MWH = (0.0, 20.0, 40.0, 60.0)
+MONTHS = {"linear": ("linear", "equal"), "aware": ("aware", "equal"), "aware, mpc": ("aware", "mpc")}
+"""Plan and policy of the runs over a month."""
 YEAR_DAYS = 365.0
 BATTERY_KWH = 180.0
 """Energy that the publication takes for a full cycle."""
@@ -58,12 +60,12 @@ class Piece(NamedTuple):
         if name != "month":
             study = {"ages": "unequal-ages", "accuracy": "model-accuracy"}[name]
             return dict(expand(bess.load_study(study, values)))
-        values |= {"policy.name": "equal"}
         return {
-            f"{plan}, {price:g}": bess.load_study(
-                "arbitrage-2024", values | {"demand.plan": plan, "wear.eur_per_mwh": price}
+            f"{label}, {price:g}": bess.load_study(
+                "arbitrage-2024",
+                values | {"policy.name": policy, "demand.plan": plan, "wear.eur_per_mwh": price},
             )
-            for plan in ("linear", "aware")
+            for label, (plan, policy) in MONTHS.items()
             for price in WEAR_EUR_MWH
         }
 
@@ -131,11 +133,11 @@ def tables(numbers: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _month(runs: Figures) -> list[list[str]]:
-    rows = [["wear [EUR/MWh]", "net, linear [EUR]", "net, aware [EUR]", "fulfilled, linear / aware [%]"]]
+    rows = [["wear [EUR/MWh]", *(f"net, {label} [EUR]" for label in MONTHS), "fulfilled, the same order [%]"]]
     for price in WEAR_EUR_MWH:
-        linear, aware = (runs[f"{plan}, {price:g}"] for plan in ("linear", "aware"))
-        fulfilled = f"{linear['fulfilment_pct']:.1f} / {aware['fulfilment_pct']:.1f}"
-        rows.append([f"{price:g}", f"{linear['net_eur']:.1f}", f"{aware['net_eur']:.1f}", fulfilled])
+        each = [runs[f"{label}, {price:g}"] for label in MONTHS]
+        fulfilled = " / ".join(f"{run['fulfilment_pct']:.1f}" for run in each)
+        rows.append([f"{price:g}", *(f"{run['net_eur']:.1f}" for run in each), fulfilled])
     return rows
 
 
