@@ -4,24 +4,10 @@ import numpy as np
 import pytest
 
 import bess
-from bess.policies.simplified import lower_envelope, simplified
+from bess.policies.simplified import simplified
 from bess.study.scenarios import expand
 
 SYSTEMS = ("reference", "unequal-4", "mixed-4", "cornejo-180")
-
-
-def test_the_lower_envelope_is_convex_below_the_points_and_touches_them() -> None:
-    rng = np.random.default_rng(3)
-    x = np.sort(rng.uniform(0.0, 1.0, 40))
-    y = rng.uniform(0.0, 1.0, 40)
-    hull = lower_envelope(x, y)
-    assert (hull <= y + 1e-12).all()
-    slopes = np.diff(hull) / np.diff(x)
-    assert (np.diff(slopes) >= -1e-9).all()
-    assert (hull[[0, -1]] == y[[0, -1]]).all()
-    # No other convex function below the points is higher: each knot of the hull is a point.
-    knots = np.flatnonzero(np.diff(slopes) > 1e-9) + 1
-    np.testing.assert_allclose(hull[knots], y[knots])
 
 
 @pytest.mark.parametrize("name", SYSTEMS)

@@ -14,7 +14,7 @@ import pytest
 
 import bess
 from bess.components.registry import CELLS, INVERTERS
-from bess.split.relaxation.envelope import Envelope
+from bess.convexity import Envelope
 
 sys.path.insert(0, str(Path(__file__).parent))
 from referee import Referee, StringModel

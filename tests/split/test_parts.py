@@ -8,10 +8,10 @@ import pytest
 import scipy.sparse as sp
 
 import bess
+from bess.convexity import Envelope
 from bess.split.objectives import Objective, Objectives
 from bess.split.relaxation import conic
 from bess.split.relaxation.conic import ConicProgram, NodeStatus, solve
-from bess.split.relaxation.envelope import Envelope
 from bess.split.relaxation.equations import build, compiled
 
 

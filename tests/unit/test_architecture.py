@@ -11,11 +11,12 @@ SOURCE = Path(bess.__file__).parent
 
 # Every folder may import those to its left, never one to its right.
 ORDER = [
-    ("errors", "units", "_core", "files", "numbers", "extras", "display"),
+    ("errors", "units", "_core", "files", "numbers", "convexity", "extras", "display"),
     ("components",),
     ("parameters",),
     ("wear", "explicit"),
     ("market", "plant", "split"),
+    ("foresight",),
     ("ems", "policies"),
     ("study",),
     ("record",),
@@ -40,6 +41,11 @@ def _imported(path: Path) -> set[str]:
         elif isinstance(node, ast.Import):
             names |= {a.name.split(".")[1] for a in node.names if a.name.startswith("bess.")}
     return names & RANK.keys()
+
+
+def test_every_folder_of_code_has_its_place_in_the_order() -> None:
+    folders = {path.parent.relative_to(SOURCE).parts[0] for path in SOURCE.glob("*/**/*.py")}
+    assert folders - {"data"} <= RANK.keys()
 
 
 @pytest.mark.parametrize("folder", [name for name in RANK if (SOURCE / name).is_dir()])

@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bess.errors import InputError
+from bess.numbers import Array
 from bess.parameters.terms import Terms
-from bess.split.money import split_prices
 from bess.split.objectives import Objectives
-
-Array = NDArray[np.float64]
+from bess.units import KWH_PER_MWH
 
 LEAST_LOSS_EUR_KWH = 1e-3
 """What a kWh lost costs at least: where energy is free, nothing else would tell a wasteful plan from another
@@ -56,7 +55,13 @@ class PlanPrices:
         price_eur_mwh: Array,
         wear_eur_ah: Array,
     ) -> PlanPrices:
-        """Prices of :func:`bess.split.money.split_prices` (docs/foresight.md, eq. F2).
+        r"""Prices with which the settlement would count what a plan does (docs/foresight.md, eq. F2).
+
+        A shortfall costs what the settlement asks for it. The demand is given, so a plan does not change what
+        is sold or bought in a step: what it loses is missing in store, whichever the direction. It is bought
+        again when the plant charges next. So with buying price :math:`\pi + f_c`, the price of a loss in step
+        ``t`` is the mean over the charging steps from ``t`` on, weighted with their power; where no charging
+        is foreseen, the median over the horizon.
 
         Parameters
         ----------
@@ -70,13 +75,25 @@ class PlanPrices:
             Market price.
         wear_eur_ah : ndarray, shape (n_strings,)
             Marginal wear of each string.
+
+        Raises
+        ------
+        InputError
+            Prices and demand are not finite arrays of one length.
         """
-        prices = split_prices(terms, price_eur_mwh, demand_kw)
-        missing = prices.shortfall_eur_kwh
-        lost = np.maximum(prices.loss_eur_kwh, LEAST_LOSS_EUR_KWH)
+        if price_eur_mwh.ndim != 1 or price_eur_mwh.shape != demand_kw.shape or not price_eur_mwh.size:
+            raise InputError(
+                f"prices of shape {price_eur_mwh.shape} and a demand of shape {demand_kw.shape} need one "
+                "length"
+            )
+        if not (np.isfinite(price_eur_mwh).all() and np.isfinite(demand_kw).all()):
+            raise InputError("prices and demand of a plan must be finite")
+        missing = terms.shortfall_price_eur_mwh(price_eur_mwh) / KWH_PER_MWH
+        again = _bought_again_eur_mwh(terms.charge_price_eur_mwh(price_eur_mwh), demand_kw)
+        lost = np.maximum(again / KWH_PER_MWH, LEAST_LOSS_EUR_KWH)
         losses = np.stack([missing, missing, lost, lost], axis=1)
         weights = np.array([objective.weight for objective in objectives.members])
-        return cls(losses * weights, wear_eur_ah, prices.start_eur)
+        return cls(losses * weights, wear_eur_ah, terms.start_eur)
 
     def following_store(self) -> PlanPrices:
         """The same for a demand that follows from what is in store (docs/foresight.md).
@@ -87,3 +104,13 @@ class PlanPrices:
         losses = self.losses.copy()
         losses[1:, 0] *= FOLLOWING_SHARE
         return replace(self, losses=losses)
+
+
+def _bought_again_eur_mwh(buy_eur_mwh: Array, demand_kw: Array) -> Array:
+    """Price at which what is lost in each step is bought again [EUR/MWh]."""
+    charging_kw = np.maximum(-demand_kw, 0.0)
+    # Sums from each step to the end.
+    power = np.cumsum(charging_kw[::-1])[::-1]
+    paid = np.cumsum((charging_kw * buy_eur_mwh)[::-1])[::-1]
+    median = np.full(buy_eur_mwh.size, np.median(buy_eur_mwh))
+    return np.asarray(np.divide(paid, power, out=median, where=power > 0.0))

@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bess.convexity import lower_hull
 from bess.parameters import State, System
 from bess.parameters.parse import PER_STRING_SITE, StringParameters
 from bess.split.rollout import rollout
 
-Array = NDArray[np.float64]
 Model = Literal["nonlinear", "convex", "linear"]
 
 _NO_RESISTANCE = 1e-9
@@ -54,7 +53,8 @@ def _convex(string: StringParameters) -> dict[str, Any]:
     for key in ("loss_charge", "loss_discharge"):
         loss = np.array(tables["inverter"][key])
         loss[0] = 0.0
-        tables["inverter"][key] = lower_envelope(load, loss).tolist()
+        hull = lower_hull(load, loss)
+        tables["inverter"][key] = np.interp(load, load[hull], loss[hull]).tolist()
     return tables
 
 
@@ -84,19 +84,3 @@ def _heat_share(string: StringParameters) -> float:
     state = State([_REFERENCE_SOC], [25.0])
     roll = rollout(alone, state, [[string.inverter.nominal_kw]], 1.0 / 3600.0)
     return float(roll.battery_loss_kw[0, 0] / string.inverter.nominal_kw)
-
-
-def lower_envelope(x: Array, y: Array) -> Array:
-    """Return the largest convex function below the points, at their abscissae (ascending)."""
-    kept: list[int] = []
-    for i in range(x.size):
-        while len(kept) > 1 and _above(x, y, kept[-2], kept[-1], i):
-            kept.pop()
-        kept.append(i)
-    return np.interp(x, x[kept], y[kept])
-
-
-def _above(x: Array, y: Array, first: int, middle: int, last: int) -> bool:
-    """Whether the middle point is on or above the chord of its neighbours."""
-    slope = (y[last] - y[first]) / (x[last] - x[first])
-    return bool(y[middle] >= y[first] + slope * (x[middle] - x[first]))

@@ -14,17 +14,14 @@ from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bess.convexity import Envelope, Lines, chord_above, convex_below, lines_above, lines_below
+from bess.numbers import Array
 from bess.parameters.battery import Battery
 from bess.parameters.parse import StringParameters
-from bess.split.relaxation.envelope import Envelope
 
-Array = NDArray[np.float64]
 _Pick = Callable[..., Any]
 Law = Literal["table", "pi"]
-Lines = tuple[Array, Array]
-"""Intercepts and slopes of straight lines."""
 
 DISCHARGE, CHARGE = 1, -1
 
@@ -227,15 +224,17 @@ def optimist(
             heat_most.append(share)
             ohm.append(_ohm(battery, sign, began, warm_c, np.min) * soh_resistance)
         resistance = np.array(ohm)
-        base = _convex_below(warm_c, resistance.min(axis=0))
+        base = convex_below(warm_c, resistance.min(axis=0))
         reached = warm_c <= ends_c[1]
+        load, loss = np.array(inverter.load), np.array(losses)
+        (loss_0, loss_slope), most = lines_below(load, loss), Envelope.of_table(load, loss, load.size - 1)
         directions[sign] = Direction(
             ratio=np.array(ratio),
             ratio_against=np.array(against),
             root=np.sqrt(1e3 * (resistance / base).min(axis=1)) / np.array(top_v),
-            conductance=_line_above(warm_c[reached] - reference_c, 1.0 / base[reached]),
-            loss=_loss_lines(np.array(inverter.load), np.array(losses), inverter.nominal_kw),
-            loss_most=_loss_most(np.array(inverter.load), np.array(losses), inverter.nominal_kw),
+            conductance=chord_above(warm_c[reached] - reference_c, 1.0 / base[reached]),
+            loss=(inverter.nominal_kw * loss_0, loss_slope),
+            loss_most=(inverter.nominal_kw * most.chord_intercept, most.chord_slope),
             heat_most=np.array(heat_most),
         )
 
@@ -253,7 +252,7 @@ def optimist(
         discharge=directions[DISCHARGE],
         charge=directions[CHARGE],
         derating=_colder(
-            _lines_above(derated_c - reference_c, np.interp(derated_c, derating_c, factor)), cold_k
+            lines_above(derated_c - reference_c, np.interp(derated_c, derating_c, factor)), cold_k
         ),
         hottest_k=hottest_k + cold_k,
         ages=string.wear.cell_model is not None,
@@ -336,37 +335,3 @@ def _colder(lines: Lines, cold_k: float) -> Lines:
     """Lines over ``theta``, which exceeds the mean temperature by no more than ``cold_k``."""
     intercept, slope = lines
     return intercept + np.maximum(-slope, 0.0) * cold_k, slope
-
-
-def _loss_lines(load: Array, loss: Array, nominal_kw: float) -> Lines:
-    envelope = Envelope.of_table(load, loss, load.size - 1)
-    slope, first = np.unique(envelope.slope, return_index=True)
-    return nominal_kw * envelope.intercept[first], slope
-
-
-def _loss_most(load: Array, loss: Array, nominal_kw: float) -> tuple[float, float]:
-    envelope = Envelope.of_table(load, loss, load.size - 1)
-    return nominal_kw * envelope.chord_intercept, envelope.chord_slope
-
-
-def _convex_below(x: Array, y: Array) -> Array:
-    """Values at ``x`` of the largest convex function below the table."""
-    if x.size < 3:
-        return y
-    envelope = Envelope.of_table(x, y, x.size - 1)
-    return np.asarray(np.max(envelope.slope * x[:, None] + envelope.intercept, axis=1))
-
-
-def _line_above(x: Array, y: Array) -> tuple[float, float]:
-    """Intercept and slope of the line through the ends of a table, raised until it is above all of it."""
-    slope = float((y[-1] - y[0]) / (x[-1] - x[0])) if x.size > 1 else 0.0
-    return float((y - slope * x).max()), slope
-
-
-def _lines_above(x: Array, y: Array) -> Lines:
-    """Lines whose lowest is the least concave function above the table."""
-    if x.size == 1:
-        return np.array([y[0]]), np.zeros(1)
-    envelope = Envelope.of_table(x, -y, x.size - 1)
-    slope, first = np.unique(-envelope.slope, return_index=True)
-    return -envelope.intercept[first], slope

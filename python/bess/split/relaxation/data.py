@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bess import _core
+from bess.convexity import Envelope
 from bess.numbers import Array
 from bess.parameters import State, System
 from bess.split.problem import SplitProblem
-from bess.split.relaxation.envelope import Envelope
 from bess.split.relaxation.equations import INVERTER_PIECES, LOSSES
 from bess.units import SECONDS_PER_HOUR, WATTS_PER_KW
 
