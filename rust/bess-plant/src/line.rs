@@ -4,7 +4,7 @@
 //! look-up is two comparisons, one product and one sum. The segment is a function of the argument alone
 //! (half-open), never of the past, so a restored plant continues bit by bit.
 
-use bess_tables::{locate, Grid, Lut};
+use bess_tables::{Axis, Grid, Lut};
 
 use crate::lanes::Lanes;
 
@@ -28,7 +28,7 @@ impl Line {
     }
 
     /// The segment of a table that holds `at`; constant beyond both ends.
-    pub(crate) fn of_knots(x: &[f64], y: &[f64], at: f64) -> Self {
+    pub(crate) fn of_knots(x: &Axis, y: &[f64], at: f64) -> Self {
         let last = x.len() - 1;
         if at < x[0] {
             return Self::constant(f64::NEG_INFINITY, x[0], y[0]);
@@ -36,7 +36,7 @@ impl Line {
         if at >= x[last] {
             return Self::constant(x[last], f64::INFINITY, y[last]);
         }
-        let (segment, _) = locate(x, at);
+        let segment = x.below(at);
         let slope = (y[segment + 1] - y[segment]) / (x[segment + 1] - x[segment]);
         Self { low: x[segment], high: x[segment + 1], intercept: y[segment] - slope * x[segment], slope }
     }

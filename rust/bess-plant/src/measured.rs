@@ -5,7 +5,7 @@
 //! `d ln R / d ln I * R I / V`, some 1e-2, so four leave 1e-8 of the effect of the C-rate. Whatever is left does
 //! not touch the energy balance: power, heat and node heat use one and the same resistance.
 
-use bess_tables::{locate, Direction, Grid, Resistance};
+use bess_tables::{Axis, Direction, Grid, Resistance};
 
 const PASSES: usize = 4;
 
@@ -37,7 +37,7 @@ impl Scratch {
     /// [`Self::node`] gives that of every node.
     pub(crate) fn solve(
         &mut self,
-        (c_rate, grids): (&[f64], &[Grid]),
+        (c_rate, grids): (&Axis, &[Grid]),
         growth: f64,
         soc: f64,
         node_temperatures_c: impl Iterator<Item = f64>,
@@ -64,11 +64,11 @@ impl Scratch {
         low + share * (self.row[segment + 1] - low)
     }
 
-    fn place_nodes(&mut self, knots: &[f64], node_temperatures_c: impl Iterator<Item = f64>) {
+    fn place_nodes(&mut self, knots: &Axis, node_temperatures_c: impl Iterator<Item = f64>) {
         self.weight.fill(0.0);
         let per_node = 1.0 / self.place.len() as f64;
         for (place, temperature_c) in self.place.iter_mut().zip(node_temperatures_c) {
-            let (segment, share) = locate(knots, temperature_c);
+            let (segment, share) = knots.locate(temperature_c);
             *place = (segment, share);
             self.weight[segment] += per_node * (1.0 - share);
             if share > 0.0 {
@@ -77,11 +77,11 @@ impl Scratch {
         }
     }
 
-    fn fill_row(&mut self, c_rate: &[f64], grids: &[Grid], growth: f64, soc: f64, c: f64) {
-        let (low, share) = locate(c_rate, c);
+    fn fill_row(&mut self, c_rate: &Axis, grids: &[Grid], growth: f64, soc: f64, c: f64) {
+        let (low, share) = c_rate.locate(c);
         let high = (low + 1).min(grids.len() - 1);
         let knots = grids[0].y();
-        for (value, &knot) in self.row.iter_mut().zip(knots) {
+        for (value, &knot) in self.row.iter_mut().zip(knots.iter()) {
             let at_low = grids[low].at(soc, knot);
             *value = growth * (at_low + share * (grids[high].at(soc, knot) - at_low));
         }
@@ -89,7 +89,7 @@ impl Scratch {
 }
 
 /// The measured tables of a direction; nothing for strings with switched tables.
-pub(crate) fn tables(resistance: &Resistance, direction: Direction) -> Option<(&[f64], &[Grid])> {
+pub(crate) fn tables(resistance: &Resistance, direction: Direction) -> Option<(&Axis, &[Grid])> {
     match (resistance, direction) {
         (Resistance::Switched { .. }, _) => None,
         (Resistance::Measured { c_rate, charge, .. }, Direction::Charge) => Some((c_rate, charge)),

@@ -3,10 +3,9 @@
 
 use serde::Deserialize;
 
-use crate::lut::check_axis;
 use crate::units::W_PER_KW;
 use crate::{
-    Ageing, Cooling, Derating, Grid, Inverter, LumpedThermal, Lut, Resistance, SpatialThermal,
+    Ageing, Axis, Cooling, Derating, Grid, Inverter, LumpedThermal, Lut, Resistance, SpatialThermal,
     StringParameters, System, TableError,
 };
 
@@ -262,9 +261,8 @@ impl BatteryDocument {
                         })
                         .collect::<Result<Vec<_>, _>>()
                 };
-                check_axis(&name("battery.resistance_table.c_rate"), &table.c_rate)?;
                 Ok(Resistance::Measured {
-                    c_rate: table.c_rate.clone(),
+                    c_rate: Axis::new(&name("battery.resistance_table.c_rate"), table.c_rate.clone())?,
                     charge: grids("battery.resistance_table.charge_mohm", &table.charge_mohm)?,
                     discharge: grids("battery.resistance_table.discharge_mohm", &table.discharge_mohm)?,
                     control_c_rate: table.control_c_rate,

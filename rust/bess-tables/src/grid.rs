@@ -1,13 +1,12 @@
 //! Tables over two axes, bilinear.
 
-use crate::lut::{check_axis, locate};
-use crate::TableError;
+use crate::{Axis, TableError};
 
 /// Bilinear table `z(x, y)` on a rectangular grid, clamped outside it. One row per `x`, one column per `y`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Grid {
-    x: Vec<f64>,
-    y: Vec<f64>,
+    x: Axis,
+    y: Axis,
     z: Vec<f64>,
 }
 
@@ -19,13 +18,10 @@ impl Grid {
     /// [`TableError`] where the knots of an axis do not ascend, the values are not as many as the knots of both axes make,
     /// or a number is not finite.
     pub fn new(name: &str, x: Vec<f64>, y: Vec<f64>, z: Vec<f64>) -> Result<Self, TableError> {
-        check_axis(name, &x)?;
-        check_axis(name, &y)?;
-        if z.len() != x.len() * y.len() {
-            return Err(TableError::table(
-                name,
-                format!("{} x {} knots but {} values", x.len(), y.len(), z.len()),
-            ));
+        let (x, y) = (Axis::new(name, x)?, Axis::new(name, y)?);
+        let (rows, columns) = (x.len(), y.len());
+        if z.len() != rows * columns {
+            return Err(TableError::table(name, format!("{rows} x {columns} knots but {} values", z.len())));
         }
         if let Some(value) = z.iter().find(|v| !v.is_finite()) {
             return Err(TableError::table(name, format!("value {value} is not finite")));
@@ -34,12 +30,12 @@ impl Grid {
     }
 
     /// First axis.
-    pub fn x(&self) -> &[f64] {
+    pub fn x(&self) -> &Axis {
         &self.x
     }
 
     /// Second axis.
-    pub fn y(&self) -> &[f64] {
+    pub fn y(&self) -> &Axis {
         &self.y
     }
 
@@ -56,12 +52,12 @@ impl Grid {
     /// Value at `(x, y)`, clamped outside the grid.
     #[inline]
     pub fn at(&self, x: f64, y: f64) -> f64 {
-        let (row, share_x) = locate(&self.x, x);
+        let (row, share) = self.x.locate(x);
         let low = self.row_at(row, y);
         if self.x.len() == 1 {
             return low;
         }
-        low + share_x * (self.row_at(row + 1, y) - low)
+        low + share * (self.row_at(row + 1, y) - low)
     }
 
     #[inline]
@@ -71,7 +67,7 @@ impl Grid {
         if columns == 1 {
             return values[0];
         }
-        let (column, share) = locate(&self.y, y);
+        let (column, share) = self.y.locate(y);
         values[column] + share * (values[column + 1] - values[column])
     }
 }

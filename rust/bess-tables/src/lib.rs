@@ -9,6 +9,7 @@
 //! [`StringParameters`] for each string, with its tables ([`Lut`] over one axis, [`Grid`] over two, [`Resistance`] over
 //! the state) and its [`Cooling`].
 
+mod axis;
 mod cooling;
 mod direction;
 mod document;
@@ -19,10 +20,11 @@ mod parameters;
 mod resistance;
 pub mod units;
 
+pub use axis::Axis;
 pub use cooling::{CoolantLoop, Cooling};
 pub use direction::Direction;
 pub use error::TableError;
 pub use grid::Grid;
-pub use lut::{locate, Lut};
+pub use lut::Lut;
 pub use parameters::{Ageing, Derating, Inverter, LumpedThermal, SpatialThermal, StringParameters, System};
 pub use resistance::Resistance;

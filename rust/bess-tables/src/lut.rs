@@ -1,6 +1,6 @@
 //! Tables over one axis, piecewise linear.
 
-use crate::TableError;
+use crate::{Axis, TableError};
 
 /// Piecewise linear table `y(x)` with ascending knots, clamped to its end values outside them.
 ///
@@ -8,7 +8,7 @@ use crate::TableError;
 /// checked against the table at construction.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Lut {
-    x: Vec<f64>,
+    x: Axis,
     y: Vec<f64>,
 }
 
@@ -19,7 +19,7 @@ impl Lut {
     ///
     /// [`TableError`] where the knots do not ascend, are not as many as the values, or a number is not finite.
     pub fn new(name: &str, x: Vec<f64>, y: Vec<f64>) -> Result<Self, TableError> {
-        check_axis(name, &x)?;
+        let x = Axis::new(name, x)?;
         if x.len() != y.len() {
             return Err(TableError::table(name, format!("{} knots but {} values", x.len(), y.len())));
         }
@@ -30,7 +30,7 @@ impl Lut {
     }
 
     /// Knots, ascending.
-    pub fn x(&self) -> &[f64] {
+    pub fn x(&self) -> &Axis {
         &self.x
     }
 
@@ -47,45 +47,12 @@ impl Lut {
     /// Value at `x`, clamped outside the knots.
     #[inline]
     pub fn at(&self, x: f64) -> f64 {
-        let (segment, share) = locate(&self.x, x);
+        let (segment, share) = self.x.locate(x);
         if self.y.len() == 1 {
             return self.y[0];
         }
         self.y[segment] + share * (self.y[segment + 1] - self.y[segment])
     }
-}
-
-/// Ascending, finite, not empty.
-pub(crate) fn check_axis(name: &str, x: &[f64]) -> Result<(), TableError> {
-    if x.is_empty() {
-        return Err(TableError::table(name, "is empty"));
-    }
-    if let Some(value) = x.iter().find(|v| !v.is_finite()) {
-        return Err(TableError::table(name, format!("knot {value} is not finite")));
-    }
-    if let Some(pair) = x.windows(2).find(|pair| pair[1] <= pair[0]) {
-        return Err(TableError::table(
-            name,
-            format!("knots must ascend, but {} follows {}", pair[1], pair[0]),
-        ));
-    }
-    Ok(())
-}
-
-/// Segment index and share in `[0, 1]` of `x` on an ascending axis, clamped at both ends.
-#[inline]
-pub fn locate(axis: &[f64], x: f64) -> (usize, f64) {
-    let last = axis.len() - 1;
-    if last == 0 || x <= axis[0] {
-        return (0, 0.0);
-    }
-    if x >= axis[last] {
-        return (last - 1, 1.0);
-    }
-    // Tables have ten to twenty knots. Counting all of them has no branch to mispredict and is vectorised, which beats
-    // a scan that leaves early and bisection.
-    let segment = axis[1..last].iter().map(|&knot| usize::from(x >= knot)).sum::<usize>();
-    (segment, (x - axis[segment]) / (axis[segment + 1] - axis[segment]))
 }
 
 #[cfg(test)]

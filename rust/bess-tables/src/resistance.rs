@@ -1,7 +1,6 @@
 //! Internal resistance of a string over its state.
 
-use crate::lut::locate;
-use crate::{Direction, Grid, Lut};
+use crate::{Axis, Direction, Grid, Lut};
 
 /// Internal resistance of a string [Ohm].
 #[derive(Debug, Clone, PartialEq)]
@@ -18,7 +17,7 @@ pub enum Resistance {
     /// Measured over SOC (first axis), temperature and C-rate, for each direction: one grid per C-rate.
     Measured {
         /// C-rates of the grids, ascending.
-        c_rate: Vec<f64>,
+        c_rate: Axis,
         /// Charge, one grid for each C-rate.
         charge: Vec<Grid>,
         /// Discharge, one grid for each C-rate.
@@ -56,7 +55,7 @@ impl Resistance {
                     Direction::Charge => charge,
                     Direction::Discharge => discharge,
                 };
-                let (segment, share) = locate(axis, c_rate);
+                let (segment, share) = axis.locate(c_rate);
                 let low = grids[segment].at(soc, temperature_c);
                 if grids.len() == 1 || share == 0.0 {
                     return low;

@@ -1,4 +1,4 @@
-use bess_tables::{Direction, Lut};
+use bess_tables::{Axis, Direction, Lut};
 
 /// Inverter loss of one direction over delivered AC power, with what is needed to invert it.
 ///
@@ -9,7 +9,7 @@ use bess_tables::{Direction, Lut};
 #[derive(Debug, Clone)]
 pub(crate) struct LossCurve {
     direction: Direction,
-    power: Vec<f64>,
+    power: Axis,
     loss: Vec<f64>,
     /// Running maximum of `g` over the knots.
     internal: Vec<f64>,
@@ -21,43 +21,33 @@ impl LossCurve {
     pub fn new(table: &Lut, direction: Direction, nominal_w: f64) -> Self {
         let inner = table.x().iter().copied().filter(|&x| x > 0.0 && x < nominal_w);
         let knots: Vec<f64> = std::iter::once(0.0).chain(inner).chain(std::iter::once(nominal_w)).collect();
-        let mut curve = Self { direction, power: vec![], loss: vec![], internal: vec![], slopes: vec![] };
+        let g = |p: f64| direction_power(direction, p, table.at(p));
+        let (mut power, mut internal) = (vec![], vec![]);
         let mut highest = f64::NEG_INFINITY;
         for (index, &p) in knots.iter().enumerate() {
-            let g = curve.direction_power(p, table.at(p));
-            if index > 0 && g > highest {
+            if index > 0 && g(p) > highest {
                 let before = knots[index - 1];
-                let g_before = curve.direction_power(before, table.at(before));
-                if g_before < highest {
-                    let crossing = before + (highest - g_before) / (g - g_before) * (p - before);
-                    curve.push(crossing, table.at(crossing), highest);
+                if g(before) < highest {
+                    let crossing = before + (highest - g(before)) / (g(p) - g(before)) * (p - before);
+                    power.push(crossing);
+                    internal.push(highest);
                 }
             }
-            highest = highest.max(g);
-            curve.push(p, table.at(p), highest);
+            highest = highest.max(g(p));
+            power.push(p);
+            internal.push(highest);
         }
-        for index in 1..curve.power.len() {
-            let run = curve.power[index] - curve.power[index - 1];
-            let rise = |y: &[f64]| (y[index] - y[index - 1]) / run;
-            curve.slopes.push((rise(&curve.loss), rise(&curve.internal)));
-        }
-        curve.slopes.push((0.0, 0.0));
-        curve
-    }
-
-    fn push(&mut self, power: f64, loss: f64, internal: f64) {
-        self.power.push(power);
-        self.loss.push(loss);
-        self.internal.push(internal);
+        let loss: Vec<f64> = power.iter().map(|&p| table.at(p)).collect();
+        let slope = |y: &[f64], index: usize| (y[index] - y[index - 1]) / (power[index] - power[index - 1]);
+        let between = (1..power.len()).map(|index| (slope(&loss, index), slope(&internal, index)));
+        let slopes = between.chain([(0.0, 0.0)]).collect();
+        Self { direction, power: Axis::ascending(power), loss, internal, slopes }
     }
 
     /// `g` for a delivered power and its loss [W].
     #[inline]
     pub fn direction_power(&self, power_w: f64, loss_w: f64) -> f64 {
-        match self.direction {
-            Direction::Charge => power_w - loss_w,
-            Direction::Discharge => power_w + loss_w,
-        }
+        direction_power(self.direction, power_w, loss_w)
     }
 
     /// Direction of the power.
@@ -78,11 +68,7 @@ impl LossCurve {
     /// Loss and running maximum of `g` at a power [W].
     #[inline]
     pub fn at(&self, power_w: f64) -> (f64, f64) {
-        let mut segment = 0;
-        for &knot in &self.power[1..] {
-            // Counting instead of leaving the loop early: requests are random to the branch predictor.
-            segment += usize::from(power_w >= knot);
-        }
+        let segment = self.power.below(power_w);
         let beyond = power_w - self.power[segment];
         let (loss_slope, internal_slope) = self.slopes[segment];
         (self.loss[segment] + loss_slope * beyond, self.internal[segment] + internal_slope * beyond)
@@ -110,6 +96,14 @@ impl LossCurve {
         inside
             .chain([g(low), g(high)])
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), g| (a.min(g), b.max(g)))
+    }
+}
+
+#[inline]
+fn direction_power(direction: Direction, power_w: f64, loss_w: f64) -> f64 {
+    match direction {
+        Direction::Charge => power_w - loss_w,
+        Direction::Discharge => power_w + loss_w,
     }
 }
 

@@ -181,12 +181,15 @@ impl StringModel {
         if request_w <= 0.0 {
             return self.idle(state, 0.0, 0.0, interval);
         }
-        let c = self.coefficients(interval.direction, state);
-        let (middle, lowest) = self.middle(curve, &c, state, request_w, interval);
-        if lowest < self.parameters.low_soc_switch {
-            return self.step_in_parts(curve, state, request_w, interval);
+        if state.soc >= self.parameters.low_soc_switch {
+            let c = self.coefficients(interval.direction, state);
+            let (middle, end_soc) = self.middle(curve, &c, state, request_w, interval);
+            if end_soc >= self.parameters.low_soc_switch {
+                let c = self.coefficients(interval.direction, middle);
+                return self.carry(curve, state, request_w, interval, &c);
+            }
         }
-        self.carry(curve, state, request_w, interval, &self.coefficients(interval.direction, middle))
+        self.step_in_parts(curve, state, request_w, interval)
     }
 
     #[cold]
@@ -216,7 +219,7 @@ impl StringModel {
         whole
     }
 
-    /// State in the middle of an interval as its start lets one expect, and the lower SOC of its two ends.
+    /// State in the middle of an interval as its start lets one expect, and the SOC at its end.
     #[inline]
     fn middle(
         &self,
@@ -233,7 +236,7 @@ impl StringModel {
         let (low, high) = (self.parameters.soc_min, self.parameters.soc_max);
         let soc = self.soc_after(state.soc, current_a, &half).clamp(low, high);
         let temperature_c = self.warmed(state.temperature_c, c.resistance_ohm * current_a * current_a, &half);
-        (StringState { soc, temperature_c }, state.soc.min(2.0 * soc - state.soc))
+        (StringState { soc, temperature_c }, 2.0 * soc - state.soc)
     }
 
     #[inline]

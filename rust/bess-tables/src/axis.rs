@@ -1,0 +1,137 @@
+//! Knots of a table, and where a value lies among them.
+
+use std::ops::Deref;
+
+use crate::TableError;
+
+/// Cells of the guide for each of the shortest segments: then no cell holds two knots.
+const CELLS_PER_SEGMENT: f64 = 2.0;
+/// Most cells of a guide; a table with a segment shorter than they can tell apart is searched on from there.
+const MOST_CELLS: f64 = 1024.0;
+
+/// Ascending knots of a table, with a guide to the segment of a value.
+///
+/// Equal cells lie over the knots, and each knows the last knot before it. So a value is placed by one product and one
+/// comparison, however many knots there are.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Axis {
+    knots: Vec<f64>,
+    /// The knot after each, infinity after the last.
+    next: Vec<f64>,
+    cells_per_unit: f64,
+    /// Of each cell, the last knot before it.
+    guide: Vec<u32>,
+}
+
+impl Axis {
+    /// Checks knots; `name` is used in the error.
+    ///
+    /// # Errors
+    ///
+    /// [`TableError`] where there are none, they do not ascend, or one is not finite.
+    pub fn new(name: &str, knots: Vec<f64>) -> Result<Self, TableError> {
+        if knots.is_empty() {
+            return Err(TableError::table(name, "is empty"));
+        }
+        if let Some(value) = knots.iter().find(|v| !v.is_finite()) {
+            return Err(TableError::table(name, format!("knot {value} is not finite")));
+        }
+        if let Some(pair) = knots.windows(2).find(|pair| pair[1] <= pair[0]) {
+            return Err(TableError::table(
+                name,
+                format!("knots must ascend, but {} follows {}", pair[1], pair[0]),
+            ));
+        }
+        Ok(Self::ascending(knots))
+    }
+
+    /// Of knots, at least one, that are known to ascend.
+    pub fn ascending(knots: Vec<f64>) -> Self {
+        let next = knots[1..].iter().copied().chain([f64::INFINITY]).collect();
+        let span = knots[knots.len() - 1] - knots[0];
+        let shortest = knots.windows(2).map(|pair| pair[1] - pair[0]).fold(span, f64::min);
+        let cells = if span > 0.0 { (CELLS_PER_SEGMENT * span / shortest).min(MOST_CELLS) } else { 0.0 };
+        let cells_per_unit = if span > 0.0 { cells / span } else { 0.0 };
+        let mut axis = Self { knots, next, cells_per_unit, guide: vec![] };
+        // Cells ascend with values to the last bit, so a knot in an earlier cell is below all values of a later one.
+        let before = |cell: usize| axis.knots[1..].partition_point(|&knot| axis.cell(knot) < cell) as u32;
+        axis.guide = (0..=cells as usize + 1).map(before).collect();
+        axis
+    }
+
+    #[inline]
+    fn cell(&self, x: f64) -> usize {
+        ((x - self.knots[0]) * self.cells_per_unit) as u32 as usize
+    }
+
+    /// The last knot at or below a value; the first one for values below it.
+    #[inline]
+    pub fn below(&self, x: f64) -> usize {
+        let mut knot = self.guide[self.cell(x).min(self.guide.len() - 1)] as usize;
+        // Adding the comparison has no branch to mispredict; the loop goes on only where knots are very close.
+        knot += usize::from(x >= self.next[knot]);
+        while x >= self.next[knot] {
+            knot += 1;
+        }
+        knot
+    }
+
+    /// Segment and share in `[0, 1]` of a value, clamped at both ends.
+    #[inline]
+    pub fn locate(&self, x: f64) -> (usize, f64) {
+        let last = self.knots.len() - 1;
+        if last == 0 || x <= self.knots[0] {
+            return (0, 0.0);
+        }
+        if x >= self.knots[last] {
+            return (last - 1, 1.0);
+        }
+        let segment = self.below(x);
+        (segment, (x - self.knots[segment]) / (self.knots[segment + 1] - self.knots[segment]))
+    }
+}
+
+impl Deref for Axis {
+    type Target = [f64];
+
+    #[inline]
+    fn deref(&self) -> &[f64] {
+        &self.knots
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn a_value_lies_in_the_segment_that_begins_at_or_below_it(
+            gaps in prop::collection::vec(prop_oneof![1e-9..1e-6f64, 0.01..0.1f64, 1.0..50.0f64], 1..20),
+            first in -50.0..50.0f64, shares in prop::collection::vec(0.0..1.0f64, 20),
+        ) {
+            let knots: Vec<f64> =
+                std::iter::once(0.0).chain(gaps).scan(first, |x, gap| { *x += gap; Some(*x) }).collect();
+            let axis = Axis::new("a", knots.clone()).unwrap();
+            let last = knots.len() - 1;
+            let between = shares.iter().map(|share| first + share * (knots[last] - first));
+            let close = knots.iter().flat_map(|&knot| [knot - 1e-13, knot, knot + 1e-13]);
+            for x in between.chain(close).filter(|&x| x > knots[0] && x < knots[last]) {
+                let expected = knots.iter().filter(|&&knot| x >= knot).count() - 1;
+                let (segment, share) = axis.locate(x);
+                prop_assert_eq!(segment, expected);
+                prop_assert_eq!(share, (x - knots[segment]) / (knots[segment + 1] - knots[segment]));
+            }
+            prop_assert_eq!((axis.below(f64::MIN), axis.below(f64::MAX)), (0, last));
+            prop_assert_eq!(axis.locate(knots[0] - 1.0), (0, 0.0));
+            prop_assert_eq!(axis.locate(knots[last] + 1.0), (last - 1, 1.0));
+        }
+    }
+
+    #[test]
+    fn an_axis_of_one_knot_is_that_knot_everywhere() {
+        let axis = Axis::new("a", vec![3.0]).unwrap();
+        assert_eq!([2.0, 3.0, 4.0].map(|x| axis.locate(x)), [(0, 0.0); 3]);
+    }
+}
