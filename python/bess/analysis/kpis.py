@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bess.analysis.lifetime import wear_kpis
 from bess.analysis.services import is_reserve, is_site, service_kpis
 from bess.analysis.settlement import dispatch_kpis, has_prices, settlement_kpis
 from bess.errors import InputError
+from bess.numbers import Array
 from bess.policies.planned import PLANNED
 from bess.units import PERCENT
 
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from bess.record import Result
 
-Array = NDArray[np.float64]
 
 _KWH_PER_MWH = 1000.0
 

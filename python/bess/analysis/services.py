@@ -6,15 +6,14 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bess.numbers import Array
 from bess.parameters.terms import Terms
 from bess.units import PERCENT
 
 if TYPE_CHECKING:
     import xarray as xr
 
-Array = NDArray[np.float64]
 
 _PER_MEGA: Final = 1000.0
 _HELD: Final = 1.0 - 1e-9

@@ -9,10 +9,10 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bess.analysis.services import capacity_entries, exchanged_kw, is_site, site_saving_eur
 from bess.errors import InputError
+from bess.numbers import Array
 from bess.parameters.terms import Terms
 from bess.study.sections import SettlementChoice
 
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from bess.record import Result
 
-Array = NDArray[np.float64]
 
 _KWH_PER_MWH: Final = 1000.0
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bess.explicit import ExplicitController
+from bess.numbers import Array
 from bess.parameters import State, System
 from bess.plant import Fleet
 from bess.policies import Decision, Situation, build_policy
@@ -16,8 +16,6 @@ from bess.simulation import run
 from bess.simulation.inputs import prepare
 from bess.simulation.runner import policy_settings
 from bess.study import Study
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

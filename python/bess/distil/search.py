@@ -6,13 +6,11 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bess.distil.lessons import Lessons
 from bess.explicit import N_WEIGHTS, decision
 from bess.extras import extra
-
-Array = NDArray[np.float64]
+from bess.numbers import Array
 
 POPULATION: Final = 32
 """Controllers of a generation; they run side by side."""

@@ -7,16 +7,14 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from bess import _core
 from bess.errors import InputError
 from bess.explicit.tables import Tables
 from bess.files import read_file
+from bess.numbers import Array
 from bess.parameters import State
-
-Array = NDArray[np.float64]
 
 N_WEIGHTS: Final = _core.Explicit.N_WEIGHTS
 """Weights of a controller; their places are in :mod:`bess.explicit.decision`."""

@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from typing import Annotated, Any, Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
+from bess.numbers import Array
 from bess.parameters import System
 from bess.parameters.battery import Battery, ResistanceTable
 
-Array = NDArray[np.float64]
 Numbers = tuple[FiniteFloat, ...]
 Count = Annotated[int, Field(ge=1)]
 

@@ -16,12 +16,13 @@ import pandas as pd
 from bess.market.clock import by_label, clock_of, localise, to_utc
 from bess.market.files import fail, listed
 from bess.market.numbers import parse_numbers
-from bess.market.quotes import Array, Quotes, only_product, whole_days
+from bess.market.quotes import Quotes, only_product, whole_days
 from bess.market.repairs import Repairs
 from bess.market.stamps import Stamps, parse_stamps
 from bess.market.table import Table
 from bess.market.units import check_price_unit
 from bess.market.zones import SPLIT, wanted_codes, zone_code
+from bess.numbers import Array
 
 Positions = npt.NDArray[np.intp]
 

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from datetime import tzinfo
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from bess.market.clock import Rows, ends_day
@@ -12,8 +11,7 @@ from bess.market.files import fail, listed
 from bess.market.repairs import Repairs
 from bess.market.table import Ending, Table
 from bess.market.zones import SPLIT, wanted_codes
-
-Array = npt.NDArray[np.float64]
+from bess.numbers import Array
 
 
 @dataclass(frozen=True)

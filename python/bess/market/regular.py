@@ -12,6 +12,7 @@ from bess.files import Fill
 from bess.market.clock import Rows
 from bess.market.files import fail
 from bess.market.repairs import Repairs
+from bess.numbers import Array
 
 _HOUR: Final = 3600
 _DAY: Final = 24 * _HOUR
@@ -20,8 +21,6 @@ _RUN: Final = 3
 _SHARE: Final = 0.05
 _OFTEN: Final = 8
 """A finer step is one that occurs in this share, or this number, of rows."""
-
-Array = npt.NDArray[np.float64]
 
 
 def regular(

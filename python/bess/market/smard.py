@@ -13,12 +13,13 @@ import numpy as np
 from bess.market.clock import clock_of, to_utc
 from bess.market.files import fail, listed
 from bess.market.numbers import MISSING, parse_numbers
-from bess.market.quotes import Array, Quotes, join_zone, only_product, whole_days
+from bess.market.quotes import Quotes, join_zone, only_product, whole_days
 from bess.market.repairs import Repairs
 from bess.market.stamps import Stamps, parse_stamps
 from bess.market.table import Table
 from bess.market.units import check_price_unit
 from bess.market.zones import wanted_codes, zone_code
+from bess.numbers import Array
 
 _PRICE: Final = re.compile(r"(.*?)\s*\[([^\]]*)/MWh\]")
 _BOTH: Final = ("Datum von", "Start date", "Beginn")

@@ -13,11 +13,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bess import _core
-
-Array = NDArray[np.float64]
+from bess.numbers import Array
 
 _AMBIENTS_C = (5.0, 20.0, 35.0)
 _STARTS_C = (20.0, 35.0)

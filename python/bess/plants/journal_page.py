@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from bess.numbers import Array
 from bess.parameters import State, System, load_system
 from bess.plants.journal import open_journal
 from bess.report.chart import Chart, Panel, Series
@@ -29,8 +30,6 @@ _GAP: Final = 3.0
 """Readings further apart than this many times their usual distance are a gap."""
 _SAME_POWER: Final = 0.02
 """Share of nominal power within which two splits serve the same demand."""
-
-Array = NDArray[np.float64]
 
 
 def write_journal_report(directory: Path) -> Path:

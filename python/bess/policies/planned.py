@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 
 from bess.errors import InputError
 from bess.foresight import Planner, PlanPrices
+from bess.numbers import Array
 from bess.parameters import State
 from bess.parameters.terms import Terms
 from bess.policies.policy import NO_OPTIMISATION, Decision, Situation, SolverReport
 from bess.policies.reactive import shared_at_least_loss
 from bess.split.objectives import Objectives
 from bess.wear import WearRates
-
-Vector = NDArray[np.float64]
 
 PLANNED: Final = 20
 """Status code of a step that was planned, not certified."""
@@ -77,7 +76,7 @@ class PlannedPolicy:
         self._planner.recall(memory)
         self._ran = memory.get("ran")
 
-    def _reactive(self, situation: Situation, request_kw: Vector) -> Vector | None:
+    def _reactive(self, situation: Situation, request_kw: Array) -> Array | None:
         """Reactive power of each string, where any is asked for: that which loses least beside active power.
 
         In EUR, the start of an inverter counts as the loss that its price would buy in this step.

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bess.errors import InputError
+from bess.numbers import Array
 from bess.parameters import State, System
 from bess.policies.rule import water_fill
-
-Vector = NDArray[np.float64]
 
 
 def refuse_reactive(who: str, remedy: str, *, asked: bool) -> None:
@@ -18,7 +16,7 @@ def refuse_reactive(who: str, remedy: str, *, asked: bool) -> None:
         raise InputError(f"[reactive]: {who} knows no reactive power; {remedy}, or leave out [reactive]")
 
 
-def shared_equally(request_kw: Vector, reactive_kvar: float, limit_kva: Vector) -> Vector:
+def shared_equally(request_kw: Array, reactive_kvar: float, limit_kva: Array) -> Array:
     """Share reactive power in equal parts among the strings that run, then among the others.
 
     Parameters
@@ -48,11 +46,11 @@ def shared_equally(request_kw: Vector, reactive_kvar: float, limit_kva: Vector) 
 def shared_at_least_loss(
     system: System,
     state: State,
-    request_kw: Vector,
+    request_kw: Array,
     reactive_kvar: float,
-    limit_kva: Vector,
-    start_kw: Vector,
-) -> Vector:
+    limit_kva: Array,
+    start_kw: Array,
+) -> Array:
     """Share reactive power so that the inverters lose least (docs/equations.md, R3).
 
     Parameters

@@ -7,15 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bess.errors import BessError
-from bess.numbers import real_numbers
+from bess.numbers import Array, real_numbers
 from bess.parameters import State, System
 from bess.policies.capability import Capability
 from bess.policies.policy import NO_OPTIMISATION, Decision, Situation
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -36,11 +33,11 @@ class Task:
 
     demand_kw: float
     discharge: bool
-    capability_kw: Vector
+    capability_kw: Array
     state: State
 
 
-Share = Callable[[System, Task], Vector]
+Share = Callable[[System, Task], Array]
 """A rule: powers [kW] up to each string's capability, in total the demand or, if less, all they can take."""
 
 
@@ -88,7 +85,7 @@ class RulePolicy:
         """Nothing to restore."""
 
 
-def water_fill(total_kw: float, weights: Vector, caps_kw: Vector) -> Vector:
+def water_fill(total_kw: float, weights: Array, caps_kw: Array) -> Array:
     """Share ``total_kw`` in proportion to ``weights``; what would exceed a cap goes to the others.
 
     A proportional form of water filling [1]_: shares rise together until caps hold some of them back.

@@ -2,11 +2,12 @@
 
 import numpy as np
 
+from bess.numbers import Array
 from bess.parameters import System
-from bess.policies.rule import Task, Vector, water_fill
+from bess.policies.rule import Task, water_fill
 
 
-def share(system: System, task: Task) -> Vector:
+def share(system: System, task: Task) -> Array:
     """Weights are the energy [kWh] between the SOC and the end of its window in the direction of power."""
     window = np.array([(string.battery.soc_min, string.battery.soc_max) for string in system.strings])
     left = task.state.soc - window[:, 0] if task.discharge else window[:, 1] - task.state.soc

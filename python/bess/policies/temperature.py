@@ -2,11 +2,12 @@
 
 import numpy as np
 
+from bess.numbers import Array
 from bess.parameters import System
-from bess.policies.rule import Task, Vector, water_fill
+from bess.policies.rule import Task, water_fill
 
 
-def share(system: System, task: Task) -> Vector:
+def share(system: System, task: Task) -> Array:
     """Weights are ``p_N (stop_c - temperature)``; a string that is too hot comes last."""
     stop_c = np.array([string.derating.stop_c for string in system.strings])
     weights = system.nominal_kw * np.maximum(stop_c - task.state.temperature_c, 0.0)

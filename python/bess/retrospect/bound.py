@@ -13,12 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from bess.numbers import Array
 from bess.parameters import State, System
 from bess.retrospect.cooling import Cooling
 from bess.retrospect.optimist import CHARGE, DISCHARGE, Law, Optimist, optimist
 from bess.retrospect.program import Program
-
-Array = NDArray[np.float64]
 
 _HEAT_LEVELS = np.array([0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95, 1.1, 1.5, 2.2])
 """Loads, as shares of the largest, at which the heat's parabola is touched from below."""

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bess.errors import InputError
+from bess.numbers import Array
 from bess.parameters import State, System
 from bess.plant import Fleet
-
-Array = NDArray[np.float64]
 
 _PULSE_K = 10.0
 

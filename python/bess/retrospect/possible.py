@@ -13,9 +13,10 @@ from bess.analysis.kpis import kpis
 from bess.analysis.services import is_reserve, is_site
 from bess.errors import InputError
 from bess.foresight.planner import ROLLOUTS
+from bess.numbers import Array
 from bess.policies import POLICIES, Policy, Settings, build_policy
 from bess.policies.rule import RulePolicy
-from bess.retrospect.bound import Array, Worth, lower_bound
+from bess.retrospect.bound import Worth, lower_bound
 from bess.retrospect.replay import Replay
 from bess.split.objectives import Objectives
 from bess.split.settings import SplitSettings

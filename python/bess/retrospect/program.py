@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-Array = NDArray[np.float64]
+from bess.numbers import Array
+
 Indices = NDArray[np.intp]
 
 

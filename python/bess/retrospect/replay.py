@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bess.analysis.provable import unprovable
 from bess.ems import Perfect
 from bess.errors import InputError
+from bess.numbers import Array
 from bess.parameters import System
 from bess.plant import Plant
 from bess.policies import Policy
@@ -25,8 +25,6 @@ from bess.study.plant_choice import build_system
 
 if TYPE_CHECKING:
     import xarray as xr
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

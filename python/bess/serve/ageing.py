@@ -12,12 +12,10 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bess import _core
+from bess.numbers import Array
 from bess.parameters import State, System
-
-Array = NDArray[np.float64]
 
 BLOCK_S: Final = 900.0
 """Time over which what is measured is gathered before it counts."""

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from bess.numbers import Array
+
 Flags = NDArray[np.bool_]
 
 

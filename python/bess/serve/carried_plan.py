@@ -9,13 +9,11 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bess.errors import BessError
+from bess.numbers import Array
 from bess.parameters import State, System
 from bess.policies import Policy, Situation
-
-Array = NDArray[np.float64]
 
 CHANGED: Final = 0.05
 """Share of the plant's power by which limits or a forecast must change before the plan is made anew."""

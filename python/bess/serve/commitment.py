@@ -20,10 +20,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from bess.numbers import Array
 from bess.parameters import State, System
 from bess.serve.constraints import CRUMBS_KW
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 SHORTFALL: Final = 3.0

@@ -11,9 +11,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from bess.numbers import Array
 from bess.policies.rule import water_fill
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 CRUMBS_KW: Final = 1e-9

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bess.errors import InputError
+from bess.numbers import Array
 from bess.parameters import State, System
 from bess.plants import Measurements
 from bess.policies import Policy
@@ -39,7 +40,6 @@ from bess.serve.reasons import reasons, status
 from bess.serve.reserves import Able, Reserves
 from bess.study.sections import ServiceChoice
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 

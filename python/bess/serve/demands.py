@@ -6,14 +6,12 @@ import threading
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bess.numbers import Array
 from bess.simulation.demand import Now
 from bess.simulation.inputs import prepare
 from bess.study import Study
 from bess.study.demands import ProfileDemand
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

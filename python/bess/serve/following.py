@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bess.numbers import Array
 from bess.serve.carried_plan import CarriedPlan
 from bess.serve.commitment import Curves
-
-Array = NDArray[np.float64]
 
 NOT_PLANNED: Final = 0.005
 """What a kWh through a string that the plan leaves out counts more, in kWh lost."""

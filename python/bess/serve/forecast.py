@@ -6,9 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from bess.numbers import Array
 
 SMOOTH_S: Final = 300.0
 """Time over which a demand that fluctuates is smoothed for the plan."""

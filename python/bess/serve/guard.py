@@ -9,12 +9,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from bess.numbers import Array
 from bess.parameters import State, System
 from bess.plants import Measurements
 from bess.serve.ageing import Ageing
 from bess.study.sections import ServiceChoice
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 HOTTEST_C: Final = 90.0

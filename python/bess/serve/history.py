@@ -6,15 +6,13 @@ from collections import deque
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bess.numbers import Array
 from bess.serve.answer import Answer
 
 SPAN_S: Final = 86_400.0
 EVERY_S: Final = 60.0
 _DIGITS: Final = 4
-
-Array = NDArray[np.float64]
 
 
 class History:

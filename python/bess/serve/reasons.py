@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from bess.numbers import Array
 from bess.parameters import System
 from bess.serve.calibration import Calibration
 from bess.serve.constraints import CRUMBS_KW
 from bess.serve.guard import Trusted
 from bess.serve.reserves import Able
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bess.errors import InputError
+from bess.numbers import Array
 from bess.parameters import System
 from bess.serve.guard import Trusted
 from bess.study.sections import ServiceChoice
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from bess.numbers import Array
 from bess.parameters import State, System
 
 if TYPE_CHECKING:
     from bess.ems import Arbitrage, AwareDispatch, Forecast
 
-Array = NDArray[np.float64]
 
 COMPARE_H = 3.0
 """How often what has come is compared with what a plan over prices counts on."""

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bess.errors import InputError
+from bess.numbers import Array
 from bess.parameters import System
 from bess.simulation.demand import (
     COMPARE_H,
@@ -27,8 +27,6 @@ from bess.study.services import FcrDemand, SiteDemand
 if TYPE_CHECKING:
     from bess.ems import Forecast
     from bess.study.study import Study
-
-Array = NDArray[np.float64]
 
 
 def demand_of(study: Study, system: System, step_s: float, horizon: int) -> RunDemand:

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bess.errors import InputError
+from bess.numbers import Array
 from bess.parameters import System
 from bess.simulation.demand import DemandSource
 from bess.simulation.demand_choice import demand_of
@@ -19,8 +19,6 @@ from bess.study.grid import Grid, Series, seconds_of
 from bess.study.plant_choice import build_system
 from bess.study.sections import Event, WeatherChoice
 from bess.study.study import Study
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

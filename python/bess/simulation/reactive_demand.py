@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bess.numbers import Array
 from bess.simulation.demand import padded
 from bess.simulation.run_demand import repair_notes
 from bess.study.grid import Grid, Series
@@ -15,8 +15,6 @@ from bess.study.grid import Grid, Series
 if TYPE_CHECKING:
     from bess.ems import Forecast
     from bess.study.reactive import ReactiveChoice
-
-Array = NDArray[np.float64]
 
 
 class ReactiveSource(Protocol):

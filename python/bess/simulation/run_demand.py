@@ -8,16 +8,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
+from bess.numbers import Array
 from bess.simulation.demand import DemandSource
 from bess.study.grid import Grid
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 
 DEFAULT_START: Final = datetime(2024, 1, 1, tzinfo=UTC)
 """When a run starts whose demand names no time."""

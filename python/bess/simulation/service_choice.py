@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bess.ems import (
     SITES,
@@ -24,6 +23,7 @@ from bess.ems import (
 from bess.ems.arbitrage import calendar_days
 from bess.ems.synthetic import frequency_deviation, market_prices
 from bess.errors import InputError
+from bess.numbers import Array
 from bess.parameters import System
 from bess.simulation.run_demand import DEFAULT_START, RunDemand, repair_notes, utc_index
 from bess.simulation.services import ExpectedZero, MeterSource, Reserve, ReserveSource, Trade
@@ -38,8 +38,6 @@ from bess.study.services import (
 )
 from bess.study.study import Study
 from bess.units import PERCENT
-
-Array = NDArray[np.float64]
 
 _FREQUENCY_STEP_S = 10
 _HOUR_S = 3600

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bess.ems import Arbitrage, Forecast, Level, Recharge, Store, Window
+from bess.numbers import Array
 from bess.simulation.demand import Now, padded
-
-Array = NDArray[np.float64]
 
 
 class ExpectedZero:

@@ -13,8 +13,7 @@ if TYPE_CHECKING:
     from bess.split.rollout import Rollout
 
 from bess.display import as_table, few, one_line
-
-Array = NDArray[np.float64]
+from bess.numbers import Array
 
 
 class SplitStatus(Enum):

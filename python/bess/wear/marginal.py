@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from bess import _core
 from bess.errors import InputError
+from bess.numbers import Array
 from bess.parameters import State, System
 from bess.wear.prices import WearPrices
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bess.numbers import Array
 from bess.parameters import System
 from bess.units import KWH_PER_MWH
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

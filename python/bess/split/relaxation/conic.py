@@ -19,7 +19,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from bess.numbers import Array
 
 FEASIBILITY_TOLERANCE = 1e-6
 """Largest violation of a row without free variables before the node counts as infeasible (per unit)."""
