@@ -137,6 +137,27 @@ def test_check_says_how_far_the_optimiser_looks_and_whether_it_certifies(kind: s
     assert f"policy: mpc, {said}\n" in text
 
 
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("system.parameters.battery.soc_min", "0.9", "soc 0.5 is outside its window [0.9, 1]"),
+        ("policy.objectives.kind", "money", "this study has no prices"),
+        ("system.parameters.thermal.spatial.conductivity_w_mk", "1e5", "stable"),
+    ],
+)
+def test_what_the_first_step_would_refuse_is_found_by_check_and_leaves_no_folder(
+    key: str, value: str, said: str, tmp_path: Path
+) -> None:
+    words = ["case1", "--set", f"{key}={value}"]
+    for ended in (
+        command("check", *words, folder=tmp_path),
+        command("run", *words, "--days", "1", "--out", "out", folder=tmp_path),
+    ):
+        assert ended.returncode == 2 and said in ended.stderr
+        assert len(ended.stderr.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_check_names_the_prices_it_found() -> None:
     if not PRICES.exists():
         pytest.skip(f"{PRICES} is not there")
@@ -149,6 +170,7 @@ def test_check_names_the_prices_it_found() -> None:
     ("words", "expected"),
     [
         (["run", "nosuch"], "nosuch: no such study"),
+        ([], "Missing command. (see bess --help)"),
         (["run", "missing.toml"], "missing.toml: no such study; check the path"),
         (["run"], "Missing argument"),
         (["fly"], "No such command 'fly'"),

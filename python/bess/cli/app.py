@@ -11,7 +11,6 @@ import typer
 app = typer.Typer(
     name="bess",
     help="Power split control of multi-string battery storage, in closed loop with an electro-thermal plant.",
-    no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bess.policies import build_policy
 from bess.simulation.inputs import Inputs, prepare
-from bess.simulation.runner import policy_settings
+from bess.simulation.runner import closed_loop
 from bess.study import Study, expand
 
 
@@ -22,7 +21,7 @@ def findings(study: Study) -> Iterator[str]:
     seen = None
     for name, each in runs.items():
         inputs = prepare(each)
-        build_policy(each.policy.name, inputs.system, policy_settings(each, inputs))
+        closed_loop(each, inputs)
         facts = [
             f"system: {inputs.system}",
             *inputs.notes,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -115,7 +116,7 @@ def _shown(value: object) -> str:
     if isinstance(value, Mapping | list | tuple | type(None)):
         return ""
     try:
-        text = repr(value)
+        text = value.isoformat() if isinstance(value, date) else repr(value)
     except ValueError:  # an integer with more digits than Python prints
         text = "a very large number"
     return f" = {text if len(text) <= 60 else text[:57] + '...'}"

@@ -31,7 +31,7 @@ POLICIES: dict[str, tuple[Factory, str]] = {
         _rule(temperature.share),
         "in proportion to nominal power and the distance from derating",
     ),
-    "mpc": (mpc.build, "mixed-integer model predictive control over the horizon"),
+    "mpc": (mpc.build, "a plan of a day, or a certified mixed-integer split of the next steps"),
     "distilled": (distilled.build, "what bess distil made of a study: policy.file, no solver"),
 }
 

@@ -28,6 +28,8 @@ class ClosedLoop:
 
     Attributes
     ----------
+    inputs, policy
+        As given.
     step : int
         Index of the next step.
     """
@@ -35,8 +37,8 @@ class ClosedLoop:
     def __init__(
         self, inputs: Inputs, policy: Policy, plant: Plant, *, node_temperatures: bool, policy_name: str = ""
     ) -> None:
-        self._inputs = inputs
-        self._policy = policy
+        self.inputs = inputs
+        self.policy = policy
         self._policy_name = policy_name
         self._plant = plant
         strings = inputs.system.strings
@@ -64,7 +66,7 @@ class ClosedLoop:
         record, log : dict
             Values of this step by the names of the result, and the line for the log.
         """
-        step, inputs = self.step, self._inputs
+        step, inputs = self.step, self.inputs
         state = self._plant.state
         limit_kw, total_kw = inputs.limit_kw[step], self._total_kw[step]
         now = Now(state, limit_kw, self._surroundings_c[step:], self._delivered_kw)
@@ -123,7 +125,7 @@ class ClosedLoop:
         log = {
             "step": step,
             "time": str(np.datetime64(inputs.grid.start_s + step * inputs.grid.step_s, "s")) + "Z",
-            "status": self._policy.statuses[solver.status],
+            "status": self.policy.statuses[solver.status],
             "gap": solver.gap,
             "search_gap": solver.search_gap,
             "nodes": solver.nodes,
@@ -138,8 +140,8 @@ class ClosedLoop:
     def in_blocks(self) -> bool:
         """Whether many steps can be run in one call: by a distilled controller, of a demand that is known."""
         return (
-            isinstance(self._policy, DistilledPolicy)
-            and isinstance(self._inputs.demand, ProfileSource)
+            isinstance(self.policy, DistilledPolicy)
+            and isinstance(self.inputs.demand, ProfileSource)
             and not self._ages
             and "node_temperature_c" not in self._flows
         )
@@ -152,8 +154,8 @@ class ClosedLoop:
         record, log
             As of :meth:`advance`, the record with the steps along the first axis.
         """
-        assert isinstance(self._policy, DistilledPolicy)
-        inputs, first = self._inputs, self.step
+        assert isinstance(self.policy, DistilledPolicy)
+        inputs, first = self.inputs, self.step
         n_steps = min(most, inputs.grid.n_steps - first)
         steps = slice(first, first + n_steps)
         now = Now(self._plant.state, inputs.limit_kw[first], self._surroundings_c[first:])
@@ -166,7 +168,7 @@ class ClosedLoop:
         before = now.state.soh_capacity
         try:
             request_kw, flows = self._plant.follow(
-                self._policy.controller, served_kw, limit_kw, ambient_c, float(inputs.grid.step_s)
+                self.policy.controller, served_kw, limit_kw, ambient_c, float(inputs.grid.step_s)
             )
         except InputError as error:
             raise InputError(f"{self._place}: {error}") from error
@@ -198,7 +200,7 @@ class ClosedLoop:
             {
                 "step": first + index,
                 "time": f"{time}Z",
-                "status": self._policy.statuses[solver.status],
+                "status": self.policy.statuses[solver.status],
                 "gap": solver.gap,
                 "search_gap": solver.search_gap,
                 "nodes": solver.nodes,
@@ -217,8 +219,8 @@ class ClosedLoop:
         return {
             "step": self.step,
             "plant": vars(self._plant.snapshot()),
-            "policy": self._policy.memory(),
-            "demand": self._inputs.demand.memory(),
+            "policy": self.policy.memory(),
+            "demand": self.inputs.demand.memory(),
             "delivered_kw": self._delivered_kw,
         }
 
@@ -226,13 +228,13 @@ class ClosedLoop:
         """Continue after the step at which :meth:`checkpoint` was called."""
         self.step = checkpoint["step"]
         self._plant.restore(PlantSnapshot(**checkpoint["plant"]))
-        self._policy.recall(checkpoint["policy"])
-        self._inputs.demand.recall(checkpoint["demand"])
+        self.policy.recall(checkpoint["policy"])
+        self.inputs.demand.recall(checkpoint["demand"])
         self._delivered_kw = checkpoint["delivered_kw"]
 
     def _decide(self, situation: Situation, total_kw: float) -> Decision:
         try:
-            decision = self._policy(situation)
+            decision = self.policy(situation)
             request_kw = real_numbers(decision.request_kw)
         except InputError as error:
             raise InputError(f"{self._place}: {error}") from error

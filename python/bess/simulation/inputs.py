@@ -80,6 +80,10 @@ def prepare(study: Study, system: System | None = None) -> Inputs:
         )
     horizon = study.policy.steps_ahead(system.control)
     asked = demand_of(study, system, step_s, horizon)
+    if study.policy.name == "mpc" and study.policy.objectives.kind == "money" and asked.price_eur_mwh is None:
+        raise InputError(
+            f'{study.name}: policy.objectives.kind = "money": this study has no prices; use "energy"'
+        )
     grid, files = asked.grid, list(asked.files)
     notes = [f"period: {grid}", *asked.notes]
     ambient = np.full(grid.n_steps, system.ambient_c)

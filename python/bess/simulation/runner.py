@@ -113,9 +113,9 @@ def run(
 def _run_in(
     directory: Path, study: Study, inputs: Inputs, own: Policy | None, *, progress: bool, resume: bool
 ) -> Result:
-    policy = own or build_policy(study.policy.name, inputs.system, policy_settings(study, inputs))
+    loop = closed_loop(study, inputs, own)  # refuses before there is a folder
     identity = identity_of(study, inputs.system, inputs.files)
-    identity["frame"] = describe_frame(study, inputs.system, inputs.grid, policy.statuses)
+    identity["frame"] = describe_frame(study, inputs.system, inputs.grid, loop.policy.statuses)
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:  # a NUL in the path is a ValueError
@@ -128,7 +128,7 @@ def _run_in(
             if progress:
                 for note in inputs.notes:
                     print(f"{study.name}: {note}", file=sys.stderr)
-            _complete(directory, study, inputs, policy, progress=progress)
+            _complete(directory, study, loop, progress=progress)
             _assemble(directory, identity)
         return _finish(directory)
 
@@ -157,19 +157,30 @@ def _is_finished(directory: Path, identity: Identity, *, resume: bool) -> bool:
     return finished
 
 
-def _complete(directory: Path, study: Study, inputs: Inputs, policy: Policy, *, progress: bool) -> None:
-    """Run from the last checkpoint, or from the first step, to the end."""
-    write_bytes(directory / "study.toml", study.to_toml().encode())
+def closed_loop(study: Study, inputs: Inputs, own: Policy | None = None) -> ClosedLoop:
+    """Build policy (that of the study, unless it is ``own``) and plant, at the first step.
+
+    Raises
+    ------
+    InputError
+        What either refuses, such as a state outside the window of SOC, or a plant step that is not stable.
+    """
+    policy = own or build_policy(study.policy.name, inputs.system, policy_settings(study, inputs))
     plant = Plant(inputs.system, inputs.system.initial_state(), derating_law=study.run.derating_law)
-    loop = ClosedLoop(
+    return ClosedLoop(
         inputs, policy, plant, node_temperatures=study.output.node_temperatures, policy_name=study.policy.name
     )
+
+
+def _complete(directory: Path, study: Study, loop: ClosedLoop, *, progress: bool) -> None:
+    """Run from the last checkpoint, or from the first step, to the end."""
+    write_bytes(directory / "study.toml", study.to_toml().encode())
     log_bytes = 0
     if saved := parts(directory):
         checkpoint = saved[-1].checkpoint()
         loop.restore(checkpoint["loop"])
         log_bytes = checkpoint["log_bytes"]
-    n_steps = inputs.grid.n_steps
+    n_steps = loop.inputs.grid.n_steps
     with (
         StepLog(directory, log_bytes) as log,
         reporting(study.name, n_steps, shown=progress) as update,

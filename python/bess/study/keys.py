@@ -38,7 +38,19 @@ def check_keys(document: Mapping[str, Any], model: type[BaseModel], place: str) 
     for key in _leaves(document, ""):
         if not any(_matches(key, pattern) for pattern in known):
             names = [pattern for pattern in known if _ANY not in pattern]
-            raise InputError(f"{place}: {key}: unknown key; {nearest(key, names)}")
+            close = difflib.get_close_matches(key, names, n=1, cutoff=0.5)
+            raise InputError(f"{place}: {key}: unknown key; {nearest(key, close or _beside(key, known))}")
+
+
+def _beside(key: str, known: Iterable[str]) -> list[str]:
+    """What there is in the deepest table of ``key`` that exists: its keys and tables."""
+    names = [pattern.partition(f".{_ANY}")[0] for pattern in known]
+    path = key.split(".")[:-1]
+    while path and not any(name.startswith(".".join(path) + ".") for name in names):
+        path.pop()
+    depth = len(path)
+    inside = [name.split(".") for name in names if name.split(".")[:depth] == path]
+    return sorted({".".join(parts[: depth + 1]) for parts in inside})
 
 
 def nearest(name: str, names: list[str]) -> str:
