@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from bess.errors import BessError, InputError
-from bess.numbers import real_numbers
-from bess.plant import Plant, PlantSnapshot
-from bess.policies import NO_OPTIMISATION, Decision, Policy, Situation, SolverReport
+from bess.numbers import Array, real_numbers
+from bess.plant import Flows, Plant, PlantSnapshot
+from bess.policies import Decision, Policy, Situation, SolverReport
 from bess.policies.distilled import DistilledPolicy
 from bess.policies.reactive import shared_equally
 from bess.record.schema import AGEING_FLOWS, COOLING_FLOWS, ENTROPY_FLOWS, FLOWS, REACTIVE_FLOWS
@@ -96,43 +96,23 @@ class ClosedLoop:
             reactive_kvar=self._reactive(situation, decision),
         )
         self._delivered_kw = float(flows.delivered_kw.sum())
-        solver = decision.solver
-        record: dict[str, Any] = {
-            "demand_kw": demand_kw,
-            "unmet_kw": abs(demand_kw - float(served_kw[0])),
-            "ambient_c": ambient_c,
-            "request_kw": decision.request_kw,
-            "solver_status": solver.status,
-            "solver_gap": solver.gap,
-            "solver_search_gap": solver.search_gap,
-            "solver_nodes": solver.nodes,
-            "fallback": int(solver.fallback),
-        }
-        if asked_kvar is not None:
-            record["reactive_demand_kvar"] = asked_kvar[0]
-        if inputs.price_eur_mwh is not None:
-            record["price_eur_mwh"] = inputs.price_eur_mwh[step]
-        record |= inputs.demand.planned(step)
-        record |= {name: values[step] for name, values in inputs.series.items()}
-        for name in self._flows:
-            record[name] = getattr(flows, name)
-        discharged_kwh = np.maximum(flows.delivered_kw, 0.0) * inputs.grid.dt_h
-        record["wear_eur"] = self._prices.cost_eur(state.soh_capacity - flows.soh_capacity, discharged_kwh)
+        beside = {} if asked_kvar is None else {"reactive_demand_kvar": asked_kvar[0]}
+        record = self._recorded(
+            step,
+            demand_kw,
+            float(served_kw[0]),
+            decision.request_kw,
+            _solver_record(decision.solver),
+            beside | inputs.demand.planned(step),
+            flows,
+            state.soh_capacity - flows.soh_capacity,
+        )
         if self._ages:
             limit = self._prices.end_of_life
             reached = (state.soh_capacity > limit) & (flows.soh_capacity <= limit)
             record["end_of_life"] = reached.astype(np.int32)
-        log = {
-            "step": step,
-            "time": str(np.datetime64(inputs.grid.start_s + step * inputs.grid.step_s, "s")) + "Z",
-            "status": self.policy.statuses[solver.status],
-            "gap": solver.gap,
-            "search_gap": solver.search_gap,
-            "nodes": solver.nodes,
-            "fallback": solver.fallback,
-            "unmet_kw": record["unmet_kw"],
-            "solve_time_s": solver.solve_time_s,
-        }
+        start = str(np.datetime64(inputs.grid.start_s + step * inputs.grid.step_s, "s"))
+        log = self._logged(step, start, decision.solver, record["unmet_kw"])
         self.step += 1
         return record, log
 
@@ -175,44 +155,68 @@ class ClosedLoop:
         missed_kw = np.abs(request_kw.sum(axis=1) - served_kw[:, 0])
         if (missed_kw > _TOLERANCE * np.maximum(1.0, total_kw[:, 0])).any():
             raise BessError(f"{self._place}: set-points do not sum to the demand; please report this")
-        record: dict[str, NDArray[Any]] = {
-            "demand_kw": ahead_kw[:, 0],
-            "unmet_kw": np.abs(ahead_kw[:, 0] - served_kw[:, 0]),
-            "ambient_c": ambient_c,
-            "request_kw": request_kw,
-            "solver_status": np.full(n_steps, NO_OPTIMISATION),
-            "solver_gap": np.full(n_steps, np.nan),
-            "solver_search_gap": np.full(n_steps, np.nan),
-            "solver_nodes": np.zeros(n_steps, dtype=np.int64),
-            "fallback": np.zeros(n_steps, dtype=np.int64),
-        }
-        if inputs.price_eur_mwh is not None:
-            record["price_eur_mwh"] = inputs.price_eur_mwh[steps]
-        record |= {name: values[steps] for name, values in inputs.series.items()}
-        record |= {name: getattr(flows, name) for name in self._flows}
-        lost = -np.diff(flows.soh_capacity, axis=0, prepend=before[None])
-        discharged_kwh = np.maximum(flows.delivered_kw, 0.0) * inputs.grid.dt_h
-        record["wear_eur"] = self._prices.cost_eur(lost, discharged_kwh)
+        solver = SolverReport()
+        record = self._recorded(
+            steps,
+            ahead_kw[:, 0],
+            served_kw[:, 0],
+            request_kw,
+            {name: np.full(n_steps, value) for name, value in _solver_record(solver).items()},
+            {},
+            flows,
+            -np.diff(flows.soh_capacity, axis=0, prepend=before[None]),
+        )
         starts_s = inputs.grid.start_s + np.arange(first, first + n_steps) * inputs.grid.step_s
         times = np.datetime_as_string(starts_s.astype("datetime64[s]"))
-        solver = SolverReport()
         log = [
-            {
-                "step": first + index,
-                "time": f"{time}Z",
-                "status": self.policy.statuses[solver.status],
-                "gap": solver.gap,
-                "search_gap": solver.search_gap,
-                "nodes": solver.nodes,
-                "fallback": solver.fallback,
-                "unmet_kw": unmet_kw,
-                "solve_time_s": solver.solve_time_s,
-            }
-            for index, (time, unmet_kw) in enumerate(zip(times, record["unmet_kw"].tolist(), strict=True))
+            self._logged(first + index, str(start), solver, unmet_kw)
+            for index, (start, unmet_kw) in enumerate(zip(times, record["unmet_kw"].tolist(), strict=True))
         ]
         self._delivered_kw = float(flows.delivered_kw[-1].sum())
         self.step += n_steps
         return record, log
+
+    def _recorded(
+        self,
+        at: int | slice,
+        demand_kw: ArrayLike,
+        served_kw: ArrayLike,
+        request_kw: Array,
+        solver: Mapping[str, Any],
+        beside: Mapping[str, Any],
+        flows: Flows,
+        capacity_lost: Array,
+    ) -> dict[str, Any]:
+        """What is recorded of a step, or of several along the first axis."""
+        inputs = self._inputs
+        record: dict[str, Any] = {
+            "demand_kw": demand_kw,
+            "unmet_kw": np.abs(np.subtract(demand_kw, served_kw)),
+            "ambient_c": inputs.ambient_c[at],
+            "request_kw": request_kw,
+            **solver,
+        }
+        if inputs.price_eur_mwh is not None:
+            record["price_eur_mwh"] = inputs.price_eur_mwh[at]
+        record |= beside
+        record |= {name: values[at] for name, values in inputs.series.items()}
+        record |= {name: getattr(flows, name) for name in self._flows}
+        discharged_kwh = np.maximum(flows.delivered_kw, 0.0) * inputs.grid.dt_h
+        return record | {"wear_eur": self._prices.cost_eur(capacity_lost, discharged_kwh)}
+
+    def _logged(self, step: int, start: str, solver: SolverReport, unmet_kw: float) -> dict[str, Any]:
+        """The line of a step in the log; ``start`` is its time in UTC."""
+        return {
+            "step": step,
+            "time": f"{start}Z",
+            "status": self.policy.statuses[solver.status],
+            "gap": solver.gap,
+            "search_gap": solver.search_gap,
+            "nodes": solver.nodes,
+            "fallback": solver.fallback,
+            "unmet_kw": float(unmet_kw),
+            "solve_time_s": solver.solve_time_s,
+        }
 
     def checkpoint(self) -> dict[str, Any]:
         """Everything the next step depends on."""
@@ -258,7 +262,7 @@ class ClosedLoop:
             )
         return decision
 
-    def _reactive(self, situation: Situation, decision: Decision) -> NDArray[np.float64] | None:
+    def _reactive(self, situation: Situation, decision: Decision) -> Array | None:
         """Reactive power of each string: as the policy shares it, or in equal parts if it does not."""
         if situation.reactive_kvar is None:
             return None
@@ -288,14 +292,25 @@ class ClosedLoop:
         return f"policy {self._policy_name!r}, step {self.step}"
 
 
-def _ahead(values: NDArray[np.float64], step: int, n_steps: int) -> NDArray[np.float64]:
+def _solver_record(solver: SolverReport) -> dict[str, float]:
+    """What is recorded of a policy's answer."""
+    return {
+        "solver_status": solver.status,
+        "solver_gap": solver.gap,
+        "solver_search_gap": solver.search_gap,
+        "solver_nodes": solver.nodes,
+        "fallback": int(solver.fallback),
+    }
+
+
+def _ahead(values: Array, step: int, n_steps: int) -> Array:
     """Values from a step on; after the end of the run, the last one."""
     ahead = values[step : step + n_steps]
     missing = n_steps - ahead.size
     return np.concatenate([ahead, np.full(missing, ahead[-1])]) if missing else ahead
 
 
-def _listed(values: NDArray[np.float64]) -> str:
+def _listed(values: Array) -> str:
     return "[" + ", ".join(f"{value:g}" for value in values[:8]) + (", ...]" if values.size > 8 else "]")
 
 
