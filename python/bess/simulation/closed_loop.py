@@ -188,7 +188,7 @@ class ClosedLoop:
         capacity_lost: Array,
     ) -> dict[str, Any]:
         """What is recorded of a step, or of several along the first axis."""
-        inputs = self._inputs
+        inputs = self.inputs
         record: dict[str, Any] = {
             "demand_kw": demand_kw,
             "unmet_kw": np.abs(np.subtract(demand_kw, served_kw)),
