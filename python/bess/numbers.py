@@ -2,12 +2,35 @@
 
 from __future__ import annotations
 
+from dataclasses import fields, is_dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bess.errors import InputError
 
 Array = NDArray[np.float64]
+
+
+class ByValue:
+    """Base of frozen dataclasses that hold arrays: equal where all fields are, NaN to NaN; not hashable.
+
+    The comparison that ``dataclass`` writes is that of tuples, for which an array has no truth value.
+    """
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not type(self):
+            return NotImplemented
+        assert is_dataclass(self)
+        return all(_same(getattr(self, f.name), getattr(other, f.name)) for f in fields(self) if f.compare)
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+def _same(one: object, other: object) -> bool:
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
+        return np.array_equal(one, other, equal_nan=one.dtype.kind == other.dtype.kind == "f")
+    return type(one) is type(other) and one == other
 
 
 def real_numbers(values: ArrayLike) -> NDArray[np.float64]:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bess.components.knots import reduced_knots
 from bess.errors import InputError
+from bess.numbers import ByValue
 
 Curve = tuple[NDArray[np.float64], NDArray[np.float64]]
 """AC power and loss of one direction, as fractions of nominal AC power."""
@@ -18,8 +19,8 @@ _LONGEST_EXTRAPOLATION = 0.1
 _LARGEST_KW = 1e6
 
 
-@dataclass(frozen=True)
-class LossTable:
+@dataclass(frozen=True, eq=False)
+class LossTable(ByValue):
     """Inverter losses over delivered AC power, in the units of a system file.
 
     Attributes

@@ -12,6 +12,7 @@ from bess.ems.aggregate import Aggregate, Curve, Rolled
 from bess.ems.bank_choice import Depths, banks_of
 from bess.ems.blocks import Blocks
 from bess.ems.store_program import Banks, Numbers, Pieces, StoreProgram
+from bess.numbers import ByValue
 from bess.parameters import State, System
 from bess.parameters.terms import Terms
 from bess.units import KWH_PER_MWH
@@ -39,8 +40,8 @@ _NEVER_EUR_KWH: Final = -1e3
 """Income of a kWh discharged at a negative price: it is not planned, as it would pay to burn energy."""
 
 
-@dataclass(frozen=True)
-class DispatchPlan:
+@dataclass(frozen=True, eq=False)
+class DispatchPlan(ByValue):
     """What to ask of a plant, and what it is expected to make of it. Powers are kW, positive = discharge.
 
     Attributes

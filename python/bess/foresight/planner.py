@@ -13,7 +13,7 @@ from bess import _core
 from bess.errors import InputError
 from bess.foresight.mistrust import Mistrust
 from bess.foresight.prices import PlanPrices
-from bess.numbers import real_numbers
+from bess.numbers import ByValue, real_numbers
 from bess.parameters import State, System
 from bess.split.problem import SplitProblem, check_horizon
 
@@ -47,8 +47,8 @@ MOST_STEPS = 48 * 60
 """Steps of the longest plan: two days of minutes."""
 
 
-@dataclass(frozen=True)
-class Plan:
+@dataclass(frozen=True, eq=False)
+class Plan(ByValue):
     """A plan, not certified: how far it is from the best one is not known (see :func:`bess.hindsight`).
 
     Attributes

@@ -9,15 +9,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from bess.display import as_table, few, one_line
 from bess.errors import InputError
-from bess.numbers import real_numbers
+from bess.numbers import ByValue, real_numbers
 
 TEMPERATURE_RANGE_C = (-60.0, 150.0)
 SOH_CAPACITY_RANGE = (0.01, 1.5)
 SOH_RESISTANCE_RANGE = (0.1, 100.0)
 
 
-@dataclass(frozen=True, init=False)
-class State:
+@dataclass(frozen=True, init=False, eq=False)
+class State(ByValue):
     """State of every string at one instant.
 
     Attributes

@@ -72,6 +72,23 @@ class System:
             )
             self.core = self._tables()
 
+    def __getstate__(self) -> dict[str, Any]:
+        """All but what the core holds, which is made anew."""
+        return {name: value for name, value in vars(self).items() if name not in ("core", "_control")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self.core = self._tables()
+
+    def __eq__(self, other: object) -> bool:
+        """Whether strings, control and cooling are equal, whatever the systems are called."""
+        if not isinstance(other, System):
+            return NotImplemented
+        return (self.strings, self.control, self.cooling) == (other.strings, other.control, other.cooling)
+
+    def __hash__(self) -> int:
+        return hash((self.n_strings, self.ambient_c))
+
     def _tables(self) -> _core.System:
         cooling = None if self.cooling is None else self.cooling.model_dump()
         document = {"strings": [string.core_document() for string in self.strings], "cooling": cooling}

@@ -98,11 +98,30 @@ class Fleet:
             "soh_capacity": np.array([state.soh_capacity for state in states]).ravel(),
             "soh_resistance": np.array([state.soh_resistance for state in states]).ravel(),
         }
+        self._derating_law = derating_law
         step_s = system.control.plant_step_s
         if plant_step_s is not None:
             step_s = one_number("plant_step_s", plant_step_s, "s")
         with refusals():
             self.core = _core.Plant(system.core, self.n_scenarios, step_s, derating_law, start)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a fleet is made of, and all it remembers; the core is made anew."""
+        settings = {
+            "plant_step_s": self.plant_step_s,
+            "derating_law": self._derating_law,
+            "ambient_c": self.ambient_c,
+        }
+        return {
+            "system": self.system,
+            "states": self.states,
+            "settings": settings,
+            "snapshot": self.snapshot(),
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__init__(state["system"], state["states"], **state["settings"])  # type: ignore[misc]
+        self.restore(state["snapshot"])
 
     @property
     def plant_step_s(self) -> float:

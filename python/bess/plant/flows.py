@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bess.display import as_table, few, one_line
+from bess.numbers import ByValue
 
 Floats = NDArray[np.float64]
 
@@ -30,8 +31,8 @@ class Limit(IntFlag):
     """The cells were at their voltage limit."""
 
 
-@dataclass(frozen=True)
-class Flows:
+@dataclass(frozen=True, eq=False)
+class Flows(ByValue):
     """Flows of one control step (``Plant.step``) or of several (``Plant.run``).
 
     The last axis of every array is the string, unless it says otherwise; before it stands the step (``run``)

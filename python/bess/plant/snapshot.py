@@ -7,9 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bess.numbers import ByValue
 
-@dataclass(frozen=True)
-class PlantSnapshot:
+
+@dataclass(frozen=True, eq=False)
+class PlantSnapshot(ByValue):
     """Everything a plant remembers: one that is restored to it continues bit by bit.
 
     The fields are plain arrays, so a checkpoint may store them by name and build the snapshot again from

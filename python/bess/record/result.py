@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 RESULTS = "results.nc"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Result:
     """Outcome of :func:`bess.run`.
 

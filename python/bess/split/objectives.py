@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Annotated, Any, Final, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
@@ -135,6 +135,20 @@ class Objectives(Choice):
     inverter: Weighted = Objective()
     battery: Weighted = Objective()
 
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            *,
+            kind: Kind = "paper",
+            shortfall: float | None = None,
+            normalisation: Normalisation = "constant",
+            availability: Objective | Mapping[str, float] | float = 1.0,
+            derating: Objective | Mapping[str, float] | float = 1.0,
+            inverter: Objective | Mapping[str, float] | float = 1.0,
+            battery: Objective | Mapping[str, float] | float = 1.0,
+        ) -> None: ...
+
     @classmethod
     def paper(cls, **given: Any) -> Self:
         """Objectives of the paper's case 1, the default; keywords as for the class."""
@@ -185,7 +199,7 @@ class Objectives(Choice):
             tuple(i for i, o in enumerate(self.members) if o.priority == priority) for priority in priorities
         )
 
-    @cached_property
+    @property
     def tolerances(self) -> tuple[Array, Array]:
         """Absolute and relative tolerance of each group, each of shape ``(n_groups,)``."""
         pairs = [

@@ -7,6 +7,7 @@ tells the algorithm on one page.
 from __future__ import annotations
 
 import time
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -110,6 +111,23 @@ class PowerSplit:
         self._costs = self.objectives.costs(self._scale_per_kw)
         self._switch_soc = np.array([s.battery.low_soc_switch for s in system.strings])[:, None]
         self._warm_start: Array | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What it is made of and where the next call starts; what is compiled is made anew."""
+        settings = {
+            "system": self.system,
+            "horizon_steps": self.horizon_steps,
+            "objectives": self.objectives,
+            "dt_h": self.dt_h,
+            "gap": self.settings.gap,
+            "time_limit_s": self.settings.time_limit_s,
+            "node_limit": self.settings.node_limit,
+        }
+        return {"settings": settings, "warm_start": self.warm_start}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__init__(**state["settings"])  # type: ignore[misc]
+        self.warm_start = state["warm_start"]
 
     def _facts(self) -> dict[str, str]:
         return {

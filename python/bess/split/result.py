@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from bess.split.rollout import Rollout
 
 from bess.display import as_table, few, one_line
-from bess.numbers import Array
+from bess.numbers import Array, ByValue
 
 
 class SplitStatus(Enum):
@@ -84,8 +84,8 @@ class GroupResult:
     search_gap: float
 
 
-@dataclass(frozen=True)
-class Split:
+@dataclass(frozen=True, eq=False)
+class Split(ByValue):
     """Answer of the power split for one horizon. Powers are kW, positive = discharge.
 
     Attributes
@@ -120,7 +120,7 @@ class Split:
     groups: tuple[GroupResult, ...]
     unmet_kw: Array
     nodes: int
-    solve_time_s: float
+    solve_time_s: float = field(compare=False)
     status: SplitStatus
 
     def _facts(self) -> dict[str, str]:

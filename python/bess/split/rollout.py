@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bess import _core
 from bess.errors import InputError
-from bess.numbers import each_step, finite_array
+from bess.numbers import ByValue, each_step, finite_array
 from bess.parameters import State, System
 from bess.parameters.state import TEMPERATURE_RANGE_C
 
@@ -21,8 +21,8 @@ Model = Literal["start", "midpoint"]
 _SLACK: Final = 1e-9
 
 
-@dataclass(frozen=True)
-class Rollout:
+@dataclass(frozen=True, eq=False)
+class Rollout(ByValue):
     """What a schedule of requests does. Powers are kW, positive = discharge; losses are ``>= 0``.
 
     All arrays have the shape of the requests, ``(..., n_strings, n_steps)``.
