@@ -10,7 +10,7 @@ charge, rest, discharge and rest, every charge and discharge with a high level a
 four levels, the twelve lengths and the hour at which the two days begin. From some quarter of an hour on a
 shorter cycle may take their place until the end. Each runs through the bundled study
 ``case2`` (certified controller, the paper's weights) and is held against
-:func:`bess.report.paper.comparisons`.
+:func:`bess.report.words.paper.comparisons`.
 
 Every candidate is a line of LOG, so the search goes on where it was stopped: new candidates are mutations and
 crossings of the best ones there. What is minimised is how far statements are from coming out; once all do,
@@ -33,7 +33,7 @@ import numpy as np
 import pandas as pd
 
 import bess
-from bess.report.paper import Verdict, comparisons
+from bess.report.words.paper import Verdict, comparisons
 
 BLOCKS: Final = 12
 QUARTERS: Final = 96

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 import bess
 from bess import wear
 from bess._core import ageing_models
-from bess.report.style import DOUBLE_COLUMN_IN, PALETTE, save_figure, styled
+from bess.report.drawing.style import DOUBLE_COLUMN_IN, PALETTE, save_figure, styled
 
 DOCS = Path(__file__).parent
 MODELS = dict(ageing_models())

@@ -12,7 +12,7 @@ from pathlib import Path
 import numbers_of_pages as numbers
 
 from bess.report import figures
-from bess.report.style import save_figure
+from bess.report.drawing.style import save_figure
 
 
 def main(folder: Path) -> None:

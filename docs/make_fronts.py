@@ -18,7 +18,7 @@ from bess.analysis import pareto
 from bess.analysis.catalogue import better, kpi
 from bess.ems.synthetic import market_prices
 from bess.report import figures
-from bess.report.style import save_figure
+from bess.report.drawing.style import save_figure
 
 DOCS = Path(__file__).parent
 STORED = DOCS / "_cases" / "fronts.json"

@@ -18,8 +18,8 @@ import numpy as np
 
 import bess
 from bess.analysis.catalogue import in_order, kpi
-from bess.report.kpi_figures import EFFICIENCIES
-from bess.report.paper import comparisons, reading
+from bess.report.charts.kpi_figures import EFFICIENCIES
+from bess.report.words.paper import comparisons, reading
 
 DOCS = Path(__file__).parent
 TABLES = DOCS / "_cases"

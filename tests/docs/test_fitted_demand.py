@@ -12,7 +12,7 @@ import bess
 import fit_demand
 from bess.ems import bundled_profile
 from bess.ems.profile import _FITTED_LEVELS_KW, _FITTED_QUARTERS, _FITTED_START
-from bess.report.paper import Verdict, comparisons
+from bess.report.words.paper import Verdict, comparisons
 
 
 @pytest.fixture(scope="module")

@@ -13,11 +13,11 @@ from synthetic import kpis, record
 
 import bess
 from bess.report import charts
-from bess.report.chart import Chart
+from bess.report.charts.long_runs import POINTS_PER_SERIES, daily, thin
 from bess.report.data import TimeAxis, with_initial
-from bess.report.interactive import bokeh_document, legend
-from bess.report.long_runs import POINTS_PER_SERIES, daily, thin
-from bess.report.style import PALETTE, colours
+from bess.report.drawing.chart import Chart
+from bess.report.drawing.interactive import bokeh_document, legend
+from bess.report.drawing.style import PALETTE, colours
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from synthetic import kpis, record, with_reserve
 import bess
 from bess.errors import InputError
 from bess.report import figures, save_figure
-from bess.report.style import styled
+from bess.report.drawing.style import styled
 
 PLAIN = ("SOC", "Mean SOC", "Nodes", "String", "Derating factor", "Node (0 = air inlet)", "string", "")
 

@@ -13,11 +13,11 @@ from bess.analysis.kpis import kpis as compute
 from bess.errors import InputError
 from bess.policies.planned import PLANNED
 from bess.report.contents import optimiser
-from bess.report.headline import tiles
-from bess.report.paper import Verdict, comparisons, is_case_2, reading
 from bess.report.runs import Run, runs_in
-from bess.report.tables import decision_table, kpi_groups
-from bess.report.words import summary, warnings
+from bess.report.words.headline import tiles
+from bess.report.words.paper import Verdict, comparisons, is_case_2, reading
+from bess.report.words.summary import summary, warnings
+from bess.report.words.tables import decision_table, kpi_groups
 
 BASE = {
     "availability_pct": 99.0, "derating_efficiency_pct": 98.0, "inverter_efficiency_pct": 97.0,

@@ -12,7 +12,7 @@ from bess.record import Result
 from bess.report import charts
 from bess.report.contents import comparison
 from bess.report.runs import Run, runs_in
-from bess.report.words import summary
+from bess.report.words.summary import summary
 from bess.study.scenarios import expand
 
 STUDY = bess.load_study("differing")

@@ -9,7 +9,9 @@ import scipy.sparse as sp
 
 import bess
 from bess.convexity import Envelope
-from bess.split.objectives import Objective, Objectives
+from bess.split.normalisation import constant_scale, payoff_scale
+from bess.split.objectives import NAMES, Objective, Objectives
+from bess.split.problem import SplitProblem
 from bess.split.relaxation import conic
 from bess.split.relaxation.conic import ConicProgram, NodeStatus, solve
 from bess.split.relaxation.equations import build, compiled
@@ -209,3 +211,26 @@ def test_a_variable_that_is_held_costs_what_it_costs():
     fixed, values = np.zeros(program.n_columns, dtype=bool), np.zeros(program.n_columns)
     fixed[program.slices["t"]], values[program.slices["t"]] = True, 2.0
     assert solve(data, fixed, values).bound == pytest.approx(2.0, abs=1e-5)
+
+
+def test_payoff_normalisation_divides_each_loss_by_its_range_over_the_single_optima():
+    system, state, demand = (
+        bess.System.reference(2),
+        bess.State([0.4, 0.6], [40.0, 48.0]),
+        [90.0, 60.0, 120.0],
+    )
+    problem = SplitProblem.check(system, 3, 0.25, state, demand, None, None)
+    plain = constant_scale(system, 3, 0.25, Objectives())
+    scale = payoff_scale(problem, plain, Objectives(normalisation="payoff"))
+    lost_kw = []
+    for alone in NAMES:
+        first = {} if alone == "availability" else {alone: Objective(1.0, 2)}
+        rest = {name: Objective(0.0, 1) for name in NAMES[1:] if name != alone}
+        split = bess.split_power(
+            system, state, demand, Objectives(availability=Objective(1.0, 3), **first, **rest)
+        )
+        lost_kw.append([getattr(split.rollout, f"{name}_loss_kw").sum() for name in NAMES])
+    ranges_kw = np.ptp(lost_kw, axis=0)
+    assert ranges_kw[0] == 0.0 and np.all(ranges_kw[1:] > 1.0)
+    np.testing.assert_allclose(scale[:, 1:], np.broadcast_to(1.0 / ranges_kw[1:], (2, 3)), rtol=0.02)
+    np.testing.assert_array_equal(scale[:, 0], plain[:, 0])

@@ -61,8 +61,8 @@ _FITTED_START: Final = 16
 def fitted_48h(dt_h: float = 0.25) -> Array:
     """Return two days on which most of the paper's statements come out, shape (48 / dt_h,), kW in total.
 
-    Fitted to the paper's results (:mod:`bess.report.paper`), so agreeing with them is no confirmation; its
-    own demand is unpublished.
+    Fitted to the paper's results (:mod:`bess.report.words.paper`), so agreeing with them is no confirmation;
+    its own demand is unpublished.
     """
     per_quarter = steps_in(0.25, dt_h, "profile two-cycle-fitted-48h: its quarter of an hour")
     day = np.repeat(np.tile(_FITTED_LEVELS_KW, 2), _FITTED_QUARTERS)

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from bess.numbers import Array
 from bess.parameters import State, System, load_system
 from bess.plants.journal import open_journal
-from bess.report.chart import Chart, Panel, Series
 from bess.report.contents import Exhibit
 from bess.report.data import TimeAxis
-from bess.report.headline import Tile
+from bess.report.drawing.chart import Chart, Panel, Series
+from bess.report.drawing.style import AVAILABILITY, DISCHARGE, INK, colours
 from bess.report.page import FIGURES, section, write_page
-from bess.report.style import AVAILABILITY, DISCHARGE, INK, colours
+from bess.report.words.headline import Tile
 from bess.split.rollout import rollout
 
 MOST_BINS: Final = 1500

@@ -3,7 +3,7 @@
 from bess.extras import extra
 
 with extra("report", "a report or figure"):
+    from bess.report.drawing.style import save_figure
     from bess.report.page import write_report
-    from bess.report.style import save_figure
 
 __all__ = ["save_figure", "write_report"]

@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 
 from bess.analysis.services import is_reserve, is_site
 from bess.report import charts, figures
-from bess.report.calendar import SHORTEST_MAP_DAYS, days_of, months_of
-from bess.report.chart import Chart
+from bess.report.charts.calendar import SHORTEST_MAP_DAYS, days_of, months_of
 from bess.report.data import TimeAxis
-from bess.report.draw import draw
+from bess.report.drawing.chart import Chart
+from bess.report.drawing.draw import draw
 from bess.report.runs import Run
 
 MOST_COMPARED = 8

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bess.errors import InputError
-from bess.report.chart import Span
+from bess.report.drawing.chart import Span
 
 if TYPE_CHECKING:
     import xarray as xr

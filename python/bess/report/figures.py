@@ -13,12 +13,12 @@ from typing import ParamSpec
 from matplotlib.figure import Figure
 
 from bess.report import charts
-from bess.report.calendar import heat_maps, monthly_bars
-from bess.report.chart import Chart
-from bess.report.draw import draw
-from bess.report.kpi_figures import kpi_bars, kpi_radar
-from bess.report.losses import loss_waterfall, losses_compared
-from bess.report.maps import inverter_pattern, node_temperatures
+from bess.report.charts.calendar import heat_maps, monthly_bars
+from bess.report.charts.kpi_figures import kpi_bars, kpi_radar
+from bess.report.charts.losses import loss_waterfall, losses_compared
+from bess.report.charts.maps import inverter_pattern, node_temperatures
+from bess.report.drawing.chart import Chart
+from bess.report.drawing.draw import draw
 
 P = ParamSpec("P")
 

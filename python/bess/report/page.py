@@ -16,15 +16,15 @@ from bess.errors import InputError, option
 from bess.record.atomic import write_bytes
 from bess.record.identity import IDENTITY
 from bess.report.contents import MOST_COMPARED, Exhibit, comparison, optimiser, over_time, overview
-from bess.report.headline import tiles
-from bess.report.interactive import Entry, bokeh_document, bokeh_script, legend
-from bess.report.paper import comparisons, is_case_2, reading
+from bess.report.drawing.interactive import Entry, bokeh_document, bokeh_script, legend
+from bess.report.drawing.style import save_figure
 from bess.report.runs import Run, runs_in
 from bess.report.security import content_policy
-from bess.report.style import save_figure
 from bess.report.sweep_table import SweepTable, read_sweep
-from bess.report.tables import decision_table, kpi_groups
-from bess.report.words import subject, summary, warnings
+from bess.report.words.headline import tiles
+from bess.report.words.paper import comparisons, is_case_2, reading
+from bess.report.words.summary import subject, summary, warnings
+from bess.report.words.tables import decision_table, kpi_groups
 
 REPORT = "report.html"
 FIGURES = "figures"

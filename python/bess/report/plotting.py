@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from bess.report import figures
-from bess.report.style import through_pyplot
+from bess.report.drawing.style import through_pyplot
 
 if TYPE_CHECKING:
     from bess.record import Result

@@ -14,9 +14,9 @@ import numpy as np
 from bess.analysis.catalogue import better
 from bess.analysis.pareto import hypervolume, knee_point, non_dominated
 from bess.report import charts
+from bess.report.charts.kpi_figures import RADAR_KPIS
 from bess.report.charts.many import changing_kpis
 from bess.report.contents import Exhibit
-from bess.report.kpi_figures import RADAR_KPIS
 from bess.sweep.table import RESERVED, SWEEP_CSV, is_parameter
 
 _X, _Y = "battery_efficiency_pct", "inverter_efficiency_pct"

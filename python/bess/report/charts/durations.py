@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from bess.report.chart import Chart, Panel, Series, Values
 from bess.report.data import Results, named
-from bess.report.style import INK, told_apart
+from bess.report.drawing.chart import Chart, Panel, Series, Values
+from bess.report.drawing.style import INK, told_apart
 
 _POINTS = 400
 

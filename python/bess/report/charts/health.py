@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from bess.report.chart import Chart, Panel
+from bess.report.charts.long_runs import curve
 from bess.report.data import Result, TimeAxis, dataset_of, event_spans, with_initial
-from bess.report.long_runs import curve
-from bess.report.style import colours
+from bess.report.drawing.chart import Chart, Panel
+from bess.report.drawing.style import colours
 
 
 def state_of_health(result: Result) -> Chart:

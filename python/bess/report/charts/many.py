@@ -10,9 +10,9 @@ import numpy as np
 from bess.analysis.catalogue import better, kpi
 from bess.analysis.pareto import knee_point, non_dominated
 from bess.errors import InputError
-from bess.report.chart import Chart, Panel, Series, Values
-from bess.report.kpi_figures import RADAR_KPIS
-from bess.report.style import AVAILABILITY, BACKGROUND, DISCHARGE, colours
+from bess.report.charts.kpi_figures import RADAR_KPIS
+from bess.report.drawing.chart import Chart, Panel, Series, Values
+from bess.report.drawing.style import AVAILABILITY, BACKGROUND, DISCHARGE, colours
 
 
 def pareto_front(

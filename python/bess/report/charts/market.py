@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from bess.errors import InputError
-from bess.report.chart import Chart, Panel, Series, Values
+from bess.report.charts.long_runs import curve, daily, held
 from bess.report.data import Result, TimeAxis, dataset_of, step_h, with_initial
-from bess.report.long_runs import curve, daily, held
-from bess.report.style import BATTERY, CHARGE, DERATING, DISCHARGE, INK, INVERTER
+from bess.report.drawing.chart import Chart, Panel, Series, Values
+from bess.report.drawing.style import BATTERY, CHARGE, DERATING, DISCHARGE, INK, INVERTER
 
 
 def market_dispatch(result: Result) -> Chart:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from bess.report.chart import Chart, Panel, Series, Values
+from bess.report.charts.long_runs import curve, daily, held
 from bess.report.data import Result, TimeAxis, dataset_of, event_spans
-from bess.report.long_runs import curve, daily, held
-from bess.report.style import AVAILABILITY, BATTERY, DERATING, DISCHARGE, INK, INVERTER
+from bess.report.drawing.chart import Chart, Panel, Series, Values
+from bess.report.drawing.style import AVAILABILITY, BATTERY, DERATING, DISCHARGE, INK, INVERTER
 
 _MOST_STRINGS = 4
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from bess.errors import InputError
-from bess.report.chart import Chart, Panel, Values
+from bess.report.charts.long_runs import curve
 from bess.report.data import Result, TimeAxis, dataset_of, event_spans
-from bess.report.long_runs import curve
-from bess.report.style import AVAILABILITY, INK, colours
+from bess.report.drawing.chart import Chart, Panel, Values
+from bess.report.drawing.style import AVAILABILITY, INK, colours
 
 
 def reactive_power(result: Result) -> Chart:

@@ -6,10 +6,10 @@ import numpy as np
 
 from bess.analysis.services import draw_kw, is_reserve, is_site
 from bess.errors import InputError
-from bess.report.chart import Chart, Panel
+from bess.report.charts.long_runs import curve
 from bess.report.data import Result, TimeAxis, dataset_of, with_initial
-from bess.report.long_runs import curve
-from bess.report.style import AVAILABILITY, BACKGROUND, BATTERY, CHARGE, DISCHARGE, INK
+from bess.report.drawing.chart import Chart, Panel
+from bess.report.drawing.style import AVAILABILITY, BACKGROUND, BATTERY, CHARGE, DISCHARGE, INK
 
 
 def service(result: Result) -> Chart:

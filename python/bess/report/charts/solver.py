@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bess.report.chart import Chart, Panel, Series, Values
+from bess.report.charts.long_runs import thin
 from bess.report.data import Result, TimeAxis, dataset_of
-from bess.report.long_runs import thin
-from bess.report.style import AVAILABILITY, BATTERY, DISCHARGE, INVERTER
+from bess.report.drawing.chart import Chart, Panel, Series, Values
+from bess.report.drawing.style import AVAILABILITY, BATTERY, DISCHARGE, INVERTER
 
 _SMALLEST_GAP_PCT = 1e-4
 _MOST_DOTS = 800

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from bess.report.chart import Chart, Panel, Series
+from bess.report.charts.long_runs import curve, daily, held
 from bess.report.data import Result, Results, TimeAxis, dataset_of, event_spans, named, with_initial
-from bess.report.long_runs import curve, daily, held
-from bess.report.style import BACKGROUND, colours, told_apart
+from bess.report.drawing.chart import Chart, Panel, Series
+from bess.report.drawing.style import BACKGROUND, colours, told_apart
 
 
 def strings(result: Result) -> Chart:

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from bess.parameters import System
-from bess.report.chart import Chart, Panel, Series
+from bess.report.charts.long_runs import curve
 from bess.report.data import Results, TimeAxis, named, with_initial
-from bess.report.long_runs import curve
-from bess.report.style import INK, SINGLE_COLUMN_IN, colours, told_apart
+from bess.report.drawing.chart import Chart, Panel, Series
+from bess.report.drawing.style import INK, SINGLE_COLUMN_IN, colours, told_apart
 
 
 def mean_temperature(results: Results, *, derating_start_c: float = 45.0) -> Chart:

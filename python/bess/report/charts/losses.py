@@ -10,7 +10,7 @@ from matplotlib.patches import Patch
 
 from bess.analysis.catalogue import kpi
 from bess.errors import InputError
-from bess.report.style import (
+from bess.report.drawing.style import (
     AUXILIARY,
     AVAILABILITY,
     BACKGROUND,

@@ -12,8 +12,8 @@ from typing import Final, Literal
 import numpy as np
 from matplotlib.colors import to_hex, to_rgb
 
-from bess.report.chart import Series, Values
 from bess.report.data import TimeAxis
+from bess.report.drawing.chart import Series, Values
 
 POINTS_PER_SERIES: Final = 3000
 _POINTS_PER_CHART = 40_000
@@ -40,7 +40,7 @@ def curve(
     values
         Shape ``(n,)``: means over steps; or ``(n + 1,)``: states at the edges of steps.
     colour, label, kind, dashed
-        As in :class:`~bess.report.chart.Series`.
+        As in :class:`~bess.report.drawing.chart.Series`.
     among
         Number of such curves in the chart, which share its points.
     band

@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 
 from bess.analysis.catalogue import CATALOGUE
 from bess.errors import InputError
-from bess.report.style import DOUBLE_COLUMN_IN, INK, SINGLE_COLUMN_IN, colours, new_figure, styled
+from bess.report.drawing.style import DOUBLE_COLUMN_IN, INK, SINGLE_COLUMN_IN, colours, new_figure, styled
 
 Kpis = Mapping[str, Mapping[str, float]]
 """KPIs of one or several scenarios, by name."""

@@ -20,8 +20,8 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure
 
-from bess.report.chart import Panel, Series, Span, Values
-from bess.report.style import BACKGROUND, INK
+from bess.report.drawing.chart import Panel, Series, Span, Values
+from bess.report.drawing.style import BACKGROUND, INK
 
 AXIS_PX = 46
 """What the horizontal axis adds to the height of the last panel."""

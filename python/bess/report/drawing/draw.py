@@ -13,8 +13,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from bess.report.chart import Chart, Panel, Series, Values, spans_label
-from bess.report.style import BACKGROUND, INK, new_figure, styled
+from bess.report.drawing.chart import Chart, Panel, Series, Values, spans_label
+from bess.report.drawing.style import BACKGROUND, INK, new_figure, styled
 
 _MOST_LEGEND_ENTRIES = 8
 _MOST_VECTOR_DOTS = 100

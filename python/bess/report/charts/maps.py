@@ -13,9 +13,9 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from bess.errors import InputError
+from bess.report.charts.long_runs import daily
 from bess.report.data import Result, TimeAxis, dataset_of
-from bess.report.long_runs import daily
-from bess.report.style import DOUBLE_COLUMN_IN, new_figure, styled
+from bess.report.drawing.style import DOUBLE_COLUMN_IN, new_figure, styled
 
 _CHARGING, _OFF, _DISCHARGING, _REACTIVE = "#56B4E9", "#EFEFEF", "#D55E00", "#009E73"
 

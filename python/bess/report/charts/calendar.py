@@ -16,9 +16,9 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 from bess.analysis.catalogue import kpi
 from bess.analysis.settlement import COSTS, REVENUES, has_prices, ledger
 from bess.errors import InputError
-from bess.report.chart import Values
 from bess.report.data import Result, dataset_of, step_h, with_initial
-from bess.report.style import (
+from bess.report.drawing.chart import Values
+from bess.report.drawing.style import (
     AVAILABILITY,
     BACKGROUND,
     BATTERY,

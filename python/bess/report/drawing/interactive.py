@@ -11,9 +11,9 @@ from bokeh.embed import json_item
 from bokeh.layouts import column
 from bokeh.models import DataRange1d
 
-from bess.report.chart import Chart, spans_label
-from bess.report.interactive_panel import plot_of
-from bess.report.style import INK
+from bess.report.drawing.chart import Chart, spans_label
+from bess.report.drawing.interactive_panel import plot_of
+from bess.report.drawing.style import INK
 
 _ALONE_PX = 300
 _PANEL_PX = 190

@@ -14,7 +14,7 @@ from matplotlib import colormaps, rcParams
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from bess.report.svg import shortened
+from bess.report.drawing.svg import shortened
 
 if TYPE_CHECKING:
     import xarray as xr

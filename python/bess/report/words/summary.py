@@ -12,8 +12,8 @@ from bess.analysis.settlement import COSTS, REVENUES
 from bess.policies.planned import PLANNED
 from bess.report.contents import MOST_COMPARED
 from bess.report.data import step_h
-from bess.report.differing import event_sentences, spread_sentences
 from bess.report.runs import Run
+from bess.report.words.differing import event_sentences, spread_sentences
 from bess.study.policy import DEFAULT_FORESIGHT_H
 
 _LEDGER_TOLERANCE_KWH = 1e-6
