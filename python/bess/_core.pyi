@@ -19,7 +19,6 @@ __all__ = [
     "Incumbent",
     "Plan",
     "Plant",
-    "RolloutArrays",
     "SplitAnswer",
     "StateBoxes",
     "StepCuts",
@@ -32,32 +31,33 @@ __all__ = [
 
 def plan(
     model: ControlModel,
-    soc: NDArray[np.float64],
-    temperature_c: NDArray[np.float64],
+    *,
+    soc: _Array,
+    temperature_c: _Array,
     running: NDArray[np.bool_],
-    demand_kw: NDArray[np.float64],
-    ambient_c: NDArray[np.float64],
+    demand_kw: _Array,
+    ambient_c: _Array,
     dt_h: float,
-    limit_kw: NDArray[np.float64],
-    loss_prices: NDArray[np.float64],
-    wear: NDArray[np.float64],
+    limit_kw: _Array,
+    loss_prices: _Array,
+    wear: _Array,
     start_cost: float,
     balance: float,
     end_charge: float,
-    previous_kw: NDArray[np.float64] | None,
+    previous_kw: _Array | None,
     rollouts: int,
     fresh_rollouts: int,
     turn: int,
-    reactive_kvar: NDArray[np.float64] | None = None,
+    reactive_kvar: _Array | None = None,
 ) -> Plan: ...
 def ageing_models() -> list[tuple[str, str]]: ...
 def cooling_kinds() -> list[str]: ...
-def rainflow(series: NDArray[np.float64]) -> list[tuple[float, float, float, int, int]]: ...
+def rainflow(series: _Array) -> list[tuple[float, float, float, int, int]]: ...
 
 @final
 class System:
     def __new__(cls, document: str) -> System: ...
-    def aged(self, soh_capacity: NDArray[np.float64], soh_resistance: NDArray[np.float64]) -> System: ...
+    def aged(self, soh_capacity: _Array, soh_resistance: _Array) -> System: ...
     @property
     def n_strings(self) -> int: ...
 
@@ -66,15 +66,13 @@ class Ageing:
     def __new__(cls, system: System) -> Ageing: ...
     def cyclic_rate(
         self,
-        cyclic_loss: NDArray[np.float64],
-        depth: NDArray[np.float64],
-        soc: NDArray[np.float64],
-        c_rate: NDArray[np.float64],
-        temperature_c: NDArray[np.float64],
-    ) -> NDArray[np.float64]: ...
-    def calendar_rate(
-        self, calendar_loss: NDArray[np.float64], soc: NDArray[np.float64], temperature_c: NDArray[np.float64]
-    ) -> NDArray[np.float64]: ...
+        cyclic_loss: _Array,
+        depth: _Array,
+        soc: _Array,
+        c_rate: _Array,
+        temperature_c: _Array,
+    ) -> _Array: ...
+    def calendar_rate(self, calendar_loss: _Array, soc: _Array, temperature_c: _Array) -> _Array: ...
 
 @final
 class Plant:
@@ -84,7 +82,7 @@ class Plant:
         scenarios: int,
         plant_step_s: float,
         derating_law: str,
-        state: dict[str, NDArray[np.float64] | NDArray[np.bool_]],
+        state: dict[str, _Array | NDArray[np.bool_]],
     ) -> Plant: ...
     @property
     def lanes(self) -> int: ...
@@ -93,26 +91,15 @@ class Plant:
     @property
     def plant_step_s(self) -> float: ...
     def state(self) -> dict[str, NDArray[Any]]: ...
-    def set_state(self, state: dict[str, NDArray[np.float64] | NDArray[np.bool_]]) -> None: ...
+    def set_state(self, state: dict[str, _Array | NDArray[np.bool_]]) -> None: ...
     def run(
         self,
-        request_kw: NDArray[np.float64],
-        ambient_c: NDArray[np.float64],
+        request_kw: _Array,
+        ambient_c: _Array,
         duration_s: float,
         keep_nodes: bool,
-        reactive_kvar: NDArray[np.float64] | None = None,
+        reactive_kvar: _Array | None = None,
     ) -> dict[str, NDArray[Any]]: ...
-
-@final
-class RolloutArrays:
-    delivered_kw: _Array
-    availability_loss_kw: _Array
-    derating_loss_kw: _Array
-    inverter_loss_kw: _Array
-    battery_loss_kw: _Array
-    current_a: _Array
-    soc: _Array
-    temperature_c: _Array
 
 @final
 class FlowArrays:
@@ -128,7 +115,7 @@ class FlowArrays:
 @final
 class Plan:
     @property
-    def request_kw(self) -> NDArray[np.float64]: ...
+    def request_kw(self) -> _Array: ...
     @property
     def cost(self) -> float: ...
     @property
@@ -161,7 +148,7 @@ class ControlModel:
         ambient_c: _Array,
         dt_h: float,
         midpoint: bool = False,
-    ) -> RolloutArrays: ...
+    ) -> FlowArrays: ...
     def follow(
         self,
         soc0: _Array,
@@ -176,10 +163,10 @@ class ControlModel:
     def max_power_kw(self, soc0: _Array, temperature0_c: _Array, discharge: bool, dt_h: float) -> _Array: ...
     def share_reactive(
         self,
-        request_kw: NDArray[np.float64],
+        request_kw: _Array,
         total_kvar: float,
-        limit_kva: NDArray[np.float64],
-        start_kw: NDArray[np.float64],
+        limit_kva: _Array,
+        start_kw: _Array,
     ) -> _Array: ...
     def nominal_loss_kw(self) -> tuple[_Array, _Array]: ...
 
@@ -276,24 +263,24 @@ class ControlHorizon:
 class Explicit:
     N_WEIGHTS: int
     def __new__(cls, tables: dict[str, Any]) -> Explicit: ...
-    def look(self, ahead_kw: NDArray[np.float64]) -> NDArray[np.float64]: ...
+    def look(self, ahead_kw: _Array) -> _Array: ...
     def split(
         self,
-        weights: NDArray[np.float64],
-        soc: NDArray[np.float64],
-        temperature_c: NDArray[np.float64],
-        soh_capacity: NDArray[np.float64],
-        soh_resistance: NDArray[np.float64],
-        limit_kw: NDArray[np.float64],
-        ahead_kw: NDArray[np.float64],
-    ) -> NDArray[np.float64]: ...
+        weights: _Array,
+        soc: _Array,
+        temperature_c: _Array,
+        soh_capacity: _Array,
+        soh_resistance: _Array,
+        limit_kw: _Array,
+        ahead_kw: _Array,
+    ) -> _Array: ...
     def run(
         self,
         plant: Plant,
-        weights: NDArray[np.float64],
-        demand_kw: NDArray[np.float64],
-        outlook: NDArray[np.float64],
-        limit_kw: NDArray[np.float64],
-        ambient_c: NDArray[np.float64],
+        weights: _Array,
+        demand_kw: _Array,
+        outlook: _Array,
+        limit_kw: _Array,
+        ambient_c: _Array,
         duration_s: float,
     ) -> dict[str, NDArray[Any]]: ...

@@ -51,9 +51,7 @@ class Rollout(ByValue):
     temperature_c: NDArray[np.float64]
 
     @classmethod
-    def of(
-        cls, flows: _core.FlowArrays | _core.RolloutArrays, shape: tuple[int, ...] | None = None
-    ) -> Rollout:
+    def of(cls, flows: _core.FlowArrays, shape: tuple[int, ...] | None = None) -> Rollout:
         """Take the arrays of the core as they are, or in another shape."""
         arrays = (getattr(flows, field.name) for field in fields(cls))
         return cls(*(array if shape is None else array.reshape(shape) for array in arrays))

@@ -1,3 +1,5 @@
+//! What the control model refuses, in words, and the checks that find it.
+
 use thiserror::Error;
 
 use crate::model::Losses;

@@ -1,7 +1,7 @@
 //! No schedule goes below a bound or leaves the states that it is said to stay in: random schedules, near every end.
 #![allow(missing_docs)]
 
-use bess_control::{ControlHorizon, ControlModel, Effort, Losses, Problem, StateBox};
+use bess_control::{ControlHorizon, ControlModel, Effort, Losses, SplitProblem, StateBox};
 use bess_tables::System;
 
 mod common;
@@ -47,7 +47,7 @@ fn case(corner: usize, seed: u64) -> Case {
     let total_w = common::NOMINAL_W * N_STRINGS as f64;
     let turn = |t: u64| if seed % 2 == 0 || at(50 + t) < 0.5 { 1.0 } else { -1.0 };
     let sign = if corner == 2 { -1.0 } else { 1.0 };
-    let problem = Problem {
+    let problem = SplitProblem {
         soc: &(0..N_STRINGS as u64).map(|m| soc + 0.1 * at(m)).collect::<Vec<_>>(),
         temperature_c: &(0..N_STRINGS as u64).map(|m| warm + 9.0 * at(10 + m)).collect::<Vec<_>>(),
         demand_w: &(0..N_STEPS as u64)

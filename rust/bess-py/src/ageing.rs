@@ -1,9 +1,13 @@
+//! Rates of ageing for optimisers, and the count of cycles.
+
 use bess_plant::ageing::{models, Rainflow, StringAgeing};
+use bess_plant::PlantError;
 use numpy::ndarray::Array2;
-use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::IntoPyArray;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
+use crate::arrays::{refused, GivenMatrix, GivenVector, Matrix};
 use crate::system::System;
 
 /// Marginal rates of ageing of the strings of a plant, each by its own model.
@@ -12,17 +16,15 @@ pub struct Ageing {
     strings: Vec<StringAgeing>,
 }
 
-type Matrix<'py> = PyReadonlyArray2<'py, f64>;
-
 impl Ageing {
     /// `rate(string, loss so far, point)` for each string's own points, all `(n_strings, n_points)`.
     fn table<'py>(
         &self,
         py: Python<'py>,
-        loss: &PyReadonlyArray1<'py, f64>,
-        axes: &[&Matrix<'py>],
+        loss: &GivenVector<'py>,
+        axes: &[&GivenMatrix<'py>],
         rate: impl Fn(&StringAgeing, f64, &[f64]) -> f64,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    ) -> PyResult<Matrix> {
         let loss = loss.as_array();
         let shape = (self.strings.len(), axes[0].as_array().ncols());
         if loss.len() != shape.0 || axes.iter().any(|axis| axis.as_array().dim() != shape) {
@@ -32,13 +34,13 @@ impl Ageing {
             )));
         }
         let mut point = vec![0.0; axes.len()];
-        let out = Array2::from_shape_fn(shape, |at| {
+        let rates = Array2::from_shape_fn(shape, |at| {
             for (value, axis) in point.iter_mut().zip(axes) {
                 *value = axis.as_array()[at];
             }
             rate(&self.strings[at.0], loss[at.0], &point)
         });
-        Ok(out.into_pyarray(py))
+        Ok(rates.into_pyarray(py).unbind())
     }
 }
 
@@ -46,8 +48,8 @@ impl Ageing {
 impl Ageing {
     #[new]
     fn new(system: &System) -> PyResult<Self> {
-        let strings = system.inner.strings.iter().map(StringAgeing::new).collect::<Result<_, _>>();
-        Ok(Self { strings: strings.map_err(|error| PyValueError::new_err(error.to_string()))? })
+        let strings = system.inner.strings.iter().map(StringAgeing::new).collect::<Result<_, PlantError>>();
+        Ok(Self { strings: strings.map_err(refused)? })
     }
 
     /// Capacity lost per equivalent full cycle, a share of the nameplate, `(n_strings, n_points)`: for strings that
@@ -55,12 +57,12 @@ impl Ageing {
     fn cyclic_rate<'py>(
         &self,
         py: Python<'py>,
-        cyclic_loss: PyReadonlyArray1<'py, f64>,
-        depth: Matrix<'py>,
-        soc: Matrix<'py>,
-        c_rate: Matrix<'py>,
-        temperature_c: Matrix<'py>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        cyclic_loss: GivenVector<'py>,
+        depth: GivenMatrix<'py>,
+        soc: GivenMatrix<'py>,
+        c_rate: GivenMatrix<'py>,
+        temperature_c: GivenMatrix<'py>,
+    ) -> PyResult<Matrix> {
         self.table(py, &cyclic_loss, &[&depth, &soc, &c_rate, &temperature_c], |string, loss, at| {
             string.cyclic_rate(loss, at[0], at[1], at[2], at[3])
         })
@@ -71,10 +73,10 @@ impl Ageing {
     fn calendar_rate<'py>(
         &self,
         py: Python<'py>,
-        calendar_loss: PyReadonlyArray1<'py, f64>,
-        soc: Matrix<'py>,
-        temperature_c: Matrix<'py>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        calendar_loss: GivenVector<'py>,
+        soc: GivenMatrix<'py>,
+        temperature_c: GivenMatrix<'py>,
+    ) -> PyResult<Matrix> {
         self.table(py, &calendar_loss, &[&soc, &temperature_c], |string, loss, at| {
             string.calendar_rate(loss, at[0], at[1])
         })
@@ -90,7 +92,7 @@ pub fn ageing_models() -> Vec<(&'static str, &'static str)> {
 /// Cycles of a series (ASTM E1049-85, rainflow): range, mean, count (1 or 0.5), index of both ends; the ranges left
 /// at the end count as half cycles.
 #[pyfunction]
-pub fn rainflow(series: PyReadonlyArray1<'_, f64>) -> Vec<(f64, f64, f64, u64, u64)> {
+pub fn rainflow(series: GivenVector<'_>) -> Vec<(f64, f64, f64, u64, u64)> {
     let (mut counter, mut out) = (Rainflow::new(), Vec::new());
     for &value in series.as_array() {
         counter.push(value, (), |cycle| out.push(cycle));

@@ -1,22 +1,48 @@
-//! Arrays on their way in and out: shapes checked, units converted.
+//! Arrays on their way in and out: shapes checked, units converted, errors mapped.
 
-use bess_control::ControlError;
-use numpy::ndarray::{Array1, Array2, Array3, ArrayView, Dimension};
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3};
+use std::fmt::Display;
+
+use bess_tables::units::W_PER_KW;
+use numpy::ndarray::{Array1, Array2, ArrayD, Dimension};
+use numpy::{IntoPyArray, Ix1, Ix2, Ix3, PyArray1, PyArray2, PyArrayDyn, PyReadonlyArray};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
+/// Arrays of numbers that Python gives.
+pub(crate) type Given<'py, D> = PyReadonlyArray<'py, f64, D>;
+pub(crate) type GivenVector<'py> = Given<'py, Ix1>;
+pub(crate) type GivenMatrix<'py> = Given<'py, Ix2>;
+pub(crate) type GivenCube<'py> = Given<'py, Ix3>;
+
+/// Arrays that Python gets.
 pub(crate) type Vector = Py<PyArray1<f64>>;
 pub(crate) type Matrix = Py<PyArray2<f64>>;
 pub(crate) type Flags = Py<PyArray2<bool>>;
-pub(crate) type Cube = Py<PyArray3<f64>>;
+pub(crate) type Numbers = Py<PyArrayDyn<f64>>;
 
-pub(crate) fn refused(error: ControlError) -> PyErr {
+/// Input that a crate refuses is a `ValueError` with its text.
+pub(crate) fn refused(error: impl Display) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
 
-pub(crate) fn flat<D: Dimension>(array: ArrayView<'_, f64, D>, factor: f64) -> Vec<f64> {
-    array.iter().map(|v| v * factor).collect()
+/// Values in the order of their indices.
+pub(crate) fn numbers<D: Dimension>(array: &Given<'_, D>) -> Vec<f64> {
+    array.as_array().iter().copied().collect()
+}
+
+/// The same, each times `factor`.
+pub(crate) fn scaled<D: Dimension>(array: &Given<'_, D>, factor: f64) -> Vec<f64> {
+    array.as_array().iter().map(|v| v * factor).collect()
+}
+
+/// Watts, var or VA of kW, kvar or kVA.
+pub(crate) fn watts<D: Dimension>(array: &Given<'_, D>) -> Vec<f64> {
+    scaled(array, W_PER_KW)
+}
+
+/// The inverse of [`watts`].
+pub(crate) fn kilowatts(values: Vec<f64>) -> Vec<f64> {
+    values.into_iter().map(|v| v / W_PER_KW).collect()
 }
 
 pub(crate) fn check_shape(name: &str, needed: &[usize], given: &[usize]) -> PyResult<()> {
@@ -40,6 +66,6 @@ pub(crate) fn flags(py: Python<'_>, rows: usize, values: Vec<bool>) -> Flags {
     Array2::from_shape_vec(shape, values).expect("whole rows").into_pyarray(py).unbind()
 }
 
-pub(crate) fn cube(py: Python<'_>, shape: (usize, usize, usize), values: Vec<f64>) -> Cube {
-    Array3::from_shape_vec(shape, values).expect("one value for each place").into_pyarray(py).unbind()
+pub(crate) fn shaped(py: Python<'_>, shape: &[usize], values: Vec<f64>) -> Numbers {
+    ArrayD::from_shape_vec(shape, values).expect("one value for each place").into_pyarray(py).unbind()
 }

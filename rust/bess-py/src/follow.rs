@@ -1,9 +1,12 @@
+//! A demand on the whole plant, followed step by step.
+
 use bess_control::Followed;
-use bess_tables::units::W_PER_KW;
-use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::PyUntypedArrayMethods;
 use pyo3::prelude::*;
 
-use crate::arrays::{check_shape, flat, matrix, refused, vector, Matrix, Vector};
+use crate::arrays::{
+    check_shape, kilowatts, matrix, refused, vector, watts, GivenMatrix, GivenVector, Matrix, Vector,
+};
 
 /// How strings share each power of a plant `(P, M)` [kW], in charge and in discharge: at powers in equal distances from
 /// nothing to the sum of `limit_kw` `(M,)`.
@@ -16,17 +19,13 @@ pub struct BestShares {
 impl BestShares {
     #[new]
     fn new(
-        charge_kw: PyReadonlyArray2<'_, f64>,
-        discharge_kw: PyReadonlyArray2<'_, f64>,
-        limit_kw: PyReadonlyArray1<'_, f64>,
+        charge_kw: GivenMatrix<'_>,
+        discharge_kw: GivenMatrix<'_>,
+        limit_kw: GivenVector<'_>,
     ) -> PyResult<Self> {
         check_shape("charge", &[charge_kw.shape()[0], limit_kw.len()], charge_kw.shape())?;
         check_shape("discharge", charge_kw.shape(), discharge_kw.shape())?;
-        let inner = bess_control::BestShares::new(
-            flat(charge_kw.as_array(), W_PER_KW),
-            flat(discharge_kw.as_array(), W_PER_KW),
-            flat(limit_kw.as_array(), W_PER_KW),
-        );
+        let inner = bess_control::BestShares::new(watts(&charge_kw), watts(&discharge_kw), watts(&limit_kw));
         Ok(Self { inner: inner.map_err(refused)? })
     }
 }
@@ -44,11 +43,10 @@ pub struct FollowedArrays {
 
 impl FollowedArrays {
     pub(crate) fn new(py: Python<'_>, n_strings: usize, of: Followed) -> Self {
-        let kw = |values: Vec<f64>| values.into_iter().map(|w| w / W_PER_KW).collect();
         Self {
-            asked_kw: vector(py, kw(of.asked_w)),
-            delivered_kw: vector(py, kw(of.delivered_w)),
-            request_kw: matrix(py, n_strings, kw(of.request_w)),
+            asked_kw: vector(py, kilowatts(of.asked_w)),
+            delivered_kw: vector(py, kilowatts(of.delivered_w)),
+            request_kw: matrix(py, n_strings, kilowatts(of.request_w)),
             soc: matrix(py, n_strings, of.soc),
             temperature_c: matrix(py, n_strings, of.temperature_c),
         }

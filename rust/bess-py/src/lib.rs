@@ -1,10 +1,16 @@
 //! Python binding: convert, detach from the interpreter, map errors. No numerics live here.
+//!
+//! One file for what Python holds of each thing: `system` (its tables), `plant` and `ageing` of `bess-plant`; `model`,
+//! `horizon` with its `answers`, `plan` and `explicit` of `bess-control`. `arrays` converts, `states`, `flows` and `follow` are
+//! results in more than one answer.
 
 use pyo3::prelude::*;
 
 mod ageing;
+mod answers;
 mod arrays;
 mod explicit;
+mod flows;
 mod follow;
 mod horizon;
 mod model;
@@ -19,15 +25,17 @@ mod _core {
     #[pymodule_export]
     use crate::ageing::{ageing_models, rainflow, Ageing};
     #[pymodule_export]
+    use crate::answers::{CoefficientBounds, Confined, GroupBounds, Incumbent, SplitAnswer, StepCuts};
+    #[pymodule_export]
     use crate::explicit::Explicit;
+    #[pymodule_export]
+    use crate::flows::FlowArrays;
     #[pymodule_export]
     use crate::follow::{BestShares, FollowedArrays};
     #[pymodule_export]
-    use crate::horizon::{
-        CoefficientBounds, Confined, ControlHorizon, GroupBounds, Incumbent, SplitAnswer, StepCuts,
-    };
+    use crate::horizon::ControlHorizon;
     #[pymodule_export]
-    use crate::model::{ControlModel, FlowArrays, RolloutArrays};
+    use crate::model::ControlModel;
     #[pymodule_export]
     use crate::plan::{plan, Plan};
     #[pymodule_export]

@@ -1,11 +1,13 @@
+//! A plan of a day or more, in one call.
+
 use bess_control::{Interval, Losses, PlanEffort, PlanProblem, Prices};
 use bess_tables::units::W_PER_KW;
 use bess_tables::Direction;
-use numpy::{PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{PyReadonlyArray1, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::arrays::{check_shape, flat, matrix, refused, Matrix};
+use crate::arrays::{check_shape, matrix, numbers, refused, scaled, watts, GivenMatrix, GivenVector, Matrix};
 use crate::model::ControlModel;
 
 /// A plan and what it is worth in the control model.
@@ -23,75 +25,72 @@ pub struct Plan {
     start_charge: f64,
 }
 
-/// Plans over `demand_kw` `(T,)`. `loss_prices` `(T, 4)` [cost/kWh]: availability, derating, inverter, battery;
-/// `wear` `(M,)` and `end_charge` [cost/Ah], `start_cost` of an inverter, `balance` [cost per Ah and hour];
-/// `previous_kw` `(M, T)` is a plan to start from; `reactive_kvar` `(T,)` is what the inverters carry beside it.
+/// Plans over `demand_kw` `(T,)`, from the measured state and whether each inverter is `running` `(M,)`.
+///
+/// `loss_prices` `(T, 4)` [cost/kWh]: availability, derating, inverter, battery; `wear` `(M,)` and `end_charge` [cost/Ah],
+/// `start_cost` of an inverter, `balance` [cost per Ah and hour]; `previous_kw` `(M, T)` is a plan to start from; `rollouts`
+/// work on it, `fresh_rollouts` on each fresh start, `turn` counts the calls; `reactive_kvar` `(T,)` is what the inverters
+/// carry beside it.
 #[pyfunction]
-#[pyo3(signature = (model, soc, temperature_c, running, demand_kw, ambient_c, dt_h, limit_kw, loss_prices, wear,
+#[pyo3(signature = (model, *, soc, temperature_c, running, demand_kw, ambient_c, dt_h, limit_kw, loss_prices, wear,
                     start_cost, balance, end_charge, previous_kw, rollouts, fresh_rollouts, turn, reactive_kvar=None))]
 #[allow(clippy::too_many_arguments)]
 pub fn plan(
     py: Python<'_>,
     model: &ControlModel,
-    soc: PyReadonlyArray1<'_, f64>,
-    temperature_c: PyReadonlyArray1<'_, f64>,
+    soc: GivenVector<'_>,
+    temperature_c: GivenVector<'_>,
     running: PyReadonlyArray1<'_, bool>,
-    demand_kw: PyReadonlyArray1<'_, f64>,
-    ambient_c: PyReadonlyArray1<'_, f64>,
+    demand_kw: GivenVector<'_>,
+    ambient_c: GivenVector<'_>,
     dt_h: f64,
-    limit_kw: PyReadonlyArray1<'_, f64>,
-    loss_prices: PyReadonlyArray2<'_, f64>,
-    wear: PyReadonlyArray1<'_, f64>,
+    limit_kw: GivenVector<'_>,
+    loss_prices: GivenMatrix<'_>,
+    wear: GivenVector<'_>,
     start_cost: f64,
     balance: f64,
     end_charge: f64,
-    previous_kw: Option<PyReadonlyArray2<'_, f64>>,
+    previous_kw: Option<GivenMatrix<'_>>,
     rollouts: usize,
     fresh_rollouts: usize,
     turn: usize,
-    reactive_kvar: Option<PyReadonlyArray1<'_, f64>>,
+    reactive_kvar: Option<GivenVector<'_>>,
 ) -> PyResult<Plan> {
-    let demand_w = flat(demand_kw.as_array(), W_PER_KW);
-    let (n_strings, n_steps) = (model.inner.strings().len(), demand_w.len());
-    check_shape("ambient_c", &[n_steps], ambient_c.as_array().shape())?;
-    check_shape("running", &[n_strings], running.as_array().shape())?;
-    check_shape("loss_prices", &[n_steps, 4], loss_prices.as_array().shape())?;
-    let prices = flat(loss_prices.as_array(), 1.0 / W_PER_KW);
-    let losses = prices.chunks_exact(4).map(|c| Losses::from_array([c[0], c[1], c[2], c[3]])).collect();
-    let previous_w = match &previous_kw {
-        Some(plan) => {
-            check_shape("previous", &[n_strings, n_steps], plan.as_array().shape())?;
-            let magnitudes: Vec<f64> = plan.as_array().iter().map(|p| p.abs() * W_PER_KW).collect();
-            if magnitudes.iter().any(|p| !p.is_finite()) {
-                return Err(PyValueError::new_err("previous: a request is not finite"));
-            }
-            Some(magnitudes)
+    let (n_strings, n_steps) = (model.inner.strings().len(), demand_kw.len());
+    check_shape("ambient_c", &[n_steps], ambient_c.shape())?;
+    check_shape("loss_prices", &[n_steps, 4], loss_prices.shape())?;
+    if let Some(plan) = &previous_kw {
+        check_shape("previous", &[n_strings, n_steps], plan.shape())?;
+        if plan.as_array().iter().any(|p| !p.is_finite()) {
+            return Err(PyValueError::new_err("previous: a request is not finite"));
         }
-        None => None,
-    };
-    let reactive_var: Option<Vec<f64>> =
-        reactive_kvar.map(|values| values.as_array().iter().map(|q| q.abs() * W_PER_KW).collect());
-    let ambient_c = flat(ambient_c.as_array(), 1.0);
-    let running = running.as_array().to_vec();
+    }
+    let start = model.states(&soc, &temperature_c)?;
     let interval =
-        |(&demand, &ambient_c): (&f64, &f64)| Interval { direction: Direction::of(demand), ambient_c, dt_h };
-    let intervals: Vec<Interval> = demand_w.iter().zip(&ambient_c).map(interval).collect();
-    let magnitudes: Vec<f64> = demand_w.iter().map(|d| d.abs()).collect();
-    let prices = Prices { losses, wear: flat(wear.as_array(), 1.0), start: start_cost, balance, end_charge };
-    let (soc, temperature_c) = (flat(soc.as_array(), 1.0), flat(temperature_c.as_array(), 1.0));
-    let limit_w = flat(limit_kw.as_array(), W_PER_KW);
+        |(&demand, ambient_c): (&f64, f64)| Interval { direction: Direction::of(demand), ambient_c, dt_h };
+    let intervals: Vec<Interval> =
+        demand_kw.as_array().iter().zip(numbers(&ambient_c)).map(interval).collect();
     let signs: Vec<f64> = intervals.iter().map(|i| i.direction.sign() / W_PER_KW).collect();
+    let magnitudes = |mut powers_w: Vec<f64>| {
+        powers_w.iter_mut().for_each(|p| *p = p.abs());
+        powers_w
+    };
+    let demand_w = magnitudes(watts(&demand_kw));
+    let previous_w = previous_kw.map(|plan| magnitudes(watts(&plan)));
+    let reactive_var = reactive_kvar.map(|values| magnitudes(watts(&values)));
+    let (running, limit_w) = (running.as_array().to_vec(), watts(&limit_kw));
+    let losses = Losses::rows(&scaled(&loss_prices, 1.0 / W_PER_KW));
+    let prices = Prices { losses, wear: numbers(&wear), start: start_cost, balance, end_charge };
     let plan = py
         .detach(|| {
-            let start = model.inner.states(&soc, &temperature_c)?;
             let mut problem =
-                PlanProblem::new(&model.inner, start, running, &magnitudes, intervals, limit_w, prices)?;
+                PlanProblem::new(&model.inner, start, running, &demand_w, intervals, limit_w, prices)?;
             if let Some(reactive_var) = &reactive_var {
                 problem = problem.with_reactive(reactive_var)?;
             }
             Ok(problem.plan(previous_w.as_deref(), PlanEffort { rollouts, fresh_rollouts, turn }))
         })
-        .map_err(refused)?;
+        .map_err(|error: bess_control::ControlError| refused(error))?;
     let signed = plan.request_w.iter().enumerate().map(|(i, power)| signs[i % n_steps] * power).collect();
     Ok(Plan {
         request_kw: matrix(py, n_strings, signed),

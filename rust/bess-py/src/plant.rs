@@ -1,14 +1,17 @@
+//! The plant: its state and its record, as flat arrays by name.
+
 use std::sync::Arc;
 
 use bess_plant::ageing::AgeingState;
 use bess_plant::cooling::KINDS;
-use bess_plant::{starting_ageing, CoolingState, DeratingLaw, PlantError, PlantState, Record};
+use bess_plant::{starting_ageing, CoolingState, DeratingLaw, PlantState, Record};
 use bess_tables::units::{J_PER_KWH, W_PER_KW};
 use numpy::{IntoPyArray, PyReadonlyArray1};
 use pyo3::exceptions::{PyKeyError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
+use crate::arrays::{kilowatts, numbers, refused, watts, GivenVector};
 use crate::system::System;
 
 /// Electro-thermal plant of one or more scenarios. Arrays are flat, in the order (step, scenario, string, node).
@@ -18,40 +21,31 @@ pub struct Plant {
     system: Arc<bess_tables::System>,
 }
 
-pub(crate) fn plant_refused(error: PlantError) -> PyErr {
-    PyValueError::new_err(error.to_string())
-}
-
-fn floats(array: &PyReadonlyArray1<'_, f64>) -> PyResult<Vec<f64>> {
-    Ok(array.as_array().to_vec())
-}
-
 /// Where the state says nothing of ageing, that of lanes with the given state of health begins.
 fn plant_state(system: &bess_tables::System, state: &Bound<'_, PyDict>) -> PyResult<PlantState> {
     let item = |key: &'static str| state.get_item(key)?.ok_or_else(|| PyKeyError::new_err(key));
-    let numbers = |key| -> PyResult<Vec<f64>> { floats(&item(key)?.extract()?) };
+    let values = |key| -> PyResult<Vec<f64>> { Ok(numbers(&item(key)?.extract::<GivenVector<'_>>()?)) };
     Ok(PlantState {
-        soc: numbers("soc")?,
-        node_temperature_c: numbers("node_temperature_c")?,
-        derating_integral_k: numbers("derating_integral_k")?,
+        soc: values("soc")?,
+        node_temperature_c: values("node_temperature_c")?,
+        derating_integral_k: values("derating_integral_k")?,
         inverter_on: item("inverter_on")?.extract::<PyReadonlyArray1<'_, bool>>()?.as_array().to_vec(),
         ageing: if state.contains("ageing")? {
             let lanes = item("soc")?.len()?;
-            let rows = numbers("ageing")?;
+            let rows = values("ageing")?;
             // One row for each lane; a length that is no multiple leaves a row too short, which is refused.
             rows.chunks((rows.len() / lanes.max(1)).max(1))
                 .map(AgeingState::from_numbers)
                 .collect::<Result<_, _>>()
-                .map_err(plant_refused)?
+                .map_err(refused)?
         } else {
-            starting_ageing(system, &numbers("soh_capacity")?, &numbers("soh_resistance")?)
-                .map_err(plant_refused)?
+            starting_ageing(system, &values("soh_capacity")?, &values("soh_resistance")?).map_err(refused)?
         },
         cooling: if state.contains("cooling_stages")? {
             // A stage that is no small whole number becomes one that no plant has, or the nearest.
-            let stages = numbers("cooling_stages")?.into_iter().map(|stage| stage as u8).collect();
+            let stages = values("cooling_stages")?.into_iter().map(|stage| stage as u8).collect();
             // Two numbers for each scenario: whether the chiller may run, and the temperature of the loop.
-            let coolant = numbers("coolant")?;
+            let coolant = values("coolant")?;
             Some(CoolingState {
                 stages,
                 chilling: coolant.iter().step_by(2).map(|&chilling| chilling != 0.0).collect(),
@@ -91,7 +85,7 @@ impl Plant {
         let state = plant_state(&system.inner, state)?;
         let inner = py
             .detach(|| bess_plant::Plant::new(&system.inner, scenarios, plant_step_s, law, &state))
-            .map_err(plant_refused)?;
+            .map_err(refused)?;
         Ok(Self { inner, system: system.inner.clone() })
     }
 
@@ -137,7 +131,7 @@ impl Plant {
 
     /// Replaces the state.
     fn set_state(&mut self, state: &Bound<'_, PyDict>) -> PyResult<()> {
-        self.inner.set_state(&plant_state(&self.system, state)?).map_err(plant_refused)
+        self.inner.set_state(&plant_state(&self.system, state)?).map_err(refused)
     }
 
     /// Advances through all requests [kW], with reactive power [kvar] beside them or none; flat arrays by name, in kW, kvar,
@@ -146,36 +140,33 @@ impl Plant {
     fn run<'py>(
         &mut self,
         py: Python<'py>,
-        request_kw: PyReadonlyArray1<'py, f64>,
-        ambient_c: PyReadonlyArray1<'py, f64>,
+        request_kw: GivenVector<'py>,
+        ambient_c: GivenVector<'py>,
         duration_s: f64,
         keep_nodes: bool,
-        reactive_kvar: Option<PyReadonlyArray1<'py, f64>>,
+        reactive_kvar: Option<GivenVector<'py>>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let request_w: Vec<f64> = request_kw.as_array().iter().map(|p| p * W_PER_KW).collect();
-        let reactive_var: Option<Vec<f64>> =
-            reactive_kvar.map(|values| values.as_array().iter().map(|q| q * W_PER_KW).collect());
-        let ambient_c = floats(&ambient_c)?;
+        let (request_w, ambient_c) = (watts(&request_kw), numbers(&ambient_c));
+        let reactive_var = reactive_kvar.map(|values| watts(&values));
         let inner = &mut self.inner;
         let mut record = py
             .detach(|| {
                 let reactive_var = reactive_var.as_deref();
                 inner.run_with_reactive(&request_w, reactive_var, &ambient_c, duration_s, keep_nodes)
             })
-            .map_err(plant_refused)?;
+            .map_err(refused)?;
         let carried_var = std::mem::take(&mut record.reactive_var);
         let out = to_dict(py, record, inner.is_cooled())?;
         if reactive_var.is_some() {
-            let carried_kvar: Vec<f64> = carried_var.into_iter().map(|q| q / W_PER_KW).collect();
-            out.set_item("reactive_kvar", carried_kvar.into_pyarray(py))?;
+            out.set_item("reactive_kvar", kilowatts(carried_var).into_pyarray(py))?;
         }
         Ok(out)
     }
 }
 
+/// A record by name, in kW, A, degC and kWh.
 pub(crate) fn to_dict(py: Python<'_>, record: Record, cooled: bool) -> PyResult<Bound<'_, PyDict>> {
     let out = PyDict::new(py);
-    let scaled = |values: Vec<f64>, unit: f64| -> Vec<f64> { values.into_iter().map(|v| v / unit).collect() };
     for (name, values, unit) in [
         ("delivered_kw", record.delivered_w, W_PER_KW),
         ("availability_loss_kw", record.availability_loss_w, W_PER_KW),
@@ -196,13 +187,14 @@ pub(crate) fn to_dict(py: Python<'_>, record: Record, cooled: bool) -> PyResult<
         ("calendar_loss", record.calendar_loss, 1.0),
         ("cyclic_loss", record.cyclic_loss, 1.0),
         ("aged_charge_ah", record.aged_charge_ah, 1.0),
+        ("auxiliary_kw", record.auxiliary_w, W_PER_KW),
         ("ledger_residual_kwh", record.ledger_residual_j, J_PER_KWH),
     ] {
-        out.set_item(name, scaled(values, unit).into_pyarray(py))?;
+        let values: Vec<f64> = values.into_iter().map(|v| v / unit).collect();
+        out.set_item(name, values.into_pyarray(py))?;
     }
-    out.set_item("auxiliary_kw", scaled(record.auxiliary_w, W_PER_KW).into_pyarray(py))?;
     if cooled {
-        out.set_item("cooling_kw", scaled(record.cooling_w, W_PER_KW).into_pyarray(py))?;
+        out.set_item("cooling_kw", kilowatts(record.cooling_w).into_pyarray(py))?;
         out.set_item("coolant_c", record.coolant_c.into_pyarray(py))?;
     }
     let limits: Vec<u8> = record.limits.into_iter().map(|limits| limits.0).collect();

@@ -1,9 +1,11 @@
+//! Boxes of states, as arrays.
+
 use bess_control::{Range, StateBox};
-use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::PyUntypedArrayMethods;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::arrays::{check_shape, flat, matrix, Matrix};
+use crate::arrays::{check_shape, matrix, numbers, GivenMatrix, Matrix};
 
 /// Ranges of the state of every string `(M, N)`: at the start of each step, or at the end of the last as well.
 #[pyclass(frozen, module = "bess._core")]
@@ -33,17 +35,17 @@ impl StateBoxes {
 impl StateBoxes {
     #[new]
     fn new(
-        soc_low: PyReadonlyArray2<'_, f64>,
-        soc_high: PyReadonlyArray2<'_, f64>,
-        temperature_low_c: PyReadonlyArray2<'_, f64>,
-        temperature_high_c: PyReadonlyArray2<'_, f64>,
+        soc_low: GivenMatrix<'_>,
+        soc_high: GivenMatrix<'_>,
+        temperature_low_c: GivenMatrix<'_>,
+        temperature_high_c: GivenMatrix<'_>,
     ) -> PyResult<Self> {
         let shape = soc_low.shape().to_vec();
         let arrays = [soc_low, soc_high, temperature_low_c, temperature_high_c];
         for array in &arrays {
             check_shape("states", &shape, array.shape())?;
         }
-        let [soc_low, soc_high, t_low, t_high] = arrays.map(|array| flat(array.as_array(), 1.0));
+        let [soc_low, soc_high, t_low, t_high] = arrays.map(|array| numbers(&array));
         let boxes: PyResult<Vec<_>> = (0..soc_low.len())
             .map(|i| {
                 let soc = Range { low: soc_low[i], high: soc_high[i] };

@@ -1,8 +1,10 @@
+//! The tables of a plant.
+
 use std::sync::Arc;
 
-use numpy::PyReadonlyArray1;
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+
+use crate::arrays::{numbers, refused, GivenVector};
 
 /// Tables of a plant, shared by every object built from it.
 #[pyclass(frozen, module = "bess._core")]
@@ -15,21 +17,13 @@ impl System {
     /// From the resolved description, JSON of `{"strings": [...]}`.
     #[new]
     fn new(document: &str) -> PyResult<Self> {
-        let inner = bess_tables::System::from_json(document)
-            .map_err(|error| PyValueError::new_err(error.to_string()))?;
+        let inner = bess_tables::System::from_json(document).map_err(refused)?;
         Ok(Self { inner: Arc::new(inner) })
     }
 
     /// The same plant with the capacity and the resistance of each string times a factor.
-    fn aged(
-        &self,
-        soh_capacity: PyReadonlyArray1<'_, f64>,
-        soh_resistance: PyReadonlyArray1<'_, f64>,
-    ) -> PyResult<Self> {
-        let inner = self
-            .inner
-            .aged(&soh_capacity.as_array().to_vec(), &soh_resistance.as_array().to_vec())
-            .map_err(|error| PyValueError::new_err(error.to_string()))?;
+    fn aged(&self, soh_capacity: GivenVector<'_>, soh_resistance: GivenVector<'_>) -> PyResult<Self> {
+        let inner = self.inner.aged(&numbers(&soh_capacity), &numbers(&soh_resistance)).map_err(refused)?;
         Ok(Self { inner: Arc::new(inner) })
     }
 

@@ -1,4 +1,4 @@
-//! The control model of a plant: its strings, without a problem.
+//! The control model of a plant: its strings, and what holds for any request of them.
 
 use std::sync::Arc;
 
@@ -14,7 +14,7 @@ pub(super) const POWER_SLACK: f64 = 1e-9;
 /// Temperatures that a battery can have [degC].
 pub(super) const TEMPERATURE_RANGE_C: (f64, f64) = (-100.0, 1000.0);
 
-/// The control model of a plant, without a problem.
+/// The control model of a plant.
 #[derive(Debug, Clone)]
 pub struct ControlModel {
     /// Shared: a problem refers to the strings of its model and copies none of their tables.

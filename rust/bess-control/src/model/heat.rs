@@ -1,8 +1,8 @@
-//! Battery heat as a function of internal power and `V^2 / R`.
+//! Battery heat as a function of internal power and `V^2 / R` (docs/equations.md, 5 and *Lower bounds*).
 
 use bess_tables::Direction;
 
-/// `R I / V` at an internal power `x V^2 / R`: `(sqrt(1 +- 4 x) - 1) / 2`, in its stable form. Beyond the root limit
+/// Share of the voltage that drops at the resistance, `R I / V`, at an internal power `x V^2 / R`: `(sqrt(1 +- 4 x) - 1) / 2`, in its stable form. Beyond the root limit
 /// of discharge, its value there.
 #[inline]
 pub(crate) fn heat_share(x: f64, direction: Direction) -> f64 {

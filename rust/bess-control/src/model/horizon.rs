@@ -1,23 +1,20 @@
-//! The data of one split problem: strings, measured state, demand, limits, costs.
+//! The data of one split problem: strings, measured state, demand, limits, costs; and the sign of its requests.
 
 use bess_tables::Direction;
 
 use super::control_model::{ControlModel, POWER_SLACK, TEMPERATURE_RANGE_C};
 use crate::error::{check_length, check_range};
-use crate::model::{Flow, Interval, Losses, StringModel, StringState};
+use crate::model::{Interval, Losses, StringModel, StringState};
 use crate::ControlError;
 
 /// Most groups of objectives.
 pub const MAX_GROUPS: usize = 4;
-/// Cost of each group.
-pub type Costs = [f64; MAX_GROUPS];
-
 /// A demand this close to the sum of the limits (relative) asks every string for its limit.
 const FULL_POWER: f64 = 1e-12;
 
 /// Everything about one split problem. Arrays over strings and steps are string-major, `(M, T)`.
 #[derive(Debug, Clone, Copy)]
-pub struct Problem<'a> {
+pub struct SplitProblem<'a> {
     /// Measured SOC `(M,)`.
     pub soc: &'a [f64],
     /// Measured mean temperature `(M,)` [degC].
@@ -40,15 +37,6 @@ pub struct Problem<'a> {
     pub tolerance_rel: &'a [f64],
 }
 
-/// Which of the costs of a problem.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum CostsOf {
-    /// Of what is reported and bounded.
-    Report,
-    /// Of the search: losses that cost nothing have a small weight.
-    Search,
-}
-
 /// A split problem, checked, as the search needs it. Requests are magnitudes from here on.
 #[derive(Debug, Clone)]
 pub struct ControlHorizon {
@@ -62,7 +50,7 @@ pub struct ControlHorizon {
     /// Costs of the search `(M, G)`, so that those of one string lie together.
     pub(crate) search_costs: Vec<Losses>,
     /// Costs of what is reported and bounded, `(G, M)`.
-    pub(crate) true_costs: Vec<Losses>,
+    pub(crate) report_costs: Vec<Losses>,
     pub(crate) n_groups: usize,
     pub(crate) tolerance_abs: Vec<f64>,
     pub(crate) tolerance_rel: Vec<f64>,
@@ -75,7 +63,7 @@ impl ControlHorizon {
     ///
     /// Where lengths do not agree, a number is outside what is allowed (the error says which, and the range), or the demand
     /// of a step is above the sum of its limits ([`ControlError::DemandAboveLimits`]).
-    pub fn new(model: ControlModel, problem: &Problem<'_>) -> Result<Self, ControlError> {
+    pub fn new(model: ControlModel, problem: &SplitProblem<'_>) -> Result<Self, ControlError> {
         let (n_strings, n_steps) = (model.strings().len(), problem.demand_w.len());
         let n_groups = problem.tolerance_abs.len();
         let start = model.states(problem.soc, problem.temperature_c)?;
@@ -105,10 +93,9 @@ impl ControlHorizon {
         let intervals = problem.demand_w.iter().zip(problem.ambient_c).map(|(&demand, &ambient_c)| {
             Interval { direction: Direction::of(demand), ambient_c, dt_h: problem.dt_h }
         });
-        let losses = |costs: &[f64]| Losses::from_array([costs[0], costs[1], costs[2], costs[3]]);
-        let of_string = |m: usize| (0..n_groups).map(move |g| (g * n_strings + m) * 4);
-        let search_costs =
-            (0..n_strings).flat_map(of_string).map(|first| losses(&problem.search_costs[first..first + 4]));
+        let by_group = Losses::rows(problem.search_costs);
+        let of_string = |m: usize| (0..n_groups).map(move |g| g * n_strings + m);
+        let search_costs = (0..n_strings).flat_map(of_string).map(|place| by_group[place]);
         Ok(Self {
             start,
             demand_w: problem.demand_w.iter().map(|d| d.abs()).collect(),
@@ -116,7 +103,7 @@ impl ControlHorizon {
             limit_w: problem.limit_w.to_vec(),
             total_limit_w,
             search_costs: search_costs.collect(),
-            true_costs: problem.costs.chunks_exact(4).map(losses).collect(),
+            report_costs: Losses::rows(problem.costs),
             n_groups,
             tolerance_abs: problem.tolerance_abs.to_vec(),
             tolerance_rel: problem.tolerance_rel.to_vec(),
@@ -149,93 +136,10 @@ impl ControlHorizon {
         &self.model.strings()[m]
     }
 
-    /// Costs of one string in the search, one entry for each group.
-    #[inline]
-    pub(crate) fn costs_of(&self, m: usize) -> &[Losses] {
-        &self.search_costs[m * self.n_groups..(m + 1) * self.n_groups]
-    }
-
-    /// Costs of every string in one group: of what is reported and bounded, or of the search.
-    pub(crate) fn group_costs(&self, group: usize, costs: CostsOf) -> Vec<Losses> {
-        match costs {
-            CostsOf::Report => {
-                self.true_costs[group * self.n_strings()..(group + 1) * self.n_strings()].to_vec()
-            }
-            CostsOf::Search => (0..self.n_strings()).map(|m| self.costs_of(m)[group]).collect(),
-        }
-    }
-
     /// Limit of one request [W].
     #[inline]
     pub(crate) fn limit(&self, m: usize, t: usize) -> f64 {
         self.limit_w[m * self.n_steps() + t]
-    }
-
-    /// One step of one string; adds its costs.
-    #[inline]
-    pub(crate) fn advance(
-        &self,
-        m: usize,
-        t: usize,
-        state: StringState,
-        request_w: f64,
-        costs: &mut Costs,
-    ) -> Flow {
-        let flow = self.string(m).step(state, request_w, &self.intervals[t]);
-        let losses = flow.losses();
-        for (total, c) in costs.iter_mut().zip(self.costs_of(m)) {
-            *total += losses.cost(c);
-        }
-        flow
-    }
-
-    /// Objectives of a schedule of requests `(M, T)` [W]: each string over time, then over the strings. Every
-    /// other place that sums costs keeps this order, so that results agree to the last bit.
-    pub fn objectives(&self, request_w: &[f64]) -> Costs {
-        let n_steps = self.n_steps();
-        let mut totals = [0.0; MAX_GROUPS];
-        for (m, requests) in request_w.chunks_exact(n_steps).enumerate() {
-            let mut costs = [0.0; MAX_GROUPS];
-            let mut state = self.start[m];
-            for (t, &request) in requests.iter().enumerate() {
-                state = self.advance(m, t, state, request, &mut costs).end;
-            }
-            add(&mut totals, &costs);
-        }
-        totals
-    }
-
-    /// Objectives of what flows, `(M, T)`, in the costs of what is reported.
-    pub fn true_objectives(&self, flows: &[Flow]) -> Costs {
-        let mut totals = [0.0; MAX_GROUPS];
-        for (m, row) in flows.chunks_exact(self.n_steps()).enumerate() {
-            for flow in row {
-                for (g, total) in totals[..self.n_groups].iter_mut().enumerate() {
-                    *total += flow.losses().cost(&self.true_costs[g * self.n_strings() + m]);
-                }
-            }
-        }
-        totals
-    }
-
-    /// How far a group may rise above its best value while later groups are minimised,
-    /// `F* + max(eps_abs, eps_rel |F*|)`.
-    pub(crate) fn ceiling(&self, group: usize, best: f64) -> f64 {
-        best + self.tolerance_abs[group].max(self.tolerance_rel[group] * best.abs())
-    }
-
-    /// What every string does in every step of a schedule, `(M, T)`.
-    pub fn flows(&self, request_w: &[f64]) -> Vec<Flow> {
-        let mut flows = Vec::with_capacity(request_w.len());
-        for (m, requests) in request_w.chunks_exact(self.n_steps()).enumerate() {
-            let mut state = self.start[m];
-            for (&request_w, interval) in requests.iter().zip(&self.intervals) {
-                let flow = self.string(m).step(state, request_w, interval);
-                state = flow.end;
-                flows.push(flow);
-            }
-        }
-        flows
     }
 
     /// Steps in which there is something to decide: more than one string can run, and not all of them have to.
@@ -247,16 +151,6 @@ impl ControlHorizon {
                 && self.demand_w[*t] < self.total_limit_w[*t] * (1.0 - FULL_POWER)
         };
         (0..self.n_steps()).filter(free).count()
-    }
-
-    /// Objectives of a batch of schedules `(B, M, T)` [W], `(B, G)`.
-    pub fn evaluate(&self, requests_w: &[f64]) -> Vec<f64> {
-        let size = self.n_strings() * self.n_steps();
-        let groups = self.n_groups;
-        requests_w
-            .chunks_exact(size)
-            .flat_map(|request| self.objectives(request).into_iter().take(groups))
-            .collect()
     }
 
     /// Magnitudes of signed requests; an error where one points against the demand or is above its limit.
@@ -295,13 +189,5 @@ impl ControlHorizon {
     pub fn signed(&self, request_w: &[f64]) -> Vec<f64> {
         let sign = |i: usize| self.direction(i % self.n_steps()).sign();
         request_w.iter().enumerate().map(|(i, u)| sign(i) * u).collect()
-    }
-}
-
-/// Adds costs of all groups.
-#[inline]
-pub(crate) fn add(totals: &mut Costs, costs: &Costs) {
-    for (total, cost) in totals.iter_mut().zip(costs) {
-        *total += cost;
     }
 }

@@ -19,6 +19,11 @@ impl Losses {
         Self { availability, derating, inverter, battery }
     }
 
+    /// One of each four values, in the order of [`Self::from_array`].
+    pub fn rows(values: &[f64]) -> Vec<Self> {
+        values.chunks_exact(4).map(|c| Self::from_array([c[0], c[1], c[2], c[3]])).collect()
+    }
+
     /// In the order availability, derating, inverter, battery.
     pub fn to_array(self) -> [f64; 4] {
         [self.availability, self.derating, self.inverter, self.battery]

@@ -1,13 +1,10 @@
-//! The control model of one string over one interval. Magnitudes with a direction, SI units.
+//! The control model of one string over one interval (docs/equations.md, 1 to 6). Magnitudes with a direction, SI units.
 
 use bess_tables::units::SECONDS_PER_HOUR;
 use bess_tables::{Direction, StringParameters};
 
-use super::loss::LossCurve;
+use super::loss_curve::LossCurve;
 use super::losses::Losses;
-
-/// Parts of an interval at low SOC in the midpoint rule.
-const LOW_SOC_PARTS: u32 = 4;
 
 /// Measured or predicted state of a string.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -135,12 +132,12 @@ impl StringModel {
 
     /// Largest AC power that the string can deliver over the interval, at most `p_N` [W].
     pub fn limit_w(&self, c: &Coefficients, direction: Direction, soc: f64, dt_h: f64) -> f64 {
-        self.limit_over(self.loss(direction), c, direction, soc, dt_h)
+        self.limit_with(self.loss(direction), c, direction, soc, dt_h)
     }
 
     /// Like [`Self::limit_w`], with another curve of the inverter's loss.
     #[inline]
-    pub(crate) fn limit_over(
+    pub(crate) fn limit_with(
         &self,
         curve: &LossCurve,
         c: &Coefficients,
@@ -161,86 +158,8 @@ impl StringModel {
         self.carry(curve, state, request_w, interval, &self.coefficients(interval.direction, state))
     }
 
-    /// Like [`Self::step`] with the coefficients of the middle of the interval (explicit midpoint rule), and with the
-    /// interval in [`LOW_SOC_PARTS`] where the string is, or gets, below its low-SOC switch: resistance climbs steeply
-    /// there.
     #[inline]
-    pub fn step_midpoint(&self, state: StringState, request_w: f64, interval: &Interval) -> Flow {
-        self.step_midpoint_over(self.loss(interval.direction), state, request_w, interval)
-    }
-
-    /// Like [`Self::step_midpoint`], with another curve of the inverter's loss.
-    #[inline]
-    pub(crate) fn step_midpoint_over(
-        &self,
-        curve: &LossCurve,
-        state: StringState,
-        request_w: f64,
-        interval: &Interval,
-    ) -> Flow {
-        if request_w <= 0.0 {
-            return self.idle(state, 0.0, 0.0, interval);
-        }
-        if state.soc >= self.parameters.low_soc_switch {
-            let c = self.coefficients(interval.direction, state);
-            let (middle, end_soc) = self.middle(curve, &c, state, request_w, interval);
-            if end_soc >= self.parameters.low_soc_switch {
-                let c = self.coefficients(interval.direction, middle);
-                return self.carry(curve, state, request_w, interval, &c);
-            }
-        }
-        self.step_in_parts(curve, state, request_w, interval)
-    }
-
-    #[cold]
-    fn step_in_parts(
-        &self,
-        curve: &LossCurve,
-        state: StringState,
-        request_w: f64,
-        interval: &Interval,
-    ) -> Flow {
-        let share = 1.0 / LOW_SOC_PARTS as f64;
-        let part = Interval { dt_h: share * interval.dt_h, ..*interval };
-        let mut whole = Flow { end: state, ..Flow::default() };
-        for _ in 0..LOW_SOC_PARTS {
-            let c = self.coefficients(part.direction, whole.end);
-            let (middle, _) = self.middle(curve, &c, whole.end, request_w, &part);
-            let flow =
-                self.carry(curve, whole.end, request_w, &part, &self.coefficients(part.direction, middle));
-            whole.delivered_w += share * flow.delivered_w;
-            whole.availability_w += share * flow.availability_w;
-            whole.derating_w += share * flow.derating_w;
-            whole.inverter_w += share * flow.inverter_w;
-            whole.battery_w += share * flow.battery_w;
-            whole.current_a += share * flow.current_a;
-            whole.end = flow.end;
-        }
-        whole
-    }
-
-    /// State in the middle of an interval as its start lets one expect, and the SOC at its end.
-    #[inline]
-    fn middle(
-        &self,
-        curve: &LossCurve,
-        c: &Coefficients,
-        state: StringState,
-        request_w: f64,
-        interval: &Interval,
-    ) -> (StringState, f64) {
-        let wanted = c.derating * request_w;
-        let internal = curve.direction_power(wanted, curve.at(wanted).0);
-        let (current_a, _) = small_root(c, interval.direction, internal);
-        let half = Interval { dt_h: 0.5 * interval.dt_h, ..*interval };
-        let (low, high) = (self.parameters.soc_min, self.parameters.soc_max);
-        let soc = self.soc_after(state.soc, current_a, &half).clamp(low, high);
-        let temperature_c = self.warmed(state.temperature_c, c.resistance_ohm * current_a * current_a, &half);
-        (StringState { soc, temperature_c }, 2.0 * soc - state.soc)
-    }
-
-    #[inline]
-    fn carry(
+    pub(super) fn carry(
         &self,
         curve: &LossCurve,
         state: StringState,
@@ -265,7 +184,7 @@ impl StringModel {
             && soc <= p.soc_max
             && (direction == Direction::Charge || soc >= p.soc_min)
             && p.voltage_allows(direction, c.voltage_v, c.resistance_ohm * current_a);
-        if !fits || curve.direction_power(wanted, inverter_w) != highest_internal {
+        if !fits || curve.internal_w(wanted, inverter_w) != highest_internal {
             let internal_limit = self.internal_limit_w(c, direction, state.soc, interval.dt_h);
             if highest_internal > internal_limit {
                 delivered_w = curve.largest_power(internal_limit).min(wanted);
@@ -274,7 +193,7 @@ impl StringModel {
             if delivered_w <= 0.0 {
                 return self.idle(state, derating_w, wanted, interval);
             }
-            (current_a, _) = small_root(c, direction, curve.direction_power(delivered_w, inverter_w));
+            (current_a, _) = small_root(c, direction, curve.internal_w(delivered_w, inverter_w));
             soc = self.soc_after(state.soc, current_a, interval);
         }
         if soc < p.soc_min && direction == Direction::Charge {
@@ -298,7 +217,7 @@ impl StringModel {
     }
 
     #[inline]
-    fn soc_after(&self, soc: f64, current_a: f64, interval: &Interval) -> f64 {
+    pub(super) fn soc_after(&self, soc: f64, current_a: f64, interval: &Interval) -> f64 {
         let charge = current_a * interval.dt_h / self.parameters.capacity_ah;
         match interval.direction {
             Direction::Charge => soc + charge,
@@ -307,14 +226,20 @@ impl StringModel {
     }
 
     #[inline]
-    fn warmed(&self, temperature_c: f64, battery_w: f64, interval: &Interval) -> f64 {
+    pub(super) fn warmed(&self, temperature_c: f64, battery_w: f64, interval: &Interval) -> f64 {
         let lumped = &self.parameters.lumped;
         let rate = lumped.k1_k_per_j * battery_w - lumped.k2_per_s * (temperature_c - interval.ambient_c);
         temperature_c + interval.dt_h * SECONDS_PER_HOUR * rate
     }
 
     #[inline]
-    fn idle(&self, state: StringState, derating_w: f64, availability_w: f64, interval: &Interval) -> Flow {
+    pub(super) fn idle(
+        &self,
+        state: StringState,
+        derating_w: f64,
+        availability_w: f64,
+        interval: &Interval,
+    ) -> Flow {
         let temperature_c = self.warmed(state.temperature_c, 0.0, interval);
         Flow { availability_w, derating_w, end: StringState { temperature_c, ..state }, ..Flow::default() }
     }
@@ -323,7 +248,7 @@ impl StringModel {
 /// Current [A] of `V I +- R I^2 = internal_w`, the small root in its stable form, and whether there is one. Without one
 /// (or a rounding error short of it) the current of the double root.
 #[inline]
-fn small_root(c: &Coefficients, direction: Direction, internal_w: f64) -> (f64, bool) {
+pub(super) fn small_root(c: &Coefficients, direction: Direction, internal_w: f64) -> (f64, bool) {
     let (v, product) = (c.voltage_v, 4.0 * c.resistance_ohm * internal_w);
     let square = match direction {
         Direction::Charge => v * v + product,

@@ -93,7 +93,7 @@ impl CostCurve {
         for (p, w) in curve.power().windows(2).zip(curve.loss().windows(2)) {
             let slope = (w[1] - w[0]) / (p[1] - p[0]);
             let loss = |x: f64| w[0] + slope * (x - p[0]);
-            let start = curve.direction_power(p[0], w[0]);
+            let start = curve.internal_w(p[0], w[0]);
             let at = |g: f64| p[0] + (g - start) / out.through(slope);
             // Without a price of the scale its upper end is the cheapest at any power.
             let changes = if terms.scale_price > 0.0 { [0.0, from_g, to_g].map(at) } else { [p[1]; 3] };
@@ -138,7 +138,7 @@ impl CostCurve {
     }
 
     fn push(&mut self, curve: &LossCurve, (p0, w0): (f64, f64), (p1, w1): (f64, f64), loss_slope: f64) {
-        let (g0, g1) = (curve.direction_power(p0, w0), curve.direction_power(p1, w1));
+        let (g0, g1) = (curve.internal_w(p0, w0), curve.internal_w(p1, w1));
         let Losses { inverter: c_inverter, battery: c_battery, .. } = self.terms.costs;
         let Range { low, high } = self.terms.power_scale_w;
         let [from_g, to_g] = self.following();

@@ -165,7 +165,7 @@ mod tests {
                 return 0.0;
             }
             let loss_w = self.loss.at(request_w).0;
-            let internal_w = self.loss.direction_power(request_w, loss_w);
+            let internal_w = self.loss.internal_w(request_w, loss_w);
             loss_w + heat_w(internal_w, self.terms.power_scale_w.low, self.terms.direction)
         }
     }

@@ -4,6 +4,10 @@
 //! it is certified; what it promises is that in the model it is never worse than any rule's schedule, nor than the plan it
 //! was made from.
 //!
+//! A `problem` is what a plan is made for, `starts` are the schedules to begin with, `paths` a schedule rolled out, so that a
+//! change is costed from where it happens. Two strings at a time then exchange power (`pair`): over a block of steps
+//! (`blocks`), or in one step and back in a later one (`sweep`), where `slopes` say that it pays.
+//!
 //! [`StringModel::step_midpoint`]: crate::StringModel::step_midpoint
 
 mod blocks;
@@ -62,7 +66,7 @@ impl PlanProblem<'_> {
     /// is missing or costs more, the best rule's schedule, improved by a local search.
     pub fn plan(&mut self, previous: Option<&[f64]>, effort: PlanEffort) -> Plan {
         let size = self.n_strings() * self.n_steps();
-        let carried = previous.map(|request_w| starts::fitted(self, request_w));
+        let carried = previous.map(|request_w| starts::carried_on(self, request_w));
         self.aim_for_balance(carried.as_deref());
         let problem: &Self = self;
         let mut rules: Vec<Paths<'_>> =
@@ -89,16 +93,11 @@ impl PlanProblem<'_> {
                 }
             }
         }
-        let (mut slope, mut capacity) = (0.0, 0.0);
-        for m in 0..self.n_strings() {
-            slope += Slopes::along(&mut best, m).soc(0);
-            capacity += self.capacity_ah(m);
-        }
         Plan {
             cost: best.cost(),
             rule_cost,
             rollouts: (work as usize).div_ceil(size.max(1)),
-            start_charge: slope / capacity,
+            start_charge: start_charge(&mut best),
             request_w: best.request_w,
         }
     }
@@ -127,6 +126,16 @@ impl PlanProblem<'_> {
             self.tightness[t] = tightness;
         }
     }
+}
+
+/// What one more Ah in every string at the start would add to the cost, averaged by capacity [cost/Ah].
+fn start_charge(paths: &mut Paths<'_>) -> f64 {
+    let (mut slope, mut capacity) = (0.0, 0.0);
+    for m in 0..paths.problem.n_strings() {
+        slope += Slopes::along(paths, m).soc(0);
+        capacity += paths.problem.capacity_ah(m);
+    }
+    slope / capacity
 }
 
 /// Rounds of moves until `cycle` of them gain too little, or the budget is used up. A plan that is carried along was tried

@@ -70,7 +70,7 @@ impl<'a> Paths<'a> {
     /// One step of a string from any point.
     #[inline]
     pub fn next(&self, m: usize, t: usize, point: &Point, request_w: f64) -> Point {
-        let (cost, state) = self.problem.stage(m, t, point.state, request_w, point.running);
+        let (cost, state) = self.problem.step(m, t, point.state, request_w, point.running);
         Point { state, cost: point.cost + cost, running: request_w > 0.0 }
     }
 
@@ -82,7 +82,7 @@ impl<'a> Paths<'a> {
             self.points[base + t + 1] = self.next(m, t, &self.points[base + t], self.request(m, t));
         }
         let last = &self.points[base + n_steps];
-        self.totals[m] = last.cost + self.problem.end(m, last.state);
+        self.totals[m] = last.cost + self.problem.end_cost(m, last.state);
         self.work += (n_steps - from) as u64;
     }
 
@@ -110,6 +110,6 @@ impl<'a> Paths<'a> {
         if point.cost > most {
             return f64::INFINITY;
         }
-        point.cost + self.problem.end(m, point.state)
+        point.cost + self.problem.end_cost(m, point.state)
     }
 }

@@ -31,9 +31,9 @@ pub struct PlanProblem<'a> {
     pub(crate) intervals: Vec<Interval>,
     pub(crate) limit_w: Vec<f64>,
     pub(crate) prices: Prices,
-    /// Fill of the plant at the end of each step `(T,)`, from which imbalance is measured.
+    /// Share of its usable charge that the plant holds at the end of each step `(T,)`: imbalance is measured from there.
     pub(crate) fill: Vec<f64>,
-    /// Whether the plant will still come near empty or full `(T,)`, up to 1 (yes): what imbalance counts.
+    /// What imbalance counts in each step `(T,)`: 1 where the plant will still come near empty or full, little where not.
     pub(crate) tightness: Vec<f64>,
     /// Losses of the inverters with the reactive power of each step `(M, T)`; empty where there is none.
     curves: Vec<LossCurve>,
@@ -58,7 +58,11 @@ impl<'a> PlanProblem<'a> {
         prices: Prices,
     ) -> Result<Self, ControlError> {
         let (n_strings, n_steps) = (model.strings().len(), demand_w.len());
+        check_length("start", &start, n_strings)?;
+        check_length("running", &running, n_strings)?;
         check_length("limit", &limit_w, n_strings)?;
+        check_length("intervals", &intervals, n_steps)?;
+        check_length("prices of losses", &prices.losses, n_steps)?;
         check_length("wear", &prices.wear, n_strings)?;
         check_range("demand", demand_w, (0.0, f64::MAX), " W")?;
         check_range("wear", &prices.wear, (0.0, f64::MAX), "")?;
@@ -69,9 +73,6 @@ impl<'a> PlanProblem<'a> {
         check_range("end_charge", &[prices.end_charge], (-f64::MAX, f64::MAX), "")?;
         for (string, &limit) in model.strings().iter().zip(&limit_w) {
             check_range("limit", &[limit], (0.0, string.nominal_w() * (1.0 + 1e-9)), " W")?;
-        }
-        for (name, length) in [("prices of losses", prices.losses.len()), ("intervals", intervals.len())] {
-            check_length(name, &vec![0.0; length], n_steps)?;
         }
         let total: f64 = limit_w.iter().sum();
         let demand_w = demand_w.iter().map(|d| d.min(total)).collect();
@@ -134,7 +135,7 @@ impl<'a> PlanProblem<'a> {
     #[inline]
     pub(crate) fn flow(&self, m: usize, t: usize, state: StringState, request_w: f64) -> Flow {
         let string = &self.model.strings()[m];
-        string.step_midpoint_over(self.curve(m, t), state, request_w, &self.intervals[t])
+        string.step_midpoint_with(self.curve(m, t), state, request_w, &self.intervals[t])
     }
 
     /// Number of strings.
@@ -149,7 +150,7 @@ impl<'a> PlanProblem<'a> {
 
     /// One step of one string: its cost and where it ends.
     #[inline]
-    pub(crate) fn stage(
+    pub(crate) fn step(
         &self,
         m: usize,
         t: usize,
@@ -171,7 +172,7 @@ impl<'a> PlanProblem<'a> {
 
     /// Cost of the state in which the plan leaves a string. Measured from full or empty, so that it is never negative.
     #[inline]
-    pub(crate) fn end(&self, m: usize, state: StringState) -> f64 {
+    pub(crate) fn end_cost(&self, m: usize, state: StringState) -> f64 {
         let p = &self.model.strings()[m].parameters;
         let from = if self.prices.end_charge < 0.0 { p.soc_max } else { p.soc_min };
         self.prices.end_charge * self.capacity_ah(m) * (state.soc - from)

@@ -3,6 +3,7 @@
 use crate::model::StringState;
 use crate::plan::paths::{Paths, Point};
 
+/// Steps of the difference quotients.
 const SOC_SHIFT: f64 = 1e-3;
 const TEMPERATURE_SHIFT_K: f64 = 0.1;
 

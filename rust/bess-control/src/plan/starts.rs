@@ -5,7 +5,7 @@ use bess_tables::Direction;
 use crate::model::StringState;
 use crate::plan::problem::PlanProblem;
 
-/// What is left of a power after it was shared, as a share of it, that is rounding and switches no inverter on.
+/// What is left of a power after it was shared, as a part of it, that is rounding and switches no inverter on.
 const CRUMBS: f64 = 1e-9;
 
 /// A way to share the power of a step without looking ahead. The first four are the policies of these names.
@@ -65,6 +65,7 @@ impl Rule {
         power
     }
 
+    /// In what proportion the rule shares.
     fn weights(self, problem: &PlanProblem<'_>, t: usize, states: &[StringState]) -> Vec<f64> {
         let weight = |(m, state): (usize, &StringState)| {
             let string = &problem.model.strings()[m];
@@ -83,17 +84,19 @@ impl Rule {
     }
 }
 
+/// Most that each string can deliver in a step, within its limit [W].
 fn deliverable_w(problem: &PlanProblem<'_>, t: usize, states: &[StringState]) -> Vec<f64> {
     let interval = &problem.intervals[t];
     let cap = |(m, state): (usize, &StringState)| {
         let string = &problem.model.strings()[m];
         let c = string.coefficients(interval.direction, *state);
         let curve = problem.curve(m, t);
-        string.limit_over(curve, &c, interval.direction, state.soc, interval.dt_h).min(problem.limit_w[m])
+        string.limit_with(curve, &c, interval.direction, state.soc, interval.dt_h).min(problem.limit_w[m])
     };
     states.iter().enumerate().map(cap).collect()
 }
 
+/// As much as it can to one string after the other, beginning with `first` [W].
 fn in_turn(total_w: f64, caps_w: &[f64], first: usize) -> Vec<f64> {
     let n = caps_w.len();
     let mut power = vec![0.0; n];
@@ -140,9 +143,9 @@ pub(crate) fn water_fill(total_w: f64, weights: &[f64], caps_w: &[f64]) -> Vec<f
     power
 }
 
-/// Makes requests `(M, T)` fit the demand and the limits of a problem: what a string may no longer take goes to those that
+/// The requests `(M, T)` [W] of an earlier plan, made to fit demand and limits: what a string may no longer take goes to those that
 /// run, in proportion to their room, then to the others.
-pub(crate) fn fitted(problem: &PlanProblem<'_>, request_w: &[f64]) -> Vec<f64> {
+pub(crate) fn carried_on(problem: &PlanProblem<'_>, request_w: &[f64]) -> Vec<f64> {
     let (n_strings, n_steps) = (problem.n_strings(), problem.n_steps());
     let mut out = vec![0.0; request_w.len()];
     for t in 0..n_steps {

@@ -32,7 +32,7 @@ impl ControlHorizon {
     /// Bounds of every group around a schedule `(M, T)` (magnitudes) that was rolled out, with the one-step optima at its
     /// states: none of them where there is nothing to decide.
     pub fn bounds(&self, request_w: &[f64], flows: &[Flow], optima: &[StepBounds]) -> Vec<GroupBounds> {
-        let (objectives, searched) = (self.true_objectives(flows), self.objectives(request_w));
+        let (objectives, searched) = (self.report_objectives(flows), self.objectives(request_w));
         let mut budgets_w = [f64::INFINITY; 2];
         let mut out = Vec::with_capacity(self.n_groups());
         for group in 0..self.n_groups() {

@@ -1,4 +1,4 @@
-//! Loss over active power at a power factor.
+//! Loss over active power at a power factor (docs/equations.md, R4).
 
 use bess_tables::Lut;
 

@@ -18,7 +18,8 @@ struct Share {
     cost_w: f64,
 }
 
-struct Task<'a> {
+/// Reactive power to be shared among inverters, with what the start of each is worth [W].
+struct Sharing<'a> {
     inverters: Vec<Inverter<'a>>,
     start_w: &'a [f64],
     total_var: f64,
@@ -56,11 +57,11 @@ impl ControlModel {
         };
         let inverters: Vec<_> = (0..n).map(inverter).collect();
         let room: f64 = inverters.iter().map(|i| i.room_var).sum();
-        Ok(Task { inverters, start_w, total_var: total_var.min(room) }.best().reactive_var)
+        Ok(Sharing { inverters, start_w, total_var: total_var.min(room) }.best().reactive_var)
     }
 }
 
-impl Task<'_> {
+impl Sharing<'_> {
     /// From what active power runs and the room needs, one inverter switched or two exchanged as long as that saves.
     fn best(&self) -> Share {
         let n = self.inverters.len();
@@ -105,11 +106,13 @@ impl Task<'_> {
         }
     }
 
+    /// Whether these inverters have room for all of it.
     fn fits(&self, on: &[bool]) -> bool {
         let room: f64 = self.inverters.iter().zip(on).map(|(i, &on)| if on { i.room_var } else { 0.0 }).sum();
         room >= self.total_var * (1.0 - 1e-12)
     }
 
+    /// The best share among the inverters that run.
     fn share(&self, on: Vec<bool>) -> Share {
         let running: Vec<usize> = (0..on.len()).filter(|&m| on[m]).collect();
         let inverters: Vec<_> = running.iter().map(|&m| self.inverters[m]).collect();
@@ -152,7 +155,7 @@ mod tests {
             .zip(active_w)
             .map(|(curve, &active_w)| Inverter { curve, active_w, room_var: room(active_w) })
             .collect();
-        Task { inverters, start_w: &vec![0.0; curves.len()], total_var }.best()
+        Sharing { inverters, start_w: &vec![0.0; curves.len()], total_var }.best()
     }
 
     proptest! {
@@ -228,7 +231,7 @@ mod tests {
             .map(|(curve, active_w)| Inverter { curve, active_w, room_var: room(active_w) })
             .collect();
         let runs = |start: f64| {
-            Task { inverters: inverters.clone(), start_w: &[0.0, start], total_var: 60.0 }.best().on[1]
+            Sharing { inverters: inverters.clone(), start_w: &[0.0, start], total_var: 60.0 }.best().on[1]
         };
         assert!(runs(0.0) && !runs(1.0));
     }

@@ -1,7 +1,7 @@
 //! The best schedule known.
 
 use super::ranking::Ranking;
-use crate::model::{ControlHorizon, Costs};
+use crate::model::{ControlHorizon, Objectives};
 
 /// Descents end on a ceiling; rounded to what leaves as kW, a schedule may be this much above it, relative.
 const ROUNDING: f64 = 1e-12;
@@ -12,7 +12,7 @@ pub struct Schedule {
     /// Requests `(M, T)`, magnitudes [W].
     pub request_w: Vec<f64>,
     /// Objectives of the groups; those beyond the number of groups are zero.
-    pub objectives: Costs,
+    pub objectives: Objectives,
 }
 
 impl ControlHorizon {
@@ -31,7 +31,7 @@ pub struct Incumbent {
     /// The best.
     pub schedule: Schedule,
     /// Smallest value seen of each group but the last.
-    lowest: Costs,
+    lowest: Objectives,
 }
 
 impl Incumbent {
@@ -46,7 +46,7 @@ impl Incumbent {
     }
 
     /// Smallest value seen of each group, and of the last the value held.
-    pub(crate) fn standing(&self, horizon: &ControlHorizon) -> Costs {
+    pub(crate) fn standing(&self, horizon: &ControlHorizon) -> Objectives {
         let last = horizon.n_groups() - 1;
         let mut standing = self.lowest;
         standing[last] = self.schedule.objectives[last];

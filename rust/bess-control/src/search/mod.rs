@@ -20,10 +20,10 @@ mod common;
 /// A horizon of like strings for tests, each half full and free to give 92 kW.
 #[cfg(test)]
 pub(crate) fn test_horizon(n_strings: usize, demand_w: &[f64]) -> crate::model::ControlHorizon {
-    use crate::model::{ControlHorizon, ControlModel, Problem};
+    use crate::model::{ControlHorizon, ControlModel, SplitProblem};
     let system = common::reference(n_strings);
     let costs = vec![1e-5; n_strings * 4];
-    let problem = Problem {
+    let problem = SplitProblem {
         soc: &vec![0.5; n_strings],
         temperature_c: &vec![25.0; n_strings],
         demand_w,

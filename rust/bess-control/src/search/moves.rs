@@ -4,7 +4,7 @@ use bess_tables::Direction;
 
 use super::ranking::Ranking;
 use super::tracked::Tracked;
-use crate::model::Costs;
+use crate::model::Objectives;
 
 /// Uniform shares tried in a line search, and in each direction of a two-step search.
 const SHARES: usize = 25;
@@ -52,7 +52,7 @@ impl Line {
     }
 
     /// Objectives with the first string at `first_w`, the requests of later steps as they are or following.
-    fn cost(&self, tracked: &Tracked<'_>, shift: Shift) -> Costs {
+    fn cost(&self, tracked: &Tracked<'_>, shift: Shift) -> Objectives {
         let (i, j) = self.strings;
         let (u, v) = self.pair(shift.first_w);
         let (a, b) = if shift.follows {
@@ -129,12 +129,12 @@ impl Line {
         self.take(tracked, best.0);
     }
 
-    fn here(&self, tracked: &Tracked<'_>) -> (Shift, Costs) {
+    fn here(&self, tracked: &Tracked<'_>) -> (Shift, Objectives) {
         let first_w = tracked.request(self.strings.0, self.step);
         (Shift { first_w, follows: false }, tracked.objectives())
     }
 
-    fn try_at(&self, tracked: &Tracked<'_>, ranking: &Ranking, first_w: f64, best: &mut (Shift, Costs)) {
+    fn try_at(&self, tracked: &Tracked<'_>, ranking: &Ranking, first_w: f64, best: &mut (Shift, Objectives)) {
         if first_w < self.low_w || first_w > self.high_w {
             return;
         }
@@ -215,7 +215,7 @@ impl Plane {
         ranking: &Ranking,
         first_w: f64,
         seconds_w: &[f64],
-        best: &mut ((f64, f64), Costs),
+        best: &mut ((f64, f64), Objectives),
     ) {
         let inside = |line: &Line, w: f64| w >= line.low_w && w <= line.high_w;
         if !inside(&self.first, first_w) {
@@ -233,12 +233,12 @@ impl Plane {
             tracked.objectives_with(&[(i, a.costs), (j, b.costs)])
         };
         let best_cost = best.1[ranking.group];
-        let mut consider = |second_w: f64, costs: &Costs| {
+        let mut consider = |second_w: f64, costs: &Objectives| {
             if ranking.better(costs, &best.1) {
                 *best = ((first_w, second_w), *costs);
             }
         };
-        let mut before: Option<(f64, Costs)> = None;
+        let mut before: Option<(f64, Objectives)> = None;
         for &second_w in seconds_w.iter().filter(|w| inside(&self.second, **w)) {
             let costs = costs_at(second_w);
             consider(second_w, &costs);

@@ -1,6 +1,6 @@
 //! The lexicographic order of schedules: which of two vectors of group objectives is better, group after group.
 
-use crate::model::{ControlHorizon, Costs, MAX_GROUPS};
+use crate::model::{ControlHorizon, Objectives, MAX_GROUPS};
 
 /// Lexicographic order with the higher groups held under a ceiling.
 #[derive(Debug, Clone, Copy)]
@@ -8,7 +8,7 @@ pub(crate) struct Ranking {
     /// The group that is minimised; those before it only have to stay under their ceilings.
     pub group: usize,
     pub n_groups: usize,
-    pub ceilings: Costs,
+    pub ceilings: Objectives,
 }
 
 impl Ranking {
@@ -18,7 +18,7 @@ impl Ranking {
     }
 
     /// Minimises `group`, with those before it at most a tolerance above `lowest`.
-    pub fn under(horizon: &ControlHorizon, group: usize, lowest: &Costs) -> Self {
+    pub fn under(horizon: &ControlHorizon, group: usize, lowest: &Objectives) -> Self {
         let mut ranking = Self { group, ..Self::new(horizon.n_groups()) };
         for (g, &lowest) in lowest[..group].iter().enumerate() {
             ranking.ceilings[g] = horizon.ceiling(g, lowest);
@@ -28,24 +28,24 @@ impl Ranking {
 
     /// How far the groups before the one that is minimised are above their ceilings: the largest, negative below all.
     #[inline]
-    pub fn excess(&self, costs: &Costs) -> f64 {
+    pub fn excess(&self, costs: &Objectives) -> f64 {
         (0..self.group).map(|g| costs[g] - self.ceilings[g]).fold(f64::NEG_INFINITY, f64::max)
     }
 
     /// Whether `a` is better than `b`. Ties go to the next group. Exact, hence transitive: a descent cannot cycle.
     #[inline]
-    pub fn better(&self, a: &Costs, b: &Costs) -> bool {
+    pub fn better(&self, a: &Objectives, b: &Objectives) -> bool {
         self.better_by(a, b, 0.0)
     }
 
     /// The better one first.
-    pub fn order(&self, a: &Costs, b: &Costs) -> std::cmp::Ordering {
+    pub fn order(&self, a: &Objectives, b: &Objectives) -> std::cmp::Ordering {
         self.better(b, a).cmp(&self.better(a, b))
     }
 
     /// Whether `a` is better than `b` by more than a share.
     #[inline]
-    pub fn better_by(&self, a: &Costs, b: &Costs, share: f64) -> bool {
+    pub fn better_by(&self, a: &Objectives, b: &Objectives, share: f64) -> bool {
         for g in 0..self.n_groups {
             let (x, y) = if g < self.group {
                 (a[g].max(self.ceilings[g]), b[g].max(self.ceilings[g]))

@@ -1,7 +1,7 @@
 //! A schedule with the states and costs along it, so that a change is costed from the changed step on and only
 //! for the strings that it touches.
 
-use crate::model::{add, ControlHorizon, Costs, StringState, MAX_GROUPS};
+use crate::model::{add, ControlHorizon, Objectives, StringState, MAX_GROUPS};
 
 /// A request this close (relative) to what a string can just deliver is on the edge.
 const EDGE_WIDTH: f64 = 1e-9;
@@ -10,7 +10,7 @@ const EDGE_WIDTH: f64 = 1e-9;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Progress {
     pub state: StringState,
-    pub costs: Costs,
+    pub costs: Objectives,
 }
 
 /// A schedule over the steps `first..end`, rolled out.
@@ -132,7 +132,7 @@ impl<'a> Tracked<'a> {
         from: usize,
         first_w: (f64, f64),
         mut visit: impl FnMut(usize, (f64, f64)),
-    ) -> (Costs, Costs) {
+    ) -> (Objectives, Objectives) {
         let (mut a, mut b) = (*self.at(i, from), *self.at(j, from));
         let mut request = first_w;
         for t in from..self.end {
@@ -162,7 +162,7 @@ impl<'a> Tracked<'a> {
 
     /// Objectives with the final costs of some strings replaced; summed in the order of the strings.
     #[inline]
-    pub fn objectives_with(&self, changed: &[(usize, Costs)]) -> Costs {
+    pub fn objectives_with(&self, changed: &[(usize, Objectives)]) -> Objectives {
         let mut totals = [0.0; MAX_GROUPS];
         for m in 0..self.horizon.n_strings() {
             let replaced = changed.iter().find(|(string, _)| *string == m);
@@ -172,7 +172,7 @@ impl<'a> Tracked<'a> {
     }
 
     /// Objectives of the schedule.
-    pub fn objectives(&self) -> Costs {
+    pub fn objectives(&self) -> Objectives {
         self.objectives_with(&[])
     }
 

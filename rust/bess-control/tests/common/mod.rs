@@ -1,7 +1,7 @@
 //! The reference system at string level, and problems on it.
 #![allow(dead_code, missing_docs)]
 
-use bess_control::{ControlHorizon, ControlModel, Problem};
+use bess_control::{ControlHorizon, ControlModel, SplitProblem};
 use bess_tables::System;
 use serde_json::json;
 
@@ -79,7 +79,7 @@ pub fn horizon(system: &System, n_steps: usize, soc: f64) -> ControlHorizon {
             costs.extend((0..4).map(counts));
         }
     }
-    let problem = Problem {
+    let problem = SplitProblem {
         soc: &(0..n_strings).map(|m| soc + 0.01 * uniform(m as u64)).collect::<Vec<_>>(),
         temperature_c: &(0..n_strings).map(|m| 25.0 + 5.0 * uniform(m as u64)).collect::<Vec<_>>(),
         demand_w: &demand,

@@ -32,6 +32,19 @@ pub struct PlantState {
     pub cooling: Option<CoolingState>,
 }
 
+impl PlantState {
+    /// Mean temperature of each lane [degC], of a state as [`Plant::state`] gives it: nodes that a string does not have are
+    /// NaN.
+    pub fn mean_temperature_c(&self) -> Vec<f64> {
+        let nodes = self.node_temperature_c.len() / self.soc.len().max(1);
+        let mean = |own: &[f64]| {
+            let real = own.iter().filter(|t| !t.is_nan());
+            real.clone().sum::<f64>() / real.count() as f64
+        };
+        self.node_temperature_c.chunks_exact(nodes.max(1)).map(mean).collect()
+    }
+}
+
 /// Ageing of lanes that start with these factors on capacity and resistance, one of each for each lane.
 ///
 /// # Errors

@@ -1,3 +1,5 @@
+//! Inverter loss of the control model, and its inverse (docs/equations.md, 4 and 5).
+
 use bess_tables::{Axis, Direction, Lut};
 
 /// Inverter loss of one direction over delivered AC power, with what is needed to invert it.
@@ -21,7 +23,7 @@ impl LossCurve {
     pub fn new(table: &Lut, direction: Direction, nominal_w: f64) -> Self {
         let inner = table.x().iter().copied().filter(|&x| x > 0.0 && x < nominal_w);
         let knots: Vec<f64> = std::iter::once(0.0).chain(inner).chain(std::iter::once(nominal_w)).collect();
-        let g = |p: f64| direction_power(direction, p, table.at(p));
+        let g = |p: f64| internal_w(direction, p, table.at(p));
         let (mut power, mut internal) = (vec![], vec![]);
         let mut highest = f64::NEG_INFINITY;
         for (index, &p) in knots.iter().enumerate() {
@@ -44,10 +46,10 @@ impl LossCurve {
         Self { direction, power: Axis::ascending(power), loss, internal, slopes }
     }
 
-    /// `g` for a delivered power and its loss [W].
+    /// Internal power `g` of the battery for a delivered power and its loss [W].
     #[inline]
-    pub fn direction_power(&self, power_w: f64, loss_w: f64) -> f64 {
-        direction_power(self.direction, power_w, loss_w)
+    pub fn internal_w(&self, power_w: f64, loss_w: f64) -> f64 {
+        internal_w(self.direction, power_w, loss_w)
     }
 
     /// Direction of the power.
@@ -91,7 +93,7 @@ impl LossCurve {
 
     /// Smallest and largest `g` over the delivered powers `[low, high]` of an inverter that is on [W].
     pub fn internal_range(&self, low: f64, high: f64) -> (f64, f64) {
-        let g = |p: f64| self.direction_power(p, self.at(p).0);
+        let g = |p: f64| self.internal_w(p, self.at(p).0);
         let inside = self.power.iter().copied().filter(|&p| p > low && p < high).map(g);
         inside
             .chain([g(low), g(high)])
@@ -100,7 +102,7 @@ impl LossCurve {
 }
 
 #[inline]
-fn direction_power(direction: Direction, power_w: f64, loss_w: f64) -> f64 {
+fn internal_w(direction: Direction, power_w: f64, loss_w: f64) -> f64 {
     match direction {
         Direction::Charge => power_w - loss_w,
         Direction::Discharge => power_w + loss_w,
@@ -117,7 +119,7 @@ mod tests {
         for direction in [Direction::Charge, Direction::Discharge] {
             let curve = LossCurve::new(&table, direction, 100.0);
             for p in [1.0, 49.0, 50.0, 73.5, 100.0] {
-                let g = curve.direction_power(p, table.at(p));
+                let g = curve.internal_w(p, table.at(p));
                 assert!((curve.largest_power(g) - p).abs() < 1e-12);
             }
         }

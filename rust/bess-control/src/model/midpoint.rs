@@ -1,0 +1,87 @@
+//! The control model of plans: coefficients from the middle of the interval (explicit midpoint rule).
+
+use super::loss_curve::LossCurve;
+use super::string::{small_root, Coefficients, Flow, Interval, StringModel, StringState};
+
+/// Parts of an interval at low SOC in the midpoint rule.
+const LOW_SOC_PARTS: u32 = 4;
+
+impl StringModel {
+    /// Like [`Self::step`] with the coefficients of the middle of the interval (explicit midpoint rule), and with the
+    /// interval in [`LOW_SOC_PARTS`] where the string is, or gets, below its low-SOC switch: resistance climbs steeply
+    /// there.
+    #[inline]
+    pub fn step_midpoint(&self, state: StringState, request_w: f64, interval: &Interval) -> Flow {
+        self.step_midpoint_with(self.loss(interval.direction), state, request_w, interval)
+    }
+
+    /// Like [`Self::step_midpoint`], with another curve of the inverter's loss.
+    #[inline]
+    pub(crate) fn step_midpoint_with(
+        &self,
+        curve: &LossCurve,
+        state: StringState,
+        request_w: f64,
+        interval: &Interval,
+    ) -> Flow {
+        if request_w <= 0.0 {
+            return self.idle(state, 0.0, 0.0, interval);
+        }
+        if state.soc >= self.parameters.low_soc_switch {
+            let c = self.coefficients(interval.direction, state);
+            let (middle, end_soc) = self.middle(curve, &c, state, request_w, interval);
+            if end_soc >= self.parameters.low_soc_switch {
+                let c = self.coefficients(interval.direction, middle);
+                return self.carry(curve, state, request_w, interval, &c);
+            }
+        }
+        self.step_in_parts(curve, state, request_w, interval)
+    }
+
+    #[cold]
+    fn step_in_parts(
+        &self,
+        curve: &LossCurve,
+        state: StringState,
+        request_w: f64,
+        interval: &Interval,
+    ) -> Flow {
+        let share = 1.0 / LOW_SOC_PARTS as f64;
+        let part = Interval { dt_h: share * interval.dt_h, ..*interval };
+        let mut whole = Flow { end: state, ..Flow::default() };
+        for _ in 0..LOW_SOC_PARTS {
+            let c = self.coefficients(part.direction, whole.end);
+            let (middle, _) = self.middle(curve, &c, whole.end, request_w, &part);
+            let flow =
+                self.carry(curve, whole.end, request_w, &part, &self.coefficients(part.direction, middle));
+            whole.delivered_w += share * flow.delivered_w;
+            whole.availability_w += share * flow.availability_w;
+            whole.derating_w += share * flow.derating_w;
+            whole.inverter_w += share * flow.inverter_w;
+            whole.battery_w += share * flow.battery_w;
+            whole.current_a += share * flow.current_a;
+            whole.end = flow.end;
+        }
+        whole
+    }
+
+    /// State in the middle of an interval as its start lets one expect, and the SOC at its end.
+    #[inline]
+    fn middle(
+        &self,
+        curve: &LossCurve,
+        c: &Coefficients,
+        state: StringState,
+        request_w: f64,
+        interval: &Interval,
+    ) -> (StringState, f64) {
+        let wanted = c.derating * request_w;
+        let internal = curve.internal_w(wanted, curve.at(wanted).0);
+        let (current_a, _) = small_root(c, interval.direction, internal);
+        let half = Interval { dt_h: 0.5 * interval.dt_h, ..*interval };
+        let (low, high) = (self.parameters.soc_min, self.parameters.soc_max);
+        let soc = self.soc_after(state.soc, current_a, &half).clamp(low, high);
+        let temperature_c = self.warmed(state.temperature_c, c.resistance_ohm * current_a * current_a, &half);
+        (StringState { soc, temperature_c }, 2.0 * soc - state.soc)
+    }
+}

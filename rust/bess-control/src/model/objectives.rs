@@ -1,0 +1,119 @@
+//! What schedules of a split problem do, and what that costs in each group of objectives (docs/equations.md, 1 to 8).
+
+use super::horizon::{ControlHorizon, MAX_GROUPS};
+use crate::model::{Flow, Losses, StringState};
+
+/// Objective of each group; those of groups that a problem does not have are 0.
+pub type Objectives = [f64; MAX_GROUPS];
+
+/// Which of the costs of a problem.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CostsOf {
+    /// Of what is reported and bounded.
+    Report,
+    /// Of the search: losses that cost nothing have a small weight.
+    Search,
+}
+
+impl ControlHorizon {
+    /// Costs of one string in the search, one entry for each group.
+    #[inline]
+    pub(crate) fn costs_of(&self, m: usize) -> &[Losses] {
+        &self.search_costs[m * self.n_groups..(m + 1) * self.n_groups]
+    }
+
+    /// Costs of every string in one group: of what is reported and bounded, or of the search.
+    pub(crate) fn group_costs(&self, group: usize, costs: CostsOf) -> Vec<Losses> {
+        match costs {
+            CostsOf::Report => {
+                self.report_costs[group * self.n_strings()..(group + 1) * self.n_strings()].to_vec()
+            }
+            CostsOf::Search => (0..self.n_strings()).map(|m| self.costs_of(m)[group]).collect(),
+        }
+    }
+
+    /// One step of one string; adds its costs.
+    #[inline]
+    pub(crate) fn advance(
+        &self,
+        m: usize,
+        t: usize,
+        state: StringState,
+        request_w: f64,
+        costs: &mut Objectives,
+    ) -> Flow {
+        let flow = self.string(m).step(state, request_w, &self.intervals[t]);
+        let losses = flow.losses();
+        for (total, c) in costs.iter_mut().zip(self.costs_of(m)) {
+            *total += losses.cost(c);
+        }
+        flow
+    }
+
+    /// Objectives of a schedule of requests `(M, T)` [W]: each string over time, then over the strings. Every
+    /// other place that sums costs keeps this order, so that results agree to the last bit.
+    pub fn objectives(&self, request_w: &[f64]) -> Objectives {
+        let n_steps = self.n_steps();
+        let mut totals = [0.0; MAX_GROUPS];
+        for (m, requests) in request_w.chunks_exact(n_steps).enumerate() {
+            let mut costs = [0.0; MAX_GROUPS];
+            let mut state = self.start[m];
+            for (t, &request) in requests.iter().enumerate() {
+                state = self.advance(m, t, state, request, &mut costs).end;
+            }
+            add(&mut totals, &costs);
+        }
+        totals
+    }
+
+    /// Objectives of what flows, `(M, T)`, in the costs of what is reported.
+    pub fn report_objectives(&self, flows: &[Flow]) -> Objectives {
+        let mut totals = [0.0; MAX_GROUPS];
+        for (m, row) in flows.chunks_exact(self.n_steps()).enumerate() {
+            for flow in row {
+                for (g, total) in totals[..self.n_groups].iter_mut().enumerate() {
+                    *total += flow.losses().cost(&self.report_costs[g * self.n_strings() + m]);
+                }
+            }
+        }
+        totals
+    }
+
+    /// How far a group may rise above its best value while later groups are minimised,
+    /// `F* + max(eps_abs, eps_rel |F*|)`.
+    pub(crate) fn ceiling(&self, group: usize, best: f64) -> f64 {
+        best + self.tolerance_abs[group].max(self.tolerance_rel[group] * best.abs())
+    }
+
+    /// What every string does in every step of a schedule, `(M, T)`.
+    pub fn flows(&self, request_w: &[f64]) -> Vec<Flow> {
+        let mut flows = Vec::with_capacity(request_w.len());
+        for (m, requests) in request_w.chunks_exact(self.n_steps()).enumerate() {
+            let mut state = self.start[m];
+            for (&request_w, interval) in requests.iter().zip(&self.intervals) {
+                let flow = self.string(m).step(state, request_w, interval);
+                state = flow.end;
+                flows.push(flow);
+            }
+        }
+        flows
+    }
+
+    /// Objectives of a batch of schedules `(B, M, T)` [W], `(B, G)`.
+    pub fn evaluate(&self, requests_w: &[f64]) -> Vec<f64> {
+        let size = self.n_strings() * self.n_steps();
+        let groups = self.n_groups;
+        requests_w
+            .chunks_exact(size)
+            .flat_map(|request| self.objectives(request).into_iter().take(groups))
+            .collect()
+    }
+}
+
+/// Adds costs of all groups.
+#[inline]
+pub(crate) fn add(totals: &mut Objectives, costs: &Objectives) {
+    for (total, cost) in totals.iter_mut().zip(costs) {
+        *total += cost;
+    }
+}

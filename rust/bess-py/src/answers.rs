@@ -1,0 +1,191 @@
+//! What a split problem answers, as arrays in kW.
+
+use bess_control::{CoefficientRanges, ControlHorizon, Planes, Split, StepBounds};
+use bess_tables::units::W_PER_KW;
+use pyo3::prelude::*;
+
+use crate::arrays::{flags, kilowatts, matrix, vector, Flags, Matrix, Vector};
+use crate::flows::FlowArrays;
+use crate::states::StateBoxes;
+
+/// The best schedule of a search so far.
+#[pyclass(frozen, module = "bess._core")]
+pub struct Incumbent {
+    pub(crate) inner: bess_control::Incumbent,
+    /// Requests `(M, T)` [kW, signed].
+    #[pyo3(get)]
+    request_kw: Matrix,
+    /// Objectives of the groups in the costs of the search `(G,)`.
+    #[pyo3(get)]
+    objectives: Vector,
+}
+
+impl Incumbent {
+    pub(crate) fn new(py: Python<'_>, horizon: &ControlHorizon, inner: bess_control::Incumbent) -> Self {
+        Self {
+            request_kw: signed_kw(py, horizon, &inner.schedule.request_w),
+            objectives: vector(py, inner.schedule.objectives[..horizon.n_groups()].to_vec()),
+            inner,
+        }
+    }
+}
+
+/// Objective and bounds of one group.
+#[pyclass(frozen, get_all, module = "bess._core")]
+pub struct GroupBounds {
+    /// In the costs of what is reported.
+    objective: f64,
+    /// What it may rise to while later groups are minimised.
+    ceiling: f64,
+    /// Lower bound of the nonlinear control model.
+    bound: f64,
+    /// In the costs of the search.
+    search_objective: f64,
+    search_ceiling: f64,
+    /// Lower bound of the convexified program, with coefficients frozen along the schedule.
+    search_bound: f64,
+    /// Whether that is its optimum.
+    is_search_optimum: bool,
+    /// States of the schedules that are no worse `(M, T + 1)`; None where the bound needed none.
+    boxes: Option<Py<StateBoxes>>,
+    /// Whether one of them sheds something `(M, T)`.
+    may_shed: Option<Flags>,
+}
+
+impl GroupBounds {
+    fn new(py: Python<'_>, n_strings: usize, of: bess_control::GroupBounds) -> PyResult<Self> {
+        let (boxes, may_shed) = if of.boxes.is_empty() {
+            (None, None)
+        } else {
+            let boxes = Py::new(py, StateBoxes { n_strings, boxes: of.boxes })?;
+            (Some(boxes), Some(flags(py, n_strings, of.may_shed)))
+        };
+        Ok(Self {
+            objective: of.objective,
+            ceiling: of.ceiling,
+            bound: of.bound,
+            search_objective: of.search_objective,
+            search_ceiling: of.search_ceiling,
+            search_bound: of.search_bound,
+            is_search_optimum: of.is_search_optimum,
+            boxes,
+            may_shed,
+        })
+    }
+}
+
+/// The best schedule found, what it does, and the bounds of each group.
+#[pyclass(frozen, get_all, module = "bess._core")]
+pub struct SplitAnswer {
+    incumbent: Py<Incumbent>,
+    flows: Py<FlowArrays>,
+    groups: Vec<Py<GroupBounds>>,
+    rollouts: usize,
+}
+
+impl SplitAnswer {
+    pub(crate) fn new(py: Python<'_>, horizon: &ControlHorizon, of: Split) -> PyResult<Self> {
+        let (n_strings, n_steps) = (horizon.n_strings(), horizon.n_steps());
+        let directions: Vec<_> = (0..n_steps).map(|t| horizon.direction(t)).collect();
+        let group = |of| Py::new(py, GroupBounds::new(py, n_strings, of)?);
+        Ok(Self {
+            incumbent: Py::new(py, Incumbent::new(py, horizon, of.incumbent))?,
+            flows: Py::new(py, FlowArrays::new(py, &[n_strings, n_steps], &of.flows, &directions))?,
+            groups: of.groups.into_iter().map(group).collect::<PyResult<_>>()?,
+            rollouts: of.rollouts,
+        })
+    }
+}
+
+/// Bound of a group, and the states of the schedules that are no worse than a given one.
+#[pyclass(frozen, get_all, module = "bess._core")]
+pub struct Confined {
+    bound: f64,
+    boxes: Py<StateBoxes>,
+    may_shed: Flags,
+}
+
+impl Confined {
+    pub(crate) fn new(py: Python<'_>, n_strings: usize, of: bess_control::Confined) -> PyResult<Self> {
+        Ok(Self {
+            bound: of.bound,
+            boxes: Py::new(py, StateBoxes { n_strings, boxes: of.boxes })?,
+            may_shed: flags(py, n_strings, of.may_shed),
+        })
+    }
+}
+
+/// Step cuts `cost + shed_slope shed >= phi`.
+#[pyclass(frozen, get_all, module = "bess._core")]
+pub struct StepCuts {
+    /// `(T,)`
+    phi: Vector,
+    /// What a shed kW may save `(T,)` [1/kW].
+    shed_slope: Vector,
+    /// Best requests of each step if nothing is shed `(M, T)` [kW, signed].
+    request_kw: Matrix,
+}
+
+impl StepCuts {
+    pub(crate) fn new(py: Python<'_>, horizon: &ControlHorizon, of: &StepBounds) -> Self {
+        Self {
+            phi: vector(py, of.bounds.iter().map(|b| b.phi).collect()),
+            shed_slope: vector(py, of.bounds.iter().map(|b| b.shed_slope * W_PER_KW).collect()),
+            request_kw: signed_kw(py, horizon, &of.request_w),
+        }
+    }
+}
+
+/// Coefficients over boxes of states, each `(M, T)`, in the direction of the step.
+#[pyclass(frozen, get_all, module = "bess._core")]
+pub struct CoefficientBounds {
+    derating_low: Matrix,
+    derating_high: Matrix,
+    voltage_low_v: Matrix,
+    voltage_high_v: Matrix,
+    resistance_low_ohm: Matrix,
+    resistance_high_ohm: Matrix,
+    /// `V^2 / R`.
+    power_scale_low_kw: Matrix,
+    power_scale_high_kw: Matrix,
+    /// `V^2 / R <= plane_kw + plane_per_soc_kw soc + plane_per_k_kw tau`.
+    plane_kw: Matrix,
+    plane_per_soc_kw: Matrix,
+    plane_per_k_kw: Matrix,
+    /// `1 - k >= derated + derated_per_k tau`.
+    derated: Matrix,
+    derated_per_k: Matrix,
+}
+
+impl CoefficientBounds {
+    pub(crate) fn new(
+        py: Python<'_>,
+        n_strings: usize,
+        ranges: &[CoefficientRanges],
+        planes: &[Planes],
+    ) -> Self {
+        let range =
+            |of: &dyn Fn(&CoefficientRanges) -> f64| matrix(py, n_strings, ranges.iter().map(of).collect());
+        let plane = |of: &dyn Fn(&Planes) -> f64| matrix(py, n_strings, planes.iter().map(of).collect());
+        Self {
+            derating_low: range(&|r| r.derating.low),
+            derating_high: range(&|r| r.derating.high),
+            voltage_low_v: range(&|r| r.voltage_v.low),
+            voltage_high_v: range(&|r| r.voltage_v.high),
+            resistance_low_ohm: range(&|r| r.resistance_ohm.low),
+            resistance_high_ohm: range(&|r| r.resistance_ohm.high),
+            power_scale_low_kw: range(&|r| r.power_scale_w.low / W_PER_KW),
+            power_scale_high_kw: range(&|r| r.power_scale_w.high / W_PER_KW),
+            plane_kw: plane(&|p| p.power_scale_w / W_PER_KW),
+            plane_per_soc_kw: plane(&|p| p.power_scale_per_soc / W_PER_KW),
+            plane_per_k_kw: plane(&|p| p.power_scale_per_k / W_PER_KW),
+            derated: plane(&|p| p.derated),
+            derated_per_k: plane(&|p| p.derated_per_k),
+        }
+    }
+}
+
+/// Magnitudes `(M, T)` [W] as signed requests [kW].
+pub(crate) fn signed_kw(py: Python<'_>, horizon: &ControlHorizon, request_w: &[f64]) -> Matrix {
+    matrix(py, horizon.n_strings(), kilowatts(horizon.signed(request_w)))
+}
