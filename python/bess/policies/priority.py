@@ -4,10 +4,10 @@ import numpy as np
 
 from bess.numbers import Array
 from bess.parameters import System
-from bess.policies.rule import Task
+from bess.policies.rule import StepDemand
 
 
-def share(system: System, task: Task) -> Array:
+def share(system: System, asked: StepDemand) -> Array:
     """The first string takes all it can, the next what is left, and so on."""
-    before_kw = np.concatenate([[0.0], np.cumsum(task.capability_kw)[:-1]])
-    return np.clip(task.demand_kw - before_kw, 0.0, task.capability_kw)
+    before_kw = np.concatenate([[0.0], np.cumsum(asked.capability_kw)[:-1]])
+    return np.clip(asked.demand_kw - before_kw, 0.0, asked.capability_kw)

@@ -16,7 +16,7 @@ from bess.policies.policy import NO_OPTIMISATION, Decision, Situation
 
 
 @dataclass(frozen=True)
-class Task:
+class StepDemand:
     """A demand to share in one direction; powers are magnitudes [kW].
 
     Attributes
@@ -37,7 +37,7 @@ class Task:
     state: State
 
 
-Share = Callable[[System, Task], Array]
+Share = Callable[[System, StepDemand], Array]
 """A rule: powers [kW] up to each string's capability, in total the demand or, if less, all they can take."""
 
 
@@ -63,15 +63,15 @@ class RulePolicy:
             return Decision(np.zeros_like(limit_kw))
         discharge = demand_kw > 0.0
         capability_kw = np.minimum(self._capability(situation, discharge), limit_kw)
-        task = Task(abs(demand_kw), discharge, capability_kw, situation.state)
-        shares_kw = real_numbers(self._share(self._system, task))
+        asked = StepDemand(abs(demand_kw), discharge, capability_kw, situation.state)
+        shares_kw = real_numbers(self._share(self._system, asked))
         if shares_kw.shape != limit_kw.shape:
             raise BessError(
                 f"the rule returned powers of shape {shares_kw.shape}, needs {limit_kw.shape}, one for each "
                 "string"
             )
         power_kw = np.minimum(shares_kw, limit_kw)
-        rest_kw = task.demand_kw - float(power_kw.sum())
+        rest_kw = asked.demand_kw - float(power_kw.sum())
         if rest_kw > 0.0:
             free_kw = limit_kw - power_kw
             power_kw = np.minimum(power_kw + water_fill(rest_kw, free_kw, free_kw), limit_kw)

@@ -4,12 +4,12 @@ import numpy as np
 
 from bess.numbers import Array
 from bess.parameters import System
-from bess.policies.rule import Task, water_fill
+from bess.policies.rule import StepDemand, water_fill
 
 
-def share(system: System, task: Task) -> Array:
+def share(system: System, asked: StepDemand) -> Array:
     """Weights are the energy [kWh] between the SOC and the end of its window in the direction of power."""
     window = np.array([(string.battery.soc_min, string.battery.soc_max) for string in system.strings])
-    left = task.state.soc - window[:, 0] if task.discharge else window[:, 1] - task.state.soc
-    weights = np.maximum(left, 0.0) * system.nominal_energy_kwh * task.state.soh_capacity
-    return water_fill(task.demand_kw, weights, task.capability_kw)
+    left = asked.state.soc - window[:, 0] if asked.discharge else window[:, 1] - asked.state.soc
+    weights = np.maximum(left, 0.0) * system.nominal_energy_kwh * asked.state.soh_capacity
+    return water_fill(asked.demand_kw, weights, asked.capability_kw)

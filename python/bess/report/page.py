@@ -16,7 +16,7 @@ from bess.errors import InputError, option
 from bess.record.atomic import write_bytes
 from bess.record.identity import IDENTITY
 from bess.report.contents import MOST_COMPARED, Exhibit, comparison, optimiser, over_time, overview
-from bess.report.drawing.interactive import Entry, bokeh_document, bokeh_script, legend
+from bess.report.drawing.interactive import LegendEntry, bokeh_document, bokeh_script, legend
 from bess.report.drawing.style import save_figure
 from bess.report.runs import Run, runs_in
 from bess.report.security import content_policy
@@ -41,12 +41,12 @@ class PageFigure:
     caption: str
     svg: str
     spec: str
-    legend: tuple[Entry, ...]
+    legend: tuple[LegendEntry, ...]
     width_rem: float
 
 
 @dataclass(frozen=True)
-class Section:
+class PageSection:
     """A heading and its figures."""
 
     id: str
@@ -185,9 +185,9 @@ def _comparison_page(
     return write_page(directory, values)
 
 
-def section(id_: str, title: str, exhibits: Iterable[Exhibit], folder: Path) -> Section:
+def section(id_: str, title: str, exhibits: Iterable[Exhibit], folder: Path) -> PageSection:
     """Return a section with its figures, which are saved into ``folder`` as well."""
-    return Section(id_, title, [_show(exhibit, folder) for exhibit in exhibits])
+    return PageSection(id_, title, [_show(exhibit, folder) for exhibit in exhibits])
 
 
 def _show(exhibit: Exhibit, folder: Path) -> PageFigure:

@@ -110,7 +110,7 @@ def lower_bound(
         return constant
     cooling = Cooling.of(system, step_s)
     coldest_c = min(float(ambient_c.min()), float(state.temperature_c.min()))
-    task = _Task(active, demand_kw[active], ambient_c, dt_h, worth)
+    common = _Common(active, demand_kw[active], ambient_c, dt_h, worth)
     program = Program()
     delivered = []
     groups = _alike(system, state, limit_kw)
@@ -128,14 +128,14 @@ def lower_bound(
         own = _Cooling(*(float(v[first]) for v in (cooling.keeps, cooling.takes, cooling.heats)))
         delivered += _group(
             program,
-            task,
+            common,
             hopes,
             own,
             state.soc[members],
             state.temperature_c[members],
             limit_kw[active, first],
         )
-    asked_kw = np.abs(task.demand_kw)
+    asked_kw = np.abs(common.demand_kw)
     program.at_most(asked_kw, *((power, 1.0) for power in delivered))
     value = program.lower_bound()
     asked = worth.undelivered[active] * asked_kw * dt_h
@@ -153,7 +153,7 @@ def _alike(system: System, state: State, limit_kw: Array) -> list[list[int]]:
 
 
 @dataclass(frozen=True)
-class _Task:
+class _Common:
     """What all strings have in common: active steps, their demand, all ambient temperatures, what counts."""
 
     active: NDArray[np.intp]
@@ -174,7 +174,7 @@ class _Cooling:
 
 def _group(
     program: Program,
-    task: _Task,
+    common: _Common,
     hopes: Optimist,
     cooling: _Cooling,
     soc: Array,
@@ -182,14 +182,14 @@ def _group(
     limit_kw: Array,
 ) -> list[NDArray[np.intp]]:
     """Add variables and rows of strings that are alike; return those that add up to delivered power."""
-    active, dt_h = task.active, task.dt_h
+    active, dt_h = common.active, common.dt_h
     count, steps, levels = soc.size, active.size, hopes.energy_kwh.size
-    discharging = task.demand_kw > 0.0
+    discharging = common.demand_kw > 0.0
     sign = np.where(discharging, 1.0, -1.0)
-    asked_kw = np.abs(task.demand_kw)
+    asked_kw = np.abs(common.demand_kw)
     largest_kw = np.minimum(np.minimum(hopes.nominal_kw, limit_kw), asked_kw)
     undelivered, loss, standby = (
-        values[active] for values in (task.worth.undelivered, task.worth.loss, task.worth.standby)
+        values[active] for values in (common.worth.undelivered, common.worth.loss, common.worth.standby)
     )
 
     def either(discharge: ArrayLike, charge: ArrayLike) -> Array:
@@ -262,7 +262,7 @@ def _group(
         )
     # Warmth: of those that are on no more than of all; of all what is left, what air adds and what heat adds.
     program.at_most(zero, (q, 1.0), (o, -hopes.hottest_k))
-    air_k = count * cooling.takes * np.maximum(task.ambient_c - hopes.reference_c, 0.0)
+    air_k = count * cooling.takes * np.maximum(common.ambient_c - hopes.reference_c, 0.0)
     idle_keeps = cooling.keeps ** (np.diff(active, prepend=-1) - 1.0)
     idle_k = _idle(air_k, cooling.keeps, active)
     idle_k[0] += idle_keeps[0] * float(np.maximum(temperature_c - hopes.reference_c, 0.0).sum())

@@ -118,7 +118,7 @@ class MarketPlan:
     temperature_c: Array
 
 
-class Planner(Protocol):
+class DispatchPlanner(Protocol):
     """Makes plans over prices, each from its arguments alone."""
 
     @property
@@ -144,11 +144,11 @@ class LinearPlanner:
         self.days = arbitrage.days
 
     def is_due(self, step: int, now: Now, plan: MarketPlan) -> bool:
-        """See :class:`Planner`."""
+        """See :class:`DispatchPlanner`."""
         return self._arbitrage.is_due(step)
 
     def plan(self, step: int, now: Now, energy_kwh: float, discharged_kwh: float) -> MarketPlan:
-        """See :class:`Planner`."""
+        """See :class:`DispatchPlanner`."""
         demand_kw = self._arbitrage.plan(step, energy_kwh, discharged_kwh)
         return MarketPlan(step, demand_kw, demand_kw, now.limit_kw, np.zeros(0), np.zeros(0))
 
@@ -175,7 +175,7 @@ class AwarePlanner:
         self._compare_steps = compare_steps
 
     def is_due(self, step: int, now: Now, plan: MarketPlan) -> bool:
-        """See :class:`Planner`."""
+        """See :class:`DispatchPlanner`."""
         if self._replan_steps is not None:
             return step % self._replan_steps == 0
         age = step - plan.step
@@ -195,7 +195,7 @@ class AwarePlanner:
         return off_kwh <= ENERGY_TOLERANCE * capacity_kwh and off_k <= TEMPERATURE_TOLERANCE_K
 
     def plan(self, step: int, now: Now, energy_kwh: float, discharged_kwh: float) -> MarketPlan:
-        """See :class:`Planner`."""
+        """See :class:`DispatchPlanner`."""
         from bess.ems import Outlook
 
         price = self._prices.ahead(step, self._look_ahead_steps)
@@ -222,7 +222,7 @@ class ArbitrageSource:
 
     follows_store = False
 
-    def __init__(self, planner: Planner, system: System) -> None:
+    def __init__(self, planner: DispatchPlanner, system: System) -> None:
         self._planner = planner
         self._soc_min = np.array([string.battery.soc_min for string in system.strings])
         self._nominal_kwh = system.nominal_energy_kwh

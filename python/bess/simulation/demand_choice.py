@@ -14,13 +14,13 @@ from bess.simulation.demand import (
     COMPARE_H,
     ArbitrageSource,
     AwarePlanner,
+    DispatchPlanner,
     LinearPlanner,
-    Planner,
     ProfileSource,
 )
 from bess.simulation.run_demand import DEFAULT_START, RunDemand, repair_notes, utc_index
 from bess.study.demands import ArbitrageDemand, ProfileDemand
-from bess.study.grid import Grid, Series, seconds_of
+from bess.study.grid import Grid, SampledSeries, seconds_of
 from bess.study.keys import check_bundled
 from bess.study.services import FcrDemand, SiteDemand
 
@@ -50,7 +50,7 @@ def _profile(study: Study, choice: ProfileDemand, system: System, step_s: float,
     repairs: list[str] = []
     check_bundled("demand.file", choice.file, PROFILES)
     if choice.file in PROFILES:
-        series = Series(
+        series = SampledSeries(
             values=bundled_profile(choice.file, dt_h=dt_h) * choice.scale,
             start_s=seconds_of(study.run.start or DEFAULT_START),
             step_s=round(step_s),
@@ -68,7 +68,7 @@ def _profile(study: Study, choice: ProfileDemand, system: System, step_s: float,
             time_zone=choice.time_zone,
             fill=choice.fill,
         )
-        series = Series.from_pandas(read, choice.file, "demand.file")
+        series = SampledSeries.from_pandas(read, choice.file, "demand.file")
         repairs = repair_notes(read)
     start = study.run.start or series.start
     grid = Grid.of(start, step_s, study.run.days or series.days_from(start, step_s))
@@ -99,11 +99,11 @@ def _arbitrage(study: Study, choice: ArbitrageDemand, system: System, step_s: fl
     read = read_prices(
         choice.prices, choice.zone, choice.product, time_zone=choice.time_zone, fill=choice.fill
     )
-    series = Series.from_pandas(read, choice.prices, "demand.prices")
+    series = SampledSeries.from_pandas(read, choice.prices, "demand.prices")
     start = study.run.start or series.start
     grid = Grid.of(start, step_s, study.run.days or series.days_from(start, step_s))
     if choice.repeat:
-        series = Series.from_pandas(prolonged(read, grid.end), choice.prices, "demand.prices")
+        series = SampledSeries.from_pandas(prolonged(read, grid.end), choice.prices, "demand.prices")
     price = series.on(grid)
     forecast, files = _price_forecast(choice, grid, price)
     planner = _planner(study, choice, system, grid, forecast)
@@ -124,14 +124,14 @@ def _price_forecast(choice: ArbitrageDemand, grid: Grid, price: Array) -> tuple[
         read = read_prices(
             choice.forecast_prices, choice.zone, choice.product, time_zone=choice.time_zone, fill=choice.fill
         )
-        foretold = Series.from_pandas(read, choice.forecast_prices, "demand.forecast_prices").on(grid)
+        foretold = SampledSeries.from_pandas(read, choice.forecast_prices, "demand.forecast_prices").on(grid)
         return Foretold(price, foretold), [Path(choice.forecast_prices)]
     return Perfect(price) if choice.forecast == "perfect" else Persistence(price, grid.dt_h), []
 
 
 def _planner(
     study: Study, choice: ArbitrageDemand, system: System, grid: Grid, forecast: Forecast
-) -> Planner:
+) -> DispatchPlanner:
     from bess.ems import Arbitrage, AwareDispatch
     from bess.ems.arbitrage import calendar_days
     from bess.ems.forecast import steps_in

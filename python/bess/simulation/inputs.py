@@ -15,7 +15,7 @@ from bess.simulation.demand import DemandSource
 from bess.simulation.demand_choice import demand_of
 from bess.simulation.reactive_demand import ReactiveSource, reactive_of
 from bess.simulation.run_demand import repair_notes
-from bess.study.grid import Grid, Series, seconds_of
+from bess.study.grid import Grid, SampledSeries, seconds_of
 from bess.study.plant_choice import build_system
 from bess.study.sections import Event, WeatherChoice
 from bess.study.study import Study
@@ -121,7 +121,7 @@ def _ambient(choice: WeatherChoice, file: str, grid: Grid) -> tuple[Array, list[
     read = read_weather(file, column=choice.column, time_zone=choice.time_zone, fill=choice.fill)
     series = prolonged(read, grid.end) if choice.repeat else read
     series = over_years(read, grid.start, grid.end) if read.attrs["typical_year"] else series
-    values = Series.from_pandas(series, file, "weather.file").on(grid) + choice.offset_k
+    values = SampledSeries.from_pandas(series, file, "weather.file").on(grid) + choice.offset_k
     notes = [f"weather: {file}, {values.min():g} to {values.max():g} degC"]
     return values, notes + repair_notes(read)
 

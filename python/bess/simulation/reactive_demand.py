@@ -10,7 +10,7 @@ import numpy as np
 from bess.numbers import Array
 from bess.simulation.demand import padded
 from bess.simulation.run_demand import repair_notes
-from bess.study.grid import Grid, Series
+from bess.study.grid import Grid, SampledSeries
 
 if TYPE_CHECKING:
     from bess.ems import Forecast
@@ -77,7 +77,7 @@ def reactive_of(
         time_zone=choice.time_zone,
         fill=choice.fill,
     )
-    series = Series.from_pandas(read, choice.file, "reactive.file")
+    series = SampledSeries.from_pandas(read, choice.file, "reactive.file")
     values = series.laid(grid, wanted, repeat=choice.repeat)
     forecast = Perfect(values) if choice.forecast == "perfect" else Persistence(values, grid.dt_h)
     asked = values[: grid.n_steps]

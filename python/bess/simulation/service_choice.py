@@ -27,7 +27,7 @@ from bess.numbers import Array
 from bess.parameters import System
 from bess.simulation.run_demand import DEFAULT_START, RunDemand, repair_notes, utc_index
 from bess.simulation.services import ExpectedZero, MeterSource, Reserve, ReserveSource, Trade
-from bess.study.grid import Grid, Series, seconds_of
+from bess.study.grid import Grid, SampledSeries, seconds_of
 from bess.study.keys import check_bundled
 from bess.study.services import (
     SYNTHETIC,
@@ -158,7 +158,7 @@ def _window(choice: FcrDemand, capacity_kw: float, store: Store, system: System)
     return window
 
 
-def _frequency(study: Study, choice: FcrDemand) -> tuple[Series, list[Path], list[str]]:
+def _frequency(study: Study, choice: FcrDemand) -> tuple[SampledSeries, list[Path], list[str]]:
     """Deviation of frequency; what repeats begins at the start of the run."""
     from bess.market import read_frequency
 
@@ -175,7 +175,7 @@ def _frequency(study: Study, choice: FcrDemand) -> tuple[Series, list[Path], lis
         read = read_frequency(
             choice.frequency, column=choice.column, time_zone=choice.time_zone, fill=choice.fill
         )
-        given = Series.from_pandas(read, choice.frequency, "demand.frequency")
+        given = SampledSeries.from_pandas(read, choice.frequency, "demand.frequency")
         files, notes = [Path(choice.frequency)], [f"frequency: {choice.frequency}", *repair_notes(read)]
         if not choice.repeat:
             return given, files, notes
@@ -183,16 +183,16 @@ def _frequency(study: Study, choice: FcrDemand) -> tuple[Series, list[Path], lis
     period_days = values.size * step_s / 86_400.0
     count = int(np.ceil((study.run.days or period_days) / period_days))
     return (
-        Series(np.tile(values, count), seconds_of(start), step_s, "frequency", "demand.frequency"),
+        SampledSeries(np.tile(values, count), seconds_of(start), step_s, "frequency", "demand.frequency"),
         files,
         notes,
     )
 
 
-def _response(series: Series, choice: FcrDemand, grid: Grid) -> tuple[Array, Array, str]:
+def _response(series: SampledSeries, choice: FcrDemand, grid: Grid) -> tuple[Array, Array, str]:
     """Mean deviation and mean share of the reserve in each step, and what taking means loses."""
     share = droop_response(series.values, choice.droop_mhz, choice.dead_band_mhz)
-    mean = Series(share, series.start_s, series.step_s, series.what, series.key).on(grid)
+    mean = SampledSeries(share, series.start_s, series.step_s, series.what, series.key).on(grid)
     first = (grid.start_s - series.start_s) // series.step_s
     count = -(-grid.n_steps * grid.step_s // series.step_s)
     moved = float(np.abs(share[first : first + count]).mean())
@@ -214,10 +214,10 @@ def _energy_price(choice: FcrDemand, grid: Grid) -> tuple[Array, list[Path], lis
         hours = grid.start_s // _HOUR_S + np.arange(-(-grid.n_steps * grid.step_s // _HOUR_S) + 1)
         values = market_prices()[hours % market_prices().size]
         first_s = grid.start_s // _HOUR_S * _HOUR_S
-        week = Series(values, first_s, _HOUR_S, "the bundled week of prices", "demand.prices")
+        week = SampledSeries(values, first_s, _HOUR_S, "the bundled week of prices", "demand.prices")
         return week.on(grid), [], ["prices: a bundled week"]
     read = read_prices(choice.prices, choice.zone)
-    price = Series.from_pandas(read, choice.prices, "demand.prices").on(grid)
+    price = SampledSeries.from_pandas(read, choice.prices, "demand.prices").on(grid)
     return price, [Path(choice.prices)], [f"prices: {choice.prices}", *repair_notes(read)]
 
 
@@ -228,7 +228,7 @@ def _capacity_price(choice: FcrDemand, grid: Grid) -> tuple[Array, list[Path], l
     if choice.capacity_prices is None:
         return np.full(grid.n_steps, choice.capacity_price_eur_mw / _BLOCK_H), [], []
     read = read_capacity_prices(choice.capacity_prices, choice.country)
-    price = Series.from_pandas(read, choice.capacity_prices, "demand.capacity_prices").on(grid)
+    price = SampledSeries.from_pandas(read, choice.capacity_prices, "demand.capacity_prices").on(grid)
     return price, [Path(choice.capacity_prices)], [f"capacity prices: {choice.capacity_prices}"]
 
 
@@ -261,7 +261,7 @@ def _steps(minutes: float, key: str, grid: Grid, least: int) -> int:
 
 def _site_series(
     study: Study, choice: SiteDemand, key: str, dt_h: float
-) -> tuple[Series, list[Path], list[str]]:
+) -> tuple[SampledSeries, list[Path], list[str]]:
     """Power of the load or of the panels [kW]."""
     name = getattr(choice, key)
     column = choice.column if key == "load" else choice.pv_column
@@ -270,7 +270,7 @@ def _site_series(
     if name in SITES:
         values = SITES[name](dt_h=dt_h) * scale
         start_s = seconds_of(study.run.start or DEFAULT_START)
-        series = Series(values, start_s, round(dt_h * _HOUR_S), f"profile {name}", f"demand.{key}")
+        series = SampledSeries(values, start_s, round(dt_h * _HOUR_S), f"profile {name}", f"demand.{key}")
         files, repairs = [], []
     else:
         read = read_profile(
@@ -282,7 +282,7 @@ def _site_series(
             time_zone=choice.time_zone,
             fill=choice.fill,
         )
-        series = Series.from_pandas(read, name, f"demand.{key}")
+        series = SampledSeries.from_pandas(read, name, f"demand.{key}")
         files, repairs = [Path(name)], repair_notes(read)
     found = f"{key}: {series.what}, {series.values.min():.4g} to {series.values.max():.4g} kW"
     return series, files, [found, *repairs]

@@ -80,7 +80,7 @@ def seconds_of(instant: datetime) -> int:
 
 
 @dataclass(frozen=True)
-class Series:
+class SampledSeries:
     """A regular series read from a file; ``what`` and ``key`` are for messages."""
 
     values: NDArray[np.float64]
@@ -90,7 +90,7 @@ class Series:
     key: str
 
     @classmethod
-    def from_pandas(cls, series: pd.Series[float], what: str, key: str) -> Series:
+    def from_pandas(cls, series: pd.Series[float], what: str, key: str) -> SampledSeries:
         """Take over a gap-free series with a time-zone aware index."""
         import pandas as pd
 

@@ -23,7 +23,7 @@ _ID = re.compile(r'"p[0-9]{4,}"')
 
 
 @dataclass(frozen=True)
-class Entry:
+class LegendEntry:
     """One entry of a legend, which the page shows as a button: what it hides is found by its label."""
 
     label: str
@@ -31,17 +31,17 @@ class Entry:
     kind: str
 
 
-def legend(chart: Chart) -> list[Entry]:
+def legend(chart: Chart) -> list[LegendEntry]:
     """Every label of a chart once, in the order of drawing; the page shows them, so that none is clipped."""
-    entries: dict[str, Entry] = {}
+    entries: dict[str, LegendEntry] = {}
     for panel in chart.panels:
         for series in (*panel.series, *([panel.background] if panel.background else [])):
             if series.label:
                 kind = "dashed" if series.dashed else series.kind
                 kind = "band" if series is panel.background else kind
-                entries.setdefault(series.label, Entry(series.label, series.colour, kind))
+                entries.setdefault(series.label, LegendEntry(series.label, series.colour, kind))
     if chart.spans:
-        entries["events"] = Entry(spans_label(chart), INK, "event")
+        entries["events"] = LegendEntry(spans_label(chart), INK, "event")
     return list(entries.values())
 
 
