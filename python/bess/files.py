@@ -37,7 +37,13 @@ class _Readable(Protocol):
 
 
 def limited(file: _Readable, path: str | Path, largest: int = LARGEST_BYTES) -> bytes:
-    """Return what is left of an open file; raise InputError if that is more than ``largest`` bytes."""
+    """Return what is left of an open file; raise InputError if that is more than ``largest`` bytes.
+
+    Raises
+    ------
+    InputError
+        There is more than the largest size.
+    """
     raw = file.read(largest + 1)
     if len(raw) > largest:
         size = f"{largest // 2**20} MiB"

@@ -62,6 +62,11 @@ def kpis(result: Result | xr.Dataset) -> dict[str, float]:
     Names, units and meanings for people are in :data:`bess.analysis.catalogue.CATALOGUE`. A
     :class:`bess.Result` adds the wall-clock ``solve_time_s_*``.
 
+    Raises
+    ------
+    InputError
+        What was given is neither a result nor its dataset.
+
     References
     ----------
     .. [1] Tanjavooru, V. T., Pant, P., Hamacher, T., Hesse, H.: Multi-objective nonlinear power split control

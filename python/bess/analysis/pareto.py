@@ -62,6 +62,11 @@ def hypervolume(
     reference
         Shape ``(n_objectives,)``, a point worse than those of interest, in the directions given.
 
+    Raises
+    ------
+    InputError
+        The reference has not one value for each objective, or a value is not finite.
+
     Notes
     -----
     Slices along the last objective and recurses [1]_. Meant for fronts of hundreds of points in up to four or

@@ -44,6 +44,11 @@ def read_ocv(
     -------
     dict
         Table ``[battery.ocv_v]``: soc, temperature_c, charge, discharge.
+
+    Raises
+    ------
+    InputError
+        A column is missing, or a voltage is out of its range or falls with SOC.
     """
     columns = read_columns(path)
     pairs: dict[float, tuple[str, str]] = {}
@@ -102,6 +107,11 @@ def read_resistance(path: str | Path, *, control_c_rate: float) -> dict[str, Any
     -------
     dict
         Table ``[battery.resistance_table]``.
+
+    Raises
+    ------
+    InputError
+        A column is missing or does not say its temperature, or a resistance is out of its range.
     """
     columns = read_columns(path)
     if "SOC" not in columns:

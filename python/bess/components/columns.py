@@ -21,6 +21,11 @@ def read_columns(path: str | Path) -> Columns:
 
     A comma is a decimal comma where ``;`` or a tab separates the columns. Rows may be shorter than the
     header.
+
+    Raises
+    ------
+    InputError
+        There is no such file, or it is no table of that form; with the line.
     """
     path = Path(path)
     if path.suffix == ".parquet":
@@ -61,7 +66,13 @@ def read_columns(path: str | Path) -> Columns:
 
 
 def numbers(path: str | Path, columns: Columns, name: str, *, gaps: bool = False) -> NDArray[np.float64]:
-    """Column ``name`` as finite numbers; with ``gaps``, empty cells and NaN are NaN."""
+    """Column ``name`` as finite numbers; with ``gaps``, empty cells and NaN are NaN.
+
+    Raises
+    ------
+    InputError
+        With the row of the first cell that is no finite number.
+    """
     values = np.empty(len(columns[name]))
     for row, cell in enumerate(columns[name]):
         try:

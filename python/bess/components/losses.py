@@ -103,6 +103,11 @@ def inverter_from_loss(
     fractions of nominal AC power (``nominal``) or of the power of the axis (``axis``), either also in
     ``-percent``, or absolute (``kw``, ``w``). A row at zero power is the no-load loss if its loss is above 0,
     and is ignored otherwise.
+
+    Raises
+    ------
+    InputError
+        An unknown unit, or what the tables refuse.
     """
     x = _per_unit(power, power_unit, nominal_kw, axis)
     of_nominal = {"nominal": 1.0, "nominal-percent": 0.01, "kw": 1.0 / nominal_kw, "w": 1e-3 / nominal_kw}

@@ -130,7 +130,13 @@ class Printer(ABC):
     # The walk.
 
     def expression(self, node: ast.expr) -> str:
-        """An expression; every operation in brackets, so that no language has a say in the order."""
+        """An expression; every operation in brackets, so that no language has a say in the order.
+
+        Raises
+        ------
+        BessError
+            With the line of the decision that has no translation.
+        """
         match node:
             case ast.BinOp(left, operator, right) if type(operator) in SUMS:
                 return f"({self.expression(left)} {SUMS[type(operator)]} {self.expression(right)})"

@@ -109,7 +109,13 @@ class Persistence:
 
 
 def steps_in(duration_h: float, dt_h: float, what: str) -> int:
-    """Return how many control steps `duration_h` holds; raise InputError unless it is a whole number >= 1."""
+    """Return how many control steps `duration_h` holds; raise InputError unless it is a whole number >= 1.
+
+    Raises
+    ------
+    InputError
+        It holds a part of a step, or none; ``what`` says of what.
+    """
     if not (np.isfinite(dt_h) and dt_h > 0.0):
         raise InputError(f"control step {dt_h} h must be above 0 h")
     steps = duration_h / dt_h if np.isfinite(duration_h) else 0.0

@@ -31,7 +31,13 @@ class Program:
     binaries: int = 0
 
     def optimum(self) -> Array:
-        """Return an optimal point, the same for the same program; raise BessError if there is none."""
+        """Return an optimal point, the same for the same program; raise BessError if there is none.
+
+        Raises
+        ------
+        BessError
+            The program has no solution.
+        """
         # Loaded here: it takes half a second, which runs without a market need not spend.
         from scipy.optimize import Bounds, LinearConstraint, milp
 

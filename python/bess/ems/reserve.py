@@ -31,6 +31,11 @@ def droop_response(
     droop_mhz, dead_band_mhz : float
         ``0 <= dead_band_mhz < droop_mhz``.
 
+    Raises
+    ------
+    InputError
+        The dead band is negative or not below the droop.
+
     References
     ----------
     .. [1] Commission Regulation (EU) 2017/1485 (system operation guideline), Annex V and Article 154.

@@ -164,6 +164,11 @@ class StoreProgram:
         """Return charging and discharging [kW], each of shape ``(n_blocks,)``.
 
         Starts from the basis of the last solve; the first one from that of the plan that does nothing.
+
+        Raises
+        ------
+        BessError
+            The program has no solution.
         """
         import highspy
 

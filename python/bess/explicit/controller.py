@@ -44,7 +44,13 @@ class ExplicitController(BaseModel):
     tables: Tables
 
     def model_post_init(self, context: Any) -> None:
-        """Build the core; tables that do not fit each other are refused there."""
+        """Build the core; tables that do not fit each other are refused there.
+
+        Raises
+        ------
+        InputError
+            The tables do not fit each other.
+        """
         try:
             core = _core.Explicit(self.tables.model_dump())
         except ValueError as error:

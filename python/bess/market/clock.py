@@ -45,7 +45,13 @@ class Rows:
 
 
 def clock_of(name: str) -> tzinfo:
-    """Return the clock called `name`: an IANA zone or a fixed offset such as ``UTC+1``."""
+    """Return the clock called `name`: an IANA zone or a fixed offset such as ``UTC+1``.
+
+    Raises
+    ------
+    InputError
+        There is no such time zone.
+    """
     fixed = _FIXED.fullmatch(name.strip())
     if fixed:
         sign, hours, minutes = fixed.groups()

@@ -46,7 +46,13 @@ def listed(names: Iterable[str]) -> str:
 
 
 def path_text(path: str | PathLike[str]) -> str:
-    """Return a path as text; raise InputError if it is none."""
+    """Return a path as text; raise InputError if it is none.
+
+    Raises
+    ------
+    InputError
+        It is neither a text nor a path, or is empty.
+    """
     try:
         name = os.fspath(path)
     except TypeError:

@@ -38,7 +38,13 @@ def read_text(path: Path) -> str:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Parse a TOML file; whatever is wrong with it becomes an :class:`InputError` that names it."""
+    """Parse a TOML file; whatever is wrong with it becomes an :class:`InputError` that names it.
+
+    Raises
+    ------
+    InputError
+        There is no such file, or it is not TOML.
+    """
     try:
         return tomllib.loads(read_text(path))
     except InputError:
@@ -54,7 +60,13 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def plain(value: object, name: str, place: str = "", depth: int = 0) -> Any:
-    """Return a copy of ``value`` of tables, lists, texts and numbers; refuse anything else by its key."""
+    """Return a copy of ``value`` of tables, lists, texts and numbers; refuse anything else by its key.
+
+    Raises
+    ------
+    InputError
+        With the place of the value that is none of these, or is nested too deeply.
+    """
     if depth > _DEEPEST:
         raise InputError(f"{name}: {place[:80]}...: nested deeper than {_DEEPEST} levels")
     if isinstance(value, np.ndarray | np.generic):

@@ -55,7 +55,13 @@ def parse_cooling(document: Mapping[str, Any], name: str) -> Cooling | None:
 
 
 def parse_strings(document: Mapping[str, Any], name: str) -> tuple[tuple[StringParameters, ...], Control]:
-    """Check a whole document; return its strings, each with all its sections, and the control section."""
+    """Check a whole document; return its strings, each with all its sections, and the control section.
+
+    Raises
+    ------
+    InputError
+        With the table and key that are not known, or do not fit the number of strings.
+    """
     check_layout(document, name)
     overrides = document.get("string", [])
     site = document.get("system", {})

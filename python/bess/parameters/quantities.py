@@ -30,7 +30,13 @@ class Within:
     below: bool
 
     def __call__(self, value: float) -> float:
-        """Return the value, or say what is allowed."""
+        """Return the value, or say what is allowed.
+
+        Raises
+        ------
+        ValueError
+            The value is outside of its range.
+        """
         inside = self.low < value < self.high
         if inside or (value == self.low and not self.above) or (value == self.high and not self.below):
             return value
@@ -90,7 +96,13 @@ AgeingModel = Annotated[str, AfterValidator(_is_ageing_model)]
 
 
 def ascending(values: tuple[float, ...]) -> tuple[float, ...]:
-    """Return ``values`` if they strictly ascend."""
+    """Return ``values`` if they strictly ascend.
+
+    Raises
+    ------
+    ValueError
+        With the first pair that does not ascend.
+    """
     for first, second in pairwise(values):
         if second <= first:
             raise ValueError(f"knots must ascend, but {second:g} follows {first:g}")
@@ -98,6 +110,6 @@ def ascending(values: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def same_length(axis_name: str, axis: tuple[float, ...], name: str, values: tuple[object, ...]) -> None:
-    """Raise unless a table has one value for each knot of its axis."""
+    """Raise ValueError unless a table has one value for each knot of its axis."""
     if len(values) != len(axis):
         raise ValueError(f"{name} has {len(values)} values, {axis_name} has {len(axis)}; give one per knot")

@@ -254,7 +254,13 @@ class Fleet:
         )
 
     def restore(self, snapshot: PlantSnapshot) -> None:
-        """Go back (or on) to a snapshot; the fleet continues from it bit by bit."""
+        """Go back (or on) to a snapshot; the fleet continues from it bit by bit.
+
+        Raises
+        ------
+        InputError
+            It is no snapshot, or none of such a fleet.
+        """
         if not isinstance(snapshot, PlantSnapshot):
             raise InputError(f"plant: snapshot must be a PlantSnapshot, not {type(snapshot).__name__}")
         with refusals():

@@ -14,7 +14,13 @@ from bess.numbers import real_numbers
 
 @contextmanager
 def refusals() -> Iterator[None]:
-    """Turn what the core refuses into an :class:`InputError`."""
+    """Turn what the core refuses into an :class:`InputError`.
+
+    Raises
+    ------
+    InputError
+        In place of a ``ValueError`` of the core.
+    """
     try:
         yield
     except ValueError as error:
@@ -48,7 +54,13 @@ def one_number(name: str, value: ArrayLike, unit: str) -> float:
 
 
 def any_shape(name: str, values: ArrayLike, unit: str) -> NDArray[np.float64]:
-    """Return ``values`` as float64; raise InputError if they are no numbers."""
+    """Return ``values`` as float64; raise InputError if they are no numbers.
+
+    Raises
+    ------
+    InputError
+        They are no numbers.
+    """
     try:
         return real_numbers(values)
     except ValueError as error:

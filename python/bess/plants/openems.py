@@ -115,7 +115,13 @@ class OpenEms:
         self._watchdog = SharedWatchdog(REFRESH_S, FORGETS_S, CLOCK)
 
     def read(self) -> Measurements:
-        """Return what the edge says now; see :class:`bess.plants.PlantLink`."""
+        """Return what the edge says now; see :class:`bess.plants.PlantLink`.
+
+        Raises
+        ------
+        LinkError
+            The edge does not answer, or knows no inverter of these names.
+        """
         components = self._components()
         if not self._names:
             self._names = self._found(components)
@@ -146,7 +152,13 @@ class OpenEms:
         )
 
     def write(self, power_kw: NDArray[np.float64]) -> None:
-        """Write set-points; see :class:`bess.plants.PlantLink`. NaN takes back the string's set-point."""
+        """Write set-points; see :class:`bess.plants.PlantLink`. NaN takes back the string's set-point.
+
+        Raises
+        ------
+        LinkError
+            The edge does not answer, or a set-point that stands cannot be changed.
+        """
         setpoints = checked_setpoints(power_kw, self.n_strings)
         if not self._units_are_known:
             self.read()

@@ -84,7 +84,13 @@ class SunSpec:
         return HEARTBEAT_S if any(device.may_watch_heartbeat for device in self._devices) else REFRESH_S
 
     def read(self) -> Measurements:
-        """Return what the devices say now; see :class:`bess.plants.PlantLink`."""
+        """Return what the devices say now; see :class:`bess.plants.PlantLink`.
+
+        Raises
+        ------
+        LinkError
+            No device can be read.
+        """
         said, silent = self._each(range(self.n_strings), lambda i, until: self._devices[i].measure(until))
         if not said:
             raise LinkError(f"no device can be read: {next(iter(silent.values()))}")

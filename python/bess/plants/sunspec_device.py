@@ -132,7 +132,13 @@ class Device:
         return not self._models or 802 in self._models
 
     def measure(self, deadline: float) -> Said:
-        """Return what it says now."""
+        """Return what it says now.
+
+        Raises
+        ------
+        LinkError
+            It does not answer, or not as its model says.
+        """
         known = self._layout(deadline)
         models = {m: self._model(m, deadline) for m in (701, 702, 713, 802, 803) if m in known}
         try:
@@ -164,6 +170,11 @@ class Device:
         """Write a set-point that reverts by itself, or take it back (NaN); count the heartbeat.
 
         A device whose own heartbeat has stopped is given none: what it was given before reverts.
+
+        Raises
+        ------
+        LinkError
+            It does not answer, has no timer of set-points, or is silent (:class:`Silent`).
         """
         start, _ = self._layout(deadline)[704]
         control = self._model(704, deadline)

@@ -56,7 +56,13 @@ class RulePolicy:
         self._capability = Capability(system, dt_h)
 
     def __call__(self, situation: Situation) -> Decision:
-        """Share the demand of this step."""
+        """Share the demand of this step.
+
+        Raises
+        ------
+        BessError
+            The rule returned not one power for each string.
+        """
         demand_kw = float(situation.demand_kw[0])
         limit_kw = situation.limit_kw
         if demand_kw == 0.0:

@@ -16,7 +16,13 @@ TEMPORARY = ".tmp"
 
 @contextmanager
 def clear_errors(path: Path) -> Iterator[None]:
-    """Turn an operating system error met while writing ``path`` into one sentence that says what is safe."""
+    """Turn an operating system error met while writing ``path`` into one sentence that says what is safe.
+
+    Raises
+    ------
+    BessError
+        In place of an ``OSError``: the disk is full, or the path cannot be written.
+    """
     try:
         yield
     except OSError as error:
@@ -55,7 +61,13 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 
 def folder_in(folder: Path, name: str) -> Path:
-    """Return the folder ``name`` in ``folder``; refuse one that is elsewhere, by its name or by a link."""
+    """Return the folder ``name`` in ``folder``; refuse one that is elsewhere, by its name or by a link.
+
+    Raises
+    ------
+    InputError
+        The folder would be elsewhere, or cannot be one for results.
+    """
     inside = folder / name
     try:
         elsewhere = inside.resolve().parent != folder.resolve()

@@ -43,7 +43,13 @@ def write_identity(directory: Path, identity: Identity) -> None:
 
 
 def read_identity(directory: Path) -> Identity | None:
-    """Identity of the run in ``directory``, or None if there is none."""
+    """Identity of the run in ``directory``, or None if there is none.
+
+    Raises
+    ------
+    InputError
+        There is one that cannot be read or is damaged.
+    """
     try:
         identity: Identity = json.loads((directory / IDENTITY).read_text(encoding="utf-8"))
     except (FileNotFoundError, NotADirectoryError):

@@ -112,7 +112,13 @@ def scenario_directories(directory: str | Path) -> dict[str, Path]:
 
 
 def open_netcdf(path: Path) -> xr.Dataset:
-    """Open a results file lazily."""
+    """Open a results file lazily.
+
+    Raises
+    ------
+    InputError
+        The file is damaged.
+    """
     import xarray as xr
 
     try:

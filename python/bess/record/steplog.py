@@ -54,7 +54,13 @@ class StepLog:
 
 
 def solve_times_s(directory: Path) -> NDArray[np.float64]:
-    """Solve time [s] of each step in the log that needed a solve."""
+    """Solve time [s] of each step in the log that needed a solve.
+
+    Raises
+    ------
+    InputError
+        The log is damaged.
+    """
     path = directory / LOG
     if not path.exists():
         return np.zeros(0)

@@ -33,7 +33,13 @@ _DAILY_FROM_DAYS = 31.0
 
 
 def dataset_of(result: Result) -> xr.Dataset:
-    """Return the dataset of a result; a dataset is returned as it is."""
+    """Return the dataset of a result; a dataset is returned as it is.
+
+    Raises
+    ------
+    InputError
+        The run has no steps yet.
+    """
     dataset: xr.Dataset = getattr(result, "dataset", result)  # type: ignore[arg-type]
     if dataset.sizes.get("time", 0) == 0:
         raise InputError("the result has no time steps yet; run the study first")

@@ -133,6 +133,13 @@ class ClosedLoop:
         -------
         record, log
             As of :meth:`advance`, the record with the steps along the first axis.
+
+        Raises
+        ------
+        InputError
+            The controller refuses its situation.
+        BessError
+            Its set-points do not sum to the demand.
         """
         assert isinstance(self.policy, DistilledPolicy)
         inputs, first = self.inputs, self.step
@@ -315,7 +322,7 @@ def _listed(values: Array) -> str:
 
 
 def check_finite(first_step: int, record: Mapping[str, NDArray[Any]]) -> None:
-    """Raise if the plant returned anything but finite numbers; arrays have the steps along the first axis."""
+    """Raise BessError if the plant returned anything but finite numbers; arrays have the steps along the first axis."""
     for name in FLOWS:
         finite = np.isfinite(record[name].reshape(len(record[name]), -1)).all(axis=1)
         if not finite.all():

@@ -127,7 +127,13 @@ def _ambient(choice: WeatherChoice, file: str, grid: Grid) -> tuple[Array, list[
 
 
 def limits_of(events: tuple[Event, ...], system: System, grid: Grid) -> Array:
-    """Power of each inverter in service [kW], shape ``(n_steps, n_strings)``."""
+    """Power of each inverter in service [kW], shape ``(n_steps, n_strings)``.
+
+    Raises
+    ------
+    InputError
+        An event names a string that the system does not have, or is outside the run.
+    """
     limit = np.broadcast_to(system.nominal_kw, (grid.n_steps, system.n_strings))
     if events:
         limit = limit.copy()

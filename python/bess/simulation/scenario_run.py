@@ -39,7 +39,13 @@ def run_scenarios(
 
 
 def prepare_folder(folder: Path, study: Study) -> None:
-    """Make the folder that holds one sub-folder for each run, with the study as resolved."""
+    """Make the folder that holds one sub-folder for each run, with the study as resolved.
+
+    Raises
+    ------
+    InputError
+        The folder holds a single run, or cannot be made.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:  # a NUL in the path is a ValueError

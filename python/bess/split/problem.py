@@ -108,7 +108,14 @@ def check_horizon(
     name: str = "horizon_steps",
     most: int = MAX_HORIZON_STEPS,
 ) -> None:
-    """Check the plant and the horizon that a split or a plan is made for; ``name`` is that of the steps."""
+    """Check the plant and the horizon that a split or a plan is made for; ``name`` is that of the steps.
+
+    Raises
+    ------
+    InputError
+        No system, too many strings, a horizon or a step out of range, or a step that is too long for
+        the thermal model.
+    """
     if not isinstance(system, System):
         raise InputError(f"system must be a bess.System, not {type(system).__name__}")
     if system.n_strings > MAX_STRINGS:

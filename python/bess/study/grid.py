@@ -28,7 +28,13 @@ class Grid:
 
     @classmethod
     def of(cls, start: datetime, step_s: float, days: float) -> Grid:
-        """Return the steps of ``days`` days; a part of a step is refused."""
+        """Return the steps of ``days`` days; a part of a step is refused.
+
+        Raises
+        ------
+        InputError
+            The days are not a whole number of steps, or end after the year 9999.
+        """
         steps = days * _S_PER_DAY / step_s
         if abs(steps - round(steps)) > 1e-6 or round(steps) < 1:
             below, above = (max(1, n) * step_s / _S_PER_DAY for n in (math.floor(steps), math.ceil(steps)))
@@ -91,7 +97,13 @@ class SampledSeries:
 
     @classmethod
     def from_pandas(cls, series: pd.Series[float], what: str, key: str) -> SampledSeries:
-        """Take over a gap-free series with a time-zone aware index."""
+        """Take over a gap-free series with a time-zone aware index.
+
+        Raises
+        ------
+        InputError
+            The series has fewer than two values.
+        """
         import pandas as pd
 
         utc = pd.DatetimeIndex(series.index).tz_convert("UTC").tz_localize(None)

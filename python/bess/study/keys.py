@@ -60,7 +60,13 @@ def nearest(name: str, names: list[str]) -> str:
 
 
 def check_bundled(key: str, name: str, bundled: Iterable[str]) -> None:
-    """Refuse a name that is neither bundled nor that of a file: one without a folder and an ending."""
+    """Refuse a name that is neither bundled nor that of a file: one without a folder and an ending.
+
+    Raises
+    ------
+    InputError
+        With the bundled name that is nearest.
+    """
     if name not in bundled and not Path(name).suffix and Path(name).name == name:
         raise InputError(f"{key} = {name!r}: nothing bundled is called so; {nearest(name, list(bundled))}")
 
@@ -80,7 +86,13 @@ def with_value(document: Mapping[str, Any], key: str, value: Any) -> Document:
 
 
 def parse_assignment(text: str) -> tuple[str, Any]:
-    """Split ``key=value``; the value is TOML, and a word that is none is taken as text."""
+    """Split ``key=value``; the value is TOML, and a word that is none is taken as text.
+
+    Raises
+    ------
+    InputError
+        There is no ``=``, or the value looks like TOML and is none.
+    """
     key, found, raw = text.partition("=")
     key, raw = key.strip(), raw.strip()
     if not found or not key or not raw:

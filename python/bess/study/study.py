@@ -100,7 +100,13 @@ class Study(Section):
             raise InputError(text) from error
 
     def with_values(self, values: Mapping[str, Any]) -> Self:
-        """Return this study with dotted keys set, checked again; paths are relative to the working folder."""
+        """Return this study with dotted keys set, checked again; paths are relative to the working folder.
+
+        Raises
+        ------
+        InputError
+            An unknown key, a whole section in place of one key, or a value out of range.
+        """
         if not values:
             return self
         document = self.model_dump(exclude_unset=True, exclude_none=True)
@@ -212,7 +218,13 @@ def load_study(name: str | Path, values: Mapping[str, Any] | None = None) -> Stu
 
 
 def as_study(study: Study | str | Path) -> Study:
-    """Return a study given as such, or by a bundled name or a path."""
+    """Return a study given as such, or by a bundled name or a path.
+
+    Raises
+    ------
+    InputError
+        It is neither, or what :func:`load_study` refuses.
+    """
     if isinstance(study, Study):
         return study
     if isinstance(study, str | Path):

@@ -78,7 +78,13 @@ def _months(dataset: xr.Dataset) -> Values:
 
 @styled
 def heat_maps(result: Result) -> Figure:
-    """Day across, hour of the day (UTC) up: delivered power, mean SOC, hottest string, and price if any."""
+    """Day across, hour of the day (UTC) up: delivered power, mean SOC, hottest string, and price if any.
+
+    Raises
+    ------
+    InputError
+        The run is shorter than two days.
+    """
     dataset = dataset_of(result)
     if days_of(dataset) < 2.0:
         raise InputError(f"heat_maps: the run has {days_of(dataset):g} days; a map needs at least 2")

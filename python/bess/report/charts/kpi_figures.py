@@ -71,6 +71,11 @@ def kpi_radar(kpis: Kpis) -> Figure:
     Every axis runs from the worst to the best value met, which are written at its ends: differences of a
     tenth of a point stay visible, and nobody has to guess their size. An axis on which all are equal is
     drawn full.
+
+    Raises
+    ------
+    InputError
+        There are fewer than two scenarios.
     """
     _check(kpis, RADAR_KPIS)
     if len(kpis) < 2:

@@ -74,6 +74,11 @@ def kpi_lines(kpis: Mapping[str, Mapping[str, float]], values: Sequence[float], 
         The parameter in each of them.
     label
         Name of the parameter, for the axis.
+
+    Raises
+    ------
+    InputError
+        No key figure changes with the parameter.
     """
     order = np.argsort(values)
     x = np.asarray(values, dtype=float)[order]

@@ -64,7 +64,13 @@ def inverter_pattern(result: Result) -> Figure:
 
 @styled
 def node_temperatures(result: Result) -> Figure:
-    """Space-time map of node temperatures along the air path, a panel for each string, one colour scale."""
+    """Space-time map of node temperatures along the air path, a panel for each string, one colour scale.
+
+    Raises
+    ------
+    InputError
+        The temperatures of nodes were not recorded.
+    """
     dataset = dataset_of(result)
     if "node_temperature_c" not in dataset:
         raise InputError("the result has no node_temperature_c; ask for it in the study's [output]")

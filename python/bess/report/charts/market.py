@@ -15,6 +15,11 @@ def market_dispatch(result: Result) -> Chart:
     """Price, dispatch and mean SOC of a market study; of more than a month, the energy of each day.
 
     Where the dispatch said what it expected to be delivered, that stands beside what was.
+
+    Raises
+    ------
+    InputError
+        The run has no prices.
     """
     dataset = dataset_of(result)
     if "price_eur_mwh" not in dataset:

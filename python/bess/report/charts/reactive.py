@@ -12,7 +12,13 @@ from bess.report.drawing.style import AVAILABILITY, INK, colours
 
 
 def reactive_power(result: Result) -> Chart:
-    """Reactive power of the plant, and of every string its reactive and its apparent power."""
+    """Reactive power of the plant, and of every string its reactive and its apparent power.
+
+    Raises
+    ------
+    InputError
+        The run carried no reactive power.
+    """
     dataset = dataset_of(result)
     if "reactive_kvar" not in dataset:
         raise InputError("the result has no reactive_kvar; ask for it in the study's [reactive]")

@@ -13,7 +13,13 @@ from bess.report.drawing.style import AVAILABILITY, BACKGROUND, BATTERY, CHARGE,
 
 
 def service(result: Result) -> Chart:
-    """Frequency, power and required window of a reserve; load, draw and state of charge behind a meter."""
+    """Frequency, power and required window of a reserve; load, draw and state of charge behind a meter.
+
+    Raises
+    ------
+    InputError
+        The run is not of a service.
+    """
     dataset = dataset_of(result)
     time = TimeAxis(dataset)
     soc = curve(time, with_initial(dataset, "soc").mean(axis=1), BATTERY, "mean over the strings")

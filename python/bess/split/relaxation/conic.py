@@ -109,7 +109,13 @@ class ConicProgram:
         self._q_map = sp.csr_array(program.q)
 
     def load(self, values: Mapping[str, Array | float]) -> ConicData:
-        """Return the instance for these parameter values; every parameter must be given."""
+        """Return the instance for these parameter values; every parameter must be given.
+
+        Raises
+        ------
+        ValueError
+            A parameter is missing or unknown.
+        """
         theta = np.empty(self._n_parameters + 1)
         theta[-1] = 1.0
         if values.keys() != self._places.keys():
