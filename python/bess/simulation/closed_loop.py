@@ -322,7 +322,7 @@ def _listed(values: Array) -> str:
 
 
 def check_finite(first_step: int, record: Mapping[str, NDArray[Any]]) -> None:
-    """Raise BessError if the plant returned anything but finite numbers; arrays have the steps along the first axis."""
+    """Raise BessError if the plant returned anything but finite numbers; arrays have the steps first."""
     for name in FLOWS:
         finite = np.isfinite(record[name].reshape(len(record[name]), -1)).all(axis=1)
         if not finite.all():
