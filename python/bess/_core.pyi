@@ -8,7 +8,7 @@ _Array = NDArray[np.float64]
 __all__ = [
     "Ageing",
     "BestShares",
-    "CoefficientBounds",
+    "CoefficientRanges",
     "Confined",
     "ControlHorizon",
     "ControlModel",
@@ -21,7 +21,7 @@ __all__ = [
     "Plant",
     "SplitAnswer",
     "StateBoxes",
-    "StepCuts",
+    "StepBounds",
     "System",
     "ageing_models",
     "cooling_kinds",
@@ -211,13 +211,13 @@ class Confined:
     may_shed: NDArray[np.bool_]
 
 @final
-class StepCuts:
+class StepBounds:
     phi: _Array
     shed_slope: _Array
     request_kw: _Array
 
 @final
-class CoefficientBounds:
+class CoefficientRanges:
     derating_low: _Array
     derating_high: _Array
     voltage_low_v: _Array
@@ -255,9 +255,9 @@ class ControlHorizon:
     def evaluate(self, request_kw: _Array) -> _Array: ...
     def greedy(self) -> _Array: ...
     def reachable(self) -> StateBoxes: ...
-    def step_bounds(self, boxes: StateBoxes, costs: _Array, budget_kw: _Array) -> StepCuts: ...
+    def step_bounds(self, boxes: StateBoxes, costs: _Array, budget_kw: _Array) -> StepBounds: ...
     def confine(self, request_kw: _Array, costs: _Array, shed_budget_kw: float) -> Confined: ...
-    def coefficients(self, boxes: StateBoxes, near: StateBoxes) -> CoefficientBounds: ...
+    def coefficients(self, boxes: StateBoxes, near: StateBoxes) -> CoefficientRanges: ...
 
 @final
 class Explicit:

@@ -31,7 +31,7 @@ mod electrical;
 mod error;
 mod lanes;
 mod line;
-mod measured;
+mod measured_resistance;
 mod plant;
 mod record;
 mod schedule;

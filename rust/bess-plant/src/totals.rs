@@ -6,9 +6,11 @@ use crate::record::{Limits, Record};
 /// Sums over the plant steps of one control step.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Totals<const W: usize> {
+    /// Powers and losses as in the record: magnitudes in the direction of the request [W].
     pub(crate) delivered_w: Lanes<W>,
     pub(crate) availability_loss_w: Lanes<W>,
     pub(crate) derating_loss_w: Lanes<W>,
+    /// Inverter loss of plant steps with active power.
     pub(crate) loss_on_w: Lanes<W>,
     /// Inverter loss of plant steps with reactive power alone.
     pub(crate) grid_loss_w: Lanes<W>,
@@ -19,8 +21,11 @@ pub(crate) struct Totals<const W: usize> {
     pub(crate) reversible_w: Lanes<W>,
     pub(crate) chemical_w: Lanes<W>,
     pub(crate) current_a: Lanes<W>,
+    /// Derating factor.
     pub(crate) factor: Lanes<W>,
+    /// Off-to-on transitions of the inverter.
     pub(crate) starts: Lanes<W>,
+    /// Hottest node so far [degC].
     pub(crate) hottest_c: Lanes<W>,
 }
 

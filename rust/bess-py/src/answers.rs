@@ -1,6 +1,6 @@
 //! What a split problem answers, as arrays in kW.
 
-use bess_control::{CoefficientRanges, ControlHorizon, Planes, Split, StepBounds};
+use bess_control::{ControlHorizon, Planes, Split};
 use bess_tables::units::W_PER_KW;
 use pyo3::prelude::*;
 
@@ -117,7 +117,7 @@ impl Confined {
 
 /// Step cuts `cost + shed_slope shed >= phi`.
 #[pyclass(frozen, get_all, module = "bess._core")]
-pub struct StepCuts {
+pub struct StepBounds {
     /// `(T,)`
     phi: Vector,
     /// What a shed kW may save `(T,)` [1/kW].
@@ -126,8 +126,8 @@ pub struct StepCuts {
     request_kw: Matrix,
 }
 
-impl StepCuts {
-    pub(crate) fn new(py: Python<'_>, horizon: &ControlHorizon, of: &StepBounds) -> Self {
+impl StepBounds {
+    pub(crate) fn new(py: Python<'_>, horizon: &ControlHorizon, of: &bess_control::StepBounds) -> Self {
         Self {
             phi: vector(py, of.bounds.iter().map(|b| b.phi).collect()),
             shed_slope: vector(py, of.bounds.iter().map(|b| b.shed_slope * W_PER_KW).collect()),
@@ -138,7 +138,7 @@ impl StepCuts {
 
 /// Coefficients over boxes of states, each `(M, T)`, in the direction of the step.
 #[pyclass(frozen, get_all, module = "bess._core")]
-pub struct CoefficientBounds {
+pub struct CoefficientRanges {
     derating_low: Matrix,
     derating_high: Matrix,
     voltage_low_v: Matrix,
@@ -157,15 +157,16 @@ pub struct CoefficientBounds {
     derated_per_k: Matrix,
 }
 
-impl CoefficientBounds {
+impl CoefficientRanges {
     pub(crate) fn new(
         py: Python<'_>,
         n_strings: usize,
-        ranges: &[CoefficientRanges],
+        ranges: &[bess_control::CoefficientRanges],
         planes: &[Planes],
     ) -> Self {
-        let range =
-            |of: &dyn Fn(&CoefficientRanges) -> f64| matrix(py, n_strings, ranges.iter().map(of).collect());
+        let range = |of: &dyn Fn(&bess_control::CoefficientRanges) -> f64| {
+            matrix(py, n_strings, ranges.iter().map(of).collect())
+        };
         let plane = |of: &dyn Fn(&Planes) -> f64| matrix(py, n_strings, planes.iter().map(of).collect());
         Self {
             derating_low: range(&|r| r.derating.low),

@@ -9,7 +9,7 @@ use numpy::PyUntypedArrayMethods;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::answers::{signed_kw, CoefficientBounds, Confined, Incumbent, SplitAnswer, StepCuts};
+use crate::answers::{signed_kw, CoefficientRanges, Confined, Incumbent, SplitAnswer, StepBounds};
 use crate::arrays::{
     check_shape, matrix, numbers, refused, scaled, watts, Given, GivenCube, GivenMatrix, GivenVector, Matrix,
 };
@@ -151,12 +151,12 @@ impl ControlHorizon {
         boxes: &StateBoxes,
         costs: GivenMatrix<'_>,
         budget_kw: GivenVector<'_>,
-    ) -> PyResult<StepCuts> {
+    ) -> PyResult<StepBounds> {
         let boxes = boxes.at_starts(self.inner.n_strings(), self.inner.n_steps())?;
         let costs = self.loss_costs(&costs)?;
         let budget_w = watts(&budget_kw);
         let answer = py.detach(|| self.inner.step_bounds(&boxes, &costs, &budget_w)).map_err(refused)?;
-        Ok(StepCuts::new(py, &self.inner, &answer))
+        Ok(StepBounds::new(py, &self.inner, &answer))
     }
 
     /// Bounds the cost of every schedule, given costs of the losses `(M, 4)` [1/kW], and the states of those that cost no
@@ -182,12 +182,12 @@ impl ControlHorizon {
         py: Python<'_>,
         boxes: &StateBoxes,
         near: &StateBoxes,
-    ) -> PyResult<CoefficientBounds> {
+    ) -> PyResult<CoefficientRanges> {
         let (n_strings, n_steps) = (self.inner.n_strings(), self.inner.n_steps());
         let boxes = boxes.at_starts(n_strings, n_steps)?;
         let state = |b: &StateBox| StringState { soc: b.soc.low, temperature_c: b.temperature_c.low };
         let near: Vec<_> = near.at_starts(n_strings, n_steps)?.iter().map(state).collect();
         let (ranges, planes) = (self.inner.ranges(&boxes), self.inner.planes(&boxes, &near));
-        Ok(CoefficientBounds::new(py, n_strings, &ranges, &planes))
+        Ok(CoefficientRanges::new(py, n_strings, &ranges, &planes))
     }
 }

@@ -25,7 +25,7 @@ mod _core {
     #[pymodule_export]
     use crate::ageing::{ageing_models, rainflow, Ageing};
     #[pymodule_export]
-    use crate::answers::{CoefficientBounds, Confined, GroupBounds, Incumbent, SplitAnswer, StepCuts};
+    use crate::answers::{CoefficientRanges, Confined, GroupBounds, Incumbent, SplitAnswer, StepBounds};
     #[pymodule_export]
     use crate::explicit::Explicit;
     #[pymodule_export]

@@ -103,7 +103,7 @@ class PlantConstants:
         return np.stack([self.nominal_kw, self.nominal_kw, self.inverter_kw, self.battery_kw], axis=1)
 
     def physics(
-        self, problem: SplitProblem, boxes: _core.StateBoxes, data: _core.CoefficientBounds
+        self, problem: SplitProblem, boxes: _core.StateBoxes, data: _core.CoefficientRanges
     ) -> dict[str, Array]:
         """Values of every parameter but cuts, caps and costs, for states within ``boxes``."""
         demand_kw, limit_kw, ambient_c = problem.demand_kw, problem.limit_kw, problem.ambient_c
@@ -169,7 +169,7 @@ class PlantConstants:
         return values
 
     def _shedding_edge(
-        self, sign: Array, limit_kw: Array, boxes: _core.StateBoxes, data: _core.CoefficientBounds
+        self, sign: Array, limit_kw: Array, boxes: _core.StateBoxes, data: _core.CoefficientRanges
     ) -> Array:
         """``sign * soc`` at the end of a step in which a string sheds is at most this.
 

@@ -3,6 +3,7 @@
 //! The decision itself is translated from Python, see `decision.rs`; here is what it stands on. kW and degC, as in C and
 //! structured text, which do the same operations.
 
+use crate::error::check_length;
 use crate::ControlError;
 
 #[rustfmt::skip]
@@ -141,19 +142,20 @@ impl ExplicitLaw {
         self.tables.steps
     }
 
-    /// What a decision needs to know of a schedule of demand [kW].
+    /// What a decision needs to know of a schedule of demand `(steps,)` [kW], which begins with that of the decision.
     ///
     /// # Errors
     ///
     /// [`ControlError::Length`] for a schedule of another length.
     pub fn look(&self, ahead_kw: &[f64]) -> Result<[f64; N_OUTLOOK], ControlError> {
-        length("demand", ahead_kw, self.tables.steps)?;
+        check_length("demand", ahead_kw, self.tables.steps)?;
         let mut outlook = [0.0; N_OUTLOOK];
         decision::look(&self.tables, ahead_kw, &mut outlook);
         Ok(outlook)
     }
 
-    /// Set-points [kW], signed as the demand, into `request_kw`.
+    /// Set-points `(M,)` [kW], signed as the demand, into `request_kw`, with [`N_WEIGHTS`] weights and the outlook that
+    /// [`Self::look`] gives.
     ///
     /// # Errors
     ///
@@ -167,13 +169,13 @@ impl ExplicitLaw {
         request_kw: &mut [f64],
     ) -> Result<(), ControlError> {
         let n = self.tables.strings;
-        length("weights", weights, N_WEIGHTS)?;
-        length("soc", plant.soc, n)?;
-        length("temperature_c", plant.temperature_c, n)?;
-        length("soh_capacity", plant.soh_capacity, n)?;
-        length("soh_resistance", plant.soh_resistance, n)?;
-        length("limit_kw", plant.limit_kw, n)?;
-        length("request_kw", request_kw, n)?;
+        check_length("weights", weights, N_WEIGHTS)?;
+        check_length("soc", plant.soc, n)?;
+        check_length("temperature_c", plant.temperature_c, n)?;
+        check_length("soh_capacity", plant.soh_capacity, n)?;
+        check_length("soh_resistance", plant.soh_resistance, n)?;
+        check_length("limit_kw", plant.limit_kw, n)?;
+        check_length("request_kw", request_kw, n)?;
         decision::split(
             &self.tables,
             weights,
@@ -188,10 +190,6 @@ impl ExplicitLaw {
         );
         Ok(())
     }
-}
-
-fn length(name: &'static str, values: &[f64], expected: usize) -> Result<(), ControlError> {
-    crate::error::check_length(name, values, expected)
 }
 
 /// The larger number, the first of equal ones.

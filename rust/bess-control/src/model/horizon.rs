@@ -41,17 +41,22 @@ pub struct SplitProblem<'a> {
 #[derive(Debug, Clone)]
 pub struct ControlHorizon {
     pub(crate) model: ControlModel,
+    /// Measured states `(M,)`.
     pub(crate) start: Vec<StringState>,
+    /// Magnitudes `(T,)` [W].
     pub(crate) demand_w: Vec<f64>,
+    /// Direction, surroundings and length of each step `(T,)`.
     pub(crate) intervals: Vec<Interval>,
+    /// Largest requests `(M, T)` [W].
     pub(crate) limit_w: Vec<f64>,
-    /// Sum over the strings, `(T,)`.
+    /// Their sum over the strings, `(T,)` [W].
     pub(crate) total_limit_w: Vec<f64>,
     /// Costs of the search `(M, G)`, so that those of one string lie together.
     pub(crate) search_costs: Vec<Losses>,
     /// Costs of what is reported and bounded, `(G, M)`.
     pub(crate) report_costs: Vec<Losses>,
     pub(crate) n_groups: usize,
+    /// How far each group may rise above its best value while later ones are minimised `(G,)`.
     pub(crate) tolerance_abs: Vec<f64>,
     pub(crate) tolerance_rel: Vec<f64>,
 }

@@ -25,10 +25,15 @@ pub struct Prices {
 #[derive(Debug, Clone)]
 pub struct PlanProblem<'a> {
     pub(crate) model: &'a ControlModel,
+    /// Measured states `(M,)`.
     pub(crate) start: Vec<StringState>,
+    /// Whether each inverter runs before the first step `(M,)`.
     pub(crate) running: Vec<bool>,
+    /// Magnitudes `(T,)` [W], at most the sum of the limits.
     pub(crate) demand_w: Vec<f64>,
+    /// Direction, surroundings and length of each step `(T,)`.
     pub(crate) intervals: Vec<Interval>,
+    /// Largest requests of all steps `(M,)` [W].
     pub(crate) limit_w: Vec<f64>,
     pub(crate) prices: Prices,
     /// Share of its usable charge that the plant holds at the end of each step `(T,)`: imbalance is measured from there.

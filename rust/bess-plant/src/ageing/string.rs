@@ -10,7 +10,7 @@ use super::state::{AgeingState, Damage, Gathered, Loss, Mark};
 use crate::PlantError;
 
 /// Capacity and resistance change once this much time has gathered, at the end of a control step [s].
-pub const BLOCK_S: f64 = 900.0;
+const BLOCK_S: f64 = 900.0;
 
 /// Capacity never falls below this share of the nameplate: a plant needs some.
 const LEAST_CAPACITY: f64 = 0.05;

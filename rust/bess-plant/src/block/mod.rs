@@ -13,7 +13,7 @@ use bess_tables::{Direction, Resistance, StringParameters};
 use crate::ageing::{AgeingState, StringAgeing};
 use crate::lanes::Lanes;
 use crate::line::Lines;
-use crate::measured::Scratch;
+use crate::measured_resistance::MeasuredResistance;
 use crate::record::{Limits, Record};
 use crate::schedule::Schedule;
 use crate::thermal::{AirPath, Coefficients};
@@ -47,7 +47,7 @@ pub(crate) struct Block<const W: usize> {
     air_path: AirPath<W>,
     /// The control step of a plant whose strings share a coolant.
     begun: Option<(ControlStep<W>, Totals<W>, [Limits; W])>,
-    scratch: Scratch,
+    measured: MeasuredResistance,
     any_measured: bool,
     any_entropy: bool,
     k_per_w: Lanes<W>,
@@ -90,7 +90,7 @@ impl<const W: usize> Block<W> {
             ids: members.iter().map(|&(id, _)| id).collect(),
             air_path: AirPath::new(&coefficients, nodes),
             begun: None,
-            scratch: Scratch::new(nodes, strings.iter().map(|s| &s.resistance)),
+            measured: MeasuredResistance::new(nodes, strings.iter().map(|s| &s.resistance)),
             any_measured: strings.iter().any(|s| matches!(s.resistance, Resistance::Measured { .. })),
             any_entropy: strings.iter().any(|s| s.entropy.is_some()),
             k_per_w: Lanes::from_fn(|l| coefficients[l].k_per_w),

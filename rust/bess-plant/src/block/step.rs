@@ -7,7 +7,7 @@ use super::{Block, ControlStep};
 use crate::electrical::{Demand, Operation};
 use crate::lanes::Lanes;
 use crate::line::Line;
-use crate::measured;
+use crate::measured_resistance;
 use crate::record::Limits;
 use crate::totals::Totals;
 
@@ -222,9 +222,9 @@ impl<const W: usize> Block<W> {
     ) {
         let string = &self.strings[lane];
         // A string that charges with less than its inverter loses discharges a little; its charge table serves.
-        if let Some(tables) = measured::tables(&string.resistance, demand.direction) {
+        if let Some(tables) = measured_resistance::tables(&string.resistance, demand.direction) {
             let temperatures = self.air_path.temperature.iter().map(|node| node.0[lane]);
-            drawn.resistance.0[lane] = self.scratch.solve(
+            drawn.resistance.0[lane] = self.measured.solve(
                 tables,
                 self.growth.0[lane],
                 demand.soc,
@@ -234,7 +234,7 @@ impl<const W: usize> Block<W> {
             );
             drawn.node_factor.0[lane] = 1.0;
             for (node, resistance) in self.air_path.resistance.iter_mut().enumerate() {
-                resistance.0[lane] = self.scratch.node(node);
+                resistance.0[lane] = self.measured.node(node);
             }
         } else if !limited {
             return;

@@ -1,11 +1,13 @@
 //! Cooling of a plant: what passes the strings, how fast, how cold, and what that costs.
 //!
 //! Every string has a thermostat of its own over its mean temperature, which sets the share `s` of its full flow. The coolant
-//! marches along the packs as the air does ([`crate::thermal`]), so a string of one temperature gives up
+//! marches along the packs as the air does (`thermal.rs`), so a string of one temperature gives up
 //! `Q = m cp (1 - exp(-NTU)) (T_s - T_in)`. Fan or pump take `s^3 m dp / (rho eta)` (pressure rises with the square of
 //! the flow) and warm the coolant by it. The heat goes to a source: the ambient, free cooling through a heat
 //! exchanger, or a chiller with `COP = min(cop_max, share T_c / (T_h - T_c))`, `T_c` and `T_h` one approach below the
 //! supply and above the ambient.
+//!
+//! A `Kind` says where the heat goes and when, the `thermostat` how much flows, the `Station` steps both with the strings.
 //!
 //! Without a common loop every string is supplied at the supply temperature. With one, all strings share a fully mixed
 //! coolant (a room, or pipes and a tank) that they warm, that walls connect to the ambient, and from which the source
@@ -15,6 +17,7 @@
 mod kind;
 mod kinds;
 mod station;
+mod thermostat;
 
 pub use kind::Kind;
 pub use kinds::KINDS;

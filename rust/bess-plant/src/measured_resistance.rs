@@ -9,9 +9,9 @@ use bess_tables::{Axis, Direction, Grid, Resistance};
 
 const PASSES: usize = 4;
 
-/// Work space for one string at a time.
+/// The fixed point of one string at a time, and its work space.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Scratch {
+pub(crate) struct MeasuredResistance {
     /// Table segment and share of every node.
     place: Vec<(usize, f64)>,
     /// Mean over the nodes of the hat function of each temperature knot: the mean resistance is their product.
@@ -20,7 +20,7 @@ pub(crate) struct Scratch {
     row: Vec<f64>,
 }
 
-impl Scratch {
+impl MeasuredResistance {
     /// Room for any table of these strings.
     pub(crate) fn new<'a>(nodes: usize, tables: impl Iterator<Item = &'a Resistance>) -> Self {
         let knots = tables
