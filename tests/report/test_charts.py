@@ -158,6 +158,12 @@ def test_duration_curves_are_the_sorted_record() -> None:
     assert 0.0 < delivered.x[0] < delivered.x[-1] < 100.0
 
 
+def test_a_single_step_lasts_the_whole_time_of_its_duration_curve() -> None:
+    for panel in charts.duration_curves(record(2, 1)).panels:
+        for entry in panel.series:
+            assert entry.x.tolist() == [0.0, 100.0] and len(set(entry.y.tolist())) == 1
+
+
 def test_runs_that_did_the_same_are_told_apart() -> None:
     runs = {"a": record(2, 24), "b": record(2, 24), "c": record(2, 24, concentrate=1.0)}
     lines = charts.mean_temperature(runs).panels[0].series[:3]

@@ -78,6 +78,11 @@ def test_of_services_no_euro_is_proven_that_is_not_paid_for_kilowatt_hours(servi
     assert "EUR" not in str(sight)
 
 
+def test_a_bound_of_nothing_is_no_negative_cent() -> None:
+    sight = bess.Hindsight(1.0, 1.0, 0.0, "equal", lost_eur=2.0, found_eur=1.0, bound_eur=-1e-12)
+    assert "less than 0.00 EUR is proven impossible" in str(sight)
+
+
 def test_a_report_tells_it_when_asked(tmp_path: Path) -> None:
     result = bess.run(study(**{"run.days": 0.25}), progress=False, out=tmp_path / "run")
     sentence = str(bess.hindsight(result))
@@ -93,3 +98,5 @@ def test_what_is_no_record_of_a_study_and_an_unknown_effort_are_refused() -> Non
         bess.hindsight(result, effort="endless")
     with pytest.raises(bess.InputError, match="no study in its attributes"):
         bess.hindsight(result.dataset.drop_attrs())
+    with pytest.raises(bess.InputError, match="hindsight needs what"):
+        bess.hindsight("results/case1")  # type: ignore[arg-type]

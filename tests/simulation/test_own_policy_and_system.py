@@ -65,6 +65,7 @@ def test_a_system_takes_the_place_of_that_of_the_study_and_its_initial_values_st
     ("policy", "message"),
     [
         (3.0, "policy: float cannot be called"),
+        ("equal", "policy = 'equal': a policy that has a name is the study's"),
         (
             type("Half", (), {"__call__": lambda _, s: s, "memory": dict})(),
             "has memory, but no recall, statuses",

@@ -51,6 +51,11 @@ def own_policy(policy: Policy | Function) -> tuple[str, Policy]:
     InputError
         If it cannot be called, or has a part of the protocol and not the rest.
     """
+    if isinstance(policy, str):
+        raise InputError(
+            f"policy = {policy!r}: a policy that has a name is the study's: "
+            f'load_study(..., {{"policy.name": {policy!r}}})'
+        )
     if not callable(policy):
         raise InputError(
             f"policy: {type(policy).__name__} cannot be called; give a function from a Situation to "

@@ -73,7 +73,7 @@ class Hindsight:
         return (
             f"{text} In money, wear and auxiliaries included: lost {self.lost_eur:,.2f} EUR; "
             f"{self.found_eur:,.2f} EUR was possible; "
-            f"less than {math.floor(100.0 * self.bound_eur) / 100.0:,.2f} EUR is proven impossible."
+            f"less than {math.floor(100.0 * self.bound_eur + 1e-6) / 100.0:,.2f} EUR is proven impossible."
         )
 
 
@@ -104,6 +104,11 @@ def hindsight(result: Result | xr.Dataset, effort: Effort = "quick") -> Hindsigh
     if effort not in ("quick", "thorough"):
         raise InputError(f'hindsight: effort = {effort!r}: must be "quick" or "thorough"')
     record: Any = getattr(result, "dataset", result)
+    if not hasattr(record, "data_vars"):
+        raise InputError(
+            "hindsight needs what bess.run or bess.open_result gives, a result or its dataset, not "
+            f"{type(result).__name__}"
+        )
     replay = Replay.of(record)
     fine = True if effort == "thorough" else None
     # First, because it refuses what nothing can be proven about.

@@ -268,8 +268,10 @@ def split_power(
        for BESS with real-time simulation feedback. 2025, arXiv:2507.04800.
     """
     demand = finite_array("demand_kw", demand_kw)
-    if demand.ndim != 1:
-        raise InputError(f"demand_kw has shape {demand.shape}; give one value for each step")
+    if demand.ndim != 1 or demand.size == 0:
+        raise InputError(
+            f"demand_kw has shape {demand.shape}; give one value for each step, and at least one step"
+        )
     return PowerSplit(system, demand.size, objectives, dt_h, gap, time_limit_s)(state, demand)
 
 

@@ -37,6 +37,8 @@ def duration_curves(results: Results) -> Chart:
 
 
 def _sorted(values: Values) -> tuple[Values, Values]:
+    if values.size == 1:  # a point would be no line
+        return np.array([0.0, 100.0]), np.repeat(values, 2)
     falling = np.sort(values)[::-1]
     shown = np.unique(np.linspace(0, len(falling) - 1, _POINTS).astype(int))
     return 100.0 * (shown + 0.5) / len(falling), falling[shown]

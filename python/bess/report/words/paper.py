@@ -114,7 +114,8 @@ def _gain(statement: str, paper: float, key: str, rival: str, kpis: Kpis) -> Com
 
 def _difference(statement: str, paper: float, unit: str, here: float) -> Comparison:
     verdict = Verdict.YES if here >= paper / 2.0 else (Verdict.DIRECTION if here > 0.0 else Verdict.NO)
-    return Comparison(statement, f"about {paper:g} {unit}", f"{here:+.2f} {unit}", verdict)
+    said = "about 1 point" if (paper, unit) == (1.0, "points") else f"about {paper:g} {unit}"
+    return Comparison(statement, said, f"{here:+.2f} {unit}", verdict)
 
 
 def _verdict(agrees: bool) -> Verdict:
