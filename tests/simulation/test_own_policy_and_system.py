@@ -82,38 +82,41 @@ def test_what_is_no_policy_is_refused_in_a_sentence(policy: object, message: str
 @pytest.fixture
 def plug_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     """A package beside this one, as pip would install it."""
-    (tmp_path / "coolest_first.py").write_text(
+    (tmp_path / "three_to_one.py").write_text(
+        "import numpy as np\n"
         "from bess.policies.rule import RulePolicy, water_fill\n"
         "def build(system, settings):\n"
-        "    share = lambda system, task: water_fill(task.demand_kw, system.nominal_kw, task.capability_kw)\n"
+        "    weights = np.array([3.0, 1.0])\n"
+        "    share = lambda system, asked: water_fill(asked.demand_kw, weights, asked.capability_kw)\n"
         "    return RulePolicy(system, settings.dt_h, share)\n"
     )
-    information = tmp_path / "coolest_first-1.0.dist-info"
+    information = tmp_path / "three_to_one-1.0.dist-info"
     information.mkdir()
-    (information / "METADATA").write_text("Metadata-Version: 2.1\nName: coolest-first\nVersion: 1.0\n")
+    (information / "METADATA").write_text("Metadata-Version: 2.1\nName: three-to-one\nVersion: 1.0\n")
     (information / "entry_points.txt").write_text(
-        "[bess.policies]\ncoolest = coolest_first:build\nbroken = coolest_first:nothing\n"
+        "[bess.policies]\nuneven = three_to_one:build\nbroken = three_to_one:nothing\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
-    yield "coolest"
-    sys.modules.pop("coolest_first", None)
+    yield "uneven"
+    sys.modules.pop("three_to_one", None)
 
 
 def test_a_policy_of_another_package_is_found_by_its_entry_point(plug_in: str) -> None:
-    assert registry.plug_ins()[plug_in] == EntryPoint(plug_in, "coolest_first:build", "bess.policies")
+    assert registry.plug_ins()[plug_in] == EntryPoint(plug_in, "three_to_one:build", "bess.policies")
     policy = bess.policies.build_policy(plug_in, bess.System.reference(2), Settings())
     assert isinstance(policy, RulePolicy)
     from bess.cli.listing import listing
 
-    assert "plug-in coolest_first:build" in listing()
+    assert "plug-in three_to_one:build" in listing()
     result = bess.run(bess.load_study("case1", {**SHORT, "policy.name": plug_in}), progress=False)
-    assert result.kpis["delivered_kwh"] > 0.0
+    # Two hours in which neither string is near an end.
+    np.testing.assert_allclose(result.dataset.request_kw.values[:8], [[-58.5, -19.5]] * 8)
 
 
 def test_a_plug_in_that_cannot_be_loaded_is_said(plug_in: str) -> None:
-    with pytest.raises(bess.InputError, match="plug-in coolest_first:nothing fails: AttributeError"):
+    with pytest.raises(bess.InputError, match="plug-in three_to_one:nothing fails: AttributeError"):
         bess.policies.build_policy("broken", bess.System.reference(2), Settings())
     with pytest.raises(
-        bess.InputError, match=f"no such policy; allowed: {', '.join(POLICIES)}, broken, coolest"
+        bess.InputError, match=f"no such policy; allowed: {', '.join(POLICIES)}, broken, uneven"
     ):
         bess.policies.build_policy("coldest", bess.System.reference(2), Settings())

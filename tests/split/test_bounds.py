@@ -20,8 +20,8 @@ def test_a_schedule_without_a_choice_is_optimal_without_a_solve(soc):
 
 def test_full_power_in_some_steps_leaves_the_bound_tight():
     split = bess.PowerSplit(SYSTEM, 4)(bess.State([0.5, 0.5], [30.0, 31.0]), [184.0, 97.0, -184.0, -184.0])
-    assert split.search_gap <= 1e-3
-    assert split.gap <= 0.01
+    assert split.search_gap <= 1e-4
+    assert split.gap <= 1e-3
 
 
 def test_a_kwh_counts_the_same_in_whichever_string_it_is_lost():

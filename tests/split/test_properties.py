@@ -38,7 +38,9 @@ def problems(draw):
     soc = [draw(st.floats(a, b)) for a, b in zip(low, high, strict=True)]
     tau = [draw(st.floats(10.0, 58.0)) for _ in low]
     top = 1.2 * system.nominal_kw.sum()
-    demand = [draw(st.one_of(st.just(0.0), st.floats(-top, top))) for _ in range(steps)]
+    # A demand of 1e-308 kW cannot be shared: what is given to a string rounds to nothing.
+    some = st.floats(-top, top).filter(lambda kw: abs(kw) > 1e-9)
+    demand = [draw(st.one_of(st.just(0.0), some)) for _ in range(steps)]
     return system, bess.State(soc, tau), np.array(demand)
 
 
@@ -162,11 +164,13 @@ def test_a_failing_solver_is_flagged_and_the_split_still_meets_the_demand(monkey
 
 
 def test_payoff_normalisation_keeps_the_availability_of_the_constant_one():
-    state, demand = bess.State([0.4, 0.6], [40.0, 48.0]), [90.0, 60.0, 120.0]
-    plain = bess.split_power(REFERENCE, state, demand)
-    payoff = bess.split_power(REFERENCE, state, demand, bess.Objectives(normalisation="payoff"))
-    assert payoff.availability_loss_kw == pytest.approx(plain.availability_loss_kw, abs=0.05)
-    assert payoff.gap < 0.05
+    demand, goals = [90.0, 60.0, 120.0], bess.Objectives(normalisation="payoff")
+    state = bess.State([0.02, 0.1], [40.0, 48.0])
+    plain, payoff = (bess.split_power(REFERENCE, state, demand, given) for given in (None, goals))
+    assert plain.availability_loss_kw > 100.0
+    assert payoff.availability_loss_kw == pytest.approx(plain.availability_loss_kw, rel=1e-3)
+    # Where nothing is short, its bound is as tight as that of the constant one.
+    assert bess.split_power(REFERENCE, bess.State([0.4, 0.6], [40.0, 48.0]), demand, goals).gap < 1e-3
 
 
 def test_priorities_decide_which_loss_is_least():
@@ -174,5 +178,5 @@ def test_priorities_decide_which_loss_is_least():
     first = bess.Objective(1.0, priority=2)
     inverter = bess.split_power(REFERENCE, state, demand, bess.Objectives(inverter=first))
     battery = bess.split_power(REFERENCE, state, demand, bess.Objectives(battery=first))
-    assert inverter.rollout.inverter_loss_kw.sum() < 0.99 * battery.rollout.inverter_loss_kw.sum()
-    assert battery.rollout.battery_loss_kw.sum() < 0.8 * inverter.rollout.battery_loss_kw.sum()
+    assert inverter.rollout.inverter_loss_kw.sum() < 0.7 * battery.rollout.inverter_loss_kw.sum()
+    assert battery.rollout.battery_loss_kw.sum() < 0.6 * inverter.rollout.battery_loss_kw.sum()

@@ -63,9 +63,9 @@ def test_a_split_knows_the_aged_strings(soc: float) -> None:
     again = bess.rollout(system, aged, split.request_kw)
     np.testing.assert_allclose(split.rollout.soc, again.soc)
     assert split.bound <= split.objective + 1e-12
-    assert split.gap < 0.05
-    # The string of 1.5 times the resistance carries less.
-    assert split.request_kw[0].sum() < 0.8 * split.request_kw[1].sum()
+    assert split.gap < 1e-3
+    # Where battery losses count, the string of 1.5 times the resistance carries about two thirds.
+    assert split.request_kw[0].sum() < 0.67 * split.request_kw[1].sum()
 
 
 @pytest.mark.parametrize("name", ["soc", "equal"])
