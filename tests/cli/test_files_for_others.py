@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from jsonschema import Draft202012Validator
 from typer.testing import CliRunner
 
 import bess
 from bess.cli.app import app
-from bess.study.reference import keys, meanings, schema
+from bess.study.reference import Kind, keys, meanings, schema
 from bess.study.template import template
 
 
@@ -67,6 +68,23 @@ def test_the_schema_of_a_system_has_all_that_bundled_systems_use() -> None:
                 options = [reference, *reference.get("anyOf", [])]
                 name_of = next(option["$ref"] for option in options if "$ref" in option).rpartition("/")[2]
                 assert set(content) <= set(made["$defs"][name_of]["properties"])
+
+
+@pytest.mark.parametrize("kind", ["study", "system"])
+def test_bundled_files_are_valid_by_the_schema(kind: Kind) -> None:
+    validator = Draft202012Validator(json.loads(json.dumps(schema(kind))))
+    folder = {"study": "studies", "system": "systems"}[kind]
+    files = sorted((Path(bess.__file__).parent / "data" / folder).glob("*.toml"))
+    documents = [(path.name, tomllib.loads(path.read_text("utf-8"))) for path in files]
+    if kind == "study":
+        weights = {"battery": 0.5, "inverter": {"weight": 0.5, "priority": 2}}
+        documents.append(("weights", {"demand": {"file": "x.csv"}, "policy": {"objectives": weights}}))
+    else:
+        documents.append(("to_toml", tomllib.loads(bess.load_system("mixed-4").to_toml())))
+    assert len(documents) > 4
+    for name, document in documents:
+        as_json = json.loads(json.dumps(document, default=lambda time: time.isoformat()))
+        assert [error.message for error in validator.iter_errors(as_json)] == [], name
 
 
 def test_a_study_from_init_runs_as_it_is_and_is_not_written_over(tmp_path: Path) -> None:

@@ -41,7 +41,7 @@ def kpis(result: Result | xr.Dataset) -> dict[str, float]:
     - ``round_trip_efficiency_pct`` what charging stores per energy charged, times what discharging delivers
       per energy drawn; left out if the run has only one of them; of plants with cooling, auxiliaries count as
       charged while charging, and else lessen what is delivered;
-    - of plants with cooling ``auxiliary_kwh``, and ``system_efficiency_with_auxiliaries_pct``, which counts
+    - ``auxiliary_kwh``, and of plants with cooling ``system_efficiency_with_auxiliaries_pct``, which counts
       it as a loss;
     - ``peak_mean_temperature_c`` of the mean over strings, ``peak_string_temperature_c`` of the hottest
       string's mean (both with the initial state), ``peak_node_temperature_c`` of the hottest node;
@@ -111,9 +111,9 @@ def _figures(dataset: xr.Dataset) -> Iterator[tuple[str, Any]]:
     yield "battery_efficiency_pct", _left_pct(battery, request)
     yield "system_efficiency_pct", _left_pct(inverter + battery, request)
     yield "fulfilment_pct", _left_pct(demand - delivered, demand)
+    auxiliary = energy_kwh("auxiliary_kw") if "auxiliary_kw" in dataset else 0.0
+    yield "auxiliary_kwh", auxiliary
     if "auxiliary_kw" in dataset:
-        auxiliary = energy_kwh("auxiliary_kw")
-        yield "auxiliary_kwh", auxiliary
         yield "system_efficiency_with_auxiliaries_pct", _left_pct(inverter + battery + auxiliary, request)
     yield from _round_trip(dataset)
     yield from _temperatures(dataset)

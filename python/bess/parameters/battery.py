@@ -28,6 +28,7 @@ from bess.parameters.quantities import (
 from bess.parameters.section import Section
 
 Resistances = tuple[CellResistance, ...]
+Voltages = tuple[CellVoltage, ...] | tuple[tuple[CellVoltage, ...], ...]
 
 
 class OcvTable(Section):
@@ -44,7 +45,7 @@ class OcvTable(Section):
 
     _ascend = field_validator("soc", "temperature_c")(ascending)
 
-    @field_validator("charge", "discharge", mode="before")
+    @field_validator("charge", "discharge", mode="before", json_schema_input_type=Voltages)
     @classmethod
     def _one_row(cls, value: object) -> object:
         """A flat list is a table of one temperature."""

@@ -70,7 +70,9 @@ def _weight_alone(value: object) -> object:
     return value if isinstance(value, Mapping | Objective) else {"weight": value}
 
 
-Weighted = Annotated[Objective, BeforeValidator(_weight_alone)]
+Weighted = Annotated[
+    Objective, BeforeValidator(_weight_alone, json_schema_input_type=Objective | NonNegative)
+]
 """An objective; a number is its weight."""
 
 

@@ -177,8 +177,6 @@ def _options(field: dict[str, Any], root: dict[str, Any]) -> list[dict[str, Any]
 
 def _is_section(options: list[dict[str, Any]], root: dict[str, Any]) -> bool:
     """Whether a field is a table, or a list of tables, whose keys are listed by themselves."""
-    if any(option.get("type") in ("number", "integer") for option in options):
-        return False
     items = [part for option in options for part in _options(option.get("items") or {"type": "null"}, root)]
     return any("properties" in option for option in (*options, *items))
 
