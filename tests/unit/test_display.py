@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 import pytest
 from matplotlib.axes import Axes
 
@@ -28,12 +29,24 @@ def things() -> dict[str, tuple[Any, list[str]]]:
         "record": (bess.Plant(system, state).run([[46.0, 0.0]] * 3), ["steps: 3", "strings: 2"]),
         "splitter": (splitter, ["4 steps of 15 min"]),
         "split": (splitter(state, [60.0] * 4), ["set-points now:", "kW", "status:", "gap:"]),
+        "rollout": (
+            bess.rollout(system, state, np.full((2, 4), 40.0)),
+            ["steps: 4", "strings: 2", "soc at the"],
+        ),
+        "batch": (bess.rollout(system, state, np.full((3, 2, 4), 40.0)), ["schedules: 3", "steps: 4"]),
+        "plan": (
+            bess.plan_dispatch(system, [20.0] * 8 + [90.0] * 8, state, hours=4),
+            ["steps: 16", "kW", "expected net:", "EUR"],
+        ),
         "study": (study, ["case1", "policy: soc", "days: 0.5"]),
         "result": (bess.run(study, progress=False), ["48 of 15 min", "strings: 2", "lost:"]),
     }
 
 
-NAMES = ["system", "state", "aged", "plant", "flows", "record", "splitter", "split", "study", "result"]
+NAMES = [
+    *("system", "state", "aged", "plant", "flows", "record", "splitter", "split", "rollout", "batch", "plan"),
+    *("study", "result"),
+]
 
 
 class Text(HTMLParser):
@@ -47,6 +60,7 @@ class Text(HTMLParser):
 def test_a_thing_says_in_one_line_what_it_is(name: str, things: dict[str, tuple[Any, list[str]]]) -> None:
     thing, said = things[name]
     text = repr(thing)
+    assert str(thing) == text
     assert "\n" not in text and len(text) < 300 and type(thing).__name__ in text
     for part in said:
         assert part in text

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from bess.display import as_table, one_line
 from bess.ems.aggregate import Aggregate, Curve, Rolled
 from bess.ems.bank_choice import Depths, banks_of
 from bess.ems.blocks import Blocks
@@ -63,6 +64,16 @@ class DispatchPlan(ByValue):
     expected_net_eur: float
     expected_energy_kwh: Array
     expected_temperature_c: Array
+
+    def _facts(self) -> dict[str, str]:
+        return {
+            "steps": str(self.demand_kw.size),
+            "power": f"{self.demand_kw.min():.3g} to {self.demand_kw.max():.3g} kW",
+            "expected net": f"{self.expected_net_eur:.2f} EUR",
+        }
+
+    __repr__ = one_line
+    _repr_html_ = as_table
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import tomllib
 from collections.abc import Mapping
 from datetime import date
@@ -9,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from bess.errors import InputError
 from bess.files import read_file
@@ -95,9 +96,17 @@ def deep_merge(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str
 
 
 def describe(
-    error: ValidationError, name: str, *, prefix: str = "", rename: Mapping[str, str] | None = None
+    error: ValidationError,
+    name: str,
+    *,
+    prefix: str = "",
+    rename: Mapping[str, str] | None = None,
+    model: type[BaseModel] | None = None,
 ) -> str:
-    """One sentence for each problem of a validation, joined by ``; ``: file, key, value, what is allowed."""
+    """One sentence for each problem of a validation, joined by ``; ``: file, key, value, what is allowed.
+
+    With ``model``, an unknown key is answered with the one of that model that was probably meant.
+    """
     rename = rename or {}
     problems: dict[str, list[str]] = {}
     for problem in error.errors(include_url=False):
@@ -111,12 +120,22 @@ def describe(
         key = (prefix + path.lstrip(".")).rstrip(".")
         message = problem["msg"].removeprefix("Value error, ")
         message = _PLAIN_WORDS.get(problem["type"], message[:1].lower() + message[1:])
+        if unknown and model is not None:
+            message += _meant(str(problem["loc"][-1]), model)
         problems.setdefault(key + ("" if unknown else _shown(problem["input"])), []).append(message)
     sentences = [f"{key}: {' or '.join(messages)}".removeprefix(": ") for key, messages in problems.items()]
     if len(sentences) > _SHOWN_PROBLEMS:
         more = len(sentences) - _SHOWN_PROBLEMS
         sentences[_SHOWN_PROBLEMS:] = [f"and {more} more problem{'s' if more > 1 else ''}"]
     return f"{name}: " + "; ".join(sentences)
+
+
+def _meant(key: str, model: type[BaseModel]) -> str:
+    tables = [made := model.model_json_schema(), *made.get("$defs", {}).values()]
+    close = difflib.get_close_matches(
+        key, {name for table in tables for name in table.get("properties", {})}, n=1
+    )
+    return f"; did you mean {close[0]!r}?" if close else ""
 
 
 def _is_kind(part: str) -> bool:

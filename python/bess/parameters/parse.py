@@ -130,4 +130,6 @@ def _validated(kind: type[_T], table: object, name: str, prefix: str) -> _T:
     try:
         return kind.model_validate(table)
     except ValidationError as error:
-        raise InputError(describe(error, name, prefix=prefix, rename={"site": "system"})) from error
+        raise InputError(
+            describe(error, name, prefix=prefix, rename={"site": "system"}, model=kind)
+        ) from error

@@ -119,7 +119,9 @@ def check_horizon(
     if not isinstance(system, System):
         raise InputError(f"system must be a bess.System, not {type(system).__name__}")
     if system.n_strings > MAX_STRINGS:
-        raise InputError(f"{system.n_strings} strings; the power split takes 1 to {MAX_STRINGS}")
+        raise InputError(
+            f"{system.n_strings} strings; mpc and the power split take 1 to {MAX_STRINGS}, rules any number"
+        )
     whole = isinstance(horizon_steps, int | np.integer) and not isinstance(horizon_steps, bool)
     if not whole or not 1 <= horizon_steps <= most:
         raise InputError(f"{name} {horizon_steps!r} must be an integer from 1 to {most}")

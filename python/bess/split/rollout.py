@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bess import _core
+from bess.display import as_table, few, one_line
 from bess.errors import InputError
 from bess.numbers import ByValue, each_step, finite_array
 from bess.parameters import State, System
@@ -49,6 +50,19 @@ class Rollout(ByValue):
     current_a: NDArray[np.float64]
     soc: NDArray[np.float64]
     temperature_c: NDArray[np.float64]
+
+    def _facts(self) -> dict[str, str]:
+        *batch, strings, steps = self.soc.shape
+        facts = {"steps": str(steps), "strings": str(strings)}
+        if batch:
+            return {"schedules": " x ".join(map(str, batch)), **facts}
+        return facts | {
+            "soc at the end": few(self.soc[:, -1]),
+            "temperature at the end": few(self.temperature_c[:, -1], ".3g", "°C"),
+        }
+
+    __repr__ = one_line
+    _repr_html_ = as_table
 
     @classmethod
     def of(cls, flows: _core.FlowArrays, shape: tuple[int, ...] | None = None) -> Rollout:

@@ -136,7 +136,7 @@ class Study(Section):
         tables = {"events": self.event, "scenarios": self.scenario, "sweep axes": self.sweep}
         return facts | {name: str(len(table)) for name, table in tables.items() if table}
 
-    __repr__ = one_line
+    __repr__ = __str__ = one_line
     _repr_html_ = as_table
 
     def document(self) -> dict[str, Any]:
