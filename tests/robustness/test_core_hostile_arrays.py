@@ -83,6 +83,36 @@ def _box(index: int) -> Callable[[Any], Any]:
     return call
 
 
+PLAN: dict[str, Any] = {
+    "soc": SOC,
+    "temperature_c": TEMPERATURE,
+    "running": np.zeros(N, dtype=np.bool_),
+    "demand_kw": DEMAND,
+    "ambient_c": AMBIENT,
+    "limit_kw": LIMIT[:, 0],
+    "loss_prices": np.ones((STEPS, 4)),
+    "wear": np.zeros(N),
+    "previous_kw": np.zeros((N, STEPS)),
+    "reactive_kvar": np.zeros(STEPS),
+}
+PRICES: dict[str, Any] = {"start_cost": 0.1, "balance": 0.01, "end_charge": -0.01}
+EFFORT: dict[str, Any] = {"rollouts": 20, "fresh_rollouts": 20, "turn": 0}
+SHARES = np.linspace(0.0, 92.0, 5)[:, None] * np.ones(N)
+
+
+def _planned(name: str) -> Callable[[Any], Any]:
+    return lambda value: _core.plan(MODEL, dt_h=0.25, **{**PLAN, name: value}, **PRICES, **EFFORT)
+
+
+def _priced(name: str) -> Callable[[float], Any]:
+    return lambda value: _core.plan(MODEL, dt_h=0.25, **PLAN, **{**PRICES, name: value}, **EFFORT)
+
+
+def _followed(demand_kw: Any, ambient_c: Any, soc: Any = SOC, temperature_c: Any = TEMPERATURE) -> Any:
+    shares = _core.BestShares(SHARES, SHARES, LIMIT[:, 0])
+    return MODEL.follow(soc, temperature_c, demand_kw, ambient_c, 0.25, 2, shares)
+
+
 AGEING, POINTS = _core.Ageing(CORE), np.full((N, 3), 0.5)
 REQUEST = np.zeros((1, N, STEPS))
 CALLS: dict[str, Callable[[Any], Any]] = {
@@ -100,8 +130,8 @@ CALLS: dict[str, Callable[[Any], Any]] = {
     "rollout temperature": lambda value: MODEL.rollout(SOC, value, REQUEST, AMBIENT, 0.25),
     "rollout request": lambda value: MODEL.rollout(SOC, TEMPERATURE, value, AMBIENT, 0.25),
     "rollout ambient": lambda value: MODEL.rollout(SOC, TEMPERATURE, REQUEST, value, 0.25),
-    "max_power soc": lambda value: MODEL.max_power_kw(value, TEMPERATURE, True, 0.25),
-    "max_power temperature": lambda value: MODEL.max_power_kw(SOC, value, False, 0.25),
+    "deliverable soc": lambda value: MODEL.deliverable_kw(value, TEMPERATURE, True, 0.25),
+    "deliverable temperature": lambda value: MODEL.deliverable_kw(SOC, value, False, 0.25),
     **{
         f"horizon {name}": _searched(name)
         for name in (
@@ -116,6 +146,17 @@ CALLS: dict[str, Callable[[Any], Any]] = {
             "tol_rel",
         )
     },
+    **{f"plan {name}": _planned(name) for name in PLAN},
+    "follow soc": lambda value: _followed(DEMAND, AMBIENT, soc=value),
+    "follow temperature": lambda value: _followed(DEMAND, AMBIENT, temperature_c=value),
+    "follow demand": lambda value: _followed(value, AMBIENT),
+    "follow ambient": lambda value: _followed(DEMAND, value),
+    "shares charge": lambda value: _core.BestShares(value, SHARES, LIMIT[:, 0]),
+    "shares discharge": lambda value: _core.BestShares(SHARES, value, LIMIT[:, 0]),
+    "shares limit": lambda value: _core.BestShares(SHARES, SHARES, value),
+    "reactive request": lambda value: MODEL.share_reactive(value, 50.0, LIMIT[:, 0], np.zeros(N)),
+    "reactive limit": lambda value: MODEL.share_reactive(np.zeros(N), 50.0, value, np.zeros(N)),
+    "reactive start": lambda value: MODEL.share_reactive(np.zeros(N), 50.0, LIMIT[:, 0], value),
     "horizon evaluate": lambda value: horizon().evaluate(value),
     "horizon split": lambda value: horizon().split(value, 40),
     "horizon best_of": lambda value: horizon().best_of(horizon().split(None, 40).incumbent, value),
@@ -129,9 +170,11 @@ SCALARS: dict[str, Callable[[float], Any]] = {
     "plant step": lambda value: _core.Plant(CORE, 1, value, "table", STATE),
     "plant duration": lambda value: plant().run(np.zeros(N), np.array([25.0]), value, False),
     "rollout dt": lambda value: MODEL.rollout(SOC, TEMPERATURE, REQUEST, AMBIENT, value),
-    "max_power dt": lambda value: MODEL.max_power_kw(SOC, TEMPERATURE, True, value),
+    "deliverable dt": lambda value: MODEL.deliverable_kw(SOC, TEMPERATURE, True, value),
     "confine budget": lambda value: horizon().confine(np.zeros((N, STEPS)), np.ones((N, 4)), value),
     "horizon dt": lambda value: horizon(dt_h=value).greedy(),
+    "plan dt": lambda value: _core.plan(MODEL, dt_h=value, **PLAN, **PRICES, **EFFORT),
+    **{f"plan {name}": _priced(name) for name in PRICES},
 }
 SHAPES = [(), (0,), (1,), (N,), (STEPS,), (N * NODES,), (4,), (0, STEPS), (N, STEPS), (STEPS, N), (2, 4)]
 SHAPES += [(1, N, STEPS), (0, N, STEPS), (2, N, STEPS), (2, N, 4), (1, N, 0), (N, 0), (1, 1, 1, 1)]
@@ -217,6 +260,11 @@ def test_the_calls_are_answered_when_nothing_is_hostile() -> None:
         "horizon step_bounds budget": np.zeros(STEPS),
         "horizon confine costs": COSTS[0],
         "horizon confine request": REQUEST[0],
+        **{f"plan {name}": value for name, value in PLAN.items()},
+        "follow demand": DEMAND,
+        "follow ambient": AMBIENT,
+        "shares charge": SHARES,
+        "shares discharge": SHARES,
     }
     for name, call in CALLS.items():
         temperature = "temperature" in name or name[-1] in "23"
@@ -249,7 +297,13 @@ def test_a_hostile_number_is_answered_or_refused(name: str, value: float) -> Non
 
 @pytest.mark.parametrize(
     "name",
-    ["plant.run request", "plant state soc", "rollout request", "horizon demand_kw", "max_power temperature"],
+    [
+        "plant.run request",
+        "plant state soc",
+        "rollout request",
+        "horizon demand_kw",
+        "deliverable temperature",
+    ],
 )
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_what_is_no_number_is_refused_not_computed_with(name: str, bad: float) -> None:

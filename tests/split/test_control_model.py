@@ -123,7 +123,7 @@ def test_a_batch_is_the_same_as_its_members(system: bess.System) -> None:
 
 def test_largest_power_is_what_a_saturated_string_delivers(system: bess.System) -> None:
     soc, temperature = np.array([0.97, 0.5]), np.array([25.0, 25.0])
-    largest = _core.ControlModel(system.core).max_power_kw(soc, temperature, False, 0.25)
+    largest = _core.ControlModel(system.core).deliverable_kw(soc, temperature, False, 0.25)
     roll = bess.rollout(system, bess.State(soc, temperature), [[-92.0], [-92.0]])
     np.testing.assert_allclose(largest, -roll.delivered_kw[:, 0], rtol=1e-12)
     assert largest[1] == 92.0

@@ -231,7 +231,7 @@ class Aggregate:
             if all(each[discharge] is None for each in limits):
                 found.append(np.empty((0, 2)))
                 continue
-            most = [self._model.max_power_kw(each, warm_c, discharge, _INSTANT_H) for each in inside]
+            most = [self._model.deliverable_kw(each, warm_c, discharge, _INSTANT_H) for each in inside]
             power_kw = np.minimum(most, self.limit_kw).sum(axis=1)
             found.append(_lines_above(energy, power_kw, self.power_kw))
         return found[0], found[1]

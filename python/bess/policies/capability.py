@@ -21,5 +21,5 @@ class Capability:
         """Return AC powers [kW], magnitudes, shape ``(n_strings,)``."""
         state = situation.state
         model = self._system.control_at(state)
-        largest_kw = model.max_power_kw(state.soc, state.temperature_c, discharge, self._dt_h)
+        largest_kw = model.deliverable_kw(state.soc, state.temperature_c, discharge, self._dt_h)
         return np.clip(largest_kw, 0.0, self._nominal_kw)

@@ -54,7 +54,7 @@ class Curves:
         edges = [(s.battery.soc_min + _EDGE, s.battery.soc_max - _EDGE) for s in system.strings]
         low, high = np.array(edges).T
         soc, model = np.clip(state.soc, low, high), system.control_at(state)
-        able = model.max_power_kw(soc, state.temperature_c, discharge, _SHORT_H)
+        able = model.deliverable_kw(soc, state.temperature_c, discharge, _SHORT_H)
         third = np.clip(able, 0.01 * system.nominal_kw, system.nominal_kw) / 3.0
         levels = np.stack([1e-6 * third, third, 2.0 * third])[:, :, None]
         flows = model.rollout(

@@ -93,7 +93,7 @@ class Reserves:
         dt_h = self._step_s / 3600.0
         state = trusted.worse(discharge)
         model = self._system.control_at(trusted.state)
-        physical = model.max_power_kw(np.ascontiguousarray(state.soc), state.temperature_c, discharge, dt_h)
+        physical = model.deliverable_kw(np.ascontiguousarray(state.soc), state.temperature_c, discharge, dt_h)
         energy_kwh = self._system.nominal_energy_kwh * state.soh_capacity
         kept = self.room(state.soc, discharge) * energy_kwh / dt_h
         limit = trusted.discharge_kw if discharge else trusted.charge_kw

@@ -58,7 +58,7 @@ proptest! {
         let (string, interval) = (string(), interval(charge, dt_h));
         let state = StringState { soc, temperature_c };
         let c = string.coefficients(interval.direction, state);
-        let limit = string.limit_w(&c, interval.direction, soc, dt_h);
+        let limit = string.deliverable_w(&c, interval.direction, soc, dt_h);
         let flow = string.step(state, 92e3, &interval);
         prop_assert!((flow.delivered_w - limit.min(92e3)).abs() < 1e-6);
     }

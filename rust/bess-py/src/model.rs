@@ -114,7 +114,7 @@ impl ControlModel {
     }
 
     /// Largest AC power of each string over the next interval, before derating `(M,)` [kW].
-    fn max_power_kw(
+    fn deliverable_kw(
         &self,
         py: Python<'_>,
         soc0: GivenVector<'_>,
@@ -123,7 +123,7 @@ impl ControlModel {
         dt_h: f64,
     ) -> PyResult<Vector> {
         let states = self.states(&soc0, &temperature0_c)?;
-        Ok(vector(py, kilowatts(self.inner.limits_w(&states, direction(discharge), dt_h))))
+        Ok(vector(py, kilowatts(self.inner.deliverable_w(&states, direction(discharge), dt_h))))
     }
 
     /// Reactive power of each string `(M,)` [kvar] of a total, signed alike, that loses least beside signed requests `(M,)`

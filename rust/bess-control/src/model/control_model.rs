@@ -97,9 +97,9 @@ impl ControlModel {
     }
 
     /// Largest AC power that each string can deliver over the next interval, before derating [W].
-    pub fn limits_w(&self, states: &[StringState], direction: Direction, dt_h: f64) -> Vec<f64> {
+    pub fn deliverable_w(&self, states: &[StringState], direction: Direction, dt_h: f64) -> Vec<f64> {
         let limit = |(string, state): (&StringModel, &StringState)| {
-            string.limit_w(&string.coefficients(direction, *state), direction, state.soc, dt_h)
+            string.deliverable_w(&string.coefficients(direction, *state), direction, state.soc, dt_h)
         };
         self.strings.iter().zip(states).map(limit).collect()
     }

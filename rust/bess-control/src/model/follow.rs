@@ -39,7 +39,7 @@ pub struct Followed {
 
 /// What the strings do in one step; powers are magnitudes.
 #[derive(Debug, Clone)]
-struct Taken {
+struct CarriedOut {
     request_w: Vec<f64>,
     delivered_w: f64,
     /// Asked of each string, not delivered because it is full or empty.
@@ -84,9 +84,9 @@ impl BestShares {
 
     /// Requests with what was shed given to strings that shed nothing, in proportion to their room; none where there is
     /// nothing to give or no room.
-    fn moved(&self, taken: &Taken) -> Option<Vec<f64>> {
+    fn moved(&self, done: &CarriedOut) -> Option<Vec<f64>> {
         let least_w = LEAST * self.total_w;
-        let lost: Vec<f64> = taken.shed_w.iter().map(|&s| if s > least_w { s } else { 0.0 }).collect();
+        let lost: Vec<f64> = done.shed_w.iter().map(|&s| if s > least_w { s } else { 0.0 }).collect();
         let room = |((&lost, &limit), &request): ((&f64, &f64), &f64)| {
             if lost > 0.0 {
                 0.0
@@ -94,7 +94,7 @@ impl BestShares {
                 (limit - request).max(0.0)
             }
         };
-        let room: Vec<f64> = lost.iter().zip(&self.limit_w).zip(&taken.request_w).map(room).collect();
+        let room: Vec<f64> = lost.iter().zip(&self.limit_w).zip(&done.request_w).map(room).collect();
         let (lost_w, room_w): (f64, f64) = (lost.iter().sum(), room.iter().sum());
         let amount = lost_w.min(room_w);
         if amount < least_w {
@@ -102,7 +102,7 @@ impl BestShares {
         }
         let after = |m: usize| {
             let change = room[m] * (amount / room_w) - lost[m] * (amount / lost_w);
-            (taken.request_w[m] + change).clamp(0.0, self.limit_w[m])
+            (done.request_w[m] + change).clamp(0.0, self.limit_w[m])
         };
         Some((0..lost.len()).map(after).collect())
     }
@@ -144,14 +144,14 @@ impl ControlModel {
             }
             let direction = Direction::of(demand_w[t]);
             let interval = Interval { direction, ambient_c: ambient_c[t], dt_h: dt_h / parts as f64 };
-            let (asked, taken) = self.follow_step(&states, demand_w[t].abs(), &interval, parts, shares);
+            let (asked, done) = self.follow_step(&states, demand_w[t].abs(), &interval, parts, shares);
             let sign = direction.sign();
             out.asked_w.push(sign * asked);
-            out.delivered_w.push(sign * taken.delivered_w);
-            for (m, request) in taken.request_w.iter().enumerate() {
+            out.delivered_w.push(sign * done.delivered_w);
+            for (m, request) in done.request_w.iter().enumerate() {
                 out.request_w[m * n_steps + t] = sign * request;
             }
-            states = taken.end;
+            states = done.end;
         }
         Ok(out)
     }
@@ -164,17 +164,17 @@ impl ControlModel {
         interval: &Interval,
         parts: usize,
         shares: &BestShares,
-    ) -> (f64, Taken) {
+    ) -> (f64, CarriedOut) {
         let mut rounds = ROUNDS;
         loop {
-            let mut taken = self.take(states, shares.of(interval.direction, asked_w), interval, parts);
+            let mut done = self.carry_out(states, shares.of(interval.direction, asked_w), interval, parts);
             for _ in 1..ROUNDS {
-                let Some(request_w) = shares.moved(&taken) else { break };
-                taken = self.take(states, request_w, interval, parts);
+                let Some(request_w) = shares.moved(&done) else { break };
+                done = self.carry_out(states, request_w, interval, parts);
             }
-            let shed_w: f64 = taken.shed_w.iter().sum();
+            let shed_w: f64 = done.shed_w.iter().sum();
             if shed_w <= 0.0 || rounds == 0 {
-                return (asked_w, taken);
+                return (asked_w, done);
             }
             rounds -= 1;
             asked_w = (asked_w - shed_w).max(0.0);
@@ -182,7 +182,13 @@ impl ControlModel {
     }
 
     /// Carries out one step of all strings.
-    fn take(&self, states: &[StringState], request_w: Vec<f64>, interval: &Interval, parts: usize) -> Taken {
+    fn carry_out(
+        &self,
+        states: &[StringState],
+        request_w: Vec<f64>,
+        interval: &Interval,
+        parts: usize,
+    ) -> CarriedOut {
         let (mut delivered_w, mut shed_w, mut end) = (0.0, vec![0.0; states.len()], states.to_vec());
         for (m, string) in self.strings().iter().enumerate() {
             for _ in 0..parts {
@@ -192,6 +198,6 @@ impl ControlModel {
                 end[m] = flow.end;
             }
         }
-        Taken { request_w, delivered_w, shed_w, end }
+        CarriedOut { request_w, delivered_w, shed_w, end }
     }
 }

@@ -32,7 +32,7 @@ impl StringModel {
             let (middle, end_soc) = self.middle(curve, &c, state, request_w, interval);
             if end_soc >= self.parameters.low_soc_switch {
                 let c = self.coefficients(interval.direction, middle);
-                return self.carry(curve, state, request_w, interval, &c);
+                return self.carry_out(curve, state, request_w, interval, &c);
             }
         }
         self.step_in_parts(curve, state, request_w, interval)
@@ -52,8 +52,13 @@ impl StringModel {
         for _ in 0..LOW_SOC_PARTS {
             let c = self.coefficients(part.direction, whole.end);
             let (middle, _) = self.middle(curve, &c, whole.end, request_w, &part);
-            let flow =
-                self.carry(curve, whole.end, request_w, &part, &self.coefficients(part.direction, middle));
+            let flow = self.carry_out(
+                curve,
+                whole.end,
+                request_w,
+                &part,
+                &self.coefficients(part.direction, middle),
+            );
             whole.delivered_w += share * flow.delivered_w;
             whole.availability_w += share * flow.availability_w;
             whole.derating_w += share * flow.derating_w;

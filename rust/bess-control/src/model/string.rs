@@ -131,13 +131,13 @@ impl StringModel {
     }
 
     /// Largest AC power that the string can deliver over the interval, at most `p_N` [W].
-    pub fn limit_w(&self, c: &Coefficients, direction: Direction, soc: f64, dt_h: f64) -> f64 {
-        self.limit_with(self.loss(direction), c, direction, soc, dt_h)
+    pub fn deliverable_w(&self, c: &Coefficients, direction: Direction, soc: f64, dt_h: f64) -> f64 {
+        self.deliverable_with(self.loss(direction), c, direction, soc, dt_h)
     }
 
-    /// Like [`Self::limit_w`], with another curve of the inverter's loss.
+    /// Like [`Self::deliverable_w`], with another curve of the inverter's loss.
     #[inline]
-    pub(crate) fn limit_with(
+    pub(crate) fn deliverable_with(
         &self,
         curve: &LossCurve,
         c: &Coefficients,
@@ -155,11 +155,11 @@ impl StringModel {
             return self.idle(state, 0.0, 0.0, interval);
         }
         let curve = self.loss(interval.direction);
-        self.carry(curve, state, request_w, interval, &self.coefficients(interval.direction, state))
+        self.carry_out(curve, state, request_w, interval, &self.coefficients(interval.direction, state))
     }
 
     #[inline]
-    pub(super) fn carry(
+    pub(super) fn carry_out(
         &self,
         curve: &LossCurve,
         state: StringState,

@@ -91,7 +91,9 @@ fn deliverable_w(problem: &PlanProblem<'_>, t: usize, states: &[StringState]) ->
         let string = &problem.model.strings()[m];
         let c = string.coefficients(interval.direction, *state);
         let curve = problem.curve(m, t);
-        string.limit_with(curve, &c, interval.direction, state.soc, interval.dt_h).min(problem.limit_w[m])
+        string
+            .deliverable_with(curve, &c, interval.direction, state.soc, interval.dt_h)
+            .min(problem.limit_w[m])
     };
     states.iter().enumerate().map(cap).collect()
 }

@@ -67,7 +67,7 @@ impl ControlHorizon {
             let terms = OperatingTerms {
                 direction,
                 limit_w: self.limit(m, t),
-                deliverable_w: string.limit_w(&c, direction, states[m].soc, self.intervals[t].dt_h),
+                deliverable_w: string.deliverable_w(&c, direction, states[m].soc, self.intervals[t].dt_h),
                 derating: Range::point(c.derating),
                 power_scale_w: Range::point(c.voltage_v * c.voltage_v / c.resistance_ohm),
                 scale_price: 0.0,

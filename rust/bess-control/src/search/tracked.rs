@@ -114,7 +114,7 @@ impl<'a> Tracked<'a> {
         if c.derating <= 0.0 {
             return 0.0;
         }
-        string.limit_w(&c, interval.direction, state.soc, interval.dt_h) / c.derating
+        string.deliverable_w(&c, interval.direction, state.soc, interval.dt_h) / c.derating
     }
 
     /// Whether either string is on its edge after a step, so that [`Self::follow`] differs from [`Self::advance`].
