@@ -93,11 +93,27 @@ def relaxed_group(
         may_run=(problem.limit_kw > 0.0) & (problem.demand_kw != 0.0),
         may_shed=over.may_shed,
         may_derate=coefficients.derating_low < 1.0,
-        ordered=constants.alike & np.all(np.diff(problem.limit_kw, axis=0) == 0.0, axis=1),
+        ordered=constants.alike & _equal_rows(problem.limit_kw) & _interchangeable(over),
         soc=state.soc,
         theta=(state.temperature_c - THETA_ZERO_C) / THETA_UNIT_K,
     )
     return RelaxedGroup(program, program.load(values), known, units[group], objective, propose)
+
+
+def _interchangeable(over: RelaxedOver) -> NDArray[np.bool_]:
+    """Whether a schedule with strings ``m`` and ``m + 1`` exchanged is a point of the relaxation as well.
+
+    Over boxes it is: they hold every schedule of interest, and that one is no worse. Frozen along a schedule,
+    coefficients belong to one string each.
+    """
+    states = over.coefficients
+    if states is over.boxes:
+        return np.ones(over.may_shed.shape[0] - 1, dtype=bool)
+    return _equal_rows(states.soc_low) & _equal_rows(states.temperature_low_c)
+
+
+def _equal_rows(values: Array) -> NDArray[np.bool_]:
+    return np.asarray(np.all(np.diff(values, axis=0) == 0.0, axis=1))
 
 
 def _step_cuts(

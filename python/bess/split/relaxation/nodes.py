@@ -22,8 +22,8 @@ class KnownBefore:
     ----------
     may_run, may_shed, may_derate : ndarray of bool
     ordered : ndarray of bool, shape (n_strings - 1,)
-        String ``m + 1`` is like string ``m`` in every respect, so in the first step it runs only if ``m``
-        does.
+        String ``m + 1`` is like string ``m`` in every respect, so that the two can be exchanged: in the first
+        step it runs only if ``m`` does.
     soc, theta : ndarray, shape (n_strings,)
         Measured state, per unit.
     """
