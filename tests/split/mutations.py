@@ -18,7 +18,10 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-TREE, CONIC, BOUNDS = (f"python/bess/split/{name}.py" for name in ("tree", "relaxation/conic", "bounds"))
+TREE, BOUNDS = (f"python/bess/split/{name}.py" for name in ("tree", "bounds"))
+CONIC, DATA, GROUP, NODES = (
+    f"python/bess/split/relaxation/{name}.py" for name in ("conic", "data", "group", "nodes")
+)
 REACH = "rust/bess-control/src/reach"
 ONE_STEP = "rust/bess-control/src/one_step"
 
@@ -83,6 +86,15 @@ PYTHON = [
         "self._is_closed(index, group.objective, bound)\n        if",
         "self._is_closed(index, group.objective, search_bound)\n        if",
     ),
+    ("strings are alike whatever their states", DATA, "alike = alike & (np.diff(values) == 0.0)", "alike = alike"),
+    ("strings are alike whatever their limits", GROUP, " & _equal_rows(problem.limit_kw)", ""),
+    ("frozen strings are exchanged", GROUP, "    if states is over.boxes:", "    if True:"),
+    ("like strings run in order in every step", NODES, "up[0, m + 1, 0] = min(up[0, m + 1, 0], up[0, m, 0])", "up[0, m + 1] = np.minimum(up[0, m + 1], up[0, m])"),
+    ("nothing may be shed", GROUP, "may_shed=over.may_shed,", "may_shed=over.may_shed & False,"),
+    ("steps are cut as if nothing were shed", GROUP, "np.where(over.may_shed.any(axis=0), np.abs(problem.demand_kw), 0.0)", "np.zeros_like(problem.demand_kw)"),
+    ("ceilings of earlier groups are halved", GROUP, "ceilings[g] / units[g] if active", "0.5 * ceilings[g] / units[g] if active"),
+    ("an aged string holds what a fresh one does", DATA, "self.soc_per_ampere / state.soh_capacity", "self.soc_per_ampere"),
+    ("a node's bound is a per cent too high", NODES, "return Node(answer.bound * self._unit, np.clip", "return Node(1.01 * answer.bound * self._unit, np.clip"),
 ]
 
 RUST = [
@@ -125,7 +137,8 @@ TESTS = {
     "python": [
         [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider"]
         + [
-            f"tests/split/{name}.py" for name in ("test_tree", "test_parts", "test_bounds", "test_properties")
+            f"tests/split/{name}.py"
+            for name in ("test_tree", "test_parts", "test_relaxation", "test_bounds", "test_properties")
         ],
     ],
     "rust": [["cargo", "test", "--locked", "-q", "-p", "bess-control"]],
