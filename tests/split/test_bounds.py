@@ -78,3 +78,24 @@ def test_a_status_says_optimal_only_where_the_rigorous_gap_is_within_the_gap_ask
         assert (split.status is SplitStatus.OPTIMAL) == proven
         assert f"{100.0 * max(group.gap for group in split.groups):.2g} %" in split.statement
     assert {SplitStatus.OPTIMAL, SplitStatus.CONVEXIFIED_CLOSED} <= seen
+
+
+def test_strings_at_their_largest_power_have_states_in_order_however_the_roots_round() -> None:
+    """A cold string limited by its battery: its least heat was 1e-8 above its most, and ended in a panic."""
+    system = bess.load_system("m5bat")
+    soc = [0.5, 0.5, 0.5, 0.0, 0.0, 1.0, 1.0, 0.0, 0.98, 0.5]
+    temperature_c = [
+        *(
+            -0.20780449869047857,
+            38.78127737522396,
+            8.789284958470386,
+            -0.8788896917187383,
+            -6.872871714404935,
+        ),
+        *(1.8888165770384067, 3.042312737202515, 26.5141014108819, 20.6706442596546, 55.09601697324054),
+    ]
+    split = bess.split_power(system, bess.State(soc, temperature_c), [7438.998897875603, 4857.425289472889])
+    assert split.bound <= split.objective
+    assert split.request_kw.sum(axis=0) + split.unmet_kw == pytest.approx(
+        [7438.998897875603, 4857.425289472889]
+    )

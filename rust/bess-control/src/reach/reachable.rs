@@ -215,6 +215,7 @@ impl StringModel {
         let heat_low = if may_be_off || g_low <= 0.0 { 0.0 } else { heat(g_low, scale.high) };
         let heat_high = heat(g_high, scale.low).max(heat(g_low, scale.low));
         let by_current = r.high * (current.high * current.high).max(current.low * current.low);
-        (current, Range { low: heat_low, high: heat_high.min(by_current) })
+        // Where the battery gives its largest power the roots meet, and rounding grows to that of a square root.
+        (current, Range { low: heat_low, high: heat_high.min(by_current).max(heat_low) })
     }
 }
