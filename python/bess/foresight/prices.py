@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import statistics
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -112,5 +113,5 @@ def _bought_again_eur_mwh(buy_eur_mwh: Array, demand_kw: Array) -> Array:
     # Sums from each step to the end.
     power = np.cumsum(charging_kw[::-1])[::-1]
     paid = np.cumsum((charging_kw * buy_eur_mwh)[::-1])[::-1]
-    median = np.full(buy_eur_mwh.size, np.median(buy_eur_mwh))
+    median = np.full(buy_eur_mwh.size, statistics.median(buy_eur_mwh.tolist()))
     return np.asarray(np.divide(paid, power, out=median, where=power > 0.0))

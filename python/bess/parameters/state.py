@@ -97,13 +97,13 @@ def _vector(name: str, values: ArrayLike, limits: tuple[float, float], unit: str
         raise InputError(
             f"state: {name} must be one number for each string, not an array of shape {array.shape}"
         )
-    # The comparison is false for NaN, so NaN is refused here as well.
-    within = (array >= limits[0] - 1e-9) & (array <= limits[1] + 1e-9)
-    if not within.all():
-        index = int(np.argmin(within))
-        raise InputError(
-            f"state: string {index}: {name} {array[index]:g}{unit} is outside "
-            f"[{limits[0]:g}, {limits[1]:g}]{unit}"
-        )
+    low, high = limits
+    # One number for each string: a loop over them is quicker than calls of arrays.
+    for index, value in enumerate(array.tolist()):
+        # The comparison is false for NaN, so NaN is refused here as well.
+        if not low - 1e-9 <= value <= high + 1e-9:
+            raise InputError(
+                f"state: string {index}: {name} {value:g}{unit} is outside [{low:g}, {high:g}]{unit}"
+            )
     array.flags.writeable = False
     return array

@@ -137,21 +137,18 @@ def check_horizon(
 
 def _limits(system: System, n_steps: int, limit_kw: ArrayLike | None) -> Array:
     """Largest requests ``(n_strings, n_steps)`` [kW]."""
-    nominal = np.broadcast_to(system.nominal_kw[:, None], (system.n_strings, n_steps))
-    if limit_kw is None:
-        return np.ascontiguousarray(nominal)
-    limit = finite_array("limit_kw", limit_kw)
-    if limit.shape == (system.n_strings,):
-        limit = np.broadcast_to(limit[:, None], nominal.shape)
-    if limit.shape != nominal.shape:
+    shape, nominal = (system.n_strings, n_steps), system.nominal_kw[:, None]
+    limit = system.nominal_kw if limit_kw is None else finite_array("limit_kw", limit_kw)
+    if limit.shape not in (shape[:1], shape):
         raise InputError(
-            f"limit_kw has shape {limit.shape}; give one value for each string (and step), {nominal.shape}"
+            f"limit_kw has shape {limit.shape}; give one value for each string (and step), {shape}"
         )
-    bad = np.argwhere((limit < 0.0) | (limit > nominal * (1.0 + 1e-9)))
-    if bad.size:
-        string, step = bad[0]
+    limit = limit.reshape(system.n_strings, -1)
+    bad = (limit < 0.0) | (limit > nominal * (1.0 + 1e-9))
+    if bad.any():
+        string, step = np.argwhere(bad)[0]
         raise InputError(
             f"limit_kw of string {string} at step {step} is {limit[string, step]:g} kW, outside "
-            f"[0, {nominal[string, step]:g}] kW"
+            f"[0, {nominal[string, 0]:g}] kW"
         )
-    return np.ascontiguousarray(limit)
+    return np.ascontiguousarray(np.broadcast_to(limit, shape))

@@ -108,14 +108,14 @@ class MarginalWear:
         return self.core.cyclic_rate(self.cyclic_loss, *points) * self.prices.eur_per_loss[:, None]
 
     def _points(self, *values: ArrayLike) -> list[Array]:
-        strings = np.empty((self.state.n_strings, 1))
+        points = [np.asarray(v, dtype=np.float64) for v in values]
         try:
-            *points, _ = np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in values), strings)
+            shape = np.broadcast(*points, np.empty((self.state.n_strings, 1))).shape
         except ValueError as error:
             raise InputError(
                 f"wear: values must broadcast against ({self.state.n_strings} strings, points): {error}"
             ) from error
-        return [np.ascontiguousarray(point) for point in points]
+        return [np.ascontiguousarray(np.broadcast_to(point, shape)) for point in points]
 
 
 def marginal(system: System, state: State) -> MarginalWear:

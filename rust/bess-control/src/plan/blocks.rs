@@ -35,6 +35,7 @@ impl Change {
 /// Tries all changes on one block after the other, the first beginning at `offset`.
 pub(crate) fn rearrange(paths: &mut Paths<'_>, pair: Pair, length: usize, offset: usize, budget: u64) {
     let n_steps = paths.problem.n_steps();
+    let mut slopes = pair.slopes(paths);
     for from in (offset % length..n_steps).step_by(length) {
         let to = (from + length).min(n_steps);
         if !(from..to).any(|t| pair.room(paths, t).is_open()) {
@@ -47,8 +48,11 @@ pub(crate) fn rearrange(paths: &mut Paths<'_>, pair: Pair, length: usize, offset
             let change: Vec<_> =
                 (from..to).map(|t| kind.of(&pair.room(paths, t), paths.request(pair.second, t))).collect();
             let before = pair.cost(paths);
-            if pair.cost_with(paths, from, &change, before) < before - 1e-12 * before.abs() {
+            if pair.cost_with(paths, &slopes, from, &change, f64::NEG_INFINITY, before)
+                < before - 1e-12 * before.abs()
+            {
                 pair.take(paths, from, &change);
+                pair.renew(&mut slopes, paths, from);
             }
         }
     }

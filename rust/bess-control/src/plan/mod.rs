@@ -69,11 +69,12 @@ impl PlanProblem<'_> {
         let carried = previous.map(|request_w| starts::carried_on(self, request_w));
         self.aim_for_balance(carried.as_deref());
         let problem: &Self = self;
-        let mut rules: Vec<Paths<'_>> =
-            Rule::ALL.iter().map(|rule| Paths::new(problem, rule.schedule(problem))).collect();
+        let mut rules: Vec<Paths<'_>> = Rule::ALL.iter().map(|rule| rule.paths(problem)).collect();
         rules.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
         let rule_cost = rules[0].cost();
         let mut work: u64 = rules.iter().map(|r| r.work).sum();
+        // Of strings that are alike, several rules make the same.
+        rules.dedup_by(|a, b| a.request_w == b.request_w);
         let carried = carried.map(|request_w| Paths::new(problem, request_w));
         let mut best = match carried {
             Some(carried) if carried.cost() <= rule_cost => carried,
@@ -108,8 +109,10 @@ impl PlanProblem<'_> {
         if self.prices.balance == 0.0 {
             return;
         }
-        let at_hand = carried.map_or_else(|| Rule::Soc.schedule(self), <[f64]>::to_vec);
-        let paths = Paths::new(self, at_hand);
+        let paths = match carried {
+            Some(request_w) => Paths::new(self, request_w.to_vec()),
+            None => Rule::Soc.paths(self),
+        };
         let capacity: f64 = (0..self.n_strings()).map(|m| self.usable_ah(m)).sum();
         if capacity <= 0.0 {
             return;
@@ -146,11 +149,15 @@ fn improve(paths: &mut Paths<'_>, budget: usize, turn: usize, cycle: usize) {
     let mut at_start = paths.cost();
     for round in turn.. {
         for pair in pair::tournament(n, round) {
-            sweep::sweep(paths, pair, budget);
+            if paths.work < budget {
+                sweep::sweep(paths, pair, budget);
+            }
         }
         let length = blocks::LENGTHS[round % blocks::LENGTHS.len()];
         for pair in pair::tournament(n, round) {
-            blocks::rearrange(paths, pair, length, round, budget);
+            if paths.work < budget {
+                blocks::rearrange(paths, pair, length, round, budget);
+            }
         }
         if paths.work >= budget || n < 2 {
             return;

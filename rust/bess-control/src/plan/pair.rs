@@ -52,18 +52,49 @@ impl Pair {
         paths.total(self.first) + paths.total(self.second)
     }
 
-    /// Cost of both strings with other requests from step `from` on; infinite as soon as it is above `most`.
-    pub fn cost_with(&self, paths: &mut Paths<'_>, from: usize, change: &[(f64, f64)], most: f64) -> f64 {
-        let first = paths.cost_with(self.first, from, change.iter().map(|c| c.0), most);
-        if first > most {
-            return f64::INFINITY;
+    /// Cost of both strings with other requests from step `from` on, or, as soon as it is not going to be below `most`, what
+    /// it is expected to be.
+    ///
+    /// The slopes tell what the rest will cost from where the strings stand: to first order at once, exactly at the end. As
+    /// long as requests differ, `to_come` is what those ahead are expected to add; minus infinity where that is not known.
+    pub fn cost_with(
+        &self,
+        paths: &mut Paths<'_>,
+        slopes: &(Slopes, Slopes),
+        from: usize,
+        change: &[(f64, f64)],
+        to_come: f64,
+        most: f64,
+    ) -> f64 {
+        let Self { first, second } = *self;
+        let before = self.cost(paths);
+        let (mut a, mut b) = (*paths.at(first, from), *paths.at(second, from));
+        let (end, n_steps) = (from + change.len(), paths.problem.n_steps());
+        let mut t = from;
+        loop {
+            let (u, v) =
+                if t < end { change[t - from] } else { (paths.request(first, t), paths.request(second, t)) };
+            (a, b) = (paths.next(first, t, &a, u), paths.next(second, t, &b, v));
+            t += 1;
+            let more =
+                slopes.0.change(t, paths.at(first, t), &a) + slopes.1.change(t, paths.at(second, t), &b);
+            let expected = before + more + if t < end { to_come } else { 0.0 };
+            if t == n_steps || expected > most {
+                paths.work += 2 * (t - from) as u64;
+                return expected;
+            }
         }
-        first + paths.cost_with(self.second, from, change.iter().map(|c| c.1), most - first)
     }
 
     /// Slopes along both strings.
     pub fn slopes(&self, paths: &mut Paths<'_>) -> (Slopes, Slopes) {
         (Slopes::along(paths, self.first), Slopes::along(paths, self.second))
+    }
+
+    /// Slopes along both strings as they are now, from the start of step `from` on.
+    pub fn renew(&self, slopes: &mut (Slopes, Slopes), paths: &mut Paths<'_>, from: usize) {
+        slopes.0.renew(paths, self.first, from);
+        slopes.1.renew(paths, self.second, from);
     }
 
     /// Takes other requests from step `from` on.

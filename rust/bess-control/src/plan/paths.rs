@@ -27,15 +27,39 @@ pub(crate) struct Paths<'a> {
 }
 
 impl<'a> Paths<'a> {
+    /// A plan `(M, T)` [W].
     pub fn new(problem: &'a PlanProblem<'a>, request_w: Vec<f64>) -> Self {
-        let (n_strings, n_steps) = (problem.n_strings(), problem.n_steps());
-        let first = |m: usize| Point { state: problem.start[m], cost: 0.0, running: problem.running[m] };
-        let points = (0..n_strings).flat_map(|m| std::iter::repeat_n(first(m), n_steps + 1)).collect();
-        let mut paths = Self { problem, request_w, points, totals: vec![0.0; n_strings], work: 0 };
-        for m in 0..n_strings {
+        let mut paths = Self::at_start(problem, request_w);
+        for m in 0..problem.n_strings() {
             paths.roll(m, 0);
         }
         paths
+    }
+
+    /// The plan whose requests of a step `share` gives, by its number and where the strings stand [W].
+    pub fn shared(
+        problem: &'a PlanProblem<'a>,
+        mut share: impl FnMut(usize, &[StringState]) -> Vec<f64>,
+    ) -> Self {
+        let (n_strings, n_steps) = (problem.n_strings(), problem.n_steps());
+        let mut paths = Self::at_start(problem, vec![0.0; n_strings * n_steps]);
+        for t in 0..n_steps {
+            let states: Vec<_> = (0..n_strings).map(|m| paths.at(m, t).state).collect();
+            for (m, request_w) in share(t, &states).into_iter().enumerate() {
+                paths.set(m, t, request_w);
+                paths.advance(m, t);
+            }
+        }
+        (0..n_strings).for_each(|m| paths.close(m));
+        paths.work += (n_strings * n_steps) as u64;
+        paths
+    }
+
+    fn at_start(problem: &'a PlanProblem<'a>, request_w: Vec<f64>) -> Self {
+        let (n_strings, n_steps) = (problem.n_strings(), problem.n_steps());
+        let first = |m: usize| Point { state: problem.start[m], cost: 0.0, running: problem.running[m] };
+        let points = (0..n_strings).flat_map(|m| std::iter::repeat_n(first(m), n_steps + 1)).collect();
+        Self { problem, request_w, points, totals: vec![0.0; n_strings], work: 0 }
     }
 
     #[inline]
@@ -77,39 +101,21 @@ impl<'a> Paths<'a> {
     /// Rolls a string out again from a step on.
     pub fn roll(&mut self, m: usize, from: usize) {
         let n_steps = self.problem.n_steps();
-        let base = m * (n_steps + 1);
-        for t in from..n_steps {
-            self.points[base + t + 1] = self.next(m, t, &self.points[base + t], self.request(m, t));
-        }
-        let last = &self.points[base + n_steps];
-        self.totals[m] = last.cost + self.problem.end_cost(m, last.state);
+        (from..n_steps).for_each(|t| self.advance(m, t));
+        self.close(m);
         self.work += (n_steps - from) as u64;
     }
 
-    /// Total cost of a string that leaves its path at step `from` with the requests `change_w` and then goes on as planned;
-    /// infinite as soon as it is above `most`. No cost is negative, so nothing can bring it back down.
-    pub fn cost_with(
-        &mut self,
-        m: usize,
-        from: usize,
-        change_w: impl Iterator<Item = f64>,
-        most: f64,
-    ) -> f64 {
-        let n_steps = self.problem.n_steps();
-        let mut point = *self.at(m, from);
-        let mut t = from;
-        for request_w in change_w {
-            point = self.next(m, t, &point, request_w);
-            t += 1;
-        }
-        while t < n_steps && point.cost <= most {
-            point = self.next(m, t, &point, self.request(m, t));
-            t += 1;
-        }
-        self.work += (t - from) as u64;
-        if point.cost > most {
-            return f64::INFINITY;
-        }
-        point.cost + self.problem.end_cost(m, point.state)
+    /// Where a string stands after a step.
+    #[inline]
+    fn advance(&mut self, m: usize, t: usize) {
+        let after = self.next(m, t, self.at(m, t), self.request(m, t));
+        self.points[m * (self.problem.n_steps() + 1) + t + 1] = after;
+    }
+
+    /// The cost of a string with that of its end.
+    fn close(&mut self, m: usize) {
+        let last = self.at(m, self.problem.n_steps());
+        self.totals[m] = last.cost + self.problem.end_cost(m, last.state);
     }
 }

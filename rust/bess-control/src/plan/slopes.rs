@@ -17,16 +17,23 @@ pub(crate) struct Slopes {
 
 impl Slopes {
     pub fn along(paths: &mut Paths<'_>, m: usize) -> Self {
+        let n_steps = paths.problem.n_steps();
+        let mut slopes = Self { soc: vec![0.0; n_steps + 1], temperature: vec![0.0; n_steps + 1] };
+        slopes.renew(paths, m, 0);
+        slopes
+    }
+
+    /// Slopes along the path as it is now, from the start of step `from` on.
+    pub fn renew(&mut self, paths: &mut Paths<'_>, m: usize, from: usize) {
         let problem = paths.problem;
         let n_steps = problem.n_steps();
-        let mut slopes = Self { soc: vec![0.0; n_steps + 1], temperature: vec![0.0; n_steps + 1] };
-        slopes.soc[n_steps] = problem.prices.end_charge * problem.capacity_ah(m);
-        for t in (0..n_steps).rev() {
+        self.soc[n_steps] = problem.prices.end_charge * problem.capacity_ah(m);
+        for t in (from..n_steps).rev() {
             let (here, next) = (*paths.at(m, t), *paths.at(m, t + 1));
             let request_w = paths.request(m, t);
             let change = |state: StringState| {
                 let shifted = paths.next(m, t, &Point { state, ..here }, request_w);
-                slopes.change(t + 1, &next, &shifted)
+                self.change(t + 1, &next, &shifted)
             };
             // Into the window: one side of a string at its limit is no state.
             let shift = if here.state.soc < 0.5 { SOC_SHIFT } else { -SOC_SHIFT };
@@ -34,11 +41,10 @@ impl Slopes {
             let warmer = here.state.temperature_c + TEMPERATURE_SHIFT_K;
             let by_temperature =
                 change(StringState { temperature_c: warmer, ..here.state }) / TEMPERATURE_SHIFT_K;
-            slopes.soc[t] = by_soc;
-            slopes.temperature[t] = by_temperature;
+            self.soc[t] = by_soc;
+            self.temperature[t] = by_temperature;
         }
-        paths.work += 2 * n_steps as u64;
-        slopes
+        paths.work += 2 * (n_steps - from) as u64;
     }
 
     /// By SOC, at the start of a step.
@@ -55,7 +61,7 @@ impl Slopes {
 
     /// What it costs to be at `other` instead of `here` at the start of step `t`, to first order.
     #[inline]
-    fn change(&self, t: usize, here: &Point, other: &Point) -> f64 {
+    pub fn change(&self, t: usize, here: &Point, other: &Point) -> f64 {
         other.cost - here.cost
             + self.soc[t] * (other.state.soc - here.state.soc)
             + self.temperature[t] * (other.state.temperature_c - here.state.temperature_c)

@@ -3,6 +3,7 @@
 use bess_tables::Direction;
 
 use crate::model::StringState;
+use crate::plan::paths::Paths;
 use crate::plan::problem::PlanProblem;
 
 /// What is left of a power after it was shared, as a part of it, that is rounding and switches no inverter on.
@@ -27,19 +28,9 @@ impl Rule {
     /// All of them.
     pub const ALL: [Self; 5] = [Self::Equal, Self::Soc, Self::Temperature, Self::Priority, Self::Rotation];
 
-    /// Requests `(M, T)` of a rule over all steps [W].
-    pub(crate) fn schedule(self, problem: &PlanProblem<'_>) -> Vec<f64> {
-        let (n_strings, n_steps) = (problem.n_strings(), problem.n_steps());
-        let mut request_w = vec![0.0; n_strings * n_steps];
-        let mut states = problem.start.clone();
-        for t in 0..n_steps {
-            let powers = self.share(problem, t, &states);
-            for (m, (state, &power)) in states.iter_mut().zip(&powers).enumerate() {
-                request_w[m * n_steps + t] = power;
-                *state = problem.flow(m, t, *state, power).end;
-            }
-        }
-        request_w
+    /// What a rule makes of all steps.
+    pub(crate) fn paths<'a>(self, problem: &'a PlanProblem<'a>) -> Paths<'a> {
+        Paths::shared(problem, |t, states| self.share(problem, t, states))
     }
 
     /// Powers of one step. What no string can take is asked for all the same, where there is inverter power left.

@@ -44,6 +44,8 @@ struct Sweep<'p, 'a> {
 #[derive(Debug, Clone, Copy)]
 struct Exchange {
     promise: f64,
+    /// What of it the later step adds.
+    to_come: f64,
     first_w: f64,
     later: usize,
     later_first_w: f64,
@@ -111,7 +113,7 @@ impl Sweep<'_, '_> {
             // A slope holds for small changes: where the whole of it disappoints, a half or a quarter may do.
             let mut first_w = single.first_w;
             for _ in 0..3 {
-                self.attempt(t, vec![fork.room.both(first_w)], &mut best);
+                self.attempt(t, vec![fork.room.both(first_w)], 0.0, &mut best);
                 first_w = 0.5 * (first_w + here_w);
             }
         }
@@ -121,7 +123,7 @@ impl Sweep<'_, '_> {
             let mut change: Vec<_> = (t..=exchange.later).map(row).collect();
             change[0] = fork.room.both(exchange.first_w);
             change[exchange.later - t] = self.forks[exchange.later].room.both(exchange.later_first_w);
-            self.attempt(t, change, &mut best);
+            self.attempt(t, change, exchange.to_come, &mut best);
         }
         let (cost, change) = best;
         if cost >= before {
@@ -129,15 +131,21 @@ impl Sweep<'_, '_> {
         }
         self.pair.take(self.paths, t, &change);
         if change.len() > 1 {
-            self.slopes = self.pair.slopes(self.paths);
+            self.pair.renew(&mut self.slopes, self.paths, t + 1);
             let later = t + change.len() - 1;
             self.forks[later] = self.fork(later);
         }
         true
     }
 
-    fn attempt(&mut self, t: usize, change: Vec<(f64, f64)>, best: &mut (f64, Vec<(f64, f64)>)) {
-        let cost = self.pair.cost_with(self.paths, t, &change, best.0);
+    fn attempt(
+        &mut self,
+        t: usize,
+        change: Vec<(f64, f64)>,
+        to_come: f64,
+        best: &mut (f64, Vec<(f64, f64)>),
+    ) {
+        let cost = self.pair.cost_with(self.paths, &self.slopes, t, &change, to_come, best.0);
         if cost < best.0 - 1e-12 * best.0.abs() {
             *best = (cost, change);
         }
@@ -166,14 +174,12 @@ impl Sweep<'_, '_> {
                     break;
                 }
                 let Some(back) = self.forks[later].where_soc_changes_by(-choice.soc.0) else { continue };
-                let promise = choice.cost
-                    + back.cost
-                    + self.slopes.0.soc(later + 1) * (choice.soc.0 + back.soc.0)
-                    + self.slopes.1.soc(later + 1) * (choice.soc.1 + back.soc.1);
+                let (by_first, by_second) = (self.slopes.0.soc(later + 1), self.slopes.1.soc(later + 1));
+                let to_come = back.cost + by_first * back.soc.0 + by_second * back.soc.1;
+                let promise = choice.cost + by_first * choice.soc.0 + by_second * choice.soc.1 + to_come;
                 if promise < -least {
-                    let exchange =
-                        Exchange { promise, first_w: choice.first_w, later, later_first_w: back.first_w };
-                    keep(&mut found, exchange);
+                    let (first_w, later_first_w) = (choice.first_w, back.first_w);
+                    keep(&mut found, Exchange { promise, to_come, first_w, later, later_first_w });
                 }
             }
         }
