@@ -58,3 +58,12 @@ def test_search_reaches_what_exhaustive_search_finds(
     # No schedule is better in the second group without being worse in the first.
     best = exhaustive(problem, ceiling=objectives[0])
     assert best[0] > objectives[0] or objectives[1] <= best[1] * (1 + 1e-3)
+
+
+def test_many_strings_near_empty_take_a_few_times_the_work_of_two_not_sixteen_times() -> None:
+    def string_steps(n_strings: int) -> int:
+        n_steps = 8
+        problems = [case(seed, "empty", n_strings, n_steps, like=True) for seed in range(3)]
+        return sum(problem.horizon.split(None, 2000).rollouts for problem in problems) * n_strings * n_steps
+
+    assert string_steps(32) < 8 * string_steps(2)

@@ -126,6 +126,11 @@ impl ControlHorizon {
         self.intervals.len()
     }
 
+    /// Steps of single strings in one roll-out of all.
+    pub(crate) fn size(&self) -> usize {
+        self.n_strings() * self.n_steps()
+    }
+
     /// Number of groups.
     pub fn n_groups(&self) -> usize {
         self.n_groups

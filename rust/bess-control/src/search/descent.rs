@@ -17,18 +17,21 @@ const ALL_PAIRS: usize = 6;
 
 impl ControlHorizon {
     /// Minimises one group from a schedule `(M, T)` (magnitudes) in the order of a ranking: where the start is above a
-    /// ceiling, that comes first. `max_rollouts` bounds the work, counted in roll-outs of all strings over all steps; returns
-    /// the number used.
+    /// ceiling, that comes first. `budget` bounds the work, counted in steps of single strings; returns what was used of
+    /// it. Strings that do as in a `settled` schedule, one that was minimised before, are moved only against others.
     pub(crate) fn descend(
         &self,
         start_w: &[f64],
         ranking: &Ranking,
-        max_rollouts: usize,
-    ) -> (Schedule, usize) {
-        let size = self.n_strings() * self.n_steps();
+        budget: u64,
+        settled_w: Option<&[f64]>,
+    ) -> (Schedule, u64) {
         let mut tracked = Tracked::new(self, 0, &self.start, start_w.to_vec());
-        minimise(&mut tracked, ranking, (max_rollouts * size) as u64);
-        let used = (tracked.string_steps.get() as usize).div_ceil(size);
+        if let Some(settled_w) = settled_w {
+            tracked.settle(settled_w);
+        }
+        minimise(&mut tracked, ranking, budget);
+        let used = tracked.string_steps.get();
         (Schedule { objectives: tracked.objectives(), request_w: tracked.request_w }, used)
     }
 }
@@ -71,28 +74,42 @@ fn minimise(tracked: &mut Tracked<'_>, ranking: &Ranking, budget: u64) {
 
 /// Passes over single steps until they gain nothing, then over pairs of steps; from the start after any gain.
 fn descend(tracked: &mut Tracked<'_>, ranking: &Ranking, budget: u64) {
+    let n_steps = tracked.end - tracked.first;
+    let (mut single, mut pairs) = (vec![0; n_steps], vec![0; n_steps * n_steps]);
     loop {
-        while gains(tracked, ranking, budget, single_steps) {}
-        if !gains(tracked, ranking, budget, pairs_of_steps) {
+        while gains(tracked, ranking, budget, single_steps, &mut single) {}
+        if !gains(tracked, ranking, budget, pairs_of_steps, &mut pairs) {
             return;
         }
     }
 }
 
 /// Whether a pass gained enough for another one.
-fn gains(tracked: &mut Tracked<'_>, ranking: &Ranking, budget: u64, pass: Pass) -> bool {
+fn gains(
+    tracked: &mut Tracked<'_>,
+    ranking: &Ranking,
+    budget: u64,
+    pass: Pass,
+    looked_at: &mut [u64],
+) -> bool {
     let before = tracked.objectives();
-    pass(tracked, ranking, budget);
+    pass(tracked, ranking, budget, looked_at);
     tracked.string_steps.get() < budget && ranking.better_by(&tracked.objectives(), &before, WORTHWHILE)
 }
 
-type Pass = fn(&mut Tracked<'_>, &Ranking, u64);
+/// A pass over steps or pairs of steps: it knows of each after how many changes it was looked at last, and looks at
+/// strings that were changed since.
+type Pass = fn(&mut Tracked<'_>, &Ranking, u64, &mut [u64]);
 
-fn single_steps(tracked: &mut Tracked<'_>, ranking: &Ranking, budget: u64) {
-    for step in tracked.first..tracked.end {
+fn single_steps(tracked: &mut Tracked<'_>, ranking: &Ranking, budget: u64, looked_at: &mut [u64]) {
+    for (step, looked_at) in (tracked.first..tracked.end).zip(looked_at) {
+        let before = std::mem::replace(looked_at, tracked.changes);
         for strings in pairs(tracked, step) {
             if tracked.string_steps.get() >= budget {
                 return;
+            }
+            if !tracked.changed_after(strings, before) {
+                continue;
             }
             if let Some(line) = Line::new(tracked, step, strings) {
                 line.search(tracked, ranking);
@@ -101,14 +118,20 @@ fn single_steps(tracked: &mut Tracked<'_>, ranking: &Ranking, budget: u64) {
     }
 }
 
-fn pairs_of_steps(tracked: &mut Tracked<'_>, ranking: &Ranking, budget: u64) {
+fn pairs_of_steps(tracked: &mut Tracked<'_>, ranking: &Ranking, budget: u64, looked_at: &mut [u64]) {
+    let n_steps = tracked.end - tracked.first;
     for distance in 1..tracked.end - tracked.first {
         for first in tracked.first..tracked.end - distance {
+            let second = first + distance;
+            let place = (first - tracked.first) * n_steps + second - tracked.first;
+            let before = std::mem::replace(&mut looked_at[place], tracked.changes);
             for strings in pairs(tracked, first) {
                 if tracked.string_steps.get() >= budget {
                     return;
                 }
-                let second = first + distance;
+                if !tracked.changed_after(strings, before) {
+                    continue;
+                }
                 let lines = (Line::new(tracked, first, strings), Line::new(tracked, second, strings));
                 if let (Some(first), Some(second)) = lines {
                     Plane { first, second }.search(tracked, ranking);
@@ -123,12 +146,17 @@ fn polish(tracked: &mut Tracked<'_>, ranking: &Ranking, budget: u64) {
     let nominal = |m: usize| tracked.horizon.string(m).nominal_w();
     let largest = (0..tracked.horizon.n_strings()).map(nominal).fold(0.0, f64::max);
     let mut share = 1e-2;
+    let mut looked_at = vec![0; tracked.end - tracked.first];
     while share > FINEST {
         let before = tracked.objectives();
-        for step in tracked.first..tracked.end {
+        for (step, looked_at) in (tracked.first..tracked.end).zip(&mut looked_at) {
+            let before = std::mem::replace(looked_at, tracked.changes);
             for strings in pairs(tracked, step) {
                 if tracked.string_steps.get() >= budget {
                     return;
+                }
+                if !tracked.changed_after(strings, before) {
+                    continue;
                 }
                 if let Some(line) = Line::new(tracked, step, strings) {
                     line.nudge(tracked, ranking, share * largest);
@@ -137,6 +165,7 @@ fn polish(tracked: &mut Tracked<'_>, ranking: &Ranking, budget: u64) {
         }
         if !ranking.better_by(&tracked.objectives(), &before, NOTICEABLE) {
             share *= 0.25;
+            looked_at.fill(0);
         }
     }
 }
@@ -152,4 +181,30 @@ fn pairs(tracked: &Tracked<'_>, step: usize) -> Vec<(usize, usize)> {
     order.sort_by(|&a, &b| tracked.request(b, step).total_cmp(&tracked.request(a, step)));
     let ends = (order[0], order[n - 1]);
     order.windows(2).map(|w| (w[0], w[1])).chain([ends]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::search::test_horizon;
+
+    #[test]
+    fn a_descent_leaves_alone_the_strings_that_do_as_in_a_settled_schedule() {
+        let horizon = test_horizon(9, &[200e3, 300e3]);
+        let start_w = horizon.fitted(&[80e3; 18]);
+        let mut ranking = Ranking::new(1);
+        ranking.group = 0;
+        let (free, _) = horizon.descend(&start_w, &ranking, 1_000_000, None);
+        assert!(free.objectives[0] < horizon.objectives(&start_w)[0]);
+        let (settled, _) = horizon.descend(&start_w, &ranking, 1_000_000, Some(&start_w));
+        assert_eq!(settled.request_w, start_w);
+
+        // One string is asked for less: it meets its neighbours only.
+        let mut moved_w = start_w.clone();
+        moved_w[16] -= 10e3;
+        moved_w[14] += 10e3;
+        let (_, all) = horizon.descend(&moved_w, &ranking, 3_000, None);
+        let (near, few) = horizon.descend(&moved_w, &ranking, 1_000_000, Some(&start_w));
+        assert!(near.objectives[0] < horizon.objectives(&moved_w)[0] && all >= 3_000 && few > 0);
+    }
 }

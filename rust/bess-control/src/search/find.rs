@@ -8,26 +8,8 @@ use super::incumbent::{Incumbent, Schedule};
 use crate::model::{ControlHorizon, Flow};
 use crate::reach::StepBounds;
 
-/// Steps of strings rolled out for a sample of schedules.
-const SAMPLED_STEPS: usize = 50_000;
-/// Fewest schedules of a sample.
-const LEAST_SAMPLES: usize = 1500;
-/// Roll-outs of a quick descent, and how many of a sample get one.
-const QUICK_ROLLOUTS: usize = 200;
-const QUICK_STARTS: usize = 48;
-/// Steps of strings of those that become starts, and how many these are at least and at most.
-const STARTED_STEPS: usize = 240;
-const SAMPLED_STARTS: (usize, usize) = (6, 24);
-/// Objectives of a sample this close, as a share of the largest, count as equal.
-const EQUAL: f64 = 1e-4;
-/// Far moves of each kind that are looked at in a round.
-const FAR_MOVES: usize = 60;
 /// Most swaps of strings that are tried.
 const MOST_SWAPS: usize = 64;
-/// No far move is tried any more after this many times the roll-outs of one descent.
-const MOVE_EFFORT: usize = 90;
-/// Gain of a round of far moves that asks for another one, relative.
-const WORTHWHILE: f64 = 1e-6;
 /// Times that a gain from the one-step optima along the incumbent is followed by a descent.
 const SETTLING_ROUNDS: usize = 3;
 
@@ -65,8 +47,7 @@ impl ControlHorizon {
     /// search without that memory looks for one among samples and exchanges.
     pub fn find(&self, warm_start_w: Option<&[f64]>, effort: &Effort) -> Found {
         let proportional = self.rated(self.fitted(&self.limit_w));
-        let mut search =
-            Search { horizon: self, effort, incumbent: Incumbent::new(proportional), rollouts: 0 };
+        let mut search = Search::new(self, effort, proportional);
         let n_free = self.n_free_steps();
         if n_free > 0 {
             search.offer(self.greedy());
@@ -80,13 +61,12 @@ impl ControlHorizon {
                 search.improve(self.fitted(&self.limit_w));
             }
             if warm_start_w.is_none() && n_free > 1 && self.is_scarce(&flows) {
-                let mut random = fastrand::Rng::with_seed(1);
-                search.sample(&mut random);
-                search.move_far(&mut random);
+                search.search_far();
             }
         }
         let (flows, optima) = if n_free > 0 { search.settle() } else { search.without_choice() };
-        Found { incumbent: search.incumbent, rollouts: search.rollouts, flows, optima }
+        let rollouts = (search.string_steps as usize).div_ceil(self.size());
+        Found { incumbent: search.incumbent, rollouts, flows, optima }
     }
 
     /// Whether steps are coupled so that local optima are likely: something is shed or derated, or a string is so near to
@@ -114,28 +94,33 @@ fn sheds(flows: &[Flow]) -> bool {
 }
 
 /// A search under way.
-struct Search<'a> {
-    horizon: &'a ControlHorizon,
-    effort: &'a Effort,
-    incumbent: Incumbent,
-    rollouts: usize,
+pub(super) struct Search<'a> {
+    pub(super) horizon: &'a ControlHorizon,
+    pub(super) effort: &'a Effort,
+    pub(super) incumbent: Incumbent,
+    /// Steps of single strings rolled out by descents and samples.
+    pub(super) string_steps: u64,
 }
 
-impl Search<'_> {
-    fn best(&self) -> &[f64] {
+impl<'a> Search<'a> {
+    pub(super) fn new(horizon: &'a ControlHorizon, effort: &'a Effort, first: Schedule) -> Self {
+        Self { horizon, effort, incumbent: Incumbent::new(first), string_steps: 0 }
+    }
+
+    pub(super) fn best(&self) -> &[f64] {
         &self.incumbent.schedule.request_w
     }
 
-    fn offer(&mut self, schedule: Schedule) -> bool {
+    pub(super) fn offer(&mut self, schedule: Schedule) -> bool {
         self.incumbent.offer(self.horizon, schedule)
     }
 
-    fn late(&self) -> bool {
+    pub(super) fn late(&self) -> bool {
         self.effort.deadline.is_some_and(|deadline| Instant::now() >= deadline)
     }
 
     /// Descends from a start, group after group; a start that cannot get under the ceiling of one is given up.
-    fn improve(&mut self, mut request_w: Vec<f64>) {
+    pub(super) fn improve(&mut self, mut request_w: Vec<f64>) {
         for group in 0..self.horizon.n_groups() {
             if self.late() {
                 return;
@@ -152,16 +137,11 @@ impl Search<'_> {
     /// Minimises one group under the ceilings of those before it.
     fn descend(&mut self, start_w: &[f64], group: usize) -> Schedule {
         let ranking = self.incumbent.ranking(self.horizon, group);
-        let (schedule, used) = self.horizon.descend(start_w, &ranking, self.effort.rollouts);
-        self.rollouts += used;
+        let budget = (self.effort.rollouts * self.horizon.size()) as u64;
+        let (schedule, used) = self.horizon.descend(start_w, &ranking, budget, None);
+        self.string_steps += used;
         self.offer(schedule.clone());
         schedule
-    }
-
-    /// How many starts are worth a descent.
-    fn n_starts(&self) -> usize {
-        let size = self.horizon.n_strings() * self.horizon.n_steps();
-        (STARTED_STEPS / size).clamp(SAMPLED_STARTS.0, SAMPLED_STARTS.1)
     }
 
     fn swap_strings(&mut self) {
@@ -171,72 +151,6 @@ impl Search<'_> {
         }
         if gained {
             self.improve(self.best().to_vec());
-        }
-    }
-
-    /// Descends from the best of many random schedules.
-    fn sample(&mut self, random: &mut fastrand::Rng) {
-        let horizon = self.horizon;
-        let size = horizon.n_strings() * horizon.n_steps();
-        let n_starts = self.n_starts();
-        let n = LEAST_SAMPLES.max(SAMPLED_STEPS / size);
-        let mut sample: Vec<Schedule> = (0..n).map(|i| horizon.at_random(random, i % 2 == 0)).collect();
-        let largest = |g: usize| sample.iter().map(|s| s.objectives[g]).fold(f64::MIN_POSITIVE, f64::max);
-        let units: Vec<f64> = (0..horizon.n_groups()).map(|g| EQUAL * largest(g)).collect();
-        let key = |s: &Schedule| -> Vec<i64> {
-            units.iter().zip(s.objectives).map(|(unit, value)| (value / unit).round() as i64).collect()
-        };
-        sample.sort_by_cached_key(key);
-
-        // Of those that run the same strings in every step, the best.
-        let mut seen = std::collections::HashSet::new();
-        sample.retain(|s| seen.insert(s.request_w.iter().map(|w| *w > 0.0).collect::<Vec<_>>()));
-        let quick = Effort { rollouts: QUICK_ROLLOUTS, ..*self.effort };
-        let mut starts = vec![];
-        for start in sample.into_iter().take(QUICK_STARTS) {
-            let mut alone =
-                Search { horizon, effort: &quick, incumbent: Incumbent::new(start.clone()), rollouts: 0 };
-            alone.improve(start.request_w);
-            self.rollouts += alone.rollouts;
-            self.offer(alone.incumbent.schedule.clone());
-            starts.push(alone.incumbent.schedule);
-        }
-        let ranking = self.incumbent.ranking(horizon, horizon.n_groups() - 1);
-        starts.sort_by(|a, b| ranking.order(&a.objectives, &b.objectives));
-        for start in starts.into_iter().take(n_starts) {
-            self.improve(start.request_w);
-        }
-    }
-
-    /// Descents from far moves, for the sake of one group after the other; once more from the first group that they
-    /// improve.
-    fn move_far(&mut self, random: &mut fastrand::Rng) {
-        let horizon = self.horizon;
-        let mut group = 0;
-        while group < horizon.n_groups() {
-            let before = self.incumbent.standing(horizon);
-            let flows = horizon.flows(self.best());
-            let ranking = self.incumbent.ranking(horizon, group);
-            let mut moved = horizon.with_steps_exchanged(self.best(), &flows, random, FAR_MOVES);
-            moved.extend(horizon.with_windows_swapped(self.best(), random, FAR_MOVES));
-            moved.extend(horizon.with_a_step_shared_anew(self.best(), random, FAR_MOVES));
-            random.shuffle(&mut moved);
-            // Some at random, and the best of the others.
-            let n = self.n_starts().min(moved.len());
-            moved[n..].sort_by(|a, b| ranking.order(&a.objectives, &b.objectives));
-            moved.truncate(2 * n);
-            for schedule in &moved {
-                self.offer(schedule.clone());
-            }
-            for schedule in moved {
-                if self.late() || self.rollouts > MOVE_EFFORT * self.effort.rollouts {
-                    return;
-                }
-                self.descend(&schedule.request_w, group);
-            }
-            let after = self.incumbent.standing(horizon);
-            let gained = (0..horizon.n_groups()).find(|&g| after[g] < before[g] * (1.0 - WORTHWHILE));
-            group = gained.unwrap_or(group + 1);
         }
     }
 

@@ -3,6 +3,7 @@
 
 mod descent;
 mod far_moves;
+mod far_search;
 mod find;
 mod greedy;
 mod incumbent;

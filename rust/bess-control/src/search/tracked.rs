@@ -27,6 +27,9 @@ pub(crate) struct Tracked<'a> {
     on_edge: Vec<bool>,
     /// Steps of single strings computed so far.
     pub string_steps: std::cell::Cell<u64>,
+    /// Changes of single strings so far, and the last of each string `(M,)`.
+    pub changes: u64,
+    last_change: Vec<u64>,
 }
 
 impl<'a> Tracked<'a> {
@@ -41,7 +44,17 @@ impl<'a> Tracked<'a> {
         let blank = Progress { state: start[0], costs: [0.0; MAX_GROUPS] };
         let progress = vec![blank; start.len() * (n_steps + 1)];
         let on_edge = vec![false; request_w.len()];
-        let mut tracked = Self { horizon, first, end, request_w, progress, on_edge, string_steps: 0.into() };
+        let mut tracked = Self {
+            horizon,
+            first,
+            end,
+            request_w,
+            progress,
+            on_edge,
+            string_steps: 0.into(),
+            changes: 0,
+            last_change: vec![0; start.len()],
+        };
         for (m, &state) in start.iter().enumerate() {
             tracked.progress[m * (n_steps + 1)].state = state;
             tracked.roll(m, first);
@@ -83,6 +96,24 @@ impl<'a> Tracked<'a> {
             self.progress[base + t + 1 - self.first] = next;
         }
         self.count(self.end - from);
+        self.changes += 1;
+        self.last_change[m] = self.changes;
+    }
+
+    /// Whether either string was changed after so many changes.
+    #[inline]
+    pub fn changed_after(&self, (i, j): (usize, usize), changes: u64) -> bool {
+        self.last_change[i].max(self.last_change[j]) > changes
+    }
+
+    /// Forgets the changes of the strings that do as in another schedule.
+    pub fn settle(&mut self, like_w: &[f64]) {
+        let rows = self.request_w.chunks_exact(self.n_steps()).zip(like_w.chunks_exact(self.n_steps()));
+        for (last_change, (row, like)) in self.last_change.iter_mut().zip(rows) {
+            if row == like {
+                *last_change = 0;
+            }
+        }
     }
 
     /// Takes a string from step `from` to the start of step `to`, asking for `request_w` in the first of them.
