@@ -97,8 +97,7 @@ fn gains(
     tracked.string_steps.get() < budget && ranking.better_by(&tracked.objectives(), &before, WORTHWHILE)
 }
 
-/// A pass over steps or pairs of steps: it knows of each after how many changes it was looked at last, and looks at
-/// strings that were changed since.
+/// A pass over steps or pairs of steps, which keeps of each after how many changes it was looked at last.
 type Pass = fn(&mut Tracked<'_>, &Ranking, u64, &mut [u64]);
 
 fn single_steps(tracked: &mut Tracked<'_>, ranking: &Ranking, budget: u64, looked_at: &mut [u64]) {
@@ -108,7 +107,7 @@ fn single_steps(tracked: &mut Tracked<'_>, ranking: &Ranking, budget: u64, looke
             if tracked.string_steps.get() >= budget {
                 return;
             }
-            if !tracked.changed_after(strings, before) {
+            if !tracked.deserves_a_look(strings, before) {
                 continue;
             }
             if let Some(line) = Line::new(tracked, step, strings) {
@@ -129,7 +128,7 @@ fn pairs_of_steps(tracked: &mut Tracked<'_>, ranking: &Ranking, budget: u64, loo
                 if tracked.string_steps.get() >= budget {
                     return;
                 }
-                if !tracked.changed_after(strings, before) {
+                if !tracked.deserves_a_look(strings, before) {
                     continue;
                 }
                 let lines = (Line::new(tracked, first, strings), Line::new(tracked, second, strings));
@@ -155,7 +154,7 @@ fn polish(tracked: &mut Tracked<'_>, ranking: &Ranking, budget: u64) {
                 if tracked.string_steps.get() >= budget {
                     return;
                 }
-                if !tracked.changed_after(strings, before) {
+                if !tracked.deserves_a_look(strings, before) {
                     continue;
                 }
                 if let Some(line) = Line::new(tracked, step, strings) {

@@ -30,6 +30,8 @@ pub(crate) struct Tracked<'a> {
     /// Changes of single strings so far, and the last of each string `(M,)`.
     pub changes: u64,
     last_change: Vec<u64>,
+    /// Whether strings that were not changed are passed over.
+    passes_over: bool,
 }
 
 impl<'a> Tracked<'a> {
@@ -54,6 +56,7 @@ impl<'a> Tracked<'a> {
             string_steps: 0.into(),
             changes: 0,
             last_change: vec![0; start.len()],
+            passes_over: false,
         };
         for (m, &state) in start.iter().enumerate() {
             tracked.progress[m * (n_steps + 1)].state = state;
@@ -100,14 +103,16 @@ impl<'a> Tracked<'a> {
         self.last_change[m] = self.changes;
     }
 
-    /// Whether either string was changed after so many changes.
+    /// Whether two strings are worth a look that were looked at after so many changes: if one was changed since, or
+    /// where nothing is passed over.
     #[inline]
-    pub fn changed_after(&self, (i, j): (usize, usize), changes: u64) -> bool {
-        self.last_change[i].max(self.last_change[j]) > changes
+    pub fn deserves_a_look(&self, (i, j): (usize, usize), changes: u64) -> bool {
+        !self.passes_over || self.last_change[i].max(self.last_change[j]) > changes
     }
 
-    /// Forgets the changes of the strings that do as in another schedule.
+    /// From now on passes over strings that were not changed, those that do as in another schedule among them.
     pub fn settle(&mut self, like_w: &[f64]) {
+        self.passes_over = true;
         let rows = self.request_w.chunks_exact(self.n_steps()).zip(like_w.chunks_exact(self.n_steps()));
         for (last_change, (row, like)) in self.last_change.iter_mut().zip(rows) {
             if row == like {
