@@ -246,3 +246,44 @@ def test_the_gap_is_closed_within_the_relative_gap_and_not_beyond(known, closed)
     outcome = search(Root(), *free(1), gap=1e-3, node_limit=1)
     assert (outcome.closure is Closure.GAP) == closed
     assert outcome.bound <= known
+
+
+class Leaves:
+    """One binary: its relaxation, and a leaf for each value whose bound is below its own optimum."""
+
+    n_binaries = 1
+
+    def __init__(self, root, leaves, best):
+        self.root, self.leaves, self.best = root, leaves, best
+
+    def incumbent(self):
+        return self.best
+
+    def solve(self, lower, upper):
+        if upper[0] > lower[0]:
+            return Node(self.root, np.array([0.5]))
+        return Node(self.leaves[lower[0]], np.array([float(lower[0])]))
+
+
+def test_a_closed_gap_reports_what_is_proven_and_not_the_best_known():
+    outcome = search(Leaves(9.95, (9.99, 9.97), 10.0), *free(1), gap=1e-2, node_limit=9)
+    assert (outcome.closure, outcome.bound) == (Closure.GAP, 9.95)
+    # Bounds above the best known say that nothing is better than it.
+    outcome = search(Leaves(9.0, (11.0, 12.0), 10.0), *free(1), gap=1e-2, node_limit=9)
+    assert (outcome.closure, outcome.bound) == (Closure.GAP, 10.0)
+
+
+class Held(Leaves):
+    """Two binaries, of which the second matters only where the first is 1."""
+
+    n_binaries = 2
+
+    def solve(self, lower, upper):
+        if upper[0] == 0:
+            return Node(self.leaves[0], np.zeros(2))
+        return Node(self.root if lower[0] == 0 else self.leaves[1], np.array([0.5, 0.5]))
+
+
+def test_a_tree_that_a_leaf_holds_down_ends_with_the_bound_of_that_leaf():
+    outcome = search(Held(1.0, (2.0, 3.0), 10.0), *free(2), gap=0.0, node_limit=99)
+    assert (outcome.closure, outcome.bound, outcome.nodes) == (Closure.TREE, 2.0, 3)
