@@ -135,7 +135,7 @@ def long_search(problem: Fresh, seed: int) -> Array:
 
 
 def _climbed(problem: Fresh, control: _core.ControlHorizon, rng: np.random.Generator) -> Array:
-    """Schedules ``(CLIMBS, n_strings, n_steps)`` [kW, signed] of hill climbs from random ones, the best first.
+    """Schedules ``(CLIMBS, n_strings, n_steps)`` [kW, signed] of hill climbs from random ones, best first.
 
     Each shifts power between two strings in a step, or lets them change places from a step on."""
     limit = np.repeat(problem.system.nominal_kw[:, None], problem.demand_kw.size, axis=1)
@@ -174,7 +174,7 @@ def _climbed(problem: Fresh, control: _core.ControlHorizon, rng: np.random.Gener
 
 
 def _fitted(wanted: Array, demand: Array, limit: Array) -> Array:
-    """Schedules that meet the demand in proportion to what is wanted, then to what room is left."""
+    """Schedules that meet the demand in proportion to what is wanted, then to what room is."""
     out = np.minimum(wanted * (demand / np.maximum(wanted.sum(axis=1), 1e-9))[:, None], limit)
     room = limit - out
     missing = np.maximum(demand - out.sum(axis=1), 0.0)

@@ -22,6 +22,7 @@ TREE, BOUNDS = (f"python/bess/split/{name}.py" for name in ("tree", "bounds"))
 CONIC, DATA, GROUP, NODES = (
     f"python/bess/split/relaxation/{name}.py" for name in ("conic", "data", "group", "nodes")
 )
+ENVELOPE = "python/bess/convexity.py"
 REACH = "rust/bess-control/src/reach"
 ONE_STEP = "rust/bess-control/src/one_step"
 
@@ -95,6 +96,15 @@ PYTHON = [
     ("ceilings of earlier groups are halved", GROUP, "ceilings[g] / units[g] if active", "0.5 * ceilings[g] / units[g] if active"),
     ("an aged string holds what a fresh one does", DATA, "self.soc_per_ampere / state.soh_capacity", "self.soc_per_ampere"),
     ("a node's bound is a per cent too high", NODES, "return Node(answer.bound * self._unit, np.clip", "return Node(1.01 * answer.bound * self._unit, np.clip"),
+    ("a closed gap reports the larger of bound and best", TREE, "min(bound, best), nodes", "max(bound, best), nodes"),
+    ("at the node limit the best is the bound", TREE, "Closure.NODE_LIMIT, bound, nodes", "Closure.NODE_LIMIT, best, nodes"),
+    ("like strings are in order in every step", NODES, "up[0, m + 1, 0] = min(up[0, m + 1, 0], up[0, m, 0])", "up[0, m + 1] = np.minimum(up[0, m + 1], up[0, m])"),
+    ("a string that has to run delivers nothing", NODES, "settled & (up[binary] == 0)", "settled"),
+    ("what may derate does not", NODES, "[~known.may_derate]", "[known.may_derate]"),
+    ("the envelope is the upper hull", ENVELOPE, "if (y[k] - y[j]) * (x[i] - x[j]) < (y[i] - y[j])", "if (y[k] - y[j]) * (x[i] - x[j]) > (y[i] - y[j])"),
+    ("the chord from above is the lowest", ENVELOPE, "float(np.max((y[1:] - y[0])", "float(np.min((y[1:] - y[0])"),
+    ("a row on its cone is outside", CONIC, "rows[:, 0] + FEASIBILITY_TOLERANCE", "rows[:, 0] - FEASIBILITY_TOLERANCE"),
+    ("every group is proven", BOUNDS, "within = objective - bound <=", "within = bound - objective <="),
 ]
 
 RUST = [
@@ -129,6 +139,19 @@ RUST = [
     ("curve: derating at its worst", f"{ONE_STEP}/cost_curve.rs", "(c_derating - price) / derating.high - c_derating;", "(c_derating - price) / derating.low.max(1e-3) - c_derating;"),
     ("ranges: the box is not cut at its knots", "rust/bess-control/src/model/ranges.rs", "socs.extend(inside(ocv.x(), &states.soc));", ""),
     ("ranges: the scale is not that of the best corner", "rust/bess-control/src/model/ranges.rs", "out.power_scale_w.include(v.high * v.high / r.low);", "out.power_scale_w.include(v.low * v.low / r.low);"),
+    ("reach: others can take less", f"{REACH}/reachable.rs", "let others = total - self.limit(m, t);", "let others = 0.5 * (total - self.limit(m, t));"),
+    ("reach: the emptiest state was the fullest", f"{REACH}/reachable.rs", "low: (states.soc.low + per_ampere * down", "low: (states.soc.high + per_ampere * down"),
+    ("reach: a string that may be off is on", f"{REACH}/reachable.rs", "            low = low.min(0.0);\n", "            low = low.max(0.0);\n"),
+    ("reach: heat by the smaller current", f"{REACH}/reachable.rs", "(current.high * current.high).max(current.low * current.low)", "(current.high * current.high).min(current.low * current.low)"),
+    ("reach: the weakest limit is the strongest", f"{REACH}/reachable.rs", "low: largest(v.low, r.high, room.low)", "low: largest(v.high, r.low, room.low)"),
+    ("reach: what may be shed is judged while derating", f"{REACH}/reachable.rs", "c.derating.high * requests_w.high >= self", "0.5 * c.derating.low * requests_w.high >= self"),
+    ("reach: parts of a box are left out", f"{REACH}/reachable.rs", "(current, heat) = (current.union(&i), heat.union(&h));", "(current, heat) = (i, h);"),
+    ("least cost: shedding is paid twice", f"{REACH}/step_bounds.rs", "let saved = (shed_slope - shed_cost).max(0.0);", "let saved = (shed_slope - 2.0 * shed_cost).max(0.0);"),
+    ("confine: shedding saves half", f"{REACH}/confine/horizon_bound.rs", "saved += slope * shed_w;", "saved += 0.5 * slope * shed_w;"),
+    ("confine: heat pays the wrong way", f"{REACH}/confine/horizon_bound.rs", "if direction == Direction::Discharge { power_price } else { -power_price };", "if direction == Direction::Discharge { -power_price } else { power_price };"),
+    ("confine: what an inverter draws is a gain", f"{REACH}/confine/horizon_bound.rs", "constant -= (gained / usual - gained / other).abs() * drawn;", "constant += (gained / usual - gained / other).abs() * drawn;"),
+    ("tightening: the oldest heat does not fade", f"{REACH}/confine/tightening.rs", "unheated_c - kept * cool[t + 1]", "unheated_c - cool[t + 1]"),
+    ("tightening: without the slack", f"{REACH}/confine/tightening.rs", "let mut sum = self.slack / reward.per_unit;", "let mut sum = 0.0;"),
 
 ]
 # fmt: on
@@ -138,7 +161,14 @@ TESTS = {
         [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider"]
         + [
             f"tests/split/{name}.py"
-            for name in ("test_tree", "test_parts", "test_relaxation", "test_bounds", "test_properties")
+            for name in (
+                "test_tree",
+                "test_nodes",
+                "test_parts",
+                "test_relaxation",
+                "test_bounds",
+                "test_properties",
+            )
         ],
     ],
     "rust": [["cargo", "test", "--locked", "-q", "-p", "bess-control"]],
