@@ -22,8 +22,8 @@ Array = NDArray[np.float64]
 ROLLOUTS = 90
 """Roll-outs of a call. Over eight weeks of two reference strings, 40 cost 0.3 % more and 300 0.2 % less."""
 FRESH_ROLLOUTS = 600
-"""Most roll-outs for every rule's schedule where a plan is made from nothing, or anew; no more than four times
-those of a call."""
+"""Most roll-outs for every rule's schedule where a plan is made from nothing, or anew; four times those of a
+call if that is less."""
 FRESH_STEPS = 96
 """Calls after which the plan is also made anew: what a carried plan cannot get out of, a fresh one may."""
 END_SHARE = 0.1
