@@ -105,6 +105,9 @@ PYTHON = [
     ("the chord from above is the lowest", ENVELOPE, "float(np.max((y[1:] - y[0])", "float(np.min((y[1:] - y[0])"),
     ("a row on its cone is outside", CONIC, "rows[:, 0] + FEASIBILITY_TOLERANCE", "rows[:, 0] - FEASIBILITY_TOLERANCE"),
     ("every group is proven", BOUNDS, "within = objective - bound <=", "within = bound - objective <="),
+    ("the rigorous bound counts the search's costs", BOUNDS, "ceilings, self._costs.reported, bound", "ceilings, self._costs.searched, bound"),
+    ("earlier groups are held under their bounds", BOUNDS, "ceilings = [earlier.ceiling for", "ceilings = [earlier.bound for"),
+    ("earlier groups of the search are held under their bounds", BOUNDS, "[earlier.search_ceiling for", "[earlier.search_bound for"),
 ]
 
 RUST = [
@@ -152,7 +155,10 @@ RUST = [
     ("confine: what an inverter draws is a gain", f"{REACH}/confine/horizon_bound.rs", "constant -= (gained / usual - gained / other).abs() * drawn;", "constant += (gained / usual - gained / other).abs() * drawn;"),
     ("tightening: the oldest heat does not fade", f"{REACH}/confine/tightening.rs", "unheated_c - kept * cool[t + 1]", "unheated_c - cool[t + 1]"),
     ("tightening: without the slack", f"{REACH}/confine/tightening.rs", "let mut sum = self.slack / reward.per_unit;", "let mut sum = 0.0;"),
-
+    ("reach: least heat at the wrong end of the scale", f"{REACH}/reachable.rs", "heat(g_low, scale.high) };", "heat(g_low, scale.low) };"),
+    ("certificate: what may be shed is counted at the dearest string", f"{REACH}/step_bounds.rs", "map(|c| c.availability).fold(f64::INFINITY, f64::min)", "map(|c| c.availability).fold(0.0, f64::max)"),
+    ("certificate: one step that sheds nothing is enough", f"{REACH}/certificate.rs", ".all(|flow| flow.availability_w <= 0.0)", ".any(|flow| flow.availability_w <= 0.0)"),
+    ("lagrangian: strings that derate everything are left out", f"{ONE_STEP}/lagrangian.rs", "{ free.len() } else { 0 };", "{ 0 } else { 0 };"),
 ]
 # fmt: on
 

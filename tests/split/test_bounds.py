@@ -4,6 +4,9 @@ import numpy as np
 import pytest
 
 import bess
+from bess.split import bounds, power_split
+from bess.split.bounds import certify
+from bess.split.relaxation.group import relaxed_group
 from bess.split.result import SplitStatus
 
 SYSTEM = bess.System.reference(n_strings=2)
@@ -99,3 +102,34 @@ def test_strings_at_their_largest_power_have_states_in_order_however_the_roots_r
     assert split.request_kw.sum(axis=0) + split.unmet_kw == pytest.approx(
         [7438.998897875603, 4857.425289472889]
     )
+
+
+def test_relaxations_count_what_is_bounded_and_hold_earlier_groups_under_their_ceilings(monkeypatch):
+    """A dearer cost or a lower ceiling would put the bound of a later group above what a split can reach."""
+    objectives = bess.Objectives(
+        availability={"priority": 3, "abs_tol": 1e-4}, derating={"priority": 2, "abs_tol": 1e-3}, inverter=0.0
+    )
+    asked, certified = [], {}
+
+    def recorded(problem, control, constants, cost, ceilings, over, *callbacks):
+        asked.append((over.coefficients is over.boxes, cost, list(ceilings)))
+        return relaxed_group(problem, control, constants, cost, ceilings, over, *callbacks)
+
+    def last(constants, problem, control, answer, costs, *rest):
+        asked.clear()
+        certified.update(groups=answer.groups, costs=costs)
+        return certify(constants, problem, control, answer, costs, *rest)
+
+    monkeypatch.setattr(bounds, "relaxed_group", recorded)
+    monkeypatch.setattr(power_split, "certify", last)
+    bess.PowerSplit(SYSTEM, 4, objectives, gap=1e-6)(bess.State([0.08, 0.3], [49.0, 40.0]), [150.0] * 4)
+    groups, costs = certified["groups"], certified["costs"]
+    assert not np.array_equal(costs.reported, costs.searched)
+    later = set()
+    for is_rigorous, cost, ceilings in asked:
+        earlier = groups[: len(ceilings)]
+        np.testing.assert_array_equal(cost, costs.reported if is_rigorous else costs.searched)
+        assert ceilings == [g.ceiling if is_rigorous else g.search_ceiling for g in earlier]
+        if any(g.ceiling > g.bound and g.search_ceiling > g.search_bound for g in earlier):
+            later.add(is_rigorous)
+    assert later == {True, False}

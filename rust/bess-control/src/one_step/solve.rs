@@ -199,4 +199,21 @@ mod tests {
             assert!(bound >= 0.98 * least, "{bound} far below {least}");
         }
     }
+
+    #[test]
+    fn a_string_that_derates_everything_takes_its_share_with_its_inverter_off() {
+        let mut random = fastrand::Rng::with_seed(5);
+        for direction in [Direction::Charge, Direction::Discharge] {
+            let cool = Inverter::random(&mut random, direction);
+            let mut hot = Inverter::random(&mut random, direction);
+            hot.terms.derating = Range::point(0.0);
+            let taken_w = cool.terms.limit_w;
+            let derated_w = 0.5 * hot.terms.limit_w;
+            let curves = [CostCurve::new(&cool.loss, cool.terms), CostCurve::new(&hot.loss, hot.terms)];
+            let cost = cool.cost(taken_w) + COSTS.derating * derated_w;
+            let one_runs = Commitment { count: Some(1), ..Commitment::free(2) };
+            let bound = maximise(&curves, &one_runs, taken_w + derated_w, 0.0).bound;
+            assert!(bound <= cost * (1.0 + 1e-9), "{bound} above {cost}");
+        }
+    }
 }

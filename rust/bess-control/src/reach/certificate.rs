@@ -93,3 +93,35 @@ impl ControlHorizon {
         bounds.is_search_optimum = self.flows(&request_w).iter().all(|flow| flow.availability_w <= 0.0);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::model::{ControlHorizon, ControlModel, SplitProblem};
+    use crate::search::{common, Effort};
+
+    /// Charge for two of four steps: the first steps shed nothing at their own optima, the last ones do.
+    #[test]
+    fn steps_by_themselves_are_no_optimum_together_where_any_of_them_sheds() {
+        const N_STEPS: usize = 4;
+        for (soc, is_optimum) in [(0.5, true), (0.15, false)] {
+            let costs = [1e-5; 8];
+            let problem = SplitProblem {
+                soc: &[soc; 2],
+                temperature_c: &[25.0; 2],
+                demand_w: &[1.6 * common::NOMINAL_W; N_STEPS],
+                ambient_c: &[25.0; N_STEPS],
+                dt_h: common::DT_H,
+                limit_w: &[common::NOMINAL_W; 2 * N_STEPS],
+                costs: &costs,
+                search_costs: &costs,
+                tolerance_abs: &[1e-9],
+                tolerance_rel: &[0.0],
+            };
+            let horizon = ControlHorizon::new(ControlModel::new(&common::reference(2)), &problem).unwrap();
+            let split = horizon.split(None, &Effort { rollouts: 300, deadline: None });
+            let sheds = |t: usize| (0..2).any(|m| split.flows[m * N_STEPS + t].availability_w > 0.0);
+            assert_eq!((sheds(0), sheds(N_STEPS - 1)), (false, !is_optimum));
+            assert_eq!(split.groups[0].is_search_optimum, is_optimum);
+        }
+    }
+}

@@ -219,3 +219,46 @@ impl StringModel {
         (current, Range { low: heat_low, high: heat_high.min(by_current).max(heat_low) })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::StringState;
+    use crate::search::common;
+
+    /// What a state at a corner of the box may be beyond the range by rounding.
+    const ABOVE: f64 = 1.0 + 1e-12;
+
+    /// At a power that has to be taken, the least heat is that of the largest `V^2 / R` in the box.
+    #[test]
+    fn heat_and_current_of_every_state_and_request_are_in_the_ranges_of_their_box() {
+        let system = common::reference(1);
+        let string = StringModel::new(system.strings[0].clone());
+        let within = |low: f64, high: f64, i: u32| low + (high - low) * f64::from(i) / 4.0;
+        for direction in [Direction::Charge, Direction::Discharge] {
+            let interval = Interval { direction, ambient_c: 25.0, dt_h: common::DT_H };
+            for (low, high) in [(0.12, 0.14), (0.3, 0.5), (0.5, 0.75)] {
+                let states =
+                    StateBox { soc: Range { low, high }, temperature_c: Range { low: 25.0, high: 35.0 } };
+                let requests = Range { low: 0.8 * common::NOMINAL_W, high: 0.82 * common::NOMINAL_W };
+                let (current, heat) = string.current_and_heat(&states, &requests, &interval);
+                let (mut least, mut most) = (f64::INFINITY, 0.0_f64);
+                for i in 0..125 {
+                    let state = StringState {
+                        soc: within(low, high, i % 5),
+                        temperature_c: within(25.0, 35.0, i / 5 % 5),
+                    };
+                    let flow = string.step(state, within(requests.low, requests.high, i / 25), &interval);
+                    least = least.min(flow.battery_w);
+                    most = most.max(flow.battery_w);
+                    assert!(current.low <= flow.current_a * ABOVE && flow.current_a <= current.high * ABOVE);
+                }
+                assert!(
+                    heat.low <= least * ABOVE && most <= heat.high * ABOVE,
+                    "{heat:?}: {least} to {most}"
+                );
+                assert!(heat.low > 0.9 * least, "{heat:?} far below {least}");
+            }
+        }
+    }
+}

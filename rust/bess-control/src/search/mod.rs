@@ -16,7 +16,7 @@ pub use incumbent::{Incumbent, Schedule};
 
 #[cfg(test)]
 #[path = "../../tests/common/mod.rs"]
-mod common;
+pub(crate) mod common;
 
 /// A horizon of like strings for tests, each half full and free to give 92 kW.
 #[cfg(test)]
