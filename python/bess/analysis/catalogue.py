@@ -7,12 +7,17 @@ that is not listed here fails a test. The order is that of every table.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final, Literal
 
 from bess.analysis.pareto import Direction
 from bess.errors import InputError
+
+Kpis = Mapping[str, float]
+"""Key figures of a run, by name, as :func:`bess.kpis` gives them."""
+KpisByRun = Mapping[str, Kpis]
+"""Those of one or several runs, by the name of the run; one may have the empty name."""
 
 Group = Literal["energy", "money", "efficiency", "temperature", "service", "wear", "strings", "optimiser"]
 

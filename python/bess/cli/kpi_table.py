@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Mapping
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from bess.analysis.catalogue import in_order, kpi
+from bess.analysis.catalogue import KpisByRun, in_order, kpi
 
 _WIDEST = 100_000
 
 
-def kpi_table(kpis: Mapping[str, Mapping[str, float]]) -> str:
+def kpi_table(kpis: KpisByRun) -> str:
     """Return one column for each run; figures that no run has, and mere details, are left out."""
     table = Table(box=None, pad_edge=False)
     for heading in ("", ""):

@@ -8,13 +8,11 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from bess import _core
+from bess.numbers import Array
 from bess.parameters import State, System
 from bess.units import SECONDS_PER_HOUR, WATTS_PER_KW
-
-Array = npt.NDArray[np.float64]
 
 CHARGE, DISCHARGE = 0, 1
 """Index of a direction in the arrays of this module."""

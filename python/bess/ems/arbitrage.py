@@ -8,9 +8,10 @@ import pandas as pd
 from scipy import sparse
 
 from bess.ems.blocks import Blocks
-from bess.ems.forecast import Array, Forecast, steps_in
+from bess.ems.forecast import Forecast, steps_in
 from bess.ems.program import Program
 from bess.errors import InputError
+from bess.numbers import Array
 
 _TOLERANCE: Final = 1e-6
 """Share of nominal power below which an answer of the solver is zero (its own tolerance is 1e-7)."""

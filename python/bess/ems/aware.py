@@ -13,13 +13,11 @@ from bess.ems.aggregate import Aggregate, Curve, Rolled
 from bess.ems.bank_choice import Depths, banks_of
 from bess.ems.blocks import Blocks
 from bess.ems.store_program import Banks, Numbers, Pieces, StoreProgram
-from bess.numbers import ByValue
+from bess.numbers import Array, ByValue
 from bess.parameters import State, System
 from bess.parameters.terms import Terms
 from bess.units import KWH_PER_MWH
 from bess.wear import MarginalWear, WearRates
-
-Array = npt.NDArray[np.float64]
 
 _PROGRAMS: Final = 3
 """Most linear programs of a plan, each with the coefficients of the roll-out before it."""

@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from typing import Final, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from bess.ems.aggregate import Aggregate
 from bess.ems.store_program import Banks
+from bess.numbers import Array
 from bess.units import HOURS_PER_DAY, KWH_PER_MWH
 from bess.wear import MarginalWear
-
-Array = npt.NDArray[np.float64]
 
 _DEPTHS: Final = (0.25, 0.5, 0.75, 1.0)
 """Ends of the segments of depth whose wear is told apart, where it depends on depth."""

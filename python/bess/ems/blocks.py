@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bess.ems.aggregate import Curve
-
-Array = npt.NDArray[np.float64]
+from bess.numbers import Array
 
 _LONGEST_H: Final = 1.0
 """Longest block [h]: power and derating are constant within it."""

@@ -6,9 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bess.errors import InputError
-from bess.numbers import real_numbers
-
-Array = npt.NDArray[np.float64]
+from bess.numbers import Array, real_numbers
 
 
 @runtime_checkable

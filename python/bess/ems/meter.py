@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from bess.ems.forecast import Array
 from bess.ems.program import Program
 from bess.errors import InputError
+from bess.numbers import Array
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Final, Literal
 import numpy as np
 import pandas as pd
 
-from bess.ems.forecast import Array, steps_in
+from bess.ems.forecast import steps_in
 from bess.ems.synthetic import (
     commercial_load,
     frequency_week,
@@ -23,6 +23,7 @@ from bess.market.files import fail, path_text, read_bytes
 from bess.market.regular import regular
 from bess.market.repairs import Repairs
 from bess.market.units import power_unit
+from bess.numbers import Array
 
 _TO_KW: Final = {"W": 1e-3, "kW": 1.0, "MW": 1e3}
 _TO_KVAR: Final = {"var": 1e-3, "kvar": 1.0, "Mvar": 1e3}

@@ -7,9 +7,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
-from bess.ems.forecast import Array
 from bess.ems.silence import stdout_to_stderr
 from bess.errors import BessError
+from bess.numbers import Array
 
 _GAP: Final = 1e-4
 """Relative gap at which the search over binaries stops."""

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from bess.ems.forecast import Array
 from bess.errors import InputError
+from bess.numbers import Array
 
 _MINUTES_PER_HOUR = 60.0
 

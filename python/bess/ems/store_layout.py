@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
-Array = npt.NDArray[np.float64]
+from bess.numbers import Array
+
 Places = npt.NDArray[np.int64]
 Sizes = tuple[int, int, int, int, int, int]
 

@@ -10,9 +10,7 @@ import numpy.typing as npt
 
 from bess.ems.store_layout import layout_of
 from bess.errors import BessError
-
-Array = npt.NDArray[np.float64]
-
+from bess.numbers import Array
 
 _PRIMAL: Final = 4
 """The primal simplex method of HiGHS: the plan that does nothing is feasible, as is the one before."""

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from bess.ems.aggregate import energy_tables
-from bess.ems.forecast import Array
+from bess.numbers import Array
 from bess.parameters import State, System
 
 

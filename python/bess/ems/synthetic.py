@@ -8,7 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from bess.ems.forecast import Array, steps_in
+from bess.ems.forecast import steps_in
+from bess.numbers import Array
 
 _QUARTERS_PER_DAY: Final = 96
 _QUARTERS_PER_WEEK: Final = 7 * _QUARTERS_PER_DAY

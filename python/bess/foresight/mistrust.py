@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from bess.numbers import Array
 
 MEMORY_H = 24.0
 """Time over which errors of the forecast are averaged, and in which unforeseen limits are forgotten."""

@@ -13,11 +13,9 @@ from bess import _core
 from bess.errors import InputError
 from bess.foresight.mistrust import Mistrust
 from bess.foresight.prices import PlanPrices
-from bess.numbers import ByValue, real_numbers
+from bess.numbers import Array, ByValue, real_numbers
 from bess.parameters import State, System
 from bess.split.problem import SplitProblem, check_horizon
-
-Array = NDArray[np.float64]
 
 ROLLOUTS = 90
 """Roll-outs of a call. Over eight weeks of two reference strings, 40 cost 0.3 % more and 300 0.2 % less."""

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from bess.analysis.catalogue import CATALOGUE
+from bess.analysis.catalogue import CATALOGUE, KpisByRun
 from bess.errors import InputError
 from bess.report.drawing.style import DOUBLE_COLUMN_IN, INK, SINGLE_COLUMN_IN, colours, new_figure, styled
-
-Kpis = Mapping[str, Mapping[str, float]]
-"""KPIs of one or several scenarios, by name."""
 
 EFFICIENCIES: Final = (
     "availability_pct",
@@ -31,7 +28,7 @@ _MOST_LABELLED_BARS = 15
 
 
 @styled
-def kpi_bars(kpis: Kpis) -> Figure:
+def kpi_bars(kpis: KpisByRun) -> Figure:
     """Efficiencies as bars, the value on each; the axis starts where differences can be seen, and says so.
 
     Parameters
@@ -39,7 +36,7 @@ def kpi_bars(kpis: Kpis) -> Figure:
     kpis
         KPIs of each scenario (``bess.kpis``), by name; one scenario may have the empty name.
     """
-    _check(kpis, EFFICIENCIES)
+    check_drawable(kpis, EFFICIENCIES)
     values = np.array([[entry[key] for key in EFFICIENCIES] for entry in kpis.values()])
     count = len(kpis)
     figure = new_figure(SINGLE_COLUMN_IN if count == 1 else DOUBLE_COLUMN_IN, 2.7)
@@ -65,7 +62,7 @@ def kpi_bars(kpis: Kpis) -> Figure:
 
 
 @styled
-def kpi_radar(kpis: Kpis) -> Figure:
+def kpi_radar(kpis: KpisByRun) -> Figure:
     """Radar of KPIs, one polygon for each scenario, better outwards.
 
     Every axis runs from the worst to the best value met, which are written at its ends: differences of a
@@ -77,7 +74,7 @@ def kpi_radar(kpis: Kpis) -> Figure:
     InputError
         There are fewer than two scenarios.
     """
-    _check(kpis, RADAR_KPIS)
+    check_drawable(kpis, RADAR_KPIS)
     if len(kpis) < 2:
         raise InputError("kpi_radar: needs at least two scenarios to compare")
     values = np.array([[entry[key] for key in RADAR_KPIS] for entry in kpis.values()])
@@ -120,12 +117,12 @@ def kpi_radar(kpis: Kpis) -> Figure:
     return figure
 
 
-def _check(kpis: Kpis, needed: tuple[str, ...]) -> None:
+def check_drawable(kpis: KpisByRun, needed: Iterable[str]) -> None:
+    """Raise InputError unless there are runs, and each has a number for every KPI that is ``needed``."""
     if not kpis:
         raise InputError("no scenario to draw")
     for name, entry in kpis.items():
         for key in needed:
-            if key not in entry or not np.isfinite(entry[key]):
-                raise InputError(
-                    f"scenario {name!r}: KPI {key} is {entry.get(key, 'missing')}; it cannot be drawn"
-                )
+            if not np.isfinite(entry.get(key, np.nan)):
+                which = f"scenario {name!r}" if name else "the run"
+                raise InputError(f"{which}: KPI {key} is {entry.get(key, 'missing')}; it cannot be drawn")

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from bess.analysis.catalogue import kpi
-from bess.errors import InputError
+from bess.analysis.catalogue import Kpis, KpisByRun, kpi
+from bess.report.charts.kpi_figures import check_drawable
 from bess.report.drawing.style import (
     AUXILIARY,
     AVAILABILITY,
@@ -37,7 +35,7 @@ _ROW_IN = 0.29
 
 
 @styled
-def loss_waterfall(kpis: Mapping[str, float]) -> Figure:
+def loss_waterfall(kpis: Kpis) -> Figure:
     """From the energy asked for to what is left of it after all losses, one bar for each step.
 
     The axis starts where the steps can be seen, and says so.
@@ -47,7 +45,7 @@ def loss_waterfall(kpis: Mapping[str, float]) -> Figure:
     kpis
         Of one run (``bess.kpis``).
     """
-    _check({"": kpis}, ("demand_kwh", "delivered_kwh", *_UNDELIVERED, *_CONVERSION))
+    check_drawable({"": kpis}, ("demand_kwh", "delivered_kwh", *_UNDELIVERED, *_CONVERSION))
     left = kpis["demand_kwh"]
     rows: list[tuple[str, float, float, str]] = [(kpi("demand_kwh").label, 0.0, left, INK)]
     for part, colour in _UNDELIVERED.items():
@@ -83,7 +81,7 @@ def loss_waterfall(kpis: Mapping[str, float]) -> Figure:
 
 
 @styled
-def losses_compared(kpis: Mapping[str, Mapping[str, float]]) -> Figure:
+def losses_compared(kpis: KpisByRun) -> Figure:
     """What each run did not deliver and what it lost, stacked; its sum at the end of the bar.
 
     Parameters
@@ -91,7 +89,7 @@ def losses_compared(kpis: Mapping[str, Mapping[str, float]]) -> Figure:
     kpis
         KPIs of each run, by name.
     """
-    _check(kpis, (*_UNDELIVERED, *_CONVERSION))
+    check_drawable(kpis, (*_UNDELIVERED, *_CONVERSION))
     parts = {
         part: colour
         for part, colour in (_UNDELIVERED | _CONVERSION | _OF_COOLED).items()
@@ -128,10 +126,3 @@ def _floor(left: float, asked: float) -> float:
         return 0.0
     unit = 10.0 ** np.floor(np.log10(span))
     return float(unit * np.floor(floor / unit))
-
-
-def _check(kpis: Mapping[str, Mapping[str, float]], needed: tuple[str, ...]) -> None:
-    for name, entry in kpis.items():
-        for key in needed:
-            if not np.isfinite(entry.get(key, np.nan)):
-                raise InputError(f"{name or 'the run'}: KPI {key} is {entry.get(key, 'missing')}")

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
 
-from bess.analysis.catalogue import better, kpi
+from bess.analysis.catalogue import KpisByRun, better, kpi
 from bess.analysis.pareto import knee_point, non_dominated
 from bess.errors import InputError
 from bess.report.charts.kpi_figures import RADAR_KPIS
@@ -16,7 +16,7 @@ from bess.report.drawing.style import AVAILABILITY, BACKGROUND, DISCHARGE, colou
 
 
 def pareto_front(
-    kpis: Mapping[str, Mapping[str, float]],
+    kpis: KpisByRun,
     *,
     x: str = "battery_efficiency_pct",
     y: str = "inverter_efficiency_pct",
@@ -58,12 +58,12 @@ def pareto_front(
     )
 
 
-def changing_kpis(kpis: Mapping[str, Mapping[str, float]]) -> list[str]:
+def changing_kpis(kpis: KpisByRun) -> list[str]:
     """KPIs of the radar that are not the same everywhere, at the digits shown."""
     return [key for key in RADAR_KPIS if len({kpi(key).number(entry[key]) for entry in kpis.values()}) > 1]
 
 
-def kpi_lines(kpis: Mapping[str, Mapping[str, float]], values: Sequence[float], label: str) -> Chart:
+def kpi_lines(kpis: KpisByRun, values: Sequence[float], label: str) -> Chart:
     """KPIs that change with the value of one parameter: what bars and a radar cannot hold.
 
     Parameters

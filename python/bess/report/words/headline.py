@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 
-from bess.analysis.catalogue import kpi
+from bess.analysis.catalogue import Kpis, kpi
 from bess.analysis.settlement import REVENUES
-
-Kpis = Mapping[str, float]
 
 
 @dataclass(frozen=True)

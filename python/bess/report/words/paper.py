@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
+from bess.analysis.catalogue import KpisByRun
 from bess.report.runs import Run
-
-Kpis = Mapping[str, Mapping[str, float]]
 
 _SAME_AVAILABILITY_PCT: Final = 0.05
 _WEIGHTS: Final = {"S1": (1.0, 0.0), "S2": (0.5, 0.5), "S3": (0.0, 1.0)}
@@ -43,7 +42,7 @@ def is_case_2(runs: Mapping[str, Run]) -> bool:
     )
 
 
-def comparisons(kpis: Kpis) -> list[Comparison]:
+def comparisons(kpis: KpisByRun) -> list[Comparison]:
     """Each statement of the paper on S1 to S3, checked against KPIs."""
     highest = [
         _highest("inverter_efficiency_pct", "Highest inverter efficiency", "S1", kpis),
@@ -103,12 +102,12 @@ def _weight(run: Run, objective: str) -> float | None:
     return None if weight is None else float(weight)
 
 
-def _highest(key: str, statement: str, expected: str, kpis: Kpis) -> Comparison:
+def _highest(key: str, statement: str, expected: str, kpis: KpisByRun) -> Comparison:
     values = {name: entry[key] for name, entry in kpis.items()}
     return Comparison(statement, expected, _ranking(values, "%", 2), _verdict(_top(values) == expected))
 
 
-def _gain(statement: str, paper: float, key: str, rival: str, kpis: Kpis) -> Comparison:
+def _gain(statement: str, paper: float, key: str, rival: str, kpis: KpisByRun) -> Comparison:
     return _difference(statement, paper, "points", kpis["S2"][key] - kpis[rival][key])
 
 

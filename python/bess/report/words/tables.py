@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from bess.analysis.catalogue import HEADINGS, Kpi, in_order, kpi
-
-Kpis = Mapping[str, Mapping[str, float]]
+from bess.analysis.catalogue import HEADINGS, Kpi, KpisByRun, in_order, kpi
 
 DECISION: Final = (
     "fulfilment_pct",
@@ -51,14 +48,14 @@ class Group:
     rows: tuple[Row, ...]
 
 
-def decision_table(kpis: Kpis) -> list[Row]:
+def decision_table(kpis: KpisByRun) -> list[Row]:
     """The few KPIs that one compares first, as far as any run has them."""
     return [
         _row(kpi(name), _values(kpis, name)) for name in DECISION if any(name in row for row in kpis.values())
     ]
 
 
-def kpi_groups(kpis: Kpis) -> list[Group]:
+def kpi_groups(kpis: KpisByRun) -> list[Group]:
     """All KPIs under the headings of the catalogue; with several scenarios, the best of each row marked."""
     rows: dict[str, list[Row]] = {}
     for name in in_order(key for values in kpis.values() for key in values):
@@ -66,7 +63,7 @@ def kpi_groups(kpis: Kpis) -> list[Group]:
     return [Group(heading, tuple(rows[group])) for group, heading in HEADINGS.items() if group in rows]
 
 
-def _values(kpis: Kpis, name: str) -> list[float]:
+def _values(kpis: KpisByRun, name: str) -> list[float]:
     return [values.get(name, math.nan) for values in kpis.values()]
 
 
