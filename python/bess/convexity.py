@@ -88,5 +88,5 @@ def convex_below(x: Array, y: Array) -> Array:
     """Return the values at ``x`` of the largest convex function below a table."""
     if x.size < 3:
         return y
-    envelope = Envelope.of_table(x, y, x.size - 1)
-    return np.asarray(np.max(envelope.slope * x[:, None] + envelope.intercept, axis=1))
+    hull = lower_hull(x, y)
+    return np.interp(x, x[hull], y[hull])

@@ -22,6 +22,9 @@ from bess.wear import WearRates
 PLANNED: Final = 20
 """Status code of a step that was planned, not certified."""
 
+NO_PRICES: Final = 'policy.objectives.kind = "money": this study has no prices; use "energy"'
+"""What is said to objectives in EUR where there are no prices."""
+
 TYPICAL_DEPTH = 0.5
 """Depth of cycle at which wear is priced."""
 
@@ -104,7 +107,7 @@ class PlannedPolicy:
             n_strings, n_steps = situation.limit_kw.size, situation.demand_kw.size
             return PlanPrices.energy(self._objectives, n_strings, n_steps)
         if situation.price_eur_mwh is None:
-            raise InputError('policy.objectives.kind = "money": this study has no prices; use "energy"')
+            raise InputError(NO_PRICES)
         return PlanPrices.money(
             self._objectives,
             self._terms,

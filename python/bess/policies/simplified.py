@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from bess.convexity import lower_hull
+from bess.convexity import convex_below
 from bess.parameters import State, System
 from bess.parameters.parse import PER_STRING_SITE, StringParameters
 from bess.split.rollout import rollout
@@ -53,8 +53,7 @@ def _convex(string: StringParameters) -> dict[str, Any]:
     for key in ("loss_charge", "loss_discharge"):
         loss = np.array(tables["inverter"][key])
         loss[0] = 0.0
-        hull = lower_hull(load, loss)
-        tables["inverter"][key] = np.interp(load, load[hull], loss[hull]).tolist()
+        tables["inverter"][key] = convex_below(load, loss).tolist()
     return tables
 
 

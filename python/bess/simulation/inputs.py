@@ -11,6 +11,7 @@ import numpy as np
 from bess.errors import InputError
 from bess.numbers import Array
 from bess.parameters import System
+from bess.policies.planned import NO_PRICES
 from bess.simulation.demand import DemandSource
 from bess.simulation.demand_choice import demand_of
 from bess.simulation.reactive_demand import ReactiveSource, reactive_of
@@ -81,9 +82,7 @@ def prepare(study: Study, system: System | None = None) -> Inputs:
     horizon = study.policy.steps_ahead(system.control)
     asked = demand_of(study, system, step_s, horizon)
     if study.policy.name == "mpc" and study.policy.objectives.kind == "money" and asked.price_eur_mwh is None:
-        raise InputError(
-            f'{study.name}: policy.objectives.kind = "money": this study has no prices; use "energy"'
-        )
+        raise InputError(f"{study.name}: {NO_PRICES}")
     grid, files = asked.grid, list(asked.files)
     notes = [f"period: {grid}", *asked.notes]
     ambient = np.full(grid.n_steps, system.ambient_c)
