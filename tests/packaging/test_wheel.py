@@ -1,6 +1,7 @@
 """The way in for users: what `pip install` brings, in an environment that has nothing of this checkout."""
 
 import os
+import shutil
 import subprocess
 import sys
 import venv
@@ -14,8 +15,15 @@ ROOT = Path(__file__).parents[2]
 
 
 def _run(*command: str | Path, cwd: Path) -> str:
+    env = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     done = subprocess.run(
-        [str(part) for part in command], cwd=cwd, capture_output=True, text=True, timeout=900, check=False
+        [str(part) for part in command],
+        cwd=cwd,
+        env=env,
+        capture_output=True,
+        text=True,
+        timeout=900,
+        check=False,
     )
     assert done.returncode == 0, f"{' '.join(map(str, command))}\n{done.stdout}\n{done.stderr}"
     return done.stdout
@@ -27,8 +35,11 @@ def empty_environment(tmp_path_factory: pytest.TempPathFactory) -> Path:
     work = tmp_path_factory.mktemp("wheel")
     _run(sys.executable, "-m", "build", "--sdist", "--outdir", work / "sdist", ROOT, cwd=work)
     (sdist,) = (work / "sdist").glob("*.tar.gz")
-    # Compiled dependencies may be shared with the checkout; the crates of the sdist are compiled from it.
-    os.environ.setdefault("CARGO_TARGET_DIR", str(ROOT / "target" / "packaging"))
+    # Compiled dependencies may be from an earlier run. Those of the sdist may not, but its files are so old
+    # that cargo would take what it compiled before for current.
+    target = Path(os.environ.setdefault("CARGO_TARGET_DIR", str(ROOT / "target" / "packaging")))
+    for stale in target.glob("release/.fingerprint/bess-*"):
+        shutil.rmtree(stale)
     _run(sys.executable, "-m", "pip", "wheel", "--no-deps", "--wheel-dir", work / "wheel", sdist, cwd=work)
     (wheel,) = (work / "wheel").glob("*.whl")
     assert "abi3" in wheel.name
