@@ -5,17 +5,8 @@ import pytest
 
 import bess
 from bess.ems import Arbitrage, AwareDispatch, Outlook, Perfect
-from bess.ems.aggregate import Curve
 from bess.ems.blocks import Blocks
 from bess.parameters.terms import Terms
-
-CURVE = Curve(
-    power_kw=np.array([0.0, 20.0, 60.0, 100.0]),
-    share_kw=np.zeros((4, 1)),
-    inverter_kw=np.array([0.0, 4.0, 4.5, 9.0]),
-    heat_kw=np.zeros(4),
-)
-"""Least loss per power at 60 kW; 20 kW lose nearly as much."""
 
 
 def test_blocks_end_where_price_or_day_changes_and_after_an_hour() -> None:
@@ -32,27 +23,9 @@ def test_prices_of_every_step_and_long_steps_are_blocks_of_one() -> None:
     assert (Blocks.of(np.ones(6), np.zeros(6, dtype=np.int64), 2.0).count == 1).all()
 
 
-@pytest.mark.parametrize("sign", [-1.0, 1.0])
-def test_little_power_is_given_to_few_steps_at_the_power_that_loses_least(sign: float) -> None:
-    blocks = Blocks(np.array([0, 4, 8]), np.array([4, 4, 4]))
-    power = blocks.spread(sign * np.array([80.0, 15.0, 30.0]), (CURVE, CURVE))
-    np.testing.assert_allclose(power[:4], sign * 80.0)
-    # Follows on the block before it.
-    np.testing.assert_allclose(power[4:8], sign * np.array([60.0, 0.0, 0.0, 0.0]))
-    np.testing.assert_allclose(power[8:], sign * np.array([60.0, 60.0, 0.0, 0.0]))
-
-
-def test_what_does_not_follow_on_a_block_ends_its_own() -> None:
-    blocks = Blocks(np.array([0, 4]), np.array([4, 4]))
-    power = blocks.spread(np.array([-80.0, 15.0]), (CURVE, CURVE))
-    np.testing.assert_allclose(power[4:], [0.0, 0.0, 0.0, 60.0])
-
-
-def test_no_step_gets_more_than_the_plant_has() -> None:
-    cheap = Curve(CURVE.power_kw, CURVE.share_kw, np.array([0.0, 4.0, 4.1, 4.2]), CURVE.heat_kw)
-    blocks = Blocks(np.array([0]), np.array([3]))
-    power = blocks.spread(np.array([40.0]), (cheap, cheap))
-    np.testing.assert_allclose(power, [0.0, 60.0, 60.0])
+def test_the_first_hours_are_cut_finer() -> None:
+    blocks = Blocks.of(np.ones(48), np.zeros(48, dtype=np.int64), 0.25, first_h=2.0, step_h=0.5)
+    assert blocks.count.tolist() == [2] * 4 + [4] * 10
 
 
 @pytest.mark.parametrize(("soc", "temperature_c"), [(0.5, 25.0), (0.1, 44.0)])

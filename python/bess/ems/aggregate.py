@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -14,8 +12,8 @@ from bess.numbers import Array
 from bess.parameters import State, System
 from bess.units import SECONDS_PER_HOUR, WATTS_PER_KW
 
-CHARGE, DISCHARGE = 0, 1
-"""Index of a direction in the arrays of this module."""
+ENERGY: Final = 4
+"""Where the energy at the end stands in the flows of this module; the temperature is next to it."""
 
 _REFERENCE_SOC: Final = 0.5
 _REFERENCE_C: Final = 35.0
@@ -24,34 +22,19 @@ _REFERENCE_C: Final = 35.0
 _HEAT_WEIGHT: Final = 3.0
 """Weight of heat beside other losses in the best share: it warms, and derates the hours that follow."""
 
-_DEEP: Final = (5.0, 1.5)
-"""Growth of resistance at which the store is cut into banks."""
-
-_NEAR_LEAST: Final = 1.02
-"""Loss per power that is as good as the least one."""
-
-_PIECES: Final = 5
-"""Pieces of the loss curve in each direction."""
-
 _POWERS: Final = 24
 """Powers at which the best share is found, between nothing and the plant's nominal power."""
-
-_TAPER_POINTS: Final = 21
-"""Points over SOC at which the power within the voltage limits is taken."""
-
-_TAPERED_SUBSTEP_H: Final = 1.0 / 60.0
-"""The same for cells with a voltage limit, which cuts a constant power as the voltage rises."""
-
-_INSTANT_H: Final = 1e-9
-"""So short that no string gets full or empty."""
 
 _SUBSTEP_H: Final = 1.0 / 12.0
 """Step of the roll-out [h], with the coefficients of its middle."""
 
+_TAPERED_SUBSTEP_H: Final = 1.0 / 60.0
+"""The same for cells with a voltage limit, which cuts a constant power as the voltage rises."""
+
 
 @dataclass(frozen=True)
 class Curve:
-    """Loss of the plant over its power in one direction, with the power shared as loses least.
+    """How the strings share each power of the plant in one direction, as loses least.
 
     Attributes
     ----------
@@ -59,30 +42,10 @@ class Curve:
         Ascending from 0 to the power in service.
     share_kw : ndarray, shape (n_points, n_strings)
         Power of each string.
-    inverter_kw, heat_kw : ndarray, shape (n_points,)
-        Inverter loss, and battery loss at the reference state.
     """
 
     power_kw: Array
     share_kw: Array
-    inverter_kw: Array
-    heat_kw: Array
-
-    @property
-    def loss_kw(self) -> Array:
-        """What is kept low: inverter loss, and heat by its weight."""
-        return self.inverter_kw + _HEAT_WEIGHT * self.heat_kw
-
-    def convex_points(self, pieces: int) -> Curve:
-        """Return points of the curve with losses per power that rise from piece to piece.
-
-        The first piece ends where the loss per power is least (or above it): less power for longer loses
-        more, by what an inverter loses for being on.
-        """
-        rate = self.loss_kw[1:] / self.power_kw[1:]
-        best = 1 + int(np.flatnonzero(rate <= _NEAR_LEAST * rate.min())[-1])
-        keep = np.unique(np.r_[0, np.round(np.linspace(best, self.power_kw.size - 1, pieces)).astype(int)])
-        return Curve(self.power_kw[keep], self.share_kw[keep], self.inverter_kw[keep], self.heat_kw[keep])
 
 
 @dataclass(frozen=True)
@@ -148,15 +111,13 @@ class Aggregate:
         mass = np.array([1.0 / (WATTS_PER_KW * each.k1_k_per_j) for each in lumped])
         cooling = np.array([each.k2_per_s for each in lumped])
         self._mass_share = mass / mass.sum()
-        self.warming_k_per_kwh = SECONDS_PER_HOUR / float(mass.sum())
         self.cooling_per_h = SECONDS_PER_HOUR * float(self._mass_share @ cooling)
         middle = np.clip(np.full(system.n_strings, _REFERENCE_SOC), self.soc_min, self.soc_max)
-        self._reference = self._ohm_per_v2(middle[:, None], np.full((system.n_strings, 1), _REFERENCE_C))
         self.curves = (self._curve(middle, -1.0), self._curve(middle, 1.0))
         charge, discharge = self.curves
         self._shares = _core.BestShares(charge.share_kw, discharge.share_kw, self.limit_kw)
-        self.stored_per_charged = self._voltage_ratio()
-        tapers = any(lines.size for lines in self.tapers)
+        limits = ((b.cell_voltage_max_v, b.cell_voltage_min_v) for b in batteries)
+        tapers = any(limit is not None for pair in limits for limit in pair)
         self._parts = max(1, round(dt_h / (_TAPERED_SUBSTEP_H if tapers else _SUBSTEP_H)))
 
     def fits(self, state: State, limit_kw: Array) -> bool:
@@ -184,76 +145,66 @@ class Aggregate:
         """Temperature of the whole plant; strings along the first axis."""
         return np.tensordot(self._mass_share, temperature_c, axes=1)
 
-    def resistance_factor(self, soc: Array, temperature_c: Array) -> tuple[Array, Array]:
-        """Heat at given power over that at the reference state, in charge and in discharge.
-
-        Arrays of shape ``(n_strings, n_steps)``; returns two of shape ``(n_steps,)``.
-        """
-        now = self._ohm_per_v2(soc, temperature_c)
-        weight = self.limit_kw[:, None] ** 2
-        charge, discharge = (
-            (weight * here).sum(axis=0) / (weight * there).sum(axis=0)
-            for here, there in zip(now, self._reference, strict=True)
-        )
-        return charge, discharge
-
-    @cached_property
-    def deep_banks(self) -> tuple[Array, Array]:
-        """Parts of the store from the top down: energies [kWh], and resistances over that of the first.
-
-        Resistance climbs steeply towards empty in some cells; there the store is cut where it has grown by
-        :data:`_DEEP`.
-        """
-        soc = np.linspace(self.soc_min, self.soc_max, 201, axis=1)
-        factor = np.max(self.resistance_factor(soc, np.full_like(soc, _REFERENCE_C)), axis=0)
-        factor = np.maximum.accumulate(factor[::-1])[::-1] / factor[factor.size // 2]
-        energy = self.energy_kwh(soc)
-        edges = [0, *(int(np.argmax(factor <= level)) for level in _DEEP), soc.shape[1] - 1]
-        parts = [(low, high) for low, high in pairwise(sorted(set(edges)))][::-1]
-        size = np.array([energy[high] - energy[low] for low, high in parts])
-        return size, np.array([factor[low : high + 1].mean() for low, high in parts])
-
-    @cached_property
-    def tapers(self) -> tuple[Array, Array]:
-        """What the voltage limits allow in charge and in discharge: lines over the stored energy.
-
-        Arrays of shape ``(n_lines, 2)``, slope [1/h] and power at no energy [kW]: the least of them is the
-        power that all strings at one SOC can take at :data:`_REFERENCE_C`, or a little more where that is not
-        concave. None where no limit binds.
-        """
-        limits = [(s.battery.cell_voltage_max_v, s.battery.cell_voltage_min_v) for s in self.system.strings]
-        soc = np.linspace(self.soc_min, self.soc_max, _TAPER_POINTS, axis=1)
-        energy, inside = self.energy_kwh(soc), np.clip(soc.T, self.soc_min + 1e-6, self.soc_max - 1e-6)
-        warm_c, found = np.full(self.soc_min.size, _REFERENCE_C), []
-        for discharge in (False, True):
-            if all(each[discharge] is None for each in limits):
-                found.append(np.empty((0, 2)))
-                continue
-            most = [self._model.deliverable_kw(each, warm_c, discharge, _INSTANT_H) for each in inside]
-            power_kw = np.minimum(most, self.limit_kw).sum(axis=1)
-            found.append(_lines_above(energy, power_kw, self.power_kw))
-        return found[0], found[1]
-
-    @cached_property
-    def rising(self) -> tuple[Curve, Curve]:
-        """The curves of both directions at few points: losses per power rise from piece to piece."""
-        charge, discharge = (curve.convex_points(_PIECES) for curve in self.curves)
-        return charge, discharge
-
-    @cached_property
-    def derated_lines(self) -> Array:
-        """Lines ``a tau + b`` of which the largest is at least what derating takes, shape ``(n, 2)``.
-
-        Over the temperature [degC], as a share of the plant's power: the mean of the strings by their power.
-        """
+    @property
+    def derating_begins_c(self) -> float | None:
+        """Temperature above which some string is derated; None if none ever is."""
         tables = [string.derating for string in self.system.strings]
-        knots = np.unique(np.concatenate([table.temperature_c for table in tables]))
-        factors = [np.interp(knots, table.temperature_c, table.factor) for table in tables]
-        lost = 1.0 - np.average(factors, axis=0, weights=self.limit_kw)
-        start = int(np.flatnonzero(lost <= 0.0)[-1]) if np.any(lost <= 0.0) else 0
-        chosen = np.unique(np.round(np.linspace(start, int(np.argmax(lost)), 4)).astype(int))
-        slope = np.diff(lost[chosen]) / np.diff(knots[chosen])
-        return np.stack([slope, lost[chosen[:-1]] - slope * knots[chosen[:-1]]], axis=1)
+        begins = [
+            np.array(each.temperature_c)[np.array(each.factor) >= 1.0]
+            for each in tables
+            if min(each.factor) < 1.0
+        ]
+        return min((float(each.max(initial=-np.inf)) for each in begins), default=None)
+
+    def flows_over(self, energy_kwh: Array, temperature_c: Array, power_kw: Array, steps: int) -> Array:
+        """Return what signed powers ``(n_powers,)``, shared as loses least, do in so many control steps.
+
+        All strings start alike, at each of the stored energies and temperatures.
+
+        Returns
+        -------
+        ndarray, shape (n_energies, n_temperatures, n_powers, 6)
+            Power asked for, less what full or empty strings cannot take, power delivered, both signed, power
+            that derating takes, standby of inverters that are off [kW]; energy [kWh] and mean temperature at
+            the end.
+        """
+        strings = self.system.n_strings
+        full = np.linspace(self.soc_min, self.soc_max, 201, axis=1)
+        at_energy = np.array([np.interp(energy_kwh, self.energy_kwh(full), soc) for soc in full]).T
+        share = np.zeros((power_kw.size, strings))
+        for curve, sign in zip(self.curves, (-1.0, 1.0), strict=True):
+            here = sign * power_kw > 0.0
+            share[here] = sign * np.stack(
+                [np.interp(np.abs(power_kw[here]), curve.power_kw, each) for each in curve.share_kw.T], axis=1
+            )
+        standby_kw = (share == 0.0) @ self._off_kw
+        parts = steps * self._parts
+        request_kw = np.repeat(share[:, :, None], parts, axis=2)
+        ambient_c = np.full(parts, self.system.cools_towards_c)
+        flows = np.empty((energy_kwh.size, temperature_c.size, power_kw.size, 6))
+        for i, soc in enumerate(at_energy):
+            for j, degrees in enumerate(temperature_c):
+                out = self._model.rollout(
+                    soc,
+                    np.full(strings, degrees),
+                    request_kw,
+                    ambient_c,
+                    self.dt_h / self._parts,
+                    midpoint=True,
+                )
+                shed_kw = out.availability_loss_kw.mean(axis=2).sum(axis=1)
+                flows[i, j] = np.stack(
+                    [
+                        np.sign(power_kw) * np.maximum(np.abs(power_kw) - shed_kw, 0.0),
+                        out.delivered_kw.mean(axis=2).sum(axis=1),
+                        out.derating_loss_kw.mean(axis=2).sum(axis=1),
+                        standby_kw,
+                        self.energy_kwh(out.soc[:, :, -1].T),
+                        self.mean_c(out.temperature_c[:, :, -1].T),
+                    ],
+                    axis=1,
+                )
+        return flows
 
     def roll_out(self, state: State, demand_kw: Array, ambient_c: Array) -> Rolled:
         """Return what the control model makes of a demand, shared as loses least.
@@ -290,40 +241,7 @@ class Aggregate:
                 *step, costs, costs, tolerance, tolerance,
             )  # fmt: skip
             share[i] = np.abs(horizon.greedy()[:, 0])
-        flows = self._model.rollout(soc, warm_c, sign * share[:, :, None], step[0], _SUBSTEP_H)
-        inverter, heat = (
-            losses[:, :, 0].sum(axis=1) for losses in (flows.inverter_loss_kw, flows.battery_loss_kw)
-        )
-        return Curve(power, share, inverter, heat)
-
-    def _ohm_per_v2(self, soc: Array, temperature_c: Array) -> tuple[Array, Array]:
-        """``R / V^2`` of every string in charge and discharge, arrays of the shape of ``soc``."""
-        charge, discharge = (
-            resistance / voltage**2 for voltage, resistance in self._coefficients(soc, temperature_c)
-        )
-        return charge, discharge
-
-    def _coefficients(self, soc: Array, temperature_c: Array) -> list[tuple[Array, Array]]:
-        """Voltage [V] and resistance [Ohm] in charge and in discharge."""
-        return [self._model.coefficients(soc, temperature_c, discharge) for discharge in (False, True)]
-
-    def _voltage_ratio(self) -> float:
-        grid = np.linspace(self.soc_min, self.soc_max, 21, axis=1)
-        (charge, _), (discharge, _) = self._coefficients(grid, np.full_like(grid, _REFERENCE_C))
-        return float(discharge.sum() / charge.sum())
-
-
-def _lines_above(energy_kwh: Array, power_kw: Array, most_kw: float) -> Array:
-    """Lines ``a E + b`` whose least is the power over the energy, or a little more where that is not concave.
-
-    None that stays at or above ``most_kw``.
-    """
-    slope = np.diff(power_kw) / np.diff(energy_kwh)
-    slope = np.maximum.accumulate(slope[::-1])[::-1]
-    start = power_kw[0] + np.r_[0.0, np.cumsum(slope * np.diff(energy_kwh))[:-1]]
-    lines = np.stack([slope, start - slope * energy_kwh[:-1]], axis=1)
-    below = np.minimum(start, start + slope * np.diff(energy_kwh)) < (1.0 - 1e-6) * most_kw
-    return np.asarray(lines[below])
+        return Curve(power, share)
 
 
 def energy_tables(system: System, health: State, soc_min: Array) -> tuple[list[Array], list[Array]]:

@@ -164,12 +164,12 @@ class Arbitrage:
         blocks = Blocks.of(price, days, self.dt_h)
         price, days = price[blocks.first], days[blocks.first]
         hours = np.asarray(blocks.count * self.dt_h, dtype=np.float64)
-        steps, one_way = price.size, np.sqrt(self.efficiency)
+        steps, one_way = price.size, float(np.sqrt(self.efficiency))
         held, full = energy_kwh / self.power_kw, self.energy_kwh / self.power_kw
         start, idle = np.zeros(steps), np.zeros(steps)
         start[0] = held
         daily, allowed = self._cycles(days, hours, discharged_kwh)
-        rows: sparse.csr_array = sparse.vstack([self._balance_rows(hours), daily], format="csr")
+        rows: sparse.csr_array = sparse.vstack([balance_rows(hours, one_way), daily], format="csr")
         cost = price * hours / (self.dt_h * max(1.0, float(np.abs(price).max())))
         program = Program(
             cost=np.concatenate([cost, -cost, idle]),
@@ -190,13 +190,6 @@ class Arbitrage:
         demand: Array = self.power_kw * blocks.at_full(np.clip(share, -1.0, 1.0))
         return demand
 
-    def _balance_rows(self, hours: Array) -> sparse.csr_array:
-        """Rows of ``e_t - e_{t-1} - eta_c c_t T_t + d_t T_t / eta_d``."""
-        one_way, length = np.sqrt(self.efficiency), sparse.diags_array(hours)
-        change = sparse.eye_array(hours.size) - sparse.eye_array(hours.size, k=-1)
-        rows: sparse.csr_array = sparse.hstack([-one_way * length, length / one_way, change], format="csr")
-        return rows
-
     def _cycles(
         self, days: npt.NDArray[np.int64], hours: Array, discharged_kwh: float
     ) -> tuple[sparse.csr_array, Array]:
@@ -212,6 +205,14 @@ class Arbitrage:
         allowed = np.full(numbers.size, self.cycles_per_day * self.energy_kwh)
         allowed[day[0]] = max(0.0, allowed[day[0]] - discharged_kwh)
         return rows, allowed / self.power_kw
+
+
+def balance_rows(hours: Array, one_way: float) -> sparse.csr_array:
+    """Rows of ``e_t - e_{t-1} - eta_c c_t T_t + d_t T_t / eta_d``."""
+    length = sparse.diags_array(hours)
+    change = sparse.eye_array(hours.size) - sparse.eye_array(hours.size, k=-1)
+    rows: sparse.csr_array = sparse.hstack([-one_way * length, length / one_way, change], format="csr")
+    return rows
 
 
 def calendar_days(index: pd.DatetimeIndex, time_zone: str) -> npt.NDArray[np.int64]:

@@ -1,39 +1,38 @@
-"""Dispatch that asks the plant: linear programs around its roll-out, until the plan is what it can do."""
+"""Dispatch that asks the plant: dynamic programs over the plant as one store."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from bess.display import as_table, one_line
-from bess.ems.aggregate import Aggregate, Curve, Rolled
-from bess.ems.bank_choice import Depths, banks_of
+from bess.ems.aggregate import Aggregate, Rolled
 from bess.ems.blocks import Blocks
-from bess.ems.store_program import Banks, Numbers, Pieces, StoreProgram
+from bess.ems.depths import Depths
+from bess.ems.moves import Grid, Moves, Offer, StoreState
 from bess.numbers import Array, ByValue
 from bess.parameters import State, System
 from bess.parameters.terms import Terms
 from bess.units import KWH_PER_MWH
-from bess.wear import MarginalWear, WearRates
-
-_PROGRAMS: Final = 3
-"""Most linear programs of a plan, each with the coefficients of the roll-out before it."""
-
-_SETTLED: Final = 0.01
-"""Change of the resistance that is not worth another program, where nothing is derated."""
-
-_TOWARDS: Final = 0.9
-"""Share of the way from the derated power of a program to that of its roll-out: not all of it, so that the
-hot hours do not swap places for ever."""
+from bess.wear import WearRates
 
 _LEAST: Final = 1e-6
-"""Share of the plant's power below which nothing is asked for, or missing."""
+"""Share of the plant's power below which nothing is asked for."""
 
-_REGULAR_SOC: Final = 0.15
-"""The deep banks have a resistance of their own; that of the pieces is taken at this SOC or above."""
+_FIRST_H: Final = 8.0
+"""Time that is planned in short blocks [h]; a newer plan takes over before it has passed."""
+
+_STEP_H: Final = 0.25
+"""The longest of them [h]; later ones are longer (:class:`bess.ems.blocks.Blocks`)."""
+
+_LADDER: Final = (0.0, 0.1, 0.2, 0.4, 0.7, 1.2)
+"""Prices of what is cycled, over the largest price of energy, where cycles are limited."""
+
+_ANY_KWH: Final = 1e12
+"""More than any plant cycles: no limit."""
 
 _NEVER_EUR_KWH: Final = -1e3
 """Income of a kWh discharged at a negative price: it is not planned, as it would pay to burn energy."""
@@ -103,12 +102,14 @@ class AwareDispatch:
     The bundled study ``model-accuracy`` repeats the comparison of [1]_ with it. Wear by depth of cycle can be
     part of the program because the cost of cycles counted by rainflow is convex in the profile [2]_.
 
-    Every plan is a linear program of the plant as one store (:class:`bess.ems.store_program.StoreProgram`):
-    losses over power with the best share among the strings, resistance over SOC and temperature, heat and
-    derating, fees, wear by depth of cycle, the price of a shortfall. The plan is rolled out with the control
-    model; resistance and derating are taken from there and the program is solved again. The roll-out that
-    earns most is the plan, less what full or empty strings could not take. It depends on its arguments alone,
-    to the last bit.
+    Every plan is a dynamic program of the plant as one store, over stored energy, temperature and, where wear
+    depends on it, depth of the discharge so far (:class:`bess.ems.moves.Moves`). In each block of steps at
+    one price the power is chosen that earns most together with the value of the state after it. The control
+    model gives what powers do, with the best share among the strings: losses, heat, derating, full and empty
+    strings. Fees, wear, standby and the price of a shortfall are counted. Where cycles are limited, cycling
+    has a price: the dual value is least, at every state, at that of what is left of the limit. The plan is
+    rolled out with the control model, less what full or empty strings cannot take. It depends on its
+    arguments alone, to the last bit.
 
     Parameters
     ----------
@@ -154,6 +155,7 @@ class AwareDispatch:
         self._cycles_per_day, self._cycles_per_plan = cycles_per_day, cycles_per_plan
         self._wear = WearRates(system)
         self._plant: Aggregate | None = None
+        self._moves: dict[tuple[int, int], Moves] = {}
 
     def plan(self, outlook: Outlook, state: State, *, limit_kw: Array | None = None) -> DispatchPlan:
         """Return the plan that earns most, as far as it was found.
@@ -171,13 +173,41 @@ class AwareDispatch:
         if not limit.any():
             return _nothing(outlook, state)
         plant = self._aggregate(state, limit)
-        task = _Task.of(
-            plant, self._terms, outlook, state, self._wear.at(state),
-            power_kw=min(self._max_power_kw, plant.power_kw),
-            energy_kwh=min(self._max_energy_kwh, plant.capacity_kwh),
-            cycles_per_day=self._cycles_per_day,
-            cycles_per_plan=self._cycles_per_plan,
-            end_price_eur_mwh=self._end_price_eur_mwh,
+        depths = Depths.of(plant, self._wear.at(state))
+        blocks = Blocks.of(outlook.price_eur_mwh, outlook.day, self._dt_h, first_h=_FIRST_H, step_h=_STEP_H)
+        energy_kwh = min(self._max_energy_kwh, plant.capacity_kwh)
+        if self._cycles_per_plan is None:
+            period = outlook.day[blocks.first] - outlook.day[0]
+            allowed_kwh = np.full(period[-1] + 1, self._cycles_per_day * energy_kwh)
+            allowed_kwh[0] = max(0.0, allowed_kwh[0] - outlook.discharged_kwh)
+        else:
+            period = np.zeros(blocks.first.size, dtype=np.int64)
+            allowed_kwh = np.array([self._cycles_per_plan * energy_kwh])
+        grid = Grid.of(plant, energy_kwh, depths.points)
+        price = outlook.price_eur_mwh[blocks.first]
+        buy = self._terms.charge_price_eur_mwh(price) / KWH_PER_MWH
+        sell = self._terms.discharge_price_eur_mwh(price) / KWH_PER_MWH - depths.by_energy_eur_kwh
+        eur = np.stack(
+            [
+                np.where(sell < 0.0, _NEVER_EUR_KWH, sell),
+                -buy,
+                -self._terms.shortfall_price_eur_mwh(price) / KWH_PER_MWH,
+                np.full(price.size, -depths.holding_eur_kwh_h),
+            ],
+            axis=1,
+        )
+        if outlook.is_last:
+            end_eur_kwh = 0.0
+        elif self._end_price_eur_mwh is not None:
+            end_eur_kwh = self._end_price_eur_mwh / KWH_PER_MWH
+        else:
+            wear_eur = depths.marginal_eur_kwh.mean()
+            end_eur_kwh = _value_of_store(*(np.repeat(each, blocks.count) for each in (buy, sell - wear_eur)))
+        task = _Task(
+            plant, self._terms, outlook, state, blocks,
+            offers=[Offer(*each) for each in zip(eur, blocks.mean(outlook.ambient_c), strict=True)],
+            moves=[self._moves_of(plant, grid, int(steps)) for steps in blocks.count],
+            grid=grid, depths=depths, period=period, allowed_kwh=allowed_kwh, end_eur_kwh=end_eur_kwh,
         )  # fmt: skip
         return task.solved()
 
@@ -190,8 +220,17 @@ class AwareDispatch:
     def _aggregate(self, state: State, limit_kw: Array) -> Aggregate:
         """The plant as it is now; kept until strings fail or have aged by a thousandth."""
         if self._plant is None or not self._plant.fits(state, limit_kw):
-            self._plant = Aggregate(self._system, self._dt_h, state, limit_kw)
+            self._plant, self._moves = Aggregate(self._system, self._dt_h, state, limit_kw), {}
         return self._plant
+
+    def _moves_of(self, plant: Aggregate, grid: Grid, steps: int) -> Moves:
+        """Moves of a block of so many steps; kept as long as the plant is."""
+        key = steps, grid.depth.size
+        if key not in self._moves:
+            power_kw = min(self._max_power_kw, plant.power_kw)
+            by_throughput = self._cycles_per_plan is not None
+            self._moves[key] = Moves(plant, grid, power_kw, steps, by_throughput=by_throughput)
+        return self._moves[key]
 
 
 def _nothing(outlook: Outlook, state: State) -> DispatchPlan:
@@ -201,123 +240,79 @@ def _nothing(outlook: Outlook, state: State) -> DispatchPlan:
 
 @dataclass(frozen=True)
 class _Task:
-    """One plan to be made; derating applies to no more than ``most_derated_kw``."""
+    """One plan to be made, with a limit on what is cycled in each period, and the value of what is left."""
 
     plant: Aggregate
     terms: Terms
     outlook: Outlook
     state: State
-    power_kw: float
     blocks: Blocks
+    offers: list[Offer]
+    moves: list[Moves]
+    grid: Grid
     depths: Depths
-    banks: Banks
-    most_derated_kw: float
-    numbers: Numbers
-
-    @classmethod
-    def of(
-        cls,
-        plant: Aggregate,
-        terms: Terms,
-        outlook: Outlook,
-        state: State,
-        wear: MarginalWear,
-        *,
-        power_kw: float,
-        energy_kwh: float,
-        cycles_per_day: float,
-        cycles_per_plan: float | None,
-        end_price_eur_mwh: float | None,
-    ) -> _Task:
-        blocks = Blocks.of(outlook.price_eur_mwh, outlook.day, plant.dt_h)
-        price, n_blocks = outlook.price_eur_mwh[blocks.first], blocks.first.size
-        depths = Depths.of(plant, wear)
-        banks = banks_of(plant, depths, energy_kwh)
-        buy = terms.charge_price_eur_mwh(price) / KWH_PER_MWH
-        sell = terms.discharge_price_eur_mwh(price) / KWH_PER_MWH - depths.by_energy_eur_kwh
-        days = int(outlook.day[-1] - outlook.day[0]) + 1
-        allowed = np.full(days, cycles_per_day * energy_kwh if cycles_per_plan is None else np.inf)
-        allowed[0] = max(0.0, allowed[0] - outlook.discharged_kwh)
-        most_kwh = np.inf if cycles_per_plan is None else cycles_per_plan * energy_kwh
-        if outlook.is_last:
-            end_eur = 0.0
-        elif end_price_eur_mwh is not None:
-            end_eur = end_price_eur_mwh / KWH_PER_MWH
-        else:
-            end_eur = _value_of_store(buy, sell - depths.marginal_eur_kwh.mean())
-        most_derated_kw = _most_derated_kw(plant, outlook, state)
-        numbers = Numbers(
-            charge_eur=buy,
-            discharge_eur=np.where(sell < 0.0, _NEVER_EUR_KWH, sell),
-            shortfall_eur=terms.shortfall_price_eur_mwh(price) / KWH_PER_MWH,
-            holding_eur=depths.holding_eur_kwh_h,
-            end_eur=end_eur,
-            heat_charge=np.ones(n_blocks),
-            heat_discharge=np.ones(n_blocks),
-            energy_kwh=_in_banks(banks, float(plant.energy_kwh(state.soc))),
-            temperature_c=float(plant.mean_c(state.temperature_c)),
-            ambient_c=blocks.mean(outlook.ambient_c),
-            derated_kw=np.full(n_blocks, min(0.5 * power_kw, most_derated_kw)),
-            allowed_kwh=allowed,
-            throughput_kwh=most_kwh,
-        )
-        return cls(plant, terms, outlook, state, power_kw, blocks, depths, banks, most_derated_kw, numbers)
+    period: npt.NDArray[np.int64]
+    allowed_kwh: Array
+    end_eur_kwh: float
 
     def solved(self) -> DispatchPlan:
-        """Solve and roll out in turn; keep the roll-out that earns most."""
-        plant, numbers = self.plant, self.numbers
-        charge, discharge = (_pieces(points) for points in plant.rising)
-        program = StoreProgram(
-            plant.dt_h, self.blocks.count, charge, discharge, self.banks,
-            power_kw=self.power_kw, stored_per_charged=plant.stored_per_charged,
-            warming_k_per_kwh=plant.warming_k_per_kwh, cooling_per_h=plant.cooling_per_h,
-            tangents=plant.derated_lines, tapers=plant.tapers,
-            day=self.outlook.day[self.blocks.first],
-        )  # fmt: skip
-        best_eur, best = -np.inf, _nothing(self.outlook, self.state)
-        rolled: Rolled | None = None
-        for _ in range(_PROGRAMS):
-            if rolled is not None:
-                before, numbers = numbers, self._after(numbers, rolled)
-                if self._is_settled(before, numbers, rolled):
-                    break
-            charge_kw, discharge_kw = program.solve(numbers)
-            demand_kw = self.blocks.spread(discharge_kw - charge_kw, plant.curves)
-            demand_kw[np.abs(demand_kw) < _LEAST * self.power_kw] = 0.0
-            rolled = plant.roll_out(self.state, demand_kw, self.outlook.ambient_c)
-            plan, value_eur = self._valued(rolled)
-            if value_eur > best_eur:
-                best_eur, best = value_eur, plan
-        return best
+        """The plan: where it would cycle too much at no price of that, by those of the ladder."""
+        power_kw, cycled_kwh = self._followed(np.zeros(1), np.full(self.allowed_kwh.size, _ANY_KWH))
+        if (cycled_kwh > self.allowed_kwh).any():
+            dearest = float(np.abs(self.outlook.price_eur_mwh).max()) / KWH_PER_MWH
+            power_kw, _ = self._followed(np.array(_LADDER) * dearest, self.allowed_kwh)
+        demand_kw = np.repeat(power_kw, self.blocks.count)
+        demand_kw[np.abs(demand_kw) < _LEAST * self.plant.power_kw] = 0.0
+        return self._valued(self.plant.roll_out(self.state, demand_kw, self.outlook.ambient_c))
 
-    def _after(self, numbers: Numbers, rolled: Rolled) -> Numbers:
-        """Resistance and derated power as the roll-out had them."""
-        soc, temperature_c = (
-            self.blocks.mean(0.5 * (ends[:, 1:] + ends[:, :-1]))
-            for ends in (rolled.soc, rolled.temperature_c)
+    def _followed(self, shadow_eur: Array, allowed_kwh: Array) -> tuple[Array, Array]:
+        """Power asked for in each block, and what is cycled in each period, not more than is allowed."""
+        values = self._values(shadow_eur)
+        energy_kwh, degrees = (
+            self.plant.energy_kwh(self.state.soc),
+            self.plant.mean_c(self.state.temperature_c),
         )
-        charge, discharge = self.plant.resistance_factor(np.maximum(soc, _REGULAR_SOC), temperature_c)
-        return replace(
-            numbers,
-            heat_charge=charge,
-            heat_discharge=discharge,
-            derated_kw=np.minimum(
-                (1.0 - _TOWARDS) * numbers.derated_kw
-                + _TOWARDS * self.blocks.mean(np.abs(rolled.delivered_kw)),
-                self.most_derated_kw,
-            ),
-        )
+        empty = max(0.0, 1.0 - float(energy_kwh) / self.plant.capacity_kwh)
+        now = StoreState(*(np.array([float(each)]) for each in (energy_kwh, degrees, empty)))
+        power_kw, cycled_kwh = np.zeros(len(self.moves)), np.zeros(allowed_kwh.size)
+        for b, (moves, offer, period) in enumerate(zip(self.moves, self.offers, self.period, strict=True)):
+            left_kwh = max(0.0, allowed_kwh[period] - cycled_kwh[period])
+            place, weight = self.grid.corners(now)
+            shadow = int(np.argmin(weight[0] @ values[b][place[0]] + shadow_eur * left_kwh))
+            after = self._after(values, b, shadow_eur)[:, shadow]
+            power_kw[b], now, cycled = moves.best(
+                after, offer, self.depths, now, shadow_eur[shadow], left_kwh
+            )
+            cycled_kwh[period] += cycled
+        return power_kw, cycled_kwh
 
-    def _is_settled(self, before: Numbers, after: Numbers, rolled: Rolled) -> bool:
-        """Whether a program with the numbers of the roll-out would be the one before it."""
-        slope, offset = self.plant.derated_lines.T
-        if (slope * float(rolled.temperature_c.max()) + offset).max() > 0.0:
-            return False
-        pairs = ((before.heat_charge, after.heat_charge), (before.heat_discharge, after.heat_discharge))
-        return all(bool((np.abs(new - old) <= _SETTLED * old).all()) for old, new in pairs)
+    def _values(self, shadow_eur: Array) -> list[Array]:
+        """What states are worth before each block and at the end, by the price of what is cycled."""
+        n_blocks = len(self.moves)
+        end = np.broadcast_to(self.grid.energy_kwh[:, None, None], self.grid.shape).reshape(-1, 1)
+        values = [np.repeat(self.end_eur_kwh * end, shadow_eur.size, axis=1)] * (n_blocks + 1)
+        wear_eur = {moves: moves.wear_eur(self.depths) for moves in set(self.moves)}
+        known: dict[tuple[Moves, bytes], Array] = {}
+        for b in range(n_blocks - 1, -1, -1):
+            moves = self.moves[b]
+            key = moves, self.offers[b].eur.tobytes()
+            if key not in known:
+                known = {key: moves.income_eur(self.offers[b], wear_eur[moves], shadow_eur)}
+            values[b] = moves.values(self._after(values, b, shadow_eur), known[key], self.offers[b].ambient_c)
+        return values
 
-    def _valued(self, rolled: Rolled) -> tuple[DispatchPlan, float]:
-        """The plan of a roll-out, and what it is worth with what is left in store [EUR]."""
+    def _after(self, values: list[Array], b: int, shadow_eur: Array) -> Array:
+        """What states are worth after a block; before another period, at the price that uses its limit.
+
+        That price is where the dual value, which bounds from above, is least.
+        """
+        if b + 1 == len(self.moves) or self.period[b] == self.period[b + 1]:
+            return values[b + 1]
+        least = (values[b + 1] + shadow_eur * self.allowed_kwh[self.period[b + 1]]).min(axis=1)
+        return np.repeat(least[:, None], shadow_eur.size, axis=1)
+
+    def _valued(self, rolled: Rolled) -> DispatchPlan:
+        """The plan of a roll-out, and what it nets."""
         terms, price, dt_h = self.terms, self.outlook.price_eur_mwh, self.plant.dt_h
         demand_kw, delivered_kw = rolled.demand_kw, rolled.delivered_kw
         sold_kw, bought_kw = np.maximum(delivered_kw, 0.0), np.maximum(-delivered_kw, 0.0)
@@ -329,33 +324,15 @@ class _Task:
         ) / KWH_PER_MWH
         wear_eur = self.depths.cost_eur(sold_kw * dt_h, rolled.energy_kwh, dt_h)
         net_eur = float(eur_per_h.sum()) * dt_h - wear_eur - terms.start_eur * rolled.starts
-        plan = DispatchPlan(
+        return DispatchPlan(
             demand_kw,
             delivered_kw,
             net_eur,
             rolled.energy_kwh[1:],
             self.plant.mean_c(rolled.temperature_c[:, 1:]),
         )
-        return plan, net_eur + self.numbers.end_eur * float(rolled.energy_kwh[-1])
-
-
-def _most_derated_kw(plant: Aggregate, outlook: Outlook, state: State) -> float:
-    """Largest power to which derating may apply if a plant that rests is to remain a plan, however hot."""
-    hottest_c = max(float(plant.mean_c(state.temperature_c)), float(outlook.ambient_c.max()))
-    slope, offset = plant.derated_lines.T
-    return plant.power_kw / max(1.0, float(np.max(slope * hottest_c + offset)))
 
 
 def _value_of_store(buy_eur_kwh: Array, sell_eur_kwh: Array) -> float:
     """What a kWh is worth that is left at the end of a plan: no more than it costs to buy, or brings."""
     return max(0.0, min(float(np.quantile(buy_eur_kwh, 0.5)), float(np.quantile(sell_eur_kwh, 0.9))))
-
-
-def _in_banks(banks: Banks, energy_kwh: float) -> Array:
-    below = np.cumsum(banks.size_kwh[::-1])[::-1] - banks.size_kwh
-    return np.asarray(np.clip(energy_kwh - below, 0.0, banks.size_kwh))
-
-
-def _pieces(points: Curve) -> Pieces:
-    width_kw = np.diff(points.power_kw)
-    return Pieces(width_kw, np.diff(points.inverter_kw) / width_kw, np.diff(points.heat_kw) / width_kw)

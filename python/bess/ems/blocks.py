@@ -9,7 +9,6 @@ from typing import Final, Self
 import numpy as np
 import numpy.typing as npt
 
-from bess.ems.aggregate import Curve
 from bess.numbers import Array
 
 _LONGEST_H: Final = 1.0
@@ -32,12 +31,24 @@ class Blocks:
     count: npt.NDArray[np.int64]
 
     @classmethod
-    def of(cls, price_eur_mwh: Array, day: npt.NDArray[np.int64], dt_h: float) -> Self:
-        """Cut the steps where the price or the day changes, and where a block gets too long."""
+    def of(
+        cls,
+        price_eur_mwh: Array,
+        day: npt.NDArray[np.int64],
+        dt_h: float,
+        *,
+        first_h: float = 0.0,
+        step_h: float = 0.0,
+    ) -> Self:
+        """Cut the steps where the price or the day changes, and where a block gets too long.
+
+        In the first ``first_h`` hours that is ``step_h``, or one step if it is longer.
+        """
         steps = np.arange(price_eur_mwh.size)
         change = np.r_[True, (np.diff(price_eur_mwh) != 0.0) | (np.diff(day) != 0)]
         since = steps - np.maximum.accumulate(np.where(change, steps, 0))
-        first = np.flatnonzero(since % max(1, int(_LONGEST_H / dt_h + 1e-9)) == 0)
+        longest_h = np.where(steps * dt_h < first_h, step_h, _LONGEST_H)
+        first = np.flatnonzero(since % np.maximum(1, (longest_h / dt_h + 1e-9).astype(int)) == 0)
         return cls(first, np.diff(np.r_[first, steps.size]))
 
     @cached_property
@@ -48,29 +59,6 @@ class Blocks:
     def mean(self, values: Array) -> Array:
         """Means over the blocks of values for each step, which are the last axis."""
         return np.asarray(np.add.reduceat(values, self.first, axis=-1) / self.count)
-
-    def spread(self, power_kw: Array, curves: tuple[Curve, Curve]) -> Array:
-        """Return the power of each step for the mean powers of blocks.
-
-        ``curves`` are those of charge and of discharge. The energy of a block goes to as many of its steps as
-        lose least: little power for long loses more than some for short, by what an inverter loses for being
-        on. They follow on steps of the same direction before the block, and else end it.
-        """
-        longest = int(self.count.max())
-        running = np.arange(1, longest + 1)
-        power = np.abs(power_kw)[:, None] * self.count[:, None] / running
-        loss = np.empty(power.shape)
-        for curve, here in zip(curves, (power_kw < 0.0, power_kw >= 0.0), strict=True):
-            loss[here] = np.interp(power[here], curve.power_kw, curve.loss_kw)
-        too_many = running > self.count[:, None]
-        too_much = power > np.maximum(curves[0].power_kw[-1], np.abs(power_kw)[:, None])
-        most = running[np.argmin(np.where(too_many | too_much, np.inf, loss * running), axis=1)]
-        before = np.r_[0.0, power_kw[:-1]]
-        from_start = (before * power_kw > 0.0)[self.of_step]
-        place = np.arange(self.of_step.size) - self.first[self.of_step]
-        place = np.where(from_start, place, self.count[self.of_step] - 1 - place)
-        runs = place < most[self.of_step]
-        return np.where(runs, (power_kw * self.count / most)[self.of_step], 0.0)
 
     def at_full(self, share: Array) -> Array:
         """Return the share of each step for the mean shares of blocks, at most 1 in size.

@@ -38,8 +38,8 @@ def plan_dispatch(
        - (|D_t| - |p_t|)(|\pi_t| + s)\bigr)\,\Delta t - W + v\, e_T
 
     where :math:`p`, :math:`e` and the temperatures follow from :math:`D` by the control model (equations 1 to
-    6 of ``docs/equations.md``). The program that is solved in turn with its roll-out is stated at
-    :class:`bess.ems.store_program.StoreProgram`, what it is for at :class:`bess.ems.AwareDispatch`.
+    6 of ``docs/equations.md``). How :math:`D` is found is said at
+    :class:`bess.ems.AwareDispatch`.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The store cut into banks by depth: where resistance climbs, and where deeper cycles wear more."""
+"""What cycles of the plant as one store wear, by their depth."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import Final, Self
 import numpy as np
 
 from bess.ems.aggregate import Aggregate
-from bess.ems.store_program import Banks
 from bess.numbers import Array
 from bess.units import HOURS_PER_DAY, KWH_PER_MWH
 from bess.wear import MarginalWear
@@ -18,9 +17,6 @@ _DEPTHS: Final = (0.25, 0.5, 0.75, 1.0)
 
 _HOLDING_SOC: Final = (0.2, 0.8)
 """Between these the price of a day is taken to be linear in SOC."""
-
-_POWER_SHARE: Final = 0.6
-"""Share of the plant's power at which the heat of deep banks is taken."""
 
 
 @dataclass(frozen=True)
@@ -72,9 +68,24 @@ class Depths:
         )
 
     @property
+    def points(self) -> Array:
+        """Depths to tell apart: one where wear does not depend on it."""
+        return self.depth if np.ptp(self.marginal_eur_kwh) > 0.0 else self.depth[:1]
+
+    @property
     def marginal_eur_kwh(self) -> Array:
         """Price of a kWh drawn in each segment of depth."""
         return np.diff(self.cycle_eur) / (np.diff(self.depth) * self.capacity_kwh)
+
+    def discharge_eur(self, depth: Array, drawn: Array) -> Array:
+        """Return the wear of going deeper by ``drawn`` from ``depth``, beside the price of energy.
+
+        Below a depth of 1, which only points of a grid around a state reach, it rises on as before it.
+        """
+        deeper = np.r_[self.depth, 2.0]
+        cost_eur = np.r_[self.cycle_eur, self.cycle_eur[-1] + self.capacity_kwh * self.marginal_eur_kwh[-1]]
+        from_eur, to_eur = (np.interp(each, deeper, cost_eur) for each in (depth, depth + drawn))
+        return np.asarray(to_eur - from_eur)
 
     def cost_eur(self, discharged_kwh: Array, energy_kwh: Array, dt_h: float) -> float:
         """Return what a trajectory of stored energy wears.
@@ -88,20 +99,3 @@ class Depths:
         cycles_eur = np.interp(drawn, self.depth, self.cycle_eur).sum()
         held_eur = self.holding_eur_kwh_h * dt_h * energy_kwh[1:].sum()
         return float(discharged_kwh.sum() * self.by_energy_eur_kwh + cycles_eur + held_eur)
-
-
-def banks_of(plant: Aggregate, depths: Depths, energy_kwh: float) -> Banks:
-    """Cut ``energy_kwh``, of which the lowest part is the plant's lowest, into banks from the top down."""
-    size, factor = plant.deep_banks
-    bottom = np.maximum(np.cumsum(size) - (plant.capacity_kwh - energy_kwh), 0.0)
-    wears = np.ptp(depths.marginal_eur_kwh) > 0.0
-    segments = depths.depth[1:] * plant.capacity_kwh
-    edges = np.unique(np.r_[bottom, segments[segments < energy_kwh] if wears else []])
-    sizes = np.diff(edges, prepend=0.0)
-    edges, sizes = edges[sizes > 1e-6 * energy_kwh], sizes[sizes > 1e-6 * energy_kwh]
-    middle = edges - 0.5 * sizes
-    growth = factor[np.searchsorted(bottom, middle)] - factor[0]
-    segment = np.minimum(np.searchsorted(segments, middle), segments.size - 1)
-    power_kw = _POWER_SHARE * plant.power_kw
-    heat = [np.interp(power_kw, curve.power_kw, curve.heat_kw) / power_kw for curve in plant.curves]
-    return Banks(sizes, growth * heat[0], growth * heat[1], depths.marginal_eur_kwh[segment])
