@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 RUST_SOURCES := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name 'Cargo.toml')
 
-.PHONY: demo test test-rust test-python lint bench cases arena docs clean
+.PHONY: demo test test-rust test-python lint bench cases arena docs surface release wheel clean
 
 demo: $(VENV)/built
 	rm -rf demo-case1
@@ -23,12 +23,16 @@ lint: $(VENV)/built
 	$(BIN)/ruff format --check .
 	$(BIN)/typos
 	$(BIN)/mypy
+	$(BIN)/mypy --platform win32 --cache-dir .mypy_cache/win32
+	$(BIN)/actionlint
+	$(BIN)/zizmor --offline --quiet .github
+	$(BIN)/python .ci/licences.py --check
 	cargo fmt --check
 	cargo clippy --workspace --all-targets --locked -- -D warnings
 
 # The rivals are optional: what cannot be installed is a row of the table that says so.
 bench: $(VENV)/built
-	-$(BIN)/maturin develop --release --locked --extras all,dev,docs,bench
+	-$(BIN)/python -m pip install --quiet --group bench
 	-$(BIN)/python -m pip install --quiet --no-deps --ignore-requires-python simses==2.1.1
 	cargo bench --locked
 	$(BIN)/python -m pytest benches -o addopts= --benchmark-only
@@ -59,8 +63,23 @@ $(VENV)/tools: pyproject.toml
 
 # An editable install: the Python sources are used in place, the Rust core is compiled into them.
 $(VENV)/built: $(VENV)/tools $(RUST_SOURCES)
-	$(BIN)/maturin develop --release --locked --extras all,dev,docs
+	$(BIN)/maturin develop --release --locked --extras all
+	$(BIN)/python -m pip install --quiet --group dev --group docs
 	touch $@
+
+# Stores the public surface as it is now (docs/stability.md).
+surface: $(VENV)/built
+	$(BIN)/python tests/surface.py
+
+# Writes the version given wherever it stands, and closes the change log; a tag then does the rest (.github/workflows/release.yml).
+release: surface
+	$(BIN)/python .ci/release.py cut $(VERSION)
+
+# One wheel, as the release builds it: make wheel TARGET=x86_64-unknown-linux-gnu (after `rustup target add`).
+wheel: $(VENV)/tools
+	$(BIN)/python -m pip install --quiet --group wheels
+	PATH="$(CURDIR)/$(BIN):$$PATH" .ci/wheel $(TARGET)
+	PATH="$(CURDIR)/$(BIN):$$PATH" .ci/audit dist
 
 clean:
 	rm -rf $(VENV) target docs/_build

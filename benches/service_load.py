@@ -60,15 +60,16 @@ class Outcome:
 class Server:
     """``bess serve`` on the loopback, with a state of its own."""
 
-    def __init__(self, folder: Path, n_strings: int) -> None:
+    def __init__(self, folder: Path, n_strings: int, *options: str) -> None:
         study = folder / "study.toml"
         study.write_text(STUDY.format(n_strings=n_strings))
         with socket.socket() as probe:
             probe.bind(("127.0.0.1", 0))
             self.port = probe.getsockname()[1]
-        self._log = (folder / "log").open("ab")
+        self.log = folder / "log"
+        self._log = self.log.open("ab")
         arguments = [sys.executable, "-m", "bess", "serve", str(study), "--port", str(self.port)]
-        arguments += ["--state", str(folder / "state")]
+        arguments += ["--state", str(folder / "state"), *options]
         self.process = subprocess.Popen(arguments, stderr=self._log, stdout=self._log)
         deadline = time.monotonic() + 60.0
         while time.monotonic() < deadline:
@@ -99,8 +100,11 @@ async def post(port: int, connection: list[object], body: bytes) -> tuple[int, b
     if not connection:
         connection.extend(await asyncio.open_connection("127.0.0.1", port))
     reader, writer = connection
-    head = f"POST /v1/split HTTP/1.1\r\nHost: x\r\nContent-Length: {len(body)}\r\n\r\n".encode()
-    writer.write(head + body)  # type: ignore[attr-defined]
+    head = (
+        "POST /v1/split HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+        f"Content-Length: {len(body)}\r\n\r\n"
+    )
+    writer.write(head.encode() + body)  # type: ignore[attr-defined]
     lines = (await reader.readuntil(b"\r\n\r\n")).decode().split("\r\n")  # type: ignore[attr-defined]
     length = next(int(line.split(":")[1]) for line in lines if line.lower().startswith("content-length"))
     return int(lines[0].split()[1]), await reader.readexactly(length)  # type: ignore[attr-defined]

@@ -2,7 +2,9 @@
 
 import importlib.metadata
 import json
+import os
 import sys
+import tomllib
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -48,6 +50,15 @@ html_theme_options = {
     "navigation_with_keys": False,
     "secondary_sidebar_items": ["page-toc"],
 }
+# Only manuals that stand side by side offer each other; one that is built here loads nothing from elsewhere.
+if shown := os.environ.get("DOCS_VERSION"):
+    project_file = (Path(__file__).parents[1] / "pyproject.toml").read_text("utf-8")
+    home = tomllib.loads(project_file)["project"]["urls"]["Documentation"]
+    html_theme_options |= {
+        "switcher": {"json_url": f"{home}switcher.json", "version_match": shown},
+        "navbar_end": ["version-switcher", "theme-switcher", "navbar-icon-links"],
+        "check_switcher": False,
+    }
 html_title = f"bess {release}"
 html_static_path = ["_static"]
 html_css_files = ["manual.css"]

@@ -26,6 +26,10 @@ from bess.split.settings import SplitSettings
 DT_H = 0.25
 MEASURED_UNITS = {"batt1": 0, "batt10": 9}  # name in the data: index in the system
 RUNNING_KW = 1e-3
+NOMINAL_KVA = 630.0
+STEADY = ((0.0, 2.44), (252.0, 6.60))  # kVA, kW: medians at no load and with reactive power alone
+DC_LAG_S = 3
+FIT_WINDOW_S = 300
 CARRIES_KVAR = 60.0
 POWER_BINS_KW = [-1, 50, 200, 400, 600, 800, 1000, 1700]
 Array = NDArray[np.float64]
@@ -81,6 +85,65 @@ def loss_line_kw(apparent_kva: Array) -> Array:
     return np.asarray(
         table.nominal_kw * np.interp(apparent_kva / table.nominal_kw, table.load, table.loss_discharge)
     )
+
+
+def unit_seconds(second: pd.DataFrame, unit: str) -> pd.DataFrame:
+    """Running seconds of a measured unit: apparent power [kVA] and inverter loss [kW]."""
+    dc_kw = (second[f"I_DC_Batt_{unit}"] * second[f"U_DC_Batt_{unit}"] / 1e5).to_numpy(dtype=np.float64)
+    active_kw = second[f"P_AC_{unit}"].to_numpy(dtype=np.float64)
+    frame = pd.DataFrame(
+        {
+            "apparent_kva": np.hypot(active_kw, second[f"Q_AC_{unit}"].to_numpy(dtype=np.float64)),
+            "loss_kw": np.roll(dc_kw, -DC_LAG_S) - active_kw,
+        }
+    )
+    return frame[(second[f"Mode_PQ_{unit}"] == 1).to_numpy()]
+
+
+def fitted_loss(seconds: pd.DataFrame) -> Array:
+    """Loss [kW] at no load, at the bend and at nominal power: two straight lines that meet at the bend.
+
+    The first line is that of the steady seconds, which are many up to the bend. The second one is least
+    squares on the energy of every five minutes: over minutes the lag of the DC columns cancels, which
+    second by second is larger than the loss.
+    """
+    no_load_kw, bend_kw = (kw for _, kw in STEADY)
+    bend_kva = STEADY[1][0]
+    first_kw = np.interp(seconds.apparent_kva, [0.0, bend_kva], [no_load_kw, bend_kw])
+    parts = {"above": np.maximum(seconds.apparent_kva - bend_kva, 0.0), "left": seconds.loss_kw - first_kw}
+    sums = pd.DataFrame(parts).groupby(seconds.index // FIT_WINDOW_S)
+    weight, energy = 1.0 / sums.size(), sums.sum()
+    slope = (weight * energy.above * energy.left).sum() / (weight * energy.above**2).sum()
+    return np.array([no_load_kw, bend_kw, bend_kw + slope * (NOMINAL_KVA - bend_kva)])
+
+
+def loss_fit(second: pd.DataFrame, samples: pd.DataFrame) -> dict[str, float]:
+    """The fit to unit 10, its error in sum on the day it was fitted to, and on data that it was not [%]."""
+
+    def error_pct(fit: Array, apparent_kva: Array, loss_kw: Array) -> float:
+        fitted_kw = np.interp(apparent_kva, [0.0, STEADY[1][0], NOMINAL_KVA], fit)
+        return float(100.0 * (fitted_kw.sum() / loss_kw.sum() - 1.0))
+
+    seconds = unit_seconds(second, "batt10")
+    other_day = samples[samples.unit == "batt10_2023-04-13"]
+    active = other_day[other_day.pac_kW.abs() > 40.0]
+    odd = seconds.index // 3600 % 2 == 1
+    fit = fitted_loss(seconds)
+    halves = (seconds[odd], seconds[~odd])
+    return {
+        "no load, kW": fit[0],
+        "at 252 kVA, kW": fit[1],
+        "at 630 kVA, kW": fit[2],
+        "the whole day, %": error_pct(fit, *seconds.to_numpy().T),
+        "odd hours, fitted to even ones, %": error_pct(fitted_loss(halves[1]), *halves[0].to_numpy().T),
+        "even hours, fitted to odd ones, %": error_pct(fitted_loss(halves[0]), *halves[1].to_numpy().T),
+        **{
+            f"steady seconds of 2023-04-13{kind}, %": error_pct(
+                fit, np.hypot(some.pac_kW, some.q_kvar).to_numpy(), some.loss_kW.to_numpy()
+            )
+            for kind, some in (("", other_day), (" above 40 kW", active))
+        },
+    }
 
 
 def steady_table(samples: pd.DataFrame) -> pd.DataFrame:
@@ -253,6 +316,7 @@ def main() -> None:
     print(steady_table(samples).to_string(), end="\n\n")
     print(pd.DataFrame({u: unit_day(second, u) for u in MEASURED_UNITS}).round(2).to_string(), end="\n\n")
     print(loss_readings(samples, second).round(2).to_string(), end="\n\n")
+    print(pd.Series(loss_fit(second, samples)).round(4).to_string(), end="\n\n")
     gross = [np.abs(demand_kw).sum() * DT_H, second.M5BAT_P.abs().sum() / 3600.0]
     print(f"energy moved: {gross[0]:.0f} kWh in 15-min means, {gross[1]:.0f} kWh in seconds", end="\n\n")
     replays = {name: replay(name, demand_kw) for name in arguments.policies}

@@ -17,7 +17,9 @@ if TYPE_CHECKING:
         read_inverter,
     )
     from bess.ems.plan import plan_dispatch
+    from bess.ems.store_value import StoreValue, store_value
     from bess.errors import BessError, InputError, StoppedEarly
+    from bess.foresight import PowerPlan, plan_power
     from bess.market import read_prices, read_weather
     from bess.parameters import State, System, load_system
     from bess.plant import Fleet, Plant
@@ -51,6 +53,10 @@ _HOMES = {
     "Study": "bess.study",
     "load_study": "bess.study",
     "plan_dispatch": "bess.ems.plan",
+    "PowerPlan": "bess.foresight",
+    "plan_power": "bess.foresight",
+    "StoreValue": "bess.ems.store_value",
+    "store_value": "bess.ems.store_value",
     "open_result": "bess.record",
     "run": "bess.simulation",
     "run_scenarios": "bess.simulation",
@@ -81,6 +87,7 @@ __all__ = [
     "Objective",
     "Objectives",
     "Plant",
+    "PowerPlan",
     "PowerSplit",
     "Result",
     "Rollout",
@@ -88,6 +95,7 @@ __all__ = [
     "SplitStatus",
     "State",
     "StoppedEarly",
+    "StoreValue",
     "Study",
     "SweepResult",
     "System",
@@ -101,6 +109,7 @@ __all__ = [
     "load_system",
     "open_result",
     "plan_dispatch",
+    "plan_power",
     "read_inverter",
     "read_prices",
     "read_weather",
@@ -109,6 +118,7 @@ __all__ = [
     "run_scenarios",
     "run_sweep",
     "split_power",
+    "store_value",
     "write_report",
 ]
 

@@ -17,6 +17,7 @@ __all__ = [
     "FollowedArrays",
     "GroupBounds",
     "Incumbent",
+    "Node",
     "Plan",
     "Plant",
     "SplitAnswer",
@@ -47,6 +48,7 @@ def plan(
     previous_kw: _Array | None,
     rollouts: int,
     fresh_rollouts: int,
+    bound_passes: int,
     turn: int,
     reactive_kvar: _Array | None = None,
 ) -> Plan: ...
@@ -121,6 +123,8 @@ class Plan:
     @property
     def rule_cost(self) -> float: ...
     @property
+    def search_bound(self) -> float | None: ...
+    @property
     def rollouts(self) -> int: ...
     @property
     def start_charge(self) -> float: ...
@@ -163,6 +167,7 @@ class ControlModel:
     def deliverable_kw(
         self, soc0: _Array, temperature0_c: _Array, discharge: bool, dt_h: float
     ) -> _Array: ...
+    def set_points(self, request_kw: _Array, limit_kw: _Array) -> _Array: ...
     def share_reactive(
         self,
         request_kw: _Array,
@@ -197,13 +202,13 @@ class GroupBounds:
     search_bound: float
     is_search_optimum: bool
     boxes: StateBoxes | None
-    may_shed: NDArray[np.bool_] | None
 
 @final
 class SplitAnswer:
     incumbent: Incumbent
     flows: FlowArrays
     groups: list[GroupBounds]
+    search_bound: float | None
     rollouts: int
 
 @final
@@ -260,6 +265,23 @@ class ControlHorizon:
     def step_bounds(self, boxes: StateBoxes, costs: _Array, budget_kw: _Array) -> StepBounds: ...
     def confine(self, request_kw: _Array, costs: _Array, shed_budget_kw: float) -> Confined: ...
     def coefficients(self, boxes: StateBoxes, near: StateBoxes) -> CoefficientRanges: ...
+    def root(self, boxes: StateBoxes) -> Node: ...
+    def narrowed(self, node: Node, shed_budget_kw: float) -> Node | None: ...
+    def step_bounds_of(self, node: Node, costs: _Array, budget_kw: _Array) -> StepBounds: ...
+    def relaxed(self, node: Node, near: StateBoxes, frozen: bool, units_kw: _Array) -> _Array: ...
+    @staticmethod
+    def relaxed_names() -> list[str]: ...
+    def flows_from(self, states: StateBoxes, request_kw: _Array) -> FlowArrays: ...
+
+@final
+class Node:
+    request_low_kw: _Array
+    request_high_kw: _Array
+    may_shed: NDArray[np.bool_]
+    boxes: StateBoxes
+    def branch_on_request(self, string: int, step: int, at_kw: float) -> tuple[Node, Node]: ...
+    def branch_on_soc(self, string: int, step: int, at: float) -> tuple[Node, Node]: ...
+    def branch_on_full(self, string: int, step: int) -> tuple[Node, Node]: ...
 
 @final
 class Explicit:

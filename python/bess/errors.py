@@ -4,7 +4,7 @@ Every message names what is wrong, its value with unit, the allowed range and th
 Outcomes that are to be expected (a time limit, an infeasible node) are statuses, not exceptions.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Final, Literal
@@ -36,6 +36,17 @@ class InputError(BessError, ValueError):
 
 class StoppedEarly(BessError):  # noqa: N818 - an outcome, not a fault
     """A run was interrupted after its results so far were saved. Exit status 3; continue with ``resume``."""
+
+
+def by_reason(problems: Mapping[str, str]) -> list[str]:
+    """Return each reason once, as a sentence that begins with the first of the names that share it."""
+    names: dict[str, list[str]] = {}
+    for name, reason in problems.items():
+        names.setdefault(reason, []).append(name)
+    return [
+        f"{shared[0]}{f' and {len(shared) - 1} more' if len(shared) > 1 else ''}: {reason}"
+        for reason, shared in names.items()
+    ]
 
 
 @contextmanager

@@ -1,10 +1,13 @@
-"""Reading a whole file that someone else named: never a pipe that hangs, never a device without an end."""
+"""Reading what someone else wrote: never a pipe that hangs, a device without an end, endless nesting."""
 
 from __future__ import annotations
 
+import json
 import stat
+import tomllib
+from collections.abc import Callable
 from pathlib import Path
-from typing import Final, Literal, Protocol
+from typing import Any, Final, Literal, Protocol
 
 from bess.errors import InputError
 
@@ -13,6 +16,47 @@ Fill = Literal["previous", "interpolate", "previous_day"]
 
 LARGEST_BYTES: Final = 200 * 2**20
 """What is read of a file or unpacked from an archive at most: some 50 years of quarter hours."""
+
+_DEEPEST: Final = 64
+"""Levels of tables and lists in a document, more than any file of the package has."""
+
+
+def parse_json(text: str | bytes) -> Any:
+    """Return a JSON document; whatever is wrong with it is a ValueError, nesting without an end too.
+
+    Raises
+    ------
+    ValueError
+        It is no JSON, or is nested too deeply.
+    """
+    return _parsed(json.loads, text)
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Return a TOML document; as :func:`parse_json`.
+
+    Raises
+    ------
+    ValueError
+        It is no TOML, or is nested too deeply.
+    """
+    document: dict[str, Any] = _parsed(tomllib.loads, text)
+    return document
+
+
+def _parsed(parse: Callable[[Any], Any], text: str | bytes) -> Any:
+    """Parsers recurse, and so does what reads a document later: both end in a RecursionError."""
+    try:
+        document = parse(text)
+    except RecursionError:
+        raise ValueError("is nested too deeply") from None
+    level = [[document]]
+    for _ in range(_DEEPEST):
+        nodes = [entry for entries in level for entry in entries if isinstance(entry, dict | list)]
+        if not nodes:
+            return document
+        level = [list(node.values()) if isinstance(node, dict) else node for node in nodes]
+    raise ValueError(f"is nested deeper than {_DEEPEST} levels")
 
 
 def read_file(path: str | Path, largest: int = LARGEST_BYTES) -> bytes:

@@ -3,8 +3,6 @@
 from typing import Final
 
 SECONDS_PER_HOUR: Final = 3600.0
-SECONDS_PER_MINUTE: Final = 60.0
-MINUTES_PER_HOUR: Final = 60.0
 WATTS_PER_KW: Final = 1000.0
 KWH_PER_MWH: Final = 1000.0
 PERCENT: Final = 100.0

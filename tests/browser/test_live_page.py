@@ -21,7 +21,8 @@ import uvicorn
 sys.path.append(str(Path(__file__).parents[1] / "serve"))
 from live_cases import measured
 
-from bess.serve.app import build_app
+from bess.serve.app import Driven, build_app
+from bess.serve.connections import Connection
 from bess.serve.service import Service
 from bess.study import load_study
 
@@ -46,11 +47,12 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     made.close()
 
 
-def served(service: Service, token: str | None) -> Iterator[str]:
+def served(service: Service, token: str | None, driven: Driven | None = None) -> Iterator[str]:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    config = uvicorn.Config(build_app(service, token), port=port, log_config=None, ws="none")
+    app = build_app(service, token, driven)
+    config = uvicorn.Config(app, http=Connection, port=port, log_config=None, ws="none")
     server = uvicorn.Server(config)
     thread = threading.Thread(target=server.run, daemon=True)
     thread.start()

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+EVERY = "matplotlib bokeh jinja2 distributed dask pyarrow openpyxl fastapi uvicorn httpx pymodbus cma"
+"""Libraries of the extras."""
 WITHOUT = """
 import sys
 for name in {missing!r}.split():
@@ -49,3 +51,29 @@ def test_a_closed_loop_needs_none_of_the_extras(tmp_path: Path) -> None:
     ended = run_without(missing, "run", "case1", "--days", "0.125", "--out", out)
     assert ended.returncode == 0, ended.stderr
     assert "Delivered" in ended.stdout
+
+
+@pytest.mark.parametrize(
+    "module", ["bess", "bess.report", "bess.cli.comparing", "bess.plants", "bess.record"]
+)
+def test_the_documentation_of_the_package_is_there_without_its_extras(module: str) -> None:
+    script = (
+        "import sys, pydoc\n"
+        f"for name in {EVERY!r}.split():\n    sys.modules[name] = None\n"
+        f"sys.argv = ['pydoc', {module!r}]\npydoc.cli()\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert ended.returncode == 0 and not ended.stderr, ended.stderr
+    assert f"Help on package {module}" in ended.stdout or f"Help on module {module}" in ended.stdout
+    assert "problem in" not in ended.stdout
+
+
+@pytest.mark.parametrize("words", [["report", "{run}"], ["compare", "{run}", "{run}"]])
+def test_every_command_that_draws_names_the_extra(words: list[str], tmp_path: Path) -> None:
+    import bess
+
+    study = bess.load_study("case1", {"policy.name": "soc", "run.days": 0.125})
+    bess.run(study, out=tmp_path, progress=False)
+    ended = run_without("matplotlib", *(word.format(run=tmp_path) for word in words))
+    assert ended.returncode == 2, ended.stderr
+    assert ended.stderr.count("\n") == 1 and "pip install 'bess-powersplit[report]'" in ended.stderr

@@ -128,7 +128,11 @@ def test_compare_sets_runs_of_two_folders_side_by_side(result: Path, tmp_path: P
     values = {"run.days": 0.25, "policy.name": "priority"}
     bess.run(bess.load_study("case1").with_values(values), progress=False, out=other)
     shown = run("compare", str(result), str(other), "--out", str(tmp_path / "both"))
-    assert shown.splitlines()[0].split() == ["equal", "priority"]
+    unlike, _, names, *_ = shown.splitlines()
+    assert (
+        unlike.startswith("These runs are unlike, so none of them is marked best: ") and "length (" in unlike
+    )
+    assert names.split() == ["equal", "priority"]
     page = (tmp_path / "both" / "report.html").read_text("utf-8")
     assert "Comparison of equal, priority" in page
     assert (tmp_path / "both" / "figures" / "losses.pdf").exists()

@@ -68,9 +68,21 @@ def test_a_line_over_apparent_power_reads_the_losses_that_one_over_active_power_
 
 def test_losses_of_both_measured_units_over_the_day_agree_with_the_line(m5bat: ModuleType) -> None:
     second = pd.read_parquet(DATA / "bess/m5bat_bess_battery_together_sample.parquet")
-    for unit, tolerance in (("batt1", 0.05), ("batt10", 0.2)):
+    for unit in ("batt1", "batt10"):
         day = m5bat.unit_day(second, unit)
-        assert day["line_loss_kwh"] == pytest.approx(day["measured_loss_kwh"], rel=tolerance)
+        assert day["line_loss_kwh"] == pytest.approx(day["measured_loss_kwh"], rel=0.02)
+
+
+def test_the_bundled_table_is_the_fit_and_holds_where_it_was_not_fitted(m5bat: ModuleType) -> None:
+    second = pd.read_parquet(DATA / "bess/m5bat_bess_battery_together_sample.parquet")
+    samples = pd.read_parquet(DATA / "inverter/m5bat_inverter_steady_samples.parquet")
+    fit = m5bat.loss_fit(second, samples)
+    inverter = bess.load_system("m5bat").strings[9].inverter
+    table_kw = inverter.nominal_kw * np.array(inverter.loss_discharge)
+    np.testing.assert_allclose(table_kw, [fit[name] for name in list(fit)[:3]], atol=0.01)
+    errors = {name: value for name, value in fit.items() if name.endswith("%")}
+    assert len(errors) == 5
+    assert max(map(abs, errors.values())) < 4.0, errors
 
 
 def test_the_day_is_delivered_by_an_equal_split_and_fewer_units_lose_less_in_inverters(
@@ -91,6 +103,6 @@ def test_the_optimiser_delivers_the_day_at_a_third_of_the_loss_of_an_equal_split
     equal, mpc = (m5bat.replay(name, demand_kw) for name in ("equal", "mpc"))
     np.testing.assert_allclose(mpc.delivered_kw.sum(axis=1), demand_kw, atol=1e-6)
     assert mpc.fallbacks == 0
-    assert mpc.units_on.max() <= 2
+    assert 3 <= mpc.units_on.max() <= 4, "losses rise steeply above 252 kVA"
     losses = [(r.inverter_loss_kw + r.battery_loss_kw).sum() for r in (mpc, equal)]
     assert losses[0] < losses[1] / 3.0

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -180,3 +181,31 @@ def test_the_command_writes_a_controller_and_says_what_was_lost(tmp_path: Path) 
     again = _bess(*command)
     assert again.returncode == 2
     assert "holds 'notes.txt'" in again.stderr
+
+
+def test_the_service_decides_as_the_distilled_policy_does_in_a_run(
+    study: bess.Study, file: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("prometheus_client")
+    from bess.plants import Measurements
+    from bess.serve.service import Service
+
+    service = Service(_using(study, file), tmp_path)
+    n = service.controller.n_strings
+    measured = Measurements(
+        time=datetime.now(UTC),
+        soc=np.linspace(0.4, 0.6, n),
+        temperature_c=np.full(n, 25.0),
+        power_kw=np.full(n, np.nan),
+        charge_limit_kw=np.full(n, np.inf),
+        discharge_limit_kw=np.full(n, np.inf),
+        available=np.ones(n, dtype=bool),
+    )
+    ahead = [20.0 * n] * service.controller.plan.n_steps
+    service.controller.step(measured, ahead[0], service.clock(), forecast_kw=ahead, wait_s=5.0)
+    state = bess.State(soc=measured.soc, temperature_c=measured.temperature_c)
+    decided = ExplicitController.read(file).split(state, np.array(ahead), np.full(n, 92.0))
+    plan = service.controller.plan.current
+    service.close()
+    assert plan is not None
+    np.testing.assert_allclose(plan.request_kw[:, 0], decided)

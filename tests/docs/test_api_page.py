@@ -3,37 +3,14 @@
 import importlib
 import pkgutil
 import re
-from pathlib import Path
 
 import pytest
 
 import bess
+from api_page import PAGE, found, listed
 
-PAGE = Path(__file__).parents[2] / "docs" / "api.rst"
 NOT_FOR_PYTHON = {"bess.cli"}
 """The command line has pages of its own."""
-
-
-def listed() -> list[str]:
-    """Full names on the page, each after the module that is current there."""
-    names, module, in_summary = [], "", False
-    for line in PAGE.read_text(encoding="utf-8").splitlines():
-        if line.startswith(".. currentmodule::"):
-            module = line.split("::")[1].strip()
-        elif line.startswith(".. py:data::"):
-            names.append(f"{module}.{line.split('::')[1].strip()}")
-        elif line and not line.startswith(" "):
-            in_summary = line.startswith(".. autosummary::")
-        elif in_summary and (entry := re.fullmatch(r"   ([A-Za-z_][\w.]*)", line)):
-            name = entry[1]
-            names.append(name if name.startswith("bess.") else f"{module}.{name}")
-    return names
-
-
-def found(name: str) -> object:
-    """What a full name stands for."""
-    module, _, attribute = name.rpartition(".")
-    return getattr(importlib.import_module(module), attribute)
 
 
 def public() -> dict[str, object]:
@@ -74,3 +51,11 @@ def test_every_name_on_the_page_exists_and_stands_there_once() -> None:
     assert len(names) == len(set(names))
     for name in names:
         assert found(name) is not None
+
+
+def test_the_page_on_policies_names_every_bundled_one() -> None:
+    from bess.policies import POLICIES
+
+    page = PAGE.with_name("howto") / "policies.md"
+    bundled = page.read_text(encoding="utf-8").partition("Bundled are ")[2].partition("## ")[0]
+    assert set(re.findall(r"(?<!})`(\w+)`", bundled)) == set(POLICIES)

@@ -232,3 +232,11 @@ def test_a_damaged_export_is_refused_or_read_without_inventing_prices(form, data
     else:
         assert series.notna().all()
         assert 2 <= len(series) <= len(SERIES) + 1
+
+
+def test_a_line_break_within_a_quoted_number_is_refused_with_its_line(tmp_path):
+    cells = enumerate(["1.5", '"2\n3,5"', "2.5", "3"])
+    rows = "".join(f"2024-01-01 {hour:02d}:00Z,{cell}\n" for hour, cell in cells)
+    (tmp_path / "p.csv").write_text(f"time,price\n{rows}")
+    with pytest.raises(bess.InputError, match=r"line 4"):
+        bess.read_prices(tmp_path / "p.csv")

@@ -40,7 +40,8 @@ class ReferenceString:
         r = float(node_r.mean())
         p = self._largest(wanted, r, charging)
         loss = self._loss(p, charging) if p > 0 else 0.0
-        current, voltage = self._current(p, loss, r, charging)
+        current, _ = self._current(p, loss, r, charging)
+        before, gap_v = self.soc, self._open_v(-1.0) - self._open_v(1.0)
         self.soc -= current * self.step_s / (3600.0 * self._capacity_ah())
         heat = current**2 * node_r / node_r.size
         self.temperature_c = self.temperature_c + self.step_s * self.slope(heat, ambient_c)
@@ -50,7 +51,8 @@ class ReferenceString:
             "derating": abs(request_w) - wanted,
             "inverter": loss,
             "battery": current**2 * r,
-            "chemical": voltage * current,
+            "hysteresis": abs(current) * gap_v / 2.0,
+            "chemical": self._stored_j(before, self.soc) / self.step_s,
             "current": current,
             "factor": factor,
         }.items():
@@ -110,6 +112,16 @@ class ReferenceString:
         b = self.document["battery"]
         table = b["ocv_v"]["discharge" if current > 0 else "charge"]
         return float(b["cells_series"] * np.interp(self.soc, b["ocv_v"]["soc"], table))
+
+    def _stored_j(self, high: float, low: float) -> float:
+        """Capacity times the integral of the mean of both open-circuit voltages from ``low`` to ``high``."""
+        b = self.document["battery"]
+        table = b["ocv_v"]
+        mean_v = 0.5 * b["cells_series"] * np.add(table["charge"], table["discharge"])
+        inside = [soc for soc in table["soc"] if min(low, high) < soc < max(low, high)]
+        soc = np.array([min(low, high), *inside, max(low, high)])
+        area_v = np.trapezoid(np.interp(soc, table["soc"], mean_v), soc)
+        return float(np.sign(high - low) * 3600.0 * self._capacity_ah() * area_v)
 
     def _largest(self, wanted: float, r: float, charging: bool) -> float:
         if wanted == 0.0 or self._feasible(wanted, r, charging):

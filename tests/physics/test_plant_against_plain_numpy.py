@@ -17,6 +17,7 @@ FLOWS = {
     "derating_loss_kw": "derating",
     "inverter_loss_kw": "inverter",
     "battery_loss_kw": "battery",
+    "hysteresis_loss_kw": "hysteresis",
     "chemical_kw": "chemical",
 }
 

@@ -50,10 +50,11 @@ def test_the_ledger_closes_over_a_month() -> None:
     # The same from the record alone: what the grid gave (standby included) is stored, heat, or inverter loss.
     standby_kw = np.where(flows.delivered_kw == 0.0, flows.inverter_loss_kw, 0.0)
     np.testing.assert_array_equal(flows.standby_kw[standby_kw > 0.0], standby_kw[standby_kw > 0.0])
-    balance = -flows.chemical_kw + flows.battery_loss_kw + flows.inverter_loss_kw + flows.delivered_kw
+    of_cells = flows.battery_loss_kw + flows.hysteresis_loss_kw - flows.chemical_kw - flows.ocv_shift_kw
+    balance = of_cells + flows.inverter_loss_kw + flows.delivered_kw
     np.testing.assert_allclose(flows.standby_kw, balance, atol=1e-10)
     full = (flows.delivered_kw == 0.0) | (flows.availability_loss_kw == 0.0)
-    stored = -flows.chemical_kw + flows.battery_loss_kw + flows.inverter_loss_kw
+    stored = of_cells + flows.inverter_loss_kw
     np.testing.assert_allclose((standby_kw - flows.delivered_kw)[full], stored[full], atol=1e-10)
 
 
@@ -137,10 +138,10 @@ def test_inverter_losses_jump_at_no_load_and_fall_to_standby_when_off() -> None:
     doc = document()
     doc["inverter"]["off_loss"] = 3e-4
     plant = bess.Plant(bess.System(doc), bess.State([0.5], [25.0]))
-    off, on = plant.step([0.0]), plant.step([1e-6])
-    np.testing.assert_allclose(
-        [off.inverter_loss_kw[0], on.inverter_loss_kw[0]], [92 * 3e-4, 92 * 0.011], rtol=1e-6
-    )
+    off, below, on = (plant.step([request_kw]) for request_kw in (0.0, 0.999e-3, 1e-3))
+    np.testing.assert_allclose([off.inverter_loss_kw[0], below.inverter_loss_kw[0]], 92 * 3e-4, rtol=1e-6)
+    assert (below.delivered_kw[0], below.availability_loss_kw[0]) == pytest.approx((0.0, 0.999e-3))
+    np.testing.assert_allclose(on.inverter_loss_kw[0], 92 * 0.011, rtol=1e-4)
     assert (off.inverter_starts[0], on.inverter_starts[0]) == (0, 1)
     assert off.current_a[0] == 0.0
     np.testing.assert_allclose(off.ledger_residual_kwh, 0.0, atol=1e-15)

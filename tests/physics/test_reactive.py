@@ -58,10 +58,11 @@ def test_no_inverter_carries_more_than_its_apparent_power_and_energy_is_balanced
     apparent_kva = np.hypot(flows.delivered_kw, flows.reactive_kvar)
     assert (apparent_kva <= SYSTEM.nominal_kw * (1.0 + 1e-12)).all()
     drawn_kw = flows.delivered_kw - flows.standby_kw
-    # Internal power is what the cells give less their heat; the rest of the ledger is the inverter's.
-    np.testing.assert_allclose(
-        flows.chemical_kw - flows.battery_loss_kw, drawn_kw + flows.inverter_loss_kw, atol=1e-9
+    # Internal power is what the cells give less what they lose; the rest of the ledger is the inverter's.
+    internal_kw = (flows.chemical_kw + flows.ocv_shift_kw) - (
+        flows.battery_loss_kw + flows.hysteresis_loss_kw
     )
+    np.testing.assert_allclose(internal_kw, drawn_kw + flows.inverter_loss_kw, atol=1e-9)
 
 
 def test_active_power_comes_first() -> None:

@@ -91,7 +91,7 @@ def rig(
     clock = watched.clock
     began = datetime(2026, 11, 22, tzinfo=UTC).timestamp()
     monkeypatch.setattr(service, "clock", lambda: began + clock.now_s)
-    demands = Demands(study.with_values({"demand.repeat": True}), 900.0)
+    demands = Demands(study, 900.0)
     journal = Journal(tmp_path / "state", service.controller.system, "matrix")
     link = connecting(partner.address)  # looks at the clock above
     cycle = Cycle(service, link, demands, journal, monotonic=clock)

@@ -2,11 +2,13 @@
 
 import signal
 import socket
+import socketserver
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +32,7 @@ name = "soc"
 
 [service]
 control_step_s = 1.0
+follow_profile = true
 """
 
 
@@ -67,6 +70,7 @@ def folder(tmp_path: Path) -> Path:
     ]
     (tmp_path / "profile.csv").write_text("time,power_kw\n" + "\n".join(rows) + "\n", encoding="utf-8")
     (tmp_path / "study.toml").write_text(STUDY, encoding="utf-8")
+    (tmp_path / "token").write_text(32 * "0", encoding="utf-8")
     return tmp_path
 
 
@@ -85,6 +89,8 @@ def test_a_service_that_is_killed_drives_on_when_it_is_back_and_lets_go_when_tol
             "study.toml",
             "--plant",
             edge.address,
+            "--token-file",
+            "token",
             "--state",
             "state",
             "--port",
@@ -119,3 +125,37 @@ def test_one_command_shows_a_plant_and_the_service_that_drives_it(folder: Path) 
     assert "a service that drives it: open http://127.0.0.1:" in log.read_text(encoding="utf-8")
     did = open_journal(folder / "results" / "study-demo")["power_kw"].values
     assert did[-1].sum() == pytest.approx(DEMAND_KW, abs=0.1)
+
+
+@pytest.mark.parametrize("piece", [b"HTTP/1.1 100 Continue\r\n\r\n", b""], ids=["trickle", "silence"])
+def test_a_service_ends_within_10_s_whatever_its_edge_does(folder: Path, piece: bytes) -> None:
+    asked, stop = threading.Event(), threading.Event()
+
+    class Handler(socketserver.StreamRequestHandler):
+        def handle(self) -> None:
+            self.rfile.readline()
+            asked.set()
+            with suppress(OSError):  # the service may have gone
+                while not stop.wait(0.2):
+                    self.wfile.write(piece)
+
+    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), Handler) as edge:
+        edge.daemon_threads = True
+        threading.Thread(target=edge.serve_forever, args=(0.05,), daemon=True).start()
+        address = f"openems=http://127.0.0.1:{edge.server_address[1]}?ess=ess0,ess1"
+        serve = (
+            "serve",
+            "study.toml",
+            "--plant",
+            address,
+            "--token-file",
+            "token",
+            "--port",
+            str(_free_port()),
+        )
+        with _bess(folder, *serve) as process:
+            assert asked.wait(60.0)
+            process.send_signal(signal.SIGTERM)
+            assert process.wait(10.0) == 0, (folder / "log").read_text(encoding="utf-8")[-3000:]
+        stop.set()
+        edge.shutdown()

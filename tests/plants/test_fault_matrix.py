@@ -237,7 +237,6 @@ def test_no_demand_is_not_a_demand_of_zero(rig: Rig) -> None:
     rig.ask(DISCHARGE_KW)
     rig.step(2)
     rig.demands.post(DISCHARGE_KW, 0.0, rig.service.clock())
-    rig.demands._profile = None
     rig.watched.asked.clear()
     rig.cycle.step()
     assert rig.watched.asked == []

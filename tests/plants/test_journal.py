@@ -3,6 +3,7 @@
 import gzip
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -98,12 +99,14 @@ def test_a_full_disk_stops_nobody_and_costs_only_what_it_must(tmp_path: Path) ->
 
 def test_a_folder_that_vanished_is_an_error_that_passes(tmp_path: Path) -> None:
     with Journal(tmp_path, SYSTEM, "") as journal:
-        (tmp_path / "journal").rmdir()
         journal.append(_said(0), 0.0, [0.0, 0.0])
-        assert "cannot be written (No such file or directory)" in journal.error
-        (tmp_path / "journal").mkdir()
+        journal._days.close_day()
+        shutil.rmtree(tmp_path / "journal")
         journal.append(_said(1), 1.0, [0.0, 0.0])
+        assert "cannot be written (No such file or directory)" in journal.error
+        journal.append(_said(2), 2.0, [0.0, 0.0])
         assert journal.error == ""
+    assert open_journal(tmp_path)["demand_kw"].values.tolist() == [2.0]
 
 
 def test_days_take_no_more_than_they_may_and_what_is_left_is_read(tmp_path: Path) -> None:
@@ -201,5 +204,5 @@ def test_what_is_no_journal_is_bad_input(tmp_path: Path) -> None:
         (tmp_path / "journal.json").write_text(content)
         with pytest.raises(InputError, match=r"journal.json: is damaged"):
             open_journal(tmp_path)
-    with pytest.raises(InputError, match="is no folder that a journal can be written to"):
-        Journal(tmp_path / "journal.json", SYSTEM, "")
+    with Journal(tmp_path / "journal.json", SYSTEM, "") as nowhere:
+        assert "cannot be written (File exists)" in nowhere.error or "Not a directory" in nowhere.error

@@ -73,15 +73,20 @@ def test_release_takes_back_all_and_the_link_can_be_used_again(link: PlantLink, 
     assert watched.power_kw() == pytest.approx(ASKED, abs=0.01)
 
 
-def test_rounding_on_the_way_never_makes_a_set_point_larger(link: PlantLink, watched: Watched) -> None:
-    wanted = np.array([12.345678, -45.678999, 0.000998])
-    link.write(wanted)
-    arrived = np.array([watched.plant.holds(string)[0] for string in range(N)])  # type: ignore[index]
-    assert np.all(np.abs(arrived) <= np.abs(wanted))
-    assert arrived == pytest.approx(wanted, abs=0.001)
+def test_rounding_on_the_way_moves_no_set_point_by_a_watt_and_keeps_their_sum(
+    link: PlantLink, watched: Watched
+) -> None:
+    def arrived() -> np.ndarray:
+        return np.array([watched.plant.holds(string)[0] for string in range(N)])  # type: ignore[index]
+
+    for wanted in (np.full(N, 100.0 / N), np.array([12.345678, -45.678999, 0.000998]), -np.full(N, 0.0015)):
+        link.write(wanted)
+        assert np.all(np.abs(arrived() - wanted) < 0.001)
+        assert arrived().sum() == pytest.approx(np.trunc(1000.0 * wanted.sum() + 1e-6) / 1000.0)
+        assert np.all((arrived() == 0.0) | (np.abs(arrived()) >= 0.001))
     whole_watts = np.array([0.001 * w for w in (4567, -91_999, 92_000)])
     link.write(whole_watts)
-    assert [watched.plant.holds(string)[0] for string in range(N)] == whole_watts.tolist()  # type: ignore[index]
+    assert arrived().tolist() == whole_watts.tolist()
 
 
 @pytest.mark.parametrize("wrong", [[np.inf, 0.0, 0.0], [0.0] * (N - 1), [[0.0] * N]])

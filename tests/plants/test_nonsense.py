@@ -89,8 +89,13 @@ def test_openems_with_any_json(connecting: Connecting, monkeypatch: pytest.Monke
         body = json.dumps(rows if rng.random() < 0.98 else _value(rng)).encode()
         body = body if rng.random() < 0.98 else body[: rng.randint(0, len(body))]
         link: Any = connecting("openems=http://127.0.0.1:9", 2)
-        monkeypatch.setattr(link, "_call", lambda method, *_, body=body: body if method == "GET" else b"{}")
+
+        async def call(method: str, *_: object, body: bytes = body) -> bytes:
+            return body if method == "GET" else b"{}"
+
+        monkeypatch.setattr(link, "_call", call)
         outcomes.append(_try(link, rng))
+        link.close()
     assert 0.3 < np.mean(outcomes) < 0.99
 
 
@@ -108,19 +113,18 @@ class _Device:
             self._registers += [model, length, *values]
         self._registers += [0xFFFF, 0]
 
-    def connect(self) -> bool:
-        return True
+    connected = True
 
     def close(self) -> None:
         pass
 
-    def read_holding_registers(self, address: int, *, count: int, device_id: int) -> Any:
+    async def read_holding_registers(self, address: int, *, count: int, device_id: int) -> Any:
         begin = address - 40_000
         known = self._registers[begin : begin + count] if begin >= 0 else []
         short = known[:-1] if self._rng.random() < 0.005 else known
         return _Answer(short, error=len(known) < count)
 
-    def write_registers(self, address: int, registers: list[int], *, device_id: int) -> Any:
+    async def write_registers(self, address: int, registers: list[int], *, device_id: int) -> Any:
         assert all(0 <= register <= 0xFFFF for register in registers)
         return _Answer([], error=False)
 
@@ -141,4 +145,5 @@ def test_sunspec_with_any_registers(connecting: Connecting, monkeypatch: pytest.
         link: Any = connecting("sunspec=127.0.0.1:9", 2)
         monkeypatch.setattr(link._gateways[0], "_client", _Device(rng))
         outcomes.append(_try(link, rng))
+        link.close()
     assert 0.1 < np.mean(outcomes) < 0.99

@@ -72,7 +72,9 @@ def test_losses_are_never_negative_soc_stays_inside_and_nothing_is_shed_silently
     accounted = np.abs(flows.delivered_kw) + flows.availability_loss_kw + flows.derating_loss_kw
     np.testing.assert_allclose(accounted, np.abs(request_kw), atol=1e-10)
     assert np.all(flows.delivered_kw * request_kw >= 0.0)
-    shed = (flows.availability_loss_kw > 1e-9) | (flows.derating_loss_kw > 1e-9)
+    # Less than the least power of an inverter is shed without a limit.
+    limited = (flows.availability_loss_kw >= SYSTEM.min_power_kw) | (np.abs(flows.delivered_kw) > 0.0)
+    shed = (flows.availability_loss_kw > 1e-9) & limited | (flows.derating_loss_kw > 1e-9)
     assert np.all(flows.limits[shed] != 0)
     np.testing.assert_allclose(flows.ledger_residual_kwh, 0.0, atol=1e-11)
     assert np.all(flows.node_max_c >= flows.temperature_c - 1e-9)
@@ -141,7 +143,7 @@ def test_more_heat_is_never_cooler(fill: Any, temperature_c: Any, power_kw: Any,
 
 
 @pytest.mark.parametrize(
-    ("request_kw", "duration_s", "words"),
+    ("request_kw", "step_s", "words"),
     [
         ([93.0, 0.0, 0.0], 900.0, "string 0: requested power 93 kW is outside"),
         ([0.0, float("nan"), 0.0], 900.0, "string 1: requested power NaN kW"),
@@ -153,12 +155,12 @@ def test_more_heat_is_never_cooler(fill: Any, temperature_c: Any, power_kw: Any,
     ],
 )
 def test_bad_input_is_refused_in_one_sentence_and_nothing_advances(
-    request_kw: Any, duration_s: float, words: str
+    request_kw: Any, step_s: float, words: str
 ) -> None:
     subject = plant(SYSTEM, np.full(3, 0.5), np.full(3, 25.0))
     before = subject.snapshot()
     with pytest.raises(bess.InputError) as caught:
-        subject.step(request_kw, duration_s)
+        subject.step(request_kw, step_s)
     assert words in str(caught.value) and "\n" not in str(caught.value)
     for name, value in vars(before).items():
         np.testing.assert_array_equal(value, getattr(subject.snapshot(), name))

@@ -49,7 +49,9 @@ def record(
         values = {
             "request_kw": sign * request, "delivered_kw": sign * delivered, "derating_loss_kw": derated,
             "availability_loss_kw": request - derated - delivered, "inverter_loss_kw": inverter,
-            "battery_loss_kw": heat, "current_a": sign * delivered / 0.7, "soc": soc,
+            "battery_loss_kw": heat, "hysteresis_loss_kw": 0.002 * delivered,
+            "chemical_kw": sign * delivered + inverter + heat + 0.002 * delivered, "standby_kw": 0.0 * heat,
+            "current_a": sign * delivered / 0.7, "soc": soc,
             "temperature_c": temperature, "node_max_c": temperature + 1.5, "derating_factor": factor,
             "limits": np.zeros(n_strings, dtype=int), "inverter_starts": (on & ~was_on).astype(int),
         }  # fmt: skip

@@ -54,10 +54,10 @@ def test_the_height_of_the_power_stack_is_the_request() -> None:
         assert np.all(up >= 0.0) and np.all(down <= 0.0)
 
 
-def test_the_loss_stack_ends_at_inverter_plus_battery_loss() -> None:
+def test_the_loss_stack_ends_at_inverter_battery_and_hysteresis_loss() -> None:
     data = record(3, 96)
-    top = series(charts.power_split(data), 1, "battery loss")[0].y[:-1]
-    expected = (data["inverter_loss_kw"] + data["battery_loss_kw"]).values[:, 0]
+    top = series(charts.power_split(data), 1, "hysteresis loss")[0].y[:-1]
+    expected = (data["inverter_loss_kw"] + data["battery_loss_kw"] + data["hysteresis_loss_kw"]).values[:, 0]
     np.testing.assert_allclose(top, expected)
 
 

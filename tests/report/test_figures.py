@@ -142,7 +142,7 @@ def test_the_waterfall_steps_down_from_what_was_asked_for_to_what_is_left() -> N
     ends = {text.get_text(): bar for text, bar in zip(axes.get_yticklabels(), axes.patches, strict=True)}
     asked, left = ends["Asked for"], ends["Delivered less losses"]
     assert asked.get_x() + asked.get_width() == pytest.approx(values["demand_kwh"])
-    lost = values["lost_kwh"] + values["unmet_kwh"]
+    lost = values["lost_kwh"] + values["unmet_kwh"] + values["hysteresis_loss_kwh"]
     assert left.get_x() + left.get_width() == pytest.approx(values["demand_kwh"] - lost)
     assert ends["Battery loss"].get_width() == pytest.approx(values["battery_loss_kwh"])
 
@@ -168,7 +168,8 @@ def test_bars_of_losses_are_as_long_as_their_sum() -> None:
     ends = [0.0, 0.0]
     for index, bar in enumerate(axes.patches):
         ends[index % 2] = max(ends[index % 2], bar.get_x() + bar.get_width())
-    assert ends == pytest.approx([entry["lost_kwh"] + entry["unmet_kwh"] for entry in named.values()])
+    parts = ("lost_kwh", "unmet_kwh", "hysteresis_loss_kwh")
+    assert ends == pytest.approx([sum(entry[part] for part in parts) for entry in named.values()])
 
 
 def test_months_add_up_to_the_year() -> None:

@@ -175,6 +175,7 @@ def test_hindsight_is_offered_only_where_it_does_not_refuse(tmp_path: Path, flow
     for name, offers in (("air", True), ("other", False)):
         (run,) = runs_in(tmp_path / "set" / name)[0].values()
         assert ("--hindsight" in summary({name: run})[-1]) is offers
+        assert "--hindsight" not in " ".join(summary({name: run}, hindsight=True))
     said = [sentence for sentence in summary(runs_in(tmp_path / "set")[0]) if "planned" in sentence]
     assert ["--hindsight" in sentence for sentence in said] == [True, False]
 

@@ -138,3 +138,17 @@ def test_the_bound_of_a_program_holds_however_badly_it_was_solved(monkeypatch: p
         solver = type("Solver", (), {"solve": lambda self, answer=answer: answer()})
         monkeypatch.setattr("clarabel.DefaultSolver", lambda *_, solver=solver: solver())
         assert program().lower_bound() <= -1.6
+
+
+@pytest.mark.parametrize(
+    "battery", [{"hysteresis_heat": True}, {"entropy": {"soc": [0.0, 1.0], "du_dt_mv_k": [0.1, 0.1]}}]
+)
+def test_heat_beyond_the_ohmic_one_is_refused_because_it_lessens_resistance(
+    battery: dict[str, object],
+) -> None:
+    document = bess.System.reference(1).document
+    document["battery"] = document["battery"] | battery
+    plant = bess.System(document)
+    limit_kw, ambient_c = np.full((4, 1), 92.0), np.full(4, 25.0)
+    with pytest.raises(bess.InputError, match="the lower bound supports ohmic heat only"):
+        lower_bound(plant, plant.initial_state(), np.full(4, 30.0), limit_kw, ambient_c, step_s=STEP_S)

@@ -17,9 +17,9 @@ import bess
 from bess.ems import read_profile
 from bess.policies import build_policy
 from bess.simulation.inputs import prepare
-from bess.simulation.runner import policy_settings
 from bess.study import Study, expand
 from bess.study.keys import parse_assignment
+from bess.study.policy_settings import policy_settings
 
 FEW = settings(max_examples=100, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 MANY = settings(max_examples=5000, deadline=None, suppress_health_check=list(HealthCheck))
@@ -123,7 +123,7 @@ def prepared(study: Study) -> None:
     for each in list(runs.values())[:2]:
         if (each.system.n_strings or 0) <= 8 and (each.run.days or 0) <= 40 and each.policy.name != "mpc":
             inputs = prepare(each)
-            build_policy(each.policy.name, inputs.system, policy_settings(each, inputs))
+            build_policy(each.policy.name, inputs.system, policy_settings(each, inputs.system))
 
 
 @st.composite

@@ -330,8 +330,8 @@ def test_arrays_that_are_no_real_numbers_are_refused(kind):
     for call in (
         lambda: bess.State(values, [25.0, 25.0]),
         lambda: bess.State([0.5, 0.5], values),
-        lambda: plant.step(values, duration_s=900.0),
-        lambda: plant.step([1.0, 1.0], duration_s=900.0, ambient_c=values),
+        lambda: plant.step(values, step_s=900.0),
+        lambda: plant.step([1.0, 1.0], step_s=900.0, ambient_c=values),
         lambda: plant.run(values, step_s=900.0),
         lambda: Perfect(values),
         lambda: bess.inverter_from_efficiency(values, discharge=[95.0, 96.0], nominal_kw=9.0),

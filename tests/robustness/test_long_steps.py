@@ -13,26 +13,26 @@ from bess.plant import Fleet
 SYSTEM = bess.System.reference(2)
 
 
-@pytest.mark.parametrize("duration_s", [1e9, 1e300, 86_410.0, 5.0, -900.0, float("nan"), float("inf")])
-def test_a_control_step_lasts_a_day_at_most(duration_s: float) -> None:
+@pytest.mark.parametrize("step_s", [1e9, 1e300, 86_410.0, 5.0, -900.0, float("nan"), float("inf")])
+def test_a_control_step_lasts_a_day_at_most(step_s: float) -> None:
     plant = bess.Plant(SYSTEM, SYSTEM.initial_state())
     calls: tuple[Any, ...] = (
-        lambda: plant.step([1.0, 1.0], duration_s),
-        lambda: plant.run([[1.0, 1.0]], duration_s),
-        lambda: Fleet(SYSTEM, [SYSTEM.initial_state()]).step([[1.0, 1.0]], duration_s),
+        lambda: plant.step([1.0, 1.0], step_s),
+        lambda: plant.run([[1.0, 1.0]], step_s),
+        lambda: Fleet(SYSTEM, [SYSTEM.initial_state()]).step([[1.0, 1.0]], step_s),
     )
     for call in calls:
         with pytest.raises(bess.InputError, match=r"plant: control step .* s is outside \[10, 86400\] s"):
             call()
 
 
-@pytest.mark.parametrize("duration_s", [10**400, "900", True, 1 + 2j, None, [900.0, 900.0], b"900"])
-def test_a_control_step_is_one_number(duration_s: Any) -> None:
+@pytest.mark.parametrize("step_s", [10**400, "900", True, 1 + 2j, None, [900.0, 900.0], b"900"])
+def test_a_control_step_is_one_number(step_s: Any) -> None:
     plant = bess.Plant(SYSTEM, SYSTEM.initial_state())
-    with pytest.raises(bess.InputError, match=r"plant: (duration_s|step_s|control step).*s"):
-        plant.step([1.0, 1.0], duration_s)
-    with pytest.raises(bess.InputError, match=r"plant: (duration_s|step_s|control step).*s"):
-        plant.run([[1.0, 1.0]], duration_s)
+    with pytest.raises(bess.InputError, match=r"plant: control step.*s"):
+        plant.step([1.0, 1.0], step_s)
+    with pytest.raises(bess.InputError, match=r"plant: control step.*s"):
+        plant.run([[1.0, 1.0]], step_s)
 
 
 @pytest.mark.parametrize("value", [10**400, "10", True, 1 + 2j, [10.0, 10.0]])

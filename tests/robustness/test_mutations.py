@@ -295,7 +295,7 @@ def try_system(rng: random.Random, folder: Path) -> None:
         plant = outcome(lambda: bess.Plant(system, state))  # refuses plant steps that are unstable
         if plant is None:
             return
-        flows = plant.step(0.3 * system.nominal_kw, duration_s=60.0 * system.control.step_min)
+        flows = plant.step(0.3 * system.nominal_kw, step_s=60.0 * system.control.step_min)
         assert np.isfinite(flows.delivered_kw).all() and np.isfinite(flows.soc).all()
 
 
@@ -353,11 +353,11 @@ def odd_array(rng: random.Random, shape: tuple[int, ...]) -> Any:
 def try_array(rng: random.Random, folder: Path) -> None:
     plant = bess.Plant(SYSTEM, STATE)
     ambient = rng.choice([25.0, odd_array(rng, (3,))])
-    duration_s = rng.choice([900.0, 0.0, -1.0, float("nan"), 1e6, 10.0])
+    step_s = rng.choice([900.0, 0.0, -1.0, float("nan"), 1e6, 10.0])
     nominal_kw = rng.choice([92.0, 0.0, -1.0, float("nan")])
     calls: list[Callable[[], Any]] = [
         lambda: bess.State(odd_array(rng, (2,)), odd_array(rng, (2,))),
-        lambda: plant.step(odd_array(rng, (2,)), duration_s=duration_s),
+        lambda: plant.step(odd_array(rng, (2,)), step_s=step_s),
         lambda: plant.run(odd_array(rng, (3, 2)), step_s=900.0, ambient_c=ambient),
         lambda: bess.rollout(SYSTEM, STATE, odd_array(rng, (2, 3))),
         lambda: bess.inverter_from_efficiency(

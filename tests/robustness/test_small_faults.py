@@ -137,3 +137,121 @@ def test_reading_costs_a_small_multiple_of_splitting_the_text_into_cells(tmp_pat
 def test_what_is_no_result_is_named():
     with pytest.raises(bess.InputError, match="not SimpleNamespace"):
         bess.kpis(SimpleNamespace(dataset={}))
+
+
+# --- nesting without an end --------------------------------------------------------------------------------
+
+DEEP = {
+    "lists": "[" * 200_000,
+    "tables": '{"a":' * 200_000,
+    "closed lists": "[" * 900 + "]" * 900,
+    "keys": "a." * 20_000 + "a = 1\n",
+}
+
+
+@pytest.mark.parametrize("kind", DEEP)
+@pytest.mark.parametrize("name", ["policy.json", "study.toml", "system.toml", "prices.json"])
+def test_nesting_without_an_end_is_refused_wherever_a_document_is_read(name, kind, tmp_path):
+    from bess.explicit import ExplicitController
+
+    path = tmp_path / name
+    path.write_text(DEEP[kind] if name.endswith("json") else f"a = {DEEP[kind]}\n{DEEP['keys']}")
+    read = {
+        "policy.json": ExplicitController.read,
+        "study.toml": bess.load_study,
+        "system.toml": bess.load_system,
+        "prices.json": bess.read_prices,
+    }
+    with pytest.raises(bess.InputError):
+        read[name](path)
+    with pytest.raises(bess.InputError):
+        bess.load_study("case1", {"a." * 2000 + "a": 1})
+
+
+@pytest.mark.parametrize("name", ["run.json", "kpis.json", "log.jsonl", "study.toml"])
+def test_nesting_without_an_end_in_a_folder_of_results_is_refused_or_does_not_matter(name, tmp_path):
+    from bess.record.checksums import CHECKSUMS
+    from bess.report.page import _title
+    from bess.report.runs import runs_in
+
+    study = bess.load_study("case1", QUICK)
+    bess.run(study, out=tmp_path, progress=False)
+    (tmp_path / CHECKSUMS).unlink()
+    (tmp_path / name).write_text(DEEP["lists"])
+    assert _title(tmp_path)
+    for call in (lambda: runs_in(tmp_path), lambda: bess.run(study, out=tmp_path, progress=False)):
+        try:
+            call()
+        except bess.InputError as error:
+            assert name in str(error)
+
+
+def test_a_part_of_a_giant_shape_is_damaged(tmp_path, monkeypatch):
+    import io
+    import zipfile
+
+    from bess.record.checksums import sealed, unsealed
+    from power_cut import cut_off
+
+    study = bess.load_study("case1", QUICK)
+    monkeypatch.setattr("bess.simulation.runner.PART_STEPS", 8)
+    cut_off(study, tmp_path / "run", 20, monkeypatch)
+    (path, *_) = sorted((tmp_path / "run/parts").glob("*.npz"))
+    out = io.BytesIO()
+    with (
+        zipfile.ZipFile(io.BytesIO(unsealed(path.read_bytes()))) as old,
+        zipfile.ZipFile(out, "w") as new,
+    ):
+        for name in old.namelist():
+            new.writestr(name, old.read(name).replace(b"(8,)", b"(" + b"9" * 15 + b",)"))
+    path.write_bytes(sealed(out.getvalue()))
+    with pytest.raises(bess.InputError, match="damaged"):
+        bess.open_result(tmp_path / "run")
+
+
+# --- the command line --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("words", [["schema", "study"], ["check", "case1"], ["list"]])
+def test_a_terminal_without_a_degree_sign_gets_the_rest(words):
+    import subprocess
+
+    environment = os.environ | {"PYTHONIOENCODING": "ascii", "LC_ALL": "C"}
+    command = [sys.executable, "-m", "bess", *words]
+    ended = subprocess.run(command, env=environment, capture_output=True, check=False)
+    assert ended.returncode == 0 and ended.stdout.isascii(), ended.stderr
+
+
+@pytest.mark.parametrize("start", ["2024-06-01T03:00:00Z", "2024-01-02T00:00:00Z", "2024-01-01T23:50:00Z"])
+@pytest.mark.parametrize("key", ["demand.prices", "demand.file"])
+def test_a_start_after_the_end_of_a_file_says_what_the_file_covers(key, start, tmp_path):
+    times = pd.date_range("2024-01-01", periods=24, freq="h")
+    column = {"demand.prices": "price", "demand.file": "power_kw"}[key]
+    rows = "".join(f"{t:%Y-%m-%d %H:%M}Z,{50 + t.hour}\n" for t in times)
+    (tmp_path / "t.csv").write_text(f"time,{column}\n{rows}")
+    kind = {"demand.prices": "arbitrage", "demand.file": "profile"}[key]
+    section, _, name = key.partition(".")
+    study = {"name": "s", section: {"kind": kind, name: str(tmp_path / "t.csv")}, "run": {"start": start}}
+    with pytest.raises(bess.InputError, match=r"run\.start = 2024-.*t\.csv covers 2024-01-01 00:00 to 2024"):
+        bess.run(bess.Study.from_document(study, "s"), progress=False)
+
+
+def test_a_word_that_is_no_utf_8_is_refused_before_a_run(tmp_path):
+    import subprocess
+
+    command = [
+        sys.executable,
+        "-m",
+        "bess",
+        "run",
+        "case1",
+        "--set",
+        b"title=a\xff",
+        "--out",
+        tmp_path / "out",
+    ]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert ended.returncode == 2 and ended.stderr.count("\n") == 1, ended.stderr
+    assert not (tmp_path / "out").exists()
+    with pytest.raises(bess.InputError, match="cannot be written as a study file"):
+        bess.load_study("case1", {"system.parameters.battery.cell_mass_kg": 10**5000})

@@ -190,3 +190,21 @@ def test_settings_that_fit_no_plant_are_refused() -> None:
             controller(2, **bad)
     with pytest.raises(InputError, match="strings 0 to 1"):
         controller(2).calibrate(2)
+
+
+def test_the_service_plans_with_the_model_of_the_study_as_a_run_does() -> None:
+    pytest.importorskip("prometheus_client")
+    from bess.policies import Situation, build_policy
+    from bess.serve.service import build_controller
+    from bess.study.policy_settings import policy_settings
+
+    state = bess.State(soc=[0.7, 0.4], temperature_c=[30.0, 25.0])
+    situation = Situation(state, np.full(8, 100.0), np.full(8, 25.0), np.full(2, 92.0))
+    requests = []
+    for model in ("nonlinear", "linear"):
+        study = bess.load_study("policies", {"policy.foresight_h": 2.0, "policy.model": model})
+        live, _ = build_controller(study, background=False)
+        own = build_policy("mpc", live.system, policy_settings(study, live.system))
+        requests.append(live.plan._policy(situation).request_kw)
+        np.testing.assert_array_equal(requests[-1], own(situation).request_kw)
+    assert not np.allclose(*requests)

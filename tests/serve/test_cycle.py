@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ pytest.importorskip("fastapi")
 
 from live_cases import measured
 
+from bess.errors import InputError
 from bess.plants import LinkError, Measurements
 from bess.plants.journal import Journal, open_journal
 from bess.serve.app import Driven as AppDriven
@@ -66,14 +68,14 @@ class Driven:
         self.now_s = 1.8e9
         self.service.clock = lambda: self.now_s  # type: ignore[assignment]
         self.link = Link()
-        self.demands = Demands(study.with_values({"run.start": "2024-01-01T00:00:00Z"}), 900.0)
-        self.demands._profile = None
+        self.demands = Demands(study, 900.0)
         self.cycle = Cycle(self.service, self.link, self.demands, monotonic=lambda: self.now_s, **others)
 
     def steps(self, n: int) -> Any:
         answer = None
         for _ in range(n):
             answer = self.cycle.step()
+            self.cycle._completed_s = self.now_s  # as `run` does
             self.now_s += 10.0
         return answer
 
@@ -173,16 +175,16 @@ def test_a_gap_in_the_journal_is_told(driven: Driven, tmp_path: Path) -> None:
     app = AppDriven("a plant", driven.demands, driven.cycle)
     driven.demands.post(80.0, 1000.0, driven.now_s)
     driven.steps(1)
-    assert "status" not in app.health()
+    assert "status" not in app.health(tells=True)
     journal._days.close_day()
     folder = (tmp_path / "state" / "journal").rename(tmp_path / "elsewhere")
     driven.steps(1)
-    assert app.health()["status"] == "impaired"
-    assert "the journal of the plant has a gap" in app.health()["trouble"]
+    assert app.health(tells=True)["status"] == "impaired"
+    assert "the journal of the plant has a gap" in app.health(tells=True)["trouble"]
     assert driven.link.power_kw.sum() == pytest.approx(80.0)
     folder.rename(tmp_path / "state" / "journal")
     driven.steps(1)
-    assert "status" not in app.health()
+    assert "status" not in app.health(tells=True)
     journal.close()
 
 
@@ -194,13 +196,63 @@ def test_a_forecast_that_was_posted_moves_on_with_time(driven: Driven) -> None:
     assert driven.demands.at(began_s + 2800.0, 8) is None
 
 
-def test_a_profile_that_repeats_is_known_at_any_time() -> None:
-    study = load_study("policies", {"demand.repeat": True})
-    demands = Demands(study, 900.0)
+def test_a_demand_that_lapses_between_two_steps_is_not_refreshed(driven: Driven) -> None:
+    driven.demands.post(80.0, 15.0, driven.now_s)
+    driven.steps(1)
+    written = len(driven.link.written)
+    driven.now_s += 10.0
+    driven.cycle._refresh()
+    assert len(driven.link.written) == written
+    assert driven.link.released == 1
+    assert "there is no demand" in driven.cycle.trouble
+
+
+def test_a_profile_is_followed_only_where_the_study_asks_for_it() -> None:
+    values = {"demand.repeat": True, "service.follow_profile": True}
+    demands = Demands(load_study("policies", values), 900.0)
     day = [demands.at(1.8e9 + 900.0 * k, 4) for k in range(192 * 2)]
-    values = [asked.demand_kw for asked in day if asked is not None]
-    assert len(values) == 384
-    assert max(values) > 0.0 > min(values)
-    assert values[:192] == values[192:]
-    once = Demands(load_study("policies", {"demand.repeat": False}), 900.0)
+    followed = [asked.demand_kw for asked in day if asked is not None]
+    assert len(followed) == 384
+    assert max(followed) > 0.0 > min(followed)
+    assert followed[:192] == followed[192:]
+    once = Demands(load_study("policies", {**values, "demand.repeat": False}), 900.0)
     assert once.at(1.8e9, 4) is None
+    unasked = Demands(load_study("policies", {"demand.repeat": True}), 900.0)
+    unasked.post(50.0, 60.0, 1.8e9)
+    assert unasked.at(1.8e9 + 59.0, 4) is not None
+    assert [unasked.at(1.8e9 + 60.0 + 900.0 * k, 4) for k in range(192)] == [None] * 192
+
+
+def test_a_study_without_a_profile_cannot_ask_for_it_to_be_followed() -> None:
+    study = load_study("fcr", {"service.follow_profile": True})
+    with pytest.raises(InputError, match=r"service.follow_profile = true, and \[demand\] is of kind"):
+        Demands(study, 900.0)
+
+
+def test_a_cycle_that_stands_shows_by_its_age(driven: Driven) -> None:
+    began = threading.Event()
+    hang = threading.Event()
+
+    def read() -> Measurements:
+        began.set()
+        hang.wait()
+        raise LinkError("no answer")
+
+    driven.link.read = read  # type: ignore[method-assign]
+    thread = threading.Thread(target=driven.cycle.run)
+    thread.start()
+    began.wait()
+    driven.now_s += 25.0
+    assert driven.cycle.age_s > 2.0 * driven.cycle.period_s
+    hang.set()
+    driven.cycle.stop()
+    thread.join()
+    assert driven.cycle.age_s == 0.0
+
+
+def test_an_answer_tells_what_is_unmet_and_who_is_out(driven: Driven) -> None:
+    driven.demands.post(180.0, 1000.0, driven.now_s)
+    driven.link.available[0] = False
+    answer = driven.steps(2)
+    assert answer.unmet_kw == pytest.approx(88.0)
+    assert answer.in_service.tolist() == answer.document()["in_service"] == [False, True]

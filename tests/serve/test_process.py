@@ -2,8 +2,12 @@
 
 import asyncio
 import json
+import resource
+import signal
+import socket
 import subprocess
 import sys
+import time
 import urllib.request
 from pathlib import Path
 
@@ -23,7 +27,8 @@ BODY = {"demand_kw": 100.0, "strings": [{"soc": 0.6}, {"soc": 0.5}]}
 
 def call(server: Server, path: str, body: object = None) -> dict:  # type: ignore[type-arg]
     data = None if body is None else json.dumps(body).encode()
-    with urllib.request.urlopen(f"http://127.0.0.1:{server.port}{path}", data, timeout=10.0) as answer:
+    url, headers = f"http://127.0.0.1:{server.port}{path}", {"Content-Type": "application/json"}
+    with urllib.request.urlopen(urllib.request.Request(url, data, headers), timeout=10.0) as answer:
         return json.load(answer)  # type: ignore[no-any-return]
 
 
@@ -78,3 +83,90 @@ def test_a_port_that_is_taken_is_bad_input(tmp_path: Path, capfd: pytest.Capture
     assert done.returncode == 2
     last = capfd.readouterr().err.splitlines()[-1]
     assert last.startswith(f"bess: --host 127.0.0.1 --port {server.port}: cannot be listened on")
+
+
+def _serve(folder: Path, port: int, bytes_on_disk: int) -> subprocess.Popen[bytes]:
+    """A service on a disk that takes no file of more than so many bytes."""
+    command = [sys.executable, "-m", "bess", "serve", "policies", "--port", str(port)]
+    command += ["--set", "policy.foresight_h=2", "--set", "policy.name=mpc", "--state", str(folder)]
+    limit = (bytes_on_disk, resource.RLIM_INFINITY)
+    return subprocess.Popen(
+        command,
+        stderr=subprocess.DEVNULL,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, limit),
+    )
+
+
+def _call(port: int, path: str, body: object = None) -> dict:  # type: ignore[type-arg]
+    data = None if body is None else json.dumps(body).encode()
+    request = urllib.request.Request(
+        f"http://127.0.0.1:{port}{path}", data, {"Content-Type": "application/json"}
+    )
+    with urllib.request.urlopen(request, timeout=10.0) as answer:
+        return json.load(answer)  # type: ignore[no-any-return]
+
+
+def _until_up(process: subprocess.Popen[bytes], port: int) -> None:
+    while True:
+        assert process.poll() is None
+        try:
+            socket.create_connection(("127.0.0.1", port), timeout=1.0).close()
+            return
+        except OSError:
+            time.sleep(0.05)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of another process are Linux' own")
+@pytest.mark.parametrize("before", ["new", "after a run"])
+def test_a_service_on_a_full_disk_starts_controls_says_so_and_saves_once_there_is_room(
+    tmp_path: Path, before: str
+) -> None:
+    folder = tmp_path / "state"
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = int(probe.getsockname()[1])
+    answers = 0
+    if before == "after a run":
+        process = _serve(folder, port, resource.RLIM_INFINITY)
+        _until_up(process, port)
+        _call(port, "/v1/split", BODY)
+        answers = 1
+        process.kill()
+        process.wait()
+    process = _serve(folder, port, 0)
+    try:
+        _until_up(process, port)
+        assert _call(port, "/v1/health")["status"] != "ok"
+        for _ in range(3):
+            answer = _call(port, "/v1/split", BODY)
+            assert sum(answer["request_kw"]) == pytest.approx(100.0)
+            assert not answer["fallback"]
+        health = _call(port, "/v1/health")
+        assert health["status"] != "ok"
+        assert health["answers"] == answers + 3
+        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+        _call(port, "/v1/split", BODY)
+        assert _call(port, "/v1/health")["status"] == "ok"
+    finally:
+        process.kill()
+        process.wait()
+    saved = [json.loads(path.read_bytes().split(b"\n")[1]) for path in folder.glob("memory-*.json")]
+    assert max(document["counters"]["answers"] for document in saved) == answers + 4
+
+
+def test_a_service_whose_log_nobody_reads_goes_on_and_ends_when_told(tmp_path: Path) -> None:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = int(probe.getsockname()[1])
+    command = [sys.executable, "-m", "bess", "serve", "policies", "--port", str(port)]
+    command += ["--set", "policy.name=soc", "--state", str(tmp_path / "state")]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE)
+    try:
+        _until_up(process, port)
+        for _ in range(600):  # a pipe holds 64 KiB, a line has some 200 bytes
+            assert not _call(port, "/v1/split", BODY)["fallback"]
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(10.0) == 0
+    finally:
+        process.kill()
+        process.communicate()

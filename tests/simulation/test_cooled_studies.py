@@ -35,13 +35,13 @@ def test_key_figures_count_what_cooling_takes_once(result: bess.Result) -> None:
 def test_the_round_trip_pays_for_cooling(result: bess.Result) -> None:
     data = result.dataset
     without = bess.kpis(data.drop_vars("auxiliary_kw"))
-    charging = (data["request_kw"].values < 0.0).any(axis=1)
     delivered_kw, auxiliary_kw = data["delivered_kw"].values.sum(axis=1), data["auxiliary_kw"].values
-    charged, discharged = -delivered_kw[charging].sum(), delivered_kw[~charging].sum()
-    factor = charged / (charged + auxiliary_kw[charging].sum())
-    factor *= (discharged - auxiliary_kw[~charging].sum()) / discharged
-    expected = factor * without["round_trip_efficiency_pct"]
-    assert result.kpis["round_trip_efficiency_pct"] == pytest.approx(expected, rel=1e-12)
+    meter_kw, chemical_kw = delivered_kw - auxiliary_kw, data["chemical_kw"].values.sum(axis=1)
+    gives = meter_kw > 0.0
+    expected = meter_kw[gives].sum() / chemical_kw[gives].sum()
+    expected *= chemical_kw[~gives].sum() / meter_kw[~gives].sum()
+    assert result.kpis["round_trip_efficiency_pct"] == pytest.approx(100.0 * expected, rel=1e-12)
+    assert result.kpis["round_trip_efficiency_pct"] < without["round_trip_efficiency_pct"] - 0.1
     assert without["auxiliary_kwh"] == 0.0
 
 

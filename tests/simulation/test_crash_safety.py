@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+import traceback
 from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
@@ -58,10 +59,40 @@ def assert_same(directory: Path, reference: bess.Result) -> None:
     assert {k: v for k, v in kpis.items() if not k.startswith("solve_time")} == {
         k: v for k, v in reference.kpis.items() if not k.startswith("solve_time")
     }
-    steps = [json.loads(line)["step"] for line in (directory / "log.jsonl").read_text().splitlines()]
-    assert steps == list(range(data.sizes["time"]))
+    lines = [json.loads(line) for line in (directory / "log.jsonl").read_text().splitlines()]
+    worth_a_line = (data["solver_status"] != 0) | (data["unmet_kw"] > 0.0) | (data["fallback"] != 0)
+    assert [line["step"] for line in lines] == np.flatnonzero(worth_a_line).tolist()
+    for line in lines:
+        assert set(line) >= {"step", "time", "status", "gap", "nodes", "solve_time_s", "fallback", "unmet_kw"}
     assert not (directory / "parts").exists()
     assert not list(directory.rglob("*.tmp"))
+
+
+def test_the_log_has_a_line_only_where_there_is_something_to_say(tmp_path: Path) -> None:
+    """Ten years under a rule would write 65 MB in which nothing was solved."""
+    values = {"policy.name": "soc", "run.days": 2.0}
+    bess.run(bess.load_study("case1", values), progress=False, out=tmp_path / "quiet")
+    assert (tmp_path / "quiet/log.jsonl").read_text() == ""
+    study = bess.load_study("case1", values | {"demand.scale": 3.0})
+    much = bess.run(study, progress=False, out=tmp_path / "x")
+    lines = [json.loads(line) for line in (tmp_path / "x/log.jsonl").read_text().splitlines()]
+    assert len(lines) == int((much.dataset["unmet_kw"] > 0.0).sum()) > 0
+    assert all(line["unmet_kw"] > 0.0 for line in lines)
+
+
+def test_a_run_that_is_stopped_without_a_folder_says_once_that_nothing_is_kept(
+    short: Study, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    step = bess.Plant.step
+
+    def interrupted(plant: bess.Plant, *arguments: Any, **options: Any) -> Any:
+        os.kill(os.getpid(), signal.SIGINT)
+        return step(plant, *arguments, **options)
+
+    monkeypatch.setattr(bess.Plant, "step", interrupted)
+    with pytest.raises(bess.StoppedEarly, match="nothing is kept") as caught:
+        bess.run(short, progress=False)
+    assert "saved" not in "".join(traceback.format_exception(caught.value))
 
 
 def test_an_optimised_run_continues_to_the_same_bits(

@@ -25,6 +25,7 @@ def planner(
         look_ahead_steps=LOOK_AHEAD,
         replan_steps=replan_steps,
         compare_steps=COMPARE,
+        longest_steps=LOOK_AHEAD / 6,
     )
 
 

@@ -48,6 +48,21 @@ def test_a_function_is_a_policy_and_the_record_names_it(tmp_path: Path) -> None:
     assert 'name = "half_each"' in (tmp_path / "own" / "study.toml").read_text()
 
 
+@pytest.mark.parametrize("small_kw", [3.6e-15, 4e-4])
+def test_no_policy_asks_an_inverter_for_less_than_its_least_power(small_kw: float) -> None:
+    def nearly_all_on_one(situation: Situation) -> np.ndarray:
+        demand_kw = situation.demand_kw[0]
+        small = np.copysign(min(small_kw, abs(demand_kw)), demand_kw)
+        return np.array([demand_kw - small, small])
+
+    study = bess.load_study("case1", SHORT)
+    data = bess.run(study, policy=nearly_all_on_one, progress=False).dataset
+    asked = np.abs(data["request_kw"].values)
+    assert asked[:, 0].any() and not asked[:, 1].any()
+    assert not data["inverter_loss_kw"].values[:, 1].any()
+    np.testing.assert_allclose(asked.sum(axis=1) + data["unmet_kw"], np.abs(data["demand_kw"]), atol=1e-9)
+
+
 def test_an_object_of_the_protocol_remembers_from_step_to_step() -> None:
     result = bess.run("case1", policy=Counted(), system=bess.System.reference(2), progress=False)
     request = result.dataset["request_kw"].values

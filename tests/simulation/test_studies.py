@@ -126,12 +126,12 @@ def test_bad_values_are_refused_with_key_value_and_what_is_allowed(
     values: dict[str, Any], expected: str
 ) -> None:
     from bess.policies import build_policy
-    from bess.simulation.runner import policy_settings
+    from bess.study.policy_settings import policy_settings
 
     with pytest.raises(bess.InputError) as caught:
         study = bess.load_study("case1", values)
         inputs = prepare(study)
-        build_policy(study.policy.name, inputs.system, policy_settings(study, inputs))
+        build_policy(study.policy.name, inputs.system, policy_settings(study, inputs.system))
     assert expected in str(caught.value)
     assert "\n" not in str(caught.value)
 

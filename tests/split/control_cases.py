@@ -72,7 +72,8 @@ class Case:
         return np.where(self.demand_kw < 0.0, -1.0, 1.0)
 
     def random_requests(self, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
-        """Feasible schedules ``(n, n_strings, n_steps)``: random order and shares, some strings off."""
+        """Feasible schedules ``(n, n_strings, n_steps)``: random order and shares, some strings off, none
+        below its least power."""
         n_strings, n_steps = self.limit_kw.shape
         out = np.zeros((n, n_strings, n_steps))
         for b in range(n):
@@ -85,6 +86,15 @@ class Case:
                     share = rng.choice([0.0, 1.0, rng.random()])
                     out[b, m, t] = low + share * max(high - low, 0.0)
                     left -= out[b, m, t]
+        return self.set_points(out * self.sign)
+
+    def set_points(self, requests: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The same schedules with no request below the least power."""
+        control = self.system.control_at(self.state)
+        out = np.abs(requests)
+        for schedule in out:
+            for t, limit in enumerate(self.limit_kw.T):
+                schedule[:, t] = control.set_points(schedule[:, t].copy(), limit.copy())
         return out * self.sign
 
     def cost_by_group(self, roll: bess.Rollout, parts: slice) -> NDArray[np.float64]:
@@ -124,10 +134,14 @@ def case(
     like: bool = False,
     load: tuple[float, float] = (0.05, 1.0),
     turns: bool = False,
+    min_power_kw: float = 1e-3,
 ) -> Case:
     """A problem with one direction, or one whose direction ``turns`` at random."""
     rng = np.random.default_rng(seed)
     system = bess.System.reference(n_strings) if like else differing(n_strings, rng)
+    document = copy.deepcopy(system.document)
+    document["inverter"]["min_power_kw"] = min_power_kw
+    system = bess.System(document, name=system.name)
     (soc_low, soc_high), temperature = CORNERS[corner]
     low = np.array([s.battery.soc_min for s in system.strings])
     high = np.array([s.battery.soc_max for s in system.strings])
@@ -157,3 +171,9 @@ def case(
         np.array([1e-6, 1e-6]),
     )
     return Case(system, state, demand, limit, costs, horizon)
+
+
+def sheds(system: bess.System, roll: bess.Rollout) -> NDArray[np.bool_]:
+    """Whether something is shed; not less than the least power, which any string may that derates."""
+    shed_kw, idle = roll.availability_loss_kw, roll.delivered_kw == 0.0
+    return (shed_kw > 0.0) & ~(idle & (shed_kw < system.min_power_kw[:, None]))

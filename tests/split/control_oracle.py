@@ -111,7 +111,9 @@ def step(
         for _ in range(200):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if allowed(middle) else (low, middle)
-        delivered = low if low > 1e-12 else 0.0
+        delivered = low
+    if delivered < string.inverter.min_power_kw:
+        delivered = 0.0
     current = current_of_power_a(string, v, r, charge, delivered)
     if charge and soc + current * dt_h / capacity_ah < battery.soc_min:
         delivered, current = 0.0, 0.0

@@ -19,9 +19,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 TREE, BOUNDS = (f"python/bess/split/{name}.py" for name in ("tree", "bounds"))
-CONIC, DATA, GROUP, NODES = (
-    f"python/bess/split/relaxation/{name}.py" for name in ("conic", "data", "group", "nodes")
-)
+CONIC, DATA, GROUP = (f"python/bess/split/relaxation/{name}.py" for name in ("conic", "data", "group"))
 ENVELOPE = "python/bess/convexity.py"
 REACH = "rust/bess-control/src/reach"
 ONE_STEP = "rust/bess-control/src/one_step"
@@ -32,11 +30,11 @@ PYTHON = [
         "failed leaves are dropped",
         TREE,
         "            closed = min(closed, bound)\n",
-        "            closed = min(closed, bound) if answer.bound > -np.inf else closed\n",
+        "            closed = min(closed, bound) if solved.bound > -np.inf else closed\n",
     ),
     ("leaves are dropped", TREE, "            closed = min(closed, bound)\n", "            pass\n"),
     ("an integral node keeps no bound", TREE, "closed = min(closed, bound)", "closed = max(closed, bound)"),
-    ("a node forgets its parent's bound", TREE, "max(answer.bound, inherited)", "answer.bound"),
+    ("a node forgets its parent's bound", TREE, "max(solved.bound, inherited)", "solved.bound"),
     ("the relative gap is ten times wider", TREE, "gap * abs(best)", "10.0 * gap * abs(best)"),
     (
         "the worst open node is the bound",
@@ -44,8 +42,6 @@ PYTHON = [
         "min(closed, heap[0][0] if heap else np.inf)",
         "min(closed, max(h[0] for h in heap) if heap else np.inf)",
     ),
-    ("a child is left out", TREE, "for value in (0, 1):", "for value in (1,):"),
-    ("every point counts as integral", TREE, "<= INTEGRALITY_TOLERANCE", "<= 1.0"),
     (
         "the closed leaves are left out of the bound",
         TREE,
@@ -89,18 +85,17 @@ PYTHON = [
     ),
     ("strings are alike whatever their states", DATA, "alike = alike & (np.diff(values) == 0.0)", "alike = alike"),
     ("strings are alike whatever their limits", GROUP, " & _equal_rows(problem.limit_kw)", ""),
-    ("frozen strings are exchanged", GROUP, "    if states is over.boxes:", "    if True:"),
-    ("like strings run in order in every step", NODES, "up[0, m + 1, 0] = min(up[0, m + 1, 0], up[0, m, 0])", "up[0, m + 1] = np.minimum(up[0, m + 1], up[0, m])"),
-    ("nothing may be shed", GROUP, "may_shed=over.may_shed,", "may_shed=over.may_shed & False,"),
-    ("steps are cut as if nothing were shed", GROUP, "np.where(over.may_shed.any(axis=0), np.abs(problem.demand_kw), 0.0)", "np.zeros_like(problem.demand_kw)"),
+    ("frozen strings are exchanged", GROUP, " & (not frozen)", ""),
+    ("a part is left out", TREE, "for part in branches(is_over):", "for part in branches(is_over)[:1]:"),
+    ("a node without schedules has no bound at the cutoff", GROUP, "bound = min(answer.bound * self.unit, cutoff)", "bound = answer.bound * self.unit"),
+    ("a string that has to run is off", GROUP, 'values[self._columns["on"]] = flag("must_run")', 'values[self._columns["on"]] = 0.0'),
+    ("what may be shed is held at zero", GROUP, 'fixed[self._columns["a"][~sheds & (cells', 'fixed[self._columns["a"][True | (cells'),
+    ("steps are cut as if nothing were shed", GROUP, "np.minimum(shed_kw.sum(axis=0), budget_kw)", "np.zeros(shed_kw.shape[1])"),
+    ("the shed budget is halved", GROUP, "cutoff.ceilings[g] / cost[g, :, 0].min()", "0.5 * cutoff.ceilings[g] / cost[g, :, 0].min()"),
     ("ceilings of earlier groups are halved", GROUP, "ceilings[g] / units[g] if active", "0.5 * ceilings[g] / units[g] if active"),
-    ("an aged string holds what a fresh one does", DATA, "self.soc_per_ampere / state.soh_capacity", "self.soc_per_ampere"),
-    ("a node's bound is a per cent too high", NODES, "return Node(answer.bound * self._unit, np.clip", "return Node(1.01 * answer.bound * self._unit, np.clip"),
-    ("a closed gap reports the larger of bound and best", TREE, "min(bound, best), nodes", "max(bound, best), nodes"),
-    ("at the node limit the best is the bound", TREE, "Closure.NODE_LIMIT, bound, nodes", "Closure.NODE_LIMIT, best, nodes"),
-    ("like strings are in order in every step", NODES, "up[0, m + 1, 0] = min(up[0, m + 1, 0], up[0, m, 0])", "up[0, m + 1] = np.minimum(up[0, m + 1], up[0, m])"),
-    ("a string that has to run delivers nothing", NODES, "settled & (up[binary] == 0)", "settled"),
-    ("what may derate does not", NODES, "[~known.may_derate]", "[known.may_derate]"),
+    ("a node's bound is a per cent too high", GROUP, "min(answer.bound * self.unit, cutoff)", "min(1.01 * answer.bound * self.unit, cutoff)"),
+    ("a closed gap reports the larger of bound and best", TREE, "min(bound, best), relaxation", "max(bound, best), relaxation"),
+    ("at the node limit the best is the bound", TREE, "Closure.NODE_LIMIT, bound, relax", "Closure.NODE_LIMIT, best, relax"),
     ("the envelope is the upper hull", ENVELOPE, "if (y[k] - y[j]) * (x[i] - x[j]) < (y[i] - y[j])", "if (y[k] - y[j]) * (x[i] - x[j]) > (y[i] - y[j])"),
     ("the chord from above is the lowest", ENVELOPE, "float(np.max((y[1:] - y[0])", "float(np.min((y[1:] - y[0])"),
     ("a row on its cone is outside", CONIC, "rows[:, 0] + FEASIBILITY_TOLERANCE", "rows[:, 0] - FEASIBILITY_TOLERANCE"),
@@ -111,12 +106,11 @@ PYTHON = [
 ]
 
 RUST = [
-    ("reach: charge is not rounded outwards", f"{REACH}/reachable.rs", "const SOC_ROUNDING: f64 = 1e-12;", "const SOC_ROUNDING: f64 = -1e-6;"),
-    ("reach: the coldest state is the warmest", f"{REACH}/reachable.rs", "low: a.min(b) + rise * heat_w.low", "low: a.max(b) + rise * heat_w.high"),
-    ("reach: heat at the wrong end of the scale", f"{REACH}/reachable.rs", "heat(g_high, scale.low).max(heat(g_low, scale.low))", "heat(g_high, scale.high).max(heat(g_low, scale.high))"),
-    ("reach: current at the wrong voltage", f"{REACH}/reachable.rs", "Direction::Charge => (root(g_low, v.high, r.high), root(g_high, v.low, r.low)),", "Direction::Charge => (root(g_low, v.high, r.high), root(g_high, v.high, r.high)),"),
+    ("reach: charge is not rounded outwards", f"{REACH}/cell.rs", "const SOC_ROUNDING: f64 = 1e-12;", "const SOC_ROUNDING: f64 = -1e-6;"),
+    ("reach: the coldest state is the warmest", f"{REACH}/cell.rs", "low: a.min(b) + rise * cell.heat_w.low", "low: a.max(b) + rise * cell.heat_w.high"),
+    ("reach: heat at the wrong end of the scale", f"{REACH}/cell.rs", "heat(g_high, lowest(g_high)).max(heat(g_low, lowest(g_low)))", "heat(g_high, scale.high).max(heat(g_low, scale.high))"),
+    ("reach: current at the wrong voltage", f"{REACH}/cell.rs", "root(g_high, v.low, r.high)", "root(g_high, v.high, r.high)"),
     ("reach: others take all of the demand", f"{REACH}/reachable.rs", "high: self.limit(m, t).min(self.demand_w[t])", "high: 0.5 * self.limit(m, t).min(self.demand_w[t])"),
-    ("reach: shedding at the easy limit", f"{REACH}/reachable.rs", "self.limits(c, &room, interval.direction).low", "self.limits(c, &room, interval.direction).high"),
     ("cuts: the bound is rounded up", f"{REACH}/step_bounds.rs", "nothing_shed - ROUNDING * nothing_shed.abs()", "nothing_shed * 1.001"),
     ("cuts: the slope is halved", f"{REACH}/step_bounds.rs", "let bound = StepBound { phi: phi - ROUNDING * phi.abs(), shed_slope: slope };", "let bound = StepBound { phi: phi - ROUNDING * phi.abs(), shed_slope: 0.5 * slope };"),
     ("cuts: shedding costs nothing", f"{REACH}/step_bounds.rs", "        for curve in curves.iter_mut() {\n            curve.terms.shed_cost = slope;", "        for curve in curves.iter_mut() {\n            curve.terms.shed_cost = 2.0 * slope;"),
@@ -143,22 +137,23 @@ RUST = [
     ("ranges: the box is not cut at its knots", "rust/bess-control/src/model/ranges.rs", "socs.extend(inside(ocv.x(), &states.soc));", ""),
     ("ranges: the scale is not that of the best corner", "rust/bess-control/src/model/ranges.rs", "out.power_scale_w.include(v.high * v.high / r.low);", "out.power_scale_w.include(v.low * v.low / r.low);"),
     ("reach: others can take less", f"{REACH}/reachable.rs", "let others = total - self.limit(m, t);", "let others = 0.5 * (total - self.limit(m, t));"),
-    ("reach: the emptiest state was the fullest", f"{REACH}/reachable.rs", "low: (states.soc.low + per_ampere * down", "low: (states.soc.high + per_ampere * down"),
-    ("reach: a string that may be off is on", f"{REACH}/reachable.rs", "            low = low.min(0.0);\n", "            low = low.max(0.0);\n"),
-    ("reach: heat by the smaller current", f"{REACH}/reachable.rs", "(current.high * current.high).max(current.low * current.low)", "(current.high * current.high).min(current.low * current.low)"),
-    ("reach: the weakest limit is the strongest", f"{REACH}/reachable.rs", "low: largest(v.low, r.high, room.low)", "low: largest(v.high, r.low, room.low)"),
-    ("reach: what may be shed is judged while derating", f"{REACH}/reachable.rs", "c.derating.high * requests_w.high >= self", "0.5 * c.derating.low * requests_w.high >= self"),
-    ("reach: parts of a box are left out", f"{REACH}/reachable.rs", "(current, heat) = (current.union(&i), heat.union(&h));", "(current, heat) = (i, h);"),
+    ("reach: the emptiest state was the fullest", f"{REACH}/cell.rs", "None => (states.soc.low + gained.low", "None => (states.soc.high + gained.low"),
+    ("reach: a string that may be off is on", f"{REACH}/cell.rs", "(current.union(&Range::point(0.0)), 0.0)", "(current, 0.0)"),
+    ("nodes: half of the demand is left to the others", f"{REACH}/node.rs", "self.demand_w[t] - others_low + slack_w", "0.5 * (self.demand_w[t] - others_low) + slack_w"),
+    ("nodes: what others have to shed is left out", f"{REACH}/node.rs", "let others_w = least_w - cell.shed_w.low;", "let others_w = least_w;"),
+    ("reach: heat by the smaller current", f"{REACH}/cell.rs", "(current.high * current.high).max(current.low * current.low)", "(current.high * current.high).min(current.low * current.low)"),
+    ("reach: the weakest limit is the strongest", f"{REACH}/cell.rs", "low: largest(v.low, r.high, room.low)", "low: largest(v.high, r.low, room.low)"),
+    ("reach: parts of a box are left out", f"{REACH}/cell.rs", "fold(Cell::NONE, |all, cell| all.union(&cell))", "fold(Cell::NONE, |_, cell| cell)"),
     ("least cost: shedding is paid twice", f"{REACH}/step_bounds.rs", "let saved = (shed_slope - shed_cost).max(0.0);", "let saved = (shed_slope - 2.0 * shed_cost).max(0.0);"),
     ("confine: shedding saves half", f"{REACH}/confine/horizon_bound.rs", "saved += slope * shed_w;", "saved += 0.5 * slope * shed_w;"),
     ("confine: heat pays the wrong way", f"{REACH}/confine/horizon_bound.rs", "if direction == Direction::Discharge { power_price } else { -power_price };", "if direction == Direction::Discharge { -power_price } else { power_price };"),
     ("confine: what an inverter draws is a gain", f"{REACH}/confine/horizon_bound.rs", "constant -= (gained / usual - gained / other).abs() * drawn;", "constant += (gained / usual - gained / other).abs() * drawn;"),
     ("tightening: the oldest heat does not fade", f"{REACH}/confine/tightening.rs", "unheated_c - kept * cool[t + 1]", "unheated_c - cool[t + 1]"),
     ("tightening: without the slack", f"{REACH}/confine/tightening.rs", "let mut sum = self.slack / reward.per_unit;", "let mut sum = 0.0;"),
-    ("reach: least heat at the wrong end of the scale", f"{REACH}/reachable.rs", "heat(g_low, scale.high) };", "heat(g_low, scale.low) };"),
+    ("reach: least heat at the wrong end of the scale", f"{REACH}/cell.rs", "heat(g_low.min(0.25 * scale.high), scale.high) };", "heat(g_low.min(0.25 * scale.high), scale.low) };"),
     ("certificate: what may be shed is counted at the dearest string", f"{REACH}/step_bounds.rs", "map(|c| c.availability).fold(f64::INFINITY, f64::min)", "map(|c| c.availability).fold(0.0, f64::max)"),
     ("certificate: one step that sheds nothing is enough", f"{REACH}/certificate.rs", ".all(|flow| flow.availability_w <= 0.0)", ".any(|flow| flow.availability_w <= 0.0)"),
-    ("lagrangian: strings that derate everything are left out", f"{ONE_STEP}/lagrangian.rs", "{ free.len() } else { 0 };", "{ 0 } else { 0 };"),
+    ("lagrangian: strings that derate everything are left out", f"{ONE_STEP}/lagrangian.rs", "                total += off;\n", ""),
 ]
 # fmt: on
 
@@ -169,10 +164,11 @@ TESTS = {
             f"tests/split/{name}.py"
             for name in (
                 "test_tree",
-                "test_nodes",
+                "test_branch_and_bound",
                 "test_parts",
                 "test_relaxation",
                 "test_bounds",
+                "test_containment",
                 "test_properties",
             )
         ],

@@ -70,6 +70,7 @@ class StringModel:
             internal = v * current + r * current**2
             limit = np.interp(internal, load - loss, load)
         p = np.minimum(wanted, limit)
+        p = np.where(p < self.parameters.inverter.min_power_kw * KW, 0.0, p)
         a = wanted - p
         w = np.where(p > 0.0, np.interp(p, load, loss), 0.0)
         if sign > 0:

@@ -6,7 +6,7 @@ import pytest
 import bess
 from bess.split import bounds, power_split
 from bess.split.bounds import certify
-from bess.split.relaxation.group import relaxed_group
+from bess.split.relaxation.group import RelaxedGroup
 from bess.split.result import SplitStatus
 
 SYSTEM = bess.System.reference(n_strings=2)
@@ -61,6 +61,14 @@ def test_a_plant_and_a_horizon_too_large_for_the_relaxation_have_an_answer_and_a
     assert 0.5 * split.objective < split.bound <= split.objective
 
 
+def test_a_problem_too_large_to_relax_says_so_and_not_that_a_limit_was_reached(monkeypatch):
+    monkeypatch.setattr(bounds, "LARGEST_RELAXATION", 5)
+    split = bess.PowerSplit(SYSTEM, 3)(bess.State([0.05, 0.08], [30.0, 30.0]), [90.0, 80.0, 150.0])
+    assert (split.status, split.nodes) == (SplitStatus.TOO_LARGE, 0)
+    assert "too large to relax" in split.statement
+    assert not split.fallback
+
+
 def test_a_status_says_optimal_only_where_the_rigorous_gap_is_within_the_gap_asked_for():
     splitters = [
         bess.PowerSplit(SYSTEM, 8, goals) for goals in (bess.Objectives(), bess.Objectives(inverter=0.0))
@@ -111,16 +119,16 @@ def test_relaxations_count_what_is_bounded_and_hold_earlier_groups_under_their_c
     )
     asked, certified = [], {}
 
-    def recorded(problem, control, constants, cost, ceilings, over, *callbacks):
-        asked.append((over.coefficients is over.boxes, cost, list(ceilings)))
-        return relaxed_group(problem, control, constants, cost, ceilings, over, *callbacks)
+    def recorded(problem, control, constants, cost, cutoff, *rest, frozen=False):
+        asked.append((not frozen, cost, list(cutoff.ceilings)))
+        return RelaxedGroup(problem, control, constants, cost, cutoff, *rest, frozen=frozen)
 
     def last(constants, problem, control, answer, costs, *rest):
         asked.clear()
         certified.update(groups=answer.groups, costs=costs)
         return certify(constants, problem, control, answer, costs, *rest)
 
-    monkeypatch.setattr(bounds, "relaxed_group", recorded)
+    monkeypatch.setattr(bounds, "RelaxedGroup", recorded)
     monkeypatch.setattr(power_split, "certify", last)
     bess.PowerSplit(SYSTEM, 4, objectives, gap=1e-6)(bess.State([0.08, 0.3], [49.0, 40.0]), [150.0] * 4)
     groups, costs = certified["groups"], certified["costs"]

@@ -95,7 +95,7 @@ def test_compiled_map_gives_the_data_cvxpy_gives():
     for name, value in values.items():
         relaxation.parameters[name].value = value
     data, _, _ = relaxation.problem.get_problem_data("CLARABEL", solver_opts={})
-    ours = program.load(values)
+    ours = program.load(program.parameters(values))
     A = sp.coo_array((ours.values, (ours.pattern.rows, ours.pattern.columns)), shape=data["A"].shape)
     assert abs(A - data["A"]).max() < 1e-12
     np.testing.assert_allclose(ours.b, data["b"], atol=1e-12)
@@ -122,7 +122,7 @@ def _norm_program():
 
 def test_a_fixed_variable_leaves_the_problem_and_the_bound_matches_the_closed_form():
     program = _norm_program()
-    data = program.load({"limit": np.array([1.0, 1.0, 0.0])})
+    data = program.load(program.parameters({"limit": np.array([1.0, 1.0, 0.0])}))
     fixed = np.zeros(program.n_columns, dtype=bool)
     fixed[program.slices["x"].start + 2] = True
     answer = solve(data, fixed, np.zeros(program.n_columns))
@@ -135,7 +135,7 @@ def test_a_fixed_variable_leaves_the_problem_and_the_bound_matches_the_closed_fo
 
 def test_a_fixed_value_that_breaks_a_row_is_infeasible_without_a_solve():
     program = _norm_program()
-    data = program.load({"limit": np.array([1.0, 1.0, 0.0])})
+    data = program.load(program.parameters({"limit": np.array([1.0, 1.0, 0.0])}))
     fixed, values = np.zeros(program.n_columns, dtype=bool), np.zeros(program.n_columns)
     fixed[program.slices["x"].start] = True
     values[program.slices["x"].start] = 2.0
@@ -144,7 +144,7 @@ def test_a_fixed_value_that_breaks_a_row_is_infeasible_without_a_solve():
 
 def test_an_unsolvable_node_gives_no_bound():
     program = _norm_program()
-    data = program.load({"limit": np.array([np.nan, 1.0, 0.0])})
+    data = program.load(program.parameters({"limit": np.array([np.nan, 1.0, 0.0])}))
     answer = solve(data, np.zeros(program.n_columns, dtype=bool), np.zeros(program.n_columns))
     assert answer.status is NodeStatus.UNKNOWN
     assert answer.bound == -np.inf
@@ -153,7 +153,7 @@ def test_an_unsolvable_node_gives_no_bound():
 def test_a_dual_point_that_is_only_almost_feasible_pays_for_its_residual(monkeypatch):
     """Clarabel's duals, a hundredth too large: their objective is above the optimum, the bound is not."""
     program = _norm_program()
-    data = program.load({"limit": np.array([1.0, 1.0, 0.0])})
+    data = program.load(program.parameters({"limit": np.array([1.0, 1.0, 0.0])}))
     real = conic.clarabel.DefaultSolver
 
     class AlmostSolved:
@@ -181,7 +181,7 @@ def test_a_dual_point_that_is_only_almost_feasible_pays_for_its_residual(monkeyp
 @pytest.mark.parametrize("status", ["MaxIterations", "NumericalError", "InsufficientProgress"])
 def test_only_solved_or_certified_nodes_have_a_bound(monkeypatch, status):
     program = _norm_program()
-    data = program.load({"limit": np.array([1.0, 1.0, 0.0])})
+    data = program.load(program.parameters({"limit": np.array([1.0, 1.0, 0.0])}))
     unfinished = SimpleNamespace(status=status, x=[0.0] * 4, z=[0.0] * 4, obj_val_dual=99.0, obj_val=99.0)
     monkeypatch.setattr(conic.clarabel, "DefaultSolver", lambda *_: SimpleNamespace(solve=lambda: unfinished))
     answer = solve(data, np.zeros(program.n_columns, dtype=bool), np.zeros(program.n_columns))
@@ -190,7 +190,7 @@ def test_only_solved_or_certified_nodes_have_a_bound(monkeypatch, status):
 
 def test_the_bound_of_a_node_is_its_dual_objective_and_a_margin_below_the_optimum():
     program = _norm_program()
-    data = program.load({"limit": np.array([1.0, 1.0, 1.0])})
+    data = program.load(program.parameters({"limit": np.array([1.0, 1.0, 1.0])}))
     answer = solve(data, np.zeros(program.n_columns, dtype=bool), np.zeros(program.n_columns))
     # x = (1, 1, 1): the norm of (-1, 0).
     assert 1.0 - 1e-4 <= answer.bound < 1.0 - 5e-7
@@ -198,7 +198,7 @@ def test_the_bound_of_a_node_is_its_dual_objective_and_a_margin_below_the_optimu
 
 def test_the_bound_of_a_node_comes_from_its_dual_not_from_its_primal_objective(monkeypatch):
     program = _norm_program()
-    data = program.load({"limit": np.array([1.0, 1.0, 0.0])})
+    data = program.load(program.parameters({"limit": np.array([1.0, 1.0, 0.0])}))
     solved = SimpleNamespace(status="Solved", x=[0.0] * 4, z=[0.0] * 4, obj_val_dual=0.5, obj_val=2.0)
     monkeypatch.setattr(conic.clarabel, "DefaultSolver", lambda *_: SimpleNamespace(solve=lambda: solved))
     answer = solve(data, np.zeros(program.n_columns, dtype=bool), np.zeros(program.n_columns))
@@ -207,7 +207,7 @@ def test_the_bound_of_a_node_comes_from_its_dual_not_from_its_primal_objective(m
 
 def test_a_variable_that_is_held_costs_what_it_costs():
     program = _norm_program()
-    data = program.load({"limit": np.array([1.0, 1.0, 1.0])})
+    data = program.load(program.parameters({"limit": np.array([1.0, 1.0, 1.0])}))
     fixed, values = np.zeros(program.n_columns, dtype=bool), np.zeros(program.n_columns)
     fixed[program.slices["t"]], values[program.slices["t"]] = True, 2.0
     assert solve(data, fixed, values).bound == pytest.approx(2.0, abs=1e-5)

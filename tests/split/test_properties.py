@@ -6,6 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import bess
+from bess.split.carried import Carried
+from bess.split.problem import SplitProblem
 
 REFERENCE = bess.System.reference(n_strings=2)
 
@@ -38,9 +40,8 @@ def problems(draw):
     soc = [draw(st.floats(a, b)) for a, b in zip(low, high, strict=True)]
     tau = [draw(st.floats(10.0, 58.0)) for _ in low]
     top = 1.2 * system.nominal_kw.sum()
-    # A demand of 1e-308 kW cannot be shared: what is given to a string rounds to nothing.
-    some = st.floats(-top, top).filter(lambda kw: abs(kw) > 1e-9)
-    demand = [draw(st.one_of(st.just(0.0), some)) for _ in range(steps)]
+    some = st.one_of(st.just(0.0), st.floats(-top, top), st.floats(-0.1, 0.1))
+    demand = [draw(some) for _ in range(steps)]
     return system, bess.State(soc, tau), np.array(demand)
 
 
@@ -54,7 +55,10 @@ def test_requests_meet_the_demand_and_every_number_comes_from_their_roll_out(pro
     met = np.sign(demand) * (np.abs(demand) - split.unmet_kw)
     np.testing.assert_allclose(split.request_kw.sum(axis=0), met, atol=1e-6)
     beyond = np.maximum(np.abs(demand) - system.nominal_kw.sum(), 0.0)
+    least = system.min_power_kw.min()
+    beyond = np.where(np.abs(demand) < least, np.abs(demand), beyond)
     np.testing.assert_allclose(split.unmet_kw, beyond, atol=1e-9)
+    assert np.all((split.request_kw == 0.0) | (np.abs(split.request_kw) >= least))
     assert np.all(np.abs(split.request_kw) <= system.nominal_kw[:, None] * (1.0 + 1e-9))
 
     again = bess.rollout(system, state, split.request_kw)
@@ -107,6 +111,41 @@ def test_a_splitter_gives_the_same_answer_whatever_it_solved_before():
     used.warm_start = None
     state, demand = bess.State([0.08, 0.12], [30.0, 35.0]), [120.0, 90.0, 100.0]
     np.testing.assert_array_equal(fresh(state, demand).request_kw, used(state, demand).request_kw)
+
+
+@pytest.mark.parametrize(
+    ("changes", "goes_on"),
+    [
+        ({}, True),
+        ({"soc": [0.005, 0.0], "temperature_c": 2.0, "demand_kw": [3.0, 0.0, 60.0]}, True),
+        ({"soc": [0.0, 0.05]}, False),
+        ({"temperature_c": 20.0}, False),
+        ({"demand_kw": [-70.0, 0.0, 0.0]}, False),
+        ({"limit_kw": -20.0}, False),
+    ],
+)
+def test_a_schedule_is_carried_on_where_demand_limits_and_state_are_about_as_it_expects(changes, goes_on):
+    def problem(state, demand_kw, limit_kw):
+        return SplitProblem.check(REFERENCE, 3, 0.25, state, demand_kw, None, limit_kw)
+
+    change = {"soc": 0.0, "temperature_c": 0.0, "demand_kw": 0.0, "limit_kw": 0.0} | changes
+    state, demand_kw, limit_kw = bess.State([0.5, 0.6], [30.0, 31.0]), [100.0, 80.0, 90.0], np.full(2, 92.0)
+    split = bess.PowerSplit(REFERENCE, 3)(state, demand_kw, limit_kw=limit_kw)
+    carried = Carried.after(problem(state, demand_kw, limit_kw), split.request_kw, split.rollout)
+    now = bess.State(carried.soc + change["soc"], carried.temperature_c + change["temperature_c"])
+    ahead_kw = np.array([80.0, 90.0, 20.0]) + change["demand_kw"]
+    assert carried.continues_in(problem(now, ahead_kw, limit_kw + change["limit_kw"])) is goes_on
+
+
+def test_of_unrelated_problems_a_used_splitter_solves_none_worse_than_a_fresh_one():
+    rng = np.random.default_rng(7)
+    used = bess.PowerSplit(REFERENCE, 4)
+    for _ in range(12):
+        near = 10.0 ** rng.uniform(-4.0, -1.0, 2)
+        state = bess.State([near, 1.0 - near][rng.integers(2)], rng.uniform(20.0, 50.0, 2))
+        demand_kw = rng.choice([-1.0, 1.0]) * rng.uniform(18.0, 184.0, 4)
+        fresh = bess.PowerSplit(REFERENCE, 4)(state, demand_kw)
+        np.testing.assert_array_equal(used(state, demand_kw).request_kw, fresh.request_kw)
 
 
 def test_a_restored_warm_start_resumes_to_the_last_bit():

@@ -16,7 +16,7 @@ from bess.split import tree
 from bess.split.normalisation import constant_scale
 from bess.split.problem import SplitProblem
 from bess.split.relaxation.data import PlantConstants
-from bess.split.relaxation.group import RelaxedOver, relaxed_group
+from bess.split.relaxation.group import Cutoff, RelaxedGroup
 
 NODES = 400
 
@@ -39,22 +39,21 @@ def objective_and_bounds(
         )
     )
     schedule = _core.StateBoxes(soc, soc, temperature_c, temperature_c)
-    boxes, may_shed = control.reachable(), np.ones(problem.limit_kw.shape, dtype=bool)
     bounds = []
-    for coefficients in (boxes, schedule):
-        relaxed = relaxed_group(
+    for frozen in (False, True):
+        relaxed = RelaxedGroup(
             problem,
             control,
             PlantConstants.of(system, 0.25),
             costs.reported,
-            [],
-            RelaxedOver(boxes, may_shed, coefficients, schedule),
-            lambda: np.inf,
+            Cutoff([], np.inf),
+            schedule,
             lambda request_pu, on: None,
+            frozen=frozen,
         )
-        ended = tree.search(relaxed, *relaxed.root(), gap=1e-6, node_limit=NODES)
-        assert ended.nodes < NODES
-        bounds.append(ended.bound)
+        root = control.root(control.reachable())
+        limit = 1 if frozen else NODES
+        bounds.append(tree.search(relaxed, root, lambda: np.inf, gap=1e-6, node_limit=limit).bound)
     return float(answer.incumbent.objectives[0]), bounds[0], bounds[1]
 
 

@@ -3,13 +3,52 @@ enumeration."""
 
 import itertools
 import time
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
-from bess.split.tree import Closure, Node, search
+from bess.split import tree
+from bess.split.tree import Closure, Part, Solved
 
 pytestmark = pytest.mark.exhaustive
+
+
+class Node(NamedTuple):
+    """Bound of a relaxation over binaries between bounds, and its optimum, if it has one."""
+
+    bound: float
+    binaries: np.ndarray | None
+
+
+class Binaries:
+    """A problem over binaries as the tree sees it: cut at the free binary that is closest to one half."""
+
+    def __init__(self, problem):
+        self.problem, self.nodes = problem, 0
+
+    def solve(self, node):
+        lower, upper = node
+        self.nodes += 1
+        answer = self.problem.solve(lower, upper)
+        free = upper > lower
+        x = np.full(free.size, 0.5) if answer.binaries is None else answer.binaries
+        if answer.bound == np.inf or not np.any(free & (np.minimum(x, 1.0 - x) > 1e-6)):
+            return Solved(answer.bound)
+        index = int(np.argmin(np.where(free, np.abs(x - 0.5), np.inf)))
+        return Solved(
+            answer.bound, lambda is_over: [Part(self.settled(node, index, value)) for value in (0, 1)]
+        )
+
+    @staticmethod
+    def settled(node, index, value):
+        lower, upper = (bounds.copy() for bounds in node)
+        lower[index] = upper[index] = value
+        return lower, upper
+
+
+def search(problem, lower, upper, **limits):
+    return tree.search(Binaries(problem), (lower, upper), problem.incumbent, **limits)
 
 
 class Knapsack:

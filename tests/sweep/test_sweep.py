@@ -3,6 +3,8 @@
 import json
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -92,7 +94,8 @@ def test_a_failed_scenario_is_reported_and_the_rest_finished(tmp_path: Path, clu
     from bess.report import write_report
 
     page = write_report(tmp_path / "out").read_text(encoding="utf-8")
-    assert all(f"{name} is missing" in page for name in result.failed)
+    (first, *others) = result.failed
+    assert f"Missing: {first} and {len(others)} more: " in page
     assert "Pareto front" in page and "Hypervolume" in page
 
 
@@ -187,3 +190,36 @@ def test_the_bundled_front_has_21_weights_that_sum_to_one() -> None:
     assert len(runs) == 21
     assert all(goal.inverter.weight + goal.battery.weight == pytest.approx(1.0) for goal in goals)
     assert sorted(goal.inverter.weight for goal in goals) == pytest.approx([i / 20 for i in range(21)])
+
+
+def bess_sweep(study: Path, out: Path) -> subprocess.Popen[str]:
+    """The command in a group of processes of its own, as a terminal starts it."""
+    words = [sys.executable, "-m", "bess", "sweep", str(study), "--workers", "2", "--out", str(out)]
+    return subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+
+
+def test_one_bad_value_is_said_once_with_the_count(tmp_path: Path) -> None:
+    study_of(tmp_path, 0.25, '[system]\nfile = "nowhere.toml"\n')
+    sweep = bess_sweep(tmp_path / "soc.toml", tmp_path / "out")
+    _, said = sweep.communicate(timeout=120)
+    assert sweep.returncode == 1
+    last = said.strip().splitlines()[-1]
+    assert last.startswith("bess: 6 of 6 runs failed: ") and last.count("nowhere.toml: no such file") == 1
+    assert " and 5 more: " in last
+    assert said.count("nowhere.toml") == 2  # as soon as it is known, and at the end
+
+
+@pytest.mark.process
+def test_ctrl_c_ends_a_sweep_with_one_line_and_none_of_its_workers(tmp_path: Path) -> None:
+    study_of(tmp_path, 300)
+    sweep = bess_sweep(tmp_path / "soc.toml", tmp_path / "out")
+    deadline = time.monotonic() + 120.0
+    while not list((tmp_path / "out").glob("*/parts/*.npz")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    os.killpg(sweep.pid, signal.SIGINT)  # as a terminal sends it: to the workers too
+    _, said = sweep.communicate(timeout=120)
+    assert sweep.returncode == 3
+    lines = [line for line in said.splitlines() if line.strip() and not line.startswith("scenarios ")]
+    assert len(lines) == 1 and "run the same sweep again to continue" in lines[0], said

@@ -30,7 +30,7 @@ status: bess.SplitStatus = split.status
 splitter = bess.PowerSplit(system, horizon_steps=8, objectives=bess.Objectives.energy(shortfall=3.0))
 again: bess.Split = splitter(state, [78.0] * 8)
 plant = bess.Plant(system, state)
-delivered_kw: Floats = plant.step([40.0, 38.0], duration_s=900.0).delivered_kw
+delivered_kw: Floats = plant.step([40.0, 38.0], step_s=900.0).delivered_kw
 flows = plant.run(np.full((96, 2), 10.0), step_s=900.0)
 result = bess.run("case1", policy=share, system=system, progress=True)
 efficiency: float = bess.kpis(result)["system_efficiency_pct"]

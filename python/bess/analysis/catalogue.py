@@ -154,6 +154,11 @@ CATALOGUE: Final[dict[str, Kpi]] = {
     ),
     "inverter_loss_kwh": _energy("Inverter loss", "Energy lost in the inverters, standby included."),
     "battery_loss_kwh": _energy("Battery loss", "Heat in the internal resistance of the batteries."),
+    "hysteresis_loss_kwh": _energy(
+        "Hysteresis loss",
+        "Energy lost because the open-circuit voltage is lower in discharge than in charge; not part of the "
+        "losses above.",
+    ),
     "auxiliary_kwh": _energy(
         "Auxiliary energy", "Energy that cooling takes from the grid: fans or pumps, and the source of cold."
     ),
@@ -214,8 +219,8 @@ CATALOGUE: Final[dict[str, Kpi]] = {
     ),
     "round_trip_efficiency_pct": _efficiency(
         "Round-trip efficiency",
-        "Share of charged AC energy that comes back: what charging stores times what discharging delivers of "
-        "the energy drawn, so that a different charge at the end does not count; auxiliaries included.",
+        "Energy given to the grid over energy taken from it, standby and auxiliaries included, as if the "
+        "cells ended with the energy they began with.",
     ),
     "availability_pct": _efficiency(
         "Availability", "One minus the energy shed by full or empty strings per energy asked for."
@@ -294,6 +299,9 @@ CATALOGUE: Final[dict[str, Kpi]] = {
     "inverter_starts_max": Kpi(
         "Starts of the busiest inverter", "", "min", 0, "Off-to-on transitions of the inverter with most.",
         "strings", True,
+    ),
+    "starts_per_day": Kpi(
+        "Starts a day", "", "min", 1, "Off-to-on transitions of all inverters, for each day.", "strings"
     ),
     "ledger_residual_ratio": Kpi(
         "Ledger residual per energy", "", None, None,

@@ -38,9 +38,11 @@ def kpis(result: Result | xr.Dataset) -> dict[str, float]:
       ``battery_efficiency_pct`` with ``h``, ``system_efficiency_pct`` with ``w + h``;
     - ``fulfilment_pct`` ``sum |delivered| / sum |D|``; ``undelivered_kwh`` ``sum (a + d)``, ``lost_kwh``
       ``sum (a + d + w + h)``;
-    - ``round_trip_efficiency_pct`` what charging stores per energy charged, times what discharging delivers
-      per energy drawn; left out if the run has only one of them; of plants with cooling, auxiliaries count as
-      charged while charging, and else lessen what is delivered;
+    - ``round_trip_efficiency_pct`` energy given to the grid over energy taken from it, by the plant's meter:
+      delivered power less standby and auxiliaries, summed over the strings. Where the run ends with another
+      chemical energy than it began with, the energy given is that for which all that was stored is drawn:
+      ``(given / drawn) (stored / taken)``. Left out if nothing was given or taken;
+    - ``hysteresis_loss_kwh``, a loss that is no part of ``lost_kwh``;
     - ``auxiliary_kwh``, and of plants with cooling ``system_efficiency_with_auxiliaries_pct``, which counts
       it as a loss;
     - ``peak_mean_temperature_c`` of the mean over strings, ``peak_string_temperature_c`` of the hottest
@@ -105,6 +107,7 @@ def _figures(dataset: xr.Dataset) -> Iterator[tuple[str, Any]]:
     delivered, unmet = energy_kwh("delivered_kw"), energy_kwh("unmet_kw")
     shed, derated = energy_kwh("availability_loss_kw"), energy_kwh("derating_loss_kw")
     inverter, battery = energy_kwh("inverter_loss_kw"), energy_kwh("battery_loss_kw")
+    of_cells = "chemical_kw" in dataset  # not in records of earlier versions
     yield "availability_pct", _left_pct(shed, demand)
     yield "derating_efficiency_pct", _left_pct(derated, request)
     yield "inverter_efficiency_pct", _left_pct(inverter, request)
@@ -115,7 +118,8 @@ def _figures(dataset: xr.Dataset) -> Iterator[tuple[str, Any]]:
     yield "auxiliary_kwh", auxiliary
     if "auxiliary_kw" in dataset:
         yield "system_efficiency_with_auxiliaries_pct", _left_pct(inverter + battery + auxiliary, request)
-    yield from _round_trip(dataset)
+    if of_cells:
+        yield from _round_trip(dataset)
     yield from _temperatures(dataset)
     yield from _operation(dataset)
     yield "demand_kwh", demand
@@ -129,6 +133,8 @@ def _figures(dataset: xr.Dataset) -> Iterator[tuple[str, Any]]:
     yield "derating_loss_kwh", derated
     yield "inverter_loss_kwh", inverter
     yield "battery_loss_kwh", battery
+    if of_cells:
+        yield "hysteresis_loss_kwh", energy_kwh("hysteresis_loss_kw")
     yield "undelivered_kwh", shed + derated
     yield "lost_kwh", shed + derated + inverter + battery
     if "reactive_kvar" in dataset:
@@ -149,19 +155,16 @@ def _figures(dataset: xr.Dataset) -> Iterator[tuple[str, Any]]:
 
 
 def _round_trip(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
-    """Each direction with its own losses, so that energy left in store at the end is no loss."""
-    delivered = np.abs(dataset["delivered_kw"].values)
-    losses = dataset["inverter_loss_kw"].values + dataset["battery_loss_kw"].values
-    charging = dataset["request_kw"].values < 0.0
-    charged, discharged = delivered[charging].sum(), delivered[~charging].sum()
-    if charged > 0.0 and discharged > 0.0:
-        stored = charged - losses[charging].sum()
-        drawn = discharged + losses[~charging].sum()
-        if "auxiliary_kw" in dataset:
-            auxiliary, of_charging = dataset["auxiliary_kw"].values, charging.any(axis=1)
-            charged += auxiliary[of_charging].sum()
-            discharged -= auxiliary[~of_charging].sum()
-        yield "round_trip_efficiency_pct", PERCENT * (stored / charged) * (discharged / drawn)
+    """Each direction of the meter with its own losses, so that energy left in store is no loss."""
+    meter_kw = (dataset["delivered_kw"].values - dataset["standby_kw"].values).sum(axis=1)
+    if "auxiliary_kw" in dataset:
+        meter_kw = meter_kw - dataset["auxiliary_kw"].values
+    chemical_kw = dataset["chemical_kw"].values.sum(axis=1)
+    gives = meter_kw > 0.0
+    given, taken = meter_kw[gives].sum(), -meter_kw[~gives].sum()
+    drawn, stored = chemical_kw[gives].sum(), -chemical_kw[~gives].sum()
+    if drawn > 0.0 and stored > 0.0:
+        yield "round_trip_efficiency_pct", PERCENT * (given / drawn) * (stored / taken)
 
 
 def _temperatures(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
@@ -181,6 +184,7 @@ def _operation(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
     starts = dataset["inverter_starts"].values.sum(axis=0)
     yield "inverter_starts_mean", starts.mean()
     yield "inverter_starts_max", starts.max()
+    yield "starts_per_day", 24.0 * starts.sum() / (dataset.sizes["time"] * float(dataset.attrs["step_h"]))
 
 
 def _between_strings(states: Array) -> Iterator[tuple[str, float]]:

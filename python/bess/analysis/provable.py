@@ -26,4 +26,6 @@ def unprovable(dataset: xr.Dataset) -> str | None:
             "the plant of this run has a section [cooling]; what is proven impossible is known for air of "
             "the ambient only, without that section"
         )
+    if "reversible_heat_kw" in dataset:
+        return "the cells of this run have reversible heat, and the lower bound supports ohmic heat only"
     return None

@@ -103,7 +103,7 @@ def sweep(
     assignments: Assignments = None,
 ) -> None:
     """Run all scenarios and sweep points of a study side by side on Dask; finished ones are skipped."""
-    from bess.errors import BessError
+    from bess.errors import BessError, by_reason
     from bess.study import load_study
     from bess.sweep import run_sweep
 
@@ -116,8 +116,7 @@ def sweep(
         f"({len(done.skipped)} of them before), {len(failed)} failed; bess report {folder} draws them."
     )
     if failed:
-        reasons = "; ".join(f"{name}: {error}" for name, error in failed.items())
-        raise BessError(f"{len(failed)} of {len(done.outcomes)} runs failed: {reasons}")
+        raise BessError(f"{len(failed)} of {len(done.outcomes)} runs failed: {'; '.join(by_reason(failed))}")
 
 
 @app.command()
@@ -131,11 +130,11 @@ def report(
 ) -> None:
     """Draw the figures of a run, or of a plant's journal, and write a self-contained HTML page."""
     from bess.plants.journal import is_journal
-    from bess.report import write_report
+    from bess.report import drawing_extra, write_report
 
     if is_journal(directory):
-        from bess.plants.journal_page import write_journal_report
-
+        with drawing_extra():
+            from bess.plants.journal_page import write_journal_report
         print(write_journal_report(directory))
     else:
         print(write_report(directory, hindsight=hindsight))
@@ -147,7 +146,10 @@ def serve(
     host: Annotated[str, typer.Option("--host", help="Address to listen on.")] = "127.0.0.1",
     port: Annotated[int, typer.Option("--port", min=1, max=65535, help="Port to listen on.")] = 8080,
     token_file: Annotated[
-        Path | None, typer.Option("--token-file", metavar="FILE", help="Ask callers for the token in FILE.")
+        Path | None,
+        typer.Option(
+            "--token-file", metavar="FILE", help="Ask callers for the token in FILE; a plant needs one."
+        ),
     ] = None,
     state: Annotated[
         Path | None,
@@ -164,6 +166,12 @@ def serve(
     shadow: Annotated[
         bool, typer.Option("--shadow", help="Watch the plant and recommend; write nothing.")
     ] = False,
+    allowed_host: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--allowed-host", metavar="NAME", help="Answer to this name too, as that of a proxy; repeatable."
+        ),
+    ] = None,
     assignments: Assignments = None,
 ) -> None:
     """Run the controller of a study as a service that a plant can call over HTTP."""
@@ -171,7 +179,16 @@ def serve(
     from bess.study import load_study
 
     loaded = load_study(study, _values(None, assignments))
-    serve(loaded, host=host, port=port, token_file=token_file, state=state, plant=plant, shadow=shadow)
+    serve(
+        loaded,
+        host=host,
+        port=port,
+        token_file=token_file,
+        state=state,
+        plant=plant,
+        shadow=shadow,
+        allowed_hosts=allowed_host or (),
+    )
 
 
 @app.command()
@@ -186,9 +203,15 @@ def compare(
     """Set runs side by side: their key figures here, figures and a page in a folder."""
     from bess.cli.comparing import runs_of
     from bess.cli.kpi_table import kpi_table
-    from bess.report.page import write_comparison
+    from bess.report import drawing_extra
+    from bess.report.words.unlike import unlike
+
+    with drawing_extra():
+        from bess.report.page import write_comparison
 
     runs = runs_of(directories)
+    if differing := unlike(runs):
+        print(f"{differing}\n")
     print(kpi_table({name: run.kpis for name, run in runs.items()}))
     print(f"\n{write_comparison(runs, out)}")
 

@@ -17,6 +17,7 @@ from bess.cli.app import PlantKind
 from bess.extras import extra
 from bess.plants.simulated import SimulatedPlant
 from bess.study import Study
+from bess.study.demands import ProfileDemand
 from bess.study.plant_choice import build_system
 
 PORTS: Final = {PlantKind.OPENEMS: 8084, PlantKind.SUNSPEC: 5020}
@@ -40,7 +41,7 @@ def demo_plant(study: Study, kind: PlantKind, port: int | None, speed: float) ->
         print(
             f"A plant of {plant.n_strings} strings, {speed:g} times as fast as time, listens. Drive it with"
         )
-        print(f"  bess serve {study.name} --plant {address}")
+        print(f"  bess serve {study.name} --token-file FILE --plant {address}")
         print("Ctrl-C ends it.", flush=True)
         try:
             while True:
@@ -62,6 +63,8 @@ def serve_demo(study: Study, kind: PlantKind, port: int | None, speed: float, fo
 
     if study.service.control_step_s is None:
         study = study.with_values({"service.control_step_s": STEP_S})
+    if isinstance(study.demand, ProfileDemand):
+        study = study.with_values({"service.follow_profile": True})
     page_port = _free_port(PAGE_PORT)
     page = f"http://127.0.0.1:{page_port}/"
     with _listening(_plant(study, speed), kind, port) as address:
@@ -71,7 +74,7 @@ def serve_demo(study: Study, kind: PlantKind, port: int | None, speed: float, fo
             opening = threading.Timer(_PAGE_AFTER_S, webbrowser.open, [page])
             opening.daemon = True
             opening.start()
-        serve(study, port=page_port, state=folder, plant=address)
+        serve(study, port=page_port, state=folder, plant=address, simulated=True)
 
 
 def _plant(study: Study, speed: float) -> SimulatedPlant:

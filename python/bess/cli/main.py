@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import signal
 import sys
 from typing import Final
@@ -22,6 +23,8 @@ _UsageError: Final = typer.BadParameter.__bases__[0]
 
 def main() -> None:
     """Run the command line and exit with its status."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # a terminal without a degree sign is no fault of a run
     # Outside the closed loop SIGTERM ends the program the way Ctrl-C does.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     sys.exit(_status())
@@ -30,7 +33,7 @@ def main() -> None:
 def _status() -> int:
     try:
         with command_line():
-            return app(standalone_mode=False) or DONE
+            return app(prog_name="bess", standalone_mode=False) or DONE
     except InputError as error:
         return _say(str(error), BAD_INPUT)
     except StoppedEarly as error:
@@ -45,7 +48,8 @@ def _status() -> int:
     except Exception as error:
         if isinstance(error, _UsageError):
             message = getattr(error, "format_message", error.__str__)()
-            return _say(f"{message} (see bess --help)", BAD_INPUT)
+            place = getattr(getattr(error, "ctx", None), "command_path", "bess")
+            return _say(f"{message.replace('Value error, ', '')} (see {place} --help)", BAD_INPUT)
         raise
 
 

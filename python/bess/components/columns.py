@@ -28,19 +28,15 @@ def read_columns(path: str | Path) -> Columns:
         There is no such file, or it is no table of that form; with the line.
     """
     path = Path(path)
-    if path.suffix == ".parquet":
-        with extra("market", f"{path}: a Parquet file"):
-            import pyarrow.parquet as pq
     try:
         if path.suffix == ".parquet":
-            table = pq.read_table(io.BytesIO(read_file(path))).to_pydict()
-            return {str(k): ["nan" if v is None else str(v) for v in column] for k, column in table.items()}
+            return _parquet(path, read_file(path))
         text = read_file(path).decode("utf-8-sig")
     except InputError:
         raise
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
-    except (OSError, ValueError) as error:  # also undecodable text and files that are not Parquet
+    except (OSError, ValueError) as error:  # also undecodable text
         raise InputError(f"{path}: cannot be read as a table ({error})") from error
     lines = text.splitlines()
     if len(lines) < 2:
@@ -63,6 +59,16 @@ def read_columns(path: str | Path) -> Columns:
             [cell.replace(",", ".") for cell in cells] if separator != "," else cells
         )
     return columns
+
+
+def _parquet(path: Path, raw: bytes) -> Columns:
+    with extra("market", f"{path}: a Parquet file"):
+        import pyarrow.parquet as pq
+    try:
+        table = pq.read_table(io.BytesIO(raw)).to_pydict()
+    except Exception as error:  # pyarrow raises most of what there is for damaged bytes
+        raise InputError(f"{path}: the Parquet file is damaged or truncated ({error})") from error
+    return {str(k): ["nan" if v is None else str(v) for v in column] for k, column in table.items()}
 
 
 def numbers(path: str | Path, columns: Columns, name: str, *, gaps: bool = False) -> NDArray[np.float64]:

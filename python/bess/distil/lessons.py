@@ -14,8 +14,8 @@ from bess.plant import Fleet
 from bess.policies import Decision, Situation, build_policy
 from bess.simulation import run
 from bess.simulation.inputs import prepare
-from bess.simulation.runner import policy_settings
 from bess.study import Study
+from bess.study.policy_settings import policy_settings
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class Course:
         rule.
         """
         inputs = prepare(study)
-        rule = build_policy("soc", inputs.system, policy_settings(study, inputs))
+        rule = build_policy("soc", inputs.system, policy_settings(study, inputs.system))
         told: list[Situation] = []
 
         def listen(situation: Situation) -> Decision:

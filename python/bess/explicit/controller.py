@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
 
@@ -12,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 from bess import _core
 from bess.errors import InputError
 from bess.explicit.tables import Tables
-from bess.files import read_file
+from bess.files import parse_json, read_file
 from bess.numbers import Array
 from bess.parameters import State
 
@@ -68,7 +67,7 @@ class ExplicitController(BaseModel):
             If there is none, or it is not what ``bess distil`` writes.
         """
         try:
-            return cls.model_validate(json.loads(read_file(path)))
+            return cls.model_validate(parse_json(read_file(path)))
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
         except OSError as error:

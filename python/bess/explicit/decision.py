@@ -81,7 +81,7 @@ def split(
     outlook: Floats,
     request_kw: Floats,
 ) -> None:
-    """Share ``demand_kw`` among the strings; ``request_kw`` sums to it.
+    """Share ``demand_kw`` among the strings; ``request_kw`` sums to it but for less than the least power.
 
     The cost of a string is a parabola through its cost at three requests: none (inverter on), half and all of
     what it could take. Costs are losses and what is not delivered, and prices of the state it would be left
@@ -361,5 +361,19 @@ def split(
             request_kw[m] += missing_kw / free_kw * (limit_kw[m] - request_kw[m])
     else:
         request_kw[largest] += missing_kw
+    # What is below the least power of an inverter goes to the string that runs and has the most room.
+    room_kw = 0.0
     for m in range(STRINGS):
-        request_kw[m] = -sign * max(0.0, min(limit_kw[m], request_kw[m]))
+        request_kw[m] = max(0.0, min(limit_kw[m], request_kw[m]))
+        if request_kw[m] >= MIN_POWER_KW and limit_kw[m] - request_kw[m] > room_kw:
+            room_kw = limit_kw[m] - request_kw[m]
+            largest = m
+    for m in range(STRINGS):
+        if m != largest and request_kw[m] < MIN_POWER_KW:
+            request_kw[largest] += request_kw[m]
+            request_kw[m] = 0.0
+    request_kw[largest] = min(limit_kw[largest], request_kw[largest])
+    if request_kw[largest] < MIN_POWER_KW:
+        request_kw[largest] = 0.0
+    for m in range(STRINGS):
+        request_kw[m] = -sign * request_kw[m]

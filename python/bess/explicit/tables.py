@@ -66,6 +66,8 @@ class Tables(BaseModel):
         Fill above which room is kept.
     share : tuple of float
         Requests at which a string's cost is evaluated, as shares of the largest.
+    min_power_kw : float
+        Least power of an inverter that is on [kW].
     flattest, shed_slope, crumbs, unbounded : float
         Least curvature of a string's cost [1/kW], that of the cost of what is shed [1/kW], share of the
         plant's power that counts as rounding, and a cost above all others [kW].
@@ -106,6 +108,7 @@ class Tables(BaseModel):
     low_fill: Numbers = (0.05, 0.12, 0.3)
     high_fill: FiniteFloat = 0.9
     share: Numbers = (0.0, 0.5, 1.0)
+    min_power_kw: FiniteFloat = 1e-3
     flattest: FiniteFloat = 1e-6
     shed_slope: FiniteFloat = 1e-3
     crumbs: FiniteFloat = 1e-9
@@ -169,6 +172,7 @@ class Tables(BaseModel):
             step_share=1.0 / steps,
             near_share=1.0 / near_steps,
             shortfall=shortfall,
+            min_power_kw=float(system.min_power_kw.max()),
             **flat,
         )
 

@@ -48,7 +48,7 @@ MOST_STEPS = 48 * 60
 
 @dataclass(frozen=True, eq=False)
 class Plan(ByValue):
-    """A plan, not certified: how far it is from the best one is not known (see :func:`bess.hindsight`).
+    """A plan in the control model.
 
     Attributes
     ----------
@@ -63,6 +63,9 @@ class Plan(ByValue):
         Demand above what the inverters in service can take, asked of no string.
     rollouts : int
         Roll-outs of the control model that were spent.
+    search_bound : float
+        Lower bound of the cost of every schedule, by prices of the balance, on a grid: an estimate. NaN where
+        it was not computed.
     """
 
     request_kw: Array
@@ -70,6 +73,15 @@ class Plan(ByValue):
     rule_cost: float
     unmet_kw: Array
     rollouts: int
+    search_bound: float = np.nan
+
+    @property
+    def search_gap(self) -> float:
+        """Share of the cost by which the plan may be above the best, as far as the search bound says.
+
+        The grid puts that bound up to about 0.5 % of the cost too high; a gap below 0 is therefore 0.
+        """
+        return float(np.maximum((self.cost - self.search_bound) / self.cost, 0.0)) if self.cost > 0.0 else 0.0
 
 
 class Planner:
@@ -93,6 +105,11 @@ class Planner:
         Price of imbalance [1/h]: the squared distance of a string's fill (share of its SOC window) from the
         plant's, times its nominal energy, times the mean price of losses, costs this much for each hour.
         It counts where the plant will come near empty or full, and more where little came as foreseen.
+    bound_passes : int
+        Passes of the bound by prices where a plan is made anew; without any there is no bound, and plans
+        start from the rules alone.
+    known : bool
+        Whether what is foreseen is known for certain, so that all steps count alike.
 
     Raises
     ------
@@ -108,6 +125,8 @@ class Planner:
         *,
         rollouts: int = ROLLOUTS,
         balance: float = BALANCE_PER_H,
+        bound_passes: int = 0,
+        known: bool = False,
     ) -> None:
         check_horizon(system, n_steps, dt_h, "n_steps", MOST_STEPS)
         if rollouts < 0:
@@ -117,6 +136,8 @@ class Planner:
         self.dt_h = dt_h
         self.rollouts = int(rollouts)
         self._balance = balance
+        self.bound_passes = int(bound_passes)
+        self._known = known
         self._mistrust = Mistrust(system.nominal_kw, dt_h)
         self._request_kw: Array | None = None
         self._start_charge = 0.0
@@ -189,6 +210,7 @@ class Planner:
                 previous_kw=previous,
                 rollouts=self.rollouts,
                 fresh_rollouts=min(FRESH_ROLLOUTS, 4 * self.rollouts) if fresh else 0,
+                bound_passes=self.bound_passes if fresh else 0,
                 turn=self._turn,
                 reactive_kvar=reactive_kvar,
             )
@@ -197,7 +219,8 @@ class Planner:
         self._request_kw = plan.request_kw
         self._start_charge = plan.start_charge
         self._turn += 1
-        return Plan(plan.request_kw, plan.cost, plan.rule_cost, problem.unmet_kw, plan.rollouts)
+        bound = np.nan if plan.search_bound is None else plan.search_bound
+        return Plan(plan.request_kw, plan.cost, plan.rule_cost, problem.unmet_kw, plan.rollouts, bound)
 
     def skip(self, demand_kw: ArrayLike) -> None:
         """Let a step pass in which nothing is asked; ``demand_kw`` as in a call."""
@@ -228,6 +251,8 @@ class Planner:
 
     def _certainty(self) -> Array:
         """Weights of the four losses in each step, shape (n_steps, 4): a shortfall later counts less."""
+        if self._known:
+            return np.ones((self.n_steps, 4))
         mistrust = self._mistrust.share
         hours = np.arange(self.n_steps) * self.dt_h
         shortfall = np.exp(-hours * (1.0 / DOUBT_H + mistrust / MISTRUSTED_DOUBT_H))

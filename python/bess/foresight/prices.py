@@ -45,7 +45,8 @@ class PlanPrices:
     def energy(cls, objectives: Objectives, n_strings: int, n_steps: int) -> PlanPrices:
         """Weights of the objectives, the same in every step (docs/foresight.md, eq. F1)."""
         weights = np.array([objective.weight for objective in objectives.members])
-        return cls(np.broadcast_to(weights, (n_steps, 4)).copy(), np.zeros(n_strings))
+        start = objectives.start_kwh or 0.0
+        return cls(np.broadcast_to(weights, (n_steps, 4)).copy(), np.zeros(n_strings), start)
 
     @classmethod
     def money(

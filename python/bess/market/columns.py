@@ -18,7 +18,7 @@ from bess.market.files import fail, listed
 from bess.market.numbers import check_size, parse_numbers
 from bess.market.repairs import Repairs
 from bess.market.sources import read_table
-from bess.market.stamps import Stamps, is_time, parse_stamps
+from bess.market.stamps import YEARS, Stamps, is_time, parse_stamps
 from bess.market.table import Ending, Table
 
 _CLOCK_CELL: Final = re.compile(r"\d{1,2}:\d\d(:\d\d)?")
@@ -247,8 +247,10 @@ def _parquet(path: str, raw: bytes) -> Columns:
     with extra("market", f"{path}: a Parquet file"):
         try:
             frame = pd.read_parquet(io.BytesIO(raw))
-        except (OSError, ValueError) as error:
-            what = str(error).splitlines()[0]
+        except ImportError:
+            raise
+        except Exception as error:  # pyarrow and pandas raise most of what there is for damaged bytes
+            what = (str(error).splitlines() or [""])[0] or type(error).__name__
             fail(path, None, f"the Parquet file is damaged or truncated ({what}); fetch it again")
     if not isinstance(frame.index, pd.DatetimeIndex):
         times = [
@@ -268,6 +270,14 @@ def _parquet(path: str, raw: bytes) -> Columns:
         fail(path, None, "the Parquet file holds no rows; fetch it again")
     if index.hasnans:
         fail(path, int(np.argmax(index.isna())) + 1, "has no time; remove the row")
+    odd = (index.year < YEARS[0]) | (index.year > YEARS[1])
+    if odd.any():
+        row = int(np.argmax(odd))
+        fail(
+            path,
+            row + 1,
+            f"has a time of the year {index.year[row]}, must be {YEARS[0]} to {YEARS[1]}; correct the row",
+        )
     aware = index.tz is not None
     stamps = Stamps(
         index.tz_convert("UTC").tz_localize(None) if aware else index,

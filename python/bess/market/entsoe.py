@@ -114,7 +114,7 @@ def _in_order(table: Table, which: Positions, stamps: Stamps, clock: tzinfo, rep
         return which
     order = np.argsort(utc, kind="stable")
     first = table.lines[which[int(np.argmax(back)) + 1]]
-    repairs.add("sorted", "put rows that were out of place in the order of time", back.sum(), first)
+    repairs.add("sorted", "put rows that were out of place in the order of time", int(back.sum()), first)
     return which[order]
 
 

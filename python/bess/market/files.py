@@ -4,7 +4,6 @@ import gzip
 import io
 import os
 import zipfile
-import zlib
 from collections.abc import Iterable
 from os import PathLike
 from typing import Final, NoReturn
@@ -76,10 +75,13 @@ def read_bytes(path: str | PathLike[str]) -> bytes:
                 raw = limited(packed, name)
         if raw[:4] == b"PK\x03\x04":
             raw = _unzip(name, raw)
+    except InputError:
+        raise
     except RuntimeError as error:  # a password
         fail(name, None, f"the archive cannot be unpacked ({error}); unpack it first")
-    except (EOFError, OSError, zlib.error, zipfile.BadZipFile) as error:
-        fail(name, None, f"the archive is damaged or truncated ({error}); fetch the file again")
+    except Exception as error:  # every kind of compression has its own for damaged bytes
+        what = str(error) or type(error).__name__
+        fail(name, None, f"the archive is damaged or truncated ({what}); fetch the file again")
     if not raw.removeprefix(next((mark for mark in _MARKS if raw.startswith(mark)), b"")).strip():
         fail(name, 1, "the file is empty; fetch it again")
     for mark, kind in _OTHER_KINDS.items():

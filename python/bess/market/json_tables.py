@@ -2,11 +2,11 @@
 
 import csv
 import io
-import json
 from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 from typing import Any, Final
 
+from bess.files import parse_json
 from bess.market.files import fail
 
 _DEEPEST: Final = 8
@@ -23,8 +23,8 @@ def json_as_csv(path: str, text: str) -> str:
     lists of equal length, a list of records, or a list of pairs.
     """
     try:
-        document = json.loads(text)
-    except (ValueError, RecursionError) as error:
+        document = parse_json(text)
+    except ValueError as error:
         fail(path, None, f"begins like JSON but is damaged or truncated ({error}); fetch it again")
     tables = [table for table in _tables(document, 0) if table[1]]
     if not tables:

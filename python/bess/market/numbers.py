@@ -34,6 +34,7 @@ def parse_numbers(
 
     The decimal sign is found from the whole column; `default` decides where nothing tells (``1.234``).
     """
+    cells = [cell.replace("\n", " ") for cell in cells]  # a line break within quotes is none between cells
     together = "\n".join(cells)
     texts = together.split("\n") if _SIMPLE.fullmatch(together) else _cleaned(cells)
     decimal = _decimal(path, name, texts, lines, default)

@@ -58,7 +58,7 @@ def join_zone(
         )
         joined[old] = there[before[0]][old]
         repairs.add(
-            "zone-join", f"took {before[0]} until {SPLIT}", old.sum(), rows.lines[int(np.argmax(old))]
+            "zone-join", f"took {before[0]} until {SPLIT}", int(old.sum()), rows.lines[int(np.argmax(old))]
         )
     if np.isnan(joined).all():
         fail(
@@ -90,7 +90,9 @@ def whole_days(rows: Rows, table: Table, clock: tzinfo, repairs: Repairs) -> Row
     new_year = days[-1].day_of_year == 1 and days[-1].year > days[0].year and not ends_day(rows.utc, clock)
     if begins and last.sum() < last.size and (new_year or (last.sum() == 1 and local[-1] == days[-1])):
         first = int(np.argmax(last))
-        repairs.add("stray-rows", "dropped rows after the last whole day", last.sum(), int(rows.lines[first]))
+        repairs.add(
+            "stray-rows", "dropped rows after the last whole day", int(last.sum()), int(rows.lines[first])
+        )
         return rows.take(~last)
     if not ends_day(rows.utc, clock):
         if table.ending is not Ending.CLEAN and last.sum() < last.size:

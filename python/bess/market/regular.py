@@ -67,7 +67,7 @@ def regular(
     coarse = span > 1
     if coarse.any():
         text = f"held values of a coarser step over steps of {step // 60} min"
-        repairs.add("step-change", text, coarse.sum(), rows.lines[int(np.argmax(coarse))])
+        repairs.add("step-change", text, int(coarse.sum()), rows.lines[int(np.argmax(coarse))])
     _fill_gaps(rows, values, place, step, fill, repairs, bridged_s / _HOUR)
     index = pd.date_range(rows.utc[0], periods=values.size, freq=pd.Timedelta(seconds=step), name="time")
     return pd.Series(values, index=index)

@@ -28,7 +28,7 @@ _FORMATS: Final = ("%Y%m%d:%H%M", *(f"{d} {c}" for d in _DATES for c in _CLOCKS)
 _DIGITS: Final = {8: "%Y%m%d", 10: "%Y%m%d%H", 12: "%Y%m%d%H%M", 14: "%Y%m%d%H%M%S"}
 """Times of digits only, by their number: ``2024013112`` is 12:00, not 1:02."""
 
-_YEARS: Final = (1980, 2200)
+YEARS: Final = (1980, 2200)
 """Other years are numbers taken for times."""
 _OFFSET: Final = re.compile(
     r"(.*\d:\d\d(?::\d\d(?:\.\d+)?)?)\s*(?:\(?(Z|UTC|GMT|CET|CEST)\)?|([+-])(\d\d):?(\d\d))"
@@ -91,7 +91,7 @@ def parse_stamps(
             f"{cells[0]!r} could be either day or month first; write times as 2024-01-31 14:00",
         )
     wall += pd.to_timedelta(midnight.astype(int), unit="D")
-    odd = np.asarray(wall.isna() | (wall.year < _YEARS[0]) | (wall.year > _YEARS[1]))
+    odd = np.asarray(wall.isna() | (wall.year < YEARS[0]) | (wall.year > YEARS[1]))
     if odd.any():
         bad = int(np.argmax(odd))
         fail(
@@ -112,13 +112,13 @@ def _quick(cells: list[str]) -> Stamps | None:
         if together.count(f"{end}\n") != len(cells):
             return None
         together = together.replace(f"{end}\n", "\n")
-    if not _ISO.fullmatch(together):
+    if together.count("\n") != len(cells) or not _ISO.fullmatch(together):
         return None
     try:
         wall = pd.DatetimeIndex(np.array(together.split("\n")[:-1], dtype="datetime64[s]"))
     except ValueError:
         return None
-    if wall.year.min() < _YEARS[0] or wall.year.max() > _YEARS[1]:
+    if wall.year.min() < YEARS[0] or wall.year.max() > YEARS[1]:
         return None
     return Stamps(wall, np.full(wall.size, np.nan if match is None else _shift_h(match)))
 
@@ -135,7 +135,7 @@ def is_time(cell: str) -> bool:
     if not (text.isdigit() or _LIKE_DATE.match(text)):
         return False
     wall = _parse_digits([text]) if text.isdigit() else _parse([text])
-    return bool(wall.notna()[0]) and _YEARS[0] <= wall.year[0] <= _YEARS[1]
+    return bool(wall.notna()[0]) and YEARS[0] <= wall.year[0] <= YEARS[1]
 
 
 def _parse_digits(texts: list[str]) -> pd.DatetimeIndex:

@@ -3,10 +3,10 @@
 import csv
 import io
 import warnings
-import zipfile
 from datetime import date, datetime, time
 from typing import Any, Final
 
+from bess.errors import InputError
 from bess.extras import extra
 from bess.files import LARGEST_BYTES
 from bess.market.files import fail
@@ -31,10 +31,11 @@ def workbook_as_csv(path: str, raw: bytes) -> str:
                 text = _as_csv(path, sheet)
                 if text is not None:
                     return text
-    except (OSError, ValueError, KeyError, IndexError, TypeError, AttributeError, SyntaxError) as error:
-        fail(path, None, f"the workbook is damaged ({str(error) or type(error).__name__}); fetch it again")
-    except (EOFError, zipfile.BadZipFile) as error:
-        fail(path, None, f"the workbook is damaged or truncated ({error}); fetch it again")
+    except InputError:
+        raise
+    except Exception as error:  # openpyxl, zipfile and zlib each have their own for damaged bytes
+        what = str(error) or type(error).__name__
+        fail(path, None, f"the workbook is damaged or truncated ({what}); fetch it again")
     fail(path, None, "no sheet of the workbook holds a table; save the sheet wanted as CSV")
 
 

@@ -159,6 +159,7 @@ class Battery(Section):
     cell_voltage_max_v: CellVoltage | None = None
     low_soc_switch: Fraction = 0.10
     r_scale: Ratio = 1.0
+    hysteresis_heat: bool = False
     ocv_v: OcvTable
     resistance_temperature: ResistanceOverTemperature | None = None
     resistance_soc: ResistanceOverSoc | None = None

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import difflib
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import date
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from bess.errors import InputError
-from bess.files import read_file
+from bess.files import parse_toml, read_file
 
 _DEEPEST = 12
 _LARGEST_BYTES = 20 * 2**20
@@ -29,6 +29,7 @@ _PLAIN_WORDS = {
     "list_type": "a list",
     "bool_type": "must be true or false",
     "model_type": "must be a table",
+    "model_attributes_type": "must be a table",
     "invalid_key": "keys must be texts",
 }
 
@@ -47,7 +48,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         There is no such file, or it is not TOML.
     """
     try:
-        return tomllib.loads(read_text(path))
+        return parse_toml(read_text(path))
     except InputError:
         raise
     except FileNotFoundError:
@@ -56,8 +57,6 @@ def read_toml(path: Path) -> dict[str, Any]:
         # TOMLDecodeError is a ValueError; so is the refusal of a path with a NUL in it.
         what = "not valid TOML" if isinstance(error, tomllib.TOMLDecodeError) else "cannot be read"
         raise InputError(f"{path}: {what} ({error})") from error
-    except RecursionError:
-        raise InputError(f"{path}: tables or lists are nested too deeply") from None
 
 
 def plain(value: object, name: str, place: str = "", depth: int = 0) -> Any:
@@ -96,7 +95,7 @@ def deep_merge(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str
 
 
 def describe(
-    error: ValidationError,
+    found: Sequence[Mapping[str, Any]],
     name: str,
     *,
     prefix: str = "",
@@ -105,11 +104,12 @@ def describe(
 ) -> str:
     """One sentence for each problem of a validation, joined by ``; ``: file, key, value, what is allowed.
 
-    With ``model``, an unknown key is answered with the one of that model that was probably meant.
+    ``found`` is from ``ValidationError.errors()``. With ``model``, an unknown key is answered with the one of
+    that model that was probably meant.
     """
     rename = rename or {}
     problems: dict[str, list[str]] = {}
-    for problem in error.errors(include_url=False):
+    for problem in found:
         unknown = problem["type"] == "extra_forbidden"
         path = ""
         for part in problem["loc"]:

@@ -131,5 +131,5 @@ def _validated(kind: type[_T], table: object, name: str, prefix: str) -> _T:
         return kind.model_validate(table)
     except ValidationError as error:
         raise InputError(
-            describe(error, name, prefix=prefix, rename={"site": "system"}, model=kind)
+            describe(error.errors(), name, prefix=prefix, rename={"site": "system"}, model=kind)
         ) from error

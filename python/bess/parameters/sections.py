@@ -27,6 +27,9 @@ from bess.parameters.quantities import (
 )
 from bess.parameters.section import Section
 
+SMALL_SHARE = 0.01
+"""Largest least power of an inverter, as a share of its nominal power."""
+
 PRICES_ONLY = ("none", "throughput")
 """Models of wear that leave capacity and resistance as they are."""
 
@@ -47,7 +50,8 @@ class About(Section):
 class Inverter(Section):
     """Inverter of one string: losses as fractions of nominal AC power over delivered AC power / nominal.
 
-    ``load`` starts at 0 (the no-load loss of an inverter that is on) and ends at 1.
+    ``load`` starts at 0 (the no-load loss of an inverter that is on) and ends at 1. Below ``min_power_kw`` an
+    inverter is off, and no set-point is between that and 0.
     """
 
     nominal_kw: Power
@@ -55,6 +59,7 @@ class Inverter(Section):
     loss_charge: tuple[Loss, ...]
     loss_discharge: tuple[Loss, ...]
     off_loss: Annotated[float, Field(strict=True), within(0.0, 0.1, "of nominal power", below=True)] = 0.0
+    min_power_kw: Annotated[float, Field(strict=True), within(0.0, 1.0, "kW", above=True)] = 1e-3
 
     _ascend = field_validator("load")(ascending)
 
@@ -66,6 +71,11 @@ class Inverter(Section):
         same_length("load", self.load, "loss_discharge", self.loss_discharge)
         check_losses(self.load, self.loss_charge, "charge")
         check_losses(self.load, self.loss_discharge, "discharge")
+        if self.min_power_kw > SMALL_SHARE * self.nominal_kw:
+            raise ValueError(
+                f"min_power_kw = {self.min_power_kw:g} kW must be at most {SMALL_SHARE:.0%} of nominal_kw = "
+                f"{self.nominal_kw:g} kW: below it an inverter is off"
+            )
         return self
 
 

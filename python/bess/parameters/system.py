@@ -142,6 +142,11 @@ class System:
         return len(self.strings)
 
     @cached_property
+    def min_power_kw(self) -> NDArray[np.float64]:
+        """Least AC power of each inverter that is on [kW], shape ``(n_strings,)``."""
+        return np.array([s.inverter.min_power_kw for s in self.strings])
+
+    @cached_property
     def nominal_kw(self) -> NDArray[np.float64]:
         """Nominal AC power of each inverter [kW], shape ``(n_strings,)``."""
         return np.array([s.inverter.nominal_kw for s in self.strings])

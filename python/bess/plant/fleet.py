@@ -142,7 +142,7 @@ class Fleet:
     def step(
         self,
         request_kw: ArrayLike,
-        duration_s: float = _CONTROL_STEP_S,
+        step_s: float = _CONTROL_STEP_S,
         *,
         ambient_c: ArrayLike | None = None,
     ) -> Flows:
@@ -152,7 +152,7 @@ class Fleet:
         ----------
         request_kw
             Set-points [kW], shape ``(n_scenarios, n_strings)``, positive = discharge.
-        duration_s
+        step_s
             Length of the control step [s], a multiple of the plant step, a day at most.
         ambient_c
             Air inlet temperature [degC], one for all or shape ``(n_scenarios, 1)``; the plant's own if None.
@@ -164,7 +164,7 @@ class Fleet:
         """
         request = numbers("request_kw", request_kw, self._shape, "kW")
         air_c = ambient(ambient_c, self.ambient_c, self.n_scenarios, 1)
-        return self.advance(request, air_c, duration_s, self._shape, nodes=True)
+        return self.advance(request, air_c, step_s, self._shape, nodes=True)
 
     def run(
         self,
@@ -220,10 +220,10 @@ class Fleet:
         ``shape`` ends with the strings; axes of length 1 before it may be left out. ``air_c`` is in the order
         (step, scenario), ``reactive_kvar`` in that of requests.
         """
-        duration_s = one_number("control step", step_s, "s")
+        step_s = one_number("control step", step_s, "s")
         with refusals():
             asked_kvar = None if reactive_kvar is None else reactive_kvar.ravel()
-            array = self.core.run(request_kw.ravel(), air_c.ravel(), duration_s, nodes, asked_kvar)
+            array = self.core.run(request_kw.ravel(), air_c.ravel(), step_s, nodes, asked_kvar)
         return self.flows(array, shape, nodes=nodes)
 
     def flows(self, array: dict[str, NDArray[Any]], shape: tuple[int, ...], *, nodes: bool = False) -> Flows:

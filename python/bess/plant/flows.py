@@ -55,11 +55,20 @@ class Flows(ByValue):
         supplies it beside ``delivered_kw``.
     battery_loss_kw : ndarray
         Ohmic loss ``R I^2`` [kW]: the heat that the strings take up, beside ``reversible_heat_kw``.
+    hysteresis_loss_kw : ndarray
+        Loss of hysteresis [kW]: current times half the distance of the open-circuit voltages of charge and
+        discharge. It warms the strings whose ``battery.hysteresis_heat`` is true.
     reversible_heat_kw : ndarray
         Heat of reaction ``-I T dU/dT`` [kW], negative where it cools; 0 for strings without a table of
         entropy.
     chemical_kw : ndarray
-        Power taken from the chemical store, ``V I`` [kW], signed.
+        Power taken from the chemical store [kW], signed: the fall of chemical energy, which is a function of
+        SOC (capacity times the integral of the mean of both open-circuit voltages at 25 degC).
+    ocv_shift_kw : ndarray
+        Power [kW] of voltages that differ from those ``chemical_kw`` counts: a plant step holds the
+        open-circuit voltage of its beginning, at the temperature of the string. Without a temperature
+        dependence it is of first order in the plant step. ``delivered_kw - standby_kw + inverter_loss_kw +
+        battery_loss_kw + hysteresis_loss_kw = chemical_kw + ocv_shift_kw``.
     current_a : ndarray
         String current [A], signed.
     soc, temperature_c : ndarray
@@ -80,7 +89,8 @@ class Flows(ByValue):
     aged_charge_ah : ndarray
         Charge that went with capacity at the end of the step [Ah]: SOC times the capacity lost.
     ledger_residual_kwh : ndarray
-        AC energy - (chemical change + heat + inverter loss) of all strings [kWh]; no string axis.
+        AC energy - (chemical change + heat + hysteresis + inverter loss) + OCV shift of all strings [kWh]; no
+        string axis.
     auxiliary_kw : ndarray
         Power of cooling [kW]: fans or pumps, and the source of cold; the grid supplies it beside
         ``delivered_kw``. 0 for a system without section ``[cooling]``; no string axis.
@@ -102,8 +112,10 @@ class Flows(ByValue):
     inverter_loss_kw: Floats
     standby_kw: Floats
     battery_loss_kw: Floats
+    hysteresis_loss_kw: Floats
     reversible_heat_kw: Floats
     chemical_kw: Floats
+    ocv_shift_kw: Floats
     current_a: Floats
     soc: Floats
     temperature_c: Floats

@@ -123,7 +123,7 @@ class Plant:
     def step(
         self,
         request_kw: ArrayLike,
-        duration_s: float = 900.0,
+        step_s: float = 900.0,
         *,
         ambient_c: float | None = None,
         reactive_kvar: ArrayLike | None = None,
@@ -134,7 +134,7 @@ class Plant:
         ----------
         request_kw
             Set-points [kW], shape ``(n_strings,)``, positive = discharge.
-        duration_s
+        step_s
             Length of the control step [s], a multiple of the plant step, a day at most.
         ambient_c
             Air inlet temperature [degC]; the plant's own if None.
@@ -154,7 +154,7 @@ class Plant:
         request = numbers("request_kw", request_kw, (self.system.n_strings,), "kW")
         air_c = ambient(ambient_c, self._fleet.ambient_c, 1, 1)
         asked = _beside(request, reactive_kvar)
-        return self._fleet.advance(request, air_c, duration_s, request.shape, nodes=True, reactive_kvar=asked)
+        return self._fleet.advance(request, air_c, step_s, request.shape, nodes=True, reactive_kvar=asked)
 
     def run(
         self,

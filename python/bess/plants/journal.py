@@ -8,7 +8,8 @@ full disk left of the last one is seen by its length, and cut off.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from datetime import UTC
 from pathlib import Path
 from types import TracebackType
@@ -18,11 +19,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bess import __version__
-from bess.errors import BessError, InputError
+from bess.errors import InputError
+from bess.files import parse_json
 from bess.parameters import System
 from bess.plants.journal_files import DayFiles, contents
 from bess.plants.link import Measurements
-from bess.record.atomic import write_bytes
+from bess.record.aside import Aside
+from bess.record.atomic import put_bytes
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -30,6 +33,8 @@ if TYPE_CHECKING:
 HEADER: Final = "journal.json"
 RECORDS: Final = "journal"
 FORMAT: Final = 1
+PATIENCE_S: Final = 1.0
+"""Time that one record may hold the control loop up."""
 MOST_MB: Final = 2000.0
 """What the days of a journal that are over may take: a year of ten strings, read every second."""
 
@@ -47,8 +52,8 @@ _OF_STRINGS: Final = {
 class Journal:
     """Appends to the journal of a plant, for as long as a service runs and whenever it runs again.
 
-    Nothing that goes wrong with the disk stops the caller: :attr:`error` says what it is, and the next
-    :meth:`append` tries anew.
+    Nothing that goes wrong with the disk stops the caller, or holds it up for more than a moment:
+    :attr:`error` says what it is, and the next :meth:`append` tries anew.
 
     Parameters
     ----------
@@ -64,33 +69,37 @@ class Journal:
     Raises
     ------
     InputError
-        If the folder holds the journal of another number of strings, or cannot be written to at all.
+        If the folder holds the journal of another number of strings.
     """
 
     def __init__(self, directory: Path, system: System, title: str, most_mb: float = MOST_MB) -> None:
-        self._records = directory / RECORDS
+        self._directory, self._records = directory, directory / RECORDS
         self._layout = _layout(system.n_strings)
-        if (directory / HEADER).exists() and _header(directory)["n_strings"] != system.n_strings:
+        self._aside = Aside("journal")
+        self._header = json.dumps(
+            {
+                "format": FORMAT,
+                "n_strings": system.n_strings,
+                "title": title,
+                "system": system.to_toml(),
+                "bess_version": __version__,
+            },
+            indent=1,
+        ).encode()
+        self._days = DayFiles(self._records, self._layout.itemsize, 1e6 * most_mb)
+        self._has_header = False
+        self._gap = self._damage = ""
+        try:
+            n_strings = _header(directory)["n_strings"] if is_journal(directory) else system.n_strings
+        except InputError as error:
+            self._gap = self._damage = str(error)
+            return
+        if n_strings != system.n_strings:
             raise InputError(
-                f"{directory}: holds the journal of a plant of {_header(directory)['n_strings']} strings, "
+                f"{directory}: holds the journal of a plant of {n_strings} strings, "
                 f"this one has {system.n_strings}; use another folder"
             )
-        header = {
-            "format": FORMAT,
-            "n_strings": system.n_strings,
-            "title": title,
-            "system": system.to_toml(),
-            "bess_version": __version__,
-        }
-        try:
-            self._records.mkdir(parents=True, exist_ok=True)
-            write_bytes(directory / HEADER, json.dumps(header, indent=1).encode())
-        except (OSError, BessError) as error:
-            raise InputError(
-                f"{directory}: is no folder that a journal can be written to ({error})"
-            ) from error
-        self._days = DayFiles(self._records, self._layout.itemsize, 1e6 * most_mb)
-        self._gap = ""
+        self._do(lambda: None)
 
     @property
     def error(self) -> str:
@@ -126,18 +135,36 @@ class Journal:
         for name in ("power_kw", "soc", "temperature_c", "charge_limit_kw", "discharge_limit_kw"):
             record[name] = getattr(measurements, name)
         day = measurements.time.astimezone(UTC).strftime("%Y-%m-%d")
-        try:
-            self._days.append(day, record.tobytes())
-            self._gap = ""
-        except OSError as error:
-            self._days.close_day()
-            self._gap = (
-                f"{self._records}: cannot be written ({error.strerror}); the journal of the plant has a gap"
-            )
+        self._do(lambda: self._days.append(day, record.tobytes()))
 
     def close(self) -> None:
         """Close the files."""
-        self._days.close()
+        with suppress(OSError):
+            self._aside(self._days.close, PATIENCE_S)
+        self._aside.close()
+
+    def _do(self, call: Callable[[], None]) -> None:
+        """Let the disk do something, and take down what comes of it."""
+        if self._damage:
+            return
+        try:
+            self._aside(lambda: self._on_disk(call), PATIENCE_S)
+            self._gap = ""
+        except OSError as error:
+            why = "the disk does not answer" if isinstance(error, TimeoutError) else error.strerror
+            self._gap = f"{self._records}: cannot be written ({why}); the journal of the plant has a gap"
+
+    def _on_disk(self, call: Callable[[], None]) -> None:
+        try:
+            if not self._has_header:
+                self._records.mkdir(parents=True, exist_ok=True)
+                put_bytes(self._directory / HEADER, self._header)
+                self._has_header = True
+            call()
+        except OSError:
+            self._days.close_day()
+            self._has_header = False
+            raise
 
     def __enter__(self) -> Self:
         return self
@@ -206,7 +233,7 @@ def _layout(n_strings: int) -> np.dtype[np.void]:
 def _header(directory: Path) -> dict[str, Any]:
     path = directory / HEADER
     try:
-        header: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        header: dict[str, Any] = parse_json(path.read_text(encoding="utf-8"))
         known = header["format"] == FORMAT and 0 < int(header["n_strings"]) < 10_000
         if not known or not all(isinstance(header[key], str) for key in ("title", "system", "bess_version")):
             raise ValueError("of another layout")

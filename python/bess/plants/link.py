@@ -39,6 +39,9 @@ class Measurements:
     remarks
         For each string a sentence on why it is not available, where the link knows more than that the plant
         says so; empty for the others. May be left out altogether.
+    setpoint_kw
+        Set-point that each string holds now [kW], whoever wrote it; NaN where the plant names none. None if
+        it never does.
     """
 
     time: datetime
@@ -49,6 +52,7 @@ class Measurements:
     discharge_limit_kw: NDArray[np.float64]
     available: NDArray[np.bool_]
     remarks: tuple[str, ...] = ()
+    setpoint_kw: NDArray[np.float64] | None = None
 
 
 class PlantLink(Protocol):

@@ -14,15 +14,16 @@ Facts from the edge's source that this link rests on:
 
 from __future__ import annotations
 
+import asyncio
 import json
 import math
 import os
 import re
 import ssl
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Coroutine, Mapping, Sequence
 from datetime import UTC, datetime
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import httpx
 import numpy as np
@@ -30,9 +31,10 @@ from numpy.typing import NDArray
 
 from bess.errors import InputError
 from bess.plants.address import Address
+from bess.plants.calls import GRACE_S, Calls, NotReached, Rounds, Stalled
 from bess.plants.json_numbers import number
 from bess.plants.link import LinkError, Measurements
-from bess.plants.setpoints import checked_setpoints, watts
+from bess.plants.setpoints import checked_setpoints, whole_watts
 from bess.plants.shared_watchdog import SharedWatchdog
 
 USER, PASSWORD = "BESS_PLANT_USER", "BESS_PLANT_PASSWORD"
@@ -45,6 +47,10 @@ FORGETS_S: Final = 65.0
 CLOCK: Final = time.monotonic
 ANSWER_S: Final = 3.0
 """Time for one reading of all strings, or for writing all of them."""
+CONNECTIONS: Final = 4
+"""An edge takes five (``connectionlimit``), and one may be somebody else's."""
+IDLE_S: Final = 20.0
+"""A connection is kept that long: an edge takes ten new ones in 5 s, and closes idle ones after 30 s."""
 
 _SET: Final = "SetActivePowerEquals"
 _UNITS: Final[Mapping[str, tuple[str, ...]]] = {
@@ -62,6 +68,7 @@ _LONGEST_ANSWER: Final = 8 * 2**20
 """Bytes; an edge with dozens of batteries answers with some 100 kB."""
 
 _Channels = dict[str, Any]
+T = TypeVar("T")
 
 
 class _RefusedError(LinkError):
@@ -105,9 +112,15 @@ class OpenEms:
         self._names: Sequence[str] = address.strings
         user = address.user or os.environ.get(USER) or "x"  # the edge finds the user by the password alone
         password = address.password or os.environ.get(PASSWORD)
-        self._client = httpx.Client(
+        self._calls = Calls()
+        self._rounds: Rounds[str, bytes] = Rounds(LinkError)
+        self._at_once = CONNECTIONS
+        self._client = httpx.AsyncClient(
             base_url=address.url,
             auth=(user, password) if password else None,
+            headers={"Accept-Encoding": "identity"},
+            timeout=None,  # every call has a time for all of it
+            limits=httpx.Limits(max_connections=CONNECTIONS, keepalive_expiry=IDLE_S),
             trust_env=False,  # no proxy between controller and plant
             verify=ssl.create_default_context() if address.scheme == "https" else False,
         )
@@ -122,7 +135,10 @@ class OpenEms:
         LinkError
             The edge does not answer, or knows no inverter of these names.
         """
-        components = self._components()
+        return self._within(self._read())
+
+    async def _read(self) -> Measurements:
+        components = await self._components()
         if not self._names:
             self._names = self._found(components)
         strings = [components.get(name, {}) for name in self._names]
@@ -145,6 +161,7 @@ class OpenEms:
             charge_limit_kw=np.nan_to_num(charge_kw, nan=0.0, posinf=np.inf),
             discharge_limit_kw=np.nan_to_num(discharge_kw, nan=0.0, posinf=np.inf),
             available=known & fit,
+            setpoint_kw=np.array([number(s.get(_SET)) for s in strings]) / 1000.0,
             remarks=tuple(
                 "" if name in components and is_known else f"the edge says nothing of {name}, or not all"
                 for name, is_known in zip(self._names, known, strict=True)
@@ -168,17 +185,10 @@ class OpenEms:
                 f"{self._url}: {', '.join(stuck)} may still have a set-point that cannot be changed; "
                 f"nothing is written for another {wait_s:.0f} s, so that it lapses"
             )
-        values = [None if math.isnan(kw) else watts(kw) for kw in setpoints]
-        failures = self._set(
-            {
-                n: v
-                for n, v in zip(self._names, values, strict=True)
-                if v is not None or self._watchdog.may_hold(n)
-            }
-        )
+        values = dict(zip(self._names, whole_watts(setpoints), strict=True))
+        failures = self._set({n: v for n, v in values.items() if v is not None or self._watchdog.may_hold(n)})
         # What cannot be taken back is the watchdog's matter: the strings that were written are well.
-        lost = [name for name, value in zip(self._names, values, strict=True) if value is not None]
-        self._raise({name: failures[name] for name in lost if name in failures})
+        self._raise({name: error for name, error in failures.items() if values[name] is not None})
 
     def release(self) -> None:
         """Take back the set-points of all strings; what does not arrive lapses after ``apiTimeout``."""
@@ -186,24 +196,44 @@ class OpenEms:
 
     def close(self) -> None:
         """Close the connections."""
-        self._client.close()
+        self._calls.close(self._client.aclose())
+
+    def _within(self, call: Coroutine[Any, Any, T], within_s: float | None = None) -> T:
+        """Return what comes of a call, which ends in time whatever the edge does."""
+        try:
+            return self._calls(call, ANSWER_S if within_s is None else within_s)
+        except TimeoutError:
+            raise self._late() from None
+
+    def _late(self) -> LinkError:
+        return LinkError(f"{self._url}: no answer within {ANSWER_S:g} s")
 
     def _set(self, values: Mapping[str, int | None]) -> dict[str, LinkError]:
         """Write, first what takes a set-point back; return what did not arrive."""
-        deadline = time.monotonic() + ANSWER_S
-        failures: dict[str, LinkError] = {}
-        for name, value in sorted(values.items(), key=lambda item: item[1] is not None):
-            try:
-                self._call("POST", f"/rest/channel/{name}/{_SET}", deadline, {"value": value})
-            except LinkError as error:
-                failures[name] = error
-        refused = [name for name, error in failures.items() if isinstance(error, _RefusedError)]
-        self._watchdog.note(
-            written={name: value is not None for name, value in values.items() if name not in failures},
-            unknown=failures.keys() - set(refused),
-            refused=refused,
-        )
-        return failures
+
+        def post(name: str) -> Coroutine[Any, Any, bytes]:
+            return self._call("POST", f"/rest/channel/{name}/{_SET}", {"value": values[name]})
+
+        turn = asyncio.Semaphore(self._at_once)
+        written: dict[str, bytes] = {}
+        failed: Mapping[str, Exception] = dict.fromkeys(values, TimeoutError())
+        try:
+            written, failed = self._within(
+                self._rounds(list(values), post, lambda name: turn, ANSWER_S, lambda n: values[n] is None),
+                ANSWER_S + GRACE_S,
+            )
+        finally:
+            refused = [name for name, error in failed.items() if isinstance(error, _RefusedError)]
+            untouched = {name for name, error in failed.items() if isinstance(error, NotReached)}
+            if written and any(isinstance(error, Stalled) for error in failed.values()):
+                # The edge may take fewer connections; if one at a time is no better, it is the string.
+                self._at_once = self._at_once // 2 or CONNECTIONS
+            self._watchdog.note(
+                written={name: values[name] is not None for name in written},
+                unknown=failed.keys() - untouched - set(refused),
+                refused=refused,
+            )
+        return {n: error if isinstance(error, LinkError) else self._late() for n, error in failed.items()}
 
     @staticmethod
     def _raise(failures: Mapping[str, LinkError]) -> None:
@@ -211,10 +241,10 @@ class OpenEms:
             reason = next(iter(failures.values()))
             raise LinkError(f"set-points of {', '.join(failures)} not written: {reason}")
 
-    def _components(self) -> dict[str, _Channels]:
+    async def _components(self) -> dict[str, _Channels]:
         """Return the values of all channels of the components that may be strings, and their units."""
         pattern = "ess.*" if all(name.startswith("ess") for name in self._names) else ".*"
-        answer = self._call("GET", f"/rest/channel/{pattern}/.*", time.monotonic() + ANSWER_S)
+        answer = await self._call("GET", f"/rest/channel/{pattern}/.*")
         try:
             rows = json.loads(answer)
             components: dict[str, _Channels] = {}
@@ -260,25 +290,16 @@ class OpenEms:
             )
         return names
 
-    def _call(self, method: str, path: str, deadline: float, body: object = None) -> bytes:
-        """Return the answer; the deadline holds for all of it, however slowly it comes."""
+    async def _call(self, method: str, path: str, body: object = None) -> bytes:
         where = f"{self._url}{path}"
         answer = bytearray()
-        late = LinkError(f"{where}: no answer within {ANSWER_S:g} s")
-        left_s = deadline - time.monotonic()
-        if left_s <= 0.0:
-            raise late
         try:
-            with self._client.stream(method, path, json=body, timeout=left_s) as response:
-                for chunk in response.iter_bytes():
+            async with self._client.stream(method, path, json=body) as response:
+                async for chunk in response.aiter_raw():
                     answer += chunk
-                    if time.monotonic() > deadline:
-                        raise late
                     if len(answer) > _LONGEST_ANSWER:
                         raise LinkError(f"{where}: an answer of more than {_LONGEST_ANSWER} bytes")
                 status = response.status_code
-        except httpx.TimeoutException:
-            raise late from None
         except (httpx.HTTPError, OSError) as error:
             raise LinkError(f"{where}: cannot be reached ({error or type(error).__name__})") from error
         if status != httpx.codes.OK:

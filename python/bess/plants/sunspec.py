@@ -12,8 +12,7 @@ from __future__ import annotations
 import math
 import re
 import time
-from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Awaitable, Callable, Iterable, Mapping
 from dataclasses import astuple
 from datetime import UTC, datetime
 from typing import Final, TypeVar
@@ -24,8 +23,9 @@ from numpy.typing import NDArray
 
 from bess.errors import InputError
 from bess.plants.address import PORTS, Address
+from bess.plants.calls import GRACE_S, Calls, Rounds
 from bess.plants.link import LinkError, Measurements
-from bess.plants.setpoints import checked_setpoints
+from bess.plants.setpoints import checked_setpoints, whole_watts
 from bess.plants.sunspec_device import REVERT_S, Device, Gateway, Said, Silent
 
 REFRESH_S: Final = 20.0
@@ -76,7 +76,10 @@ class SunSpec:
         self._heartbeat = 0
         # A process before this one may have written.
         self._holds_until = [CLOCK() + REVERT_S + 1.0] * n_strings
-        self._pool = ThreadPoolExecutor(len(gateways), "sunspec")
+        self._calls = Calls()
+        # Devices are read and written in turn: who was not reached by one goes first in the next of its kind.
+        self._readings: Rounds[int, Said] = Rounds(Silent)
+        self._writings: Rounds[int, None] = Rounds(Silent)
 
     @property
     def refresh_s(self) -> float:
@@ -91,12 +94,12 @@ class SunSpec:
         LinkError
             No device can be read.
         """
-        said, silent = self._each(range(self.n_strings), lambda i, until: self._devices[i].measure(until))
+        said, silent = self._each(self._readings, range(self.n_strings), lambda i: self._devices[i].measure())
         if not said:
             raise LinkError(f"no device can be read: {next(iter(silent.values()))}")
         devices = [said[i] if i in said else Said(remark=str(silent[i])) for i in range(self.n_strings)]
         rows = zip(*(astuple(device)[:-1] for device in devices), strict=True)
-        soc, temperature_c, power_kw, charge_kw, discharge_kw, available = (np.array(row) for row in rows)
+        soc, temperature_c, power_kw, charge_kw, discharge_kw, setpoint_kw, available = map(np.array, rows)
         return Measurements(
             time=datetime.now(UTC),
             soc=soc,
@@ -106,39 +109,46 @@ class SunSpec:
             discharge_limit_kw=discharge_kw,
             available=available,
             remarks=tuple(device.remark for device in devices),
+            setpoint_kw=setpoint_kw,
         )
 
     def write(self, power_kw: NDArray[np.float64]) -> None:
         """Write set-points; see :class:`bess.plants.PlantLink`. NaN takes back the string's set-point."""
-        setpoints = checked_setpoints(power_kw, self.n_strings).tolist()
+        setpoints = whole_watts(checked_setpoints(power_kw, self.n_strings))
         now = CLOCK()
-        wanted = {i: kw for i, kw in enumerate(setpoints) if not math.isnan(kw) or now < self._holds_until[i]}
+        wanted = {i: w for i, w in enumerate(setpoints) if w is not None or now < self._holds_until[i]}
         failures = self._write(wanted)
         # What cannot be taken back reverts by itself: the strings that were written are well.
-        self._raise({i: error for i, error in failures.items() if not math.isnan(setpoints[i])})
+        self._raise({i: error for i, error in failures.items() if setpoints[i] is not None})
 
     def release(self) -> None:
         """Take back all set-points; what does not arrive reverts by itself."""
-        self._raise(self._write(dict.fromkeys(range(self.n_strings), math.nan)))
+        self._raise(self._write(dict.fromkeys(range(self.n_strings))))
 
     def close(self) -> None:
         """Close the connections."""
-        self._pool.shutdown(wait=True, cancel_futures=True)
+        self._calls.close(self._disconnect())
+
+    async def _disconnect(self) -> None:
         for gateway in self._gateways:
             gateway.disconnect()
 
-    def _write(self, power_kw: Mapping[int, float]) -> dict[int, Silent]:
+    def _write(self, power_w: Mapping[int, int | None]) -> dict[int, Silent]:
         """Write, first what takes a set-point back; return what did not arrive."""
         self._heartbeat = (self._heartbeat + 1) % 0xFFFF
         beat = self._heartbeat
         now = CLOCK()
-        for i, kw in power_kw.items():
-            if not math.isnan(kw):
+        for i, watts in power_w.items():
+            if watts is not None:
                 self._holds_until[i] = now + REVERT_S + 1.0
-        order = sorted(power_kw, key=lambda i: not math.isnan(power_kw[i]))
-        done, failures = self._each(order, lambda i, until: self._devices[i].write(power_kw[i], beat, until))
+        done, failures = self._each(
+            self._writings,
+            power_w,
+            lambda i: self._devices[i].write(power_w[i], beat),
+            lambda i: power_w[i] is None,
+        )
         for i in done:
-            if math.isnan(power_kw[i]):
+            if power_w[i] is None:
                 self._holds_until[i] = -math.inf
         return failures
 
@@ -149,28 +159,23 @@ class SunSpec:
             raise LinkError(f"set-points of {names} not written: {reason}")
 
     def _each(
-        self, strings: range | list[int], call: Callable[[int, float], T]
+        self,
+        rounds: Rounds[int, T],
+        strings: Iterable[int],
+        call: Callable[[int], Awaitable[T]],
+        first: Callable[[int], bool] = lambda i: False,
     ) -> tuple[dict[int, T], dict[int, Silent]]:
         """Call for every string, one address beside the other; return what came, and who was silent."""
-
-        def behind(gateway: Gateway) -> tuple[dict[int, T], dict[int, Silent]]:
-            deadline = time.monotonic() + ALL_S
-            done: dict[int, T] = {}
-            silent: dict[int, Silent] = {}
-            for i in strings:
-                if self._devices[i].gateway is gateway:
-                    try:
-                        done[i] = call(i, deadline)
-                    except Silent as error:
-                        silent[i] = error
-            return done, silent
-
-        done: dict[int, T] = {}
-        silent: dict[int, Silent] = {}
-        for some_done, some_silent in self._pool.map(behind, self._gateways):
-            done |= some_done
-            silent |= some_silent
-        return done, silent
+        round_ = rounds(list(strings), call, lambda i: self._devices[i].gateway.turn, ALL_S, first)
+        try:
+            done, failed = self._calls(round_, ALL_S + GRACE_S)
+        except TimeoutError:
+            raise LinkError(f"no answer within {ALL_S:g} s") from None
+        late = f"is too slow: not done within {ALL_S:g} s"
+        return done, {
+            i: error if isinstance(error, Silent) else Silent(f"{self._devices[i].gateway.place} {late}")
+            for i, error in failed.items()
+        }
 
 
 def _place(name: str, address: Address) -> tuple[str, int, int] | None:

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import math
-import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Final
 
-from pymodbus.client import ModbusTcpClient
+from pymodbus.client import AsyncModbusTcpClient
 from pymodbus.exceptions import ConnectionException, ModbusException
 
 from bess.plants.heartbeat import Heartbeat
 from bess.plants.link import LinkError
-from bess.plants.setpoints import watts
 from bess.plants.sunspec_models import BASES, END, MARK, decode, offset, registers_of, scale, value
 
 REVERT_S: Final = 60
@@ -60,6 +59,7 @@ class Said:
     power_kw: float = math.nan
     charge_limit_kw: float = 0.0
     discharge_limit_kw: float = 0.0
+    setpoint_kw: float = math.nan
     available: bool = False
     remark: str = ""
     """Why it is not available, if it does not say so itself."""
@@ -70,11 +70,12 @@ class Gateway:
 
     def __init__(self, host: str, port: int) -> None:
         self.place = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
-        self.connections = 0
-        # Its methods carry no types.
-        self._client: Any = ModbusTcpClient(host, port=port, timeout=ANSWER_S, retries=0)
+        self.losses = 0
+        self.turn = asyncio.Semaphore(1)
+        self._host, self._port = host, port
+        self._client: Any = None  # its methods carry no types
 
-    def request(self, what: str, unit: int, deadline: float, *arguments: Any, **named: Any) -> Any:
+    async def request(self, what: str, unit: int, *arguments: Any, **named: Any) -> Any:
         """Return the answer to one request.
 
         Raises
@@ -82,27 +83,40 @@ class Gateway:
         Silent
             If there is none in time, or the unit refuses.
         """
-        if time.monotonic() > deadline:
-            self.disconnect()
-            raise Silent(f"{self.place} is too slow")
         try:
-            if not self._client.connect():
-                raise Silent(f"{self.place} cannot be reached")
-            answer = getattr(self._client, what)(*arguments, device_id=unit, **named)
+            if self._client is None or not self._client.connected:
+                self._lost()
+                self._client = AsyncModbusTcpClient(
+                    self._host, port=self._port, timeout=ANSWER_S, retries=0, reconnect_delay=0.0
+                )
+                if not await self._client.connect():
+                    self._lost()
+                    raise Silent(f"{self.place} cannot be reached")
+            answer = await getattr(self._client, what)(*arguments, device_id=unit, **named)
         except ConnectionException as error:
-            self.disconnect()
+            self._lost()
             raise Silent(f"{self.place} cannot be reached (it closed the connection)") from error
         except (ModbusException, OSError) as error:
             self.disconnect()
             raise Silent(f"unit {unit} at {self.place} gives no answer within {ANSWER_S:g} s") from error
+        except asyncio.CancelledError:
+            self.disconnect()
+            raise
         if answer.isError():
             raise _Refused(f"unit {unit} at {self.place} refuses register {arguments[0]} ({answer})")
         return answer
 
     def disconnect(self) -> None:
-        """Close the connection; what the devices hold is looked up anew in the next."""
-        self._client.close()
-        self.connections += 1
+        """Close the connection."""
+        if self._client is not None:
+            self._client.close()
+            self._client = None
+
+    def _lost(self) -> None:
+        """Take note that the other end has closed it: what the devices hold is looked up anew."""
+        if self._client is not None:
+            self.disconnect()
+            self.losses += 1
 
 
 class Device:
@@ -123,7 +137,7 @@ class Device:
         self.name = f"unit {unit} at {gateway.place}"
         self._unit = unit
         self._models: dict[int, tuple[int, int]] = {}
-        self._connection = -1
+        self._losses = 0
         self._heartbeat = Heartbeat(clock)
 
     @property
@@ -131,7 +145,7 @@ class Device:
         """Whether it has a register for the controller's heartbeat, or has not been asked yet."""
         return not self._models or 802 in self._models
 
-    def measure(self, deadline: float) -> Said:
+    async def measure(self) -> Said:
         """Return what it says now.
 
         Raises
@@ -139,8 +153,8 @@ class Device:
         LinkError
             It does not answer, or not as its model says.
         """
-        known = self._layout(deadline)
-        models = {m: self._model(m, deadline) for m in (701, 702, 713, 802, 803) if m in known}
+        known = await self._layout()
+        models = {m: await self._model(m) for m in (701, 702, 704, 713, 802, 803) if m in known}
         try:
             soc = math.nan
             for model_id in (802, 713):
@@ -150,6 +164,9 @@ class Device:
             charge_kw, discharge_kw = (
                 _limit_kw(models, each) for each in (_CHARGE_LIMITS, _DISCHARGE_LIMITS)
             )
+            setpoint_kw = math.nan
+            if models[704].points["WSetEna"].value == _ON:
+                setpoint_kw = value(models[704], "WSet") / 1000.0
             temperature_c = math.nan
             if 803 in models:
                 temperature_c = (value(models[803], "ModTmpMin") + value(models[803], "ModTmpMax")) / 2.0
@@ -164,10 +181,11 @@ class Device:
         remark = self._heartbeat.doubt
         if not (math.isfinite(soc) and math.isfinite(power_kw)):
             remark = "its device names no state of charge, or no power"
-        return Said(soc, temperature_c, power_kw, charge_kw, discharge_kw, in_service and not remark, remark)
+        fit = in_service and not remark
+        return Said(soc, temperature_c, power_kw, charge_kw, discharge_kw, setpoint_kw, fit, remark)
 
-    def write(self, power_kw: float, heartbeat: int, deadline: float) -> None:
-        """Write a set-point that reverts by itself, or take it back (NaN); count the heartbeat.
+    async def write(self, power_w: int | None, heartbeat: int) -> None:
+        """Write a set-point that reverts by itself, or take it back (None); count the heartbeat.
 
         A device whose own heartbeat has stopped is given none: what it was given before reverts.
 
@@ -176,67 +194,67 @@ class Device:
         LinkError
             It does not answer, has no timer of set-points, or is silent (:class:`Silent`).
         """
-        start, _ = self._layout(deadline)[704]
-        control = self._model(704, deadline)
+        start, _ = (await self._layout())[704]
+        control = await self._model(704)
         points = control.points
         if points["WSetRvrtTms"].value is None:
             raise LinkError(f"{self.name}: has no WSetRvrtTms, its set-points would never lapse; not driven")
-        if math.isnan(power_kw):
-            self._send(start + points["WSetEna"].offset, [_OFF], deadline)
+        if power_w is None:
+            await self._send(start + points["WSetEna"].offset, [_OFF])
         elif doubt := self._heartbeat.doubt:
             raise Silent(f"{self.name}: {doubt}")
         else:
-            steps = self._steps(control, power_kw)
+            steps = self._steps(control, power_w)
             # The time first: from its first moment on, a set-point is one that reverts.
             revert = [
                 *registers_of(control, "WSetEnaRvrt", _OFF),
                 *registers_of(control, "WSetRvrtTms", REVERT_S),
             ]
-            self._send(start + points["WSetEnaRvrt"].offset, revert, deadline)
+            await self._send(start + points["WSetEnaRvrt"].offset, revert)
             setpoint = [_ON, _WATTS, *registers_of(control, "WSet", steps)]
-            self._send(start + points["WSetEna"].offset, setpoint, deadline)
+            await self._send(start + points["WSetEna"].offset, setpoint)
         if 802 in self._models:
             battery, _ = self._models[802]
-            self._send(battery + offset(802, "CtrlHb"), [heartbeat], deadline)
+            await self._send(battery + offset(802, "CtrlHb"), [heartbeat])
             # Between two readings too: a counter that starts anew after N seconds, read every N seconds,
             # seems to stand still.
             with suppress(Silent):
-                (beat,) = self._registers(battery + offset(802, "Hb"), 1, deadline)
+                (beat,) = await self._registers(battery + offset(802, "Hb"), 1)
                 self._heartbeat.see(math.nan if beat == _NO_VALUE else beat)
 
-    def _steps(self, control: Any, power_kw: float) -> int:
+    def _steps(self, control: Any, power_w: int) -> int:
         try:
             step_w = 10.0 ** scale(control, "WSet")
         except LinkError as error:
             raise LinkError(f"{self.name}: {error}") from error
-        steps = math.trunc(watts(power_kw) / step_w)
+        steps = math.trunc(power_w / step_w)
         if abs(steps) > _MOST_STEPS:
-            raise LinkError(f"{self.name}: WSet in steps of {step_w:g} W is too fine for {power_kw:g} kW")
+            raise LinkError(f"{self.name}: WSet in steps of {step_w:g} W is too fine for {power_w} W")
         return steps
 
-    def _layout(self, deadline: float) -> Mapping[int, tuple[int, int]]:
-        """Return where each model begins and how long it is, asked for once in each connection."""
-        if self._connection != self.gateway.connections:
+    async def _layout(self) -> Mapping[int, tuple[int, int]]:
+        """Return where each model begins and how long it is; asked for anew when a connection was lost."""
+        if self._losses != self.gateway.losses:
             self._models = {}
         if not self._models:
-            self._models = self._walk(self._base(deadline), deadline)
-            self._connection = self.gateway.connections
+            self._models = await self._walk(await self._base())
+            self._losses = self.gateway.losses
         return self._models
 
-    def _base(self, deadline: float) -> int:
+    async def _base(self) -> int:
         for base in BASES:
             try:
-                if tuple(self._registers(base, 2, deadline)) == MARK:
+                if tuple(await self._registers(base, 2)) == MARK:
                     return base
             except _Refused:
                 continue
         raise Silent(f"{self.name} holds no SunSpec models at {', '.join(map(str, BASES))}")
 
-    def _walk(self, base: int, deadline: float) -> dict[int, tuple[int, int]]:
+    async def _walk(self, base: int) -> dict[int, tuple[int, int]]:
         models: dict[int, tuple[int, int]] = {}
         address = base + len(MARK)
         for _ in range(_MOST_MODELS):
-            model_id, length = self._registers(address, 2, deadline)
+            model_id, length = await self._registers(address, 2)
             if model_id == END:
                 break
             models.setdefault(model_id, (address, length + 2))
@@ -250,25 +268,25 @@ class Device:
             raise LinkError(f"{self.name}: has neither model 713 nor 802, so no state of charge")
         return models
 
-    def _model(self, model_id: int, deadline: float) -> Any:
+    async def _model(self, model_id: int) -> Any:
         address, count = self._models[model_id]
         registers: list[int] = []
         while len(registers) < count:
             piece = min(count - len(registers), _MOST_REGISTERS)
-            registers += self._registers(address + len(registers), piece, deadline)
+            registers += await self._registers(address + len(registers), piece)
         if registers[0] != model_id:
             self._models = {}
             raise Silent(f"{self.name} has another layout than before")
         return decode(model_id, registers)
 
-    def _registers(self, address: int, count: int, deadline: float) -> list[int]:
-        answer = self.gateway.request("read_holding_registers", self._unit, deadline, address, count=count)
+    async def _registers(self, address: int, count: int) -> list[int]:
+        answer = await self.gateway.request("read_holding_registers", self._unit, address, count=count)
         if len(answer.registers) != count:
             raise Silent(f"{self.name} answers with {len(answer.registers)} registers of {count}")
         return list(answer.registers)
 
-    def _send(self, address: int, registers: Sequence[int], deadline: float) -> None:
-        self.gateway.request("write_registers", self._unit, deadline, address, list(registers))
+    async def _send(self, address: int, registers: Sequence[int]) -> None:
+        await self.gateway.request("write_registers", self._unit, address, list(registers))
 
 
 def _limit_kw(models: Mapping[int, Any], names: Sequence[str]) -> float:

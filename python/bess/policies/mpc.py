@@ -55,11 +55,11 @@ class MpcPolicy:
 
     def memory(self) -> dict[str, Any]:
         """The plan from which the next search starts."""
-        return {"warm_start": self._splitter.warm_start}
+        return self._splitter.memory()
 
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Start the next search from the plan of the checkpoint."""
-        self._splitter.warm_start = memory["warm_start"]
+        self._splitter.recall(memory)
 
 
 def build(system: System, settings: Settings) -> MpcPolicy | PlannedPolicy:

@@ -81,6 +81,7 @@ class RulePolicy:
         if rest_kw > 0.0:
             free_kw = limit_kw - power_kw
             power_kw = np.minimum(power_kw + water_fill(rest_kw, free_kw, free_kw), limit_kw)
+        power_kw = self._system.control_at(situation.state).set_points(power_kw, limit_kw)
         return Decision(np.copysign(power_kw, demand_kw))
 
     def memory(self) -> dict[str, Any]:

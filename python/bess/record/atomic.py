@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -41,22 +42,39 @@ def clear_errors(path: Path) -> Iterator[None]:
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a temporary path; on success it is flushed to the disk and takes the place of ``path``."""
+    with clear_errors(path), _replacing(path) as temporary:
+        yield temporary
+
+
+@contextmanager
+def _replacing(path: Path) -> Iterator[Path]:
     temporary = path.with_name(path.name + TEMPORARY)
-    with clear_errors(path):
-        try:
-            yield temporary
-            with temporary.open("rb+") as file:
-                os.fsync(file.fileno())
-            temporary.replace(path)
-            sync_directory(path.parent)
-        except OSError:
-            temporary.unlink(missing_ok=True)
-            raise
+    try:
+        yield temporary
+        with temporary.open("rb+") as file:
+            os.fsync(file.fileno())
+        temporary.replace(path)
+        sync_directory(path.parent)
+    except OSError:
+        temporary.unlink(missing_ok=True)
+        raise
 
 
 def write_bytes(path: Path, content: bytes) -> None:
     """Write a whole file atomically and durably."""
-    with replacing(path) as temporary:
+    with clear_errors(path):
+        put_bytes(path, content)
+
+
+def put_bytes(path: Path, content: bytes) -> None:
+    """As :func:`write_bytes`, for callers that go on without the file.
+
+    Raises
+    ------
+    OSError
+        If the disk does not take it; what was there before is whole.
+    """
+    with _replacing(path) as temporary:
         temporary.write_bytes(content)
 
 
@@ -79,7 +97,9 @@ def folder_in(folder: Path, name: str) -> Path:
 
 
 def sync_directory(path: Path) -> None:
-    """Make the names in a directory durable."""
+    """Make the names in a directory durable; Windows does so by itself, and opens no directories."""
+    if sys.platform == "win32":
+        return
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)

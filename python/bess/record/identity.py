@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -11,8 +10,10 @@ from typing import Any
 import bess
 from bess import __version__
 from bess.errors import InputError, option
+from bess.files import parse_json
 from bess.parameters import System
 from bess.record.atomic import write_bytes
+from bess.record.checksums import check_file, sha256
 from bess.record.schema import RECORD_FORMAT
 from bess.study.study import Study
 
@@ -51,12 +52,13 @@ def read_identity(directory: Path) -> Identity | None:
         There is one that cannot be read or is damaged.
     """
     try:
-        identity: Identity = json.loads((directory / IDENTITY).read_text(encoding="utf-8"))
+        identity: Identity = parse_json((directory / IDENTITY).read_text(encoding="utf-8"))
+        check_file(directory / IDENTITY)
     except (FileNotFoundError, NotADirectoryError):
         return None
     except (OSError, ValueError) as error:
         raise InputError(
-            f"{directory / IDENTITY}: cannot be read ({error}); use another {option('out')}"
+            f"{directory / IDENTITY}: is damaged ({error}); use another {option('out')}"
         ) from error
     if not isinstance(identity, dict) or not {"study", "system", "frame"} <= identity.keys():
         raise InputError(f"{directory / IDENTITY}: is damaged; use another {option('out')}")
@@ -65,7 +67,7 @@ def read_identity(directory: Path) -> Identity | None:
 
 def differences(old: Identity, new: Identity) -> list[str]:
     """What differs, as ``key: old -> new``; the frame follows from the rest."""
-    before, after = (dict(_leaves({**identity, "frame": None})) for identity in (old, new))
+    before, after = (dict(leaves({**identity, "frame": None})) for identity in (old, new))
     missing = "(not set)"
     return [
         f"{key}: {before.get(key, missing)} -> {after.get(key, missing)}"
@@ -74,13 +76,14 @@ def differences(old: Identity, new: Identity) -> list[str]:
     ]
 
 
-def _leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
+def leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Yield the dotted key of every value of nested tables, and the value as JSON."""
     if isinstance(node, Mapping) and node:
         for key, value in node.items():
-            yield from _leaves(value, f"{prefix}.{key}" if prefix else key)
+            yield from leaves(value, f"{prefix}.{key}" if prefix else key)
     elif isinstance(node, list) and any(isinstance(entry, Mapping) for entry in node):
         for index, value in enumerate(node):
-            yield from _leaves(value, f"{prefix}[{index}]")
+            yield from leaves(value, f"{prefix}[{index}]")
     else:
         yield prefix, json.dumps(node)
 
@@ -99,7 +102,6 @@ def _code() -> dict[str, str]:
 
 def _sha256(path: Path) -> str:
     try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
+        return sha256(path)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error

@@ -113,6 +113,8 @@ def _create(file: Any, name: str, values: NDArray[Any], n_steps: int, attrs: Map
             index.attrs["long_name"] = f"index of the {dimension}, from 0"
             index[:] = np.arange(size)
     chunks = (min(n_steps, _CHUNK_STEPS), *values.shape[1:])
-    created = file.create_variable(name, variable.dims, np.dtype(variable.dtype), chunks=chunks)
+    created = file.create_variable(
+        name, variable.dims, np.dtype(variable.dtype), chunks=chunks, fletcher32=True
+    )
     created.attrs.update({"units": variable.units, "long_name": variable.long_name, **attrs})
     return created

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from bess.display import as_table, one_line
 from bess.errors import InputError, option
+from bess.extras import extra
+from bess.record.checksums import check_file
 from bess.record.frame import frame_of
 from bess.record.identity import IDENTITY, read_identity
 from bess.record.netcdf import write_netcdf
@@ -51,7 +53,8 @@ class Result:
     def plot(self) -> Any:
         """Figures of this result; see :class:`bess.report.plotting.Plot`. Needs the extra ``report``."""
         # A record knows nothing of reports; this property is what leads from one to the other.
-        return import_module("bess.report.plotting").Plot(self)
+        with extra("report", "a figure"):
+            return import_module("bess.report.plotting").Plot(self)
 
     def _facts(self) -> dict[str, str]:
         steps, strings = self.dataset.sizes["time"], self.dataset.sizes["string"]
@@ -112,7 +115,7 @@ def scenario_directories(directory: str | Path) -> dict[str, Path]:
 
 
 def open_netcdf(path: Path) -> xr.Dataset:
-    """Open a results file lazily.
+    """Open a results file lazily; its folder may have a checksum of it.
 
     Raises
     ------
@@ -122,6 +125,7 @@ def open_netcdf(path: Path) -> xr.Dataset:
     import xarray as xr
 
     try:
+        check_file(path)
         return xr.open_dataset(path, engine="h5netcdf")
     except (OSError, ValueError, KeyError, RuntimeError, TypeError) as error:
         what = str(error).splitlines()[0] if str(error) else type(error).__name__

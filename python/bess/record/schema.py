@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-RECORD_FORMAT = 1
+RECORD_FORMAT = 2
 """Number of the layout of a run directory; a run of another layout is not continued."""
 
 
@@ -55,6 +55,8 @@ VARIABLES: dict[str, Variable] = {
         "inverter loss taken from the grid beside the delivered power: standby, or reactive power",
     ),
     "battery_loss_kw": Variable(_TS, "kW", "heat in the battery"),
+    "hysteresis_loss_kw": Variable(_TS, "kW", "loss by the hysteresis of the open-circuit voltage"),
+    "chemical_kw": Variable(_TS, "kW", "power taken from the chemical store, a function of SOC"),
     "auxiliary_kw": Variable(_T, "kW", "power of cooling (fans, pumps, chiller), taken from the grid"),
     "cooling_kw": Variable(_TS, "kW", "heat carried off by the coolant"),
     "coolant_c": Variable(_T, "degC", "temperature of the coolant at the inlet, at the end of the step"),
@@ -77,7 +79,7 @@ VARIABLES: dict[str, Variable] = {
     "wear_eur": Variable(_TS, "EUR", "cost of wear within the step"),
     "end_of_life": Variable(_TS, "1", "1 where the capacity first falls to the end of life", "i4"),
     "ledger_residual_kwh": Variable(
-        _T, "kWh", "AC energy - (chemical change + heat + inverter loss) of all strings"
+        _T, "kWh", "AC energy - (chemical change + heat + hysteresis + inverter loss) of all strings"
     ),
     "solver_status": Variable(_T, "1", "outcome of the policy's optimisation", "i4"),
     "solver_gap": Variable(_T, "1", "relative gap to the rigorous bound"),
@@ -93,6 +95,8 @@ FLOWS = (
     "inverter_loss_kw",
     "standby_kw",
     "battery_loss_kw",
+    "hysteresis_loss_kw",
+    "chemical_kw",
     "current_a",
     "soc",
     "temperature_c",

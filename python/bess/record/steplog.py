@@ -1,4 +1,7 @@
-"""``log.jsonl``: one line for each step, with what a rerun would not reproduce (wall-clock times) as well."""
+"""``log.jsonl``: a line for each step that was solved or in which something was missing.
+
+It has what a rerun would not reproduce (wall-clock times) as well.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bess.errors import InputError
+from bess.files import parse_json
 from bess.record.atomic import clear_errors
+from bess.record.checksums import check_file
 
 LOG = "log.jsonl"
 
@@ -65,8 +70,9 @@ def solve_times_s(directory: Path) -> NDArray[np.float64]:
     if not path.exists():
         return np.zeros(0)
     try:
+        check_file(path)
         with path.open(encoding="utf-8") as file:
-            times = [json.loads(line)["solve_time_s"] for line in file if line.endswith("\n")]
+            times = [parse_json(line)["solve_time_s"] for line in file if line.endswith("\n")]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
             f"{path}: is damaged ({error}); delete it to do without the times of solves"

@@ -2,7 +2,7 @@
 
 A part is one file that appears by a rename, so at any moment the directory holds a gap-free record from step
 0 and the state of everything at its end. What was under way when the process died is computed again on
-resume.
+resume. The first line of a part is a checksum of the rest, which is an ``npz`` archive.
 """
 
 from __future__ import annotations
@@ -11,18 +11,19 @@ import io
 import os
 import shutil
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
-from zipfile import BadZipFile
 
 import numpy as np
 from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 
-from bess.errors import BessError, InputError, option
+from bess.errors import InputError, option
 from bess.record.atomic import clear_errors, write_bytes
+from bess.record.checksums import sealed, unsealed
 from bess.record.codec import pack, unpack
 
 PARTS = "parts"
@@ -55,14 +56,14 @@ class Part:
 
     def _read(self, prefix: str) -> Record:
         try:
-            with np.load(self.path, allow_pickle=False) as archive:
+            with np.load(io.BytesIO(unsealed(self.path.read_bytes())), allow_pickle=False) as archive:
                 return {
                     name.removeprefix(prefix): archive[name]
                     for name in archive.files
                     if name.startswith(prefix)
                 }
-        except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-            raise BessError(
+        except (OSError, ValueError, MemoryError) as error:
+            raise InputError(
                 f"{self.path}: damaged ({error}); delete it and all later parts, then {option('resume')}"
             ) from error
 
@@ -75,7 +76,7 @@ def write_part(directory: Path, first_step: int, record: Record, checkpoint: Map
     np.savez(buffer, **arrays)  # type: ignore[arg-type]
     with clear_errors(directory):
         (directory / PARTS).mkdir(exist_ok=True)
-    write_bytes(directory / PARTS / f"{first_step:08d}.npz", buffer.getvalue())
+    write_bytes(directory / PARTS / f"{first_step:08d}.npz", sealed(buffer.getvalue()))
 
 
 def parts(directory: Path) -> list[Part]:
@@ -84,9 +85,23 @@ def parts(directory: Path) -> list[Part]:
 
 
 def records(directory: Path) -> Iterator[tuple[int, Record]]:
-    """First step and arrays of one part after the other; one part in memory at a time."""
+    """First step and arrays of one part after the other; one part in memory at a time.
+
+    Raises
+    ------
+    InputError
+        A part is damaged or missing.
+    """
+    step = 0
     for part in parts(directory):
-        yield part.first_step, part.record()
+        if part.first_step != step:
+            raise InputError(
+                f"{part.path}: the part before it, from step {step} on, is missing; delete it and all later "
+                f"parts, then {option('resume')}"
+            )
+        record = part.record()
+        yield step, record
+        step += len(record["demand_kw"])
 
 
 def remove_parts(directory: Path) -> None:
@@ -115,11 +130,8 @@ class Lock:
                     f"{self._directory}: another run (process {self._owner()}) writes there; "
                     f"wait or use another {option('out')}"
                 ) from error
-            try:
-                (self._directory / OWNER).write_text(str(os.getpid()), encoding="ascii")
-            except OSError:
-                self._lock.release()
-                raise
+        with suppress(OSError):  # a full disk: the lock holds all the same
+            (self._directory / OWNER).write_text(str(os.getpid()), encoding="ascii")
         return self
 
     def _owner(self) -> str:

@@ -1,9 +1,57 @@
-"""Figures and the self-contained HTML page of a run, a set of scenarios, or a sweep."""
+"""Figures and the self-contained HTML page of a run, a set of scenarios, or a sweep.
+
+The libraries that draw are an extra; they are imported by what draws, so that this package is there without.
+"""
+
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bess.extras import extra
 
-with extra("report", "a report or figure"):
+if TYPE_CHECKING:
     from bess.report.drawing.style import save_figure
-    from bess.report.page import write_report
 
 __all__ = ["save_figure", "write_report"]
+
+
+def drawing_extra() -> AbstractContextManager[None]:
+    """Return the context in which modules that draw are imported: it names the extra that is missing."""
+    return extra("report", "a report or figure")
+
+
+def write_report(directory: str | Path, *, hindsight: bool = False) -> Path:
+    """Write ``report.html`` and ``figures/`` for a run, a set of scenarios, or a sweep.
+
+    The page needs no network and no other file. A set of a few scenarios gets a page that compares them, and
+    one for each scenario in its own folder; of many, such as a sweep, only the comparison is written.
+    Unfinished runs are shown as far as they got, and said to be.
+
+    Parameters
+    ----------
+    directory
+        ``out`` of ``bess run`` or ``bess sweep``.
+    hindsight
+        Say on the page of every run what was possible as well (:func:`bess.hindsight`); seconds for a week.
+
+    Returns
+    -------
+    Path
+        The page.
+
+    Raises
+    ------
+    InputError
+        If there is no run to show.
+    """
+    with drawing_extra():
+        from bess.report.page import write_pages
+    return write_pages(Path(directory), hindsight=hindsight)
+
+
+def __getattr__(name: str) -> object:
+    if name != "save_figure":
+        raise AttributeError(f"module 'bess.report' has no attribute {name!r}")
+    with drawing_extra():
+        from bess.report.drawing.style import save_figure
+    return save_figure

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -13,6 +12,7 @@ from urllib.parse import quote
 
 from bess import __version__
 from bess.errors import InputError, option
+from bess.files import parse_toml
 from bess.record.atomic import write_bytes
 from bess.record.identity import IDENTITY
 from bess.report.contents import MOST_COMPARED, Exhibit, comparison, optimiser, over_time, overview
@@ -25,6 +25,7 @@ from bess.report.words.headline import tiles
 from bess.report.words.paper import comparisons, is_case_2, reading
 from bess.report.words.summary import subject, summary, warnings
 from bess.report.words.tables import decision_table, kpi_groups
+from bess.report.words.unlike import unlike
 
 REPORT = "report.html"
 FIGURES = "figures"
@@ -54,31 +55,8 @@ class PageSection:
     figures: list[PageFigure]
 
 
-def write_report(directory: str | Path, *, hindsight: bool = False) -> Path:
-    """Write ``report.html`` and ``figures/`` for a run, a set of scenarios, or a sweep.
-
-    The page needs no network and no other file. A set of a few scenarios gets a page that compares them, and
-    one for each scenario in its own folder; of many, such as a sweep, only the comparison is written.
-    Unfinished runs are shown as far as they got, and said to be.
-
-    Parameters
-    ----------
-    directory
-        ``out`` of ``bess run`` or ``bess sweep``.
-    hindsight
-        Say on the page of every run what was possible as well (:func:`bess.hindsight`); seconds for a week.
-
-    Returns
-    -------
-    Path
-        The page.
-
-    Raises
-    ------
-    InputError
-        If there is no run to show.
-    """
-    directory = Path(directory)
+def write_pages(directory: Path, *, hindsight: bool) -> Path:
+    """Write the pages of :func:`bess.write_report`; return that of the folder."""
     runs, problems = runs_in(directory)
     if len(runs) == 1 and (directory / IDENTITY).exists():
         (run,) = runs.values()
@@ -87,7 +65,7 @@ def write_report(directory: str | Path, *, hindsight: bool = False) -> Path:
     if len(runs) <= MOST_COMPARED:
         for run in runs.values():
             _run_page(run.directory, run, {}, within=_title(directory), hindsight=hindsight)
-    return _comparison_page(directory, runs, problems, sweep)
+    return _comparison_page(directory, runs, problems, sweep, hindsight=hindsight)
 
 
 def write_comparison(runs: dict[str, Run], directory: Path) -> Path:
@@ -130,7 +108,7 @@ def _run_page(
         "title": run.name if within else _title(directory),
         "within": within,
         "subject": subject(one),
-        "summary": [*summary(one), *([_hindsight(run)] if hindsight else [])],
+        "summary": [*summary(one, hindsight=hindsight), *([_hindsight(run)] if hindsight else [])],
         "tiles": tiles(run.kpis),
         "warnings": warnings(one, problems),
         "sections": sections,
@@ -154,6 +132,8 @@ def _comparison_page(
     problems: dict[str, str],
     sweep: SweepTable | None,
     title: str = "",
+    *,
+    hindsight: bool = False,
 ) -> Path:
     folder = directory / FIGURES
     few = 1 < len(runs) <= MOST_COMPARED
@@ -164,20 +144,22 @@ def _comparison_page(
     if few:
         sections.append(section("comparison", "Side by side", comparison(runs), folder))
     kpis = sweep.kpis if sweep is not None and sweep.kpis else {name: run.kpis for name, run in runs.items()}
+    differing = unlike(runs)
     paper = comparisons(kpis) if is_case_2(runs) else []
     values = {
         "title": title or _title(directory),
         "subject": subject(runs),
-        "summary": summary(runs) if few else [],
+        "summary": summary(runs, hindsight=hindsight) if few else [differing] if differing else [],
         "front": sweep.front_sentence() if sweep is not None else "",
-        "decision": decision_table(kpis),
+        "decision": decision_table(kpis, alike=not differing),
         "links": {name: _link(directory, run) for name, run in runs.items()},
         "warnings": warnings(runs, problems),
         "paper": paper,
         "reading": reading(paper) if paper else [],
         "sections": sections,
-        "groups": kpi_groups(kpis) if len(kpis) <= MOST_COMPARED else [],
+        "groups": kpi_groups(kpis, alike=not differing) if len(kpis) <= MOST_COMPARED else [],
         "names": list(kpis),
+        "alike": not differing,
         "table_beside": sweep is not None,
         "studies": _studies(directory, runs),
         "made_with": next(iter(runs.values())).identity["version"],
@@ -225,6 +207,7 @@ def write_page(directory: Path, values: dict[str, Any]) -> Path:
     scripts = [*([bokeh_script()] if drawn else []), environment.get_template("report.js").render()]
     nothing: dict[str, Any] = {
         "within": "", "front": "", "tiles": [], "decision": None, "links": {}, "paper": [], "reading": [],
+        "alike": False,
         "table_beside": False,
     }  # fmt: skip
     page = environment.get_template("report.html.j2").render(
@@ -254,7 +237,7 @@ def _link(directory: Path, run: Run) -> str:
 def _title(directory: Path) -> str:
     """Title of the study that the folder was made from, else the name of the folder."""
     try:
-        study = tomllib.loads((directory / "study.toml").read_text(encoding="utf-8"))
+        study = parse_toml((directory / "study.toml").read_text(encoding="utf-8"))
     except (OSError, ValueError):
         study = {}
     return str(study.get("title") or study.get("name") or directory.resolve().name)
@@ -264,5 +247,5 @@ def _studies(directory: Path, runs: dict[str, Run]) -> dict[str, str]:
     """The study that all runs were made from, or that of each if there is no such file."""
     path = directory / "study.toml"
     if path.exists():
-        return {"The study of all scenarios": path.read_text(encoding="utf-8")}
+        return {"The study of all scenarios": path.read_text(encoding="utf-8", errors="replace")}
     return {name: run.study_toml for name, run in list(runs.items())[:MOST_COMPARED]}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bess.errors import BessError, InputError
+from bess.files import parse_json
+from bess.record.checksums import check_file
 from bess.record.identity import read_identity
 from bess.record.result import RESULTS, open_result, scenario_directories
 from bess.record.steplog import LOG
@@ -59,10 +60,12 @@ class Run:
     @property
     def study_toml(self) -> str:
         """The study as resolved, as it was saved."""
+        path = self.directory / "study.toml"
         try:
-            return (self.directory / "study.toml").read_text(encoding="utf-8", errors="replace")
-        except OSError:
-            return "(the file is missing)"
+            check_file(path)
+            return path.read_text(encoding="utf-8")
+        except (OSError, ValueError):
+            return "(the file is missing or damaged)"
 
     @cached_property
     def dataset(self) -> xr.Dataset:
@@ -72,8 +75,10 @@ class Run:
     @cached_property
     def kpis(self) -> dict[str, float]:
         """KPIs as saved; of an unfinished run, those of the part that is there."""
+        path = self.directory / "kpis.json"
         try:
-            saved: dict[str, float] = json.loads((self.directory / "kpis.json").read_text(encoding="utf-8"))
+            check_file(path)
+            saved: dict[str, float] = parse_json(path.read_text(encoding="utf-8"))
             kpis = {key: float("nan") if value is None else float(value) for key, value in saved.items()}
         except (OSError, ValueError, TypeError, AttributeError):  # absent, or damaged
             kpis = {}
@@ -92,14 +97,16 @@ class Run:
 
     @cached_property
     def solve_time_s(self) -> NDArray[np.float64] | None:
-        """Wall-clock time of each step [s], NaN where nothing was solved; None without a log of all steps."""
+        """Wall-clock time of each step [s], NaN where nothing was solved; None without any."""
+        path = self.directory / LOG
         try:
-            lines = (self.directory / LOG).read_text(encoding="utf-8").splitlines()
-            times = np.array([json.loads(line).get("solve_time_s") or np.nan for line in lines], dtype=float)
-        except (OSError, ValueError, TypeError, AttributeError):  # absent, or damaged
+            check_file(path)
+            lines = [parse_json(line) for line in path.read_text(encoding="utf-8").splitlines()]
+            times = {int(line["step"]): float(line["solve_time_s"] or np.nan) for line in lines}
+        except (OSError, ValueError, TypeError, KeyError, OverflowError):  # absent, or damaged
             return None
-        steps = self.dataset.sizes["time"]
-        return times[:steps] if len(times) >= steps and np.isfinite(times).any() else None
+        each = [times.get(step, np.nan) for step in range(self.dataset.sizes["time"])]
+        return np.array(each) if np.isfinite(each).any() else None
 
 
 def runs_in(directory: Path) -> tuple[dict[str, Run], dict[str, str]]:
@@ -131,7 +138,7 @@ def runs_in(directory: Path) -> tuple[dict[str, Run], dict[str, str]]:
 def _order_in(directory: Path) -> Callable[[str], tuple[int, str]]:
     """Order of the study file, as the summary of all runs has it; names it does not have come last."""
     try:
-        summary = list(json.loads((directory / "kpis.json").read_text(encoding="utf-8")))
+        summary = list(parse_json((directory / "kpis.json").read_text(encoding="utf-8")))
     except (OSError, ValueError, TypeError):
         summary = []
     places = {name: index for index, name in enumerate(summary)}

@@ -13,6 +13,7 @@ import numpy as np
 
 from bess.analysis.catalogue import better
 from bess.analysis.pareto import hypervolume, knee_point, non_dominated
+from bess.errors import InputError
 from bess.report import charts
 from bess.report.charts.kpi_figures import RADAR_KPIS
 from bess.report.charts.many import changing_kpis
@@ -88,10 +89,25 @@ class SweepTable:
 
 
 def read_sweep(directory: Path) -> SweepTable | None:
-    """Read the table of a sweep; None if the folder is not one."""
+    """Read the table of a sweep; None if the folder is not one.
+
+    Raises
+    ------
+    InputError
+        The table is damaged.
+    """
     path = directory / SWEEP_CSV
     if not path.exists():
         return None
+    try:
+        return _read(path)
+    except (OSError, ValueError, LookupError, TypeError, csv.Error) as error:
+        raise InputError(
+            f"{path}: is damaged ({error}); run the sweep again, which writes it from what is done"
+        ) from error
+
+
+def _read(path: Path) -> SweepTable:
     parameters: dict[str, dict[str, str]] = {}
     kpis: dict[str, dict[str, float]] = {}
     failed: dict[str, str] = {}

@@ -43,12 +43,18 @@ class Cooling:
         Raises
         ------
         InputError
-            If the system has a section ``[cooling]``, with which warmth is not linear.
+            If the system has a section ``[cooling]``, with which warmth is not linear, or heat other than
+            ``R I^2``, which warms, and so lessens resistance, beyond what is counted here.
         """
         if system.cooling is not None:
             raise InputError(
                 f"hindsight: {system.name} has [cooling] kind = {system.cooling.kind!r}; what is proven "
                 "impossible is known for air of the ambient only, without that section"
+            )
+        if any(string.battery.entropy or string.battery.hysteresis_heat for string in system.strings):
+            raise InputError(
+                f"hindsight: {system.name} has battery.entropy or battery.hysteresis_heat; the lower bound "
+                "supports ohmic heat only"
             )
         nodes = np.array([string.thermal.spatial.nodes for string in system.strings])
         count = int(nodes.max())

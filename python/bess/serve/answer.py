@@ -39,6 +39,8 @@ class Answer:
         What it took.
     running : ndarray of bool, shape (n_strings,)
         Inverters that run, idle ones included.
+    in_service : ndarray of bool, shape (n_strings,)
+        Strings that could run.
     reasons : tuple of str
         For each string, why it does what it does.
     """
@@ -52,6 +54,7 @@ class Answer:
     valid_for_s: float
     solve_time_s: float
     running: Flags
+    in_service: Flags
     reasons: tuple[str, ...]
 
     def document(self) -> dict[str, Any]:
@@ -66,6 +69,7 @@ class Answer:
             "valid_for_s": self.valid_for_s,
             "solve_time_s": round(self.solve_time_s, 6),
             "running": self.running.tolist(),
+            "in_service": self.in_service.tolist(),
             "reasons": list(self.reasons),
         }
 

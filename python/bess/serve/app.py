@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import asyncio
-import json
-import time
-from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
-from fastapi import FastAPI, Request, Response
-from fastapi.openapi.utils import get_openapi
+from fastapi import Depends, FastAPI, Request, Response
+from fastapi.exceptions import RequestValidationError
+from fastapi.security import HTTPBearer
+from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 
 from bess import __version__
@@ -18,18 +16,17 @@ from bess.errors import InputError
 from bess.plants.openems_solver import answer as openems_answer
 from bess.serve.cycle import Cycle
 from bess.serve.demands import Demands
-from bess.serve.limits import LARGEST_BODY, Rate, is_allowed
+from bess.serve.gate import HEALTH, Gate, document, refusal
+from bess.serve.limits import LOCAL, Names
 from bess.serve.messages import (
     CalibrationMessage,
     DemandMessage,
-    Message,
     SplitMessage,
     measurements_of,
-    read_json,
-    read_message,
+    sentence,
 )
 from bess.serve.page import PAGE, PAGE_HEADERS, reference_page
-from bess.serve.service import LOG, Service
+from bess.serve.service import Service
 
 
 @dataclass(frozen=True)
@@ -40,26 +37,35 @@ class Driven:
     demands: Demands
     cycle: Cycle
 
-    def health(self) -> dict[str, Any]:
-        """How the plant is doing."""
-        troubles = [trouble for trouble in (self.cycle.trouble, self.cycle.journal_trouble) if trouble]
-        if not troubles:
-            return {"plant": self.address}
-        return {"plant": self.address, "status": "impaired", "trouble": "; ".join(troubles)}
+    def health(self, tells: bool) -> dict[str, Any]:
+        """How the plant is doing; its address, and sentences that may hold it, only if ``tells``."""
+        cycle = self.cycle
+        age_s, period_s = cycle.age_s, cycle.period_s
+        stands = age_s > 2.0 * period_s
+        still = f"the control cycle, of {period_s:g} s, has stood still for {age_s:.0f} s" if stands else ""
+        troubles = [trouble for trouble in (still, cycle.trouble, cycle.journal_trouble) if trouble]
+        health: dict[str, Any] = {"cycle_age_s": round(age_s, 3), "cycle_period_s": period_s}
+        if troubles:
+            health["status"] = "impaired"
+        if tells:
+            health["plant"] = self.address
+        if said := "; ".join(troubles if tells else [still]):
+            health["trouble"] = said
+        return health
 
 
-_OPEN: Final = {"/v1/health"}
-_READ_S: Final = 10.0
-"""Time in which a body must have arrived."""
-_HEADERS: Final = {
-    "Cache-Control": "no-store",
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
-    "X-Frame-Options": "DENY",
-}
+class Refusal(BaseModel):
+    """Why a request is refused, in one sentence."""
+
+    detail: str
 
 
-def build_app(service: Service, token: str | None = None, driven: Driven | None = None) -> FastAPI:
+def build_app(
+    service: Service,
+    token: str | None = None,
+    driven: Driven | None = None,
+    names: Names = LOCAL,
+) -> FastAPI:
     """Return the application.
 
     Parameters
@@ -70,155 +76,93 @@ def build_app(service: Service, token: str | None = None, driven: Driven | None 
         Asked of every caller but of ``/v1/health``; None lets everybody in.
     driven
         What is asked of the plant that this service drives or watches; None if it is called instead.
+    names
+        Under which the service may be called.
     """
-    app = FastAPI(title="bess serve", version=__version__, docs_url=None, redoc_url=None, openapi_url=None)
-    rate = Rate(service.controller.service.requests_per_s)
-
-    @app.middleware("http")
-    async def guarded(request: Request, call: Callable[[Request], Awaitable[Response]]) -> Response:
-        began_s = time.perf_counter()
-        path = request.url.path
-        if path not in _OPEN and not is_allowed(token, request.headers.get("authorization")):
-            response = (
-                Response(PAGE, 401, dict(PAGE_HEADERS), "text/html")
-                if path == "/" and request.method == "GET"
-                else _refusal(401, "the header Authorization: Bearer TOKEN is missing or wrong")
-            )
-            response.headers["WWW-Authenticate"] = "Bearer"
-        elif not rate.take():
-            response = _refusal(
-                429, f"more than {service.controller.service.requests_per_s:g} requests a second"
-            )
-            response.headers["Retry-After"] = "1"
-        else:
-            try:
-                response = await call(request)
-            except Exception:
-                LOG.exception("a request failed")
-                response = _refusal(503, "the service could not answer; its log says why")
-        for name, value in _HEADERS.items():
-            response.headers.setdefault(name, value)
-        known = path if any(getattr(route, "path", None) == path for route in app.routes) else "other"
-        service.metrics.requests.labels(known, str(response.status_code)).inc()
-        if response.status_code >= 400:
-            fields = {
-                "path": path,
-                "status": response.status_code,
-                "time_s": round(time.perf_counter() - began_s, 6),
-            }
-            LOG.warning("request refused", extra={"fields": fields})
-        return response
+    app = FastAPI(
+        title="bess serve",
+        version=__version__,
+        docs_url=None,
+        redoc_url=None,
+        dependencies=[Depends(HTTPBearer(scheme_name="token", auto_error=False))],
+        responses={"4XX": {"model": Refusal, "description": "What is refused, and why, in one sentence."}},
+    )
+    app.add_middleware(Gate, service=service, token=token, names=names)
 
     @app.exception_handler(HTTPException)
     async def http_error(request: Request, error: HTTPException) -> Response:
-        return _refusal(error.status_code, f"{request.method} {request.url.path}: {error.detail}")
+        where = "" if error.status_code == 422 else f"{request.method} {request.scope['path']}: "
+        return refusal(error.status_code, where + error.detail, error.headers)
+
+    @app.exception_handler(RequestValidationError)
+    async def bad_message(request: Request, error: RequestValidationError) -> Response:
+        return refusal(422, sentence(error.errors(), request.scope["path"]))
 
     @app.exception_handler(InputError)
     async def bad_input(request: Request, error: InputError) -> Response:
-        return _refusal(422, str(error))
+        return refusal(422, str(error))
 
-    @app.post("/v1/split", openapi_extra=_takes(SplitMessage), summary="Share a demand among the strings")
-    async def split(request: Request) -> Response:
+    async def is_called() -> None:
         if driven is not None:
             raise HTTPException(409, "this service reads its plant by itself; post the demand to /v1/demand")
-        message = read_message(SplitMessage, await _body(request))
+
+    async def plant() -> Driven:
+        if driven is None:
+            raise HTTPException(409, "this service drives no plant; call /v1/split, or start it with --plant")
+        return driven
+
+    to_plant = Depends(plant)
+
+    @app.post("/v1/split", dependencies=[Depends(is_called)], summary="Share a demand among the strings")
+    async def split(message: SplitMessage) -> Response:
         measured = measurements_of(message, service.controller.system)
         answer = await service.split(measured, message.now_kw, message.forecast_kw)
-        return _json(answer.document())
+        return document(answer.document())
 
     @app.post("/v1/openems-solver", summary="Shares in per cent, as OpenEMS asks a solver for them")
     async def openems_solver(request: Request) -> Response:
-        document = read_json(await _body(request))
         controller = service.controller
         split = controller.at_least_loss
-        return _json(await service.call(openems_answer, document, controller.n_strings, split))
+        return document(await service.call(openems_answer, await request.json(), controller.n_strings, split))
 
-    @app.post("/v1/demand", openapi_extra=_takes(DemandMessage), summary="Ask a driven plant for power")
-    async def demand(request: Request) -> Response:
-        if driven is None:
-            raise HTTPException(409, "this service drives no plant; call /v1/split, or start it with --plant")
-        message = read_message(DemandMessage, await _body(request))
-        driven.demands.post(message.demand_kw, message.valid_for_s, service.clock())
-        return _json({"demand_kw": message.demand_kw, "valid_for_s": message.valid_for_s})
+    @app.post("/v1/demand", summary="Ask a driven plant for power")
+    async def demand(message: DemandMessage, to: Driven = to_plant) -> Response:
+        to.demands.post(message.demand_kw, message.valid_for_s, service.clock())
+        return document({"demand_kw": message.demand_kw, "valid_for_s": message.valid_for_s})
 
-    @app.post(
-        "/v1/calibration",
-        openapi_extra=_takes(CalibrationMessage),
-        summary="Charge one string to full while the others carry the load",
-    )
-    async def calibrate(request: Request) -> Response:
-        message = read_message(CalibrationMessage, await _body(request))
+    @app.post("/v1/calibration", summary="Charge one string to full while the others carry the load")
+    async def calibrate(message: CalibrationMessage) -> Response:
         await service.call(service.calibrate, message.string, message.target_soc)
-        return _json({"calibrating": message.string, "target_soc": message.target_soc})
+        return document({"calibrating": message.string, "target_soc": message.target_soc})
 
     @app.delete("/v1/calibration", summary="End a calibration before it is done")
     async def end_calibration() -> Response:
         await service.call(service.end_calibration)
-        return _json({"calibrating": None})
+        return document({"calibrating": None})
 
-    @app.get("/v1/health", summary="Whether all is well; needs no token")
-    async def health() -> Response:
-        return _json(service.health() | (driven.health() if driven else {}))
+    @app.get(HEALTH, summary="Whether all is well; needs no token")
+    async def health(request: Request) -> Response:
+        tells = request.state.holds_token
+        return document(service.health() | (driven.health(tells) if driven else {}))
 
     @app.get("/v1/live", summary="What the page shows: strings, set-points, reasons, the last day")
     async def live() -> Response:
-        return _json(service.live() | ({"plant": driven.health()} if driven else {}))
+        return document(service.live() | ({"plant": driven.health(tells=True)} if driven else {}))
 
     @app.get("/metrics", summary="Metrics for Prometheus")
     async def metrics() -> Response:
+        if driven is not None:
+            service.metrics.cycle_age.set(driven.cycle.age_s)
+            service.metrics.cycle_period.set(driven.cycle.period_s)
         return Response(service.metrics_text(), media_type="text/plain; version=0.0.4; charset=utf-8")
 
     @app.get("/", summary="A page that shows the strings live")
     async def page() -> Response:
-        return Response(PAGE, headers=dict(PAGE_HEADERS), media_type="text/html")
-
-    def schema() -> dict[str, Any]:
-        made = get_openapi(title=app.title, version=app.version, routes=app.routes)
-        models: tuple[type[Message], ...] = (SplitMessage, DemandMessage, CalibrationMessage)
-        schemas = made.setdefault("components", {}).setdefault("schemas", {})
-        for model in models:
-            own = model.model_json_schema(ref_template="#/components/schemas/{model}")
-            schemas |= own.pop("$defs", {})
-            schemas[model.__name__] = own
-        made["components"]["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
-        made["security"] = [{"token": []}]
-        return made
-
-    @app.get("/openapi.json", include_in_schema=False)
-    async def openapi() -> Response:
-        return _json(schema())
+        return Response(PAGE, headers=PAGE_HEADERS, media_type="text/html")
 
     @app.get("/docs", include_in_schema=False)
     async def docs() -> Response:
-        page, headers = reference_page(schema())
+        page, headers = reference_page(app.openapi())
         return Response(page, headers=headers, media_type="text/html")
 
     return app
-
-
-def _takes(model: type[Message]) -> dict[str, Any]:
-    """What a route takes, for OpenAPI: bodies are read by hand, to refuse them in one sentence."""
-    schema = {"$ref": f"#/components/schemas/{model.__name__}"}
-    return {"requestBody": {"required": True, "content": {"application/json": {"schema": schema}}}}
-
-
-async def _body(request: Request) -> bytes:
-    """The body, no longer than is allowed."""
-    body = b""
-    try:
-        async with asyncio.timeout(_READ_S):
-            async for part in request.stream():
-                body += part
-                if len(body) > LARGEST_BODY:
-                    raise HTTPException(413, f"the body is longer than {LARGEST_BODY} bytes")
-    except TimeoutError:
-        raise HTTPException(408, f"the body took longer than {_READ_S:g} s") from None
-    return body
-
-
-def _json(document: dict[str, Any], status: int = 200) -> Response:
-    return Response(json.dumps(document, allow_nan=False), status, media_type="application/json")
-
-
-def _refusal(status: int, sentence: str) -> Response:
-    return _json({"detail": sentence}, status)

@@ -16,11 +16,6 @@ class Clock:
         """Time now [s]."""
         return time.monotonic() + self._offset_s
 
-    @property
-    def drift_s(self) -> float:
-        """By how much the clock of the machine has been set since; it does not matter to control."""
-        return time.time() - self()
-
 
 def stamp(now_s: float) -> str:
     """Time as text, UTC."""

@@ -31,6 +31,7 @@ SHORTFALL: Final = 3.0
 ROTATION: Final = 0.02
 """By how much a start costs more for each start that the string has made above the one with the fewest."""
 _NARROWEST: Final = 1e-7
+_NO_LOAD: Final = 1e-3  # of a third: little, and above the least power of an inverter
 _EDGE: Final = 0.02
 _SHORT_H: Final = 10.0 / 3600.0
 
@@ -56,7 +57,7 @@ class Curves:
         soc, model = np.clip(state.soc, low, high), system.control_at(state)
         able = model.deliverable_kw(soc, state.temperature_c, discharge, _SHORT_H)
         third = np.clip(able, 0.01 * system.nominal_kw, system.nominal_kw) / 3.0
-        levels = np.stack([1e-6 * third, third, 2.0 * third])[:, :, None]
+        levels = np.stack([_NO_LOAD * third, third, 2.0 * third])[:, :, None]
         flows = model.rollout(
             soc,
             state.temperature_c,

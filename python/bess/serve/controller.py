@@ -32,7 +32,7 @@ from bess.serve.answer import Answer, Counters, unmet
 from bess.serve.calibration import Calibration
 from bess.serve.carried_plan import CarriedPlan
 from bess.serve.commitment import Commitment, Curves, Task
-from bess.serve.constraints import CRUMBS_KW, envelope, share
+from bess.serve.constraints import envelope, share
 from bess.serve.following import Following, ahead, preferences
 from bess.serve.forecast import Forecast
 from bess.serve.guard import Guard, Trusted
@@ -176,6 +176,7 @@ class Controller:
             valid_for_s=self.step_s,
             solve_time_s=time.perf_counter() - began,
             running=self.commitment.running.copy(),
+            in_service=trusted.in_service,
             reasons=reasons(self.system, trusted, able, request, self.commitment.running, self.calibration),
         )
 
@@ -193,6 +194,7 @@ class Controller:
         most = np.minimum(np.minimum(limit, self.system.nominal_kw), left_kwh * 3600.0 / self.step_s)
         most = np.maximum(np.nan_to_num(np.where(known, most, 0.0)), 0.0)
         power = water_fill(abs(demand_kw), left_kwh, most)
+        power[power < self._reserves.minimum_kw] = 0.0
         request = power if discharge else -power
         return Answer(
             request_kw=request,
@@ -204,6 +206,7 @@ class Controller:
             valid_for_s=self.step_s,
             solve_time_s=time.perf_counter() - began,
             running=power > 0.0,
+            in_service=known,
             reasons=tuple(
                 f"string {i} {'runs' if p else 'rests'}: shared by the energy left"
                 for i, p in enumerate(power)
@@ -296,7 +299,7 @@ class Controller:
         self.counters.carry(self.last_kw, held_s)
         # A plant that is only watched follows somebody else.
         asked_kw = self.last_kw if self.drives else np.nan_to_num(measured.power_kw)
-        trusted = self._guard(measured, asked_kw, elapsed_s)
+        trusted = self._guard(measured, asked_kw, elapsed_s, drives=self.drives)
         self.ageing.gather(trusted.state, asked_kw, elapsed_s, held_s)
         return trusted
 
@@ -326,7 +329,7 @@ class Controller:
     ) -> Array:
         """Switch what is to run; return the magnitudes wanted of each string."""
         most = able.towards(discharge)
-        most = np.where(most >= np.maximum(self._reserves.minimum_kw, CRUMBS_KW), most, 0.0)
+        most = np.where(most >= self._reserves.minimum_kw, most, 0.0)
         coming = self.plan.from_now(now_s)
         planned = None if coming is None else coming[:, 0]
         signed_kw = demand_kw if discharge else -demand_kw

@@ -16,11 +16,12 @@ import numpy as np
 from bess.plants import LinkError, Measurements, PlantLink
 from bess.plants.journal import Journal
 from bess.serve.answer import Answer
-from bess.serve.demands import Demands
+from bess.serve.demands import Asked, Demands
 from bess.serve.service import LOG, Service
 
 STEP_S: Final = 10.0
 """Control step of a driven plant unless the settings say otherwise."""
+NO_DEMAND: Final = "there is no demand: post one to /v1/demand"
 
 
 class Cycle:
@@ -56,14 +57,24 @@ class Cycle:
         self._stop = threading.Event()
         self._written: np.ndarray | None = None
         self._written_at_s = -np.inf
-        self._holds = False
+        self._holds = self._gives_way = False
+        self._completed_s = monotonic()
         self.trouble = "the plant has not been read yet"
         self.journal_trouble = ""
         service.controller.drives = False
 
+    @property
+    def period_s(self) -> float:
+        """Time from one cycle to the next [s]."""
+        return self._service.controller.step_s
+
+    @property
+    def age_s(self) -> float:
+        """Time since a cycle was last completed, whatever came of it [s]; above two periods, it stands."""
+        return self._monotonic() - self._completed_s
+
     def run(self) -> None:
         """Go on until :meth:`stop`; then let go of the plant."""
-        step_s = self._service.controller.step_s
         due_s = self._monotonic()
         while not self._stop.is_set():
             try:
@@ -71,7 +82,8 @@ class Cycle:
             except Exception:
                 LOG.exception("a control step failed")
                 self._let_go("a control step failed; the log says why")
-            due_s = max(due_s + step_s, self._monotonic())
+            self._completed_s = self._monotonic()
+            due_s = max(due_s + self.period_s, self._completed_s)
             while not self._stop.wait(max(0.0, min(due_s - self._monotonic(), self._refresh_in_s()))):
                 if self._monotonic() >= due_s:
                     break
@@ -93,13 +105,12 @@ class Cycle:
         except LinkError as error:
             self._failed(error)
             return None
-        now_s = service.clock()
-        asked = self._demands.at(now_s, service.controller.plan.n_steps)
+        asked = self._asked()
         if asked is None:
-            self._let_go("there is no demand: post one to /v1/demand")
+            self._let_go(NO_DEMAND)
             return None
         answer = service.answer(measured, asked.demand_kw, asked.forecast_kw)
-        written = None if self._shadow else self._write(measured, answer)
+        written = None if self._shadow or self._stop.is_set() else self._write(measured, answer)
         if self._journal is not None:
             self._journal.append(measured, asked.demand_kw, answer.request_kw, written)
             if self._journal.error and self._journal.error != self.journal_trouble:
@@ -112,14 +123,21 @@ class Cycle:
     def _write(self, measured: Measurements, answer: Answer) -> np.ndarray | None:
         """Write what may be written; return what has arrived."""
         trusted = self._service.controller.trusted
-        if not answer.fallback and trusted is not None and not trusted.in_service.any():
+        others = [] if trusted is None else np.flatnonzero(trusted.others).tolist()
+        named = "" if trusted is None else "; ".join(trusted.reasons[i] for i in others)
+        # One string may be in the hands of a technician; several are those of a second controller.
+        self._gives_way = len(others) > 1 or (self._gives_way and bool(others))
+        if self._gives_way:
+            self._let_go(named)
+            return None
+        if not answer.in_service.any():
             self._let_go("no string is in service: " + "; ".join(answer.reasons))
             return None
-        # A string that takes no set-points is not written: what it was given lapses.
-        set_points = np.where(measured.available, answer.request_kw, np.nan)
+        # A string that takes no set-points, or follows none, is not written: what it was given lapses.
+        set_points = np.where(measured.available & answer.in_service, answer.request_kw, np.nan)
         if not self._send(set_points):
             return None
-        self.trouble = ""
+        self._say(named)
         self._service.controller.drives = True
         return set_points
 
@@ -144,7 +162,13 @@ class Cycle:
             return
         if self._monotonic() - self._written_at_s < self._link.refresh_s - 0.05:
             return
-        self._send(self._written)
+        if self._asked() is None:
+            self._let_go(NO_DEMAND)
+        else:
+            self._send(self._written)
+
+    def _asked(self) -> Asked | None:
+        return self._demands.at(self._service.clock(), self._service.controller.plan.n_steps)
 
     def _failed(self, error: LinkError) -> None:
         """Count what the link could not do; write nothing more for now."""
@@ -153,12 +177,15 @@ class Cycle:
 
     def _doubt(self, sentence: str) -> None:
         """Write nothing more for now: what was written lapses by itself."""
-        if sentence != self.trouble:
-            LOG.warning(sentence)
-        self.trouble = sentence
+        self._say(sentence)
         self._written = None
         # Strings cannot follow what did not reach them.
         self._service.controller.drives = False
+
+    def _say(self, sentence: str) -> None:
+        if sentence and sentence != self.trouble:
+            LOG.warning(sentence)
+        self.trouble = sentence
 
     def _let_go(self, sentence: str) -> None:
         """Give the plant back to its own watchdog, once."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bess.errors import InputError
 from bess.numbers import Array
 from bess.simulation.demand import Now
 from bess.simulation.inputs import prepare
@@ -34,17 +35,23 @@ class Asked:
 
 
 class Demands:
-    """The demand that was posted last, while it is valid; else the profile of the study at this time of day.
+    """The demand that was posted last, while it is valid; else none, or the study's profile if it says so.
 
-    A profile stands where its times say; one that repeats (``demand.repeat``) goes on before and after them.
-    Where neither is known there is no demand, which is something else than a demand of zero.
+    With ``service.follow_profile`` the profile stands where its times say; one that repeats
+    (``demand.repeat``) goes on before and after them. Where nothing is known there is no demand, which is
+    something else than a demand of zero: the plant is let go.
 
     Parameters
     ----------
     study
-        Its ``[demand]`` is used if it is a profile.
+        Whose profile.
     plan_s
         Step of the plan [s].
+
+    Raises
+    ------
+    InputError
+        If the study wants its profile to be followed and has none.
     """
 
     def __init__(self, study: Study, plan_s: float) -> None:
@@ -53,16 +60,22 @@ class Demands:
         self._lock = threading.Lock()
         self._profile: Array | None = None
         self._repeats = False
-        if isinstance(study.demand, ProfileDemand):
-            inputs = prepare(study.with_values({"demand.forecast": "perfect"}))
-            now = Now(
-                inputs.system.initial_state(),
-                inputs.limit_kw[0],
-                inputs.system.surroundings_c(inputs.ambient_c),
+        if not study.service.follow_profile:
+            return
+        if not isinstance(study.demand, ProfileDemand):
+            raise InputError(
+                f"{study.name}: service.follow_profile = true, and [demand] is of kind "
+                f'"{study.demand.kind}"; give a demand of kind "profile", or leave the key out'
             )
-            self._profile = inputs.demand.ahead(0, inputs.grid.n_steps, now)
-            self._start_s, self._step_s = inputs.grid.start_s, inputs.grid.step_s
-            self._repeats = study.demand.repeat
+        inputs = prepare(study.with_values({"demand.forecast": "perfect"}))
+        now = Now(
+            inputs.system.initial_state(),
+            inputs.limit_kw[0],
+            inputs.system.surroundings_c(inputs.ambient_c),
+        )
+        self._profile = inputs.demand.ahead(0, inputs.grid.n_steps, now)
+        self._start_s, self._step_s = inputs.grid.start_s, inputs.grid.step_s
+        self._repeats = study.demand.repeat
 
     def post(self, demand_kw: float | list[float], valid_for_s: float, now_s: float) -> None:
         """Take over a demand, or a forecast that begins now."""

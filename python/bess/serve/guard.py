@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
@@ -33,6 +33,10 @@ FOLLOWS_WITHIN: Final = 0.1
 """Share of nominal power by which a string may be off its set-point."""
 NOT_FOLLOWING: Final = 2
 """Readings off the set-point in a row."""
+READ_BACK_WITHIN: Final = 0.02
+"""Share of nominal power by which a device may round a set-point."""
+REMEMBERED: Final = 6
+"""Set-points between which a string may still be that is on its way."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,8 @@ class Trusted:
         Strings that may run.
     reasons : tuple of str
         Why a string is out, limited or doubted; empty where it is none of these.
+    others : ndarray
+        Strings to which another controller writes.
     """
 
     state: State
@@ -60,13 +66,14 @@ class Trusted:
     discharge_kw: Array
     in_service: Flags
     reasons: tuple[str, ...]
+    others: Flags
 
     @classmethod
     def without_doubt(cls, state: State, nominal_kw: Array) -> Trusted:
         """A plant in this state with every string in service and no limit but its inverter."""
         n = nominal_kw.size
         free = np.ones(n, dtype=bool)
-        return cls(state, state.soc, state.soc, nominal_kw, nominal_kw, free, ("",) * n)
+        return cls(state, state.soc, state.soc, nominal_kw, nominal_kw, free, ("",) * n, ~free)
 
     @property
     def limit_kw(self) -> Array:
@@ -106,6 +113,9 @@ class _Watch:
     out_reason: str = ""
     out_s: float = 0.0
     out_until_s: float = 0.0
+    asked_kw: list[float] = field(default_factory=list)
+    other: bool = False
+    rest_s: float = 0.0
 
 
 class Guard:
@@ -132,7 +142,9 @@ class Guard:
         self._late_s = 0.0
         self._last_time: str | None = None
 
-    def __call__(self, measured: Measurements, asked_kw: Array, elapsed_s: float) -> Trusted:
+    def __call__(
+        self, measured: Measurements, asked_kw: Array, elapsed_s: float, *, drives: bool = True
+    ) -> Trusted:
         """Judge new measurements.
 
         Parameters
@@ -143,6 +155,8 @@ class Guard:
             Set-points that were in force since the last call.
         elapsed_s
             Time since then.
+        drives
+            Whether those set-points reached the plant; else ``asked_kw`` is what it did by itself.
         """
         n = self._system.n_strings
         self._energy_kwh = self._system.nominal_energy_kwh * self._ageing.soh_capacity
@@ -153,7 +167,7 @@ class Guard:
         low, high = np.empty(n), np.empty(n)
         reasons = []
         for i, watch in enumerate(self._watch):
-            reason, out = self._judge(i, watch, measured, float(asked_kw[i]), elapsed_s)
+            reason, out = self._judge(i, watch, measured, float(asked_kw[i]), elapsed_s, drives)
             if late and not out:
                 reason, out = late, True
             low_i, high_i = self._range(i, watch)
@@ -167,7 +181,8 @@ class Guard:
                 charge[i], discharge[i] = min(charge[i], watch.cap_kw), min(discharge[i], watch.cap_kw)
             reasons.append(reason)
         state = State(soc, temperature, self._ageing.soh_capacity, self._ageing.soh_resistance)
-        return Trusted(state, low, high, charge, discharge, in_service, tuple(reasons))
+        others = np.array([watch.other for watch in self._watch])
+        return Trusted(state, low, high, charge, discharge, in_service, tuple(reasons), others)
 
     def memory(self) -> dict[str, Any]:
         """What the next call depends on."""
@@ -197,7 +212,13 @@ class Guard:
         return min(max(min(values), low), high), min(max(max(values), low), high)
 
     def _judge(
-        self, i: int, watch: _Watch, measured: Measurements, asked_kw: float, elapsed_s: float
+        self,
+        i: int,
+        watch: _Watch,
+        measured: Measurements,
+        asked_kw: float,
+        elapsed_s: float,
+        drives: bool,
     ) -> tuple[str, bool]:
         """Reason, and whether the string is out."""
         power = float(measured.power_kw[i])
@@ -227,6 +248,9 @@ class Guard:
         doubt = self._take_temperature(watch, temperature, elapsed_s) or doubt
         same_power = watch.last_power_kw is not None and power == watch.last_power_kw
         watch.last_power_kw = power if np.isfinite(power) else None
+        held_kw = np.nan if measured.setpoint_kw is None else float(measured.setpoint_kw[i])
+        if watch.other:
+            return self._left_alone(i, watch, power, held_kw, elapsed_s)
         if watch.out_reason:
             moves = soc != watch.last_reading or (watch.stands == "all" and not same_power)
             return self._still_out(watch, moves, soc, elapsed_s)
@@ -239,6 +263,10 @@ class Guard:
                 0.0,
             )
         watch.last_reading = soc
+        if drives and (sentence := self._other_writer(i, watch, power, held_kw, asked_kw)):
+            watch.other, watch.out_until_s = True, self._next_try_s(watch)
+            self._take_out(watch, sentence, 0.0)
+            return sentence, True
         if np.isfinite(power) and (sentence := self._does_not_follow(i, watch, power, asked_kw)):
             if same_power and power != 0.0 and watch.unchanged >= NOT_FOLLOWING:
                 # It may well follow: what it says of itself stands still.
@@ -247,10 +275,7 @@ class Guard:
                     f"its state of charge has stood at {100.0 * soc:.4g} % and its power at {power:.4g} kW"
                 )
                 return self._take_out(watch, f"{stood}, whatever it was asked for", 0.0)
-            # Tried again soon at first, then ever later.
-            soon_s = 2.0 * self._step_s * 2.0 ** min(watch.tries, 30)
-            watch.tries += 1
-            watch.out_until_s = min(soon_s, self._service.retry_after_s)
+            watch.out_until_s = self._next_try_s(watch)
             same_way = power * asked_kw > 0.0 and abs(power) < abs(asked_kw)
             return self._take_out(watch, sentence, abs(power) if same_way else 0.0)
         return doubt, False
@@ -306,7 +331,50 @@ class Guard:
             watch.tries = 0
         if watch.off_target < NOT_FOLLOWING:
             return ""
-        return f"it does not follow: asked for {asked_kw:.4g} kW, it gives {power_kw:.4g} kW"
+        return _off(asked_kw, power_kw)
+
+    def _other_writer(self, i: int, watch: _Watch, power_kw: float, held_kw: float, asked_kw: float) -> str:
+        """A sentence if the string holds, or gives, what it was not asked for now nor a little while ago.
+
+        A string that is on its way, or limits itself, gives what lies between its last set-points and zero.
+        """
+        nominal_kw = self._system.nominal_kw[i]
+        watch.asked_kw = [*watch.asked_kw, asked_kw][-REMEMBERED:]
+        who = f"another controller writes to string {i}"
+        # A device that has started anew holds zero.
+        if min(abs(held_kw), abs(held_kw - asked_kw)) > READ_BACK_WITHIN * nominal_kw:
+            return f"{who}: set-point read back {held_kw:.4g} kW, commanded {asked_kw:.4g} kW"
+        slack_kw = FOLLOWS_WITHIN * nominal_kw
+        low_kw, high_kw = min(0.0, *watch.asked_kw) - slack_kw, max(0.0, *watch.asked_kw) + slack_kw
+        if low_kw <= power_kw <= high_kw or not np.isfinite(power_kw) or watch.off_target + 1 < NOT_FOLLOWING:
+            return ""
+        return f"{who}, or it hangs; {_off(asked_kw, power_kw)}"
+
+    def _left_alone(
+        self, i: int, watch: _Watch, power_kw: float, held_kw: float, elapsed_s: float
+    ) -> tuple[str, bool]:
+        """Until the string has rested for a while: of two controllers one gives way.
+
+        A plant that names no set-points may go on with one whose controller has gone, so it is tried, ever
+        later.
+        """
+        nominal_kw = self._system.nominal_kw[i]
+        rests = abs(np.nan_to_num(power_kw)) <= FOLLOWS_WITHIN * nominal_kw
+        rests &= not abs(held_kw) > READ_BACK_WITHIN * nominal_kw
+        watch.rest_s = watch.rest_s + elapsed_s if rests else 0.0
+        watch.out_s += elapsed_s
+        patience_s = self._service.retry_after_s * 2.0 ** min(watch.tries, 30)
+        may_be_left = not np.isfinite(held_kw) and watch.out_s >= patience_s
+        if watch.rest_s < watch.out_until_s and not may_be_left:
+            return watch.out_reason, True
+        self._forgive(watch)
+        return "", False
+
+    def _next_try_s(self, watch: _Watch) -> float:
+        """Soon at first, then ever later."""
+        soon_s = 2.0 * self._step_s * 2.0 ** min(watch.tries, 30)
+        watch.tries += 1
+        return min(soon_s, self._service.retry_after_s)
 
     def _take_out(self, watch: _Watch, sentence: str, cap_kw: float) -> tuple[str, bool]:
         watch.out_reason, watch.out_s, watch.cap_kw = sentence, 0.0, cap_kw
@@ -328,4 +396,8 @@ class Guard:
 
     def _forgive(self, watch: _Watch) -> None:
         watch.out_reason, watch.out_s, watch.cap_kw, watch.off_target = "", 0.0, None, 0
-        watch.stands = ""
+        watch.stands, watch.other, watch.rest_s = "", False, 0.0
+
+
+def _off(asked_kw: float, power_kw: float) -> str:
+    return f"it does not follow: asked for {asked_kw:.4g} kW, it gives {power_kw:.4g} kW"

@@ -9,25 +9,38 @@ one. The first line of a file is a checksum of the rest.
 from __future__ import annotations
 
 import errno
-import hashlib
 import json
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from io import FileIO
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from bess.errors import BessError, InputError
+from bess.errors import BessError
 from bess.parameters import System
-from bess.record.atomic import write_bytes
+from bess.record.aside import Aside
+from bess.record.atomic import put_bytes
+from bess.record.checksums import sealed, sha256_of, unsealed
 from bess.serve.controller import Controller
 
 MEMORY: Final = ("memory-0.json", "memory-1.json")
 PLAN: Final = "plan.json"
+TRIAL: Final = "trial.json"
+"""Written and removed at the start, to know at once whether the disk takes anything."""
 VERSION: Final = 1
+PATIENCE_S: Final = 1.0
+"""Time that one writing may hold an answer up."""
+HANGS_S: Final = 5.0
+"""Time after which a disk that does not answer is an error."""
 _FLUSH_S: Final = 1.0
+
+
+def _made_if_missing(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_CREAT, 0o600)
 
 
 class Memory:
@@ -40,26 +53,21 @@ class Memory:
     system
         Another system's memory is not taken over.
 
-    Raises
-    ------
-    InputError
-        If the folder cannot be written to.
+    Attributes
+    ----------
+    error : str
+        Why the state cannot be kept now, in a sentence; empty if it can. The controller goes on without.
     """
 
     def __init__(self, folder: Path, system: System) -> None:
         self.folder = folder
         self.error = ""
-        self._identity = hashlib.sha256(
-            json.dumps(system.document, sort_keys=True, default=str).encode()
-        ).hexdigest()
+        self._aside = Aside("state")
+        self._identity = sha256_of(json.dumps(system.document, sort_keys=True, default=str).encode())
         self._flushed_s = 0.0
         self._number = 0
-        self._files: dict[str, int] = {}
+        self._files: dict[str, FileIO] = {}
         self._saved_plan: object = None
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except (OSError, ValueError) as error:
-            raise InputError(f"--state {folder}: is no folder that can be written to ({error})") from error
 
     def load(self, controller: Controller, now_s: float) -> str:
         """Continue where the last process ended; return a sentence on what was found.
@@ -68,6 +76,7 @@ class Memory:
         under another name, and the controller begins anew.
         """
         fresh = (controller.memory(), controller.plan.memory())
+        self._do(lambda: self._try(self._sealed(fresh[0])))
         try:
             memory = self._newest()
             if memory is None:
@@ -80,52 +89,77 @@ class Memory:
             controller.recall(fresh[0])
             controller.plan.recall(fresh[1])
             for name in (*MEMORY, PLAN):
-                if (self.folder / name).exists():
+                with suppress(OSError):
                     (self.folder / name).replace(self.folder / f"{name}.damaged")
             return f"the state in {self.folder} cannot be used ({error}); it is set aside, a new one begins"
         age_s = max(0.0, now_s - (controller.memory()["last_s"] or now_s))
         return f"continues with the state in {self.folder}, {age_s:.0f} s old"
 
     def save(self, controller: Controller) -> None:
-        """Write what has changed; a full disk or the like is told by :attr:`error`, not raised."""
-        durable = time.monotonic() - self._flushed_s > _FLUSH_S
-        try:
-            if controller.plan.current is not self._saved_plan:
-                write_bytes(self.folder / PLAN, self._sealed(_plain(controller.plan.memory())))
-                self._saved_plan = controller.plan.current
-            self._number += 1
-            content = self._sealed({"number": self._number, **controller.memory()})
-            self._write(MEMORY[self._number % 2], content, durable=durable)
-            self.error = ""
-        except OSError as error:
-            self.error = f"{self.folder}: the state cannot be written ({error.strerror or error})"
-        except BessError as error:
-            self.error = str(error)
-        if durable:
-            self._flushed_s = time.monotonic()
+        """Write what has changed; a full disk or one that hangs is told by :attr:`error`, not raised."""
+        plan = controller.plan.current
+        new_plan = None
+        if plan is not self._saved_plan:
+            new_plan = self._sealed(_plain(controller.plan.memory()))
+        number = self._number + 1
+        content = self._sealed({"number": number, **controller.memory()})
+
+        def put() -> None:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            if new_plan is not None:
+                put_bytes(self.folder / PLAN, new_plan)
+                self._saved_plan = plan
+            self._write(MEMORY[number % 2], content)
+            self._number = number
+
+        self._do(put)
 
     def close(self) -> None:
         """Flush and close the files."""
-        for descriptor in self._files.values():
-            os.fsync(descriptor)
-            os.close(descriptor)
+        self._do(self._close)
+        self._aside.close()
+
+    def _do(self, call: Callable[[], None]) -> None:
+        """Let the disk do something, and take down what comes of it."""
+        try:
+            self._aside(call, PATIENCE_S)
+            self.error = ""
+        except OSError as error:
+            if not isinstance(error, TimeoutError):
+                self.error = f"{self.folder}: the state cannot be written ({error.strerror or error})"
+            elif self._aside.busy_s > HANGS_S:
+                self.error = (
+                    f"{self.folder}: the disk has not answered for {self._aside.busy_s:.0f} s; "
+                    "the state is not written"
+                )
+
+    def _try(self, content: bytes) -> None:
+        self.folder.mkdir(parents=True, exist_ok=True)
+        put_bytes(self.folder / TRIAL, content)
+        (self.folder / TRIAL).unlink()
+
+    def _close(self) -> None:
+        for file in self._files.values():
+            os.fsync(file.fileno())
+            file.close()
         self._files = {}
 
     def _sealed(self, document: Mapping[str, Any]) -> bytes:
         """A document as the content of a file."""
         body = json.dumps({"version": VERSION, "system": self._identity, **document}).encode()
-        return hashlib.sha256(body).hexdigest().encode() + b"\n" + body
+        return sealed(body)
 
-    def _write(self, name: str, content: bytes, *, durable: bool) -> None:
+    def _write(self, name: str, content: bytes) -> None:
         if name not in self._files:
-            self._files[name] = os.open(self.folder / name, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-        descriptor = self._files[name]
-        written = os.pwrite(descriptor, content, 0)
-        if written != len(content):
+            self._files[name] = FileIO(self.folder / name, "r+", opener=_made_if_missing)
+        file = self._files[name]
+        file.seek(0)
+        if file.write(content) != len(content):
             raise OSError(errno.ENOSPC, "the disk is full")
-        os.ftruncate(descriptor, written)
-        if durable:
-            os.fsync(descriptor)
+        file.truncate()
+        if time.monotonic() - self._flushed_s > _FLUSH_S:
+            os.fsync(file.fileno())
+            self._flushed_s = time.monotonic()
 
     def _newest(self) -> dict[str, Any] | None:
         """The newer of the two files that is whole; None if there are none.
@@ -152,10 +186,10 @@ class Memory:
         return newest
 
     def _read(self, path: Path) -> dict[str, Any]:
-        checksum, _, body = path.read_bytes().partition(b"\n")
-        if hashlib.sha256(body).hexdigest().encode() != checksum:
-            raise ValueError(f"{path.name} is damaged")
-        document: dict[str, Any] = json.loads(body)
+        try:
+            document: dict[str, Any] = json.loads(unsealed(path.read_bytes()))
+        except ValueError as error:
+            raise ValueError(f"{path.name} is damaged: {error}") from error
         if document["version"] != VERSION:
             raise ValueError(f"{path.name} is of version {document['version']}, not {VERSION}")
         if document["system"] != self._identity:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from datetime import UTC, datetime
-from typing import Annotated, Any, Final, TypeVar
+from typing import Annotated, Any, Final
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from bess.errors import InputError
 from bess.parameters import System
@@ -90,9 +91,6 @@ class CalibrationMessage(Message):
     )
 
 
-M = TypeVar("M", bound=Message)
-
-
 def read_json(body: bytes) -> Any:
     """Return what a body says.
 
@@ -109,28 +107,22 @@ def read_json(body: bytes) -> Any:
         raise InputError(f"the body is no JSON ({error})") from None
 
 
-def read_message(kind: type[M], body: bytes) -> M:
-    """Return a message from the bytes of a request.
-
-    Raises
-    ------
-    InputError
-        In one sentence: what, its value, what is allowed.
-    """
-    document = read_json(body)
-    if not isinstance(document, dict):
-        raise InputError("the body must be a JSON object, such as {" + _EXAMPLES[kind.__name__] + "}")
-    try:
-        return kind.model_validate(document)
-    except ValidationError as error:
-        raise InputError(_sentence(error)) from None
-
-
 _EXAMPLES: Final = {
-    "SplitMessage": '"demand_kw": 78.0, "strings": [{"soc": 0.5, "temperature_c": 25.0}, ...]',
-    "DemandMessage": '"demand_kw": 78.0, "valid_for_s": 900',
-    "CalibrationMessage": '"string": 0',
+    "/v1/split": '"demand_kw": 78.0, "strings": [{"soc": 0.5, "temperature_c": 25.0}, ...]',
+    "/v1/demand": '"demand_kw": 78.0, "valid_for_s": 900',
+    "/v1/calibration": '"string": 0',
 }
+
+
+def sentence(problems: Sequence[Any], path: str) -> str:
+    """What is wrong with the body of a request: what, its value, what is allowed.
+
+    Only the first problem is named; a union names each of its members, one of which is enough.
+    """
+    inside = [{**problem, "loc": problem["loc"][1:]} for problem in problems]  # the first part is "body"
+    if not inside[0]["loc"]:
+        return "the body must be a JSON object, such as {" + _EXAMPLES[path] + "}"
+    return describe(inside, "").removeprefix(": ").split("; ")[0]
 
 
 def measurements_of(message: SplitMessage, system: System) -> Measurements:
@@ -174,9 +166,3 @@ def measurements_of(message: SplitMessage, system: System) -> Measurements:
 
 def _refuse_constant(name: str) -> float:
     raise ValueError(f"{name} is not a number of JSON; every value must be finite")
-
-
-def _sentence(error: ValidationError) -> str:
-    """The first problem; a union names each of its members, one of which is enough."""
-    text = describe(error, "").removeprefix(": ")
-    return text.split("; ")[0]

@@ -39,6 +39,8 @@ class Metrics:
         self._discharged = gauge("bess_discharged_kwh", "Energy discharged since the state began.", names)
         self._soh = gauge("bess_soh_capacity_ratio", "Capacity left, as estimated.", names)
         self.state_errors = gauge("bess_state_error", "1 while the state cannot be written.")
+        self.cycle_age = gauge("bess_cycle_age_seconds", "Time since a control cycle of the plant ended.")
+        self.cycle_period = gauge("bess_cycle_period_seconds", "Time from one control cycle to the next.")
         self.link_errors = counter("bess_link_errors", "Failed reads and writes of the plant.")
 
     def text(self, demand_kw: float, answer: Answer | None, controller: Controller, slot: int) -> bytes:

@@ -65,7 +65,8 @@ class Reserves:
         window = np.array([(s.battery.soc_min, s.battery.soc_max) for s in system.strings])
         self.empty: Array = window[:, 0]
         self.full: Array = window[:, 1]
-        self.minimum_kw = _each("service.minimum_power_kw", service.minimum_power_kw, n)
+        minimum_kw = _each("service.minimum_power_kw", service.minimum_power_kw, n)
+        self.minimum_kw: Array = np.maximum(minimum_kw, system.min_power_kw)
         self.floor: Array = np.maximum(_each("service.soc_floor", service.soc_floor, n), self.empty)
         self.ceiling: Array = np.minimum(_each("service.soc_ceiling", service.soc_ceiling, n), self.full)
         for i in range(n):

@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
+import errno
 import logging
+import os
 import socket
-import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from types import FrameType
+from typing import Final
 
-from bess.errors import InputError
+from bess.errors import BessError, InputError
 from bess.extras import extra
 from bess.plants import connect
 from bess.plants.address import parse_address
 from bess.plants.journal import Journal
 from bess.policies.reactive import refuse_reactive
 from bess.record.store import Lock
-from bess.serve.limits import check_host, read_token
+from bess.serve.limits import Names, Rate, check_token, read_token
 from bess.study import Study
+
+ENDS_S: Final = 9.0
+"""The process ends so long after it was told to, whatever a plant, a disk or a name server does."""
+_NO_FOLDER: Final = (errno.ENOTDIR, errno.EEXIST, errno.EACCES, errno.EPERM, errno.ENAMETOOLONG, errno.ELOOP)
+"""What a disk with room would say as well."""
+_NOTED_PER_S: Final = 5.0
+"""Lines in the log on requests that are refused; callers fill no disk, the metrics count all."""
 
 
 def serve(
@@ -30,8 +40,10 @@ def serve(
     state: Path | None = None,
     plant: str | None = None,
     shadow: bool = False,
+    allowed_hosts: Sequence[str] = (),
+    simulated: bool = False,
 ) -> None:
-    """Listen until the process is told to stop.
+    """Listen until the process is told to stop; a simulated plant may be driven without a token.
 
     Raises
     ------
@@ -40,7 +52,8 @@ def serve(
     """
     refuse_reactive("the service", "share it by another controller", asked=study.reactive is not None)
     token = None if token_file is None else read_token(token_file)
-    check_host(host, token)
+    check_token(host, token, drives=plant is not None and not shadow and not simulated)
+    names = Names.of(host, allowed_hosts)
     if shadow and plant is None:
         raise InputError("--shadow: watches a plant; name one with --plant openems=URL or sunspec=HOST")
     address = None if plant is None else parse_address(plant)
@@ -50,24 +63,24 @@ def serve(
         import uvicorn
 
     from bess.serve.app import Driven, build_app
+    from bess.serve.connections import BACKLOG, KEEP_ALIVE_S, Connection
     from bess.serve.cycle import STEP_S, Cycle
     from bess.serve.demands import Demands
-    from bess.serve.service import JsonLines, Service
+    from bess.serve.lines import Lines
+    from bess.serve.service import Service
 
-    handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(JsonLines())
+    handler = Lines()
     for name in ("bess.serve", "uvicorn.error"):
         logger = logging.getLogger(name)
         logger.handlers, logger.propagate = [handler], False
         logger.setLevel(logging.INFO)
+    noted = Rate(_NOTED_PER_S)
+    for name in ("bess.serve.requests", "uvicorn.error"):
+        logging.getLogger(name).addFilter(lambda record: record.levelno > logging.WARNING or noted.take())
     if plant is not None and study.service.control_step_s is None:
         study = study.with_values({"service.control_step_s": STEP_S})
     folder = state or Path("results") / f"{study.name}-service"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as error:
-        raise InputError(f"--state {folder}: is no folder that can be written to ({error})") from error
-    with Lock(folder), _listening(host, port) as listener:
+    with _held(folder), _listening(host, port) as listener:
         service = Service(study, folder)
         log = logging.getLogger("bess.serve")
         for note in service.notes:
@@ -80,27 +93,79 @@ def serve(
             journal = Journal(folder, controller.system, study.title or study.name, study.service.journal_mb)
             cycle = Cycle(service, link, demands, journal, shadow=shadow)
             driven = Driven(f"{address.kind} at {address.url}", demands, cycle)
-            thread = threading.Thread(target=cycle.run, name="cycle")
-            thread.start()
-        config = uvicorn.Config(
-            build_app(service, token, driven),
-            log_config=None,
-            access_log=False,
-            server_header=False,
-            timeout_keep_alive=30,
-            timeout_graceful_shutdown=5,
-            limit_concurrency=1000,
-        )
-        server = uvicorn.Server(config)
+            thread = threading.Thread(target=cycle.run, name="cycle", daemon=True)
         try:
             # A signal that has been obeyed is raised again.
             with suppress(KeyboardInterrupt):
+                if thread is not None:
+                    thread.start()
+                config = uvicorn.Config(
+                    build_app(service, token, driven, names),
+                    http=Connection,
+                    ws="none",
+                    log_config=None,
+                    access_log=False,
+                    server_header=False,
+                    proxy_headers=False,
+                    backlog=BACKLOG,
+                    timeout_keep_alive=KEEP_ALIVE_S,
+                    timeout_graceful_shutdown=2,
+                    limit_concurrency=1000,
+                )
+                server = uvicorn.Server(config)
+                obey = server.handle_exit
+
+                def told_to_end(number: int, frame: FrameType | None) -> None:
+                    if driven is not None:
+                        driven.cycle.stop()
+                    last = threading.Timer(ENDS_S, _end)
+                    last.daemon = True
+                    last.start()
+                    obey(number, frame)
+
+                server.handle_exit = told_to_end  # type: ignore[method-assign, assignment]
                 server.run(sockets=[listener])
         finally:
-            if driven is not None and thread is not None:
+            if driven is not None and thread is not None and thread.is_alive():
                 driven.cycle.stop()
                 thread.join()
             service.close()
+
+
+def _end() -> None:
+    """End this process: what still runs waits for something outside."""
+    logging.getLogger("bess.serve").error(
+        f"not done {ENDS_S:g} s after the signal; what the plant was given lapses"
+    )
+    logging.shutdown()
+    os._exit(1)
+
+
+@contextmanager
+def _held(folder: Path) -> Iterator[None]:
+    """Hold the folder of the state; a disk that takes nothing keeps no controller from starting.
+
+    Raises
+    ------
+    InputError
+        If it can be no such folder, or another process holds it.
+    """
+    with ExitStack() as stack:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(Lock(folder))
+        except InputError:
+            raise
+        except (BessError, OSError, ValueError) as error:
+            cause = error.__cause__ if isinstance(error, BessError) else error
+            if not isinstance(cause, OSError) or cause.errno in _NO_FOLDER:
+                raise InputError(
+                    f"--state {folder}: is no folder that can be written to ({cause})"
+                ) from error
+            logging.getLogger("bess.serve").error(
+                f"{folder}: cannot be held ({cause.strerror}); goes on without"
+            )
+        yield
 
 
 @contextmanager
@@ -120,5 +185,6 @@ def _listening(host: str, port: int) -> Iterator[socket.socket]:
             raise InputError(
                 f"--host {host} --port {port}: cannot be listened on ({error.strerror}); use another --port"
             ) from error
-        logging.getLogger("bess.serve").info(f"listens at http://{host}:{port}")
+        shown = f"[{host}]" if ":" in host else host
+        logging.getLogger("bess.serve").info(f"listens at http://{shown}:{port}")
         yield listener

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import logging
 import time
 from concurrent.futures import Future, ThreadPoolExecutor, wait
@@ -11,21 +10,25 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from bess.plants import Measurements
 from bess.policies import build_policy
-from bess.policies.settings import Settings
 from bess.serve.answer import Answer
-from bess.serve.clock import Clock, stamp
+from bess.serve.clock import Clock
 from bess.serve.controller import Controller
 from bess.serve.history import History
 from bess.serve.memory import Memory
 from bess.serve.metrics import Metrics
 from bess.study import Study
 from bess.study.plant_choice import build_system
+from bess.study.policy_settings import policy_settings
 
 LOG: Final = logging.getLogger("bess.serve")
 PLAN_SHARE: Final = 0.5
 """Part of the time in which an answer is due that it may wait for a plan."""
+_UNMET_KW: Final = 1e-3
+"""No plant is asked for less than a watt."""
 
 
 def build_controller(study: Study, *, background: bool = True) -> tuple[Controller, list[str]]:
@@ -42,17 +45,9 @@ def build_controller(study: Study, *, background: bool = True) -> tuple[Controll
         study = study.with_values({"policy.objectives.kind": "energy"})
         notes.append("plans count kWh lost, not EUR: a service is given a demand, no prices")
     system = build_system(study.system, study.run, study.wear)
-    choice = study.policy
-    steps = choice.steps_ahead(system.control)
-    settings = Settings(
-        dt_h=system.control.step_min / 60.0,
-        horizon_steps=steps,
-        split=choice,
-        plans=choice.plans,
-        rollouts=choice.rollouts,
-        terms=study.settlement.terms,
-    )
-    policy = build_policy(choice.name, system, settings)
+    settings = policy_settings(study, system)
+    policy = build_policy(study.policy.name, system, settings)
+    steps = settings.horizon_steps
     return Controller(system, policy, study.service, steps, background=background), notes
 
 
@@ -159,14 +154,20 @@ class Service:
 
     def health(self) -> dict[str, Any]:
         """Whether all is well, in a few words that are no secret."""
-        healthy = not self.memory.error
+        unmet_kw, out_of_service = 0.0, []
+        if self.last is not None:
+            answer = self.last[2]
+            unmet_kw, out_of_service = answer.unmet_kw, np.flatnonzero(~answer.in_service).tolist()
+        lacks = unmet_kw > _UNMET_KW or bool(out_of_service)
         return {
-            "status": "ok" if healthy else "impaired",
+            "status": "impaired" if self.memory.error else "degraded" if lacks else "ok",
             "study": self.name,
             "n_strings": self.controller.n_strings,
             "answers": self.controller.counters.answers,
             "last_answer_s": None if self.last is None else round(self.clock() - self.last[0], 3),
             "planned": self.controller.plan.current is not None,
+            "unmet_kw": unmet_kw,
+            "out_of_service": out_of_service,
         }
 
     def close(self) -> None:
@@ -237,19 +238,3 @@ class Service:
                     }
                 },
             )
-
-
-class JsonLines(logging.Formatter):
-    """One JSON object for each line of the log."""
-
-    def format(self, record: logging.LogRecord) -> str:
-        """Time, level, message, and the fields of the record."""
-        line = {
-            "time": stamp(record.created),
-            "level": record.levelname.lower(),
-            "message": record.getMessage(),
-        }
-        line |= getattr(record, "fields", {})
-        if record.exc_info:
-            line["trace"] = self.formatException(record.exc_info)
-        return json.dumps(line)

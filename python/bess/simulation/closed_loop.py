@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from bess.errors import BessError, InputError
 from bess.numbers import Array, real_numbers
 from bess.plant import Flows, Plant, PlantSnapshot
-from bess.policies import Decision, Policy, Situation, SolverReport
+from bess.policies import NO_OPTIMISATION, Decision, Policy, Situation, SolverReport
 from bess.policies.distilled import DistilledPolicy
 from bess.policies.reactive import shared_equally
 from bess.record.schema import AGEING_FLOWS, COOLING_FLOWS, ENTROPY_FLOWS, FLOWS, REACTIVE_FLOWS
@@ -58,13 +58,15 @@ class ClosedLoop:
         self._delivered_kw = 0.0
         self.step = 0
 
-    def advance(self) -> tuple[dict[str, Any], dict[str, Any]]:
+    def advance(self) -> tuple[dict[str, Any], list[dict[str, Any]]]:
         """Run one control step.
 
         Returns
         -------
-        record, log : dict
-            Values of this step by the names of the result, and the line for the log.
+        record : dict
+            Values of this step by the names of the result.
+        log : list of dict
+            Its line for the log; none of a step that was not solved and in which nothing was missing.
         """
         step, inputs = self.step, self.inputs
         state = self._plant.state
@@ -72,7 +74,7 @@ class ClosedLoop:
         now = Now(state, limit_kw, self._surroundings_c[step:], self._delivered_kw)
         ahead_kw = inputs.demand.ahead(step, inputs.horizon_steps, now)
         demand_kw = float(ahead_kw[0])
-        served_kw = np.minimum(np.maximum(ahead_kw, -total_kw), total_kw)
+        served_kw = self._served(ahead_kw, total_kw)
         asked_kvar = None if inputs.reactive is None else inputs.reactive.ahead(step, served_kw)
         ambient_c = float(inputs.ambient_c[step])
         situation = Situation(
@@ -89,11 +91,12 @@ class ClosedLoop:
             reactive_kvar=asked_kvar,
         )
         decision = self._decide(situation, total_kw)
+        request_kw = self._set_points(situation, decision)
         flows = self._plant.step(
-            decision.request_kw,
-            duration_s=float(inputs.grid.step_s),
+            request_kw,
+            step_s=float(inputs.grid.step_s),
             ambient_c=ambient_c,
-            reactive_kvar=self._reactive(situation, decision),
+            reactive_kvar=self._reactive(situation, decision, request_kw),
         )
         self._delivered_kw = float(flows.delivered_kw.sum())
         beside = {} if asked_kvar is None else {"reactive_demand_kvar": asked_kvar[0]}
@@ -101,7 +104,7 @@ class ClosedLoop:
             step,
             demand_kw,
             float(served_kw[0]),
-            decision.request_kw,
+            request_kw,
             _solver_record(decision.solver),
             beside | inputs.demand.planned(step),
             flows,
@@ -150,7 +153,7 @@ class ClosedLoop:
             [inputs.demand.ahead(step, inputs.horizon_steps, now) for step in range(first, first + n_steps)]
         )
         total_kw = self._total_kw[steps, None]
-        served_kw = np.minimum(np.maximum(ahead_kw, -total_kw), total_kw)
+        served_kw = self._served(ahead_kw, total_kw)
         limit_kw, ambient_c = inputs.limit_kw[steps], inputs.ambient_c[steps]
         before = now.state.soh_capacity
         try:
@@ -160,7 +163,7 @@ class ClosedLoop:
         except InputError as error:
             raise InputError(f"{self._place}: {error}") from error
         missed_kw = np.abs(request_kw.sum(axis=1) - served_kw[:, 0])
-        if (missed_kw > _TOLERANCE * np.maximum(1.0, total_kw[:, 0])).any():
+        if (missed_kw > self._slack_kw(total_kw[:, 0])).any():
             raise BessError(f"{self._place}: set-points do not sum to the demand; please report this")
         solver = SolverReport()
         record = self._recorded(
@@ -176,8 +179,9 @@ class ClosedLoop:
         starts_s = inputs.grid.start_s + np.arange(first, first + n_steps) * inputs.grid.step_s
         times = np.datetime_as_string(starts_s.astype("datetime64[s]"))
         log = [
-            self._logged(first + index, str(start), solver, unmet_kw)
+            line
             for index, (start, unmet_kw) in enumerate(zip(times, record["unmet_kw"].tolist(), strict=True))
+            for line in self._logged(first + index, str(start), solver, unmet_kw)
         ]
         self._delivered_kw = float(flows.delivered_kw[-1].sum())
         self.step += n_steps
@@ -211,19 +215,24 @@ class ClosedLoop:
         discharged_kwh = np.maximum(flows.delivered_kw, 0.0) * inputs.grid.dt_h
         return record | {"wear_eur": self._prices.cost_eur(capacity_lost, discharged_kwh)}
 
-    def _logged(self, step: int, start: str, solver: SolverReport, unmet_kw: float) -> dict[str, Any]:
-        """The line of a step in the log; ``start`` is its time in UTC."""
-        return {
-            "step": step,
-            "time": f"{start}Z",
-            "status": self.policy.statuses[solver.status],
-            "gap": solver.gap,
-            "search_gap": solver.search_gap,
-            "nodes": solver.nodes,
-            "fallback": solver.fallback,
-            "unmet_kw": float(unmet_kw),
-            "solve_time_s": solver.solve_time_s,
-        }
+    def _logged(self, step: int, start: str, solver: SolverReport, unmet_kw: float) -> list[dict[str, Any]]:
+        """The line of a step in the log, if there is anything to say of it; ``start`` is its time in UTC."""
+        solved = solver.status != NO_OPTIMISATION or solver.solve_time_s > 0.0
+        if not (solved or solver.fallback or unmet_kw > 0.0):
+            return []
+        return [
+            {
+                "step": step,
+                "time": f"{start}Z",
+                "status": self.policy.statuses[solver.status],
+                "gap": solver.gap,
+                "search_gap": solver.search_gap,
+                "nodes": solver.nodes,
+                "fallback": solver.fallback,
+                "unmet_kw": float(unmet_kw),
+                "solve_time_s": solver.solve_time_s,
+            }
+        ]
 
     def checkpoint(self) -> dict[str, Any]:
         """Everything the next step depends on."""
@@ -259,9 +268,9 @@ class ClosedLoop:
                 f"{situation.limit_kw.shape}, one for each string"
             )
         demand_kw = situation.demand_kw[0]
-        slack_kw = _TOLERANCE * max(1.0, total_kw)
+        slack_kw = float(self._slack_kw(total_kw))
         # Written so that NaN fails as well.
-        held = np.abs(request_kw) <= situation.limit_kw + slack_kw
+        held = np.abs(request_kw) <= situation.limit_kw + _rounding_kw(total_kw)
         if not (held.all() and abs(request_kw.sum() - demand_kw) <= slack_kw):
             raise BessError(
                 f"{self._place}: the policy requested {_listed(request_kw)} kW for {demand_kw:g} kW "
@@ -269,13 +278,36 @@ class ClosedLoop:
             )
         return decision
 
-    def _reactive(self, situation: Situation, decision: Decision) -> Array | None:
-        """Reactive power of each string: as the policy shares it, or in equal parts if it does not."""
+    def _set_points(self, situation: Situation, decision: Decision) -> Array:
+        """What is decided, without what is between 0 and the least power of an inverter."""
+        request_kw, limit_kw = real_numbers(decision.request_kw), situation.limit_kw
+        system = self.inputs.system
+        if not ((request_kw != 0.0) & (np.abs(request_kw) < system.min_power_kw)).any():
+            return request_kw
+        model = system.control_at(situation.state)
+        charged_kw, discharged_kw = (
+            model.set_points(np.maximum(sign * request_kw, 0.0), limit_kw) for sign in (-1.0, 1.0)
+        )
+        return np.asarray(discharged_kw - charged_kw)
+
+    def _served(self, demand_kw: Array, total_kw: ArrayLike) -> Array:
+        """What the strings are asked for of a demand: at most all they can, and 0 below their least power."""
+        served_kw = np.minimum(np.maximum(demand_kw, np.negative(total_kw)), total_kw)
+        served_kw[np.abs(served_kw) < self.inputs.system.min_power_kw.min()] = 0.0
+        return served_kw
+
+    def _slack_kw(self, total_kw: ArrayLike) -> Array:
+        """How far set-points may be from the demand in total: by rounding, and by less than least powers."""
+        least_kw = float(self.inputs.system.min_power_kw.sum())
+        return _rounding_kw(total_kw) + least_kw
+
+    def _reactive(self, situation: Situation, decision: Decision, request_kw: Array) -> Array | None:
+        """Reactive power beside set-points: as the policy shares it, or in equal parts if it does not."""
         if situation.reactive_kvar is None:
             return None
         asked_kvar, limit_kva = float(situation.reactive_kvar[0]), situation.limit_kw
         if decision.reactive_kvar is None:
-            return shared_equally(real_numbers(decision.request_kw), asked_kvar, limit_kva)
+            return shared_equally(request_kw, asked_kvar, limit_kva)
         try:
             shares_kvar = real_numbers(decision.reactive_kvar)
         except ValueError as error:
@@ -297,6 +329,11 @@ class ClosedLoop:
     @property
     def _place(self) -> str:
         return f"policy {self._policy_name!r}, step {self.step}"
+
+
+def _rounding_kw(total_kw: ArrayLike) -> Array:
+    """How far a power may be from another that it should equal."""
+    return np.asarray(_TOLERANCE * np.maximum(1.0, total_kw))
 
 
 def _solver_record(solver: SolverReport) -> dict[str, float]:

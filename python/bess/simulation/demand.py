@@ -20,6 +20,8 @@ COMPARE_H = 3.0
 """How often what has come is compared with what a plan over prices counts on."""
 LONGEST_SHARE = 1.0 / 6.0
 """Share of a plan after which it is made anew all the same: what lies behind its end comes into sight."""
+LONGEST_H = 6.0
+"""Time after which a plan is made anew at the latest [h]: later hours are planned in less detail."""
 ENERGY_TOLERANCE = 0.02
 """Distance of the stored energy from the plan, over the plant's capacity, at which it is made anew."""
 TEMPERATURE_TOLERANCE_K = 3.0
@@ -157,7 +159,7 @@ class AwarePlanner:
     """Plans that know the plant.
 
     With ``replan_steps`` a plan is made anew after so many steps; without, when what it counts on has
-    changed, and once a sixth of it has passed.
+    changed, and after ``longest_steps``.
     """
 
     def __init__(
@@ -169,17 +171,18 @@ class AwarePlanner:
         look_ahead_steps: int,
         replan_steps: int | None,
         compare_steps: int,
+        longest_steps: float,
     ) -> None:
         self._dispatch, self._prices, self.days = dispatch, prices, days
         self._look_ahead_steps, self._replan_steps = look_ahead_steps, replan_steps
-        self._compare_steps = compare_steps
+        self._compare_steps, self._longest_steps = compare_steps, longest_steps
 
     def is_due(self, step: int, now: Now, plan: MarketPlan) -> bool:
         """See :class:`DispatchPlanner`."""
         if self._replan_steps is not None:
             return step % self._replan_steps == 0
         age = step - plan.step
-        if not np.array_equal(now.limit_kw, plan.limit_kw) or age >= LONGEST_SHARE * self._look_ahead_steps:
+        if not np.array_equal(now.limit_kw, plan.limit_kw) or age >= self._longest_steps:
             return True
         return age > 0 and age % self._compare_steps == 0 and not self._came_true(step, now, plan)
 

@@ -12,6 +12,8 @@ from bess.numbers import Array
 from bess.parameters import System
 from bess.simulation.demand import (
     COMPARE_H,
+    LONGEST_H,
+    LONGEST_SHARE,
     ArbitrageSource,
     AwarePlanner,
     DispatchPlanner,
@@ -164,6 +166,7 @@ def _planner(
             look_ahead_steps=look_ahead,
             replan_steps=replan,
             compare_steps=max(1, round(COMPARE_H / grid.dt_h)),
+            longest_steps=min(LONGEST_SHARE * look_ahead, LONGEST_H / grid.dt_h),
         )
     window = np.array([string.battery.soc_max - string.battery.soc_min for string in system.strings])
     energy_kwh = float((system.nominal_energy_kwh * window).sum())

@@ -16,9 +16,10 @@ from bess.analysis.kpis import kpis, solve_time_kpis
 from bess.errors import InputError, StoppedEarly, option
 from bess.parameters import System
 from bess.plant import Plant
-from bess.policies import Policy, Settings, build_policy, own_policy
+from bess.policies import Policy, build_policy, own_policy
 from bess.policies.own import Function
 from bess.record.atomic import TEMPORARY, replacing, write_bytes
+from bess.record.checksums import read_checksums, sha256, sha256_of, write_checksums
 from bess.record.frame import describe_frame, frame_of
 from bess.record.identity import (
     IDENTITY,
@@ -30,12 +31,13 @@ from bess.record.identity import (
 )
 from bess.record.netcdf import write_netcdf
 from bess.record.result import RESULTS, Result, open_netcdf
-from bess.record.steplog import StepLog, solve_times_s
+from bess.record.steplog import LOG, StepLog, solve_times_s
 from bess.record.store import LOCK, OWNER, Lock, parts, records, remove_parts, write_part
 from bess.simulation.closed_loop import ClosedLoop, check_finite
 from bess.simulation.inputs import Inputs, prepare
 from bess.simulation.interrupt import stop_requests
 from bess.simulation.progress import reporting
+from bess.study.policy_settings import policy_settings
 from bess.study.study import Study, as_study
 
 PART_STEPS = 960
@@ -102,10 +104,10 @@ def run(
     with tempfile.TemporaryDirectory(prefix="bess-") as scratch:
         try:
             result = _run_in(Path(scratch), study, prepared, own, progress=progress, resume=False)
-        except StoppedEarly as error:
+        except StoppedEarly:
             raise StoppedEarly(
                 f"{study.name}: stopped; nothing is kept of a run without a folder (out)"
-            ) from error
+            ) from None
         with result.dataset as dataset:
             return Result(dataset.load(), result.kpis, None, result.solve_time_s)
 
@@ -165,7 +167,7 @@ def closed_loop(study: Study, inputs: Inputs, own: Policy | None = None) -> Clos
     InputError
         What either refuses, such as a state outside the window of SOC, or a plant step that is not stable.
     """
-    policy = own or build_policy(study.policy.name, inputs.system, policy_settings(study, inputs))
+    policy = own or build_policy(study.policy.name, inputs.system, policy_settings(study, inputs.system))
     plant = Plant(inputs.system, inputs.system.initial_state(), derating_law=study.run.derating_law)
     return ClosedLoop(
         inputs, policy, plant, node_temperatures=study.output.node_temperatures, policy_name=study.policy.name
@@ -198,9 +200,9 @@ def _complete(directory: Path, study: Study, loop: ClosedLoop, *, progress: bool
             lines = []
             whole = False
             while not whole:  # a stop may be asked for at any moment: a part has one step at least
-                row, line = loop.advance()
+                row, said = loop.advance()
                 rows.append(row)
-                lines.append(line)
+                lines += said
                 update(loop.step)
                 whole = loop.step == n_steps or len(rows) == PART_STEPS
                 whole = whole or stop_asked() or time.monotonic() > deadline
@@ -234,6 +236,8 @@ def _stacked(values: list[Any]) -> NDArray[Any]:
 def _assemble(directory: Path, identity: Identity) -> None:
     with replacing(directory / RESULTS) as temporary:
         write_netcdf(temporary, frame_of(identity), records(directory))
+        final = {name: directory / name for name in (IDENTITY, "study.toml", LOG)} | {RESULTS: temporary}
+        write_checksums(directory, {name: sha256(path) for name, path in final.items()})
 
 
 def _finish(directory: Path) -> Result:
@@ -241,22 +245,9 @@ def _finish(directory: Path) -> Result:
     dataset = open_netcdf(directory / RESULTS)
     times = solve_times_s(directory)
     values = kpis(dataset) | solve_time_kpis(times)
-    write_bytes(directory / "kpis.json", json.dumps(values, indent=1).encode())
+    content = json.dumps(values, indent=1).encode()
+    if checksums := read_checksums(directory):
+        write_checksums(directory, checksums | {"kpis.json": sha256_of(content)})
+    write_bytes(directory / "kpis.json", content)
     remove_parts(directory)
     return Result(dataset, values, directory, times)
-
-
-def policy_settings(study: Study, inputs: Inputs) -> Settings:
-    """What a study says about its policy, with the horizon and step of its data."""
-    choice = study.policy
-    return Settings(
-        dt_h=inputs.grid.dt_h,
-        horizon_steps=inputs.horizon_steps,
-        split=choice,
-        plans=choice.plans,
-        rollouts=choice.rollouts,
-        model=choice.model,
-        terms=study.settlement.terms,
-        file=choice.file,
-        reactive=inputs.reactive is not None,
-    )

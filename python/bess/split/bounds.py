@@ -18,7 +18,7 @@ from bess.split import tree
 from bess.split.objectives import Costs
 from bess.split.problem import SplitProblem
 from bess.split.relaxation.data import PlantConstants
-from bess.split.relaxation.group import RelaxedOver, relaxed_group
+from bess.split.relaxation.group import Cutoff, RelaxedGroup
 from bess.split.result import relative_gap
 from bess.split.settings import SplitSettings
 from bess.split.tree import Closure
@@ -29,6 +29,9 @@ RELAXED_ABOVE = 3e-2
 RELAXED_STEPS = 16
 """Longest horizon for which that is done if nothing is shed: beyond it closes a tenth to a quarter of the gap
 for a third of the time."""
+
+CUTOFF_SHARE = 0.9
+"""Share of the gap asked for by which schedules have to be better than the best known to be of interest."""
 
 LARGEST_RELAXATION = 400
 """Steps of strings above which no relaxation is solved: the memory to compile it grows with their square
@@ -134,9 +137,11 @@ class _Certifier:
         """Bound one group: rigorously, then in the convexified program."""
         group, before = self._answer.groups[index], self._answer.groups[:index]
         bound, search_bound = group.bound, group.search_bound
+        ended = None
         if self._wants_relaxation(index):
             ceilings = [earlier.ceiling for earlier in before]
-            bound = self._relaxed(ceilings, self._costs.reported, bound, lambda: group.objective, 1).bound
+            ended = self._relaxed(ceilings, self._costs.reported, bound, group.objective)
+            bound = ended.bound
         is_proven = self._is_closed(index, group.objective, bound)
         if is_proven or self._is_closed(index, group.search_objective, search_bound):
             closure = Closure.GAP
@@ -145,31 +150,30 @@ class _Certifier:
         elif self._is_late():
             closure = Closure.TIME_LIMIT
         elif self._problem.limit_kw.size > LARGEST_RELAXATION:
-            closure = Closure.NODE_LIMIT
+            closure = Closure.TOO_LARGE
         else:
-            ended = self._relaxed(
-                [earlier.search_ceiling for earlier in before],
-                self._costs.searched,
-                search_bound,
-                lambda: float(self.incumbent.objectives[index]),
-                self._settings.node_limit,
-                frozen=True,
+            ceilings = [earlier.search_ceiling for earlier in before]
+            root = self._relaxed(
+                ceilings, self._costs.searched, search_bound, group.search_objective, frozen=True
             )
-            search_bound, closure = ended.bound, ended.closure
+            search_bound = root.bound
+            closure = root.closure if ended is None or root.closure is Closure.GAP else ended.closure
         return GroupCertificate(
             group.objective, bound, group.search_objective, search_bound, is_proven, closure
         )
 
     def _wants_relaxation(self, index: int) -> bool:
-        """Whether a relaxation is likely to raise the rigorous bound by much, in reasonable time."""
+        """Whether a relaxation is asked for, or likely to raise the rigorous bound by much in time."""
         group = self._answer.groups[index]
         n_strings, n_steps = self._problem.limit_kw.shape
-        sheds = self._answer.flows.availability_loss_kw.any()
+        sheds = bool(self._answer.flows.availability_loss_kw.any())
+        pays = relative_gap(group.objective, group.bound) > RELAXED_ABOVE and (
+            n_steps <= RELAXED_STEPS or sheds
+        )
         return (
             group.boxes is not None
             and not self._is_closed(index, group.objective, group.bound)
-            and relative_gap(group.objective, group.bound) > RELAXED_ABOVE
-            and (n_steps <= RELAXED_STEPS or bool(sheds))
+            and (pays or self._settings.node_limit is not None)
             and n_strings * n_steps <= LARGEST_RELAXATION
             and not self._is_late()
         )
@@ -179,31 +183,40 @@ class _Certifier:
         ceilings: list[float],
         cost: Array,
         start_bound: float,
-        objective: tree.Objective,
-        node_limit: int,
+        objective: float,
         *,
         frozen: bool = False,
     ) -> tree.TreeResult:
-        """Branch and bound of the group after those with ``ceilings``, with coefficients over the boxes of
-        its states, or frozen along the schedule."""
+        """Branch and bound of the group after those with ``ceilings``, with coefficients over the states of
+        each node; or its root alone, with coefficients frozen along the schedule."""
         index = len(ceilings)
-        group, schedule = self._answer.groups[index], self._states_along()
-        assert group.boxes is not None and group.may_shed is not None
-        over = RelaxedOver(group.boxes, group.may_shed, schedule if frozen else group.boxes, schedule)
-        relaxed = relaxed_group(
-            self._problem, self._control, self._constants, cost, ceilings, over, objective, self._propose
+        boxes = self._answer.groups[index].boxes
+        assert boxes is not None
+        gap, abs_gap = self._settings.gap, float(self._abs_tol[index])
+        # Nothing is left to prove about what is better than the best known by less than the gap.
+        cost_limit = objective - CUTOFF_SHARE * max(abs_gap, gap * abs(objective))
+        relaxed = RelaxedGroup(
+            self._problem,
+            self._control,
+            self._constants,
+            cost,
+            Cutoff(ceilings, objective if frozen else cost_limit),
+            self._states_along(),
+            self._propose,
+            frozen=frozen,
         )
         ended = tree.search(
             relaxed,
-            *relaxed.root(),
-            gap=self._settings.gap,
-            abs_gap=self._abs_tol[index],
-            node_limit=node_limit,
+            self._control.root(boxes),
+            lambda: objective,
+            gap=gap,
+            abs_gap=abs_gap,
+            node_limit=1 if frozen else self._settings.nodes(*self._problem.limit_kw.shape),
             deadline=self._deadline,
             start_bound=start_bound,
         )
         self.nodes += ended.nodes
-        self.failed = self.failed or relaxed.failures == ended.nodes
+        self.failed = self.failed or 0 < relaxed.failures == ended.nodes
         return ended
 
     def _propose(self, request_pu: Array, on: Array) -> None:

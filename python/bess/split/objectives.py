@@ -33,7 +33,7 @@ class Choice(Section):
         try:
             super().__init__(**values)
         except ValidationError as error:
-            raise InputError(describe(error, type(self).__name__)) from error
+            raise InputError(describe(error.errors(), type(self).__name__)) from error
 
     # Inside a study, pydantic fills the fields without this method: the error names the place in the file.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
@@ -51,7 +51,7 @@ class Objective(Choice):
         :class:`Objectives` says.
     abs_tol, rel_tol : float
         Its group may be worse than its optimum ``F*`` by ``max(abs_tol, rel_tol |F*|)`` while lower
-        priorities are minimised; the group takes the smallest of its members.
+        priorities are minimised, not at all where ``F*`` is 0; the group takes the smallest of its members.
     """
 
     weight: NonNegative = 1.0
@@ -111,6 +111,9 @@ class Objectives(Choice):
     kind : {"paper", "energy", "money"}
     shortfall : float or None
         Cost of a kWh that is not delivered, in kWh lost: of kind ``"energy"`` only, 3 unless given.
+    start_kwh : float or None
+        Cost of a start of an inverter in plans, in kWh lost: of kind ``"energy"`` only, nothing unless given.
+        A certified split, whose horizon is short, has no price for it.
     normalisation : {"constant", "payoff", "energy"}
         Divide each loss by its value at nominal power on every string and step, so that a kWh counts the same
         in whichever string it is lost; by its range over the optima of the single objectives, found anew for
@@ -131,6 +134,7 @@ class Objectives(Choice):
 
     kind: Kind = "paper"
     shortfall: NonNegative | None = None
+    start_kwh: NonNegative | None = None
     normalisation: Normalisation = "constant"
     availability: Weighted = Objective()
     derating: Weighted = Objective()
@@ -144,6 +148,7 @@ class Objectives(Choice):
             *,
             kind: Kind = "paper",
             shortfall: float | None = None,
+            start_kwh: float | None = None,
             normalisation: Normalisation = "constant",
             availability: Objective | Mapping[str, float] | float = 1.0,
             derating: Objective | Mapping[str, float] | float = 1.0,
@@ -172,6 +177,9 @@ class Objectives(Choice):
         energy = self.kind == "energy"
         if not energy and self.shortfall is not None:
             raise ValueError(f'shortfall is for kind = "energy"; with "{self.kind}", set weights')
+        if not energy and self.start_kwh is not None:
+            instead = "settlement.start_eur" if self.kind == "money" else 'kind = "energy"'
+            raise ValueError(f'start_kwh is for kind = "energy"; with "{self.kind}", use {instead}')
         if energy and self.shortfall is None:
             object.__setattr__(self, "shortfall", SHORTFALL)
         if self.kind != "paper" and "normalisation" not in self.model_fields_set:

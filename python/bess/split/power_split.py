@@ -7,6 +7,7 @@ tells the algorithm on one page.
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from bess.errors import InputError
 from bess.numbers import Array, finite_array
 from bess.parameters import State, System
 from bess.split.bounds import Certificate, certify
+from bess.split.carried import Carried
 from bess.split.normalisation import constant_scale, payoff_scale
 from bess.split.objectives import NAMES, Objectives
 from bess.split.problem import SplitProblem, check_horizon
@@ -38,6 +40,7 @@ DEFAULTS = SplitSettings()
 STATUS = {
     Closure.GAP: SplitStatus.CONVEXIFIED_CLOSED,
     Closure.TREE: SplitStatus.TREE_CLOSED,
+    Closure.TOO_LARGE: SplitStatus.TOO_LARGE,
     Closure.NODE_LIMIT: SplitStatus.NODE_LIMIT,
     Closure.TIME_LIMIT: SplitStatus.TIME_LIMIT,
     Closure.INFEASIBLE: SplitStatus.SOLVER_FAILED,
@@ -68,7 +71,8 @@ class PowerSplit:
     ----------
     warm_start : ndarray or None
         Requests ``(n_strings, n_steps)`` [kW] that the next call starts from: those of the last, one step on.
-        Saving and restoring it makes a closed loop resumable to the last bit.
+        A call with another demand, limits or state than they were made for searches as a fresh one.
+        :meth:`memory` and :meth:`recall` make a closed loop resumable to the last bit.
 
     Raises
     ------
@@ -93,7 +97,7 @@ class PowerSplit:
         dt_h: float = 0.25,
         gap: float = DEFAULTS.gap,
         time_limit_s: float | None = DEFAULTS.time_limit_s,
-        node_limit: int = DEFAULTS.node_limit,
+        node_limit: int | None = DEFAULTS.node_limit,
     ) -> None:
         check_horizon(system, horizon_steps, dt_h)
         if objectives is not None and not isinstance(objectives, Objectives):
@@ -110,7 +114,7 @@ class PowerSplit:
         self._scale_per_kw = constant_scale(system, horizon_steps, dt_h, self.objectives)
         self._costs = self.objectives.costs(self._scale_per_kw)
         self._switch_soc = np.array([s.battery.low_soc_switch for s in system.strings])[:, None]
-        self._warm_start: Array | None = None
+        self._carried: Carried | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         """What it is made of and where the next call starts; what is compiled is made anew."""
@@ -123,11 +127,11 @@ class PowerSplit:
             "time_limit_s": self.settings.time_limit_s,
             "node_limit": self.settings.node_limit,
         }
-        return {"settings": settings, "warm_start": self.warm_start}
+        return {"settings": settings, "memory": self.memory()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(**state["settings"])  # type: ignore[misc]
-        self.warm_start = state["warm_start"]
+        self.recall(state["memory"])
 
     def _facts(self) -> dict[str, str]:
         return {
@@ -143,18 +147,33 @@ class PowerSplit:
     @property
     def warm_start(self) -> Array | None:
         """Requests that the next call starts from, see the class."""
-        return self._warm_start
+        return None if self._carried is None else self._carried.request_kw
 
     @warm_start.setter
     def warm_start(self, request_kw: ArrayLike | None) -> None:
         if request_kw is None:
-            self._warm_start = None
+            self._carried = None
             return
         request = finite_array("warm_start", request_kw).copy()
         shape = (self.system.n_strings, self.horizon_steps)
         if request.shape != shape:
             raise InputError(f"warm_start must be of shape {shape}, not {request.shape}")
-        self._warm_start = request
+        self._carried = Carried(request)
+
+    def memory(self) -> dict[str, Any]:
+        """What the next call depends on."""
+        carried = self._carried
+        return {
+            "warm_start": self.warm_start,
+            "limit_kw": None if carried is None else carried.limit_kw,
+            "soc": None if carried is None else carried.soc,
+            "temperature_c": None if carried is None else carried.temperature_c,
+        }
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Continue with what :meth:`memory` returned."""
+        request_kw, *made_for = (memory[name] for name in ("warm_start", "limit_kw", "soc", "temperature_c"))
+        self._carried = None if request_kw is None else Carried(request_kw, *made_for)
 
     def __call__(
         self,
@@ -194,7 +213,8 @@ class PowerSplit:
             costs = self.objectives.costs(payoff_scale(problem, self._scale_per_kw, self.objectives))
         control = problem.control(costs, *self.objectives.tolerances)
 
-        start = self._warm_start
+        carried = self._carried
+        start = carried.request_kw if carried is not None and carried.continues_in(problem) else None
         for _ in range(SEARCHES):
             left_s = None if deadline is None else deadline - time.perf_counter()
             answer = control.split(start, ROLLOUTS, left_s)
@@ -211,7 +231,7 @@ class PowerSplit:
         request = answer.incumbent.request_kw
         result = Rollout.of(answer.flows)
         soc_start = np.concatenate([problem.state.soc[:, None], result.soc[:, :-1]], axis=1)
-        self._warm_start = np.concatenate([request[:, 1:], request[:, -1:]], axis=1)
+        self._carried = Carried.after(problem, request, result)
         idle = not problem.demand_kw.any()
         return Split(
             request_kw=request,
@@ -250,6 +270,7 @@ def split_power(
     dt_h: float = 0.25,
     gap: float = DEFAULTS.gap,
     time_limit_s: float | None = DEFAULTS.time_limit_s,
+    node_limit: int | None = DEFAULTS.node_limit,
 ) -> Split:
     """Split the demand of one horizon; its length is the number of values in ``demand_kw``.
 
@@ -272,13 +293,14 @@ def split_power(
         raise InputError(
             f"demand_kw has shape {demand.shape}; give one value for each step, and at least one step"
         )
-    return PowerSplit(system, demand.size, objectives, dt_h, gap, time_limit_s)(state, demand)
+    return PowerSplit(system, demand.size, objectives, dt_h, gap, time_limit_s, node_limit)(state, demand)
 
 
 def _status(certificate: Certificate) -> SplitStatus:
-    """The strongest statement that holds for every group."""
+    """The strongest statement that holds for every group: statuses are in the order of their strength."""
+    order = list(SplitStatus)
     if certificate.failed:
         return SplitStatus.SOLVER_FAILED
     if all(group.is_proven for group in certificate.groups):
         return SplitStatus.OPTIMAL
-    return max((STATUS[group.closure] for group in certificate.groups), key=lambda status: status.code)
+    return max((STATUS[group.closure] for group in certificate.groups), key=order.index)

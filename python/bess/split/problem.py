@@ -27,7 +27,7 @@ class SplitProblem:
     system : System
     state : State
     demand_kw : ndarray, shape (n_steps,)
-        The part of the demand the strings can be asked for, signed.
+        The part of the demand the strings can be asked for, signed: 0 where it is below the least power.
     unmet_kw : ndarray, shape (n_steps,)
         The rest, ``>= 0``.
     ambient_c : ndarray, shape (n_steps,)
@@ -71,9 +71,13 @@ class SplitProblem:
                 "give one value for each step, or build a PowerSplit with that horizon"
             )
         around = system.cools_towards_c if ambient_c is None else ambient_c
+        # Less than the least power of an inverter is no power.
+        min_power_kw = system.min_power_kw[:, None]
         limit = _limits(system, n_steps, limit_kw)
+        limit = np.where(limit < min_power_kw, 0.0, limit)
         largest = limit.sum(axis=0)
         asked = np.minimum(np.maximum(demand, -largest), largest)
+        asked = np.where(np.abs(asked) < min_power_kw.min(), 0.0, asked)
         return cls(
             system=system,
             state=state,
@@ -120,7 +124,9 @@ def check_horizon(
         raise InputError(f"system must be a bess.System, not {type(system).__name__}")
     if system.n_strings > MAX_STRINGS:
         raise InputError(
-            f"{system.n_strings} strings; mpc and the power split take 1 to {MAX_STRINGS}, rules any number"
+            f"system.n_strings = {system.n_strings}: mpc and the power split take 1 to {MAX_STRINGS} "
+            'strings; use a rule, such as policy.name = "soc", or let each string stand for a group of alike '
+            "ones (battery.cells_parallel and inverter.nominal_kw of the whole group)"
         )
     whole = isinstance(horizon_steps, int | np.integer) and not isinstance(horizon_steps, bool)
     if not whole or not 1 <= horizon_steps <= most:

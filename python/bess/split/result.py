@@ -35,6 +35,11 @@ class SplitStatus(Enum):
         3,
         "Every node of the convexified program is closed, but more than the gap asked for is left in them.",
     )
+    TOO_LARGE = (
+        7,
+        "The problem is too large to relax; this is the best split found, "
+        "with a bound from its steps one by one.",
+    )
     NODE_LIMIT = (4, "The node limit was reached; this is the best split found.")
     TIME_LIMIT = (5, "The time limit was reached; this is the best split found.")
     SOLVER_FAILED = (

@@ -49,8 +49,8 @@ class ArbitrageDemand(Section):
     store at the end of an aware plan is worth; by default the median price of buying, or what the best tenth
     of prices brings if that is less. A plan is made anew every ``replan_h``; an aware one, if that is
     omitted, when inverters in service, prices ahead, stored energy or temperature are not as it counted on
-    (compared every 3 h, inverters in every step), and when a sixth of its time has passed; a linear one every
-    3 h. ``repeat`` lets the last year of the file follow year by year, for runs
+    (compared every 3 h, inverters in every step), and when a sixth of its time, or 6 h, has passed; a linear
+    one every 3 h. ``repeat`` lets the last year of the file follow year by year, for runs
     over decades (:func:`bess.market.prolonged`). ``forecast`` is that of prices; with ``file`` it is read
     from ``forecast_prices``, a price file of its own. What is sold is settled at the prices that came true.
     """

@@ -120,8 +120,20 @@ class SampledSeries:
         return datetime.fromtimestamp(self.start_s, tz=UTC)
 
     def days_from(self, start: datetime, step_s: float) -> float:
-        """Days of whole control steps from ``start`` to the end of the series."""
-        steps = (self.start_s + self.step_s * self.values.size - seconds_of(start)) // step_s
+        """Days of whole control steps from ``start`` to the end of the series.
+
+        Raises
+        ------
+        InputError
+            There is no whole step.
+        """
+        end_s = self.start_s + self.step_s * self.values.size
+        steps = (end_s - seconds_of(start)) // step_s
+        if steps < 1:
+            raise InputError(
+                f"run.start = {start:%Y-%m-%d %H:%M}: {self.key} {self.what} covers "
+                f"{_span(self.start_s, end_s)}; start at least one step of {step_s / 60:g} min before its end"
+            )
         return steps * step_s / _S_PER_DAY
 
     def on(self, grid: Grid, *, whole: bool = True) -> NDArray[np.float64]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import difflib
-import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, get_args
@@ -12,9 +11,11 @@ from typing import Any, get_args
 from pydantic import BaseModel
 
 from bess.errors import InputError
+from bess.files import parse_toml
 
 Document = dict[str, Any]
 _ANY = "*"
+_DEEPEST = 12
 
 
 def known_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
@@ -72,10 +73,18 @@ def check_bundled(key: str, name: str, bundled: Iterable[str]) -> None:
 
 
 def with_value(document: Mapping[str, Any], key: str, value: Any) -> Document:
-    """Return a copy of ``document`` in which the dotted ``key`` has ``value``; an index addresses a list."""
+    """Return a copy of ``document`` in which the dotted ``key`` has ``value``; an index addresses a list.
+
+    Raises
+    ------
+    InputError
+        The key has more dots than any.
+    """
     changed = copy.deepcopy(dict(document))
     node: Any = changed
     *path, last = key.split(".")
+    if len(path) > _DEEPEST:
+        raise InputError(f"{key[:80]}...: unknown key; no key has more than {_DEEPEST} dots")
     for part in path:
         node = _child(node, part, key)
     if isinstance(node, list):
@@ -98,8 +107,8 @@ def parse_assignment(text: str) -> tuple[str, Any]:
     if not found or not key or not raw:
         raise InputError(f"--set {text!r}: write key=value, for example --set policy.horizon_steps=4")
     try:
-        return key, tomllib.loads(f"value = {raw}")["value"]
-    except (ValueError, RecursionError) as error:
+        return key, parse_toml(f"value = {raw}")["value"]
+    except ValueError as error:
         if raw[0] in "[{\"'":
             raise InputError(f"--set {text!r}: {raw} is not a TOML value ({error})") from error
         return key, raw

@@ -160,6 +160,7 @@ class ServiceChoice(Section):
     late_after_s: Annotated[float, within(1.0, 3_600.0, "s")] = 60.0
     frozen_readings: Count = 10
     retry_after_s: Annotated[float, within(1.0, 86_400.0, "s")] = 300.0
+    follow_profile: bool = False
     requests_per_s: Annotated[float, within(0.1, 1e5)] = 1000.0
     journal_mb: Annotated[float, within(1.0, 1e6, "MB")] = 2000.0
 

@@ -14,6 +14,7 @@ from pydantic import ValidationError, model_validator
 
 from bess.display import as_table, one_line
 from bess.errors import InputError
+from bess.files import parse_toml
 from bess.parameters.documents import describe, read_text
 from bess.parameters.section import Section
 from bess.study.demands import DEMAND_KINDS, Demand, kind_of_demand
@@ -92,12 +93,17 @@ class Study(Section):
         """
         check_keys(document, cls, place)
         try:
-            return cls.model_validate(document)
+            study = cls.model_validate(document)
         except ValidationError as error:
             # The kind of demand is known from its keys; pydantic names it as if it were one.
             kinds = "|".join(sorted(DEMAND_KINDS, key=len, reverse=True))
-            text = re.sub(rf"\bdemand\.({kinds})\b", "demand", describe(error, place))
+            text = re.sub(rf"\bdemand\.({kinds})\b", "demand", describe(error.errors(), place))
             raise InputError(text) from error
+        try:
+            study.to_toml().encode()
+        except (TypeError, ValueError) as error:  # None; no UTF-8; thousands of digits
+            raise InputError(f"{place}: cannot be written as a study file ({error}); correct it") from error
+        return study
 
     def with_values(self, values: Mapping[str, Any]) -> Self:
         """Return this study with dotted keys set, checked again; paths are relative to the working folder.
@@ -207,8 +213,8 @@ def load_study(name: str | Path, values: Mapping[str, Any] | None = None) -> Stu
         text = _read(path, list(bundled))
         stem, folder = _name_from(path), path.resolve().parent
     try:
-        document = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # also an integer of more digits than Python takes
+        document = parse_toml(text)
+    except ValueError as error:  # also an integer of more digits than Python takes
         raise InputError(f"{name}: not valid TOML ({error})") from error
     document = {"name": stem, **document}
     check_keys(document, Study, str(name))

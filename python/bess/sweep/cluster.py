@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import os
+import signal
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -43,8 +46,29 @@ def workers_for(workers: int | None, scheduler: str | None) -> Iterator[Client]:
     count = workers if workers is not None else os.cpu_count() or 1
     if count < 1:
         raise InputError(f"--workers {count}: needs at least 1")
-    cluster = LocalCluster(
-        n_workers=count, threads_per_worker=1, processes=True, dashboard_address=":0", env=_ONE_THREAD
-    )
+    with _interrupts_blocked():
+        cluster = LocalCluster(
+            n_workers=count,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address=":0",
+            env=_ONE_THREAD,
+            # What fails is an outcome of its scenario; what Dask logs beside it is about workers that are
+            # busy when they are stopped, whose runs are saved.
+            silence_logs=logging.CRITICAL,
+        )
     with cluster, Client(cluster) as client:
         yield client
+
+
+@contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Keep Ctrl-C from the threads and processes that are started meanwhile: this one stops them itself."""
+    if sys.platform == "win32":
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -155,11 +155,13 @@ def _outcomes(
 
 @contextmanager
 def _bar(total: int, visible: bool) -> Iterator[Any]:
+    said: set[str] = set()
     with progress_bar("scenarios", total, shown=visible) as (bar, task):
 
         def advance(name: str, outcome: Outcome) -> None:
             bar.advance(task)
-            if outcome.status == "failed":
+            if outcome.status == "failed" and outcome.error not in said:
+                said.add(outcome.error)
                 bar.console.print(f"{name} failed: {outcome.error}", markup=False, soft_wrap=True)
 
         yield advance

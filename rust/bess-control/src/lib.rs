@@ -32,6 +32,8 @@ pub use model::{
     StringState, MAX_GROUPS,
 };
 pub use plan::{Plan, PlanEffort, PlanProblem, Prices, Rule};
-pub use reach::{Confined, GroupBounds, Planes, StepBound, StepBounds};
+pub use reach::{
+    Cell, Confined, GroupBounds, LossUnits, NarrowNode, Node, Planes, StepBound, StepBounds, RELAXED_NAMES,
+};
 pub use search::{Effort, Incumbent, Schedule};
 pub use split::Split;

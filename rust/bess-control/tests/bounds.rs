@@ -74,7 +74,8 @@ fn schedules(horizon: &ControlHorizon, seed: u64) -> Vec<Vec<f64>> {
         let far: Vec<f64> = (0..SIZE).map(|i| at(i).powf(sharp)).collect();
         let far = horizon.fitted(&far);
         let share = if k % 2 == 0 { 1.0 } else { 0.1 * at(SIZE) };
-        out.push(best.iter().zip(far).map(|(a, b)| (1.0 - share) * a + share * b).collect());
+        let near: Vec<f64> = best.iter().zip(far).map(|(a, b)| (1.0 - share) * a + share * b).collect();
+        out.push(horizon.fitted(&near));
     }
     out
 }

@@ -13,7 +13,7 @@ use crate::record::Limits;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Demand {
     pub(crate) direction: Direction,
-    /// AC power after derating, magnitude [W].
+    /// AC power after derating, magnitude, 0 or at least the least power of the inverter [W].
     pub(crate) wanted_w: f64,
     /// Reactive power, magnitude [var].
     pub(crate) reactive_var: f64,
@@ -76,6 +76,9 @@ impl Demand {
             }
             if self.direction == Direction::Charge && self.empties(string, delivered_w, resistance_ohm) {
                 limits = Limits::SOC_EMPTY;
+                delivered_w = 0.0;
+            }
+            if delivered_w < string.inverter.min_power_w {
                 delivered_w = 0.0;
             }
         }

@@ -3,7 +3,8 @@
 //! Per plant step (10 s) and string: derating, SOC room and voltage limits, inverter loss at delivered power,
 //! Rint current, heat, one step of the air-cooled one-dimensional thermal model, SOC by charge. What is not
 //! delivered is reported (derating loss, availability loss) together with the limit that bound, and an energy
-//! ledger says whether AC energy = chemical change + heat + inverter loss. Strings may age ([`ageing`]): between
+//! ledger says whether AC energy = chemical change + heat + hysteresis + inverter loss. Chemical energy is a function of
+//! state, the capacity times the integral of the rest voltage over SOC. Strings may age ([`ageing`]): between
 //! control steps their capacity falls and their resistance rises. SOC stays what it is then; the charge that goes
 //! with the capacity, `soc * dQ`, is reported as charge lost to ageing.
 //!

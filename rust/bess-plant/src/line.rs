@@ -86,6 +86,12 @@ impl<const W: usize> Lines<W> {
         Margin { low: x - self.low, high: self.high - x }
     }
 
+    /// Slopes of the known lines.
+    #[inline(always)]
+    pub(crate) fn slope(&self) -> Lanes<W> {
+        self.slope
+    }
+
     #[inline(always)]
     pub(crate) fn value(&self, x: Lanes<W>) -> Lanes<W> {
         self.intercept + self.slope * x

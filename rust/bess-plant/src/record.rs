@@ -102,8 +102,13 @@ record! {
     reversible_w,
     /// Heat that the coolant carried off [W]; 0 where a plant has no cooling of its own.
     cooling_w,
-    /// Power taken from the chemical store, `V I` [W].
+    /// Loss of hysteresis [W]: current times half the distance of the open-circuit voltages of charge and discharge.
+    hysteresis_loss_w,
+    /// Power taken from the chemical store [W]: by what the state at the end holds less than that at the beginning.
     chemical_w,
+    /// Power [W] of what the voltage in force, that of the beginning of each plant step at its temperature, is above the
+    /// one that chemical energy is counted by, mean over the charge that flows and at 25 degC.
+    ocv_shift_w,
     /// String current [A].
     current_a,
     /// SOC at the end of the step.
@@ -126,6 +131,6 @@ record! {
     cyclic_loss,
     /// Charge that went with capacity at the end of the step [Ah]: SOC times the capacity lost.
     aged_charge_ah,
-    /// AC energy - (chemical change + heat + inverter loss) [J].
+    /// AC energy - (chemical change + heat + hysteresis + inverter loss) + OCV shift [J].
     ledger_residual_j,
 }

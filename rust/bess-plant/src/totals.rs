@@ -19,7 +19,8 @@ pub(crate) struct Totals<const W: usize> {
     pub(crate) off_steps: Lanes<W>,
     pub(crate) heat_w: Lanes<W>,
     pub(crate) reversible_w: Lanes<W>,
-    pub(crate) chemical_w: Lanes<W>,
+    pub(crate) hysteresis_w: Lanes<W>,
+    pub(crate) ocv_shift_w: Lanes<W>,
     pub(crate) current_a: Lanes<W>,
     /// Derating factor.
     pub(crate) factor: Lanes<W>,
@@ -41,7 +42,8 @@ impl<const W: usize> Totals<W> {
             off_steps: Lanes::ZERO,
             heat_w: Lanes::ZERO,
             reversible_w: Lanes::ZERO,
-            chemical_w: Lanes::ZERO,
+            hysteresis_w: Lanes::ZERO,
+            ocv_shift_w: Lanes::ZERO,
             current_a: Lanes::ZERO,
             factor: Lanes::ZERO,
             starts: Lanes::ZERO,
@@ -49,13 +51,13 @@ impl<const W: usize> Totals<W> {
         }
     }
 
-    /// Writes the flows of one lane as entry `at`: means over `substeps` plant steps of `step_s`, the ledger, and
-    /// whether derating bound.
+    /// Writes the flows of one lane as entry `at`: means over `substeps` plant steps of `step_s`, the ledger with what was
+    /// drawn from the chemical store, and whether derating bound.
     pub(crate) fn write(
         &self,
         lane: usize,
         sign: f64,
-        off_loss_w: f64,
+        (off_loss_w, drawn_j): (f64, f64),
         (substeps, step_s): (usize, f64),
         at: usize,
         record: &mut Record,
@@ -64,7 +66,8 @@ impl<const W: usize> Totals<W> {
         let delivered_w = sign * self.delivered_w.0[lane];
         let standby_w = self.off_steps.0[lane] * off_loss_w + self.grid_loss_w.0[lane];
         let loss_w = self.loss_on_w.0[lane] + standby_w;
-        let (heat_w, chemical_w) = (self.heat_w.0[lane], self.chemical_w.0[lane]);
+        let (heat_w, hysteresis_w) = (self.heat_w.0[lane], self.hysteresis_w.0[lane]);
+        let shift_w = self.ocv_shift_w.0[lane];
         record.delivered_w[at] = delivered_w / n;
         record.availability_loss_w[at] = self.availability_loss_w.0[lane] / n;
         record.derating_loss_w[at] = self.derating_loss_w.0[lane] / n;
@@ -72,14 +75,16 @@ impl<const W: usize> Totals<W> {
         record.standby_w[at] = standby_w / n;
         record.battery_loss_w[at] = heat_w / n;
         record.reversible_w[at] = self.reversible_w.0[lane] / n;
-        record.chemical_w[at] = chemical_w / n;
+        record.hysteresis_loss_w[at] = hysteresis_w / n;
+        record.chemical_w[at] = drawn_j / (n * step_s);
+        record.ocv_shift_w[at] = shift_w / n;
         record.current_a[at] = self.current_a.0[lane] / n;
         record.node_max_c[at] = self.hottest_c.0[lane];
         record.derating_factor[at] = self.factor.0[lane] / n;
         record.inverter_starts[at] = self.starts.0[lane];
         // An inverter that is off, or has reactive power alone, takes its loss from the grid, beside the delivered power.
         let ac_w = standby_w - delivered_w;
-        record.ledger_residual_j[at] = (ac_w - (heat_w + loss_w - chemical_w)) * step_s;
+        record.ledger_residual_j[at] = (ac_w - (heat_w + hysteresis_w + loss_w - shift_w)) * step_s + drawn_j;
         if self.derating_loss_w.0[lane] > 0.0 {
             record.limits[at] = Limits::DERATING;
         }

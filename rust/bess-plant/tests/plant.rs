@@ -85,6 +85,7 @@ proptest! {
             let (shed_w, derated_w) = (record.availability_loss_w[at], record.derating_loss_w[at]);
             prop_assert!(shed_w >= 0.0 && derated_w >= 0.0);
             prop_assert!(record.inverter_loss_w[at] >= 0.0 && record.battery_loss_w[at] >= 0.0);
+            prop_assert!(record.hysteresis_loss_w[at] >= 0.0);
             prop_assert!((record.delivered_w[at].abs() + shed_w + derated_w - asked_w.abs()).abs() < 1e-7);
             prop_assert!((0.0..=1.0).contains(&record.soc[at]));
             prop_assert!(record.ledger_residual_j[at].abs() < 1e-4);
@@ -193,8 +194,10 @@ fn losses_follow_apparent_power_and_the_battery_covers_those_of_active_power() {
         assert_eq!(record.delivered_w[lane], p[lane]);
         let from_grid = if p[lane] == 0.0 { loss_w } else { 0.0 };
         assert!((record.standby_w[lane] - from_grid).abs() < 1e-9 * 92e3, "string {lane}");
-        let of_battery = p[lane] + loss_w - from_grid + record.battery_loss_w[lane];
-        assert!((record.chemical_w[lane] - of_battery).abs() < 1e-6, "string {lane}");
+        let of_cells = record.battery_loss_w[lane] + record.hysteresis_loss_w[lane];
+        let of_battery = p[lane] + loss_w - from_grid + of_cells;
+        let drawn_w = record.chemical_w[lane] + record.ocv_shift_w[lane];
+        assert!((drawn_w - of_battery).abs() < 1e-6, "string {lane}");
     }
     assert_eq!(record.current_a[2], 0.0);
     assert_eq!(record.inverter_starts, [1.0, 1.0, 1.0, 0.0]);

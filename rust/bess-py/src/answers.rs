@@ -48,17 +48,14 @@ pub struct GroupBounds {
     is_search_optimum: bool,
     /// States of the schedules that are no worse `(M, T + 1)`; None where the bound needed none.
     boxes: Option<Py<StateBoxes>>,
-    /// Whether one of them sheds something `(M, T)`.
-    may_shed: Option<Flags>,
 }
 
 impl GroupBounds {
     fn new(py: Python<'_>, n_strings: usize, of: bess_control::GroupBounds) -> PyResult<Self> {
-        let (boxes, may_shed) = if of.boxes.is_empty() {
-            (None, None)
+        let boxes = if of.boxes.is_empty() {
+            None
         } else {
-            let boxes = Py::new(py, StateBoxes { n_strings, boxes: of.boxes })?;
-            (Some(boxes), Some(flags(py, n_strings, of.may_shed)))
+            Some(Py::new(py, StateBoxes { n_strings, boxes: of.boxes })?)
         };
         Ok(Self {
             objective: of.objective,
@@ -69,7 +66,6 @@ impl GroupBounds {
             search_bound: of.search_bound,
             is_search_optimum: of.is_search_optimum,
             boxes,
-            may_shed,
         })
     }
 }

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use bess_control::{Effort, Losses, SplitProblem, StateBox, StringState};
+use bess_control::{Effort, LossUnits, Losses, SplitProblem, StateBox, StringState, RELAXED_NAMES};
 use bess_tables::units::W_PER_KW;
 use numpy::ndarray::Dimension;
 use numpy::PyUntypedArrayMethods;
@@ -11,9 +11,12 @@ use pyo3::prelude::*;
 
 use crate::answers::{signed_kw, CoefficientRanges, Confined, Incumbent, SplitAnswer, StepBounds};
 use crate::arrays::{
-    check_shape, matrix, numbers, refused, scaled, watts, Given, GivenCube, GivenMatrix, GivenVector, Matrix,
+    check_shape, matrix, numbers, refused, scaled, shaped, watts, Given, GivenCube, GivenMatrix, GivenVector,
+    Matrix, Numbers,
 };
+use crate::flows::FlowArrays;
 use crate::model::ControlModel;
+use crate::nodes::Node;
 use crate::states::StateBoxes;
 
 /// One split problem on the control model. Requests are signed as the demand is; limits are magnitudes.
@@ -189,5 +192,80 @@ impl ControlHorizon {
         let near: Vec<_> = near.at_starts(n_strings, n_steps)?.iter().map(state).collect();
         let (ranges, planes) = (self.inner.ranges(&boxes), self.inner.planes(&boxes, &near));
         Ok(CoefficientRanges::new(py, n_strings, &ranges, &planes))
+    }
+
+    /// The node of all schedules with states in these boxes `(M, T + 1)`.
+    fn root(&self, boxes: &StateBoxes) -> PyResult<Node> {
+        let n_strings = self.inner.n_strings();
+        let needed = [n_strings, self.inner.n_steps() + 1];
+        check_shape("boxes", &needed, &[boxes.n_strings, boxes.boxes.len() / boxes.n_strings.max(1)])?;
+        Ok(Node { n_strings, inner: self.inner.root(boxes.boxes.clone()), narrowed: None })
+    }
+
+    /// A node without what cannot meet the demand and shed at most `shed_budget_kw` in all; None if nothing is left.
+    fn narrowed(&self, py: Python<'_>, node: &Node, shed_budget_kw: f64) -> Option<Node> {
+        let narrowed = py.detach(|| self.inner.narrowed(&node.inner, shed_budget_kw * W_PER_KW));
+        narrowed.map(|narrowed| Node::of(self.inner.n_strings(), narrowed))
+    }
+
+    /// Step cuts like [`Self::step_bounds`] over a narrowed node.
+    fn step_bounds_of(
+        &self,
+        py: Python<'_>,
+        node: &Node,
+        costs: GivenMatrix<'_>,
+        budget_kw: GivenVector<'_>,
+    ) -> PyResult<StepBounds> {
+        let narrowed = node.narrowed.as_ref().ok_or_else(|| PyValueError::new_err("node: not narrowed"))?;
+        let (costs, budget_w) = (self.loss_costs(&costs)?, watts(&budget_kw));
+        let answer = py.detach(|| self.inner.step_bounds_of(narrowed, &costs, &budget_w)).map_err(refused)?;
+        Ok(StepBounds::new(py, &self.inner, &answer))
+    }
+
+    /// Coefficients of the relaxation over a narrowed node, one `(M, T)` for each of [`RELAXED_NAMES`]; planes are closest
+    /// at the states `near`, boxes that are points, and those of battery and derating those of these states if `frozen`.
+    /// `units_kw` `(M, 2)` are the nominal losses of inverter and battery.
+    fn relaxed(
+        &self,
+        py: Python<'_>,
+        node: &Node,
+        near: &StateBoxes,
+        frozen: bool,
+        units_kw: GivenMatrix<'_>,
+    ) -> PyResult<Numbers> {
+        let (n_strings, n_steps) = (self.inner.n_strings(), self.inner.n_steps());
+        let narrowed = node.narrowed.as_ref().ok_or_else(|| PyValueError::new_err("node: not narrowed"))?;
+        check_shape("units", &[n_strings, 2], units_kw.shape())?;
+        let units: Vec<_> = watts(&units_kw)
+            .chunks_exact(2)
+            .map(|u| LossUnits { inverter_w: u[0], battery_w: u[1] })
+            .collect();
+        let state = |b: &StateBox| StringState { soc: b.soc.low, temperature_c: b.temperature_c.low };
+        let near: Vec<_> = near.at_starts(n_strings, n_steps)?.iter().map(state).collect();
+        let values = py.detach(|| self.inner.relaxed(narrowed, &near, frozen, &units));
+        Ok(shaped(py, &[RELAXED_NAMES.len(), n_strings, n_steps], values))
+    }
+
+    /// What every string does in every step by itself, from states `(M, T)`, boxes that are points, with requests `(M, T)`
+    /// [kW], magnitudes.
+    fn flows_from(
+        &self,
+        py: Python<'_>,
+        states: &StateBoxes,
+        request_kw: GivenMatrix<'_>,
+    ) -> PyResult<FlowArrays> {
+        let (n_strings, n_steps) = (self.inner.n_strings(), self.inner.n_steps());
+        check_shape("request", &[n_strings, n_steps], request_kw.shape())?;
+        let state = |b: &StateBox| StringState { soc: b.soc.low, temperature_c: b.temperature_c.low };
+        let states: Vec<_> = states.at_starts(n_strings, n_steps)?.iter().map(state).collect();
+        let flows = self.inner.flows_from(&states, &watts(&request_kw));
+        let directions: Vec<_> = (0..n_steps).map(|t| self.inner.direction(t)).collect();
+        Ok(FlowArrays::new(py, &[n_strings, n_steps], &flows, &directions))
+    }
+
+    /// Names of the coefficients that [`Self::relaxed`] gives.
+    #[staticmethod]
+    fn relaxed_names() -> Vec<&'static str> {
+        RELAXED_NAMES.to_vec()
     }
 }

@@ -14,6 +14,7 @@ mod flows;
 mod follow;
 mod horizon;
 mod model;
+mod nodes;
 mod plan;
 mod plant;
 mod states;
@@ -36,6 +37,8 @@ mod _core {
     use crate::horizon::ControlHorizon;
     #[pymodule_export]
     use crate::model::ControlModel;
+    #[pymodule_export]
+    use crate::nodes::Node;
     #[pymodule_export]
     use crate::plan::{plan, Plan};
     #[pymodule_export]

@@ -126,6 +126,22 @@ impl ControlModel {
         Ok(vector(py, kilowatts(self.inner.deliverable_w(&states, direction(discharge), dt_h))))
     }
 
+    /// Magnitudes `(M,)` [kW] of the requests of a step with none below the least power of its inverter but 0, each at
+    /// most its limit `(M,)`; the sum stays where it can.
+    fn set_points(
+        &self,
+        py: Python<'_>,
+        request_kw: GivenVector<'_>,
+        limit_kw: GivenVector<'_>,
+    ) -> PyResult<Vector> {
+        let shape = [self.inner.strings().len()];
+        check_shape("request", &shape, request_kw.shape())?;
+        check_shape("limit", &shape, limit_kw.shape())?;
+        let mut request_w = watts(&request_kw);
+        self.inner.set_points(&mut request_w, &watts(&limit_kw));
+        Ok(vector(py, kilowatts(request_w)))
+    }
+
     /// Reactive power of each string `(M,)` [kvar] of a total, signed alike, that loses least beside signed requests `(M,)`
     /// [kW] within `limit_kva` `(M,)`; starting a string is worth `start_kw` `(M,)`.
     fn share_reactive(

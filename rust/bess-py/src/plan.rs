@@ -19,6 +19,8 @@ pub struct Plan {
     cost: f64,
     /// Cost of the cheapest rule's schedule.
     rule_cost: f64,
+    /// Lower bound on the grid of prices; None where it was not computed.
+    search_bound: Option<f64>,
     /// Roll-outs made.
     rollouts: usize,
     /// What one more Ah at the start would add to the cost, mean over the strings by capacity.
@@ -33,7 +35,7 @@ pub struct Plan {
 /// carry beside it.
 #[pyfunction]
 #[pyo3(signature = (model, *, soc, temperature_c, running, demand_kw, ambient_c, dt_h, limit_kw, loss_prices, wear,
-                    start_cost, balance, end_charge, previous_kw, rollouts, fresh_rollouts, turn, reactive_kvar=None))]
+                    start_cost, balance, end_charge, previous_kw, rollouts, fresh_rollouts, bound_passes, turn, reactive_kvar=None))]
 #[allow(clippy::too_many_arguments)]
 pub fn plan(
     py: Python<'_>,
@@ -53,6 +55,7 @@ pub fn plan(
     previous_kw: Option<GivenMatrix<'_>>,
     rollouts: usize,
     fresh_rollouts: usize,
+    bound_passes: usize,
     turn: usize,
     reactive_kvar: Option<GivenVector<'_>>,
 ) -> PyResult<Plan> {
@@ -88,7 +91,8 @@ pub fn plan(
             if let Some(reactive_var) = &reactive_var {
                 problem = problem.with_reactive(reactive_var)?;
             }
-            Ok(problem.plan(previous_w.as_deref(), PlanEffort { rollouts, fresh_rollouts, turn }))
+            Ok(problem
+                .plan(previous_w.as_deref(), PlanEffort { rollouts, fresh_rollouts, bound_passes, turn }))
         })
         .map_err(|error: bess_control::ControlError| refused(error))?;
     let signed = plan.request_w.iter().enumerate().map(|(i, power)| signs[i % n_steps] * power).collect();
@@ -96,6 +100,7 @@ pub fn plan(
         request_kw: matrix(py, n_strings, signed),
         cost: plan.cost,
         rule_cost: plan.rule_cost,
+        search_bound: plan.search_bound,
         rollouts: plan.rollouts,
         start_charge: plan.start_charge,
     })

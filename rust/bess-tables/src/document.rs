@@ -5,8 +5,8 @@ use serde::Deserialize;
 
 use crate::units::W_PER_KW;
 use crate::{
-    Ageing, Axis, Cooling, Derating, Grid, Inverter, LumpedThermal, Lut, Resistance, SpatialThermal,
-    StringParameters, System, TableError,
+    Ageing, Axis, Cooling, Derating, Grid, Inverter, LumpedThermal, Lut, Resistance, RestVoltage,
+    SpatialThermal, StringParameters, System, TableError,
 };
 
 const OHM_PER_MILLIOHM: f64 = 1e-3;
@@ -76,6 +76,8 @@ struct BatteryDocument {
     cell_voltage_max_v: Option<f64>,
     low_soc_switch: f64,
     r_scale: f64,
+    #[serde(default)]
+    hysteresis_heat: bool,
     ocv_v: OcvDocument,
     resistance_temperature: Option<ResistanceTemperatureDocument>,
     resistance_soc: Option<ResistanceSocDocument>,
@@ -135,6 +137,7 @@ struct InverterDocument {
     loss_charge: Vec<f64>,
     loss_discharge: Vec<f64>,
     off_loss: f64,
+    min_power_kw: f64,
 }
 
 #[derive(Deserialize)]
@@ -193,6 +196,8 @@ impl StringDocument {
             voltage_min_v: self.battery.cell_voltage_min_v.map_or(0.0, |cell| cell * series),
             voltage_max_v: self.battery.cell_voltage_max_v.map_or(f64::INFINITY, |cell| cell * series),
             low_soc_switch: self.battery.low_soc_switch,
+            rest: RestVoltage::new(&ocv_charge, &ocv_discharge),
+            hysteresis_heat: self.battery.hysteresis_heat,
             ocv_charge,
             ocv_discharge,
             resistance,
@@ -202,6 +207,7 @@ impl StringDocument {
                 loss_charge: loss("inverter.loss_charge", &self.inverter.loss_charge)?,
                 loss_discharge: loss("inverter.loss_discharge", &self.inverter.loss_discharge)?,
                 off_loss_w: self.inverter.off_loss * nominal_w,
+                min_power_w: self.inverter.min_power_kw * W_PER_KW,
             },
             derating: Derating {
                 factor: Lut::new(

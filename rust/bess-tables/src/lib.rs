@@ -18,6 +18,7 @@ mod grid;
 mod lut;
 mod parameters;
 mod resistance;
+mod rest_voltage;
 pub mod units;
 
 pub use axis::Axis;
@@ -28,3 +29,4 @@ pub use grid::Grid;
 pub use lut::Lut;
 pub use parameters::{Ageing, Derating, Inverter, LumpedThermal, SpatialThermal, StringParameters, System};
 pub use resistance::Resistance;
+pub use rest_voltage::RestVoltage;

@@ -2,7 +2,7 @@
 
 use serde::Deserialize;
 
-use crate::{Cooling, Direction, Grid, Lut, Resistance, TableError};
+use crate::{Cooling, Direction, Grid, Lut, Resistance, RestVoltage, TableError};
 
 /// Everything that is known about a plant before it runs.
 #[derive(Debug, Clone, PartialEq)]
@@ -34,6 +34,10 @@ pub struct StringParameters {
     pub ocv_charge: Grid,
     /// The same while discharging [V].
     pub ocv_discharge: Grid,
+    /// What chemical energy is counted by.
+    pub rest: RestVoltage,
+    /// Whether the loss of hysteresis warms the string.
+    pub hysteresis_heat: bool,
     /// Internal resistance [Ohm].
     pub resistance: Resistance,
     /// Entropy coefficient `dU/dT` over SOC [V/K]; none for a string without reversible heat.
@@ -103,6 +107,8 @@ pub struct Inverter {
     pub loss_discharge: Lut,
     /// Loss of an inverter that is off [W].
     pub off_loss_w: f64,
+    /// Least AC power of an inverter that is on [W].
+    pub min_power_w: f64,
 }
 
 /// Temperature derating.

@@ -26,6 +26,7 @@ from bess.report.drawing.style import (
     DERATING,
     DISCHARGE,
     DOUBLE_COLUMN_IN,
+    HYSTERESIS,
     INK,
     INVERTER,
     colours,
@@ -45,6 +46,7 @@ _LOSSES = (
     ("availability_loss_kw", AVAILABILITY),
     ("inverter_loss_kw", INVERTER),
     ("battery_loss_kw", BATTERY),
+    ("hysteresis_loss_kw", HYSTERESIS),
 )
 
 
@@ -165,6 +167,7 @@ def monthly_bars(result: Result) -> Figure:
             per_month(to_mwh * dataset[name].values.sum(axis=1)),
         )
         for name, colour in _LOSSES
+        if name in dataset
     ]
     panels.append(("MWh", lost, None))
     travelled = np.abs(np.diff(with_initial(dataset, "soc"), axis=0)).mean(axis=1) / 2.0

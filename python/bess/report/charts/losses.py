@@ -15,6 +15,7 @@ from bess.report.drawing.style import (
     BATTERY,
     DERATING,
     DISCHARGE,
+    HYSTERESIS,
     INK,
     INVERTER,
     new_figure,
@@ -27,8 +28,8 @@ _UNDELIVERED = {
     "availability_loss_kwh": AVAILABILITY,
 }
 _CONVERSION = {"inverter_loss_kwh": INVERTER, "battery_loss_kwh": BATTERY}
-_OF_COOLED = {"auxiliary_kwh": AUXILIARY}
-"""Of plants with cooling only."""
+_BESIDE = {"hysteresis_loss_kwh": HYSTERESIS, "auxiliary_kwh": AUXILIARY}
+"""Lost as well, and no part of ``lost_kwh``; not of every run."""
 _NOTHING_KWH = 0.05
 _WIDTH_IN = 5.6
 _ROW_IN = 0.29
@@ -53,7 +54,7 @@ def loss_waterfall(kpis: Kpis) -> Figure:
         left -= kpis[part]
     left = kpis["delivered_kwh"]
     rows.append((kpi("delivered_kwh").label, 0.0, left, DISCHARGE))
-    for part, colour in (_CONVERSION | _OF_COOLED).items():
+    for part, colour in (_CONVERSION | _BESIDE).items():
         rows.append((kpi(part).label, left - kpis.get(part, 0.0), left, colour))
         left -= kpis.get(part, 0.0)
     rows.append(("Delivered less losses", 0.0, left, DISCHARGE))
@@ -92,7 +93,7 @@ def losses_compared(kpis: KpisByRun) -> Figure:
     check_drawable(kpis, (*_UNDELIVERED, *_CONVERSION))
     parts = {
         part: colour
-        for part, colour in (_UNDELIVERED | _CONVERSION | _OF_COOLED).items()
+        for part, colour in (_UNDELIVERED | _CONVERSION | _BESIDE).items()
         if any(entry.get(part, 0.0) > _NOTHING_KWH for entry in kpis.values())
     }
     figure = new_figure(_WIDTH_IN, 1.0 + _ROW_IN * len(kpis))

@@ -7,7 +7,15 @@ import numpy as np
 from bess.report.charts.long_runs import curve, daily, held
 from bess.report.data import Result, TimeAxis, dataset_of, event_spans
 from bess.report.drawing.chart import Chart, Panel, Series, Values
-from bess.report.drawing.style import AVAILABILITY, BATTERY, DERATING, DISCHARGE, INK, INVERTER
+from bess.report.drawing.style import (
+    AVAILABILITY,
+    BATTERY,
+    DERATING,
+    DISCHARGE,
+    HYSTERESIS,
+    INK,
+    INVERTER,
+)
 
 _MOST_STRINGS = 4
 
@@ -16,7 +24,11 @@ _REQUEST = (
     ("derating_loss_kw", "lost to derating", DERATING),
     ("availability_loss_kw", "lost to availability", AVAILABILITY),
 )
-_CONVERSION = (("inverter_loss_kw", "inverter loss", INVERTER), ("battery_loss_kw", "battery loss", BATTERY))
+_CONVERSION = (
+    ("inverter_loss_kw", "inverter loss", INVERTER),
+    ("battery_loss_kw", "battery loss", BATTERY),
+    ("hysteresis_loss_kw", "hysteresis loss", HYSTERESIS),
+)
 
 
 def power_split(result: Result) -> Chart:
@@ -40,6 +52,7 @@ def power_split(result: Result) -> Chart:
             powers = [
                 (sign * (np.abs(dataset[name].values) * mask)[:, group].sum(axis=1), label, colour)  # noqa: B023
                 for name, label, colour in parts
+                if name in dataset
             ]
             return _stack(time, powers)
 

@@ -9,11 +9,13 @@ import numpy as np
 from bess.analysis.catalogue import kpi
 from bess.analysis.provable import unprovable
 from bess.analysis.settlement import COSTS, REVENUES
+from bess.errors import by_reason
 from bess.policies.planned import PLANNED
 from bess.report.contents import MOST_COMPARED
 from bess.report.data import step_h
 from bess.report.runs import Run
 from bess.report.words.differing import event_sentences, spread_sentences
+from bess.report.words.unlike import unlike
 from bess.study.policy import DEFAULT_FORESIGHT_H
 
 _LEDGER_TOLERANCE_KWH = 1e-6
@@ -45,14 +47,16 @@ def subject(runs: Mapping[str, Run]) -> str:
     return " · ".join([*([f"{len(runs)} scenarios"] if len(runs) > 1 else []), *parts])
 
 
-def summary(runs: Mapping[str, Run]) -> list[str]:
-    """Sentences on what came out."""
+def summary(runs: Mapping[str, Run], *, hindsight: bool = False) -> list[str]:
+    """Sentences on what came out; with ``hindsight``, the page says what was possible beside them."""
     first = next(iter(runs.values()))
     if len(runs) == 1:
         said = [*_one(first), *event_sentences(first), *spread_sentences(runs), *_gap_sentence(first)]
     else:
-        said = [*_compared(runs), *event_sentences(first), *spread_sentences(runs)]
-    return [*said, *_plan_sentences(runs)]
+        differing = unlike(runs)
+        judged = [differing, *_alike(runs)] if differing else [*_alike(runs), *_compared(runs)]
+        said = [*judged, *event_sentences(first), *spread_sentences(runs)]
+    return [*said, *_plan_sentences(runs, hindsight=hindsight)]
 
 
 def _one(run: Run) -> Iterator[str]:
@@ -83,7 +87,6 @@ def _entries_eur(kpis: Mapping[str, float], names: Iterable[str]) -> list[str]:
 
 
 def _compared(runs: Mapping[str, Run]) -> Iterator[str]:
-    yield from _alike(runs)
     lost = {name: run.kpis["lost_kwh"] for name, run in runs.items()}
     best = min(lost, key=lambda name: lost[name])
     share_pct = 100.0 * lost[best] / max(runs[best].kpis["demand_kwh"], 1e-9)
@@ -159,7 +162,7 @@ def _gap_sentence(run: Run) -> Iterator[str]:
     )
 
 
-def _plan_sentences(runs: Mapping[str, Run]) -> Iterator[str]:
+def _plan_sentences(runs: Mapping[str, Run], *, hindsight: bool) -> Iterator[str]:
     """Which runs follow plans, of which no gap is known; a sentence for each length of plan."""
     planned: dict[tuple[float, bool], list[str]] = {}
     for name, run in runs.items():
@@ -171,7 +174,7 @@ def _plan_sentences(runs: Mapping[str, Run]) -> Iterator[str]:
         yield (
             f"{who} step was planned over {hours:g} h, not certified: how far a plan is from the best one is "
             "not known while it runs."
-            + (" bess report --hindsight says afterwards what was possible." if provable else "")
+            + (" bess report --hindsight says afterwards what was possible." * (provable and not hindsight))
         )
 
 
@@ -185,7 +188,7 @@ def _kwh(value: float) -> str:
 
 def warnings(runs: Mapping[str, Run], problems: Mapping[str, str]) -> list[str]:
     """One sentence for each thing that limits what the numbers mean, and what to do about it."""
-    found = [f"{name} is missing: {reason}" for name, reason in problems.items()]
+    found = [f"Missing: {sentence}" for sentence in by_reason(problems)]
     if len(runs) > MOST_COMPARED:
         return found + list(_warnings_of_many(runs))
     for name, run in runs.items():

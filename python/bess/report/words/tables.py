@@ -48,18 +48,20 @@ class Group:
     rows: tuple[Row, ...]
 
 
-def decision_table(kpis: KpisByRun) -> list[Row]:
-    """The few KPIs that one compares first, as far as any run has them."""
+def decision_table(kpis: KpisByRun, *, alike: bool = True) -> list[Row]:
+    """The KPIs compared first, as far as any run has them; of runs that are alike, the best are marked."""
     return [
-        _row(kpi(name), _values(kpis, name)) for name in DECISION if any(name in row for row in kpis.values())
+        _row(kpi(name), _values(kpis, name), alike=alike)
+        for name in DECISION
+        if any(name in row for row in kpis.values())
     ]
 
 
-def kpi_groups(kpis: KpisByRun) -> list[Group]:
-    """All KPIs under the headings of the catalogue; with several scenarios, the best of each row marked."""
+def kpi_groups(kpis: KpisByRun, *, alike: bool = True) -> list[Group]:
+    """All KPIs under the headings of the catalogue; of several runs that are alike, the best are marked."""
     rows: dict[str, list[Row]] = {}
     for name in in_order(key for values in kpis.values() for key in values):
-        rows.setdefault(kpi(name).group, []).append(_row(kpi(name), _values(kpis, name)))
+        rows.setdefault(kpi(name).group, []).append(_row(kpi(name), _values(kpis, name), alike=alike))
     return [Group(heading, tuple(rows[group])) for group, heading in HEADINGS.items() if group in rows]
 
 
@@ -67,11 +69,11 @@ def _values(kpis: KpisByRun, name: str) -> list[float]:
     return [values.get(name, math.nan) for values in kpis.values()]
 
 
-def _row(entry: Kpi, values: list[float]) -> Row:
+def _row(entry: Kpi, values: list[float], *, alike: bool) -> Row:
     texts = [entry.number(value) for value in values]
     known = [value for value in values if not math.isnan(value)]
     differ = len({entry.number(value) for value in known}) > 1
-    judged = entry.better is not None and entry.decimals is not None and differ
+    judged = alike and entry.better is not None and entry.decimals is not None and differ
     best = (max if entry.better == "max" else min)(known, default=math.nan)
     cells = []
     for text, value in zip(texts, values, strict=True):

@@ -27,7 +27,7 @@ FEASIBILITY_TOLERANCE = 1e-6
 BOUND_MARGIN = 1e-6
 """Relative amount by which a dual objective is lowered, for the dual residual Clarabel leaves."""
 
-LARGEST_VALUE = 100.0
+LARGEST_VALUE = 200.0
 """No variable of the per-unit program is larger; a dual residual costs at most this much of the bound."""
 
 
@@ -91,8 +91,8 @@ class ConicProgram:
             for name, v in variables.items()
         }
         self.shapes = {name: v.shape for name, v in variables.items()}
-        self._places = {
-            name: slice(program.param_id_to_col[p.id], program.param_id_to_col[p.id] + p.size)
+        self.places = {
+            name: program.param_id_to_col[p.id] + np.arange(p.size).reshape(p.shape, order="F")
             for name, p in parameters.items()
         }
         self._n_parameters = program.total_param_size
@@ -108,22 +108,19 @@ class ConicProgram:
         self._b_map = sp.csr_array(tensor[n_rows * self.n_columns :])
         self._q_map = sp.csr_array(program.q)
 
-    def load(self, values: Mapping[str, Array | float]) -> ConicData:
-        """Return the instance for these parameter values; every parameter must be given.
+    def parameters(self, values: Mapping[str, Array | float]) -> Array:
+        """Return a vector of parameters with these values, the others zero: what :meth:`load` takes.
 
-        Raises
-        ------
-        ValueError
-            A parameter is missing or unknown.
+        ``places`` says where each is in it.
         """
-        theta = np.empty(self._n_parameters + 1)
+        theta = np.zeros(self._n_parameters + 1)
         theta[-1] = 1.0
-        if values.keys() != self._places.keys():
-            raise ValueError(
-                f"parameters {sorted(values.keys() ^ self._places.keys())} are missing or unknown"
-            )
-        for name, place in self._places.items():
-            theta[place] = np.ravel(values[name], order="F")
+        for name, value in values.items():
+            theta[self.places[name]] = value
+        return theta
+
+    def load(self, theta: Array) -> ConicData:
+        """Return the instance for a vector of parameters."""
         q = self._q_map @ theta
         return ConicData(q[:-1], float(q[-1]), self._pattern, self._a_map @ theta, self._b_map @ theta)
 

@@ -1,13 +1,14 @@
 """The convex relaxation of the power split, written once in CVXPY (docs/equations.md, equations 11 to 22).
 
-One program for ``n_strings`` strings over ``n_steps`` steps. Everything that changes from call to call is a
-parameter, so it is compiled once and re-used. It serves two data sets (:mod:`bess.split.relaxation.data`):
-coefficients frozen along a schedule, which makes it the convexified program on which the search stops, and
-their ranges over the reachable states, which makes its optimum a lower bound of the nonlinear control model.
+One program for ``n_strings`` strings over ``n_steps`` steps. Everything that changes from call to call, or
+from node to node of the branch and bound, is a parameter, so it is compiled once and re-used. Its
+coefficients (:mod:`bess.split.relaxation.data`) are frozen along a schedule, which makes it the convexified
+program on which the search stops, or they are ranges over the states of a node, which makes its optimum a
+lower bound of the nonlinear control model.
 
 All quantities are per unit: powers of the string's nominal power, losses of the string's loss at nominal
-power (``w_N``, ``h_N``), temperature as ``theta = (tau - 25 degC) / 10 K``. Powers are magnitudes, ``sign``
-is +1 in discharge and -1 in charge.
+power (``w_N``, ``h_N``), temperature as ``theta = (tau - 25 degC) / 10 K``, stored energy of what the nominal
+power moves in a step. Powers are magnitudes, ``sign`` is +1 in discharge and -1 in charge.
 """
 
 # mypy: disable-error-code="attr-defined"
@@ -17,16 +18,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import cvxpy as cp
+import numpy as np
 
 from bess.split.relaxation.conic import ConicProgram
 
 LOSSES = ("a", "d", "w", "h")
 """Variables that cost: availability, derating, inverter, battery."""
 
-INVERTER_PIECES = 6
-"""Pieces of the inverter loss envelope; tables with more knots are underestimated by fewer chords."""
+BINARIES = ("on", "full", "low")
+"""Inverter on; full (charge) or empty (discharge) at the end of the step; SOC below the switch of the
+resistance at its start."""
+
+INVERTER_LINES = 6
+"""Lines below the inverter loss; tables with more knots are underestimated by fewer chords."""
 
 
 @dataclass(frozen=True)
@@ -44,62 +51,80 @@ def build(n_strings: int, n_steps: int, n_caps: int) -> Equations:
     parameters: dict[str, cp.Parameter] = {}
     variables: dict[str, cp.Variable] = {}
 
-    def par(name: str, of: tuple[int, ...] = shape, **kind: bool) -> cp.Parameter:
-        parameters[name] = cp.Parameter(of, name=name, **kind)
+    def par(name: str, of: tuple[int, ...] = shape) -> cp.Parameter:
+        if name not in parameters:
+            parameters[name] = cp.Parameter(of, name=name)
         return parameters[name]
+
+    def times(name: str, x: Any) -> Any:
+        return cp.multiply(par(name), x)
 
     def var(name: str, steps: int = n_steps) -> cp.Variable:
         variables[name] = cp.Variable((n_strings, steps), name=name)
         return variables[name]
 
-    on, full = var("on"), var("full")  # binaries: inverter on; full (charge) or empty (discharge) at the end
+    on, full, low = (var(name) for name in BINARIES)
     p, a, d = var("p"), var("a"), var("d")  # delivered AC power; shed at the limit; lost to derating
     w, h = var("w"), var("h")  # inverter loss, battery loss
     P, z = var("P"), var("z")  # internal power V I; V^2/R of a string that runs, 0 of one that is off
-    soc, theta = (
-        var("soc", n_steps + 1),
-        var("theta", n_steps + 1),
-    )  # at step boundaries; column 0 is measured
+    # At step boundaries, the first of them measured: SOC, temperature, stored energy.
+    soc, theta, e = (var(name, n_steps + 1) for name in ("soc", "theta", "e"))
+    s, r = (
+        var("s"),
+        var("r"),
+    )  # what the range of the voltage leaves open in the balances of charge and energy
     u = p + a + d  # the request
-    sign = par("sign")
-    taken = cp.multiply(sign, soc[:, :-1] - soc[:, 1:])  # charge moved, in units of soc, >= 0
+    before, after = slice(None, -1), slice(1, None)
+    moved = soc[:, before] - soc[:, after]
 
     constraints = [
         # The strings share the demand.
         par("share", (n_strings,)) @ u == par("demand", (n_steps,)),
-        p >= 0, a >= 0, d >= 0, u <= par("limit"), p <= cp.multiply(parameters["limit"], on), on <= 1,
-        full >= 0, full <= 1,
+        a >= 0, d >= 0, u >= par("u_lo"), u <= par("u_hi"),
+        p >= times("p_lo", on), p <= times("p_hi", on), on <= 1, full >= 0, full <= 1, low >= 0, low <= 1,
+        # Of strings like each other, the first ones take most in the first step.
+        cp.multiply(par("ordered", (n_strings,)), u[:, 0] - np.eye(n_strings, k=1) @ u[:, 0]) >= 0,
         # Derating, d = (1 - k(tau)) u: interval of 1 - k, and McCormick with its convex underestimator in
         # theta.
-        d >= cp.multiply(par("derating_lo"), u),
-        d <= cp.multiply(par("derating_hi"), u),
-        d >= cp.multiply(parameters["derating_hi"], u)
-        + cp.multiply(par("derating_theta"), theta[:, :-1]) + par("derating_0"),
-        # Power is shed only where the SOC limit is met at the end of the step.
-        a <= cp.multiply(parameters["limit"], full),
-        cp.multiply(sign, soc[:, 1:]) <= par("full_0") - cp.multiply(par("full_slack"), full),
-        # Inverter loss: perspective of the convex envelope of its table, and the upper chord.
-        *(w >= cp.multiply(par(f"inverter_slope_{j}"), p) + cp.multiply(par(f"inverter_0_{j}"), on)
-          for j in range(INVERTER_PIECES)),
-        w <= cp.multiply(par("inverter_chord_slope"), p) + cp.multiply(par("inverter_chord_0"), on),
+        d >= times("derating_lo", u),
+        d <= times("derating_hi", u),
+        d >= times("derating_hi", u) + times("derating_theta", theta[:, before]) + par("derating_0"),
+        d >= times("derating_lo", u) + times("derated_theta", theta[:, before]) + par("derated_0"),
+        # Power is shed only where the SOC limit is met at the end of the step, or less than the least power.
+        a <= times("a_hi", full) + par("a_off") - times("a_off", on),
+        times("sign", soc[:, after]) <= par("full_0") - times("full_slack", full),
+        # Inverter loss: perspective of the convex envelope of its table, and a chord above it.
+        *(w >= times(f"inverter_slope_{j}", p) + times(f"inverter_0_{j}", on) for j in range(INVERTER_LINES)),
+        w <= times("inverter_chord_slope", p) + times("inverter_chord_0", on),
         # Internal power V I: AC power plus losses in discharge, minus losses in charge.
-        p + cp.multiply(par("inverter_share"), w) + cp.multiply(par("battery_share"), h) == P,
-        # Battery loss, h V^2/R >= (V I)^2, in perspective form: z = on V^2/R; and h <= (R I / V) V I.
+        p + times("inverter_share", w) + times("battery_share", h) == P,
+        # Battery loss, h V^2/R >= (V I)^2, in perspective form: z = on V^2/R; and a chord above it.
         cp.SOC(cp.vec(z + h, order="F"),
                cp.vstack([cp.vec(2 * P, order="F"), cp.vec(z - h, order="F")])),
-        h <= cp.multiply(par("heat_chord"), P) + par("heat_0"),
-        # V^2/R: its largest value in the box, and an affine overestimator in the state.
-        z <= cp.multiply(par("y_hi"), on),
-        z <= cp.multiply(par("y_lo"), on) + cp.multiply(par("y_soc"), soc[:, :-1])
-        + cp.multiply(par("y_theta"), theta[:, :-1]) + par("y_0"),
-        # Charge balance with the voltage in its range.
-        taken >= cp.multiply(par("current_lo"), P) - par("current_0"),
-        taken <= cp.multiply(par("current_hi"), P) + parameters["current_0"],
-        soc[:, 1:] >= par("soc_lo"), soc[:, 1:] <= par("soc_hi"),
+        h <= times("heat_chord", P) + times("heat_0", on),
+        # V^2/R: its largest value in the box, above and below the switch, and a plane above it.
+        z <= times("y_hi", on),
+        z <= par("y_above") + times("y_below", low),
+        z <= times("y_lo", on) + times("y_soc", soc[:, before]) + times("y_theta", theta[:, before])
+        + par("y_0"),
+        soc[:, before] >= par("switch_lo") - times("switch_0", low),
+        soc[:, before] <= par("switch_hi") - times("switch_1", low),
+        # Charge balance, with the voltage in its range.
+        times("sign", moved) == times("current", P) + s,
+        s <= times("current_range", P) + par("current_0"),
+        -s <= times("current_range", P) + par("current_0"),
+        soc[:, after] >= par("soc_lo"), soc[:, after] <= par("soc_hi"),
+        # Energy balance: a string gives what its store loses, and more as its voltage falls within a step.
+        times("sign", e[:, before] - e[:, after]) + times("potential", moved) + r == P,
+        r <= times("potential_range", moved) + par("potential_0"),
+        -r <= times("potential_range", moved) + par("potential_0"),
+        e[:, after] <= times("stored_hi_soc", soc[:, after]) + par("stored_hi_0"),
+        *(e[:, after] >= times(f"stored_lo_soc_{j}", soc[:, after]) + par(f"stored_lo_0_{j}")
+          for j in (0, 1)),
         # Heat balance.
-        theta[:, 1:] == cp.multiply(par("keep"), theta[:, :-1]) + cp.multiply(par("heating"), h) + par("air"),
+        theta[:, after] == times("keep", theta[:, before]) + times("heating", h) + par("air"),
         # Step cuts: each step costs at least its one-step optimum, less what shedding can save.
-        cp.sum(cp.multiply(par("cut_a"), a), axis=0)
+        cp.sum(times("cut_a", a), axis=0)
         + par("cut_d", (n_strings,)) @ d + par("cut_w", (n_strings,)) @ w + par("cut_h", (n_strings,)) @ h
         >= par("cut_0", (n_steps,)),
     ]  # fmt: skip

@@ -356,7 +356,25 @@ pub(crate) fn split(t: &Tables, weights: &[f64], soc: &[f64], temperature_c: &[f
     } else {
         request_kw[largest] = (request_kw[largest] + missing_kw);
     }
+    room_kw = 0.0;
     for m in 0..t.strings {
-        request_kw[m] = ((-sign) * larger(0.0, smaller(limit_kw[m], request_kw[m])));
+        request_kw[m] = larger(0.0, smaller(limit_kw[m], request_kw[m]));
+        if ((request_kw[m] >= t.min_power_kw) && ((limit_kw[m] - request_kw[m]) > room_kw)) {
+            room_kw = (limit_kw[m] - request_kw[m]);
+            largest = m;
+        }
+    }
+    for m in 0..t.strings {
+        if ((m != largest) && (request_kw[m] < t.min_power_kw)) {
+            request_kw[largest] = (request_kw[largest] + request_kw[m]);
+            request_kw[m] = 0.0;
+        }
+    }
+    request_kw[largest] = smaller(limit_kw[largest], request_kw[largest]);
+    if (request_kw[largest] < t.min_power_kw) {
+        request_kw[largest] = 0.0;
+    }
+    for m in 0..t.strings {
+        request_kw[m] = ((-sign) * request_kw[m]);
     }
 }

@@ -53,7 +53,7 @@ macro_rules! tables {
 tables! {
     /// What a decision knows of a plant; the fields are those of `bess.explicit.tables.Tables`, which says what they are.
     counts: strings, soc_knots, temperature_knots, derating_knots, power_knots, heat_knots, low_knots, steps, near_steps;
-    numbers: step_h, step_share, near_share, shortfall, high_fill, flattest, shed_slope, crumbs, unbounded;
+    numbers: step_h, step_share, near_share, shortfall, high_fill, min_power_kw, flattest, shed_slope, crumbs, unbounded;
     arrays: soc_axis, temperature_axis, ocv_v, resistance_ohm, derating_c, derating_factor, power_kw, loss_kw, idle_loss_kw, capacity_ah, energy_kwh, soc_min, soc_max, voltage_min_v, voltage_max_v, derating_start_c, heat_k, low_fill, share,
 }
 

@@ -15,6 +15,15 @@ impl ControlHorizon {
         request_w
     }
 
+    /// Leaves no request of a step below the least power of its inverter but 0.
+    pub(crate) fn set_points(&self, t: usize, request_w: &mut [f64]) {
+        let mut step_w: Vec<f64> = request_w.iter().skip(t).step_by(self.n_steps()).copied().collect();
+        self.model.set_points(&mut step_w, &self.limits(t));
+        for (request, power_w) in request_w.iter_mut().skip(t).step_by(self.n_steps()).zip(step_w) {
+            *request = power_w;
+        }
+    }
+
     /// Shares `power_w` among some strings in one step, as [`Self::fitted`] does.
     pub(crate) fn share_out(
         &self,
@@ -39,5 +48,6 @@ impl ControlHorizon {
             let request = &mut request_w[m * n_steps + t];
             *request = (*request + filled * (self.limit(m, t) - *request)).clamp(0.0, self.limit(m, t));
         }
+        self.set_points(t, request_w);
     }
 }

@@ -152,6 +152,11 @@ impl ControlHorizon {
         self.limit_w[m * self.n_steps() + t]
     }
 
+    /// Limits of all requests of a step, `(M,)` [W].
+    pub(crate) fn limits(&self, t: usize) -> Vec<f64> {
+        (0..self.n_strings()).map(|m| self.limit(m, t)).collect()
+    }
+
     /// Steps in which there is something to decide: more than one string can run, and not all of them have to.
     pub fn n_free_steps(&self) -> usize {
         let several = |t: usize| (0..self.n_strings()).filter(|&m| self.limit(m, t) > 0.0).count() > 1;

@@ -91,6 +91,19 @@ impl LossCurve {
         self.power[above - 1] + share * (self.power[above] - self.power[above - 1])
     }
 
+    /// Above this AC power `g` is not negative: in charge, an inverter draws nothing from the battery [W].
+    pub fn largest_drawing_w(&self) -> f64 {
+        let g: Vec<f64> = self.power.iter().zip(&self.loss).map(|(&p, &w)| self.internal_w(p, w)).collect();
+        let Some(last) = g.iter().rposition(|g| *g < 0.0) else { return 0.0 };
+        match g.get(last + 1) {
+            Some(next) => {
+                let share = -g[last] / (next - g[last]);
+                self.power[last] + share * (self.power[last + 1] - self.power[last])
+            }
+            None => self.power[last],
+        }
+    }
+
     /// Smallest and largest `g` over the delivered powers `[low, high]` of an inverter that is on [W].
     pub fn internal_range(&self, low: f64, high: f64) -> (f64, f64) {
         let g = |p: f64| self.internal_w(p, self.at(p).0);

@@ -3,7 +3,7 @@
 //! `string` is one string over one interval, with the coefficients of its start, on the curves of `loss_curve`; `midpoint`
 //! is its form in plans. `control_model` is a plant of them: roll-outs of given requests (`rollout`) and of a demand on the
 //! whole plant (`follow`). `horizon` is a split problem on it, `objectives` what its schedules cost, `fitted` makes any
-//! schedule one of it. `ranges` says which coefficients, `heat` which heat, a box of states can bring.
+//! schedule one of it, `set_points` leaves out requests below the least power. `ranges` says which coefficients, `heat` which heat, a box of states can bring.
 
 mod control_model;
 mod fitted;
@@ -16,6 +16,7 @@ mod midpoint;
 mod objectives;
 mod ranges;
 mod rollout;
+mod set_points;
 mod string;
 
 pub use control_model::ControlModel;

@@ -3,6 +3,9 @@
 use super::horizon::{ControlHorizon, MAX_GROUPS};
 use crate::model::{Flow, Losses, StringState};
 
+/// An objective this small is that of rounding errors.
+const NOTHING: f64 = 1e-14;
+
 /// Objective of each group; those of groups that a problem does not have are 0.
 pub type Objectives = [f64; MAX_GROUPS];
 
@@ -80,9 +83,13 @@ impl ControlHorizon {
     }
 
     /// How far a group may rise above its best value while later groups are minimised,
-    /// `F* + max(eps_abs, eps_rel |F*|)`.
+    /// `F* + max(eps_abs, eps_rel |F*|)`; where that value is nothing, the group stays at nothing.
     pub(crate) fn ceiling(&self, group: usize, best: f64) -> f64 {
-        best + self.tolerance_abs[group].max(self.tolerance_rel[group] * best.abs())
+        if best <= NOTHING {
+            NOTHING
+        } else {
+            best + self.tolerance_abs[group].max(self.tolerance_rel[group] * best)
+        }
     }
 
     /// What every string does in every step of a schedule, `(M, T)`.
@@ -97,6 +104,15 @@ impl ControlHorizon {
             }
         }
         flows
+    }
+
+    /// What every string would do in every step by itself, from states `(M, T)` and with requests `(M, T)` [W].
+    pub fn flows_from(&self, states: &[StringState], request_w: &[f64]) -> Vec<Flow> {
+        let n_steps = self.n_steps();
+        let step = |(i, (state, request_w)): (usize, (&StringState, &f64))| {
+            self.string(i / n_steps).step(*state, *request_w, &self.intervals[i % n_steps])
+        };
+        states.iter().zip(request_w).enumerate().map(step).collect()
     }
 
     /// Objectives of a batch of schedules `(B, M, T)` [W], `(B, G)`.

@@ -92,6 +92,12 @@ impl StringModel {
         self.parameters.inverter.nominal_w
     }
 
+    /// Least AC power of its inverter [W].
+    #[inline]
+    pub(crate) fn min_power_w(&self) -> f64 {
+        self.parameters.inverter.min_power_w
+    }
+
     #[inline]
     pub(crate) fn loss(&self, direction: Direction) -> &LossCurve {
         match direction {
@@ -130,7 +136,8 @@ impl StringModel {
         }
     }
 
-    /// Largest AC power that the string can deliver over the interval, at most `p_N` [W].
+    /// Largest AC power that the string can deliver over the interval, at most `p_N` [W]; 0 where that is less than the
+    /// least power of its inverter.
     pub fn deliverable_w(&self, c: &Coefficients, direction: Direction, soc: f64, dt_h: f64) -> f64 {
         self.deliverable_with(self.loss(direction), c, direction, soc, dt_h)
     }
@@ -145,7 +152,12 @@ impl StringModel {
         soc: f64,
         dt_h: f64,
     ) -> f64 {
-        curve.largest_power(self.internal_limit_w(c, direction, soc, dt_h))
+        let most_w = curve.largest_power(self.internal_limit_w(c, direction, soc, dt_h));
+        if most_w < self.min_power_w() {
+            0.0
+        } else {
+            most_w
+        }
     }
 
     /// Carries out a request of `request_w >= 0` from `state`, with the coefficients of its start.
@@ -170,8 +182,8 @@ impl StringModel {
         let direction = interval.direction;
         let derating_w = (1.0 - c.derating) * request_w;
         let wanted = request_w - derating_w;
-        if wanted <= 0.0 {
-            return self.idle(state, derating_w, 0.0, interval);
+        if wanted < self.min_power_w() {
+            return self.idle(state, derating_w, wanted, interval);
         }
 
         let p = &self.parameters;
@@ -190,7 +202,7 @@ impl StringModel {
                 delivered_w = curve.largest_power(internal_limit).min(wanted);
                 inverter_w = curve.at(delivered_w).0;
             }
-            if delivered_w <= 0.0 {
+            if delivered_w < self.min_power_w() {
                 return self.idle(state, derating_w, wanted, interval);
             }
             (current_a, _) = small_root(c, direction, curve.internal_w(delivered_w, inverter_w));

@@ -25,6 +25,8 @@ pub(crate) struct OperatingTerms {
     pub power_price: f64,
     /// Costs of derating, inverter and battery loss [1/W]; that of what is shed is `shed_cost`.
     pub costs: Losses,
+    /// An inverter delivers as much or nothing [W]: of a string that derates, less of a request is shed.
+    pub min_power_w: f64,
     /// Price of a shed watt, at least the cost of derating; infinite where nothing may be shed.
     pub shed_cost: f64,
 }
@@ -217,12 +219,17 @@ impl CostCurve {
 
     /// Largest request without shedding, of an inverter that is on (off).
     pub fn largest_request(&self, on: bool) -> f64 {
-        let k = self.terms.derating.low;
+        let OperatingTerms { limit_w, derating, min_power_w, .. } = self.terms;
+        let k = derating.low;
         if k <= 0.0 {
-            return self.terms.limit_w;
+            return limit_w;
         }
-        let delivered = if on { self.pieces.last().map_or(0.0, |piece| piece.p1) } else { 0.0 };
-        (delivered / k).min(self.terms.limit_w)
+        let delivered = match self.pieces.last() {
+            Some(piece) if on => piece.p1,
+            _ if k < 1.0 => min_power_w,
+            _ => 0.0,
+        };
+        (delivered / k).min(limit_w)
     }
 
     /// Price above which it pays to take the whole request and shed it.
@@ -239,14 +246,27 @@ impl CostCurve {
     /// Response of a string whose inverter is off.
     #[inline]
     pub fn off(&self, price: f64) -> Response {
-        let OperatingTerms { limit_w, derating, power_scale_w, scale_price, .. } = self.terms;
+        let OperatingTerms { limit_w, derating, power_scale_w, scale_price, costs, min_power_w, .. } =
+            self.terms;
         let idle = scale_price * power_scale_w.low;
         let gain = self.shed_price() - price;
-        if gain < 0.0 {
+        let mut best = if gain < 0.0 {
             Response { value: idle + gain * limit_w, request_w: limit_w, shed_w: derating.low * limit_w }
         } else {
             Response { value: idle, request_w: 0.0, shed_w: 0.0 }
+        };
+        if derating.low < 1.0 && self.terms.shed_cost.is_infinite() {
+            // What derating leaves of these requests may be less than the least power, and is shed for nothing.
+            let most_w = self.largest_request(false);
+            for request_w in [(min_power_w / derating.high).min(most_w), most_w] {
+                let derated_w = (request_w - min_power_w).max((1.0 - derating.high) * request_w);
+                let value = idle + costs.derating * derated_w - price * request_w;
+                if value < best.value {
+                    best = Response { value, request_w, shed_w: 0.0 };
+                }
+            }
         }
+        best
     }
 
     /// Response of a string whose inverter is on.

@@ -110,13 +110,16 @@ fn capacity_w(curves: &[CostCurve], commitment: &Commitment) -> f64 {
         match mode {
             InverterMode::On => total += curve.largest_request(true),
             InverterMode::Off => total += curve.largest_request(false),
-            InverterMode::Free => free.push(curve.largest_request(true)),
+            InverterMode::Free => {
+                // A string that derates takes some of its request, or all, also when off.
+                let off = curve.largest_request(false);
+                total += off;
+                free.push(curve.largest_request(true) - off);
+            }
         }
     }
     free.sort_by(|a, b| b.total_cmp(a));
-    // A string that derates everything takes its request also when off; it must not be left out.
-    let spare = if curves.iter().any(|c| c.terms.derating.low <= 0.0) { free.len() } else { 0 };
-    let n_on = commitment.free_to_switch_on().unwrap_or(free.len()).max(spare);
+    let n_on = commitment.free_to_switch_on().unwrap_or(free.len());
     total + free.iter().take(n_on).sum::<f64>()
 }
 

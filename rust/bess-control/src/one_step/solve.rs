@@ -150,6 +150,7 @@ mod tests {
                 direction,
                 limit_w,
                 deliverable_w: limit_w,
+                min_power_w: 0.0,
                 derating: Range::point(1.0),
                 power_scale_w: Range::point(between(1e6, 6e6)),
                 scale_price: 0.0,

@@ -11,7 +11,10 @@
 //! [`StringModel::step_midpoint`]: crate::StringModel::step_midpoint
 
 mod blocks;
+mod dual;
+mod look_ahead;
 mod pair;
+mod pairs;
 mod paths;
 mod problem;
 mod slopes;
@@ -21,6 +24,8 @@ mod sweep;
 pub use problem::{PlanProblem, Prices};
 pub use starts::Rule;
 
+use look_ahead::look_ahead;
+use pairs::PairValues;
 use paths::Paths;
 use slopes::Slopes;
 
@@ -33,6 +38,12 @@ const TIGHT: f64 = 0.15;
 /// What is left of the price of imbalance where it does no harm: strings alike are easier to plan for.
 const SLACK: f64 = 0.1;
 
+/// Length of the steps of the program of pairs [h]; shorter ones cost more and find nothing more.
+const PAIRS_STEP_H: f64 = 0.5;
+
+/// Length of the steps of the bound, where those of the plan are shorter [h].
+const BOUND_STEP_H: f64 = 0.25;
+
 /// How much a plan is worked on. Counted in roll-outs of all strings over all steps, so that answers do not depend on the
 /// machine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -41,6 +52,8 @@ pub struct PlanEffort {
     pub rollouts: usize,
     /// Roll-outs for each fresh start; none are made with 0.
     pub fresh_rollouts: usize,
+    /// Passes of the bound by prices. Without any, plans that are made afresh start from the rules alone and have no bound.
+    pub bound_passes: usize,
     /// Where the moves go on: a number that grows from call to call.
     pub turn: usize,
 }
@@ -54,6 +67,8 @@ pub struct Plan {
     pub cost: f64,
     /// What the cheapest rule's schedule costs in the model.
     pub rule_cost: f64,
+    /// Lower bound of the cost of every schedule, on the grid of [`dual`]: an estimate. None where it was not computed.
+    pub search_bound: Option<f64>,
     /// Roll-outs made.
     pub rollouts: usize,
     /// What one more Ah at the start would add to the cost, averaged over the strings by capacity; negative, where charge
@@ -83,20 +98,34 @@ impl PlanProblem<'_> {
         let every_pair = pair::rounds(self.n_strings());
         improve(&mut best, effort.rollouts * size, effort.turn, every_pair);
         work += best.work;
+        let mut search_bound = None;
         if effort.fresh_rollouts > 0 {
             let every_move = every_pair.max(blocks::LENGTHS.len());
-            for mut fresh in rules {
-                fresh.work = 0;
+            let mut polish = |request_w: Vec<f64>| {
+                let mut fresh = Paths::new(problem, request_w);
                 improve(&mut fresh, effort.fresh_rollouts * size, effort.turn, every_move);
                 work += fresh.work;
-                if fresh.cost() < best.cost() {
-                    best = fresh;
+                fresh
+            };
+            best = rules.into_iter().map(|rule| polish(rule.request_w)).fold(best, cheaper);
+            if effort.bound_passes > 0 {
+                let pairs = PairValues::solve(&problem.coarsened(problem.steps_of(PAIRS_STEP_H)));
+                let ahead = look_ahead(problem, &pairs);
+                best = cheaper(best, polish(ahead.request_w));
+                let per = problem.steps_of(BOUND_STEP_H);
+                let mean = |prices: &[f64]| prices.iter().sum::<f64>() / prices.len() as f64;
+                let price = ahead.price.chunks(per).map(mean).collect();
+                let dual = dual::ascend(&problem.coarsened(per), price, best.cost(), effort.bound_passes);
+                if per == 1 {
+                    best = cheaper(best, polish(dual.request_w));
                 }
+                search_bound = Some(dual.bound);
             }
         }
         Plan {
             cost: best.cost(),
             rule_cost,
+            search_bound,
             rollouts: (work as usize).div_ceil(size.max(1)),
             start_charge: start_charge(&mut best),
             request_w: best.request_w,
@@ -128,6 +157,15 @@ impl PlanProblem<'_> {
             tightness = tightness.max(((ROOMY - margin) / (ROOMY - TIGHT)).clamp(0.0, 1.0));
             self.tightness[t] = tightness;
         }
+    }
+}
+
+/// The cheaper of two schedules.
+fn cheaper<'a>(best: Paths<'a>, other: Paths<'a>) -> Paths<'a> {
+    if other.cost() < best.cost() {
+        other
+    } else {
+        best
     }
 }
 

@@ -1,7 +1,12 @@
 //! What a plan is made for: strings, measured state, demand, limits, surroundings, prices.
 
+use std::ops::Range;
+
+use bess_tables::Direction;
+
 use crate::error::{check_length, check_range};
 use crate::model::{ControlModel, Flow, Interval, LossCurve, Losses, StringState};
+use crate::plan::paths::Paths;
 use crate::reactive::curve_at_power_factor;
 use crate::ControlError;
 
@@ -125,6 +130,62 @@ impl<'a> PlanProblem<'a> {
             }
         }
         Ok(self)
+    }
+
+    /// The problem in steps `per` times as long: mean demand, ambient temperature and prices of each `per` steps.
+    pub(crate) fn coarsened(&self, per: usize) -> Self {
+        let n_steps = self.n_steps();
+        let blocks: Vec<_> = (0..n_steps).step_by(per).map(|from| from..(from + per).min(n_steps)).collect();
+        let mean = |block: &Range<usize>, of: &dyn Fn(usize) -> f64| {
+            block.clone().map(of).sum::<f64>() / block.len() as f64
+        };
+        let signed_w = |t: usize| self.intervals[t].direction.sign() * self.demand_w[t];
+        let mut coarse = self.clone();
+        coarse.demand_w = blocks.iter().map(|b| mean(b, &signed_w).abs()).collect();
+        coarse.intervals = blocks
+            .iter()
+            .map(|b| Interval {
+                direction: Direction::of(mean(b, &signed_w)),
+                ambient_c: mean(b, &|t| self.intervals[t].ambient_c),
+                dt_h: self.intervals[b.start].dt_h * per as f64,
+            })
+            .collect();
+        let price = |b: &Range<usize>, kind: usize| mean(b, &|t| self.prices.losses[t].to_array()[kind]);
+        coarse.prices.losses =
+            blocks.iter().map(|b| Losses::from_array([0, 1, 2, 3].map(|kind| price(b, kind)))).collect();
+        coarse.prices.balance = 0.0;
+        if !self.curves.is_empty() {
+            let curve = |m: usize, b: &Range<usize>| self.curve(m, b.start).clone();
+            coarse.curves =
+                (0..self.n_strings()).flat_map(|m| blocks.iter().map(move |b| curve(m, b))).collect();
+        }
+        coarse
+    }
+
+    /// Steps that make up a time of about `hours`, at least one.
+    pub(crate) fn steps_of(&self, hours: f64) -> usize {
+        self.intervals.first().map_or(1, |i| ((hours / i.dt_h).round() as usize).max(1))
+    }
+
+    /// Whether two strings are the same but for their states.
+    pub(crate) fn alike(&self, a: usize, b: usize) -> bool {
+        a == b
+            || (self.limit_w[a] == self.limit_w[b]
+                && self.prices.wear[a] == self.prices.wear[b]
+                && self.model.strings()[a].parameters == self.model.strings()[b].parameters)
+    }
+
+    /// Whether two steps are the same for every string.
+    pub(crate) fn same_step(&self, s: usize, t: usize) -> bool {
+        self.curves.is_empty()
+            && self.demand_w[s] == self.demand_w[t]
+            && self.intervals[s] == self.intervals[t]
+            && self.prices.losses[s] == self.prices.losses[t]
+    }
+
+    /// Cost of a schedule `(M, T)` [W].
+    pub(crate) fn cost(&self, request_w: &[f64]) -> f64 {
+        Paths::new(self, request_w.to_vec()).cost()
     }
 
     /// Loss of an inverter over its active power.

@@ -1,7 +1,7 @@
 //! Lower bounds of every group around the best schedule known: what no schedule can beat, and what the program proves
 //! whose coefficients are frozen along it.
 
-use super::step_bounds::{cheapest_shed, least_cost, StepBounds};
+use super::step_bounds::{cheapest_shed, least_cost, Shed, StepBounds};
 use crate::model::{ControlHorizon, CostsOf, Flow, Losses, StateBox};
 
 /// Bounds of one group, with the groups before it held under their ceilings.
@@ -24,8 +24,6 @@ pub struct GroupBounds {
     /// States of the schedules that are no worse, at the start of each step and at the end of the last, `(M, T + 1)`; empty
     /// where the bound needs none.
     pub boxes: Vec<StateBox>,
-    /// Whether one of them sheds something, `(M, T)`.
-    pub may_shed: Vec<bool>,
 }
 
 impl ControlHorizon {
@@ -47,14 +45,12 @@ impl ControlHorizon {
                 search_bound: values[1],
                 is_search_optimum: true,
                 boxes: vec![],
-                may_shed: vec![],
             };
             // Losses are not negative, so a group at zero is at its optimum.
             if !optima.is_empty() && values != [0.0; 2] {
                 let confined = self.confined(request_w, flows, &costs[0], budgets_w[0]);
-                bounds.bound = confined.bound;
-                (bounds.boxes, bounds.may_shed) = (confined.boxes, confined.may_shed);
-                self.freeze(&mut bounds, flows, &optima[group], &costs[1], budgets_w[1]);
+                self.freeze(&mut bounds, &confined.may_shed, flows, &optima[group], &costs[1], budgets_w[1]);
+                (bounds.bound, bounds.boxes) = (confined.bound, confined.boxes);
             }
             let ceilings = [bounds.ceiling, bounds.search_ceiling];
             out.push(bounds);
@@ -68,22 +64,25 @@ impl ControlHorizon {
         out
     }
 
-    /// The bound of the convexified program by its one-step problems alone.
+    /// The bound of the convexified program by its one-step problems alone; `may_shed` `(M, T)` is where a schedule that is
+    /// no worse sheds something.
     fn freeze(
         &self,
         bounds: &mut GroupBounds,
+        may_shed: &[bool],
         flows: &[Flow],
         optimum: &StepBounds,
         costs: &[Losses],
         budget_w: f64,
     ) {
         let n_steps = self.n_steps();
-        let sheds = |t: usize| (0..self.n_strings()).any(|m| bounds.may_shed[m * n_steps + t]);
+        let sheds = |t: usize| (0..self.n_strings()).any(|m| may_shed[m * n_steps + t]);
         if (0..n_steps).any(sheds) {
             let most_w: Vec<f64> =
                 (0..n_steps).map(|t| if sheds(t) { self.demand_w[t] } else { 0.0 }).collect();
             let budgets_w: Vec<f64> = most_w.iter().map(|most| most.min(budget_w)).collect();
-            let steps = self.step_bounds_over(&self.states_along(flows), costs, &budgets_w);
+            let steps =
+                self.step_bounds_over(&self.states_along(flows), costs, &budgets_w, Shed::OnlyAtLimits);
             bounds.search_bound = least_cost(&steps.bounds, cheapest_shed(costs), &most_w, budget_w);
         } else {
             bounds.search_bound = optimum.bounds.iter().map(|step| step.phi).sum();

@@ -1,15 +1,6 @@
 //! Rigorous bounds of every state that a feasible schedule can reach.
 
-use bess_tables::units::SECONDS_PER_HOUR;
-use bess_tables::Direction;
-
-use crate::model::{heat_w, CoefficientRanges, ControlHorizon, Interval, Range, StateBox, StringModel};
-
-/// Outward rounding: a bound must hold for the roll-out's floating-point numbers too.
-const SOC_ROUNDING: f64 = 1e-12;
-const TEMPERATURE_ROUNDING_K: f64 = 1e-9;
-/// Boxes are cut at these SOC: voltage and resistance change most where little charge is left.
-const BORDERS_SOC: [f64; 3] = [0.05, 0.1, 0.25];
+use crate::model::{ControlHorizon, Range, StateBox};
 
 impl ControlHorizon {
     /// Boxes `(M, T + 1)` that contain the state at the start of each step, and at the end of the last, of every
@@ -23,7 +14,7 @@ impl ControlHorizon {
                 StateBox { soc: Range::point(start.soc), temperature_c: Range::point(start.temperature_c) };
             boxes.push(states);
             for (t, interval) in self.intervals.iter().enumerate() {
-                states = self.string(m).reach(&states, &self.request_range(m, t), interval);
+                states = self.string(m).cell(&states, &self.request_range(m, t), interval).end;
                 boxes.push(states);
             }
         }
@@ -35,11 +26,8 @@ impl ControlHorizon {
         let n_steps = self.n_steps();
         let cells = (0..self.n_strings()).flat_map(|m| (0..n_steps).map(move |t| (m, t)));
         let sheds = |(m, t): (usize, usize)| {
-            let (states, interval) = (&boxes[m * (n_steps + 1) + t], &self.intervals[t]);
-            let (string, requests) = (self.string(m), self.request_range(m, t));
-            let (current, _) = string.current_and_heat(states, &requests, interval);
-            let coefficients = string.ranges(interval.direction, states);
-            string.may_shed(states, &coefficients, &requests, &current, interval)
+            let states = &boxes[m * (n_steps + 1) + t];
+            self.string(m).cell(states, &self.request_range(m, t), &self.intervals[t]).may_shed()
         };
         cells.map(sheds).collect()
     }
@@ -55,175 +43,12 @@ impl ControlHorizon {
     }
 }
 
-impl StringModel {
-    /// Box of the states at the end of an interval that starts in a box, for a range of requests.
-    pub(crate) fn reach(&self, states: &StateBox, requests_w: &Range, interval: &Interval) -> StateBox {
-        let direction = interval.direction;
-        let (current_a, heat_w) = if requests_w.high <= 0.0 {
-            (Range::point(0.0), Range::point(0.0))
-        } else {
-            self.current_and_heat(states, requests_w, interval)
-        };
-        let p = &self.parameters;
-        let per_ampere = interval.dt_h / p.capacity_ah;
-        let (down, up) = match direction {
-            Direction::Charge => (current_a.low, current_a.high),
-            Direction::Discharge => (-current_a.high, -current_a.low),
-        };
-        let soc = Range {
-            low: (states.soc.low + per_ampere * down - SOC_ROUNDING).clamp(p.soc_min, p.soc_max),
-            high: (states.soc.high + per_ampere * up + SOC_ROUNDING).clamp(p.soc_min, p.soc_max),
-        };
-        let dt_s = interval.dt_h * SECONDS_PER_HOUR;
-        let cooled = |t: f64| t - dt_s * p.lumped.k2_per_s * (t - interval.ambient_c);
-        // Falls with the temperature before it only if the step is longer than 1 / k2.
-        let (a, b) = (cooled(states.temperature_c.low), cooled(states.temperature_c.high));
-        let rise = dt_s * p.lumped.k1_k_per_j;
-        StateBox {
-            soc,
-            temperature_c: Range {
-                low: a.min(b) + rise * heat_w.low - TEMPERATURE_ROUNDING_K,
-                high: a.max(b) + rise * heat_w.high + TEMPERATURE_ROUNDING_K,
-            },
-        }
-    }
-
-    /// Whether there is a state in the box, whose coefficients and currents are known, and a request in the range, of
-    /// which something is shed.
-    pub(crate) fn may_shed(
-        &self,
-        states: &StateBox,
-        c: &CoefficientRanges,
-        requests_w: &Range,
-        current_a: &Range,
-        interval: &Interval,
-    ) -> bool {
-        if requests_w.high <= 0.0 {
-            return false;
-        }
-        let room = self.room(states, interval.direction, interval.dt_h);
-        // An inverter that draws more than it charges may find the battery empty.
-        let drained = current_a.low * interval.dt_h / self.parameters.capacity_ah;
-        c.derating.high * requests_w.high >= self.limits(c, &room, interval.direction).low
-            || states.soc.low + drained.min(0.0) < self.parameters.soc_min + SOC_ROUNDING && drained < 0.0
-    }
-
-    /// Smallest and largest current that fills (empties) a string within a step [A].
-    fn room(&self, states: &StateBox, direction: Direction, dt_h: f64) -> Range {
-        let p = &self.parameters;
-        let per_soc = p.capacity_ah / dt_h;
-        let (low, high) = match direction {
-            Direction::Charge => (p.soc_max - states.soc.high, p.soc_max - states.soc.low),
-            Direction::Discharge => (states.soc.low - p.soc_min, states.soc.high - p.soc_min),
-        };
-        Range { low: low.max(0.0) * per_soc, high: high.max(0.0) * per_soc }
-    }
-
-    /// Smallest and largest limit of the AC power over a box [W].
-    fn limits(&self, c: &CoefficientRanges, room: &Range, direction: Direction) -> Range {
-        let (v, r) = (c.voltage_v, c.resistance_ohm);
-        let of_voltage = |v: f64, r: f64| self.parameters.voltage_current_a(direction, v, r);
-        let curve = self.loss(direction);
-        match direction {
-            // What the room allows rises with V and R, what the voltage limit allows falls.
-            Direction::Charge => {
-                let internal = |v: f64, r: f64, current: f64| current * (v + r * current);
-                let by_room = |v, r, room| curve.largest_power(internal(v, r, room));
-                let by_voltage = |v, r| curve.largest_power(internal(v, r, of_voltage(v, r)));
-                Range {
-                    low: by_room(v.low, r.low, room.low).min(by_voltage(v.high, r.high)),
-                    high: by_room(v.high, r.high, room.high).min(by_voltage(v.low, r.low)),
-                }
-            }
-            // All rise with V and fall with R.
-            Direction::Discharge => {
-                let largest = |v: f64, r: f64, room: f64| {
-                    let current = room.min(0.5 * v / r).min(of_voltage(v, r));
-                    curve.largest_power(current * (v - r * current))
-                };
-                Range { low: largest(v.low, r.high, room.low), high: largest(v.high, r.low, room.high) }
-            }
-        }
-    }
-
-    /// Current and heat over a box of states and a range of requests: over parts of it, so that what a nearly empty
-    /// string could do if it had more charge does not count.
-    pub(crate) fn current_and_heat(
-        &self,
-        states: &StateBox,
-        requests_w: &Range,
-        interval: &Interval,
-    ) -> (Range, Range) {
-        let (mut current, mut heat) = (Range::EMPTY, Range::EMPTY);
-        let mut low = states.soc.low;
-        let borders = BORDERS_SOC.iter().copied().filter(|b| *b > states.soc.low && *b < states.soc.high);
-        for high in borders.chain([states.soc.high]) {
-            let part = StateBox { soc: Range { low, high }, ..*states };
-            let (i, h) = self.current_and_heat_of_part(&part, requests_w, interval);
-            (current, heat) = (current.union(&i), heat.union(&h));
-            low = high;
-        }
-        (current, heat)
-    }
-
-    fn current_and_heat_of_part(
-        &self,
-        states: &StateBox,
-        requests_w: &Range,
-        interval: &Interval,
-    ) -> (Range, Range) {
-        let direction = interval.direction;
-        let c = self.ranges(direction, states);
-        let (v, r) = (c.voltage_v, c.resistance_ohm);
-        let room = self.room(states, direction, interval.dt_h);
-        let curve = self.loss(direction);
-        let Range { low: smallest, high: largest } = self.limits(&c, &room, direction);
-        let delivered = Range {
-            low: (c.derating.low * requests_w.low).min(smallest),
-            high: (c.derating.high * requests_w.high).min(largest),
-        };
-        if delivered.high <= 0.0 {
-            return (Range::point(0.0), Range::point(0.0));
-        }
-        let (g_low, g_high) = curve.internal_range(delivered.low, delivered.high);
-        let may_be_off = delivered.low <= 0.0 || g_low < 0.0;
-
-        let root = |g: f64, v: f64, r: f64| match direction {
-            Direction::Charge => 2.0 * g / (v + (v * v + 4.0 * r * g).max(0.0).sqrt()),
-            Direction::Discharge => 2.0 * g / (v + (v * v - 4.0 * r * g).max(0.0).sqrt()),
-        };
-        let (mut low, high) = match direction {
-            // Current falls with V and R, but for a negative one, whose magnitude rises with R.
-            Direction::Charge if g_low < 0.0 => (root(g_low, v.low, r.high), root(g_high, v.low, r.low)),
-            Direction::Charge => (root(g_low, v.high, r.high), root(g_high, v.low, r.low)),
-            Direction::Discharge => {
-                // Beyond the root limit of the weakest corner only the largest current of the box is a bound.
-                let strongest = 0.5 * v.high / r.low;
-                let has_root = 4.0 * r.high * g_high <= v.low * v.low;
-                let high = if has_root { root(g_high, v.low, r.high) } else { strongest };
-                (root(g_low.min(0.25 * v.high * v.high / r.low), v.high, r.low), high)
-            }
-        };
-        if may_be_off {
-            low = low.min(0.0);
-        }
-        // A limited charge may also flow at the negative powers in between: covered by g_low.
-        let current = Range { low, high: high.min(room.high).max(low) };
-
-        let scale = c.power_scale_w;
-        let heat = |g: f64, y: f64| heat_w(g, y, direction);
-        let heat_low = if may_be_off || g_low <= 0.0 { 0.0 } else { heat(g_low, scale.high) };
-        let heat_high = heat(g_high, scale.low).max(heat(g_low, scale.low));
-        let by_current = r.high * (current.high * current.high).max(current.low * current.low);
-        // Where the battery gives its largest power the roots meet, and rounding grows to that of a square root.
-        (current, Range { low: heat_low, high: heat_high.min(by_current).max(heat_low) })
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use bess_tables::Direction;
+
     use super::*;
-    use crate::model::StringState;
+    use crate::model::{Interval, StringModel, StringState};
     use crate::search::common;
 
     /// What a state at a corner of the box may be beyond the range by rounding.
@@ -241,7 +66,8 @@ mod tests {
                 let states =
                     StateBox { soc: Range { low, high }, temperature_c: Range { low: 25.0, high: 35.0 } };
                 let requests = Range { low: 0.8 * common::NOMINAL_W, high: 0.82 * common::NOMINAL_W };
-                let (current, heat) = string.current_and_heat(&states, &requests, &interval);
+                let cell = string.cell(&states, &requests, &interval);
+                let (current, heat) = (cell.current_a, cell.heat_w);
                 let (mut least, mut most) = (f64::INFINITY, 0.0_f64);
                 for i in 0..125 {
                     let state = StringState {
@@ -260,5 +86,61 @@ mod tests {
                 assert!(heat.low > 0.9 * least, "{heat:?} far below {least}");
             }
         }
+    }
+
+    /// Boxes anywhere in the domain, narrow and wide, and requests from watts to the nominal power.
+    #[test]
+    fn whatever_a_string_does_from_a_box_is_in_its_reach_and_what_it_sheds_is_foreseen() {
+        let system = common::reference(1);
+        let string = StringModel::new(system.strings[0].clone());
+        let mut random = fastrand::Rng::with_seed(7);
+        let (mut sheds_at_all, mut draws_back) = (0, 0);
+        for case in 0..4000 {
+            let mut between = |low: f64, high: f64| low + (high - low) * random.f64();
+            let mut range = |low: f64, high: f64, width: f64| {
+                let at = between(low - 0.2 * (high - low), high).clamp(low, high);
+                Range { low: at, high: (at + 10_f64.powf(between(-6.0, 0.0)) * width).min(high) }
+            };
+            let states = StateBox { soc: range(0.0, 1.0, 0.3), temperature_c: range(-10.0, 62.0, 20.0) };
+            let largest = 10_f64.powf(between(0.0, common::NOMINAL_W.log10()));
+            let requests = Range { low: between(-0.5, 1.0).max(0.0) * largest, high: largest };
+            let direction = if case % 2 == 0 { Direction::Charge } else { Direction::Discharge };
+            let interval = Interval { direction, ambient_c: between(-10.0, 45.0), dt_h: common::DT_H };
+            let cell = string.cell(&states, &requests, &interval);
+            let (current, heat, reached) = (cell.current_a, cell.heat_w, cell.end);
+            for _ in 0..20 {
+                let mut inside = |range: &Range| match random.u8(0..4) {
+                    0 => range.low,
+                    1 => range.high,
+                    _ => range.low + (range.high - range.low) * random.f64(),
+                };
+                let state =
+                    StringState { soc: inside(&states.soc), temperature_c: inside(&states.temperature_c) };
+                let flow = string.step(state, inside(&requests), &interval);
+                let holds = |range: &Range, value: f64| {
+                    let rounding = 1e-9 * (1.0 + value.abs());
+                    range.low - rounding <= value && value <= range.high + rounding
+                };
+                assert!(holds(&current, flow.current_a), "{current:?}: {flow:?} from {state:?}");
+                assert!(holds(&heat, flow.battery_w), "{heat:?}: {flow:?} from {state:?}");
+                assert!(holds(&reached.soc, flow.end.soc), "{reached:?}: {flow:?} from {state:?}");
+                assert!(holds(&reached.temperature_c, flow.end.temperature_c), "{reached:?}: {flow:?}");
+                let sheds_little = flow.delivered_w == 0.0 && flow.availability_w < string.min_power_w();
+                assert!(sheds_little || holds(&cell.shed_w, flow.availability_w), "{cell:?}: {flow:?}");
+                let sheds = flow.availability_w > 0.0 && !sheds_little;
+                assert!(cell.may_shed() || !sheds, "{cell:?}: {flow:?} from {state:?}");
+                assert!(!sheds || holds(&cell.shed_soc, flow.end.soc), "{cell:?}: {flow:?}");
+                if flow.delivered_w > 0.0 {
+                    let voltage_v = string.coefficients(direction, state).voltage_v;
+                    assert!(holds(&cell.delivered_w, flow.delivered_w), "{cell:?}: {flow:?}");
+                    assert!(holds(&cell.battery_w, voltage_v * flow.current_a), "{cell:?}: {flow:?}");
+                } else {
+                    assert!(cell.may_be_off, "{cell:?}: {flow:?} from {state:?}");
+                }
+                sheds_at_all += usize::from(flow.availability_w > 0.0);
+                draws_back += usize::from(flow.current_a < 0.0);
+            }
+        }
+        assert!(sheds_at_all > 1000 && draws_back > 1000, "{sheds_at_all} {draws_back}");
     }
 }

@@ -3,7 +3,7 @@
 use crate::error::{check_costs, check_length, check_range};
 use crate::model::{CoefficientRanges, ControlHorizon, CostsOf, Flow, Losses, Range, StateBox, StringState};
 use crate::one_step::{solve, CostCurve, OneStepSolution, OperatingTerms};
-use crate::reach::Planes;
+use crate::reach::{NarrowNode, Planes};
 use crate::ControlError;
 
 /// Safety for the rounding in a bound.
@@ -15,6 +15,15 @@ const GAP_OF_SLOPE: f64 = 1e-7;
 const MARGIN_OF_SLOPE: f64 = 1e-2;
 /// Highest slope, in units of the steepest marginal cost.
 const HIGHEST_SLOPE: f64 = 2e3;
+
+/// What may be shed besides what a cut counts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Shed {
+    /// By a string that derates, less than its least power: what no bound may leave out.
+    AsTheModel,
+    /// Nothing: what the search looks for.
+    OnlyAtLimits,
+}
 
 /// `sum_m cost + slope * sum_m shed >= phi` for every decision of a step.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -72,7 +81,7 @@ impl ControlHorizon {
         check_length("boxes", boxes, self.n_strings() * self.n_steps())?;
         check_length("budget", budget_w, self.n_steps())?;
         check_range("budget", budget_w, (0.0, f64::INFINITY), " W")?;
-        Ok(self.step_bounds_over(boxes, costs, budget_w))
+        Ok(self.step_bounds_over(boxes, costs, budget_w, Shed::AsTheModel))
     }
 
     /// [`Self::step_bounds`] without checks.
@@ -81,6 +90,52 @@ impl ControlHorizon {
         boxes: &[StateBox],
         costs: &[Losses],
         budget_w: &[f64],
+        shed: Shed,
+    ) -> StepBounds {
+        let most = |m: usize, t: usize| {
+            let string = self.string(m);
+            let min_power_w = match shed {
+                Shed::AsTheModel => string.min_power_w(),
+                Shed::OnlyAtLimits => 0.0,
+            };
+            (self.limit(m, t), string.nominal_w(), min_power_w)
+        };
+        self.step_bounds_within(boxes, costs, budget_w, most)
+    }
+
+    /// Step cuts of one objective over a narrowed node, like [`Self::step_bounds`].
+    ///
+    /// # Errors
+    ///
+    /// Where lengths do not agree, or a cost or the budget is negative or not a number.
+    pub fn step_bounds_of(
+        &self,
+        of: &NarrowNode,
+        costs: &[Losses],
+        budget_w: &[f64],
+    ) -> Result<StepBounds, ControlError> {
+        check_costs(costs, self.n_strings())?;
+        check_length("budget", budget_w, self.n_steps())?;
+        check_range("budget", budget_w, (0.0, f64::INFINITY), " W")?;
+        let n_steps = self.n_steps();
+        let boxes: Vec<StateBox> =
+            of.node.boxes.chunks_exact(n_steps + 1).flat_map(|row| row[..n_steps].to_vec()).collect();
+        let most = |m: usize, t: usize| {
+            let i = m * n_steps + t;
+            let largest_w = of.node.requests_w[i].high.max(0.0);
+            (largest_w, of.cells[i].delivered_w.high.max(0.0), self.string(m).min_power_w())
+        };
+        Ok(self.step_bounds_within(&boxes, costs, budget_w, most))
+    }
+
+    /// Step cuts where `most(m, t)` is the largest request, the largest and the least delivered power of a string in a
+    /// step.
+    fn step_bounds_within(
+        &self,
+        boxes: &[StateBox],
+        costs: &[Losses],
+        budget_w: &[f64],
+        most: impl Fn(usize, usize) -> (f64, f64, f64),
     ) -> StepBounds {
         let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
         let no_losses = !costs.iter().any(Losses::any_while_running);
@@ -96,10 +151,12 @@ impl ControlHorizon {
             let curve = |m: usize| {
                 let string = self.string(m);
                 let ranges = string.ranges(direction, &boxes[m * n_steps + t]);
+                let (limit_w, deliverable_w, min_power_w) = most(m, t);
                 let terms = OperatingTerms {
                     direction,
-                    limit_w: self.limit(m, t),
-                    deliverable_w: string.nominal_w(),
+                    limit_w,
+                    deliverable_w,
+                    min_power_w,
                     derating: ranges.derating,
                     power_scale_w: ranges.power_scale_w,
                     scale_price: 0.0,
@@ -124,7 +181,10 @@ impl ControlHorizon {
     pub(crate) fn one_step_optima(&self, flows: &[Flow]) -> Vec<StepBounds> {
         let (states, nothing) = (self.states_along(flows), vec![0.0; self.n_steps()]);
         (0..self.n_groups())
-            .map(|group| self.step_bounds_over(&states, &self.group_costs(group, CostsOf::Search), &nothing))
+            .map(|group| {
+                let costs = self.group_costs(group, CostsOf::Search);
+                self.step_bounds_over(&states, &costs, &nothing, Shed::OnlyAtLimits)
+            })
             .collect()
     }
 

@@ -51,8 +51,8 @@ impl ControlHorizon {
         let n_free = self.n_free_steps();
         if n_free > 0 {
             search.offer(self.greedy());
-            if let Some(warm_start_w) = warm_start_w {
-                search.offer(self.rated(self.fitted(warm_start_w)));
+            if let Some(wanted) = warm_start_w {
+                search.offer(self.rated(self.fitted(wanted)));
             }
             search.improve(search.best().to_vec());
             search.swap_strings();

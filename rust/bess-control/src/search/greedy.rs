@@ -68,6 +68,7 @@ impl ControlHorizon {
                 direction,
                 limit_w: self.limit(m, t),
                 deliverable_w: string.deliverable_w(&c, direction, states[m].soc, self.intervals[t].dt_h),
+                min_power_w: 0.0,
                 derating: Range::point(c.derating),
                 power_scale_w: Range::point(c.voltage_v * c.voltage_v / c.resistance_ohm),
                 scale_price: 0.0,
@@ -81,8 +82,11 @@ impl ControlHorizon {
     }
 
     fn proportional(&self, t: usize) -> Vec<f64> {
-        let total: f64 = (0..self.n_strings()).map(|m| self.limit(m, t)).sum();
-        (0..self.n_strings()).map(|m| self.limit(m, t) * (self.demand_w[t] / total).min(1.0)).collect()
+        let limit_w = self.limits(t);
+        let share = (self.demand_w[t] / limit_w.iter().sum::<f64>()).min(1.0);
+        let mut request_w: Vec<f64> = limit_w.iter().map(|limit_w| limit_w * share).collect();
+        self.model.set_points(&mut request_w, &limit_w);
+        request_w
     }
 
     /// Puts a rounding error, or what no string took, where there is room.
@@ -96,6 +100,7 @@ impl ControlHorizon {
                 missing -= *request - before;
             }
         }
+        self.model.set_points(&mut request_w, &self.limits(t));
         request_w
     }
 

@@ -16,10 +16,6 @@ const CLOSING_MOVES: usize = 15;
 /// Evaluations to find where a ceiling is met.
 const CROSSING: usize = 4;
 
-/// A request that does no more than switch the inverter on, as a share of the limit. In charge such an inverter takes
-/// its no-load loss from the battery, which makes room in a full one.
-const SWITCHED_ON: f64 = 1e-6;
-
 /// Two strings and a step: what the first of them may be asked for while their sum stays.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Line {
@@ -46,15 +42,15 @@ impl Line {
     }
 
     /// Requests of both strings for a first one inside the line.
-    fn pair(&self, first_w: f64) -> (f64, f64) {
-        let first = first_w.clamp(self.low_w, self.high_w);
-        (first, (self.sum_w - first).max(0.0))
+    fn pair(&self, tracked: &Tracked<'_>, first_w: f64) -> (f64, f64) {
+        let first_w = first_w.clamp(self.low_w, self.high_w);
+        tracked.horizon.pair(self.step, self.strings, self.sum_w, first_w)
     }
 
     /// Objectives with the first string at `first_w`, the requests of later steps as they are or following.
     fn cost(&self, tracked: &Tracked<'_>, shift: Shift) -> Objectives {
         let (i, j) = self.strings;
-        let (u, v) = self.pair(shift.first_w);
+        let (u, v) = self.pair(tracked, shift.first_w);
         let (a, b) = if shift.follows {
             tracked.follow(self.strings, self.step, (u, v), |_, _| ())
         } else {
@@ -68,7 +64,7 @@ impl Line {
     /// Asks the first string for `first_w` and the other for the rest.
     fn commit(&self, tracked: &mut Tracked<'_>, shift: Shift) {
         let (i, j) = self.strings;
-        let pair = self.pair(shift.first_w);
+        let pair = self.pair(tracked, shift.first_w);
         let mut changes = vec![(self.step, pair)];
         if shift.follows {
             changes.clear();
@@ -91,11 +87,14 @@ impl Line {
         uniform.chain(inside).chain(self.ends(tracked))
     }
 
-    /// Just inside both ends: the string there is on and does nothing. Of use in charge only.
+    /// Just inside both ends: the string there is at its least power. In charge such an inverter takes its no-load loss
+    /// from the battery, which makes room in a full one.
     fn ends(&self, tracked: &Tracked<'_>) -> impl Iterator<Item = f64> {
-        let shift = SWITCHED_ON * self.width();
+        let min_w = |m: usize| tracked.horizon.string(m).min_power_w();
         let charges = tracked.horizon.direction(self.step) == Direction::Charge;
-        [self.low_w + shift, self.high_w - shift].into_iter().filter(move |_| charges)
+        let (first_w, second_w) = (min_w(self.strings.0), self.sum_w - min_w(self.strings.1));
+        let (low, high) = (self.low_w, self.high_w);
+        [first_w, second_w].into_iter().filter(move |u| charges && *u > low && *u < high)
     }
 
     /// Uniform requests over the line, and its ends.
@@ -223,11 +222,11 @@ impl Plane {
         }
         let (i, j) = self.first.strings;
         let (from, to, end) = (self.first.step, self.second.step, tracked.end);
-        let (u, v) = self.first.pair(first_w);
+        let (u, v) = self.first.pair(tracked, first_w);
         let a = tracked.advance(i, *tracked.at(i, from), from, to, u);
         let b = tracked.advance(j, *tracked.at(j, from), from, to, v);
         let costs_at = |second_w: f64| {
-            let (u, v) = self.second.pair(second_w);
+            let (u, v) = self.second.pair(tracked, second_w);
             let a = tracked.advance(i, a, to, end, u);
             let b = tracked.advance(j, b, to, end, v);
             tracked.objectives_with(&[(i, a.costs), (j, b.costs)])

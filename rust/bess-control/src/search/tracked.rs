@@ -186,7 +186,7 @@ impl<'a> Tracked<'a> {
                 };
                 // Nothing moves where there is no room to (bounds that cross by rounding).
                 let first = if low <= high { wanted.clamp(low, high) } else { u };
-                request = (first, (u + v - first).max(0.0));
+                request = self.horizon.pair(t, (i, j), u + v, first);
             }
             visit(t, request);
             a.state = self.horizon.advance(i, t, a.state, request.0, &mut a.costs).end;

@@ -8,6 +8,7 @@ mod step;
 pub(crate) use any::{AnyBlock, Faces, LaneState};
 pub use derating::DeratingLaw;
 
+use bess_tables::units::SECONDS_PER_HOUR;
 use bess_tables::{Direction, Resistance, StringParameters};
 
 use crate::ageing::{AgeingState, StringAgeing};
@@ -23,7 +24,6 @@ use crate::PlantError;
 /// A control step: what it asks, and where it began.
 #[derive(Debug, Clone, Copy)]
 struct ControlStep<const W: usize> {
-    request_w: Lanes<W>,
     magnitude_w: Lanes<W>,
     /// Reactive power asked for, magnitude [var].
     reactive_var: Lanes<W>,
@@ -49,10 +49,14 @@ pub(crate) struct Block<const W: usize> {
     begun: Option<(ControlStep<W>, Totals<W>, [Limits; W])>,
     measured: MeasuredResistance,
     any_measured: bool,
-    any_entropy: bool,
+    /// Whether some lane has heat that all its nodes share alike: of reaction, or of hysteresis.
+    any_even_heat: bool,
+    /// 1 for a lane that hysteresis warms, else 0.
+    hysteresis_heat: Lanes<W>,
     k_per_w: Lanes<W>,
     soc_per_a: Lanes<W>,
     nominal_w: Lanes<W>,
+    min_power_w: Lanes<W>,
     soc_min: Lanes<W>,
     soc_max: Lanes<W>,
     voltage_min_v: Lanes<W>,
@@ -92,10 +96,12 @@ impl<const W: usize> Block<W> {
             begun: None,
             measured: MeasuredResistance::new(nodes, strings.iter().map(|s| &s.resistance)),
             any_measured: strings.iter().any(|s| matches!(s.resistance, Resistance::Measured { .. })),
-            any_entropy: strings.iter().any(|s| s.entropy.is_some()),
+            any_even_heat: strings.iter().any(|s| s.entropy.is_some() || s.hysteresis_heat),
+            hysteresis_heat: each(&|s| f64::from(u8::from(s.hysteresis_heat))),
             k_per_w: Lanes::from_fn(|l| coefficients[l].k_per_w),
             soc_per_a: Lanes::ZERO,
             nominal_w: each(&|s| s.inverter.nominal_w),
+            min_power_w: each(&|s| s.inverter.min_power_w),
             soc_min: each(&|s| s.soc_min),
             soc_max: each(&|s| s.soc_max),
             voltage_min_v: each(&|s| s.voltage_min_v),
@@ -124,7 +130,10 @@ impl<const W: usize> Block<W> {
         #[cfg(target_arch = "x86_64")]
         if std::arch::is_x86_feature_detected!("avx2") {
             // SAFETY: the processor has just been asked for AVX2.
-            unsafe { self.run_avx2(schedule, record) };
+            #[allow(unsafe_code)]
+            unsafe {
+                self.run_avx2(schedule, record)
+            };
             return;
         }
         self.run_portable(schedule, record);
@@ -132,13 +141,14 @@ impl<const W: usize> Block<W> {
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
+    #[allow(unsafe_code)]
     unsafe fn run_avx2(&mut self, schedule: &Schedule, record: &mut Record) {
         self.run_portable(schedule, record);
     }
 
     #[inline(always)]
     fn run_portable(&mut self, schedule: &Schedule, record: &mut Record) {
-        match (self.any_entropy, schedule.reactive_var.is_some()) {
+        match (self.any_even_heat, schedule.reactive_var.is_some()) {
             (false, false) => self.run_steps::<false, false>(schedule, record),
             (true, false) => self.run_steps::<true, false>(schedule, record),
             (false, true) => self.run_steps::<false, true>(schedule, record),
@@ -146,9 +156,9 @@ impl<const W: usize> Block<W> {
         }
     }
 
-    /// Compiled for each, so that strings without reversible heat or reactive power do not pay for it.
+    /// Compiled for each, so that strings without even heat or reactive power do not pay for it.
     #[inline(always)]
-    fn run_steps<const REVERSIBLE: bool, const REACTIVE: bool>(
+    fn run_steps<const EVEN_HEAT: bool, const REACTIVE: bool>(
         &mut self,
         schedule: &Schedule,
         record: &mut Record,
@@ -158,7 +168,7 @@ impl<const W: usize> Block<W> {
             let begun = self.begin_step(schedule, step);
             let (mut totals, mut limits) = (Totals::new(), [Limits::NONE; W]);
             for _ in 0..schedule.substeps {
-                self.plant_step::<REVERSIBLE, REACTIVE>(&begun, &mut totals, &mut limits);
+                self.plant_step::<EVEN_HEAT, REACTIVE>(&begun, &mut totals, &mut limits);
             }
             self.finish_step(begun, &totals, &limits, schedule, step, record);
         }
@@ -167,17 +177,17 @@ impl<const W: usize> Block<W> {
     #[inline(always)]
     fn begin_step(&mut self, schedule: &Schedule, step: usize) -> ControlStep<W> {
         let member = |l: usize| self.ids[l.min(self.ids.len() - 1)];
-        let request_w = Lanes::from_fn(|l| schedule.request_w(step, member(l)));
+        let request_w: [f64; W] = std::array::from_fn(|l| schedule.request_w(step, member(l)));
         let inlet_c = Lanes::from_fn(|l| schedule.ambient_c(step, member(l)));
         let (soc, temperature_c) = (self.soc, self.air_path.mean_temperature());
-        let magnitude_w = Lanes::from_fn(|l| request_w.0[l].abs());
+        let magnitude_w = Lanes::from_fn(|l| request_w[l].abs());
         let reactive_var = Lanes::from_fn(|l| schedule.reactive_var(step, member(l)).abs());
-        let direction: [Direction; W] = std::array::from_fn(|l| Direction::of(request_w.0[l]));
+        let direction: [Direction; W] = std::array::from_fn(|l| Direction::of(request_w[l]));
         let sign = Lanes::from_fn(|l| direction[l].sign());
         // The loss table in force changes with the direction.
         self.loss_lines = Lines::unknown();
         self.integrate_excess(schedule.substeps);
-        ControlStep { request_w, magnitude_w, reactive_var, sign, direction, inlet_c, soc, temperature_c }
+        ControlStep { magnitude_w, reactive_var, sign, direction, inlet_c, soc, temperature_c }
     }
 
     fn finish_step(
@@ -189,7 +199,7 @@ impl<const W: usize> Block<W> {
         step: usize,
         record: &mut Record,
     ) {
-        self.report(step, begun.request_w, totals, limits, schedule.substeps, record);
+        self.report(step, &begun, totals, limits, schedule.substeps, record);
         if schedule.reactive_var.is_some() {
             for (lane, &id) in self.ids.iter().enumerate() {
                 let sign = if schedule.reactive_var(step, id) < 0.0 { -1.0 } else { 1.0 };
@@ -201,10 +211,17 @@ impl<const W: usize> Block<W> {
         self.age(begun.soc, begun.temperature_c, duration_s, step * schedule.lanes, record);
     }
 
+    /// Chemical energy at a SOC less that at the one now, of one lane [J].
+    fn drawn_j(&self, lane: usize, from_soc: f64) -> f64 {
+        let rest = &self.strings[lane].rest;
+        let volts = rest.integral_v(from_soc) - rest.integral_v(self.soc.0[lane]);
+        SECONDS_PER_HOUR * self.capacity_ah.0[lane] * volts
+    }
+
     fn report(
         &self,
         step: usize,
-        request_w: Lanes<W>,
+        begun: &ControlStep<W>,
         totals: &Totals<W>,
         limits: &[Limits; W],
         substeps: usize,
@@ -213,9 +230,10 @@ impl<const W: usize> Block<W> {
         let mean_c = self.air_path.mean_temperature();
         for (lane, &id) in self.ids.iter().enumerate() {
             let at = step * record.lanes + id;
-            let sign = if request_w.0[lane] < 0.0 { -1.0 } else { 1.0 };
             let off_loss_w = self.strings[lane].inverter.off_loss_w;
-            totals.write(lane, sign, off_loss_w, (substeps, self.step_s), at, record);
+            let drawn_j = self.drawn_j(lane, begun.soc.0[lane]);
+            let per_lane = (off_loss_w, drawn_j);
+            totals.write(lane, begun.sign.0[lane], per_lane, (substeps, self.step_s), at, record);
             record.soc[at] = self.soc.0[lane];
             record.temperature_c[at] = mean_c.0[lane];
             record.limits[at] = record.limits[at].with(limits[lane]);

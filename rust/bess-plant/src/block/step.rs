@@ -6,7 +6,7 @@ use bess_tables::Resistance;
 use super::{Block, ControlStep};
 use crate::electrical::{Demand, Operation};
 use crate::lanes::Lanes;
-use crate::line::Line;
+use crate::line::{Line, Margin};
 use crate::measured_resistance;
 use crate::record::Limits;
 use crate::totals::Totals;
@@ -35,7 +35,10 @@ impl<const W: usize> Block<W> {
         #[cfg(target_arch = "x86_64")]
         if std::arch::is_x86_feature_detected!("avx2") {
             // SAFETY: the processor has just been asked for AVX2.
-            unsafe { self.plant_step_avx2(begun, totals, limits) };
+            #[allow(unsafe_code)]
+            unsafe {
+                self.plant_step_avx2(begun, totals, limits)
+            };
             return;
         }
         self.portable_plant_step(begun, totals, limits);
@@ -49,7 +52,7 @@ impl<const W: usize> Block<W> {
         limits: &mut [Limits; W],
     ) {
         let reactive = (0..W).fold(false, |any, lane| any | (begun.reactive_var.0[lane] > 0.0));
-        match (self.any_entropy, reactive) {
+        match (self.any_even_heat, reactive) {
             (false, false) => self.plant_step::<false, false>(begun, totals, limits),
             (true, false) => self.plant_step::<true, false>(begun, totals, limits),
             (false, true) => self.plant_step::<false, true>(begun, totals, limits),
@@ -59,6 +62,7 @@ impl<const W: usize> Block<W> {
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
+    #[allow(unsafe_code)]
     unsafe fn plant_step_avx2(
         &mut self,
         begun: &ControlStep<W>,
@@ -69,7 +73,7 @@ impl<const W: usize> Block<W> {
     }
 
     #[inline(always)]
-    pub(super) fn plant_step<const REVERSIBLE: bool, const REACTIVE: bool>(
+    pub(super) fn plant_step<const EVEN_HEAT: bool, const REACTIVE: bool>(
         &mut self,
         begun: &ControlStep<W>,
         totals: &mut Totals<W>,
@@ -82,6 +86,10 @@ impl<const W: usize> Block<W> {
 
         let factor = self.derating_factor(mean_c);
         let wanted_w = factor * magnitude_w;
+        // An inverter that would deliver less than its least power stays off.
+        let min_power_w = self.min_power_w;
+        let started_w =
+            Lanes::from_fn(|l| if wanted_w.0[l] < min_power_w.0[l] { 0.0 } else { wanted_w.0[l] });
         let strings = &self.strings;
 
         let charge_v =
@@ -94,19 +102,19 @@ impl<const W: usize> Block<W> {
 
         // Active power comes first: reactive power gets what it leaves of the inverter's apparent power.
         let (reactive_var, apparent_va) = if REACTIVE {
-            let active = wanted_w * wanted_w;
+            let active = started_w * started_w;
             let left = (self.nominal_w * self.nominal_w - active).at_least(zero);
             let reactive_var = asked_var.at_most(left.sqrt());
             (reactive_var, (active + reactive_var * reactive_var).sqrt())
         } else {
-            (zero, wanted_w)
+            (zero, started_w)
         };
 
         // Where no limit is near: V I - R I^2 = sign p + w, small root.
         let loss_at =
             self.loss_lines.at(apparent_va, |l, at| Line::of(strings[l].inverter.loss(direction[l]), at));
-        let loss_w = wanted_w.if_positive(loss_at, zero);
-        let power_w = sign * wanted_w + loss_w;
+        let loss_w = started_w.if_positive(loss_at, zero);
+        let power_w = sign * started_w + loss_w;
         let voltage_v = power_w.if_positive(discharge_v, charge_v);
         let discriminant = voltage_v * voltage_v - Lanes::splat(4.0) * resistance * power_w;
         let root = discriminant.at_least(zero).sqrt();
@@ -114,7 +122,7 @@ impl<const W: usize> Block<W> {
         let soc_end = soc - current_a * self.soc_per_a;
 
         let mut drawn = Drawn {
-            delivered_w: wanted_w,
+            delivered_w: started_w,
             loss_w,
             voltage_v,
             current_a,
@@ -136,7 +144,7 @@ impl<const W: usize> Block<W> {
             for lane in 0..W {
                 let demand = Demand {
                     direction: direction[lane],
-                    wanted_w: wanted_w.0[lane],
+                    wanted_w: started_w.0[lane],
                     reactive_var: reactive_var.0[lane],
                     soc: soc.0[lane],
                     charge_v: charge_v.0[lane],
@@ -171,7 +179,19 @@ impl<const W: usize> Block<W> {
         totals.loss_on_w = totals.loss_on_w + drawn.loss_w;
         totals.off_steps = totals.off_steps + (Lanes::splat(1.0) - on);
         totals.heat_w = totals.heat_w + heat_w;
-        totals.chemical_w = totals.chemical_w + drawn.voltage_v * drawn.current_a;
+        let half = Lanes::splat(0.5);
+        let (current_a, moved) = (drawn.current_a, drawn.soc - soc);
+        let hysteresis_w = half * (charge_v - discharge_v) * current_a.at_least(zero - current_a);
+        totals.hysteresis_w = totals.hysteresis_w + hysteresis_w;
+        // Half way along the straight mean of both voltages; not where a lane leaves its segment.
+        let mean_slope = half * (self.charge_v_lines.slope() + self.discharge_v_lines.slope());
+        let mut shift_w = zero - half * mean_slope * moved * current_a;
+        let margin = self.charge_v_lines.margin(drawn.soc);
+        if margin.any_left() {
+            let mean_v = half * (charge_v + discharge_v);
+            self.shift_beyond(&margin, (mean_v, current_a), soc, &mut shift_w);
+        }
+        totals.ocv_shift_w = totals.ocv_shift_w + shift_w;
         totals.current_a = totals.current_a + drawn.current_a;
         totals.factor = totals.factor + factor;
         totals.starts = totals.starts + on * (Lanes::splat(1.0) - self.on);
@@ -179,21 +199,22 @@ impl<const W: usize> Block<W> {
 
         let heating = self.k_per_w * squared * drawn.node_factor;
         let tables = std::array::from_fn(|l| &self.strings[l].resistance);
-        if REVERSIBLE {
-            self.advance_reversibly(heating, drawn.current_a, soc, inlet_c, totals);
+        if EVEN_HEAT {
+            self.advance_with_even_heat(heating, drawn.current_a, hysteresis_w, soc, inlet_c, totals);
         } else {
             totals.hottest_c = self.air_path.advance(heating, inlet_c, totals.hottest_c, &tables);
         }
     }
 
-    /// Heat along the path with `-I T dU/dT`, the heat of reaction, which all nodes share alike. Both are of the state
-    /// before the step, so their order does not matter.
+    /// Heat along the path with what all nodes share alike: `-I T dU/dT`, the heat of reaction, and that of hysteresis in
+    /// the lanes that it warms. All are of the state before the step, so their order does not matter.
     #[cold]
     #[inline(never)]
-    fn advance_reversibly(
+    fn advance_with_even_heat(
         &mut self,
         heating: Lanes<W>,
         current_a: Lanes<W>,
+        hysteresis_w: Lanes<W>,
         soc: Lanes<W>,
         inlet_c: Lanes<W>,
         totals: &mut Totals<W>,
@@ -206,7 +227,25 @@ impl<const W: usize> Block<W> {
         totals.reversible_w = totals.reversible_w + reversible_w;
         let tables = std::array::from_fn(|l| &self.strings[l].resistance);
         self.air_path.advance(heating, inlet_c, mean_c, &tables);
-        totals.hottest_c = self.air_path.warm(self.k_per_w * reversible_w, totals.hottest_c, &tables);
+        let even_w = reversible_w + self.hysteresis_heat * hysteresis_w;
+        totals.hottest_c = self.air_path.warm(self.k_per_w * even_w, totals.hottest_c, &tables);
+    }
+
+    /// Power of the voltage in force beyond what leaves the chemical store, of lanes whose table is not straight over the
+    /// step: they reach another knot, or depend on temperature.
+    #[cold]
+    #[inline(never)]
+    fn shift_beyond(
+        &self,
+        margin: &Margin<W>,
+        (mean_v, current_a): (Lanes<W>, Lanes<W>),
+        before: Lanes<W>,
+        shift_w: &mut Lanes<W>,
+    ) {
+        for lane in (0..W).filter(|&lane| margin.left(lane)) {
+            let drawn_w = self.drawn_j(lane, before.0[lane]) / self.step_s;
+            shift_w.0[lane] = mean_v.0[lane] * current_a.0[lane] - drawn_w;
+        }
     }
 
     /// Replaces what was drawn from a lane that has a limit, or a resistance that depends on its own current.

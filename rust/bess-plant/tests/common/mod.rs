@@ -33,7 +33,7 @@ pub fn reference_string() -> Value {
                             0.0193],
             "loss_discharge": [0.0110, 0.01119, 0.01140, 0.01186, 0.01238, 0.01296, 0.01360, 0.01430, 0.01546,
                                0.01676, 0.0177],
-            "off_loss": 0.0
+            "off_loss": 0.0, "min_power_kw": 0.001
         },
         "derating": {
             "start_c": 45.0, "stop_c": 60.0, "kp_per_k": 0.035, "ki_per_k_step": 0.0035,

@@ -64,11 +64,11 @@ impl<'a> OperatingRanges<'a> {
                 let (interval, requests) = (&horizon.intervals[t], horizon.request_range(m, t));
                 let coefficients = string.ranges(interval.direction, states);
                 planes.push(string.planes(interval.direction, states, near[m * n_steps + t]));
-                let (current, heat) = string.current_and_heat(states, &requests, interval);
-                may_shed.push(string.may_shed(states, &coefficients, &requests, &current, interval));
+                let cell = string.cell(states, &requests, interval);
                 ranges.push(coefficients);
-                current_a.push(current);
-                heat_w.push(heat);
+                may_shed.push(cell.may_shed());
+                current_a.push(cell.current_a);
+                heat_w.push(cell.heat_w);
             }
         }
         Self { horizon, boxes, ranges, planes, current_a, heat_w, may_shed }
@@ -189,6 +189,7 @@ impl<'a> HorizonBound<'a> {
             direction,
             limit_w,
             deliverable_w: string.nominal_w(),
+            min_power_w: string.min_power_w(),
             derating: ranges.derating,
             power_scale_w: ranges.power_scale_w,
             scale_price: values.scale_price,

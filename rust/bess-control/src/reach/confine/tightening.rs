@@ -94,7 +94,7 @@ impl<'a> Tightening<'a> {
         for (t, interval) in horizon.intervals.iter().enumerate() {
             let keep = operating.keep(m, t);
             unheated_c = keep * unheated_c + (1.0 - keep) * interval.ambient_c;
-            let reached = horizon.string(m).reach(&out[t], &horizon.request_range(m, t), interval);
+            let reached = horizon.string(m).cell(&out[t], &horizon.request_range(m, t), interval).end;
             let mut now = row[t + 1].intersection(&reached);
             now.soc.low = now.soc.low.max(start.soc - lost[t + 1] - SOC_ROUNDING);
             now.soc.high = now.soc.high.min(start.soc + gained[t + 1] + SOC_ROUNDING);

@@ -1,0 +1,23 @@
+"""What a study says about its policy, for a run and for the service alike."""
+
+from __future__ import annotations
+
+from bess.parameters import System
+from bess.policies import Settings
+from bess.study.study import Study
+
+
+def policy_settings(study: Study, system: System) -> Settings:
+    """Return the settings of the study's policy for its system."""
+    choice = study.policy
+    return Settings(
+        dt_h=system.control.step_min / 60.0,
+        horizon_steps=choice.steps_ahead(system.control),
+        split=choice,
+        plans=choice.plans,
+        rollouts=choice.rollouts,
+        model=choice.model,
+        terms=study.settlement.terms,
+        file=choice.file,
+        reactive=study.reactive is not None,
+    )

@@ -1,0 +1,132 @@
+//! Set-points: no request is below the least power of its inverter but 0.
+
+use super::control_model::ControlModel;
+use super::horizon::ControlHorizon;
+
+/// What is left of a power by rounding, relative.
+const ROUNDING: f64 = 1e-12;
+
+impl ControlModel {
+    /// Requests `(M,)` [W] (magnitudes) of one step of which none is below the least power of its inverter but 0: what
+    /// those below were asked for goes to the strings that run, or starts one of them. It is left out only where no
+    /// string has room for it, or needs more to start than there is.
+    pub fn set_points(&self, request_w: &mut [f64], limit_w: &[f64]) {
+        let min_w = |m: usize| self.strings()[m].min_power_w();
+        let below = |m: usize, power_w: f64| power_w > 0.0 && power_w < min_w(m);
+        if !request_w.iter().enumerate().any(|(m, &power_w)| below(m, power_w)) {
+            return;
+        }
+        let total_w: f64 = request_w.iter().sum();
+        let mut waiting: Vec<(usize, f64)> = Vec::new();
+        for (m, power_w) in request_w.iter_mut().enumerate() {
+            if below(m, *power_w) {
+                waiting.push((m, *power_w));
+                *power_w = 0.0;
+            }
+        }
+        let mut left_w: f64 = waiting.iter().map(|(_, power_w)| power_w).sum();
+        // The one that was asked for most starts first.
+        waiting.sort_by(|a, b| b.1.total_cmp(&a.1));
+        let mut waiting = waiting.into_iter().map(|(m, _)| m);
+        loop {
+            let room_w: f64 =
+                request_w.iter().zip(limit_w).filter(|(p, _)| **p > 0.0).map(|(p, l)| l - p).sum();
+            if room_w > 0.0 {
+                let share = (left_w / room_w).min(1.0);
+                for (power_w, &limit_w) in request_w.iter_mut().zip(limit_w).filter(|(p, _)| **p > 0.0) {
+                    *power_w += share * (limit_w - *power_w);
+                }
+                left_w -= share * room_w;
+            }
+            if left_w <= ROUNDING * total_w {
+                return;
+            }
+            let Some(next) = waiting.find(|&m| limit_w[m] >= min_w(m)) else { return };
+            let start_w = left_w.clamp(min_w(next), limit_w[next]);
+            if start_w > left_w {
+                // The others give what it needs to start.
+                let spare = |m: usize| if request_w[m] > 0.0 { request_w[m] - min_w(m) } else { 0.0 };
+                let spare_w: Vec<f64> = (0..request_w.len()).map(spare).collect();
+                let share = (start_w - left_w) / spare_w.iter().sum::<f64>();
+                if share > 1.0 || share.is_nan() {
+                    continue;
+                }
+                for (power_w, spare_w) in request_w.iter_mut().zip(spare_w) {
+                    *power_w -= share * spare_w;
+                }
+            }
+            request_w[next] = start_w;
+            left_w = (left_w - start_w).max(0.0);
+        }
+    }
+}
+
+impl ControlHorizon {
+    /// A sum of two strings' requests in one step shared between them, the first asked for about `first_w`: neither for
+    /// less than its least power but 0, if that can be.
+    #[inline]
+    pub(crate) fn pair(&self, t: usize, (i, j): (usize, usize), sum_w: f64, first_w: f64) -> (f64, f64) {
+        let min_w = |m: usize| self.string(m).min_power_w();
+        let second_w = (sum_w - first_w).max(0.0);
+        if first_w > 0.0 && first_w < min_w(i) {
+            return if sum_w <= self.limit(j, t) { (0.0, sum_w) } else { (min_w(i), sum_w - min_w(i)) };
+        }
+        if second_w > 0.0 && second_w < min_w(j) {
+            return if sum_w <= self.limit(i, t) { (sum_w, 0.0) } else { (sum_w - min_w(j), min_w(j)) };
+        }
+        (first_w, second_w)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::search::common;
+
+    const N_STRINGS: usize = 4;
+    const LIMIT_W: f64 = 92e3;
+
+    fn settled(mut request_w: [f64; N_STRINGS], limit_w: [f64; N_STRINGS]) -> [f64; N_STRINGS] {
+        ControlModel::new(&common::reference(N_STRINGS)).set_points(&mut request_w, &limit_w);
+        request_w
+    }
+
+    #[test]
+    fn what_is_below_the_least_power_goes_to_the_strings_that_run() {
+        let given = settled([50e3, 0.4, 0.0, 0.5], [LIMIT_W; N_STRINGS]);
+        assert_eq!(given, [50e3 + 0.9, 0.0, 0.0, 0.0]);
+        assert_eq!(settled([5.0, 0.0, 1.0, 7.0], [LIMIT_W; N_STRINGS]), [5.0, 0.0, 1.0, 7.0]);
+    }
+
+    #[test]
+    fn where_all_are_below_it_the_one_that_was_asked_for_most_takes_all_or_none_does() {
+        assert_eq!(settled([0.3, 0.5, 0.2, 0.4], [LIMIT_W; N_STRINGS]), [0.0, 1.4, 0.0, 0.0]);
+        assert_eq!(settled([0.3, 0.3, 0.0, 0.0], [LIMIT_W; N_STRINGS]), [0.0; N_STRINGS]);
+    }
+
+    #[test]
+    fn where_those_that_run_are_at_their_limit_they_give_what_one_more_needs_to_start() {
+        let given = settled([50.0, 0.25, 0.0, 0.0], [50.0, LIMIT_W, 0.0, 0.0]);
+        assert_eq!(given, [49.25, 1.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn no_request_of_any_step_is_below_the_least_power_and_the_sum_stays() {
+        let model = ControlModel::new(&common::reference(N_STRINGS));
+        let mut random = fastrand::Rng::with_seed(3);
+        for _ in 0..2000 {
+            let mut power = || 10_f64.powf(-6.0 + 11.0 * random.f64());
+            let limit_w = [0; N_STRINGS].map(|_| power().clamp(3.0, LIMIT_W));
+            let mut request_w = limit_w.map(|limit| if power() < 1e-2 { 0.0 } else { power().min(limit) });
+            let total_w: f64 = request_w.iter().sum();
+            model.set_points(&mut request_w, &limit_w);
+            assert!(request_w.iter().all(|&power_w| power_w == 0.0 || power_w >= 1.0), "{request_w:?}");
+            assert!(request_w
+                .iter()
+                .zip(limit_w)
+                .all(|(&power_w, limit_w)| power_w <= limit_w * (1.0 + 1e-12)));
+            let missing_w = total_w - request_w.iter().sum::<f64>();
+            assert!(missing_w.abs() < 1e-9 * total_w || total_w < 1.0, "{missing_w} of {total_w}");
+        }
+    }
+}

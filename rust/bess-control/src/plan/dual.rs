@@ -1,0 +1,459 @@
+//! A bound by prices: strings meet only in the sum of their power, and a price for it in each step leaves every string alone.
+//!
+//! At any prices, what all strings would pay at best, each a dynamic program of its own, plus the price of the demand, is at most
+//! what any schedule costs (Lagrangian relaxation of the balance). Strings move between nodes of SOC, so no interpolation in SOC
+//! blurs their cost to go; temperature is interpolated. The bound is therefore that of the grid: an estimate of the true one.
+
+use bess_tables::units::SECONDS_PER_HOUR;
+use bess_tables::Direction;
+
+use crate::model::{Losses, StringModel, StringState};
+use crate::plan::look_ahead::{look_ahead, CostToGo, Group};
+use crate::plan::problem::PlanProblem;
+
+/// Nodes of SOC that full power passes in a step.
+const NODES_PER_STEP: f64 = 10.0;
+/// Fewest and most nodes of SOC.
+const SOC_NODES: (usize, usize) = (40, 400);
+/// Nodes of temperature.
+const TEMPERATURE_NODES: usize = 14;
+/// Room of the grid above the warmest string where nothing derates [K].
+const WARMING_K: f64 = 35.0;
+/// Share of the passes that move prices towards those at which the look-ahead balances supply and demand: a quick approach,
+/// which the ascent then refines.
+const CLEARING: f64 = 0.25;
+/// How far they move in one pass.
+const TOWARDS_CLEARING: f64 = 0.5;
+/// Passes without a better bound, after which the ascent goes back to the best prices and takes smaller steps.
+const PATIENCE: usize = 8;
+/// Length of the first ascent steps, as a share of what closes the gap in one (Polyak).
+const ASCENT: f64 = 0.5;
+/// What a smaller step is of the one before.
+const SHORTER: f64 = 0.6;
+/// Weight of the newest direction; the rest is that of the directions before, which damps zigzags.
+const NEWEST: f64 = 0.6;
+/// An ascent passes over a gap smaller than this share of the cost.
+const CLOSED: f64 = 2e-3;
+/// Powers that a string chooses from at its own prices.
+const CHOICES: usize = 24;
+
+/// Result of an ascent.
+pub(crate) struct Dual {
+    /// Lower bound of the cost of every schedule, on the grid.
+    pub bound: f64,
+    /// The cheapest schedule that looks ahead with the values of one of the passes `(M, T)` [W].
+    pub request_w: Vec<f64>,
+}
+
+/// Four nodes of temperature from one on, and their weights (cubic convolution; linear at the ends).
+type Stencil = (usize, [f64; 4]);
+
+/// Moves of a string from every node, in one direction; arrays `(steps of SOC, n_soc, n_temperature)`.
+#[derive(Default)]
+struct Moves {
+    request_w: Vec<f64>,
+    losses: Vec<Losses>,
+    current_a: Vec<f64>,
+}
+
+/// The grid of strings that are alike.
+struct Grid {
+    soc_min: f64,
+    soc_step: f64,
+    n_soc: usize,
+    coolest_c: f64,
+    temperature_step_k: f64,
+    charge: Moves,
+    discharge: Moves,
+}
+
+impl Grid {
+    fn new(problem: &PlanProblem<'_>, m: usize) -> Self {
+        let string = &problem.model.strings()[m];
+        let p = &string.parameters;
+        let dt_h = problem.intervals[0].dt_h;
+        let middle = StringState { soc: 0.5 * (p.soc_min + p.soc_max), temperature_c: 25.0 };
+        let volt = string.coefficients(Direction::Discharge, middle).voltage_v;
+        let full_step = string.nominal_w() / volt * dt_h / p.capacity_ah;
+        let cells = ((p.soc_max - p.soc_min) / full_step * NODES_PER_STEP).round() as usize;
+        let cells = cells.clamp(SOC_NODES.0, SOC_NODES.1);
+        let temperatures = || {
+            problem.intervals.iter().map(|i| i.ambient_c).chain(problem.start.iter().map(|s| s.temperature_c))
+        };
+        let (coolest_c, warmest) = temperatures()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), c| (low.min(c), high.max(c)));
+        let factor = &p.derating.factor;
+        let stop = factor.x().last().copied().filter(|&c| factor.at(c) < 1.0).unwrap_or(warmest + WARMING_K);
+        let temperature_step_k = (stop.max(warmest + 1.0) - coolest_c) / (TEMPERATURE_NODES - 1) as f64;
+        let soc_step = (p.soc_max - p.soc_min) / cells as f64;
+        let mut grid = Self {
+            soc_min: p.soc_min,
+            soc_step,
+            n_soc: cells + 1,
+            coolest_c,
+            temperature_step_k,
+            charge: Moves::default(),
+            discharge: Moves::default(),
+        };
+        grid.charge = grid.moves(string, Direction::Charge, dt_h);
+        grid.discharge = grid.moves(string, Direction::Discharge, dt_h);
+        grid
+    }
+
+    /// Every move to another node of SOC: with the mean voltage and resistance on the way, what is asked for and lost. Moves
+    /// that a string cannot make ask for infinitely much.
+    fn moves(&self, string: &StringModel, direction: Direction, dt_h: f64) -> Moves {
+        let p = &string.parameters;
+        let curve = string.loss(direction);
+        let highest = curve.at(string.nominal_w()).1;
+        let mut out = Moves::default();
+        for k in 1.. {
+            let current_a = self.soc_step * k as f64 * p.capacity_ah / dt_h;
+            let mut any = false;
+            for (i, j) in (0..self.n_soc).flat_map(|i| (0..TEMPERATURE_NODES).map(move |j| (i, j))) {
+                let mut request_w = f64::INFINITY;
+                let mut losses = Losses::default();
+                if let Some(to) = self.target(direction, i, k) {
+                    let at = |share: f64| {
+                        let node = i as f64 + share * (to as f64 - i as f64);
+                        let soc = self.soc_min + self.soc_step * node;
+                        string.coefficients(
+                            direction,
+                            StringState { soc, temperature_c: self.temperature_c(j) },
+                        )
+                    };
+                    let (start, middle, end) = (at(0.0), at(0.5), at(1.0));
+                    let mean = |a: f64, b: f64, c: f64| (a + 4.0 * b + c) / 6.0;
+                    let volt = mean(start.voltage_v, middle.voltage_v, end.voltage_v);
+                    let ohm = mean(start.resistance_ohm, middle.resistance_ohm, end.resistance_ohm);
+                    let heat_w = ohm * current_a * current_a;
+                    let internal_w = match direction {
+                        Direction::Charge => volt * current_a + heat_w,
+                        Direction::Discharge => volt * current_a - heat_w,
+                    };
+                    let has_root = direction == Direction::Charge || 2.0 * ohm * current_a <= volt;
+                    let allowed = p.voltage_allows(direction, volt, ohm * current_a);
+                    if has_root && allowed && internal_w <= highest && middle.derating > 0.0 {
+                        let power_w = curve.largest_power(internal_w);
+                        let asked_w = power_w / middle.derating;
+                        if power_w > 0.0 && asked_w <= string.nominal_w() * (1.0 + 1e-9) {
+                            any = true;
+                            request_w = asked_w;
+                            losses = Losses {
+                                availability: 0.0,
+                                derating: asked_w - power_w,
+                                inverter: curve.at(power_w).0,
+                                battery: heat_w,
+                            };
+                        }
+                    }
+                }
+                out.request_w.push(request_w);
+                out.losses.push(losses);
+                out.current_a.push(current_a);
+            }
+            if !any {
+                break;
+            }
+        }
+        out
+    }
+
+    fn size(&self) -> usize {
+        self.n_soc * TEMPERATURE_NODES
+    }
+
+    /// Node of SOC, `k` steps on.
+    fn target(&self, direction: Direction, from: usize, k: usize) -> Option<usize> {
+        match direction {
+            Direction::Charge => Some(from + k).filter(|&to| to < self.n_soc),
+            Direction::Discharge => from.checked_sub(k),
+        }
+    }
+
+    fn temperature_c(&self, j: usize) -> f64 {
+        self.coolest_c + self.temperature_step_k * j as f64
+    }
+
+    fn stencil(&self, temperature_c: f64) -> Stencil {
+        let last = TEMPERATURE_NODES - 1;
+        let y = ((temperature_c - self.coolest_c) / self.temperature_step_k).clamp(0.0, last as f64);
+        let j = (y as usize).min(last - 1);
+        let b = y - j as f64;
+        if j == 0 || j == last - 1 {
+            let base = if j == 0 { 0 } else { last - 3 };
+            let mut weights = [0.0; 4];
+            weights[j - base] = 1.0 - b;
+            weights[j - base + 1] = b;
+            return (base, weights);
+        }
+        let (b2, b3) = (b * b, b * b * b);
+        let weights = [
+            -0.5 * b + b2 - 0.5 * b3,
+            1.0 - 2.5 * b2 + 1.5 * b3,
+            0.5 * b + 2.0 * b2 - 1.5 * b3,
+            -0.5 * b2 + 0.5 * b3,
+        ];
+        (j - 1, weights)
+    }
+}
+
+#[inline]
+fn along(row: &[f64], (base, w): &Stencil) -> f64 {
+    let r = &row[*base..*base + 4];
+    w[0] * r[0] + w[1] * r[1] + w[2] * r[2] + w[3] * r[3]
+}
+
+/// Cost to go of strings that are alike, `(T + 1, off or on, n_soc, n_temperature)`.
+struct StringValue {
+    planes: Vec<f64>,
+}
+
+/// Costs to go of all strings at prices of the balance.
+struct StringValues<'a> {
+    problem: &'a PlanProblem<'a>,
+    groups: Vec<Group>,
+    kinds: Vec<usize>,
+    grids: Vec<Grid>,
+    /// A string of each kind.
+    members: Vec<usize>,
+    values: Vec<StringValue>,
+}
+
+impl<'a> StringValues<'a> {
+    fn new(problem: &'a PlanProblem<'a>) -> Self {
+        let mut out =
+            Self { problem, groups: vec![], kinds: vec![], grids: vec![], members: vec![], values: vec![] };
+        for m in (0..problem.n_strings()).filter(|&m| problem.limit_w[m] > 0.0) {
+            let kind = out.members.iter().position(|&other| problem.alike(other, m));
+            out.kinds.push(kind.unwrap_or(out.grids.len()));
+            out.groups.push(Group { first: m, second: None });
+            if kind.is_none() {
+                out.grids.push(Grid::new(problem, m));
+                out.members.push(m);
+            }
+        }
+        out
+    }
+
+    /// Solves every kind of string backwards at prices `(T,)` [cost/Wh].
+    fn solve(&mut self, price: &[f64]) {
+        self.values = (0..self.grids.len()).map(|kind| self.backwards(kind, price)).collect();
+    }
+
+    fn backwards(&self, kind: usize, price: &[f64]) -> StringValue {
+        let (problem, grid, m) = (self.problem, &self.grids[kind], self.members[kind]);
+        let (n_steps, size) = (problem.n_steps(), grid.size());
+        let lumped = &problem.model.strings()[m].parameters.lumped;
+        let mut planes = vec![0.0; (n_steps + 1) * 2 * size];
+        for (node, value) in planes[n_steps * 2 * size..].iter_mut().enumerate() {
+            let soc = grid.soc_min + grid.soc_step * (node % size / TEMPERATURE_NODES) as f64;
+            *value = problem.end_cost(m, StringState { soc, temperature_c: 25.0 });
+        }
+        // Of each direction, where moves lead in temperature and what they cost: the same in steps that are alike.
+        let mut led: [Option<(usize, Vec<Stencil>)>; 2] = [None, None];
+        let mut priced: [Option<(usize, Vec<f64>)>; 2] = [None, None];
+        let mut above = vec![f64::INFINITY; size];
+        for t in (0..n_steps).rev() {
+            let interval = &problem.intervals[t];
+            let (which, moves) = match interval.direction {
+                Direction::Charge => (0, &grid.charge),
+                Direction::Discharge => (1, &grid.discharge),
+            };
+            let dt_s = interval.dt_h * SECONDS_PER_HOUR;
+            let after = |temperature_c: f64, heat_w: f64| {
+                let rate =
+                    lumped.k1_k_per_j * heat_w - lumped.k2_per_s * (temperature_c - interval.ambient_c);
+                grid.stencil(temperature_c + dt_s * rate)
+            };
+            let all = 0..moves.request_w.len();
+            if !led[which].as_ref().is_some_and(|(s, _)| problem.intervals[*s] == *interval) {
+                let to = |x: usize| after(grid.temperature_c(x % TEMPERATURE_NODES), moves.losses[x].battery);
+                led[which] = Some((t, all.clone().map(to).collect()));
+            }
+            let same_price = |s: usize| problem.prices.losses[s] == problem.prices.losses[t];
+            if !priced[which].as_ref().is_some_and(|(s, _)| same_price(*s)) {
+                let rate = |x: usize| moves.losses[x].cost(&problem.prices.losses[t]);
+                let cost = |x: usize| interval.dt_h * (rate(x) + problem.prices.wear[m] * moves.current_a[x]);
+                priced[which] = Some((t, all.map(cost).collect()));
+            }
+            let (before, later) = planes.split_at_mut((t + 1) * 2 * size);
+            let (next_off, next_on) = later[..2 * size].split_at(size);
+            let (now_off, now_on) = before[t * 2 * size..].split_at_mut(size);
+            now_on.fill(f64::INFINITY);
+            // A string is asked for no more than the demand, and for less than that between two nodes.
+            let cap_w = problem.demand_w[t].min(problem.limit_w[m]);
+            let price = price[t] * interval.dt_h;
+            if let (true, Some((_, to_c)), Some((_, cost))) = (cap_w > 0.0, &led[which], &priced[which]) {
+                above.fill(f64::INFINITY);
+                for (move_index, request_w) in moves.request_w.iter().enumerate() {
+                    let (k, node) = (move_index / size + 1, move_index % size);
+                    let Some(to) = grid.target(interval.direction, node / TEMPERATURE_NODES, k) else {
+                        continue;
+                    };
+                    let shorter_w = if k == 1 { 0.0 } else { moves.request_w[move_index - size] };
+                    if *request_w == f64::INFINITY || shorter_w >= cap_w {
+                        continue;
+                    }
+                    let row = &next_on[to * TEMPERATURE_NODES..(to + 1) * TEMPERATURE_NODES];
+                    let value = cost[move_index] - price * request_w + along(row, &to_c[move_index]);
+                    if *request_w <= cap_w {
+                        now_on[node] = now_on[node].min(value);
+                    } else if above[node].is_finite() {
+                        let share = (cap_w - shorter_w) / (request_w - shorter_w);
+                        now_on[node] = now_on[node].min(above[node] + share * (value - above[node]));
+                    }
+                    above[node] = value;
+                }
+            }
+            let idle: Vec<Stencil> =
+                (0..TEMPERATURE_NODES).map(|j| after(grid.temperature_c(j), 0.0)).collect();
+            for node in 0..size {
+                let (i, j) = (node / TEMPERATURE_NODES, node % TEMPERATURE_NODES);
+                let off = along(&next_off[i * TEMPERATURE_NODES..(i + 1) * TEMPERATURE_NODES], &idle[j]);
+                now_off[node] = off.min(now_on[node] + problem.prices.start);
+                now_on[node] = off.min(now_on[node]);
+            }
+        }
+        StringValue { planes }
+    }
+
+    /// Cost to go of a string at the start of a step.
+    fn at(&self, group: usize, t: usize, state: StringState, running: bool) -> f64 {
+        let grid = &self.grids[self.kinds[group]];
+        let x = ((state.soc - grid.soc_min) / grid.soc_step).clamp(0.0, (grid.n_soc - 1) as f64);
+        let i = (x as usize).min(grid.n_soc - 2);
+        let share = x - i as f64;
+        let stencil = grid.stencil(state.temperature_c);
+        let plane = &self.values[self.kinds[group]].planes[(2 * t + usize::from(running)) * grid.size()..];
+        let row = |i: usize| along(&plane[i * TEMPERATURE_NODES..(i + 1) * TEMPERATURE_NODES], &stencil);
+        (1.0 - share) * row(i) + share * row(i + 1)
+    }
+
+    /// Bound of the cost of every schedule at prices `(T,)`.
+    fn bound(&self, price: &[f64]) -> f64 {
+        let problem = self.problem;
+        let demand = |t: usize| price[t] * problem.demand_w[t] * problem.intervals[t].dt_h;
+        let (n, out) = (problem.n_strings(), |m: usize| problem.limit_w[m] <= 0.0);
+        let idle = |m: usize| problem.end_cost(m, problem.start[m]);
+        let start = |(index, group): (usize, &Group)| {
+            self.at(index, 0, problem.start[group.first], problem.running[group.first])
+        };
+        (0..problem.n_steps()).map(demand).sum::<f64>()
+            + (0..n).filter(|&m| out(m)).map(idle).sum::<f64>()
+            + self.groups.iter().enumerate().map(start).sum::<f64>()
+    }
+
+    /// Demand less what the strings take at their best at these prices `(T,)` [Wh]: the direction in which the bound rises.
+    fn direction(&self, price: &[f64]) -> Vec<f64> {
+        let problem = self.problem;
+        let n_steps = problem.n_steps();
+        let dt_h = |t: usize| problem.intervals[t].dt_h;
+        let mut slope: Vec<f64> = (0..n_steps).map(|t| problem.demand_w[t] * dt_h(t)).collect();
+        let mut paths: Vec<(usize, Vec<f64>)> = vec![];
+        for (index, group) in self.groups.iter().enumerate() {
+            let m = group.first;
+            let same = |&(other, _): &(usize, Vec<f64>)| {
+                let o = self.groups[other].first;
+                self.kinds[other] == self.kinds[index]
+                    && problem.start[o] == problem.start[m]
+                    && problem.running[o] == problem.running[m]
+            };
+            let known = paths.iter().position(same).unwrap_or_else(|| {
+                paths.push((index, self.best_path(index, price)));
+                paths.len() - 1
+            });
+            for (t, power_w) in paths[known].1.iter().enumerate() {
+                slope[t] -= power_w * dt_h(t);
+            }
+        }
+        slope
+    }
+
+    /// Requests of a string that pays and earns these prices [W].
+    fn best_path(&self, group: usize, price: &[f64]) -> Vec<f64> {
+        let (problem, m) = (self.problem, self.groups[group].first);
+        let (mut state, mut running) = (problem.start[m], problem.running[m]);
+        let step = |t: usize| {
+            let cap_w = problem.demand_w[t].min(problem.limit_w[m]);
+            let mut best = (f64::INFINITY, 0.0, state);
+            for k in 0..=if cap_w > 0.0 { CHOICES } else { 0 } {
+                let request_w = cap_w * k as f64 / CHOICES as f64;
+                let (cost, end) = problem.step(m, t, state, request_w, running);
+                let earned = price[t] * request_w * problem.intervals[t].dt_h;
+                let value = cost - earned + self.at(group, t + 1, end, k > 0);
+                if value < best.0 {
+                    best = (value, request_w, end);
+                }
+            }
+            (state, running) = (best.2, best.1 > 0.0);
+            best.1
+        };
+        (0..problem.n_steps()).map(step).collect()
+    }
+}
+
+impl CostToGo for StringValues<'_> {
+    type End = f64;
+
+    fn groups(&self) -> &[Group] {
+        &self.groups
+    }
+
+    fn end(&self, group: usize, _string: usize, state: StringState, running: bool, hours: f64) -> f64 {
+        let t = (hours / self.problem.intervals[0].dt_h).round() as usize;
+        self.at(group, t, state, running)
+    }
+
+    fn cost(&self, _group: usize, first: f64, _second: Option<f64>, _hours: f64) -> f64 {
+        first
+    }
+}
+
+/// Raises the bound over `passes` of prices, from `price` `(T,)` [cost/Wh] on, towards the cost of the best schedule known.
+pub(crate) fn ascend(problem: &PlanProblem<'_>, price: Vec<f64>, known_cost: f64, passes: usize) -> Dual {
+    let mut values = StringValues::new(problem);
+    let mut price = price;
+    let (mut best_price, mut best_bound) = (price.clone(), f64::NEG_INFINITY);
+    let (mut request_w, mut cost) = (vec![], f64::INFINITY);
+    let (mut length, mut since) = (ASCENT, 0);
+    let mut slope = vec![0.0; problem.n_steps()];
+    let clearing = (CLEARING * passes as f64).ceil() as usize;
+    for pass in 0..passes {
+        values.solve(&price);
+        let bound = values.bound(&price);
+        let ahead = look_ahead(problem, &values);
+        let ahead_cost = problem.cost(&ahead.request_w);
+        if ahead_cost < cost {
+            (request_w, cost) = (ahead.request_w, ahead_cost);
+        }
+        since += 1;
+        if bound > best_bound {
+            (best_bound, since) = (bound, 0);
+            best_price.clone_from(&price);
+        }
+        if pass < clearing {
+            price.iter_mut().zip(&ahead.price).for_each(|(p, clear)| *p += TOWARDS_CLEARING * (clear - *p));
+            continue;
+        }
+        if pass == clearing || since > PATIENCE {
+            if since > PATIENCE {
+                length *= SHORTER;
+            }
+            since = 0;
+            price.clone_from(&best_price);
+            slope.fill(0.0);
+            values.solve(&price);
+        }
+        let newest = values.direction(&price);
+        slope.iter_mut().zip(newest).for_each(|(old, new)| *old = NEWEST * new + (1.0 - NEWEST) * *old);
+        let norm: f64 = slope.iter().map(|g| g * g).sum();
+        let gap = (known_cost.min(cost) - best_bound).max(CLOSED * known_cost.abs());
+        let step = if norm > 0.0 { length * gap / norm } else { 0.0 };
+        for (t, price) in price.iter_mut().enumerate() {
+            let losses = &problem.prices.losses[t];
+            *price = (*price + step * slope[t]).min(losses.availability.max(losses.derating));
+        }
+    }
+    Dual { bound: best_bound, request_w }
+}

@@ -1,0 +1,190 @@
+//! One step of look-ahead: a step is shared so that its cost and the cost to go from where the strings end are least.
+
+use crate::model::StringState;
+use crate::plan::problem::PlanProblem;
+use crate::plan::starts::water_fill;
+
+/// Parts of the largest inverter's limit into which power is divided.
+const PARTS: usize = 24;
+
+/// Strings that have one cost to go: a pair, or a string by itself.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Group {
+    pub first: usize,
+    pub second: Option<usize>,
+}
+
+/// What is still to be paid from the end of a step on, a sum over groups of strings.
+pub(crate) trait CostToGo {
+    /// What is needed of a string's end, prepared once for all ends of its partner.
+    type End: Copy;
+
+    /// Groups; strings out of service are in none.
+    fn groups(&self) -> &[Group];
+
+    /// End of a step for one string, `hours` after the start of the problem.
+    fn end(&self, group: usize, string: usize, state: StringState, running: bool, hours: f64) -> Self::End;
+
+    /// Cost to go of a group.
+    fn cost(&self, group: usize, first: Self::End, second: Option<Self::End>, hours: f64) -> f64;
+}
+
+/// A schedule made by one look-ahead after the other.
+pub(crate) struct LookedAhead {
+    /// Requests `(M, T)` [W].
+    pub request_w: Vec<f64>,
+    /// What the last Wh of demand costs in each step, where groups could be mixed [cost/Wh].
+    pub price: Vec<f64>,
+}
+
+/// Least cost of a group over its power, in units, and how many of them the first string takes.
+type Table = Vec<(f64, usize)>;
+
+/// Rolls the strings out, each step shared by one look-ahead.
+pub(crate) fn look_ahead<V: CostToGo>(problem: &PlanProblem<'_>, values: &V) -> LookedAhead {
+    let (n_strings, n_steps) = (problem.n_strings(), problem.n_steps());
+    let (mut states, mut running) = (problem.start.clone(), problem.running.clone());
+    let mut out = LookedAhead { request_w: vec![0.0; n_strings * n_steps], price: vec![0.0; n_steps] };
+    let mut hours = 0.0;
+    for t in 0..n_steps {
+        hours += problem.intervals[t].dt_h;
+        let mut share = vec![0.0; n_strings];
+        if problem.demand_w[t] > 0.0 {
+            (share, out.price[t]) = share_step(problem, values, t, hours, &states, &running);
+        }
+        for (m, request_w) in share.into_iter().enumerate() {
+            states[m] = problem.step(m, t, states[m], request_w, running[m]).1;
+            running[m] = request_w > 0.0;
+            out.request_w[m * n_steps + t] = request_w;
+        }
+    }
+    out
+}
+
+/// Requests of a step `(M,)` [W], and what its last Wh costs. Power comes in units; the sum is a knapsack over the groups.
+fn share_step<V: CostToGo>(
+    problem: &PlanProblem<'_>,
+    values: &V,
+    t: usize,
+    hours: f64,
+    states: &[StringState],
+    running: &[bool],
+) -> (Vec<f64>, f64) {
+    let demand_w = problem.demand_w[t];
+    let limit_w = &problem.limit_w;
+    let largest_w = limit_w.iter().copied().fold(0.0, f64::max);
+    let units = ((demand_w / largest_w * PARTS as f64).ceil() as usize).max(PARTS);
+    let unit_w = demand_w / units as f64;
+    let power_w = |m: usize, k: usize| (k as f64 * unit_w).min(limit_w[m]);
+    let ends = |group: usize, m: usize| -> Vec<(f64, V::End)> {
+        let most = ((limit_w[m] / unit_w * (1.0 + 1e-9)) as usize).min(units);
+        (0..=most)
+            .map(|k| {
+                let (cost, state) = problem.step(m, t, states[m], power_w(m, k), running[m]);
+                (cost, values.end(group, m, state, k > 0, hours))
+            })
+            .collect()
+    };
+    let table = |(index, group): (usize, &Group)| -> Table {
+        let first = ends(index, group.first);
+        let Some(second) = group.second else {
+            let alone =
+                |(k, &(cost, end)): (usize, &(f64, V::End))| (cost + values.cost(index, end, None, hours), k);
+            return first.iter().enumerate().map(alone).collect();
+        };
+        let second = ends(index, second);
+        let mut table = vec![(f64::INFINITY, 0); (first.len() + second.len() - 1).min(units + 1)];
+        for (k, &(cost_a, a)) in first.iter().enumerate() {
+            for (best, &(cost_b, b)) in table[k..].iter_mut().zip(&second) {
+                let cost = cost_a + cost_b + values.cost(index, a, Some(b), hours);
+                if cost < best.0 {
+                    *best = (cost, k);
+                }
+            }
+        }
+        table
+    };
+    let tables: Vec<Table> = values.groups().iter().enumerate().map(table).collect();
+    let mut share = vec![0.0; problem.n_strings()];
+    for ((group, table), k) in values.groups().iter().zip(&tables).zip(knapsack(&tables, units)) {
+        let first = table[k].1;
+        share[group.first] = power_w(group.first, first);
+        if let Some(second) = group.second {
+            share[second] = power_w(second, k - first);
+        }
+    }
+    // Limits that are no whole units leave a rest: to those that run, then to all.
+    for running_only in [true, false] {
+        let rest = demand_w - share.iter().sum::<f64>();
+        if rest > 1e-9 * demand_w {
+            let room = |m: usize| if running_only && share[m] == 0.0 { 0.0 } else { limit_w[m] - share[m] };
+            let rooms: Vec<f64> = (0..share.len()).map(room).collect();
+            for (power, more) in share.iter_mut().zip(water_fill(rest, &rooms, &rooms)) {
+                *power += more;
+            }
+        }
+    }
+    let cheapest_shed = problem.prices.losses[t].availability.max(problem.prices.losses[t].derating);
+    let price = clearing_price(&tables, units) / (unit_w * problem.intervals[t].dt_h);
+    (share, price.min(cheapest_shed))
+}
+
+/// Units of each table at the least sum of costs; as many in all as the tables hold, `units` at most.
+fn knapsack(tables: &[Table], units: usize) -> Vec<usize> {
+    let mut best = vec![f64::INFINITY; units + 1];
+    best[0] = 0.0;
+    let mut choices: Vec<Vec<usize>> = vec![];
+    for table in tables {
+        let mut next = vec![f64::INFINITY; units + 1];
+        let mut choice = vec![0; units + 1];
+        for (taken, &before) in best.iter().enumerate().filter(|(_, before)| before.is_finite()) {
+            for (k, &(cost, _)) in table.iter().enumerate().take(units - taken + 1) {
+                if before + cost < next[taken + k] {
+                    next[taken + k] = before + cost;
+                    choice[taken + k] = k;
+                }
+            }
+        }
+        best = next;
+        choices.push(choice);
+    }
+    let mut taken = best.iter().rposition(|cost| cost.is_finite()).unwrap_or(0);
+    let mut picked: Vec<usize> = choices
+        .iter()
+        .rev()
+        .map(|choice| {
+            let k = choice[taken];
+            taken -= k;
+            k
+        })
+        .collect();
+    picked.reverse();
+    picked
+}
+
+/// Slope at `units` of the least cost of the tables' convex hulls together: the price at which supply meets demand [cost/unit].
+fn clearing_price(tables: &[Table], units: usize) -> f64 {
+    let mut segments: Vec<(f64, usize)> = vec![];
+    for table in tables {
+        let mut hull: Vec<usize> = vec![];
+        let slope = |a: usize, b: usize| (table[b].0 - table[a].0) / (b - a) as f64;
+        for k in 0..table.len() {
+            while hull.len() >= 2
+                && slope(hull[hull.len() - 2], hull[hull.len() - 1]) >= slope(hull[hull.len() - 1], k)
+            {
+                hull.pop();
+            }
+            hull.push(k);
+        }
+        segments.extend(hull.windows(2).map(|ab| (slope(ab[0], ab[1]), ab[1] - ab[0])));
+    }
+    segments.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut filled = 0;
+    for &(slope, width) in &segments {
+        filled += width;
+        if filled >= units {
+            return slope;
+        }
+    }
+    segments.last().map_or(0.0, |s| s.0)
+}

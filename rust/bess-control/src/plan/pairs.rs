@@ -1,0 +1,327 @@
+//! Cost to go of pairs of strings: two strings that share a demand are one dynamic program over SOC and temperature of both.
+//!
+//! The program is solved backwards on a grid. One of its steps is two sparse products `A V B'`, one for each string, which
+//! interpolate where a share of the power leads, and a minimum over the shares. A plant is a set of such pairs, each of which
+//! is expected to go on with its part of the demand, by capacity; one step of look-ahead moves power between them.
+
+use crate::model::StringState;
+use crate::plan::look_ahead::{CostToGo, Group};
+use crate::plan::problem::PlanProblem;
+use crate::plan::starts::water_fill;
+
+/// Nodes of SOC. With 25 a plan for seven days of two reference strings costs 1.5 % more, with 41 as much.
+const SOC_NODES: usize = 33;
+/// Distance of the nodes of temperature, at most [K].
+const TEMPERATURE_STEP_K: f64 = 4.9;
+/// Ways to share the power of a step between two strings.
+const SHARES: usize = 12;
+/// Derating below which nobody plans to run a string: the grid ends there.
+const LEAST_DERATING: f64 = 0.25;
+/// Room of the grid above the warmest string where nothing derates [K].
+const WARMING_K: f64 = 35.0;
+
+/// Nodes of SOC and temperature of one string, evenly spaced.
+#[derive(Debug, Clone)]
+struct Grid {
+    soc: Axis,
+    temperature_c: Axis,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Axis {
+    low: f64,
+    high: f64,
+    nodes: usize,
+}
+
+impl Axis {
+    fn at(&self, node: usize) -> f64 {
+        self.low + (self.high - self.low) * node as f64 / (self.nodes - 1) as f64
+    }
+
+    /// Lower node of a value's cell, and how far it lies in it.
+    fn locate(&self, value: f64) -> (usize, f32) {
+        let last = (self.nodes - 1) as f64;
+        let x = ((value - self.low) / (self.high - self.low) * last).clamp(0.0, last);
+        let node = (x as usize).min(self.nodes - 2);
+        (node, (x - node as f64) as f32)
+    }
+}
+
+/// Four nodes and their weights: bilinear interpolation at a state.
+pub(crate) type Corners = [(u32, f32); 4];
+
+impl Grid {
+    fn new(problem: &PlanProblem<'_>, m: usize) -> Self {
+        let p = &problem.model.strings()[m].parameters;
+        let temperatures = || {
+            problem.intervals.iter().map(|i| i.ambient_c).chain(problem.start.iter().map(|s| s.temperature_c))
+        };
+        let (coolest, warmest) = temperatures()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), c| (low.min(c), high.max(c)));
+        let factor = &p.derating.factor;
+        let stop = factor.x().iter().copied().find(|&c| factor.at(c) < LEAST_DERATING);
+        let high = stop.unwrap_or(warmest + WARMING_K).max(warmest + TEMPERATURE_STEP_K);
+        let nodes = ((high - coolest) / TEMPERATURE_STEP_K).ceil() as usize + 1;
+        Self {
+            soc: Axis { low: p.soc_min, high: p.soc_max, nodes: SOC_NODES },
+            temperature_c: Axis { low: coolest, high, nodes },
+        }
+    }
+
+    fn len(&self) -> usize {
+        self.soc.nodes * self.temperature_c.nodes
+    }
+
+    fn state(&self, node: usize) -> StringState {
+        let (i, j) = (node / self.temperature_c.nodes, node % self.temperature_c.nodes);
+        StringState { soc: self.soc.at(i), temperature_c: self.temperature_c.at(j) }
+    }
+
+    fn corners(&self, state: StringState) -> Corners {
+        let (i, s) = self.soc.locate(state.soc);
+        let (j, t) = self.temperature_c.locate(state.temperature_c);
+        let next = self.temperature_c.nodes;
+        let node = i * next + j;
+        [
+            (node as u32, (1.0 - s) * (1.0 - t)),
+            (node as u32 + 1, (1.0 - s) * t),
+            ((node + next) as u32, s * (1.0 - t)),
+            ((node + next) as u32 + 1, s * t),
+        ]
+    }
+}
+
+/// Cost to go of alike pairs.
+#[derive(Debug)]
+struct PairValue {
+    first: Grid,
+    second: Option<Grid>,
+    /// At each time, `(n_first, n_second)`; a string without a partner has one column.
+    planes: Vec<Vec<f32>>,
+}
+
+/// Cost to go of all pairs.
+#[derive(Debug)]
+pub(crate) struct PairValues {
+    groups: Vec<Group>,
+    /// Of each group, its index in `values`: pairs that are alike share a function.
+    kinds: Vec<usize>,
+    values: Vec<PairValue>,
+    dt_h: f64,
+}
+
+impl PairValues {
+    /// Solves all pairs over a problem whose steps are alike in length.
+    pub fn solve(problem: &PlanProblem<'_>) -> Self {
+        let mut out = Self {
+            groups: vec![],
+            kinds: vec![],
+            values: vec![],
+            dt_h: problem.intervals.first().map_or(1.0, |i| i.dt_h),
+        };
+        for pair in in_pairs(problem).chunks(2) {
+            let group = Group { first: pair[0], second: pair.get(1).copied() };
+            let alike = |other: &Group| {
+                problem.alike(other.first, group.first)
+                    && match (other.second, group.second) {
+                        (Some(a), Some(b)) => problem.alike(a, b),
+                        (a, b) => a == b,
+                    }
+            };
+            let kind = out.groups.iter().position(alike).map(|index| out.kinds[index]);
+            out.kinds.push(kind.unwrap_or(out.values.len()));
+            out.groups.push(group);
+            if kind.is_none() {
+                out.values.push(solve(problem, group));
+            }
+        }
+        out
+    }
+
+    /// Planes before and after a time, and how far it lies between them.
+    fn planes(&self, group: usize, hours: f64) -> (&[f32], &[f32], f32) {
+        let planes = &self.values[self.kinds[group]].planes;
+        let x = (hours / self.dt_h).min((planes.len() - 1) as f64);
+        let before = (x as usize).min(planes.len() - 2);
+        (&planes[before], &planes[before + 1], (x - before as f64) as f32)
+    }
+}
+
+impl CostToGo for PairValues {
+    type End = Corners;
+
+    fn groups(&self) -> &[Group] {
+        &self.groups
+    }
+
+    fn end(&self, group: usize, string: usize, state: StringState, _running: bool, _hours: f64) -> Corners {
+        let value = &self.values[self.kinds[group]];
+        let grid =
+            if string == self.groups[group].first { Some(&value.first) } else { value.second.as_ref() };
+        grid.map_or([(0, 0.0); 4], |grid| grid.corners(state))
+    }
+
+    fn cost(&self, group: usize, first: Corners, second: Option<Corners>, hours: f64) -> f64 {
+        let (before, after, late) = self.planes(group, hours);
+        let second_nodes = before.len() / self.values[self.kinds[group]].first.len();
+        let second = second.unwrap_or([(0, 1.0), (0, 0.0), (0, 0.0), (0, 0.0)]);
+        let mut cost = 0.0;
+        for (x, weight_x) in first {
+            for (y, weight_y) in second {
+                let node = x as usize * second_nodes + y as usize;
+                cost += weight_x * weight_y * (before[node] + late * (after[node] - before[node]));
+            }
+        }
+        f64::from(cost)
+    }
+}
+
+/// Strings in service, pair by pair: alike ones together, of them the fullest with the emptiest.
+fn in_pairs(problem: &PlanProblem<'_>) -> Vec<usize> {
+    let mut kinds: Vec<Vec<usize>> = vec![];
+    for m in (0..problem.n_strings()).filter(|&m| problem.limit_w[m] > 0.0) {
+        match kinds.iter_mut().find(|kind| problem.alike(kind[0], m)) {
+            Some(kind) => kind.push(m),
+            None => kinds.push(vec![m]),
+        }
+    }
+    let mut order = vec![];
+    for mut kind in kinds {
+        kind.sort_by(|&a, &b| problem.start[a].soc.total_cmp(&problem.start[b].soc));
+        let (mut low, mut high) = (0, kind.len());
+        while low < high {
+            high -= 1;
+            order.push(kind[high]);
+            if low < high {
+                order.push(kind[low]);
+                low += 1;
+            }
+        }
+    }
+    order
+}
+
+/// What a group takes of the demand of a step [W]: by capacity, within its limits.
+fn part_of_demand(problem: &PlanProblem<'_>, group: Group, t: usize) -> f64 {
+    let capacity: Vec<f64> = (0..problem.n_strings()).map(|m| problem.usable_ah(m)).collect();
+    let power = water_fill(problem.demand_w[t], &capacity, &problem.limit_w);
+    power[group.first] + group.second.map_or(0.0, |m| power[m])
+}
+
+#[allow(unsafe_code)]
+fn solve(problem: &PlanProblem<'_>, group: Group) -> PairValue {
+    #[cfg(target_arch = "x86_64")]
+    if std::arch::is_x86_feature_detected!("avx2") {
+        // SAFETY: the processor has these instructions. They add and multiply as others do, so results are the same.
+        return unsafe { solve_avx2(problem, group) };
+    }
+    solve_anywhere(problem, group)
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+#[allow(unsafe_code)]
+unsafe fn solve_avx2(problem: &PlanProblem<'_>, group: Group) -> PairValue {
+    solve_anywhere(problem, group)
+}
+
+/// A share of a step: for each node of a string, its cost and where it leads.
+type Moves = Vec<(f32, Corners)>;
+
+#[inline(always)]
+fn solve_anywhere(problem: &PlanProblem<'_>, group: Group) -> PairValue {
+    let n_steps = problem.n_steps();
+    let first = Grid::new(problem, group.first);
+    let second = group.second.map(|m| Grid::new(problem, m));
+    let (n_a, n_b) = (first.len(), second.as_ref().map_or(1, Grid::len));
+    let symmetric = group.second.is_some_and(|m| problem.alike(group.first, m));
+    let limit_w = |m: Option<usize>| m.map_or(0.0, |m| problem.limit_w[m]);
+
+    let ends = |m: usize, grid: &Grid, node: usize| problem.end_cost(m, grid.state(node)) as f32;
+    let mut end = vec![0f32; n_a * n_b];
+    for (index, value) in end.iter_mut().enumerate() {
+        *value = ends(group.first, &first, index / n_b);
+        if let (Some(m), Some(grid)) = (group.second, &second) {
+            *value += ends(m, grid, index % n_b);
+        }
+    }
+    let mut planes = vec![end; n_steps + 1];
+    let (mut half, mut turned, mut least) =
+        (vec![0f32; n_a * n_b], vec![0f32; n_a * n_b], vec![0f32; n_a * n_b]);
+    let (mut moves_a, mut moves_b): (Moves, Moves) = (vec![], vec![]);
+    let mut same_as: Option<usize> = None;
+    for t in (0..n_steps).rev() {
+        let sum_w = part_of_demand(problem, group, t);
+        let high_w = limit_w(Some(group.first)).min(sum_w);
+        let low_w = (sum_w - limit_w(group.second)).max(0.0).min(high_w);
+        let shares = if high_w - low_w > 1e-6 * sum_w { SHARES } else { 0 };
+        // Alike strings may change places, so half of the shares serve.
+        let used = if symmetric { shares / 2 } else { shares };
+        if !same_as.is_some_and(|s| problem.same_step(s, t)) {
+            same_as = Some(t);
+            moves_a.clear();
+            moves_b.clear();
+            for k in 0..=used {
+                let power_w = high_w - (high_w - low_w) * (shares - k) as f64 / shares.max(1) as f64;
+                let fill = |moves: &mut Moves, m: usize, grid: &Grid, power_w: f64| {
+                    moves.extend((0..grid.len()).map(|node| {
+                        let (cost, end) = problem.step(m, t, grid.state(node), power_w, true);
+                        (cost as f32, grid.corners(end))
+                    }));
+                };
+                fill(&mut moves_a, group.first, &first, power_w);
+                match (group.second, &second) {
+                    (Some(m), Some(grid)) => fill(&mut moves_b, m, grid, (sum_w - power_w).max(0.0)),
+                    _ => moves_b.push((0.0, [(0, 1.0), (0, 0.0), (0, 0.0), (0, 0.0)])),
+                }
+            }
+        }
+        let (before, after) = planes.split_at_mut(t + 1);
+        least.fill(f32::INFINITY);
+        for k in 0..=used {
+            for (x, out) in half.chunks_exact_mut(n_b).enumerate() {
+                out.fill(f32::INFINITY);
+                interpolate(out, &after[0], moves_a[k * n_a + x]);
+            }
+            transpose(&half, &mut turned, n_b);
+            for (y, out) in least.chunks_exact_mut(n_a).enumerate() {
+                interpolate(out, &turned, moves_b[k * n_b + y]);
+            }
+        }
+        let now = &mut before[t];
+        transpose(&least, now, n_a);
+        if symmetric && shares > 0 {
+            now.iter_mut().zip(&least).for_each(|(value, &other)| *value = value.min(other));
+        }
+    }
+    PairValue { first, second, planes }
+}
+
+/// Lowers a row to the cost of a move and the rows of `values` that it leads to.
+#[inline(always)]
+fn interpolate(out: &mut [f32], values: &[f32], (cost, corners): (f32, Corners)) {
+    let n = out.len();
+    let [a, b, c, d] = corners.map(|(node, _)| &values[node as usize * n..][..n]);
+    let [wa, wb, wc, wd] = corners.map(|(_, weight)| weight);
+    for i in 0..n {
+        let value = cost + wa * a[i] + wb * b[i] + wc * c[i] + wd * d[i];
+        out[i] = if value < out[i] { value } else { out[i] };
+    }
+}
+
+/// Turns a matrix of rows of `columns` values, tile by tile.
+#[inline(always)]
+fn transpose(from: &[f32], to: &mut [f32], columns: usize) {
+    const TILE: usize = 16;
+    let rows = from.len() / columns;
+    for top in (0..rows).step_by(TILE) {
+        for left in (0..columns).step_by(TILE) {
+            for j in left..(left + TILE).min(columns) {
+                for i in top..(top + TILE).min(rows) {
+                    to[j * rows + i] = from[i * columns + j];
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,353 @@
+//! What one string can do in one step: ranges over a box of states and a range of requests.
+
+use bess_tables::units::SECONDS_PER_HOUR;
+use bess_tables::Direction;
+
+use crate::model::{heat_w, CoefficientRanges, Interval, Range, StateBox, StringModel};
+
+/// Outward rounding: a bound must hold for the roll-out's floating-point numbers too.
+pub(super) const SOC_ROUNDING: f64 = 1e-12;
+const TEMPERATURE_ROUNDING_K: f64 = 1e-9;
+/// Boxes are cut at these SOC: voltage and resistance change most where little charge is left, and what a nearly empty
+/// string could do if it had more charge does not count.
+const BORDERS_SOC: [f64; 5] = [0.02, 0.05, 0.1, 0.15, 0.25];
+
+/// Ranges of what a string does in a step.
+#[derive(Debug, Clone, Copy)]
+pub struct Cell {
+    /// Derating factor.
+    pub derating: Range,
+    /// AC power of a running inverter [W]; empty where it cannot run.
+    pub delivered_w: Range,
+    /// Whether the inverter may be off.
+    pub may_be_off: bool,
+    /// [W]; not so little that it is less than the least power and shed because of derating.
+    pub shed_w: Range,
+    /// `V I` of a running inverter [W].
+    pub battery_w: Range,
+    /// [A].
+    pub current_a: Range,
+    /// [W].
+    pub heat_w: Range,
+    /// SOC at the end of a string that sheds.
+    pub shed_soc: Range,
+    /// State at the end.
+    pub end: StateBox,
+}
+
+impl Cell {
+    const NONE: Self = Self {
+        derating: Range::EMPTY,
+        delivered_w: Range::EMPTY,
+        may_be_off: false,
+        shed_w: Range::EMPTY,
+        battery_w: Range::EMPTY,
+        current_a: Range::EMPTY,
+        heat_w: Range::EMPTY,
+        shed_soc: Range::EMPTY,
+        end: StateBox { soc: Range::EMPTY, temperature_c: Range::EMPTY },
+    };
+
+    /// Ranges that contain both.
+    pub(super) fn union(&self, other: &Self) -> Self {
+        Self {
+            derating: self.derating.union(&other.derating),
+            delivered_w: self.delivered_w.union(&other.delivered_w),
+            may_be_off: self.may_be_off || other.may_be_off,
+            shed_w: self.shed_w.union(&other.shed_w),
+            battery_w: self.battery_w.union(&other.battery_w),
+            current_a: self.current_a.union(&other.current_a),
+            heat_w: self.heat_w.union(&other.heat_w),
+            shed_soc: self.shed_soc.union(&other.shed_soc),
+            end: StateBox {
+                soc: self.end.soc.union(&other.end.soc),
+                temperature_c: self.end.temperature_c.union(&other.end.temperature_c),
+            },
+        }
+    }
+
+    /// Whether the inverter may run.
+    pub fn may_run(&self) -> bool {
+        self.delivered_w.high > 0.0
+    }
+
+    /// Whether something may be shed.
+    pub fn may_shed(&self) -> bool {
+        self.shed_w.high > 0.0
+    }
+}
+
+impl StringModel {
+    /// What a string can do from a box of states, for a range of requests.
+    pub(crate) fn cell(&self, states: &StateBox, requests_w: &Range, interval: &Interval) -> Cell {
+        let of_part = |part: StateBox| {
+            self.cell_of_part(&part, &self.ranges(interval.direction, &part), requests_w, interval)
+        };
+        soc_parts(states).map(of_part).fold(Cell::NONE, |all, cell| all.union(&cell))
+    }
+
+    /// [`Self::cell`] of the parts of the box, and the requests, from which a schedule goes on to `end` and sheds at most
+    /// `most_shed_w`; with what is left of both. None if nothing is.
+    pub(super) fn cell_towards(
+        &self,
+        (states, requests_w): (&StateBox, &Range),
+        interval: &Interval,
+        end: &StateBox,
+        most_shed_w: f64,
+    ) -> Option<(Cell, Range, Range)> {
+        let slack_w = REQUEST_ROUNDING * self.nominal_w();
+        let fits = |cell: &Cell| {
+            overlap(&cell.end.soc, &end.soc)
+                && overlap(&cell.end.temperature_c, &end.temperature_c)
+                && cell.shed_w.low <= most_shed_w + slack_w
+        };
+        let (mut all, mut soc, mut requests) = (Cell::NONE, Range::EMPTY, Range::EMPTY);
+        for part in soc_parts(states) {
+            let ranges = self.ranges(interval.direction, &part);
+            let whole = self.cell_of_part(&part, &ranges, requests_w, interval);
+            let within = whole.shed_w.high <= most_shed_w
+                && contains(&end.soc, &whole.end.soc)
+                && contains(&end.temperature_c, &whole.end.temperature_c);
+            if within {
+                (all, soc, requests) = (all.union(&whole), soc.union(&part.soc), *requests_w);
+                continue;
+            }
+            if !fits(&whole) {
+                continue;
+            }
+            let width = (requests_w.high - requests_w.low).max(0.0);
+            let n = if width > slack_w { SLICES } else { 1 };
+            for i in 0..n {
+                let at = |i: usize| requests_w.low + width * i as f64 / n as f64;
+                let slice = Range { low: at(i), high: if i + 1 == n { requests_w.high } else { at(i + 1) } };
+                let cell = self.cell_of_part(&part, &ranges, &slice, interval);
+                if fits(&cell) {
+                    (all, soc, requests) = (all.union(&cell), soc.union(&part.soc), requests.union(&slice));
+                }
+            }
+        }
+        (soc.low <= soc.high).then_some((all, soc, requests))
+    }
+
+    /// Smallest and largest current that fills (empties) a string within a step [A].
+    fn room(&self, states: &StateBox, direction: Direction, dt_h: f64) -> Range {
+        let p = &self.parameters;
+        let per_soc = p.capacity_ah / dt_h;
+        let (low, high) = match direction {
+            Direction::Charge => (p.soc_max - states.soc.high, p.soc_max - states.soc.low),
+            Direction::Discharge => (states.soc.low - p.soc_min, states.soc.high - p.soc_min),
+        };
+        Range { low: low.max(0.0) * per_soc, high: high.max(0.0) * per_soc }
+    }
+
+    /// Smallest and largest current that voltage limits and, in discharge, the root allow [A].
+    fn strongest(&self, c: &CoefficientRanges, direction: Direction) -> Range {
+        let (v, r) = (c.voltage_v, c.resistance_ohm);
+        let of_voltage = |v: f64, r: f64| self.parameters.voltage_current_a(direction, v, r);
+        match direction {
+            Direction::Charge => Range { low: of_voltage(v.high, r.high), high: of_voltage(v.low, r.low) },
+            Direction::Discharge => Range {
+                low: of_voltage(v.low, r.high).min(0.5 * v.low / r.high),
+                high: of_voltage(v.high, r.low).min(0.5 * v.high / r.low),
+            },
+        }
+    }
+
+    /// Smallest and largest limit of the AC power over a box [W].
+    fn limits(&self, c: &CoefficientRanges, room: &Range, direction: Direction) -> Range {
+        let (v, r) = (c.voltage_v, c.resistance_ohm);
+        let of_voltage = |v: f64, r: f64| self.parameters.voltage_current_a(direction, v, r);
+        let curve = self.loss(direction);
+        match direction {
+            // What the room allows rises with V and R, what the voltage limit allows falls.
+            Direction::Charge => {
+                let internal = |v: f64, r: f64, current: f64| current * (v + r * current);
+                let by_room = |v, r, room| curve.largest_power(internal(v, r, room));
+                let by_voltage = |v, r| curve.largest_power(internal(v, r, of_voltage(v, r)));
+                Range {
+                    low: by_room(v.low, r.low, room.low).min(by_voltage(v.high, r.high)),
+                    high: by_room(v.high, r.high, room.high).min(by_voltage(v.low, r.low)),
+                }
+            }
+            // All rise with V and fall with R.
+            Direction::Discharge => {
+                let largest = |v: f64, r: f64, room: f64| {
+                    let current = room.min(0.5 * v / r).min(of_voltage(v, r));
+                    curve.largest_power(current * (v - r * current))
+                };
+                Range { low: largest(v.low, r.high, room.low), high: largest(v.high, r.low, room.high) }
+            }
+        }
+    }
+
+    fn cell_of_part(
+        &self,
+        states: &StateBox,
+        c: &CoefficientRanges,
+        requests_w: &Range,
+        interval: &Interval,
+    ) -> Cell {
+        let (p, direction) = (&self.parameters, interval.direction);
+        let (v, r, scale) = (c.voltage_v, c.resistance_ohm, c.power_scale_w);
+        let curve = self.loss(direction);
+        let wanted = Range {
+            low: (c.derating.low * requests_w.low).max(0.0),
+            high: (c.derating.high * requests_w.high).max(0.0),
+        };
+        let (room, strongest) = (self.room(states, direction, interval.dt_h), self.strongest(c, direction));
+        let limit = self.limits(c, &room, direction);
+        // Less than the least power is no power.
+        let is_none = |power_w: f64| power_w <= 0.0 || power_w < self.min_power_w();
+        let mut cell = Cell {
+            derating: c.derating,
+            delivered_w: Range { low: wanted.low.min(limit.low), high: wanted.high.min(limit.high) },
+            may_be_off: is_none(wanted.low) || is_none(limit.low),
+            shed_w: Range {
+                low: (wanted.low - limit.high).max(0.0),
+                high: (wanted.high - limit.low).max(0.0),
+            },
+            current_a: Range::point(0.0),
+            heat_w: Range::point(0.0),
+            ..Cell::NONE
+        };
+        if is_none(limit.low) {
+            cell.shed_w.high = wanted.high;
+        }
+        let per_ampere = interval.dt_h / p.capacity_ah;
+        let mut sure_end = None;
+        if is_none(cell.delivered_w.high) {
+            (cell.delivered_w, cell.may_be_off) = (Range::EMPTY, true);
+            cell.shed_soc = states.soc;
+        } else {
+            let Range { low: p_low, high: p_high } = cell.delivered_w;
+            let (g_low, g_high) = curve.internal_range(p_low, p_high);
+            let root = |g: f64, v: f64, r: f64| match direction {
+                Direction::Charge => 2.0 * g / (v + (v * v + 4.0 * r * g).max(0.0).sqrt()),
+                Direction::Discharge => 2.0 * g / (v + (v * v - 4.0 * r * g).max(0.0).sqrt()),
+            };
+            let (low, high) = match direction {
+                // Current falls with V and R, but for a negative one, whose magnitude rises with R.
+                Direction::Charge => {
+                    let low =
+                        if g_low < 0.0 { root(g_low, v.low, r.high) } else { root(g_low, v.high, r.high) };
+                    (low, if g_high < 0.0 { root(g_high, v.high, r.low) } else { root(g_high, v.low, r.low) })
+                }
+                Direction::Discharge => {
+                    // Beyond the root limit of the weakest corner only the largest current of the box is a bound.
+                    let has_root = 4.0 * r.high * g_high <= v.low * v.low;
+                    let high = if has_root { root(g_high, v.low, r.high) } else { 0.5 * v.high / r.low };
+                    (root(g_low.min(0.25 * v.high * v.high / r.low), v.high, r.low), high)
+                }
+            };
+            // Less from the grid than the inverter needs, and an empty battery to make up for it.
+            let drained = low < 0.0 && states.soc.low + per_ampere * low < p.soc_min + SOC_ROUNDING;
+            if drained {
+                cell.may_be_off = true;
+                cell.shed_w.high = cell.shed_w.high.max(wanted.high.min(curve.largest_drawing_w()));
+                let high = states.soc.high.min(p.soc_min - per_ampere * low);
+                cell.shed_soc = Range { low: states.soc.low, high: high.max(states.soc.low) };
+            }
+            let mut current = Range { low, high: high.min(room.high).max(low) };
+            let edge = if direction == Direction::Charge { p.soc_max } else { p.soc_min };
+            if cell.shed_w.low > 0.0 && !cell.may_be_off && room.high <= strongest.low {
+                // It takes all the room there is.
+                sure_end = Some(edge);
+                current = Range { low: current.low.max(room.low).min(current.high), ..current };
+            }
+            if cell.may_shed() {
+                // The charge that a string cannot give because it does not carry the least power.
+                let (_, least_w) = curve.at(self.min_power_w());
+                let stranded = 2.0 * per_ampere * least_w.max(0.0) / v.low;
+                if room.low <= strongest.high {
+                    let toward = if direction == Direction::Charge { -stranded } else { stranded };
+                    let end = Range::point(edge).union(&Range::point(edge + toward));
+                    cell.shed_soc = cell.shed_soc.union(&end);
+                }
+            }
+            let heat = |g: f64, y: f64| heat_w(g, y, direction);
+            // In discharge V^2 / R is at least four times the internal power.
+            let root_scale = |g: f64| if direction == Direction::Discharge { 4.0 * g } else { 0.0 };
+            let lowest = |g: f64| scale.low.max(root_scale(g)).min(scale.high.max(scale.low));
+            let heat_low = if g_low <= 0.0 { 0.0 } else { heat(g_low.min(0.25 * scale.high), scale.high) };
+            let heat_high = heat(g_high, lowest(g_high)).max(heat(g_low, lowest(g_low)));
+            let by_current = r.high * (current.high * current.high).max(current.low * current.low);
+            // Where the battery gives its largest power the roots meet, and rounding grows to that of a square root.
+            let mut heats = Range { low: heat_low, high: heat_high.min(by_current).max(heat_low) };
+            let (low, high) = match direction {
+                Direction::Charge => (g_low - heat(g_low, scale.low), g_high - heat(g_high, scale.high)),
+                Direction::Discharge => (g_low + heats.low, g_high + heats.high),
+            };
+            let most = current.high * if current.high < 0.0 { v.low } else { v.high };
+            cell.battery_w = Range { low, high: high.min(most).max(low) };
+            if cell.may_be_off {
+                (current, heats.low) = (current.union(&Range::point(0.0)), 0.0);
+            }
+            (cell.current_a, cell.heat_w) = (current, heats);
+        }
+        cell.end = self.end(states, &cell, sure_end, interval);
+        if cell.may_shed() && strongest.low < room.high {
+            // Limited by its voltage, a string can end anywhere.
+            cell.shed_soc = cell.shed_soc.union(&cell.end.soc);
+        }
+        cell
+    }
+
+    /// States at the end of a step.
+    fn end(&self, states: &StateBox, cell: &Cell, sure_soc: Option<f64>, interval: &Interval) -> StateBox {
+        let p = &self.parameters;
+        let gained = gained(interval.direction, &cell.current_a, interval.dt_h / p.capacity_ah);
+        let (low, high) = match sure_soc {
+            Some(soc) => (soc, soc),
+            None => (states.soc.low + gained.low, states.soc.high + gained.high),
+        };
+        let dt_s = interval.dt_h * SECONDS_PER_HOUR;
+        let cooled = |t: f64| t - dt_s * p.lumped.k2_per_s * (t - interval.ambient_c);
+        // Falls with the temperature before it only if the step is longer than 1 / k2.
+        let (a, b) = (cooled(states.temperature_c.low), cooled(states.temperature_c.high));
+        let rise = dt_s * p.lumped.k1_k_per_j;
+        StateBox {
+            soc: Range {
+                low: (low - SOC_ROUNDING).clamp(p.soc_min, p.soc_max),
+                high: (high + SOC_ROUNDING).clamp(p.soc_min, p.soc_max),
+            },
+            temperature_c: Range {
+                low: a.min(b) + rise * cell.heat_w.low - TEMPERATURE_ROUNDING_K,
+                high: a.max(b) + rise * cell.heat_w.high + TEMPERATURE_ROUNDING_K,
+            },
+        }
+    }
+}
+
+/// Requests into which a range is cut to see which of them lead on.
+const SLICES: usize = 4;
+/// Outward rounding of requests, relative to the nominal power.
+pub(super) const REQUEST_ROUNDING: f64 = 1e-9;
+
+/// SOC gained with a current.
+fn gained(direction: Direction, current_a: &Range, per_ampere: f64) -> Range {
+    match direction {
+        Direction::Charge => Range { low: per_ampere * current_a.low, high: per_ampere * current_a.high },
+        Direction::Discharge => {
+            Range { low: -per_ampere * current_a.high, high: -per_ampere * current_a.low }
+        }
+    }
+}
+
+fn overlap(a: &Range, b: &Range) -> bool {
+    a.low <= b.high && b.low <= a.high
+}
+
+fn contains(outer: &Range, inner: &Range) -> bool {
+    outer.low <= inner.low && inner.high <= outer.high
+}
+
+/// A box cut at the borders.
+fn soc_parts(states: &StateBox) -> impl Iterator<Item = StateBox> + '_ {
+    let Range { low, high } = states.soc;
+    let inside = BORDERS_SOC.into_iter().filter(move |b| *b > low && *b < high).chain([high]);
+    inside.scan(low, move |from, to| {
+        let part = StateBox { soc: Range { low: *from, high: to }, ..*states };
+        *from = to;
+        Some(part)
+    })
+}

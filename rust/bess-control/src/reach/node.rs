@@ -1,0 +1,176 @@
+//! Nodes of the branch and bound: parts of the schedules, and how they are narrowed before they are bounded.
+
+use super::cell::{Cell, REQUEST_ROUNDING};
+use crate::model::{ControlHorizon, Range, StateBox};
+
+/// Most passes over all strings and steps; they run forward and backward in turns.
+const PASSES: usize = 4;
+/// A pass that narrows no range of requests by this share of the nominal power, and no SOC by this much, is the last.
+const WORTHWHILE: f64 = 0.01;
+/// Relative safety of a limit of what is shed, for the rounding of sums.
+const BUDGET_ROUNDING: f64 = 1e-9;
+/// A string that sheds ends within this of its SOC limit.
+pub(super) const SOC_MARGIN: f64 = 1e-9;
+
+/// All schedules with requests in these ranges, `(M, T)` [W], whose states are in these boxes, `(M, T + 1)`.
+#[derive(Debug, Clone)]
+pub struct Node {
+    /// Magnitudes [W].
+    pub requests_w: Vec<Range>,
+    /// At the start of each step, and at the end of the last.
+    pub boxes: Vec<StateBox>,
+    /// Whether a string may shed something in a step, `(M, T)`.
+    pub may_shed: Vec<bool>,
+}
+
+/// A narrowed node, and what the strings can do in it.
+#[derive(Debug, Clone)]
+pub struct NarrowNode {
+    /// Ranges that contain every schedule of the node.
+    pub node: Node,
+    /// `(M, T)`
+    pub cells: Vec<Cell>,
+    /// What each string may shed in a step, `(M, T)` [W].
+    pub most_shed_w: Vec<f64>,
+}
+
+impl ControlHorizon {
+    /// Narrows a node to the schedules that meet the demand and shed at most `budget_w` in all; None if there are none.
+    pub fn narrowed(&self, node: &Node, budget_w: f64) -> Option<NarrowNode> {
+        let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
+        let budget_w = budget_w * (1.0 + BUDGET_ROUNDING);
+        let mut node = node.clone();
+        let mut cells: Vec<Option<Cell>> = vec![None; n_strings * n_steps];
+        let most = |may_shed: &bool| if *may_shed { budget_w } else { 0.0 };
+        let mut most_shed_w: Vec<f64> = node.may_shed.iter().map(most).collect();
+        for pass in 0..PASSES {
+            let mut gain = 0.0_f64;
+            for t in 0..n_steps {
+                self.balance(&mut node.requests_w, t)?;
+            }
+            for m in 0..n_strings {
+                let (string, limit_w) = (self.string(m), self.string(m).nominal_w());
+                for step in 0..n_steps {
+                    let t = if pass % 2 == 0 { step } else { n_steps - 1 - step };
+                    let (i, b) = (m * n_steps + t, m * (n_steps + 1) + t);
+                    let interval = &self.intervals[t];
+                    let from = (&node.boxes[b], &node.requests_w[i]);
+                    let (cell, soc, requests_w) =
+                        string.cell_towards(from, interval, &node.boxes[b + 1], most_shed_w[i])?;
+                    gain = gain.max(width(&node.boxes[b].soc) - width(&soc));
+                    gain = gain.max((width(&node.requests_w[i]) - width(&requests_w)) / limit_w);
+                    node.boxes[b].soc = soc;
+                    let end = node.boxes[b + 1].intersection(&cell.end);
+                    if end.soc.low > end.soc.high || end.temperature_c.low > end.temperature_c.high {
+                        return None;
+                    }
+                    gain = gain.max(width(&node.boxes[b + 1].soc) - width(&end.soc));
+                    node.boxes[b + 1] = end;
+                    node.requests_w[i] = requests_w;
+                    cells[i] = Some(cell);
+                }
+            }
+            let least_w: f64 = cells.iter().flatten().map(|cell| cell.shed_w.low).sum();
+            if least_w > budget_w + REQUEST_ROUNDING * self.string(0).nominal_w() {
+                return None;
+            }
+            for (i, cell) in cells.iter().enumerate() {
+                let m = i / n_steps;
+                let cell = cell.as_ref()?;
+                let others_w = least_w - cell.shed_w.low;
+                most_shed_w[i] = most_shed_w[i].min(budget_w - others_w).min(cell.shed_w.high).max(0.0);
+                // What is asked of a string is delivered, derated or shed.
+                let kept = cell.derating.low;
+                if kept > 0.0 {
+                    let slack_w = REQUEST_ROUNDING * self.string(m).nominal_w();
+                    let little_w = if kept < 1.0 { self.string(m).min_power_w() } else { 0.0 };
+                    let most_w =
+                        (cell.delivered_w.high.max(0.0) + most_shed_w[i].max(little_w)) / kept + slack_w;
+                    let requests = &mut node.requests_w[i];
+                    gain = gain.max((requests.high - most_w) / self.string(m).nominal_w());
+                    requests.high = requests.high.min(most_w);
+                }
+            }
+            if gain < WORTHWHILE {
+                break;
+            }
+        }
+        for t in 0..n_steps {
+            self.balance(&mut node.requests_w, t)?;
+        }
+        let cells = cells.into_iter().collect::<Option<Vec<_>>>()?;
+        Some(NarrowNode { node, cells, most_shed_w })
+    }
+
+    /// Narrows the requests of a step to what the others leave of the demand; None if nothing is left.
+    fn balance(&self, requests_w: &mut [Range], t: usize) -> Option<()> {
+        let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
+        let total = |of: fn(&Range) -> f64, requests_w: &[Range]| -> f64 {
+            (0..n_strings).map(|m| of(&requests_w[m * n_steps + t])).sum()
+        };
+        let slack_w = REQUEST_ROUNDING * self.total_limit_w[t];
+        for m in 0..n_strings {
+            let (low, high) = (total(|r| r.low, requests_w), total(|r| r.high, requests_w));
+            let own = &mut requests_w[m * n_steps + t];
+            let (others_low, others_high) = (low - own.low, high - own.high);
+            own.low = own.low.max(self.demand_w[t] - others_high - slack_w);
+            own.high = own.high.min(self.demand_w[t] - others_low + slack_w);
+            if own.low > own.high {
+                if own.low > own.high + 2.0 * slack_w {
+                    return None;
+                }
+                *own = Range { low: own.high, high: own.low };
+            }
+        }
+        Some(())
+    }
+
+    /// The node of all schedules with states in these boxes.
+    pub fn root(&self, boxes: Vec<StateBox>) -> Node {
+        let cells = (0..self.n_strings()).flat_map(|m| (0..self.n_steps()).map(move |t| (m, t)));
+        let requests_w: Vec<Range> = cells.map(|(m, t)| self.request_range(m, t)).collect();
+        Node { may_shed: vec![true; requests_w.len()], requests_w, boxes }
+    }
+}
+
+impl Node {
+    /// The parts below and above a request of one string in one step [W].
+    pub fn branch_on_request(&self, m: usize, t: usize, at_w: f64) -> [Self; 2] {
+        let place = m * self.n_steps() + t;
+        let mut parts = [self.clone(), self.clone()];
+        parts[0].requests_w[place].high = at_w;
+        parts[1].requests_w[place].low = at_w;
+        parts
+    }
+
+    /// The parts below and above an SOC of one string at the start of one step.
+    pub fn branch_on_soc(&self, m: usize, t: usize, at: f64) -> [Self; 2] {
+        let place = m * (self.n_steps() + 1) + t;
+        let mut parts = [self.clone(), self.clone()];
+        parts[0].boxes[place].soc.high = at;
+        parts[1].boxes[place].soc.low = at;
+        parts
+    }
+
+    /// The parts in which a string sheds nothing in a step, and in which it ends where it is full (empty) enough to shed.
+    pub fn branch_on_full(&self, m: usize, t: usize, shed_soc: Range) -> [Self; 2] {
+        let n_steps = self.n_steps();
+        let mut parts = [self.clone(), self.clone()];
+        parts[0].may_shed[m * n_steps + t] = false;
+        let end = &mut parts[1].boxes[m * (n_steps + 1) + t + 1].soc;
+        *end = Range {
+            low: end.low.max(shed_soc.low - SOC_MARGIN).min(end.high),
+            high: end.high.min(shed_soc.high + SOC_MARGIN).max(end.low),
+        };
+        parts
+    }
+
+    fn n_steps(&self) -> usize {
+        // As many more boxes than requests as there are strings.
+        self.requests_w.len() / (self.boxes.len() - self.requests_w.len()).max(1)
+    }
+}
+
+fn width(range: &Range) -> f64 {
+    range.high - range.low
+}

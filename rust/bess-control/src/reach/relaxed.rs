@@ -1,0 +1,466 @@
+//! Coefficients of the convex relaxation (docs/equations.md, 11 to 22) over a node, per unit: powers of the nominal power of
+//! the string, losses of those at nominal power, temperatures as `(tau - 25 degC) / 10 K`, the stored energy in what the
+//! nominal power moves in a step.
+
+use bess_tables::{Direction, Resistance};
+
+use super::node::{NarrowNode, SOC_MARGIN};
+use crate::model::{CoefficientRanges, ControlHorizon, LossCurve, Range, StateBox, StringModel, StringState};
+
+const THETA_ZERO_C: f64 = 25.0;
+const THETA_UNIT_K: f64 = 10.0;
+/// Lines below the inverter loss.
+const N_LINES: usize = 6;
+/// Outward shift of lines and bounds, per unit: no two opposite rows coincide.
+const MARGIN: f64 = 1e-8;
+
+/// Names of the coefficients, in the order in which [`ControlHorizon::relaxed`] gives them.
+pub const NAMES: [&str; 60] = [
+    "u_lo",
+    "u_hi",
+    "p_lo",
+    "p_hi",
+    "a_hi",
+    "a_off",
+    "derating_lo",
+    "derating_hi",
+    "derating_theta",
+    "derating_0",
+    "derated_theta",
+    "derated_0",
+    "full_0",
+    "full_slack",
+    "inverter_slope_0",
+    "inverter_slope_1",
+    "inverter_slope_2",
+    "inverter_slope_3",
+    "inverter_slope_4",
+    "inverter_slope_5",
+    "inverter_0_0",
+    "inverter_0_1",
+    "inverter_0_2",
+    "inverter_0_3",
+    "inverter_0_4",
+    "inverter_0_5",
+    "inverter_chord_slope",
+    "inverter_chord_0",
+    "heat_chord",
+    "heat_0",
+    "y_lo",
+    "y_hi",
+    "y_soc",
+    "y_theta",
+    "y_0",
+    "y_above",
+    "y_below",
+    "switch_lo",
+    "switch_0",
+    "switch_hi",
+    "switch_1",
+    "current",
+    "current_range",
+    "current_0",
+    "potential",
+    "potential_range",
+    "potential_0",
+    "soc_lo",
+    "soc_hi",
+    "stored_hi_soc",
+    "stored_hi_0",
+    "stored_lo_soc_0",
+    "stored_lo_0_0",
+    "stored_lo_soc_1",
+    "stored_lo_0_1",
+    "may_run",
+    "must_run",
+    "may_shed",
+    "may_be_low",
+    "must_be_low",
+];
+
+/// Nominal losses of a string: units of the inverter and the battery loss [W].
+#[derive(Debug, Clone, Copy)]
+pub struct LossUnits {
+    /// [W]
+    pub inverter_w: f64,
+    /// [W]
+    pub battery_w: f64,
+}
+
+/// Integral of an open-circuit voltage over SOC: what a string stores, but for its capacity [V].
+struct Potential {
+    soc: Vec<f64>,
+    voltage_v: Vec<f64>,
+    integral: Vec<f64>,
+}
+
+impl Potential {
+    fn new(string: &StringModel, direction: Direction, temperature_c: f64) -> Self {
+        let soc: Vec<f64> = string.parameters.ocv_table(direction).x().to_vec();
+        let voltage_v: Vec<f64> =
+            soc.iter().map(|&s| string.parameters.ocv(direction, s, temperature_c)).collect();
+        let mut integral = vec![0.0];
+        for i in 1..soc.len() {
+            let part = 0.5 * (voltage_v[i] + voltage_v[i - 1]) * (soc[i] - soc[i - 1]);
+            integral.push(integral[i - 1] + part);
+        }
+        Self { soc, voltage_v, integral }
+    }
+
+    /// The segment in which an SOC is, and how far.
+    fn segment(&self, soc: f64) -> (usize, f64) {
+        let i = self.soc.partition_point(|s| *s <= soc).clamp(1, self.soc.len() - 1) - 1;
+        (i, soc - self.soc[i])
+    }
+
+    fn slope(&self, i: usize) -> f64 {
+        (self.voltage_v[i + 1] - self.voltage_v[i]) / (self.soc[i + 1] - self.soc[i])
+    }
+
+    fn at(&self, soc: f64) -> f64 {
+        let (i, beyond) = self.segment(soc);
+        self.integral[i] + beyond * (self.voltage_v[i] + 0.5 * self.slope(i) * beyond)
+    }
+
+    fn voltage(&self, soc: f64) -> f64 {
+        let (i, beyond) = self.segment(soc);
+        self.voltage_v[i] + self.slope(i) * beyond
+    }
+
+    /// Segments that a range touches.
+    fn segments(&self, soc: &Range) -> std::ops::RangeInclusive<usize> {
+        self.segment(soc.low).0..=self.segment(soc.high).0
+    }
+
+    /// Range of the voltage.
+    fn voltages(&self, soc: &Range) -> Range {
+        let knots = self.soc.iter().zip(&self.voltage_v).filter(|(s, _)| **s > soc.low && **s < soc.high);
+        knots.fold(
+            Range::point(self.voltage(soc.low)).union(&Range::point(self.voltage(soc.high))),
+            |r, (_, v)| r.union(&Range::point(*v)),
+        )
+    }
+
+    /// Range of the slope of the voltage.
+    fn slopes(&self, soc: &Range) -> Range {
+        self.segments(soc).fold(Range::EMPTY, |r, i| r.union(&Range::point(self.slope(i))))
+    }
+
+    /// Range of the integral less a line with this slope.
+    fn beyond_line(&self, soc: &Range, slope: f64) -> Range {
+        let value = |s: f64| self.at(s) - slope * s;
+        let inside = |s: &f64| *s > soc.low && *s < soc.high;
+        let stationary = self.segments(soc).filter_map(|i| {
+            let rise = self.slope(i);
+            (rise != 0.0).then(|| self.soc[i] + (slope - self.voltage_v[i]) / rise)
+        });
+        let places = self.soc.iter().copied().chain(stationary).filter(inside).chain([soc.low, soc.high]);
+        places.fold(Range::EMPTY, |r, s| r.union(&Range::point(value(s))))
+    }
+}
+
+impl ControlHorizon {
+    /// Coefficients over a narrowed node, `(60, M, T)`; planes are closest at the states `near` `(M, T)`. Those of the
+    /// battery and the derating are taken at these states themselves if `frozen`.
+    pub fn relaxed(
+        &self,
+        of: &NarrowNode,
+        near: &[StringState],
+        frozen: bool,
+        units: &[LossUnits],
+    ) -> Vec<f64> {
+        let n_steps = self.n_steps();
+        let size = of.cells.len();
+        let mut out = vec![0.0; NAMES.len() * size];
+        for (m, units) in units.iter().enumerate().take(self.n_strings()) {
+            // With the direction of the first step that moves something; the others differ by a hysteresis.
+            let first = (0..n_steps).find(|&t| self.demand_w[t] > 0.0).unwrap_or(0);
+            let potential =
+                Potential::new(self.string(m), self.direction(first), self.start[m].temperature_c);
+            for t in 0..n_steps {
+                let i = m * n_steps + t;
+                let values = self.relaxed_cell(of, &potential, (m, t), near[i], frozen, *units);
+                for (k, value) in values.into_iter().enumerate() {
+                    out[k * size + i] = value;
+                }
+            }
+        }
+        out
+    }
+
+    fn relaxed_cell(
+        &self,
+        of: &NarrowNode,
+        potential: &Potential,
+        (m, t): (usize, usize),
+        near: StringState,
+        frozen: bool,
+        units: LossUnits,
+    ) -> [f64; NAMES.len()] {
+        let n_steps = self.n_steps();
+        let (i, b) = (m * n_steps + t, m * (n_steps + 1) + t);
+        let (string, interval, cell) = (self.string(m), &self.intervals[t], &of.cells[i]);
+        let direction = interval.direction;
+        let discharges = direction == Direction::Discharge;
+        let sign = direction.sign();
+        let unit_w = string.nominal_w();
+        let (states, end) = (&of.node.boxes[b], &of.node.boxes[b + 1]);
+        let taken_from = if frozen {
+            StateBox { soc: Range::point(near.soc), temperature_c: Range::point(near.temperature_c) }
+        } else {
+            *states
+        };
+        let c = string.ranges(direction, &taken_from);
+        let planes = string.planes(direction, &taken_from, near);
+        let u = of.node.requests_w[i];
+        let (u_lo, u_hi) = ((u.low / unit_w).max(0.0), (u.high / unit_w).max(0.0));
+        let may_run = cell.may_run();
+        // Along a schedule, coefficients do not follow the states: what a string can do is not what it could in the boxes.
+        let p = match (may_run, frozen) {
+            (false, _) => Range::point(0.0),
+            (true, false) => cell.delivered_w,
+            (true, true) => Range { low: 0.0, high: u.high },
+        };
+        let battery_w = if !may_run {
+            Range::point(0.0)
+        } else if frozen {
+            string.battery_range(&c, direction, &p)
+        } else {
+            cell.battery_w
+        };
+        let must_run = !frozen && may_run && !cell.may_be_off;
+        let shed_w = if frozen { cell.shed_w.high.min(u.high) } else { of.most_shed_w[i] };
+        let may_shed = cell.may_shed() && shed_w > 0.0;
+
+        // Derating: 1 - k >= derated + derated_per_k tau.
+        let (g_lo, g_hi) = (1.0 - c.derating.high, 1.0 - c.derating.low);
+        let (g_theta, g_0) =
+            (planes.derated_per_k * THETA_UNIT_K, planes.derated + planes.derated_per_k * THETA_ZERO_C);
+
+        let (slope, intercept, chord) = inverter_lines(string.loss(direction), &p, unit_w, units.inverter_w);
+
+        let full = if discharges {
+            let edge = cell.shed_soc.high.min(end.soc.high) + SOC_MARGIN;
+            (edge, (end.soc.high - edge).max(0.0))
+        } else {
+            let edge = -cell.shed_soc.low.max(end.soc.low) + SOC_MARGIN;
+            (edge, (-end.soc.low - edge).max(0.0))
+        };
+        let full = if may_shed { full } else { (0.0, 2.0) };
+
+        // y = V^2 / R, in units that make h y = P^2.
+        let y_unit = units.battery_w / (unit_w * unit_w);
+        let y = Range { low: c.power_scale_w.low * y_unit, high: c.power_scale_w.high * y_unit };
+        let [p_low, p_high] = [battery_w.low / unit_w, battery_w.high / unit_w];
+        let heat = ((p_low + p_high) / y.low, -p_low * p_high / y.low + MARGIN);
+
+        // Switch of the resistance.
+        let switch = match &string.parameters.resistance {
+            Resistance::Switched { low_soc_switch, .. } => *low_soc_switch,
+            Resistance::Measured { .. } => f64::NEG_INFINITY,
+        };
+        let soc = taken_from.soc;
+        let (may_be_low, must_be_low) = (soc.low < switch, soc.high < switch);
+        let (y_above, y_below, switch) = if may_be_low && !must_be_low && !frozen {
+            let part = |low: f64, high: f64| {
+                let part = StateBox { soc: Range { low, high }, ..taken_from };
+                string.ranges(direction, &part).power_scale_w.high * y_unit
+            };
+            (part(switch, soc.high), part(soc.low, just_below(switch)), switch)
+        } else {
+            (y.high, y.high, if must_be_low { states.soc.high } else { states.soc.low })
+        };
+
+        // Charge that a unit of V I moves, and energy that a unit of charge moves beyond the potential.
+        let per_unit = unit_w * interval.dt_h / string.parameters.capacity_ah;
+        let current = Range { low: per_unit / c.voltage_v.high, high: per_unit / c.voltage_v.low };
+        let reverse = (-p_low).max(0.0);
+        let moved = if frozen {
+            Range { low: -reverse * current.high, high: f64::INFINITY }
+        } else {
+            let per_ampere = interval.dt_h / string.parameters.capacity_ah;
+            Range { low: per_ampere * cell.current_a.low, high: per_ampere * cell.current_a.high }
+        };
+        let beyond = string.beyond_potential(potential, direction, (states, end), &c, frozen, &moved);
+        let beyond = Range { low: beyond.low / per_unit, high: beyond.high / per_unit };
+        let potential_range = 0.5 * (beyond.high - beyond.low);
+        let potential_0 = 2.0 * potential_range * (-moved.low).max(0.0);
+
+        // The stored energy between lines over the box at the end.
+        let start = potential.at(self.start[m].soc);
+        let line = |slope: f64| {
+            let range = potential.beyond_line(&end.soc, slope);
+            (
+                slope / per_unit,
+                (range.low - start) / per_unit - MARGIN,
+                (range.high - start) / per_unit + MARGIN,
+            )
+        };
+        let width = end.soc.high - end.soc.low;
+        let secant = if width > 1e-9 {
+            (potential.at(end.soc.high) - potential.at(end.soc.low)) / width
+        } else {
+            potential.voltage(end.soc.low)
+        };
+        let lines = [secant, potential.voltage(end.soc.low), potential.voltage(end.soc.high)].map(line);
+
+        let flag = |is: bool| f64::from(u8::from(is));
+        let mut out = [0.0; NAMES.len()];
+        let head = [
+            u_lo,
+            u_hi,
+            p.low / unit_w,
+            p.high / unit_w,
+            shed_w.max(0.0) / unit_w,
+            if c.derating.low < 1.0 { (string.min_power_w() / unit_w).min(u_hi) } else { 0.0 },
+            g_lo,
+            g_hi,
+            u_hi * g_theta,
+            u_hi * (g_0 - g_hi),
+            u_lo * g_theta,
+            u_lo * (g_0 - g_lo),
+            full.0 + full.1,
+            full.1,
+        ];
+        let tail = [
+            chord.0,
+            chord.1,
+            heat.0,
+            heat.1,
+            y.low,
+            y.high,
+            planes.power_scale_per_soc * y_unit,
+            planes.power_scale_per_k * THETA_UNIT_K * y_unit,
+            (planes.power_scale_w + planes.power_scale_per_k * THETA_ZERO_C) * y_unit - y.low,
+            y_above,
+            y_below - y_above,
+            // soc >= switch - (switch - lo) low, soc <= hi - (hi - switch) low.
+            switch,
+            (switch - states.soc.low).max(0.0),
+            states.soc.high,
+            (states.soc.high - switch).max(0.0),
+            0.5 * (current.low + current.high),
+            0.5 * (current.high - current.low),
+            (current.high - current.low) * reverse,
+            sign * 0.5 * (beyond.low + beyond.high),
+            sign * potential_range,
+            potential_0 + MARGIN,
+            end.soc.low,
+            end.soc.high,
+            lines[0].0,
+            lines[0].2,
+            lines[1].0,
+            lines[1].1,
+            lines[2].0,
+            lines[2].1,
+            flag(may_run),
+            flag(must_run),
+            flag(may_shed),
+            flag(may_be_low),
+            flag(must_be_low),
+        ];
+        let values = head.into_iter().chain(slope).chain(intercept).chain(tail);
+        for (place, value) in out.iter_mut().zip(values) {
+            *place = value;
+        }
+        out
+    }
+}
+
+impl StringModel {
+    /// Range of what `V I` is beyond the fall (rise) of the potential, for each unit of charge that is moved [V].
+    fn beyond_potential(
+        &self,
+        potential: &Potential,
+        direction: Direction,
+        (states, end): (&StateBox, &StateBox),
+        c: &CoefficientRanges,
+        frozen: bool,
+        moved: &Range,
+    ) -> Range {
+        let path = states.soc.union(&end.soc);
+        if frozen {
+            let v = potential.voltages(&path);
+            return Range { low: c.voltage_v.low - v.high, high: c.voltage_v.high - v.low };
+        }
+        // The voltage of the step less that of the potential, at the same SOC.
+        let table = self.parameters.ocv_table(direction);
+        let inside = |range: &Range, x: &[f64]| -> Vec<f64> {
+            let knots = x.iter().copied().filter(|x| *x > range.low && *x < range.high);
+            knots.chain([range.low, range.high]).collect()
+        };
+        let (socs, temperatures) = (inside(&states.soc, table.x()), inside(&states.temperature_c, table.y()));
+        let mut apart = Range::EMPTY;
+        for &soc in &socs {
+            for &temperature_c in &temperatures {
+                let v = self.parameters.ocv(direction, soc, temperature_c) - potential.voltage(soc);
+                apart = apart.union(&Range::point(v));
+            }
+        }
+        // Half the voltage that the charge moved in the step makes up for; downhill it is more than the mean of the step.
+        let slopes = potential.slopes(&path);
+        let sign = direction.sign();
+        let ends = [
+            slopes.low * moved.low,
+            slopes.low * moved.high,
+            slopes.high * moved.low,
+            slopes.high * moved.high,
+        ];
+        let half = ends.iter().fold(Range::EMPTY, |r, e| r.union(&Range::point(0.5 * sign * e)));
+        Range { low: apart.low + half.low, high: apart.high + half.high }
+    }
+
+    /// Range of `V I` over delivered powers, at the smallest and the largest `V^2 / R` [W].
+    fn battery_range(&self, c: &CoefficientRanges, direction: Direction, p: &Range) -> Range {
+        let (g_low, g_high) = self.loss(direction).internal_range(p.low, p.high);
+        let heat = |g: f64, y: f64| crate::model::heat_w(g, y, direction);
+        let (low, high) = (c.power_scale_w.low, c.power_scale_w.high);
+        match direction {
+            Direction::Charge => Range { low: g_low - heat(g_low, low), high: g_high - heat(g_high, high) },
+            Direction::Discharge => {
+                let g_high = g_high.min(0.25 * high);
+                Range { low: g_low + heat(g_low, high), high: g_high + heat(g_high, low.max(4.0 * g_high)) }
+            }
+        }
+    }
+}
+
+/// The largest number below a positive one.
+fn just_below(value: f64) -> f64 {
+    f64::from_bits(value.to_bits() - 1)
+}
+
+/// Slopes and intercepts of lines below the inverter loss over a range of delivered power, and of a chord above it.
+fn inverter_lines(
+    curve: &LossCurve,
+    p: &Range,
+    unit_w: f64,
+    loss_unit_w: f64,
+) -> ([f64; N_LINES], [f64; N_LINES], (f64, f64)) {
+    let mut knots: Vec<(f64, f64)> = vec![];
+    let inside = curve.power().iter().copied().filter(|x| *x > p.low && *x < p.high);
+    for x in [p.low].into_iter().chain(inside).chain([p.high]) {
+        knots.push((x / unit_w, curve.at(x).0 / loss_unit_w));
+    }
+    let rise = |a: (f64, f64), b: (f64, f64)| if b.0 > a.0 { (b.1 - a.1) / (b.0 - a.0) } else { 0.0 };
+    let mut hull: Vec<(f64, f64)> = vec![];
+    for &knot in &knots {
+        while let [.., a, b] = hull[..] {
+            if rise(a, b) < rise(b, knot) && b.0 > a.0 {
+                break;
+            }
+            hull.pop();
+        }
+        hull.push(knot);
+    }
+    let n = hull.len() - 1;
+    let line = |j: usize| {
+        let k = (j * (n - 1)).div_ceil(N_LINES - 1).min(n - 1);
+        let slope = rise(hull[k], hull[k + 1]);
+        (slope, hull[k].1 - slope * hull[k].0)
+    };
+    let lines: [(f64, f64); N_LINES] = std::array::from_fn(line);
+    let chord = rise(knots[0], knots[knots.len() - 1]);
+    let above = knots.iter().map(|(x, w)| w - chord * x).fold(f64::NEG_INFINITY, f64::max);
+    (lines.map(|l| l.0), lines.map(|l| l.1), (chord, above + MARGIN))
+}

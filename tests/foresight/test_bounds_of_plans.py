@@ -1,0 +1,113 @@
+"""Claims about `bess.plan_power`: no bound is above a schedule that exists, and plans come close to it."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from problems import DT_H, case
+
+import bess
+
+BLOCKS = [
+    (10, -78),
+    (2, -30),
+    (2, 0),
+    (19, 78),
+    (3, 30),
+    (2, 0),
+    (20, -78),
+    (3, -30),
+    (2, 0),
+    (19, 78),
+    (3, 30),
+]
+TWO_CYCLES_KW = np.concatenate([np.full(n, kw, dtype=float) for n, kw in [*BLOCKS, (2, 0), (8, -78), (1, 0)]])
+"""A day of the bundled profile of two strings at rated demand."""
+
+
+def cost_kwh(
+    system: bess.System, state: bess.State, request_kw: np.ndarray, goals: bess.Objectives, model: str
+) -> np.ndarray:
+    """Cost of schedules `(..., M, T)`: shortfall x undelivered + losses + starts."""
+    roll = bess.rollout(system, state, request_kw, DT_H, model=model)
+    undelivered = roll.availability_loss_kw + roll.derating_loss_kw
+    losses = roll.inverter_loss_kw + roll.battery_loss_kw
+    on = request_kw != 0.0
+    before = np.concatenate([np.zeros_like(on[..., :1]), on[..., :-1]], axis=-1)
+    starts = (on & ~before).sum(axis=(-2, -1))
+    energy = DT_H * (goals.shortfall * undelivered + losses).sum(axis=(-2, -1))
+    return np.asarray(energy + (goals.start_kwh or 0.0) * starts)
+
+
+@settings(max_examples=12, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), n_strings=st.integers(1, 4), n_steps=st.integers(1, 12))
+def test_no_proven_bound_is_above_a_random_schedule(seed: int, n_strings: int, n_steps: int) -> None:
+    problem = case(seed, n_strings, n_steps)
+    if not problem.limit_kw.any():
+        return
+    plan = bess.plan_power(
+        problem.system, problem.state, problem.demand_kw, dt_h=DT_H, limit_kw=problem.limit_kw
+    )
+    asked_kw = np.abs(plan.request_kw.sum(axis=0))
+    share = np.random.default_rng(seed).dirichlet(np.ones(n_strings), (40, n_steps)).transpose(0, 2, 1)
+    wanted = np.minimum(share * asked_kw, problem.limit_kw[:, None])
+    for m in range(n_strings):  # what is left goes to the first with room
+        rest = asked_kw - wanted.sum(axis=1)
+        wanted[:, m] += np.clip(rest, 0.0, problem.limit_kw[m] - wanted[:, m])
+    costs = cost_kwh(
+        problem.system, problem.state, np.sign(problem.demand_kw) * wanted, bess.Objectives.energy(), "start"
+    )
+    assert plan.bound <= costs.min() * (1.0 + 1e-9) + 1e-9
+    assert plan.cost <= plan.rule_cost
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("soc", [(0.5, 0.5), (0.12, 0.4), (0.9, 0.97)])
+def test_a_short_plan_is_the_best_of_all_schedules_and_its_bounds_are_below(soc: tuple[float, float]) -> None:
+    """Two strings, five steps, 13 shares in each: all 371,293 schedules."""
+    system, state, goals = (
+        bess.System.reference(2),
+        bess.State(list(soc), [25.0, 30.0]),
+        bess.Objectives.energy(),
+    )
+    demand_kw = np.array([60.0, 60.0, -40.0, -40.0, 90.0])
+    plan = bess.plan_power(system, state, demand_kw, goals, DT_H)
+    shares = np.array(list(itertools.product(np.linspace(0.0, 1.0, 13), repeat=5)))
+    schedules = np.stack([shares * demand_kw, (1.0 - shares) * demand_kw], axis=1)
+    best = cost_kwh(system, state, schedules, goals, "midpoint").min()
+    assert plan.cost <= best * 1.001
+    assert plan.search_bound <= best * 1.005
+    assert plan.bound <= cost_kwh(system, state, schedules, goals, "start").min()
+
+
+def test_a_day_at_rated_demand_is_planned_to_three_per_cent() -> None:
+    for n_strings in (2, 4):
+        demand_kw = TWO_CYCLES_KW * n_strings / 2
+        state = bess.State([0.5] * n_strings, [25.0] * n_strings)
+        plan = bess.plan_power(bess.System.reference(n_strings), state, demand_kw)
+        assert 0.0 <= plan.search_gap <= 0.03
+        assert plan.bound <= plan.search_bound
+        assert plan.cost < plan.rule_cost
+
+
+def test_a_price_of_starts_takes_starts_away() -> None:
+    system, state = bess.System.reference(2), bess.State([0.5, 0.5], [25.0, 25.0])
+    starts = []
+    for start_kwh in (0.0, 0.5):
+        goals = bess.Objectives.energy(start_kwh=start_kwh)
+        on = bess.plan_power(system, state, TWO_CYCLES_KW, goals).request_kw != 0.0
+        starts.append(int((on[:, 1:] & ~on[:, :-1]).sum()))
+    assert starts[1] < 0.5 * starts[0]
+
+
+def test_plan_power_takes_one_sum_in_kwh() -> None:
+    with pytest.raises(bess.InputError, match="plan_power minimises one sum in kWh"):
+        bess.plan_power(
+            bess.System.reference(2), bess.State([0.5, 0.5], [25.0, 25.0]), [50.0], bess.Objectives()
+        )
+    with pytest.raises(bess.InputError, match='start_kwh is for kind = "energy"'):
+        bess.Objectives(start_kwh=0.1)
