@@ -303,11 +303,12 @@ def test_a_hostile_number_is_answered_or_refused(name: str, value: float) -> Non
         "rollout request",
         "horizon demand_kw",
         "deliverable temperature",
+        "plan ambient_c",
     ],
 )
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_what_is_no_number_is_refused_not_computed_with(name: str, bad: float) -> None:
-    shapes = {"rollout request": (1, N, STEPS), "horizon demand_kw": (STEPS,)}
+    shapes = {"rollout request": (1, N, STEPS), "horizon demand_kw": (STEPS,), "plan ambient_c": (STEPS,)}
     with pytest.raises(ValueError, match=r"\w"):
         CALLS[name](np.full(shapes.get(name, (N,)), bad))
 

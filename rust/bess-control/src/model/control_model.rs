@@ -12,7 +12,7 @@ const SOC_SLACK: f64 = 1e-9;
 /// Relative slack of a power against its limit: rounding only.
 pub(super) const POWER_SLACK: f64 = 1e-9;
 /// Temperatures that a battery can have [degC].
-pub(super) const TEMPERATURE_RANGE_C: (f64, f64) = (-100.0, 1000.0);
+pub(crate) const TEMPERATURE_RANGE_C: (f64, f64) = (-100.0, 1000.0);
 
 /// The control model of a plant.
 #[derive(Debug, Clone)]

@@ -20,6 +20,7 @@ mod set_points;
 mod string;
 
 pub use control_model::ControlModel;
+pub(crate) use control_model::TEMPERATURE_RANGE_C;
 pub use follow::{BestShares, Followed};
 pub(crate) use heat::{heat_share, heat_w};
 pub use horizon::{ControlHorizon, SplitProblem, MAX_GROUPS};

@@ -5,7 +5,7 @@ use std::ops::Range;
 use bess_tables::Direction;
 
 use crate::error::{check_length, check_range};
-use crate::model::{ControlModel, Flow, Interval, LossCurve, Losses, StringState};
+use crate::model::{ControlModel, Flow, Interval, LossCurve, Losses, StringState, TEMPERATURE_RANGE_C};
 use crate::plan::paths::Paths;
 use crate::reactive::curve_at_power_factor;
 use crate::ControlError;
@@ -75,6 +75,10 @@ impl<'a> PlanProblem<'a> {
         check_length("prices of losses", &prices.losses, n_steps)?;
         check_length("wear", &prices.wear, n_strings)?;
         check_range("demand", demand_w, (0.0, f64::MAX), " W")?;
+        for interval in &intervals {
+            check_range("dt_h", &[interval.dt_h], (f64::MIN_POSITIVE, f64::MAX), " h")?;
+            check_range("ambient_c", &[interval.ambient_c], TEMPERATURE_RANGE_C, " degC")?;
+        }
         check_range("wear", &prices.wear, (0.0, f64::MAX), "")?;
         for p in &prices.losses {
             check_range("prices of losses", &p.to_array(), (0.0, f64::MAX), "")?;
