@@ -103,9 +103,11 @@ def test_the_default_budget_closes_what_its_root_leaves_open():
     assert default.status is SplitStatus.OPTIMAL
 
 
-def test_a_call_that_closes_without_a_relaxation_solves_none_by_default():
-    split = bess.split_power(SYSTEM, bess.State([0.5, 0.6], [30.0, 31.0]), [90.0, 70.0, 120.0])
-    assert split.nodes == 0
+@pytest.mark.parametrize(("node_limit", "solves"), [(None, False), (1, False), (2, True)])
+def test_only_a_limit_above_1_solves_relaxations_where_the_gap_is_small(node_limit, solves):
+    state, demand = bess.State([0.5, 0.6], [30.0, 31.0]), [90.0, 70.0, 120.0]
+    split = bess.split_power(SYSTEM, state, demand, node_limit=node_limit)
+    assert (split.nodes > 0) == solves
 
 
 def test_a_time_limit_ends_the_tree_with_a_valid_bound():

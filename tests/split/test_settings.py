@@ -20,6 +20,18 @@ def test_defaults_are_the_same_from_a_study_from_python_and_for_a_policy():
     assert defaults.objectives == bess.Objectives() == bess.Objectives.paper()
 
 
+@pytest.mark.parametrize(
+    ("limits", "node_limit"), [({}, 1), ({"node_limit": 30}, 30), ({"time_limit_s": 2.0}, None)]
+)
+def test_a_closed_loop_solves_the_roots_only_unless_a_limit_is_set(limits, node_limit):
+    splitter = build_policy("mpc", SYSTEM, Settings(0.25, 2, SplitSettings(**limits)))._splitter
+    assert splitter.settings.node_limit == node_limit
+    if not limits:
+        split = splitter(bess.State([0.02, 0.05], [30.0, 30.0]), [80.0, 60.0])
+        assert max(group.gap for group in split.groups) > 0.03
+        assert 0 < split.nodes <= 2 * len(split.groups)
+
+
 def test_every_setting_of_a_split_reaches_it_from_a_study():
     values = {
         "policy.gap": 0.02,

@@ -163,7 +163,7 @@ class _Certifier:
         )
 
     def _wants_relaxation(self, index: int) -> bool:
-        """Whether a relaxation is asked for, or likely to raise the rigorous bound by much in time."""
+        """Whether a tree is asked for, or a relaxation likely to raise the rigorous bound by much in time."""
         group = self._answer.groups[index]
         n_strings, n_steps = self._problem.limit_kw.shape
         sheds = bool(self._answer.flows.availability_loss_kw.any())
@@ -173,7 +173,7 @@ class _Certifier:
         return (
             group.boxes is not None
             and not self._is_closed(index, group.objective, group.bound)
-            and (pays or self._settings.node_limit is not None)
+            and (pays or (self._settings.node_limit or 1) > 1)
             and n_strings * n_steps <= LARGEST_RELAXATION
             and not self._is_late()
         )

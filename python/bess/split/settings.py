@@ -34,9 +34,11 @@ class SplitSettings(Choice):
         Relative gap at which a search stops.
     node_limit : int or None
         Most relaxations solved for each priority: more raise the rigorous bound, and may find a better split.
+        1 solves the root, where the rigorous gap is above 3 %; more are solved wherever it is above ``gap``.
         By default, where the rigorous gap is above 3 %, as many as make :data:`STEPS_OF_STRINGS` steps of
         single strings (300 for two strings and four steps, 150 for eight; above that fewer, with the square
-        of the size), or as fit into ``time_limit_s`` if that is given.
+        of the size), or as fit into ``time_limit_s`` if that is given. The policy ``mpc`` of a closed loop
+        takes 1, unless a limit is given.
     time_limit_s : float or None
         Longest wall-clock time of a call; the best split known is then returned and flagged. Answers then
         depend on how fast the machine is, where ``node_limit`` bounds the work repeatably.
