@@ -15,8 +15,10 @@ test: test-rust test-python
 test-rust:
 	cargo test --locked
 
+# On every core, and then one at a time those that start processes or a browser and wait for them.
 test-python: $(VENV)/built
-	$(BIN)/python -m pytest
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n logical --dist worksteal -m 'not slow and not process and not browser'
+	$(BIN)/python -m pytest -m 'not slow and (process or browser)'
 
 lint: $(VENV)/built
 	$(BIN)/ruff check .
