@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from bess.ems.plan import plan_dispatch
     from bess.ems.store_value import StoreValue, store_value
     from bess.errors import BessError, InputError, StoppedEarly
-    from bess.foresight import PowerPlan, plan_power
+    from bess.foresight import Plan, plan_power
     from bess.market import read_prices, read_weather
     from bess.parameters import State, System, load_system
     from bess.plant import Fleet, Plant
@@ -53,7 +53,7 @@ _HOMES = {
     "Study": "bess.study",
     "load_study": "bess.study",
     "plan_dispatch": "bess.ems.plan",
-    "PowerPlan": "bess.foresight",
+    "Plan": "bess.foresight",
     "plan_power": "bess.foresight",
     "StoreValue": "bess.ems.store_value",
     "store_value": "bess.ems.store_value",
@@ -87,7 +87,7 @@ __all__ = [
     "Objective",
     "Objectives",
     "Plant",
-    "PowerPlan",
+    "Plan",
     "PowerSplit",
     "Result",
     "Rollout",

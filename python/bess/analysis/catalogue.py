@@ -312,6 +312,14 @@ CATALOGUE: Final[dict[str, Kpi]] = {
         "optimiser",
     ),
     "solver_steps": Kpi("Steps with a solve", "", None, 0, "Steps the optimiser was called in.", "optimiser"),
+    "plan_search_gap_pct": Kpi(
+        "Search gap of plans", "%", None, 2,
+        "Median distance of the plans with bounds to a lower bound by prices, an estimate.", "optimiser",
+    ),
+    "plan_gap_pct": Kpi(
+        "Proven gap of plans", "%", None, 2,
+        "Median distance of the plans with bounds to a proven lower bound on the control model.", "optimiser",
+    ),
     **_over_steps(
         "solver_gap", "Rigorous gap", "%", 3,
         "Distance of the split to a bound no split can pass on the control model", 100.0,

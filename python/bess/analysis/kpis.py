@@ -197,7 +197,12 @@ def _solver(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
     solved = dataset["solver_status"].values != 0
     yield "fallback_steps", dataset["fallback"].values.sum()
     yield "solver_steps", solved.sum()
-    certified = solved & (dataset["solver_status"].values != PLANNED)
+    planned = dataset["solver_status"].values == PLANNED
+    for key, name in (("plan_gap_pct", "solver_gap"), ("plan_search_gap_pct", "solver_search_gap")):
+        of_plans = dataset[name].values[planned].astype(np.float64)
+        if np.isfinite(of_plans).any():
+            yield key, PERCENT * np.nanmedian(of_plans)
+    certified = solved & ~planned
     for name in ("solver_gap", "solver_search_gap", "solver_nodes"):
         values = dataset[name].values[certified].astype(np.float64)
         yield from _spread(name, values[np.isfinite(values)])

@@ -13,6 +13,7 @@ from bess import _core
 from bess.errors import InputError
 from bess.foresight.mistrust import Mistrust
 from bess.foresight.prices import PlanPrices
+from bess.foresight.proven_bound import proven_bound
 from bess.numbers import Array, ByValue, real_numbers
 from bess.parameters import State, System
 from bess.split.problem import SplitProblem, check_horizon
@@ -24,6 +25,10 @@ FRESH_ROLLOUTS = 600
 call if that is less."""
 FRESH_STEPS = 96
 """Calls after which the plan is also made anew: what a carried plan cannot get out of, a fresh one may."""
+BOUND_STEPS = 4 * FRESH_STEPS
+"""Calls after which a plan that is made anew is also bounded: a bound takes as long as planning for a day."""
+BOUND_PASSES = 20
+"""Passes of the bound by prices. A hundred raise it by 1 % of the cost."""
 END_SHARE = 0.1
 """Value of charge at the end of a plan, as a share of its value at the start. A plan that counts on more of
 it hoards: what is scarce now will be scarce again, but not certainly."""
@@ -63,9 +68,12 @@ class Plan(ByValue):
         Demand above what the inverters in service can take, asked of no string.
     rollouts : int
         Roll-outs of the control model that were spent.
+    bound : float
+        Lower bound of the cost of every schedule on the control model of :func:`bess.rollout`
+        (docs/equations.md, 1 to 6), proven: the sum of the least costs of single steps over all states that
+        can be reached. NaN where it was not computed.
     search_bound : float
-        Lower bound of the cost of every schedule, by prices of the balance, on a grid: an estimate. NaN where
-        it was not computed.
+        Lower bound by prices of the balance, on a grid: an estimate. NaN where it was not computed.
     """
 
     request_kw: Array
@@ -73,7 +81,13 @@ class Plan(ByValue):
     rule_cost: float
     unmet_kw: Array
     rollouts: int
+    bound: float = np.nan
     search_bound: float = np.nan
+
+    @property
+    def gap(self) -> float:
+        """Share of the cost by which the plan may be above the best, proven."""
+        return (self.cost - self.bound) / self.cost if self.cost > 0.0 else 0.0
 
     @property
     def search_gap(self) -> float:
@@ -106,8 +120,8 @@ class Planner:
         plant's, times its nominal energy, times the mean price of losses, costs this much for each hour.
         It counts where the plant will come near empty or full, and more where little came as foreseen.
     bound_passes : int
-        Passes of the bound by prices where a plan is made anew; without any there is no bound, and plans
-        start from the rules alone.
+        Passes of the bound by prices in the first call and every :data:`BOUND_STEPS` calls; the plan then
+        also starts from the schedules that come with the bound.
     known : bool
         Whether what is foreseen is known for certain, so that all steps count alike.
 
@@ -125,7 +139,7 @@ class Planner:
         *,
         rollouts: int = ROLLOUTS,
         balance: float = BALANCE_PER_H,
-        bound_passes: int = 0,
+        bound_passes: int = BOUND_PASSES,
         known: bool = False,
     ) -> None:
         check_horizon(system, n_steps, dt_h, "n_steps", MOST_STEPS)
@@ -192,6 +206,7 @@ class Planner:
         changed = self._mistrust.compare(np.atleast_1d(np.asarray(demand_kw, dtype=np.float64)), limit)
         previous, running = self._moved_on(), self._running()
         fresh = previous is None or changed or self._turn % FRESH_STEPS == 0
+        loss_prices = prices.losses * self._certainty()
         try:
             plan = _core.plan(
                 self.system.control_at(state),
@@ -202,7 +217,7 @@ class Planner:
                 ambient_c=problem.ambient_c,
                 dt_h=self.dt_h,
                 limit_kw=limit,
-                loss_prices=prices.losses * self._certainty(),
+                loss_prices=loss_prices,
                 wear=prices.wear,
                 start_cost=prices.start,
                 balance=self._imbalance_price() * float(prices.losses[:, 2:].mean()),
@@ -210,7 +225,7 @@ class Planner:
                 previous_kw=previous,
                 rollouts=self.rollouts,
                 fresh_rollouts=min(FRESH_ROLLOUTS, 4 * self.rollouts) if fresh else 0,
-                bound_passes=self.bound_passes if fresh else 0,
+                bound_passes=self.bound_passes if self._turn % BOUND_STEPS == 0 else 0,
                 turn=self._turn,
                 reactive_kvar=reactive_kvar,
             )
@@ -219,8 +234,18 @@ class Planner:
         self._request_kw = plan.request_kw
         self._start_charge = plan.start_charge
         self._turn += 1
-        bound = np.nan if plan.search_bound is None else plan.search_bound
-        return Plan(plan.request_kw, plan.cost, plan.rule_cost, problem.unmet_kw, plan.rollouts, bound)
+        proven, searched = np.nan, plan.search_bound
+        if searched is not None:
+            proven = proven_bound(problem, loss_prices.min(axis=0))
+        return Plan(
+            plan.request_kw,
+            plan.cost,
+            plan.rule_cost,
+            problem.unmet_kw,
+            plan.rollouts,
+            proven,
+            np.nan if searched is None else searched,
+        )
 
     def skip(self, demand_kw: ArrayLike) -> None:
         """Let a step pass in which nothing is asked; ``demand_kw`` as in a call."""

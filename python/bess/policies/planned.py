@@ -34,7 +34,7 @@ class PlannedPolicy:
 
     statuses: Mapping[int, str] = {
         NO_OPTIMISATION: "no optimisation needed",
-        PLANNED: "Planned over the foresight; no bound is computed, so no gap is known.",
+        PLANNED: "Planned over the foresight; the first plan has bounds, and one every four days.",
     }
 
     def __init__(self, planner: Planner, objectives: Objectives, terms: Terms) -> None:
@@ -67,7 +67,7 @@ class PlannedPolicy:
         )
         request_kw = plan.request_kw[:, 0].copy()
         reactive_kvar = self._reactive(situation, request_kw)
-        report = SolverReport(status=PLANNED, solve_time_s=time.perf_counter() - started)
+        report = SolverReport(PLANNED, plan.gap, plan.search_gap, solve_time_s=time.perf_counter() - started)
         return Decision(request_kw, report, reactive_kvar)
 
     def memory(self) -> dict[str, Any]:

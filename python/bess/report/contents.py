@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from bess.analysis.services import is_reserve, is_site
+from bess.policies.planned import PLANNED
 from bess.report import charts, figures
 from bess.report.charts.calendar import SHORTEST_MAP_DAYS, days_of, months_of
 from bess.report.data import TimeAxis
@@ -186,7 +187,8 @@ def over_time(run: Run) -> Iterator[Exhibit]:
 def optimiser(run: Run) -> Iterator[Exhibit]:
     """What the optimiser spent; nothing for policies without one."""
     data = run.dataset
-    if np.isfinite(data["solver_gap"].values).any() or (data["solver_nodes"].values > 0).any():
+    certified = data["solver_status"].values != PLANNED
+    if np.isfinite(data["solver_gap"].values[certified]).any() or (data["solver_nodes"].values > 0).any():
         yield Exhibit(
             "solver",
             "Effort of the optimiser",

@@ -21,6 +21,9 @@ TIE_BREAK_WEIGHT: Final = 2e-4
 table. Five times as much costs up to 0.3 % of what is minimised on hot states."""
 
 SHORTFALL: Final = 3.0
+"""Cost of a kWh that is not delivered [kWh lost]."""
+START_KWH: Final = 0.1
+"""Cost of a start of an inverter [kWh lost]."""
 
 Kind = Literal["paper", "energy", "money"]
 Normalisation = Literal["constant", "payoff", "energy"]
@@ -112,7 +115,7 @@ class Objectives(Choice):
     shortfall : float or None
         Cost of a kWh that is not delivered, in kWh lost: of kind ``"energy"`` only, 3 unless given.
     start_kwh : float or None
-        Cost of a start of an inverter in plans, in kWh lost: of kind ``"energy"`` only, nothing unless given.
+        Cost of a start of an inverter in plans, in kWh lost: of kind ``"energy"`` only, 0.1 unless given.
         A certified split, whose horizon is short, has no price for it.
     normalisation : {"constant", "payoff", "energy"}
         Divide each loss by its value at nominal power on every string and step, so that a kWh counts the same
@@ -182,6 +185,8 @@ class Objectives(Choice):
             raise ValueError(f'start_kwh is for kind = "energy"; with "{self.kind}", use {instead}')
         if energy and self.shortfall is None:
             object.__setattr__(self, "shortfall", SHORTFALL)
+        if energy and self.start_kwh is None:
+            object.__setattr__(self, "start_kwh", START_KWH)
         if self.kind != "paper" and "normalisation" not in self.model_fields_set:
             object.__setattr__(self, "normalisation", "energy")
         for name in NAMES:

@@ -146,7 +146,7 @@ def _gap_sentence(run: Run) -> Iterator[str]:
     """What the optimiser may have missed, in kWh: the gap of each step of the energy lost in it."""
     data = run.dataset
     gap = data["solver_gap"].values
-    known = np.isfinite(gap)
+    known = np.isfinite(gap) & (data["solver_status"].values != PLANNED)
     if not known.any():
         return
     lost_kw = sum(
@@ -163,7 +163,7 @@ def _gap_sentence(run: Run) -> Iterator[str]:
 
 
 def _plan_sentences(runs: Mapping[str, Run], *, hindsight: bool) -> Iterator[str]:
-    """Which runs follow plans, of which no gap is known; a sentence for each length of plan."""
+    """Which runs follow plans, and how far those may be from the best; a sentence for each length of plan."""
     planned: dict[tuple[float, bool], list[str]] = {}
     for name, run in runs.items():
         if (run.dataset["solver_status"].values == PLANNED).any():
@@ -172,10 +172,22 @@ def _plan_sentences(runs: Mapping[str, Run], *, hindsight: bool) -> Iterator[str
     for (hours, provable), names in planned.items():
         who = f"{_listed(names)}: every" if len(runs) > 1 else "Every"
         yield (
-            f"{who} step was planned over {hours:g} h, not certified: how far a plan is from the best one is "
-            "not known while it runs."
+            f"{who} step was planned over {hours:g} h."
+            + "".join(f" {_plan_gap(runs[name], name if len(runs) > 1 else '')}" for name in names)
             + (" bess report --hindsight says afterwards what was possible." * (provable and not hindsight))
         )
+
+
+def _plan_gap(run: Run, name: str) -> str:
+    """How far the plans of a run may be from the best."""
+    gap = run.kpis.get("plan_search_gap_pct")
+    if gap is None:
+        return "No plan has a bound." if not name else f"No plan of {name} has a bound."
+    who = "Plans" if not name else f"Those of {name}"
+    return (
+        f"{who} are within {gap:.2g} % of the search bound, an estimate, and within "
+        f"{run.kpis['plan_gap_pct']:.2g} % of the proven one (medians of the plans that were bounded)."
+    )
 
 
 def _listed(names: Sequence[str]) -> str:
