@@ -14,7 +14,7 @@ from bess.foresight import Plan, Planner, PlanPrices
 Array = NDArray[np.float64]
 
 DT_H = 0.25
-ENERGY = bess.Objectives.energy()
+ENERGY = bess.Objectives.energy(start_kwh=0.0)
 
 
 def differing(n_strings: int, rng: np.random.Generator) -> bess.System:

@@ -107,7 +107,8 @@ def test_effort_is_counted_in_roll_outs() -> None:
     problem = case(3, 4, 48)
     planner = Planner(problem.system, 48, DT_H, rollouts=50)
     first, second = problem.plan(planner), problem.plan(planner)
-    fresh = 5 * min(600, 4 * 50)
+    # Five rules, pairs, and strings at prices.
+    fresh = 7 * min(600, 4 * 50)
     # The last move of each start may run over by a roll-out of its pair.
     assert first.rollouts <= 50 + fresh + 20
     assert second.rollouts <= 50 + 20

@@ -48,12 +48,9 @@ def soc() -> dict[str, float]:
     return bess.run(outages("soc"), progress=False).kpis
 
 
-def delivers_as_much_and_wastes_less(kpis: Mapping[str, float], rule: Mapping[str, float]) -> None:
-    """Deliveries up to a thousandth: which string fails is luck."""
-    assert kpis["delivered_kwh"] >= 0.999 * rule["delivered_kwh"]
-    assert kpis["availability_pct"] >= rule["availability_pct"] - 0.1
-    losses, of_rule = (k["inverter_loss_kwh"] + k["battery_loss_kwh"] for k in (kpis, rule))
-    assert losses < of_rule
+def cost_kwh(kpis: Mapping[str, float]) -> float:
+    """What plans of kind ``energy`` minimise, starts aside."""
+    return 3.0 * kpis["undelivered_kwh"] + kpis["inverter_loss_kwh"] + kpis["battery_loss_kwh"]
 
 
 @pytest.mark.parametrize("forecast", ["perfect", "persistence"])
@@ -61,10 +58,13 @@ def test_outages_and_limits_that_nobody_foresaw_cost_no_more_than_under_soc(
     forecast: str, soc: dict[str, float]
 ) -> None:
     study = outages("mpc", **{"demand.forecast": forecast})
-    delivers_as_much_and_wastes_less(bess.run(study, progress=False).kpis, soc)
+    kpis = bess.run(study, progress=False).kpis
+    assert cost_kwh(kpis) < cost_kwh(soc)
+    # Which string fails is luck: up to a thousandth of the demand.
+    assert kpis["delivered_kwh"] >= 0.999 * soc["delivered_kwh"]
 
 
 @pytest.mark.parametrize("share", [0.8, 1.2])
 def test_a_forecast_wrong_by_a_fifth_costs_no_more_than_soc(share: float, soc: dict[str, float]) -> None:
     result = bess.run(outages("mpc"), policy=Misled(share), progress=False)
-    delivers_as_much_and_wastes_less(result.kpis, soc)
+    assert cost_kwh(result.kpis) < cost_kwh(soc)
