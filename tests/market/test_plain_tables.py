@@ -144,10 +144,9 @@ def test_german_and_english_numbers_are_the_same_numbers(values):
     expected = [float(v) for v in values]
     english = [f"{v:,.2f}" for v in values]
     german = [text.translate(str.maketrans(",.", ".,")) for text in english]
-    lines = list(range(len(values)))
-    assert parse_numbers("file", "p", german, lines, ",").tolist() == expected
-    assert parse_numbers("file", "p", english, lines, ".").tolist() == expected
-    assert parse_numbers("file", "p", german, lines, ".").tolist() == expected
+    assert parse_numbers(pd.Series(german), ",").tolist() == expected
+    assert parse_numbers(pd.Series(english), ".").tolist() == expected
+    assert parse_numbers(pd.Series(german), ".").tolist() == expected
 
 
 def test_zone_codes_are_their_own_names_and_neighbours_are_not_germany():

@@ -80,6 +80,12 @@ def test_most_of_a_series_is_never_invented(tmp_path):
             bess.read_weather(write(tmp_path, table([1, 2, 3, 4], "temperature", times)), fill=fill)
 
 
+def test_two_centuries_of_seconds_are_refused_before_they_are_laid_out(tmp_path):
+    times = [*pd.date_range("1980-01-01", periods=9, freq="s"), pd.Timestamp("2199-12-31")]
+    with pytest.raises(bess.InputError, match=r"line 11: follows a gap of .*only 10 of 69\d+ steps"):
+        bess.read_weather(write(tmp_path, table(range(10), "temperature", times, "%Y-%m-%dT%H:%M:%SZ")))
+
+
 # --- day or month first ------------------------------------------------------------------------------------
 
 

@@ -19,9 +19,8 @@ from bess.ems.synthetic import (
 from bess.errors import InputError
 from bess.files import Fill
 from bess.market.columns import read_columns
-from bess.market.files import fail, path_text, read_bytes
+from bess.market.files import fail, reading
 from bess.market.regular import regular
-from bess.market.repairs import Repairs
 from bess.market.units import power_unit
 from bess.numbers import Array
 
@@ -150,36 +149,34 @@ def read_profile(
         The file cannot be read as such, or a parameter is outside its range; the sentence says where and what
         to do.
     """
-    name = path_text(path)
     to_unit = _TO_KVAR if unit in _TO_KVAR else _TO_KW
     if unit not in to_unit:
         allowed = ", ".join([*_TO_KW, *_TO_KVAR])
-        raise InputError(f"profile {name}: unit {unit!r} is unknown; allowed are {allowed}")
+        raise InputError(f"profile {path}: unit {unit!r} is unknown; allowed are {allowed}")
     if positive not in _SIGN:
-        raise InputError(f"profile {name}: positive {positive!r} is unknown; allowed are {', '.join(_SIGN)}")
+        raise InputError(f"profile {path}: positive {positive!r} is unknown; allowed are {', '.join(_SIGN)}")
     if not (np.isfinite(scale) and scale > 0.0):
-        raise InputError(f"profile {name}: scale {scale} must be finite and above 0")
-    repairs = Repairs()
-    columns = read_columns(name, read_bytes(path), repairs)
-    chosen = columns.choose(column, "power")
-    _check_unit(name, chosen, unit)
-    rows = columns.labelled_at_start(repairs).rows(chosen, time_zone, repairs)
-    series = regular(rows, fill, repairs, bridged_s=0)
-    power = _resampled(name, series, dt_h) * (_SIGN[positive] * to_unit[unit] * scale)
+        raise InputError(f"profile {path}: scale {scale} must be finite and above 0")
+    with reading(path) as (raw, repairs):
+        columns = read_columns(raw, repairs)
+        chosen = columns.choose(column, "power")
+        _check_unit(chosen, unit)
+        rows = columns.labelled_at_start(repairs).rows(chosen, time_zone, repairs)
+        series = regular(rows, fill, repairs, bridged_s=0)
+    power = _resampled(str(path), series, dt_h) * (_SIGN[positive] * to_unit[unit] * scale)
     power = power.rename("demand_kw")
     power.attrs = {"units": "kvar" if unit in _TO_KVAR else "kW", "repairs": repairs}
-    repairs.report(name)
     return power
 
 
-def _check_unit(path: str, column: str, unit: str) -> None:
+def _check_unit(column: str, unit: str) -> None:
     """Refuse a column whose name says another unit than `unit`."""
     said = power_unit(column)
     if said is not None and said != unit:
         alike = _TO_KVAR if unit in _TO_KVAR else _TO_KW
         what = "reactive power" if unit in _TO_KVAR else "power"
         remedy = f"give unit={said!r}" if said in alike else f"give a column of {what}"
-        fail(path, 1, f"column {column!r} is in {said}, not in {unit}; {remedy}")
+        fail(1, f"column {column!r} is in {said}, not in {unit}; {remedy}")
 
 
 def _resampled(name: str, series: pd.Series, dt_h: float) -> pd.Series:

@@ -4,9 +4,8 @@ from bess.market.capacity_prices import read_capacity_prices
 from bess.market.frequency import read_frequency
 from bess.market.prices import read_prices
 from bess.market.repairs import Repair, Repairs
-from bess.market.repeat import prolonged
-from bess.market.typical_year import over_years
 from bess.market.weather import read_weather
+from bess.market.years import over_years, prolonged
 
 __all__ = [
     "Repair",

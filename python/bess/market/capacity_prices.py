@@ -1,27 +1,21 @@
 """Prices of reserve by blocks: tender results of regelleistung.net, or a table of times and prices."""
 
-import re
-from collections.abc import Iterator
-from datetime import datetime, timedelta
 from os import PathLike
 from typing import Final
-from zoneinfo import ZoneInfo
 
 import numpy as np
 import pandas as pd
 
-from bess.errors import InputError
-from bess.market.columns import csv_columns
-from bess.market.files import fail, listed, path_text, read_bytes
+from bess.market.columns import table_columns
+from bess.market.files import fail, first_line, listed, reading
 from bess.market.numbers import parse_numbers
 from bess.market.regular import regular
 from bess.market.repairs import Repairs
-from bess.market.sources import read_table
-from bess.market.table import Table
+from bess.market.table import Table, read_table
 
-_CLOCK: Final = ZoneInfo("Europe/Berlin")
+_CLOCK: Final = "Europe/Berlin"
 _PRICE: Final = "_SETTLEMENTCAPACITY_PRICE_[EUR/MW]"
-_BLOCK: Final = re.compile(r"NEGPOS(?:_(\d\d)_(\d\d))?")
+_BLOCK: Final = r"^NEGPOS(?:_(\d\d)_(\d\d))?$"
 _TENDER: Final = "1"
 """The tender of the day before; others procure again what failed."""
 _DAY_S: Final = 86_400
@@ -56,92 +50,68 @@ def read_capacity_prices(
     InputError
         The file cannot be read as such; one sentence names file, line and remedy.
     """
-    name = path_text(path)
-    repairs = Repairs()
-    table = read_table(name, read_bytes(path), repairs)
-    if table.named("PRODUCTNAME") is None:
-        series = _plain(table, country, time_zone, repairs)
-    else:
-        series = _tenders(table, country, repairs)
+    with reading(path) as (raw, repairs):
+        table = read_table(raw, repairs)
+        if table.named("PRODUCTNAME") is None:
+            series = _plain(table, country, time_zone, repairs)
+        else:
+            series = _tenders(table, country, repairs)
     series.attrs |= {"units": "EUR/MW/h", "repairs": repairs}
-    repairs.report(name)
     return series
 
 
 def _tenders(table: Table, country: str, repairs: Repairs) -> pd.Series:
-    index = {title: place for place, title in enumerate(table.header)}
-    column = next(
-        (i for title, i in index.items() if title.casefold() == (country + _PRICE).casefold()), None
-    )
+    column = table.named(country + _PRICE)
     if column is None:
-        known = [title.removesuffix(_PRICE) for title in index if title.endswith(_PRICE)]
-        fail(table.path, 1, f"there is no price of {country!r}; give one of: {listed(known)}")
-    numbers = table.named("TENDER_NUMBER")
-    keep = [numbers is None or row[numbers].strip() == _TENDER for row in table.rows]
-    repairs.add("other-tenders", "left out rows of repeated tenders", len(keep) - sum(keep))
-    rows = [row for row, wanted in zip(table.rows, keep, strict=True) if wanted]
-    lines = [line for line, wanted in zip(table.lines, keep, strict=True) if wanted]
-    prices = parse_numbers(table.path, table.header[column], [row[column] for row in rows], lines, ",")
-    spans = list(_spans(table, rows, lines))
-    order = sorted(range(len(spans)), key=lambda place: spans[place][0])
-    starts, hours, values, blocks = [], [], [], {}
-    end = None
-    for place in order:
-        start, length_h = spans[place]
-        if np.isnan(prices[place]):
-            fail(table.path, lines[place], "the block has no price; complete the file")
-        if end is not None and start != end:
-            what = (
-                "overlaps the block before it"
-                if start < end
-                else f"follows a gap from {end:%Y-%m-%d %H:%M} UTC"
-            )
-            fail(table.path, lines[place], f"the block {what}; give each block once, without gaps")
-        end = start + timedelta(hours=length_h)
-        starts.append(start)
-        hours.append(length_h)
-        values.append(float(prices[place]))
-        blocks[pd.Timestamp(start)] = float(prices[place])
-    hourly = np.repeat(np.array(values) / np.array(hours), hours)
-    series = pd.Series(hourly, pd.date_range(starts[0], periods=hourly.size, freq="h", name="time"))
-    series.attrs["blocks"] = pd.Series(blocks)
-    return series.rename("capacity_price_eur_mw_h")
+        known = [title.removesuffix(_PRICE) for title in table.header if title.endswith(_PRICE)]
+        fail(1, f"there is no price of {country!r}; give one of: {listed(known)}")
+    tender = table.named("TENDER_NUMBER")
+    wanted = pd.Series(True, table.lines) if tender is None else table.column(tender) == _TENDER
+    repairs.add("other-tenders", "left out rows of repeated tenders", (~wanted).sum())
+    blocks = _spans(table, wanted).assign(price=parse_numbers(table.column(column)[wanted], ","))
+    blocks = blocks.sort_values("start", kind="stable")
+    if (line := first_line(blocks["price"].isna())) is not None:
+        fail(line, "the block has no price; complete the file")
+    end = (blocks["start"] + pd.to_timedelta(blocks["hours"], unit="h")).shift()
+    if (line := first_line(end.notna() & (blocks["start"] != end))) is not None:
+        gap = f"follows a gap from {end[line]:%Y-%m-%d %H:%M} UTC"
+        what = "overlaps the block before it" if blocks["start"][line] < end[line] else gap
+        fail(line, f"the block {what}; give each block once, without gaps")
+    hourly = (blocks["price"] / blocks["hours"]).to_numpy().repeat(blocks["hours"])
+    index = pd.date_range(blocks["start"].iloc[0], periods=hourly.size, freq="h", name="time")
+    series = pd.Series(hourly, index, name="capacity_price_eur_mw_h")
+    series.attrs["blocks"] = pd.Series(blocks["price"].to_numpy(), pd.DatetimeIndex(blocks["start"].array))
+    return series
 
 
-def _spans(table: Table, rows: list[list[str]], lines: list[int]) -> Iterator[tuple[datetime, int]]:
+def _spans(table: Table, wanted: pd.Series) -> pd.DataFrame:
     """Start (UTC) and length [h] of each block."""
     product, date = table.named("PRODUCTNAME"), table.named("DATE_FROM")
     if date is None or product is None:
-        fail(table.path, 1, "there is no column DATE_FROM; fetch the file again")
-    for row, line in zip(rows, lines, strict=True):
-        block = _BLOCK.fullmatch(row[product].strip())
-        try:
-            day = datetime.strptime(row[date].strip(), "%d.%m.%Y")
-        except ValueError:
-            fail(table.path, line, f"the date {row[date]!r} is not written as 31.01.2024; correct the row")
-        if block is None:
-            fail(
-                table.path,
-                line,
-                f"the product {row[product]!r} is none of NEGPOS_00_04 and so on; leave it out",
-            )
-        first, last = (int(block[1]), int(block[2])) if block[1] else (0, 24)
-        start, end = (
-            (day + timedelta(hours=hour)).replace(tzinfo=_CLOCK).astimezone(ZoneInfo("UTC"))
-            for hour in (first, last)
-        )
-        yield start, round((end - start).total_seconds() / 3600.0)
+        fail(1, "there is no column DATE_FROM; fetch the file again")
+    dates, products = table.column(date)[wanted], table.column(product)[wanted]
+    days = pd.to_datetime(dates, format="%d.%m.%Y", errors="coerce")
+    if (line := first_line(days.isna())) is not None:
+        fail(line, f"the date {dates[line]!r} is not written as 31.01.2024; correct the row")
+    hours = products.str.extract(_BLOCK).fillna({0: "0", 1: "24"}).astype(int)
+    start, end = (
+        (days + pd.to_timedelta(hours[i], unit="h"))
+        .dt.tz_localize(_CLOCK, ambiguous=np.ones(days.size, bool), nonexistent="shift_forward")
+        .dt.tz_convert("UTC")
+        for i in (0, 1)
+    )
+    length_h = ((end - start) / pd.Timedelta(hours=1)).round().astype(int)
+    if (line := first_line(~products.str.match(_BLOCK) | (length_h < 1))) is not None:
+        fail(line, f"the product {products[line]!r} is none of NEGPOS_00_04 and so on; leave it out")
+    return pd.DataFrame({"start": start, "hours": length_h})
 
 
 def _plain(table: Table, country: str, time_zone: str | None, repairs: Repairs) -> pd.Series:
-    columns = csv_columns(table)
+    columns = table_columns(table)
     chosen = columns.choose(country if len(columns.names) > 1 else None, "price of capacity")
-    rows = columns.rows(chosen, time_zone, repairs)
-    series = regular(rows, None, repairs, longest_step_s=_DAY_S)
+    series = regular(columns.rows(chosen, time_zone, repairs), None, repairs, longest_step_s=_DAY_S)
     hours = (series.index[1] - series.index[0]) / pd.Timedelta(hours=1)
     if hours < 1.0:
-        raise InputError(
-            f"{table.path}: prices of capacity every {60 * hours:g} min; give hours or longer blocks"
-        )
+        fail(None, f"prices of capacity every {60 * hours:g} min; give hours or longer blocks")
     index = pd.date_range(series.index[0], periods=round(series.size * hours), freq="h", name="time")
     return pd.Series(series.to_numpy().repeat(round(hours)) / hours, index, name="capacity_price_eur_mw_h")

@@ -4,22 +4,19 @@ import io
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from datetime import UTC, tzinfo
+from datetime import UTC
 from itertools import pairwise
 from typing import Final, Literal
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from bess.extras import extra
-from bess.market.clock import Rows, clock_of, ends_day, to_utc
-from bess.market.files import fail, listed
+from bess.market.files import fail, first_line, listed
 from bess.market.numbers import check_size, parse_numbers
 from bess.market.repairs import Repairs
-from bess.market.sources import read_table
-from bess.market.stamps import YEARS, Stamps, is_time, parse_stamps
-from bess.market.table import Ending, Table
+from bess.market.table import Ending, Table, read_table
+from bess.market.times import YEARS, clock_of, ends_day, is_time, parse_times, to_utc
 
 _CLOCK_CELL: Final = re.compile(r"\d{1,2}:\d\d(:\d\d)?")
 _UNIT: Final = re.compile(r"\s*[\[(].*?[\])]")
@@ -27,15 +24,9 @@ _NAMED_CLOCK: Final = re.compile(
     r"\((UTC|GMT|CET/CEST|CET|WET/WEST|WET|EET/EEST|EET)\)|(?:hour|time|date_?time|datetime_?)_?(utc)\b",
     re.IGNORECASE,
 )
-CLOCKS: Final = {
-    "UTC": "UTC",
-    "GMT": "UTC",
-    "WET": "Europe/Lisbon",
-    "WET/WEST": "Europe/Lisbon",
-    "EET": "Europe/Helsinki",
-    "EET/EEST": "Europe/Helsinki",
-}
-"""Clocks by their names in titles; CET and CET/CEST both mean the clock of Brussels."""
+_CLOCKS: Final = {"UTC": "UTC", "GMT": "UTC", "WET": "Europe/Lisbon", "EET": "Europe/Helsinki"}
+_BRUSSELS: Final = "Europe/Brussels"
+"""What CET and CET/CEST both mean."""
 _OFFSETS: Final = (("utc_offset_seconds", 1), ("time zone", 3600))
 """Offsets from UTC in the block above a table: of Open-Meteo, and of the NSRDB."""
 _NUMBER: Final = re.compile(r"-?\d+(\.\d+)?")
@@ -47,29 +38,25 @@ class Columns:
 
     Attributes
     ----------
-    path : str
-    stamps : Stamps
-    lines : list of int
-        Line (CSV) or row (Parquet) of each time, from 1.
+    times : pandas.DataFrame
+        Times by line (CSV) or row (Parquet), from 1; see :mod:`bess.market.times`.
     names : list of str
         The columns that are not times.
     values : callable
         From a name to its numbers, NaN where missing.
     clock : str or None
-        Clock that the title of the times names.
+        Clock that the file names.
     typical : bool
         The hours of a typical year.
     last : str or None
-        The column in which the file ends, if that can have been cut off.
+        The column in which the file ends.
     ending : Ending
-        How the file ends in it.
+        How it ends there.
     """
 
-    path: str
-    stamps: Stamps
-    lines: list[int]
+    times: pd.DataFrame
     names: list[str]
-    values: Callable[[str], npt.NDArray[np.float64]]
+    values: Callable[[str], pd.Series]
     clock: str | None = None
     typical: bool = False
     last: str | None = None
@@ -77,221 +64,203 @@ class Columns:
 
     def choose(self, wanted: str | None, what: str) -> str:
         """Return the column called `wanted`, or the only one; raise InputError, listing them, otherwise."""
-        if wanted is not None:
-            for plain in (str.casefold, lambda name: _UNIT.sub("", name).casefold()):
-                for name in self.names:
-                    if plain(name) == wanted.casefold():
-                        return name
-        elif len(self.names) == 1:
+        if wanted is None and len(self.names) == 1:
             return self.names[0]
+        for plain in (str, without_unit) if wanted is not None else ():
+            for name in self.names:
+                if plain(name).casefold() == str(wanted).casefold():
+                    return name
         problem = (
-            f"there is no column {wanted!r}"
-            if wanted is not None
-            else f"which column is the {what} is not clear"
+            f"which column is the {what} is not clear" if wanted is None else f"there is no column {wanted!r}"
         )
-        fail(self.path, 1, f"{problem}; give one of: {listed(self.names)}")
+        fail(1, f"{problem}; give one of: {listed(self.names)}")
+
+    def at(self, wall: pd.Series) -> "Columns":
+        """Return the columns with another reading of the clock."""
+        return replace(self, times=self.times.assign(wall=wall))
 
     def labelled_at_start(self, repairs: Repairs) -> "Columns":
         """Return the columns with times that label the end of each interval moved to its start.
 
         Such are whole days of which the first begins a step after midnight and the last ends at midnight.
         """
-        wall = self.stamps.wall
+        wall = self.times["wall"]
         if wall.size < 2:
             return self
-        step = wall[1] - wall[0]
-        first, last = (wall[i] - wall[i].normalize() for i in (0, -1))
+        step = wall.iloc[1] - wall.iloc[0]
+        first, last = (wall.iloc[i] - wall.iloc[i].normalize() for i in (0, -1))
         if not (first == step and last == pd.Timedelta(0) and step <= pd.Timedelta(hours=1)):
             return self
         text = "moved times that label the end of their interval to its start"
-        repairs.add("end-labels", text, wall.size, self.lines[0])
-        return replace(self, stamps=Stamps(wall - step, self.stamps.offset_h))
+        repairs.add("end-labels", text, wall.size, wall.index[0])
+        return self.at(wall - step)
 
-    def rows(self, name: str, time_zone: str | None, repairs: Repairs) -> Rows:
+    def rows(self, name: str, time_zone: str | None, repairs: Repairs) -> pd.DataFrame:
         """Return the numbers of one column in UTC; times need an offset in the file or a `time_zone`."""
-        labelled = self.stamps.labelled
+        labelled, lines = self.times["offset_h"].notna(), self.times.index
         time_zone = time_zone or self.clock
-        if labelled.all():
-            self._check_offsets()
-            clock: tzinfo = UTC
-        elif labelled.any():
-            odd = int(np.argmax(labelled != labelled[0]))
-            has, other = ("has no", "has one") if labelled[0] else ("has a", "has none")
+        if labelled.any() and not labelled.all():
+            has, other = ("has no", "has one") if labelled.iloc[0] else ("has a", "has none")
             fail(
-                self.path,
-                self.lines[odd],
-                f"the time {has} UTC offset while line {self.lines[0]} {other}: mixed time zones; "
+                first_line(labelled != labelled.iloc[0]),
+                f"the time {has} UTC offset while line {lines[0]} {other}: mixed time zones; "
                 "write all times alike",
             )
+        if labelled.all():
+            self._check_offsets()
         elif time_zone is None:
             fail(
-                self.path,
-                self.lines[0],
-                f"the time {self.stamps.wall[0]:%Y-%m-%d %H:%M} has no time zone; give time_zone, such as "
-                "'UTC' or 'Europe/Berlin'",
+                lines[0],
+                f"the time {self.times['wall'].iloc[0]:%Y-%m-%d %H:%M} has no time zone; give time_zone, "
+                "such as 'UTC' or 'Europe/Berlin'",
             )
-        else:
-            clock = clock_of(time_zone)
-        values = self.values(name)
-        rows = to_utc(self.path, self.stamps, values, self.lines, clock, repairs, drop_skipped=False)
-        if name == self.last:
-            self._check_end(rows, clock)
+        clock = UTC if labelled.all() else clock_of(str(time_zone))
+        rows = to_utc(self.times, self.values(name), clock, repairs, drop_skipped=False)
+        whole = ends_day(rows["utc"], clock) or ends_day(rows["utc"], UTC)
+        if name == self.last and (self.ending is Ending.CUT or (self.ending is Ending.OPEN and not whole)):
+            refuse_end(lines[-1], self.ending)
         return rows
-
-    def _check_end(self, rows: Rows, clock: tzinfo) -> None:
-        """Refuse a file that may have been cut off in its last number."""
-        part = self.ending is Ending.OPEN and not (ends_day(rows.utc, clock) or ends_day(rows.utc, UTC))
-        if part or self.ending is Ending.CUT:
-            fail(
-                self.path,
-                self.lines[-1],
-                f"the file ends {self.ending.value}, so it may be truncated; fetch it again, or end its last "
-                "line with a line break if it is complete",
-            )
 
     def _check_offsets(self) -> None:
         """Offsets may differ by the hour of summer time, not more."""
-        offset = self.stamps.offset_h
-        far = np.abs(offset - offset[0]) > 1.0
-        if far.any():
-            i = int(np.argmax(far))
+        offset = self.times["offset_h"]
+        if (line := first_line((offset - offset.iloc[0]).abs() > 1.0)) is not None:
             fail(
-                self.path,
-                self.lines[i],
-                f"the time is {offset[i]:+g} h from UTC while line {self.lines[0]} is {offset[0]:+g} h: "
-                "mixed time zones; write all times in one zone",
+                line,
+                f"the time is {offset[line]:+g} h from UTC while line {offset.index[0]} is "
+                f"{offset.iloc[0]:+g} h: mixed time zones; write all times in one zone",
             )
 
 
-def read_columns(path: str, raw: bytes, repairs: Repairs) -> Columns:
+def without_unit(name: str) -> str:
+    """Return the name of a column without what is in brackets."""
+    return _UNIT.sub("", name)
+
+
+def refuse_end(line: int, ending: Ending) -> None:
+    """Raise InputError for a file that may have been cut off in its last number."""
+    fail(
+        line,
+        f"the file ends {ending.value}, so it may be truncated; fetch it again, or end its last line with a "
+        "line break if it is complete",
+    )
+
+
+def read_columns(raw: bytes, repairs: Repairs) -> Columns:
     """Read a plain CSV or Parquet file."""
-    return _parquet(path, raw) if raw[:4] == b"PAR1" else csv_columns(read_table(path, raw, repairs))
+    return parquet_columns(raw) if raw[:4] == b"PAR1" else table_columns(read_table(raw, repairs))
 
 
-def csv_columns(table: Table) -> Columns:
+def table_columns(table: Table) -> Columns:
     """Find the times in a table, and parse them."""
     used, cells = _time_cells(table)
-    label = " + ".join(table.header[i] for i in used)
-    if all(" - " in cell for cell in cells):
-        cells = [cell.partition(" - ")[0].strip() for cell in cells]
-    stamps = parse_stamps(table.path, label, cells, table.lines, day_first=False)
+    times = parse_times(cells, day_first=False)
     first = table.rows[0]
     others = [i for i in range(len(table.header)) if i not in used and not _is_clock(first[i].strip())]
     index = {table.header[i] or f"column {i + 1}": i for i in others}
     if len(index) != len(others):
-        fail(table.path, 1, f"two columns have the same name; name them apart: {listed(table.header)}")
-    default: Literal[",", "."] = "," if table.separator != "," and not _has_points(table, others) else "."
-
-    def values(name: str) -> npt.NDArray[np.float64]:
-        return parse_numbers(table.path, name, table.column(index[name]), table.lines, default)
-
+        fail(1, f"two columns have the same name; name them apart: {listed(table.header)}")
+    has_points = any("." in row[i] and "," not in row[i] for row in table.rows for i in others)
+    default: Literal[",", "."] = "," if table.separator != "," and not has_points else "."
     last = next((name for name, i in index.items() if i == len(table.rows[-1]) - 1), None)
-    clock = _clock_in(label, table.preamble)
-    names = list(index)
-    return Columns(table.path, stamps, table.lines, names, values, clock, table.typical, last, table.ending)
+    return Columns(
+        times,
+        list(index),
+        lambda name: parse_numbers(table.column(index[name]).rename(name), default),
+        _clock_in(str(cells.name), table.preamble),
+        table.typical,
+        last,
+        table.ending,
+    )
 
 
-def _is_clock(cell: str) -> bool:
-    """Tell whether a cell is a time, as of a second column of times; a number is none."""
-    return not cell.isdigit() and is_time(cell.partition(" - ")[0])
+def named_clock(label: str) -> str | None:
+    """Return the clock that the title of the times names."""
+    named = _NAMED_CLOCK.search(label)
+    if named is None:
+        return None
+    return _CLOCKS.get((named[1] or named[2]).upper().partition("/")[0], _BRUSSELS)
 
 
 def _clock_in(label: str, preamble: list[list[str]]) -> str | None:
     """Return the clock that the title of the times names, or the block above the header."""
-    named = _NAMED_CLOCK.search(label)
-    if named:
-        return CLOCKS.get((named[1] or named[2]).upper(), "Europe/Brussels")
     for names, values in pairwise(preamble):
-        said = {name.strip().casefold(): value.strip() for name, value in zip(names, values, strict=False)}
+        said = {name.casefold(): value for name, value in zip(names, values, strict=False)}
         for key, unit_s in _OFFSETS:
-            if _NUMBER.fullmatch(said.get(key, "")):
+            if named_clock(label) is None and _NUMBER.fullmatch(said.get(key, "")):
                 seconds = round(float(said[key]) * unit_s)
                 sign, minutes = "-" if seconds < 0 else "+", abs(seconds) // 60
                 return f"UTC{sign}{minutes // 60:02d}:{minutes % 60:02d}"
-    return None
+    return named_clock(label)
 
 
-def _has_points(table: Table, columns: list[int]) -> bool:
-    return any("." in row[i] and "," not in row[i] for row in table.rows for i in columns)
+def _is_clock(cell: str) -> bool:
+    """Tell whether a cell is a time, as of a second column of times; a number is none."""
+    return not cell.isdigit() and is_time(cell)
 
 
-def _time_cells(table: Table) -> tuple[list[int], list[str]]:
+def _time_cells(table: Table) -> tuple[list[int], pd.Series]:
     """Return the columns that hold the time, and one text for each row."""
-    parts = [table.named(name) for name in ("year", "month", "day", "hour")]
-    if None not in parts:
+    parts = [i for name in ("year", "month", "day", "hour") if (i := table.named(name)) is not None]
+    if len(parts) == 4:
         minute = table.named("minute")
-        used = [i for i in (*parts, minute) if i is not None]
-        texts = [[row[i].strip().zfill(2) for i in used] for row in table.rows]
-        return used, [f"{t[0]}-{t[1]}-{t[2]} {t[3]}:{t[4] if minute is not None else '00'}" for t in texts]
+        year, month, day, hour = (table.column(i).str.zfill(2) for i in parts)
+        clock = "00" if minute is None else table.column(minute).str.zfill(2)
+        times = year + "-" + month + "-" + day + " " + hour + ":" + clock
+        return [*parts, *([] if minute is None else [minute])], times.rename("year + month + day + hour")
     in_utc = (
         i for i, name in enumerate(table.header) if "utc" in name.casefold() and is_time(table.rows[0][i])
     )
-    first = table.named("MESS_DATUM") or next(in_utc, 0)
+    first = table.named("MESS_DATUM")
+    first = next(in_utc, 0) if first is None else first
     cells = table.column(first)
     if first == 0 and len(table.header) > 1:
-        second = table.column(first + 1)
-        if _CLOCK_CELL.fullmatch(second[0]) and ":" not in cells[0]:
-            return [first, first + 1], [f"{day} {clock}" for day, clock in zip(cells, second, strict=True)]
-        if not is_time(cells[0]) and is_time(second[0]) and cells[0][:1].isalpha():
-            return [first + 1], second
-        if not is_time(cells[0]) and is_time(second[0]):
-            fail(
-                table.path,
-                table.lines[0],
-                f"columns {table.header[0]!r} and {table.header[1]!r} are swapped: put the time first",
-            )
+        second = table.column(1)
+        day, clock = cells.iloc[0], second.iloc[0]
+        if _CLOCK_CELL.fullmatch(clock) and ":" not in day:
+            return [0, 1], (cells + " " + second).rename(f"{table.header[0]} + {table.header[1]}")
+        if not is_time(day) and is_time(clock):
+            if not day[:1].isalpha():
+                names = f"{table.header[0]!r} and {table.header[1]!r}"
+                fail(table.lines[0], f"columns {names} are swapped: put the time first")
+            first, cells = 1, second
+    if cells.str.contains(" - ", regex=False).all():
+        cells = cells.str.partition(" - ")[0].str.strip().rename(table.header[first])
     return [first], cells
 
 
-def _parquet(path: str, raw: bytes) -> Columns:
-    with extra("market", f"{path}: a Parquet file"):
+def parquet_columns(raw: bytes) -> Columns:
+    """Read a Parquet file with an index or a column of times."""
+    with extra("market", "a Parquet file"):
         try:
             frame = pd.read_parquet(io.BytesIO(raw))
         except ImportError:
             raise
         except Exception as error:  # pyarrow and pandas raise most of what there is for damaged bytes
             what = (str(error).splitlines() or [""])[0] or type(error).__name__
-            fail(path, None, f"the Parquet file is damaged or truncated ({what}); fetch it again")
+            fail(None, f"the Parquet file is damaged or truncated ({what}); fetch it again")
     if not isinstance(frame.index, pd.DatetimeIndex):
-        times = [
-            c
-            for c in frame.columns
-            if isinstance(frame[c].dtype, pd.DatetimeTZDtype) or frame[c].dtype.kind == "M"
-        ]
-        if not times:
-            fail(
-                path,
-                None,
-                f"no column of times among {listed(map(str, frame.columns))}; store one as a timestamp",
-            )
+        times = frame.select_dtypes(["datetime", "datetimetz"]).columns
+        if times.empty:
+            there = listed(map(str, frame.columns))
+            fail(None, f"no column of times among {there}; store one as a timestamp")
         frame = frame.set_index(times[0])
     index = pd.DatetimeIndex(frame.index)
     if index.size == 0:
-        fail(path, None, "the Parquet file holds no rows; fetch it again")
-    if index.hasnans:
-        fail(path, int(np.argmax(index.isna())) + 1, "has no time; remove the row")
-    odd = (index.year < YEARS[0]) | (index.year > YEARS[1])
-    if odd.any():
-        row = int(np.argmax(odd))
-        fail(
-            path,
-            row + 1,
-            f"has a time of the year {index.year[row]}, must be {YEARS[0]} to {YEARS[1]}; correct the row",
-        )
+        fail(None, "the Parquet file holds no rows; fetch it again")
+    lines = pd.RangeIndex(1, index.size + 1)
+    years = pd.Series(index.year, lines)
+    if (row := first_line(~years.between(*YEARS))) is not None:
+        found = "no time" if pd.isna(years[row]) else f"a time of the year {years[row]:g}"
+        fail(row, f"has {found}, must be {YEARS[0]} to {YEARS[1]}; correct or remove the row")
     aware = index.tz is not None
-    stamps = Stamps(
-        index.tz_convert("UTC").tz_localize(None) if aware else index,
-        np.full(index.size, 0.0 if aware else np.nan),
-    )
+    wall = index.tz_convert("UTC").tz_localize(None) if aware else index
     frame.columns = frame.columns.map(str)
     if not frame.columns.is_unique:
-        fail(path, None, f"two columns have the same name; name them apart: {listed(frame.columns)}")
-    names = [c for c in frame.columns if frame[c].dtype.kind in "iuf"]
+        fail(None, f"two columns have the same name; name them apart: {listed(frame.columns)}")
 
-    def values(name: str) -> npt.NDArray[np.float64]:
-        numbers = frame[name].to_numpy(dtype=np.float64, na_value=np.nan)
-        for row in np.flatnonzero(np.abs(numbers) > 1e12)[:1]:
-            check_size(path, name, float(numbers[row]), int(row) + 1)
-        return numbers
+    def values(name: str) -> pd.Series:
+        return check_size(pd.Series(frame[name].to_numpy(np.float64, na_value=np.nan), lines, name=name))
 
-    return Columns(path, stamps, list(range(1, index.size + 1)), names, values)
+    stamps = pd.DataFrame({"wall": wall, "offset_h": 0.0 if aware else np.nan}, index=lines)
+    return Columns(stamps, [c for c in frame.columns if frame[c].dtype.kind in "iuf"], values)

@@ -14,13 +14,12 @@ from zoneinfo import ZoneInfo
 import numpy as np
 import pandas as pd
 
-from bess.market.clock import by_label, clock_of, localise, skipped, to_utc
-from bess.market.files import fail, listed
+from bess.market.files import fail, first_line, listed
 from bess.market.numbers import parse_numbers
-from bess.market.quotes import Quotes, whole_days
+from bess.market.quotes import Quotes, no_zone, whole_days
 from bess.market.repairs import Repairs
-from bess.market.stamps import Stamps, parse_stamps
 from bess.market.table import Table
+from bess.market.times import by_label, clock_of, localise, parse_times, to_utc
 from bess.market.units import check_price_unit
 from bess.market.zones import is_zone, wanted_codes, zone_code
 
@@ -67,18 +66,16 @@ def read(table: Table, zone: str, product: str | None, time_zone: str | None, re
         units = [cell.strip() for cell in table.rows[0]]
         table = replace(table, rows=table.rows[1:], lines=table.lines[1:])
         if not table.rows:
-            fail(table.path, 2, "is the last one: there are headers but no data; fetch the file again")
+            fail(2, "is the last one: there are headers but no data; fetch the file again")
     column, found = _column(table, zone, product, units)
-    check_price_unit(table.path, 1, f"{table.header[column]} {units[column]}".replace("EUR/tCO2", ""))
-    stamps = parse_stamps(table.path, table.header[0], table.column(0), table.lines)
-    values = parse_numbers(table.path, table.header[column], table.column(column), table.lines)
-    if time_zone is not None and not stamps.labelled.any():
+    check_price_unit(f"{table.header[column]} {units[column]}".replace("EUR/tCO2", ""))
+    times, values = parse_times(table.column(0)), parse_numbers(table.column(column))
+    if time_zone is not None and times["offset_h"].isna().all():
         clock = clock_of(time_zone)
     else:
-        clock = _clock(table, stamps, repairs)
-    shown = Stamps(stamps.wall, np.full(stamps.wall.size, np.nan))
-    rows = to_utc(table.path, shown, values, table.lines, clock, repairs)
-    return Quotes(whole_days(rows, table, clock, repairs), "Energy-Charts", zone_code(zone), found)
+        clock = _clock(times, repairs)
+    rows = to_utc(times.assign(offset_h=np.nan), values, clock, repairs)
+    return Quotes(whole_days(rows, table, clock, repairs), "Energy-Charts", found)
 
 
 def _has_units(table: Table) -> bool:
@@ -92,73 +89,62 @@ def _product(header: str) -> str | None:
 
 def _column(table: Table, zone: str, product: str | None, units: list[str]) -> tuple[int, str]:
     """Return the column of the zone and product wanted, and the product's name."""
-    priced = {i: _product(name) for i, name in enumerate(table.header) if i}
+    products = {i: _product(name) for i, name in enumerate(table.header) if i}
     priced = {
-        i: p or "price"
-        for i, p in priced.items()
-        if p or (_PRICE.search(units[i]) and "CO2" not in table.header[i])
+        i: found or "price"
+        for i, found in products.items()
+        if found or (_PRICE.search(units[i]) and "CO2" not in table.header[i])
     }
-    there_are = listed(f"{table.header[i]} [{p}]" for i, p in priced.items())
+    there_are = [f"{table.header[i]} [{found}]" for i, found in priced.items()]
     if not priced:
-        fail(table.path, 1, f"no column of prices among {listed(table.header)}; export prices in EUR/MWh")
-    labels = {i: [label for label in _LABEL.findall(table.header[i]) if is_zone(label)] for i in priced}
+        fail(1, f"no column of prices among {listed(table.header)}; export prices in EUR/MWh")
+    here: dict[int, str] = {}
     for code in wanted_codes(zone):
-        here = {i: p for i, p in priced.items() if zone_code((labels[i] or ["DE-LU"])[-1]) == code}
-        if here:
-            break
-    else:
-        fail(
-            table.path,
-            1,
-            f"zone {zone!r} is not in this file; choose another zone or file, the file has: {there_are}",
-        )
+        here = here or {i: found for i, found in priced.items() if _zone(table.header[i]) == code}
+    if not here:
+        no_zone(zone, there_are)
     if product is None:
-        found = next((p for p in _DEFAULTS if p in here.values()), "price")
+        found = next((name for name in _DEFAULTS if name in here.values()), "price")
     else:
         found = _ALIASES.get(product.casefold(), product.casefold())
-    columns = [i for i, p in here.items() if p == found]
+    columns = [i for i, name in here.items() if name == found]
     if not columns or (product is None and found == "price" and len(columns) > 1):
         fail(
-            table.path,
-            1,
-            f"give the product of a column with prices (product={product!r} is none): {there_are}",
+            1, f"give the product of a column with prices (product={product!r} is none): {listed(there_are)}"
         )
     return max(columns, key=lambda i: sum(bool(row[i].strip()) for row in table.rows)), found
 
 
-def _clock(table: Table, stamps: Stamps, repairs: Repairs) -> tzinfo:
+def _zone(header: str) -> str:
+    """Code of the zone that a header names last in brackets; Germany if it names none."""
+    return zone_code(["DE-LU", *filter(is_zone, _LABEL.findall(header))][-1])
+
+
+def _clock(times: pd.DataFrame, repairs: Repairs) -> tzinfo:
     """Return the clock of the file: the one most offsets agree with, or what summer time shows."""
-    labelled = stamps.labelled
+    wall, labelled = pd.DatetimeIndex(times["wall"]), times["offset_h"].notna()
     if not labelled.any():
-        return ZoneInfo("Europe/Berlin") if _has_summer_time(stamps.wall) else _UTC1
+        return ZoneInfo("Europe/Berlin") if _has_summer_time(wall) else _UTC1
     if not labelled.all():
-        i = int(np.argmax(labelled != labelled[0]))
         fail(
-            table.path,
-            table.lines[i],
-            f"only one of this time and that of line {table.lines[0]} has a UTC offset: mixed time zones; "
+            first_line(labelled != labelled.iloc[0]),
+            f"only one of this time and that of line {labelled.index[0]} has a UTC offset: mixed time zones; "
             "write all times alike",
         )
-    offset = float(pd.Series(stamps.offset_h).mode()[0])
-    clocks: list[tzinfo] = [*map(ZoneInfo, _CLOCKS), timezone(timedelta(hours=offset))]
-    labels = pd.DatetimeIndex(by_label(stamps)).tz_localize("UTC")
-    wrong = [np.asarray(localise(stamps.wall, clock) != labels) for clock in clocks]
+    usual = timedelta(hours=float(times["offset_h"].mode()[0]))
+    clocks: list[tzinfo] = [*map(ZoneInfo, _CLOCKS), timezone(usual)]
+    wrong = [pd.Series(localise(wall, clock) != by_label(times), times.index) for clock in clocks]
     best = min(range(len(clocks)), key=lambda k: int(wrong[k].sum()))
-    count, first = int(wrong[best].sum()), table.lines[int(np.argmax(wrong[best]))]
-    if count > max(4, 0.01 * labels.size):
-        fail(
-            table.path,
-            first,
-            f"{count} UTC offsets fit no clock: mixed time zones; write all times in one zone",
-        )
+    count, first = int(wrong[best].sum()), first_line(wrong[best])
+    if count > max(4, 0.01 * wall.size):
+        fail(first, f"{count} UTC offsets fit no clock: mixed time zones; write all times in one zone")
     repairs.add("offset-label", f"corrected UTC offsets that are not those of {clocks[best]}", count, first)
     return clocks[best]
 
 
 def _has_summer_time(wall: pd.DatetimeIndex) -> bool:
     """Tell from days of change whether the clock has summer time; False if the file holds none."""
-    berlin = ZoneInfo("Europe/Berlin")
-    if skipped(wall, berlin).any():
+    if localise(wall, ZoneInfo("Europe/Berlin")).hasnans:
         return False
     if wall.has_duplicates:
         return True

@@ -4,9 +4,12 @@ import gzip
 import io
 import os
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from os import PathLike
 from typing import Final, NoReturn
+
+import pandas as pd
 
 from bess.errors import InputError
 from bess.files import LARGEST_BYTES, limited, read_file
@@ -23,7 +26,6 @@ _OTHER_KINDS: Final = {
     b"\xd0\xcf\x11\xe0": "an Excel workbook of the old kind (.xls); save it as .xlsx or CSV",
     b"\x89HDF": "an HDF5 or NetCDF file; export the column wanted as CSV",
     b"CDF": "a NetCDF file; export the column wanted as CSV",
-    b"\x89PNG": "a picture; give a table",
     b"7z\xbc\xaf": "a 7z archive; unpack it first",
     b"Rar!": "a RAR archive; unpack it first",
     b"BZh": "a bzip2 archive; unpack it first",
@@ -31,10 +33,34 @@ _OTHER_KINDS: Final = {
 }
 
 
-def fail(path: str, line: int | None, text: str) -> NoReturn:
-    """Raise the InputError of a file: path, line if there is one, what is wrong and what to do."""
-    place = path if line is None else f"{path}: line {line}"
-    raise InputError(f"{place}: {text}")
+def fail(line: int | None, text: str) -> NoReturn:
+    """Raise the InputError of a file: the line, if there is one, what is wrong and what to do."""
+    raise InputError(text if line is None else f"line {line}: {text}")
+
+
+def first_line(where: "pd.Series[bool]") -> int | None:
+    """Return the first line where something holds, None if it holds nowhere."""
+    return int(str(where.idxmax())) if where.any() else None
+
+
+@contextmanager
+def reading(path: str | PathLike[str]) -> Iterator[tuple[bytes, Repairs]]:
+    """Give the content of a file, unpacked, and the list of its repairs, which is logged at the end.
+
+    A problem that is found within is said with the path of the file.
+
+    Raises
+    ------
+    InputError
+        The path is none, the file cannot be read, or what is done with it fails.
+    """
+    name = _path_text(path)
+    raw, repairs = _content(name), Repairs()
+    try:
+        yield _unpacked(raw), repairs
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from error
+    repairs.report(name)
 
 
 def listed(names: Iterable[str]) -> str:
@@ -44,14 +70,7 @@ def listed(names: Iterable[str]) -> str:
     return ", ".join(texts[:_MOST_NAMES]) + (f" and {more} more" if more > 0 else "") or "(none)"
 
 
-def path_text(path: str | PathLike[str]) -> str:
-    """Return a path as text; raise InputError if it is none.
-
-    Raises
-    ------
-    InputError
-        It is neither a text nor a path, or is empty.
-    """
+def _path_text(path: str | PathLike[str]) -> str:
     try:
         name = os.fspath(path)
     except TypeError:
@@ -61,71 +80,59 @@ def path_text(path: str | PathLike[str]) -> str:
     return os.fsdecode(name) if isinstance(name, bytes) else name
 
 
-def read_bytes(path: str | PathLike[str]) -> bytes:
-    """Return the content of a file, unpacked if it is a gzip or zip archive of one file.
-
-    A workbook (xlsx) is returned as it is. Pipes, devices and what holds more than
-    :data:`bess.files.LARGEST_BYTES`, packed or unpacked, are refused.
-    """
-    name = path_text(path)
-    raw = _content(name)
-    try:
-        if raw[:2] == b"\x1f\x8b":
-            with gzip.GzipFile(fileobj=io.BytesIO(raw)) as packed:
-                raw = limited(packed, name)
-        if raw[:4] == b"PK\x03\x04":
-            raw = _unzip(name, raw)
-    except InputError:
-        raise
-    except RuntimeError as error:  # a password
-        fail(name, None, f"the archive cannot be unpacked ({error}); unpack it first")
-    except Exception as error:  # every kind of compression has its own for damaged bytes
-        what = str(error) or type(error).__name__
-        fail(name, None, f"the archive is damaged or truncated ({what}); fetch the file again")
-    if not raw.removeprefix(next((mark for mark in _MARKS if raw.startswith(mark)), b"")).strip():
-        fail(name, 1, "the file is empty; fetch it again")
-    for mark, kind in _OTHER_KINDS.items():
-        if raw.startswith(mark):
-            fail(name, None, f"is {kind}")
-    return raw
-
-
 def _content(name: str) -> bytes:
     try:
         return read_file(name)
     except FileNotFoundError:
-        fail(name, None, "there is no such file; check the path")
+        raise InputError(f"{name}: there is no such file; check the path") from None
     except InputError:
         raise
     except (OSError, ValueError) as error:  # a path with a NUL in it is a ValueError
         cause = getattr(error, "strerror", None) or error
-        fail(name, None, f"cannot be read ({cause}); check the path and its permissions")
+        raise InputError(f"{name}: cannot be read ({cause}); check the path and its permissions") from None
 
 
-def _unzip(name: str, raw: bytes) -> bytes:
+def _unpacked(raw: bytes) -> bytes:
+    """Unpack a gzip or zip archive of one file; a workbook (xlsx) stays as it is."""
+    try:
+        if raw[:2] == b"\x1f\x8b":
+            with gzip.GzipFile(fileobj=io.BytesIO(raw)) as packed:
+                raw = limited(packed, "the archive")
+        if raw[:4] == b"PK\x03\x04":
+            raw = _unzip(raw)
+    except InputError:
+        raise
+    except RuntimeError as error:  # a password
+        fail(None, f"the archive cannot be unpacked ({error}); unpack it first")
+    except Exception as error:  # every kind of compression has its own for damaged bytes
+        what = str(error) or type(error).__name__
+        fail(None, f"the archive is damaged or truncated ({what}); fetch the file again")
+    if not raw.removeprefix(next((mark for mark in _MARKS if raw.startswith(mark)), b"")).strip():
+        fail(1, "the file is empty; fetch it again")
+    for mark, kind in _OTHER_KINDS.items():
+        if raw.startswith(mark):
+            fail(None, f"is {kind}")
+    return raw
+
+
+def _unzip(raw: bytes) -> bytes:
     with zipfile.ZipFile(io.BytesIO(raw)) as archive:
         members = [m for m in archive.namelist() if not m.endswith("/") and not m.startswith("__MACOSX")]
         if "[Content_Types].xml" in members:
             if sum(entry.file_size for entry in archive.infolist()) > LARGEST_BYTES:
                 fail(
-                    name,
-                    None,
-                    f"the workbook holds more than {LARGEST_BYTES // 2**20} MiB; save the sheet as CSV",
+                    None, f"the workbook holds more than {LARGEST_BYTES // 2**20} MiB; save the sheet as CSV"
                 )
             return raw
         station = [m for m in members if m.rpartition("/")[2].startswith(_STATION)]
         members = station if len(station) == 1 else members
         if len(members) != 1:
-            fail(
-                name,
-                None,
-                f"the archive holds {len(members)} files ({listed(members)}); unpack the one wanted",
-            )
+            fail(None, f"the archive holds {len(members)} files ({listed(members)}); unpack the one wanted")
         with archive.open(members[0]) as packed:
-            return limited(packed, name)
+            return limited(packed, "the archive")
 
 
-def decode(path: str, raw: bytes, repairs: Repairs) -> str:
+def decode(raw: bytes, repairs: Repairs) -> str:
     """Return the text of `raw`: UTF-8 with or without a mark, UTF-16 with one, else Windows-1252.
 
     A file that is UTF-8 in one line and something else in another is refused: its letters cannot be trusted.
@@ -134,21 +141,17 @@ def decode(path: str, raw: bytes, repairs: Repairs) -> str:
         try:
             return raw.decode("utf-16")
         except UnicodeDecodeError:
-            fail(path, None, "the file is UTF-16 but damaged or truncated; fetch it again")
+            fail(None, "the file is UTF-16 but damaged or truncated; fetch it again")
     if b"\x00" in raw:
         line = raw[: raw.index(b"\x00")].count(b"\n") + 1
-        fail(path, line, "holds a zero byte, so this is not a text file; give a CSV or Parquet file")
+        fail(line, "holds a zero byte, so this is not a text file; give a CSV or Parquet file")
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         bad = raw[: error.start].count(b"\n") + 1
     for number, text in enumerate(raw.splitlines(), 1):
         if not text.isascii() and _is_utf8(text):
-            fail(
-                path,
-                bad,
-                f"is not UTF-8 while line {number} is: mixed encodings; save the file in one encoding",
-            )
+            fail(bad, f"is not UTF-8 while line {number} is: mixed encodings; save the file in one encoding")
     repairs.add("encoding", "read as Windows-1252, not UTF-8", 1, bad)
     return raw.decode("cp1252", errors="replace")
 

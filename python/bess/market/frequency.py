@@ -1,19 +1,15 @@
 """Grid frequency from measured files, as the deviation from its nominal value."""
 
-from dataclasses import replace
 from os import PathLike
 from typing import Final
 
-import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from bess.files import Fill
 from bess.market.columns import Columns, read_columns
-from bess.market.files import fail, path_text, read_bytes
+from bess.market.files import fail, first_line, reading
 from bess.market.regular import regular
 from bess.market.repairs import Repairs
-from bess.market.stamps import Stamps
 
 _NOMINAL_MHZ: Final = (50_000.0, 60_000.0)
 _FARTHEST_MHZ: Final = 2_500.0
@@ -57,52 +53,44 @@ def read_frequency(
     InputError
         The file cannot be read as such; one sentence names file, line and remedy.
     """
-    name = path_text(path)
-    repairs = Repairs()
-    columns = _in_order(read_columns(name, read_bytes(path), repairs), repairs)
-    rows = columns.rows(columns.choose(column, "frequency"), time_zone, repairs)
-    rows = replace(rows, values=_deviation_mhz(rows.values, repairs))
-    far = np.abs(rows.values) > _FARTHEST_MHZ
-    if far.any():
-        i = int(np.argmax(far))
-        fail(
-            name,
-            int(rows.lines[i]),
-            f"is {rows.values[i]:+g} mHz from the nominal frequency, more than {_FARTHEST_MHZ:g} mHz; choose "
-            "the right column, or leave the value out",
-        )
-    series = regular(rows, fill, repairs).rename("frequency_mhz")
+    with reading(path) as (raw, repairs):
+        columns = _in_order(read_columns(raw, repairs), repairs)
+        rows = columns.rows(columns.choose(column, "frequency"), time_zone, repairs)
+        rows["value"] = _deviation_mhz(rows["value"], repairs)
+        if (line := first_line(rows["value"].abs() > _FARTHEST_MHZ)) is not None:
+            fail(
+                line,
+                f"is {rows['value'][line]:+g} mHz from the nominal frequency, more than "
+                f"{_FARTHEST_MHZ:g} mHz; choose the right column, or leave the value out",
+            )
+        series = regular(rows, fill, repairs).rename("frequency_mhz")
     series.attrs = {"units": "mHz", "repairs": repairs}
-    repairs.report(name)
     return series
 
 
 def _in_order(columns: Columns, repairs: Repairs) -> Columns:
     """Swap day and month where they were swapped."""
-    wall = columns.stamps.wall
-    if (np.diff(wall.asi8) > 0).all():
+    wall = columns.times["wall"]
+    early = wall.dt.day <= 12
+    if wall.is_monotonic_increasing and wall.is_unique:
         return columns
-    month, day = wall.month.to_numpy(), wall.day.to_numpy()
-    early = day <= 12
-    years = wall.to_numpy().astype("datetime64[Y]")
-    dates = (years.astype("datetime64[M]") + (day - 1)).astype("datetime64[D]") + (month - 1)
-    clock = wall - wall.normalize()
-    swapped = pd.DatetimeIndex(np.where(early, dates + clock.to_numpy(), wall.to_numpy()))
-    if not (np.diff(swapped.asi8) > 0).all():
+    dates = pd.DataFrame({"year": wall.dt.year, "month": wall.dt.day.where(early, 1), "day": wall.dt.month})
+    swapped = wall.mask(early, pd.to_datetime(dates) + (wall - wall.dt.normalize()))
+    if not (swapped.is_monotonic_increasing and swapped.is_unique):
         return columns
     text = "swapped day and month, which brings the rows into order"
-    repairs.add("day-month", text, int(early.sum()), columns.lines[int(np.argmax(early))])
-    return replace(columns, stamps=Stamps(swapped, columns.stamps.offset_h))
+    repairs.add("day-month", text, early.sum(), first_line(early))
+    return columns.at(swapped)
 
 
-def _deviation_mhz(values: npt.NDArray[np.float64], repairs: Repairs) -> npt.NDArray[np.float64]:
-    usual = float(np.nanmedian(values)) if not np.isnan(values).all() else 0.0
+def _deviation_mhz(values: pd.Series, repairs: Repairs) -> pd.Series:
+    usual = 0.0 if values.isna().all() else values.median()
     for nominal in _NOMINAL_MHZ:
         if abs(usual - nominal) < _FARTHEST_MHZ:
             return values - nominal
         if abs(usual * _MHZ_PER_HZ - nominal) < _FARTHEST_MHZ:
             return values * _MHZ_PER_HZ - nominal
-    if np.nanquantile(np.abs(values), 0.99) < _IN_HZ:
+    if values.abs().quantile(0.99) < _IN_HZ:
         repairs.add("hz-to-mhz", "took deviations below 1 as Hz", values.size)
         return values * _MHZ_PER_HZ
     return values

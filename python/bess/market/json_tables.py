@@ -1,23 +1,22 @@
 """JSON of web services as the table in it: columns as lists, or one record for each time."""
 
-import csv
-import io
 from collections.abc import Iterator, Mapping
-from datetime import UTC, datetime
 from typing import Any, Final
 
 from bess.files import parse_json
 from bess.market.files import fail
 
 _DEEPEST: Final = 8
-_UNIX: Final = frozenset({"unix_seconds", "unixtime", "unix", "timestamp", "start_timestamp", "date"})
-"""Names of times that are numbers: seconds, or milliseconds, since 1970."""
 _OFFSET: Final = "utc_offset_seconds"
-_MILLISECONDS: Final = 1e11
 
 
-def json_as_csv(path: str, text: str) -> str:
-    """Return the largest table in a JSON document as CSV, after a line of what else it says of its times.
+def is_json(text: str) -> bool:
+    """Tell whether a text begins like a JSON document."""
+    return text.lstrip()[:1] in ("{", "[")
+
+
+def json_rows(text: str) -> list[tuple[int, list[str]]]:
+    """Return the rows of the largest table in a JSON document, below what else it says of its times.
 
     Read are PVGIS, Open-Meteo, Energy-Charts, Energi Data Service, aWATTar and SMARD, and others that hold
     lists of equal length, a list of records, or a list of pairs.
@@ -25,20 +24,17 @@ def json_as_csv(path: str, text: str) -> str:
     try:
         document = parse_json(text)
     except ValueError as error:
-        fail(path, None, f"begins like JSON but is damaged or truncated ({error}); fetch it again")
+        fail(None, f"begins like JSON but is damaged or truncated ({error}); fetch it again")
     tables = [table for table in _tables(document, 0) if table[1]]
     if not tables:
-        fail(path, None, "is JSON without a list of times and values; export the series as CSV")
+        fail(None, "is JSON without a list of times and values; export the series as CSV")
     names, rows = max(tables, key=lambda table: len(table[1]))
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    if isinstance(document, Mapping) and _is_leaf(offset := document.get(_OFFSET, [])):
-        writer.writerows([[_OFFSET], [offset]])
     units = _units(document, names)
-    writer.writerow([f"{name} ({units[name]})" if units.get(name) else name for name in names])
-    for row in rows:
-        writer.writerow([_cell(name, value) for name, value in zip(names, row, strict=True)])
-    return out.getvalue()
+    head: list[list[Any]] = [[f"{name} ({units[name]})" if units.get(name) else name for name in names]]
+    if isinstance(document, Mapping) and _is_leaf(offset := document.get(_OFFSET, [])):
+        head = [[_OFFSET], [offset], *head]
+    every = enumerate([*head, *rows], 1)
+    return [(line, ["" if cell is None else str(cell) for cell in row]) for line, row in every]
 
 
 def _tables(node: Any, depth: int) -> Iterator[tuple[list[str], list[list[Any]]]]:
@@ -58,15 +54,15 @@ def _tables(node: Any, depth: int) -> Iterator[tuple[list[str], list[list[Any]]]
             names = [str(key) for key, value in node[0].items() if _is_leaf(value)]
             yield names, [[entry.get(name) for name in names] for entry in node]
         elif all(isinstance(entry, list) and len(entry) == 2 and all(map(_is_leaf, entry)) for entry in node):
-            yield ["timestamp", "value"], node
+            yield ["time", "value"], node
 
 
 def _units(document: Any, names: list[str]) -> dict[str, str]:
-    """Units of columns: in a table of their own (Open-Meteo), or one for all of them (Energy-Charts)."""
+    """Units of columns: in a table of their own (Open-Meteo), or one for all that follow (Energy-Charts)."""
     if not isinstance(document, Mapping):
         return {}
     one = document.get("unit")
-    units = {name: one for name in names if name.casefold() not in _UNIX} if isinstance(one, str) else {}
+    units = dict.fromkeys(names[1:], one) if isinstance(one, str) else {}
     for key, table in document.items():
         if str(key).endswith("_units") and isinstance(table, Mapping):
             units |= {str(name): str(unit) for name, unit in table.items() if unit != "iso8601"}
@@ -79,20 +75,3 @@ def _is_column(value: Any) -> bool:
 
 def _is_leaf(value: Any) -> bool:
     return value is None or isinstance(value, str | int | float)
-
-
-def _cell(name: str, value: Any) -> Any:
-    """The value; of a number that is a time, the time in UTC."""
-    is_time = name.casefold() in _UNIX and isinstance(value, int | float) and not isinstance(value, bool)
-    if not is_time:
-        return value
-    try:
-        seconds = value / 1000.0 if abs(value) > _MILLISECONDS else float(value)
-        return datetime.fromtimestamp(seconds, tz=UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-    except (ValueError, OverflowError, OSError):
-        return value
-
-
-def is_json(text: str) -> bool:
-    """Tell whether a text begins like a JSON document."""
-    return text.lstrip()[:1] in ("{", "[")

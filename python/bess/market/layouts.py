@@ -7,17 +7,15 @@
 """
 
 import re
-from collections import Counter
-from collections.abc import Callable, Iterable
-from datetime import datetime, timedelta
 from typing import Final
 
+import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
-from bess.market.files import fail
-from bess.market.table import Ending, Table
+from bess.market.files import fail, first_line
 
-_NOMINAL_YEAR: Final = 2001
+_NOMINAL_YEAR: Final = "2001"
 """Year of a typical year that names none, or several: not a leap year."""
 _EPW_TEMPERATURE: Final = 6
 _EPW_TIME_ZONE: Final = 8
@@ -26,100 +24,91 @@ _OMIE_CLOCK: Final = "Europe/Madrid"
 _MOST_HOURS: Final = 25
 _TRY_HEADER: Final = re.compile(r"^\s*(?:RW\s+HW|RG\s+IS)\s+MM\s+DD\s+HH\s", re.MULTILINE)
 
-Line = tuple[int, list[str]]
+
+def rewritten(text: str) -> pd.DataFrame | None:
+    """Return the cells of a file of one of these layouts by line, None for any other file.
+
+    ``attrs["typical"]`` tells that they are the hours of a typical year.
+    """
+    if text.startswith("LOCATION,"):
+        return _epw(text)
+    if header := _TRY_HEADER.search(text[:20_000]):
+        return _reference_year(text, header.start())
+    return _omie(text) if text.startswith(_OMIE) else None
 
 
-def rewritten(path: str, text: str) -> Table | None:
-    """Return the table of a file of one of these layouts, None for any other file."""
-    for matches, read in _LAYOUTS:
-        if matches(text):
-            return read(path, text)
-    return None
-
-
-def _epw(path: str, text: str) -> Table:
-    head = text.split("\n", 1)[0].split(",")
+def _epw(text: str) -> pd.DataFrame:
     try:
-        offset_h = float(head[_EPW_TIME_ZONE])
+        offset_h = float(text.split("\n", 1)[0].split(",")[_EPW_TIME_ZONE])
     except (IndexError, ValueError):
-        fail(path, 1, "the line LOCATION has no time zone in its ninth cell; fetch the file again")
-    rows = [
-        (line, cells)
-        for line, cells in _split(text, ",")
+        fail(1, "the line LOCATION has no time zone in its ninth cell; fetch the file again")
+    rows = {
+        line: [*cells[:4], cells[_EPW_TEMPERATURE]]
+        for line, cells in _cells(text, ",").items()
         if re.fullmatch(r"\d{4}", cells[0]) and len(cells) > 9
-    ]
-    dates = [(line, cells[:4], cells[_EPW_TEMPERATURE]) for line, cells in rows]
-    return _hours_of_a_year(path, text, dates, offset_h)
+    }
+    return _hours_of_a_year(rows, offset_h)
 
 
-def _reference_year(path: str, text: str) -> Table:
-    header = _TRY_HEADER.search(text)
-    assert header is not None
-    names = text[header.start() :].lstrip().split("\n", 1)[0].split()
-    month, day, hour, temperature = (names.index(name) for name in ("MM", "DD", "HH", "t"))
-    below = text.count("\n", 0, header.start())
-    dates = [
-        (line, [str(_NOMINAL_YEAR), cells[month], cells[day], cells[hour]], cells[temperature])
-        for line, cells in _split(text, None)
+def _reference_year(text: str, header: int) -> pd.DataFrame:
+    names = text[header:].lstrip().split("\n", 1)[0].split()
+    wanted = [names.index(name) for name in ("MM", "DD", "HH", "t")]
+    below = text.count("\n", 0, header)
+    rows = {
+        line: [_NOMINAL_YEAR, *(cells[i] for i in wanted)]
+        for line, cells in _cells(text, None).items()
         if line > below + 1 and len(cells) == len(names) and cells[0].isdigit()
-    ]
-    return _hours_of_a_year(path, text, dates, 1.0)
+    }
+    return _hours_of_a_year(rows, 1.0)
 
 
-def _hours_of_a_year(path: str, text: str, dates: list[tuple[int, list[str], str]], offset_h: float) -> Table:
+def _hours_of_a_year(rows: dict[int, list[str]], offset_h: float) -> pd.DataFrame:
     """Return times at the start of each hour, the hours being numbered by their ends."""
-    if not dates:
-        fail(path, 1, "there is a header but no rows of hours; fetch the file again")
-    years = {cells[0] for _, cells, _ in dates}
-    nominal = int(years.pop()) if len(years) == 1 else _NOMINAL_YEAR
+    if not rows:
+        fail(1, "there is a header but no rows of hours; fetch the file again")
+    frame = pd.DataFrame.from_dict(rows, "index", columns=["year", "month", "day", "hour", "value"])
+    nominal = frame["year"].iloc[0] if frame["year"].nunique() == 1 else _NOMINAL_YEAR
+    start = _days(frame.assign(year=nominal)) + _counted(frame["hour"], 60)
+    if (line := first_line(start.isna())) is not None:
+        _, month, day, hour, _ = frame.loc[line]
+        fail(line, f"month {month}, day {day}, hour {hour} is no hour of {nominal}; correct the row")
     minutes = round(60 * offset_h)
     label = f"{'-' if minutes < 0 else '+'}{abs(minutes) // 60:02d}:{abs(minutes) % 60:02d}"
-    rows = []
-    for line, (_, month, day, hour), value in dates:
-        try:
-            start = datetime(nominal, int(month), int(day)) + timedelta(hours=int(hour) - 1)
-        except (ValueError, OverflowError):
-            fail(
-                path, line, f"month {month}, day {day}, hour {hour} is no hour of {nominal}; correct the row"
-            )
-        rows.append([f"{start:%Y-%m-%d %H:%M}{label}", value])
-    return _table(path, text, ["time", "temperature_c"], [line for line, _, _ in dates], rows, typical=True)
+    times = start.dt.strftime("%Y-%m-%d %H:%M") + label
+    hours = pd.DataFrame({"time": times, "temperature_c": frame["value"]})
+    hours.attrs["typical"] = True
+    return hours
 
 
-def _omie(path: str, text: str) -> Table:
-    lines = [(line, cells) for line, cells in _split(text, ";") if len(cells) >= 6 and cells[0].isdigit()]
-    if not lines:
-        fail(path, 1, f"there is nothing below {_OMIE}; fetch the file again")
-    periods = Counter(tuple(cells[:3]) for _, cells in lines)
-    rows = []
-    for line, (year, month, day, number, portugal, spain, *_) in lines:
-        step_min = 60 if periods[year, month, day] <= _MOST_HOURS else 15
-        try:
-            local = pd.Timestamp(int(year), int(month), int(day), tz=_OMIE_CLOCK)
-            start = local.tz_convert("UTC") + pd.Timedelta(minutes=step_min * (int(number) - 1))
-        except (ValueError, OverflowError):
-            fail(path, line, f"{year};{month};{day};{number} is no period of a day; fetch the file again")
-        rows.append([f"{start:%Y-%m-%dT%H:%M}Z", portugal, spain])
-    header = ["time", "PT [EUR/MWh]", "ES [EUR/MWh]"]
-    return _table(path, text, header, [line for line, _ in lines], rows)
+def _omie(text: str) -> pd.DataFrame:
+    rows = {
+        line: cells[:6] for line, cells in _cells(text, ";").items() if len(cells) >= 6 and cells[0].isdigit()
+    }
+    if not rows:
+        fail(1, f"there is nothing below {_OMIE}; fetch the file again")
+    frame = pd.DataFrame.from_dict(rows, "index", columns=["year", "month", "day", "period", "PT", "ES"])
+    periods = frame.groupby(["year", "month", "day"])["period"].transform("size")
+    days = _days(frame).dt.tz_localize(_OMIE_CLOCK).dt.tz_convert("UTC")
+    start = days + _counted(frame["period"], np.where(periods <= _MOST_HOURS, 60, 15))
+    if (line := first_line(start.isna())) is not None:
+        fail(line, f"{';'.join(rows[line][:4])} is no period of a day; fetch the file again")
+    prices = {f"{zone} [EUR/MWh]": frame[zone] for zone in ("PT", "ES")}
+    return pd.DataFrame({"time": start.dt.strftime("%Y-%m-%dT%H:%MZ"), **prices})
 
 
-def _split(text: str, separator: str | None) -> Iterable[Line]:
+def _days(frame: pd.DataFrame) -> pd.Series:
+    dates = frame["year"] + "-" + frame["month"] + "-" + frame["day"]
+    return pd.to_datetime(dates, format="%Y-%m-%d", errors="coerce")
+
+
+def _counted(numbers: pd.Series, minutes: ArrayLike) -> pd.Series:
+    """Time from the start of the day to that of a step that is counted from 1."""
+    counted = pd.to_numeric(numbers.where(numbers.str.fullmatch(r"\d{1,3}")), errors="coerce")
+    since: pd.Series = pd.to_timedelta((counted - 1) * np.asarray(minutes), unit="min")
+    return since
+
+
+def _cells(text: str, separator: str | None) -> dict[int, list[str]]:
     """Cells of every line that is not empty."""
-    for line, row in enumerate(text.splitlines(), 1):
-        if row.strip():
-            yield line, [cell.strip() for cell in row.split(separator)]
-
-
-def _table(
-    path: str, text: str, header: list[str], lines: list[int], rows: list[list[str]], *, typical: bool = False
-) -> Table:
-    ending = Ending.CLEAN if text.endswith(("\n", "\r")) else Ending.OPEN
-    return Table(path, header, rows, lines, ";", ending, typical=typical)
-
-
-_LAYOUTS: Final[tuple[tuple[Callable[[str], bool], Callable[[str, str], Table]], ...]] = (
-    (lambda text: text.startswith("LOCATION,"), _epw),
-    (lambda text: _TRY_HEADER.search(text[:20_000]) is not None, _reference_year),
-    (lambda text: text.startswith(_OMIE), _omie),
-)
+    lines = enumerate(text.splitlines(), 1)
+    return {line: [cell.strip() for cell in row.split(separator)] for line, row in lines if row.strip()}

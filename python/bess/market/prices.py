@@ -1,6 +1,5 @@
 """Electricity prices from the files that people have."""
 
-import re
 from dataclasses import replace
 from os import PathLike
 from typing import Final
@@ -9,13 +8,12 @@ import pandas as pd
 
 from bess.files import Fill
 from bess.market import energy_charts, entsoe, smard
-from bess.market.columns import Columns, csv_columns, read_columns
-from bess.market.files import fail, listed, path_text, read_bytes
-from bess.market.quotes import Quotes, only_product
+from bess.market.columns import Columns, parquet_columns, refuse_end, table_columns, without_unit
+from bess.market.files import fail, listed, reading
+from bess.market.quotes import Quotes, no_zone, only_day_ahead
 from bess.market.regular import regular
 from bess.market.repairs import Repairs
-from bess.market.sources import read_table
-from bess.market.table import Ending, Table
+from bess.market.table import Ending, Table, read_table
 from bess.market.units import check_price_unit, foreign_unit, is_currency_column, says_euro
 from bess.market.zones import is_zone, zone_code
 
@@ -23,7 +21,6 @@ _AREAS: Final = (
     "PriceArea", "Price Area", "price_area", "Area", "Zone", "Bidding Zone", "bidding_zone", "BiddingZone",
     "BZN", "MapCode", "AreaDisplayName", "DeliveryArea", "Delivery Area", "Country", "ISO3 Code", "region",
 )  # fmt: skip
-_UNIT: Final = re.compile(r"\s*[\[(].*?[\])]")
 FORMATS: Final = (
     (entsoe.matches, entsoe.read),
     (smard.matches, smard.read),
@@ -82,61 +79,63 @@ def read_prices(
     InputError
         The file cannot be read as prices; one sentence names file, line and remedy.
     """
-    name = path_text(path)
-    repairs = Repairs()
-    quotes = _quotes(name, read_bytes(path), zone, product, time_zone, repairs)
-    series = regular(quotes.rows, fill, repairs).rename("price_eur_mwh")
+    with reading(path) as (raw, repairs):
+        quotes = _quotes(raw, zone, product, time_zone, repairs)
+        series = regular(quotes.rows, fill, repairs).rename("price_eur_mwh")
     series.attrs = {
         "units": "EUR/MWh",
-        "zone": quotes.zone,
+        "zone": zone_code(zone),
         "product": quotes.product,
         "source": quotes.source,
         "repairs": repairs,
     }
-    repairs.report(name)
     return series
 
 
-def _quotes(
-    path: str, raw: bytes, zone: str, product: str | None, time_zone: str | None, repairs: Repairs
-) -> Quotes:
+def _quotes(raw: bytes, zone: str, product: str | None, time_zone: str | None, repairs: Repairs) -> Quotes:
     if raw[:4] == b"PAR1":
-        return _plain(read_columns(path, raw, repairs), zone, product, time_zone, repairs)
-    table = read_table(path, raw, repairs)
-    _check_currency(table)
-    for matches, read in FORMATS:
-        if matches(table):
-            return read(table, zone, product, time_zone, repairs)
-    table, column = _rows_of_zone(table, zone, repairs)
-    return _plain(csv_columns(table), column, product, time_zone, repairs)
+        columns, column = parquet_columns(raw), zone
+    else:
+        table = read_table(raw, repairs)
+        _check_currency(table)
+        for matches, read in FORMATS:
+            if matches(table):
+                return read(table, zone, product, time_zone, repairs)
+        columns, column = _of_zone(table, zone, repairs)
+    only_day_ahead(product)
+    column = _column(columns, column)
+    check_price_unit(column)
+    if not says_euro(column):
+        lines = columns.times.index
+        repairs.add("assumed-unit", "took prices without a unit as EUR/MWh", lines.size, lines[0])
+    return Quotes(columns.rows(column, time_zone, repairs), "plain")
 
 
 def _check_currency(table: Table) -> None:
     """Refuse prices beside which a column says another currency or unit."""
     if table.named("SETTLEMENTDATE") is not None:
-        fail(table.path, 1, "is a table of AEMO with prices in AUD/MWh; convert them to EUR/MWh first")
+        fail(1, "is a table of AEMO with prices in AUD/MWh; convert them to EUR/MWh first")
     for i, name in enumerate(table.header):
-        for cell, line in zip(table.column(i), table.lines, strict=True) if is_currency_column(name) else ():
+        for row, line in zip(table.rows, table.lines, strict=True) if is_currency_column(name) else ():
+            cell = row[i].strip()
             if foreign_unit(cell):
-                text = f"prices are in {cell} by column {name!r}; convert them to EUR/MWh first"
-                fail(table.path, line, text)
+                fail(line, f"prices are in {cell} by column {name!r}; convert them to EUR/MWh first")
 
 
-def _rows_of_zone(table: Table, zone: str, repairs: Repairs) -> tuple[Table, str]:
+def _of_zone(table: Table, zone: str, repairs: Repairs) -> tuple[Columns, str]:
     """Take the rows of `zone` out of a table with a column of zones; without one, the table as it is.
 
-    Also returns the zone that remains to be found among the columns.
+    Also returns the zone or column that remains to be found among the columns.
     """
     area = table.named(*_AREAS)
-    cells = [] if area is None else table.column(area)
+    cells = [] if area is None else list(table.column(area))
     here = [i for i, cell in enumerate(cells) if zone_code(cell) == zone_code(zone)]
     if not cells or not (here or any(map(is_zone, cells))):
-        return table, zone
+        return table_columns(table), zone
     if not here:
-        there_are = listed(sorted(set(cells)))
-        fail(table.path, 1, f"zone {zone!r} is not in this file; choose another, the file has: {there_are}")
+        no_zone(zone, sorted(set(cells)))
     priced = [
-        i
+        name
         for i, name in enumerate(table.header)
         if i != area
         and "price" in name.casefold()
@@ -144,47 +143,26 @@ def _rows_of_zone(table: Table, zone: str, repairs: Repairs) -> tuple[Table, str
         and not foreign_unit(name)
     ]
     if len(priced) != 1:
-        names = listed(table.header)
-        fail(table.path, 1, f"which column is the price in EUR/MWh is not clear; keep one of: {names}")
+        fail(1, f"which column is the price in EUR/MWh is not clear; keep one of: {listed(table.header)}")
     if here[-1] == len(table.rows) - 1 and table.ending in (Ending.CUT, Ending.OPEN):
-        text = f"the file ends {table.ending.value}, so it may be truncated"
-        fail(
-            table.path,
-            table.lines[-1],
-            f"{text}; fetch it again, or end it with a line break if it is complete",
-        )
+        refuse_end(table.lines[-1], table.ending)
     rows, lines = [table.rows[i] for i in here], [table.lines[i] for i in here]
-    stamps = csv_columns(replace(table, rows=rows, lines=lines)).stamps.wall
-    if stamps.size > 1 and stamps[0] > stamps[-1]:
-        repairs.add("descending", "put descending times into ascending order", len(rows), lines[0])
-        rows, lines = rows[::-1], lines[::-1]
-    return replace(table, rows=rows, lines=lines, ending=Ending.CLEAN), table.header[priced[0]]
+    columns = table_columns(replace(table, rows=rows, lines=lines, ending=Ending.CLEAN))
+    if not columns.times["wall"].iloc[0] > columns.times["wall"].iloc[-1]:
+        return columns, priced[0]
+    repairs.add("descending", "put descending times into ascending order", len(rows), lines[0])
+    table = replace(table, rows=rows[::-1], lines=lines[::-1], ending=Ending.CLEAN)
+    return table_columns(table), priced[0]
 
 
-def _plain(
-    columns: Columns, zone: str, product: str | None, time_zone: str | None, repairs: Repairs
-) -> Quotes:
-    plain = {name: _UNIT.sub("", name) for name in columns.names}
-    if len(columns.names) == 1 and not is_zone(plain[columns.names[0]]):
-        column = columns.names[0]
-    else:
-        exact = (name for name, short in plain.items() if zone in (name, short))
-        alike = (name for name, short in plain.items() if zone_code(short) == zone_code(zone))
-        column = next(exact, "") or next(alike, "")
-    if not column:
-        there_are = listed(columns.names)
-        fail(
-            columns.path,
-            1,
-            f"zone {zone!r} is not in this file; give as zone one of its columns: {there_are}",
-        )
-    check_price_unit(columns.path, 1, column)
-    if not says_euro(column):
-        repairs.add(
-            "assumed-unit",
-            "took prices without a unit as EUR/MWh",
-            columns.stamps.wall.size,
-            columns.lines[0],
-        )
-    only_product(columns.path, product)
-    return Quotes(columns.rows(column, time_zone, repairs), "plain", zone_code(zone), "day_ahead")
+def _column(columns: Columns, zone: str) -> str:
+    """Return the only column, or that of a zone by code or name."""
+    plain = {name: without_unit(name) for name in columns.names}
+    if len(plain) == 1 and not any(map(is_zone, plain.values())):
+        return columns.names[0]
+    exact = [name for name, short in plain.items() if zone in (name, short)]
+    alike = [name for name, short in plain.items() if zone_code(short) == zone_code(zone)]
+    if not exact and not alike:
+        there = listed(columns.names)
+        fail(1, f"zone {zone!r} is not in this file; give as zone one of its columns: {there}")
+    return [*exact, *alike][0]

@@ -5,21 +5,18 @@ is wrong by a day.
 """
 
 import re
-from dataclasses import replace
-from typing import Final, Literal
+from typing import Final
 
-import numpy as np
+import pandas as pd
 
-from bess.market.clock import clock_of, to_utc
-from bess.market.files import fail, listed
+from bess.market.files import fail, first_line, listed
 from bess.market.numbers import MISSING, parse_numbers
-from bess.market.quotes import Quotes, join_zone, only_product, whole_days
+from bess.market.quotes import Quotes, check_values, no_zone, only_day_ahead, whole_days
 from bess.market.repairs import Repairs
-from bess.market.stamps import Stamps, parse_stamps
 from bess.market.table import Table
+from bess.market.times import clock_of, parse_times, to_utc
 from bess.market.units import check_price_unit
-from bess.market.zones import wanted_codes, zone_code
-from bess.numbers import Array
+from bess.market.zones import SPLIT, wanted_codes, zone_code
 
 _PRICE: Final = re.compile(r"(.*?)\s*\[([^\]]*)/MWh\]")
 _BOTH: Final = ("Datum von", "Start date", "Beginn")
@@ -35,59 +32,47 @@ def matches(table: Table) -> bool:
 
 def read(table: Table, zone: str, product: str | None, time_zone: str | None, repairs: Repairs) -> Quotes:
     """Return the day-ahead prices of `zone`."""
-    only_product(table.path, product)
-    stamps = _stamps(table)
-    clock = clock_of(time_zone or "Europe/Berlin")
-    names, there = _zones(table, zone)
-    rows = to_utc(
-        table.path, stamps, np.arange(stamps.wall.size, dtype=np.float64), table.lines, clock, repairs
-    )
-    kept = rows.values.astype(np.intp)
-    there = {code: values[kept] for code, values in there.items()}
-    values = join_zone(table.path, zone, there, names, rows, clock, repairs)
-    rows = whole_days(replace(rows, values=values), table, clock, repairs)
-    return Quotes(rows, "SMARD", zone_code(zone), "day_ahead")
+    only_day_ahead(product)
+    times, clock = _times(table), clock_of(time_zone or "Europe/Berlin")
+    rows = to_utc(times, _prices(table, zone, times["wall"], repairs), clock, repairs)
+    return Quotes(whole_days(rows, table, clock, repairs), "SMARD")
 
 
-def _stamps(table: Table) -> Stamps:
-    both = table.named(*_BOTH)
+def _times(table: Table) -> pd.DataFrame:
+    both, end, day, clock = (table.named(*names) for names in (_BOTH, _END, _DAY, _CLOCK))
     if both is not None:
-        end = table.named(*_END)
-        stamps = parse_stamps(table.path, table.header[both], table.column(both), table.lines)
-        if end is not None:
-            first = parse_stamps(table.path, table.header[end], table.column(end)[:1], table.lines)
-            if first.wall[0] < stamps.wall[0]:
-                names = f"{table.header[both]!r} and {table.header[end]!r}"
-                text = f"columns {names} are swapped: the interval ends before it begins; swap them back"
-                fail(table.path, table.lines[0], text)
-        return stamps
-    day, clock = table.named(*_DAY), table.named(*_CLOCK)
+        times = parse_times(table.column(both))
+        if end is not None and parse_times(table.column(end)[:1])["wall"].iloc[0] < times["wall"].iloc[0]:
+            names = f"{table.header[both]!r} and {table.header[end]!r}"
+            text = f"columns {names} are swapped: the interval ends before it begins; swap them back"
+            fail(table.lines[0], text)
+        return times
     if day is None or clock is None:
-        fail(
-            table.path,
-            1,
-            f"no column for the time of day among {listed(table.header)}; export the table again",
-        )
-    cells = [f"{row[day].strip()} {row[clock].strip()}" for row in table.rows]
-    return parse_stamps(table.path, f"{table.header[day]} + {table.header[clock]}", cells, table.lines)
+        there = listed(table.header)
+        fail(1, f"no column for the time of day among {there}; export the table again")
+    cells = table.column(day) + " " + table.column(clock)
+    return parse_times(cells.rename(f"{table.header[day]} + {table.header[clock]}"))
 
 
-def _zones(table: Table, zone: str) -> tuple[list[str], dict[str, Array]]:
-    """Return the names of zones with any value, and the prices of those wanted (others are not parsed)."""
-    wanted = wanted_codes(zone)
-    decimal: Literal[",", "."] = "," if table.named("Datum von", "Datum") is not None else "."
-    names: list[str] = []
-    there: dict[str, Array] = {}
-    for i, header in enumerate(table.header):
-        match = _PRICE.match(header)
-        if not match:
-            continue
-        if any(row[i].strip().lower() not in MISSING for row in table.rows):
-            names.append(match[1])
-        code = zone_code(match[1])
-        if code in wanted:
-            check_price_unit(table.path, 1, header)
-            values = parse_numbers(table.path, header, table.column(i), table.lines, decimal)
-            if code not in there or np.isnan(there[code]).sum() > np.isnan(values).sum():
+def _prices(table: Table, zone: str, wall: pd.Series, repairs: Repairs) -> pd.Series:
+    """Return the prices of `zone`; before October 2018 those of the zone it came out of, if it has none."""
+    names = {i: match[1] for i, header in enumerate(table.header) if (match := _PRICE.match(header))}
+    filled = [name for i, name in names.items() if not table.column(i).str.lower().isin(MISSING).all()]
+    there: dict[str, pd.Series] = {}
+    for i, name in names.items():
+        if (code := zone_code(name)) in wanted_codes(zone):
+            check_price_unit(table.header[i])
+            german = table.named("Datum von", "Datum") is not None
+            values = parse_numbers(table.column(i), "," if german else ".")
+            if code not in there or there[code].count() < values.count():
                 there[code] = values
-    return names, there
+    if not there:
+        no_zone(zone, filled)
+    code, *before = wanted_codes(zone)
+    prices = there.get(code, pd.Series(float("nan"), wall.index))
+    if before and before[0] in there:
+        old = prices.isna() & (wall < SPLIT) & there[before[0]].notna()
+        prices = prices.mask(old, there[before[0]])
+        repairs.add("zone-join", f"took {before[0]} until {SPLIT}", old.sum(), first_line(old))
+    check_values(zone, prices, filled)
+    return prices

@@ -1,6 +1,7 @@
-"""Text to a table of cells: separator, header, and rows of equal length."""
+"""A file that holds a table to that table: separator, header, and rows of equal length, as text."""
 
 import csv
+import gc
 import io
 import re
 from collections import Counter
@@ -9,8 +10,14 @@ from enum import Enum
 from itertools import islice
 from typing import Final
 
-from bess.market.files import fail
+import pandas as pd
+
+from bess.market.files import decode, fail
+from bess.market.json_tables import is_json, json_rows
+from bess.market.layouts import rewritten
 from bess.market.repairs import Repairs
+from bess.market.times import is_time
+from bess.market.workbook import is_workbook, workbook_rows
 
 _SEPARATORS: Final = (";", "\t", ",")
 _SAMPLE: Final = 50
@@ -21,6 +28,11 @@ _LABEL: Final = re.compile(r"\s*(BZN|CTY|CTA|SCA)\|")
 _LETTER: Final = re.compile(r"\W*[^\W\d]")
 _MOST_REMARKS: Final = 0.01
 _LIKE_DATA: Final = re.compile(r"\W*\d")
+_CLOCK: Final = re.compile(r"\d{1,2}:\d\d(:\d\d)?( ?- ?\d{1,2}:\d\d)?")
+_MARKUP: Final = re.compile(r"\s*<[!?a-zA-Z]")
+
+Numbered = list[tuple[int, list[str]]]
+"""Cells of each row, with the line of the file in which the row ends (from 1)."""
 
 
 class Ending(Enum):
@@ -31,42 +43,39 @@ class Ending(Enum):
     OPEN = "without a line break, and nothing tells whether in the middle of a number"
     CUT = "in the middle of a number"
 
+    @staticmethod
+    def of(text: str, cells: list[str]) -> "Ending":
+        """Judge the last cell of a file that ends without a line break by the decimals of those above it."""
+        if text.endswith(("\n", "\r")):
+            return Ending.CLEAN
+        *others, last = (len(found[1]) if (found := _DECIMALS.search(cell)) else 0 for cell in cells)
+        if not others or max(others) == 0:
+            return Ending.OPEN
+        if last >= max(others):
+            return Ending.ALIKE
+        return Ending.CUT if min(others) == max(others) else Ending.OPEN
+
 
 @dataclass(frozen=True)
 class Table:
-    """Cells of a CSV file as text.
+    """Cells as text: names of columns, stripped, and rows of at least as many cells.
 
-    Attributes
-    ----------
-    path : str
-        For messages.
-    header : list of str
-        Column names, stripped; trailing columns without a name are cut.
-    rows : list of list of str
-        At least as many cells as the header.
-    lines : list of int
-        Line of the file in which each row ends (1-based).
-    separator : str
-    ending : Ending
-        Whether the file ends where it should.
-    preamble : list of list of str
-        Rows above the header.
-    typical : bool
-        A typical year: its hours belong to no year in particular.
+    `lines` are those in which the rows end, `preamble` the rows above the header; `typical` tells that the
+    hours are those of a typical year.
     """
 
-    path: str
     header: list[str]
     rows: list[list[str]]
     lines: list[int]
-    separator: str
-    ending: Ending
+    separator: str = ","
+    ending: Ending = Ending.CLEAN
     preamble: list[list[str]] = field(default_factory=list)
     typical: bool = False
 
-    def column(self, index: int) -> list[str]:
-        """Return the stripped cells of one column."""
-        return [row[index].strip() for row in self.rows]
+    def column(self, index: int) -> pd.Series:
+        """Return the stripped cells of one column by line."""
+        cells = [row[index].strip() for row in self.rows]
+        return pd.Series(cells, index=self.lines, name=self.header[index], dtype=object)
 
     def named(self, *names: str) -> int | None:
         """Return the index of the first column with one of `names`, in their order, ignoring case."""
@@ -74,21 +83,54 @@ class Table:
         return next((lowered.index(name.casefold()) for name in names if name.casefold() in lowered), None)
 
 
-def text_table(path: str, text: str, repairs: Repairs) -> Table:
-    """Split the text of a CSV file into cells; raise InputError where it is not a table."""
+def read_table(raw: bytes, repairs: Repairs) -> Table:
+    """Return the table in a text, a JSON document or a workbook; raise InputError without one."""
+    if is_workbook(raw):
+        return _table(workbook_rows(raw), ",", "\n", repairs)
+    text = decode(raw, repairs)
+    if is_json(text):
+        return _table(json_rows(text), ",", "\n", repairs)
+    if _MARKUP.match(text):
+        kind = "a web page" if "html" in text[:200].casefold() else "XML"
+        fail(1, f"is {kind}, not a table; export the data as CSV")
+    cells = rewritten(text)
+    if cells is None:
+        return _text_table(text, repairs)
+    ending = Ending.CLEAN if text.endswith(("\n", "\r")) else Ending.OPEN
+    header, rows, lines = cells.columns.tolist(), cells.to_numpy().tolist(), cells.index.tolist()
+    return Table(header, rows, lines, ";", ending, typical="typical" in cells.attrs)
+
+
+def _text_table(text: str, repairs: Repairs) -> Table:
     separator = _separator(text)
     if separator is None:
         text = _unwrapped(text)
         separator = _separator(text)
         if separator is None:
-            fail(
-                path, 1, "has no columns: neither semicolon, tab nor comma separates it; save the file as CSV"
-            )
+            fail(1, "has no columns: neither semicolon, tab nor comma separates it; save the file as CSV")
         repairs.add("quoted-lines", "every line was one quoted cell", text.count("\n"))
-    numbered = _cells(path, text, separator)
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
+    collects = gc.isenabled()
+    gc.disable()  # it would go through millions of rows again and again, and find nothing
+    try:
+        numbered = [(reader.line_num, row) for row in reader]
+    except csv.Error as error:
+        fail(reader.line_num, f"cannot be split into cells ({error}); fetch the file again")
+    finally:
+        if collects:
+            gc.enable()
+    return _table(numbered, separator, text, repairs)
+
+
+def _table(numbered: Numbered, separator: str, text: str, repairs: Repairs) -> Table:
+    """Find the header, and check that all rows are as wide."""
+    numbered = [
+        (line, row) for line, row in numbered if "".join(row).strip() and not row[0].startswith(("#", "sep="))
+    ]
     if not numbered:
-        fail(path, 1, "the file holds no rows; fetch it again")
-    start = _header(path, numbered, separator)
+        fail(1, "the file holds no rows; fetch it again")
+    _check_dates([cell.strip() for _, row in numbered[-3:] for cell in row])
+    start = _header(numbered, separator)
     header = [cell.strip() for cell in numbered[start][1]]
     if header[0] and _is_data(header):
         header, start = [f"column {i + 1}" for i in range(len(header))], start - 1
@@ -96,8 +138,8 @@ def text_table(path: str, text: str, repairs: Repairs) -> Table:
         header.pop()
     body = _without_footer(numbered[start + 1 :], len(header), repairs)
     if not body:
-        fail(path, numbered[start][0], "is the last one: there is a header but no data; fetch the file again")
-    ending = Ending.CLEAN if text.endswith(("\n", "\r")) else _ending([row[-1].strip() for _, row in body])
+        fail(numbered[start][0], "is the last one: there is a header but no data; fetch the file again")
+    ending = Ending.of(text, [row[-1].strip() for _, row in body])
     if _LABEL.match(header[-1]) and {len(row) for _, row in body[: len(body) - 1 or 1]} == {len(header) - 1}:
         body = [(line, [*row, ""]) for line, row in body]
     remarks = []
@@ -106,49 +148,36 @@ def text_table(path: str, text: str, repairs: Repairs) -> Table:
             continue
         beyond = [cell.strip() for cell in row[len(header) :] if cell.strip()]
         if len(row) < len(header) or any(map(_LIKE_DATA.match, beyond)):
-            _ragged(path, line, len(row), len(header), last=line == body[-1][0])
+            _ragged(line, len(row), len(header), last=line == body[-1][0])
         remarks += [line] if beyond else []
     if len(remarks) > max(1, _MOST_REMARKS * len(body)):
-        _ragged(path, remarks[0], len(header) + 1, len(header), last=False)
+        _ragged(remarks[0], len(header) + 1, len(header), last=False)
     repairs.add("remark", "left out a remark beside the table", len(remarks), remarks[0] if remarks else None)
-    rows = [row for _, row in body]
+    rows, lines = [row for _, row in body], [line for line, _ in body]
     preamble = [[cell.strip() for cell in row] for _, row in numbered[: max(start, 0)]]
-    return Table(path, header, rows, [line for line, _ in body], separator, ending, preamble)
+    return Table(header, rows, lines, separator, ending, preamble)
 
 
-def _without_footer(
-    body: list[tuple[int, list[str]]], columns: int, repairs: Repairs
-) -> list[tuple[int, list[str]]]:
+def _check_dates(cells: list[str]) -> None:
+    """Refuse a table of days, such as a standard load profile: a column for each season and kind of day."""
+    if any(map(_CLOCK.fullmatch, cells)) and not any(map(is_time, cells)):
+        fail(
+            None,
+            "has times of day without dates, as has a standard load profile by season or month and kind of "
+            "day; make a series of it for the days of the run: for every date take the column of its season "
+            "or month and kind of day, with public holidays as Sundays, and write a column of times and one "
+            "of power",
+        )
+
+
+def _without_footer(body: Numbered, columns: int, repairs: Repairs) -> Numbered:
     """Cut lines of text below the table, such as a legend: they have other cells, and begin with a letter."""
     end = len(body)
     while end > 1 and len(body[end - 1][1]) != columns and _LETTER.match(body[end - 1][1][0]):
         end -= 1
-    repairs.add(
-        "footer", "left out lines of text below the table", len(body) - end, body[-1][0] if body else None
-    )
+    last = body[-1][0] if body else None
+    repairs.add("footer", "left out lines of text below the table", len(body) - end, last)
     return body[:end]
-
-
-def _ending(cells: list[str]) -> Ending:
-    """Judge the last cell of a file that ends without a line break by the decimals of those above it."""
-    *others, last = (len(found[1]) if (found := _DECIMALS.search(cell)) else 0 for cell in cells)
-    if not others or max(others) == 0:
-        return Ending.OPEN
-    if last >= max(others):
-        return Ending.ALIKE
-    return Ending.CUT if min(others) == max(others) else Ending.OPEN
-
-
-def _cells(path: str, text: str, separator: str) -> list[tuple[int, list[str]]]:
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
-    try:
-        return [
-            (reader.line_num, row)
-            for row in reader
-            if row and "".join(row).strip() and not row[0].startswith(("#", "sep="))
-        ]
-    except csv.Error as error:
-        fail(path, reader.line_num, f"cannot be split into cells ({error}); fetch the file again")
 
 
 def _separator(text: str) -> str | None:
@@ -170,13 +199,11 @@ def _separator(text: str) -> str | None:
 def _unwrapped(text: str) -> str:
     """Undo a spreadsheet that has quoted each line as one cell."""
     lines = text.splitlines()
-    return (
-        "\n".join(line[1:-1].replace('""', '"') if line[:1] == line[-1:] == '"' else line for line in lines)
-        + "\n"
-    )
+    plain = (line[1:-1].replace('""', '"') if line[:1] == line[-1:] == '"' else line for line in lines)
+    return "\n".join(plain) + "\n"
 
 
-def _header(path: str, numbered: list[tuple[int, list[str]]], separator: str) -> int:
+def _header(numbered: Numbered, separator: str) -> int:
     """Return the index of the header: the first row as wide as most rows; a preamble may come before it."""
     width = Counter(len(row) for _, row in numbered[:_SAMPLE]).most_common(1)[0][0]
     start = next(i for i, (_, row) in enumerate(numbered) if len(row) == width)
@@ -189,7 +216,7 @@ def _header(path: str, numbered: list[tuple[int, list[str]]], separator: str) ->
     for _, row in numbered[:start]:
         split_otherwise = (separator.join(row).count(other) + 1 for other in _SEPARATORS)
         if _is_data(numbered[start][1]) or width in split_otherwise:
-            _ragged(path, numbered[start][0], width, len(row), last=False)
+            _ragged(numbered[start][0], width, len(row), last=False)
     return start
 
 
@@ -197,11 +224,10 @@ def _is_data(row: list[str]) -> bool:
     return sum(bool(_LIKE_DATA.match(cell)) for cell in row) * 2 > sum(map(bool, row))
 
 
-def _ragged(path: str, line: int, cells: int, columns: int, *, last: bool) -> None:
+def _ragged(line: int, cells: int, columns: int, *, last: bool) -> None:
     if last and cells < columns:
-        fail(path, line, f"ends after {cells} of {columns} columns: the file is truncated; fetch it again")
+        fail(line, f"ends after {cells} of {columns} columns: the file is truncated; fetch it again")
     fail(
-        path,
         line,
         f"has {cells} cells where the header has {columns} columns: wrong or mixed separator; "
         "separate header and rows alike, by a character that numbers do not use",

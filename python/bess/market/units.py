@@ -33,12 +33,11 @@ _CURRENCY_COLUMN: Final = re.compile(
 )
 
 _POWER: Final = re.compile(r"(?<![A-Za-z])(m?W|[kM]W|GW|TW|[kM]?VA|[kM]?var|[kMG]Wh|Wh)(?![A-Za-z])")
-_POWER_WORD: Final = re.compile(r"(?<![a-z])(w|kw|mw|gw|kva|mva|var|kvar|mvar|wh|kwh|mwh|gwh)(?![a-z])")
 _SPELLED: Final = {
-    "var": "var", "kvar": "kvar", "mvar": "Mvar",
-    "w": "W", "kw": "kW", "mw": "MW", "gw": "GW", "kva": "kVA", "mva": "MVA", "wh": "Wh", "kwh": "kWh",
-    "mwh": "MWh", "gwh": "GWh",
-}  # fmt: skip
+    unit.lower(): unit
+    for unit in ("W", "kW", "MW", "GW", "kVA", "MVA", "var", "kvar", "Mvar", "Wh", "kWh", "MWh", "GWh")
+}
+_POWER_WORD: Final = re.compile(rf"(?<![a-z])({'|'.join(_SPELLED)})(?![a-z])")
 _FAHRENHEIT: Final = re.compile(
     r"°\s*f\b|(?<![a-z])(?:deg\s*f|fahrenheit)(?![a-z])|[\[({]\s*f\s*[\])}]|(?<=[a-z] )f$"
 )
@@ -61,11 +60,11 @@ def says_euro(column: str) -> bool:
     return bool(_EURO.search(_plain(column)))
 
 
-def check_price_unit(path: str, line: int, column: str) -> None:
+def check_price_unit(column: str) -> None:
     """Raise InputError if the name of a column says another unit than EUR/MWh."""
     other = foreign_unit(column)
     if other:
-        fail(path, line, f"column {column!r} is in another unit ({other}) than EUR/MWh; convert it first")
+        fail(1, f"column {column!r} is in another unit ({other}) than EUR/MWh; convert it first")
 
 
 def is_currency_column(name: str) -> bool:
@@ -82,7 +81,7 @@ def power_unit(column: str) -> str | None:
     return _SPELLED[word[1]] if word else None
 
 
-def check_temperature_unit(path: str, column: str) -> None:
+def check_temperature_unit(column: str) -> None:
     """Raise InputError if the name of a column says Fahrenheit; kelvin is out of range by itself."""
     if _FAHRENHEIT.search(_plain(column)):
-        fail(path, 1, f"column {column!r} is in degrees Fahrenheit; convert it to degC first")
+        fail(1, f"column {column!r} is in degrees Fahrenheit; convert it to degC first")

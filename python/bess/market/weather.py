@@ -1,20 +1,17 @@
 """Ambient temperature from weather files."""
 
 import re
-from dataclasses import replace
 from os import PathLike
 from typing import Final
 
-import numpy as np
 import pandas as pd
 
 from bess.files import Fill
 from bess.market.columns import Columns, read_columns
-from bess.market.files import fail, path_text, read_bytes
+from bess.market.files import fail, first_line, reading
 from bess.market.regular import regular
-from bess.market.repairs import Repairs
-from bess.market.typical_year import on_one_year
 from bess.market.units import check_temperature_unit
+from bess.market.years import on_one_year
 
 _NAMES: Final = re.compile(
     r"temperature(?![a-z]).*|(air|ambient|outdoor|dry.?bulb)[ _-]?temp(erature)?.*|temp|temp_air|t_?air|"
@@ -66,32 +63,24 @@ def read_weather(
     InputError
         The file cannot be read as such; one sentence names file, line and remedy.
     """
-    name = path_text(path)
-    repairs = Repairs()
-    columns = read_columns(name, read_bytes(path), repairs)
-    columns, is_typical = on_one_year(columns, repairs)
-    if time_zone is None and columns.clock is None and not columns.stamps.labelled.any():
-        repairs.add(
-            "assumed-utc", "took times without a zone as UTC", columns.stamps.wall.size, columns.lines[0]
-        )
-        time_zone = "UTC"
-    chosen = _temperature(columns) if column is None else columns.choose(column, "temperature")
-    check_temperature_unit(name, chosen)
-    rows = columns.rows(chosen, time_zone, repairs)
-    absent = rows.values == _MISSING_C
-    rows = replace(rows, values=np.where(absent, np.nan, rows.values))
-    odd = (rows.values < _LOWEST_C) | (rows.values > _HIGHEST_C)
-    if odd.any():
-        i = int(np.argmax(odd))
-        fail(
-            name,
-            int(rows.lines[i]),
-            f"temperature {rows.values[i]:g} degC in column {chosen!r} is outside "
-            f"[{_LOWEST_C:g}, {_HIGHEST_C:g}] degC; choose the right column, or convert it to degC first",
-        )
-    series = regular(rows, fill, repairs, longest_step_s=_LONGEST_STEP_S).rename("temperature_c")
+    with reading(path) as (raw, repairs):
+        columns, is_typical = on_one_year(read_columns(raw, repairs), repairs)
+        times = columns.times
+        if time_zone is None and columns.clock is None and times["offset_h"].isna().all():
+            repairs.add("assumed-utc", "took times without a zone as UTC", len(times), times.index[0])
+            time_zone = "UTC"
+        chosen = _temperature(columns) if column is None else columns.choose(column, "temperature")
+        check_temperature_unit(chosen)
+        rows = columns.rows(chosen, time_zone, repairs).replace({"value": _MISSING_C}, float("nan"))
+        degrees = rows["value"]
+        if (line := first_line((degrees < _LOWEST_C) | (degrees > _HIGHEST_C))) is not None:
+            fail(
+                line,
+                f"temperature {degrees[line]:g} degC in column {chosen!r} is outside "
+                f"[{_LOWEST_C:g}, {_HIGHEST_C:g}] degC; choose the right column, or convert it to degC first",
+            )
+        series = regular(rows, fill, repairs, longest_step_s=_LONGEST_STEP_S).rename("temperature_c")
     series.attrs = {"units": "degC", "repairs": repairs, "typical_year": is_typical}
-    repairs.report(name)
     return series
 
 
