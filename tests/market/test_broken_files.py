@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from sisters import energy_charts, entsoe_new, entsoe_old, smard_de, smard_en, truth
 
 import bess
+from bess.market import read_capacity_prices
 
 SERIES = truth("2024-06-01", "2024-06-05", 60)
 TEXTS = {
@@ -232,6 +233,14 @@ def test_a_damaged_export_is_refused_or_read_without_inventing_prices(form, data
     else:
         assert series.notna().all()
         assert 2 <= len(series) <= len(SERIES) + 1
+
+
+@pytest.mark.parametrize("product", ["NEGPOS_08_04", "NEGPOS_04_04", "POS_04_08"])
+def test_a_tender_block_without_a_duration_is_refused(product, tmp_path):
+    head = "DATE_FROM;TENDER_NUMBER;PRODUCTNAME;GERMANY_SETTLEMENTCAPACITY_PRICE_[EUR/MW]"
+    (tmp_path / "fcr.csv").write_text(f"{head}\n01.01.2024;1;{product};50,5\n")
+    with pytest.raises(bess.InputError, match=rf"line 2: the product '{product}' is none of NEGPOS_00_04"):
+        read_capacity_prices(tmp_path / "fcr.csv")
 
 
 def test_a_line_break_within_a_quoted_number_is_refused_with_its_line(tmp_path):
