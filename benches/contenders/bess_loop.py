@@ -12,8 +12,8 @@ import bess
 
 START = "2024-05-01T00:00:00Z"  # of a run on prices
 POLICY = {
-    "planned": {"policy.foresight_h": 24.0},
-    "certified": {"policy.foresight_h": 0.0, "policy.horizon_steps": 8},
+    "planned": {"policy.mode": "plan"},
+    "certified": {"policy.mode": "certified", "policy.horizon_steps": 8},
 }
 
 

@@ -129,25 +129,26 @@ def test_check_runs_nothing_and_says_what_it_found(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "said"), [("paper", "certified over 2 h"), ("energy", "planned over 24 h, not certified")]
+    ("mode", "said"), [("certified", "certified over 2 h"), ("plan", "planned over 24 h, not certified")]
 )
-def test_check_says_how_far_the_optimiser_looks_and_whether_it_certifies(kind: str, said: str) -> None:
-    text = command("check", "case1", "--set", f"policy.objectives.kind={kind}").stdout
+def test_check_says_how_far_the_optimiser_looks_and_whether_it_certifies(mode: str, said: str) -> None:
+    kind = ["--set", "policy.objectives.kind=energy"]
+    text = command("check", "case1", "--set", f"policy.mode={mode}", *kind).stdout
     assert f"policy: mpc, {said}\n" in text
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "said"),
+    ("values", "said"),
     [
-        ("system.parameters.battery.soc_min", "0.9", "soc 0.5 is outside its window [0.9, 1]"),
-        ("policy.objectives.kind", "money", "this study has no prices"),
-        ("system.parameters.thermal.spatial.conductivity_w_mk", "1e5", "stable"),
+        (["system.parameters.battery.soc_min=0.9"], "soc 0.5 is outside its window [0.9, 1]"),
+        (["policy.mode=plan", "policy.objectives.kind=money"], "this study has no prices"),
+        (["system.parameters.thermal.spatial.conductivity_w_mk=1e5"], "stable"),
     ],
 )
 def test_what_the_first_step_would_refuse_is_found_by_check_and_leaves_no_folder(
-    key: str, value: str, said: str, tmp_path: Path
+    values: list[str], said: str, tmp_path: Path
 ) -> None:
-    words = ["case1", "--set", f"{key}={value}"]
+    words = ["case1", *(word for value in values for word in ("--set", value))]
     for ended in (
         command("check", *words, folder=tmp_path),
         command("run", *words, "--days", "1", "--out", "out", folder=tmp_path),

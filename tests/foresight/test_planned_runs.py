@@ -13,11 +13,14 @@ import bess.simulation.runner as run_module
 from bess.policies.planned import PLANNED
 from power_cut import cut_off
 
-PLANNED_CASE = {"policy.objectives.kind": "energy", "policy.rollouts": 40}
+PLANNED_CASE = {"policy.mode": "plan", "policy.objectives.kind": "energy", "policy.rollouts": 40}
 
 
 def run(values: dict[str, Any]) -> bess.Result:
-    return bess.run(bess.load_study("case1", {"policy.objectives.kind": "energy", **values}), progress=False)
+    return bess.run(
+        bess.load_study("case1", {"policy.mode": "plan", "policy.objectives.kind": "energy", **values}),
+        progress=False,
+    )
 
 
 @pytest.mark.parametrize("after", [1, 20, 50])
@@ -78,16 +81,18 @@ def test_an_outage_is_met_by_a_plan_without_the_string() -> None:
     ("values", "says"),
     [
         ({"policy.foresight_h": 24, "policy.horizon_steps": 8}, "give one of them"),
-        ({"policy.foresight_h": 24, "policy.objectives.kind": "paper"}, "have priorities"),
+        ({"policy.foresight_h": 24, "policy.objectives.kind": "paper"}, "has priorities"),
         ({"policy.foresight_h": 49}, r"\[0, 48\] h"),
         ({"policy.foresight_h": float("nan")}, "foresight_h"),
         ({"policy.rollouts": -1}, "rollouts"),
-        ({"policy.objectives.kind": "money", "policy.foresight_h": 0}, "is planned"),
+        ({"policy.foresight_h": 0}, "foresight_h = 0 is for a certified split, mode = plan for a plan"),
+        ({"policy.mode": "certified", "policy.foresight_h": 24}, "foresight_h = 24 h is for a plan"),
+        ({"policy.mode": "certified", "policy.objectives.kind": "money"}, "is planned"),
     ],
 )
 def test_a_study_that_cannot_be_planned_is_refused(values: dict[str, Any], says: str) -> None:
     with pytest.raises(bess.InputError, match=says):
-        bess.load_study("case1", {"policy.objectives.kind": "energy", **values})
+        bess.load_study("case1", {"policy.mode": "plan", "policy.objectives.kind": "energy", **values})
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ SLACK_NOT_CONVEX = 5e-4
 def _study(policy: str = "equal", *, days: float = 1.0, demand: str = WEEK, **reactive: Any) -> bess.Study:
     values = {f"reactive.{key}": value for key, value in reactive.items()}
     values |= {"policy.name": policy, "run.days": days, "demand.file": demand}
-    return bess.load_study("case1", values | {"policy.objectives.kind": "energy"})
+    return bess.load_study("case1", {"policy.mode": "plan", "policy.objectives.kind": "energy"} | values)
 
 
 def _run(policy: str = "equal", **keywords: Any) -> xr.Dataset:
@@ -192,8 +192,14 @@ def test_an_interrupted_run_goes_on_bit_by_bit(tmp_path: Path, monkeypatch: pyte
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ({"policy.horizon_steps": 4}, "a certified split knows no reactive power; let mpc plan"),
-        ({"policy.objectives.kind": "paper"}, "a certified split knows no reactive power"),
+        (
+            {"policy.mode": "certified", "policy.horizon_steps": 4},
+            "a certified split knows no reactive power; let mpc plan",
+        ),
+        (
+            {"policy.mode": "certified", "policy.objectives.kind": "paper"},
+            "a certified split knows no reactive power",
+        ),
         ({"policy.name": "distilled"}, "knows no reactive power; use mpc or a rule"),
         (
             {"reactive.power_factor": 0.9},

@@ -76,8 +76,7 @@ def build(system: System, settings: Settings) -> MpcPolicy | PlannedPolicy:
 
     refuse_reactive(
         "a certified split",
-        'let mpc plan (no horizon_steps, foresight_h above 0, objectives of kind "energy" or "money") or use '
-        "a rule",
+        'let mpc plan (mode = "plan") or use a rule',
         asked=settings.reactive,
     )
     from bess import PowerSplit

@@ -41,7 +41,7 @@ class PlannedPolicy:
         if len(objectives.groups) > 1:
             raise InputError(
                 "policy.objectives: a plan has one sum, not several priorities; give all objectives the same "
-                "priority, or set policy.foresight_h = 0"
+                'priority, or set policy.mode = "certified"'
             )
         self._planner = planner
         self._objectives = objectives

@@ -18,16 +18,19 @@ DEFAULT_FORESIGHT_H = 24.0
 class PolicyChoice(SplitSettings):
     """Section ``[policy]``: which policy, and what ``mpc`` minimises and when it stops searching.
 
-    Objectives of kind ``energy`` (the default) and ``money`` (the default in studies with prices) are planned
-    over ``foresight_h``, 24 hours by default, with ``rollouts`` for the effort of each step
-    (:class:`bess.foresight.Planner`). With ``foresight_h = 0``, and for objectives of kind ``paper``, the
-    next ``horizon_steps`` are split with a certificate: ``gap``, ``node_limit`` and ``time_limit_s`` are
-    settings of :class:`bess.PowerSplit`. ``model`` is what ``mpc`` takes the plant for: as it is, with convex
-    losses, or with one efficiency (:func:`bess.policies.simplified.simplified`). ``file`` is the
-    ``policy.json`` of the policy ``distilled``; other policies do not read it.
+    In ``mode`` ``"plan"``, objectives of kind ``energy`` (the default) and ``money`` (the default in studies
+    with prices) are planned over ``foresight_h``, 24 hours by default, with ``rollouts`` for the effort of
+    each step (:class:`bess.foresight.Planner`). In ``mode`` ``"certified"``, the next ``horizon_steps`` are
+    split with a certificate: ``gap``, ``node_limit`` and ``time_limit_s`` are settings of
+    :class:`bess.PowerSplit`. A study without a mode plans, unless its other keys are those of a certified
+    split (``horizon_steps``, ``foresight_h = 0``, objectives of kind ``paper``). ``model`` is what ``mpc``
+    takes the plant for: as it is, with convex losses, or with one efficiency
+    (:func:`bess.policies.simplified.simplified`). ``file`` is the ``policy.json`` of the policy
+    ``distilled``; other policies do not read it.
     """
 
     name: str = "mpc"
+    mode: Literal["plan", "certified"] | None = None
     file: str | None = None
     foresight_h: Annotated[float, within(0.0, 48.0, "h")] | None = None
     rollouts: Annotated[int, Field(ge=0, le=1_000_000)] = ROLLOUTS
@@ -36,25 +39,32 @@ class PolicyChoice(SplitSettings):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if self.foresight_h and self.objectives.kind == "paper":
+        of_plan = f"foresight_h = {self.foresight_h:g} h" if self.foresight_h else None
+        of_split = {
+            'objectives.kind = "paper" (it has priorities)': self.objectives.kind == "paper",
+            f"horizon_steps = {self.horizon_steps}": self.horizon_steps is not None,
+            "foresight_h = 0": self.foresight_h == 0.0,
+        }
+        against = next((key for key, given in of_split.items() if given), None)
+        if self.plans and against:
             raise ValueError(
-                f'foresight_h = {self.foresight_h:g} h: objectives of kind "paper" have priorities and are '
-                'split within horizon_steps; use kind "energy" or "money", or foresight_h = 0'
+                f"{against} is for a certified split, {of_plan or 'mode = plan'} for a plan: give one of "
+                'them, or mode = "certified"'
             )
-        if self.foresight_h and self.horizon_steps is not None:
+        if not self.plans and of_plan:
+            raise ValueError(f'{of_plan} is for a plan, mode = "certified" looks horizon_steps ahead')
+        if not self.plans and self.objectives.kind == "money":
             raise ValueError(
-                f"foresight_h = {self.foresight_h:g} h and horizon_steps = {self.horizon_steps}: the first "
-                "is for a plan, the second for a certified split; give one of them"
-            )
-        if self.objectives.kind == "money" and not self.plans:
-            raise ValueError(
-                'objectives.kind = "money" is planned: leave out horizon_steps and foresight_h = 0'
+                'objectives.kind = "money" is planned: leave out horizon_steps and foresight_h = 0, and use '
+                'mode = "plan"'
             )
         return self
 
     @property
     def plans(self) -> bool:
         """Whether ``mpc`` plans with foresight; else it splits a horizon with a certificate."""
+        if self.mode is not None:
+            return self.mode == "plan"
         if self.foresight_h is None:
             return self.objectives.kind != "paper" and self.horizon_steps is None
         return self.foresight_h > 0.0
