@@ -85,6 +85,13 @@ def test_the_page_on_a_package_index_has_no_link_into_a_checkout() -> None:
     assert [link for link in links if not link.startswith(("https://", "#"))] == []
 
 
+def test_what_the_readme_installs_first_draws_the_report_that_it_shows() -> None:
+    readme = (ROOT / "README.md").read_text("utf-8")
+    first = re.search(r"pip install \S+", readme)
+    assert first is not None and first[0] == 'pip install "bess-powersplit[report]"'
+    assert "bess.write_report(" in readme and "bess report " in readme
+
+
 def test_links_of_the_readme_into_the_repository_lead_to_files() -> None:
     readme = (ROOT / "README.md").read_text("utf-8")
     paths = re.findall(r"/main/([^)#]+)", readme)
