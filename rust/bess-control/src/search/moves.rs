@@ -242,14 +242,24 @@ impl Plane {
             let costs = costs_at(second_w);
             consider(second_w, &costs);
             if let Some((other_w, other)) = before {
-                let ends = [(other_w, ranking.excess(&other)), (second_w, ranking.excess(&costs))];
-                if (ends[0].1 > 0.0) != (ends[1].1 > 0.0) {
-                    // Worth a look where a straight line between both ends comes below the best.
-                    let part = ends[0].1 / (ends[0].1 - ends[1].1);
-                    let g = ranking.group;
-                    if other[g] + (costs[g] - other[g]) * part < best_cost {
-                        let met = crossing(ends, |w| ranking.excess(&costs_at(w)));
-                        consider(met, &costs_at(met));
+                let mut cross = |excess: &dyn Fn(&Objectives) -> f64| {
+                    let ends = [(other_w, excess(&other)), (second_w, excess(&costs))];
+                    let crosses = (ends[0].1 > 0.0) != (ends[1].1 > 0.0);
+                    if crosses {
+                        // Worth a look where a straight line between both ends comes below the best.
+                        let part = ends[0].1 / (ends[0].1 - ends[1].1);
+                        let g = ranking.group;
+                        if other[g] + (costs[g] - other[g]) * part < best_cost {
+                            let met = crossing(ends, |w| excess(&costs_at(w)));
+                            consider(met, &costs_at(met));
+                        }
+                    }
+                    crosses
+                };
+                if !cross(&|costs| ranking.excess(costs)) {
+                    // Above one ceiling here and another there: both may be met between.
+                    for group in 0..ranking.group {
+                        cross(&|costs| costs[group] - ranking.ceilings[group]);
                     }
                 }
             }
