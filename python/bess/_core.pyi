@@ -49,6 +49,7 @@ def plan(
     rollouts: int,
     fresh_rollouts: int,
     bound_passes: int,
+    proof_cells: int,
     turn: int,
     reactive_kvar: _Array | None = None,
 ) -> Plan: ...
@@ -124,6 +125,8 @@ class Plan:
     def rule_cost(self) -> float: ...
     @property
     def search_bound(self) -> float | None: ...
+    @property
+    def bound(self) -> float | None: ...
     @property
     def rollouts(self) -> int: ...
     @property

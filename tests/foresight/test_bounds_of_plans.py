@@ -90,6 +90,7 @@ def test_a_day_at_rated_demand_is_planned_to_three_per_cent() -> None:
         state = bess.State([0.5] * n_strings, [25.0] * n_strings)
         plan = bess.plan_power(bess.System.reference(n_strings), state, demand_kw)
         assert 0.0 <= plan.search_gap <= 0.03
+        assert plan.gap <= 0.1
         assert plan.bound <= plan.search_bound
         assert plan.cost < plan.rule_cost
 

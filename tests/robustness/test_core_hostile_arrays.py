@@ -96,7 +96,13 @@ PLAN: dict[str, Any] = {
     "reactive_kvar": np.zeros(STEPS),
 }
 PRICES: dict[str, Any] = {"start_cost": 0.1, "balance": 0.01, "end_charge": -0.01}
-EFFORT: dict[str, Any] = {"rollouts": 20, "fresh_rollouts": 20, "bound_passes": 2, "turn": 0}
+EFFORT: dict[str, Any] = {
+    "rollouts": 20,
+    "fresh_rollouts": 20,
+    "bound_passes": 2,
+    "proof_cells": 20,
+    "turn": 0,
+}
 SHARES = np.linspace(0.0, 92.0, 5)[:, None] * np.ones(N)
 
 

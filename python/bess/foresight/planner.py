@@ -29,6 +29,8 @@ BOUND_STEPS = 4 * FRESH_STEPS
 """Calls after which a plan that is made anew is also bounded: a bound takes as long as planning for a day."""
 BOUND_PASSES = 20
 """Passes of the bound by prices. A hundred raise it by 1 % of the cost."""
+PROOF_CELLS = 160
+"""Cells of SOC in which the bound is proven, in 0.4 CPU s for a day of strings that are alike."""
 END_SHARE = 0.1
 """Value of charge at the end of a plan, as a share of its value at the start. A plan that counts on more of
 it hoards: what is scarce now will be scarce again, but not certainly."""
@@ -70,8 +72,8 @@ class Plan(ByValue):
         Roll-outs of the control model that were spent.
     bound : float
         Lower bound of the cost of every schedule on the control model of :func:`bess.rollout`
-        (docs/equations.md, 1 to 6), proven: the sum of the least costs of single steps over all states that
-        can be reached. NaN where it was not computed.
+        (docs/equations.md, 1 to 6), proven, starts left out: by prices of the balance, or the sum of the
+        least costs of single steps, whichever is higher. NaN where it was not computed.
     search_bound : float
         Lower bound by prices of the balance, on a grid: an estimate. NaN where it was not computed.
     """
@@ -122,6 +124,8 @@ class Planner:
     bound_passes : int
         Passes of the bound by prices in the first call and every :data:`BOUND_STEPS` calls; the plan then
         also starts from the schedules that come with the bound.
+    proof_cells : int
+        Cells of SOC in which the bound is proven; the work grows with their third power.
     known : bool
         Whether what is foreseen is known for certain, so that all steps count alike.
 
@@ -140,6 +144,7 @@ class Planner:
         rollouts: int = ROLLOUTS,
         balance: float = BALANCE_PER_H,
         bound_passes: int = BOUND_PASSES,
+        proof_cells: int = PROOF_CELLS,
         known: bool = False,
     ) -> None:
         check_horizon(system, n_steps, dt_h, "n_steps", MOST_STEPS)
@@ -151,6 +156,7 @@ class Planner:
         self.rollouts = int(rollouts)
         self._balance = balance
         self.bound_passes = int(bound_passes)
+        self._proof_cells = proof_cells
         self._known = known
         self._mistrust = Mistrust(system.nominal_kw, dt_h)
         self._request_kw: Array | None = None
@@ -226,6 +232,7 @@ class Planner:
                 rollouts=self.rollouts,
                 fresh_rollouts=min(FRESH_ROLLOUTS, 4 * self.rollouts) if fresh else 0,
                 bound_passes=self.bound_passes if self._turn % BOUND_STEPS == 0 else 0,
+                proof_cells=self._proof_cells,
                 turn=self._turn,
                 reactive_kvar=reactive_kvar,
             )
@@ -236,7 +243,8 @@ class Planner:
         self._turn += 1
         proven, searched = np.nan, plan.search_bound
         if searched is not None:
-            proven = proven_bound(problem, loss_prices.min(axis=0))
+            of_steps = proven_bound(problem, loss_prices.min(axis=0))
+            proven = of_steps if plan.bound is None else max(of_steps, plan.bound)
         return Plan(
             plan.request_kw,
             plan.cost,

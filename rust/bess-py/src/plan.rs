@@ -21,6 +21,9 @@ pub struct Plan {
     rule_cost: f64,
     /// Lower bound on the grid of prices; None where it was not computed.
     search_bound: Option<f64>,
+    /// Proven lower bound by prices on the control model with the coefficients of the start of each step; None where it was
+    /// not computed.
+    bound: Option<f64>,
     /// Roll-outs made.
     rollouts: usize,
     /// What one more Ah at the start would add to the cost, mean over the strings by capacity.
@@ -35,7 +38,7 @@ pub struct Plan {
 /// carry beside it.
 #[pyfunction]
 #[pyo3(signature = (model, *, soc, temperature_c, running, demand_kw, ambient_c, dt_h, limit_kw, loss_prices, wear,
-                    start_cost, balance, end_charge, previous_kw, rollouts, fresh_rollouts, bound_passes, turn, reactive_kvar=None))]
+                    start_cost, balance, end_charge, previous_kw, rollouts, fresh_rollouts, bound_passes, proof_cells, turn, reactive_kvar=None))]
 #[allow(clippy::too_many_arguments)]
 pub fn plan(
     py: Python<'_>,
@@ -56,6 +59,7 @@ pub fn plan(
     rollouts: usize,
     fresh_rollouts: usize,
     bound_passes: usize,
+    proof_cells: usize,
     turn: usize,
     reactive_kvar: Option<GivenVector<'_>>,
 ) -> PyResult<Plan> {
@@ -91,8 +95,10 @@ pub fn plan(
             if let Some(reactive_var) = &reactive_var {
                 problem = problem.with_reactive(reactive_var)?;
             }
-            Ok(problem
-                .plan(previous_w.as_deref(), PlanEffort { rollouts, fresh_rollouts, bound_passes, turn }))
+            Ok(problem.plan(
+                previous_w.as_deref(),
+                PlanEffort { rollouts, fresh_rollouts, bound_passes, proof_cells, turn },
+            ))
         })
         .map_err(|error: bess_control::ControlError| refused(error))?;
     let signed = plan.request_w.iter().enumerate().map(|(i, power)| signs[i % n_steps] * power).collect();
@@ -101,6 +107,7 @@ pub fn plan(
         cost: plan.cost,
         rule_cost: plan.rule_cost,
         search_bound: plan.search_bound,
+        bound: plan.bound,
         rollouts: plan.rollouts,
         start_charge: plan.start_charge,
     })

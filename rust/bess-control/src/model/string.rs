@@ -238,7 +238,7 @@ impl StringModel {
     }
 
     #[inline]
-    pub(super) fn warmed(&self, temperature_c: f64, battery_w: f64, interval: &Interval) -> f64 {
+    pub(crate) fn warmed(&self, temperature_c: f64, battery_w: f64, interval: &Interval) -> f64 {
         let lumped = &self.parameters.lumped;
         let rate = lumped.k1_k_per_j * battery_w - lumped.k2_per_s * (temperature_c - interval.ambient_c);
         temperature_c + interval.dt_h * SECONDS_PER_HOUR * rate

@@ -43,6 +43,8 @@ pub(crate) struct Dual {
     pub bound: f64,
     /// The cheapest schedule that looks ahead with the values of one of the passes `(M, T)` [W].
     pub request_w: Vec<f64>,
+    /// The prices of the bound `(T,)` [cost/Wh].
+    pub price: Vec<f64>,
 }
 
 /// Four nodes of temperature from one on, and their weights (cubic convolution; linear at the ends).
@@ -455,5 +457,5 @@ pub(crate) fn ascend(problem: &PlanProblem<'_>, price: Vec<f64>, known_cost: f64
             *price = (*price + step * slope[t]).min(losses.availability.max(losses.derating));
         }
     }
-    Dual { bound: best_bound, request_w }
+    Dual { bound: best_bound, request_w, price: best_price }
 }

@@ -17,6 +17,7 @@ mod pair;
 mod pairs;
 mod paths;
 mod problem;
+mod proof;
 mod slopes;
 mod starts;
 mod sweep;
@@ -54,6 +55,8 @@ pub struct PlanEffort {
     pub fresh_rollouts: usize,
     /// Passes of the bound by prices. Without any, plans that are made afresh start from the rules alone and have no bound.
     pub bound_passes: usize,
+    /// Cells of SOC of the proven bound, which is computed with the bound by prices.
+    pub proof_cells: usize,
     /// Where the moves go on: a number that grows from call to call.
     pub turn: usize,
 }
@@ -69,6 +72,9 @@ pub struct Plan {
     pub rule_cost: f64,
     /// Lower bound of the cost of every schedule, on the grid of [`dual`]: an estimate. None where it was not computed.
     pub search_bound: Option<f64>,
+    /// Lower bound of the cost of every schedule on the control model with the coefficients of the start of each step, proven
+    /// ([`proof`]). None where it was not computed.
+    pub bound: Option<f64>,
     /// Roll-outs made.
     pub rollouts: usize,
     /// What one more Ah at the start would add to the cost, averaged over the strings by capacity; negative, where charge
@@ -98,7 +104,7 @@ impl PlanProblem<'_> {
         let every_pair = pair::rounds(self.n_strings());
         improve(&mut best, effort.rollouts * size, effort.turn, every_pair);
         work += best.work;
-        let mut search_bound = None;
+        let (mut search_bound, mut bound) = (None, None);
         if effort.fresh_rollouts > 0 {
             let every_move = every_pair.max(blocks::LENGTHS.len());
             let mut polish = |request_w: Vec<f64>| {
@@ -120,12 +126,15 @@ impl PlanProblem<'_> {
                     best = cheaper(best, polish(dual.request_w));
                 }
                 search_bound = Some(dual.bound);
+                let price: Vec<f64> = (0..problem.n_steps()).map(|t| dual.price[t / per]).collect();
+                bound = proof::bound(problem, &price, effort.proof_cells);
             }
         }
         Plan {
             cost: best.cost(),
             rule_cost,
             search_bound,
+            bound,
             rollouts: (work as usize).div_ceil(size.max(1)),
             start_charge: start_charge(&mut best),
             request_w: best.request_w,

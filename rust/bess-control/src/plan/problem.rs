@@ -187,6 +187,11 @@ impl<'a> PlanProblem<'a> {
             && self.prices.losses[s] == self.prices.losses[t]
     }
 
+    /// Whether inverters carry reactive power.
+    pub(crate) fn has_reactive(&self) -> bool {
+        !self.curves.is_empty()
+    }
+
     /// Cost of a schedule `(M, T)` [W].
     pub(crate) fn cost(&self, request_w: &[f64]) -> f64 {
         Paths::new(self, request_w.to_vec()).cost()
