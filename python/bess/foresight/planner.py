@@ -25,8 +25,8 @@ FRESH_ROLLOUTS = 600
 call if that is less."""
 FRESH_STEPS = 96
 """Calls after which the plan is also made anew: what a carried plan cannot get out of, a fresh one may."""
-BOUND_STEPS = 4 * FRESH_STEPS
-"""Calls after which a plan that is made anew is also bounded: a bound takes as long as planning for a day."""
+BOUND_STEPS = 28 * FRESH_STEPS
+"""Calls after which a plan that is made anew is also bounded: a bound takes as long as planning for days."""
 BOUND_PASSES = 20
 """Passes of the bound by prices. A hundred raise it by 1 % of the cost."""
 PROOF_CELLS = 160

@@ -34,7 +34,7 @@ class PlannedPolicy:
 
     statuses: Mapping[int, str] = {
         NO_OPTIMISATION: "no optimisation needed",
-        PLANNED: "Planned over the foresight; the first plan has bounds, and one every four days.",
+        PLANNED: "Planned over the foresight; the first plan has bounds, and one every four weeks.",
     }
 
     def __init__(self, planner: Planner, objectives: Objectives, terms: Terms) -> None:
