@@ -100,7 +100,7 @@ def excesses(system, referee_type=Referee):
     found = []
     for name, weights in WEIGHTS.items():
         objectives = bess.Objectives(derating=weights[0], inverter=weights[1], battery=weights[2])
-        splitter = bess.PowerSplit(system, STEPS, objectives)
+        splitter = bess.PowerSplit(system, STEPS, objectives, node_limit=10)
         for seed in range(SEEDS):
             where = f"{name}, seed {seed}"
             state, demand_kw = regular_case(system, seed)

@@ -139,12 +139,12 @@ def test_a_schedule_is_carried_on_where_demand_limits_and_state_are_about_as_it_
 
 def test_of_unrelated_problems_a_used_splitter_solves_none_worse_than_a_fresh_one():
     rng = np.random.default_rng(7)
-    used = bess.PowerSplit(REFERENCE, 4)
+    used = bess.PowerSplit(REFERENCE, 4, node_limit=1)
     for _ in range(12):
         near = 10.0 ** rng.uniform(-4.0, -1.0, 2)
         state = bess.State([near, 1.0 - near][rng.integers(2)], rng.uniform(20.0, 50.0, 2))
         demand_kw = rng.choice([-1.0, 1.0]) * rng.uniform(18.0, 184.0, 4)
-        fresh = bess.PowerSplit(REFERENCE, 4)(state, demand_kw)
+        fresh = bess.PowerSplit(REFERENCE, 4, node_limit=1)(state, demand_kw)
         np.testing.assert_array_equal(used(state, demand_kw).request_kw, fresh.request_kw)
 
 

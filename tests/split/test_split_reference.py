@@ -20,6 +20,9 @@ TOLERANCE_KW = 2e-5 * 2 * STEPS * 92.0
 
 KINDS = ("regular", "hot", "full", "empty", "mixed")
 
+NODES = 10
+"""Answers and bounds of nodes are looked at too; a whole tree takes a second for each problem."""
+
 
 @pytest.fixture(scope="module")
 def system():
@@ -29,7 +32,9 @@ def system():
 @pytest.fixture(scope="module")
 def splitters(system):
     return {
-        name: bess.PowerSplit(system, STEPS, bess.Objectives(derating=w[0], inverter=w[1], battery=w[2]))
+        name: bess.PowerSplit(
+            system, STEPS, bess.Objectives(derating=w[0], inverter=w[1], battery=w[2]), node_limit=NODES
+        )
         for name, w in WEIGHTS.items()
     }
 
@@ -100,7 +105,10 @@ def limited_system():
 def test_voltage_limits_are_part_of_the_split(limited_system, kind, seed):
     splitters = {
         name: bess.PowerSplit(
-            limited_system, STEPS, bess.Objectives(derating=w[0], inverter=w[1], battery=w[2])
+            limited_system,
+            STEPS,
+            bess.Objectives(derating=w[0], inverter=w[1], battery=w[2]),
+            node_limit=NODES,
         )
         for name, w in WEIGHTS.items()
     }
