@@ -26,7 +26,12 @@ def test_most_statements_come_out_on_the_fitted_demand(kpis: fit_demand.Kpis) ->
     assert missing == MISSING
 
 
-MISSING = ["S2 over S1, battery efficiency"]
+MISSING = [
+    "Peak of S2 below that of S1",
+    "S2 over S1, battery efficiency",
+    "S2 over S1, derating efficiency",
+    "Availability of S2 not below that of S1",
+]
 
 
 def test_the_page_shows_what_the_code_gives(kpis: fit_demand.Kpis) -> None:
