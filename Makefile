@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 RUST_SOURCES := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name 'Cargo.toml')
 
-.PHONY: demo test test-rust test-python lint bench cases arena docs surface release wheel clean
+.PHONY: demo test test-rust test-python lint bench cases arena docs lock surface release wheel clean
 
 demo: $(VENV)/built
 	rm -rf demo-case1
@@ -64,10 +64,16 @@ $(VENV)/tools: pyproject.toml
 	touch $@
 
 # An editable install: the Python sources are used in place, the Rust core is compiled into them.
-$(VENV)/built: $(VENV)/tools $(RUST_SOURCES)
-	$(BIN)/maturin develop --release --locked --extras all
-	$(BIN)/python -m pip install --quiet --group dev --group docs
+$(VENV)/built: $(VENV)/tools .ci/constraints.txt $(RUST_SOURCES)
+	PIP_CONSTRAINT=.ci/constraints.txt $(BIN)/maturin develop --release --locked --extras all
+	$(BIN)/python -m pip install --quiet --constraint .ci/constraints.txt --group dev --group docs
 	touch $@
+
+# The newest versions of everything that `make` installs, written down so that the next ones install the same.
+lock: $(VENV)/tools
+	$(BIN)/maturin develop --release --locked --extras all
+	$(BIN)/python -m pip install --quiet --upgrade --upgrade-strategy eager --group dev --group docs --group wheels
+	$(BIN)/python -m pip freeze --exclude-editable > .ci/constraints.txt
 
 # Stores the public surface as it is now (docs/stability.md).
 surface: $(VENV)/built

@@ -1,4 +1,4 @@
-"""Measure the numbers of ``howto/money.md``: ``python docs/make_money.py [month|ages|accuracy|year ...]``.
+"""Measure the numbers of ``howto/money.md``: ``python docs/make_money.py [month|look|ages|accuracy|year]``.
 
 A month takes seconds, the year of two ages and four weeks of the published benchmark a few minutes, its whole
 year (only if named) twenty.
@@ -27,6 +27,9 @@ KPIS = (
 WEAR_EUR_MWH = (0.0, 20.0, 40.0, 60.0)
 MONTHS = {"linear": ("linear", "equal"), "aware": ("aware", "equal"), "aware, mpc": ("aware", "mpc")}
 """Plan and policy of the runs over a month."""
+LOOK_H = (12.0, 24.0, 36.0, 72.0, 168.0)
+LOOK_STARTS = {"January": "2024-01-01T00:00:00Z", "May": "2024-05-01T00:00:00Z"}
+LOOK_WEAR_EUR_MWH = (0.0, 60.0)
 YEAR_DAYS = 365.0
 BATTERY_KWH = 180.0
 """Energy that the publication takes for a full cycle."""
@@ -57,6 +60,22 @@ class Piece(NamedTuple):
     def runs(self, name: str, days: float) -> dict[str, Study]:
         """Runs by name."""
         values = {"demand.prices": str(self.prices), "run.days": days}
+        if name == "look":
+            return {
+                f"{month}, {price:g}, {look_h:g}": bess.load_study(
+                    "arbitrage-2024",
+                    values
+                    | {
+                        "policy.name": "equal",
+                        "run.start": start,
+                        "wear.eur_per_mwh": price,
+                        "demand.look_ahead_h": look_h,
+                    },
+                )
+                for month, start in LOOK_STARTS.items()
+                for price in LOOK_WEAR_EUR_MWH
+                for look_h in LOOK_H
+            }
         if name != "month":
             study = {"ages": "unequal-ages", "accuracy": "model-accuracy"}[name]
             return dict(expand(bess.load_study(study, values)))
@@ -76,6 +95,7 @@ class Piece(NamedTuple):
 
 PIECES = {
     "month": Piece(SMARD, 28.0, 2.0),
+    "look": Piece(SMARD, 28.0, 0.5),
     "ages": Piece(SMARD, 366.0, 2.0),
     "accuracy": Piece(INTRADAY, 28.0, 0.5),
 }
@@ -125,6 +145,7 @@ def tables(numbers: Mapping[str, Any]) -> dict[str, str]:
     """Text of every file that is made of the numbers."""
     made = {
         "money-month.md": _month(numbers["month"]),
+        "money-look.md": _look(numbers["look"]),
         "money-ages.md": _ages(numbers["ages"]),
         "money-accuracy.md": _accuracy(numbers["accuracy"]),
         "money-year.md": _year(numbers["year"]),
@@ -138,6 +159,15 @@ def _month(runs: Figures) -> list[list[str]]:
         each = [runs[f"{label}, {price:g}"] for label in MONTHS]
         fulfilled = " / ".join(f"{run['fulfilment_pct']:.1f}" for run in each)
         rows.append([f"{price:g}", *(f"{run['net_eur']:.1f}" for run in each), fulfilled])
+    return rows
+
+
+def _look(runs: Figures) -> list[list[str]]:
+    rows = [["month, wear [EUR/MWh]", *(f"{look_h:g} h" for look_h in LOOK_H)]]
+    for month in LOOK_STARTS:
+        for price in LOOK_WEAR_EUR_MWH:
+            nets = [runs[f"{month}, {price:g}, {look_h:g}"]["net_eur"] for look_h in LOOK_H]
+            rows.append([f"{month}, {price:g}", *(f"{net:.1f}" for net in nets)])
     return rows
 
 
