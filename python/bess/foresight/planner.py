@@ -208,7 +208,8 @@ class Planner:
         )
         limit = np.ascontiguousarray(problem.limit_kw[:, 0])
         if reactive_kvar is not None:
-            reactive_kvar = real_numbers(reactive_kvar)
+            values = real_numbers(reactive_kvar)
+            reactive_kvar = values if values.any() else None
         changed = self._mistrust.compare(np.atleast_1d(np.asarray(demand_kw, dtype=np.float64)), limit)
         previous, running = self._moved_on(), self._running()
         fresh = previous is None or changed or self._turn % FRESH_STEPS == 0
