@@ -50,7 +50,7 @@ def certified(study: bess.Study) -> bess.Study:
     document["name"] = study.name.replace("nonlinear", "certified")
     for key in ("foresight_h", "rollouts"):
         del document["policy"][key]
-    document["policy"]["horizon_steps"] = CERTIFIED_STEPS
+    document["policy"] |= {"mode": "certified", "horizon_steps": CERTIFIED_STEPS}
     return bess.Study.from_document(document, document["name"])
 
 
