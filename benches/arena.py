@@ -173,7 +173,7 @@ def page() -> None:
 
 
 def looked_back(result: bess.Result) -> dict[str, float]:
-    """What hindsight says was possible and what is proven [kWh]."""
+    """Best known result and lower bound by hindsight [kWh]."""
     sight = bess.hindsight(result)
     return {"possible_kwh": round(sight.found_kwh, 4), "proven_kwh": round(sight.bound_kwh, 4)}
 
@@ -187,11 +187,10 @@ def tables(stored: Mapping[str, Any]) -> dict[str, str]:
     """Text of the files that ``docs/arena.md`` includes."""
     everything = {name: read(scenario) for name, scenario in stored["scenarios"].items()}
     proven = {name: scenario["proven_kwh"] for name, scenario in stored["scenarios"].items()}
-    short = [["scenario", "best rule", "its cost", "`mpc`, cost", "against it", "lost by `mpc`", "possible",
-              "proven", "possible / lost"]]  # fmt: skip
-    full = [
-        ["scenario", "policy", "lost", "undelivered", "starts", "peak [°C]", "CPU [s]", "possible / lost"]
-    ]
+    short = [["scenario", "best rule", "cost of rule", "cost of `mpc`", "vs rule", "`mpc`", "best known",
+              "lower bound", "best known / `mpc`"]]  # fmt: skip
+    full = [["scenario", "policy", "undelivered + losses", "undelivered", "starts", "peak [°C]", "CPU [s]",
+             "best known / policy"]]  # fmt: skip
     for name, scores in everything.items():
         rule = min(RULES, key=lambda each, scores=scores: scores[each].cost_kwh)
         possible = stored["scenarios"][name]["possible_kwh"]

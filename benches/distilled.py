@@ -16,8 +16,8 @@ from typing import Any
 
 import bess
 from arena import PAGE, RULES, STORED, read, scenarios
-from bess.distil import GENERATIONS, distil
-from bess.policies.distilled import DistilledPolicy
+from bess.control.policies.distilled import DistilledPolicy
+from bess.edge.distil import GENERATIONS, distil
 
 KEPT = PAGE / "distil.json"
 

@@ -316,7 +316,7 @@ def found(tried: Mapping[Demand, Kpis]) -> dict[str, Any]:
 def table(stored: Mapping[str, Any]) -> str:
     """Text of the table and of what was searched."""
     rows = comparisons(stored["kpis"])
-    cells = [["", "the paper", "on the fitted demand", "comes out"]]
+    cells = [["", "the paper", "on the fitted demand", "reproduced"]]
     cells += [[row.statement, row.paper, row.here, str(row.verdict)] for row in rows]
     head, *body = ("| " + " | ".join(row) + " |" for row in cells)
     lines = ["<!-- written by benches/fit_demand.py -->", "", head, "|" + " --- |" * 4, *body, ""]
@@ -324,12 +324,13 @@ def table(stored: Mapping[str, Any]) -> str:
     search = stored["search"]
     listed = ", ".join(f"{how_many} on {n}" for n, how_many in search["counts"].items())
     lines.append(
-        f"{count} of {len(rows)} come out. {search['tried']} demands were tried; by number of statements "
-        f"that came out: {listed}. Over all of them S2 gained at most {search['battery']:+.2f} points of "
-        f"battery efficiency over S1, and at most {search['derating']:+.2f} of derating efficiency. Both "
-        f"came out, with 0.5 points or more and 1 point or more, on {search['both']} demands, all among the "
-        f"{search['turned']} that go over to a short cycle. On these S3, which has the highest battery "
-        f"efficiency in the paper, was {_points(search['s3_ahead_where_both'])} points ahead of S2 at best."
+        f"{count} of {len(rows)} are reproduced. {search['tried']} demands were tried; by number of "
+        f"reproduced statements: {listed}. Over all demands S2 gained at most {search['battery']:+.2f} "
+        f"points of battery efficiency over S1, and at most {search['derating']:+.2f} of derating "
+        f"efficiency. Both gains, of at least 0.5 points and 1 point, occur on {search['both']} demands, "
+        f"all among the {search['turned']} that change to a short cycle. On these S3, which has the "
+        f"highest battery efficiency in the paper, was {_points(search['s3_ahead_where_both'])} points "
+        "ahead of S2 at best."
     )
     if "heat_kwh" in stored:
         shares = ", ".join(

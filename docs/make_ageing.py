@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 import bess
-from bess import wear
 from bess._core import ageing_models
+from bess.control import wear
 from bess.report.drawing.style import DOUBLE_COLUMN_IN, PALETTE, save_figure, styled
 
 DOCS = Path(__file__).parent
@@ -55,12 +55,12 @@ def _system(model: str, **battery: float) -> bess.System:
     return bess.System(document | {"wear": {"model": model}})
 
 
-def _fleet(model: str, plant_step_s: float, **battery: float) -> bess.Fleet:
+def _fleet(model: str, plant_step_s: float, **battery: float) -> bess.PlantEnsemble:
     states = [bess.State([0.5], [temperature_c]) for temperature_c in TEMPERATURES_C]
-    return bess.Fleet(_system(model, **battery), states, plant_step_s=plant_step_s)
+    return bess.PlantEnsemble(_system(model, **battery), states, plant_step_s=plant_step_s)
 
 
-def _run(fleet: bess.Fleet, request_kw: NDArray[np.float64], step_s: float) -> bess.plant.Flows:
+def _run(fleet: bess.PlantEnsemble, request_kw: NDArray[np.float64], step_s: float) -> bess.plant.Flows:
     ambient_c = np.repeat(np.array(TEMPERATURES_C)[:, None], request_kw.shape[1], axis=1)
     return fleet.run(request_kw[:, :, None], step_s, ambient_c=ambient_c)
 

@@ -14,11 +14,11 @@ import numpy as np
 import pandas as pd
 
 import bess
-from bess.analysis import pareto
-from bess.analysis.catalogue import better, kpi
-from bess.ems.synthetic import market_prices
+from bess.dispatch.synthetic import market_prices
 from bess.report import figures
 from bess.report.drawing.style import save_figure
+from bess.simulation.analysis import pareto
+from bess.simulation.analysis.catalogue import better, kpi
 
 DOCS = Path(__file__).parent
 STORED = DOCS / "_cases" / "fronts.json"

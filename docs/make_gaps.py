@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 import bess
 from bess import _core
-from bess.split.objectives import Costs
-from bess.split.problem import SplitProblem
-from bess.split.result import SplitStatus
+from bess.control.split.objectives import Costs
+from bess.control.split.problem import SplitProblem
+from bess.control.split.result import SplitStatus
 
 DOCS = Path(__file__).parent
 STORED = DOCS / "_cases" / "gaps.json"
@@ -214,7 +214,7 @@ def measure(n: int) -> list[dict[str, float | str]]:
 def table(rows: Sequence[Mapping[str, float | str]]) -> str:
     """One line for each kind of state, and one for all."""
     lines = [
-        "| state | problems | missed by more than 0.1 % | worst miss [%] | bounds above the best found | "
+        "| state | problems | suboptimal by more than 0.1 % | worst excess [%] | bounds above best known | "
         "median rigorous gap [%] | OPTIMAL |",
         "|" + " --- |" * 7,
     ]

@@ -70,7 +70,7 @@ def measure(folder: Path) -> dict[str, dict[str, float]]:
 
 
 def table(numbers: Numbers) -> str:
-    """Lost energy per energy asked, and CPU seconds of the week."""
+    """Undelivered energy and losses in per cent of the demand, and CPU seconds of the week."""
     rows = [["service", "step [min]", *(f"{model}" for model in MODELS), *(f"{m}, CPU s" for m in MODELS)]]
     for service in SERVICES:
         for minutes in STEPS_MIN:
@@ -99,20 +99,20 @@ def answer(numbers: Numbers) -> str:
     cpu /= sum(numbers[f"{s} {slow} nonlinear"]["cpu_s"] for s in SERVICES)
     verdict = f"Yes, for {', '.join(turned)}" if turned else "No"
     text = (
-        f"**{verdict}.** What the linear model saves by acting every {fast} min in place of every {slow} "
-        f"min, in points of the energy asked: {speed}. What the nonlinear model saves against it at {slow} "
-        f"min: {model}. The linear controller at {fast} min took {cpu:.1f} times the CPU time of the "
-        f"nonlinear one at {slow} min.\n"
+        f"**{verdict}.** Savings in percentage points of the demand, of the linear model with steps of "
+        f"{fast} min instead of {slow} min: {speed}. Savings of the nonlinear model over the linear one "
+        f"at {slow} min: {model}. The linear controller at {fast} min took {cpu:.1f} times the CPU time of "
+        f"the nonlinear one at {slow} min.\n"
     )
     shorter = _listed({s: lost(s, fast, "nonlinear") - lost(s, slow, "nonlinear") for s in SAME_DEMAND})
     text += (
-        f"\nActing every {fast} min, and looking 1.6 h ahead in place of a day, the nonlinear controller "
-        f"loses more itself: {shorter}.\n"
+        f"\nWith steps of {fast} min, and a prediction horizon of 1.6 h instead of a day, the nonlinear "
+        f"controller is worse as well: {shorter}.\n"
     )
     if ahead:
         text += (
-            f"\nIn {' and '.join(ahead)} the linear model lost less than the nonlinear one at {slow} min "
-            "already, so it is not speed that helps it there: see below.\n"
+            f"\nIn {' and '.join(ahead)} the linear model is better than the nonlinear one already at {slow} "
+            "min, so its advantage is not due to shorter steps: see below.\n"
         )
     return text
 
@@ -122,7 +122,7 @@ def _listed(points: Mapping[str, float]) -> str:
 
 
 def lost_pct(entry: Mapping[str, float]) -> float:
-    """Undelivered energy and losses, per cent of the energy asked."""
+    """Undelivered energy and losses in per cent of the demand."""
     return 100.0 * entry["lost_kwh"] / entry["demand_kwh"]
 
 

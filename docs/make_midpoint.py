@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import bess
-from bess.split.rollout import Model
+from bess.control.split.rollout import Model
 
 DOCS = Path(__file__).parent
 FILE = "midpoint.md"
@@ -43,7 +43,7 @@ def _errors(low: float, high: float) -> dict[str, NDArray[np.float64]]:
         for soc, warm in zip(rng.uniform(low, high, STATES), rng.uniform(20.0, 52.0, STATES), strict=True)
     ]
     request_kw = rng.choice([-1.0, 1.0], STATES) * rng.uniform(0.1, 1.0, STATES) * system.nominal_kw[0]
-    plant = bess.Fleet(system, states).run(request_kw[:, None, None], STEP_S)
+    plant = bess.PlantEnsemble(system, states).run(request_kw[:, None, None], STEP_S)
     truth = np.stack([100.0 * plant.soc, plant.temperature_c, plant.delivered_kw, plant.battery_loss_kw])
     truth = truth.reshape(4, STATES)
     found = {}

@@ -5,11 +5,12 @@ its numbers without them.
 """
 
 import json
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import bess
-from bess.analysis.catalogue import in_order, kpi
+from bess.simulation.analysis.catalogue import grouped, kpi
 
 DOCS = Path(__file__).parent
 DATA = DOCS.parents[1] / "shared" / "data"
@@ -86,18 +87,23 @@ def stored() -> dict[str, Any]:
 
 def tables(numbers: dict[str, Any]) -> dict[str, str]:
     """Text of every file that is made of the numbers."""
-    rows = [["service", "policy", *(kpi(key).heading for key in in_order(SHOWN))]]
+    rows = [
+        ["service", "policy", *(kpi(key).heading for key in chain.from_iterable(grouped(SHOWN).values()))]
+    ]
     for kind, by_policy in numbers["weeks"].items():
         for policy, values in by_policy.items():
-            shown = [kpi(key).number(values[key]) if key in values else "" for key in in_order(SHOWN)]
+            shown = [
+                kpi(key).number(values[key]) if key in values else ""
+                for key in chain.from_iterable(grouped(SHOWN).values())
+            ]
             rows.append([f"`{kind}`", f"`{policy}`", *shown])
     made = {TABLES["weeks"]: _table(rows)}
     if "month" in numbers:
-        columns = numbers["month"]
-        rows = [["rule and policy", *columns]]
+        runs = numbers["month"]
+        rows = [["rule and policy", *runs]]
         rows += [
-            [kpi(key).heading, *(kpi(key).number(values[key]) for values in columns.values())]
-            for key in in_order(MONTH_KPIS)
+            [kpi(key).heading, *(kpi(key).number(values[key]) for values in runs.values())]
+            for key in chain.from_iterable(grouped(MONTH_KPIS).values())
         ]
         made[TABLES["month"]] = _table(rows)
     return {name: f"<!-- written by docs/make_services.py -->\n\n{text}" for name, text in made.items()}

@@ -10,6 +10,7 @@ import importlib.util
 import json
 import math
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -17,9 +18,9 @@ from typing import Any
 import numpy as np
 
 import bess
-from bess.analysis.catalogue import in_order, kpi
 from bess.report.charts.kpi_figures import EFFICIENCIES
 from bess.report.words.paper import comparisons, reading
+from bess.simulation.analysis.catalogue import grouped, kpi
 
 DOCS = Path(__file__).parent
 TABLES = DOCS / "_cases"
@@ -136,7 +137,7 @@ def stored() -> dict[str, Any]:
 def tables(numbers: Mapping[str, Any]) -> dict[str, str]:
     """Text of every file in ``_cases`` that is made of the numbers."""
     rows = comparisons(numbers["case2"])
-    paper = [["", "the paper", "here", "comes out"]]
+    paper = [["", "the paper", "here", "reproduced"]]
     paper += [[row.statement, row.paper, row.here, str(row.verdict)] for row in rows]
     made = {
         "case2-paper.md": _table(paper) + "\n" + "\n\n".join(reading(rows)) + "\n",
@@ -180,7 +181,7 @@ def _kpi_table(kpis: Mapping[str, Mapping[str, float]], keys: Sequence[str]) -> 
     table = [["", *kpis]]
     table += [
         [kpi(key).heading, *(kpi(key).number(k.get(key, math.nan)) for k in kpis.values())]
-        for key in in_order(keys)
+        for key in chain.from_iterable(grouped(keys).values())
         if any(key in k for k in kpis.values())
     ]
     return _table(table)

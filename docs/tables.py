@@ -6,7 +6,7 @@ The build calls :func:`write`; nothing here is typed by hand.
 from itertools import groupby
 from pathlib import Path
 
-from bess.analysis.catalogue import CATALOGUE, HEADINGS
+from bess.simulation.analysis.catalogue import CATALOGUE, HEADINGS
 from bess.study.reference import KINDS, Key, keys
 
 FOLDER = Path(__file__).parent / "_generated"

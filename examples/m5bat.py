@@ -20,8 +20,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 import bess
-from bess.policies import Settings, Situation, build_policy
-from bess.split.settings import SplitSettings
+from bess.control.policies import PolicyInput, Settings, build_policy
+from bess.control.split.settings import SplitSettings
 
 DT_H = 0.25
 MEASURED_UNITS = {"batt1": 0, "batt10": 9}  # name in the data: index in the system
@@ -63,7 +63,7 @@ def replay(policy_name: str, demand_kw: Array, *, horizon_steps: int = 4) -> Rep
     for step in range(demand_kw.size):
         ahead = demand_kw[step : step + horizon_steps]
         ahead = np.pad(ahead, (0, horizon_steps - ahead.size))
-        decision = policy(Situation(plant.state, ahead, system.ambient_c, system.nominal_kw))
+        decision = policy(PolicyInput(plant.state, ahead, system.ambient_c, system.nominal_kw))
         requests.append(decision.request_kw)
         fallbacks += decision.solver.fallback
         flows.append(plant.step(decision.request_kw, 3600.0 * DT_H))

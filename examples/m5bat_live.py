@@ -22,13 +22,13 @@ import pandas as pd
 from numpy.typing import NDArray
 
 import bess
-from bess.plants import Measurements
-from bess.policies import Policy, Settings, Situation, build_policy
-from bess.policies.rule import water_fill
-from bess.serve.controller import Controller
-from bess.split.objectives import Objectives
-from bess.split.settings import SplitSettings
-from bess.study.sections import ServiceChoice
+from bess.control.policies import Policy, PolicyInput, Settings, build_policy
+from bess.control.policies.rule import water_fill
+from bess.control.split.objectives import Objectives
+from bess.control.split.settings import SplitSettings
+from bess.edge.plant_io import Measurements
+from bess.edge.serve.controller import Controller
+from bess.study.sections import ServiceSection
 
 STEP_S, PLAN_S, PLAN_STEPS = 10.0, 900.0, 96
 PER_PLAN = round(PLAN_S / STEP_S)
@@ -127,7 +127,7 @@ def held_sets(system: bess.System, demand_kw: Array, means_kw: Array) -> Day:
 
 def live(system: bess.System, demand_kw: Array, means_kw: Array, **settings: float) -> Day:
     """The live controller."""
-    service = ServiceChoice(control_step_s=STEP_S, **settings)
+    service = ServiceSection(control_step_s=STEP_S, **settings)
     controller = Controller(system, planner(system), service, PLAN_STEPS, background=False)
     free = np.full(system.n_strings, np.inf)
     begin = datetime(2023, 4, 7, tzinfo=UTC)
@@ -169,9 +169,9 @@ def table(days: dict[str, Day]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _situation(system: bess.System, means_kw: Array, quarter: int, state: bess.State) -> Situation:
+def _situation(system: bess.System, means_kw: Array, quarter: int, state: bess.State) -> PolicyInput:
     ahead = np.pad(means_kw[quarter:], (0, quarter))[:PLAN_STEPS]
-    return Situation(state, ahead, np.full(PLAN_STEPS, system.ambient_c), system.nominal_kw)
+    return PolicyInput(state, ahead, np.full(PLAN_STEPS, system.ambient_c), system.nominal_kw)
 
 
 def main() -> None:

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import bess
-from bess.analysis import pareto
+from bess.simulation.analysis import pareto
 
 STUDY = """
 title = "Weights of inverter against battery losses"

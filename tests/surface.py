@@ -13,9 +13,9 @@ from typing import Any
 import typer
 
 from api_page import found, listed
-from bess.analysis.catalogue import CATALOGUE
 from bess.cli.app import app
-from bess.record.schema import RECORD_FORMAT, VARIABLES
+from bess.simulation.analysis.catalogue import CATALOGUE
+from bess.simulation.record.schema import RECORD_FORMAT, VARIABLES
 from bess.study.reference import KINDS, keys
 
 STORED = Path(__file__).with_name("surface.txt")
@@ -92,9 +92,9 @@ def commands() -> Iterator[str]:
 
 def http(folder: Path) -> Iterator[str]:
     """Routes, the fields of their messages, and those of the answer to a demand."""
-    from bess.serve.app import build_app
-    from bess.serve.messages import SplitMessage, measurements_of
-    from bess.serve.service import Service
+    from bess.edge.serve.app import build_app
+    from bess.edge.serve.messages import SplitMessage, measurements_of
+    from bess.edge.serve.service import Service
     from bess.study import load_study
 
     service = Service(load_study("policies", {"policy.name": "equal"}), folder)

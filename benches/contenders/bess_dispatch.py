@@ -10,18 +10,18 @@ import numpy as np
 from market_day import CYCLES, ENERGY_KWH, STEPS, SYSTEM, earned_eur, prices, state
 
 import bess
-from bess.ems import AwareDispatch, Outlook
-from bess.parameters.terms import Terms
+from bess.dispatch import DispatchInputs, DynamicProgramDispatch
+from bess.system.terms import SettlementTerms
 
 
 def main(plans: int, minutes: int) -> None:
     """Print the CPU of a plan [s] and what all plans earn in the plant [EUR]."""
     dt_h, steps = minutes / 60.0, STEPS * 15 // minutes
-    dispatch = AwareDispatch(
-        bess.load_system(SYSTEM), dt_h, Terms(), max_energy_kwh=ENERGY_KWH, cycles_per_plan=CYCLES
+    dispatch = DynamicProgramDispatch(
+        bess.load_system(SYSTEM), dt_h, SettlementTerms(), max_energy_kwh=ENERGY_KWH, cycles_per_plan=CYCLES
     )
     outlooks = [
-        Outlook(
+        DispatchInputs(
             np.repeat(prices(seed), steps // STEPS),
             np.full(steps, 25.0),
             np.zeros(steps, dtype=np.int64),

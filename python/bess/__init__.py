@@ -8,79 +8,79 @@ from importlib.metadata import version as _version
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from bess.analysis.kpis import kpis
-    from bess.analysis.settlement import ledger
-    from bess.components import (
+    from bess.control.planning import Plan, plan_power
+    from bess.control.split.objectives import Objective, Objectives
+    from bess.control.split.power_split import PowerSplit, split_power
+    from bess.control.split.result import GroupResult, Split, SplitStatus
+    from bess.control.split.rollout import Rollout, rollout
+    from bess.dispatch.plan import plan_dispatch
+    from bess.dispatch.store_value import StoreValue, store_value
+    from bess.errors import BessError, InputError, StoppedEarly
+    from bess.market import read_prices, read_weather
+    from bess.plant import Plant, PlantEnsemble
+    from bess.report import write_report
+    from bess.simulation.analysis.kpis import kpis
+    from bess.simulation.analysis.settlement import ledger
+    from bess.simulation.hindsight import Hindsight, hindsight
+    from bess.simulation.record import Result, open_result
+    from bess.simulation.runner import run
+    from bess.simulation.scenario_run import run_scenarios
+    from bess.simulation.sweep import SweepResult, run_sweep
+    from bess.study import Study, load_study
+    from bess.system import State, System, load_system
+    from bess.system.components import (
         inverter_from_efficiency,
         inverter_from_loss,
         inverter_from_sandia,
         read_inverter,
     )
-    from bess.ems.plan import plan_dispatch
-    from bess.ems.store_value import StoreValue, store_value
-    from bess.errors import BessError, InputError, StoppedEarly
-    from bess.foresight import Plan, plan_power
-    from bess.market import read_prices, read_weather
-    from bess.parameters import State, System, load_system
-    from bess.plant import Fleet, Plant
-    from bess.record import Result, open_result
-    from bess.report import write_report
-    from bess.retrospect import Hindsight, hindsight
-    from bess.simulation import run, run_scenarios
-    from bess.split.objectives import Objective, Objectives
-    from bess.split.power_split import PowerSplit, split_power
-    from bess.split.result import GroupResult, Split, SplitStatus
-    from bess.split.rollout import Rollout, rollout
-    from bess.study import Study, load_study
-    from bess.sweep import SweepResult, run_sweep
 
 _HOMES = {
-    "inverter_from_efficiency": "bess.components",
-    "inverter_from_loss": "bess.components",
-    "inverter_from_sandia": "bess.components",
-    "read_inverter": "bess.components",
+    "inverter_from_efficiency": "bess.system.components",
+    "inverter_from_loss": "bess.system.components",
+    "inverter_from_sandia": "bess.system.components",
+    "read_inverter": "bess.system.components",
     "BessError": "bess.errors",
     "InputError": "bess.errors",
     "StoppedEarly": "bess.errors",
-    "Fleet": "bess.plant",
+    "PlantEnsemble": "bess.plant",
     "Plant": "bess.plant",
-    "State": "bess.parameters",
-    "System": "bess.parameters",
-    "load_system": "bess.parameters",
+    "State": "bess.system",
+    "System": "bess.system",
+    "load_system": "bess.system",
     "read_prices": "bess.market",
     "read_weather": "bess.market",
-    "Result": "bess.record",
+    "Result": "bess.simulation.record",
     "Study": "bess.study",
     "load_study": "bess.study",
-    "plan_dispatch": "bess.ems.plan",
-    "Plan": "bess.foresight",
-    "plan_power": "bess.foresight",
-    "StoreValue": "bess.ems.store_value",
-    "store_value": "bess.ems.store_value",
-    "open_result": "bess.record",
-    "run": "bess.simulation",
-    "run_scenarios": "bess.simulation",
-    "kpis": "bess.analysis.kpis",
-    "ledger": "bess.analysis.settlement",
-    "Objective": "bess.split.objectives",
-    "Objectives": "bess.split.objectives",
-    "GroupResult": "bess.split.result",
-    "Split": "bess.split.result",
-    "SplitStatus": "bess.split.result",
-    "PowerSplit": "bess.split.power_split",
-    "split_power": "bess.split.power_split",
-    "Hindsight": "bess.retrospect",
-    "hindsight": "bess.retrospect",
-    "Rollout": "bess.split.rollout",
-    "rollout": "bess.split.rollout",
-    "SweepResult": "bess.sweep",
-    "run_sweep": "bess.sweep",
+    "plan_dispatch": "bess.dispatch.plan",
+    "Plan": "bess.control.planning",
+    "plan_power": "bess.control.planning",
+    "StoreValue": "bess.dispatch.store_value",
+    "store_value": "bess.dispatch.store_value",
+    "open_result": "bess.simulation.record",
+    "run": "bess.simulation.runner",
+    "run_scenarios": "bess.simulation.scenario_run",
+    "kpis": "bess.simulation.analysis.kpis",
+    "ledger": "bess.simulation.analysis.settlement",
+    "Objective": "bess.control.split.objectives",
+    "Objectives": "bess.control.split.objectives",
+    "GroupResult": "bess.control.split.result",
+    "Split": "bess.control.split.result",
+    "SplitStatus": "bess.control.split.result",
+    "PowerSplit": "bess.control.split.power_split",
+    "split_power": "bess.control.split.power_split",
+    "Hindsight": "bess.simulation.hindsight",
+    "hindsight": "bess.simulation.hindsight",
+    "Rollout": "bess.control.split.rollout",
+    "rollout": "bess.control.split.rollout",
+    "SweepResult": "bess.simulation.sweep",
+    "run_sweep": "bess.simulation.sweep",
     "write_report": "bess.report",
 }
 
 __all__ = [
     "BessError",
-    "Fleet",
     "GroupResult",
     "Hindsight",
     "InputError",
@@ -88,6 +88,7 @@ __all__ = [
     "Objectives",
     "Plan",
     "Plant",
+    "PlantEnsemble",
     "PowerSplit",
     "Result",
     "Rollout",

@@ -9,7 +9,6 @@ __all__ = [
     "Ageing",
     "BestShares",
     "CoefficientRanges",
-    "Confined",
     "ControlHorizon",
     "ControlModel",
     "Explicit",
@@ -24,6 +23,7 @@ __all__ = [
     "StateBoxes",
     "StepBounds",
     "System",
+    "TightenedBounds",
     "ageing_models",
     "cooling_kinds",
     "plan",
@@ -52,6 +52,7 @@ def plan(
     proof_cells: int,
     turn: int,
     reactive_kvar: _Array | None = None,
+    groups: NDArray[np.int64] | None = None,
 ) -> Plan: ...
 def ageing_models() -> list[tuple[str, str]]: ...
 def cooling_kinds() -> list[str]: ...
@@ -215,7 +216,7 @@ class SplitAnswer:
     rollouts: int
 
 @final
-class Confined:
+class TightenedBounds:
     bound: float
     boxes: StateBoxes
     may_shed: NDArray[np.bool_]
@@ -266,7 +267,7 @@ class ControlHorizon:
     def greedy(self) -> _Array: ...
     def reachable(self) -> StateBoxes: ...
     def step_bounds(self, boxes: StateBoxes, costs: _Array, budget_kw: _Array) -> StepBounds: ...
-    def confine(self, request_kw: _Array, costs: _Array, shed_budget_kw: float) -> Confined: ...
+    def tighten(self, request_kw: _Array, costs: _Array, shed_budget_kw: float) -> TightenedBounds: ...
     def coefficients(self, boxes: StateBoxes, near: StateBoxes) -> CoefficientRanges: ...
     def root(self, boxes: StateBoxes) -> Node: ...
     def narrowed(self, node: Node, shed_budget_kw: float) -> Node | None: ...

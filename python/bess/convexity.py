@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bess.numbers import Array
+from bess.arrays import Array
 
 Lines = tuple[Array, Array]
 """Intercepts and slopes of straight lines."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import json
 import stat
 import tomllib
@@ -19,6 +20,18 @@ LARGEST_BYTES: Final = 200 * 2**20
 
 _DEEPEST: Final = 64
 """Levels of tables and lists in a document, more than any file of the package has."""
+
+
+def missing(path: str | Path) -> str:
+    """What to do about a file that is not there: the nearest name of its folder, if there is one."""
+    where = Path(path)
+    try:
+        close = difflib.get_close_matches(where.name, [each.name for each in where.parent.iterdir()], 1, 0.8)
+    except FileNotFoundError:
+        return f"check the path, there is no folder {where.parent}"
+    except OSError:
+        close = []
+    return f"did you mean {close[0]!r}?" if close else "check the path"
 
 
 def parse_json(text: str | bytes) -> Any:

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from bess.analysis.pareto import hypervolume, knee_point, non_dominated
 from bess.errors import InputError
+from bess.simulation.analysis.pareto import hypervolume, knee_point, non_dominated
 
 # Few distinct values, so that ties and copies occur often.
 clouds = st.integers(1, 4).flatmap(

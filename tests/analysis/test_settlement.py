@@ -7,8 +7,8 @@ import pytest
 import xarray as xr
 
 import bess
-from bess.analysis.settlement import COSTS
 from bess.errors import InputError
+from bess.simulation.analysis.settlement import COSTS
 
 STUDY = """
 name = "settled"
@@ -83,7 +83,7 @@ def test_the_net_of_a_year_is_the_sum_of_its_entries_to_less_than_a_cent() -> No
     """Against exact fractions: 35,040 steps, prices of both signs."""
     from fractions import Fraction
 
-    from bess.analysis.settlement import settlement_kpis
+    from bess.simulation.analysis.settlement import settlement_kpis
 
     data = record(35_040)
     kpis = dict(settlement_kpis(data))

@@ -17,10 +17,10 @@ pytest.importorskip("fastapi")
 
 from test_live_page import served
 
-from bess.serve.app import Driven
-from bess.serve.cycle import Cycle
-from bess.serve.demands import Demands
-from bess.serve.service import Service
+from bess.edge.serve.app import Driven
+from bess.edge.serve.control_loop import ControlLoop
+from bess.edge.serve.demands import Demands
+from bess.edge.serve.service import Service
 from bess.study import load_study
 
 pytestmark = pytest.mark.browser
@@ -65,7 +65,7 @@ def demands(tmp_path: Path) -> Iterator[tuple[Demands, str]]:
     study = load_study("policies", {"policy.name": "mpc", "policy.foresight_h": 2.0, "demand.repeat": False})
     service = Service(study, tmp_path / "state")
     demands = Demands(study, 900.0)
-    driven = Driven("a plant", demands, Cycle(service, NoLink(), demands))  # type: ignore[arg-type]
+    driven = Driven("a plant", demands, ControlLoop(service, NoLink(), demands))  # type: ignore[arg-type]
     for page in served(service, None, driven):
         yield demands, page
     service.close()

@@ -21,9 +21,9 @@ import uvicorn
 sys.path.append(str(Path(__file__).parents[1] / "serve"))
 from live_cases import measured
 
-from bess.serve.app import Driven, build_app
-from bess.serve.connections import Connection
-from bess.serve.service import Service
+from bess.edge.serve.app import Driven, build_app
+from bess.edge.serve.connections import Connection
+from bess.edge.serve.service import Service
 from bess.study import load_study
 
 pytestmark = pytest.mark.browser
@@ -73,6 +73,18 @@ def closed_page(service: Service) -> Iterator[str]:
     yield from served(service, TOKEN)
 
 
+def overlapping(browser: Any) -> list[str]:
+    """Labels of the charts that lie upon each other."""
+    script = """
+      return [...document.querySelectorAll(".curve svg")].flatMap(svg => {
+        const all = [...svg.querySelectorAll("text")].map(text => [text.textContent, text.getBoundingClientRect()]);
+        const meet = (p, q) => p.left < q.right && q.left < p.right && p.top + 2 < q.bottom && q.top + 2 < p.bottom;
+        return all.flatMap(([a, p], i) => all.slice(i + 1).filter(([, q]) => meet(p, q)).map(([b]) => a + " / " + b));
+      });"""  # noqa: E501
+    found: list[str] = browser.execute_script(script)
+    return found
+
+
 def opened(browser: Any, page: str, width: int, wanted: str) -> None:
     """Open the page at a width and wait for an element."""
     from selenium.webdriver.support.ui import WebDriverWait
@@ -97,12 +109,60 @@ def test_strings_set_points_reasons_and_curves_are_shown(
         assert service.last[2].reasons[i] in string.text
         assert " kW" in string.text
     paths = "return [...document.querySelectorAll(arguments[0])].map(p => p.getAttribute('d').length)"
-    assert [length > 1000 for length in browser.execute_script(paths, "#power path")] == 4 * [True]
+    assert [length > 1000 for length in browser.execute_script(paths, "#string-power path")] == 3 * [True]
     assert [length > 1000 for length in browser.execute_script(paths, "#soc path")] == 3 * [True]
+    names = browser.find_element("id", "power-key").text
+    assert "foreseen an hour before" in names
+    assert "demand ahead, as on the day before" in names
     script = "return [document.documentElement.scrollWidth, document.documentElement.clientWidth]"
     wide, visible = browser.execute_script(script)
     assert wide <= visible
     assert [line for line in browser.get_log("browser") if line["level"] != "INFO"] == []
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_many_strings_are_ranges_and_the_outermost_by_name(browser: Any, width: int, tmp_path: Path) -> None:
+    n = 64
+    made = Service(load_study("policies", {"system.n_strings": n, "policy.name": "soc"}), tmp_path)
+    soc, temperature_c, fit = np.linspace(0.3, 0.8, n), np.full(n, 25.0), np.arange(n) != 7
+    temperature_c[20] = 51.0
+    made.answer(measured(soc, temperature_c, available=fit), 900.0)
+    for page in served(made, None):
+        opened(browser, page, width, ".string p")
+        cards = [card.text for card in browser.find_elements("css selector", ".string")]
+        assert len(browser.find_elements("css selector", ".tiles i")) == n
+        assert len(cards) < 12
+        for named, why in ((7, "out of service"), (20, "hottest"), (0, "emptiest"), (n - 1, "fullest")):
+            assert any(f"string {named} " in card and why in card for card in cards), (named, cards)
+        said = browser.find_element("id", "because").text
+        assert "out of service, says the plant – string 7 rests" in said
+        assert "left to discharge" in browser.find_element("id", "plant").text.lower()
+        assert overlapping(browser) == []
+        wide, visible = browser.execute_script(
+            "return [document.documentElement.scrollWidth, document.documentElement.clientWidth]"
+        )
+        assert wide <= visible
+        assert [line for line in browser.get_log("browser") if line["level"] != "INFO"] == []
+    made.close()
+
+
+@pytest.mark.parametrize("ago_s", [60.0, 86_400.0, 7 * 86_400.0])
+@pytest.mark.parametrize("width", WIDTHS)
+def test_the_axes_fit_a_minute_a_day_a_week(browser: Any, width: int, ago_s: float, tmp_path: Path) -> None:
+    made = Service(load_study("policies", {"system.n_strings": 2, "policy.name": "soc"}), tmp_path)
+    now_s = made.clock()
+    for at_s in np.linspace(now_s - ago_s, now_s, 300):
+        made.clock = lambda at_s=at_s: at_s  # type: ignore[assignment,misc]
+        made.answer(measured([0.5, 0.5]), 50.0)
+    for page in served(made, None):
+        opened(browser, page, width, ".string p")
+        for button in browser.find_elements("css selector", "#spans button"):
+            button.click()
+            time.sleep(0.3)
+            assert overlapping(browser) == []
+            texts = [text.text for text in browser.find_elements("css selector", "#soc text")]
+            assert sum(":" in text or text[:3].isalpha() for text in texts) >= 2, texts
+    made.close()
 
 
 def test_the_page_asks_for_the_token(browser: Any, closed_page: str) -> None:

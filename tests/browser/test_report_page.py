@@ -1,5 +1,6 @@
 """Claims about the page in a real browser: it draws, quietly, at the width of a desk and of a telephone."""
 
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -81,6 +82,38 @@ def test_nothing_makes_the_page_scroll_sideways(
         script = "return [document.documentElement.scrollWidth, document.documentElement.clientWidth]"
         wide, visible = browser.execute_script(script)
         assert wide <= visible
+
+
+LABELS = """
+const out = [];
+const boxes = [...document.querySelectorAll(arguments[0])].filter((e) => e.offsetParent).map((e) => {
+  const box = e.getBoundingClientRect();
+  return [e.textContent.trim().slice(0, 40), box.left, box.top, box.right, box.bottom];
+});
+for (const [i, a] of boxes.entries()) for (const b of boxes.slice(i + 1))
+  if (a[1] < b[3] - 1 && b[1] < a[3] - 1 && a[2] < b[4] - 1 && b[2] < a[4] - 1) out.push(a[0] + " | " + b[0]);
+return out;
+"""
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_no_text_lies_on_another_and_all_of_it_can_be_read(
+    browser: Any, scenarios: Path, width: int, scheme: str
+) -> None:
+    media = {"features": [{"name": "prefers-color-scheme", "value": scheme}]}
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", media)
+    try:
+        opened(browser, scenarios.parent / "S1" / "report.html", width)
+        texts = "nav a, .lead, .tiles dt, .tiles strong, .tiles small, h3, .halves li, .halves p, figcaption"
+        assert browser.execute_script(LABELS, texts) == []
+        colours = browser.execute_script(
+            "const style = getComputedStyle(document.body); return [style.color, style.backgroundColor]"
+        )
+        ink, paper = (sum(map(int, re.findall(r"\d+", colour)[:3])) / 3 for colour in colours)
+        assert abs(ink - paper) > 150 and (paper > ink) == (scheme == "light")
+    finally:
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
 
 
 def test_links_lead_to_their_sections_and_pictures_load(browser: Any, scenarios: Path) -> None:

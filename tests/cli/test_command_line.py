@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -9,8 +10,9 @@ from pathlib import Path
 import pytest
 
 import bess
+from bess.cli.checking import findings
 from bess.cli.kpi_table import kpi_table
-from bess.policies import POLICIES
+from bess.control.policies import POLICIES
 from bess.study import bundled_studies
 
 SHARED = Path(__file__).parents[3] / "shared/data/prices"
@@ -74,6 +76,45 @@ def test_list_names_everything_that_comes_along() -> None:
     text = command("list").stdout
     for name in [*bundled_studies(), *POLICIES, "reference", "samsung-94ah", "sinamics-s120"]:
         assert name in text
+
+
+def test_list_of_a_kind_and_words_names_what_has_them_all() -> None:
+    text = command("list", "cells", "LFP").stdout
+    assert text.startswith("cells\n") and "sony-lfp-3ah" in text
+    assert "nmc-reference" not in text and "naumann-lfp" not in text
+    assert command("list", "policy").stdout.splitlines()[0] == "policies"
+    assert {"sony-lfp-3ah", "naumann-lfp"} <= set(command("list", "lfp").stdout.split())
+    assert "no entry contains 'tesla'; omit words" in refused("list", "inverters", "tesla")
+
+
+@pytest.mark.parametrize(
+    ("begun", "number", "offered"),
+    [
+        ("bess ru", 1, ["run"]),
+        ("bess run case1", 2, ["case1"]),
+        ("bess run case1 --set policy.na", 4, ["policy.name"]),
+        ("bess list ce", 2, ["cells"]),
+    ],
+)
+def test_a_shell_is_offered_what_may_come(begun: str, number: int, offered: list[str]) -> None:
+    asked = {"_BESS_COMPLETE": "complete_bash", "COMP_WORDS": begun, "COMP_CWORD": str(number)}
+    ended = subprocess.run(
+        [sys.executable, "-m", "bess"],
+        env=os.environ | asked,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert ended.stdout.split() == offered
+
+
+def test_completion_installs_a_script_for_the_shell(tmp_path: Path) -> None:
+    asked = {"HOME": str(tmp_path), "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
+    words = [sys.executable, "-m", "bess", "--install-completion", "bash"]
+    subprocess.run(words, env=os.environ | asked, capture_output=True, text=True, check=True)
+    script = "\n".join(path.read_text() for path in tmp_path.rglob("*") if path.is_file())
+    assert "_BESS_COMPLETE=complete_bash" in script
+    assert "complete -o default -F _bess_completion bess" in script
 
 
 def test_run_writes_the_documented_files_and_prints_the_key_figures(tmp_path: Path) -> None:
@@ -158,6 +199,18 @@ def test_what_the_first_step_would_refuse_is_found_by_check_and_leaves_no_folder
     assert list(tmp_path.iterdir()) == []
 
 
+def test_check_estimates_more_time_for_more_strings_longer_plans_and_more_days() -> None:
+    def seconds(**values: object) -> float:
+        planned = {"policy.mode": "plan", "policy.objectives.kind": "energy"}
+        keys = {key.replace("__", "."): value for key, value in values.items()}
+        lines = "\n".join(findings(bess.load_study("case1", planned | keys)))
+        return float(re.findall(r"time: about (\S+) CPU s", lines)[-1])
+
+    assert seconds(policy__name="soc") < seconds()
+    assert seconds() < seconds(system__n_strings=32) < seconds(system__n_strings=1000)
+    assert seconds() < seconds(run__days=20) < seconds(run__days=20, policy__foresight_h=48)
+
+
 def test_check_names_the_prices_it_found() -> None:
     if not PRICES.exists():
         pytest.skip(f"{PRICES} is not there")
@@ -172,6 +225,12 @@ def test_check_names_the_prices_it_found() -> None:
         (["run", "nosuch"], "nosuch: no such study"),
         ([], "Missing command. (see bess --help)"),
         (["run", "missing.toml"], "missing.toml: no such study; check the path"),
+        (["run", "nowhere/missing.toml"], "check the path, there is no folder nowhere"),
+        (
+            ["run", "case1", "--set", "system.n_strings=0"],
+            "n_strings = 0: must be greater than or equal to 1",
+        ),
+        (["run", "case1", "--set", "run.days=abc"], "run.days = 'abc': must be a number"),
         (["run"], "Missing argument"),
         (["fly"], "No such command 'fly'"),
         (["run", "case1", "--dayz", "1"], "No such option: --dayz"),
@@ -184,7 +243,7 @@ def test_check_names_the_prices_it_found() -> None:
         (["run", "case1", "--set", "demand.file=none.csv"], "none.csv"),
         (["run", "case1", "--set", "system.file=none.toml"], "none.toml: no such file"),
         (["run", "case1", "--set", "weather.file=none.csv"], "none.csv"),
-        (["run", "case1", "--resume"], "--resume: name the folder of the run with --out"),
+        (["run", "case1", "--resume"], "--resume: specify the folder of the run with --out"),
         (["run", "arbitrage-2024"], "demand.prices is not set"),
         (["run", "arbitrage-2024", "--set", "demand.prices=none.csv"], "none.csv"),
         (["report", "nowhere"], "nowhere"),
@@ -220,7 +279,7 @@ def test_gaps_and_nan_in_a_profile_are_refused(tmp_path: Path) -> None:
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
 def test_a_folder_that_cannot_be_made_is_bad_input(tmp_path: Path) -> None:
     tmp_path.chmod(0o500)
-    assert "is no folder for results" in refused("run", "case1", "--out", str(tmp_path / "out"))
+    assert "is not a results folder" in refused("run", "case1", "--out", str(tmp_path / "out"))
 
 
 def test_the_table_has_a_column_for_each_run_and_a_dash_for_what_it_lacks() -> None:
@@ -228,16 +287,17 @@ def test_the_table_has_a_column_for_each_run_and_a_dash_for_what_it_lacks() -> N
         {"A": {"availability_pct": 99.5}, "B": {"availability_pct": 98.25, "revenue_eur": 3.0}}
     ).splitlines()
     assert lines[0].split() == ["A", "B"]
-    assert lines[1].split() == ["Revenue", "EUR", "–", "3.00"]
-    assert lines[2].split() == ["Availability", "%", "99.50", "98.25"]
-    assert len({len(line) for line in lines}) == 1
+    assert lines[1] == "Money" and lines[3] == "Efficiency"
+    assert lines[2].split() == ["Revenue", "EUR", "–", "3.00"]
+    assert lines[4].split() == ["Availability", "%", "99.50", "98.25"]
+    assert len({len(lines[index]) for index in (0, 2, 4)}) == 1
 
 
 def test_a_study_with_the_objectives_of_the_paper_is_said_to_be_one() -> None:
-    assert "unless to reproduce the paper" in command("check", "case1").stdout
+    assert "except to reproduce the paper" in command("check", "case1").stdout
     quiet = ["--set", "policy.objectives.kind=energy"]
-    assert "unless to reproduce the paper" not in command("check", "case1", *quiet).stdout
-    assert "unless to reproduce the paper" not in command("check", "case1", "--set", "policy.name=soc").stdout
+    assert "except to reproduce the paper" not in command("check", "case1", *quiet).stdout
+    assert "except to reproduce the paper" not in command("check", "case1", "--set", "policy.name=soc").stdout
 
 
 def test_more_strings_than_the_optimiser_takes_come_with_what_to_do() -> None:
@@ -261,3 +321,9 @@ def test_what_was_mistyped_is_answered_in_one_line_with_the_help_that_applies(
     words: list[str], said: str
 ) -> None:
     assert refused(*words).endswith(said)
+
+
+def test_a_file_missed_by_a_letter_is_named(tmp_path: Path) -> None:
+    (tmp_path / "prices-2024.csv").touch()
+    line = refused("check", "arbitrage-2024", "--set", "demand.prices=price-2024.csv", folder=tmp_path)
+    assert "there is no such file; did you mean 'prices-2024.csv'?" in line

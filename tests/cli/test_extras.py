@@ -50,11 +50,11 @@ def test_a_closed_loop_needs_none_of_the_extras(tmp_path: Path) -> None:
     out = str(tmp_path / "out")
     ended = run_without(missing, "run", "case1", "--days", "0.125", "--out", out)
     assert ended.returncode == 0, ended.stderr
-    assert "Delivered" in ended.stdout
+    assert "Demand fulfilment" in ended.stdout
 
 
 @pytest.mark.parametrize(
-    "module", ["bess", "bess.report", "bess.cli.comparing", "bess.plants", "bess.record"]
+    "module", ["bess", "bess.report", "bess.cli.comparing", "bess.edge.plant_io", "bess.simulation.record"]
 )
 def test_the_documentation_of_the_package_is_there_without_its_extras(module: str) -> None:
     script = (

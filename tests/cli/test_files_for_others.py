@@ -51,9 +51,9 @@ def test_ranges_in_the_reference_are_those_the_models_hold_to() -> None:
 def test_the_schema_of_a_study_knows_its_keys_with_units_and_meanings() -> None:
     made = json.loads(run("schema", "study"))
     assert made == json.loads(json.dumps(schema("study")))
-    offset = made["$defs"]["WeatherChoice"]["properties"]["offset_k"]
+    offset = made["$defs"]["WeatherSection"]["properties"]["offset_k"]
     assert (offset["minimum"], offset["maximum"], offset["x-unit"]) == (-50.0, 50.0, "K")
-    assert offset["description"].startswith("Added to the temperature")
+    assert offset["description"].startswith("Temperature offset")
     assert "name" not in made["required"] and "demand" in made["required"]
 
 
@@ -91,7 +91,7 @@ def test_a_study_from_init_runs_as_it_is_and_is_not_written_over(tmp_path: Path)
     run("init", str(tmp_path / "mine"))
     study = bess.load_study(tmp_path / "mine" / "study.toml")
     assert (study.policy.name, study.run.days, study.demand.kind) == ("mpc", 2.0, "profile")
-    with pytest.raises(bess.InputError, match="not written over"):
+    with pytest.raises(bess.InputError, match="not overwritten"):
         run("init", str(tmp_path / "mine"))
 
 
@@ -135,7 +135,7 @@ def test_compare_sets_runs_of_two_folders_side_by_side(result: Path, tmp_path: P
     assert names.split() == ["equal", "priority"]
     page = (tmp_path / "both" / "report.html").read_text("utf-8")
     assert "Comparison of equal, priority" in page
-    assert (tmp_path / "both" / "figures" / "losses.pdf").exists()
+    assert (tmp_path / "both" / "figures" / "losses.svg").exists()
     assert not (tmp_path / "both" / "figures" / "mean-temperature.svg").exists(), "they differ in length"
-    with pytest.raises(bess.InputError, match="needs two runs or more"):
+    with pytest.raises(bess.InputError, match="needs at least two runs"):
         run("compare", str(result))

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import bess
-from bess.components import read_inverter, read_ocv, read_resistance
-from bess.parameters.battery import OcvTable, ResistanceTable
-from bess.parameters.sections import Inverter
+from bess.system.battery import OcvTable, ResistanceTable
+from bess.system.components import read_inverter, read_ocv, read_resistance
+from bess.system.sections import Inverter
 
 PLAIN = "Power;Charging;Discharging\n0;0;0\n0,2;90;91\n0,5;95;96\n1,0;96;97\n"
 SANDIA = (

@@ -5,15 +5,15 @@ from pathlib import Path
 import pytest
 
 import bess
-from bess.components.registry import CELLS, INVERTERS, cell_tables, inverter_section
 from bess.study.plant_choice import build_system
-from bess.study.sections import RunChoice, SystemChoice, WearChoice
+from bess.study.sections import RunSection, SystemSection, WearSection
+from bess.system.components.registry import CELLS, INVERTERS, cell_tables, inverter_section
 
 QUICK = {"policy.name": "equal", "run.days": 0.25}
 
 
 def system_with(file: str = "reference", **parameters: object) -> bess.System:
-    return build_system(SystemChoice(file=file, parameters=parameters), RunChoice(), WearChoice())
+    return build_system(SystemSection(file=file, parameters=parameters), RunSection(), WearSection())
 
 
 def kpis(**values: object) -> dict[str, float]:
@@ -60,7 +60,8 @@ def test_a_component_named_in_a_file_is_changed_by_the_study(tmp_path: Path) -> 
 
 def test_a_parameter_that_reaches_no_string_is_refused() -> None:
     with pytest.raises(
-        bess.InputError, match=r"battery\.r_scale: every string of unequal-4 has its own; give \[\["
+        bess.InputError,
+        match=r"battery\.r_scale: every string of unequal-4 has its own value; set it in \[\[",
     ):
         system_with("unequal-4", battery={"r_scale": 2.0})
     scales = [{"battery": {"r_scale": scale}} for scale in (1.0, 1.5, 2.0, 3.0)]

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import bess
-from bess.components import read_inverter, read_ocv, read_resistance
-from bess.parameters.battery import OcvTable, ResistanceTable
-from bess.parameters.sections import Inverter
+from bess.system.battery import OcvTable, ResistanceTable
+from bess.system.components import read_inverter, read_ocv, read_resistance
+from bess.system.sections import Inverter
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 real = pytest.mark.skipif(not DATA.is_dir(), reason=f"measured data are not at {DATA}")

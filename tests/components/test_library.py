@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import bess
-from bess.components import list_cells, list_inverters, list_systems
-from bess.components.registry import CELLS, INVERTERS, SYSTEMS
+from bess.system.components import list_cells, list_inverters, list_systems
+from bess.system.components.registry import CELLS, INVERTERS, SYSTEMS
 
 BASE = bess.System.reference().document
 

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import bess
-from bess.components.knots import reduced_knots
-from bess.components.loss_table import LossTable
-from bess.parameters.sections import Inverter
+from bess.system.components.knots import reduced_knots
+from bess.system.components.loss_table import LossTable
+from bess.system.sections import Inverter
 
 LOAD = np.linspace(0.0, 1.0, 101)
 

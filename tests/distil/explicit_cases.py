@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import bess
-from bess.distil.exports import constants, exports
-from bess.distil.search import first_weights
-from bess.explicit import ExplicitController, Tables, decision
+from bess.control.explicit import ExplicitController, Tables, decision
+from bess.edge.distil.exports import constants, exports
+from bess.edge.distil.search import first_weights
 
 Array = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ import pytest
 from explicit_cases import SYSTEMS, cases, controller, random_weights
 
 import bess
-from bess.explicit import N_WEIGHTS, decision
+from bess.control.explicit import N_WEIGHTS, decision
 
 
 @pytest.mark.parametrize("name", SYSTEMS)

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 import bess
-from bess.distil import distil
-from bess.distil.lessons import Course, Lessons
-from bess.distil.losses import RULES, report, trials
-from bess.distil.search import first_weights
+from bess.control.explicit import ExplicitController
+from bess.control.policies.distilled import DistilledPolicy
+from bess.edge.distil import distil
+from bess.edge.distil.evaluation import RULES, report, trials
+from bess.edge.distil.search import first_weights
+from bess.edge.distil.training import TrainingCase, TrainingSet
 from bess.errors import InputError
-from bess.explicit import ExplicitController
-from bess.policies.distilled import DistilledPolicy
 from bess.simulation import runner
 
 STUDY = {
@@ -51,7 +51,7 @@ def _using(study: bess.Study, file: Path, **values: object) -> bess.Study:
 def test_training_costs_less_than_what_it_began_with(
     study: bess.Study, distilled: ExplicitController
 ) -> None:
-    lessons = Lessons(Course.of(study), distilled)
+    lessons = TrainingSet(TrainingCase.of(study), distilled)
     before, after = lessons.costs(np.stack([first_weights(), np.array(distilled.weights)]))
     assert after < before
 
@@ -92,9 +92,9 @@ def test_where_a_run_is_cut_makes_no_difference_to_a_bit(
 
 
 def test_lessons_cost_what_a_run_costs(study: bess.Study, distilled: ExplicitController) -> None:
-    from bess.distil.lessons import Variation
+    from bess.edge.distil.training import Variation
 
-    lessons = Lessons(Course.of(study), distilled, (Variation(1.0),))
+    lessons = TrainingSet(TrainingCase.of(study), distilled, (Variation(1.0),))
     cost = lessons.costs(np.array([distilled.weights]))[0]
     kpis = bess.run(study, policy=DistilledPolicy(distilled), progress=False).kpis
     missing = kpis["availability_loss_kwh"] + kpis["derating_loss_kwh"]
@@ -121,8 +121,8 @@ def test_the_controller_keeps_what_the_planner_saves(
 @pytest.mark.parametrize(
     ("values", "reason"),
     [
-        ({"system.n_strings": 3}, "was distilled for 2 strings, this plant has 3"),
-        ({"policy.foresight_h": 24.0}, "is told 12 h ahead, this study tells 24 h"),
+        ({"system.n_strings": 3}, "distilled for 2 strings, this plant has 3"),
+        ({"policy.foresight_h": 24.0}, "a forecast of 12 h, this study has a forecast of 24 h"),
         ({"system.parameters.control.step_min": 5.0}, "steps of 0.25 h, this study has steps of 0.0833"),
         ({"system.parameters.battery.r_scale": 1.1}, "resistance_ohm differ"),
     ],
@@ -187,8 +187,8 @@ def test_the_service_decides_as_the_distilled_policy_does_in_a_run(
     study: bess.Study, file: Path, tmp_path: Path
 ) -> None:
     pytest.importorskip("prometheus_client")
-    from bess.plants import Measurements
-    from bess.serve.service import Service
+    from bess.edge.plant_io import Measurements
+    from bess.edge.serve.service import Service
 
     service = Service(_using(study, file), tmp_path)
     n = service.controller.n_strings

@@ -11,9 +11,9 @@ import pytest
 from explicit_cases import SYSTEMS, Case, InC, cases, controller, in_python, random_weights, same_bits
 from structured_text_reader import StructuredText
 
-from bess.distil.exports import constants, exports
-from bess.distil.rust import rust_source
-from bess.distil.translate import functions, locals_of, places
+from bess.edge.distil.exports import constants, exports
+from bess.edge.distil.rust import rust_source
+from bess.edge.distil.translate import functions, locals_of, places
 
 CORE = Path(__file__).parents[2] / "rust" / "bess-control" / "src" / "explicit" / "decision.rs"
 
@@ -172,7 +172,7 @@ def test_names_differ_in_more_than_case_and_are_not_reserved() -> None:
 @pytest.mark.skipif(not CORE.exists(), reason="needs the sources of the core")
 def test_the_core_is_compiled_from_the_source() -> None:
     assert CORE.read_text(encoding="utf-8") == rust_source(), (
-        "write it anew: python -c \"from bess.distil.rust import rust_source; print(rust_source(), end='')\""
+        "write it anew: python -c 'from bess.edge.distil.rust import rust_source as r; print(r(), end=\"\")'"
     )
 
 

@@ -33,16 +33,16 @@ def test_every_public_name_is_on_the_page() -> None:
     assert missing == []
 
 
-@pytest.mark.parametrize("package", ["bess", "bess.ems", "bess.market", "bess.components"])
+@pytest.mark.parametrize("package", ["bess", "bess.dispatch", "bess.market", "bess.system.components"])
 def test_the_packages_that_a_user_imports_say_what_is_public(package: str) -> None:
     assert any(name.startswith(f"{package}.") and "." not in name[len(package) + 1 :] for name in public())
 
 
 def test_numbers_that_the_page_quotes_are_those_of_the_code() -> None:
     page = PAGE.read_text(encoding="utf-8")
-    for name in ("distil.GENERATIONS", "explicit.N_WEIGHTS", "NO_OPTIMISATION"):
+    for name in ("edge.distil.GENERATIONS", "control.explicit.N_WEIGHTS", "NO_OPTIMISATION"):
         said = re.search(rf"py:data:: {re.escape(name)}\n\n.*\((\d+)\)\.", page)
-        package = "bess" if "." in name else "bess.policies"
+        package = "bess" if "." in name else "bess.control.policies"
         assert said is not None and int(said[1]) == found(f"{package}.{name}")
 
 
@@ -54,8 +54,8 @@ def test_every_name_on_the_page_exists_and_stands_there_once() -> None:
 
 
 def test_the_page_on_policies_names_every_bundled_one() -> None:
-    from bess.policies import POLICIES
+    from bess.control.policies import POLICIES
 
     page = PAGE.with_name("howto") / "policies.md"
-    bundled = page.read_text(encoding="utf-8").partition("Bundled are ")[2].partition("## ")[0]
+    bundled = page.read_text(encoding="utf-8").partition("Bundled policies are ")[2].partition("## ")[0]
     assert set(re.findall(r"(?<!})`(\w+)`", bundled)) == set(POLICIES)

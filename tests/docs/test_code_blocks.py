@@ -11,7 +11,7 @@ import pytest
 
 import bess
 from bess.cli.checking import findings
-from bess.policies import POLICIES
+from bess.control.policies import POLICIES
 from bess.simulation.runner import PART_SECONDS, PART_STEPS
 from bess.study.study import Study
 
@@ -76,12 +76,12 @@ def test_toml_of_a_page_is_a_study_with_nothing_wrong_or_part_of_a_system(page: 
             assert bess.System(bess.System.reference(2).document | document).n_strings == 2
         else:
             *_, last = findings(Study.from_document({"name": page.stem, **STUDY, **document}, page.name))
-            assert last.endswith("nothing wrong")
+            assert last.endswith("no problems found")
 
 
 def test_the_page_on_long_runs_says_how_much_a_crash_can_cost() -> None:
     text = (ROOT / "docs" / "howto" / "long-runs.md").read_text(encoding="utf-8")
-    assert f"every {PART_STEPS} steps, or every {PART_SECONDS:g} s" in text
+    assert f"every {PART_STEPS} steps or every {PART_SECONDS:g} s" in text
 
 
 @pytest.mark.parametrize("page", having("sh"))

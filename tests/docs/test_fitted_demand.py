@@ -10,8 +10,8 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benches"))
 
 import bess
 import fit_demand
-from bess.ems import bundled_profile
-from bess.ems.profile import _FITTED_LEVELS_KW, _FITTED_QUARTERS, _FITTED_START
+from bess.dispatch import bundled_profile
+from bess.dispatch.profile import _FITTED_LEVELS_KW, _FITTED_QUARTERS, _FITTED_START
 from bess.report.words.paper import Verdict, comparisons
 
 

@@ -65,4 +65,4 @@ def test_the_answer_turns_with_the_numbers() -> None:
     assert "**Yes, for two-cycle.**" in make_linear.answer(numbers)
     numbers["two-cycle 15 linear"]["lost_kwh"] = 4.5
     assert "**No.**" in make_linear.answer(numbers)
-    assert "In two-cycle the linear model lost less" in make_linear.answer(numbers)
+    assert "In two-cycle the linear model is better" in make_linear.answer(numbers)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import bess
-from bess.ems import read_profile
+from bess.dispatch import read_profile
 
 CLOCKS = [f"{m // 60 % 24:02d}:{m % 60:02d}" for m in range(15, 1441, 15)]
 MONTHS = [

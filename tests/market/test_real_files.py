@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 import bess
-import bess.ems
+import bess.dispatch
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 pytestmark = [
@@ -109,10 +109,10 @@ def test_the_export_of_hungary_with_another_name_of_its_column_is_read():
 @pytest.mark.parametrize("column", ["metal1", "warehouse"])
 def test_real_industrial_loads_are_read(column):
     path = DATA / "load" / "load_industrial_pycity_15min_2010.parquet"
-    assert len(bess.ems.read_profile(path, column=column, time_zone="UTC+1", scale=1e-3)) == 35_040
+    assert len(bess.dispatch.read_profile(path, column=column, time_zone="UTC+1", scale=1e-3)) == 35_040
 
 
 def test_real_simbench_loads_are_read():
     path = DATA / "load" / "simbench_load_15min_2016.parquet"
-    series = bess.ems.read_profile(path, column="G0-A_pload", time_zone="Europe/Berlin", scale=100.0)
+    series = bess.dispatch.read_profile(path, column="G0-A_pload", time_zone="Europe/Berlin", scale=100.0)
     assert len(series) == 35_136 and series.min() >= 0.0 and series.max() <= 100.0

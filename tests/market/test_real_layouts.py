@@ -10,7 +10,7 @@ import pytest
 from sisters import BERLIN, energy_charts_intraday, entsoe_new, entsoe_old, smard_de, truth
 
 import bess
-from bess.ems import read_profile
+from bess.dispatch import read_profile
 from bess.market import over_years
 
 SERIES = truth("2024-03-29", "2024-04-01", 60)

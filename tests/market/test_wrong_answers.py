@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 import bess
-from bess.ems import read_profile
+from bess.dispatch import read_profile
 from bess.market.units import foreign_unit
 
 HOURS = pd.date_range("2024-01-30", periods=72, freq="h", tz="UTC")

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 import bess
 from bess import _core
-from bess.parameters.cooling import Cooling
+from bess.system.cooling import Cooling
 
 pytestmark = pytest.mark.closed_form
 
@@ -256,7 +256,7 @@ def test_a_cooled_plant_continues_bit_by_bit_from_a_snapshot(kind: str) -> None:
 def test_scenarios_are_cooled_each_by_itself() -> None:
     system = cooled(2, kind="liquid", loop={"heat_capacity_kj_k": 100.0})
     states = [bess.State([0.5, 0.5], [t, 26.0]) for t in (28.0, 38.0)]
-    fleet = bess.Fleet(system, states, ambient_c=33.0)
+    fleet = bess.PlantEnsemble(system, states, ambient_c=33.0)
     together = fleet.run(np.full((2, 12, 2), 50.0))
     for index, state in enumerate(states):
         alone = bess.Plant(system, state, ambient_c=33.0).run(np.full((12, 2), 50.0))
@@ -310,10 +310,10 @@ def test_the_controllers_model_follows_the_kind() -> None:
 
 def test_a_controller_that_is_told_no_ambient_takes_what_the_strings_cool_towards() -> None:
     system, plain = cooled(kind="liquid"), cooled()
-    assert plain.cools_towards_c == plain.ambient_c
+    assert plain.reference_temperature_c == plain.ambient_c
     state, request = bess.State([0.5], [27.0]), [[40.0, 40.0]]
     default = bess.rollout(system, state, request, 0.25)
-    told = bess.rollout(system, state, request, 0.25, ambient_c=system.cools_towards_c)
+    told = bess.rollout(system, state, request, 0.25, ambient_c=system.reference_temperature_c)
     np.testing.assert_array_equal(default.temperature_c, told.temperature_c)
     assert bess.split_power(system, state, [40.0]).rollout.temperature_c[0, 0] == default.temperature_c[0, 0]
 

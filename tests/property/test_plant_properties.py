@@ -123,7 +123,7 @@ def test_scenarios_do_not_influence_each_other(request_kw: Any, fill: Any, tempe
         bess.State(soc[::1], temperature_c[::-1]),
         bess.State(HIGH, temperature_c),
     ]
-    fleet = bess.Fleet(SYSTEM, states).run(np.stack([request_kw, -request_kw, request_kw]))
+    fleet = bess.PlantEnsemble(SYSTEM, states).run(np.stack([request_kw, -request_kw, request_kw]))
     for index, (state, sign) in enumerate(zip(states, (1.0, -1.0, 1.0), strict=True)):
         alone = bess.Plant(SYSTEM, state).run(sign * request_kw)
         assert_identical(alone, fleet.map(lambda values, i=index: values[i]))  # type: ignore[misc]

@@ -9,9 +9,9 @@ import xarray as xr
 from synthetic import kpis
 
 import bess
-from bess.record.frame import frame_of
-from bess.record.netcdf import write_netcdf
-from bess.record.store import write_part
+from bess.simulation.record.dataset_spec import frame_of
+from bess.simulation.record.netcdf import write_netcdf
+from bess.simulation.record.store import write_part
 
 
 def write_run(

@@ -13,7 +13,7 @@ from synthetic import kpis, record
 
 import bess
 from bess.report import charts
-from bess.report.charts.long_runs import POINTS_PER_SERIES, daily, thin
+from bess.report.charts.long_runs import MAX_CURVES, POINTS_PER_SERIES, daily, thin
 from bess.report.data import TimeAxis, with_initial
 from bess.report.drawing.chart import Chart
 from bess.report.drawing.interactive import bokeh_document, legend
@@ -104,6 +104,19 @@ def test_a_year_of_many_strings_is_light(make, year) -> None:
     assert max(sizes) <= POINTS_PER_SERIES + 4
     assert sum(sizes) < 45_000
     assert len(bokeh_document(chart)) < 600_000
+
+
+@pytest.mark.parametrize("steps", [40, 40 * 96])
+def test_many_strings_are_drawn_as_their_spread_and_the_two_that_stand_out_by_name(steps: int) -> None:
+    data = record(MAX_CURVES + 20, steps)
+    data["soc"][:, 7] = 1.0
+    panel = charts.strings(data).panels[0]
+    spread, middle, median, high, low = panel.series
+    assert len({entry.label for entry in panel.series}) == 5 and high.label == "string 7"
+    assert spread.base is not None and middle.base is not None
+    assert np.all(spread.base <= middle.base) and np.all(middle.base <= median.y)
+    assert np.all(median.y <= middle.y) and np.all(middle.y <= spread.y)
+    assert spread.y[-1] == high.y[-1] == 1.0 and low.y.mean() < median.y.mean()
 
 
 def test_what_was_planned_stands_beside_what_was_delivered() -> None:

@@ -31,7 +31,7 @@ def of_one_run(n_strings: int) -> dict[str, Callable[[], Figure]]:
         "solver_effort": lambda: figures.solver_effort(data, times),
         "market_dispatch": lambda: figures.market_dispatch(data),
         "kpi_bars": lambda: figures.kpi_bars({"": kpis(data)}),
-        "loss_waterfall": lambda: figures.loss_waterfall(kpis(data)),
+        "energy_flow": lambda: figures.energy_flow(data),
         "duration_curves": lambda: figures.duration_curves(data),
     }
 
@@ -136,30 +136,28 @@ def test_bars_show_the_values_of_the_kpis() -> None:
     np.testing.assert_allclose(tops, [named[""][key] for key in list(named[""])[:5]])
 
 
-def test_the_waterfall_steps_down_from_what_was_asked_for_to_what_is_left() -> None:
-    values = kpis(record(2, 192, concentrate=1.0))
-    axes = figures.loss_waterfall(values).axes[0]
-    ends = {text.get_text(): bar for text, bar in zip(axes.get_yticklabels(), axes.patches, strict=True)}
-    asked, left = ends["Asked for"], ends["Delivered less losses"]
-    assert asked.get_x() + asked.get_width() == pytest.approx(values["demand_kwh"])
-    lost = values["lost_kwh"] + values["unmet_kwh"] + values["hysteresis_loss_kwh"]
-    assert left.get_x() + left.get_width() == pytest.approx(values["demand_kwh"] - lost)
-    assert ends["Battery loss"].get_width() == pytest.approx(values["battery_loss_kwh"])
+def test_the_flow_leads_from_the_grid_through_the_store_and_back_on_an_axis_from_zero() -> None:
+    data = record(2, 192, concentrate=1.0)
+    values = kpis(data)
+    axes = figures.energy_flow(data).axes[0]
+    assert axes.get_xlim()[0] == 0.0
+    bars = [(text.get_text(), bar) for text, bar in zip(axes.get_yticklabels(), axes.patches, strict=True)]
+    ends = dict(bars)
+    assert ends["Grid import"].get_width() == pytest.approx(values["charged_kwh"])
+    assert ends["Grid export"].get_width() == pytest.approx(values["discharged_kwh"])
+    cells = [bar.get_width() for label, bar in bars if label == "Batteries"]
+    assert len(cells) == 2 and sum(cells) == pytest.approx(values["battery_loss_kwh"])
+    # The losses of charging fill what is between the energy taken and that put into store.
+    labels = [label for label, _ in bars]
+    between = bars[labels.index("Grid import") + 1 : labels.index("Stored")]
+    stored = ends["Grid import"].get_width() - sum(bar.get_width() for _, bar in between)
+    assert len(between) == 3 and stored == pytest.approx(ends["Stored"].get_width())
 
 
-def test_the_waterfall_of_a_run_that_was_asked_for_nothing_has_an_axis() -> None:
-    nothing = dict.fromkeys(kpis(record(2, 96)), 0.0)
-    low, high = figures.loss_waterfall(nothing).axes[0].get_xlim()
-    assert (low, high) == (0.0, 1.0)
-
-
-def test_the_waterfall_of_a_cooled_plant_goes_down_by_what_cooling_takes() -> None:
-    values = kpis(record(2, 192, concentrate=1.0))
-    plain, cooled = (
-        figures.loss_waterfall(values | more).axes[0].patches[-1] for more in ({}, {"auxiliary_kwh": 12.5})
-    )
-    ends = [bar.get_x() + bar.get_width() for bar in (plain, cooled)]
-    assert ends[0] - ends[1] == pytest.approx(12.5)
+def test_the_flow_of_a_run_that_was_asked_for_nothing_has_an_axis() -> None:
+    nothing = record(2, 96) * 0.0
+    nothing.attrs = record(2, 96).attrs
+    assert figures.energy_flow(nothing).axes[0].get_xlim() == (0.0, 1.0)
 
 
 def test_bars_of_losses_are_as_long_as_their_sum() -> None:

@@ -28,7 +28,8 @@ def test_runs_of_another_policy_are_alike(first: Path, tmp_path: Path) -> None:
     runs = runs_of([first, other])
     assert unlike(runs) == ""
     page = write_comparison(runs, tmp_path / "page").read_text(encoding="utf-8")
-    assert 'class="best"' in page and "best marked" in page and "Least is lost" in page
+    assert "These runs differ in policy.name (soc; equal), policy.horizon_steps" in page
+    assert 'class="best"' in page and "best marked" in page and "Lowest undelivered + losses" in page
 
 
 @pytest.mark.parametrize(
@@ -53,8 +54,10 @@ def test_what_differs_beside_the_control_is_said_and_none_is_best(
     assert said in unlike(runs)
     page = write_comparison(runs, tmp_path / "page").read_text(encoding="utf-8")
     assert 'class="best"' not in page and 'class="behind"' not in page and "best marked" not in page
-    assert "Least is lost" not in page and "against" not in page.partition("</header>")[2][:2000]
+    assert "Lowest undelivered" not in page and "against" not in page.partition("</header>")[2][:2000]
     assert "none of them is marked best" in page
+    subject = page.partition('class="subject">')[2].partition("<")[0]
+    assert subject == "2 scenarios · policy soc", "nothing is said of all that holds for one"
 
 
 def test_a_data_file_is_told_by_its_content(tmp_path: Path) -> None:
@@ -68,7 +71,7 @@ def test_a_data_file_is_told_by_its_content(tmp_path: Path) -> None:
 
 
 def test_another_version_is_said(first: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bess.record.identity.__version__", "99.0")
+    monkeypatch.setattr("bess.simulation.record.provenance.__version__", "99.0")
     said = unlike(runs_of([first, made(tmp_path, "other", policy__name="equal")]))
     assert f"version ({bess.__version__}; 99.0)" in said
 

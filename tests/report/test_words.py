@@ -8,16 +8,16 @@ import pytest
 from folders import write_run
 from synthetic import kpis, record, with_reserve
 
-from bess.analysis.catalogue import kpi
-from bess.analysis.kpis import kpis as compute
+from bess.control.policies.planned import PLANNED
 from bess.errors import InputError
-from bess.policies.planned import PLANNED
 from bess.report.contents import optimiser
 from bess.report.runs import Run, runs_in
 from bess.report.words.headline import tiles
+from bess.report.words.limits import limit_sentences
 from bess.report.words.paper import Verdict, comparisons, is_case_2, reading
 from bess.report.words.summary import summary, warnings
 from bess.report.words.tables import decision_table, kpi_groups
+from bess.simulation.analysis.kpis import kpis as compute
 
 BASE = {
     "availability_pct": 99.0, "derating_efficiency_pct": 98.0, "inverter_efficiency_pct": 97.0,
@@ -63,16 +63,76 @@ def test_what_limits_the_numbers_is_said(tmp_path: Path, variable: str, value: f
 def test_net_income_is_what_the_entries_beside_it_add_up_to(tmp_path: Path) -> None:
     data = with_reserve(record(2, 960, price=True))
     write_run(tmp_path / "run", data)
-    run = runs_in(tmp_path / "run")[0]
-    (sentence,) = [text for text in summary(run) if text.startswith("Net income")]
+    runs = runs_in(tmp_path / "run")[0]
+    (sentence,) = [text for text in summary(runs) if text.startswith("Net income")]
     net, *entries = (float(found.replace(",", "")) for found in re.findall(r"(-?[\d,]+) EUR", sentence))
     earned = len(re.findall(" EUR", sentence.split(" less ")[0])) - 1
-    assert "for capacity" in sentence and "penalty" in sentence
+    assert "capacity revenue" in sentence and "penalty" in sentence
     assert sum(entries[:earned]) - sum(entries[earned:]) == pytest.approx(net, abs=3.0)
-    (tile,) = [tile for tile in tiles(kpis(data)) if tile.label == "Net"]
+    (tile,) = [tile for tile in tiles(runs["demo"]) if tile.label == "Net income"]
     revenue, costs = (float(found.replace(",", "")) for found in re.findall(r"-?[\d,]+", tile.detail))
     assert revenue == pytest.approx(sum(entries[:earned]), abs=2.0)
     assert costs == pytest.approx(sum(entries[earned:]), abs=3.0)
+
+
+def test_what_limits_the_plant_is_its_largest_loss_with_the_hours_and_energy_of_the_record(
+    tmp_path: Path,
+) -> None:
+    data = record(2, 96)
+    data["derating_loss_kw"][:] = 0.0
+    data["derating_loss_kw"][10:18, 0] = 40.0  # eight quarters of an hour, 80 kWh
+    data["inverter_starts"][:] = 1
+    write_run(tmp_path / "run", data)
+    (run,) = runs_in(tmp_path / "run")[0].values()
+    first, *_, last = limit_sentences(run)
+    assert first.startswith("Derating of hot strings in 2 h: 80.0 kWh") and "More cooling" in first
+    assert last.startswith("96 starts of each inverter a day.")
+
+
+def test_energy_that_other_strings_had_left_is_what_another_split_can_give(tmp_path: Path) -> None:
+    data = record(2, 96)
+    for name in ("availability", "derating", "inverter", "battery", "hysteresis"):
+        data[f"{name}_loss_kw"][:] = 0.0
+    data["limits"][:] = 0
+    data["demand_kw"][20], data["delivered_kw"][20, :] = 92.0, [0.0, 32.0]
+    data["availability_loss_kw"][20, 0], data["limits"][20, 0], data["soc"][20, 1] = 60.0, 4, 0.9
+    (tmp_path / "x").mkdir()
+    for name, soc in (("left", 0.9), ("none", 0.0)):
+        data["soc"][20, 1] = soc
+        write_run(tmp_path / name, data)
+        (run,) = runs_in(tmp_path / name)[0].values()
+        first = limit_sentences(run)[0]
+        assert first.startswith("Empty strings in 0 h: 15.0 kWh")
+        assert ("For 100 % of it other strings had" in first) == (name == "left")
+
+
+def test_a_reserve_leads_with_what_was_sold_not_sustained_and_earned_for_each_mw(tmp_path: Path) -> None:
+    data = with_reserve(record(2, 960, price=True))  # 100 kW for 240 h, 90 kW of it sustained
+    write_run(tmp_path / "run", data)
+    (run,) = runs_in(tmp_path / "run")[0].values()
+    sold, lacking, per_mw, *_ = tiles(run)
+    assert (sold.label, sold.figure, sold.unit) == ("Reserve sold", "100", "kW")
+    assert (lacking.figure, lacking.unit) == ("240.00", "h")
+    assert per_mw.figure == f"{run.kpis['net_eur'] / 0.1:,.0f}" and per_mw.unit == "EUR/MW"
+    assert per_mw.detail == f"{run.kpis['net_eur'] / 0.1 / 240.0:.2f} EUR/MW/h"
+
+
+def test_years_lead_with_present_value_years_to_the_end_of_life_and_the_budget(tmp_path: Path) -> None:
+    write_run(tmp_path / "run", record(1, 35_064))  # a year
+    (run,) = runs_in(tmp_path / "run")[0].values()
+    end = run.system.strings[0].wear.end_of_life
+    run.kpis.update({"npv_eur": 1234.5, "soh_capacity_min": 1.0 - (1.0 - end) / 8.0, "full_cycles": 150.0})
+    run.study["budget"] = {"cycles_per_year": 300.0}
+    named = {tile.label: tile for tile in tiles(run)}
+    assert list(named)[:4] == [
+        "Net present value",
+        "To end of life",
+        "Capacity left",
+        "Budget of cycles used",
+    ]
+    assert named["To end of life"].figure == "8.0" and named["Budget of cycles used"].figure == "50"
+    run.kpis["end_of_life_days"] = 365.25 * 6.5
+    assert {tile.label: tile.figure for tile in tiles(run)}["End of life"] == "6.5"
 
 
 def test_a_stopped_run_is_shown_as_far_as_it_got(tmp_path: Path) -> None:
@@ -114,20 +174,10 @@ def test_the_summary_names_all_that_lose_least_and_says_who_did_the_same(tmp_pat
     lost = {name: run.kpis["lost_kwh"] for name, run in runs.items()}
     assert lost["A"] == lost["B"] != lost["C"]
     first, second = summary(runs)[:2]
-    assert first == "A and B did the same in every step."
-    assert second.startswith("Least is lost with " + ("C:" if lost["C"] < lost["A"] else "A and B:"))
-
-
-def test_a_comparison_states_every_difference_also_those_in_which_the_best_is_worse(tmp_path: Path) -> None:
-    runs = scenarios(tmp_path, equal=0.0, mpc=1.0)
-    best, other = sorted(runs.values(), key=lambda run: run.kpis["lost_kwh"])
-    sentence = next(text for text in summary(runs) if text.startswith(f"{other.name} against {best.name}"))
-    for key in ("lost_kwh", "undelivered_kwh", "inverter_loss_kwh", "battery_loss_kwh"):
-        difference = other.kpis[key] - best.kpis[key]
-        text = kpi(key).number(abs(difference))
-        sign = "+" if difference > 0.0 else "−"
-        name = kpi(key).label[0].lower() + kpi(key).label[1:]
-        assert (f"{name} {sign}{text} kWh" in sentence) == (text != "0.0"), key
+    assert first == "A and B are identical in every step."
+    assert second.startswith(
+        "Lowest undelivered + losses: " + ("C," if lost["C"] < lost["A"] else "A and B,")
+    )
 
 
 def test_a_gap_is_said_with_what_it_is_worth(tmp_path: Path) -> None:
@@ -137,7 +187,7 @@ def test_a_gap_is_said_with_what_it_is_worth(tmp_path: Path) -> None:
     lost_kw = sum(data[name].values.sum(axis=1) for name in names)
     worth = 0.25 * float((data["solver_gap"].values * lost_kw).sum())
     assert worth > 0.1
-    assert summary(runs)[-1].endswith(f"that is about {worth:,.1f} kWh.")
+    assert f", or {worth:,.1f} kWh of the undelivered energy" in summary(runs)[-1]
 
 
 def planned(directory: Path, like: dict[str, str] | None = None, **policy: float) -> None:
@@ -160,8 +210,7 @@ def test_a_planned_run_says_how_far_its_plans_may_be_from_the_best(tmp_path: Pat
         run.dataset[name][0] = gap
     run.kpis.update(compute(run.dataset))
     assert (
-        "within 1.5 % of the search bound, an estimate, and within 25 % of the proven one"
-        in summary(runs)[-1]
+        "within 1.5 % of the estimated lower bound and within 25 % of the rigorous one" in summary(runs)[-1]
     )
     assert warnings(runs, {}) == []
     assert list(optimiser(run)) == []
@@ -215,10 +264,10 @@ def test_every_figure_is_in_the_table_under_its_heading_and_details_are_marked()
         for row in group.rows
     }
     assert len(rows) == len(BASE) + len(figures)
-    assert rows["Energy", "Above the power in service (kWh)"] == ("1,200.0", False)
-    assert rows["Strings", "SOC spread, mean over the run"] == ("0.012", True)
-    assert rows["Optimiser and balance", "Rigorous gap, 95th percentile (%)"] == ("–", True)
-    assert rows["Strings", "own"] == ("2.000", True)
+    assert rows["Losses", "Unmet demand (kWh)"] == ("1,200.0", False)
+    assert rows["Strings and inverters", "SOC spread, mean over the run"] == ("0.012", True)
+    assert rows["Solver and energy balance", "Rigorous gap, 95th percentile (%)"] == ("–", True)
+    assert rows["Strings and inverters", "own"] == ("2.000", True)
 
 
 def test_nothing_is_best_where_only_one_run_has_the_figure() -> None:
@@ -229,7 +278,7 @@ def test_nothing_is_best_where_only_one_run_has_the_figure() -> None:
 def test_all_statements_agree_on_the_numbers_the_specification_expects() -> None:
     rows = comparisons(PAPER)
     assert len(rows) == 10 and {row.verdict for row in rows} == {Verdict.YES}
-    assert reading(rows)[0] == "10 of the paper's 10 statements come out."
+    assert reading(rows)[0] == "10 of the paper's 10 statements are reproduced."
 
 
 def test_a_difference_much_smaller_than_the_papers_is_not_called_agreement() -> None:

@@ -125,7 +125,7 @@ BAD_SETTINGS = {
     "system.n_strings=0": "system.n_strings = 0",
     "system.parameters.control.step_min=7": "whole number of control steps",
     "system.parameters.batery.r_scale=1": "unknown section 'batery'",
-    "system.file=nosuch": "system.file = 'nosuch': nothing bundled is called so; allowed: reference",
+    "system.file=nosuch": "system.file = 'nosuch': no bundled item has this name; allowed: reference",
     "system.file=referense": "did you mean 'reference'?",
     "system.file=nosuch.toml": "nosuch.toml: no such file",
     "system.file=./folder": "cannot be read",
@@ -167,12 +167,12 @@ BAD_COMMANDS = {
     ("report", "nowhere"): "holds no run",
     ("run", "arbitrage-2024", "--set", "demand.prices=empty.csv"): "the file is empty",
     ("run", "arbitrage-2024", "--set", "demand.prices=./folder"): "cannot be read",
-    ("run", "case1", "--out", "file"): "is no folder for results",
-    ("run", "case1", "--out", "file/x"): "is no folder for results",
-    ("run", "case2", "--out", "file"): "is no folder for results",
-    ("run", "case1", "--resume"): "name the folder of the run with --out",
-    ("run", "case1", "--out", "nowhere", "--resume"): "nowhere holds no run to continue",
-    ("run", "case1", "--out", "folder", "--resume"): "folder holds no run to continue",
+    ("run", "case1", "--out", "file"): "is not a results folder",
+    ("run", "case1", "--out", "file/x"): "is not a results folder",
+    ("run", "case2", "--out", "file"): "is not a results folder",
+    ("run", "case1", "--resume"): "specify the folder of the run with --out",
+    ("run", "case1", "--out", "nowhere", "--resume"): "nowhere contains no run to continue",
+    ("run", "case1", "--out", "folder", "--resume"): "folder contains no run to continue",
 }
 
 

@@ -14,8 +14,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import bess
-from bess.ems import read_profile
-from bess.policies import build_policy
+from bess.control.policies import build_policy
+from bess.dispatch import read_profile
 from bess.simulation.inputs import prepare
 from bess.study import Study, expand
 from bess.study.keys import parse_assignment

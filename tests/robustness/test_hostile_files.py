@@ -15,13 +15,13 @@ import pytest
 
 import bess
 from bess import files
+from bess.arrays import real_numbers
 from bess.cli import main
-from bess.components import read_ocv
-from bess.ems import Perfect, read_profile
-from bess.numbers import real_numbers
-from bess.policies import POLICIES
-from bess.policies.rule import RulePolicy
+from bess.control.policies import POLICIES
+from bess.control.policies.rule import RulePolicy
+from bess.dispatch import PerfectForecast, read_profile
 from bess.study import expand
+from bess.system.components import read_ocv
 
 QUICK = {"policy.name": "equal", "run.days": 0.25}
 READERS = {
@@ -235,7 +235,7 @@ def test_a_sweep_of_a_billion_points_is_refused_at_once(axis):
 def test_a_folder_of_an_impossible_name_is_refused(monkeypatch, capsys, tmp_path):
     for name in ("a\0b", "x" * 300, str(tmp_path / ("y" * 300))):
         for call in (bess.run, bess.run_scenarios):
-            with pytest.raises(bess.InputError, match="no folder for results"):
+            with pytest.raises(bess.InputError, match="not a results folder"):
                 call(bess.load_study("case1", QUICK), out=name, progress=False)
         code, _ = command(monkeypatch, capsys, "run", "case1", "--out", name, "--set", "policy.name=equal")
         assert code == 2
@@ -333,7 +333,7 @@ def test_arrays_that_are_no_real_numbers_are_refused(kind):
         lambda: plant.step(values, step_s=900.0),
         lambda: plant.step([1.0, 1.0], step_s=900.0, ambient_c=values),
         lambda: plant.run(values, step_s=900.0),
-        lambda: Perfect(values),
+        lambda: PerfectForecast(values),
         lambda: bess.inverter_from_efficiency(values, discharge=[95.0, 96.0], nominal_kw=9.0),
         lambda: bess.inverter_from_efficiency([0.1, 1.0], discharge=values, nominal_kw=9.0),
     ):

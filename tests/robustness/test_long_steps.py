@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import bess
-from bess.plant import Fleet
+from bess.plant import PlantEnsemble
 
 SYSTEM = bess.System.reference(2)
 
@@ -19,7 +19,7 @@ def test_a_control_step_lasts_a_day_at_most(step_s: float) -> None:
     calls: tuple[Any, ...] = (
         lambda: plant.step([1.0, 1.0], step_s),
         lambda: plant.run([[1.0, 1.0]], step_s),
-        lambda: Fleet(SYSTEM, [SYSTEM.initial_state()]).step([[1.0, 1.0]], step_s),
+        lambda: PlantEnsemble(SYSTEM, [SYSTEM.initial_state()]).step([[1.0, 1.0]], step_s),
     )
     for call in calls:
         with pytest.raises(bess.InputError, match=r"plant: control step .* s is outside \[10, 86400\] s"):

@@ -23,18 +23,18 @@ import pytest
 from test_mutations import FILES, outcome
 
 import bess
-from bess.components import read_ocv, read_resistance
-from bess.distil.search import first_weights
-from bess.ems import read_profile
-from bess.explicit import ExplicitController
-from bess.explicit.tables import Tables
+from bess.control.explicit import ExplicitController
+from bess.control.explicit.tables import Tables
+from bess.dispatch import read_profile
+from bess.edge.distil.search import first_weights
+from bess.edge.plant_io import Measurements
+from bess.edge.plant_io.journal import Journal, open_journal
 from bess.market.capacity_prices import read_capacity_prices
 from bess.market.frequency import read_frequency
-from bess.plants import Measurements
-from bess.plants.journal import Journal, open_journal
-from bess.record.checksums import CHECKSUMS
 from bess.report.runs import runs_in
 from bess.report.sweep_table import read_sweep
+from bess.simulation.record.checksums import CHECKSUMS
+from bess.system.components import read_ocv, read_resistance
 from power_cut import cut_off
 
 HOURS = pd.date_range("2024-03-29 23:00", periods=95, freq="h", tz="UTC")

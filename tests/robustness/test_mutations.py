@@ -24,9 +24,9 @@ import pytest
 from test_broken_inputs import STUDY, prepared
 
 import bess
-from bess.components.registry import CELLS, INVERTERS, SYSTEMS
-from bess.ems import read_profile
+from bess.dispatch import read_profile
 from bess.study import Study
+from bess.system.components.registry import CELLS, INVERTERS, SYSTEMS
 
 HOURS = pd.date_range("2024-03-29 23:00", periods=95, freq="h", tz="UTC")
 PRICES = np.round(60.0 + 80.0 * np.sin(np.arange(95.0)), 2)

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import bess
-from bess.ems import read_profile
-from bess.plant import Fleet
+from bess.dispatch import read_profile
+from bess.plant import PlantEnsemble
 
 SYSTEM = bess.System.reference(2)
 START = SYSTEM.initial_state()
@@ -30,7 +30,7 @@ def _warm(value: Any) -> None:
 CALLS: dict[str, Callable[[Any], Any]] = {
     "system": lambda value: bess.Plant(value, START),
     "state": lambda value: bess.Plant(SYSTEM, value),
-    "states": lambda value: Fleet(SYSTEM, value),
+    "states": lambda value: PlantEnsemble(SYSTEM, value),
     "derating_law": lambda value: bess.Plant(SYSTEM, START, derating_law=value),
     "request_kw": lambda value: bess.Plant(SYSTEM, START).step(value),
     "snapshot": lambda value: bess.Plant(SYSTEM, START).restore(value),

@@ -12,7 +12,7 @@ import pytest
 import xarray as xr
 
 import bess
-from bess.record.atomic import clear_errors
+from bess.simulation.record.atomic import clear_errors
 
 QUICK = {"policy.name": "equal", "run.days": 0.25}
 
@@ -34,7 +34,7 @@ def test_a_study_is_run_by_its_name_or_path(tmp_path):
     "value", [{}, None, 3, "results", xr.Dataset(), xr.Dataset({"a": ("x", [1])}), pd.DataFrame()]
 )
 def test_kpis_of_something_else_say_what_they_want(value):
-    with pytest.raises(bess.InputError, match=r"kpis needs what bess\.run or bess\.open_result gives.*not "):
+    with pytest.raises(bess.InputError, match=r"kpis needs a result of bess\.run or bess\.open_result.*not "):
         bess.kpis(value)
 
 
@@ -114,7 +114,7 @@ def test_reading_costs_a_small_multiple_of_splitting_the_text_into_cells(tmp_pat
     import csv
     import time
 
-    from bess.ems import read_profile
+    from bess.dispatch import read_profile
 
     rows = 60_000
     times = pd.date_range("2024-01-01", periods=rows, freq="min").strftime("%Y-%m-%d %H:%M:%S")
@@ -152,7 +152,7 @@ DEEP = {
 @pytest.mark.parametrize("kind", DEEP)
 @pytest.mark.parametrize("name", ["policy.json", "study.toml", "system.toml", "prices.json"])
 def test_nesting_without_an_end_is_refused_wherever_a_document_is_read(name, kind, tmp_path):
-    from bess.explicit import ExplicitController
+    from bess.control.explicit import ExplicitController
 
     path = tmp_path / name
     path.write_text(DEEP[kind] if name.endswith("json") else f"a = {DEEP[kind]}\n{DEEP['keys']}")
@@ -170,9 +170,9 @@ def test_nesting_without_an_end_is_refused_wherever_a_document_is_read(name, kin
 
 @pytest.mark.parametrize("name", ["run.json", "kpis.json", "log.jsonl", "study.toml"])
 def test_nesting_without_an_end_in_a_folder_of_results_is_refused_or_does_not_matter(name, tmp_path):
-    from bess.record.checksums import CHECKSUMS
     from bess.report.page import _title
     from bess.report.runs import runs_in
+    from bess.simulation.record.checksums import CHECKSUMS
 
     study = bess.load_study("case1", QUICK)
     bess.run(study, out=tmp_path, progress=False)
@@ -190,7 +190,7 @@ def test_a_part_of_a_giant_shape_is_damaged(tmp_path, monkeypatch):
     import io
     import zipfile
 
-    from bess.record.checksums import sealed, unsealed
+    from bess.simulation.record.checksums import sealed, unsealed
     from power_cut import cut_off
 
     study = bess.load_study("case1", QUICK)

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import bess
-from bess.plants import Measurements
-from bess.policies import Settings, build_policy
-from bess.serve.controller import Controller
-from bess.split.objectives import Objectives
-from bess.split.settings import SplitSettings
-from bess.study.sections import ServiceChoice
+from bess.control.policies import Settings, build_policy
+from bess.control.split.objectives import Objectives
+from bess.control.split.settings import SplitSettings
+from bess.edge.plant_io import Measurements
+from bess.edge.serve.controller import Controller
+from bess.study.sections import ServiceSection
 
 PLAN_STEPS = 8
 _AGES = itertools.count()
@@ -28,7 +28,7 @@ def controller(
     plant = bess.System.reference(n_strings) if system is None else system
     settings = Settings(0.25, PLAN_STEPS, SplitSettings(objectives=Objectives.energy()), plans=True)
     chosen = build_policy(policy, plant, settings)
-    return Controller(plant, chosen, ServiceChoice(**service), PLAN_STEPS, background=False)
+    return Controller(plant, chosen, ServiceSection(**service), PLAN_STEPS, background=False)
 
 
 def measured(

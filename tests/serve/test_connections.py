@@ -19,8 +19,8 @@ pytest.importorskip("fastapi")
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benches"))
 
-from bess.serve import connections
-from bess.serve.limits import LARGEST_BODY
+from bess.edge.serve import connections
+from bess.edge.serve.limits import LARGEST_BODY
 from service_load import Server
 
 pytestmark = pytest.mark.process

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bess.serve.constraints import Envelope, envelope, share
+from bess.edge.serve.constraints import Envelope, envelope, share
 
 POWER = st.floats(0.0, 100.0)
 SIGNED = st.floats(-100.0, 100.0)

@@ -31,11 +31,11 @@ def test_at_the_step_of_the_plan_the_answer_is_the_plan() -> None:
     live = controller(2)
     forecast = [60.0, 150.0, -40.0, -120.0, 0.0, 30.0]
     policy = controller(2).plan._policy
-    from bess.policies import Situation
+    from bess.control.policies import PolicyInput
 
     state = bess.State(soc=[0.6, 0.4], temperature_c=[25.0, 25.0])
     ahead = np.pad(forecast, (0, 2))
-    decision = policy(Situation(state, ahead, np.full(8, 25.0), np.full(2, 92.0)))
+    decision = policy(PolicyInput(state, ahead, np.full(8, 25.0), np.full(2, 92.0)))
     answer = live.step(measured([0.6, 0.4]), 60.0, 0.0, forecast_kw=forecast)
     np.testing.assert_allclose(answer.request_kw, decision.request_kw)
     assert answer.plan_kw.shape == (2, 6)
@@ -194,12 +194,12 @@ def test_settings_that_fit_no_plant_are_refused() -> None:
 
 def test_the_service_plans_with_the_model_of_the_study_as_a_run_does() -> None:
     pytest.importorskip("prometheus_client")
-    from bess.policies import Situation, build_policy
-    from bess.serve.service import build_controller
+    from bess.control.policies import PolicyInput, build_policy
+    from bess.edge.serve.service import build_controller
     from bess.study.policy_settings import policy_settings
 
     state = bess.State(soc=[0.7, 0.4], temperature_c=[30.0, 25.0])
-    situation = Situation(state, np.full(8, 100.0), np.full(8, 25.0), np.full(2, 92.0))
+    situation = PolicyInput(state, np.full(8, 100.0), np.full(8, 25.0), np.full(2, 92.0))
     requests = []
     for model in ("nonlinear", "linear"):
         study = bess.load_study("policies", {"policy.foresight_h": 2.0, "policy.model": model})

@@ -17,10 +17,10 @@ with warnings.catch_warnings():  # it prefers a successor of httpx
     from fastapi.testclient import TestClient
 
 from bess.cli import main
+from bess.edge.serve.app import build_app
+from bess.edge.serve.limits import Names, Rate, check_token, is_allowed, read_token
+from bess.edge.serve.service import Service
 from bess.errors import InputError
-from bess.serve.app import build_app
-from bess.serve.limits import Names, Rate, check_token, is_allowed, read_token
-from bess.serve.service import Service
 from bess.study import load_study
 
 TOKEN = "0123456789abcdef0123456789abcdef"

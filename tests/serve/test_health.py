@@ -16,11 +16,11 @@ with warnings.catch_warnings():  # it prefers a successor of httpx
     warnings.simplefilter("ignore")
     from fastapi.testclient import TestClient
 
-from test_cycle import Driven
+from test_control_loop import Driven
 
-from bess.plants import LinkError
-from bess.serve.app import Driven as AppDriven
-from bess.serve.app import build_app
+from bess.edge.plant_io import LinkError
+from bess.edge.serve.app import Driven as AppDriven
+from bess.edge.serve.app import build_app
 
 TOKEN = "0123456789abcdef0123456789abcdef"
 BEARER = {"Authorization": f"Bearer {TOKEN}"}

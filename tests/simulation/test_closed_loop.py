@@ -10,8 +10,8 @@ import pytest
 import xarray as xr
 
 import bess
-from bess.policies import POLICIES, Decision, Situation
-from bess.policies.rule import RulePolicy
+from bess.control.policies import POLICIES, Decision, PolicyInput
+from bess.control.policies.rule import RulePolicy
 
 
 def run(values: dict[str, Any] | None = None) -> bess.Result:
@@ -282,7 +282,7 @@ def test_a_plant_that_returns_no_number_ends_the_run(
 
 
 def test_a_policy_that_misses_the_demand_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    def half(policy: RulePolicy, situation: Situation) -> Decision:
+    def half(policy: RulePolicy, situation: PolicyInput) -> Decision:
         return Decision(np.full(2, situation.demand_kw[0] / 4.0))
 
     monkeypatch.setattr(RulePolicy, "__call__", half)

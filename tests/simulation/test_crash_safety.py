@@ -21,10 +21,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import bess
-import bess.record.identity as identity_module
+import bess.simulation.record.provenance as identity_module
 import bess.simulation.runner as run_module
-from bess.record.codec import pack, unpack
-from bess.record.store import Lock
+from bess.simulation.record.codec import pack, unpack
+from bess.simulation.record.store import Lock
 from bess.study import Study
 from power_cut import PowerCut, cut_off
 
@@ -90,9 +90,9 @@ def test_a_run_that_is_stopped_without_a_folder_says_once_that_nothing_is_kept(
         return step(plant, *arguments, **options)
 
     monkeypatch.setattr(bess.Plant, "step", interrupted)
-    with pytest.raises(bess.StoppedEarly, match="nothing is kept") as caught:
+    with pytest.raises(bess.StoppedEarly, match="results not saved") as caught:
         bess.run(short, progress=False)
-    assert "saved" not in "".join(traceback.format_exception(caught.value))
+    assert "is saved" not in "".join(traceback.format_exception(caught.value))
 
 
 def test_an_optimised_run_continues_to_the_same_bits(
@@ -320,7 +320,7 @@ def test_a_changed_version_is_refused_on_resume(
     short: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     begun(short, tmp_path / "run", monkeypatch)
-    monkeypatch.setattr("bess.record.identity.__version__", "99.0")
+    monkeypatch.setattr("bess.simulation.record.provenance.__version__", "99.0")
     with pytest.raises(bess.InputError, match=r'version: ".*" -> "99\.0"'):
         bess.run(short, progress=False, out=tmp_path / "run", resume=True)
 
@@ -330,14 +330,14 @@ def test_edited_code_is_refused_on_resume_naming_the_file(
 ) -> None:
     begun(short, tmp_path / "run", monkeypatch)
     package = Path(bess.__file__).parent
-    policy = package / "policies" / "soc.py"
-    assert {"policies/soc.py", "plant/plant.py"} < set(identity_module._code())
+    policy = package / "control" / "policies" / "soc.py"
+    assert {"control/policies/soc.py", "plant/plant.py"} < set(identity_module._code())
     assert any(name.startswith("_core") for name in identity_module._code())
     original = identity_module._sha256
     monkeypatch.setattr(
         identity_module, "_sha256", lambda path: "edited" if path == policy else original(path)
     )
-    with pytest.raises(bess.InputError, match=r'code\.policies/soc\.py: "[0-9a-f]{16}" -> "edited"'):
+    with pytest.raises(bess.InputError, match=r'code\.control/policies/soc\.py: "[0-9a-f]{16}" -> "edited"'):
         bess.run(short, progress=False, out=tmp_path / "run", resume=True)
 
 
@@ -370,9 +370,9 @@ def test_an_unfinished_run_needs_resume_and_a_finished_one_is_opened(
 
 def test_a_folder_with_other_things_is_left_alone(short: Study, tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("years of work")
-    with pytest.raises(bess.InputError, match=r"holds 'thesis\.tex' and no run"):
+    with pytest.raises(bess.InputError, match=r"holds 'thesis\.tex' but no run"):
         bess.run(short, progress=False, out=tmp_path)
-    with pytest.raises(bess.InputError, match="is no folder for results"):
+    with pytest.raises(bess.InputError, match="is not a results folder"):
         bess.run(short, progress=False, out=tmp_path / "thesis.tex")
 
 

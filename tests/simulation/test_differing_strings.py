@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import bess
-from bess.record import Result
 from bess.report import charts
 from bess.report.contents import comparison
 from bess.report.runs import Run, runs_in
 from bess.report.words.summary import summary
+from bess.simulation.record import Result
 from bess.study.scenarios import expand
 
 STUDY = bess.load_study("differing")

@@ -6,21 +6,22 @@ import numpy as np
 import pytest
 
 import bess
-from bess.ems import AwareDispatch, Perfect, Persistence
-from bess.parameters.terms import Terms
-from bess.simulation.demand import AwarePlanner, MarketPlan, Now
+from bess.dispatch import DynamicProgramDispatch, PerfectForecast, PersistenceForecast
+from bess.simulation.demand import AwarePlanner, MarketPlan, StepInputs, Stored
+from bess.system.terms import SettlementTerms
 
 LOOK_AHEAD, COMPARE = 144, 12
 PRICES = 60.0 - 40.0 * np.cos(np.arange(480) * 0.25 * 2 * np.pi / 12.0)
 SYSTEM = bess.System.reference(2)
+NOTHING = Stored(0.0, 0.0)
 
 
 def planner(
     prices: np.ndarray = PRICES, *, perfect: bool = True, replan_steps: int | None = None
 ) -> AwarePlanner:
     return AwarePlanner(
-        AwareDispatch(SYSTEM, 0.25, Terms()),
-        Perfect(prices) if perfect else Persistence(prices),
+        DynamicProgramDispatch(SYSTEM, 0.25, SettlementTerms()),
+        PerfectForecast(prices) if perfect else PersistenceForecast(prices),
         np.arange(prices.size) // 96,
         look_ahead_steps=LOOK_AHEAD,
         replan_steps=replan_steps,
@@ -29,13 +30,15 @@ def planner(
     )
 
 
-def now(soc: float = 0.5, temperature_c: float = 25.0, limit_kw: tuple[float, float] = (92.0, 92.0)) -> Now:
-    return Now(bess.State([soc] * 2, [temperature_c] * 2), np.array(limit_kw), np.full(480, 25.0))
+def now(
+    soc: float = 0.5, temperature_c: float = 25.0, limit_kw: tuple[float, float] = (92.0, 92.0)
+) -> StepInputs:
+    return StepInputs(bess.State([soc] * 2, [temperature_c] * 2), np.array(limit_kw), np.full(480, 25.0))
 
 
-def as_planned(plan: MarketPlan, age: int) -> Now:
+def as_planned(plan: MarketPlan, age: int) -> StepInputs:
     """The state in which the plan has the plant, both strings alike."""
-    dispatch = AwareDispatch(SYSTEM, 0.25, Terms())
+    dispatch = DynamicProgramDispatch(SYSTEM, 0.25, SettlementTerms())
     grid = np.linspace(0.0, 1.0, 2001)
     limit_kw = np.array([92.0, 92.0])
     energy = [dispatch.condition(bess.State([soc] * 2, [25.0] * 2), limit_kw)[0] for soc in grid]
@@ -45,14 +48,14 @@ def as_planned(plan: MarketPlan, age: int) -> Now:
 
 def test_a_plan_is_kept_while_all_comes_as_it_counted_on() -> None:
     aware = planner()
-    plan = aware.plan(0, now(), 0.0, 0.0)
+    plan = aware.plan(0, now(), NOTHING)
     assert not any(aware.is_due(age, as_planned(plan, age), plan) for age in (1, COMPARE - 1, COMPARE))
     assert aware.is_due(LOOK_AHEAD // 6, as_planned(plan, LOOK_AHEAD // 6), plan)
 
 
 def test_an_inverter_that_fails_or_returns_makes_a_new_plan_at_once() -> None:
     aware = planner()
-    plan = aware.plan(0, now(), 0.0, 0.0)
+    plan = aware.plan(0, now(), NOTHING)
     assert aware.is_due(1, now(limit_kw=(92.0, 0.0)), plan)
     assert aware.is_due(1, now(), replace(plan, limit_kw=np.array([92.0, 0.0])))
 
@@ -60,7 +63,7 @@ def test_an_inverter_that_fails_or_returns_makes_a_new_plan_at_once() -> None:
 @pytest.mark.parametrize("off", [{"soc": 0.1}, {"temperature_c": 5.0}])
 def test_a_plant_that_is_elsewhere_makes_a_new_plan_when_it_is_looked_at(off: dict[str, float]) -> None:
     aware = planner()
-    plan = aware.plan(0, now(), 0.0, 0.0)
+    plan = aware.plan(0, now(), NOTHING)
     there = as_planned(plan, COMPARE).state
     soc, temperature_c = float(there.soc[0]), float(there.temperature_c[0])
     soc += off.get("soc", 0.0) * (1.0 if soc < 0.5 else -1.0)
@@ -72,13 +75,13 @@ def test_a_plant_that_is_elsewhere_makes_a_new_plan_when_it_is_looked_at(off: di
 def test_prices_that_are_foreseen_otherwise_make_a_new_plan() -> None:
     prices = PRICES + 20.0 * (np.arange(480) >= 96)  # yesterday was another day
     aware = planner(prices, perfect=False)
-    plan = aware.plan(96, now(), 0.0, 0.0)
+    plan = aware.plan(96, now(), NOTHING)
     assert aware.is_due(96 + COMPARE, as_planned(plan, COMPARE), plan)
 
 
 def test_with_a_period_only_the_period_counts() -> None:
     aware = planner(replan_steps=4)
-    plan = aware.plan(0, now(), 0.0, 0.0)
+    plan = aware.plan(0, now(), NOTHING)
     assert [aware.is_due(step, now(0.9, 40.0, (92.0, 0.0)), plan) for step in (3, 4, 5, 8)] == [
         False, True, False, True,
     ]  # fmt: skip

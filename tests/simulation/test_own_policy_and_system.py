@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import bess
-from bess.policies import POLICIES, Decision, Settings, Situation, registry
-from bess.policies.rule import RulePolicy
+from bess.control.policies import POLICIES, Decision, PolicyInput, Settings, registry
+from bess.control.policies.rule import RulePolicy
 
 SHORT = {"run.days": 0.5}
 
 
-def half_each(situation: Situation) -> np.ndarray:
+def half_each(situation: PolicyInput) -> np.ndarray:
     return np.full(2, situation.demand_kw[0] / 2)
 
 
@@ -27,7 +27,7 @@ class Counted:
     def __init__(self) -> None:
         self.steps = 0
 
-    def __call__(self, situation: Situation) -> Decision:
+    def __call__(self, situation: PolicyInput) -> Decision:
         request = np.zeros(2)
         request[self.steps % 2] = situation.demand_kw[0]
         self.steps += 1
@@ -50,7 +50,7 @@ def test_a_function_is_a_policy_and_the_record_names_it(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("small_kw", [3.6e-15, 4e-4])
 def test_no_policy_asks_an_inverter_for_less_than_its_least_power(small_kw: float) -> None:
-    def nearly_all_on_one(situation: Situation) -> np.ndarray:
+    def nearly_all_on_one(situation: PolicyInput) -> np.ndarray:
         demand_kw = situation.demand_kw[0]
         small = np.copysign(min(small_kw, abs(demand_kw)), demand_kw)
         return np.array([demand_kw - small, small])
@@ -79,8 +79,8 @@ def test_a_system_takes_the_place_of_that_of_the_study_and_its_initial_values_st
 @pytest.mark.parametrize(
     ("policy", "message"),
     [
-        (3.0, "policy: float cannot be called"),
-        ("equal", "policy = 'equal': a policy that has a name is the study's"),
+        (3.0, "policy: float is not callable"),
+        ("equal", "policy = 'equal': set named policies in the study"),
         (
             type("Half", (), {"__call__": lambda _, s: s, "memory": dict})(),
             "has memory, but no recall, statuses",
@@ -99,7 +99,7 @@ def plug_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     """A package beside this one, as pip would install it."""
     (tmp_path / "three_to_one.py").write_text(
         "import numpy as np\n"
-        "from bess.policies.rule import RulePolicy, water_fill\n"
+        "from bess.control.policies.rule import RulePolicy, water_fill\n"
         "def build(system, settings):\n"
         "    weights = np.array([3.0, 1.0])\n"
         "    share = lambda system, asked: water_fill(asked.demand_kw, weights, asked.capability_kw)\n"
@@ -118,7 +118,7 @@ def plug_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
 
 def test_a_policy_of_another_package_is_found_by_its_entry_point(plug_in: str) -> None:
     assert registry.plug_ins()[plug_in] == EntryPoint(plug_in, "three_to_one:build", "bess.policies")
-    policy = bess.policies.build_policy(plug_in, bess.System.reference(2), Settings())
+    policy = bess.control.policies.build_policy(plug_in, bess.System.reference(2), Settings())
     assert isinstance(policy, RulePolicy)
     from bess.cli.listing import listing
 
@@ -130,8 +130,8 @@ def test_a_policy_of_another_package_is_found_by_its_entry_point(plug_in: str) -
 
 def test_a_plug_in_that_cannot_be_loaded_is_said(plug_in: str) -> None:
     with pytest.raises(bess.InputError, match="plug-in three_to_one:nothing fails: AttributeError"):
-        bess.policies.build_policy("broken", bess.System.reference(2), Settings())
+        bess.control.policies.build_policy("broken", bess.System.reference(2), Settings())
     with pytest.raises(
         bess.InputError, match=f"no such policy; allowed: {', '.join(POLICIES)}, broken, uneven"
     ):
-        bess.policies.build_policy("coldest", bess.System.reference(2), Settings())
+        bess.control.policies.build_policy("coldest", bess.System.reference(2), Settings())

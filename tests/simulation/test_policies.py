@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as stn
 
 import bess
-from bess.policies import POLICIES, Settings, Situation, build_policy
-from bess.policies.capability import Capability
-from bess.policies.rule import water_fill
+from bess.control.policies import POLICIES, PolicyInput, Settings, build_policy
+from bess.control.policies.capability import Capability
+from bess.control.policies.rule import water_fill
 
 SYSTEMS = {n: bess.System.reference(n_strings=n) for n in (1, 2, 3, 5)}
 WITHOUT_FILE = [name for name in POLICIES if name != "distilled"]  # that is tried in tests/distil
@@ -22,9 +22,9 @@ def situation(
     demand_kw: float,
     temperature_c: list[float] | None = None,
     limit_kw: list[float] | None = None,
-) -> Situation:
+) -> PolicyInput:
     system = SYSTEMS[len(soc)]
-    return Situation(
+    return PolicyInput(
         state=bess.State(soc, temperature_c or [25.0] * len(soc)),
         demand_kw=np.array([demand_kw, 0.0]),
         ambient_c=25.0,
@@ -33,20 +33,20 @@ def situation(
 
 
 @st.composite
-def situations(draw: st.DrawFn) -> Situation:
+def situations(draw: st.DrawFn) -> PolicyInput:
     n = draw(st.sampled_from(list(SYSTEMS)))
     soc = draw(stn.arrays(float, n, elements=st.floats(0.0, 1.0)))
     temperature_c = draw(stn.arrays(float, n, elements=st.floats(0.0, 70.0)))
     limit_kw = draw(stn.arrays(float, n, elements=st.sampled_from([0.0, 30.0, 92.0])))
     total = float(limit_kw.sum())
     demand_kw = draw(st.floats(-1.0, 1.0)) * total
-    return Situation(bess.State(soc, temperature_c), np.array([demand_kw, 0.0]), 25.0, limit_kw)
+    return PolicyInput(bess.State(soc, temperature_c), np.array([demand_kw, 0.0]), 25.0, limit_kw)
 
 
 @pytest.mark.parametrize("name", RULES)
 @given(case=situations())
 @settings(max_examples=100, deadline=None)
-def test_requests_sum_to_the_demand_in_one_direction_within_the_limits(name: str, case: Situation) -> None:
+def test_requests_sum_to_the_demand_in_one_direction_within_the_limits(name: str, case: PolicyInput) -> None:
     request_kw = build_policy(name, SYSTEMS[case.state.n_strings], Settings(DT_H))(case).request_kw
     system = SYSTEMS[case.state.n_strings]
     # No set-point is below the least power, so no demand can be met that is.
@@ -61,22 +61,22 @@ def test_requests_sum_to_the_demand_in_one_direction_within_the_limits(name: str
 @pytest.mark.parametrize("name", RULES)
 @given(case=situations())
 @settings(max_examples=100, deadline=None)
-def test_no_string_is_overcharged_while_another_could_take_more(name: str, case: Situation) -> None:
+def test_no_string_is_overcharged_while_another_could_take_more(name: str, case: PolicyInput) -> None:
     system = SYSTEMS[case.state.n_strings]
     request_kw = np.abs(build_policy(name, system, Settings(DT_H))(case).request_kw)
-    able_kw = np.minimum(Capability(system, DT_H)(case, bool(case.demand_kw[0] > 0.0)), case.limit_kw)
-    beyond = request_kw > able_kw + 1e-9
-    assert not beyond.any() or (request_kw >= able_kw - 1e-9).all()
+    sustainable_kw = np.minimum(Capability(system, DT_H)(case, bool(case.demand_kw[0] > 0.0)), case.limit_kw)
+    beyond = request_kw > sustainable_kw + 1e-9
+    assert not beyond.any() or (request_kw >= sustainable_kw - 1e-9).all()
 
 
 @pytest.mark.parametrize("name", [rule for rule in RULES if rule != "priority"])
 @given(case=situations(), seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=50, deadline=None)
-def test_permuting_equal_strings_permutes_the_requests(name: str, case: Situation, seed: int) -> None:
+def test_permuting_equal_strings_permutes_the_requests(name: str, case: PolicyInput, seed: int) -> None:
     policy = build_policy(name, SYSTEMS[case.state.n_strings], Settings(DT_H))
     order = np.random.default_rng(seed).permutation(case.state.n_strings)
     state = bess.State(case.state.soc[order], case.state.temperature_c[order])
-    permuted = Situation(state, case.demand_kw, case.ambient_c, case.limit_kw[order])
+    permuted = PolicyInput(state, case.demand_kw, case.ambient_c, case.limit_kw[order])
     np.testing.assert_allclose(
         policy(permuted).request_kw, policy(case).request_kw[order], rtol=1e-12, atol=1e-9
     )
@@ -102,7 +102,7 @@ def test_a_policy_goes_on_from_its_memory(name: str) -> None:
         np.testing.assert_array_equal(first(case).request_kw, second(case).request_kw)
 
 
-def request(name: str, case: Situation) -> list[float]:
+def request(name: str, case: PolicyInput) -> list[float]:
     values = build_policy(name, SYSTEMS[case.state.n_strings], Settings(DT_H))(case).request_kw
     return [round(float(value), 9) for value in values]
 

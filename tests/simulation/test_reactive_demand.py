@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import bess
+from bess.control.policies import Decision, PolicyInput
+from bess.control.policies.reactive import shared_at_least_loss, shared_equally
 from bess.errors import BessError, InputError, StoppedEarly
-from bess.policies import Decision, Situation
-from bess.policies.reactive import shared_at_least_loss, shared_equally
 from bess.report import charts
 from bess.simulation import closed_loop
 
@@ -154,7 +154,7 @@ def test_a_string_out_of_service_carries_none() -> None:
 
 
 def test_a_policy_of_ones_own_may_share_it_or_leave_it() -> None:
-    def halves(situation: Situation) -> Decision:
+    def halves(situation: PolicyInput) -> Decision:
         assert (
             situation.reactive_kvar is not None and situation.reactive_kvar.shape == situation.demand_kw.shape
         )
@@ -194,13 +194,13 @@ def test_an_interrupted_run_goes_on_bit_by_bit(tmp_path: Path, monkeypatch: pyte
     [
         (
             {"policy.mode": "certified", "policy.horizon_steps": 4},
-            "a certified split knows no reactive power; let mpc plan",
+            "a certified split does not support reactive power; let mpc plan",
         ),
         (
             {"policy.mode": "certified", "policy.objectives.kind": "paper"},
-            "a certified split knows no reactive power",
+            "a certified split does not support reactive power",
         ),
-        ({"policy.name": "distilled"}, "knows no reactive power; use mpc or a rule"),
+        ({"policy.name": "distilled"}, "does not support reactive power; use mpc or a rule"),
         (
             {"reactive.power_factor": 0.9},
             "give one of kvar, power_factor and file, not kvar and power_factor",
@@ -215,13 +215,13 @@ def test_who_knows_no_reactive_power_says_so(values: dict[str, Any], said: str) 
 
 
 def test_hindsight_distillation_and_the_service_refuse_it() -> None:
-    from bess.distil.distillation import distil
-    from bess.serve.run import serve
+    from bess.edge.distil.distillation import distil
+    from bess.edge.serve.run import serve
 
     study = _study(kvar=30.0)
     with pytest.raises(InputError, match="hindsight: this run carried reactive power"):
         bess.hindsight(bess.run(study, progress=False))
-    with pytest.raises(InputError, match="an explicit controller knows no reactive power"):
+    with pytest.raises(InputError, match="an explicit controller does not support reactive power"):
         distil(study)
-    with pytest.raises(InputError, match="the service knows no reactive power"):
+    with pytest.raises(InputError, match="the service does not support reactive power"):
         serve(study)

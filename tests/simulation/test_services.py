@@ -10,12 +10,20 @@ import pytest
 from scipy.optimize import linprog
 
 import bess
-from bess.analysis.settlement import COSTS
-from bess.ems import Level, Recharge, Store, Window, bundled_profile, droop_response, least_peak_kw
+from bess.dispatch import (
+    EnergyWindow,
+    GridPowerTarget,
+    RechargeScheduler,
+    Store,
+    bundled_profile,
+    droop_response,
+    min_peak_kw,
+)
 from bess.errors import InputError
 from bess.market import read_capacity_prices, read_frequency
 from bess.report import charts
 from bess.simulation import runner
+from bess.simulation.analysis.settlement import COSTS
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 FREQUENCY = DATA / "bess" / "frequency_france_2019_05_10s.csv.zip"
@@ -82,17 +90,17 @@ def test_a_control_step_asks_for_the_mean_response_within_it(step_min: float, tm
 
 
 def test_the_required_window_holds_the_reserve_for_its_duration_in_both_directions() -> None:
-    window = Window.of(120.0, 15.0, 500.0, 0.9)
+    window = EnergyWindow.of(120.0, 15.0, 500.0, 0.9)
     assert window.low_kwh * 0.9 == pytest.approx(120.0 * 0.25)
     assert (500.0 - window.high_kwh) / 0.9 == pytest.approx(120.0 * 0.25)
-    assert window.able_kw(120.0, window.low_kwh, 500.0) == pytest.approx(120.0)
-    assert window.able_kw(120.0, window.low_kwh / 2.0, 500.0) == pytest.approx(60.0)
-    assert window.able_kw(120.0, 500.0, 500.0) == 0.0
+    assert window.sustainable_kw(120.0, window.low_kwh, 500.0) == pytest.approx(120.0)
+    assert window.sustainable_kw(120.0, window.low_kwh / 2.0, 500.0) == pytest.approx(60.0)
+    assert window.sustainable_kw(120.0, 500.0, 500.0) == 0.0
 
 
 def test_a_recharge_is_agreed_on_ahead_and_reaches_the_band_at_the_end_of_its_slot() -> None:
-    recharge = Recharge(power_kw=50.0, lead_steps=2, slot_steps=1, dt_h=0.25, one_way=0.9)
-    band, held, shifts = Window(100.0, 300.0), 95.5, []
+    recharge = RechargeScheduler(power_kw=50.0, lead_steps=2, slot_steps=1, dt_h=0.25, one_way=0.9)
+    band, held, shifts = EnergyWindow(100.0, 300.0), 95.5, []
     for step in range(6):
         shift = recharge.advance(step, held, band)
         held += -shift * 0.25 * 0.9 if shift < 0 else -shift * 0.25 / 0.9
@@ -143,9 +151,9 @@ def test_a_store_that_was_only_charged_shows_its_round_trip_as_well() -> None:
 
 
 def test_more_reserve_than_the_plant_holds_is_refused() -> None:
-    with pytest.raises(InputError, match=r"for demand\.duration_min = 240 min .* reserve less"):
+    with pytest.raises(InputError, match=r"for demand\.duration_min = 240 min .* reduce the reserve"):
         outcome("fcr", demand__duration_min=240.0)
-    with pytest.raises(InputError, match="leave nothing of the 184 kW of the plant; reserve less"):
+    with pytest.raises(InputError, match="leave no power of the 184 kW of the plant; reduce the reserve"):
         outcome("fcr", demand__capacity_kw=180.0)
 
 
@@ -309,19 +317,19 @@ def test_whatever_round_trip_is_assumed_plans_behind_a_meter_lose_the_same_and_l
 def test_the_least_peak_by_hand() -> None:
     """40 kWh and 30 kW shave the hour of 100 kW to 70 kW for power, two of them to 80 kW for energy."""
     numbers = {"power_kw": 30.0, "full_kwh": 40.0, "held_kwh": 40.0, "one_way": 1.0}
-    assert least_peak_kw(np.array([50.0, 100.0, 50.0]), 1.0, **numbers) == pytest.approx(70.0)
-    assert least_peak_kw(np.array([50.0, 100.0, 100.0]), 1.0, **numbers) == pytest.approx(80.0)
-    assert least_peak_kw(np.array([100.0, 100.0]), 1.0, **(numbers | {"one_way": 0.5})) == pytest.approx(90.0)
+    assert min_peak_kw(np.array([50.0, 100.0, 50.0]), 1.0, **numbers) == pytest.approx(70.0)
+    assert min_peak_kw(np.array([50.0, 100.0, 100.0]), 1.0, **numbers) == pytest.approx(80.0)
+    assert min_peak_kw(np.array([100.0, 100.0]), 1.0, **(numbers | {"one_way": 0.5})) == pytest.approx(90.0)
 
 
 def test_a_store_asks_for_no_more_than_it_holds_or_has_room_for() -> None:
-    level = Level(level_kw=0.0, power_kw=50.0, full_kwh=100.0, one_way=0.5, dt_h=1.0)
+    level = GridPowerTarget(level_kw=0.0, power_kw=50.0, full_kwh=100.0, one_way=0.5, dt_h=1.0)
     np.testing.assert_allclose(level.demand_kw(np.array([60.0, 60.0, 60.0]), 120.0), [50.0, 10.0, 0.0])
     np.testing.assert_allclose(level.demand_kw(np.array([-60.0, -60.0, -9.0]), 70.0), [-50.0, -10.0, 0.0])
 
 
 def test_the_last_bit_of_a_store_is_left_where_inverters_would_lose_more() -> None:
-    level = Level(level_kw=0.0, power_kw=50.0, full_kwh=100.0, one_way=1.0, dt_h=1.0, least_kw=4.0)
+    level = GridPowerTarget(level_kw=0.0, power_kw=50.0, full_kwh=100.0, one_way=1.0, dt_h=1.0, least_kw=4.0)
     np.testing.assert_allclose(level.demand_kw(np.array([-60.0, 60.0, 60.0]), 97.0), [0.0, 50.0, 47.0])
     np.testing.assert_allclose(level.demand_kw(np.array([2.0, -3.0]), 50.0), [2.0, -3.0])
 
@@ -383,7 +391,7 @@ def test_a_service_names_bundled_files_only_if_there_are_such() -> None:
 
 def test_the_bundled_profile_of_48_h_is_no_load() -> None:
     assert bundled_profile("two-cycle-48h").size == 192
-    with pytest.raises(InputError, match="nothing bundled is called so"):
+    with pytest.raises(InputError, match="no bundled item has this name"):
         outcome("peak-shaving", demand__load="two-cycle-48h")
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import bess
-from bess.policies.simplified import simplified
+from bess.control.policies.simplified import simplified
 from bess.study.scenarios import expand
 
 SYSTEMS = ("reference", "unequal-4", "mixed-4", "cornejo-180")

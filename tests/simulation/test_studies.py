@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import bess
-from bess.policies import POLICIES
-from bess.simulation.demand import Now
+from bess.control.policies import POLICIES
+from bess.simulation.demand import StepInputs
 from bess.simulation.inputs import prepare
 from bess.study import bundled_studies, expand
 from bess.study.keys import parse_assignment
@@ -125,7 +125,7 @@ def test_initial_values_are_one_for_all_strings_or_one_for_each() -> None:
 def test_bad_values_are_refused_with_key_value_and_what_is_allowed(
     values: dict[str, Any], expected: str
 ) -> None:
-    from bess.policies import build_policy
+    from bess.control.policies import build_policy
     from bess.study.policy_settings import policy_settings
 
     with pytest.raises(bess.InputError) as caught:
@@ -142,7 +142,7 @@ def test_bad_values_are_refused_with_key_value_and_what_is_allowed(
         ("[demand]\nfle = 'x'\n", "demand.fle: unknown key; did you mean 'demand.file'?"),
         (
             "[demand]\nfile = 'x'\n[zz]\nqq = 1\n",
-            "zz.qq: unknown key; allowed: demand, event, name, output, policy",
+            "zz.qq: unknown key; allowed: budget, demand, event, name, output, policy",
         ),
         ("[demand]\nfile = 'x'\n[run]\nstart = 2024-01-01\n", "run.start = 2024-01-01: has no time zone"),
         ("[demnd]\nfile = 'x'\n", "demnd.file: unknown key; did you mean 'demand.file'?"),
@@ -220,7 +220,7 @@ def test_a_broken_assignment_is_refused(text: str) -> None:
 
 def test_a_profile_that_repeats_starts_again_at_its_end() -> None:
     inputs = prepare(bess.load_study("case1", {"run.days": 5, "demand.repeat": True}))
-    now = Now(inputs.system.initial_state(), inputs.limit_kw[0], inputs.ambient_c)
+    now = StepInputs(inputs.system.initial_state(), inputs.limit_kw[0], inputs.ambient_c)
     values = np.array([inputs.demand.ahead(step, 1, now)[0] for step in range(inputs.grid.n_steps)])
     np.testing.assert_array_equal(values[192:384], values[:192])
     assert values.max() == 78.0 and values.min() == -78.0

@@ -18,8 +18,10 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-TREE, BOUNDS = (f"python/bess/split/{name}.py" for name in ("tree", "bounds"))
-CONIC, DATA, GROUP = (f"python/bess/split/relaxation/{name}.py" for name in ("conic", "data", "group"))
+TREE, BOUNDS = (f"python/bess/control/split/{name}.py" for name in ("tree", "bounds"))
+CONIC, DATA, GROUP = (
+    f"python/bess/control/split/relaxation/{name}.py" for name in ("conic", "data", "group")
+)
 ENVELOPE = "python/bess/convexity.py"
 REACH = "rust/bess-control/src/reach"
 ONE_STEP = "rust/bess-control/src/one_step"
@@ -118,15 +120,15 @@ RUST = [
     ("least cost: nothing is shed", f"{REACH}/step_bounds.rs", "used_up_w.min(most_w[t]).min(left_w)", "0.0 * used_up_w.min(most_w[t]).min(left_w)"),
     ("hull: the plane is not lifted", f"{REACH}/planes.rs", "corners.iter().map(offset).fold(f64::NEG_INFINITY, f64::max)", "corners.iter().map(offset).fold(f64::INFINITY, f64::min)"),
     ("hull: the derating line is not lowered", f"{REACH}/planes.rs", "fold(f64::INFINITY, f64::min);\n        Planes", "fold(f64::NEG_INFINITY, f64::max);\n        Planes"),
-    ("confine: values of the state are not paid back", f"{REACH}/confine/horizon_bound.rs", "horizon_bound.bound -= worth;", "horizon_bound.bound -= 0.5 * worth;"),
-    ("confine: warmth fades twice", f"{REACH}/confine/horizon_bound.rs", "idle_c = keep * idle_c + (1.0 - keep)", "idle_c = keep * keep * idle_c + (1.0 - keep)"),
-    ("confine: the constant of an inverter is left out", f"{REACH}/confine/horizon_bound.rs", "constant += costs.battery * self.operating.heat_w", "constant += 0.0 * costs.battery * self.operating.heat_w"),
-    ("confine: the constant goes with the least heat", f"{REACH}/confine/horizon_bound.rs", "heat_w[self.operating.cell(m, t)].high;", "heat_w[self.operating.cell(m, t)].low;"),
-    ("confine: charge at the wrong end of the voltage", f"{REACH}/confine/horizon_bound.rs", "Direction::Discharge => (-per_volt, [v.high, v.low])", "Direction::Discharge => (-per_volt, [v.low, v.high])"),
-    ("confine: shedding saves nothing", f"{REACH}/confine/mod.rs", "(horizon_bound.bound - horizon_bound.saved(shed_budget_w, cheapest_shed), horizon_bound)", "(horizon_bound.bound, horizon_bound)"),
-    ("confine: the slack is halved", f"{REACH}/confine/mod.rs", "let slack = cutoff - bound + ROUNDING * cutoff;", "let slack = 0.2 * (cutoff - bound);"),
-    ("tightening: the price is left out", f"{REACH}/confine/tightening.rs", "bound: price * demand_w + parts.iter().sum::<f64>()", "bound: 1.01 * price * demand_w + parts.iter().sum::<f64>()"),
-    ("tightening: a string is narrowed by half of its reach", f"{REACH}/confine/tightening.rs", "sum += with_slack.min(alone[t].high);", "sum += with_slack.min(0.5 * alone[t].high);"),
+    ("bound tightening: values of the state are not paid back", f"{REACH}/bound_tightening/horizon_bound.rs", "horizon_bound.bound -= worth;", "horizon_bound.bound -= 0.5 * worth;"),
+    ("bound tightening: warmth fades twice", f"{REACH}/bound_tightening/horizon_bound.rs", "idle_c = keep * idle_c + (1.0 - keep)", "idle_c = keep * keep * idle_c + (1.0 - keep)"),
+    ("bound tightening: the constant of an inverter is left out", f"{REACH}/bound_tightening/horizon_bound.rs", "constant += costs.battery * self.operating.heat_w", "constant += 0.0 * costs.battery * self.operating.heat_w"),
+    ("bound tightening: the constant goes with the least heat", f"{REACH}/bound_tightening/horizon_bound.rs", "heat_w[self.operating.cell(m, t)].high;", "heat_w[self.operating.cell(m, t)].low;"),
+    ("bound tightening: charge at the wrong end of the voltage", f"{REACH}/bound_tightening/horizon_bound.rs", "Direction::Discharge => (-per_volt, [v.high, v.low])", "Direction::Discharge => (-per_volt, [v.low, v.high])"),
+    ("bound tightening: shedding saves nothing", f"{REACH}/bound_tightening/mod.rs", "(horizon_bound.bound - horizon_bound.saved(shed_budget_w, cheapest_shed), horizon_bound)", "(horizon_bound.bound, horizon_bound)"),
+    ("bound tightening: the slack is halved", f"{REACH}/bound_tightening/mod.rs", "let slack = cutoff - bound + ROUNDING * cutoff;", "let slack = 0.2 * (cutoff - bound);"),
+    ("tightening: the price is left out", f"{REACH}/bound_tightening/tightening.rs", "bound: price * demand_w + parts.iter().sum::<f64>()", "bound: 1.01 * price * demand_w + parts.iter().sum::<f64>()"),
+    ("tightening: a string is narrowed by half of its reach", f"{REACH}/bound_tightening/tightening.rs", "sum += with_slack.min(alone[t].high);", "sum += with_slack.min(0.5 * alone[t].high);"),
     ("certificate: the budget of the first group is its bound", f"{REACH}/certificate.rs", "*budget_w = budget_w.min(ceiling / cheapest);", "*budget_w = budget_w.min(0.0 * ceiling / cheapest);"),
     ("one step: pruned too early", f"{ONE_STEP}/solve.rs", "best.bound - GAP * best.bound.abs() || n_nodes == 0", "0.9 * best.bound || n_nodes == 0"),
     ("one step: what is set aside has no bound", f"{ONE_STEP}/solve.rs", "best.bound = best.bound.min(floor);", ""),
@@ -145,11 +147,11 @@ RUST = [
     ("reach: the weakest limit is the strongest", f"{REACH}/cell.rs", "low: largest(v.low, r.high, room.low)", "low: largest(v.high, r.low, room.low)"),
     ("reach: parts of a box are left out", f"{REACH}/cell.rs", "fold(Cell::NONE, |all, cell| all.union(&cell))", "fold(Cell::NONE, |_, cell| cell)"),
     ("least cost: shedding is paid twice", f"{REACH}/step_bounds.rs", "let saved = (shed_slope - shed_cost).max(0.0);", "let saved = (shed_slope - 2.0 * shed_cost).max(0.0);"),
-    ("confine: shedding saves half", f"{REACH}/confine/horizon_bound.rs", "saved += slope * shed_w;", "saved += 0.5 * slope * shed_w;"),
-    ("confine: heat pays the wrong way", f"{REACH}/confine/horizon_bound.rs", "if direction == Direction::Discharge { power_price } else { -power_price };", "if direction == Direction::Discharge { -power_price } else { power_price };"),
-    ("confine: what an inverter draws is a gain", f"{REACH}/confine/horizon_bound.rs", "constant -= (gained / usual - gained / other).abs() * drawn;", "constant += (gained / usual - gained / other).abs() * drawn;"),
-    ("tightening: the oldest heat does not fade", f"{REACH}/confine/tightening.rs", "unheated_c - kept * cool[t + 1]", "unheated_c - cool[t + 1]"),
-    ("tightening: without the slack", f"{REACH}/confine/tightening.rs", "let mut sum = self.slack / reward.per_unit;", "let mut sum = 0.0;"),
+    ("bound tightening: shedding saves half", f"{REACH}/bound_tightening/horizon_bound.rs", "saved += slope * shed_w;", "saved += 0.5 * slope * shed_w;"),
+    ("bound tightening: heat pays the wrong way", f"{REACH}/bound_tightening/horizon_bound.rs", "if direction == Direction::Discharge { power_price } else { -power_price };", "if direction == Direction::Discharge { -power_price } else { power_price };"),
+    ("bound tightening: what an inverter draws is a gain", f"{REACH}/bound_tightening/horizon_bound.rs", "constant -= (gained / usual - gained / other).abs() * drawn;", "constant += (gained / usual - gained / other).abs() * drawn;"),
+    ("tightening: the oldest heat does not fade", f"{REACH}/bound_tightening/tightening.rs", "unheated_c - kept * cool[t + 1]", "unheated_c - cool[t + 1]"),
+    ("tightening: without the slack", f"{REACH}/bound_tightening/tightening.rs", "let mut sum = self.slack / reward.per_unit;", "let mut sum = 0.0;"),
     ("reach: least heat at the wrong end of the scale", f"{REACH}/cell.rs", "heat(g_low.min(0.25 * scale.high), scale.high) };", "heat(g_low.min(0.25 * scale.high), scale.low) };"),
     ("certificate: what may be shed is counted at the dearest string", f"{REACH}/step_bounds.rs", "map(|c| c.availability).fold(f64::INFINITY, f64::min)", "map(|c| c.availability).fold(0.0, f64::max)"),
     ("certificate: one step that sheds nothing is enough", f"{REACH}/certificate.rs", ".all(|flow| flow.availability_w <= 0.0)", ".any(|flow| flow.availability_w <= 0.0)"),

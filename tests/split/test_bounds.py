@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import bess
-from bess.split import bounds, power_split
-from bess.split.bounds import certify
-from bess.split.relaxation.group import RelaxedGroup
-from bess.split.result import SplitStatus
+from bess.control.split import bounds, power_split
+from bess.control.split.bounds import certify
+from bess.control.split.relaxation.group import RelaxedGroup
+from bess.control.split.result import SplitStatus
 
 SYSTEM = bess.System.reference(n_strings=2)
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import bess
-from bess.split import power_split
-from bess.split.result import SplitStatus
+from bess.control.split import power_split
+from bess.control.split.result import SplitStatus
 
 SYSTEM = bess.System.reference(n_strings=2)
 LIMITS = (1, 10, 40, 160, 640)

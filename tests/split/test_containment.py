@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 import bess
 from bess import _core
-from bess.split.objectives import Costs
-from bess.split.problem import SplitProblem
-from bess.split.relaxation.branching import LEAST_KW
-from bess.split.relaxation.data import THETA_UNIT_K, THETA_ZERO_C, PlantConstants
-from bess.split.relaxation.group import Cutoff, RelaxedGroup
+from bess.control.split.objectives import Costs
+from bess.control.split.problem import SplitProblem
+from bess.control.split.relaxation.branching import LEAST_KW
+from bess.control.split.relaxation.data import THETA_UNIT_K, THETA_ZERO_C, PlantConstants
+from bess.control.split.relaxation.group import Cutoff, RelaxedGroup
 
 SIZES = [(1, 2), (2, 3), (3, 2)]
 """Strings and steps: few sizes, because each is compiled once."""
@@ -268,12 +268,12 @@ def check(seed: int) -> None:
 
     known = int(rng.integers(SCHEDULES))
     total, shed = cost.sum(axis=1), shed_kw.sum(axis=1)
-    confined = horizon.confine(schedules.requests[known], case.costs[1], shed[known])
+    tightened = horizon.tighten(schedules.requests[known], case.costs[1], shed[known])
     allowed = shed <= shed[known]
-    assert np.all(total[allowed] >= confined.bound)
+    assert np.all(total[allowed] >= tightened.bound)
     no_worse = allowed & (total <= total[known])
-    assert schedules.inside(confined.boxes)[no_worse].all()
-    assert not np.any(schedules.sheds[no_worse] & ~confined.may_shed)
+    assert schedules.inside(tightened.boxes)[no_worse].all()
+    assert not np.any(schedules.sheds[no_worse] & ~tightened.may_shed)
 
 
 @pytest.mark.parametrize("seed", range(150))

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import bess
-from bess.components.registry import CELLS, INVERTERS
 from bess.convexity import Envelope
+from bess.system.components.registry import CELLS, INVERTERS
 
 sys.path.insert(0, str(Path(__file__).parent))
 from referee import Referee, StringModel

@@ -8,13 +8,13 @@ import pytest
 import scipy.sparse as sp
 
 import bess
+from bess.control.split.normalisation import constant_scale, payoff_scale
+from bess.control.split.objectives import NAMES, Objective, Objectives
+from bess.control.split.problem import SplitProblem
+from bess.control.split.relaxation import conic
+from bess.control.split.relaxation.conic import ConicProgram, NodeStatus, solve
+from bess.control.split.relaxation.equations import build, compiled
 from bess.convexity import Envelope
-from bess.split.normalisation import constant_scale, payoff_scale
-from bess.split.objectives import NAMES, Objective, Objectives
-from bess.split.problem import SplitProblem
-from bess.split.relaxation import conic
-from bess.split.relaxation.conic import ConicProgram, NodeStatus, solve
-from bess.split.relaxation.equations import build, compiled
 
 
 def test_default_objectives_are_case_1():

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import bess
-from bess.split.carried import Carried
-from bess.split.problem import SplitProblem
+from bess.control.split.carried import Carried
+from bess.control.split.problem import SplitProblem
 
 REFERENCE = bess.System.reference(n_strings=2)
 
@@ -189,7 +189,7 @@ def test_a_time_limit_of_nothing_still_gives_the_best_split_known_and_says_so():
 
 
 def test_a_failing_solver_is_flagged_and_the_split_still_meets_the_demand(monkeypatch):
-    from bess.split.relaxation import conic
+    from bess.control.split.relaxation import conic
 
     state, demand = bess.State([0.05, 0.08], [30.0, 30.0]), [90.0, 80.0, 150.0]
     solved = bess.split_power(REFERENCE, state, demand)

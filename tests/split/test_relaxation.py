@@ -12,11 +12,11 @@ import pytest
 
 import bess
 from bess import _core
-from bess.split import tree
-from bess.split.normalisation import constant_scale
-from bess.split.problem import SplitProblem
-from bess.split.relaxation.data import PlantConstants
-from bess.split.relaxation.group import Cutoff, RelaxedGroup
+from bess.control.split import tree
+from bess.control.split.normalisation import constant_scale
+from bess.control.split.problem import SplitProblem
+from bess.control.split.relaxation.data import PlantConstants
+from bess.control.split.relaxation.group import Cutoff, RelaxedGroup
 
 NODES = 400
 

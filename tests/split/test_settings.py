@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import bess
-from bess.policies import Settings, build_policy
-from bess.split.settings import SplitSettings
+from bess.control.policies import Settings, build_policy
+from bess.control.split.settings import SplitSettings
 
 SYSTEM = bess.System.reference(n_strings=2)
 STATE = bess.State([0.5, 0.4], [25.0, 30.0])

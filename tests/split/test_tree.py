@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from bess.split import tree
-from bess.split.tree import Closure, Part, Solved
+from bess.control.split import tree
+from bess.control.split.tree import Closure, Part, Solved
 
 pytestmark = pytest.mark.exhaustive
 

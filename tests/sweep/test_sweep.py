@@ -17,12 +17,12 @@ import pytest
 
 import bess
 from bess.errors import BessError, InputError
-from bess.record.result import RESULTS, open_result
-from bess.simulation import run
+from bess.simulation.record.result import RESULTS, open_result
+from bess.simulation.runner import run
+from bess.simulation.sweep import run_sweep
+from bess.simulation.sweep.table import swept_keys, write_table
 from bess.study import expand, load_study
 from bess.study.study import Study
-from bess.sweep import run_sweep
-from bess.sweep.table import swept_keys, write_table
 
 STUDY = """
 title = "Initial SOC and temperature"
@@ -96,7 +96,7 @@ def test_a_failed_scenario_is_reported_and_the_rest_finished(tmp_path: Path, clu
     page = write_report(tmp_path / "out").read_text(encoding="utf-8")
     (first, *others) = result.failed
     assert f"Missing: {first} and {len(others)} more: " in page
-    assert "Pareto front" in page and "Hypervolume" in page
+    assert "Pareto front" in page and "Knee of the front" in page
 
 
 def test_a_killed_worker_does_not_lose_the_sweep(tmp_path: Path, cluster: Any) -> None:

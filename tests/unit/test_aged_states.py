@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import bess
-from bess.policies import Settings, Situation, build_policy
+from bess.control.policies import PolicyInput, Settings, build_policy
 
 SOH_CAPACITY, SOH_RESISTANCE = [0.8, 1.0], [1.5, 1.0]
 
@@ -74,7 +74,7 @@ def test_rules_ask_no_more_of_an_aged_string_than_it_holds(name: str) -> None:
     _, aged = states(soc=0.06)
     policy = build_policy(name, system, Settings(dt_h=0.25, horizon_steps=1))
     limit = system.nominal_kw
-    request = policy(Situation(aged, np.array([95.0]), 25.0, limit)).request_kw
+    request = policy(PolicyInput(aged, np.array([95.0]), 25.0, limit)).request_kw
     roll = bess.rollout(system, aged, request[:, None])
     assert roll.availability_loss_kw.max() < 1e-9
     assert request[0] < request[1]

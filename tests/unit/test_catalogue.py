@@ -9,9 +9,9 @@ import pytest
 import xarray as xr
 
 import bess
-from bess.analysis.catalogue import CATALOGUE, Kpi, better, in_order, kpi
-from bess.analysis.kpis import _round_trip
-from bess.analysis.settlement import COSTS
+from bess.simulation.analysis.catalogue import CATALOGUE, Kpi, better, grouped, kpi
+from bess.simulation.analysis.kpis import _round_trip
+from bess.simulation.analysis.settlement import COSTS
 
 
 @pytest.fixture(scope="module")
@@ -102,10 +102,15 @@ def test_numbers_are_shown_with_their_digits_and_factor() -> None:
 
 def test_a_figure_of_a_plug_in_is_shown_by_its_name_after_all_others() -> None:
     assert kpi("own_figure") == Kpi("own_figure", "", None, 3, "", "strings", detail=True)
-    assert in_order(["own_figure", "lost_kwh", "demand_kwh"]) == ["demand_kwh", "lost_kwh", "own_figure"]
+    groups = grouped(["own_figure", "full_cycles", "lost_kwh", "demand_kwh"])
+    assert groups == {
+        "Energy": ["demand_kwh"],
+        "Losses": ["lost_kwh"],
+        "Strings and inverters": ["full_cycles", "own_figure"],
+    }
 
 
 def test_what_carries_no_judgement_has_no_better_direction() -> None:
     assert better("lost_kwh") == "min"
-    with pytest.raises(bess.InputError, match="demand_kwh: more of it is neither better nor worse"):
+    with pytest.raises(bess.InputError, match="demand_kwh: this KPI has no preferred direction"):
         better("demand_kwh")

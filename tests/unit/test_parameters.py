@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import bess
-from bess.components.registry import SYSTEMS
+from bess.system.components.registry import SYSTEMS
 
 
 @pytest.fixture

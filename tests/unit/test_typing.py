@@ -11,11 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 import bess
+from bess.control.policies import PolicyInput
 
 Floats = npt.NDArray[np.float64]
 
 
-def share(situation: bess.policies.Situation) -> Floats:
+def share(situation: PolicyInput) -> Floats:
     return np.full(situation.limit_kw.size, situation.demand_kw[0] / situation.limit_kw.size)
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from published import PUBLISHED
 
 import bess
-from bess import wear
+from bess.control import wear
 from bess.plant import Flows
 
 pytestmark = pytest.mark.golden
@@ -21,16 +21,16 @@ HALF_CYCLE_S = DEPTH / C_RATE * 3600.0
 SOC_WINDOW = {"soc_min": 0.1, "soc_max": 0.9}
 
 
-def fleet(model: str, plant_step_s: float) -> bess.Fleet:
+def fleet(model: str, plant_step_s: float) -> bess.PlantEnsemble:
     """One string without heat that cycles between 0.1 and 0.9, at each temperature."""
     document = bess.System.reference(1).document | {"wear": {"model": model}}
     document["battery"] = document["battery"] | SOC_WINDOW | {"r_scale": 1e-9}
     document["inverter"] = document["inverter"] | {"nominal_kw": 100.0}
     states = [bess.State([0.5], [temperature_c]) for temperature_c in TEMPERATURES_C]
-    return bess.Fleet(bess.System(document), states, plant_step_s=plant_step_s)
+    return bess.PlantEnsemble(bess.System(document), states, plant_step_s=plant_step_s)
 
 
-def run(strings: bess.Fleet, request_kw: NDArray[np.float64], step_s: float) -> Flows:
+def run(strings: bess.PlantEnsemble, request_kw: NDArray[np.float64], step_s: float) -> Flows:
     ambient = np.repeat(np.array(TEMPERATURES_C)[:, None], request_kw.shape[1], axis=1)
     return strings.run(request_kw[:, :, None], step_s, ambient_c=ambient)
 

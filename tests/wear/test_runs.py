@@ -13,7 +13,7 @@ import tomli_w
 from numpy.typing import NDArray
 
 import bess
-from bess.analysis.lifetime import ledger_by_year, net_present_value
+from bess.simulation.analysis.lifetime import ledger_by_year, net_present_value
 from bess.study import expand
 
 DAYS = 6

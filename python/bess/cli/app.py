@@ -2,51 +2,57 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from bess.cli.choices import Format, Kind, PlantKind
+
 app = typer.Typer(
     name="bess",
     help="Power split control of multi-string battery storage, in closed loop with an electro-thermal plant.",
-    add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
 
 
-class Format(StrEnum):
-    """Kinds of table that ``bess export`` writes."""
+def _names_of_studies(begun: str) -> list[str]:
+    """Return bundled studies for shell completion of a study name."""
+    from bess.study import bundled_studies
 
-    CSV = "csv"
-    PARQUET = "parquet"
-
-
-class PlantKind(StrEnum):
-    """Kinds of plant that ``bess demo-plant`` simulates."""
-
-    OPENEMS = "openems"
-    SUNSPEC = "sunspec"
+    return [name for name in bundled_studies() if name.startswith(begun)]
 
 
-class Kind(StrEnum):
-    """Kinds of file that ``bess schema`` describes."""
+def _keys_of_studies(begun: str) -> list[str]:
+    from bess.study.reference import keys
 
-    STUDY = "study"
-    SYSTEM = "system"
+    return sorted({each.key for each in keys("study") if each.key.startswith(begun) and "*" not in each.key})
+
+
+def _kinds_of_list(begun: str) -> list[str]:
+    from bess.cli.listing import KINDS
+
+    return [kind for kind in KINDS if kind.startswith(begun)]
 
 
 StudyName = Annotated[
-    str, typer.Argument(metavar="STUDY", help="Bundled study (see bess list) or a TOML file.")
+    str,
+    typer.Argument(
+        metavar="STUDY",
+        help="Bundled study (see bess list studies) or TOML file.",
+        autocompletion=_names_of_studies,
+    ),
 ]
-Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results.")]
+Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Output folder.")]
 Days = Annotated[float | None, typer.Option("--days", help="Length of the run; sets run.days.")]
 Assignments = Annotated[
     list[str] | None,
     typer.Option(
-        "--set", metavar="KEY=VALUE", help="Set a key of the study, such as policy.horizon_steps=4."
+        "--set",
+        metavar="KEY=VALUE",
+        help="Override a key of the study, such as policy.horizon_steps=4.",
+        autocompletion=_keys_of_studies,
     ),
 ]
 
@@ -65,7 +71,7 @@ def bess(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
     ] = False,
 ) -> None:
-    """Take the options that belong to no command."""
+    """Handle the options without a command."""
 
 
 @app.command()
@@ -76,9 +82,10 @@ def run(
     days: Days = None,
     assignments: Assignments = None,
 ) -> None:
-    """Run a study in closed loop and print its key figures."""
+    """Run a study in closed loop and print its KPIs."""
     from bess.cli.kpi_table import kpi_table
-    from bess.simulation import run, run_scenarios
+    from bess.simulation.runner import run
+    from bess.simulation.scenario_run import run_scenarios
     from bess.study import load_study
 
     loaded = load_study(study, _values(days, assignments))
@@ -88,24 +95,26 @@ def run(
     else:
         results = {loaded.name: run(loaded, out=folder, resume=resume)}
     print(kpi_table({name: result.kpis for name, result in results.items()}))
-    print(f"\nResults are in {folder}; bess report {folder} draws them.")
+    print(f"\nResults are in {folder}; create the report with bess report {folder}.")
 
 
 @app.command()
 def sweep(
     study: StudyName,
     out: Out = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes of a local Dask cluster.")] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Number of processes of a local Dask cluster.")
+    ] = None,
     scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="An existing Dask scheduler.")
+        str | None, typer.Option(metavar="ADDRESS", help="Address of an existing Dask scheduler.")
     ] = None,
     days: Days = None,
     assignments: Assignments = None,
 ) -> None:
-    """Run all scenarios and sweep points of a study side by side on Dask; finished ones are skipped."""
+    """Run all scenarios and sweep points of a study in parallel on Dask; skip finished runs."""
     from bess.errors import BessError, by_reason
+    from bess.simulation.sweep import run_sweep
     from bess.study import load_study
-    from bess.sweep import run_sweep
 
     loaded = load_study(study, _values(days, assignments))
     folder = out or Path("results") / loaded.name
@@ -113,7 +122,7 @@ def sweep(
     failed = done.failed
     print(
         f"{len(done.outcomes)} runs in {folder}: {len(done.outcomes) - len(failed)} done "
-        f"({len(done.skipped)} of them before), {len(failed)} failed; bess report {folder} draws them."
+        f"({len(done.skipped)} previously), {len(failed)} failed; report: bess report {folder}"
     )
     if failed:
         raise BessError(f"{len(failed)} of {len(done.outcomes)} runs failed: {'; '.join(by_reason(failed))}")
@@ -122,22 +131,32 @@ def sweep(
 @app.command()
 def report(
     directory: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Folder of a run or of several, or of bess serve.")
+        Path, typer.Argument(metavar="DIR", help="Folder of one or more runs, or of bess serve.")
     ],
     hindsight: Annotated[
-        bool, typer.Option("--hindsight", help="Say what was possible as well: seconds for a week.")
+        bool, typer.Option("--hindsight", help="Also compute the hindsight benchmark and bound.")
+    ] = False,
+    rules: Annotated[
+        bool | None,
+        typer.Option(
+            "--rules/--no-rules",
+            help="Simulate the rules on the same demand; default: for runs up to five weeks.",
+        ),
+    ] = None,
+    print_files: Annotated[
+        bool, typer.Option("--print", help="Save every figure as PNG and PDF in addition to SVG.")
     ] = False,
 ) -> None:
-    """Draw the figures of a run, or of a plant's journal, and write a self-contained HTML page."""
-    from bess.plants.journal import is_journal
+    """Write a self-contained HTML report and figures of a run or of a plant journal."""
+    from bess.edge.plant_io.journal import is_journal
     from bess.report import drawing_extra, write_report
 
     if is_journal(directory):
         with drawing_extra():
-            from bess.plants.journal_page import write_journal_report
+            from bess.edge.plant_io.journal_page import write_journal_report
         print(write_journal_report(directory))
     else:
-        print(write_report(directory, hindsight=hindsight))
+        print(write_report(directory, hindsight=hindsight, rules=rules, print_files=print_files))
 
 
 @app.command()
@@ -148,34 +167,36 @@ def serve(
     token_file: Annotated[
         Path | None,
         typer.Option(
-            "--token-file", metavar="FILE", help="Ask callers for the token in FILE; a plant needs one."
+            "--token-file",
+            metavar="FILE",
+            help="Require the token in FILE from callers; mandatory to control a plant.",
         ),
     ] = None,
     state: Annotated[
         Path | None,
         typer.Option(
-            "--state", metavar="DIR", help="Folder for what survives a restart; results/NAME-service."
+            "--state", metavar="DIR", help="Folder for persistent state; default: results/NAME-service."
         ),
     ] = None,
     plant: Annotated[
         str | None,
-        typer.Option(
-            "--plant", metavar="openems=URL|sunspec=HOST", help="Drive this plant instead of being called."
-        ),
+        typer.Option("--plant", metavar="openems=URL|sunspec=HOST", help="Control this plant directly."),
     ] = None,
     shadow: Annotated[
-        bool, typer.Option("--shadow", help="Watch the plant and recommend; write nothing.")
+        bool, typer.Option("--shadow", help="Shadow mode: log set-points, do not write them.")
     ] = False,
     allowed_host: Annotated[
         list[str] | None,
         typer.Option(
-            "--allowed-host", metavar="NAME", help="Answer to this name too, as that of a proxy; repeatable."
+            "--allowed-host",
+            metavar="NAME",
+            help="Additional accepted host name, such as of a proxy; repeatable.",
         ),
     ] = None,
     assignments: Assignments = None,
 ) -> None:
-    """Run the controller of a study as a service that a plant can call over HTTP."""
-    from bess.serve.run import serve
+    """Run the controller of a study as an HTTP service, or control a plant directly."""
+    from bess.edge.serve.run import serve
     from bess.study import load_study
 
     loaded = load_study(study, _values(None, assignments))
@@ -194,23 +215,24 @@ def serve(
 @app.command()
 def compare(
     directories: Annotated[
-        list[Path], typer.Argument(metavar="DIR DIR...", help="Folders of runs, or one of several.")
+        list[Path],
+        typer.Argument(metavar="DIR DIR...", help="Folders of runs, or one folder with several runs."),
     ],
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the page.")] = Path(
         "comparison"
     ),
 ) -> None:
-    """Set runs side by side: their key figures here, figures and a page in a folder."""
+    """Compare runs: print their KPIs and write an HTML page with figures."""
     from bess.cli.comparing import runs_of
     from bess.cli.kpi_table import kpi_table
     from bess.report import drawing_extra
-    from bess.report.words.unlike import unlike
+    from bess.report.words.unlike import choices, unlike
 
     with drawing_extra():
         from bess.report.page import write_comparison
 
     runs = runs_of(directories)
-    if differing := unlike(runs):
+    if differing := unlike(runs) or choices(runs):
         print(f"{differing}\n")
     print(kpi_table({name: run.kpis for name, run in runs.items()}))
     print(f"\n{write_comparison(runs, out)}")
@@ -218,10 +240,10 @@ def compare(
 
 @app.command()
 def export(
-    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run or of several.")],
-    kind: Annotated[Format, typer.Option("--format", help="Kind of table.")] = Format.CSV,
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of one or more runs.")],
+    kind: Annotated[Format, typer.Option("--format", help="Table format.")] = Format.CSV,
 ) -> None:
-    """Write the record of a run as a table for other tools."""
+    """Export the time series of a run as a table."""
     from bess.cli.exporting import export
 
     for path in export(directory, kind):
@@ -231,18 +253,22 @@ def export(
 @app.command("demo-plant")
 def demo_plant(
     study: Annotated[
-        str, typer.Argument(metavar="[STUDY]", help="Study whose plant it is: bundled, or a TOML file.")
+        str,
+        typer.Argument(metavar="[STUDY]", help="Study that defines the plant: bundled study or TOML file."),
     ] = "case1",
-    kind: Annotated[PlantKind, typer.Option("--kind", help="What the plant speaks.")] = PlantKind.OPENEMS,
+    kind: Annotated[PlantKind, typer.Option("--kind", help="Communication protocol.")] = PlantKind.OPENEMS,
     port: Annotated[
-        int | None, typer.Option(min=1, max=65_535, help="8084 for OpenEMS, 5020 for SunSpec.")
+        int | None,
+        typer.Option(
+            min=1, max=65_535, help="Port to listen on; default: 8084 for OpenEMS, 5020 for SunSpec."
+        ),
     ] = None,
-    speed: Annotated[float, typer.Option(help="Seconds of the plant in each second.")] = 1.0,
+    speed: Annotated[float, typer.Option(help="Speed relative to real time.")] = 1.0,
     serve: Annotated[
-        bool, typer.Option("--serve", help="Drive it as well, with the page of the service open.")
+        bool, typer.Option("--serve", help="Also run the controller and open its live page.")
     ] = False,
 ) -> None:
-    """Simulate a plant on this machine that bess serve can drive."""
+    """Simulate a plant with a network interface, for tests of bess serve."""
     from bess.cli.demo import demo_plant, serve_demo
     from bess.study import load_study
 
@@ -257,18 +283,18 @@ def demo_plant(
 def init(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder for the study.")] = Path(),
 ) -> None:
-    """Write a commented study to start from."""
+    """Write a commented study file as a starting point."""
     from bess.cli.starting import start
 
     path = start(directory)
-    print(f"{path}: a study to start from; bess run {path} runs it as it is.")
+    print(f"{path}: written; run it with bess run {path}")
 
 
 @app.command()
 def schema(
-    kind: Annotated[Kind, typer.Argument(metavar="study|system", help="Kind of file.")],
+    kind: Annotated[Kind, typer.Argument(metavar="study|system", help="File type.")],
 ) -> None:
-    """Print the JSON schema of study or system files, for completion in editors."""
+    """Print the JSON schema of study or system files, for editor completion."""
     import json
 
     from bess.study.reference import schema
@@ -281,26 +307,26 @@ def distil(
     study: StudyName,
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the controller.")],
     generations: Annotated[
-        int | None, typer.Option(min=0, help="Effort: generations of the search; 150 if omitted.")
+        int | None, typer.Option(min=0, help="Number of generations of the search; default: 150.")
     ] = None,
     days: Days = None,
     assignments: Assignments = None,
 ) -> None:
-    """Distil a study into a controller without a solver: policy.json, C99, structured text, a report."""
-    from bess.distil import GENERATIONS, distil_runs
+    """Train a solver-free controller for a study: policy.json, C99, structured text and a report."""
+    from bess.edge.distil import GENERATIONS, distil_runs
     from bess.study import load_study
 
     effort = GENERATIONS if generations is None else generations
     for folder in distil_runs(load_study(study, _values(days, assignments)), out, generations=effort):
         print(
             f"{folder}: policy.json (policy.name=distilled, policy.file={folder / 'policy.json'}), split.c, "
-            f"split.h, split.st; {folder / 'report.md'} says what was lost"
+            f"split.h, split.st; {folder / 'report.md'} compares its losses"
         )
 
 
 @app.command()
 def check(study: StudyName, days: Days = None, assignments: Assignments = None) -> None:
-    """Validate a study and the data it names; run nothing."""
+    """Validate a study and its data without running it."""
     from bess.cli.checking import findings
     from bess.study import load_study
 
@@ -309,11 +335,20 @@ def check(study: StudyName, days: Days = None, assignments: Assignments = None) 
 
 
 @app.command("list")
-def list_() -> None:
-    """List bundled studies, systems, cells, inverters and policies."""
+def list_(
+    words: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[KIND] [WORD]...",
+            help="Filter: a kind, such as cells, and words that each entry must contain.",
+            autocompletion=_kinds_of_list,
+        ),
+    ] = None,
+) -> None:
+    """List bundled studies, systems, cells, inverters, wear models and policies."""
     from bess.cli.listing import listing
 
-    print(listing())
+    print(listing(words or []))
 
 
 def _values(days: float | None, assignments: list[str] | None) -> dict[str, Any]:
@@ -324,15 +359,15 @@ def _values(days: float | None, assignments: list[str] | None) -> dict[str, Any]
 
 
 def _folder(out: Path | None, name: str, resume: bool) -> Path:
-    """``--out``, or a folder that does not exist yet."""
+    """Return ``--out``, or a new folder."""
     from bess.errors import InputError
 
     if out is not None:
         if resume and not (out.is_dir() and any(out.iterdir())):
-            raise InputError(f"--resume: {out} holds no run to continue; leave --resume out to begin one")
+            raise InputError(f"--resume: {out} contains no run to continue; omit --resume to start a new run")
         return out
     if resume:
-        raise InputError("--resume: name the folder of the run with --out")
+        raise InputError("--resume: specify the folder of the run with --out")
     folder, number = Path("results") / name, 1
     while folder.exists():
         number += 1

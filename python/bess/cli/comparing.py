@@ -1,4 +1,4 @@
-"""Runs of several folders under names of their own."""
+"""Unique names for the runs of several folders."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ from bess.report.runs import Run, runs_in
 
 
 def runs_of(directories: Iterable[Path]) -> dict[str, Run]:
-    """Return the runs of all folders by name, and by folder and name where names would be the same."""
+    """Return the runs of all folders by name; runs of the same name get their folder as a prefix."""
     found = [
         (directory, name, run) for directory in directories for name, run in runs_in(directory)[0].items()
     ]
     if len(found) < 2:
-        raise InputError("bess compare needs two runs or more: name two folders, or one of several scenarios")
+        raise InputError(
+            "bess compare needs at least two runs: specify two folders, or one folder with several scenarios"
+        )
     names = [name for _, name, _ in found]
     runs: dict[str, Run] = {}
     for directory, name, run in found:

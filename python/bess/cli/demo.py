@@ -1,4 +1,4 @@
-"""A simulated plant on this machine, until it is told to stop, and a service that drives it."""
+"""Simulated plant on the local machine, optionally with a service that controls it."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-from bess.cli.app import PlantKind
-from bess.extras import extra
-from bess.plants.simulated import SimulatedPlant
+from bess.cli.choices import PlantKind
+from bess.edge.plant_io.simulated import SimulatedPlant
+from bess.optional_dependencies import extra
 from bess.study import Study
 from bess.study.demands import ProfileDemand
 from bess.study.plant_choice import build_system
@@ -23,26 +23,24 @@ from bess.study.plant_choice import build_system
 PORTS: Final = {PlantKind.OPENEMS: 8084, PlantKind.SUNSPEC: 5020}
 PAGE_PORT: Final = 8080
 STEP_S: Final = 1.0
-"""Control step of the service unless the study says otherwise: something to look at."""
+"""Default control step of the service: short, for a lively page."""
 _SHOWN_EVERY_S: Final = 10.0
 _PAGE_AFTER_S: Final = 2.0
 
 
 def demo_plant(study: Study, kind: PlantKind, port: int | None, speed: float) -> None:
-    """Serve the plant of a study on the loopback and say every few seconds what it does.
+    """Serve the plant of a study on the loopback interface and print its state every few seconds.
 
     Raises
     ------
     InputError
-        For a port that is taken, a speed that is none, or a missing extra.
+        For a port in use, an invalid speed or a missing extra.
     """
     plant = _plant(study, speed)
     with _listening(plant, kind, port) as address:
-        print(
-            f"A plant of {plant.n_strings} strings, {speed:g} times as fast as time, listens. Drive it with"
-        )
+        print(f"Simulated plant with {plant.n_strings} strings at {speed:g} times real time. Control it with")
         print(f"  bess serve {study.name} --token-file FILE --plant {address}")
-        print("Ctrl-C ends it.", flush=True)
+        print("Stop it with Ctrl-C.", flush=True)
         try:
             while True:
                 time.sleep(_SHOWN_EVERY_S)
@@ -52,14 +50,14 @@ def demo_plant(study: Study, kind: PlantKind, port: int | None, speed: float) ->
 
 
 def serve_demo(study: Study, kind: PlantKind, port: int | None, speed: float, folder: Path) -> None:
-    """Serve the plant of a study and drive it, in one process; open the page that shows both.
+    """Serve the plant of a study and control it in the same process; open the live page.
 
     Raises
     ------
     InputError
-        As for :func:`demo_plant`, and from the service.
+        As :func:`demo_plant`, or from the service.
     """
-    from bess.serve.run import serve
+    from bess.edge.serve.run import serve
 
     if study.service.control_step_s is None:
         study = study.with_values({"service.control_step_s": STEP_S})
@@ -68,8 +66,8 @@ def serve_demo(study: Study, kind: PlantKind, port: int | None, speed: float, fo
     page_port = _free_port(PAGE_PORT)
     page = f"http://127.0.0.1:{page_port}/"
     with _listening(_plant(study, speed), kind, port) as address:
-        print(f"A plant, {speed:g} times as fast as time, and a service that drives it: open {page}")
-        print(f"Ctrl-C ends both; afterwards, bess report {folder} shows what the plant did.", flush=True)
+        print(f"Simulated plant at {speed:g} times real time, with a controller: open {page}")
+        print(f"Stop both with Ctrl-C; then create the report with bess report {folder}.", flush=True)
         if sys.stdout.isatty() and (os.environ.get("DISPLAY") or sys.platform in ("win32", "darwin")):
             opening = threading.Timer(_PAGE_AFTER_S, webbrowser.open, [page])
             opening.daemon = True
@@ -83,18 +81,18 @@ def _plant(study: Study, speed: float) -> SimulatedPlant:
 
 @contextmanager
 def _listening(plant: SimulatedPlant, kind: PlantKind, port: int | None) -> Iterator[str]:
-    """Yield what ``--plant`` takes."""
+    """Yield the address for ``--plant``."""
     with extra("plant", "a simulated plant"):
         if kind is PlantKind.OPENEMS:
-            from bess.plants.simulated_openems import SimulatedEdge as Partner
+            from bess.edge.plant_io.simulated_openems import SimulatedEdge as Partner
         else:
-            from bess.plants.simulated_sunspec import SimulatedDevices as Partner  # type: ignore[assignment]
+            from bess.edge.plant_io.simulated_sunspec import SimulatedDevices as Partner  # type: ignore[assignment]
     with Partner(plant, port=PORTS[kind] if port is None else port) as partner:
         yield partner.address
 
 
 def _free_port(wanted: int) -> int:
-    """Return the port if it is free, else any that is."""
+    """Return the port if it is free, otherwise any free port."""
     with socket.socket() as probe:
         try:
             probe.bind(("127.0.0.1", wanted))
@@ -109,6 +107,4 @@ def _line(plant: SimulatedPlant) -> str:
     soc = ", ".join(f"{100.0 * reading.soc:.1f}" for reading in readings)
     hottest = max(reading.hottest_c for reading in readings)
     total = sum(reading.power_kw for reading in readings)
-    return (
-        f"{time.strftime('%H:%M:%S')}  {power} kW ({total:.1f} in all)  SOC {soc} %  up to {hottest:.1f} °C"
-    )
+    return f"{time.strftime('%H:%M:%S')}  {power} kW (total {total:.1f})  SOC {soc} %  up to {hottest:.1f} °C"

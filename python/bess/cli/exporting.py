@@ -1,4 +1,4 @@
-"""The record of a run as a plain table, for other tools."""
+"""Export of the record of a run as a table."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bess.cli.app import Format
+from bess.cli.choices import Format
+from bess.edge.plant_io.journal import is_journal, open_journal
 from bess.errors import InputError
-from bess.extras import extra
-from bess.plants.journal import is_journal, open_journal
-from bess.record import open_result, scenario_directories
-from bess.record.atomic import replacing
+from bess.optional_dependencies import extra
+from bess.simulation.record import open_result, scenario_directories
+from bess.simulation.record.atomic import replacing
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -20,15 +20,15 @@ if TYPE_CHECKING:
 
 
 def export(directory: Path, kind: Format) -> list[Path]:
-    """Write ``record.csv`` or ``record.parquet`` beside every record in a folder, of runs or of a plant.
+    """Write ``record.csv`` or ``record.parquet`` next to every record in a folder.
 
-    One row for each step, ``time`` in UTC; a variable of strings has one column for each, such as
-    ``delivered_kw.0``, one of nodes ``node_temperature_c.0.15``.
+    The table has one row per step, ``time`` in UTC, and one column per string or node, such as
+    ``delivered_kw.0`` or ``node_temperature_c.0.15``. The folder is of runs or of a plant journal.
 
     Raises
     ------
     InputError
-        If there is no run, or the library that writes Parquet is not installed.
+        If the folder has no run, or the Parquet library is not installed.
     """
     if is_journal(directory):
         folders, opened = {"": directory}, open_journal
@@ -36,7 +36,7 @@ def export(directory: Path, kind: Format) -> list[Path]:
         folders, opened = scenario_directories(directory), open_result
     if not folders:
         raise InputError(
-            f"{directory}: holds no run; bess export needs the folder of bess run, bess sweep or bess serve"
+            f"{directory}: contains no run; specify a folder of bess run, bess sweep or bess serve"
         )
     written = []
     for folder in folders.values():
@@ -56,7 +56,7 @@ def export(directory: Path, kind: Format) -> list[Path]:
 
 
 def table_of(dataset: xr.Dataset) -> pd.DataFrame:
-    """Return a record as a table of one row for each step."""
+    """Return a record as a table with one row per step."""
     import pandas as pd
 
     columns: dict[str, object] = {"time": pd.DatetimeIndex(dataset["time"].values, tz="UTC")}

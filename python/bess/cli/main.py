@@ -1,4 +1,4 @@
-"""Entry point: one line on standard error for what went wrong, and the exit status that goes with it."""
+"""Entry point: errors as one line on standard error, and exit status."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _UsageError: Final = typer.BadParameter.__bases__[0]
 def main() -> None:
     """Run the command line and exit with its status."""
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="replace")  # a terminal without a degree sign is no fault of a run
+        sys.stdout.reconfigure(errors="replace")  # some terminals have no degree sign
     # Outside the closed loop SIGTERM ends the program the way Ctrl-C does.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     sys.exit(_status())
@@ -41,7 +41,7 @@ def _status() -> int:
     except BessError as error:
         return _say(str(error), FAILED)
     except (typer.Abort, KeyboardInterrupt):
-        return _say("stopped; what was saved before stays, continue with --resume", STOPPED)
+        return _say("stopped; saved results are kept, continue with --resume", STOPPED)
     except BrokenPipeError:
         sys.stderr.close()
         return FAILED

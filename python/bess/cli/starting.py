@@ -1,4 +1,4 @@
-"""A study to start from, in a folder of one's own."""
+"""Creation of a new study file."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ STUDY: Final = "study.toml"
 
 
 def start(directory: Path) -> Path:
-    """Write ``study.toml`` into a folder, which is made if need be; return its path.
+    """Write ``study.toml`` into a folder, created if necessary; return its path.
 
     Raises
     ------
     InputError
-        If there is one already: it is not written over.
+        If the file exists already; it is not overwritten.
     """
     path = directory / STUDY
     if path.exists():
-        raise InputError(f"{path}: exists already and is not written over; name another folder")
+        raise InputError(f"{path}: exists already and is not overwritten; specify another folder")
     try:
         directory.mkdir(parents=True, exist_ok=True)
         path.write_text(template(STUDY), encoding="utf-8")
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror}); name another folder") from error
+        raise InputError(f"{path}: cannot be written ({error.strerror}); specify another folder") from error
     return path

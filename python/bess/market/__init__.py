@@ -1,4 +1,4 @@
-"""Market and weather files, as people have them, to gap-free series in UTC."""
+"""Market and weather files of common formats as gap-free UTC series."""
 
 from bess.market.capacity_prices import read_capacity_prices
 from bess.market.frequency import read_frequency

@@ -11,12 +11,12 @@ from typing import Final, Literal
 import numpy as np
 import pandas as pd
 
-from bess.extras import extra
 from bess.market.files import fail, first_line, listed
 from bess.market.numbers import check_size, parse_numbers
 from bess.market.repairs import Repairs
 from bess.market.table import Ending, Table, read_table
 from bess.market.times import YEARS, clock_of, ends_day, is_time, parse_times, to_utc
+from bess.optional_dependencies import extra
 
 _CLOCK_CELL: Final = re.compile(r"\d{1,2}:\d\d(:\d\d)?")
 _UNIT: Final = re.compile(r"\s*[\[(].*?[\])]")

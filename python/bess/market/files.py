@@ -12,7 +12,7 @@ from typing import Final, NoReturn
 import pandas as pd
 
 from bess.errors import InputError
-from bess.files import LARGEST_BYTES, limited, read_file
+from bess.files import LARGEST_BYTES, limited, missing, read_file
 from bess.market.repairs import Repairs
 
 _UTF16_MARKS: Final = (b"\xff\xfe", b"\xfe\xff")
@@ -84,7 +84,7 @@ def _content(name: str) -> bytes:
     try:
         return read_file(name)
     except FileNotFoundError:
-        raise InputError(f"{name}: there is no such file; check the path") from None
+        raise InputError(f"{name}: there is no such file; {missing(name)}") from None
     except InputError:
         raise
     except (OSError, ValueError) as error:  # a path with a NUL in it is a ValueError

@@ -1,4 +1,4 @@
-"""Electricity prices from the files that people have."""
+"""Electricity prices from files of common formats."""
 
 from dataclasses import replace
 from os import PathLike

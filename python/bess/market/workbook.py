@@ -8,9 +8,9 @@ from typing import Any, Final
 import pandas as pd
 
 from bess.errors import InputError
-from bess.extras import extra
 from bess.files import LARGEST_BYTES
 from bess.market.files import fail
+from bess.optional_dependencies import extra
 
 _FEWEST_ROWS: Final = 3
 

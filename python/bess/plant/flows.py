@@ -1,4 +1,4 @@
-"""What a plant reports of its control steps."""
+"""Results of the control steps of a plant."""
 
 from __future__ import annotations
 
@@ -10,64 +10,62 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bess.arrays import ByValue
 from bess.display import as_table, few, one_line
-from bess.numbers import ByValue
 
 Floats = NDArray[np.float64]
 
 
 class Limit(IntFlag):
-    """Limits that bound within a control step, as bits of :attr:`Flows.limits`."""
+    """Limits that were active within a control step, as bits of :attr:`Flows.limits`."""
 
     DERATING = 1
-    """Temperature derating cut the request."""
+    """Temperature derating reduced the request."""
     SOC_FULL = 2
-    """The string was full: charging was cut."""
+    """The string was full: charging was reduced."""
     SOC_EMPTY = 4
-    """The string was empty: discharging was cut, or charging with less power than the inverter loses."""
+    """The string was empty: discharging was reduced, or charging with less power than the inverter loss."""
     ROOT = 8
-    """The battery's largest power, where the current is half the short-circuit current."""
+    """Maximum power transfer of the battery, at half the short-circuit current."""
     VOLTAGE = 16
-    """The cells were at their voltage limit."""
+    """The cells reached their voltage limit."""
 
 
 @dataclass(frozen=True, eq=False)
 class Flows(ByValue):
     """Flows of one control step (``Plant.step``) or of several (``Plant.run``).
 
-    The last axis of every array is the string, unless it says otherwise; before it stands the step (``run``)
-    and before that the scenario (:class:`~bess.plant.Fleet`). Powers are means over the control step.
-    Positive power and current are discharge, losses are ``>= 0``, and ``|request| = |delivered| +
-    availability loss + derating loss``.
+    Axes are scenario (:class:`~bess.plant.PlantEnsemble`), step (``run``) and string, unless stated
+    otherwise. Powers are means over the control step. Positive power and current are discharge, losses are
+    ``>= 0``, and ``|request| = |delivered| + availability loss + derating loss``.
 
     Attributes
     ----------
     delivered_kw : ndarray
         Delivered AC power [kW], signed.
     availability_loss_kw : ndarray
-        Wanted after derating, not delivered because a limit bound [kW].
+        Power undelivered after derating, because of another limit [kW].
     derating_loss_kw : ndarray
-        Requested, not wanted because of the temperature [kW].
+        Power undelivered because of temperature derating [kW].
     inverter_loss_kw : ndarray
-        Inverter loss [kW], with the standby of an inverter that is off.
+        Inverter loss [kW], including the standby loss of an inverter that is off.
     standby_kw : ndarray
-        That standby alone [kW], and the loss of an inverter with reactive power but no active power; the grid
-        supplies it beside ``delivered_kw``.
+        Standby loss [kW], and the loss of an inverter with reactive power only; the grid supplies it in
+        addition to ``delivered_kw``.
     battery_loss_kw : ndarray
-        Ohmic loss ``R I^2`` [kW]: the heat that the strings take up, beside ``reversible_heat_kw``.
+        Ohmic loss ``R I^2`` [kW]: the heat in the strings, in addition to ``reversible_heat_kw``.
     hysteresis_loss_kw : ndarray
-        Loss of hysteresis [kW]: current times half the distance of the open-circuit voltages of charge and
-        discharge. It warms the strings whose ``battery.hysteresis_heat`` is true.
+        Hysteresis loss [kW]: current times half the difference of the open-circuit voltages of charge and
+        discharge. It heats the strings whose ``battery.hysteresis_heat`` is true.
     reversible_heat_kw : ndarray
-        Heat of reaction ``-I T dU/dT`` [kW], negative where it cools; 0 for strings without a table of
-        entropy.
+        Heat of reaction ``-I T dU/dT`` [kW], negative = cooling; 0 for strings without an entropy table.
     chemical_kw : ndarray
-        Power taken from the chemical store [kW], signed: the fall of chemical energy, which is a function of
-        SOC (capacity times the integral of the mean of both open-circuit voltages at 25 degC).
+        Power drawn from the stored chemical energy [kW], signed. This energy is a function of SOC (capacity
+        times the integral of the mean of both open-circuit voltages at 25 degC).
     ocv_shift_kw : ndarray
-        Power [kW] of voltages that differ from those ``chemical_kw`` counts: a plant step holds the
-        open-circuit voltage of its beginning, at the temperature of the string. Without a temperature
-        dependence it is of first order in the plant step. ``delivered_kw - standby_kw + inverter_loss_kw +
+        Power due to voltages that differ from those of ``chemical_kw`` [kW]: a plant step holds the
+        open-circuit voltage of its start, at the temperature of the string. Without a temperature dependence
+        it is of first order in the plant step. ``delivered_kw - standby_kw + inverter_loss_kw +
         battery_loss_kw + hysteresis_loss_kw = chemical_kw + ocv_shift_kw``.
     current_a : ndarray
         String current [A], signed.
@@ -76,34 +74,34 @@ class Flows(ByValue):
     node_max_c : ndarray
         Hottest node within the step [degC].
     derating_factor : ndarray
-        Share of the request that the temperature let through.
+        Share of the request that remains after derating.
     limits : ndarray of uint8
-        Bits of :class:`Limit` that bound within the step.
+        Bits of :class:`Limit` that were active within the step.
     inverter_starts : ndarray of int64
         Off-to-on transitions.
     soh_capacity, soh_resistance : ndarray
-        Capacity and resistance over those of the system file, at the end of the step.
+        Capacity and resistance relative to the system file, at the end of the step.
     calendar_loss, cyclic_loss : ndarray
-        Capacity lost by standing and by cycling, as shares of that of the system file; with them and
+        Capacity loss by calendar and by cycle ageing, relative to the system file; together with
         ``soh_capacity`` the sum is the capacity of a new string.
     aged_charge_ah : ndarray
-        Charge that went with capacity at the end of the step [Ah]: SOC times the capacity lost.
+        Charge lost with capacity at the end of the step [Ah]: SOC times the capacity loss.
     ledger_residual_kwh : ndarray
         AC energy - (chemical change + heat + hysteresis + inverter loss) + OCV shift of all strings [kWh]; no
         string axis.
     auxiliary_kw : ndarray
-        Power of cooling [kW]: fans or pumps, and the source of cold; the grid supplies it beside
+        Auxiliary power of cooling [kW]: fans or pumps, and the chiller; the grid supplies it in addition to
         ``delivered_kw``. 0 for a system without section ``[cooling]``; no string axis.
     node_temperature_c : ndarray or None
-        Node temperatures at the end of the step [degC], with the node as one more axis after the string (NaN
-        beyond the nodes of a string that has fewer than others); None if not asked for.
+        Node temperatures at the end of the step [degC], with the node axis after the string axis (padded with
+        NaN for strings with fewer nodes); None if not requested.
     cooling_kw : ndarray or None
-        Heat that the coolant carried off [kW]; None for a system without section ``[cooling]``.
+        Heat removed by the coolant [kW]; None for a system without section ``[cooling]``.
     coolant_c : ndarray or None
-        Temperature at which the coolant reaches the (first) string at the end of the step [degC]; no string
-        axis; None for a system without section ``[cooling]``.
+        Inlet temperature of the coolant at the (first) string at the end of the step [degC]; no string axis;
+        None for a system without section ``[cooling]``.
     reactive_kvar : ndarray or None
-        Reactive power [kvar], positive where the inverter gives it; None if none was asked for.
+        Reactive power [kvar], positive = supplied by the inverter; None without reactive requests.
     """
 
     delivered_kw: Floats

@@ -1,4 +1,4 @@
-"""Arguments of the plant to arrays the core takes; everything it refuses becomes an :class:`InputError`."""
+"""Conversion of plant arguments to arrays of the core; errors of the core become :class:`InputError`."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from contextlib import contextmanager
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from bess.arrays import real_numbers
 from bess.errors import InputError
-from bess.numbers import real_numbers
 
 
 @contextmanager
 def refusals() -> Iterator[None]:
-    """Turn what the core refuses into an :class:`InputError`.
+    """Convert errors of the core to :class:`InputError`.
 
     Raises
     ------
     InputError
-        In place of a ``ValueError`` of the core.
+        Replaces a ``ValueError`` of the core.
     """
     try:
         yield
@@ -28,12 +28,12 @@ def refusals() -> Iterator[None]:
 
 
 def numbers(name: str, values: ArrayLike, shape: tuple[int | str, ...], unit: str) -> NDArray[np.float64]:
-    """Return ``values`` as float64 of the given shape, in which a text stands for any length.
+    """Return ``values`` as float64 of the given shape; a string in the shape represents any length.
 
     Raises
     ------
     InputError
-        If they are no numbers or have another shape.
+        The values are not numbers or have another shape.
     """
     array = any_shape(name, values, unit)
     fits = array.shape == shape or (
@@ -49,17 +49,17 @@ def numbers(name: str, values: ArrayLike, shape: tuple[int | str, ...], unit: st
 
 
 def one_number(name: str, value: ArrayLike, unit: str) -> float:
-    """Return one number; raise InputError if it is none, or several."""
+    """Return one number; raise InputError for any other value."""
     return float(numbers(name, value, (), unit))
 
 
 def any_shape(name: str, values: ArrayLike, unit: str) -> NDArray[np.float64]:
-    """Return ``values`` as float64; raise InputError if they are no numbers.
+    """Return ``values`` as float64.
 
     Raises
     ------
     InputError
-        They are no numbers.
+        The values are not numbers.
     """
     try:
         return real_numbers(values)

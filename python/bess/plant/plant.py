@@ -1,4 +1,4 @@
-"""One plant: the truth that a controller is run against."""
+"""One plant, the simulated system of the closed loop."""
 
 from __future__ import annotations
 
@@ -7,61 +7,58 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from bess.control.explicit import ExplicitController
 from bess.display import as_table, few, one_line
-from bess.explicit import ExplicitController
-from bess.parameters import State, System
-from bess.plant.fleet import Fleet
+from bess.plant.ensemble import PlantEnsemble
 from bess.plant.flows import Flows
 from bess.plant.inputs import ambient, numbers, refusals
 from bess.plant.snapshot import PlantSnapshot
+from bess.system import State, System
 
 
 class Plant:
     r"""Electro-thermal plant of a battery of parallel strings, each behind its own inverter.
 
     Rint cells, derating and the one-dimensional thermal model (forward in time, central in space) follow
-    [1]_; cycles of strings that age are counted as in [2]_.
+    [1]_; cycles of ageing strings are counted as in [2]_.
 
-    Every plant step (10 s) each string is derated by its temperature, limited by its SOC window and its
-    voltage, and advanced: inverter loss at delivered power, Rint current, heat, a one-dimensional
-    thermal model along the air path with the resistance of every node at its own temperature, SOC by
-    charge. What is requested and not delivered is reported as derating loss or availability loss. Not
-    modelled: self-discharge, voltage dynamics, start-up time of inverters.
+    In every plant step (10 s), each string is derated by its temperature and limited by its SOC window and
+    voltage. The step then computes inverter loss, Rint current, heat, SOC, and node temperatures of a
+    one-dimensional thermal model along the air path, with a resistance for each node temperature. Undelivered
+    power is reported as derating loss or availability loss. Self-discharge, voltage dynamics and the start-up
+    time of inverters are not modelled.
 
-    A system with a section ``[cooling]`` has thermostats, fans or pumps, and a source of cold, which take
-    :attr:`Flows.auxiliary_kw` from the grid; without one, air of the ambient passes the strings at a constant
-    flow and costs nothing.
+    A system with a section ``[cooling]`` has thermostats, fans or pumps, and a chiller; they draw
+    :attr:`Flows.auxiliary_kw` from the grid. Without this section, ambient air cools the strings at constant
+    flow without auxiliary power.
 
-    Reactive power, where it is asked for, loads the inverters: their losses are those of the apparent power
-    :math:`\sqrt{P^2 + Q^2}`, and what active power leaves of nominal power is the most they carry (equations
-    R1 and R2 of docs/equations.md). The battery covers the losses as ever; an inverter that delivers no
-    active power draws them from the grid, as part of :attr:`Flows.standby_kw`, so that empty and full strings
-    carry reactive power as well.
+    Reactive power loads the inverters: their losses follow the apparent power :math:`\sqrt{P^2 + Q^2}`, and
+    active power has priority within nominal power (equations R1 and R2 of docs/equations.md). The battery
+    covers these losses. An inverter without active power draws them from the grid, as part of
+    :attr:`Flows.standby_kw`, so empty and full strings can also supply reactive power.
 
-    Strings whose section ``[wear]`` names a cell model age: after a control step, once at least 900 s have
-    gathered, their capacity falls and their resistance rises. SOC stays what it is then; the charge that goes
-    with the capacity is :attr:`Flows.aged_charge_ah`, so that ``capacity * soc`` changes by the current and
-    by that alone.
+    Strings whose section ``[wear]`` names a cell model age: at control steps at least 900 s apart, their
+    capacity decreases and their resistance increases at constant SOC. The charge lost with the capacity is
+    :attr:`Flows.aged_charge_ah`, so ``capacity * soc`` changes only by the current and by this charge.
 
     Parameters
     ----------
     system
         The plant.
     state
-        Initial state; all nodes of a string start at its mean temperature. Strings start with its state of
-        health: what is missing to 1 was lost before, by standing and by cycling as ``wear.calendar_share``
-        says.
+        Initial state; all nodes of a string start at its mean temperature. ``wear.calendar_share`` divides an
+        initial capacity loss (1 - state of health) into calendar and cycle ageing.
     plant_step_s
-        Inner step [s]; None takes the system's (10 s).
+        Inner step [s]; by default the step of the system (10 s).
     derating_law
         "table": factor over mean temperature; "pi": the PI law with the system's gains.
     ambient_c
-        Air inlet temperature [degC] where a step gives none; None takes the system's.
+        Air inlet temperature of steps without a value [degC]; by default that of the system.
 
     Raises
     ------
     InputError
-        If the state does not fit the system, or the plant step is not stable (the message names the largest).
+        The state does not fit the system, or the plant step is unstable (the message gives the maximum).
 
     References
     ----------
@@ -88,7 +85,7 @@ class Plant:
         derating_law: Literal["table", "pi"] = "table",
         ambient_c: float | None = None,
     ) -> None:
-        self._fleet = Fleet(
+        self._fleet = PlantEnsemble(
             system, [state], plant_step_s=plant_step_s, derating_law=derating_law, ambient_c=ambient_c
         )
 
@@ -139,7 +136,7 @@ class Plant:
         ambient_c
             Air inlet temperature [degC]; the plant's own if None.
         reactive_kvar
-            Reactive power of each string [kvar], shape ``(n_strings,)``, positive where it is given gives it.
+            Reactive power of each string [kvar], shape ``(n_strings,)``, positive = supplied.
 
         Returns
         -------
@@ -165,7 +162,7 @@ class Plant:
         nodes: bool = False,
         reactive_kvar: ArrayLike | None = None,
     ) -> Flows:
-        """Advance through a horizon in one call; bit by bit the same as one :meth:`step` after the other.
+        """Advance through a horizon in one call, with the same results as repeated :meth:`step` calls.
 
         Parameters
         ----------
@@ -178,7 +175,7 @@ class Plant:
         nodes
             Keep the node temperatures of every step.
         reactive_kvar
-            Reactive power [kvar], shape ``(n_steps, n_strings)``, positive where the inverter gives it.
+            Reactive power [kvar], shape ``(n_steps, n_strings)``, positive = supplied.
 
         Returns
         -------
@@ -188,8 +185,8 @@ class Plant:
         Raises
         ------
         InputError
-            On a wrong shape, NaN, a request or reactive power above nominal power, a step that the plant step
-            does not divide, or more than 1e10 plant steps of strings. Nothing has advanced then.
+            Wrong shape, NaN, a request or reactive power above nominal power, a step that is not a multiple
+            of the plant step, or more than 1e10 plant steps x strings. The state is then unchanged.
         """
         request = numbers("request_kw", request_kw, ("n_steps", self.system.n_strings), "kW")
         air_c = ambient(ambient_c, self._fleet.ambient_c, 1, request.shape[0])
@@ -209,11 +206,11 @@ class Plant:
         Parameters
         ----------
         controller
-            Distilled for this plant.
+            Controller distilled for this plant.
         ahead_kw : ndarray, shape (n_steps, controller.tables.steps)
-            Demand [kW] of each step, at most the sum of ``limit_kw``, and as foreseen for the next ones.
+            Demand [kW] of each step, at most the sum of ``limit_kw``, and forecast of the next steps.
         limit_kw : ndarray, shape (n_steps, n_strings)
-            Largest power of each inverter [kW].
+            Maximum power of each inverter [kW].
         ambient_c : ndarray, shape (n_steps,)
             Air inlet temperature [degC].
         step_s
@@ -224,12 +221,12 @@ class Plant:
         request_kw : ndarray, shape (n_steps, n_strings)
             Set-points [kW].
         flows : Flows
-            As of :meth:`run`.
+            As for :meth:`run`.
 
         Raises
         ------
         InputError
-            On shapes that do not fit each other, or what :meth:`run` refuses.
+            The shapes do not fit each other, or as for :meth:`run`.
         """
         law, shape = controller.core, limit_kw.shape
         with refusals():
@@ -248,7 +245,7 @@ class Plant:
         return request_kw, self._fleet.flows(array, shape)
 
     def snapshot(self) -> PlantSnapshot:
-        """Return everything the plant remembers, to be given to :meth:`restore`."""
+        """Return the complete state of the plant, for :meth:`restore`."""
         whole = self._fleet.snapshot()
         return PlantSnapshot(
             soc=whole.soc[0],
@@ -261,12 +258,12 @@ class Plant:
         )
 
     def restore(self, snapshot: PlantSnapshot) -> None:
-        """Go back (or on) to a snapshot; the plant continues from it bit by bit."""
+        """Restore a snapshot; the plant continues from it to the last bit."""
         self._fleet.restore(snapshot)
 
 
 def _beside(request_kw: NDArray[np.float64], reactive_kvar: ArrayLike | None) -> NDArray[np.float64] | None:
-    """Reactive power in the shape of the requests, if any is asked for."""
+    """Reactive power in the shape of the requests, if given."""
     if reactive_kvar is None:
         return None
     return numbers("reactive_kvar", reactive_kvar, request_kw.shape, "kvar")

@@ -7,33 +7,33 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bess.numbers import ByValue
+from bess.arrays import ByValue
 
 
 @dataclass(frozen=True, eq=False)
 class PlantSnapshot(ByValue):
-    """Everything a plant remembers: one that is restored to it continues bit by bit.
+    """Complete state of a plant; a restored plant continues to the last bit.
 
-    The fields are plain arrays, so a checkpoint may store them by name and build the snapshot again from
-    them. A :class:`~bess.plant.Fleet` has the scenario as one more leading axis.
+    The fields are plain arrays, so a checkpoint can store them by name and rebuild the snapshot. A
+    :class:`~bess.plant.PlantEnsemble` has the scenario as an additional leading axis.
 
     Attributes
     ----------
     soc : ndarray, shape (n_strings,)
         State of charge.
     node_temperature_c : ndarray, shape (n_strings, n_nodes)
-        Node temperatures [degC]; NaN beyond the nodes of a string that has fewer than others.
+        Node temperatures [degC]; padded with NaN for strings with fewer nodes.
     derating_integral_k : ndarray, shape (n_strings,)
         Integral of the PI derating law [K, per 15 min]; 0 under the table law.
     inverter_on : ndarray of bool, shape (n_strings,)
-        Whether each inverter ran at the end of the last plant step.
+        Whether each inverter was on at the end of the last plant step.
     ageing : ndarray, shape (n_strings, n_numbers)
-        What ageing remembers: losses, damages, and the cycles that are still open. As many numbers as the
-        string with the most open cycles needs, the others filled up with 0.
+        Ageing state: losses, damages, and open cycles. Rows are padded with 0 to the length of the string
+        with the most open cycles.
     cooling_stages : ndarray, shape (n_strings,), or None
-        Stages of flow that are on; None for a plant without section ``[cooling]``.
+        Active flow stages; None for a plant without section ``[cooling]``.
     coolant : ndarray, shape (2,), or None
-        1 where the chiller may run, and the temperature of the common loop [degC].
+        1 if the chiller may run, else 0, and the temperature of the common loop [degC].
     """
 
     soc: NDArray[np.float64]

@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bess.extras import extra
+from bess.optional_dependencies import extra
 
 if TYPE_CHECKING:
     from bess.report.drawing.style import save_figure
@@ -20,7 +20,9 @@ def drawing_extra() -> AbstractContextManager[None]:
     return extra("report", "a report or figure")
 
 
-def write_report(directory: str | Path, *, hindsight: bool = False) -> Path:
+def write_report(
+    directory: str | Path, *, hindsight: bool = False, rules: bool | None = None, print_files: bool = False
+) -> Path:
     """Write ``report.html`` and ``figures/`` for a run, a set of scenarios, or a sweep.
 
     The page needs no network and no other file. A set of a few scenarios gets a page that compares them, and
@@ -32,7 +34,14 @@ def write_report(directory: str | Path, *, hindsight: bool = False) -> Path:
     directory
         ``out`` of ``bess run`` or ``bess sweep``.
     hindsight
-        Say on the page of every run what was possible as well (:func:`bess.hindsight`); seconds for a week.
+        Also compute the hindsight benchmark and bound of every run (:func:`bess.hindsight`): seconds a week.
+    rules
+        Run the rules beside every run that has a page, on the same demand, and say what was gained over the
+        best of them. They take a second for a week and are kept in ``kpis.json``, as ``gain_kwh`` and
+        ``gain_rule``. If omitted: for runs of up to five weeks.
+
+    print_files
+        Save every figure as PNG and PDF as well, not as SVG alone; three times the work.
 
     Returns
     -------
@@ -45,8 +54,8 @@ def write_report(directory: str | Path, *, hindsight: bool = False) -> Path:
         If there is no run to show.
     """
     with drawing_extra():
-        from bess.report.page import write_pages
-    return write_pages(Path(directory), hindsight=hindsight)
+        from bess.report.page import Options, write_pages
+    return write_pages(Path(directory), Options(hindsight, rules, print_files))
 
 
 def __getattr__(name: str) -> object:

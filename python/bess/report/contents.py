@@ -1,4 +1,4 @@
-"""Which figures a page holds, with captions and texts for those who cannot see them."""
+"""Figures of a page, with captions and alternative texts."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from functools import partial
 import numpy as np
 from matplotlib.figure import Figure
 
-from bess.analysis.services import is_reserve, is_site
-from bess.policies.planned import PLANNED
+from bess.control.policies.planned import PLANNED
 from bess.report import charts, figures
 from bess.report.charts.calendar import SHORTEST_MAP_DAYS, days_of, months_of
 from bess.report.data import TimeAxis
 from bess.report.drawing.chart import Chart
 from bess.report.drawing.draw import draw
 from bess.report.runs import Run
+from bess.simulation.analysis.services import is_reserve, is_site
 
 MOST_COMPARED = 8
-"""More scenarios than this are shown as a table and a front, not side by side."""
+"""Maximum number of scenarios shown side by side; more are shown as a table and a front."""
 _FEWEST_MONTHS = 3
 _SPREAD_WORTH_DRAWING = 0.005
 
 
 @dataclass(frozen=True)
-class Exhibit:
+class FigureSpec:
     """One figure of the page: ``make`` gives a chart (for print and interactive) or a figure (print only)."""
 
     name: str
@@ -39,34 +39,26 @@ class Exhibit:
         return (draw(made), made) if isinstance(made, Chart) else (made, None)
 
 
-def comparison(runs: Mapping[str, Run]) -> Iterator[Exhibit]:
-    """Figures that set several runs side by side."""
-    kpis = {name: run.kpis for name, run in runs.items()}
+def comparison(runs: Mapping[str, Run]) -> Iterator[FigureSpec]:
+    """Figures that compare several runs."""
     results = {name: run.dataset for name, run in runs.items()}
-    yield Exhibit(
+    yield FigureSpec(
         "losses",
-        "What was not delivered, and what was lost",
+        "Undelivered energy and losses",
         "Shorter is better. The figure at the end of each bar is the sum of its parts.",
-        partial(figures.losses_compared, kpis),
-    )
-    yield Exhibit(
-        "radar",
-        "Key figures compared",
-        "Better is outwards; every axis runs from the worst to the best value met, written at its end.",
-        partial(figures.kpi_radar, kpis),
+        partial(figures.losses_compared, {name: run.kpis for name, run in runs.items()}),
     )
     together = _share_their_time(runs)
     if together:
         yield _mean_temperature(runs)
-    yield Exhibit(
+    yield FigureSpec(
         "durations",
         "Duration curves",
-        "For which share of the time the plant gave at least this power, and its hottest string was at least "
-        "this hot.",
+        "Share of time with at least this plant power, or this temperature of the hottest string.",
         partial(charts.duration_curves, results),
     )
     if together and any(_spread_apart(run) for run in runs.values()):
-        yield Exhibit(
+        yield FigureSpec(
             "spread",
             "Differences between strings",
             "Largest minus smallest value over the strings.",
@@ -74,16 +66,21 @@ def comparison(runs: Mapping[str, Run]) -> Iterator[Exhibit]:
         )
 
 
-def overview(run: Run) -> Iterator[Exhibit]:
+def first_screen(run: Run) -> Iterator[FigureSpec]:
+    """The figure beside the summary of a run; nothing for records of versions before it."""
+    if "chemical_kw" in run.dataset:
+        yield FigureSpec(
+            "flow",
+            "Energy, grid to grid",
+            "Each direction with what it did not deliver and what it lost; the axis begins at zero.",
+            partial(figures.energy_flow, run.dataset),
+        )
+
+
+def overview(run: Run) -> Iterator[FigureSpec]:
     """Figures of one run as a whole."""
-    yield Exhibit(
-        "losses",
-        "Where the energy went",
-        "From the energy asked for, charge and discharge added, to what is left of it after all losses.",
-        partial(figures.loss_waterfall, run.kpis),
-    )
     if months_of(run.dataset) >= _FEWEST_MONTHS:
-        yield Exhibit(
+        yield FigureSpec(
             "months",
             "Month by month",
             "Income upwards and costs downwards, energy of both directions, losses, and full cycles."
@@ -92,27 +89,26 @@ def overview(run: Run) -> Iterator[Exhibit]:
             partial(figures.monthly_bars, run.dataset),
         )
     if days_of(run.dataset) >= SHORTEST_MAP_DAYS:
-        yield Exhibit(
+        yield FigureSpec(
             "map",
             "Hour by hour, day by day",
             "Every step of the run: days from left to right, hours of the day (UTC) from bottom to top.",
             partial(figures.heat_maps, run.dataset),
         )
-    yield Exhibit(
+    yield FigureSpec(
         "durations",
         "Duration curves",
-        "For which share of the time the plant gave at least this power, and its hottest string was at least "
-        "this hot.",
+        "Share of time with at least this plant power, or this temperature of the hottest string.",
         partial(charts.duration_curves, run.dataset),
     )
 
 
-def over_time(run: Run) -> Iterator[Exhibit]:
+def over_time(run: Run) -> Iterator[FigureSpec]:
     """Figures of one run along its time."""
     data = run.dataset
     daily = TimeAxis(data).daily
     if is_reserve(data) or is_site(data):
-        yield Exhibit(
+        yield FigureSpec(
             "service",
             "Service",
             "Frequency, what the plant gave, and the state of charge within the required window."
@@ -121,7 +117,7 @@ def over_time(run: Run) -> Iterator[Exhibit]:
             partial(charts.service, data),
         )
     elif "price_eur_mwh" in data:
-        yield Exhibit(
+        yield FigureSpec(
             "market",
             "Market",
             "Price (mean and range of each day), energy of each day, what it fell short of the plan if there "
@@ -130,7 +126,7 @@ def over_time(run: Run) -> Iterator[Exhibit]:
             else "Price, dispatch and mean state of charge.",
             partial(charts.market_dispatch, data),
         )
-    yield Exhibit(
+    yield FigureSpec(
         "strings",
         "State of the strings",
         "State of charge and temperature: daily mean of every string, daily range over all of them in grey."
@@ -138,8 +134,8 @@ def over_time(run: Run) -> Iterator[Exhibit]:
         else "State of charge and mean temperature of every string, demand behind.",
         partial(charts.strings, data),
     )
-    if not daily:
-        yield Exhibit(
+    if days_of(data) < SHORTEST_MAP_DAYS:  # of longer runs the map shows power: stacks would be blocks
+        yield FigureSpec(
             "power",
             "Power of the strings",
             "Requested: what was delivered, and what was lost to derating and to availability (discharge "
@@ -147,7 +143,7 @@ def over_time(run: Run) -> Iterator[Exhibit]:
             partial(charts.power_split, data),
         )
     if "reactive_kvar" in data:
-        yield Exhibit(
+        yield FigureSpec(
             "reactive",
             "Reactive power",
             "Reactive power asked of the plant and carried, that of every string, and the apparent power of "
@@ -155,28 +151,28 @@ def over_time(run: Run) -> Iterator[Exhibit]:
             partial(charts.reactive_power, data),
         )
     if data.sizes["string"] > 1:
-        yield Exhibit(
+        yield FigureSpec(
             "inverters",
             "Inverters on and off",
             "Hours on per day of every inverter." if daily else "Which inverter ran when.",
             partial(figures.inverter_pattern, data),
         )
     if _spread_apart(run) and not daily:
-        yield Exhibit(
+        yield FigureSpec(
             "spread",
             "Differences between strings",
             "Largest minus smallest value over the strings.",
             partial(charts.string_spread, data),
         )
     if "end_of_life" in data:
-        yield Exhibit(
+        yield FigureSpec(
             "health",
             "State of health",
             "Capacity and resistance over those of the system file, and the cost of the capacity lost.",
             partial(charts.state_of_health, data),
         )
     if "node_temperature_c" in data:
-        yield Exhibit(
+        yield FigureSpec(
             "nodes",
             "Temperature along the air path",
             "Temperature of every node over time, for each string.",
@@ -184,12 +180,12 @@ def over_time(run: Run) -> Iterator[Exhibit]:
         )
 
 
-def optimiser(run: Run) -> Iterator[Exhibit]:
-    """What the optimiser spent; nothing for policies without one."""
+def optimiser(run: Run) -> Iterator[FigureSpec]:
+    """Effort of the optimiser; none for policies without one."""
     data = run.dataset
     certified = data["solver_status"].values != PLANNED
     if np.isfinite(data["solver_gap"].values[certified]).any() or (data["solver_nodes"].values > 0).any():
-        yield Exhibit(
+        yield FigureSpec(
             "solver",
             "Effort of the optimiser",
             "Rigorous gap: to a bound on the nonlinear control model. Search gap: of the convexified "
@@ -198,9 +194,9 @@ def optimiser(run: Run) -> Iterator[Exhibit]:
         )
 
 
-def _mean_temperature(runs: Mapping[str, Run]) -> Exhibit:
+def _mean_temperature(runs: Mapping[str, Run]) -> FigureSpec:
     first = next(iter(runs.values()))
-    return Exhibit(
+    return FigureSpec(
         "mean-temperature",
         "Mean temperature",
         "Mean over strings; derating begins at the broken line.",
@@ -219,5 +215,5 @@ def _share_their_time(runs: Mapping[str, Run]) -> bool:
 
 
 def _spread_apart(run: Run) -> bool:
-    """Whether the strings' SOCs were ever so far apart that it can be seen."""
+    """Whether the SOC differences of the strings were ever visible."""
     return bool(np.ptp(run.dataset["soc"].values, axis=1).max() > _SPREAD_WORTH_DRAWING)

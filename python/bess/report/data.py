@@ -1,4 +1,4 @@
-"""What every chart reads from a result: dataset, time axis, and states that begin with the initial one."""
+"""Chart data of a result: dataset, time axis, and states including the initial state."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class HasDataset(Protocol):
-    """What :func:`bess.run` returns."""
+    """Interface of the result of :func:`bess.run`."""
 
     @property
     def dataset(self) -> xr.Dataset:

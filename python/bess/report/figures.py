@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from bess.report import charts
 from bess.report.charts.calendar import heat_maps, monthly_bars
 from bess.report.charts.kpi_figures import kpi_bars, kpi_radar
-from bess.report.charts.losses import loss_waterfall, losses_compared
+from bess.report.charts.losses import energy_flow, losses_compared
 from bess.report.charts.maps import inverter_pattern, node_temperatures
 from bess.report.drawing.chart import Chart
 from bess.report.drawing.draw import draw
@@ -51,12 +51,12 @@ pareto_front = _drawn(charts.pareto_front)
 __all__ = [
     "derating_curves",
     "duration_curves",
+    "energy_flow",
     "heat_maps",
     "inverter_pattern",
     "kpi_bars",
     "kpi_lines",
     "kpi_radar",
-    "loss_waterfall",
     "losses_compared",
     "market_dispatch",
     "mean_temperature",

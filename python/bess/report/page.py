@@ -11,26 +11,46 @@ from typing import Any
 from urllib.parse import quote
 
 from bess import __version__
-from bess.errors import InputError, option
+from bess.errors import BessError, InputError, option
 from bess.files import parse_toml
-from bess.record.atomic import write_bytes
-from bess.record.identity import IDENTITY
-from bess.report.contents import MOST_COMPARED, Exhibit, comparison, optimiser, over_time, overview
+from bess.report.contents import (
+    MOST_COMPARED,
+    FigureSpec,
+    comparison,
+    first_screen,
+    optimiser,
+    over_time,
+    overview,
+)
 from bess.report.drawing.interactive import LegendEntry, bokeh_document, bokeh_script, legend
-from bess.report.drawing.style import save_figure
+from bess.report.drawing.style import save_figure, save_svg
 from bess.report.runs import Run, runs_in
 from bess.report.security import content_policy
 from bess.report.sweep_table import SweepTable, read_sweep
 from bess.report.words.headline import tiles
+from bess.report.words.limits import limit_sentences
 from bess.report.words.paper import comparisons, is_case_2, reading
-from bess.report.words.summary import subject, summary, warnings
+from bess.report.words.summary import gain_sentence, subject, summary, warnings
 from bess.report.words.tables import decision_table, kpi_groups
-from bess.report.words.unlike import unlike
+from bess.report.words.unlike import choices, unlike
+from bess.simulation.record.atomic import write_bytes
+from bess.simulation.record.provenance import IDENTITY
 
 REPORT = "report.html"
 FIGURES = "figures"
 _REM_PER_INCH = 6.4
+_STEPS_WITH_RULES = 5 * 7 * 96
+"""Longest run beside which the rules are run unless they are asked for: five weeks of quarters of an hour."""
 _PACKAGES = ("numpy", "clarabel", "xarray", "matplotlib", "bokeh")
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of a page and its files, as in :func:`bess.write_report`."""
+
+    hindsight: bool = False
+    rules: bool | None = None
+    print_files: bool = False
 
 
 @dataclass(frozen=True)
@@ -55,17 +75,17 @@ class PageSection:
     figures: list[PageFigure]
 
 
-def write_pages(directory: Path, *, hindsight: bool) -> Path:
+def write_pages(directory: Path, options: Options) -> Path:
     """Write the pages of :func:`bess.write_report`; return that of the folder."""
     runs, problems = runs_in(directory)
     if len(runs) == 1 and (directory / IDENTITY).exists():
         (run,) = runs.values()
-        return _run_page(directory, run, problems, hindsight=hindsight)
+        return _run_page(directory, run, problems, options)
     sweep = read_sweep(directory)
     if len(runs) <= MOST_COMPARED:
         for run in runs.values():
-            _run_page(run.directory, run, {}, within=_title(directory), hindsight=hindsight)
-    return _comparison_page(directory, runs, problems, sweep, hindsight=hindsight)
+            _run_page(run.directory, run, {}, options, within=_title(directory))
+    return _comparison_page(directory, runs, problems, sweep, options)
 
 
 def write_comparison(runs: dict[str, Run], directory: Path) -> Path:
@@ -91,25 +111,36 @@ def write_comparison(runs: dict[str, Run], directory: Path) -> Path:
         raise InputError(
             f"{directory}: cannot be made ({error.strerror}); use another {option('out')}"
         ) from error
-    return _comparison_page(directory, runs, {}, None, title="Comparison of " + ", ".join(runs))
+    return _comparison_page(directory, runs, {}, None, Options(), title="Comparison of " + ", ".join(runs))
 
 
 def _run_page(
-    directory: Path, run: Run, problems: dict[str, str], within: str = "", *, hindsight: bool = False
+    directory: Path, run: Run, problems: dict[str, str], options: Options, within: str = ""
 ) -> Path:
     folder = directory / FIGURES
+    if options.rules or (options.rules is None and run.dataset.sizes["time"] <= _STEPS_WITH_RULES):
+        try:
+            run.run_rules()
+        except BessError as error:
+            problems = problems | {"the rules on the same demand": str(error)}
     sections = [
-        section("overview", "Overview", overview(run), folder),
-        section("time", "Over time", over_time(run), folder),
-        section("optimiser", "Optimiser", optimiser(run), folder),
+        section("overview", "Overview", overview(run), folder, print_files=options.print_files),
+        section("time", "Over time", over_time(run), folder, print_files=options.print_files),
+        section("optimiser", "Optimiser", optimiser(run), folder, print_files=options.print_files),
     ]
     one = {run.name: run}
     values = {
         "title": run.name if within else _title(directory),
         "within": within,
         "subject": subject(one),
-        "summary": [*summary(one, hindsight=hindsight), *([_hindsight(run)] if hindsight else [])],
-        "tiles": tiles(run.kpis),
+        "lead": gain_sentence(run),
+        "limits": limit_sentences(run),
+        "beside": section("flow", "", first_screen(run), folder, print_files=options.print_files).figures,
+        "summary": [
+            *([_hindsight(run)] if options.hindsight else []),
+            *summary(one, hindsight=options.hindsight),
+        ],
+        "tiles": tiles(run),
         "warnings": warnings(one, problems),
         "sections": sections,
         "groups": kpi_groups({"": run.kpis}),
@@ -121,7 +152,7 @@ def _run_page(
 
 
 def _hindsight(run: Run) -> str:
-    from bess.retrospect import hindsight  # loads the solver, which no other page needs
+    from bess.simulation.hindsight import hindsight  # loads the solver, which no other page needs
 
     return str(hindsight(run.dataset))
 
@@ -131,26 +162,30 @@ def _comparison_page(
     runs: dict[str, Run],
     problems: dict[str, str],
     sweep: SweepTable | None,
+    options: Options,
     title: str = "",
-    *,
-    hindsight: bool = False,
 ) -> Path:
     folder = directory / FIGURES
     few = 1 < len(runs) <= MOST_COMPARED
     sections = []
     if sweep is not None:
         problems = problems | sweep.failed
-        sections.append(section("front", "The sweep", sweep.exhibits(), folder))
+        sections.append(
+            section("front", "The sweep", sweep.exhibits(), folder, print_files=options.print_files)
+        )
     if few:
-        sections.append(section("comparison", "Side by side", comparison(runs), folder))
+        sections.append(
+            section("comparison", "Side by side", comparison(runs), folder, print_files=options.print_files)
+        )
     kpis = sweep.kpis if sweep is not None and sweep.kpis else {name: run.kpis for name, run in runs.items()}
     differing = unlike(runs)
     paper = comparisons(kpis) if is_case_2(runs) else []
     values = {
         "title": title or _title(directory),
-        "subject": subject(runs),
-        "summary": summary(runs, hindsight=hindsight) if few else [differing] if differing else [],
-        "front": sweep.front_sentence() if sweep is not None else "",
+        "subject": subject(runs, alike=not differing),
+        "summary": summary(runs, hindsight=options.hindsight) if few else [],
+        "lead": (sweep.front_sentence() if sweep is not None else "") or differing or choices(runs),
+        "picks": sweep.picks() if sweep is not None else None,
         "decision": decision_table(kpis, alike=not differing),
         "links": {name: _link(directory, run) for name, run in runs.items()},
         "warnings": warnings(runs, problems),
@@ -167,21 +202,24 @@ def _comparison_page(
     return write_page(directory, values)
 
 
-def section(id_: str, title: str, exhibits: Iterable[Exhibit], folder: Path) -> PageSection:
+def section(
+    id_: str, title: str, exhibits: Iterable[FigureSpec], folder: Path, *, print_files: bool = False
+) -> PageSection:
     """Return a section with its figures, which are saved into ``folder`` as well."""
-    return PageSection(id_, title, [_show(exhibit, folder) for exhibit in exhibits])
+    return PageSection(id_, title, [_show(exhibit, folder, print_files) for exhibit in exhibits])
 
 
-def _show(exhibit: Exhibit, folder: Path) -> PageFigure:
+def _show(exhibit: FigureSpec, folder: Path, print_files: bool) -> PageFigure:
     figure, chart = exhibit.drawn()
-    svg, *_ = save_figure(figure, folder / f"{exhibit.name}.svg")
+    path = folder / f"{exhibit.name}.svg"
+    svg = save_figure(figure, path)[0].read_text(encoding="utf-8") if print_files else save_svg(figure, path)
     # "</" would end the script element that holds the data, "<!--" change how it is read.
     spec = "" if chart is None else bokeh_document(chart).replace("<", "\\u003c")
     return PageFigure(
         id=exhibit.name,
         title=exhibit.title,
         caption=exhibit.caption,
-        svg=_embedded(svg.read_text(encoding="utf-8")),
+        svg=_embedded(svg),
         spec=spec,
         legend=() if chart is None else tuple(legend(chart)),
         width_rem=round(_REM_PER_INCH * figure.get_figwidth(), 1),
@@ -206,9 +244,8 @@ def write_page(directory: Path, values: dict[str, Any]) -> Path:
     drawn = any(figure.spec for section in sections for figure in section.figures)
     scripts = [*([bokeh_script()] if drawn else []), environment.get_template("report.js").render()]
     nothing: dict[str, Any] = {
-        "within": "", "front": "", "tiles": [], "decision": None, "links": {}, "paper": [], "reading": [],
-        "alike": False,
-        "table_beside": False,
+        "within": "", "lead": "", "limits": [], "beside": [], "picks": None, "tiles": [], "decision": None,
+        "links": {}, "paper": [], "reading": [], "alike": False, "table_beside": False,
     }  # fmt: skip
     page = environment.get_template("report.html.j2").render(
         nothing

@@ -14,7 +14,7 @@ from bess.report import figures
 from bess.report.drawing.style import through_pyplot
 
 if TYPE_CHECKING:
-    from bess.record import Result
+    from bess.simulation.record import Result
 
 Panels = NDArray[Any]
 """Axes of a figure, from top to bottom and left to right."""
@@ -39,12 +39,12 @@ class Plot:
         return _panels(lambda: figures.strings(self._result))
 
     def power(self) -> Panels:
-        """Requested, delivered and lost power of every string."""
+        """Requested, delivered and undelivered power and losses of every string."""
         return _panels(lambda: figures.power_split(self._result))
 
     def losses(self) -> Axes:
-        """Where the energy went: a waterfall from what was asked for to what is left."""
-        return _single(lambda: figures.loss_waterfall(self._result.kpis))
+        """Loss breakdown: energy flow between grid and battery, with the losses of each direction."""
+        return _single(lambda: figures.energy_flow(self._result))
 
     def temperature(self) -> Axes:
         """Mean temperature of the storage."""
@@ -55,23 +55,23 @@ class Plot:
         return _panels(lambda: figures.string_spread(self._result))
 
     def durations(self) -> Panels:
-        """For which share of the time power and temperature were at least how high."""
+        """Duration curves of power and temperature."""
         return _panels(lambda: figures.duration_curves(self._result))
 
     def inverters(self) -> Axes:
-        """Which inverter ran when."""
+        """Inverter states over time."""
         return _single(lambda: figures.inverter_pattern(self._result))
 
     def market(self) -> Panels:
-        """Price, dispatch and state of charge; of a study with prices."""
+        """Price, dispatch and state of charge, for studies with prices."""
         return _panels(lambda: figures.market_dispatch(self._result))
 
     def service(self) -> Panels:
-        """What a service asked and whether it was kept; of a study of one."""
+        """Demand and compliance of a grid service, for studies of services."""
         return _panels(lambda: figures.service(self._result))
 
     def reactive(self) -> Panels:
-        """Reactive power asked and carried; of a study that asks for it."""
+        """Reactive power demand and supply, for studies with reactive power."""
         return _panels(lambda: figures.reactive_power(self._result))
 
     def heat_map(self) -> Panels:
@@ -79,7 +79,7 @@ class Plot:
         return _panels(lambda: figures.heat_maps(self._result))
 
     def months(self) -> Panels:
-        """Money, energy, losses and cycles of each month."""
+        """Net income, energy, losses and cycles of each month."""
         return _panels(lambda: figures.monthly_bars(self._result))
 
     def solver(self) -> Panels:

@@ -1,7 +1,9 @@
-"""What a report reads from a directory: its runs, their KPIs and logs, and whether they are complete."""
+"""Runs of a directory for a report: KPIs, logs and completeness."""
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,17 +15,19 @@ from numpy.typing import NDArray
 
 from bess.errors import BessError, InputError
 from bess.files import parse_json
-from bess.record.checksums import check_file
-from bess.record.identity import read_identity
-from bess.record.result import RESULTS, open_result, scenario_directories
-from bess.record.steplog import LOG
+from bess.simulation.record.checksums import check_file, write_checked
+from bess.simulation.record.provenance import read_identity
+from bess.simulation.record.result import RESULTS, open_result, scenario_directories
+from bess.simulation.record.steplog import LOG
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from bess.parameters import System
+    from bess.system import System
 
 
+GAIN_RULE = "gain_rule"
+_KPIS = "kpis.json"
 _ALWAYS = frozenset(("demand_kwh", "charged_kwh", "undelivered_kwh", "lost_kwh"))
 """Figures that every record has; a run saved before they were introduced gets them from its record."""
 
@@ -69,29 +73,63 @@ class Run:
 
     @cached_property
     def dataset(self) -> xr.Dataset:
-        """The record, or what there is of it."""
+        """The record, or its saved part."""
         return open_result(self.directory)
 
     @cached_property
     def kpis(self) -> dict[str, float]:
-        """KPIs as saved; of an unfinished run, those of the part that is there."""
-        path = self.directory / "kpis.json"
+        """Saved KPIs; for an unfinished run, KPIs of its saved part."""
         try:
-            check_file(path)
-            saved: dict[str, float] = parse_json(path.read_text(encoding="utf-8"))
-            kpis = {key: float("nan") if value is None else float(value) for key, value in saved.items()}
-        except (OSError, ValueError, TypeError, AttributeError):  # absent, or damaged
+            kpis = {key: math.nan if value is None else float(value)
+                    for key, value in self._saved.items() if key != GAIN_RULE}  # fmt: skip
+        except (ValueError, TypeError):  # damaged
             kpis = {}
         if kpis.keys() >= _ALWAYS:
             return kpis
-        from bess.analysis.kpis import kpis as compute
+        from bess.simulation.analysis.kpis import kpis as compute
 
         return kpis | compute(self.dataset)
 
     @cached_property
+    def _saved(self) -> dict[str, Any]:
+        path = self.directory / _KPIS
+        try:
+            check_file(path)
+            return dict(parse_json(path.read_text(encoding="utf-8")))
+        except (OSError, ValueError, TypeError):  # absent, or damaged
+            return {}
+
+    @property
+    def policy(self) -> str:
+        """Name of the policy that ran."""
+        return str(self.study.get("policy", {}).get("name", ""))
+
+    @property
+    def gain_rule(self) -> str:
+        """The best rule on the demand of this run; empty if none was run beside it."""
+        return str(self._saved.get(GAIN_RULE, ""))
+
+    def run_rules(self) -> None:
+        """Run the rules beside a finished run, unless that was done, and save the gain with its KPIs.
+
+        Raises
+        ------
+        BessError
+            The record cannot be replayed.
+        """
+        if self.gain_rule or not self.finished:
+            return
+        from bess.simulation.hindsight.rules import gain_over_rules
+
+        gain = gain_over_rules(self.dataset.load(), self.policy, self.system)
+        self.kpis.update({key: value for key, value in gain.items() if isinstance(value, float)})
+        self._saved.update(gain)
+        write_checked(self.directory / _KPIS, json.dumps(self._saved, indent=1).encode())
+
+    @cached_property
     def system(self) -> System:
         """The plant that ran."""
-        from bess.parameters import System
+        from bess.system import System
 
         return System(self.identity["system"], name=self.name)
 
@@ -138,7 +176,7 @@ def runs_in(directory: Path) -> tuple[dict[str, Run], dict[str, str]]:
 def _order_in(directory: Path) -> Callable[[str], tuple[int, str]]:
     """Order of the study file, as the summary of all runs has it; names it does not have come last."""
     try:
-        summary = list(parse_json((directory / "kpis.json").read_text(encoding="utf-8")))
+        summary = list(parse_json((directory / _KPIS).read_text(encoding="utf-8")))
     except (OSError, ValueError, TypeError):
         summary = []
     places = {name: index for index, name in enumerate(summary)}

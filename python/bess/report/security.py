@@ -1,4 +1,4 @@
-"""What the page may load and run."""
+"""Content security policy of the page."""
 
 from __future__ import annotations
 

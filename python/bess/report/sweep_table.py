@@ -10,18 +10,25 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from bess.analysis.catalogue import better
-from bess.analysis.pareto import hypervolume, knee_point, non_dominated
 from bess.errors import InputError
 from bess.report import charts
 from bess.report.charts.kpi_figures import RADAR_KPIS
-from bess.report.charts.many import changing_kpis
-from bess.report.contents import Exhibit
-from bess.sweep.table import RESERVED, SWEEP_CSV, is_parameter
+from bess.report.charts.sweeps import changing_kpis
+from bess.report.contents import FigureSpec
+from bess.report.words.tables import DECISION
+from bess.simulation.analysis.catalogue import better, kpi
+from bess.simulation.analysis.pareto import Direction, knee_point, non_dominated
+from bess.simulation.sweep.table import RESERVED, SWEEP_CSV, is_parameter
 
 _X, _Y = "battery_efficiency_pct", "inverter_efficiency_pct"
 _FEWEST_POINTS = 3
+_WORTH_A_LOOK = {
+    "net_eur": "largest net income",
+    "lost_kwh": "least lost",
+    "peak_string_temperature_c": "coolest",
+}
 
 
 @dataclass(frozen=True)
@@ -37,11 +44,11 @@ class SweepTable:
         """Whether a number was swept: a handful of named scenarios is compared, but forms no front."""
         return len(self.kpis) >= _FEWEST_POINTS and any(True for _ in self._numeric_parameters())
 
-    def exhibits(self) -> Iterator[Exhibit]:
+    def exhibits(self) -> Iterator[FigureSpec]:
         """Front of inverter and battery efficiency, and KPIs over the parameter if one number was swept."""
         if not self.has_front:
             return
-        yield Exhibit(
+        yield FigureSpec(
             "front",
             "Pareto front",
             "Inverter against battery efficiency of all scenarios; the knee is the point farthest from the "
@@ -51,7 +58,7 @@ class SweepTable:
         for key in self._numeric_parameters():
             values = [float(row[key]) for row in self.parameters.values()]
             if len(set(values)) == len(values) and changing_kpis(self.kpis):
-                yield Exhibit(
+                yield FigureSpec(
                     "kpis-over-parameter",
                     f"Key figures over {key}",
                     "One point for each scenario.",
@@ -60,23 +67,51 @@ class SweepTable:
                 return
 
     def front_sentence(self) -> str:
-        """Size of the front, its knee, and its hypervolume."""
+        """How many scenarios are on the front, and which of them is its knee."""
         if not self.has_front:
             return ""
         names = list(self.kpis)
-        points = np.array([[row[_X], row[_Y]] for row in self.kpis.values()])
-        directions = [better(_X), better(_Y)]
-        worst, best = points.min(axis=0), points.max(axis=0)
-        volume = hypervolume(points, worst, directions)
-        box = float(np.prod(best - worst))
-        knee = knee_point(points, directions)
-        share = f", {100.0 * volume / box:.1f} % of the box between worst and best" if box > 0.0 else ""
+        points, directions = self._points()
+        knee = self._knee()
+        row = self.kpis[knee]
         return (
-            f"{int(non_dominated(points, directions).sum())} of {len(names)} scenarios lie on the front of "
-            f"inverter and battery efficiency. Knee: {names[knee]} with {points[knee, 1]:.2f} % inverter and "
-            f"{points[knee, 0]:.2f} % battery efficiency. Hypervolume against the worst values met "
-            f"({worst[1]:.2f} %, {worst[0]:.2f} %): {volume:.3g} square points{share}."
+            f"Knee of the front: {self._said(knee)}, with {kpi(_Y).quantity(row[_Y])} inverter and "
+            f"{kpi(_X).quantity(row[_X])} battery efficiency. {int(non_dominated(points, directions).sum())} "
+            f"of {len(names)} scenarios lie on the front of these two."
         )
+
+    def picks(self) -> tuple[list[str], list[tuple[str, list[str]]]] | None:
+        """Heads of a table, and its rows: why a point is worth a look, its parameters and key figures."""
+        if not self.has_front:
+            return None
+        names = list(self.kpis)
+        reasons = {self._knee(): ["knee of the front"]}
+        for key, reason in _WORTH_A_LOOK.items():
+            values = {name: row.get(key, math.nan) for name, row in self.kpis.items()}
+            known = {name: value for name, value in values.items() if math.isfinite(value)}
+            if len({kpi(key).number(value) for value in known.values()}) > 1:
+                first = (max if better(key) == "max" else min)(known, key=lambda name: known[name])
+                reasons.setdefault(first, []).append(reason)
+        shown = [key for key in DECISION if all(key in self.kpis[name] for name in reasons)]
+        heads = [*(_short(key) for key in self.parameters[names[0]]), *(kpi(key).heading for key in shown)]
+        rows = [
+            (", ".join(why),
+             [*map(_number, self.parameters[name].values()),
+              *(kpi(key).number(self.kpis[name][key]) for key in shown)])
+            for name, why in reasons.items()
+        ]  # fmt: skip
+        return heads, rows
+
+    def _points(self) -> tuple[NDArray[np.float64], list[Direction]]:
+        points = np.array([[row[_X], row[_Y]] for row in self.kpis.values()])
+        return points, [better(_X), better(_Y)]
+
+    def _knee(self) -> str:
+        return list(self.kpis)[knee_point(*self._points())]
+
+    def _said(self, name: str) -> str:
+        """Parameters of a scenario as numbers."""
+        return ", ".join(f"{_short(key)} {_number(value)}" for key, value in self.parameters[name].items())
 
     def _numeric_parameters(self) -> Iterator[str]:
         for key in next(iter(self.parameters.values())):
@@ -86,6 +121,17 @@ class SweepTable:
                 continue
             if len(values) > 1:
                 yield key
+
+
+def _short(key: str) -> str:
+    return key.rpartition(".")[2].replace("_", " ")
+
+
+def _number(text: str) -> str:
+    try:
+        return f"{float(text):g}"
+    except ValueError:
+        return text
 
 
 def read_sweep(directory: Path) -> SweepTable | None:

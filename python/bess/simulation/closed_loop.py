@@ -1,4 +1,4 @@
-"""One control step after the other: demand, policy, plant, record."""
+"""The closed loop of control steps: demand, policy, plant, record."""
 
 from __future__ import annotations
 
@@ -8,28 +8,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from bess.arrays import Array, real_numbers
+from bess.control.policies import NO_OPTIMISATION, Decision, Policy, PolicyInput, SolverReport
+from bess.control.policies.distilled import DistilledPolicy
+from bess.control.policies.reactive import shared_equally
+from bess.control.wear import WearPrices
 from bess.errors import BessError, InputError
-from bess.numbers import Array, real_numbers
 from bess.plant import Flows, Plant, PlantSnapshot
-from bess.policies import NO_OPTIMISATION, Decision, Policy, Situation, SolverReport
-from bess.policies.distilled import DistilledPolicy
-from bess.policies.reactive import shared_equally
-from bess.record.schema import AGEING_FLOWS, COOLING_FLOWS, ENTROPY_FLOWS, FLOWS, REACTIVE_FLOWS
-from bess.simulation.demand import Now, ProfileSource
+from bess.simulation.demand import ProfileSource, StepInputs
 from bess.simulation.inputs import Inputs
-from bess.wear import WearPrices
+from bess.simulation.record.schema import AGEING_FLOWS, COOLING_FLOWS, ENTROPY_FLOWS, FLOWS, REACTIVE_FLOWS
 
 _TOLERANCE = 1e-9
-"""Relative slack for sums of set-points against the demand: rounding only."""
+"""Relative tolerance between the sum of set-points and the demand, for rounding only."""
 
 
 class ClosedLoop:
-    """A policy acting on a plant.
+    """A policy that controls a plant.
 
     Attributes
     ----------
     inputs, policy
-        As given.
+        Inputs and policy of the run.
     step : int
         Index of the next step.
     """
@@ -52,7 +52,7 @@ class ClosedLoop:
             *(("node_temperature_c",) if node_temperatures else ()),
         )
         self._prices = WearPrices.of(inputs.system)
-        # A controller knows of ambient and cooling what its strings cool towards.
+        # The controller receives the temperature that its strings cool towards.
         self._surroundings_c = inputs.system.surroundings_c(inputs.ambient_c)
         self._total_kw = inputs.limit_kw.sum(axis=1)
         self._delivered_kw = 0.0
@@ -64,20 +64,20 @@ class ClosedLoop:
         Returns
         -------
         record : dict
-            Values of this step by the names of the result.
+            Values of this step by variable name.
         log : list of dict
-            Its line for the log; none of a step that was not solved and in which nothing was missing.
+            Log line of this step; empty without a solve and without undelivered energy.
         """
         step, inputs = self.step, self.inputs
         state = self._plant.state
         limit_kw, total_kw = inputs.limit_kw[step], self._total_kw[step]
-        now = Now(state, limit_kw, self._surroundings_c[step:], self._delivered_kw)
+        now = StepInputs(state, limit_kw, self._surroundings_c[step:], self._delivered_kw)
         ahead_kw = inputs.demand.ahead(step, inputs.horizon_steps, now)
         demand_kw = float(ahead_kw[0])
         served_kw = self._served(ahead_kw, total_kw)
         asked_kvar = None if inputs.reactive is None else inputs.reactive.ahead(step, served_kw)
         ambient_c = float(inputs.ambient_c[step])
-        situation = Situation(
+        situation = PolicyInput(
             state=state,
             demand_kw=served_kw,
             ambient_c=_ahead(self._surroundings_c, step, inputs.horizon_steps),
@@ -87,7 +87,7 @@ class ClosedLoop:
                 if inputs.price_eur_mwh is None
                 else _ahead(inputs.price_eur_mwh, step, inputs.horizon_steps)
             ),
-            follows_store=inputs.demand.follows_store,
+            demand_depends_on_soc=inputs.demand.demand_depends_on_soc,
             reactive_kvar=asked_kvar,
         )
         decision = self._decide(situation, total_kw)
@@ -121,7 +121,7 @@ class ClosedLoop:
 
     @property
     def in_blocks(self) -> bool:
-        """Whether many steps can be run in one call: by a distilled controller, of a demand that is known."""
+        """Whether many steps can run in one call: a distilled controller with a known demand."""
         return (
             isinstance(self.policy, DistilledPolicy)
             and isinstance(self.inputs.demand, ProfileSource)
@@ -135,20 +135,20 @@ class ClosedLoop:
         Returns
         -------
         record, log
-            As of :meth:`advance`, the record with the steps along the first axis.
+            As for :meth:`advance`, with the steps along the first axis of the record.
 
         Raises
         ------
         InputError
-            The controller refuses its situation.
+            The controller refuses its input.
         BessError
-            Its set-points do not sum to the demand.
+            The set-points do not sum to the demand.
         """
         assert isinstance(self.policy, DistilledPolicy)
         inputs, first = self.inputs, self.step
         n_steps = min(most, inputs.grid.n_steps - first)
         steps = slice(first, first + n_steps)
-        now = Now(self._plant.state, inputs.limit_kw[first], self._surroundings_c[first:])
+        now = StepInputs(self._plant.state, inputs.limit_kw[first], self._surroundings_c[first:])
         ahead_kw = np.array(
             [inputs.demand.ahead(step, inputs.horizon_steps, now) for step in range(first, first + n_steps)]
         )
@@ -198,7 +198,7 @@ class ClosedLoop:
         flows: Flows,
         capacity_lost: Array,
     ) -> dict[str, Any]:
-        """What is recorded of a step, or of several along the first axis."""
+        """Record variables of a step, or of several steps along the first axis."""
         inputs = self.inputs
         record: dict[str, Any] = {
             "demand_kw": demand_kw,
@@ -216,7 +216,7 @@ class ClosedLoop:
         return record | {"wear_eur": self._prices.cost_eur(capacity_lost, discharged_kwh)}
 
     def _logged(self, step: int, start: str, solver: SolverReport, unmet_kw: float) -> list[dict[str, Any]]:
-        """The line of a step in the log, if there is anything to say of it; ``start`` is its time in UTC."""
+        """Log line of a step, if any; ``start`` is its time in UTC."""
         solved = solver.status != NO_OPTIMISATION or solver.solve_time_s > 0.0
         if not (solved or solver.fallback or unmet_kw > 0.0):
             return []
@@ -235,7 +235,7 @@ class ClosedLoop:
         ]
 
     def checkpoint(self) -> dict[str, Any]:
-        """Everything the next step depends on."""
+        """Return the state that the next step depends on."""
         return {
             "step": self.step,
             "plant": vars(self._plant.snapshot()),
@@ -245,14 +245,14 @@ class ClosedLoop:
         }
 
     def restore(self, checkpoint: Mapping[str, Any]) -> None:
-        """Continue after the step at which :meth:`checkpoint` was called."""
+        """Restore a state returned by :meth:`checkpoint`."""
         self.step = checkpoint["step"]
         self._plant.restore(PlantSnapshot(**checkpoint["plant"]))
         self.policy.recall(checkpoint["policy"])
         self.inputs.demand.recall(checkpoint["demand"])
         self._delivered_kw = checkpoint["delivered_kw"]
 
-    def _decide(self, situation: Situation, total_kw: float) -> Decision:
+    def _decide(self, situation: PolicyInput, total_kw: float) -> Decision:
         try:
             decision = self.policy(situation)
             request_kw = real_numbers(decision.request_kw)
@@ -278,8 +278,8 @@ class ClosedLoop:
             )
         return decision
 
-    def _set_points(self, situation: Situation, decision: Decision) -> Array:
-        """What is decided, without what is between 0 and the least power of an inverter."""
+    def _set_points(self, situation: PolicyInput, decision: Decision) -> Array:
+        """Return the decision with set-points below the minimum inverter power set to 0."""
         request_kw, limit_kw = real_numbers(decision.request_kw), situation.limit_kw
         system = self.inputs.system
         if not ((request_kw != 0.0) & (np.abs(request_kw) < system.min_power_kw)).any():
@@ -291,18 +291,18 @@ class ClosedLoop:
         return np.asarray(discharged_kw - charged_kw)
 
     def _served(self, demand_kw: Array, total_kw: ArrayLike) -> Array:
-        """What the strings are asked for of a demand: at most all they can, and 0 below their least power."""
+        """Demand limited to the total power of the strings; 0 below their minimum power."""
         served_kw = np.minimum(np.maximum(demand_kw, np.negative(total_kw)), total_kw)
         served_kw[np.abs(served_kw) < self.inputs.system.min_power_kw.min()] = 0.0
         return served_kw
 
     def _slack_kw(self, total_kw: ArrayLike) -> Array:
-        """How far set-points may be from the demand in total: by rounding, and by less than least powers."""
+        """Tolerance of the sum of set-points: rounding and the minimum powers of the inverters."""
         least_kw = float(self.inputs.system.min_power_kw.sum())
         return _rounding_kw(total_kw) + least_kw
 
-    def _reactive(self, situation: Situation, decision: Decision, request_kw: Array) -> Array | None:
-        """Reactive power beside set-points: as the policy shares it, or in equal parts if it does not."""
+    def _reactive(self, situation: PolicyInput, decision: Decision, request_kw: Array) -> Array | None:
+        """Reactive power of each string, allocated by the policy or, if it does not, in equal parts."""
         if situation.reactive_kvar is None:
             return None
         asked_kvar, limit_kva = float(situation.reactive_kvar[0]), situation.limit_kw
@@ -332,12 +332,12 @@ class ClosedLoop:
 
 
 def _rounding_kw(total_kw: ArrayLike) -> Array:
-    """How far a power may be from another that it should equal."""
+    """Tolerance between two powers that should be equal [kW]."""
     return np.asarray(_TOLERANCE * np.maximum(1.0, total_kw))
 
 
 def _solver_record(solver: SolverReport) -> dict[str, float]:
-    """What is recorded of a policy's answer."""
+    """Record variables of a policy's answer."""
     return {
         "solver_status": solver.status,
         "solver_gap": solver.gap,
@@ -348,7 +348,7 @@ def _solver_record(solver: SolverReport) -> dict[str, float]:
 
 
 def _ahead(values: Array, step: int, n_steps: int) -> Array:
-    """Values from a step on; after the end of the run, the last one."""
+    """Values from a step on; the last value is repeated after the end of the run."""
     ahead = values[step : step + n_steps]
     missing = n_steps - ahead.size
     return np.concatenate([ahead, np.full(missing, ahead[-1])]) if missing else ahead
@@ -359,7 +359,7 @@ def _listed(values: Array) -> str:
 
 
 def check_finite(first_step: int, record: Mapping[str, NDArray[Any]]) -> None:
-    """Raise BessError if the plant returned anything but finite numbers; arrays have the steps first."""
+    """Raise BessError if the plant returned non-finite numbers; steps are along the first axis."""
     for name in FLOWS:
         finite = np.isfinite(record[name].reshape(len(record[name]), -1)).all(axis=1)
         if not finite.all():

@@ -1,36 +1,37 @@
-"""What is asked of the plant in each step, and what the policy is told of the steps ahead."""
+"""Demand on the plant in each step, and the demand forecast of the policy."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bess.numbers import Array
-from bess.parameters import State, System
+from bess.arrays import Array
+from bess.system import State, System
 
 if TYPE_CHECKING:
-    from bess.ems import Arbitrage, AwareDispatch, Forecast
+    from bess.dispatch import Arbitrage, DynamicProgramDispatch, Forecast
+    from bess.dispatch.budget import CycleBudget
 
 
 COMPARE_H = 3.0
-"""How often what has come is compared with what a plan over prices counts on."""
-LONGEST_SHARE = 1.0 / 6.0
-"""Share of a plan after which it is made anew all the same: what lies behind its end comes into sight."""
+"""Interval between comparisons of the measured state with a dispatch plan [h]."""
+MAX_PLAN_AGE_FRACTION = 1.0 / 6.0
+"""Maximum age of a plan as a share of its length: a new plan includes steps beyond the end of the old one."""
 LONGEST_H = 6.0
-"""Time after which a plan is made anew at the latest [h]: later hours are planned in less detail."""
+"""Maximum age of a plan [h]: its later hours have a coarser resolution."""
 ENERGY_TOLERANCE = 0.02
-"""Distance of the stored energy from the plan, over the plant's capacity, at which it is made anew."""
+"""Deviation of the stored energy from the plan, relative to plant capacity, that triggers a new plan."""
 TEMPERATURE_TOLERANCE_K = 3.0
-"""The same of the mean temperature."""
+"""Deviation of the mean temperature from the plan [K] that triggers a new plan."""
 
 
 @dataclass(frozen=True)
-class Now:
-    """What is measured and known when a step begins.
+class StepInputs:
+    """Measurements and forecasts at the start of a step.
 
     Attributes
     ----------
@@ -39,9 +40,9 @@ class Now:
     limit_kw : ndarray, shape (n_strings,)
         Power of each inverter in service.
     ambient_c : ndarray, shape (n_steps_left,)
-        Ambient temperature of this step and those to come, as a weather forecast has it.
+        Ambient temperature of this step and the remaining steps, as in a weather forecast.
     delivered_kw : float
-        Mean power of the plant in the step before, positive = discharge.
+        Mean power of the plant in the previous step, positive = discharge.
     """
 
     state: State
@@ -51,41 +52,41 @@ class Now:
 
 
 class DemandSource(Protocol):
-    """Gives the demand of a step and its forecast; what it remembers is part of a checkpoint."""
+    """Returns the demand of a step and its forecast; its state is part of a checkpoint."""
 
-    follows_store: bool
-    """See :class:`bess.policies.Situation`."""
+    demand_depends_on_soc: bool
+    """See :class:`bess.control.policies.PolicyInput`."""
 
-    def ahead(self, step: int, horizon: int, now: Now) -> Array:
-        """Demand [kW] of ``step`` (binding) and as foreseen for the next ones, shape ``(horizon,)``.
+    def ahead(self, step: int, horizon: int, now: StepInputs) -> Array:
+        """Return the demand [kW] of ``step`` (binding) and the forecast of the next ones, ``(horizon,)``.
 
         Called once for each step, in order.
         """
 
     def planned(self, step: int) -> dict[str, float]:
-        """What a plan says of ``step``, by names of the record, after :meth:`ahead`; empty without a plan."""
+        """Return planned values of ``step`` by record name, after :meth:`ahead`; empty without a plan."""
 
     def memory(self) -> dict[str, Any]:
-        """What is carried from step to step."""
+        """Return the state carried from step to step."""
 
     def recall(self, memory: Mapping[str, Any]) -> None:
-        """Continue with what :meth:`memory` returned."""
+        """Restore a state returned by :meth:`memory`."""
 
 
 class ProfileSource:
-    """A series that is known; after its end nothing is asked."""
+    """A known series; the demand after its end is zero."""
 
-    follows_store = False
+    demand_depends_on_soc = False
 
     def __init__(self, forecast: Forecast) -> None:
         self._forecast = forecast
 
-    def ahead(self, step: int, horizon: int, now: Now) -> Array:
+    def ahead(self, step: int, horizon: int, now: StepInputs) -> Array:
         """See :class:`DemandSource`."""
         return padded(self._forecast.ahead(step, horizon), horizon)
 
     def planned(self, step: int) -> dict[str, float]:
-        """A profile promises nothing."""
+        """A profile has no plan."""
         return {}
 
     def memory(self) -> dict[str, Any]:
@@ -98,18 +99,18 @@ class ProfileSource:
 
 @dataclass(frozen=True)
 class MarketPlan:
-    """A plan over prices, and what it counts on; arrays over its steps.
+    """A dispatch plan and its expected states; arrays over its steps.
 
     Attributes
     ----------
     step : int
         Its first step.
     demand_kw, delivered_kw : ndarray
-        What is asked of the plant, and what of it the plan expects to be delivered.
+        Planned demand, and its expected delivery.
     limit_kw : ndarray, shape (n_strings,)
         Power of each inverter in service.
     energy_kwh, temperature_c : ndarray
-        Of the plant at the end of each step; empty where the plan has no opinion.
+        Expected stored energy and temperature of the plant at the end of each step; empty if not planned.
     """
 
     step: int
@@ -120,51 +121,71 @@ class MarketPlan:
     temperature_c: Array
 
 
+@dataclass(frozen=True)
+class Stored:
+    """Initial values of a dispatch plan.
+
+    Attributes
+    ----------
+    energy_kwh, discharged_kwh : float
+        Stored energy above the lower SOC limits, and energy discharged on this trading day so far.
+    use_eur_mwh, left_kwh : float
+        Shadow price of a budget per MWh discharged, and stored energy that may still be discharged.
+    """
+
+    energy_kwh: float
+    discharged_kwh: float
+    use_eur_mwh: float = 0.0
+    left_kwh: float = np.inf
+
+
 class DispatchPlanner(Protocol):
-    """Makes plans over prices, each from its arguments alone."""
+    """Computes dispatch plans; each plan depends on the arguments only."""
 
     @property
     def days(self) -> NDArray[np.int64]:
         """Number of the trading day of each step."""
 
-    def is_due(self, step: int, now: Now, plan: MarketPlan) -> bool:
-        """Whether ``plan``, the last one, is to be made anew."""
+    def is_due(self, step: int, now: StepInputs, plan: MarketPlan) -> bool:
+        """Whether ``plan``, the last one, must be replaced."""
 
-    def plan(self, step: int, now: Now, energy_kwh: float, discharged_kwh: float) -> MarketPlan:
-        """Plan over the look-ahead.
-
-        ``energy_kwh`` is stored above the lower SOC limits, ``discharged_kwh`` what of it was discharged on
-        this trading day so far.
-        """
+    def plan(self, step: int, now: StepInputs, stored: Stored) -> MarketPlan:
+        """Plan over the look-ahead."""
 
 
 class LinearPlanner:
-    """The arbitrage program with a constant efficiency, which expects that what it asks is delivered."""
+    """The arbitrage program with a constant efficiency, which assumes full delivery."""
 
     def __init__(self, arbitrage: Arbitrage) -> None:
         self._arbitrage = arbitrage
         self.days = arbitrage.days
 
-    def is_due(self, step: int, now: Now, plan: MarketPlan) -> bool:
+    def is_due(self, step: int, now: StepInputs, plan: MarketPlan) -> bool:
         """See :class:`DispatchPlanner`."""
         return self._arbitrage.is_due(step)
 
-    def plan(self, step: int, now: Now, energy_kwh: float, discharged_kwh: float) -> MarketPlan:
+    def plan(self, step: int, now: StepInputs, stored: Stored) -> MarketPlan:
         """See :class:`DispatchPlanner`."""
-        demand_kw = self._arbitrage.plan(step, energy_kwh, discharged_kwh)
+        demand_kw = self._arbitrage.plan(
+            step,
+            stored.energy_kwh,
+            stored.discharged_kwh,
+            use_eur_mwh=stored.use_eur_mwh,
+            left_kwh=stored.left_kwh,
+        )
         return MarketPlan(step, demand_kw, demand_kw, now.limit_kw, np.zeros(0), np.zeros(0))
 
 
 class AwarePlanner:
-    """Plans that know the plant.
+    """Plans by dynamic programming on the plant model.
 
-    With ``replan_steps`` a plan is made anew after so many steps; without, when what it counts on has
-    changed, and after ``longest_steps``.
+    With ``replan_steps``, a plan is re-optimised after this number of steps. Otherwise it is re-optimised
+    when prices or states deviate from it, and after ``longest_steps``.
     """
 
     def __init__(
         self,
-        dispatch: AwareDispatch,
+        dispatch: DynamicProgramDispatch,
         prices: Forecast,
         days: NDArray[np.int64],
         *,
@@ -177,7 +198,7 @@ class AwarePlanner:
         self._look_ahead_steps, self._replan_steps = look_ahead_steps, replan_steps
         self._compare_steps, self._longest_steps = compare_steps, longest_steps
 
-    def is_due(self, step: int, now: Now, plan: MarketPlan) -> bool:
+    def is_due(self, step: int, now: StepInputs, plan: MarketPlan) -> bool:
         """See :class:`DispatchPlanner`."""
         if self._replan_steps is not None:
             return step % self._replan_steps == 0
@@ -186,8 +207,8 @@ class AwarePlanner:
             return True
         return age > 0 and age % self._compare_steps == 0 and not self._came_true(step, now, plan)
 
-    def _came_true(self, step: int, now: Now, plan: MarketPlan) -> bool:
-        """Whether prices are foreseen as they were, and the plant is where the plan has it."""
+    def _came_true(self, step: int, now: StepInputs, plan: MarketPlan) -> bool:
+        """Whether the price forecast is unchanged and the plant follows the plan."""
         age, n_steps = step - plan.step, plan.demand_kw.size
         before = self._prices.ahead(plan.step, n_steps)[age:]
         if not np.array_equal(before, self._prices.ahead(step, n_steps - age)):
@@ -197,17 +218,19 @@ class AwarePlanner:
         off_k = abs(temperature_c - float(plan.temperature_c[age - 1]))
         return off_kwh <= ENERGY_TOLERANCE * capacity_kwh and off_k <= TEMPERATURE_TOLERANCE_K
 
-    def plan(self, step: int, now: Now, energy_kwh: float, discharged_kwh: float) -> MarketPlan:
+    def plan(self, step: int, now: StepInputs, stored: Stored) -> MarketPlan:
         """See :class:`DispatchPlanner`."""
-        from bess.ems import Outlook
+        from bess.dispatch import DispatchInputs
 
         price = self._prices.ahead(step, self._look_ahead_steps)
-        outlook = Outlook(
+        outlook = DispatchInputs(
             price,
             now.ambient_c[: price.size],
             self.days[step : step + price.size],
-            discharged_kwh,
+            stored.discharged_kwh,
             is_last=step + price.size == self.days.size,
+            use_eur_mwh=stored.use_eur_mwh,
+            left_kwh=stored.left_kwh,
         )
         plan = self._dispatch.plan(outlook, now.state, limit_kw=now.limit_kw)
         return MarketPlan(
@@ -221,12 +244,12 @@ class AwarePlanner:
 
 
 class ArbitrageSource:
-    """A plan over prices, made anew whenever it is due."""
+    """A dispatch plan that is re-optimised when due."""
 
-    follows_store = False
+    demand_depends_on_soc = False
 
-    def __init__(self, planner: DispatchPlanner, system: System) -> None:
-        self._planner = planner
+    def __init__(self, planner: DispatchPlanner, system: System, budget: CycleBudget | None = None) -> None:
+        self._planner, self._budget = planner, budget
         self._soc_min = np.array([string.battery.soc_min for string in system.strings])
         self._nominal_kwh = system.nominal_energy_kwh
         self._plan: MarketPlan | None = None
@@ -234,28 +257,39 @@ class ArbitrageSource:
         self._energy_kwh = 0.0
         self._discharged_kwh = 0.0
 
-    def ahead(self, step: int, horizon: int, now: Now) -> Array:
+    def ahead(self, step: int, horizon: int, now: StepInputs) -> Array:
         """See :class:`DemandSource`."""
         state = now.state
         held_kwh = (state.soc - self._soc_min) * self._nominal_kwh * state.soh_capacity
         self._count_discharge(int(self._planner.days[step]), float(held_kwh.sum()))
+        budget = self._budget
+        if budget is not None:
+            budget.advance(step, state.soc, now.delivered_kw)
         if self._plan is None or self._planner.is_due(step, now, self._plan):
-            self._plan = self._planner.plan(step, now, self._energy_kwh, self._discharged_kwh)
+            stored = Stored(self._energy_kwh, self._discharged_kwh)
+            if budget is not None:
+                stored = replace(stored, use_eur_mwh=budget.price_eur_mwh, left_kwh=budget.left_kwh)
+            self._plan = self._planner.plan(step, now, stored)
         offset = step - self._plan.step
-        return padded(self._plan.demand_kw[offset : offset + horizon], horizon)
+        demand_kw = padded(self._plan.demand_kw[offset : offset + horizon], horizon)
+        if budget is None:
+            return demand_kw
+        return budget.limited(demand_kw, float((self._nominal_kwh * state.soh_capacity).min()))
 
     def planned(self, step: int) -> dict[str, float]:
         """See :class:`DemandSource`."""
         assert self._plan is not None
-        return {"expected_kw": float(self._plan.delivered_kw[step - self._plan.step])}
+        row = {"expected_kw": float(self._plan.delivered_kw[step - self._plan.step])}
+        return row if self._budget is None else row | self._budget.recorded()
 
     def memory(self) -> dict[str, Any]:
-        """The plan, and what counts against the cycle limit of the day."""
+        """The plan, and the energy that counts towards the daily cycle limit."""
         return {
             "plan": None if self._plan is None else vars(self._plan),
             "day": self._day,
             "energy_kwh": self._energy_kwh,
             "discharged_kwh": self._discharged_kwh,
+            "budget": None if self._budget is None else self._budget.memory(),
         }
 
     def recall(self, memory: Mapping[str, Any]) -> None:
@@ -265,9 +299,11 @@ class ArbitrageSource:
         self._day = memory["day"]
         self._energy_kwh = memory["energy_kwh"]
         self._discharged_kwh = memory["discharged_kwh"]
+        if self._budget is not None:
+            self._budget.recall(memory["budget"])
 
     def _count_discharge(self, day: int, energy_kwh: float) -> None:
-        """Count what left the store in the step before; a step at midnight counts for the day it ended."""
+        """Add the energy discharged in the previous step; a step that ends at midnight counts for its day."""
         if day == self._day:
             self._discharged_kwh += max(0.0, self._energy_kwh - energy_kwh)
         else:
@@ -276,5 +312,5 @@ class ArbitrageSource:
 
 
 def padded(values: Array, horizon: int) -> Array:
-    """Nothing is asked after the end of the series."""
+    """Pad the series with zero demand."""
     return np.concatenate([values, np.zeros(horizon - values.size)])

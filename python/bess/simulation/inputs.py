@@ -1,4 +1,4 @@
-"""Everything a closed loop needs, made from a study: system, steps, demand, ambient, limits."""
+"""Inputs of a closed loop from a study: system, steps, demand, ambient temperature, limits."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from pathlib import Path
 
 import numpy as np
 
+from bess.arrays import Array
+from bess.control.policies.planned import NO_PRICES
 from bess.errors import InputError
-from bess.numbers import Array
-from bess.parameters import System
-from bess.policies.planned import NO_PRICES
 from bess.simulation.demand import DemandSource
-from bess.simulation.demand_choice import demand_of
+from bess.simulation.demand_builder import demand_of
 from bess.simulation.reactive_demand import ReactiveSource, reactive_of
 from bess.simulation.run_demand import repair_notes
-from bess.study.grid import Grid, SampledSeries, seconds_of
+from bess.study.grid import SampledSeries, TimeGrid, seconds_of
 from bess.study.plant_choice import build_system
-from bess.study.sections import Event, WeatherChoice
+from bess.study.sections import Event, WeatherSection
 from bess.study.study import Study
+from bess.system import System
 
 
 @dataclass(frozen=True)
@@ -33,9 +33,9 @@ class Inputs:
     grid : Grid
         Control steps.
     horizon_steps : int
-        Steps the policy is told of.
+        Prediction horizon of the policy [steps].
     demand : DemandSource
-        Asked once for each step.
+        Source of the demand, called once for each step.
     price_eur_mwh : ndarray, shape (n_steps,), or None
         Market studies only.
     ambient_c : ndarray, shape (n_steps,)
@@ -43,17 +43,17 @@ class Inputs:
     limit_kw : ndarray, shape (n_steps, n_strings)
         Power of each inverter in service.
     files : list of Path
-        Files the study read.
+        Files of the study.
     notes : list of str
-        What was found in them, for people.
+        Notes on these files, for display.
     series : dict of ndarray, shape (n_steps,)
-        What else is recorded of each step, by names of the record.
+        Other recorded series, by variable name.
     reactive : ReactiveSource or None
-        Reactive power, of studies that ask for it.
+        Reactive power demand, if the study has one.
     """
 
     system: System
-    grid: Grid
+    grid: TimeGrid
     horizon_steps: int
     demand: DemandSource
     price_eur_mwh: Array | None
@@ -66,12 +66,12 @@ class Inputs:
 
 
 def prepare(study: Study, system: System | None = None) -> Inputs:
-    """Read all files of a study and check that they cover the run; ``system`` takes the place of the study's.
+    """Read all files of a study and check that they cover the run; ``system`` replaces that of the study.
 
     Raises
     ------
     InputError
-        From any file, or where the parts of a study do not fit each other.
+        A file is invalid, or the parts of the study do not fit each other.
     """
     system = build_system(study.system, study.run, study.wear, system)
     step_s = system.control.step_min * 60.0
@@ -113,8 +113,8 @@ def prepare(study: Study, system: System | None = None) -> Inputs:
     )
 
 
-def _ambient(choice: WeatherChoice, file: str, grid: Grid) -> tuple[Array, list[str]]:
-    """Ambient temperature [degC] of each step, and what was found in the file."""
+def _ambient(choice: WeatherSection, file: str, grid: TimeGrid) -> tuple[Array, list[str]]:
+    """Return the ambient temperature [degC] of each step, and notes on the file."""
     from bess.market import over_years, prolonged, read_weather
 
     read = read_weather(file, column=choice.column, time_zone=choice.time_zone, fill=choice.fill)
@@ -125,7 +125,7 @@ def _ambient(choice: WeatherChoice, file: str, grid: Grid) -> tuple[Array, list[
     return values, notes + repair_notes(read)
 
 
-def limits_of(events: tuple[Event, ...], system: System, grid: Grid) -> Array:
+def limits_of(events: tuple[Event, ...], system: System, grid: TimeGrid) -> Array:
     """Power of each inverter in service [kW], shape ``(n_steps, n_strings)``.
 
     Raises
@@ -149,7 +149,7 @@ def limits_of(events: tuple[Event, ...], system: System, grid: Grid) -> Array:
                 f"event[{number}]: {event.start:%Y-%m-%d %H:%M} to {event.end:%Y-%m-%d %H:%M} UTC "
                 "is outside the run"
             )
-        # A step in which the limit holds for a part counts as a whole.
+        # A limit that applies to a part of a step applies to the whole step.
         steps = slice(max(0, int(np.floor(first))), int(np.ceil(last)))
         limit[steps, event.string] = np.minimum(limit[steps, event.string], event.limit_kw)
     return limit

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM as a flag that the loop looks at between steps, so that a step is never cut in two."""
+"""Ctrl-C and SIGTERM set a flag that the loop checks between steps, so that a step is never interrupted."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 @contextmanager
 def stop_requests() -> Iterator[Callable[[], bool]]:
-    """Yield a function that tells whether a stop was asked for; a second signal acts as without this.
+    """Yield a function that returns whether a stop was requested; a second signal has its default effect.
 
-    Signals reach the main thread only; elsewhere nothing is installed and the answer stays no.
+    Signals reach the main thread only. In other threads no handler is installed and the function returns
+    False.
     """
     asked = False
     if threading.current_thread() is not threading.main_thread():

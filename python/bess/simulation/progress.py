@@ -1,4 +1,4 @@
-"""Progress on standard error: a bar with the time left on a terminal, plain lines elsewhere."""
+"""Progress on standard error: a bar with the remaining time on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
 Update = Callable[[int], None]
-"""Takes the number of steps done so far."""
+"""Receives the number of completed steps."""
 
 _LINE_EVERY_S = 10.0
 _BAR_EVERY_S = 0.1
@@ -20,7 +20,7 @@ _BAR_EVERY_S = 0.1
 
 @contextmanager
 def reporting(label: str, total: int, *, shown: bool) -> Iterator[Update]:
-    """Yield the function to call after every step."""
+    """Yield a function to call after every step."""
     if not shown:
         yield lambda done: None
     elif sys.stderr.isatty():

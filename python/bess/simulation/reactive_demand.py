@@ -1,4 +1,4 @@
-"""Reactive power that is asked of the plant in each step, and what the policy is told of the steps ahead."""
+"""Reactive power demand on the plant in each step, and its forecast."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from bess.numbers import Array
+from bess.arrays import Array
 from bess.simulation.demand import padded
 from bess.simulation.run_demand import repair_notes
-from bess.study.grid import Grid, SampledSeries
+from bess.study.grid import SampledSeries, TimeGrid
 
 if TYPE_CHECKING:
-    from bess.ems import Forecast
-    from bess.study.reactive import ReactiveChoice
+    from bess.dispatch import Forecast
+    from bess.study.reactive import ReactiveSection
 
 
 class ReactiveSource(Protocol):
-    """Gives the reactive power of a step and its forecast; it remembers nothing."""
+    """Returns the reactive power demand of a step and its forecast; it has no state."""
 
     def ahead(self, step: int, demand_kw: Array) -> Array:
-        """Reactive power [kvar] of ``step`` (binding) and as foreseen for the next ones.
+        """Return the reactive power [kvar] of ``step`` (binding) and the forecast of the next ones.
 
-        ``demand_kw`` is the active power of these steps, and as long.
+        ``demand_kw`` is the active power of these steps, with the same length.
         """
 
 
@@ -39,7 +39,7 @@ class AtPowerFactor:
 
 
 class Foreseen:
-    """A series of its own."""
+    """A separate series of reactive power."""
 
     def __init__(self, forecast: Forecast) -> None:
         self._forecast = forecast
@@ -50,16 +50,16 @@ class Foreseen:
 
 
 def reactive_of(
-    choice: ReactiveChoice, grid: Grid, horizon: int
+    choice: ReactiveSection, grid: TimeGrid, horizon: int
 ) -> tuple[ReactiveSource, list[Path], list[str]]:
-    """Source of the section ``[reactive]``, the files it reads, and what was found in them.
+    """Return the source of the section ``[reactive]``, its files, and notes on them.
 
     Raises
     ------
     InputError
-        From the file, or where it does not cover the run.
+        The file is invalid or does not cover the run.
     """
-    from bess.ems import Perfect, Persistence, read_profile
+    from bess.dispatch import PerfectForecast, PersistenceForecast, read_profile
 
     if choice.power_factor is not None:
         note = f"reactive power: at a power factor of {choice.power_factor:g}"
@@ -67,7 +67,7 @@ def reactive_of(
     wanted = grid.longer(horizon)
     if choice.file is None:
         values = np.full(wanted.n_steps, choice.kvar)
-        return Foreseen(Perfect(values)), [], [f"reactive power: {choice.kvar:g} kvar"]
+        return Foreseen(PerfectForecast(values)), [], [f"reactive power: {choice.kvar:g} kvar"]
     read = read_profile(
         choice.file,
         column=choice.column,
@@ -79,7 +79,9 @@ def reactive_of(
     )
     series = SampledSeries.from_pandas(read, choice.file, "reactive.file")
     values = series.laid(grid, wanted, repeat=choice.repeat)
-    forecast = Perfect(values) if choice.forecast == "perfect" else Persistence(values, grid.dt_h)
+    forecast = (
+        PerfectForecast(values) if choice.forecast == "perfect" else PersistenceForecast(values, grid.dt_h)
+    )
     asked = values[: grid.n_steps]
     found = f"reactive power: {choice.file}, {asked.min():g} to {asked.max():g} kvar"
     return Foreseen(forecast), [Path(choice.file)], [found, *repair_notes(read)]

@@ -1,4 +1,4 @@
-"""What a demand gives a run: its control steps, what is asked in each, and what is recorded beside it."""
+"""Demand of a run: its control steps, demand source and other recorded series."""
 
 from __future__ import annotations
 
@@ -8,16 +8,22 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from bess.numbers import Array
+import numpy as np
+
+from bess.arrays import Array
 from bess.simulation.demand import DemandSource
-from bess.study.grid import Grid
+from bess.study.grid import TimeGrid
+from bess.study.sections import BudgetSection
+from bess.system import System
+from bess.units import KWH_PER_MWH
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from bess.dispatch import CycleBudget, Forecast
 
 DEFAULT_START: Final = datetime(2024, 1, 1, tzinfo=UTC)
-"""When a run starts whose demand names no time."""
+"""Start of a run whose demand has no time stamps."""
 
 
 @dataclass(frozen=True)
@@ -29,18 +35,18 @@ class RunDemand:
     grid : Grid
         Control steps of the run.
     source : DemandSource
-        What is asked in each.
+        Source of the demand of each step.
     price_eur_mwh : ndarray, shape (n_steps,), or None
-        Price of energy, of studies that have one.
+        Price of energy, if the study has one.
     files : list of Path
-        Files that were read.
+        Files of the demand.
     notes : list of str
-        What was found in them, for people.
+        Notes on these files, for display.
     series : dict of ndarray, shape (n_steps,)
-        What else is known of each step, by names of the record.
+        Other recorded series, by variable name.
     """
 
-    grid: Grid
+    grid: TimeGrid
     source: DemandSource
     price_eur_mwh: Array | None = None
     files: list[Path] = field(default_factory=list)
@@ -48,7 +54,7 @@ class RunDemand:
     series: Mapping[str, Array] = field(default_factory=dict)
 
 
-def utc_index(grid: Grid) -> pd.DatetimeIndex:
+def utc_index(grid: TimeGrid) -> pd.DatetimeIndex:
     """Start of each step as an index in UTC."""
     import pandas as pd
 
@@ -56,5 +62,36 @@ def utc_index(grid: Grid) -> pd.DatetimeIndex:
 
 
 def repair_notes(series: pd.Series[float]) -> list[str]:
-    """What a reader changed in a file, a sentence each."""
+    """Return the repairs of a reader, one sentence each."""
     return [f"repaired: {repair}" for repair in series.attrs.get("repairs", ())]
+
+
+def budget_of(
+    limits: BudgetSection,
+    system: System,
+    grid: TimeGrid,
+    prices: Forecast,
+    size: tuple[float, float],
+    efficiency: float,
+    look_ahead_h: float,
+) -> CycleBudget | None:
+    """Return the yearly budget, if any; ``size`` is the power [kW] and energy [kWh] available for trading."""
+    from bess.dispatch import CycleBudget
+    from bess.dispatch.forecast import steps_in
+
+    if not limits.is_set:
+        return None
+    power_kw, energy_kwh = size
+    return CycleBudget(
+        prices,
+        grid.years,
+        grid.n_steps,
+        cycles=limits.cycles_per_year or np.inf,
+        throughput_kwh=KWH_PER_MWH * (limits.throughput_mwh_per_year or np.inf),
+        nominal_kwh=float(system.nominal_energy_kwh.sum()),
+        usable_kwh=energy_kwh,
+        power_kw=power_kw,
+        efficiency=efficiency,
+        look_ahead_steps=steps_in(look_ahead_h, grid.dt_h, "demand.look_ahead_h"),
+        dt_h=grid.dt_h,
+    )

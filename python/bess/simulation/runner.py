@@ -1,4 +1,4 @@
-"""``bess.run``: a study in closed loop, saved as it goes."""
+"""``bess.run``: a study in closed loop, saved in parts."""
 
 from __future__ import annotations
 
@@ -12,16 +12,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bess.analysis.kpis import kpis, solve_time_kpis
+from bess.control.policies import Policy, as_policy, build_policy
+from bess.control.policies.adapters import Function
 from bess.errors import InputError, StoppedEarly, option
-from bess.parameters import System
 from bess.plant import Plant
-from bess.policies import Policy, build_policy, own_policy
-from bess.policies.own import Function
-from bess.record.atomic import TEMPORARY, replacing, write_bytes
-from bess.record.checksums import read_checksums, sha256, sha256_of, write_checksums
-from bess.record.frame import describe_frame, frame_of
-from bess.record.identity import (
+from bess.simulation.analysis.kpis import kpis, solve_time_kpis
+from bess.simulation.closed_loop import ClosedLoop, check_finite
+from bess.simulation.inputs import Inputs, prepare
+from bess.simulation.interrupt import stop_requests
+from bess.simulation.progress import reporting
+from bess.simulation.record.atomic import TEMPORARY, replacing, write_bytes
+from bess.simulation.record.checksums import sha256, write_checked, write_checksums
+from bess.simulation.record.dataset_spec import describe_frame, frame_of
+from bess.simulation.record.netcdf import write_netcdf
+from bess.simulation.record.provenance import (
     IDENTITY,
     Identity,
     differences,
@@ -29,21 +33,17 @@ from bess.record.identity import (
     read_identity,
     write_identity,
 )
-from bess.record.netcdf import write_netcdf
-from bess.record.result import RESULTS, Result, open_netcdf
-from bess.record.steplog import LOG, StepLog, solve_times_s
-from bess.record.store import LOCK, OWNER, Lock, parts, records, remove_parts, write_part
-from bess.simulation.closed_loop import ClosedLoop, check_finite
-from bess.simulation.inputs import Inputs, prepare
-from bess.simulation.interrupt import stop_requests
-from bess.simulation.progress import reporting
+from bess.simulation.record.result import RESULTS, Result, open_netcdf
+from bess.simulation.record.steplog import LOG, StepLog, solve_times_s
+from bess.simulation.record.store import LOCK, OWNER, Lock, parts, records, remove_parts, write_part
 from bess.study.policy_settings import policy_settings
 from bess.study.study import Study, as_study
+from bess.system import System
 
 PART_STEPS = 960
-"""Steps after which a part is saved at the latest: what is held in memory."""
+"""Maximum number of steps of a part, which is held in memory."""
 PART_SECONDS = 5.0
-"""Time after which a part is saved even if it is shorter: what a crash can cost."""
+"""Maximum time between saves [s]: the computing time that a crash can cost."""
 
 
 def run(
@@ -55,26 +55,27 @@ def run(
     out: str | Path | None = None,
     resume: bool = False,
 ) -> Result:
-    """Run a study in closed loop over the plant.
+    """Simulate a study in closed loop with the plant.
 
     Parameters
     ----------
     study
-        One run, as a study, the name of a bundled one, or a TOML file; see :func:`bess.run_scenarios` for a
-        study of several.
+        A study of one run, the name of a bundled study, or a TOML file. For a study of several runs see
+        :func:`bess.run_scenarios`.
     policy
-        In place of that of the study: an object of the protocol :class:`bess.policies.Policy`, or a function
-        from a :class:`bess.policies.Situation` to set-points. The record names it by its class or function.
+        Replaces the policy of the study: an object of the protocol :class:`bess.control.policies.Policy`, or
+        a function from a :class:`bess.control.policies.PolicyInput` to set-points. The record contains the
+        name of its class or function.
     system
-        In place of that of the study, whose initial values and parameters are put over it as ever.
+        Replaces the system of the study; the initial values and parameters of the study still apply.
     progress
         Show progress on standard error.
     out
-        Folder for the results; without it they are kept in memory only. A folder that holds this very run,
-        finished, is opened and nothing is run again.
+        Folder for the results; without it they are kept in memory only. If the folder contains this run,
+        finished, it is opened without a new simulation.
     resume
-        Continue an unfinished run in ``out``. What comes out is what an uninterrupted run gives, to the last
-        bit.
+        Continue an unfinished run in ``out``. The result is equal to that of an uninterrupted run, to the
+        last bit.
 
     Returns
     -------
@@ -83,18 +84,18 @@ def run(
     Raises
     ------
     InputError
-        From the study or its data; ``out`` holds something else; on resume, what has changed.
+        The study or its data are invalid, ``out`` holds something else, or the inputs have changed on resume.
     StoppedEarly
-        Ctrl-C or SIGTERM; everything so far is saved if ``out`` is given.
+        Ctrl-C or SIGTERM; all completed steps are saved if ``out`` is given.
     BessError
-        The disk is full, among others; everything saved before is intact.
+        The run failed, for example because the disk is full; saved steps are intact.
     """
     study = as_study(study)
     if study.scenario or study.sweep:
         raise InputError(f"{study.name}: is a study of several runs; use bess.run_scenarios")
     own = None
     if policy is not None:
-        name, own = own_policy(policy)
+        name, own = as_policy(policy)
         study = study.with_values({"policy.name": name})
     prepared = prepare(study, system)
     if out is not None:
@@ -105,9 +106,7 @@ def run(
         try:
             result = _run_in(Path(scratch), study, prepared, own, progress=progress, resume=False)
         except StoppedEarly:
-            raise StoppedEarly(
-                f"{study.name}: stopped; nothing is kept of a run without a folder (out)"
-            ) from None
+            raise StoppedEarly(f"{study.name}: stopped; results not saved: no output folder (out)") from None
         with result.dataset as dataset:
             return Result(dataset.load(), result.kpis, None, result.solve_time_s)
 
@@ -123,7 +122,7 @@ def _run_in(
     except (OSError, ValueError) as error:  # a NUL in the path is a ValueError
         reason = getattr(error, "strerror", None) or error
         raise InputError(
-            f"{directory}: is no folder for results ({reason}); use another {option('out')}"
+            f"{directory}: is not a results folder ({reason}); use another {option('out')}"
         ) from error
     with Lock(directory):
         if not _is_finished(directory, identity, resume=resume):
@@ -136,13 +135,13 @@ def _run_in(
 
 
 def _is_finished(directory: Path, identity: Identity, *, resume: bool) -> bool:
-    """Look at what is in the folder already; write the identity of a new run into an empty one."""
+    """Check the content of the folder; write the provenance of a new run into an empty folder."""
     old = read_identity(directory)
     if old is None:
         own = {LOCK, OWNER, IDENTITY + TEMPORARY}
         if others := sorted({path.name for path in directory.iterdir()} - own):
             raise InputError(
-                f"{directory}: holds {others[0]!r} and no run; use a new or empty folder for {option('out')}"
+                f"{directory}: holds {others[0]!r} but no run; use a new or empty folder for {option('out')}"
             )
         write_identity(directory, identity)
         return False
@@ -160,12 +159,13 @@ def _is_finished(directory: Path, identity: Identity, *, resume: bool) -> bool:
 
 
 def closed_loop(study: Study, inputs: Inputs, own: Policy | None = None) -> ClosedLoop:
-    """Build policy (that of the study, unless it is ``own``) and plant, at the first step.
+    """Build the policy (``own``, or that of the study) and the plant at the first step.
 
     Raises
     ------
     InputError
-        What either refuses, such as a state outside the window of SOC, or a plant step that is not stable.
+        The policy or the plant refuses its inputs, such as an SOC outside its window or an unstable plant
+        step.
     """
     policy = own or build_policy(study.policy.name, inputs.system, policy_settings(study, inputs.system))
     plant = Plant(inputs.system, inputs.system.initial_state(), derating_law=study.run.derating_law)
@@ -175,7 +175,7 @@ def closed_loop(study: Study, inputs: Inputs, own: Policy | None = None) -> Clos
 
 
 def _complete(directory: Path, study: Study, loop: ClosedLoop, *, progress: bool) -> None:
-    """Run from the last checkpoint, or from the first step, to the end."""
+    """Simulate from the last checkpoint, or from the first step, to the end."""
     write_bytes(directory / "study.toml", study.to_toml().encode())
     log_bytes = 0
     if saved := parts(directory):
@@ -199,7 +199,7 @@ def _complete(directory: Path, study: Study, loop: ClosedLoop, *, progress: bool
             rows: list[dict[str, Any]] = []
             lines = []
             whole = False
-            while not whole:  # a stop may be asked for at any moment: a part has one step at least
+            while not whole:  # a stop may be requested at any time: a part has at least one step
                 row, said = loop.advance()
                 rows.append(row)
                 lines += said
@@ -222,13 +222,13 @@ def _record(rows: list[dict[str, Any]]) -> dict[str, NDArray[Any]]:
 def _save(
     directory: Path, first: int, record: dict[str, NDArray[Any]], loop: ClosedLoop, log: StepLog
 ) -> None:
-    """Log first, so that the log on disk is never shorter than the checkpoint says."""
+    """Write the log first, so that it is never shorter than the length in the checkpoint."""
     check_finite(first, record)
     write_part(directory, first, record, {"loop": loop.checkpoint(), "log_bytes": log.sync()})
 
 
 def _stacked(values: list[Any]) -> NDArray[Any]:
-    """Values of the steps with the steps along a new first axis."""
+    """Stack the values of the steps along a new first axis."""
     shape = np.shape(values[0])
     return np.concatenate(values).reshape(-1, *shape) if shape else np.array(values)
 
@@ -241,13 +241,10 @@ def _assemble(directory: Path, identity: Identity) -> None:
 
 
 def _finish(directory: Path) -> Result:
-    """KPIs from the record, then away with the parts; done again if a crash came in between."""
+    """Compute the KPIs from the record, then delete the parts; repeated after a crash in between."""
     dataset = open_netcdf(directory / RESULTS)
     times = solve_times_s(directory)
     values = kpis(dataset) | solve_time_kpis(times)
-    content = json.dumps(values, indent=1).encode()
-    if checksums := read_checksums(directory):
-        write_checksums(directory, checksums | {"kpis.json": sha256_of(content)})
-    write_bytes(directory / "kpis.json", content)
+    write_checked(directory / "kpis.json", json.dumps(values, indent=1).encode())
     remove_parts(directory)
     return Result(dataset, values, directory, times)

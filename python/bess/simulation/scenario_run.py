@@ -1,4 +1,4 @@
-"""A study of several runs, one after the other, a sub-folder each. ``bess sweep`` runs them in parallel."""
+"""Sequential simulation of a study of several runs; ``bess sweep`` simulates them in parallel."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import json
 from pathlib import Path
 
 from bess.errors import InputError, option
-from bess.record.atomic import folder_in, write_bytes
-from bess.record.identity import IDENTITY
-from bess.record.result import Result
+from bess.simulation.record.atomic import folder_in, write_bytes
+from bess.simulation.record.provenance import IDENTITY
+from bess.simulation.record.result import Result
 from bess.simulation.runner import run
 from bess.study.scenarios import expand
 from bess.study.study import Study, as_study
@@ -17,12 +17,12 @@ from bess.study.study import Study, as_study
 def run_scenarios(
     study: Study | str | Path, *, progress: bool = True, out: str | Path | None = None, resume: bool = False
 ) -> dict[str, Result]:
-    """Run every scenario and sweep point of a study; parameters as for :func:`bess.run`.
+    """Simulate every scenario and sweep point of a study; parameters as for :func:`bess.run`.
 
     Returns
     -------
     dict of str to Result
-        By the name of the run, which is also its folder in ``out``. Finished ones are opened, not run again.
+        Results by run name, which is also the folder in ``out``. Finished runs are opened, not repeated.
     """
     study = as_study(study)
     runs = expand(study)
@@ -39,19 +39,19 @@ def run_scenarios(
 
 
 def prepare_folder(folder: Path, study: Study) -> None:
-    """Make the folder that holds one sub-folder for each run, with the study as resolved.
+    """Create the folder with one sub-folder for each run, and save the resolved study.
 
     Raises
     ------
     InputError
-        The folder holds a single run, or cannot be made.
+        The folder contains a single run, or cannot be created.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:  # a NUL in the path is a ValueError
         reason = getattr(error, "strerror", None) or error
         raise InputError(
-            f"{folder}: is no folder for results ({reason}); use another {option('out')}"
+            f"{folder}: is not a results folder ({reason}); use another {option('out')}"
         ) from error
     if (folder / IDENTITY).exists():
         raise InputError(f"{folder}: holds a single run; use another {option('out')}")
@@ -59,5 +59,5 @@ def prepare_folder(folder: Path, study: Study) -> None:
 
 
 def write_summary(folder: Path, kpis: dict[str, dict[str, float]]) -> None:
-    """Write ``kpis.json`` of a folder of runs: the key figures by name."""
+    """Write ``kpis.json`` of a folder of runs: KPIs by run name."""
     write_bytes(folder / "kpis.json", json.dumps(kpis, indent=1).encode())

@@ -1,4 +1,4 @@
-"""What services ask of the plant in each step, from its measured state."""
+"""Demand of grid services on the plant in each step, from its measured state."""
 
 from __future__ import annotations
 
@@ -9,39 +9,47 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bess.ems import Arbitrage, Forecast, Level, Recharge, Store, Window
-from bess.numbers import Array
-from bess.simulation.demand import Now, padded
+from bess.arrays import Array
+from bess.dispatch import (
+    Arbitrage,
+    CycleBudget,
+    EnergyWindow,
+    Forecast,
+    GridPowerTarget,
+    RechargeScheduler,
+    Store,
+)
+from bess.simulation.demand import StepInputs, padded
 
 
-class ExpectedZero:
-    """Forecast of a droop response: that of this step is measured, that of later ones nothing in the mean.
+class ZeroResponseForecast:
+    """Forecast of a frequency response: the measured value in this step, and zero (the mean) in later steps.
 
     Parameters
     ----------
     values : ndarray, shape (n_steps,)
-        The response that comes true.
+        Actual response [kW].
     """
 
     def __init__(self, values: Array) -> None:
         self._values = values
 
     def ahead(self, step: int, horizon: int) -> Array:
-        """See :class:`bess.ems.Forecast`."""
+        """See :class:`bess.dispatch.Forecast`."""
         seen = np.zeros(min(horizon, self._values.size - step))
         seen[0] = self._values[step]
         return seen
 
 
 class MeterSource:
-    """A store behind a meter keeps what is drawn from the grid at a level (:class:`bess.ems.Level`)."""
+    """A battery that keeps the power at the meter at a target (:class:`~bess.dispatch.GridPowerTarget`)."""
 
-    follows_store = True
+    demand_depends_on_soc = True
 
-    def __init__(self, net_kw: Forecast, level: Level, store: Store, ready_soc: float) -> None:
+    def __init__(self, net_kw: Forecast, level: GridPowerTarget, store: Store, ready_soc: float) -> None:
         self._net_kw, self._level, self._store, self._ready_soc = net_kw, level, store, ready_soc
 
-    def ahead(self, step: int, horizon: int, now: Now) -> Array:
+    def ahead(self, step: int, horizon: int, now: StepInputs) -> Array:
         """See :class:`bess.simulation.demand.DemandSource`."""
         state = now.state
         self._store.count(state, now.delivered_kw * self._level.dt_h)
@@ -56,11 +64,11 @@ class MeterSource:
         )
 
     def planned(self, step: int) -> dict[str, float]:
-        """Nothing beside what is asked."""
+        """Return no further planned values."""
         return {}
 
     def memory(self) -> dict[str, Any]:
-        """What was measured of the store."""
+        """Return the state of the storage estimator."""
         return self._store.memory()
 
     def recall(self, memory: Mapping[str, Any]) -> None:
@@ -70,16 +78,16 @@ class MeterSource:
 
 @dataclass(frozen=True)
 class Reserve:
-    """What was sold.
+    """Sold reserve.
 
     Attributes
     ----------
     capacity_kw : float
         Symmetric reserve.
     duration_min : float
-        For which all of it must be in store.
+        Duration for which the full reserve must be sustained.
     band : float
-        Share of the required window in which nothing is recharged.
+        Share of the required window without recharge.
     """
 
     capacity_kw: float
@@ -89,32 +97,41 @@ class Reserve:
 
 @dataclass
 class Trade:
-    """Plans over prices with the power and energy that the reserve leaves."""
+    """Dispatch plans with the power and energy outside the reserve."""
 
     arbitrage: Arbitrage
     days: NDArray[np.int64]
 
 
 class ReserveSource:
-    """Droop response, recharge by schedule, and trade beside it if there is one."""
+    """Frequency response, scheduled recharge, and optional trade."""
 
-    follows_store = False
+    demand_depends_on_soc = False
 
     def __init__(
-        self, response_kw: Forecast, reserve: Reserve, recharge: Recharge, store: Store, trade: Trade | None
+        self,
+        response_kw: Forecast,
+        reserve: Reserve,
+        recharge: RechargeScheduler,
+        store: Store,
+        trade: Trade | None,
+        budget: CycleBudget | None = None,
     ) -> None:
         self._response_kw, self._reserve, self._store = response_kw, reserve, store
-        self._recharge, self._trade = recharge, trade
+        self._recharge, self._trade, self._budget = recharge, trade, budget
         self._plan: Array = np.zeros(0)
         self._day: int | None = None
         self._sold_kwh = 0.0
         self._said: dict[str, float] = {}
 
-    def ahead(self, step: int, horizon: int, now: Now) -> Array:
+    def ahead(self, step: int, horizon: int, now: StepInputs) -> Array:
         """See :class:`bess.simulation.demand.DemandSource`."""
         held_kwh, size_kwh = self._store.held_kwh(now.state), self._store.size_kwh(now.state)
+        if self._budget is not None:
+            answered_kw = max(0.0, self._said.get("response_kw", 0.0))
+            self._budget.advance(step, now.state.soc, now.delivered_kw, answered_kw)
         capacity_kw = self._reserve.capacity_kw
-        window = Window.of(capacity_kw, self._reserve.duration_min, size_kwh, self._store.one_way)
+        window = EnergyWindow.of(capacity_kw, self._reserve.duration_min, size_kwh, self._store.one_way)
         band = window.narrowed(self._reserve.band)
         shift_kw = self._recharge.advance(step, held_kwh, band)
         traded_kw = self._traded(step, held_kwh, band)
@@ -126,14 +143,21 @@ class ReserveSource:
             "response_kw": float(response_kw[0]),
             "schedule_kw": float(schedule_kw[0]),
             "capacity_kw": capacity_kw,
-            "capacity_able_kw": min(free_kw, window.able_kw(capacity_kw, held_kwh, size_kwh)),
+            "capacity_able_kw": min(free_kw, window.sustainable_kw(capacity_kw, held_kwh, size_kwh)),
             "soc_low": self._store.soc_at(now.state, window.low_kwh),
             "soc_high": self._store.soc_at(now.state, window.high_kwh),
         }
-        return padded(response_kw, horizon) + schedule_kw
+        demand_kw = padded(response_kw, horizon) + schedule_kw
+        if self._budget is None:
+            return demand_kw
+        allowed_kw = self._budget.limited(demand_kw, self._store.smallest_kwh(now.state))
+        if allowed_kw[0] != demand_kw[0]:
+            self._said["capacity_able_kw"] = 0.0
+        self._said |= self._budget.recorded()
+        return allowed_kw
 
-    def _traded(self, step: int, held_kwh: float, band: Window) -> Array:
-        """What is traded in this step and those to come, as planned."""
+    def _traded(self, step: int, held_kwh: float, band: EnergyWindow) -> Array:
+        """Return the planned trade of this step and the next ones."""
         if self._trade is None:
             return np.zeros(0)
         day = int(self._trade.days[step])
@@ -141,24 +165,33 @@ class ReserveSource:
             self._day, self._sold_kwh = day, 0.0
         self._plan = self._plan[1:]
         if self._trade.arbitrage.is_due(step):
-            self._plan = self._trade.arbitrage.plan(step, held_kwh - band.low_kwh, self._sold_kwh)
+            budget = self._budget
+            price, left = (0.0, np.inf) if budget is None else (budget.price_eur_mwh, budget.left_kwh)
+            self._plan = self._trade.arbitrage.plan(
+                step, held_kwh - band.low_kwh, self._sold_kwh, use_eur_mwh=price, left_kwh=left
+            )
         self._sold_kwh += max(0.0, float(self._plan[0])) * self._trade.arbitrage.dt_h / self._store.one_way
         return self._plan
 
     def planned(self, step: int) -> dict[str, float]:
-        """Response, schedule and reserve of the step that :meth:`ahead` was called for."""
+        """Return response, schedule and reserve of the step of the last :meth:`ahead` call."""
         return self._said
 
     def memory(self) -> dict[str, Any]:
-        """What is agreed on and traded."""
+        """Return the scheduled recharge and trade."""
         return {
             "recharge": self._recharge.memory(),
             "plan": self._plan,
             "day": self._day,
             "sold_kwh": self._sold_kwh,
+            "said": dict(self._said),
+            "budget": None if self._budget is None else self._budget.memory(),
         }
 
     def recall(self, memory: Mapping[str, Any]) -> None:
         """See :class:`bess.simulation.demand.DemandSource`."""
         self._recharge.recall(memory["recharge"])
         self._plan, self._day, self._sold_kwh = memory["plan"], memory["day"], memory["sold_kwh"]
+        self._said = dict(memory["said"])
+        if self._budget is not None:
+            self._budget.recall(memory["budget"])

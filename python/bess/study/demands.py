@@ -1,4 +1,4 @@
-"""Section ``[demand]`` of a study file: the kinds of demand, and how a table is known to be one of them."""
+"""Section ``[demand]`` of a study file: kinds of demand and their detection."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ from typing import Annotated, Literal, Self
 from pydantic import Discriminator, Tag, model_validator
 
 from bess.files import Fill
-from bess.parameters.quantities import NonNegative, Positive, within
-from bess.parameters.section import Section
 from bess.study.services import (
     SERVICES,
     FcrArbitrageDemand,
@@ -17,13 +15,15 @@ from bess.study.services import (
     PeakShavingDemand,
     SelfConsumptionDemand,
 )
+from bess.system.quantities import NonNegative, Positive, within
+from bess.system.section import Section
 
 
 class ProfileDemand(Section):
-    """Section ``[demand]`` with ``kind = "profile"``: a series of power, as given.
+    """Section ``[demand]`` with ``kind = "profile"``: a given power series.
 
-    ``file`` is a bundled profile or a CSV or Parquet file, read as :func:`bess.ems.read_profile` says;
-    ``repeat`` starts it again at its end.
+    ``file`` is a bundled profile or a CSV or Parquet file, read with :func:`bess.dispatch.read_profile`;
+    ``repeat`` repeats it.
     """
 
     kind: Literal["profile"] = "profile"
@@ -41,18 +41,20 @@ class ProfileDemand(Section):
 class ArbitrageDemand(Section):
     """Section ``[demand]`` with ``kind = "arbitrage"``: buy and sell at the prices of a market file.
 
-    The file is read as :func:`bess.read_prices` says. ``plan`` is ``aware`` (:class:`bess.ems.AwareDispatch`,
-    which asks the plant) or ``linear`` (:class:`bess.ems.Arbitrage`, which takes a constant ``efficiency``).
-    ``max_power_kw`` and ``max_energy_kwh`` keep below what the plant has; ``market_time_zone`` is that of the
-    trading day, to which ``cycles_per_day`` applies; with ``cycles_per_plan`` there is a limit for each plan
-    instead, on the mean of what is charged and discharged (AC). ``end_price_eur_mwh`` is what a MWh left in
-    store at the end of an aware plan is worth; by default the median price of buying, or what the best tenth
-    of prices brings if that is less. A plan is made anew every ``replan_h``; an aware one, if that is
-    omitted, when inverters in service, prices ahead, stored energy or temperature are not as it counted on
-    (compared every 3 h, inverters in every step), and when a sixth of its time, or 6 h, has passed; a linear
-    one every 3 h. ``repeat`` lets the last year of the file follow year by year, for runs
-    over decades (:func:`bess.market.prolonged`). ``forecast`` is that of prices; with ``file`` it is read
-    from ``forecast_prices``, a price file of its own. What is sold is settled at the prices that came true.
+    The file is read as :func:`bess.read_prices` says. ``plan`` is ``aware``
+    (:class:`bess.dispatch.DynamicProgramDispatch`, which asks the plant) or ``linear``
+    (:class:`bess.dispatch.Arbitrage`, which takes a constant ``efficiency``). ``max_power_kw`` and
+    ``max_energy_kwh`` keep below what the plant has, ``max_import_kw`` and ``max_export_kw`` within the grid
+    connection in each direction; ``market_time_zone`` is that of the trading day, to
+    which ``cycles_per_day`` applies; with ``cycles_per_plan`` there is a limit for each plan instead, on the
+    mean of what is charged and discharged (AC). ``end_price_eur_mwh`` is what a MWh left in store at the end
+    of an aware plan is worth; by default the median price of buying, or what the best tenth of prices brings
+    if that is less. A plan is made anew every ``replan_h``; an aware one, if that is omitted, when inverters
+    in service, prices ahead, stored energy or temperature are not as it counted on (compared every 3 h,
+    inverters in every step), and when a sixth of its time, or 6 h, has passed; a linear one every 3 h.
+    ``repeat`` lets the last year of the file follow year by year, for runs over decades
+    (:func:`bess.market.prolonged`). ``forecast`` is that of prices; with ``file`` it is read from
+    ``forecast_prices``, a price file of its own. What is sold is settled at the prices that came true.
     """
 
     kind: Literal["arbitrage"] = "arbitrage"
@@ -64,6 +66,8 @@ class ArbitrageDemand(Section):
     market_time_zone: str = "Europe/Berlin"
     max_power_kw: Positive | None = None
     max_energy_kwh: Positive | None = None
+    max_import_kw: Positive | None = None
+    max_export_kw: Positive | None = None
     plan: Literal["aware", "linear"] = "aware"
     efficiency: Annotated[float, within(0.0, 1.0, above=True)] = 0.9
     cycles_per_day: Positive = 2.0
@@ -83,12 +87,15 @@ class ArbitrageDemand(Section):
 
 
 def kind_of_demand(demand: object) -> str | None:
-    """``kind`` as given, or what the other keys imply."""
+    """Return ``kind``, or the kind implied by the other keys."""
     if not isinstance(demand, Mapping):
         return getattr(demand, "kind", None)
     kind = demand.get("kind", "arbitrage" if "prices" in demand else "profile")
     return kind if kind in DEMAND_KINDS else None
 
+
+TRADES = ("arbitrage", "fcr-arbitrage")
+"""Kinds that buy and sell at prices that change."""
 
 DEMAND_KINDS = ("profile", "arbitrage", *SERVICES)
 

@@ -1,4 +1,4 @@
-"""The control steps of a run, and series from files laid onto them."""
+"""Time grid of a run, and resampling of series from files."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _S_PER_DAY = 86_400
 
 
 @dataclass(frozen=True)
-class Grid:
+class TimeGrid:
     """Control steps of equal length from ``start`` on, in whole seconds since 1970 (UTC)."""
 
     start_s: int
@@ -27,13 +27,13 @@ class Grid:
     n_steps: int
 
     @classmethod
-    def of(cls, start: datetime, step_s: float, days: float) -> Grid:
-        """Return the steps of ``days`` days; a part of a step is refused.
+    def of(cls, start: datetime, step_s: float, days: float) -> TimeGrid:
+        """Return the time grid of ``days`` days, a whole number of steps.
 
         Raises
         ------
         InputError
-            The days are not a whole number of steps, or end after the year 9999.
+            If the days are not a whole number of steps, or end after the year 9999.
         """
         steps = days * _S_PER_DAY / step_s
         if abs(steps - round(steps)) > 1e-6 or round(steps) < 1:
@@ -75,9 +75,23 @@ class Grid:
         """Length of a step [h]."""
         return self.step_s / 3600.0
 
-    def longer(self, n_steps: int) -> Grid:
-        """Return the same steps and ``n_steps`` more."""
-        return Grid(self.start_s, self.step_s, self.n_steps + n_steps)
+    @property
+    def years(self) -> NDArray[np.int64]:
+        """First step of each year of operation and of the one after the last, which may lie beyond the run.
+
+        A year lasts to the same day and hour of the next.
+        """
+        import pandas as pd
+
+        first, firsts = pd.Timestamp(self.start_s, unit="s"), [0]
+        while firsts[-1] < self.n_steps:
+            later_s = int((first + pd.DateOffset(years=len(firsts))).timestamp()) - self.start_s
+            firsts.append(-(-later_s // self.step_s))
+        return np.array(firsts)
+
+    def longer(self, n_steps: int) -> TimeGrid:
+        """Return this grid extended by ``n_steps`` steps."""
+        return TimeGrid(self.start_s, self.step_s, self.n_steps + n_steps)
 
 
 def seconds_of(instant: datetime) -> int:
@@ -87,7 +101,7 @@ def seconds_of(instant: datetime) -> int:
 
 @dataclass(frozen=True)
 class SampledSeries:
-    """A regular series read from a file; ``what`` and ``key`` are for messages."""
+    """Regular series read from a file; ``what`` and ``key`` are used in messages."""
 
     values: NDArray[np.float64]
     start_s: int
@@ -97,19 +111,19 @@ class SampledSeries:
 
     @classmethod
     def from_pandas(cls, series: pd.Series[float], what: str, key: str) -> SampledSeries:
-        """Take over a gap-free series with a time-zone aware index.
+        """Convert a gap-free series with a time-zone aware index.
 
         Raises
         ------
         InputError
-            The series has fewer than two values.
+            If the series has fewer than two values.
         """
         import pandas as pd
 
         utc = pd.DatetimeIndex(series.index).tz_convert("UTC").tz_localize(None)
         seconds = utc.to_numpy().astype("datetime64[s]").astype(np.int64)
         if seconds.size < 2:
-            raise InputError(f"{key}: {what} has {seconds.size} values; at least two are needed")
+            raise InputError(f"{key}: {what} has {seconds.size} values; at least two are required")
         return cls(
             np.asarray(series, dtype=np.float64), int(seconds[0]), int(seconds[1] - seconds[0]), what, key
         )
@@ -125,7 +139,7 @@ class SampledSeries:
         Raises
         ------
         InputError
-            There is no whole step.
+            If the series has no whole step after ``start``.
         """
         end_s = self.start_s + self.step_s * self.values.size
         steps = (end_s - seconds_of(start)) // step_s
@@ -136,13 +150,13 @@ class SampledSeries:
             )
         return steps * step_s / _S_PER_DAY
 
-    def on(self, grid: Grid, *, whole: bool = True) -> NDArray[np.float64]:
-        """Return the mean over each step of ``grid``, a value holding until the next.
+    def on(self, grid: TimeGrid, *, whole: bool = True) -> NDArray[np.float64]:
+        """Return the mean over each step of ``grid``; each value is held until the next.
 
         Parameters
         ----------
         whole
-            Refuse a series that ends before the grid does; otherwise return what there is.
+            Whether a series that ends before the grid is an error; otherwise the result is shorter.
         """
         end_s = self.start_s + self.step_s * self.values.size
         if self.start_s > grid.start_s or grid.start_s >= end_s:
@@ -158,24 +172,24 @@ class SampledSeries:
         integral = np.concatenate([[0.0], np.cumsum(self.values * self.step_s)])
         return np.asarray(np.diff(np.interp(edges, knots, integral)) / grid.step_s)
 
-    def laid(self, grid: Grid, longer: Grid, *, repeat: bool) -> NDArray[np.float64]:
-        """Return the means over the steps of ``grid`` and, as far as there are any, of ``longer`` after it.
+    def laid(self, grid: TimeGrid, longer: TimeGrid, *, repeat: bool) -> NDArray[np.float64]:
+        """Return the means over the steps of ``grid`` and, where available, of ``longer`` after it.
 
         Parameters
         ----------
         grid, longer
-            Steps that must be covered, and the same with more at the end.
+            Required grid, and an extension of it.
         repeat
-            Begin the series again at its end.
+            Whether the series repeats from its start.
         """
         if repeat:
-            period = self.on(Grid(self.start_s, grid.step_s, longer.n_steps), whole=False)
+            period = self.on(TimeGrid(self.start_s, grid.step_s, longer.n_steps), whole=False)
             first = (grid.start_s - self.start_s) // grid.step_s
             return period[(first + np.arange(longer.n_steps)) % period.size]
         self.on(grid)
         return self.on(longer, whole=False)
 
-    def _refuse(self, grid: Grid) -> None:
+    def _refuse(self, grid: TimeGrid) -> None:
         have = (self.start_s, self.start_s + self.step_s * self.values.size)
         need = (grid.start_s, grid.start_s + grid.step_s * grid.n_steps)
         raise InputError(

@@ -1,4 +1,4 @@
-"""Dotted keys of a study: which exist, how one is set, and which one was probably meant."""
+"""Dotted keys of a study: known keys, assignment and suggestions for typos."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _DEEPEST = 12
 
 
 def known_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
-    """Dotted keys of ``model``; ``*`` stands for any name below, or any index of, a table."""
+    """Return the dotted keys of ``model``; ``*`` stands for any name or index of a table."""
     for name, field in model.model_fields.items():
         key = prefix + name
         sections = list(_sections(field.annotation))
@@ -34,7 +34,7 @@ def known_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
 
 
 def check_keys(document: Mapping[str, Any], model: type[BaseModel], place: str) -> None:
-    """Raise :class:`InputError` for the first key of ``document`` that ``model`` does not have."""
+    """Raise :class:`InputError` for the first unknown key of ``document``."""
     known = sorted(set(known_keys(model)))
     for key in _leaves(document, ""):
         if not any(_matches(key, pattern) for pattern in known):
@@ -44,7 +44,7 @@ def check_keys(document: Mapping[str, Any], model: type[BaseModel], place: str) 
 
 
 def _beside(key: str, known: Iterable[str]) -> list[str]:
-    """What there is in the deepest table of ``key`` that exists: its keys and tables."""
+    """Return the keys and tables in the deepest existing table of ``key``."""
     names = [pattern.partition(f".{_ANY}")[0] for pattern in known]
     path = key.split(".")[:-1]
     while path and not any(name.startswith(".".join(path) + ".") for name in names):
@@ -55,7 +55,7 @@ def _beside(key: str, known: Iterable[str]) -> list[str]:
 
 
 def nearest(name: str, names: list[str]) -> str:
-    """The part of an error message that says what was probably meant."""
+    """Return the suggestion of an error message: the closest name, or all names."""
     close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
     return f"did you mean {close[0]!r}?" if close else f"allowed: {', '.join(names)}"
 
@@ -69,7 +69,7 @@ def check_bundled(key: str, name: str, bundled: Iterable[str]) -> None:
         With the bundled name that is nearest.
     """
     if name not in bundled and not Path(name).suffix and Path(name).name == name:
-        raise InputError(f"{key} = {name!r}: nothing bundled is called so; {nearest(name, list(bundled))}")
+        raise InputError(f"{key} = {name!r}: no bundled item has this name; {nearest(name, list(bundled))}")
 
 
 def with_value(document: Mapping[str, Any], key: str, value: Any) -> Document:

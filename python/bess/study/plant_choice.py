@@ -1,4 +1,4 @@
-"""The system a study runs on: a file or bundled name with the study's changes put over it."""
+"""System of a study: a file or bundled system with the overrides of the study."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from bess.components.registry import SYSTEMS, system_document
 from bess.errors import InputError
-from bess.parameters import System
-from bess.parameters.documents import deep_merge, plain, read_toml
-from bess.parameters.library import put_over, replaced
-from bess.parameters.parse import PER_STRING_SITE, check_layout, string_count
 from bess.study.keys import check_bundled
-from bess.study.sections import RunChoice, SystemChoice, WearChoice
+from bess.study.sections import RunSection, SystemSection, WearSection
+from bess.system import System
+from bess.system.components.registry import SYSTEMS, system_document
+from bess.system.documents import deep_merge, plain, read_toml
+from bess.system.library import put_over, replaced
+from bess.system.parse import PER_STRING_SITE, check_layout, string_count
 
 
 def build_system(
-    choice: SystemChoice, run: RunChoice, wear: WearChoice, given: System | None = None
+    choice: SystemSection, run: RunSection, wear: WearSection, given: System | None = None
 ) -> System:
-    """Return the system as the study wants it; ``given`` takes the place of the file that it names.
+    """Return the system of a study; ``given`` replaces the file of the study.
 
     Raises
     ------
     InputError
-        From the system file, or a list of initial values that is not one for each string.
+        From the system file, or if the number of initial values differs from the number of strings.
     """
     name = choice.file if given is None else given.name
     document = _document(choice.file) if given is None else copy.deepcopy(given.document)
@@ -70,7 +70,7 @@ def _document(file: str) -> dict[str, Any]:
 
 
 def _check_reach(document: Mapping[str, Any], parameters: Mapping[str, Any], name: str) -> None:
-    """Refuse parameters of the study that no string has, because each has a value of its own."""
+    """Raise for parameters without effect, because every string overrides them."""
     strings = document.get("string", [])
     if "string" in parameters or len(strings) < string_count(document, name):
         return
@@ -78,6 +78,6 @@ def _check_reach(document: Mapping[str, Any], parameters: Mapping[str, Any], nam
         for key in table if isinstance(table, Mapping) else ():
             if all(replaced(entry.get(section), section, key) for entry in strings):
                 raise InputError(
-                    f"system.parameters.{section}.{key}: every string of {name} has its own; "
-                    "give [[system.parameters.string]] tables, one for each string"
+                    f"system.parameters.{section}.{key}: every string of {name} has its own value; "
+                    "set it in [[system.parameters.string]] tables, one per string"
                 )

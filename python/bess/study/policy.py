@@ -1,4 +1,4 @@
-"""Section ``[policy]`` of a study file: which policy, and whether it plans or certifies."""
+"""Section ``[policy]`` of a study file: policy, and planning or certified mode."""
 
 from __future__ import annotations
 
@@ -6,26 +6,26 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from bess.foresight.planner import ROLLOUTS
-from bess.parameters.quantities import within
-from bess.parameters.sections import Control
-from bess.split.settings import SplitSettings
+from bess.control.planning.planner import ROLLOUTS
+from bess.control.split.settings import SplitSettings
+from bess.system.quantities import within
+from bess.system.sections import Control
 
 DEFAULT_FORESIGHT_H = 24.0
-"""A day: the longest rhythm of most demands, and a little more than the time constant of a warm string."""
+"""One day: the longest period of most demands, slightly above the thermal time constant of a string."""
 
 
-class PolicyChoice(SplitSettings):
-    """Section ``[policy]``: which policy, and what ``mpc`` minimises and when it stops searching.
+class PolicySection(SplitSettings):
+    """Section ``[policy]``: policy, objectives of ``mpc`` and its stopping criteria.
 
     In ``mode`` ``"plan"``, objectives of kind ``energy`` (the default) and ``money`` (the default in studies
     with prices) are planned over ``foresight_h``, 24 hours by default, with ``rollouts`` for the effort of
-    each step (:class:`bess.foresight.Planner`). In ``mode`` ``"certified"``, the next ``horizon_steps`` are
-    split with a certificate: ``gap``, ``node_limit`` and ``time_limit_s`` are settings of
-    :class:`bess.PowerSplit`. A study without a mode plans, unless its other keys are those of a certified
-    split (``horizon_steps``, ``foresight_h = 0``, objectives of kind ``paper``). ``model`` is what ``mpc``
-    takes the plant for: as it is, with convex losses, or with one efficiency
-    (:func:`bess.policies.simplified.simplified`). ``file`` is the ``policy.json`` of the policy
+    each step (:class:`bess.control.planning.Planner`). In ``mode`` ``"certified"``, the next
+    ``horizon_steps`` are split with a certificate: ``gap``, ``node_limit`` and ``time_limit_s`` are settings
+    of :class:`bess.PowerSplit`. A study without a mode plans, unless its other keys are those of a certified
+    split (``horizon_steps``, ``foresight_h = 0``, objectives of kind ``paper``). ``model`` is the plant model
+    of ``mpc``: nonlinear, with convex losses, or linear with one efficiency
+    (:func:`bess.control.policies.simplified.simplified`). ``file`` is the ``policy.json`` of the policy
     ``distilled``; other policies do not read it.
     """
 
@@ -48,7 +48,7 @@ class PolicyChoice(SplitSettings):
         against = next((key for key, given in of_split.items() if given), None)
         if self.plans and against:
             raise ValueError(
-                f"{against} is for a certified split, {of_plan or 'mode = plan'} for a plan: give one of "
+                f"{against} is for a certified split, {of_plan or 'mode = plan'} for a plan: use only one of "
                 'them, or mode = "certified"'
             )
         if not self.plans and of_plan:
@@ -62,7 +62,7 @@ class PolicyChoice(SplitSettings):
 
     @property
     def plans(self) -> bool:
-        """Whether ``mpc`` plans with foresight; else it splits a horizon with a certificate."""
+        """Whether ``mpc`` plans; otherwise it computes a certified split."""
         if self.mode is not None:
             return self.mode == "plan"
         if self.foresight_h is None:
@@ -70,7 +70,7 @@ class PolicyChoice(SplitSettings):
         return self.foresight_h > 0.0
 
     def steps_ahead(self, control: Control) -> int:
-        """Control steps that a policy is told of."""
+        """Return the prediction horizon in control steps."""
         if self.plans:
             hours = DEFAULT_FORESIGHT_H if self.foresight_h is None else self.foresight_h
             return max(1, round(hours * 60.0 / control.step_min))

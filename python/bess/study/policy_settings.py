@@ -1,10 +1,10 @@
-"""What a study says about its policy, for a run and for the service alike."""
+"""Policy settings of a study, for runs and for the service."""
 
 from __future__ import annotations
 
-from bess.parameters import System
-from bess.policies import Settings
+from bess.control.policies import Settings
 from bess.study.study import Study
+from bess.system import System
 
 
 def policy_settings(study: Study, system: System) -> Settings:

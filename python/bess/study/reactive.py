@@ -7,15 +7,15 @@ from typing import Annotated, Literal, Self
 from pydantic import model_validator
 
 from bess.files import Fill
-from bess.parameters.quantities import Positive, within
-from bess.parameters.section import Section
+from bess.system.quantities import Positive, within
+from bess.system.section import Section
 
 
-class ReactiveChoice(Section):
-    """Section ``[reactive]``: reactive power asked of the plant beside its demand; none without the section.
+class ReactiveSection(Section):
+    """Section ``[reactive]``: reactive power demand in addition to active power.
 
-    Either ``kvar`` (constant), or ``power_factor`` (beside the active power that is asked in each step), or
-    ``file``, read as :func:`bess.ems.read_profile` says. Positive is given to the grid (over-excited).
+    Either ``kvar`` (constant), ``power_factor`` (in proportion to active power) or ``file``, read with
+    :func:`bess.dispatch.read_profile`. Positive = supplied to the grid (over-excited).
     """
 
     kvar: Annotated[float, within(-1e6, 1e6, "kvar")] | None = None

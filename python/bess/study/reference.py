@@ -17,18 +17,18 @@ from typing import Any, Final, Literal
 
 from pydantic import create_model
 
-from bess.parameters.battery import Battery
-from bess.parameters.cooling import Cooling
-from bess.parameters.section import Section
-from bess.parameters.sections import About, Control, Derating, Inverter, Site, Thermal, Wear
 from bess.study.study import Study
+from bess.system.battery import Battery
+from bess.system.cooling import Cooling
+from bess.system.section import Section
+from bess.system.sections import About, Control, Derating, Inverter, SystemDefaults, Thermal, Wear
 
 Kind = Literal["study", "system"]
 KINDS: Final[tuple[Kind, ...]] = ("study", "system")
 
 # The first ending that fits; longer ones stand before those they end with.
 _UNITS: Final = {
-    "eur_kw_year": "EUR/kW/year", "eur_mw": "EUR/MW", "_mhz": "mHz",
+    "_mwh_per_year": "MWh/year", "eur_kw_year": "EUR/kW/year", "eur_mw": "EUR/MW", "_mhz": "mHz",
     "eur_mwh": "EUR/MWh", "eur_per_mwh": "EUR/MWh", "eur_kwh": "EUR/kWh", "_eur": "EUR", "_kwh": "kWh",
     "kvar": "kvar", "_kw": "kW", "_kg_m3": "kg/m³", "_j_kgk": "J/(kg K)", "_w_m2k": "W/(m² K)",
     "_w_mk": "W/(m K)",
@@ -135,7 +135,7 @@ def keys(kind: Kind) -> list[Key]:
 def _system_file() -> type[Section]:
     sections: dict[str, Any] = {
         "about": (About | None, None),
-        "system": (Site, ...),
+        "system": (SystemDefaults, ...),
         "battery": (Battery, ...),
         "inverter": (Inverter, ...),
         "derating": (Derating, ...),

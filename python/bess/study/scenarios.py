@@ -1,4 +1,4 @@
-"""From a study with scenarios and sweep axes to plain studies with a name each."""
+"""Expansion of scenarios and sweep axes to named studies."""
 
 from __future__ import annotations
 
@@ -16,11 +16,10 @@ _LARGEST = 100_000
 
 
 def expand(study: Study) -> dict[str, Study]:
-    """Return the runs a study consists of, by name; without scenarios and axes, itself under its own name.
+    """Return the runs of a study by name; a study without scenarios and axes is a single run.
 
-    Scenarios are combined with every point of the sweep, axes with each other. A name is that of the scenario
-    and the last part of each swept key with its value, such as ``S2_horizon_steps=4``, and serves as a
-    folder.
+    All scenarios and axes are combined. The name of a run consists of the scenario and the last part of each
+    swept key with its value, such as ``S2_horizon_steps=4``. It is also the name of the folder.
 
     Raises
     ------
@@ -34,7 +33,9 @@ def expand(study: Study) -> dict[str, Study]:
     count = len(named) * math.prod(axis.size for axis in study.sweep)
     if count > _LARGEST:
         many = str(count) if count < 10**15 else "its"
-        raise InputError(f"{study.name}: sweep: {many} runs are more than {_LARGEST}")
+        raise InputError(
+            f"{study.name}: sweep: {many} runs exceed the maximum of {_LARGEST}; reduce the axes"
+        )
     axes = [list(_points(axis)) for axis in study.sweep]
     runs: dict[str, Study] = {}
     for (scenario, settings), *points in itertools.product(named, *axes):
@@ -45,7 +46,7 @@ def expand(study: Study) -> dict[str, Study]:
         name = "_".join(part for part in (scenario, swept) if part)
         if name in runs:
             raise InputError(
-                f"{study.name}: two runs are called {name!r}; give scenarios and values of their own"
+                f"{study.name}: two runs have the name {name!r}; use distinct scenario names and values"
             )
         runs[name] = plain.with_values({"name": name, **values})
     return runs

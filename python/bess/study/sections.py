@@ -1,4 +1,4 @@
-"""Sections of a study file but those of demand, reactive power and policy, checked once at load."""
+"""Sections of a study file except demand, reactive power and policy; validated on load."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from bess.files import Fill
-from bess.parameters.quantities import (
+from bess.system.quantities import (
     AgeingModel,
     Count,
     EndOfLife,
@@ -22,8 +22,8 @@ from bess.parameters.quantities import (
     Temperature,
     within,
 )
-from bess.parameters.section import Section
-from bess.parameters.terms import Terms
+from bess.system.section import Section
+from bess.system.terms import SettlementTerms
 
 
 def _aware(value: datetime) -> datetime:
@@ -47,17 +47,17 @@ def _folder_name(value: str) -> str:
 
 
 RunName = Annotated[str, AfterValidator(_folder_name)]
-"""Name of a run, which is that of its folder as well."""
+"""Name of a run and of its folder."""
 
 Instant = Annotated[datetime, AfterValidator(_aware)]
 
 
-class SystemChoice(Section):
-    """Section ``[system]``: which plant, and what is changed in it.
+class SystemSection(Section):
+    """Section ``[system]``: plant and its overrides.
 
-    ``file`` is a bundled system (``bess list``) or a system file. ``parameters`` holds sections of a system
-    file that are put over it, such as ``parameters.battery.r_scale = 1.2``. Initial values are one number for
-    all strings or one for each.
+    ``file`` is a bundled system (``bess list``) or a system file. ``parameters`` contains sections of a
+    system file that override it, such as ``parameters.battery.r_scale = 1.2``. Initial values are one number
+    for all strings or one per string.
     """
 
     file: str = "reference"
@@ -70,11 +70,11 @@ class SystemChoice(Section):
     parameters: dict[str, Any] = Field(default_factory=dict)
 
 
-class WeatherChoice(Section):
-    """Section ``[weather]``: ambient temperature from a file; without it, it is that of the system.
+class WeatherSection(Section):
+    """Section ``[weather]``: ambient temperature from a file; by default that of the system.
 
-    The file is read as :func:`bess.market.read_weather` says. ``offset_k`` is added, such as for a warm
-    container. ``repeat`` is that of prices; a typical year repeats without it.
+    The file is read with :func:`bess.market.read_weather`. ``offset_k`` is added, for example for a warm
+    container. ``repeat`` repeats the last year, as for prices; a typical year always repeats.
     """
 
     file: str | None = None
@@ -85,8 +85,8 @@ class WeatherChoice(Section):
     offset_k: Annotated[float, within(-50.0, 50.0, "K")] = 0.0
 
 
-class RunChoice(Section):
-    """Section ``[run]``: period and plant. ``start`` and ``days`` default to what the demand covers."""
+class RunSection(Section):
+    """Section ``[run]``: period and plant simulation; the default period is that of the demand."""
 
     start: Instant | None = None
     days: Annotated[float, within(0.0, 36_525.0, "days", above=True)] | None = None
@@ -94,35 +94,34 @@ class RunChoice(Section):
     derating_law: Literal["table", "pi"] = "table"
 
 
-class SettlementChoice(Section):
-    """Section ``[settlement]``: what is agreed on beside the price of energy, for studies with prices.
+class SettlementSection(Section):
+    """Section ``[settlement]``: settlement terms besides the energy price, for studies with prices.
 
-    Energy asked for and not delivered costs the magnitude of its price and ``shortfall_eur_mwh``. Fees are on
-    each MWh charged or discharged (AC), ``start_eur`` is for each start of an inverter. Reserve that was sold
-    and not there costs its price times ``capacity_penalty``. ``discount_rate`` is that of the net present
-    value of runs over years.
+    Undelivered energy costs the magnitude of its price plus ``shortfall_eur_mwh``. Fees are per MWh charged
+    or discharged (AC), ``start_eur`` is per inverter start. Reserve sold but not available costs its price
+    times ``capacity_penalty``. ``discount_rate`` applies to the net present value of runs over years.
     """
 
-    shortfall_eur_mwh: NonNegative = Terms.shortfall_eur_mwh
-    charge_fee_eur_mwh: NonNegative = Terms.charge_fee_eur_mwh
-    discharge_fee_eur_mwh: NonNegative = Terms.discharge_fee_eur_mwh
-    start_eur: NonNegative = Terms.start_eur
-    discount_rate: Annotated[float, within(0.0, 1.0, "per year")] = Terms.discount_rate
-    capacity_penalty: NonNegative = Terms.capacity_penalty
+    shortfall_eur_mwh: NonNegative = SettlementTerms.shortfall_eur_mwh
+    charge_fee_eur_mwh: NonNegative = SettlementTerms.charge_fee_eur_mwh
+    discharge_fee_eur_mwh: NonNegative = SettlementTerms.discharge_fee_eur_mwh
+    start_eur: NonNegative = SettlementTerms.start_eur
+    discount_rate: Annotated[float, within(0.0, 1.0, "per year")] = SettlementTerms.discount_rate
+    capacity_penalty: NonNegative = SettlementTerms.capacity_penalty
 
     @property
-    def terms(self) -> Terms:
-        """The section as what dispatch and settlement work with."""
-        return Terms(**self.model_dump())
+    def terms(self) -> SettlementTerms:
+        """Settlement terms for dispatch and settlement."""
+        return SettlementTerms(**self.model_dump())
 
 
-class WearChoice(Section):
-    """Section ``[wear]``: what using the batteries costs.
+class WearSection(Section):
+    """Section ``[wear]``: cost of battery ageing.
 
-    The keys of the section ``[wear]`` of a system file, put over it; ``[[string]]`` tables there still
-    override them for one string. ``throughput`` is a price ``eur_per_mwh`` for each MWh discharged (AC). A
-    cell model lets the strings age and prices the capacity lost; ``eur_per_mwh`` is then what a dispatch
-    plans with instead of the model's own rates.
+    The keys override the section ``[wear]`` of the system file; its ``[[string]]`` tables still have
+    precedence. ``throughput`` is a price ``eur_per_mwh`` per MWh discharged (AC). With a cell model the
+    strings age and the capacity loss has a price; ``eur_per_mwh`` then replaces the rates of the model in the
+    dispatch.
     """
 
     model: AgeingModel | None = None
@@ -132,19 +131,37 @@ class WearChoice(Section):
     calendar_share: Fraction | None = None
 
 
-class OutputChoice(Section):
-    """Section ``[output]``: what is recorded beside the table of ``ARCHITECTURE.md``."""
+class BudgetSection(Section):
+    """Section ``[budget]``: what a year of trade may use, such as a warranty allows.
+
+    ``cycles_per_year`` counts the nominal energy charged, or discharged, whichever is more;
+    ``throughput_mwh_per_year`` energy discharged (AC). A year lasts from the start of the run to the same day
+    of the next; one that the run covers in part has that part. Neither is exceeded. Dispatch over prices
+    carries them as a shadow price (:class:`bess.dispatch.CycleBudget`).
+    """
+
+    cycles_per_year: Positive | None = None
+    throughput_mwh_per_year: Positive | None = None
+
+    @property
+    def is_set(self) -> bool:
+        """Whether there is a budget."""
+        return self.cycles_per_year is not None or self.throughput_mwh_per_year is not None
+
+
+class OutputSection(Section):
+    """Section ``[output]``: optional variables of the record."""
 
     node_temperatures: bool = False
 
 
-class ServiceChoice(Section):
-    """Section ``[service]``: how the live controller of ``bess serve`` acts between two plans.
+class ServiceSection(Section):
+    """Section ``[service]``: live controller of ``bess serve``.
 
-    What stands for each string is one number for all of them or a list. Times in seconds; ``start_kwh`` is
-    what a start of an inverter is worth: it is switched when that much energy would have been saved.
-    ``bess run`` uses none of these keys: its plant takes the policy's set-points at every control step, and
-    its windows of SOC are those of the system (``soc_min``, ``soc_max``).
+    Values per string are one number for all strings or a list. Times are in seconds. ``start_kwh`` is the
+    energy equivalent of an inverter start: an inverter is switched after this saving has accumulated.
+    ``bess run`` ignores this section: its plant follows the set-points of the policy in every control step,
+    within the SOC limits of the system (``soc_min``, ``soc_max``).
     """
 
     control_step_s: Annotated[float, within(1.0, 900.0, "s")] | None = None
@@ -166,9 +183,10 @@ class ServiceChoice(Section):
 
 
 class Event(Section):
-    """Table ``[[event]]``: the inverter of ``string`` (from 0) gives no more than ``limit_kw`` for a while.
+    """Table ``[[event]]``: temporary power limit ``limit_kw`` of the inverter of ``string`` (from 0).
 
-    ``limit_kw = 0`` takes the string out of service. The policy learns of an event when it begins.
+    ``limit_kw = 0`` takes the string out of service. Policies have no information
+    about an event before it begins.
     """
 
     string: Annotated[int, Field(ge=0)]
@@ -184,14 +202,14 @@ class Event(Section):
 
 
 class Scenario(Section):
-    """Table ``[[scenario]]``: a name, and the keys it sets (dotted, as with ``--set``)."""
+    """Table ``[[scenario]]``: name and dotted keys to set (as with ``--set``)."""
 
     name: RunName
     set: dict[str, Any]
 
 
 class Axis(Section):
-    """Table ``[[sweep]]``: one axis of a sweep; several axes are combined with each other.
+    """Table ``[[sweep]]``: one axis of a sweep; all axes are combined.
 
     Either ``key`` with ``values`` or with a range (``start``, ``stop``, ``count`` points), or ``simplex``:
     keys whose values are all shares ``i / divisions`` that sum to 1.
@@ -207,7 +225,7 @@ class Axis(Section):
 
     @property
     def size(self) -> int:
-        """Number of points, without making them."""
+        """Number of points."""
         if self.simplex is not None and self.divisions is not None:
             return math.comb(self.divisions + len(self.simplex) - 1, self.divisions)
         return self.count if self.values is None and self.count is not None else len(self.values or ())

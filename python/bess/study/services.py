@@ -7,8 +7,8 @@ from typing import Annotated, Literal, Self
 from pydantic import model_validator
 
 from bess.files import Fill
-from bess.parameters.quantities import Fraction, NonNegative, Positive, within
-from bess.parameters.section import Section
+from bess.system.quantities import Fraction, NonNegative, Positive, within
+from bess.system.section import Section
 
 Efficiency = Annotated[float, within(0.0, 1.0, above=True)]
 
@@ -20,19 +20,18 @@ class FcrDemand(Section):
     """Section ``[demand]`` with ``kind = "fcr"``: frequency containment reserve.
 
     ``frequency`` is ``synthetic``, a bundled week, or a file as :func:`bess.market.read_frequency` takes it;
-    with ``repeat`` it begins at the start of the run and starts again at its end. The plant answers with
-    ``capacity_kw`` at a deviation of ``droop_mhz``, in proportion below, and not at all within
-    ``dead_band_mhz``; a control step asks for the mean of that. By default the capacity leaves a fifth of
-    the plant's power for recharging.
+    with ``repeat`` it begins at the start of the run and repeats. Power is proportional to the frequency
+    deviation: ``capacity_kw`` at ``droop_mhz``, zero within ``dead_band_mhz``. The demand of a control step
+    is the mean response. By default, a fifth of the plant power remains for recharging.
 
-    So much must be in store that the whole capacity can be delivered for ``duration_min`` in either
-    direction. Outside the middle ``band`` of that window the set-point is shifted by up to ``recharge_kw`` (a
-    quarter of the capacity by default), in slots of ``recharge_slot_min`` that are agreed on
-    ``recharge_lead_min`` ahead, each with the ``efficiency`` of the round trip in mind.
+    The stored energy must sustain the full capacity for ``duration_min`` in each direction. Outside the
+    central ``band`` of that window, the set-point is shifted by up to ``recharge_kw`` (by default a quarter
+    of the capacity). Shifts have slots of ``recharge_slot_min``, are scheduled ``recharge_lead_min`` ahead,
+    and include the round-trip ``efficiency``.
 
-    The capacity is paid by ``capacity_prices``, a file as :func:`bess.market.read_capacity_prices` takes it
-    (the column of ``country``), or ``capacity_price_eur_mw`` for each block of four hours. What is charged
-    and discharged beside the response is settled at ``prices`` (a price file, or ``synthetic``, a bundled
+    The capacity price is ``capacity_prices``, a file as :func:`bess.market.read_capacity_prices` takes it
+    (the column of ``country``), or ``capacity_price_eur_mw`` per four-hour block. Energy
+    other than the response is settled at ``prices`` (a price file, or ``synthetic``, a bundled
     week) or, without, at ``energy_price_eur_mwh``.
     """
 
@@ -61,12 +60,12 @@ class FcrDemand(Section):
 
 
 class FcrArbitrageDemand(FcrDemand):
-    """Section ``[demand]`` with ``kind = "fcr-arbitrage"``: trade with what the reserve leaves.
+    """Section ``[demand]`` with ``kind = "fcr-arbitrage"``: trade with the power beside the reserve.
 
-    As of ``kind = "fcr"``, whose keys it has: the capacity (by default half of the plant's power) and the
-    energy for it are reserved at all times. The rest of the power, less ``recharge_kw``, trades within the
-    middle ``band`` of the required window, by linear plans as of ``kind = "arbitrage"`` with ``plan =
-    "linear"``, over ``look_ahead_h`` and made anew every ``replan_h``.
+    The capacity (by default half of the plant power) and its energy are reserved at all times, with the keys
+    of ``kind = "fcr"``. The remaining power, minus ``recharge_kw``, trades within the central ``band`` of the
+    required window. Linear dispatch, as with ``plan = "linear"``, covers ``look_ahead_h`` and is re-optimised
+    every ``replan_h``.
     """
 
     kind: Literal["fcr-arbitrage"] = "fcr-arbitrage"  # type: ignore[assignment]
@@ -79,13 +78,13 @@ class FcrArbitrageDemand(FcrDemand):
 
 
 class SiteDemand(Section):
-    """A load, and generation perhaps, behind one meter with the plant.
+    """Load and optional generation behind one meter with the plant.
 
     ``load`` and ``pv`` are bundled (``industrial-week``, ``commercial-week``, ``solar-week``) or files as
-    :func:`bess.ems.read_profile` reads them, positive for what the load draws and the panels give; ``repeat``
-    starts both again at their end. ``price_eur_mwh`` is paid for what the meter draws,
-    ``export_price_eur_mwh`` for what it gives. What the plant will be asked ahead follows from the forecast
-    of load and generation, and from the round trip: ``efficiency`` at first, then what the plant shows.
+    :func:`bess.dispatch.read_profile` reads them, positive for consumption and generation;
+    ``repeat`` repeats both. ``price_eur_mwh`` is the grid import price, ``export_price_eur_mwh`` the export
+    price. The forecast of the demand depends on the forecast of load and generation and on the round-trip
+    efficiency: initially ``efficiency``, later the measured value.
     """
 
     kind: Literal["peak-shaving", "self-consumption"]
@@ -107,12 +106,12 @@ class SiteDemand(Section):
 
 
 class PeakShavingDemand(SiteDemand):
-    """Section ``[demand]`` with ``kind = "peak-shaving"``: a limit on what the grid connection draws.
+    """Section ``[demand]`` with ``kind = "peak-shaving"``: limit on the grid import.
 
-    The store gives what the load takes above ``limit_kw`` and fills up to ``ready_soc`` with what is left
-    below it. Without ``limit_kw`` it is the lowest that a schedule with perfect foresight could keep
-    (:func:`bess.ems.least_peak_kw`). A kW less of the highest draw in the run saves
-    ``demand_charge_eur_kw_year``, by the share of the run in a year.
+    The plant supplies the load above ``limit_kw`` and charges up to ``ready_soc`` with the remaining power
+    below it. By default, ``limit_kw`` is the lowest limit that is feasible with perfect foresight
+    (:func:`bess.dispatch.min_peak_kw`). A kW of reduced peak import saves ``demand_charge_eur_kw_year``,
+    in proportion to the length of the run.
     """
 
     kind: Literal["peak-shaving"] = "peak-shaving"
@@ -122,10 +121,9 @@ class PeakShavingDemand(SiteDemand):
 
 
 class SelfConsumptionDemand(SiteDemand):
-    """Section ``[demand]`` with ``kind = "self-consumption"``: keep what the panels give for the load.
+    """Section ``[demand]`` with ``kind = "self-consumption"``: store surplus generation for the load.
 
-    The store charges what the panels give beyond the load, up to ``ready_soc``, and gives it back when they
-    do not suffice.
+    The plant charges surplus generation up to ``ready_soc`` and discharges when generation is below the load.
     """
 
     kind: Literal["self-consumption"] = "self-consumption"
@@ -135,7 +133,7 @@ class SelfConsumptionDemand(SiteDemand):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.pv is None:
-            raise ValueError("self-consumption needs generation: pv names the panels' profile")
+            raise ValueError("self-consumption requires generation: set pv to a generation profile")
         return self
 
 

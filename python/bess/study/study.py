@@ -1,4 +1,4 @@
-"""A study: everything that defines a closed-loop run, read from TOML and checked as a whole."""
+"""Studies: definition of closed-loop runs, read from TOML and validated."""
 
 from __future__ import annotations
 
@@ -14,26 +14,27 @@ from pydantic import ValidationError, model_validator
 
 from bess.display import as_table, one_line
 from bess.errors import InputError
-from bess.files import parse_toml
-from bess.parameters.documents import describe, read_text
-from bess.parameters.section import Section
-from bess.study.demands import DEMAND_KINDS, Demand, kind_of_demand
+from bess.files import missing, parse_toml
+from bess.study.demands import DEMAND_KINDS, TRADES, Demand, kind_of_demand
 from bess.study.keys import check_keys, nearest, with_value
-from bess.study.policy import PolicyChoice
-from bess.study.reactive import ReactiveChoice
+from bess.study.policy import PolicySection
+from bess.study.reactive import ReactiveSection
 from bess.study.sections import (
     Axis,
+    BudgetSection,
     Event,
-    OutputChoice,
-    RunChoice,
+    OutputSection,
     RunName,
+    RunSection,
     Scenario,
-    ServiceChoice,
-    SettlementChoice,
-    SystemChoice,
-    WearChoice,
-    WeatherChoice,
+    ServiceSection,
+    SettlementSection,
+    SystemSection,
+    WearSection,
+    WeatherSection,
 )
+from bess.system.documents import describe, read_text
+from bess.system.section import Section
 
 _PATHS = (
     ("system", "file"),
@@ -48,9 +49,9 @@ _PATHS = (
     ("reactive", "file"),
     ("weather", "file"),
 )
-"""Keys that name files. A name without a folder and an ending is that of something bundled."""
+"""Keys of file names. A name without folder and suffix refers to a bundled item."""
 _SOURCES = ("file", "frequency", "load", "pv", "prices")
-"""Keys of a demand by which people know it."""
+"""Keys of a demand that are shown in its description."""
 
 
 class Study(Section):
@@ -61,16 +62,17 @@ class Study(Section):
 
     name: RunName
     title: str = ""
-    system: SystemChoice = SystemChoice()
+    system: SystemSection = SystemSection()
     demand: Demand
-    reactive: ReactiveChoice | None = None
-    weather: WeatherChoice = WeatherChoice()
-    policy: PolicyChoice = PolicyChoice()
-    settlement: SettlementChoice = SettlementChoice()
-    wear: WearChoice = WearChoice()
-    run: RunChoice = RunChoice()
-    output: OutputChoice = OutputChoice()
-    service: ServiceChoice = ServiceChoice()
+    reactive: ReactiveSection | None = None
+    weather: WeatherSection = WeatherSection()
+    policy: PolicySection = PolicySection()
+    settlement: SettlementSection = SettlementSection()
+    wear: WearSection = WearSection()
+    budget: BudgetSection = BudgetSection()
+    run: RunSection = RunSection()
+    output: OutputSection = OutputSection()
+    service: ServiceSection = ServiceSection()
     event: tuple[Event, ...] = ()
     scenario: tuple[Scenario, ...] = ()
     sweep: tuple[Axis, ...] = ()
@@ -78,18 +80,27 @@ class Study(Section):
     @model_validator(mode="before")
     @classmethod
     def _choose_objectives(cls, document: Any) -> Any:
-        """Fill in what the policy minimises, which depends on the demand."""
+        """Fill in the default objectives, which depend on the demand."""
         given = _at(document, "policy", "objectives", "kind") is not None
         return document if given else _with_kind(document)
 
+    @model_validator(mode="after")
+    def _check_budget(self) -> Self:
+        if self.budget.is_set and self.demand.kind not in TRADES:
+            raise ValueError(
+                f'budget: demand.kind = "{self.demand.kind}" has none; those that trade carry one, '
+                + " and ".join(TRADES)
+            )
+        return self
+
     @classmethod
     def from_document(cls, document: Mapping[str, Any], place: str) -> Self:
-        """Check a study given as nested dictionaries; ``place`` is what errors call it.
+        """Validate a study given as nested dictionaries; errors refer to ``place``.
 
         Raises
         ------
         InputError
-            With the place, the key, its value and what is allowed.
+            With place, key, value and allowed range.
         """
         check_keys(document, cls, place)
         try:
@@ -118,7 +129,7 @@ class Study(Section):
         document = self.model_dump(exclude_unset=True, exclude_none=True)
         kind = document["policy"]["objectives"].pop("kind")
         if _with_kind(document)["policy"]["objectives"]["kind"] != kind:
-            # Not what would be chosen here: somebody wants it, whatever the values say about the demand.
+            # Differs from the default, so it was set explicitly and is kept.
             document["policy"]["objectives"]["kind"] = kind
         for key, value in values.items():
             if "." not in key and isinstance(value, Mapping):
@@ -157,14 +168,14 @@ class Study(Section):
 
 
 def _at(document: object, *keys: str) -> object:
-    """Value of a nested key; None where there is none."""
+    """Return the value of a nested key, or None."""
     for key in keys:
         document = document.get(key) if isinstance(document, Mapping) else None
     return document
 
 
 def _with_kind(document: Any) -> Any:
-    """The document with the kind of objectives that fits its demand; one that is malformed as it is."""
+    """Return the document with the default kind of objectives; a malformed document is unchanged."""
     policy = _at(document, "policy")
     objectives = _at(policy, "objectives")
     malformed = any(
@@ -173,7 +184,7 @@ def _with_kind(document: Any) -> Any:
     if not isinstance(document, Mapping) or malformed:
         return document
     certified = _at(policy, "horizon_steps") is not None or _at(policy, "foresight_h") == 0
-    priced = kind_of_demand(document.get("demand")) in ("arbitrage", "fcr-arbitrage")
+    priced = kind_of_demand(document.get("demand")) in TRADES
     kind = "money" if priced and not certified else "energy"
     objectives = {**(objectives if isinstance(objectives, Mapping) else {}), "kind": kind}
     policy = {**(policy if isinstance(policy, Mapping) else {}), "objectives": objectives}
@@ -181,7 +192,7 @@ def _with_kind(document: Any) -> Any:
 
 
 def bundled_studies() -> dict[str, str]:
-    """Names of the studies that come with the package, with their titles."""
+    """Return the names of the bundled studies with their titles."""
     names = {}
     for entry in sorted(resources.files("bess.data.studies").iterdir(), key=lambda entry: entry.name):
         if entry.name.endswith(".toml"):
@@ -197,7 +208,7 @@ def load_study(name: str | Path, values: Mapping[str, Any] | None = None) -> Stu
     name
         Bundled name or path. Relative paths inside the file are relative to the file.
     values
-        Dotted keys to set over those of the file, such as ``{"run.days": 7}``.
+        Dotted keys that override those of the file, such as ``{"run.days": 7}``.
 
     Raises
     ------
@@ -224,22 +235,22 @@ def load_study(name: str | Path, values: Mapping[str, Any] | None = None) -> Stu
 
 
 def as_study(study: Study | str | Path) -> Study:
-    """Return a study given as such, or by a bundled name or a path.
+    """Return a study, given as :class:`Study`, bundled name or path.
 
     Raises
     ------
     InputError
-        It is neither, or what :func:`load_study` refuses.
+        For any other type, or as :func:`load_study`.
     """
     if isinstance(study, Study):
         return study
     if isinstance(study, str | Path):
         return load_study(study)
-    raise InputError(f"a study is a bess.Study, a bundled name or a path, not {type(study).__name__}")
+    raise InputError(f"a study must be a bess.Study, a bundled name or a path, not {type(study).__name__}")
 
 
 def _name_from(path: Path) -> str:
-    """Name of a study that gives itself none: that of its file, in the letters of a folder's name."""
+    """Return the default name of a study: its file name with characters valid for a folder."""
     letters = unicodedata.normalize("NFKD", path.stem).encode("ascii", "ignore").decode()
     return re.sub(r"[^A-Za-z0-9._=+-]+", "-", letters).strip("-._=+")[:100] or "study"
 
@@ -250,7 +261,7 @@ def _read(path: Path, bundled: list[str]) -> str:
     except InputError:
         raise
     except (FileNotFoundError, NotADirectoryError):
-        hint = nearest(path.name, bundled) if not path.suffix else "check the path"
+        hint = nearest(path.name, bundled) if not path.suffix else missing(path)
         raise InputError(f"{path}: no such study; {hint}") from None
     except (OSError, UnicodeDecodeError, ValueError) as error:
         raise InputError(f"{path}: cannot be read ({error})") from error

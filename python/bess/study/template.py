@@ -1,4 +1,4 @@
-"""A study to start from: the keys that one changes first, and all others in comments."""
+"""Template of a study file: common keys set, all other keys as comments."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ _CHOSEN: Final = {
     "run.days": "2",
 }
 _HEAD = """\
-# A study: which plant, which demand, which policy, and for how long.
-#   bess check {name}      checks it and the data it names
-#   bess run {name}        runs it; bess report draws the results
-# A key in a comment has the value shown, or none, until you set it. bess schema study tells editors as much.
+# A study defines the plant, the demand, the policy and the period.
+#   bess check {name}      validates the study and its data
+#   bess run {name}        runs the study; bess report writes a report
+# Keys in comments show their defaults. bess schema study provides the same information to editors.
 """
 _WIDTH = 34
 
 
 def template(name: str) -> str:
-    """Return the text of a study file; ``name`` is what its first lines call it."""
+    """Return the text of a study file; its header refers to the file as ``name``."""
     blocks = [_HEAD.format(name=name)]
     for header, group in groupby(keys("study"), key=lambda key: key.section):
         blocks.append("\n".join(_block(header, list(group))) + "\n")
@@ -34,7 +34,7 @@ def template(name: str) -> str:
 
 
 def _block(header: str, group: list[Key]) -> Iterator[str]:
-    # Of the kinds of demand the first one is in force; tables that may be repeated are examples.
+    # Only the first kind of demand is active; repeatable tables are examples.
     table, _, kind = header.partition(" ")
     live = any(key.key in _CHOSEN for key in group) and kind in ("", 'kind = "profile"')
     if table:

@@ -31,7 +31,7 @@ fn control(criterion: &mut Criterion) {
         let boxes: Vec<StateBox> =
             horizon.reachable().chunks(n_steps + 1).flat_map(|row| row[..n_steps].to_vec()).collect();
         let costs = vec![Losses::from_array([0.0, 1e-5, 1e-5, 1e-5]); n_strings];
-        group.bench_function(name("confine"), |b| b.iter(|| horizon.confine(&start, &costs, 0.0)));
+        group.bench_function(name("tighten"), |b| b.iter(|| horizon.tighten(&start, &costs, 0.0)));
         let budget_w = vec![f64::INFINITY; n_steps];
         group.bench_function(name("step_bounds"), |b| {
             b.iter(|| horizon.step_bounds(&boxes, &costs, &budget_w))

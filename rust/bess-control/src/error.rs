@@ -1,10 +1,10 @@
-//! What the control model refuses, in words, and the checks that find it.
+//! Input errors of the control model, and their checks.
 
 use thiserror::Error;
 
 use crate::model::Losses;
 
-/// Input that the control model cannot use. The text names the thing, its value and what is allowed.
+/// Invalid input of the control model. The message contains name, value and allowed range.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum ControlError {
     /// An array has the wrong number of values.
@@ -12,12 +12,12 @@ pub enum ControlError {
     Length {
         /// Which array.
         name: &'static str,
-        /// Values needed.
+        /// Required number of values.
         expected: usize,
-        /// Values given.
+        /// Actual number of values.
         actual: usize,
     },
-    /// A number outside what is allowed.
+    /// A number outside its range.
     #[error("{name}: {value} at position {position} is outside [{low}, {high}]{unit}")]
     Range {
         /// Which array.
@@ -43,7 +43,13 @@ pub enum ControlError {
         /// Its request, positive = discharge [W].
         value_w: f64,
     },
-    /// More demand than the strings may be asked for.
+    /// A group of strings without a string.
+    #[error("groups: no string is in group {group}")]
+    EmptyGroup {
+        /// Its number.
+        group: usize,
+    },
+    /// Demand above the limits of the strings.
     #[error("step {step}: demand of {demand_w} W is above the sum of the limits, {limit_w} W")]
     DemandAboveLimits {
         /// The step.

@@ -1,24 +1,24 @@
-//! The split of one horizon: the search for the best schedule, then what is proven about it.
+//! The split of one horizon: search for the best schedule, then its lower bounds.
 
 use crate::model::{ControlHorizon, Flow};
 use crate::reach::GroupBounds;
 use crate::search::{Effort, Incumbent};
 
-/// The best schedule found, and what is known about it.
+/// The best schedule found, and its bounds.
 #[derive(Debug, Clone)]
 pub struct Split {
     /// The schedule; its requests survive a conversion to kW and back to the last bit.
     pub incumbent: Incumbent,
-    /// What the strings do under it, `(M, T)`.
+    /// Flows of the strings under this schedule, `(M, T)`.
     pub flows: Vec<Flow>,
     /// Bounds of every group.
     pub groups: Vec<GroupBounds>,
-    /// Roll-outs used.
+    /// Number of roll-outs.
     pub rollouts: usize,
 }
 
 impl ControlHorizon {
-    /// Splits the demand: searches, from `warm_start_w` `(M, T)` if given, and bounds what it found.
+    /// Splits the demand: searches, from `warm_start_w` `(M, T)` if given, and bounds the result.
     pub fn split(&self, warm_start_w: Option<&[f64]>, effort: &Effort) -> Split {
         let found = self.find(warm_start_w, effort);
         let groups = self.bounds(&found.incumbent.schedule.request_w, &found.flows, &found.optima);

@@ -117,25 +117,25 @@ fn every_schedule_stays_in_the_reachable_states() {
 }
 
 #[test]
-fn no_schedule_is_below_the_confined_bound_and_no_better_one_leaves_the_confined_states() {
+fn no_schedule_is_below_the_tightened_bound_and_no_better_one_leaves_the_tightened_states() {
     for_all_cases(|case, schedules| {
         let known: Vec<_> = schedules.iter().map(|request_w| rolled(case, request_w)).collect();
         for reference in [0, 2, 7] {
             let (budget_w, cost, _) = &known[reference];
-            let confined = case.horizon.confine(&schedules[reference], &case.costs, *budget_w).unwrap();
-            assert!(confined.bound <= *cost);
+            let tightened = case.horizon.tighten(&schedules[reference], &case.costs, *budget_w).unwrap();
+            assert!(tightened.bound <= *cost);
             for (shed_w, other, flows) in &known {
                 if shed_w > budget_w {
                     continue;
                 }
-                assert!(*other >= confined.bound, "{other} below {}", confined.bound);
+                assert!(*other >= tightened.bound, "{other} below {}", tightened.bound);
                 if other > cost {
                     continue;
                 }
                 for (i, flow) in flows.iter().enumerate() {
-                    let states = &confined.boxes[i / N_STEPS * (N_STEPS + 1) + i % N_STEPS + 1];
+                    let states = &tightened.boxes[i / N_STEPS * (N_STEPS + 1) + i % N_STEPS + 1];
                     assert!(contains(states, flow.end.soc, flow.end.temperature_c));
-                    assert!(flow.availability_w <= 0.0 || confined.may_shed[i]);
+                    assert!(flow.availability_w <= 0.0 || tightened.may_shed[i]);
                 }
             }
         }

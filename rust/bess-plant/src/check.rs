@@ -1,4 +1,4 @@
-//! Checks of what a plant is given.
+//! Checks of the arguments of a plant.
 
 use crate::PlantError;
 

@@ -1,4 +1,4 @@
-//! One string at one instant: inverter, Rint battery and what limits them.
+//! One string at one instant: inverter, Rint battery and their limits.
 //!
 //! Signs: power and current positive in discharge. Of delivered AC power `p` the battery sees `p + w`:
 //! `V I - R I^2 = p + w`. This file is the scalar form with every limit; the block evaluates the same balance
@@ -9,7 +9,7 @@ use bess_tables::{Direction, StringParameters};
 
 use crate::record::Limits;
 
-/// What one string is asked for, and the state it is in.
+/// Request and state of one string.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Demand {
     pub(crate) direction: Direction,
@@ -22,11 +22,11 @@ pub(crate) struct Demand {
     pub(crate) charge_v: f64,
     pub(crate) discharge_v: f64,
     pub(crate) step_s: f64,
-    /// Capacity that the string has now [Ah].
+    /// Present capacity of the string [Ah].
     pub(crate) capacity_ah: f64,
 }
 
-/// What it does.
+/// Operating point of one string.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Operation {
     /// Delivered AC power, magnitude [W].

@@ -1,11 +1,11 @@
-//! What a plant refuses, in words.
+//! Input errors of a plant.
 
 use thiserror::Error;
 
-/// Input that the plant refuses. The text names the value with its unit, the place and what is allowed.
+/// Invalid input of a plant. The message contains value, unit, place and allowed range.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum PlantError {
-    /// The explicit scheme would not be stable.
+    /// The explicit scheme is unstable.
     #[error(
         "string {string}: a plant step of {step_s} s is unstable for {nodes} thermal nodes \
          (2 Fo + lateral = {number:.4} > 1); use at most {largest_s:.4} s, or fewer nodes"
@@ -48,7 +48,7 @@ pub enum PlantError {
         /// Highest allowed value.
         high: f64,
     },
-    /// No ageing model is called so.
+    /// No ageing model has this name.
     #[error("ageing model '{name}' is unknown; there are {known}")]
     Model {
         /// The name given.
@@ -56,7 +56,7 @@ pub enum PlantError {
         /// The names that there are.
         known: String,
     },
-    /// No kind of cooling is called so.
+    /// No kind of cooling has this name.
     #[error("cooling kind '{name}' is unknown; there are {known}")]
     CoolingKind {
         /// The name given.
@@ -75,7 +75,7 @@ pub enum PlantError {
         /// Control step [s].
         duration_s: f64,
     },
-    /// More work than one call should be asked for.
+    /// More work than is allowed in one call.
     #[error(
         "{count} plant steps of strings in one call, at {step_s} s each, are more than {most}; call with fewer \
          control steps or scenarios at a time, or take a longer plant step"

@@ -1,4 +1,4 @@
-//! Piecewise linear tables, remembered as the straight line they are on now.
+//! Piecewise linear tables with a cache of the current segment.
 //!
 //! State moves little from one plant step to the next, so the segment found last is nearly always right: a
 //! look-up is two comparisons, one product and one sum. The segment is a function of the argument alone
@@ -86,7 +86,7 @@ impl<const W: usize> Lines<W> {
         Margin { low: x - self.low, high: self.high - x }
     }
 
-    /// Slopes of the known lines.
+    /// Slopes of the cached lines.
     #[inline(always)]
     pub(crate) fn slope(&self) -> Lanes<W> {
         self.slope

@@ -1,19 +1,19 @@
-//! What a plant reports of each control step.
+//! Results of each control step of a plant.
 
-/// Bit set of the limits that bound within a control step.
+/// Bit set of the limits that were active within a control step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Limits(pub u8);
 
 impl Limits {
-    /// Nothing bound.
+    /// No active limit.
     pub const NONE: Self = Self(0);
-    /// Temperature derating cut the request.
+    /// Temperature derating reduced the request.
     pub const DERATING: Self = Self(1);
-    /// No SOC room left to charge.
+    /// Upper SOC limit in charge.
     pub const SOC_FULL: Self = Self(2);
-    /// No SOC left to discharge (or to carry an inverter whose loss exceeds the charging power).
+    /// Lower SOC limit in discharge (or in charge with less power than the inverter loss).
     pub const SOC_EMPTY: Self = Self(4);
-    /// The battery's largest power, `V^2 / 4R`.
+    /// Maximum power transfer of the battery, `V^2 / 4R`.
     pub const ROOT: Self = Self(8);
     /// The voltage limit of the cells.
     pub const VOLTAGE: Self = Self(16);
@@ -39,7 +39,7 @@ macro_rules! record {
             pub coolant_c: Vec<f64>,
             /// Reactive power [var], signed as asked; empty where none was asked.
             pub reactive_var: Vec<f64>,
-            /// Limits that bound within the step.
+            /// Limits that were active within the step.
             pub limits: Vec<Limits>,
             /// Node temperatures at the end of the step [degC], `nodes` values for each lane; empty if not asked for.
             pub node_temperature_c: Vec<f64>,
@@ -87,24 +87,24 @@ macro_rules! record {
 record! {
     /// Delivered AC power [W].
     delivered_w,
-    /// Wanted after derating, not delivered [W].
+    /// Availability loss: undelivered after derating [W].
     availability_loss_w,
-    /// Requested, not wanted because of derating [W].
+    /// Derating loss [W].
     derating_loss_w,
     /// Inverter loss, standby included [W].
     inverter_loss_w,
-    /// The part of the inverter loss that an inverter takes from the grid, beside the delivered power: one that is off, or
-    /// that has reactive power alone [W].
+    /// Inverter loss drawn from the grid in addition to the delivered power, by an inverter that is off or
+    /// has reactive power only [W].
     standby_w,
     /// Ohmic battery loss [W].
     battery_loss_w,
-    /// Heat of reaction [W], `-I T dU/dT`: negative where it cools; 0 without a table of entropy.
+    /// Heat of reaction [W], `-I T dU/dT`: negative = cooling; 0 without an entropy table.
     reversible_w,
-    /// Heat that the coolant carried off [W]; 0 where a plant has no cooling of its own.
+    /// Heat removed by the coolant [W]; 0 for a plant without cooling system.
     cooling_w,
-    /// Loss of hysteresis [W]: current times half the distance of the open-circuit voltages of charge and discharge.
+    /// Hysteresis loss [W]: current times half the difference of the open-circuit voltages of charge and discharge.
     hysteresis_loss_w,
-    /// Power taken from the chemical store [W]: by what the state at the end holds less than that at the beginning.
+    /// Power drawn from the stored chemical energy [W]: its decrease over the step.
     chemical_w,
     /// Power [W] of what the voltage in force, that of the beginning of each plant step at its temperature, is above the
     /// one that chemical energy is counted by, mean over the charge that flows and at 25 degC.
@@ -121,15 +121,15 @@ record! {
     derating_factor,
     /// Off-to-on transitions of the inverter.
     inverter_starts,
-    /// Capacity over that of the nameplate, at the end of the step.
+    /// Capacity relative to the nameplate, at the end of the step.
     soh_capacity,
-    /// Resistance over that of the nameplate, at the end of the step.
+    /// Resistance relative to the nameplate, at the end of the step.
     soh_resistance,
-    /// Capacity lost by standing, as a share of the nameplate, at the end of the step.
+    /// Capacity loss by calendar ageing, relative to the nameplate, at the end of the step.
     calendar_loss,
-    /// Capacity lost by cycling, at the end of the step.
+    /// Capacity loss by cycle ageing, at the end of the step.
     cyclic_loss,
-    /// Charge that went with capacity at the end of the step [Ah]: SOC times the capacity lost.
+    /// Charge lost with capacity at the end of the step [Ah]: SOC times the capacity loss.
     aged_charge_ah,
     /// AC energy - (chemical change + heat + hysteresis + inverter loss) + OCV shift [J].
     ledger_residual_j,

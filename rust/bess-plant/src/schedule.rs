@@ -1,4 +1,4 @@
-//! What a plant is asked for in one call: checked, and read by blocks and cooling.
+//! Checked requests of one call, read by blocks and cooling.
 
 /// Requests and ambient of a run.
 #[derive(Debug, Clone, Copy)]

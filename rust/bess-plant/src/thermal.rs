@@ -16,7 +16,7 @@ use bess_tables::{Lut, Resistance, SpatialThermal};
 use crate::lanes::Lanes;
 use crate::line::{Line, Lines, Margin};
 
-/// What one string's parameters and the plant step make of the equation.
+/// Coefficients of the equation from the parameters of one string and the plant step.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Coefficients {
     /// `k dt / (rho cp dx^2)`.

@@ -1,4 +1,4 @@
-//! What flows in a control step, summed up over its plant steps.
+//! Flows of a control step, summed over its plant steps.
 
 use crate::lanes::Lanes;
 use crate::record::{Limits, Record};

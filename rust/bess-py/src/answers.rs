@@ -1,4 +1,4 @@
-//! What a split problem answers, as arrays in kW.
+//! Results of a split problem, as arrays in kW.
 
 use bess_control::{ControlHorizon, Planes, Split};
 use bess_tables::units::W_PER_KW;
@@ -33,18 +33,18 @@ impl Incumbent {
 /// Objective and bounds of one group.
 #[pyclass(frozen, get_all, module = "bess._core")]
 pub struct GroupBounds {
-    /// In the costs of what is reported.
+    /// Objective in reported costs.
     objective: f64,
-    /// What it may rise to while later groups are minimised.
+    /// Ceiling of this objective while later groups are minimised.
     ceiling: f64,
     /// Lower bound of the nonlinear control model.
     bound: f64,
-    /// In the costs of the search.
+    /// Objective in search costs.
     search_objective: f64,
     search_ceiling: f64,
     /// Lower bound of the convexified program, with coefficients frozen along the schedule.
     search_bound: f64,
-    /// Whether that is its optimum.
+    /// Whether `search_bound` is the optimum of the convexified program.
     is_search_optimum: bool,
     /// States of the schedules that are no worse `(M, T + 1)`; None where the bound needed none.
     boxes: Option<Py<StateBoxes>>,
@@ -70,7 +70,7 @@ impl GroupBounds {
     }
 }
 
-/// The best schedule found, what it does, and the bounds of each group.
+/// The best schedule found, its flows, and the bounds of each group.
 #[pyclass(frozen, get_all, module = "bess._core")]
 pub struct SplitAnswer {
     incumbent: Py<Incumbent>,
@@ -95,14 +95,14 @@ impl SplitAnswer {
 
 /// Bound of a group, and the states of the schedules that are no worse than a given one.
 #[pyclass(frozen, get_all, module = "bess._core")]
-pub struct Confined {
+pub struct TightenedBounds {
     bound: f64,
     boxes: Py<StateBoxes>,
     may_shed: Flags,
 }
 
-impl Confined {
-    pub(crate) fn new(py: Python<'_>, n_strings: usize, of: bess_control::Confined) -> PyResult<Self> {
+impl TightenedBounds {
+    pub(crate) fn new(py: Python<'_>, n_strings: usize, of: bess_control::TightenedBounds) -> PyResult<Self> {
         Ok(Self {
             bound: of.bound,
             boxes: Py::new(py, StateBoxes { n_strings, boxes: of.boxes })?,
@@ -116,7 +116,7 @@ impl Confined {
 pub struct StepBounds {
     /// `(T,)`
     phi: Vector,
-    /// What a shed kW may save `(T,)` [1/kW].
+    /// Maximum saving per availability loss `(T,)` [1/kW].
     shed_slope: Vector,
     /// Best requests of each step if nothing is shed `(M, T)` [kW, signed].
     request_kw: Matrix,

@@ -1,4 +1,4 @@
-//! What schedules do, as arrays.
+//! Flows of schedules, as arrays.
 
 use bess_control::Flow;
 use bess_tables::units::W_PER_KW;
@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 
 use crate::arrays::{shaped, Numbers};
 
-/// What schedules do, each array `(M, T)` or, of a batch, `(B, M, T)`; positive = discharge, losses `>= 0`.
+/// Flows of schedules, arrays `(M, T)` or, for a batch, `(B, M, T)`; positive = discharge, losses `>= 0`.
 #[pyclass(frozen, get_all, module = "bess._core")]
 pub struct FlowArrays {
     delivered_kw: Numbers,

@@ -1,6 +1,6 @@
-//! A demand on the whole plant, followed step by step.
+//! Tracking of a demand on the whole plant.
 
-use bess_control::Followed;
+use bess_control::TrackedDemand;
 use numpy::PyUntypedArrayMethods;
 use pyo3::prelude::*;
 
@@ -8,8 +8,8 @@ use crate::arrays::{
     check_shape, kilowatts, matrix, refused, vector, watts, GivenMatrix, GivenVector, Matrix, Vector,
 };
 
-/// How strings share each power of a plant `(P, M)` [kW], in charge and in discharge: at powers in equal distances from
-/// nothing to the sum of `limit_kw` `(M,)`.
+/// Allocation of plant powers to strings `(P, M)` [kW], in charge and in discharge, at uniform powers from
+/// zero to the sum of `limit_kw` `(M,)`.
 #[pyclass(frozen, module = "bess._core")]
 pub struct BestShares {
     pub(crate) inner: bess_control::BestShares,
@@ -30,7 +30,7 @@ impl BestShares {
     }
 }
 
-/// What a demand becomes: what is asked and delivered `(T,)`, what is asked of each string `(M, T)` [kW, positive =
+/// Result of tracking: allocated and delivered power `(T,)`, requests of the strings `(M, T)` [kW, positive =
 /// discharge], and the states at the start and at the end of each step `(M, T + 1)`.
 #[pyclass(frozen, get_all, module = "bess._core")]
 pub struct FollowedArrays {
@@ -42,7 +42,7 @@ pub struct FollowedArrays {
 }
 
 impl FollowedArrays {
-    pub(crate) fn new(py: Python<'_>, n_strings: usize, of: Followed) -> Self {
+    pub(crate) fn new(py: Python<'_>, n_strings: usize, of: TrackedDemand) -> Self {
         Self {
             asked_kw: vector(py, kilowatts(of.asked_w)),
             delivered_kw: vector(py, kilowatts(of.delivered_w)),

@@ -1,4 +1,4 @@
-//! One split problem: search, bounds, and what the relaxation needs to know.
+//! One split problem: search, bounds, and data of the relaxation.
 
 use std::time::{Duration, Instant};
 
@@ -9,7 +9,7 @@ use numpy::PyUntypedArrayMethods;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::answers::{signed_kw, CoefficientRanges, Confined, Incumbent, SplitAnswer, StepBounds};
+use crate::answers::{signed_kw, CoefficientRanges, Incumbent, SplitAnswer, StepBounds, TightenedBounds};
 use crate::arrays::{
     check_shape, matrix, numbers, refused, scaled, shaped, watts, Given, GivenCube, GivenMatrix, GivenVector,
     Matrix, Numbers,
@@ -79,7 +79,7 @@ impl ControlHorizon {
         Ok(Self { inner: bess_control::ControlHorizon::new(model.inner.clone(), &problem).map_err(refused)? })
     }
 
-    /// Searches for the best schedule, from requests `(M, T)` [kW, of any sign] if given, and bounds what it found.
+    /// Searches for the best schedule, from requests `(M, T)` [kW, of any sign] if given, and bounds the result.
     /// `rollouts` is the effort of one descent; after `time_limit_s` the best known is returned.
     #[pyo3(signature = (warm_start_kw, rollouts, time_limit_s=None))]
     fn split(
@@ -164,19 +164,19 @@ impl ControlHorizon {
 
     /// Bounds the cost of every schedule, given costs of the losses `(M, 4)` [1/kW], and the states of those that cost no
     /// more than `request_kw` `(M, T)` and shed at most `shed_budget_kw` in all.
-    fn confine(
+    fn tighten(
         &self,
         py: Python<'_>,
         request_kw: GivenMatrix<'_>,
         costs: GivenMatrix<'_>,
         shed_budget_kw: f64,
-    ) -> PyResult<Confined> {
+    ) -> PyResult<TightenedBounds> {
         let request_w = self.magnitudes(&request_kw)?;
         let costs = self.loss_costs(&costs)?;
         let answer = py
-            .detach(|| self.inner.confine(&request_w, &costs, shed_budget_kw * W_PER_KW))
+            .detach(|| self.inner.tighten(&request_w, &costs, shed_budget_kw * W_PER_KW))
             .map_err(refused)?;
-        Confined::new(py, self.inner.n_strings(), answer)
+        TightenedBounds::new(py, self.inner.n_strings(), answer)
     }
 
     /// Coefficients over boxes of states; planes are closest at the states `near`, boxes that are points.

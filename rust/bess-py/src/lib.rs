@@ -1,4 +1,4 @@
-//! Python binding: convert, detach from the interpreter, map errors. No numerics live here.
+//! Python binding: conversion, release of the interpreter lock, error mapping; no numerics.
 //!
 //! One file for what Python holds of each thing: `system` (its tables), `plant` and `ageing` of `bess-plant`; `model`,
 //! `horizon` with its `answers`, `plan` and `explicit` of `bess-control`. `arrays` converts, `states`, `flows` and `follow` are
@@ -26,7 +26,9 @@ mod _core {
     #[pymodule_export]
     use crate::ageing::{ageing_models, rainflow, Ageing};
     #[pymodule_export]
-    use crate::answers::{CoefficientRanges, Confined, GroupBounds, Incumbent, SplitAnswer, StepBounds};
+    use crate::answers::{
+        CoefficientRanges, GroupBounds, Incumbent, SplitAnswer, StepBounds, TightenedBounds,
+    };
     #[pymodule_export]
     use crate::explicit::Explicit;
     #[pymodule_export]

@@ -70,7 +70,7 @@ impl ControlModel {
         Ok(FlowArrays::new(py, &shape, &out.flows, &out.directions))
     }
 
-    /// Follows a signed demand `(T,)` [kW], shared as loses least, each step in `parts` of the midpoint rule.
+    /// Tracks a signed demand `(T,)` [kW], allocated at minimum loss, each step in `parts` of the midpoint rule.
     #[allow(clippy::too_many_arguments)]
     fn follow(
         &self,
@@ -113,7 +113,7 @@ impl ControlModel {
         Ok((matrix(py, n_strings, voltage_v), matrix(py, n_strings, resistance_ohm)))
     }
 
-    /// Largest AC power of each string over the next interval, before derating `(M,)` [kW].
+    /// Maximum AC power of each string over the next interval, before derating `(M,)` [kW].
     fn deliverable_kw(
         &self,
         py: Python<'_>,
@@ -142,8 +142,8 @@ impl ControlModel {
         Ok(vector(py, kilowatts(request_w)))
     }
 
-    /// Reactive power of each string `(M,)` [kvar] of a total, signed alike, that loses least beside signed requests `(M,)`
-    /// [kW] within `limit_kva` `(M,)`; starting a string is worth `start_kw` `(M,)`.
+    /// Allocation `(M,)` [kvar] of a total reactive power of equal sign, at minimum loss with signed requests `(M,)`
+    /// [kW] within `limit_kva` `(M,)`; a start of a string costs `start_kw` `(M,)`.
     fn share_reactive(
         &self,
         py: Python<'_>,

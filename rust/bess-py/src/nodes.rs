@@ -8,12 +8,12 @@ use pyo3::prelude::*;
 use crate::arrays::{flags, matrix, Flags, Matrix};
 use crate::states::StateBoxes;
 
-/// A part of the schedules: ranges of the requests `(M, T)` and of the states `(M, T + 1)`.
+/// A set of schedules: ranges of the requests `(M, T)` and of the states `(M, T + 1)`.
 #[pyclass(frozen, module = "bess._core")]
 pub struct Node {
     pub(crate) n_strings: usize,
     pub(crate) inner: Part,
-    /// What the strings can do in it, once it is narrowed.
+    /// Operating ranges of the strings in a tightened node.
     pub(crate) narrowed: Option<NarrowNode>,
 }
 
@@ -29,19 +29,19 @@ impl Node {
 
 #[pymethods]
 impl Node {
-    /// Smallest request, a magnitude [kW].
+    /// Minimum request, a magnitude [kW].
     #[getter]
     fn request_low_kw(&self, py: Python<'_>) -> Matrix {
         self.pick(py, |r| r.low)
     }
 
-    /// Largest request, a magnitude [kW].
+    /// Maximum request, a magnitude [kW].
     #[getter]
     fn request_high_kw(&self, py: Python<'_>) -> Matrix {
         self.pick(py, |r| r.high)
     }
 
-    /// Whether a string may shed something in a step.
+    /// Whether a string may have availability loss in a step.
     #[getter]
     fn may_shed(&self, py: Python<'_>) -> Flags {
         flags(py, self.n_strings, self.inner.may_shed.clone())

@@ -1,6 +1,6 @@
 //! A plan of a day or more, in one call.
 
-use bess_control::{Interval, Losses, PlanEffort, PlanProblem, Prices};
+use bess_control::{Groups, Interval, Losses, PlanEffort, PlanProblem, Prices};
 use bess_tables::units::W_PER_KW;
 use bess_tables::Direction;
 use numpy::{PyReadonlyArray1, PyUntypedArrayMethods};
@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 use crate::arrays::{check_shape, matrix, numbers, refused, scaled, watts, GivenMatrix, GivenVector, Matrix};
 use crate::model::ControlModel;
 
-/// A plan and what it is worth in the control model.
+/// A plan and its cost in the control model.
 #[pyclass(frozen, get_all, module = "bess._core")]
 pub struct Plan {
     /// Requests `(M, T)` [kW, signed].
@@ -19,14 +19,14 @@ pub struct Plan {
     cost: f64,
     /// Cost of the cheapest rule's schedule.
     rule_cost: f64,
-    /// Lower bound on the grid of prices; None where it was not computed.
+    /// Dual bound on the grid; None if not computed.
     search_bound: Option<f64>,
     /// Proven lower bound by prices on the control model with the coefficients of the start of each step; None where it was
     /// not computed.
     bound: Option<f64>,
-    /// Roll-outs made.
+    /// Number of roll-outs.
     rollouts: usize,
-    /// What one more Ah at the start would add to the cost, mean over the strings by capacity.
+    /// Marginal cost of initial charge, mean over the strings by capacity.
     start_charge: f64,
 }
 
@@ -35,10 +35,10 @@ pub struct Plan {
 /// `loss_prices` `(T, 4)` [cost/kWh]: availability, derating, inverter, battery; `wear` `(M,)` and `end_charge` [cost/Ah],
 /// `start_cost` of an inverter, `balance` [cost per Ah and hour]; `previous_kw` `(M, T)` is a plan to start from; `rollouts`
 /// work on it, `fresh_rollouts` on each fresh start, `turn` counts the calls; `reactive_kvar` `(T,)` is what the inverters
-/// carry beside it.
+/// carry beside it; `groups` `(M,)`: strings of one number are planned as one, those below 0 are out of service.
 #[pyfunction]
 #[pyo3(signature = (model, *, soc, temperature_c, running, demand_kw, ambient_c, dt_h, limit_kw, loss_prices, wear,
-                    start_cost, balance, end_charge, previous_kw, rollouts, fresh_rollouts, bound_passes, proof_cells, turn, reactive_kvar=None))]
+                    start_cost, balance, end_charge, previous_kw, rollouts, fresh_rollouts, bound_passes, proof_cells, turn, reactive_kvar=None, groups=None))]
 #[allow(clippy::too_many_arguments)]
 pub fn plan(
     py: Python<'_>,
@@ -62,6 +62,7 @@ pub fn plan(
     proof_cells: usize,
     turn: usize,
     reactive_kvar: Option<GivenVector<'_>>,
+    groups: Option<PyReadonlyArray1<'_, i64>>,
 ) -> PyResult<Plan> {
     let (n_strings, n_steps) = (model.inner.strings().len(), demand_kw.len());
     check_shape("ambient_c", &[n_steps], ambient_c.shape())?;
@@ -88,6 +89,12 @@ pub fn plan(
     let (running, limit_w) = (running.as_array().to_vec(), watts(&limit_kw));
     let losses = Losses::rows(&scaled(&loss_prices, 1.0 / W_PER_KW));
     let prices = Prices { losses, wear: numbers(&wear), start: start_cost, balance, end_charge };
+    let group = |group: &i64| usize::try_from(*group).ok();
+    let groups = groups
+        .map(|groups| Groups::new(&groups.as_array().iter().map(group).collect::<Vec<_>>(), n_strings))
+        .transpose()
+        .map_err(refused)?;
+    let effort = PlanEffort { rollouts, fresh_rollouts, bound_passes, proof_cells, turn };
     let plan = py
         .detach(|| {
             let mut problem =
@@ -95,10 +102,10 @@ pub fn plan(
             if let Some(reactive_var) = &reactive_var {
                 problem = problem.with_reactive(reactive_var)?;
             }
-            Ok(problem.plan(
-                previous_w.as_deref(),
-                PlanEffort { rollouts, fresh_rollouts, bound_passes, proof_cells, turn },
-            ))
+            match &groups {
+                Some(groups) => problem.plan_in_groups(groups, previous_w.as_deref(), effort),
+                None => Ok(problem.plan(previous_w.as_deref(), effort)),
+            }
         })
         .map_err(|error: bess_control::ControlError| refused(error))?;
     let signed = plan.request_w.iter().enumerate().map(|(i, power)| signs[i % n_steps] * power).collect();

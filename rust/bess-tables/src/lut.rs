@@ -44,6 +44,12 @@ impl Lut {
         self.y.iter_mut().for_each(|value| *value *= factor);
     }
 
+    /// Multiplies knots and values by `factor > 0`.
+    pub(crate) fn stretch(&mut self, factor: f64) {
+        self.x = Axis::ascending(self.x.iter().map(|x| factor * x).collect());
+        self.scale(factor);
+    }
+
     /// Value at `x`, clamped outside the knots.
     #[inline]
     pub fn at(&self, x: f64) -> f64 {

@@ -165,6 +165,20 @@ pub struct LumpedThermal {
 }
 
 impl StringParameters {
+    /// `count` strings like this one in parallel, as one string of theirs: with a charge capacity [Ah] in all, and with
+    /// `resistance` times that of this one. The spatial thermal model stays that of one string.
+    pub fn in_parallel(&self, count: f64, capacity_ah: f64, resistance: f64) -> Self {
+        let mut group = self.clone();
+        group.capacity_ah = capacity_ah;
+        group.resistance.scale(resistance);
+        group.lumped.k1_k_per_j /= count;
+        group.inverter.nominal_w *= count;
+        group.inverter.off_loss_w *= count;
+        group.inverter.loss_charge.stretch(count);
+        group.inverter.loss_discharge.stretch(count);
+        group
+    }
+
     /// Largest current [A] at which the terminals stay within the voltage limits, `>= 0`.
     #[inline]
     pub fn voltage_current_a(&self, direction: Direction, ocv_v: f64, resistance_ohm: f64) -> f64 {

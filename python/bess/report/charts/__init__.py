@@ -2,13 +2,13 @@
 
 from bess.report.charts.durations import duration_curves
 from bess.report.charts.health import state_of_health
-from bess.report.charts.many import kpi_lines, pareto_front
 from bess.report.charts.market import market_dispatch
 from bess.report.charts.power import power_split
 from bess.report.charts.reactive import reactive_power
 from bess.report.charts.services import service
 from bess.report.charts.solver import solver_effort
 from bess.report.charts.strings import string_spread, strings
+from bess.report.charts.sweeps import kpi_lines, pareto_front
 from bess.report.charts.thermal import derating_curves, mean_temperature
 
 __all__ = [

@@ -13,8 +13,6 @@ from matplotlib.dates import date2num
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
-from bess.analysis.catalogue import kpi
-from bess.analysis.settlement import COSTS, REVENUES, has_prices, ledger
 from bess.errors import InputError
 from bess.report.data import Result, dataset_of, step_h, with_initial
 from bess.report.drawing.chart import Values
@@ -33,12 +31,14 @@ from bess.report.drawing.style import (
     new_figure,
     styled,
 )
+from bess.simulation.analysis.catalogue import kpi
+from bess.simulation.analysis.settlement import COSTS, REVENUES, has_prices, ledger
+from bess.units import KWH_PER_MWH
 
 if TYPE_CHECKING:
     import xarray as xr
 
 SHORTEST_MAP_DAYS = 14
-_KWH_PER_MWH = 1000.0
 _SHADES = 24
 """More cannot be told apart, and make a picture of a year several times as large."""
 _LOSSES = (
@@ -139,7 +139,7 @@ def monthly_bars(result: Result) -> Figure:
     """Bars for each month: money if there are prices, energy of both directions, losses, and full cycles."""
     dataset = dataset_of(result)
     months, month = np.unique(_months(dataset), return_inverse=True)
-    to_mwh = step_h(dataset) / _KWH_PER_MWH
+    to_mwh = step_h(dataset) / KWH_PER_MWH
 
     def per_month(values: Values) -> Values:
         return np.bincount(month, values, len(months))

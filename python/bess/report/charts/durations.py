@@ -1,4 +1,4 @@
-"""How long the plant gave how much power, and how long it was how hot."""
+"""Duration curves of power and temperature."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ def duration_curves(results: Results) -> Chart:
     """Delivered power of the plant and temperature of its hottest string, each sorted from high to low.
 
     One point of a curve says for which share of the time the value was at least this high. For a single
-    result the power asked for is drawn as well.
+    result the demand is drawn as well.
     """
     datasets = named(results)
     power: list[Series] = []
     temperature: list[Series] = []
     if len(datasets) == 1:
         (dataset,) = datasets.values()
-        power.append(Series(*_sorted(dataset["demand_kw"].values), INK, "asked for", dashed=True))
+        power.append(Series(*_sorted(dataset["demand_kw"].values), INK, "demand", dashed=True))
     for name, dataset, colour, dashed in told_apart(datasets):
         delivered = dataset["delivered_kw"].values.sum(axis=1)
         hottest = dataset["temperature_c"].values.max(axis=1)

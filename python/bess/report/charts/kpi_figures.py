@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from bess.analysis.catalogue import CATALOGUE, KpisByRun
 from bess.errors import InputError
 from bess.report.drawing.style import DOUBLE_COLUMN_IN, INK, SINGLE_COLUMN_IN, colours, new_figure, styled
+from bess.simulation.analysis.catalogue import CATALOGUE, KpisByRun
 
 EFFICIENCIES: Final = (
     "availability_pct",

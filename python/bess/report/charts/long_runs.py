@@ -14,9 +14,12 @@ from matplotlib.colors import to_hex, to_rgb
 
 from bess.report.data import TimeAxis
 from bess.report.drawing.chart import Series, Values
+from bess.report.drawing.style import INK, colours
 
 POINTS_PER_SERIES: Final = 3000
 _POINTS_PER_CHART = 40_000
+MAX_CURVES: Final = 64
+"""Strings with a curve each; of more, how they spread."""
 _PALE = 0.7
 
 
@@ -56,6 +59,38 @@ def curve(
     if band:
         series.insert(0, Series(days, held(high), pale(colour), "", "band", held(low)))
     return series
+
+
+def string_curves(time: TimeAxis, values: Values, among: int) -> list[Series]:
+    """Series of one quantity of every string, shape ``(n, n_strings)``; else as for :func:`curve`.
+
+    Of more than :data:`MAX_CURVES` strings: their range, the middle 80 %, the median, and by name the strings
+    with the highest and the lowest mean.
+    """
+    n_strings = values.shape[1]
+    if n_strings <= MAX_CURVES:
+        each = [
+            curve(time, values[:, index], colour, f"string {index}", among=among, band=False)
+            for index, colour in enumerate(colours(n_strings))
+        ]
+        return [line for lines in each for line in lines]
+    edges = len(values) > len(time.start)
+    x, shown = time.edges, values if edges else held(values)
+    if time.daily:
+        x, _, mean, _ = daily(time, values[1:] if edges else values)
+        shown = held(mean)
+    least, low, middle, high, most = np.quantile(shown, (0.0, 0.1, 0.5, 0.9, 1.0), axis=1)
+    means = shown.mean(axis=0)
+    ends = [int(np.argmax(means)), int(np.argmin(means))]
+    return [
+        Series(x, most, "#DDDDDD", f"{n_strings} strings", "band", least),
+        Series(x, high, "#BBBBBB", "the middle 80 %", "band", low),
+        Series(x, middle, INK, "median"),
+        *(
+            Series(*thin(x, shown[:, index], POINTS_PER_SERIES), colour, f"string {index}")
+            for index, colour in zip(ends, colours(2), strict=True)
+        ),
+    ]
 
 
 def daily(time: TimeAxis, values: Values) -> tuple[Values, Values, Values, Values]:

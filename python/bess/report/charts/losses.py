@@ -1,4 +1,4 @@
-"""Where the energy went that was asked for: one run step by step, several side by side."""
+"""Loss breakdown of one run, and comparison of several runs."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from bess.analysis.catalogue import Kpis, KpisByRun, kpi
 from bess.report.charts.kpi_figures import check_drawable
+from bess.report.data import Result, dataset_of
 from bess.report.drawing.style import (
     AUXILIARY,
     AVAILABILITY,
     BACKGROUND,
     BATTERY,
+    CHARGE,
     DERATING,
     DISCHARGE,
     HYSTERESIS,
@@ -21,6 +22,8 @@ from bess.report.drawing.style import (
     new_figure,
     styled,
 )
+from bess.simulation.analysis import energy_flow as analysis
+from bess.simulation.analysis.catalogue import KpisByRun, kpi
 
 _UNDELIVERED = {
     "unmet_kwh": BACKGROUND,
@@ -29,56 +32,79 @@ _UNDELIVERED = {
 }
 _CONVERSION = {"inverter_loss_kwh": INVERTER, "battery_loss_kwh": BATTERY}
 _BESIDE = {"hysteresis_loss_kwh": HYSTERESIS, "auxiliary_kwh": AUXILIARY}
-"""Lost as well, and no part of ``lost_kwh``; not of every run."""
+"""Further losses, not part of ``lost_kwh``; not in every run."""
 _NOTHING_KWH = 0.05
+_FLOW_IN, _FLOW_ROW_IN = 4.6, 0.19
 _WIDTH_IN = 5.6
 _ROW_IN = 0.29
 
 
 @styled
-def loss_waterfall(kpis: Kpis) -> Figure:
-    """From the energy asked for to what is left of it after all losses, one bar for each step.
+def energy_flow(result: Result) -> Figure:
+    """From the grid into store and back: each direction with what it did not deliver and what it lost.
 
-    The axis starts where the steps can be seen, and says so.
+    One bar for each step, on an axis from zero; what is nothing has none.
 
     Parameters
     ----------
-    kpis
-        Of one run (``bess.kpis``).
+    result
+        What ``bess.run`` returned, or its dataset.
     """
-    check_drawable({"": kpis}, ("demand_kwh", "delivered_kwh", *_UNDELIVERED, *_CONVERSION))
-    left = kpis["demand_kwh"]
-    rows: list[tuple[str, float, float, str]] = [(kpi("demand_kwh").label, 0.0, left, INK)]
-    for part, colour in _UNDELIVERED.items():
-        rows.append((kpi(part).label, left - kpis[part], left, colour))
-        left -= kpis[part]
-    left = kpis["delivered_kwh"]
-    rows.append((kpi("delivered_kwh").label, 0.0, left, DISCHARGE))
-    for part, colour in (_CONVERSION | _BESIDE).items():
-        rows.append((kpi(part).label, left - kpis.get(part, 0.0), left, colour))
-        left -= kpis.get(part, 0.0)
-    rows.append(("Delivered less losses", 0.0, left, DISCHARGE))
-    rows = [row for row in rows if row[2] - row[1] > _NOTHING_KWH]
-    floor = _floor(left, kpis["demand_kwh"])
-    figure = new_figure(_WIDTH_IN, 0.75 + _ROW_IN * len(rows))
+    rows = _flow_rows(analysis.energy_flow(dataset_of(result)))
+    figure = new_figure(_FLOW_IN, 0.55 + _FLOW_ROW_IN * len(rows))
     axes = figure.subplots()
     for place, (_, low, high, colour) in enumerate(rows):
-        start = max(low, floor)
-        axes.barh(place, high - start, 0.7, left=start, color=colour)
+        total = colour in (CHARGE, DISCHARGE, INK)
+        axes.barh(place, high - low, 0.86 if total else 0.6, left=low, color=colour)
         axes.annotate(
-            kpi("lost_kwh").number(high - low), (high, place), xytext=(3, 0), textcoords="offset points",
-            va="center", fontsize=7.5,
+            f"{'' if total else '− '}{kpi('lost_kwh').number(high - low)}", (high, place), xytext=(3, 0),
+            textcoords="offset points", va="center", fontsize=7, fontweight="bold" if total else "normal",
         )  # fmt: skip
-        if place + 1 < len(rows):
-            through = low if low > 0.0 else high
-            axes.plot([through, through], [place - 0.35, place + 1.35], color=BACKGROUND, linewidth=0.6)
     axes.set_yticks(range(len(rows)), [row[0] for row in rows])
+    axes.tick_params(axis="y", length=0)
     axes.invert_yaxis()
-    span = kpis["demand_kwh"] - floor
-    axes.set_xlim(floor, kpis["demand_kwh"] + 0.13 * span if span > 0.0 else floor + 1.0)
-    axes.set_xlabel("Energy (kWh)" if floor == 0.0 else f"Energy (kWh), axis starts at {floor:,.0f} kWh")
+    axes.set_xlim(0.0, 1.16 * max(row[2] for row in rows) or 1.0)
+    axes.set_xlabel("Energy (kWh)")
     axes.grid(visible=False, axis="y")
     return figure
+
+
+def _flow_rows(flow: analysis.EnergyFlow) -> list[tuple[str, float, float, str]]:
+    """Label, both ends and colour of each bar, from above: down to what is in store, and on to the grid."""
+    charge, discharge = flow.charge, flow.discharge
+
+    def missing(of: analysis.Direction, string: str) -> list[tuple[str, float, str]]:
+        return [
+            ("Unmet demand", of.unmet_kwh, BACKGROUND),
+            ("Derating loss", of.derating_kwh, DERATING),
+            (f"Availability loss ({string})", of.availability_kwh, AVAILABILITY),
+        ]
+
+    def losses(of: analysis.Direction) -> list[tuple[str, float, str]]:
+        return [
+            ("Inverters", of.inverter_kwh, INVERTER),
+            ("Batteries", of.battery_kwh, BATTERY),
+            ("Hysteresis", of.hysteresis_kwh, HYSTERESIS),
+        ]
+
+    beside = [("Standby", flow.standby_kwh, BACKGROUND), ("Cooling", flow.auxiliary_kwh, AUXILIARY)]
+    blocks = [
+        ("Charging demand", charge.asked_kwh, INK, missing(charge, "full")),
+        ("Grid import", flow.taken_kwh, CHARGE, [*beside, *losses(charge)]),
+        ("Stored", charge.store_kwh, CHARGE, []),
+        ("From storage", discharge.store_kwh, DISCHARGE, losses(discharge)),
+        ("Grid export", discharge.grid_kwh, DISCHARGE, []),
+        ("Discharging demand", discharge.asked_kwh, INK, missing(discharge, "empty")),
+    ]
+    rows = []
+    for label, total, colour, parts in blocks:
+        rows.append((label, 0.0, total, colour))
+        left = total
+        for name, size, shade in parts:
+            if size > _NOTHING_KWH:
+                rows.append((name, left - size, left, shade))
+            left -= size
+    return rows
 
 
 @styled
@@ -112,18 +138,8 @@ def losses_compared(kpis: KpisByRun) -> Figure:
     axes.set_yticks(places, list(kpis))
     axes.invert_yaxis()
     axes.set_xlim(0.0, 1.13 * max(float(ends.max()), _NOTHING_KWH))
-    axes.set_xlabel("Not delivered or lost (kWh)")
+    axes.set_xlabel("Undelivered energy and losses (kWh)")
     axes.grid(visible=False, axis="y")
     handles = [Patch(color=colour, label=kpi(part).label) for part, colour in parts.items()]
     figure.legend(handles=handles, loc="outside upper center", ncols=2)
     return figure
-
-
-def _floor(left: float, asked: float) -> float:
-    """Half as far below what is left as the losses are long, in round numbers; zero if that is near."""
-    span = asked - left
-    floor = left - 0.5 * span
-    if span <= 0.0 or floor < 0.4 * asked:
-        return 0.0
-    unit = 10.0 ** np.floor(np.log10(span))
-    return float(unit * np.floor(floor / unit))

@@ -1,4 +1,4 @@
-"""Maps over time: which inverters run, and where along the air path it is hot."""
+"""Maps over time: inverter states, and temperatures along the air path."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from bess.errors import InputError
-from bess.report.charts.long_runs import daily
+from bess.report.charts.long_runs import MAX_CURVES, daily
 from bess.report.data import Result, TimeAxis, dataset_of
 from bess.report.drawing.style import DOUBLE_COLUMN_IN, new_figure, styled
 
@@ -53,9 +53,10 @@ def inverter_pattern(result: Result) -> Figure:
         handles = [Patch(color=colour, label=name) for colour, name in named]
         figure.legend(handles=handles, loc="outside upper center", ncols=len(named))
     axes.yaxis.set_major_locator(MaxNLocator(nbins=12, integer=True, min_n_ticks=1))
-    axes.set_yticks(np.arange(n_strings - 1) + 0.5, minor=True)
     axes.grid(visible=False)
-    axes.grid(visible=True, which="minor", axis="y", color="white", linewidth=min(3.0, 24.0 / n_strings))
+    if n_strings <= MAX_CURVES:
+        axes.set_yticks(np.arange(n_strings - 1) + 0.5, minor=True)
+        axes.grid(visible=True, which="minor", axis="y", color="white", linewidth=min(3.0, 24.0 / n_strings))
     axes.tick_params(which="minor", length=0)
     axes.set_ylabel("String")
     axes.set_xlabel(time.label)

@@ -1,4 +1,4 @@
-"""Market studies: price, what was sold and bought, and the energy in store."""
+"""Market studies: price, energy sold and bought, and stored energy."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def market_dispatch(result: Result) -> Chart:
         power = Panel("Energy per day (kWh)", _days(time, dataset["delivered_kw"].values, step_h(dataset)))
     else:
         lines = curve(time, delivered, DISCHARGE, "delivered, positive = sold", kind="step")
-        lines += curve(time, dataset["demand_kw"].values, INK, "asked for", kind="step", dashed=True)
+        lines += curve(time, dataset["demand_kw"].values, INK, "demand", kind="step", dashed=True)
         if planned is not None:
             lines += curve(time, planned, DERATING, "planned to be delivered", kind="step", dashed=True)
         power = Panel("Power (kW)", tuple(lines))
@@ -46,7 +46,7 @@ def market_dispatch(result: Result) -> Chart:
 
 
 def _shortfall(time: TimeAxis, short_kw: Values, dt_h: float) -> Series:
-    """Planned less delivered energy of each day; below zero where the plan was exceeded."""
+    """Dispatch deviation: planned minus delivered energy of each day; negative if the plan was exceeded."""
     days, _, mean, _ = daily(time, short_kw)
     return Series(days, held(mean * time.steps_per_day * dt_h), DERATING, "planned less delivered", "band")
 

@@ -1,4 +1,4 @@
-"""Where the requested power of every string went."""
+"""Requested power of every string: delivered, undelivered and losses."""
 
 from __future__ import annotations
 

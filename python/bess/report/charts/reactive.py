@@ -1,14 +1,14 @@
-"""Reactive power: what was asked and carried, and how far the inverters were loaded."""
+"""Reactive power: demand, supply, and apparent power of the inverters."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from bess.errors import InputError
-from bess.report.charts.long_runs import curve
+from bess.report.charts.long_runs import curve, string_curves
 from bess.report.data import Result, TimeAxis, dataset_of, event_spans
 from bess.report.drawing.chart import Chart, Panel, Values
-from bess.report.drawing.style import AVAILABILITY, INK, colours
+from bess.report.drawing.style import AVAILABILITY, INK
 
 
 def reactive_power(result: Result) -> Chart:
@@ -28,11 +28,9 @@ def reactive_power(result: Result) -> Chart:
     plant = curve(time, q_kvar.sum(axis=1), INK, "carried", kind="step")
     asked_kvar = dataset["reactive_demand_kvar"].values
     plant += curve(time, asked_kvar, AVAILABILITY, "asked", kind="step", dashed=True)
-    strings, loading = [], []
-    for index, colour in enumerate(colours(q_kvar.shape[1])):
-        among = q_kvar.shape[1]
-        strings += curve(time, q_kvar[:, index], colour, f"string {index}", among=among, band=False)
-        loading += curve(time, apparent_kva[:, index], colour, f"string {index}", among=among, band=False)
+    among = q_kvar.shape[1]
+    strings = string_curves(time, q_kvar, among)
+    loading = string_curves(time, apparent_kva, among)
     panels = (
         Panel("Plant (kvar)", tuple(plant), y_limits=_with_zero(q_kvar.sum(axis=1), asked_kvar)),
         Panel("Strings (kvar)", tuple(strings)),

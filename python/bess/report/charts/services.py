@@ -1,15 +1,15 @@
-"""Services: what was asked of the plant, and whether it was kept."""
+"""Grid services: demand on the plant and compliance."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from bess.analysis.services import draw_kw, is_reserve, is_site
 from bess.errors import InputError
 from bess.report.charts.long_runs import curve
 from bess.report.data import Result, TimeAxis, dataset_of, with_initial
 from bess.report.drawing.chart import Chart, Panel
 from bess.report.drawing.style import AVAILABILITY, BACKGROUND, BATTERY, CHARGE, DISCHARGE, INK
+from bess.simulation.analysis.services import draw_kw, is_reserve, is_site
 
 
 def service(result: Result) -> Chart:

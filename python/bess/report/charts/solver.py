@@ -1,4 +1,4 @@
-"""What the optimiser spent on every step, and how sure it is of its answer."""
+"""Effort and optimality gap of the optimiser in every step."""
 
 from __future__ import annotations
 

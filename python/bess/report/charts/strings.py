@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from bess.report.charts.long_runs import curve, daily, held
+from bess.report.charts.long_runs import MAX_CURVES, curve, daily, held, string_curves
 from bess.report.data import Result, Results, TimeAxis, dataset_of, event_spans, named, with_initial
 from bess.report.drawing.chart import Chart, Panel, Series
-from bess.report.drawing.style import BACKGROUND, colours, told_apart
+from bess.report.drawing.style import BACKGROUND, told_apart
 
 
 def strings(result: Result) -> Chart:
@@ -29,12 +29,11 @@ def strings(result: Result) -> Chart:
     ):
         states = with_initial(dataset, variable)
         lines: list[Series] = []
-        if time.daily:
+        if time.daily and n_strings <= MAX_CURVES:
             days, low, _, high = daily(time, states[1:])
             base = held(low.min(axis=1))
             lines.append(Series(days, held(high.max(axis=1)), "#DDDDDD", "daily range", "band", base))
-        for index, colour in enumerate(colours(n_strings)):
-            lines += curve(time, states[:, index], colour, f"string {index}", among=2 * n_strings, band=False)
+        lines += string_curves(time, states, among=2 * n_strings)
         panels.append(Panel(label, tuple(lines), demand, "Demand (kW)", y_limits=limits))
     return Chart(time.label, tuple(panels), panel_height_in=1.75, spans=event_spans(dataset, time))
 

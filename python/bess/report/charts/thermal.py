@@ -1,4 +1,4 @@
-"""Mean temperature of the storage, and what derating makes of temperature."""
+"""Mean temperature of the strings, and derating factor over temperature."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bess.parameters import System
 from bess.report.charts.long_runs import curve
 from bess.report.data import Results, TimeAxis, named, with_initial
 from bess.report.drawing.chart import Chart, Panel, Series
 from bess.report.drawing.style import INK, SINGLE_COLUMN_IN, colours, told_apart
+from bess.system import System
 
 
 def mean_temperature(results: Results, *, derating_start_c: float = 45.0) -> Chart:

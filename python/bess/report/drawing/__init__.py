@@ -1,1 +1,1 @@
-"""How charts are drawn: what a chart is, and its way to matplotlib, to SVG and to Bokeh, in one style."""
+"""Drawing of charts with matplotlib, SVG and Bokeh in one style."""

@@ -13,6 +13,7 @@ from bokeh.models import (
     GlyphRenderer,
     HoverTool,
     LinearAxis,
+    NoOverlap,
     PanTool,
     Range1d,
     ResetTool,
@@ -116,6 +117,7 @@ def _dress(plot: Any, panel: Panel) -> None:
         axis.axis_line_color = axis.major_tick_line_color = "#999999"
         axis.minor_tick_line_color = None
         axis.axis_label_standoff = 4
+        axis.major_label_policy = NoOverlap(min_distance=6)  # a telephone is narrow
     plot.yaxis.axis_label = panel.y_label
     plot.yaxis.ticker.desired_num_ticks = 4
     plot.grid.grid_line_color = "#E3E3E3"

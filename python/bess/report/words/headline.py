@@ -1,12 +1,19 @@
-"""The few figures that a page of one run leads with."""
+"""The few figures that a page of one run leads with, by what the run is: a service, years, or power alone."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from bess.analysis.catalogue import Kpis, kpi
-from bess.analysis.settlement import REVENUES
+from bess.report.data import step_h
+from bess.report.runs import Run
+from bess.simulation.analysis.catalogue import Kpis, kpi
+from bess.simulation.analysis.services import is_reserve, is_site
+from bess.simulation.analysis.settlement import REVENUES
+from bess.units import DAYS_PER_YEAR, HOURS_PER_DAY
+
+_HOURS_PER_YEAR = HOURS_PER_DAY * DAYS_PER_YEAR
+_KW_PER_MW = 1000.0
 
 
 @dataclass(frozen=True)
@@ -19,32 +26,77 @@ class Tile:
     detail: str
 
 
-def tiles(kpis: Kpis) -> list[Tile]:
-    """Delivered, lost, net income where there are prices, efficiency, temperature."""
-    return list(_tiles(kpis))
+def tiles(run: Run) -> list[Tile]:
+    """A service or years first, if the run is of one; then loss, gain, net income, efficiency, heat."""
+    return [*_service(run), *_years(run), *_every(run)]
 
 
-def _tiles(kpis: Kpis) -> Iterator[Tile]:
-    fulfilled = _quantity("fulfilment_pct", kpis)
-    yield _tile("delivered_kwh", kpis, f"{fulfilled} of {_whole(kpis['demand_kwh'])} kWh asked for")
+def _service(run: Run) -> Iterator[Tile]:
+    kpis, data = run.kpis, run.dataset
+    if is_reserve(data):
+        sold_mw = float(data["capacity_kw"].values.mean()) / _KW_PER_MW
+        hours = data.sizes["time"] * step_h(data)
+        yield Tile("Reserve sold", _whole(_KW_PER_MW * sold_mw), "kW", f"on average of {hours:,.0f} h")
+        yield _tile("outside_window_h", kpis, "hours in which the store could not sustain all of it")
+        if sold_mw > 0.0 and "net_eur" in kpis:
+            per_mw = kpis["net_eur"] / sold_mw
+            yield Tile("Net per MW of reserve", _whole(per_mw), "EUR/MW", f"{per_mw / hours:.2f} EUR/MW/h")
+    if is_site(data):
+        yield _tile("peak_draw_kw", kpis, f"without the plant {_quantity('peak_before_kw', kpis)}")
+        if "self_consumption_pct" in kpis:
+            yield _tile("self_consumption_pct", kpis,
+                        f"self-sufficiency {_quantity('self_sufficiency_pct', kpis)}")  # fmt: skip
+
+
+def _years(run: Run) -> Iterator[Tile]:
+    kpis = run.kpis
+    years = run.dataset.sizes["time"] * step_h(run.dataset) / _HOURS_PER_YEAR
+    if "npv_eur" in kpis:
+        yield _tile("npv_eur", kpis, f"of {years:.1f} years of operation")
+    left = kpis.get("soh_capacity_min", 1.0)
+    if left < 1.0:
+        end = min(string.wear.end_of_life for string in run.system.strings)
+        if "end_of_life_days" in kpis:
+            life = kpis["end_of_life_days"] / DAYS_PER_YEAR
+            yield Tile(
+                "End of life", f"{life:.1f}", "years", f"first string at {100.0 * end:.0f} % of capacity"
+            )
+        elif years >= 1.0 and end < 1.0:
+            life = years * (1.0 - end) / (1.0 - left)
+            detail = f"to {100.0 * end:.0f} % of capacity, at the mean pace of {years:.1f} years"
+            yield Tile("To end of life", f"{life:.1f}", "years", detail)
+        yield Tile("Capacity left", f"{100.0 * left:.1f}", "%", "of the string that aged most")
+    budget = run.study.get("budget") or {}
+    if allowed := budget.get("cycles_per_year"):
+        used = kpis["full_cycles"] / (allowed * years)
+        detail = f"{kpi('full_cycles').number(kpis['full_cycles'])} of {allowed * years:,.1f} full cycles"
+        yield Tile("Budget of cycles used", f"{100.0 * used:.0f}", "%", detail)
+
+
+def _every(run: Run) -> Iterator[Tile]:
+    kpis = run.kpis
     parts = {
-        "undelivered_kwh": "not delivered",
+        "undelivered_kwh": "undelivered",
         "inverter_loss_kwh": "inverters",
-        "battery_loss_kwh": "batteries",
+        "battery_loss_kwh": "cells",
     }
     detail = " + ".join(f"{_whole(kpis[name])} {where}" for name, where in parts.items())
-    worth = losses_eur(kpis)
-    yield _tile("lost_kwh", kpis, detail if worth is None else f"{detail}; worth {_whole(worth)} EUR")
+    yield _tile("lost_kwh", kpis, detail)
+    if "gain_kwh" in kpis and run.gain_rule != run.policy:
+        yield _tile("gain_kwh", kpis, f"{run.gain_rule}: {_whole(kpis['lost_kwh'] + kpis['gain_kwh'])} kWh")
     if "net_eur" in kpis:
         revenue = sum(kpis.get(name, 0.0) for name in REVENUES)
         detail = f"{_whole(revenue)} revenue − {_whole(revenue - kpis['net_eur'])} costs"
         yield _tile("net_eur", kpis, detail)
-    back = "round_trip_efficiency_pct"
-    yield _tile("system_efficiency_pct", kpis, f"round trip {_quantity(back, kpis)}" if back in kpis else "")
-    hottest = _quantity("peak_node_temperature_c", kpis)
-    yield _tile("peak_string_temperature_c", kpis, f"string mean; hottest node {hottest}")
-    if kpis.get("soh_capacity_min", 1.0) < 1.0:
-        yield _tile("soh_capacity_min", kpis, "of the string that aged most")
+    if "round_trip_efficiency_pct" in kpis:
+        yield _tile("round_trip_efficiency_pct", kpis, "grid to grid, standby and cooling included")
+    derating = min(string.derating.start_c for string in run.system.strings)
+    yield _tile(
+        "peak_string_temperature_c", kpis, f"mean of the hottest string; derating from {derating:g} °C"
+    )
+    if "plan_gap_pct" in kpis:
+        search = _quantity("plan_search_gap_pct", kpis)
+        yield _tile("plan_gap_pct", kpis, f"at most, to the best plan; estimated {search}")
 
 
 def _tile(name: str, kpis: Kpis, detail: str) -> Tile:
@@ -55,16 +107,6 @@ def _tile(name: str, kpis: Kpis, detail: str) -> Tile:
 
 def _quantity(name: str, kpis: Kpis) -> str:
     return kpi(name).quantity(kpis[name])
-
-
-def losses_eur(kpis: Kpis) -> float | None:
-    """Shortfall, and inverter and battery losses at the mean price of charging; None without prices."""
-    charged_mwh = kpis.get("charged_kwh", 0.0) / 1000.0
-    if "shortfall_eur" not in kpis or charged_mwh <= 0.0:
-        return None
-    mean_eur_mwh = kpis["charge_cost_eur"] / charged_mwh
-    conversion_mwh = (kpis["inverter_loss_kwh"] + kpis["battery_loss_kwh"]) / 1000.0
-    return kpis["shortfall_eur"] + max(mean_eur_mwh, 0.0) * conversion_mwh
 
 
 def _whole(value: float) -> str:

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
-from bess.analysis.catalogue import KpisByRun
 from bess.report.runs import Run
+from bess.simulation.analysis.catalogue import KpisByRun
 
 _SAME_AVAILABILITY_PCT: Final = 0.05
 _WEIGHTS: Final = {"S1": (1.0, 0.0), "S2": (0.5, 0.5), "S3": (0.0, 1.0)}
@@ -74,19 +74,19 @@ def comparisons(kpis: KpisByRun) -> list[Comparison]:
 
 
 def reading(rows: list[Comparison]) -> list[str]:
-    """How to read the table, whichever way it came out."""
+    """How to read the table, for any outcome."""
     counts = {verdict: [row.statement for row in rows if row.verdict is verdict] for verdict in Verdict}
-    verdict = f"{len(counts[Verdict.YES])} of the paper's {len(rows)} statements come out."
+    verdict = f"{len(counts[Verdict.YES])} of the paper's {len(rows)} statements are reproduced."
     if weak := counts[Verdict.DIRECTION]:
-        verdict += f" In direction, but with less than half of the size: {_listed(weak)}."
+        verdict += f" Only in direction, with less than half of the size: {_listed(weak)}."
     if failed := counts[Verdict.NO]:
-        verdict += f" Not at all: {_listed(failed)}."
+        verdict += f" Not reproduced: {_listed(failed)}."
     return [
         verdict,
         "The paper publishes neither its demand nor its cell, inverter and cooling parameters, so "
         "absolute numbers cannot be compared. The reference system was built from published components; "
         "pack size, heat transfer, no-load loss and the level of the 48 h demand were fitted so that S1 "
-        "peaks near 51 °C and the inverter gap between S2 and S3 is near 1.5 points. Those two are no "
+        "peaks near 51 °C and the inverter gap between S2 and S3 is near 1.5 points. These two are not an "
         "independent confirmation. Not fitted: which scenario has the highest system efficiency, how "
         "much cooler S2 stays than S1, and the gaps in battery and derating efficiency.",
         "Where a gap is smaller than the paper's, the likely reasons are the demand (how much of it "

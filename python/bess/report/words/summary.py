@@ -6,32 +6,25 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from bess.analysis.catalogue import kpi
-from bess.analysis.provable import unprovable
-from bess.analysis.settlement import COSTS, REVENUES
+from bess.control.policies.planned import PLANNED
 from bess.errors import by_reason
-from bess.policies.planned import PLANNED
 from bess.report.contents import MOST_COMPARED
 from bess.report.data import step_h
 from bess.report.runs import Run
 from bess.report.words.differing import event_sentences, spread_sentences
 from bess.report.words.unlike import unlike
+from bess.simulation.analysis.catalogue import kpi
+from bess.simulation.analysis.provable import unprovable
+from bess.simulation.analysis.settlement import COSTS, REVENUES
 from bess.study.policy import DEFAULT_FORESIGHT_H
 
 _LEDGER_TOLERANCE_KWH = 1e-6
 _LEDGER_TOLERANCE = 1e-9
-_JUDGED = (
-    "undelivered_kwh",
-    "inverter_loss_kwh",
-    "battery_loss_kwh",
-    "net_eur",
-    "peak_mean_temperature_c",
-)
-"""Every difference that a comparison of two runs states; none is left out because it does not suit."""
+_WORTH_SAYING_KWH = 0.05
 
 
-def subject(runs: Mapping[str, Run]) -> str:
-    """Return what ran: strings, length, start, policies."""
+def subject(runs: Mapping[str, Run], *, alike: bool = True) -> str:
+    """Return what ran: strings, length and start, of runs that are alike, and policies."""
     first = next(iter(runs.values()))
     data = first.dataset
     hours = data.sizes["time"] * step_h(data)
@@ -39,36 +32,62 @@ def subject(runs: Mapping[str, Run]) -> str:
     n_strings = data.sizes["string"]
     start = np.datetime_as_string(data["time"].values[0], unit="m").replace("T", " ")
     policies = dict.fromkeys(str(run.study.get("policy", {}).get("name", "")) for run in runs.values())
+    where = [f"{n_strings} string{'s' if n_strings > 1 else ''}", f"{length} from {start} UTC"]
     parts = [
-        f"{n_strings} string{'s' if n_strings > 1 else ''}",
-        f"{length} from {start} UTC",
+        *(where if alike else []),
         f"polic{'ies' if len(policies) > 1 else 'y'} {', '.join(filter(None, policies))}",
     ]
     return " · ".join([*([f"{len(runs)} scenarios"] if len(runs) > 1 else []), *parts])
 
 
 def summary(runs: Mapping[str, Run], *, hindsight: bool = False) -> list[str]:
-    """Sentences on what came out; with ``hindsight``, the page says what was possible beside them."""
+    """Sentences on the results; with ``hindsight``, the page shows it beside them."""
     first = next(iter(runs.values()))
     if len(runs) == 1:
         said = [*_one(first), *event_sentences(first), *spread_sentences(runs), *_gap_sentence(first)]
     else:
-        differing = unlike(runs)
-        judged = [differing, *_alike(runs)] if differing else [*_alike(runs), *_compared(runs)]
+        judged = [*_alike(runs), *([] if unlike(runs) else _compared(runs))]
         said = [*judged, *event_sentences(first), *spread_sentences(runs)]
     return [*said, *_plan_sentences(runs, hindsight=hindsight)]
 
 
-def _one(run: Run) -> Iterator[str]:
+def gain_sentence(run: Run) -> str:
+    """Undelivered energy and losses of the run, and the difference to the best rule on the same demand."""
     kpis = run.kpis
-    missing = {
-        "curtailed by derating": kpis["derating_loss_kwh"],
-        "shed by full or empty strings": kpis["availability_loss_kwh"],
-        "above the power in service": kpis["unmet_kwh"],
-    }
-    reasons = ", ".join(f"{_kwh(value)} {what}" for what, value in missing.items() if value >= 0.05)
-    asked = f"{_kwh(kpis['delivered_kwh'])} of {_kwh(kpis['demand_kwh'])} asked for were delivered"
-    yield f"{asked}; of the rest, {reasons}." if reasons else f"{asked}: nothing is missing."
+    lost = f"{run.policy}: {_kwh(kpis['lost_kwh'])} undelivered or lost"
+    if not run.gain_rule:
+        return f"{lost}."
+    said = f"{lost}{_against_rule(run)}"
+    if abs(stored := kpis.get("gain_stored_kwh", 0.0)) >= _WORTH_SAYING_KWH:
+        said += f"; {_kwh(abs(stored))} {'more' if stored > 0.0 else 'less'} stored at the end"
+    if (gain := kpis.get("gain_eur")) is None:
+        return f"{said}."
+    number = kpi("gain_eur").number
+    more = "more" if gain > 0.0 else "less"
+    earned = "as much as" if number(gain) == number(0.0) else f"{number(abs(gain))} EUR {more} than"
+    return f"{said}. Its net income is {number(kpis['net_eur'])} EUR, {earned} that of the best rule."
+
+
+def _against_rule(run: Run) -> str:
+    gain = run.kpis["gain_kwh"]
+    of_rule = run.kpis["lost_kwh"] + gain
+    share = f" ({100.0 * abs(gain) / of_rule:.0f} %)" if of_rule > 0.0 else ""
+    if run.gain_rule == run.policy:
+        return ", the best rule for this demand"
+    if abs(gain) < _WORTH_SAYING_KWH:
+        return f", as much as the best rule, {run.gain_rule}"
+    return (
+        f", {_kwh(abs(gain))}{share} {'less' if gain > 0.0 else 'more'} than the best rule, {run.gain_rule}"
+    )
+
+
+def _one(run: Run) -> Iterator[str]:
+    kpis, data = run.kpis, run.dataset
+    demand_kw, delivered_kw = data["demand_kw"].values, data["delivered_kw"].values.sum(axis=1)
+    for name, asks in (("Charged", demand_kw < 0.0), ("Discharged", demand_kw > 0.0)):
+        given, asked = (abs(float(kw[asks].sum())) * step_h(data) for kw in (delivered_kw, demand_kw))
+        if asked > 0.0:
+            yield f"{name}: {_kwh(given)} of {_kwh(asked)} demand, {100.0 * given / asked:.1f} %."
     if "net_eur" in kpis:
         earned, spent = (_entries_eur(kpis, names) for names in (REVENUES, COSTS))
         yield (
@@ -91,45 +110,17 @@ def _compared(runs: Mapping[str, Run]) -> Iterator[str]:
     best = min(lost, key=lambda name: lost[name])
     share_pct = 100.0 * lost[best] / max(runs[best].kpis["demand_kwh"], 1e-9)
     if len({kpi("lost_kwh").number(value) for value in lost.values()}) == 1:
-        yield f"Every scenario loses {_kwh(lost[best])}."
+        yield f"Undelivered + losses: {_kwh(lost[best])} in every scenario."
     else:
         firsts = [name for name, value in lost.items() if _kwh(value) == _kwh(lost[best])]
         yield (
-            f"Least is lost with {_listed(firsts)}: {_kwh(lost[best])}, {share_pct:.1f} % of what was asked "
-            f"for ({_parts(runs[best])})."
+            f"Lowest undelivered + losses: {_listed(firsts)}, {_kwh(lost[best])} "
+            f"({share_pct:.1f} % of the demand)."
         )
     if all("net_eur" in run.kpis for run in runs.values()):
         net = {name: run.kpis["net_eur"] for name, run in runs.items()}
         first = max(net, key=lambda name: net[name])
-        yield f"Most is earned with {first}: {kpi('net_eur').quantity(net[first])} net."
-    for name, run in runs.items():
-        if name != best and (against := _against(run, runs[best])):
-            yield f"{name} against {best}: {against}."
-
-
-def _parts(run: Run) -> str:
-    names = {
-        "undelivered_kwh": "not delivered",
-        "inverter_loss_kwh": "inverters",
-        "battery_loss_kwh": "batteries",
-    }
-    return ", ".join(f"{kpi(key).number(run.kpis[key])} {name}" for key, name in names.items())
-
-
-def _against(run: Run, best: Run) -> str:
-    """Every judged difference that is not nothing at the digits shown; empty if there is none."""
-    shown = []
-    for key in ("lost_kwh", *_JUDGED):
-        if key not in run.kpis or key not in best.kpis:
-            continue
-        entry = kpi(key)
-        difference = run.kpis[key] - best.kpis[key]
-        text = entry.number(abs(difference))
-        if text != entry.number(0.0):
-            sign = "+" if difference > 0.0 else "−"
-            unit = "K" if entry.unit == "°C" else entry.unit
-            shown.append(f"{entry.label[0].lower()}{entry.label[1:]} {sign}{text} {unit}")
-    return ", ".join(shown)
+        yield f"Highest net income: {first}, {kpi('net_eur').quantity(net[first])}."
 
 
 def _alike(runs: Mapping[str, Run]) -> Iterator[str]:
@@ -139,7 +130,7 @@ def _alike(runs: Mapping[str, Run]) -> Iterator[str]:
         groups.setdefault(run.dataset["delivered_kw"].values.tobytes(), []).append(name)
     for names in groups.values():
         if len(names) > 1:
-            yield f"{_listed(names)} did the same in every step."
+            yield f"{_listed(names)} are identical in every step."
 
 
 def _gap_sentence(run: Run) -> Iterator[str]:
@@ -156,9 +147,8 @@ def _gap_sentence(run: Run) -> Iterator[str]:
     worth = float((np.clip(gap, 0.0, 1.0) * lost_kw)[known].sum()) * step_h(data)
     middle, worst = 100.0 * np.median(gap[known]), 100.0 * gap[known].max()
     yield (
-        f"The optimiser's answers are at most {middle:.2g} % (median) and {worst:.2g} % (worst of "
-        f"{int(known.sum()):,} steps) away from a proven bound; of the energy lost in those steps that "
-        f"is about {_kwh(worth)}."
+        f"Rigorous gap of the splits: {middle:.2g} % (median), {worst:.2g} % (worst of "
+        f"{int(known.sum()):,} steps), or {_kwh(worth)} of the undelivered energy and losses in these steps."
     )
 
 
@@ -174,7 +164,10 @@ def _plan_sentences(runs: Mapping[str, Run], *, hindsight: bool) -> Iterator[str
         yield (
             f"{who} step was planned over {hours:g} h."
             + "".join(f" {_plan_gap(runs[name], name if len(runs) > 1 else '')}" for name in names)
-            + (" bess report --hindsight says afterwards what was possible." * (provable and not hindsight))
+            + (
+                " bess report --hindsight adds the best known result and a lower bound."
+                * (provable and not hindsight)
+            )
         )
 
 
@@ -185,8 +178,8 @@ def _plan_gap(run: Run, name: str) -> str:
         return "No plan has a bound." if not name else f"No plan of {name} has a bound."
     who = "Plans" if not name else f"Those of {name}"
     return (
-        f"{who} are within {gap:.2g} % of the search bound, an estimate, and within "
-        f"{run.kpis['plan_gap_pct']:.2g} % of the proven one (medians of the plans that were bounded)."
+        f"{who} are within {gap:.2g} % of the estimated lower bound and within "
+        f"{run.kpis['plan_gap_pct']:.2g} % of the rigorous one (medians of the plans with a bound)."
     )
 
 

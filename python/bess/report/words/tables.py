@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from bess.analysis.catalogue import HEADINGS, Kpi, KpisByRun, in_order, kpi
+from bess.simulation.analysis.catalogue import Kpi, KpisByRun, grouped, kpi
 
 DECISION: Final = (
     "fulfilment_pct",
@@ -59,10 +59,10 @@ def decision_table(kpis: KpisByRun, *, alike: bool = True) -> list[Row]:
 
 def kpi_groups(kpis: KpisByRun, *, alike: bool = True) -> list[Group]:
     """All KPIs under the headings of the catalogue; of several runs that are alike, the best are marked."""
-    rows: dict[str, list[Row]] = {}
-    for name in in_order(key for values in kpis.values() for key in values):
-        rows.setdefault(kpi(name).group, []).append(_row(kpi(name), _values(kpis, name), alike=alike))
-    return [Group(heading, tuple(rows[group])) for group, heading in HEADINGS.items() if group in rows]
+    return [
+        Group(heading, tuple(_row(kpi(name), _values(kpis, name), alike=alike) for name in names))
+        for heading, names in grouped(key for values in kpis.values() for key in values).items()
+    ]
 
 
 def _values(kpis: KpisByRun, name: str) -> list[float]:

@@ -7,8 +7,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
-from bess.record.identity import leaves
 from bess.report.runs import Run
+from bess.simulation.record.provenance import leaves
 
 _CHOICES: Final = frozenset(
     ("name", "title", "policy", "output", "service", "scenario", "sweep", "system", "run", "wear")
@@ -25,7 +25,25 @@ _MOST: Final = 6
 
 def unlike(runs: Mapping[str, Run]) -> str:
     """Return in which circumstances runs differ, as a sentence; empty if only their control does."""
-    of_each = [_circumstances(run) for run in runs.values()]
+    found = _differing([_circumstances(run) for run in runs.values()])
+    return found and f"These runs are unlike, so none of them is marked best: {found}."
+
+
+def choices(runs: Mapping[str, Run]) -> str:
+    """Return in which choices of control runs differ, as a sentence; empty if in none."""
+    found = _differing(
+        [
+            {key: (value, value.strip('"')) for key, value in leaves(run.study)
+             if key.partition(".")[0] not in ("name", "title", "output", "scenario", "sweep")
+             and value != "null"}
+            for run in runs.values()
+        ]
+    )  # fmt: skip
+    return found and f"These runs differ in {found}."
+
+
+def _differing(of_each: list[dict[str, tuple[str, str]]]) -> str:
+    """Keys whose values are not the same in all runs, with the values as they are shown."""
     found = []
     for key in dict.fromkeys(key for each in of_each for key in each):
         values = dict(each.get(key, ("", "not set")) for each in of_each)
@@ -33,10 +51,8 @@ def unlike(runs: Mapping[str, Run]) -> str:
             shown = list(dict.fromkeys(values.values()))
             listed = "; ".join([*shown[:_MOST], *(["..."] if len(shown) > _MOST else [])])
             found.append(f"{key} ({listed})" if len(shown) > 1 else f"{key} ({listed}, not the same)")
-    if not found:
-        return ""
     more = f" and {len(found) - _MOST} more" if len(found) > _MOST else ""
-    return f"These runs are unlike, so none of them is marked best: {', '.join(found[:_MOST])}{more}."
+    return f"{', '.join(found[:_MOST])}{more}"
 
 
 def _circumstances(run: Run) -> dict[str, tuple[str, str]]:

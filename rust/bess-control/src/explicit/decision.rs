@@ -1,4 +1,4 @@
-//! Written by `bess.distil.rust` from `bess/explicit/decision.py`; a test compares them.
+//! Written by `bess.edge.distil.rust` from `explicit/decision.py`; a test compares them.
 
 use super::{larger, smaller, Tables, MOST_STRINGS};
 

@@ -1,6 +1,6 @@
-//! Explicit control: the decision of a step in a bounded number of operations, from tables and fitted weights.
+//! Explicit control: a control law with a bounded number of operations, from tables and fitted weights.
 //!
-//! The decision itself is translated from Python, see `decision.rs`; here is what it stands on. kW and degC, as in C and
+//! The control law is translated from Python, see `decision.rs`; this module holds its data. kW and degC, as in C and
 //! structured text, which do the same operations.
 
 use crate::error::check_length;
@@ -10,7 +10,7 @@ use crate::ControlError;
 #[allow(clippy::all, unused_mut, unused_parens, unused_assignments)]
 mod decision;
 
-/// Most strings of a plant.
+/// Maximum number of strings of a plant.
 const MOST_STRINGS: usize = 32;
 
 /// Numbers that [`ExplicitLaw::look`] makes of a schedule.
@@ -51,13 +51,13 @@ macro_rules! tables {
 }
 
 tables! {
-    /// What a decision knows of a plant; the fields are those of `bess.explicit.tables.Tables`, which says what they are.
+    /// What a decision knows of a plant; the fields are those of `bess.control.explicit.tables.Tables`, which says what they are.
     counts: strings, soc_knots, temperature_knots, derating_knots, power_knots, heat_knots, low_knots, steps, near_steps;
     numbers: step_h, step_share, near_share, shortfall, high_fill, min_power_kw, flattest, shed_slope, crumbs, unbounded;
     arrays: soc_axis, temperature_axis, ocv_v, resistance_ohm, derating_c, derating_factor, power_kw, loss_kw, idle_loss_kw, capacity_ah, energy_kwh, soc_min, soc_max, voltage_min_v, voltage_max_v, derating_start_c, heat_k, low_fill, share,
 }
 
-/// A plant as it is measured when a step begins, one value for each string.
+/// Measured state of a plant at the start of a step, one value for each string.
 #[derive(Debug, Clone, Copy)]
 pub struct Measured<'a> {
     /// State of charge.
@@ -68,7 +68,7 @@ pub struct Measured<'a> {
     pub soh_capacity: &'a [f64],
     /// Resistance over that of the system file.
     pub soh_resistance: &'a [f64],
-    /// Largest power of each inverter [kW].
+    /// Maximum power of each inverter [kW].
     pub limit_kw: &'a [f64],
 }
 
@@ -142,7 +142,7 @@ impl ExplicitLaw {
         self.tables.steps
     }
 
-    /// What a decision needs to know of a schedule of demand `(steps,)` [kW], which begins with that of the decision.
+    /// Demand features of a forecast `(steps,)` [kW], which starts with the demand of this step.
     ///
     /// # Errors
     ///

@@ -1,4 +1,4 @@
-//! The control model of a plant: its strings, and what holds for any request of them.
+//! The control model of a plant: its strings, and checks of their states and requests.
 
 use std::sync::Arc;
 
@@ -9,15 +9,15 @@ use crate::model::{StringModel, StringState};
 use crate::ControlError;
 
 const SOC_SLACK: f64 = 1e-9;
-/// Relative slack of a power against its limit: rounding only.
+/// Relative tolerance of a power above its limit, for rounding only.
 pub(super) const POWER_SLACK: f64 = 1e-9;
-/// Temperatures that a battery can have [degC].
+/// Valid temperatures of a battery [degC].
 pub(crate) const TEMPERATURE_RANGE_C: (f64, f64) = (-100.0, 1000.0);
 
 /// The control model of a plant.
 #[derive(Debug, Clone)]
 pub struct ControlModel {
-    /// Shared: a problem refers to the strings of its model and copies none of their tables.
+    /// Shared, so that problems do not copy the tables of their strings.
     strings: Arc<[StringModel]>,
 }
 
@@ -36,8 +36,8 @@ impl ControlModel {
     ///
     /// # Errors
     ///
-    /// Where the number of values is not that of the strings, an SOC is outside its string's window by more than rounding,
-    /// or a temperature is not one of a battery [degC].
+    /// The number of values differs from the number of strings, an SOC is outside its window by more than rounding,
+    /// or a temperature is outside the valid range.
     pub fn states(&self, soc: &[f64], temperature_c: &[f64]) -> Result<Vec<StringState>, ControlError> {
         check_length("soc", soc, self.strings.len())?;
         check_length("temperature_c", temperature_c, self.strings.len())?;
@@ -96,7 +96,7 @@ impl ControlModel {
         Ok(directions)
     }
 
-    /// Largest AC power that each string can deliver over the next interval, before derating [W].
+    /// Maximum deliverable AC power of each string over the next interval, before derating [W].
     pub fn deliverable_w(&self, states: &[StringState], direction: Direction, dt_h: f64) -> Vec<f64> {
         let limit = |(string, state): (&StringModel, &StringState)| {
             string.deliverable_w(&string.coefficients(direction, *state), direction, state.soc, dt_h)

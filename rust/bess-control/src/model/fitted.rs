@@ -4,8 +4,8 @@ use super::horizon::ControlHorizon;
 
 impl ControlHorizon {
     /// Requests `(M, T)` [W] in the proportions of `wanted` `(M, T)`, `>= 0` in any unit, that meet the demand within the
-    /// limits: what a string cannot take goes to the others in proportion to the room they have. A step in which nothing
-    /// is wanted is shared in proportion to the limits.
+    /// limits: power above the limit of a string goes to the others in proportion to their headroom. A step without
+    /// `wanted` values is allocated in proportion to the limits.
     pub fn fitted(&self, wanted: &[f64]) -> Vec<f64> {
         let mut request_w = vec![0.0; wanted.len()];
         let strings: Vec<usize> = (0..self.n_strings()).collect();
@@ -15,7 +15,7 @@ impl ControlHorizon {
         request_w
     }
 
-    /// Leaves no request of a step below the least power of its inverter but 0.
+    /// Makes all requests of a step zero or at least the minimum power of their inverters.
     pub(crate) fn set_points(&self, t: usize, request_w: &mut [f64]) {
         let mut step_w: Vec<f64> = request_w.iter().skip(t).step_by(self.n_steps()).copied().collect();
         self.model.set_points(&mut step_w, &self.limits(t));
@@ -24,7 +24,7 @@ impl ControlHorizon {
         }
     }
 
-    /// Shares `power_w` among some strings in one step, as [`Self::fitted`] does.
+    /// Allocates `power_w` to some strings in one step, as [`Self::fitted`] does.
     pub(crate) fn share_out(
         &self,
         t: usize,

@@ -7,12 +7,12 @@ use crate::error::{check_length, check_range};
 use crate::model::{Interval, Losses, StringModel, StringState};
 use crate::ControlError;
 
-/// Most groups of objectives.
+/// Maximum number of groups of objectives.
 pub const MAX_GROUPS: usize = 4;
-/// A demand this close to the sum of the limits (relative) asks every string for its limit.
+/// Relative distance of the demand from the sum of the limits within which every string gets its limit.
 const FULL_POWER: f64 = 1e-12;
 
-/// Everything about one split problem. Arrays over strings and steps are string-major, `(M, T)`.
+/// Data of one split problem. Arrays over strings and steps are string-major, `(M, T)`.
 #[derive(Debug, Clone, Copy)]
 pub struct SplitProblem<'a> {
     /// Measured SOC `(M,)`.
@@ -29,7 +29,7 @@ pub struct SplitProblem<'a> {
     pub limit_w: &'a [f64],
     /// Costs of the losses `(G, M, 4)` [1/W], groups in order of priority.
     pub costs: &'a [f64],
-    /// The same for the search, which gives a small weight to losses that cost nothing, so that ties have an answer.
+    /// Costs of the search, with a small weight for losses of zero cost, to break ties.
     pub search_costs: &'a [f64],
     /// Absolute tolerance of each group.
     pub tolerance_abs: &'a [f64],
@@ -47,16 +47,16 @@ pub struct ControlHorizon {
     pub(crate) demand_w: Vec<f64>,
     /// Direction, surroundings and length of each step `(T,)`.
     pub(crate) intervals: Vec<Interval>,
-    /// Largest requests `(M, T)` [W].
+    /// Maximum requests `(M, T)` [W].
     pub(crate) limit_w: Vec<f64>,
     /// Their sum over the strings, `(T,)` [W].
     pub(crate) total_limit_w: Vec<f64>,
-    /// Costs of the search `(M, G)`, so that those of one string lie together.
+    /// Costs of the search `(M, G)`, contiguous for each string.
     pub(crate) search_costs: Vec<Losses>,
-    /// Costs of what is reported and bounded, `(G, M)`.
+    /// Costs of reported objectives and bounds, `(G, M)`.
     pub(crate) report_costs: Vec<Losses>,
     pub(crate) n_groups: usize,
-    /// How far each group may rise above its best value while later ones are minimised `(G,)`.
+    /// Tolerance of each group above its best value while later groups are minimised `(G,)`.
     pub(crate) tolerance_abs: Vec<f64>,
     pub(crate) tolerance_rel: Vec<f64>,
 }
@@ -66,8 +66,8 @@ impl ControlHorizon {
     ///
     /// # Errors
     ///
-    /// Where lengths do not agree, a number is outside what is allowed (the error says which, and the range), or the demand
-    /// of a step is above the sum of its limits ([`ControlError::DemandAboveLimits`]).
+    /// Lengths do not agree, a number is outside its range (both are in the message), or the demand
+    /// of a step exceeds the sum of its limits ([`ControlError::DemandAboveLimits`]).
     pub fn new(model: ControlModel, problem: &SplitProblem<'_>) -> Result<Self, ControlError> {
         let (n_strings, n_steps) = (model.strings().len(), problem.demand_w.len());
         let n_groups = problem.tolerance_abs.len();
@@ -126,7 +126,7 @@ impl ControlHorizon {
         self.intervals.len()
     }
 
-    /// Steps of single strings in one roll-out of all.
+    /// String-steps in one roll-out of all strings.
     pub(crate) fn size(&self) -> usize {
         self.n_strings() * self.n_steps()
     }
@@ -157,7 +157,7 @@ impl ControlHorizon {
         (0..self.n_strings()).map(|m| self.limit(m, t)).collect()
     }
 
-    /// Steps in which there is something to decide: more than one string can run, and not all of them have to.
+    /// Steps with a decision: more than one string can be on, and not all of them must be.
     pub fn n_free_steps(&self) -> usize {
         let several = |t: usize| (0..self.n_strings()).filter(|&m| self.limit(m, t) > 0.0).count() > 1;
         let free = |t: &usize| {
@@ -168,11 +168,11 @@ impl ControlHorizon {
         (0..self.n_steps()).filter(free).count()
     }
 
-    /// Magnitudes of signed requests; an error where one points against the demand or is above its limit.
+    /// Magnitudes of signed requests; an error if one is opposite to the demand or above its limit.
     ///
     /// # Errors
     ///
-    /// [`ControlError::Range`] with the position of the request, beyond what the rounding of an optimiser explains.
+    /// [`ControlError::Range`] with the position of the request, beyond the rounding error of an optimiser.
     pub fn magnitudes(&self, requests_w: &[f64]) -> Result<Vec<f64>, ControlError> {
         let bounds: Vec<(f64, f64)> = (0..self.n_strings() * self.n_steps())
             .map(|i| {
@@ -184,7 +184,7 @@ impl ControlHorizon {
                 }
             })
             .collect();
-        // Rounding of an optimiser outside is let through, nothing more.
+        // Only rounding errors of an external optimiser are accepted.
         let slack =
             1e-6 * (0..self.n_strings()).map(|m| self.string(m).nominal_w()).fold(f64::INFINITY, f64::min);
         let mut magnitudes = Vec::with_capacity(requests_w.len());

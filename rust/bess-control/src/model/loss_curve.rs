@@ -2,7 +2,7 @@
 
 use bess_tables::{Axis, Direction, Lut};
 
-/// Inverter loss of one direction over delivered AC power, with what is needed to invert it.
+/// Inverter loss of one direction over delivered AC power, with data for its inversion.
 ///
 /// The battery's internal power is `g(p) = p - w(p)` in charge and `p + w(p)` in discharge. A table whose slope
 /// leaves `(-1, 1)` makes `g` fall somewhere; the set of powers below a limit is then not an interval. The
@@ -15,7 +15,7 @@ pub(crate) struct LossCurve {
     loss: Vec<f64>,
     /// Running maximum of `g` over the knots.
     internal: Vec<f64>,
-    /// Slopes of both between the knots; of the last knot, zero.
+    /// Slopes of both between the knots; zero after the last knot.
     slopes: Vec<(f64, f64)>,
 }
 

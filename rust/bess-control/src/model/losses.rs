@@ -1,15 +1,15 @@
 //! The four kinds of loss.
 
-/// One number for each kind of loss: a power [W], or what a watt of it costs [1/W].
+/// One number for each kind of loss: a power [W] or a price [1/W].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Losses {
-    /// Asked for and not deliverable: full, empty, or no real root of the current.
+    /// Undelivered because of SOC limits or no real root of the current.
     pub availability: f64,
-    /// Asked for and not delivered because the string is warm.
+    /// Undelivered because of temperature derating.
     pub derating: f64,
-    /// Lost in the inverter.
+    /// Inverter loss.
     pub inverter: f64,
-    /// Heat in the battery.
+    /// Battery loss (heat).
     pub battery: f64,
 }
 
@@ -29,7 +29,7 @@ impl Losses {
         [self.availability, self.derating, self.inverter, self.battery]
     }
 
-    /// What these powers cost at these prices.
+    /// Cost of these powers at these prices.
     #[inline]
     pub fn cost(&self, prices: &Self) -> f64 {
         prices.availability * self.availability
@@ -38,7 +38,7 @@ impl Losses {
             + prices.battery * self.battery
     }
 
-    /// Whether any of what flows costs something: all kinds but availability.
+    /// Whether any loss other than availability has a cost.
     pub(crate) fn any_while_running(&self) -> bool {
         self.derating > 0.0 || self.inverter > 0.0 || self.battery > 0.0
     }

@@ -8,14 +8,14 @@ const LOW_SOC_PARTS: u32 = 4;
 
 impl StringModel {
     /// Like [`Self::step`] with the coefficients of the middle of the interval (explicit midpoint rule), and with the
-    /// interval in [`LOW_SOC_PARTS`] where the string is, or gets, below its low-SOC switch: resistance climbs steeply
-    /// there.
+    /// interval divided into [`LOW_SOC_PARTS`] if the string is or falls below its low-SOC switch, because resistance rises
+    /// steeply there.
     #[inline]
     pub fn step_midpoint(&self, state: StringState, request_w: f64, interval: &Interval) -> Flow {
         self.step_midpoint_with(self.loss(interval.direction), state, request_w, interval)
     }
 
-    /// Like [`Self::step_midpoint`], with another curve of the inverter's loss.
+    /// Like [`Self::step_midpoint`], with another inverter loss curve.
     #[inline]
     pub(crate) fn step_midpoint_with(
         &self,
@@ -70,7 +70,7 @@ impl StringModel {
         whole
     }
 
-    /// State in the middle of an interval as its start lets one expect, and the SOC at its end.
+    /// Predicted state in the middle of an interval, and SOC at its end.
     #[inline]
     fn middle(
         &self,

@@ -1,13 +1,13 @@
-//! The control model: what a string does in an interval (docs/equations.md, 1 to 6), and what follows for a plant.
+//! The control model of strings over an interval (docs/equations.md, 1 to 6), and of a plant.
 //!
 //! `string` is one string over one interval, with the coefficients of its start, on the curves of `loss_curve`; `midpoint`
-//! is its form in plans. `control_model` is a plant of them: roll-outs of given requests (`rollout`) and of a demand on the
-//! whole plant (`follow`). `horizon` is a split problem on it, `objectives` what its schedules cost, `fitted` makes any
-//! schedule one of it, `set_points` leaves out requests below the least power. `ranges` says which coefficients, `heat` which heat, a box of states can bring.
+//! is its form in plans. `control_model` combines strings to a plant: roll-outs of given requests (`rollout`) and of a demand on the
+//! whole plant (`track_demand`). `horizon` is a split problem, `objectives` the cost of schedules, `fitted` makes schedules
+//! feasible, `set_points` removes requests below the minimum power. `ranges` bounds the coefficients and `heat` the heat
+//! over a box of states.
 
 mod control_model;
 mod fitted;
-mod follow;
 mod heat;
 mod horizon;
 mod loss_curve;
@@ -18,10 +18,10 @@ mod ranges;
 mod rollout;
 mod set_points;
 mod string;
+mod track_demand;
 
 pub use control_model::ControlModel;
 pub(crate) use control_model::TEMPERATURE_RANGE_C;
-pub use follow::{BestShares, Followed};
 pub(crate) use heat::{heat_share, heat_w};
 pub use horizon::{ControlHorizon, SplitProblem, MAX_GROUPS};
 pub(crate) use loss_curve::LossCurve;
@@ -32,3 +32,4 @@ pub use ranges::{CoefficientRanges, Range, StateBox};
 pub(crate) use ranges::{Corner, Piece};
 pub use rollout::{CoefficientsFrom, Rollout};
 pub use string::{Coefficients, Flow, Interval, StringModel, StringState};
+pub use track_demand::{BestShares, TrackedDemand};

@@ -1,31 +1,31 @@
-//! What schedules of a split problem do, and what that costs in each group of objectives (docs/equations.md, 1 to 8).
+//! Flows and costs of schedules of a split problem in each group of objectives (docs/equations.md, 1 to 8).
 
 use super::horizon::{ControlHorizon, MAX_GROUPS};
 use crate::model::{Flow, Losses, StringState};
 
-/// An objective this small is that of rounding errors.
+/// Objective below which only rounding errors remain.
 const NOTHING: f64 = 1e-14;
 
-/// Objective of each group; those of groups that a problem does not have are 0.
+/// Objective of each group; unused entries are 0.
 pub type Objectives = [f64; MAX_GROUPS];
 
-/// Which of the costs of a problem.
+/// Selection of the costs of a problem.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CostsOf {
-    /// Of what is reported and bounded.
+    /// Costs of reported objectives and bounds.
     Report,
-    /// Of the search: losses that cost nothing have a small weight.
+    /// Costs of the search, with a small weight for losses of zero cost.
     Search,
 }
 
 impl ControlHorizon {
-    /// Costs of one string in the search, one entry for each group.
+    /// Search costs of one string, for each group.
     #[inline]
     pub(crate) fn costs_of(&self, m: usize) -> &[Losses] {
         &self.search_costs[m * self.n_groups..(m + 1) * self.n_groups]
     }
 
-    /// Costs of every string in one group: of what is reported and bounded, or of the search.
+    /// Costs of every string in one group: reported or search costs.
     pub(crate) fn group_costs(&self, group: usize, costs: CostsOf) -> Vec<Losses> {
         match costs {
             CostsOf::Report => {
@@ -69,7 +69,7 @@ impl ControlHorizon {
         totals
     }
 
-    /// Objectives of what flows, `(M, T)`, in the costs of what is reported.
+    /// Objectives of flows `(M, T)`, in reported costs.
     pub fn report_objectives(&self, flows: &[Flow]) -> Objectives {
         let mut totals = [0.0; MAX_GROUPS];
         for (m, row) in flows.chunks_exact(self.n_steps()).enumerate() {
@@ -82,8 +82,8 @@ impl ControlHorizon {
         totals
     }
 
-    /// How far a group may rise above its best value while later groups are minimised,
-    /// `F* + max(eps_abs, eps_rel |F*|)`; where that value is nothing, the group stays at nothing.
+    /// Ceiling of a group while later groups are minimised,
+    /// `F* + max(eps_abs, eps_rel |F*|)`; a group with `F* = 0` stays at 0.
     pub(crate) fn ceiling(&self, group: usize, best: f64) -> f64 {
         if best <= NOTHING {
             NOTHING
@@ -92,7 +92,7 @@ impl ControlHorizon {
         }
     }
 
-    /// What every string does in every step of a schedule, `(M, T)`.
+    /// Flows of all strings in all steps of a schedule, `(M, T)`.
     pub fn flows(&self, request_w: &[f64]) -> Vec<Flow> {
         let mut flows = Vec::with_capacity(request_w.len());
         for (m, requests) in request_w.chunks_exact(self.n_steps()).enumerate() {
@@ -106,7 +106,7 @@ impl ControlHorizon {
         flows
     }
 
-    /// What every string would do in every step by itself, from states `(M, T)` and with requests `(M, T)` [W].
+    /// Flows of single steps, from states `(M, T)` and with requests `(M, T)` [W].
     pub fn flows_from(&self, states: &[StringState], request_w: &[f64]) -> Vec<Flow> {
         let n_steps = self.n_steps();
         let step = |(i, (state, request_w)): (usize, (&StringState, &f64))| {

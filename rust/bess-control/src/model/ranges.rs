@@ -24,7 +24,7 @@ impl Range {
         Self { low: self.low.min(other.low), high: self.high.max(other.high) }
     }
 
-    /// What is in both; the lower end is above the upper one if nothing is.
+    /// Intersection; the lower end is above the upper one if it is empty.
     pub fn intersection(&self, other: &Self) -> Self {
         Self { low: self.low.max(other.low), high: self.high.min(other.high) }
     }
@@ -32,7 +32,7 @@ impl Range {
     /// Contains nothing.
     pub(crate) const EMPTY: Self = Self { low: f64::INFINITY, high: f64::NEG_INFINITY };
 
-    fn include(&mut self, value: f64) {
+    pub(crate) fn include(&mut self, value: f64) {
         self.low = self.low.min(value);
         self.high = self.high.max(value);
     }
@@ -48,7 +48,7 @@ pub struct StateBox {
 }
 
 impl StateBox {
-    /// What is in both.
+    /// Intersection.
     pub fn intersection(&self, other: &Self) -> Self {
         Self {
             soc: self.soc.intersection(&other.soc),

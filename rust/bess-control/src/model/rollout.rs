@@ -5,7 +5,7 @@ use bess_tables::Direction;
 use crate::model::{ControlModel, Flow, Interval, StringModel, StringState};
 use crate::ControlError;
 
-/// From which part of a step the coefficients of the control model are taken.
+/// Point of a step at which the coefficients of the control model are evaluated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CoefficientsFrom {
     /// Its start: the model of the certified split ([`StringModel::step`]).
@@ -14,7 +14,7 @@ pub enum CoefficientsFrom {
     Middle,
 }
 
-/// What a batch of schedules does.
+/// Flows of a batch of schedules.
 #[derive(Debug, Clone, Default)]
 pub struct Rollout {
     /// Flows `(B, M, T)`.

@@ -1,15 +1,15 @@
-//! Set-points: no request is below the least power of its inverter but 0.
+//! Set-points: every request is 0 or at least the minimum power of its inverter.
 
 use super::control_model::ControlModel;
 use super::horizon::ControlHorizon;
 
-/// What is left of a power by rounding, relative.
+/// Relative rounding remainder of a power.
 const ROUNDING: f64 = 1e-12;
 
 impl ControlModel {
-    /// Requests `(M,)` [W] (magnitudes) of one step of which none is below the least power of its inverter but 0: what
-    /// those below were asked for goes to the strings that run, or starts one of them. It is left out only where no
-    /// string has room for it, or needs more to start than there is.
+    /// Requests `(M,)` [W] (magnitudes) of one step, each 0 or at least the minimum power of its inverter. Smaller
+    /// requests go to strings that are on, or switch one string on. They are dropped only if no
+    /// string has headroom, or if they are too small to switch one on.
     pub fn set_points(&self, request_w: &mut [f64], limit_w: &[f64]) {
         let min_w = |m: usize| self.strings()[m].min_power_w();
         let below = |m: usize, power_w: f64| power_w > 0.0 && power_w < min_w(m);
@@ -25,7 +25,7 @@ impl ControlModel {
             }
         }
         let mut left_w: f64 = waiting.iter().map(|(_, power_w)| power_w).sum();
-        // The one that was asked for most starts first.
+        // The string with the largest request is switched on first.
         waiting.sort_by(|a, b| b.1.total_cmp(&a.1));
         let mut waiting = waiting.into_iter().map(|(m, _)| m);
         loop {
@@ -44,7 +44,7 @@ impl ControlModel {
             let Some(next) = waiting.find(|&m| limit_w[m] >= min_w(m)) else { return };
             let start_w = left_w.clamp(min_w(next), limit_w[next]);
             if start_w > left_w {
-                // The others give what it needs to start.
+                // The others contribute the power for switching it on.
                 let spare = |m: usize| if request_w[m] > 0.0 { request_w[m] - min_w(m) } else { 0.0 };
                 let spare_w: Vec<f64> = (0..request_w.len()).map(spare).collect();
                 let share = (start_w - left_w) / spare_w.iter().sum::<f64>();
@@ -62,8 +62,8 @@ impl ControlModel {
 }
 
 impl ControlHorizon {
-    /// A sum of two strings' requests in one step shared between them, the first asked for about `first_w`: neither for
-    /// less than its least power but 0, if that can be.
+    /// Divides a sum of two requests in one step, with about `first_w` for the first string: each request is 0 or at
+    /// least the minimum power, if possible.
     #[inline]
     pub(crate) fn pair(&self, t: usize, (i, j): (usize, usize), sum_w: f64, first_w: f64) -> (f64, f64) {
         let min_w = |m: usize| self.string(m).min_power_w();

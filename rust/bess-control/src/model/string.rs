@@ -15,7 +15,7 @@ pub struct StringState {
     pub temperature_c: f64,
 }
 
-/// What stays constant within an interval: taken from the state at its start.
+/// Coefficients that are constant within an interval, from the state at its start.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Coefficients {
     /// Derating factor.
@@ -26,14 +26,14 @@ pub struct Coefficients {
     pub resistance_ohm: f64,
 }
 
-/// What one string does in one interval. Powers and current are magnitudes in the interval's direction.
+/// Flows of one string in one interval. Powers and current are magnitudes in the interval's direction.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Flow {
     /// Delivered AC power [W].
     pub delivered_w: f64,
-    /// Wanted but not deliverable [W].
+    /// Availability loss [W].
     pub availability_w: f64,
-    /// Lost to derating [W].
+    /// Derating loss [W].
     pub derating_w: f64,
     /// Inverter loss [W].
     pub inverter_w: f64,
@@ -41,12 +41,12 @@ pub struct Flow {
     pub battery_w: f64,
     /// Current [A]; negative in charge while the no-load loss exceeds the power from the grid.
     pub current_a: f64,
-    /// State at the end.
+    /// Final state.
     pub end: StringState,
 }
 
 impl Flow {
-    /// What is lost [W].
+    /// The four losses [W].
     #[inline]
     pub fn losses(&self) -> Losses {
         Losses {
@@ -92,7 +92,7 @@ impl StringModel {
         self.parameters.inverter.nominal_w
     }
 
-    /// Least AC power of its inverter [W].
+    /// Minimum AC power of its inverter [W].
     #[inline]
     pub(crate) fn min_power_w(&self) -> f64 {
         self.parameters.inverter.min_power_w
@@ -136,13 +136,13 @@ impl StringModel {
         }
     }
 
-    /// Largest AC power that the string can deliver over the interval, at most `p_N` [W]; 0 where that is less than the
-    /// least power of its inverter.
+    /// Maximum deliverable AC power over the interval, at most `p_N` [W]; 0 if this is below the
+    /// minimum power of the inverter.
     pub fn deliverable_w(&self, c: &Coefficients, direction: Direction, soc: f64, dt_h: f64) -> f64 {
         self.deliverable_with(self.loss(direction), c, direction, soc, dt_h)
     }
 
-    /// Like [`Self::deliverable_w`], with another curve of the inverter's loss.
+    /// Like [`Self::deliverable_w`], with another inverter loss curve.
     #[inline]
     pub(crate) fn deliverable_with(
         &self,
@@ -160,7 +160,7 @@ impl StringModel {
         }
     }
 
-    /// Carries out a request of `request_w >= 0` from `state`, with the coefficients of its start.
+    /// Simulates a request `request_w >= 0` from `state`, with the coefficients of its start.
     #[inline]
     pub fn step(&self, state: StringState, request_w: f64, interval: &Interval) -> Flow {
         if request_w <= 0.0 {
@@ -209,7 +209,7 @@ impl StringModel {
             soc = self.soc_after(state.soc, current_a, interval);
         }
         if soc < p.soc_min && direction == Direction::Charge {
-            // Less from the grid than the inverter needs, and an empty battery to make up for it.
+            // Less grid power than the inverter loss, and an empty battery, which cannot cover the difference.
             return self.idle(state, derating_w, wanted, interval);
         }
         let battery_w = c.resistance_ohm * current_a * current_a;

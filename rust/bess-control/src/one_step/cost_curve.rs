@@ -1,13 +1,13 @@
-//! Cost of one string in one interval as a function of what it is asked for, ready for a Lagrangian.
+//! Cost of one string in one interval as a function of its request, for the Lagrangian.
 
 use bess_tables::Direction;
 
 use crate::model::{heat_share, heat_w, LossCurve, Losses, Range};
 
-/// Slopes that differ by less (relative) are equal.
+/// Slopes with a smaller relative difference are equal.
 const SLOPE_ROUNDING: f64 = 1e-9;
 
-/// What a string may do in the interval, and at what cost.
+/// Feasible range and costs of a string in the interval.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct OperatingTerms {
     pub direction: Direction,
@@ -19,9 +19,9 @@ pub(crate) struct OperatingTerms {
     pub derating: Range,
     /// `V^2 / R` lies in this range [W] and takes its cheapest value at the price below.
     pub power_scale_w: Range,
-    /// What each watt of `V^2 / R` costs, inverter on or off [1/W]; a sensitivity of the step's cost to the state.
+    /// Price of `V^2 / R`, inverter on or off [1/W]; a sensitivity of the step's cost to the state.
     pub scale_price: f64,
-    /// What each watt of internal power costs, besides its loss [1/W].
+    /// Price of internal power, in addition to its loss [1/W].
     pub power_price: f64,
     /// Costs of derating, inverter and battery loss [1/W]; that of what is shed is `shed_cost`.
     pub costs: Losses,
@@ -55,14 +55,14 @@ struct Piece {
     slope1: f64,
 }
 
-/// A string's answer to a price of the demand.
+/// Response of a string to a price of the demand.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Response {
     /// `min (cost - price * request)`.
     pub value: f64,
     /// The request that attains it [W].
     pub request_w: f64,
-    /// What is shed of it [W].
+    /// Availability loss of the request [W].
     pub shed_w: f64,
 }
 

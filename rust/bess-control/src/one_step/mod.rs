@@ -1,8 +1,8 @@
-//! The one-step problem: which strings run in a step, and how they share its demand, at the least cost.
+//! The one-step problem: selection of strings and allocation of the demand of a step at minimum cost.
 //!
-//! `cost_curve` gives the cost of one string as a function of its request and its answer to a price of the demand;
-//! `lagrangian` adds the answers of all strings up and finds the best price, the dual of the problem; `solve` closes
-//! what gap is left by branch and bound on which inverters run.
+//! `cost_curve` gives the cost of one string as a function of its request and its response to a price of the demand;
+//! `lagrangian` sums the responses of all strings and maximises the dual over the price; `solve` closes
+//! the remaining gap by branch and bound on the inverter states.
 
 mod cost_curve;
 mod lagrangian;

@@ -1,4 +1,4 @@
-//! The one-step problem: which strings run and how the demand is shared. Branch and bound on the Lagrangian.
+//! Solution of the one-step problem by branch and bound on the Lagrangian.
 
 use std::collections::BinaryHeap;
 
@@ -8,14 +8,14 @@ use super::lagrangian::{bound_at, maximise, Commitment, DualSolution, InverterMo
 /// Bounds closer than this (relative) count as equal.
 const GAP: f64 = 1e-10;
 
-/// Answer of the one-step problem.
+/// Solution of the one-step problem.
 #[derive(Debug, Clone)]
 pub(crate) struct OneStepSolution {
-    /// No decision costs less (infinite if the demand cannot be met).
+    /// Lower bound of the cost (infinite if the demand cannot be met).
     pub bound: f64,
     /// Requests of the best choice found; they sum to the demand [W].
     pub request_w: Vec<f64>,
-    /// What that choice sheds [W].
+    /// Availability loss of that choice [W].
     pub shed_w: f64,
 }
 

@@ -3,19 +3,19 @@
 use crate::plan::pair::{Pair, Room};
 use crate::plan::paths::Paths;
 
-/// Lengths of blocks [steps], one after the other from call to call.
+/// Lengths of blocks [steps], used in turn from call to call.
 pub(crate) const LENGTHS: [usize; 5] = [2, 4, 8, 16, 32];
 
-/// What becomes of a block.
+/// Change of a block.
 #[derive(Debug, Clone, Copy)]
 enum Change {
-    /// The strings change places.
+    /// The strings exchange their requests.
     Swap,
-    /// The first takes all it can.
+    /// The first string takes its maximum.
     First,
-    /// The second does.
+    /// The second string takes its maximum.
     Second,
-    /// Half each.
+    /// Each string takes half.
     Halves,
 }
 
@@ -32,7 +32,7 @@ impl Change {
     }
 }
 
-/// Tries all changes on one block after the other, the first beginning at `offset`.
+/// Tries all changes on each block in turn; the first block starts at `offset`.
 pub(crate) fn rearrange(paths: &mut Paths<'_>, pair: Pair, length: usize, offset: usize, budget: u64) {
     let n_steps = paths.problem.n_steps();
     let mut slopes = pair.slopes(paths);

@@ -1,56 +1,57 @@
-//! A bound by prices: strings meet only in the sum of their power, and a price for it in each step leaves every string alone.
+//! Dual bound: only the power balance couples the strings, and its shadow price in each step decouples them.
 //!
-//! At any prices, what all strings would pay at best, each a dynamic program of its own, plus the price of the demand, is at most
-//! what any schedule costs (Lagrangian relaxation of the balance). Strings move between nodes of SOC, so no interpolation in SOC
-//! blurs their cost to go; temperature is interpolated. The bound is therefore that of the grid: an estimate of the true one.
+//! At any prices, the minimum costs of all strings (one dynamic program each) plus the value of the demand are at most
+//! the cost of any schedule (Lagrangian relaxation of the balance). Strings move between nodes of SOC, so their cost to go
+//! is not interpolated in SOC, only in temperature. The bound of the grid is therefore an estimate of the true bound.
 
-use bess_tables::units::SECONDS_PER_HOUR;
 use bess_tables::Direction;
 
-use crate::model::{Losses, StringModel, StringState};
+use crate::model::{Losses, Range, StringModel, StringState};
 use crate::plan::look_ahead::{look_ahead, CostToGo, Group};
+use crate::plan::paths::Paths;
 use crate::plan::problem::PlanProblem;
+use crate::plan::soc_nodes::SocNodes;
 
-/// Nodes of SOC that full power passes in a step.
+/// SOC change of a step at full power [nodes].
 const NODES_PER_STEP: f64 = 10.0;
-/// Fewest and most nodes of SOC.
+/// Minimum and maximum number of SOC nodes.
 const SOC_NODES: (usize, usize) = (40, 400);
-/// Nodes of temperature.
+/// Number of temperature nodes.
 const TEMPERATURE_NODES: usize = 14;
-/// Room of the grid above the warmest string where nothing derates [K].
+/// Margin of the grid above the hottest string without derating [K].
 const WARMING_K: f64 = 35.0;
-/// Share of the passes that move prices towards those at which the look-ahead balances supply and demand: a quick approach,
+/// Share of the iterations that move prices towards the balancing prices of the look-ahead: a fast start,
 /// which the ascent then refines.
 const CLEARING: f64 = 0.25;
-/// How far they move in one pass.
+/// Step of the prices in one of these iterations.
 const TOWARDS_CLEARING: f64 = 0.5;
-/// Passes without a better bound, after which the ascent goes back to the best prices and takes smaller steps.
+/// Iterations without a better bound, after which the ascent returns to the best prices with a smaller step.
 const PATIENCE: usize = 8;
-/// Length of the first ascent steps, as a share of what closes the gap in one (Polyak).
+/// Length of the first ascent steps, as a share of the Polyak step.
 const ASCENT: f64 = 0.5;
-/// What a smaller step is of the one before.
+/// Reduction factor of the step length.
 const SHORTER: f64 = 0.6;
-/// Weight of the newest direction; the rest is that of the directions before, which damps zigzags.
+/// Weight of the newest direction; earlier directions have the remaining weight, which damps oscillation.
 const NEWEST: f64 = 0.6;
-/// An ascent passes over a gap smaller than this share of the cost.
+/// The ascent stops at a gap below this share of the cost.
 const CLOSED: f64 = 2e-3;
-/// Powers that a string chooses from at its own prices.
+/// Number of candidate powers of a string at its prices.
 const CHOICES: usize = 24;
 
 /// Result of an ascent.
 pub(crate) struct Dual {
     /// Lower bound of the cost of every schedule, on the grid.
     pub bound: f64,
-    /// The cheapest schedule that looks ahead with the values of one of the passes `(M, T)` [W].
+    /// The cheapest look-ahead schedule with the cost to go of one of the iterations `(M, T)` [W].
     pub request_w: Vec<f64>,
     /// The prices of the bound `(T,)` [cost/Wh].
     pub price: Vec<f64>,
 }
 
-/// Four nodes of temperature from one on, and their weights (cubic convolution; linear at the ends).
+/// Four successive temperature nodes and their weights (cubic convolution; linear at the ends).
 type Stencil = (usize, [f64; 4]);
 
-/// Moves of a string from every node, in one direction; arrays `(steps of SOC, n_soc, n_temperature)`.
+/// Moves of a string from every node, in one direction; arrays `(steps of SOC, soc, n_temperature)`.
 #[derive(Default)]
 struct Moves {
     request_w: Vec<f64>,
@@ -58,11 +59,9 @@ struct Moves {
     current_a: Vec<f64>,
 }
 
-/// The grid of strings that are alike.
+/// The grid of identical strings.
 struct Grid {
-    soc_min: f64,
-    soc_step: f64,
-    n_soc: usize,
+    soc: SocNodes,
     coolest_c: f64,
     temperature_step_k: f64,
     charge: Moves,
@@ -74,24 +73,14 @@ impl Grid {
         let string = &problem.model.strings()[m];
         let p = &string.parameters;
         let dt_h = problem.intervals[0].dt_h;
-        let middle = StringState { soc: 0.5 * (p.soc_min + p.soc_max), temperature_c: 25.0 };
-        let volt = string.coefficients(Direction::Discharge, middle).voltage_v;
-        let full_step = string.nominal_w() / volt * dt_h / p.capacity_ah;
-        let cells = ((p.soc_max - p.soc_min) / full_step * NODES_PER_STEP).round() as usize;
+        let cells = ((p.soc_max - p.soc_min) / problem.soc_of_full_step(m) * NODES_PER_STEP).round() as usize;
         let cells = cells.clamp(SOC_NODES.0, SOC_NODES.1);
-        let temperatures = || {
-            problem.intervals.iter().map(|i| i.ambient_c).chain(problem.start.iter().map(|s| s.temperature_c))
-        };
-        let (coolest_c, warmest) = temperatures()
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), c| (low.min(c), high.max(c)));
+        let Range { low: coolest_c, high: warmest } = problem.temperatures_c(0..problem.n_strings());
         let factor = &p.derating.factor;
         let stop = factor.x().last().copied().filter(|&c| factor.at(c) < 1.0).unwrap_or(warmest + WARMING_K);
         let temperature_step_k = (stop.max(warmest + 1.0) - coolest_c) / (TEMPERATURE_NODES - 1) as f64;
-        let soc_step = (p.soc_max - p.soc_min) / cells as f64;
         let mut grid = Self {
-            soc_min: p.soc_min,
-            soc_step,
-            n_soc: cells + 1,
+            soc: SocNodes::of(string, cells),
             coolest_c,
             temperature_step_k,
             charge: Moves::default(),
@@ -102,23 +91,22 @@ impl Grid {
         grid
     }
 
-    /// Every move to another node of SOC: with the mean voltage and resistance on the way, what is asked for and lost. Moves
-    /// that a string cannot make ask for infinitely much.
+    /// All moves to other SOC nodes: request and losses with the mean voltage and resistance of the move. Infeasible
+    /// moves have an infinite request.
     fn moves(&self, string: &StringModel, direction: Direction, dt_h: f64) -> Moves {
         let p = &string.parameters;
         let curve = string.loss(direction);
         let highest = curve.at(string.nominal_w()).1;
         let mut out = Moves::default();
         for k in 1.. {
-            let current_a = self.soc_step * k as f64 * p.capacity_ah / dt_h;
+            let current_a = self.soc.step * k as f64 * p.capacity_ah / dt_h;
             let mut any = false;
-            for (i, j) in (0..self.n_soc).flat_map(|i| (0..TEMPERATURE_NODES).map(move |j| (i, j))) {
+            for (i, j) in (0..self.soc.len).flat_map(|i| (0..TEMPERATURE_NODES).map(move |j| (i, j))) {
                 let mut request_w = f64::INFINITY;
                 let mut losses = Losses::default();
-                if let Some(to) = self.target(direction, i, k) {
+                if let Some(to) = self.soc.after(direction, i, k) {
                     let at = |share: f64| {
-                        let node = i as f64 + share * (to as f64 - i as f64);
-                        let soc = self.soc_min + self.soc_step * node;
+                        let soc = self.soc.at(i as f64 + share * (to as f64 - i as f64));
                         string.coefficients(
                             direction,
                             StringState { soc, temperature_c: self.temperature_c(j) },
@@ -162,15 +150,7 @@ impl Grid {
     }
 
     fn size(&self) -> usize {
-        self.n_soc * TEMPERATURE_NODES
-    }
-
-    /// Node of SOC, `k` steps on.
-    fn target(&self, direction: Direction, from: usize, k: usize) -> Option<usize> {
-        match direction {
-            Direction::Charge => Some(from + k).filter(|&to| to < self.n_soc),
-            Direction::Discharge => from.checked_sub(k),
-        }
+        self.soc.len * TEMPERATURE_NODES
     }
 
     fn temperature_c(&self, j: usize) -> f64 {
@@ -206,7 +186,7 @@ fn along(row: &[f64], (base, w): &Stencil) -> f64 {
     w[0] * r[0] + w[1] * r[1] + w[2] * r[2] + w[3] * r[3]
 }
 
-/// Cost to go of strings that are alike, `(T + 1, off or on, n_soc, n_temperature)`.
+/// Cost to go of identical strings, `(T + 1, off or on, soc, n_temperature)`.
 struct StringValue {
     planes: Vec<f64>,
 }
@@ -217,7 +197,7 @@ struct StringValues<'a> {
     groups: Vec<Group>,
     kinds: Vec<usize>,
     grids: Vec<Grid>,
-    /// A string of each kind.
+    /// One string of each kind.
     members: Vec<usize>,
     values: Vec<StringValue>,
 }
@@ -246,13 +226,13 @@ impl<'a> StringValues<'a> {
     fn backwards(&self, kind: usize, price: &[f64]) -> StringValue {
         let (problem, grid, m) = (self.problem, &self.grids[kind], self.members[kind]);
         let (n_steps, size) = (problem.n_steps(), grid.size());
-        let lumped = &problem.model.strings()[m].parameters.lumped;
+        let string = &problem.model.strings()[m];
         let mut planes = vec![0.0; (n_steps + 1) * 2 * size];
         for (node, value) in planes[n_steps * 2 * size..].iter_mut().enumerate() {
-            let soc = grid.soc_min + grid.soc_step * (node % size / TEMPERATURE_NODES) as f64;
+            let soc = grid.soc.at((node % size / TEMPERATURE_NODES) as f64);
             *value = problem.end_cost(m, StringState { soc, temperature_c: 25.0 });
         }
-        // Of each direction, where moves lead in temperature and what they cost: the same in steps that are alike.
+        // End temperatures and costs of moves in each direction, shared by identical steps.
         let mut led: [Option<(usize, Vec<Stencil>)>; 2] = [None, None];
         let mut priced: [Option<(usize, Vec<f64>)>; 2] = [None, None];
         let mut above = vec![f64::INFINITY; size];
@@ -262,11 +242,8 @@ impl<'a> StringValues<'a> {
                 Direction::Charge => (0, &grid.charge),
                 Direction::Discharge => (1, &grid.discharge),
             };
-            let dt_s = interval.dt_h * SECONDS_PER_HOUR;
             let after = |temperature_c: f64, heat_w: f64| {
-                let rate =
-                    lumped.k1_k_per_j * heat_w - lumped.k2_per_s * (temperature_c - interval.ambient_c);
-                grid.stencil(temperature_c + dt_s * rate)
+                grid.stencil(string.warmed(temperature_c, heat_w, interval))
             };
             let all = 0..moves.request_w.len();
             if !led[which].as_ref().is_some_and(|(s, _)| problem.intervals[*s] == *interval) {
@@ -283,14 +260,14 @@ impl<'a> StringValues<'a> {
             let (next_off, next_on) = later[..2 * size].split_at(size);
             let (now_off, now_on) = before[t * 2 * size..].split_at_mut(size);
             now_on.fill(f64::INFINITY);
-            // A string is asked for no more than the demand, and for less than that between two nodes.
+            // The request of a string is at most the demand; a move between two nodes covers a smaller request.
             let cap_w = problem.demand_w[t].min(problem.limit_w[m]);
             let price = price[t] * interval.dt_h;
             if let (true, Some((_, to_c)), Some((_, cost))) = (cap_w > 0.0, &led[which], &priced[which]) {
                 above.fill(f64::INFINITY);
                 for (move_index, request_w) in moves.request_w.iter().enumerate() {
                     let (k, node) = (move_index / size + 1, move_index % size);
-                    let Some(to) = grid.target(interval.direction, node / TEMPERATURE_NODES, k) else {
+                    let Some(to) = grid.soc.after(interval.direction, node / TEMPERATURE_NODES, k) else {
                         continue;
                     };
                     let shorter_w = if k == 1 { 0.0 } else { moves.request_w[move_index - size] };
@@ -323,9 +300,7 @@ impl<'a> StringValues<'a> {
     /// Cost to go of a string at the start of a step.
     fn at(&self, group: usize, t: usize, state: StringState, running: bool) -> f64 {
         let grid = &self.grids[self.kinds[group]];
-        let x = ((state.soc - grid.soc_min) / grid.soc_step).clamp(0.0, (grid.n_soc - 1) as f64);
-        let i = (x as usize).min(grid.n_soc - 2);
-        let share = x - i as f64;
+        let (i, share) = grid.soc.locate(state.soc);
         let stencil = grid.stencil(state.temperature_c);
         let plane = &self.values[self.kinds[group]].planes[(2 * t + usize::from(running)) * grid.size()..];
         let row = |i: usize| along(&plane[i * TEMPERATURE_NODES..(i + 1) * TEMPERATURE_NODES], &stencil);
@@ -346,7 +321,7 @@ impl<'a> StringValues<'a> {
             + self.groups.iter().enumerate().map(start).sum::<f64>()
     }
 
-    /// Demand less what the strings take at their best at these prices `(T,)` [Wh]: the direction in which the bound rises.
+    /// Demand minus the optimal power of the strings at these prices `(T,)` [Wh]: the supergradient of the bound.
     fn direction(&self, price: &[f64]) -> Vec<f64> {
         let problem = self.problem;
         let n_steps = problem.n_steps();
@@ -372,7 +347,7 @@ impl<'a> StringValues<'a> {
         slope
     }
 
-    /// Requests of a string that pays and earns these prices [W].
+    /// Optimal requests of a string at these prices [W].
     fn best_path(&self, group: usize, price: &[f64]) -> Vec<f64> {
         let (problem, m) = (self.problem, self.groups[group].first);
         let (mut state, mut running) = (problem.start[m], problem.running[m]);
@@ -412,7 +387,14 @@ impl CostToGo for StringValues<'_> {
     }
 }
 
-/// Raises the bound over `passes` of prices, from `price` `(T,)` [cost/Wh] on, towards the cost of the best schedule known.
+/// Bound of the cost of every schedule at prices `(T,)` [cost/Wh].
+pub(crate) fn at_prices(problem: &PlanProblem<'_>, price: &[f64]) -> f64 {
+    let mut values = StringValues::new(problem);
+    values.solve(price);
+    values.bound(price)
+}
+
+/// Raises the bound in `passes` iterations, from `price` `(T,)` [cost/Wh], towards the cost of the best known schedule.
 pub(crate) fn ascend(problem: &PlanProblem<'_>, price: Vec<f64>, known_cost: f64, passes: usize) -> Dual {
     let mut values = StringValues::new(problem);
     let mut price = price;
@@ -425,9 +407,9 @@ pub(crate) fn ascend(problem: &PlanProblem<'_>, price: Vec<f64>, known_cost: f64
         values.solve(&price);
         let bound = values.bound(&price);
         let ahead = look_ahead(problem, &values);
-        let ahead_cost = problem.cost(&ahead.request_w);
-        if ahead_cost < cost {
-            (request_w, cost) = (ahead.request_w, ahead_cost);
+        let rolled = Paths::new(problem, ahead.request_w);
+        if rolled.cost() < cost {
+            (cost, request_w) = (rolled.cost(), rolled.request_w);
         }
         since += 1;
         if bound > best_bound {

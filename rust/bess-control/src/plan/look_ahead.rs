@@ -1,46 +1,46 @@
-//! One step of look-ahead: a step is shared so that its cost and the cost to go from where the strings end are least.
+//! One-step look-ahead: the power of a step is allocated at minimum cost of the step plus cost to go.
 
 use crate::model::StringState;
 use crate::plan::problem::PlanProblem;
 use crate::plan::starts::water_fill;
 
-/// Parts of the largest inverter's limit into which power is divided.
+/// Power units per limit of the largest inverter.
 const PARTS: usize = 24;
 
-/// Strings that have one cost to go: a pair, or a string by itself.
+/// Strings with a common cost to go: a pair or a single string.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Group {
     pub first: usize,
     pub second: Option<usize>,
 }
 
-/// What is still to be paid from the end of a step on, a sum over groups of strings.
+/// Cost to go from the end of a step, a sum over groups of strings.
 pub(crate) trait CostToGo {
-    /// What is needed of a string's end, prepared once for all ends of its partner.
+    /// Data of a string's end state, prepared once for all end states of its partner.
     type End: Copy;
 
-    /// Groups; strings out of service are in none.
+    /// Groups; strings out of service belong to no group.
     fn groups(&self) -> &[Group];
 
-    /// End of a step for one string, `hours` after the start of the problem.
+    /// End state of one string after a step, `hours` after the start of the problem.
     fn end(&self, group: usize, string: usize, state: StringState, running: bool, hours: f64) -> Self::End;
 
     /// Cost to go of a group.
     fn cost(&self, group: usize, first: Self::End, second: Option<Self::End>, hours: f64) -> f64;
 }
 
-/// A schedule made by one look-ahead after the other.
+/// A schedule from successive look-aheads.
 pub(crate) struct LookedAhead {
     /// Requests `(M, T)` [W].
     pub request_w: Vec<f64>,
-    /// What the last Wh of demand costs in each step, where groups could be mixed [cost/Wh].
+    /// Marginal cost of the demand in each step, with convex combinations of groups [cost/Wh].
     pub price: Vec<f64>,
 }
 
-/// Least cost of a group over its power, in units, and how many of them the first string takes.
+/// Minimum cost of a group over its power in units, and the units of the first string.
 type Table = Vec<(f64, usize)>;
 
-/// Rolls the strings out, each step shared by one look-ahead.
+/// Rolls out the strings, with one look-ahead per step.
 pub(crate) fn look_ahead<V: CostToGo>(problem: &PlanProblem<'_>, values: &V) -> LookedAhead {
     let (n_strings, n_steps) = (problem.n_strings(), problem.n_steps());
     let (mut states, mut running) = (problem.start.clone(), problem.running.clone());
@@ -61,7 +61,7 @@ pub(crate) fn look_ahead<V: CostToGo>(problem: &PlanProblem<'_>, values: &V) -> 
     out
 }
 
-/// Requests of a step `(M,)` [W], and what its last Wh costs. Power comes in units; the sum is a knapsack over the groups.
+/// Requests of a step `(M,)` [W], and its marginal cost. Power is in units; the allocation is a knapsack over the groups.
 fn share_step<V: CostToGo>(
     problem: &PlanProblem<'_>,
     values: &V,
@@ -113,7 +113,7 @@ fn share_step<V: CostToGo>(
             share[second] = power_w(second, k - first);
         }
     }
-    // Limits that are no whole units leave a rest: to those that run, then to all.
+    // The remainder of limits that are not whole units goes to strings that are on, then to all strings.
     for running_only in [true, false] {
         let rest = demand_w - share.iter().sum::<f64>();
         if rest > 1e-9 * demand_w {
@@ -129,7 +129,7 @@ fn share_step<V: CostToGo>(
     (share, price.min(cheapest_shed))
 }
 
-/// Units of each table at the least sum of costs; as many in all as the tables hold, `units` at most.
+/// Units of each table at minimum total cost; in total `units`, or all units of the tables.
 fn knapsack(tables: &[Table], units: usize) -> Vec<usize> {
     let mut best = vec![f64::INFINITY; units + 1];
     best[0] = 0.0;
@@ -162,7 +162,7 @@ fn knapsack(tables: &[Table], units: usize) -> Vec<usize> {
     picked
 }
 
-/// Slope at `units` of the least cost of the tables' convex hulls together: the price at which supply meets demand [cost/unit].
+/// Slope at `units` of the minimum cost over the convex hulls of the tables: the balancing price [cost/unit].
 fn clearing_price(tables: &[Table], units: usize) -> f64 {
     let mut segments: Vec<(f64, usize)> = vec![];
     for table in tables {

@@ -1,63 +1,70 @@
-//! Foresight: a plan of a day or more under one cost, carried from step to step and improved.
+//! Plans over a day or more with one cost function, shifted from step to step and re-optimised.
 //!
-//! A plan is a schedule of requests on the control model in its midpoint form ([`StringModel::step_midpoint`]). Nothing in
-//! it is certified; what it promises is that in the model it is never worse than any rule's schedule, nor than the plan it
-//! was made from.
+//! A plan is a schedule of requests on the control model in its midpoint form ([`StringModel::step_midpoint`]). It has no
+//! certificate. In the model, its cost never exceeds the cost of the schedule of any rule or of its shifted
+//! warm start.
 //!
-//! A `problem` is what a plan is made for, `starts` are the schedules to begin with, `paths` a schedule rolled out, so that a
-//! change is costed from where it happens. Two strings at a time then exchange power (`pair`): over a block of steps
-//! (`blocks`), or in one step and back in a later one (`sweep`), where `slopes` say that it pays.
+//! `problem` defines the data, `starts` the initial schedules, and `paths` an incremental roll-out, which evaluates a
+//! change from its step on. Two strings at a time exchange power (`pair`): over a block of steps
+//! (`blocks`), or in one step and back in a later one (`sweep`) if the `co_states` predict a gain.
+//!
+//! Many strings are planned in `groups`: like strings in like states as one, which then share its power.
 //!
 //! [`StringModel::step_midpoint`]: crate::StringModel::step_midpoint
 
 mod blocks;
+mod co_states;
 mod dual;
+mod groups;
 mod look_ahead;
 mod pair;
 mod pairs;
 mod paths;
 mod problem;
 mod proof;
-mod slopes;
+mod soc_nodes;
 mod starts;
 mod sweep;
 
+pub use groups::Groups;
 pub use problem::{PlanProblem, Prices};
 pub use starts::Rule;
 
+use co_states::CoStates;
 use look_ahead::look_ahead;
 use pairs::PairValues;
 use paths::Paths;
-use slopes::Slopes;
 
-/// A round of moves that gains less than this share of the cost is not worth another one.
+use crate::ControlError;
+
+/// Minimum gain of a round of moves, as a share of the cost, for another round.
 const WORTHWHILE: f64 = 2e-4;
 
-/// Distance of the plant's fill from empty and full, above which imbalance does no harm, and below which it counts in full.
+/// Distance of the plant's fill from empty and full, above which SOC differences are harmless, and below which they count fully.
 const ROOMY: f64 = 0.3;
 const TIGHT: f64 = 0.15;
-/// What is left of the price of imbalance where it does no harm: strings alike are easier to plan for.
+/// Remaining price factor of harmless SOC differences: equal SOCs simplify planning.
 const SLACK: f64 = 0.1;
 
-/// Length of the steps of the program of pairs [h]; shorter ones cost more and find nothing more.
+/// Step of the dynamic program of pairs [h]; shorter steps take more time without a gain.
 const PAIRS_STEP_H: f64 = 0.5;
 
-/// Length of the steps of the bound, where those of the plan are shorter [h].
+/// Minimum step of the bound [h].
 const BOUND_STEP_H: f64 = 0.25;
 
-/// How much a plan is worked on. Counted in roll-outs of all strings over all steps, so that answers do not depend on the
+/// Effort of a plan, in roll-outs of all strings over all steps, so that results do not depend on the
 /// machine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PlanEffort {
-    /// Roll-outs for the plan that is carried along.
+    /// Roll-outs for the shifted warm start.
     pub rollouts: usize,
-    /// Roll-outs for each fresh start; none are made with 0.
+    /// Roll-outs for each restart; 0 = no restart.
     pub fresh_rollouts: usize,
-    /// Passes of the bound by prices. Without any, plans that are made afresh start from the rules alone and have no bound.
+    /// Iterations of the dual bound. With 0, restarts use the rules only and there is no bound.
     pub bound_passes: usize,
-    /// Cells of SOC of the proven bound, which is computed with the bound by prices.
+    /// SOC cells of the proven bound, which is computed together with the dual bound.
     pub proof_cells: usize,
-    /// Where the moves go on: a number that grows from call to call.
+    /// Call counter, which selects the moves.
     pub turn: usize,
 }
 
@@ -66,19 +73,19 @@ pub struct PlanEffort {
 pub struct Plan {
     /// Requests `(M, T)`, magnitudes [W].
     pub request_w: Vec<f64>,
-    /// What it costs in the model.
+    /// Cost in the model.
     pub cost: f64,
-    /// What the cheapest rule's schedule costs in the model.
+    /// Cost of the schedule of the cheapest rule in the model.
     pub rule_cost: f64,
-    /// Lower bound of the cost of every schedule, on the grid of [`dual`]: an estimate. None where it was not computed.
+    /// Lower bound of the cost of every schedule, on the grid of [`dual`]: an estimate. None if not computed.
     pub search_bound: Option<f64>,
     /// Lower bound of the cost of every schedule on the control model with the coefficients of the start of each step, proven
-    /// ([`proof`]). None where it was not computed.
+    /// ([`proof`]). None if not computed.
     pub bound: Option<f64>,
-    /// Roll-outs made.
+    /// Number of roll-outs.
     pub rollouts: usize,
-    /// What one more Ah at the start would add to the cost, averaged over the strings by capacity; negative, where charge
-    /// will be short [cost/Ah].
+    /// Marginal cost of initial charge, averaged over the strings by capacity; negative if charge
+    /// is scarce [cost/Ah].
     pub start_charge: f64,
 }
 
@@ -86,6 +93,52 @@ impl PlanProblem<'_> {
     /// Plans: the plan `previous` `(M, T)` [W] (magnitudes; made to fit where demand or limits have changed), or, where it
     /// is missing or costs more, the best rule's schedule, improved by a local search.
     pub fn plan(&mut self, previous: Option<&[f64]>, effort: PlanEffort) -> Plan {
+        let (mut plan, price) = self.priced(previous, effort);
+        plan.bound = price.and_then(|price| proof::bound(self, &price, effort.proof_cells));
+        plan
+    }
+
+    /// Plans groups of strings, each as one string, and shares their power out. Costs and bounds are those of the strings, and
+    /// the plan costs at most what `previous` and the rules' schedules cost. A start of a group counts as one of as many
+    /// inverters as a group has in the mean.
+    ///
+    /// # Errors
+    ///
+    /// None that [`Self::new`] would not have had.
+    pub fn plan_in_groups(
+        &mut self,
+        groups: &Groups,
+        previous: Option<&[f64]>,
+        effort: PlanEffort,
+    ) -> Result<Plan, ControlError> {
+        let carried = previous.map(|request_w| starts::carried_on(self, request_w));
+        self.aim_for_balance(carried.as_deref());
+        let problem: &Self = self;
+        let n_steps = problem.n_steps();
+        let model = groups.model(problem.model);
+        let sums_w = carried.as_deref().map(|request_w| groups.sums(request_w, n_steps));
+        let (mut plan, price) = groups.problem(problem, &model)?.priced(sums_w.as_deref(), effort);
+        let mut paths = groups.shared_out(problem, &plan.request_w);
+        for rule in Rule::ALL {
+            let other = rule.paths(problem);
+            plan.rule_cost =
+                if rule == Rule::ALL[0] { other.cost() } else { plan.rule_cost.min(other.cost()) };
+            paths = cheaper(paths, other);
+        }
+        if let Some(request_w) = carried {
+            paths = cheaper(paths, Paths::new(problem, request_w));
+        }
+        plan.cost = paths.cost();
+        plan.request_w = paths.request_w;
+        if let Some(price) = price {
+            plan.search_bound = Some(dual::at_prices(problem, &price));
+            plan.bound = proof::bound(problem, &price, effort.proof_cells);
+        }
+        Ok(plan)
+    }
+
+    /// A plan without a proven bound, and the prices of its dual bound, if computed.
+    fn priced(&mut self, previous: Option<&[f64]>, effort: PlanEffort) -> (Plan, Option<Vec<f64>>) {
         let size = self.n_strings() * self.n_steps();
         let carried = previous.map(|request_w| starts::carried_on(self, request_w));
         self.aim_for_balance(carried.as_deref());
@@ -94,7 +147,7 @@ impl PlanProblem<'_> {
         rules.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
         let rule_cost = rules[0].cost();
         let mut work: u64 = rules.iter().map(|r| r.work).sum();
-        // Of strings that are alike, several rules make the same.
+        // Several rules give the same schedule for identical strings.
         rules.dedup_by(|a, b| a.request_w == b.request_w);
         let carried = carried.map(|request_w| Paths::new(problem, request_w));
         let mut best = match carried {
@@ -104,7 +157,7 @@ impl PlanProblem<'_> {
         let every_pair = pair::rounds(self.n_strings());
         improve(&mut best, effort.rollouts * size, effort.turn, every_pair);
         work += best.work;
-        let (mut search_bound, mut bound) = (None, None);
+        let (mut search_bound, mut price) = (None, None);
         if effort.fresh_rollouts > 0 {
             let every_move = every_pair.max(blocks::LENGTHS.len());
             let mut polish = |request_w: Vec<f64>| {
@@ -120,29 +173,30 @@ impl PlanProblem<'_> {
                 best = cheaper(best, polish(ahead.request_w));
                 let per = problem.steps_of(BOUND_STEP_H);
                 let mean = |prices: &[f64]| prices.iter().sum::<f64>() / prices.len() as f64;
-                let price = ahead.price.chunks(per).map(mean).collect();
-                let dual = dual::ascend(&problem.coarsened(per), price, best.cost(), effort.bound_passes);
+                let first_price = ahead.price.chunks(per).map(mean).collect();
+                let dual =
+                    dual::ascend(&problem.coarsened(per), first_price, best.cost(), effort.bound_passes);
                 if per == 1 {
                     best = cheaper(best, polish(dual.request_w));
                 }
                 search_bound = Some(dual.bound);
-                let price: Vec<f64> = (0..problem.n_steps()).map(|t| dual.price[t / per]).collect();
-                bound = proof::bound(problem, &price, effort.proof_cells);
+                price = Some((0..problem.n_steps()).map(|t| dual.price[t / per]).collect());
             }
         }
-        Plan {
+        let plan = Plan {
             cost: best.cost(),
             rule_cost,
             search_bound,
-            bound,
+            bound: None,
             rollouts: (work as usize).div_ceil(size.max(1)),
             start_charge: start_charge(&mut best),
             request_w: best.request_w,
-        }
+        };
+        (plan, price)
     }
 
-    /// Imbalance is measured from the fill of the plant along the plan at hand, and counts as long as the plant will still come
-    /// near empty or full.
+    /// SOC differences are measured from the fill of the plant along this plan, and count while the plant will still be
+    /// nearly empty or full.
     fn aim_for_balance(&mut self, carried: Option<&[f64]>) {
         if self.prices.balance == 0.0 {
             return;
@@ -178,11 +232,11 @@ fn cheaper<'a>(best: Paths<'a>, other: Paths<'a>) -> Paths<'a> {
     }
 }
 
-/// What one more Ah in every string at the start would add to the cost, averaged by capacity [cost/Ah].
+/// Marginal cost of initial charge in every string, averaged by capacity [cost/Ah].
 fn start_charge(paths: &mut Paths<'_>) -> f64 {
     let (mut slope, mut capacity) = (0.0, 0.0);
     for m in 0..paths.problem.n_strings() {
-        slope += Slopes::along(paths, m).soc(0);
+        slope += CoStates::along(paths, m).soc(0);
         capacity += paths.problem.capacity_ah(m);
     }
     slope / capacity

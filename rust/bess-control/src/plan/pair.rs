@@ -1,7 +1,7 @@
-//! Two strings that exchange power: what the first may be asked for while their sum stays.
+//! Two strings that exchange power: range of requests of the first string at a constant sum.
 
+use crate::plan::co_states::CoStates;
 use crate::plan::paths::Paths;
-use crate::plan::slopes::Slopes;
 
 /// Two strings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -10,7 +10,7 @@ pub(crate) struct Pair {
     pub second: usize,
 }
 
-/// What a pair may do in one step; powers are those of its first string [W].
+/// Feasible range of a pair in one step; powers of its first string [W].
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Room {
     pub sum_w: f64,
@@ -19,20 +19,20 @@ pub(crate) struct Room {
 }
 
 impl Room {
-    /// Of two requests that keep their sum.
+    /// Range for two requests with a constant sum.
     #[inline]
     fn of(sum_w: f64, first_limit_w: f64, second_limit_w: f64) -> Self {
         let high_w = first_limit_w.min(sum_w);
-        // With both at their limits the ends are one, but for rounding.
+        // If both strings are at their limits, the ends are equal except for rounding.
         Self { sum_w, low_w: (sum_w - second_limit_w).max(0.0).min(high_w), high_w }
     }
 
-    /// Whether anything can be exchanged.
+    /// Whether the strings can exchange power.
     pub fn is_open(&self) -> bool {
         self.high_w - self.low_w > 1e-6 * self.sum_w
     }
 
-    /// Requests of both strings for a first one inside the room.
+    /// Requests of both strings for a first request within the range.
     #[inline]
     pub fn both(&self, first_w: f64) -> (f64, f64) {
         let first = first_w.clamp(self.low_w, self.high_w);
@@ -52,15 +52,15 @@ impl Pair {
         paths.total(self.first) + paths.total(self.second)
     }
 
-    /// Cost of both strings with other requests from step `from` on, or, as soon as it is not going to be below `most`, what
-    /// it is expected to be.
+    /// Cost of both strings with other requests from step `from` on. The evaluation stops with the expected cost as soon as
+    /// this is not below `most`.
     ///
-    /// The slopes tell what the rest will cost from where the strings stand: to first order at once, exactly at the end. As
-    /// long as requests differ, `to_come` is what those ahead are expected to add; minus infinity where that is not known.
+    /// The co-states give the remaining cost from the present states: to first order during the roll-out, exactly at the end. As
+    /// long as requests differ, `to_come` is the expected change by later requests; minus infinity if unknown.
     pub fn cost_with(
         &self,
         paths: &mut Paths<'_>,
-        slopes: &(Slopes, Slopes),
+        slopes: &(CoStates, CoStates),
         from: usize,
         change: &[(f64, f64)],
         to_come: f64,
@@ -86,18 +86,18 @@ impl Pair {
         }
     }
 
-    /// Slopes along both strings.
-    pub fn slopes(&self, paths: &mut Paths<'_>) -> (Slopes, Slopes) {
-        (Slopes::along(paths, self.first), Slopes::along(paths, self.second))
+    /// Co-states along both strings.
+    pub fn slopes(&self, paths: &mut Paths<'_>) -> (CoStates, CoStates) {
+        (CoStates::along(paths, self.first), CoStates::along(paths, self.second))
     }
 
-    /// Slopes along both strings as they are now, from the start of step `from` on.
-    pub fn renew(&self, slopes: &mut (Slopes, Slopes), paths: &mut Paths<'_>, from: usize) {
+    /// Co-states along the present paths of both strings, from the start of step `from` on.
+    pub fn renew(&self, slopes: &mut (CoStates, CoStates), paths: &mut Paths<'_>, from: usize) {
         slopes.0.renew(paths, self.first, from);
         slopes.1.renew(paths, self.second, from);
     }
 
-    /// Takes other requests from step `from` on.
+    /// Replaces the requests from step `from` on.
     pub fn take(&self, paths: &mut Paths<'_>, from: usize, change: &[(f64, f64)]) {
         for (k, &(u, v)) in change.iter().enumerate() {
             paths.set(self.first, from + k, u);
@@ -108,7 +108,7 @@ impl Pair {
     }
 }
 
-/// Pairs of one round of a tournament in which everybody meets everybody else once in [`rounds`] rounds (circle method).
+/// Pairs of one round of a round-robin schedule, which covers every pair once in [`rounds`] rounds (circle method).
 pub(crate) fn tournament(n: usize, round: usize) -> impl Iterator<Item = Pair> {
     let even = n + n % 2;
     let seat = move |k: usize| if k == 0 { 0 } else { 1 + (k - 1 + round) % (even - 1).max(1) };
@@ -118,7 +118,7 @@ pub(crate) fn tournament(n: usize, round: usize) -> impl Iterator<Item = Pair> {
         .map(|(a, b)| Pair { first: a.min(b), second: a.max(b) })
 }
 
-/// Rounds of a tournament.
+/// Rounds of a round-robin schedule.
 pub(crate) fn rounds(n: usize) -> usize {
     (n + n % 2).saturating_sub(1).max(1)
 }

@@ -1,23 +1,23 @@
-//! Cost to go of pairs of strings: two strings that share a demand are one dynamic program over SOC and temperature of both.
+//! Cost to go of string pairs: one dynamic program over SOC and temperature of both strings.
 //!
-//! The program is solved backwards on a grid. One of its steps is two sparse products `A V B'`, one for each string, which
-//! interpolate where a share of the power leads, and a minimum over the shares. A plant is a set of such pairs, each of which
-//! is expected to go on with its part of the demand, by capacity; one step of look-ahead moves power between them.
+//! The program is solved backwards on a grid. Each step is two sparse products `A V B'`, one for each string, which
+//! interpolate the end states of each power share, and a minimum over the shares. A plant is a set of pairs. Each pair
+//! covers a part of the demand in proportion to capacity; the one-step look-ahead moves power between pairs.
 
-use crate::model::StringState;
+use crate::model::{Range, StringState};
 use crate::plan::look_ahead::{CostToGo, Group};
 use crate::plan::problem::PlanProblem;
 use crate::plan::starts::water_fill;
 
-/// Nodes of SOC. With 25 a plan for seven days of two reference strings costs 1.5 % more, with 41 as much.
+/// Number of SOC nodes. A plan for seven days of two reference strings costs 1.5 % more with 25, and the same with 41.
 const SOC_NODES: usize = 33;
-/// Distance of the nodes of temperature, at most [K].
+/// Maximum distance of the temperature nodes [K].
 const TEMPERATURE_STEP_K: f64 = 4.9;
-/// Ways to share the power of a step between two strings.
+/// Number of power shares of two strings in a step.
 const SHARES: usize = 12;
-/// Derating below which nobody plans to run a string: the grid ends there.
+/// Derating factor at which the grid ends: plans do not use hotter strings.
 const LEAST_DERATING: f64 = 0.25;
-/// Room of the grid above the warmest string where nothing derates [K].
+/// Margin of the grid above the hottest string without derating [K].
 const WARMING_K: f64 = 35.0;
 
 /// Nodes of SOC and temperature of one string, evenly spaced.
@@ -39,7 +39,7 @@ impl Axis {
         self.low + (self.high - self.low) * node as f64 / (self.nodes - 1) as f64
     }
 
-    /// Lower node of a value's cell, and how far it lies in it.
+    /// Lower node of the cell of a value, and its relative position in the cell.
     fn locate(&self, value: f64) -> (usize, f32) {
         let last = (self.nodes - 1) as f64;
         let x = ((value - self.low) / (self.high - self.low) * last).clamp(0.0, last);
@@ -54,18 +54,14 @@ pub(crate) type Corners = [(u32, f32); 4];
 impl Grid {
     fn new(problem: &PlanProblem<'_>, m: usize) -> Self {
         let p = &problem.model.strings()[m].parameters;
-        let temperatures = || {
-            problem.intervals.iter().map(|i| i.ambient_c).chain(problem.start.iter().map(|s| s.temperature_c))
-        };
-        let (coolest, warmest) = temperatures()
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), c| (low.min(c), high.max(c)));
+        let Range { low, high: warmest } = problem.temperatures_c(0..problem.n_strings());
         let factor = &p.derating.factor;
         let stop = factor.x().iter().copied().find(|&c| factor.at(c) < LEAST_DERATING);
         let high = stop.unwrap_or(warmest + WARMING_K).max(warmest + TEMPERATURE_STEP_K);
-        let nodes = ((high - coolest) / TEMPERATURE_STEP_K).ceil() as usize + 1;
+        let nodes = ((high - low) / TEMPERATURE_STEP_K).ceil() as usize + 1;
         Self {
             soc: Axis { low: p.soc_min, high: p.soc_max, nodes: SOC_NODES },
-            temperature_c: Axis { low: coolest, high, nodes },
+            temperature_c: Axis { low, high, nodes },
         }
     }
 
@@ -92,7 +88,7 @@ impl Grid {
     }
 }
 
-/// Cost to go of alike pairs.
+/// Cost to go of identical pairs.
 #[derive(Debug)]
 struct PairValue {
     first: Grid,
@@ -105,14 +101,14 @@ struct PairValue {
 #[derive(Debug)]
 pub(crate) struct PairValues {
     groups: Vec<Group>,
-    /// Of each group, its index in `values`: pairs that are alike share a function.
+    /// Index of each group in `values`: identical pairs share a function.
     kinds: Vec<usize>,
     values: Vec<PairValue>,
     dt_h: f64,
 }
 
 impl PairValues {
-    /// Solves all pairs over a problem whose steps are alike in length.
+    /// Solves all pairs over a problem with steps of equal length.
     pub fn solve(problem: &PlanProblem<'_>) -> Self {
         let mut out = Self {
             groups: vec![],
@@ -139,7 +135,7 @@ impl PairValues {
         out
     }
 
-    /// Planes before and after a time, and how far it lies between them.
+    /// Planes before and after a time, and its relative position between them.
     fn planes(&self, group: usize, hours: f64) -> (&[f32], &[f32], f32) {
         let planes = &self.values[self.kinds[group]].planes;
         let x = (hours / self.dt_h).min((planes.len() - 1) as f64);
@@ -177,17 +173,10 @@ impl CostToGo for PairValues {
     }
 }
 
-/// Strings in service, pair by pair: alike ones together, of them the fullest with the emptiest.
+/// Strings in service in pairs: identical strings, the fullest with the emptiest.
 fn in_pairs(problem: &PlanProblem<'_>) -> Vec<usize> {
-    let mut kinds: Vec<Vec<usize>> = vec![];
-    for m in (0..problem.n_strings()).filter(|&m| problem.limit_w[m] > 0.0) {
-        match kinds.iter_mut().find(|kind| problem.alike(kind[0], m)) {
-            Some(kind) => kind.push(m),
-            None => kinds.push(vec![m]),
-        }
-    }
     let mut order = vec![];
-    for mut kind in kinds {
+    for mut kind in problem.kinds() {
         kind.sort_by(|&a, &b| problem.start[a].soc.total_cmp(&problem.start[b].soc));
         let (mut low, mut high) = (0, kind.len());
         while low < high {
@@ -202,7 +191,7 @@ fn in_pairs(problem: &PlanProblem<'_>) -> Vec<usize> {
     order
 }
 
-/// What a group takes of the demand of a step [W]: by capacity, within its limits.
+/// Part of a group in the demand of a step [W]: by capacity, within its limits.
 fn part_of_demand(problem: &PlanProblem<'_>, group: Group, t: usize) -> f64 {
     let capacity: Vec<f64> = (0..problem.n_strings()).map(|m| problem.usable_ah(m)).collect();
     let power = water_fill(problem.demand_w[t], &capacity, &problem.limit_w);
@@ -226,7 +215,7 @@ unsafe fn solve_avx2(problem: &PlanProblem<'_>, group: Group) -> PairValue {
     solve_anywhere(problem, group)
 }
 
-/// A share of a step: for each node of a string, its cost and where it leads.
+/// A share of a step: cost and end state for each node of a string.
 type Moves = Vec<(f32, Corners)>;
 
 #[inline(always)]
@@ -256,7 +245,7 @@ fn solve_anywhere(problem: &PlanProblem<'_>, group: Group) -> PairValue {
         let high_w = limit_w(Some(group.first)).min(sum_w);
         let low_w = (sum_w - limit_w(group.second)).max(0.0).min(high_w);
         let shares = if high_w - low_w > 1e-6 * sum_w { SHARES } else { 0 };
-        // Alike strings may change places, so half of the shares serve.
+        // Identical strings are interchangeable, so half of the shares suffice.
         let used = if symmetric { shares / 2 } else { shares };
         if !same_as.is_some_and(|s| problem.same_step(s, t)) {
             same_as = Some(t);

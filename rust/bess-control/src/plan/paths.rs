@@ -4,7 +4,7 @@
 use crate::model::StringState;
 use crate::plan::problem::PlanProblem;
 
-/// A string at the start of a step: where it stands, what it has cost, whether its inverter runs.
+/// A string at the start of a step: state, accumulated cost, inverter state.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Point {
     pub state: StringState,

@@ -1,27 +1,28 @@
-//! What a plan is made for: strings, measured state, demand, limits, surroundings, prices.
+//! Data of a plan: strings, measured state, demand, limits, surroundings, prices.
 
-use std::ops::Range;
+use std::ops;
 
 use bess_tables::Direction;
 
 use crate::error::{check_length, check_range};
-use crate::model::{ControlModel, Flow, Interval, LossCurve, Losses, StringState, TEMPERATURE_RANGE_C};
-use crate::plan::paths::Paths;
+use crate::model::{
+    ControlModel, Flow, Interval, LossCurve, Losses, Range, StringState, TEMPERATURE_RANGE_C,
+};
 use crate::reactive::curve_at_power_factor;
 use crate::ControlError;
 
-/// What counts in a plan.
+/// Prices of a plan.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Prices {
-    /// A watt-hour lost, for each step `(T,)` [cost/Wh]. The unit of cost is that of the objective: kWh, or EUR.
+    /// Price of losses in each step `(T,)` [cost/Wh]. The unit of cost is that of the objective: kWh or EUR.
     pub losses: Vec<Losses>,
-    /// Wear by the charge that a string moves, in either direction `(M,)` [cost/Ah].
+    /// Price of charge throughput, in either direction `(M,)` [cost/Ah].
     pub wear: Vec<f64>,
-    /// A start of an inverter [cost].
+    /// Price of an inverter start [cost].
     pub start: f64,
-    /// Imbalance: squared distance of a string's fill from that of the plant [cost per Ah of capacity and hour].
+    /// Price of SOC differences: squared distance of a string's fill from that of the plant [cost per Ah of capacity and hour].
     pub balance: f64,
-    /// Charge left at the end [cost/Ah]; negative, because it is worth having.
+    /// Price of final charge [cost/Ah]; negative, because stored charge has a value.
     pub end_charge: f64,
 }
 
@@ -32,32 +33,36 @@ pub struct PlanProblem<'a> {
     pub(crate) model: &'a ControlModel,
     /// Measured states `(M,)`.
     pub(crate) start: Vec<StringState>,
-    /// Whether each inverter runs before the first step `(M,)`.
+    /// Whether each inverter is on before the first step `(M,)`.
     pub(crate) running: Vec<bool>,
     /// Magnitudes `(T,)` [W], at most the sum of the limits.
     pub(crate) demand_w: Vec<f64>,
     /// Direction, surroundings and length of each step `(T,)`.
     pub(crate) intervals: Vec<Interval>,
-    /// Largest requests of all steps `(M,)` [W].
+    /// Maximum requests, constant over all steps `(M,)` [W].
     pub(crate) limit_w: Vec<f64>,
     pub(crate) prices: Prices,
-    /// Share of its usable charge that the plant holds at the end of each step `(T,)`: imbalance is measured from there.
+    /// Fill of the plant at the end of each step `(T,)`, the reference of SOC differences.
     pub(crate) fill: Vec<f64>,
-    /// What imbalance counts in each step `(T,)`: 1 where the plant will still come near empty or full, little where not.
+    /// Weight of SOC differences in each step `(T,)`: 1 if the plant will still be nearly empty or full, otherwise small.
     pub(crate) tightness: Vec<f64>,
-    /// Losses of the inverters with the reactive power of each step `(M, T)`; empty where there is none.
+    /// Reactive power demand, magnitudes `(T,)` [var]; empty without one.
+    pub(crate) reactive_var: Vec<f64>,
+    /// Losses of each kind of inverter with the reactive power of each step `(K, T)`; empty without reactive power.
     curves: Vec<LossCurve>,
+    /// Kind of each inverter `(M,)`; empty without reactive power.
+    inverters: Vec<usize>,
 }
 
 impl<'a> PlanProblem<'a> {
     /// Checks a problem.
     ///
-    /// `start` and `running` `(M,)`: measured state, and whether each inverter runs. `demand_w` `(T,)` has no sign, that is
-    /// in `intervals`; what is above the sum of the limits `limit_w` `(M,)`, which hold for all steps, is left out.
+    /// `start` and `running` `(M,)`: measured states, and whether each inverter is on. `demand_w` `(T,)` has no sign, which is
+    /// in `intervals`; demand above the sum of the constant limits `limit_w` `(M,)` is excluded.
     ///
     /// # Errors
     ///
-    /// Where lengths do not agree, or a number is not finite or negative.
+    /// Lengths do not agree, or a number is not finite or negative.
     pub fn new(
         model: &'a ControlModel,
         start: Vec<StringState>,
@@ -101,20 +106,22 @@ impl<'a> PlanProblem<'a> {
             prices,
             fill,
             tightness,
+            reactive_var: vec![],
             curves: vec![],
+            inverters: vec![],
         })
     }
 
-    /// The same with a demand of reactive power, magnitudes `(T,)` [var]; what the inverters cannot carry beside the active
-    /// power is left out.
+    /// Adds a reactive power demand, magnitudes `(T,)` [var]; reactive power above the remaining inverter power
+    /// is excluded.
     ///
-    /// In a plan every string carries reactive power in proportion to its active power, and what would overload it runs
-    /// another inverter like it: losses are those of the plant's power factor. Sharing by [`ControlModel::share_reactive`]
-    /// what the plan asks of a step loses no more than that, but where there is no such other inverter.
+    /// In a plan, every string carries reactive power in proportion to its active power, and an overload uses
+    /// another identical inverter: losses follow the power factor of the plant. Allocation by [`ControlModel::share_reactive`]
+    /// has no higher losses, unless there is no such other inverter.
     ///
     /// # Errors
     ///
-    /// Where the length is not that of the demand, or a number is not finite or negative.
+    /// The length differs from that of the demand, or a number is not finite or negative.
     pub fn with_reactive(mut self, reactive_var: &[f64]) -> Result<Self, ControlError> {
         let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
         check_length("reactive power", reactive_var, n_steps)?;
@@ -126,13 +133,24 @@ impl<'a> PlanProblem<'a> {
             .zip(reactive_var)
             .map(|(&p, q)| if p > 0.0 { p.hypot(*q).min(total).max(p) / p } else { 1.0 })
             .collect();
+        let strings = self.model.strings();
+        let mut kinds: Vec<usize> = vec![];
         for m in 0..n_strings {
+            let alike = |&k: &usize| strings[k].parameters.inverter == strings[m].parameters.inverter;
+            let kind = kinds.iter().position(alike).unwrap_or(kinds.len());
+            self.inverters.push(kind);
+            if kind == kinds.len() {
+                kinds.push(m);
+            }
+        }
+        for m in kinds {
             for (t, &factor) in factors.iter().enumerate() {
-                let curve = self.model.strings()[m].loss(self.intervals[t].direction);
-                let nominal_w = self.model.strings()[m].nominal_w();
+                let curve = strings[m].loss(self.intervals[t].direction);
+                let nominal_w = strings[m].nominal_w();
                 self.curves.push(curve_at_power_factor(curve, nominal_w, factor, self.demand_w[t]));
             }
         }
+        self.reactive_var = reactive_var.to_vec();
         Ok(self)
     }
 
@@ -140,7 +158,7 @@ impl<'a> PlanProblem<'a> {
     pub(crate) fn coarsened(&self, per: usize) -> Self {
         let n_steps = self.n_steps();
         let blocks: Vec<_> = (0..n_steps).step_by(per).map(|from| from..(from + per).min(n_steps)).collect();
-        let mean = |block: &Range<usize>, of: &dyn Fn(usize) -> f64| {
+        let mean = |block: &ops::Range<usize>, of: &dyn Fn(usize) -> f64| {
             block.clone().map(of).sum::<f64>() / block.len() as f64
         };
         let signed_w = |t: usize| self.intervals[t].direction.sign() * self.demand_w[t];
@@ -154,24 +172,24 @@ impl<'a> PlanProblem<'a> {
                 dt_h: self.intervals[b.start].dt_h * per as f64,
             })
             .collect();
-        let price = |b: &Range<usize>, kind: usize| mean(b, &|t| self.prices.losses[t].to_array()[kind]);
+        let price = |b: &ops::Range<usize>, kind: usize| mean(b, &|t| self.prices.losses[t].to_array()[kind]);
         coarse.prices.losses =
             blocks.iter().map(|b| Losses::from_array([0, 1, 2, 3].map(|kind| price(b, kind)))).collect();
         coarse.prices.balance = 0.0;
         if !self.curves.is_empty() {
-            let curve = |m: usize, b: &Range<usize>| self.curve(m, b.start).clone();
+            let curve = |m: usize, b: &ops::Range<usize>| self.curve(m, b.start).clone();
             coarse.curves =
                 (0..self.n_strings()).flat_map(|m| blocks.iter().map(move |b| curve(m, b))).collect();
         }
         coarse
     }
 
-    /// Steps that make up a time of about `hours`, at least one.
+    /// Number of steps in about `hours`, at least one.
     pub(crate) fn steps_of(&self, hours: f64) -> usize {
         self.intervals.first().map_or(1, |i| ((hours / i.dt_h).round() as usize).max(1))
     }
 
-    /// Whether two strings are the same but for their states.
+    /// Whether two strings are equal except for their states.
     pub(crate) fn alike(&self, a: usize, b: usize) -> bool {
         a == b
             || (self.limit_w[a] == self.limit_w[b]
@@ -179,7 +197,36 @@ impl<'a> PlanProblem<'a> {
                 && self.model.strings()[a].parameters == self.model.strings()[b].parameters)
     }
 
-    /// Whether two steps are the same for every string.
+    /// Groups of identical strings in service.
+    pub(crate) fn kinds(&self) -> Vec<Vec<usize>> {
+        let mut kinds: Vec<Vec<usize>> = vec![];
+        for m in (0..self.n_strings()).filter(|&m| self.limit_w[m] > 0.0) {
+            match kinds.iter_mut().find(|kind| self.alike(kind[0], m)) {
+                Some(kind) => kind.push(m),
+                None => kinds.push(vec![m]),
+            }
+        }
+        kinds
+    }
+
+    /// Initial temperatures of the strings and their ambient temperatures over the plan [degC].
+    pub(crate) fn temperatures_c(&self, strings: impl IntoIterator<Item = usize>) -> Range {
+        let mut range = Range::EMPTY;
+        self.intervals.iter().for_each(|interval| range.include(interval.ambient_c));
+        strings.into_iter().for_each(|m| range.include(self.start[m].temperature_c));
+        range
+    }
+
+    /// SOC change of a half-full string in a step at full power.
+    pub(crate) fn soc_of_full_step(&self, m: usize) -> f64 {
+        let string = &self.model.strings()[m];
+        let p = &string.parameters;
+        let middle = StringState { soc: 0.5 * (p.soc_min + p.soc_max), temperature_c: 25.0 };
+        let volt = string.coefficients(Direction::Discharge, middle).voltage_v;
+        string.nominal_w() / volt * self.intervals[0].dt_h / p.capacity_ah
+    }
+
+    /// Whether two steps are equal for every string.
     pub(crate) fn same_step(&self, s: usize, t: usize) -> bool {
         self.curves.is_empty()
             && self.demand_w[s] == self.demand_w[t]
@@ -192,21 +239,16 @@ impl<'a> PlanProblem<'a> {
         !self.curves.is_empty()
     }
 
-    /// Cost of a schedule `(M, T)` [W].
-    pub(crate) fn cost(&self, request_w: &[f64]) -> f64 {
-        Paths::new(self, request_w.to_vec()).cost()
-    }
-
     /// Loss of an inverter over its active power.
     #[inline]
     pub(crate) fn curve(&self, m: usize, t: usize) -> &LossCurve {
         if self.curves.is_empty() {
             return self.model.strings()[m].loss(self.intervals[t].direction);
         }
-        &self.curves[m * self.n_steps() + t]
+        &self.curves[self.inverters[m] * self.n_steps() + t]
     }
 
-    /// What one string does in one step.
+    /// Flows of one string in one step.
     #[inline]
     pub(crate) fn flow(&self, m: usize, t: usize, state: StringState, request_w: f64) -> Flow {
         let string = &self.model.strings()[m];
@@ -223,7 +265,7 @@ impl<'a> PlanProblem<'a> {
         self.demand_w.len()
     }
 
-    /// One step of one string: its cost and where it ends.
+    /// Cost and end state of one step of one string.
     #[inline]
     pub(crate) fn step(
         &self,
@@ -245,7 +287,7 @@ impl<'a> PlanProblem<'a> {
         (rate * interval.dt_h + start, flow.end)
     }
 
-    /// Cost of the state in which the plan leaves a string. Measured from full or empty, so that it is never negative.
+    /// Cost of the final state of a string, relative to full or empty, so that it is never negative.
     #[inline]
     pub(crate) fn end_cost(&self, m: usize, state: StringState) -> f64 {
         let p = &self.model.strings()[m].parameters;
@@ -253,7 +295,7 @@ impl<'a> PlanProblem<'a> {
         self.prices.end_charge * self.capacity_ah(m) * (state.soc - from)
     }
 
-    /// Share of its usable SOC window that a string holds.
+    /// Fill of a string: share of its usable SOC window.
     #[inline]
     pub(crate) fn fill_of(&self, m: usize, state: StringState) -> f64 {
         let p = &self.model.strings()[m].parameters;
@@ -265,7 +307,7 @@ impl<'a> PlanProblem<'a> {
         self.model.strings()[m].parameters.capacity_ah
     }
 
-    /// Capacity of a string, less where its inverter is limited: charge that cannot be reached balances nothing.
+    /// Capacity of a string, reduced if its inverter is limited, because unreachable charge does not help balancing.
     #[inline]
     pub(crate) fn usable_ah(&self, m: usize) -> f64 {
         self.capacity_ah(m) * self.limit_w[m] / self.model.strings()[m].nominal_w()

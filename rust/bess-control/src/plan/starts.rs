@@ -1,4 +1,4 @@
-//! Schedules to start from: every rule's, and that of the step before, moved on.
+//! Initial schedules: all rules, and the shifted warm start.
 
 use bess_tables::Direction;
 
@@ -6,34 +6,34 @@ use crate::model::StringState;
 use crate::plan::paths::Paths;
 use crate::plan::problem::PlanProblem;
 
-/// What is left of a power after it was shared, as a part of it, that is rounding and switches no inverter on.
-const CRUMBS: f64 = 1e-9;
+/// Relative remainder of an allocated power that counts as rounding and switches no inverter on.
+pub(crate) const CRUMBS: f64 = 1e-9;
 
-/// A way to share the power of a step without looking ahead. The first four are the policies of these names.
+/// Rule for the power of a step without forecast. The first four are the policies of these names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Rule {
-    /// Every string the same power.
+    /// Equal power in every string.
     Equal,
-    /// In proportion to the charge or room left.
+    /// In proportion to stored charge or headroom.
     Soc,
-    /// In proportion to nominal power and the distance from the temperature at which derating stops a string.
+    /// In proportion to nominal power and the distance from the temperature of full derating.
     Temperature,
-    /// One string after the other.
+    /// Strings in fixed order.
     Priority,
-    /// The same with another string first at every step.
+    /// Strings in rotating order, with another first string in every step.
     Rotation,
 }
 
 impl Rule {
-    /// All of them.
+    /// All rules.
     pub const ALL: [Self; 5] = [Self::Equal, Self::Soc, Self::Temperature, Self::Priority, Self::Rotation];
 
-    /// What a rule makes of all steps.
+    /// Schedule of a rule over all steps.
     pub(crate) fn paths<'a>(self, problem: &'a PlanProblem<'a>) -> Paths<'a> {
         Paths::shared(problem, |t, states| self.share(problem, t, states))
     }
 
-    /// Powers of one step. What no string can take is asked for all the same, where there is inverter power left.
+    /// Powers of one step. Demand above the total capability is requested within the free inverter power.
     fn share(self, problem: &PlanProblem<'_>, t: usize, states: &[StringState]) -> Vec<f64> {
         let demand_w = problem.demand_w[t];
         if demand_w == 0.0 {
@@ -56,7 +56,7 @@ impl Rule {
         power
     }
 
-    /// In what proportion the rule shares.
+    /// Weights of the rule.
     fn weights(self, problem: &PlanProblem<'_>, t: usize, states: &[StringState]) -> Vec<f64> {
         let weight = |(m, state): (usize, &StringState)| {
             let string = &problem.model.strings()[m];
@@ -75,8 +75,8 @@ impl Rule {
     }
 }
 
-/// Most that each string can deliver in a step, within its limit [W].
-fn deliverable_w(problem: &PlanProblem<'_>, t: usize, states: &[StringState]) -> Vec<f64> {
+/// Maximum deliverable power of each string in a step, within its limit [W].
+pub(crate) fn deliverable_w(problem: &PlanProblem<'_>, t: usize, states: &[StringState]) -> Vec<f64> {
     let interval = &problem.intervals[t];
     let cap = |(m, state): (usize, &StringState)| {
         let string = &problem.model.strings()[m];
@@ -89,7 +89,7 @@ fn deliverable_w(problem: &PlanProblem<'_>, t: usize, states: &[StringState]) ->
     states.iter().enumerate().map(cap).collect()
 }
 
-/// As much as it can to one string after the other, beginning with `first` [W].
+/// Fills the strings in order, starting with `first` [W].
 fn in_turn(total_w: f64, caps_w: &[f64], first: usize) -> Vec<f64> {
     let n = caps_w.len();
     let mut power = vec![0.0; n];
@@ -104,8 +104,8 @@ fn in_turn(total_w: f64, caps_w: &[f64], first: usize) -> Vec<f64> {
     power
 }
 
-/// Shares `total_w` in proportion to weights; what would exceed a cap goes to the others. Strings without weight get power
-/// only when all others are at their caps.
+/// Allocates `total_w` in proportion to weights; power above a cap goes to the others. Strings without weight get power
+/// only if all others are at their caps.
 pub(crate) fn water_fill(total_w: f64, weights: &[f64], caps_w: &[f64]) -> Vec<f64> {
     let n = caps_w.len();
     let mut power = vec![0.0; n];
@@ -136,8 +136,8 @@ pub(crate) fn water_fill(total_w: f64, weights: &[f64], caps_w: &[f64]) -> Vec<f
     power
 }
 
-/// The requests `(M, T)` [W] of an earlier plan, made to fit demand and limits: what a string may no longer take goes to those that
-/// run, in proportion to their room, then to the others.
+/// The requests `(M, T)` [W] of an earlier plan, adapted to demand and limits: excess power goes first to strings that
+/// are on, in proportion to their headroom, then to the others.
 pub(crate) fn carried_on(problem: &PlanProblem<'_>, request_w: &[f64]) -> Vec<f64> {
     let (n_strings, n_steps) = (problem.n_strings(), problem.n_steps());
     let mut out = vec![0.0; request_w.len()];

@@ -1,23 +1,23 @@
-//! Moves of a pair of strings in one step, or in one step and back in a later one, chosen by what they promise: the cost of
-//! the step itself, and the slopes of the cost of all that follows. Only what promises a gain is rolled out.
+//! Moves of a pair of strings in one step, or in one step and back in a later one, ranked by their predicted gain: the cost of
+//! the step plus the co-states of later steps. Only moves with a predicted gain are rolled out.
 
+use crate::plan::co_states::CoStates;
 use crate::plan::pair::{Pair, Room};
 use crate::plan::paths::Paths;
-use crate::plan::slopes::Slopes;
 
-/// Uniform cells over what the first string may be asked for.
+/// Uniform cells over the range of the first string's request.
 const CELLS: usize = 12;
-/// Cells whose charge is given back in a later step: the ends, the middle, the quarters.
+/// Cells with a compensating move in a later step: the ends, the middle, the quarters.
 const EXCHANGED: [usize; 5] = [0, CELLS / 4, CELLS / 2, 3 * CELLS / 4, CELLS];
-/// Exchanges that are rolled out at each step, the most promising ones.
+/// Maximum number of exchanges rolled out at each step, by predicted gain.
 const TRIED: usize = 3;
-/// A promised gain that is looked into, as a share of the cost of the plan.
+/// Minimum predicted gain, as a share of the cost of the plan.
 const PROMISING: f64 = 1e-6;
-/// Closer than this share of the cell to one of the ends, an exchange switches an inverter off there.
+/// Distance from an end, as a share of the cell, within which an exchange switches an inverter off.
 const SNAP: f64 = 0.4;
 
-/// A request of the first string at one step, the second taking the rest: how it changes the cost of both, their charge
-/// left aside, and their SOC.
+/// A request of the first string in one step, with the remainder in the second: change of the cost of both strings, without
+/// the value of their charge, and of their SOC.
 #[derive(Debug, Clone, Copy, Default)]
 struct Choice {
     first_w: f64,
@@ -32,26 +32,26 @@ struct Fork {
     choices: [Choice; CELLS + 1],
 }
 
-/// A schedule of a pair, with the slopes along it.
+/// A schedule of a pair, with its co-states.
 struct Sweep<'p, 'a> {
     paths: &'p mut Paths<'a>,
     pair: Pair,
-    slopes: (Slopes, Slopes),
+    slopes: (CoStates, CoStates),
     forks: Vec<Fork>,
 }
 
-/// An exchange between two steps that promises a gain.
+/// An exchange between two steps with a predicted gain.
 #[derive(Debug, Clone, Copy)]
 struct Exchange {
     promise: f64,
-    /// What of it the later step adds.
+    /// Part of the gain in the later step.
     to_come: f64,
     first_w: f64,
     later: usize,
     later_first_w: f64,
 }
 
-/// Goes once over all steps.
+/// One pass over all steps.
 pub(crate) fn sweep(paths: &mut Paths<'_>, pair: Pair, budget: u64) {
     let least = PROMISING * paths.cost();
     let slopes = pair.slopes(paths);
@@ -74,7 +74,7 @@ pub(crate) fn sweep(paths: &mut Paths<'_>, pair: Pair, budget: u64) {
 }
 
 impl Sweep<'_, '_> {
-    /// The choices at a step from where the strings stand.
+    /// The choices at a step from the present states.
     fn fork(&mut self, t: usize) -> Fork {
         let Pair { first, second } = self.pair;
         let room = self.pair.room(self.paths, t);
@@ -100,7 +100,7 @@ impl Sweep<'_, '_> {
         fork
     }
 
-    /// Takes the best of what promises a gain at a step; whether there was any.
+    /// Applies the best move with a predicted gain at a step; returns whether there was one.
     fn improve(&mut self, t: usize, least: f64) -> bool {
         let fork = self.forks[t];
         let here_w = self.paths.request(self.pair.first, t);
@@ -110,7 +110,7 @@ impl Sweep<'_, '_> {
         let promise = |c: &Choice| c.cost + by_first * c.soc.0 + by_second * c.soc.1;
         let single = fork.choices.iter().min_by(|x, y| promise(x).total_cmp(&promise(y))).expect("cells");
         if promise(single) < -least {
-            // A slope holds for small changes: where the whole of it disappoints, a half or a quarter may do.
+            // Co-states are valid for small changes: if the full move fails, a half or a quarter may succeed.
             let mut first_w = single.first_w;
             for _ in 0..3 {
                 self.attempt(t, vec![fork.room.both(first_w)], 0.0, &mut best);
@@ -151,7 +151,7 @@ impl Sweep<'_, '_> {
         }
     }
 
-    /// The most promising exchanges of a step with later ones: what the first string takes here it gives back there.
+    /// The best predicted exchanges of a step with later steps, with opposite changes of the first string.
     fn exchanges(&self, t: usize, least: f64) -> [Option<Exchange>; TRIED] {
         let mut found = [None; TRIED];
         let window = |m: usize| {
@@ -166,7 +166,7 @@ impl Sweep<'_, '_> {
                 continue;
             }
             for later in t + 1..self.forks.len() {
-                // On the way, both are off by what was exchanged.
+                // Between the two steps, both SOCs are shifted by the exchange.
                 let on_the_way =
                     within(self.paths.at(self.pair.first, later).state.soc + choice.soc.0, first)
                         && within(self.paths.at(self.pair.second, later).state.soc + choice.soc.1, second);
@@ -187,7 +187,7 @@ impl Sweep<'_, '_> {
     }
 }
 
-/// Keeps the most promising ones, in their order.
+/// Keeps the best predicted moves, in order.
 fn keep(found: &mut [Option<Exchange>; TRIED], mut exchange: Exchange) {
     for place in found {
         match place {
@@ -202,7 +202,7 @@ fn keep(found: &mut [Option<Exchange>; TRIED], mut exchange: Exchange) {
 }
 
 impl Fork {
-    /// The choice, between the cells, that changes the first string's SOC by this much.
+    /// The interpolated choice with this change of the first string's SOC.
     #[inline]
     fn where_soc_changes_by(&self, change: f64) -> Option<Choice> {
         if !self.room.is_open() {

@@ -1,37 +1,37 @@
-//! What one string can do in one step: ranges over a box of states and a range of requests.
+//! Operating ranges of one string in one step, over a box of states and a range of requests.
 
 use bess_tables::units::SECONDS_PER_HOUR;
 use bess_tables::Direction;
 
 use crate::model::{heat_w, CoefficientRanges, Interval, Range, StateBox, StringModel};
 
-/// Outward rounding: a bound must hold for the roll-out's floating-point numbers too.
+/// Outward rounding, so that a bound also holds for the floating-point numbers of the roll-out.
 pub(super) const SOC_ROUNDING: f64 = 1e-12;
 const TEMPERATURE_ROUNDING_K: f64 = 1e-9;
-/// Boxes are cut at these SOC: voltage and resistance change most where little charge is left, and what a nearly empty
-/// string could do if it had more charge does not count.
+/// Boxes are divided at these SOC: voltage and resistance change most at low SOC, and the behaviour of a nearly empty
+/// string should not be bounded with values of a higher SOC.
 const BORDERS_SOC: [f64; 5] = [0.02, 0.05, 0.1, 0.15, 0.25];
 
-/// Ranges of what a string does in a step.
+/// Operating ranges of a string in a step.
 #[derive(Debug, Clone, Copy)]
 pub struct Cell {
     /// Derating factor.
     pub derating: Range,
-    /// AC power of a running inverter [W]; empty where it cannot run.
+    /// AC power of an inverter that is on [W]; empty if it cannot be on.
     pub delivered_w: Range,
     /// Whether the inverter may be off.
     pub may_be_off: bool,
-    /// [W]; not so little that it is less than the least power and shed because of derating.
+    /// [W]; without amounts below the minimum power that are shed because of derating.
     pub shed_w: Range,
-    /// `V I` of a running inverter [W].
+    /// `V I` of an inverter that is on [W].
     pub battery_w: Range,
     /// [A].
     pub current_a: Range,
     /// [W].
     pub heat_w: Range,
-    /// SOC at the end of a string that sheds.
+    /// Final SOC of a string with availability loss.
     pub shed_soc: Range,
-    /// State at the end.
+    /// Final state.
     pub end: StateBox,
 }
 
@@ -66,19 +66,19 @@ impl Cell {
         }
     }
 
-    /// Whether the inverter may run.
+    /// Whether the inverter may be on.
     pub fn may_run(&self) -> bool {
         self.delivered_w.high > 0.0
     }
 
-    /// Whether something may be shed.
+    /// Whether availability loss is possible.
     pub fn may_shed(&self) -> bool {
         self.shed_w.high > 0.0
     }
 }
 
 impl StringModel {
-    /// What a string can do from a box of states, for a range of requests.
+    /// Operating ranges of a string from a box of states, for a range of requests.
     pub(crate) fn cell(&self, states: &StateBox, requests_w: &Range, interval: &Interval) -> Cell {
         let of_part = |part: StateBox| {
             self.cell_of_part(&part, &self.ranges(interval.direction, &part), requests_w, interval)
@@ -86,8 +86,8 @@ impl StringModel {
         soc_parts(states).map(of_part).fold(Cell::NONE, |all, cell| all.union(&cell))
     }
 
-    /// [`Self::cell`] of the parts of the box, and the requests, from which a schedule goes on to `end` and sheds at most
-    /// `most_shed_w`; with what is left of both. None if nothing is.
+    /// [`Self::cell`] of the parts of the box and of the requests that lead to `end` with an availability loss of at most
+    /// `most_shed_w`, with these parts. None if there are none.
     pub(super) fn cell_towards(
         &self,
         (states, requests_w): (&StateBox, &Range),
@@ -159,7 +159,7 @@ impl StringModel {
         let of_voltage = |v: f64, r: f64| self.parameters.voltage_current_a(direction, v, r);
         let curve = self.loss(direction);
         match direction {
-            // What the room allows rises with V and R, what the voltage limit allows falls.
+            // The limit by the headroom rises with V and R, the voltage limit falls.
             Direction::Charge => {
                 let internal = |v: f64, r: f64, current: f64| current * (v + r * current);
                 let by_room = |v, r, room| curve.largest_power(internal(v, r, room));
@@ -196,7 +196,7 @@ impl StringModel {
         };
         let (room, strongest) = (self.room(states, direction, interval.dt_h), self.strongest(c, direction));
         let limit = self.limits(c, &room, direction);
-        // Less than the least power is no power.
+        // Power below the minimum power is zero.
         let is_none = |power_w: f64| power_w <= 0.0 || power_w < self.min_power_w();
         let mut cell = Cell {
             derating: c.derating,
@@ -239,7 +239,7 @@ impl StringModel {
                     (root(g_low.min(0.25 * v.high * v.high / r.low), v.high, r.low), high)
                 }
             };
-            // Less from the grid than the inverter needs, and an empty battery to make up for it.
+            // Less grid power than the inverter loss, and an empty battery, which cannot cover the difference.
             let drained = low < 0.0 && states.soc.low + per_ampere * low < p.soc_min + SOC_ROUNDING;
             if drained {
                 cell.may_be_off = true;
@@ -250,12 +250,12 @@ impl StringModel {
             let mut current = Range { low, high: high.min(room.high).max(low) };
             let edge = if direction == Direction::Charge { p.soc_max } else { p.soc_min };
             if cell.shed_w.low > 0.0 && !cell.may_be_off && room.high <= strongest.low {
-                // It takes all the room there is.
+                // The string becomes full.
                 sure_end = Some(edge);
                 current = Range { low: current.low.max(room.low).min(current.high), ..current };
             }
             if cell.may_shed() {
-                // The charge that a string cannot give because it does not carry the least power.
+                // Charge that a string cannot deliver, because the power is below the minimum power.
                 let (_, least_w) = curve.at(self.min_power_w());
                 let stranded = 2.0 * per_ampere * least_w.max(0.0) / v.low;
                 if room.low <= strongest.high {
@@ -271,7 +271,7 @@ impl StringModel {
             let heat_low = if g_low <= 0.0 { 0.0 } else { heat(g_low.min(0.25 * scale.high), scale.high) };
             let heat_high = heat(g_high, lowest(g_high)).max(heat(g_low, lowest(g_low)));
             let by_current = r.high * (current.high * current.high).max(current.low * current.low);
-            // Where the battery gives its largest power the roots meet, and rounding grows to that of a square root.
+            // At maximum power transfer the roots coincide, and the rounding error is that of a square root.
             let mut heats = Range { low: heat_low, high: heat_high.min(by_current).max(heat_low) };
             let (low, high) = match direction {
                 Direction::Charge => (g_low - heat(g_low, scale.low), g_high - heat(g_high, scale.high)),
@@ -292,7 +292,7 @@ impl StringModel {
         cell
     }
 
-    /// States at the end of a step.
+    /// Final states of a step.
     fn end(&self, states: &StateBox, cell: &Cell, sure_soc: Option<f64>, interval: &Interval) -> StateBox {
         let p = &self.parameters;
         let gained = gained(interval.direction, &cell.current_a, interval.dt_h / p.capacity_ah);
@@ -318,7 +318,7 @@ impl StringModel {
     }
 }
 
-/// Requests into which a range is cut to see which of them lead on.
+/// Number of parts of a request range, tested for feasible end states.
 const SLICES: usize = 4;
 /// Outward rounding of requests, relative to the nominal power.
 pub(super) const REQUEST_ROUNDING: f64 = 1e-9;
@@ -341,7 +341,7 @@ fn contains(outer: &Range, inner: &Range) -> bool {
     outer.low <= inner.low && inner.high <= outer.high
 }
 
-/// A box cut at the borders.
+/// Parts of a box divided at the borders.
 fn soc_parts(states: &StateBox) -> impl Iterator<Item = StateBox> + '_ {
     let Range { low, high } = states.soc;
     let inside = BORDERS_SOC.into_iter().filter(move |b| *b > low && *b < high).chain([high]);

@@ -1,34 +1,34 @@
-//! Lower bounds of every group around the best schedule known: what no schedule can beat, and what the program proves
-//! whose coefficients are frozen along it.
+//! Lower bounds of every group around the incumbent: for all schedules, and for the convexified program
+//! with coefficients frozen along the incumbent.
 
 use super::step_bounds::{cheapest_shed, least_cost, Shed, StepBounds};
 use crate::model::{ControlHorizon, CostsOf, Flow, Losses, StateBox};
 
-/// Bounds of one group, with the groups before it held under their ceilings.
+/// Bounds of one group, with earlier groups limited by their ceilings.
 #[derive(Debug, Clone)]
 pub struct GroupBounds {
-    /// Objective of the schedule, in the costs of what is reported.
+    /// Objective of the schedule, in reported costs.
     pub objective: f64,
-    /// What it may rise to while later groups are minimised.
+    /// Ceiling of this objective while later groups are minimised.
     pub ceiling: f64,
     /// Lower bound of the nonlinear control model.
     pub bound: f64,
-    /// Objective of the schedule, in the costs of the search.
+    /// Objective of the schedule, in search costs.
     pub search_objective: f64,
-    /// What that may rise to.
+    /// Ceiling of the search objective.
     pub search_ceiling: f64,
     /// Lower bound of the convexified program, whose coefficients are frozen along the schedule.
     pub search_bound: f64,
-    /// Whether that is the optimum of the convexified program.
+    /// Whether `search_bound` is the optimum of the convexified program.
     pub is_search_optimum: bool,
-    /// States of the schedules that are no worse, at the start of each step and at the end of the last, `(M, T + 1)`; empty
-    /// where the bound needs none.
+    /// States of the schedules with at most this cost, at the start of each step and at the end of the last, `(M, T + 1)`; empty
+    /// if not required for the bound.
     pub boxes: Vec<StateBox>,
 }
 
 impl ControlHorizon {
-    /// Bounds of every group around a schedule `(M, T)` (magnitudes) that was rolled out, with the one-step optima at its
-    /// states: none of them where there is nothing to decide.
+    /// Bounds of every group around a rolled-out schedule `(M, T)` (magnitudes), with the one-step optima at its
+    /// states, or no optima if there is nothing to decide.
     pub fn bounds(&self, request_w: &[f64], flows: &[Flow], optima: &[StepBounds]) -> Vec<GroupBounds> {
         let (objectives, searched) = (self.report_objectives(flows), self.objectives(request_w));
         let mut budgets_w = [f64::INFINITY; 2];
@@ -46,11 +46,11 @@ impl ControlHorizon {
                 is_search_optimum: true,
                 boxes: vec![],
             };
-            // Losses are not negative, so a group at zero is at its optimum.
+            // Losses are non-negative, so a group at zero is optimal.
             if !optima.is_empty() && values != [0.0; 2] {
-                let confined = self.confined(request_w, flows, &costs[0], budgets_w[0]);
-                self.freeze(&mut bounds, &confined.may_shed, flows, &optima[group], &costs[1], budgets_w[1]);
-                (bounds.bound, bounds.boxes) = (confined.bound, confined.boxes);
+                let tightened = self.tightened(request_w, flows, &costs[0], budgets_w[0]);
+                self.freeze(&mut bounds, &tightened.may_shed, flows, &optima[group], &costs[1], budgets_w[1]);
+                (bounds.bound, bounds.boxes) = (tightened.bound, tightened.boxes);
             }
             let ceilings = [bounds.ceiling, bounds.search_ceiling];
             out.push(bounds);
@@ -64,8 +64,8 @@ impl ControlHorizon {
         out
     }
 
-    /// The bound of the convexified program by its one-step problems alone; `may_shed` `(M, T)` is where a schedule that is
-    /// no worse sheds something.
+    /// The bound of the convexified program from its one-step problems; `may_shed` `(M, T)` marks steps in which a schedule of
+    /// at most this cost may have availability loss.
     fn freeze(
         &self,
         bounds: &mut GroupBounds,
@@ -87,7 +87,7 @@ impl ControlHorizon {
         } else {
             bounds.search_bound = optimum.bounds.iter().map(|step| step.phi).sum();
         }
-        // Where nothing is shed if every step is at its own optimum, that is the optimum of all steps together.
+        // If the one-step optima have no availability loss, they are the optimum of the horizon.
         let request_w = self.fitted(&optimum.request_w);
         bounds.is_search_optimum = self.flows(&request_w).iter().all(|flow| flow.availability_w <= 0.0);
     }

@@ -1,18 +1,18 @@
-//! What every schedule must respect: states that can be reached, bounds of the heat, cuts of a step, and the states
-//! that no worse schedule can leave.
+//! Bounds of every schedule: reachable states, bounds of the heat, step cuts, and the states of schedules
+//! that cost no more than a known one.
 
+mod bound_tightening;
 mod cell;
 mod certificate;
-mod confine;
 mod node;
 mod planes;
 mod reachable;
 mod relaxed;
 mod step_bounds;
 
+pub use bound_tightening::TightenedBounds;
 pub use cell::Cell;
 pub use certificate::GroupBounds;
-pub use confine::Confined;
 pub use node::{NarrowNode, Node};
 pub use planes::Planes;
 pub use relaxed::{LossUnits, NAMES as RELAXED_NAMES};

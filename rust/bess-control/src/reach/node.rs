@@ -1,15 +1,15 @@
-//! Nodes of the branch and bound: parts of the schedules, and how they are narrowed before they are bounded.
+//! Nodes of the branch and bound: sets of schedules, and their tightening before they are bounded.
 
 use super::cell::{Cell, REQUEST_ROUNDING};
 use crate::model::{ControlHorizon, Range, StateBox};
 
-/// Most passes over all strings and steps; they run forward and backward in turns.
+/// Maximum number of passes over all strings and steps, alternately forward and backward.
 const PASSES: usize = 4;
-/// A pass that narrows no range of requests by this share of the nominal power, and no SOC by this much, is the last.
+/// Minimum tightening of a request range (share of nominal power) or an SOC range for another pass.
 const WORTHWHILE: f64 = 0.01;
-/// Relative safety of a limit of what is shed, for the rounding of sums.
+/// Relative safety margin of a limit of the availability loss, for the rounding of sums.
 const BUDGET_ROUNDING: f64 = 1e-9;
-/// A string that sheds ends within this of its SOC limit.
+/// Maximum distance from the SOC limit at the end of a step with availability loss.
 pub(super) const SOC_MARGIN: f64 = 1e-9;
 
 /// All schedules with requests in these ranges, `(M, T)` [W], whose states are in these boxes, `(M, T + 1)`.
@@ -19,23 +19,23 @@ pub struct Node {
     pub requests_w: Vec<Range>,
     /// At the start of each step, and at the end of the last.
     pub boxes: Vec<StateBox>,
-    /// Whether a string may shed something in a step, `(M, T)`.
+    /// Whether a string may have availability loss in a step, `(M, T)`.
     pub may_shed: Vec<bool>,
 }
 
-/// A narrowed node, and what the strings can do in it.
+/// A tightened node, and the operating ranges of its strings.
 #[derive(Debug, Clone)]
 pub struct NarrowNode {
     /// Ranges that contain every schedule of the node.
     pub node: Node,
     /// `(M, T)`
     pub cells: Vec<Cell>,
-    /// What each string may shed in a step, `(M, T)` [W].
+    /// Maximum availability loss of each string in a step, `(M, T)` [W].
     pub most_shed_w: Vec<f64>,
 }
 
 impl ControlHorizon {
-    /// Narrows a node to the schedules that meet the demand and shed at most `budget_w` in all; None if there are none.
+    /// Tightens a node to the schedules that meet the demand with a total availability loss of at most `budget_w`; None if empty.
     pub fn narrowed(&self, node: &Node, budget_w: f64) -> Option<NarrowNode> {
         let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
         let budget_w = budget_w * (1.0 + BUDGET_ROUNDING);
@@ -79,7 +79,7 @@ impl ControlHorizon {
                 let cell = cell.as_ref()?;
                 let others_w = least_w - cell.shed_w.low;
                 most_shed_w[i] = most_shed_w[i].min(budget_w - others_w).min(cell.shed_w.high).max(0.0);
-                // What is asked of a string is delivered, derated or shed.
+                // A request is the sum of delivered power, derating loss and availability loss.
                 let kept = cell.derating.low;
                 if kept > 0.0 {
                     let slack_w = REQUEST_ROUNDING * self.string(m).nominal_w();
@@ -102,7 +102,7 @@ impl ControlHorizon {
         Some(NarrowNode { node, cells, most_shed_w })
     }
 
-    /// Narrows the requests of a step to what the others leave of the demand; None if nothing is left.
+    /// Tightens the requests of a step to the demand minus the ranges of the other strings; None if infeasible.
     fn balance(&self, requests_w: &mut [Range], t: usize) -> Option<()> {
         let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
         let total = |of: fn(&Range) -> f64, requests_w: &[Range]| -> f64 {
@@ -152,7 +152,7 @@ impl Node {
         parts
     }
 
-    /// The parts in which a string sheds nothing in a step, and in which it ends where it is full (empty) enough to shed.
+    /// The parts in which a string has no availability loss in a step, and in which it ends full (empty) enough for one.
     pub fn branch_on_full(&self, m: usize, t: usize, shed_soc: Range) -> [Self; 2] {
         let n_steps = self.n_steps();
         let mut parts = [self.clone(), self.clone()];

@@ -1,4 +1,4 @@
-//! Straight lines over a box of states: the coefficients as a convex program may see them.
+//! Linear bounds of the coefficients over a box of states, for the convex program.
 
 use bess_tables::Direction;
 
@@ -21,7 +21,7 @@ pub struct Planes {
 }
 
 impl StringModel {
-    /// Planes that lie as low (`1 - k`: as high) as they can at one state of the box.
+    /// The lowest planes (`1 - k`: the highest) at one state of the box.
     ///
     /// Along each axis through that state the slope is that of the concave (convex) hull; then the plane is moved until it
     /// holds everywhere. Within a piece `V` and `R` are affine along each axis, so `V^2 / R` less a plane is convex along
@@ -45,7 +45,7 @@ impl StringModel {
         }
         let (per_soc, per_k) = (hull_slope(&over_soc, soc), hull_slope(&over_temperature, temperature_c));
         let corners: Vec<Corner> = pieces.iter().flat_map(|piece| self.corners(direction, piece)).collect();
-        // Both hulls need not fit together over a wide box: then one of them, or a constant, lies lower.
+        // Over a wide box the two hulls may be incompatible: then one of them, or a constant, is lower.
         let lifted = |(per_soc, per_k): (f64, f64)| {
             let offset = |c: &Corner| scale(c) - per_soc * c.soc - per_k * c.temperature_c;
             (corners.iter().map(offset).fold(f64::NEG_INFINITY, f64::max), per_soc, per_k)
@@ -73,7 +73,7 @@ impl StringModel {
     }
 }
 
-/// Slope at a place of the concave hull of some points `(x, y)`; 0 if they have all the same `x`.
+/// Slope of the concave hull of points `(x, y)` at a position; 0 if all `x` are equal.
 fn hull_slope(points: &[(f64, f64)], at: f64) -> f64 {
     let (mut highest, mut slope) = (f64::NEG_INFINITY, 0.0);
     for &(x0, y0) in points.iter().filter(|(x, _)| *x <= at) {

@@ -21,7 +21,7 @@ impl ControlHorizon {
         boxes
     }
 
-    /// Whether a string may shed something in a step, `(M, T)`, if its states are in these boxes, `(M, T + 1)`.
+    /// Whether a string may have availability loss in a step, `(M, T)`, with states in these boxes, `(M, T + 1)`.
     pub(crate) fn may_shed(&self, boxes: &[StateBox]) -> Vec<bool> {
         let n_steps = self.n_steps();
         let cells = (0..self.n_strings()).flat_map(|m| (0..n_steps).map(move |t| (m, t)));
@@ -32,7 +32,7 @@ impl ControlHorizon {
         cells.map(sheds).collect()
     }
 
-    /// What a string may be asked for, given what the others can take [W].
+    /// Request range of a string, given the limits of the others [W].
     pub(crate) fn request_range(&self, m: usize, t: usize) -> Range {
         let total = self.total_limit_w[t];
         let others = total - self.limit(m, t);

@@ -87,7 +87,7 @@ pub struct LossUnits {
     pub battery_w: f64,
 }
 
-/// Integral of an open-circuit voltage over SOC: what a string stores, but for its capacity [V].
+/// Integral of an open-circuit voltage over SOC: stored energy per capacity [V].
 struct Potential {
     soc: Vec<f64>,
     voltage_v: Vec<f64>,
@@ -215,7 +215,7 @@ impl ControlHorizon {
         let u = of.node.requests_w[i];
         let (u_lo, u_hi) = ((u.low / unit_w).max(0.0), (u.high / unit_w).max(0.0));
         let may_run = cell.may_run();
-        // Along a schedule, coefficients do not follow the states: what a string can do is not what it could in the boxes.
+        // Coefficients along a schedule do not follow the states, so the ranges of the boxes do not apply.
         let p = match (may_run, frozen) {
             (false, _) => Range::point(0.0),
             (true, false) => cell.delivered_w,

@@ -1,4 +1,4 @@
-//! Step cuts: lower bounds of what any decision of one step costs, over boxes of states.
+//! Step cuts: lower bounds of the cost of any decision of one step, over boxes of states.
 
 use crate::error::{check_costs, check_length, check_range};
 use crate::model::{CoefficientRanges, ControlHorizon, CostsOf, Flow, Losses, Range, StateBox, StringState};
@@ -6,22 +6,22 @@ use crate::one_step::{solve, CostCurve, OneStepSolution, OperatingTerms};
 use crate::reach::{NarrowNode, Planes};
 use crate::ControlError;
 
-/// Safety for the rounding in a bound.
+/// Safety margin for the rounding of a bound.
 const ROUNDING: f64 = 1e-11;
 const MAX_SLOPES: usize = 12;
 /// Share of the bound that is given up for a smaller slope.
 const GAP_OF_SLOPE: f64 = 1e-7;
-/// Slopes are this much steeper than they would have to be, so that few are tried.
+/// Relative margin of slopes above the required value, so that few iterations are needed.
 const MARGIN_OF_SLOPE: f64 = 1e-2;
 /// Highest slope, in units of the steepest marginal cost.
 const HIGHEST_SLOPE: f64 = 2e3;
 
-/// What may be shed besides what a cut counts.
+/// Availability loss that a cut does not count.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Shed {
-    /// By a string that derates, less than its least power: what no bound may leave out.
+    /// Amounts below the minimum power of a derated string, required for a rigorous bound.
     AsTheModel,
-    /// Nothing: what the search looks for.
+    /// None, as assumed by the search.
     OnlyAtLimits,
 }
 
@@ -30,7 +30,7 @@ pub(crate) enum Shed {
 pub struct StepBound {
     /// Lower bound of the cost of derating, inverter and battery.
     pub phi: f64,
-    /// What each shed watt may save [1/W].
+    /// Maximum saving per watt of availability loss [1/W].
     pub shed_slope: f64,
 }
 
@@ -39,7 +39,7 @@ pub struct StepBound {
 pub struct StepBounds {
     /// One for each step.
     pub bounds: Vec<StepBound>,
-    /// The best requests of every step by itself if nothing is shed, `(M, T)` [W].
+    /// Optimal requests of every single step without availability loss, `(M, T)` [W].
     pub request_w: Vec<f64>,
 }
 
@@ -61,7 +61,7 @@ impl ControlHorizon {
     }
 
     /// Step cuts of one objective, `(T,)`, over boxes of the states at the start of each step, `(M, T)`. `costs` are
-    /// those of the losses, `(M,)`; that of what is shed has no part in a cut.
+    /// those of the losses, `(M,)`; a cut does not include the cost of availability loss.
     ///
     /// Any decision splits the request into delivered, derated and shed power, so the least of `cost + slope * shed`
     /// over all such splits, with `k` and `V^2 / R` anywhere in their ranges, is a bound for every slope. The slope
@@ -70,7 +70,7 @@ impl ControlHorizon {
     ///
     /// # Errors
     ///
-    /// Where lengths do not agree, or a cost or a budget is negative or not a number.
+    /// Lengths do not agree, or a cost or a budget is negative or not a number.
     pub fn step_bounds(
         &self,
         boxes: &[StateBox],
@@ -103,11 +103,11 @@ impl ControlHorizon {
         self.step_bounds_within(boxes, costs, budget_w, most)
     }
 
-    /// Step cuts of one objective over a narrowed node, like [`Self::step_bounds`].
+    /// Step cuts of one objective over a tightened node, like [`Self::step_bounds`].
     ///
     /// # Errors
     ///
-    /// Where lengths do not agree, or a cost or the budget is negative or not a number.
+    /// Lengths do not agree, or a cost or the budget is negative or not a number.
     pub fn step_bounds_of(
         &self,
         of: &NarrowNode,
@@ -176,8 +176,8 @@ impl ControlHorizon {
         out
     }
 
-    /// The best request of every step by itself at the states along a schedule, if nothing is shed, with a lower bound of
-    /// its cost: one answer for each group, in the costs of the search.
+    /// Optimal requests of every single step at the states along a schedule, without availability loss, with a lower bound of
+    /// the cost, for each group in search costs.
     pub(crate) fn one_step_optima(&self, flows: &[Flow]) -> Vec<StepBounds> {
         let (states, nothing) = (self.states_along(flows), vec![0.0; self.n_steps()]);
         (0..self.n_groups())
@@ -188,7 +188,7 @@ impl ControlHorizon {
             .collect()
     }
 
-    /// States at the start of each step along a schedule, `(M, T)`, as boxes that are points.
+    /// States at the start of each step along a schedule, `(M, T)`, as degenerate boxes.
     pub(crate) fn states_along(&self, flows: &[Flow]) -> Vec<StateBox> {
         let n_steps = self.n_steps();
         let state = |i: usize| if i % n_steps == 0 { self.start[i / n_steps] } else { flows[i - 1].end };
@@ -201,7 +201,7 @@ impl ControlHorizon {
 }
 
 /// Least sum over the steps of `max(phi - shed_slope a, 0) + shed_cost a`, with `a <= most_w` in each step and
-/// `sum a <= budget_w`: what step cuts alone say about a horizon. The steepest step is shed first, each until its cut is
+/// `sum a <= budget_w`: bound of a horizon from step cuts alone. The steepest step is shed first, each until its cut is
 /// used up.
 pub(crate) fn least_cost(bounds: &[StepBound], shed_cost: f64, most_w: &[f64], budget_w: f64) -> f64 {
     let mut order: Vec<usize> = (0..bounds.len()).collect();
@@ -218,7 +218,7 @@ pub(crate) fn least_cost(bounds: &[StepBound], shed_cost: f64, most_w: &[f64], b
     cost
 }
 
-/// Smallest cost of a shed watt.
+/// Minimum cost per watt of availability loss.
 pub(crate) fn cheapest_shed(costs: &[Losses]) -> f64 {
     costs.iter().map(|c| c.availability).fold(f64::INFINITY, f64::min)
 }
@@ -229,21 +229,21 @@ pub(crate) fn cheapest_shed(costs: &[Losses]) -> f64 {
 pub(crate) fn step_bound(curves: &mut [CostCurve], demand_w: f64, budget_w: f64) -> (StepBound, Vec<f64>) {
     let OneStepSolution { bound: nothing_shed, request_w, .. } = solve(curves, demand_w);
     if budget_w == 0.0 {
-        // Infinite where the demand cannot be met at all: then nothing follows.
+        // Infinite if the demand cannot be met; then there is no cut.
         let phi = if nothing_shed.is_finite() { nothing_shed - ROUNDING * nothing_shed.abs() } else { 0.0 };
         return (StepBound { phi, shed_slope: 0.0 }, request_w);
     }
     let steepest = curves.iter().map(CostCurve::steepest).fold(0.0, f64::max);
-    // What shedding cannot save: the price of the scales.
+    // Cost that shedding cannot save: the price of the scales.
     let idle: f64 = curves.iter().map(|c| c.terms.scale_price * c.terms.power_scale_w.low).sum();
     let saved = if nothing_shed.is_finite() { (nothing_shed - idle) / demand_w } else { 2.0 * steepest };
-    // A demand just above what fewer strings can take would need a slope without end: it saves a no-load loss.
+    // A demand just above the limit of fewer strings would need an unlimited slope, because shedding saves a no-load loss.
     let highest = HIGHEST_SLOPE * steepest.max(saved);
     let mut slope = curves.iter().map(|c| c.terms.costs.derating).fold(0.0, f64::max);
-    // Shedding everything saves all: no smaller slope will do.
+    // Shedding the whole demand saves all cost: no smaller slope is valid.
     slope = slope.max(saved);
     let mut best = StepBound::default();
-    // A demand of next to nothing has no slope.
+    // A vanishing demand has no slope.
     let tries = if highest.is_finite() { MAX_SLOPES } else { 0 };
     let most_w = if budget_w < demand_w { budget_w } else { 0.0 };
     let worth = |bound: &StepBound| bound.phi - bound.shed_slope * most_w;
@@ -265,7 +265,7 @@ pub(crate) fn step_bound(curves: &mut [CostCurve], demand_w: f64, budget_w: f64)
         {
             break;
         }
-        // Dinkelbach: the slope at which what this answer sheds no longer pays.
+        // Dinkelbach: the slope at which the availability loss of this solution no longer pays.
         slope = ((slope + missing / answer.shed_w) * (1.0 + MARGIN_OF_SLOPE)).min(highest);
     }
     for curve in curves.iter_mut() {

@@ -1,5 +1,5 @@
-//! Reactive power: how inverters share it (`share` which of them, `spread` among those that run), and what active power
-//! costs beside it (`power_factor`); docs/equations.md, R1 to R4.
+//! Reactive power: selection of inverters (`share`), allocation to inverters that are on (`spread`), and the cost of active
+//! power with it (`power_factor`); docs/equations.md, R1 to R4.
 
 mod power_factor;
 mod share;

@@ -1,4 +1,4 @@
-//! Which inverters carry reactive power, and how much each (docs/equations.md, R3).
+//! Selection of inverters for reactive power, and its allocation (docs/equations.md, R3).
 
 use bess_tables::Direction;
 
@@ -7,10 +7,10 @@ use crate::model::ControlModel;
 use crate::reactive::spread::{spread, Inverter};
 use crate::ControlError;
 
-/// A set of inverters that saves less than this share of the losses is no better.
+/// Minimum saving of another set of inverters, as a share of the losses.
 const WORTHWHILE: f64 = 1e-9;
 
-/// Inverters that run, what each carries, and what that costs [W].
+/// Inverters that are on, their reactive powers, and their cost [W].
 #[derive(Debug, Clone)]
 struct Share {
     on: Vec<bool>,
@@ -18,7 +18,7 @@ struct Share {
     cost_w: f64,
 }
 
-/// Reactive power to be shared among inverters, with what the start of each is worth [W].
+/// Reactive power to be allocated to inverters, with the cost of a start of each [W].
 struct Sharing<'a> {
     inverters: Vec<Inverter<'a>>,
     start_w: &'a [f64],
@@ -26,10 +26,10 @@ struct Sharing<'a> {
 }
 
 impl ControlModel {
-    /// Shares reactive power `total_var >= 0` among strings with active powers `request_w` `(M,)`, signed, so that the
-    /// inverters lose least. A string has what its active power leaves of `limit_va` `(M,)`; strings without active power run
-    /// where they are needed, or where that saves more than `start_w` `(M,)`, what the start of each is worth [W]. What is
-    /// above all that is left is not shared.
+    /// Allocates reactive power `total_var >= 0` to strings with signed active powers `request_w` `(M,)` at minimum
+    /// inverter loss. The limit of a string is the remainder of `limit_va` `(M,)`. Strings without active power are switched on
+    /// if they are needed, or if this saves more than `start_w` `(M,)`, the cost of a start [W]. Reactive power
+    /// above all limits is not allocated.
     ///
     /// # Errors
     ///
@@ -106,13 +106,13 @@ impl Sharing<'_> {
         }
     }
 
-    /// Whether these inverters have room for all of it.
+    /// Whether these inverters can carry all reactive power.
     fn fits(&self, on: &[bool]) -> bool {
         let room: f64 = self.inverters.iter().zip(on).map(|(i, &on)| if on { i.room_var } else { 0.0 }).sum();
         room >= self.total_var * (1.0 - 1e-12)
     }
 
-    /// The best share among the inverters that run.
+    /// The optimal allocation to the inverters that are on.
     fn share(&self, on: Vec<bool>) -> Share {
         let running: Vec<usize> = (0..on.len()).filter(|&m| on[m]).collect();
         let inverters: Vec<_> = running.iter().map(|&m| self.inverters[m]).collect();

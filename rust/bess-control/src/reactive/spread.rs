@@ -1,4 +1,4 @@
-//! Reactive power of inverters that run: equal marginal losses (docs/equations.md, R3).
+//! Reactive power of inverters that are on: equal marginal losses (docs/equations.md, R3).
 
 use crate::model::LossCurve;
 

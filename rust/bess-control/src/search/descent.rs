@@ -1,24 +1,24 @@
 //! Lexicographic local search on the control model.
 
+use super::incremental_rollout::IncrementalRollout;
 use super::incumbent::Schedule;
 use super::moves::{Line, Plane};
 use super::ranking::Ranking;
-use super::tracked::Tracked;
 use crate::model::ControlHorizon;
 
 /// Smallest shift of the polish, as a share of nominal power.
 const FINEST: f64 = 1e-7;
-/// A pass that gains less than this share is the last of its kind.
+/// Minimum relative gain of a pass for another pass.
 const WORTHWHILE: f64 = 1e-6;
-/// The same for the polish.
+/// Minimum relative gain of a polish pass for another one.
 const NOTICEABLE: f64 = 1e-9;
-/// More strings than this pair up with their neighbours only, in the order of their requests.
+/// Above this number of strings, each string is paired only with its neighbours in the order of requests.
 const ALL_PAIRS: usize = 6;
 
 impl ControlHorizon {
-    /// Minimises one group from a schedule `(M, T)` (magnitudes) in the order of a ranking: where the start is above a
-    /// ceiling, that comes first. `budget` bounds the work, counted in steps of single strings; returns what was used of
-    /// it. Strings that do as in a `settled` schedule, one that was minimised before, are moved only against others.
+    /// Minimises one group from a schedule `(M, T)` (magnitudes) in the order of a ranking: if the start is above a
+    /// ceiling, the excess is reduced first. `budget` limits the work, in string-steps; returns the used part of
+    /// it. Strings with the requests of an already minimised (`settled`) schedule are moved only against others.
     pub(crate) fn descend(
         &self,
         start_w: &[f64],
@@ -26,7 +26,7 @@ impl ControlHorizon {
         budget: u64,
         settled_w: Option<&[f64]>,
     ) -> (Schedule, u64) {
-        let mut tracked = Tracked::new(self, 0, &self.start, start_w.to_vec());
+        let mut tracked = IncrementalRollout::new(self, 0, &self.start, start_w.to_vec());
         if let Some(settled_w) = settled_w {
             tracked.settle(settled_w);
         }
@@ -36,8 +36,8 @@ impl ControlHorizon {
     }
 }
 
-/// Minimises one group after the other, each under the ceilings of those before it.
-pub(crate) fn improve(tracked: &mut Tracked<'_>, budget: u64) {
+/// Minimises the groups in order, each under the ceilings of earlier groups.
+pub(crate) fn improve(tracked: &mut IncrementalRollout<'_>, budget: u64) {
     let horizon = tracked.horizon;
     let mut ranking = Ranking::new(horizon.n_groups());
     let mut kept = tracked.clone();
@@ -46,7 +46,7 @@ pub(crate) fn improve(tracked: &mut Tracked<'_>, budget: u64) {
         minimise(tracked, &ranking, budget);
         ranking.ceilings[group] = horizon.ceiling(group, tracked.objectives()[group]);
     }
-    // A later group may have used the tolerance of an earlier one, never more; but a start is never made worse.
+    // A later group may use the tolerance of an earlier one, never more; a start never becomes worse.
     let (before, after) = (kept.objectives(), tracked.objectives());
     let mut lowest = before;
     for (value, reached) in lowest.iter_mut().zip(after) {
@@ -59,12 +59,12 @@ pub(crate) fn improve(tracked: &mut Tracked<'_>, budget: u64) {
 }
 
 /// Minimises the group of a ranking.
-fn minimise(tracked: &mut Tracked<'_>, ranking: &Ranking, budget: u64) {
+fn minimise(tracked: &mut IncrementalRollout<'_>, ranking: &Ranking, budget: u64) {
     let costs = tracked.objectives();
-    // Costs are not negative: a group at zero is at its optimum.
+    // Costs are non-negative: a group at zero is optimal.
     if ranking.excess(&costs) > 0.0 || costs[ranking.group] > 0.0 {
         if ranking.excess(&costs) > 0.0 {
-            // Under the ceilings by small steps: wide moves may leave the valley that the start was chosen for.
+            // Small steps below the ceilings: wide moves may leave the basin of the selected start.
             polish(tracked, ranking, budget);
         }
         descend(tracked, ranking, budget);
@@ -72,8 +72,8 @@ fn minimise(tracked: &mut Tracked<'_>, ranking: &Ranking, budget: u64) {
     }
 }
 
-/// Passes over single steps until they gain nothing, then over pairs of steps; from the start after any gain.
-fn descend(tracked: &mut Tracked<'_>, ranking: &Ranking, budget: u64) {
+/// Passes over single steps until there is no gain, then over pairs of steps; restarts after any gain.
+fn descend(tracked: &mut IncrementalRollout<'_>, ranking: &Ranking, budget: u64) {
     let n_steps = tracked.end - tracked.first;
     let (mut single, mut pairs) = (vec![0; n_steps], vec![0; n_steps * n_steps]);
     loop {
@@ -86,7 +86,7 @@ fn descend(tracked: &mut Tracked<'_>, ranking: &Ranking, budget: u64) {
 
 /// Whether a pass gained enough for another one.
 fn gains(
-    tracked: &mut Tracked<'_>,
+    tracked: &mut IncrementalRollout<'_>,
     ranking: &Ranking,
     budget: u64,
     pass: Pass,
@@ -97,10 +97,10 @@ fn gains(
     tracked.string_steps.get() < budget && ranking.better_by(&tracked.objectives(), &before, WORTHWHILE)
 }
 
-/// A pass over steps or pairs of steps, which keeps of each after how many changes it was looked at last.
-type Pass = fn(&mut Tracked<'_>, &Ranking, u64, &mut [u64]);
+/// A pass over steps or pairs of steps, which records the change counter of the last visit of each.
+type Pass = fn(&mut IncrementalRollout<'_>, &Ranking, u64, &mut [u64]);
 
-fn single_steps(tracked: &mut Tracked<'_>, ranking: &Ranking, budget: u64, looked_at: &mut [u64]) {
+fn single_steps(tracked: &mut IncrementalRollout<'_>, ranking: &Ranking, budget: u64, looked_at: &mut [u64]) {
     for (step, looked_at) in (tracked.first..tracked.end).zip(looked_at) {
         let before = std::mem::replace(looked_at, tracked.changes);
         for strings in pairs(tracked, step) {
@@ -117,7 +117,12 @@ fn single_steps(tracked: &mut Tracked<'_>, ranking: &Ranking, budget: u64, looke
     }
 }
 
-fn pairs_of_steps(tracked: &mut Tracked<'_>, ranking: &Ranking, budget: u64, looked_at: &mut [u64]) {
+fn pairs_of_steps(
+    tracked: &mut IncrementalRollout<'_>,
+    ranking: &Ranking,
+    budget: u64,
+    looked_at: &mut [u64],
+) {
     let n_steps = tracked.end - tracked.first;
     for distance in 1..tracked.end - tracked.first {
         for first in tracked.first..tracked.end - distance {
@@ -140,8 +145,8 @@ fn pairs_of_steps(tracked: &mut Tracked<'_>, ranking: &Ranking, budget: u64, loo
     }
 }
 
-/// Shifts that shrink whenever a pass gains nothing.
-fn polish(tracked: &mut Tracked<'_>, ranking: &Ranking, budget: u64) {
+/// Shifts that shrink after each pass without a gain.
+fn polish(tracked: &mut IncrementalRollout<'_>, ranking: &Ranking, budget: u64) {
     let nominal = |m: usize| tracked.horizon.string(m).nominal_w();
     let largest = (0..tracked.horizon.n_strings()).map(nominal).fold(0.0, f64::max);
     let mut share = 1e-2;
@@ -169,9 +174,9 @@ fn polish(tracked: &mut Tracked<'_>, ranking: &Ranking, budget: u64) {
     }
 }
 
-/// Pairs of strings to shift power between: all of few, neighbours in the order of their requests of many, so that
+/// Pairs of strings to shift power between: all pairs of few strings, or neighbours in the order of requests, so that
 /// work grows with the number of strings and not with its square.
-fn pairs(tracked: &Tracked<'_>, step: usize) -> Vec<(usize, usize)> {
+fn pairs(tracked: &IncrementalRollout<'_>, step: usize) -> Vec<(usize, usize)> {
     let n = tracked.horizon.n_strings();
     if n <= ALL_PAIRS {
         return (0..n).flat_map(|i| (i + 1..n).map(move |j| (i, j))).collect();
@@ -198,7 +203,7 @@ mod tests {
         let (settled, _) = horizon.descend(&start_w, &ranking, 1_000_000, Some(&start_w));
         assert_eq!(settled.request_w, start_w);
 
-        // One string is asked for less: it meets its neighbours only.
+        // One string has a smaller request: it is paired with its neighbours only.
         let mut moved_w = start_w.clone();
         moved_w[16] -= 10e3;
         moved_w[14] += 10e3;

@@ -1,19 +1,19 @@
-//! The greedy pass: the optimum of each step at the state that the roll-out has reached.
+//! The greedy pass: the optimum of each step at the state of the roll-out.
 
 use super::descent::improve;
+use super::incremental_rollout::IncrementalRollout;
 use super::incumbent::Schedule;
-use super::tracked::Tracked;
 use crate::model::{ControlHorizon, Range, StringState};
 use crate::one_step::{solve, CostCurve, OperatingTerms};
 
-/// Price of shedding against the steepest loss where shedding has to be avoided first.
+/// Price of availability loss, relative to the steepest loss, if it must be minimised first.
 const SHED_FIRST: f64 = 1e3;
 /// Work of one refinement, in roll-outs of the step.
 const REFINEMENT: u64 = 2000;
 
 impl ControlHorizon {
-    /// Greedy pass. A step that its branch and bound does not prove (something is shed, more than two groups, a
-    /// loss table that is not convex) is refined by the local search on that step alone.
+    /// Greedy pass. A step without a proven optimum (availability loss, more than two groups, a
+    /// non-convex loss table) is refined by the local search on this step alone.
     pub fn greedy(&self) -> Schedule {
         let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
         let mut states = self.start.clone();
@@ -50,7 +50,7 @@ impl ControlHorizon {
         let request_w = self.feasible(t, answer.request_w);
         let last = group + 1 == self.n_groups();
         if !sheds && last {
-            let costs = Tracked::new(self, t, states, request_w.clone()).objectives();
+            let costs = IncrementalRollout::new(self, t, states, request_w.clone()).objectives();
             if costs[group] <= answer.bound + 1e-9 * answer.bound.abs() {
                 return request_w;
             }
@@ -58,7 +58,7 @@ impl ControlHorizon {
         self.refined(t, states, request_w)
     }
 
-    /// One-step costs at the states, limited to what each string can deliver.
+    /// One-step costs at the states, limited to the deliverable power of each string.
     fn curves(&self, t: usize, states: &[StringState], group: usize) -> Vec<CostCurve> {
         let direction = self.direction(t);
         let curve = |m: usize| {
@@ -89,7 +89,7 @@ impl ControlHorizon {
         request_w
     }
 
-    /// Puts a rounding error, or what no string took, where there is room.
+    /// Allocates a rounding error or an unallocated remainder to strings with headroom.
     fn feasible(&self, t: usize, mut request_w: Vec<f64>) -> Vec<f64> {
         let mut missing = self.demand_w[t] - request_w.iter().sum::<f64>();
         for (m, request) in request_w.iter_mut().enumerate() {
@@ -105,7 +105,7 @@ impl ControlHorizon {
     }
 
     fn refined(&self, t: usize, states: &[StringState], request_w: Vec<f64>) -> Vec<f64> {
-        let mut tracked = Tracked::new(self, t, states, request_w);
+        let mut tracked = IncrementalRollout::new(self, t, states, request_w);
         improve(&mut tracked, REFINEMENT * self.n_strings() as u64);
         tracked.request_w
     }

@@ -3,15 +3,15 @@
 use super::ranking::Ranking;
 use crate::model::{ControlHorizon, Objectives};
 
-/// Descents end on a ceiling; rounded to what leaves as kW, a schedule may be this much above it, relative.
+/// Descents end on a ceiling; after rounding to kW a schedule may exceed it by this relative amount.
 const ROUNDING: f64 = 1e-12;
 
-/// A schedule and what it costs.
+/// A schedule and its costs.
 #[derive(Debug, Clone)]
 pub struct Schedule {
     /// Requests `(M, T)`, magnitudes [W].
     pub request_w: Vec<f64>,
-    /// Objectives of the groups; those beyond the number of groups are zero.
+    /// Objectives of the groups; unused entries are zero.
     pub objectives: Objectives,
 }
 
@@ -24,28 +24,28 @@ impl ControlHorizon {
 
 /// The best schedule offered so far.
 ///
-/// Each group has a ceiling, its smallest value seen plus its tolerance; schedules under all ceilings compare by the
+/// Each group has a ceiling, its smallest value so far plus its tolerance; schedules under all ceilings compare by the
 /// last group. The ceilings only fall, so that small steps within a tolerance cannot add up.
 #[derive(Debug, Clone)]
 pub struct Incumbent {
-    /// The best.
+    /// The best schedule.
     pub schedule: Schedule,
-    /// Smallest value seen of each group but the last.
+    /// Smallest value of each group except the last.
     lowest: Objectives,
 }
 
 impl Incumbent {
-    /// The first schedule known.
+    /// The first incumbent.
     pub fn new(schedule: Schedule) -> Self {
         Self { lowest: schedule.objectives, schedule }
     }
 
-    /// The order in which a group is minimised under the ceilings of those before it.
+    /// The ranking for a group under the ceilings of earlier groups.
     pub(crate) fn ranking(&self, horizon: &ControlHorizon, group: usize) -> Ranking {
         Ranking::under(horizon, group, &self.lowest)
     }
 
-    /// Smallest value seen of each group, and of the last the value held.
+    /// Smallest value of each group, and for the last group the value of the incumbent.
     pub(crate) fn standing(&self, horizon: &ControlHorizon) -> Objectives {
         let last = horizon.n_groups() - 1;
         let mut standing = self.lowest;
@@ -53,7 +53,7 @@ impl Incumbent {
         standing
     }
 
-    /// Takes a schedule if it comes before what is held, and says so.
+    /// Replaces the incumbent by a better schedule; returns whether it did.
     pub fn offer(&mut self, horizon: &ControlHorizon, schedule: Schedule) -> bool {
         let objectives = &schedule.objectives;
         if objectives.iter().any(|value| !value.is_finite()) {

@@ -1,24 +1,24 @@
-//! The search for a good schedule: starts, descents by local moves over incremental roll-outs, and moves that reach
-//! further.
+//! The search for a good schedule: starts, descents by local moves over incremental roll-outs, and
+//! perturbations.
 
 mod descent;
-mod far_moves;
-mod far_search;
-mod find;
 mod greedy;
+mod incremental_rollout;
 mod incumbent;
+mod iterated_local_search;
 mod moves;
+mod multistart;
+mod perturbation;
 mod ranking;
-mod tracked;
 
-pub use find::Effort;
 pub use incumbent::{Incumbent, Schedule};
+pub use multistart::Effort;
 
 #[cfg(test)]
 #[path = "../../tests/common/mod.rs"]
 pub(crate) mod common;
 
-/// A horizon of like strings for tests, each half full and free to give 92 kW.
+/// A horizon of identical strings for tests, each half full with a limit of 92 kW.
 #[cfg(test)]
 pub(crate) fn test_horizon(n_strings: usize, demand_w: &[f64]) -> crate::model::ControlHorizon {
     use crate::model::{ControlHorizon, ControlModel, SplitProblem};

@@ -2,21 +2,21 @@
 
 use bess_tables::Direction;
 
+use super::incremental_rollout::IncrementalRollout;
 use super::ranking::Ranking;
-use super::tracked::Tracked;
 use crate::model::Objectives;
 
 /// Uniform shares tried in a line search, and in each direction of a two-step search.
 const SHARES: usize = 25;
 const SHARES_OF_PAIR: usize = 9;
 
-/// Most moves that close in on the best of a two-step search.
+/// Maximum number of refinements of a two-step search.
 const CLOSING_MOVES: usize = 15;
 
-/// Evaluations to find where a ceiling is met.
+/// Evaluations to find the intersection with a ceiling.
 const CROSSING: usize = 4;
 
-/// Two strings and a step: what the first of them may be asked for while their sum stays.
+/// Two strings and a step: range of requests of the first string at a constant sum.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Line {
     pub step: usize,
@@ -27,8 +27,8 @@ pub(crate) struct Line {
 }
 
 impl Line {
-    /// None where nothing can be shifted.
-    pub fn new(tracked: &Tracked<'_>, step: usize, (i, j): (usize, usize)) -> Option<Self> {
+    /// None if no power can be shifted.
+    pub fn new(tracked: &IncrementalRollout<'_>, step: usize, (i, j): (usize, usize)) -> Option<Self> {
         let horizon = tracked.horizon;
         let sum_w = tracked.request(i, step) + tracked.request(j, step);
         let low_w = (sum_w - horizon.limit(j, step)).max(0.0);
@@ -41,14 +41,14 @@ impl Line {
         self.high_w - self.low_w
     }
 
-    /// Requests of both strings for a first one inside the line.
-    fn pair(&self, tracked: &Tracked<'_>, first_w: f64) -> (f64, f64) {
+    /// Requests of both strings for a first request within the range.
+    fn pair(&self, tracked: &IncrementalRollout<'_>, first_w: f64) -> (f64, f64) {
         let first_w = first_w.clamp(self.low_w, self.high_w);
         tracked.horizon.pair(self.step, self.strings, self.sum_w, first_w)
     }
 
     /// Objectives with the first string at `first_w`, the requests of later steps as they are or following.
-    fn cost(&self, tracked: &Tracked<'_>, shift: Shift) -> Objectives {
+    fn cost(&self, tracked: &IncrementalRollout<'_>, shift: Shift) -> Objectives {
         let (i, j) = self.strings;
         let (u, v) = self.pair(tracked, shift.first_w);
         let (a, b) = if shift.follows {
@@ -61,8 +61,8 @@ impl Line {
         tracked.objectives_with(&[(i, a), (j, b)])
     }
 
-    /// Asks the first string for `first_w` and the other for the rest.
-    fn commit(&self, tracked: &mut Tracked<'_>, shift: Shift) {
+    /// Sets the request of the first string to `first_w`, and the remainder for the other.
+    fn commit(&self, tracked: &mut IncrementalRollout<'_>, shift: Shift) {
         let (i, j) = self.strings;
         let pair = self.pair(tracked, shift.first_w);
         let mut changes = vec![(self.step, pair)];
@@ -78,7 +78,7 @@ impl Line {
         tracked.roll(j, self.step);
     }
 
-    fn candidates(&self, tracked: &Tracked<'_>) -> impl Iterator<Item = f64> {
+    fn candidates(&self, tracked: &IncrementalRollout<'_>) -> impl Iterator<Item = f64> {
         let edge = |m: usize| tracked.edge(m, self.step, tracked.at(m, self.step).state);
         let special = [edge(self.strings.0), self.sum_w - edge(self.strings.1)];
         let (low, high) = (self.low_w, self.high_w);
@@ -87,9 +87,9 @@ impl Line {
         uniform.chain(inside).chain(self.ends(tracked))
     }
 
-    /// Just inside both ends: the string there is at its least power. In charge such an inverter takes its no-load loss
-    /// from the battery, which makes room in a full one.
-    fn ends(&self, tracked: &Tracked<'_>) -> impl Iterator<Item = f64> {
+    /// Just inside both ends: the string there is at its minimum power. In charge such an inverter takes its no-load loss
+    /// from the battery, which creates headroom in a full battery.
+    fn ends(&self, tracked: &IncrementalRollout<'_>) -> impl Iterator<Item = f64> {
         let min_w = |m: usize| tracked.horizon.string(m).min_power_w();
         let charges = tracked.horizon.direction(self.step) == Direction::Charge;
         let (first_w, second_w) = (min_w(self.strings.0), self.sum_w - min_w(self.strings.1));
@@ -97,14 +97,14 @@ impl Line {
         [first_w, second_w].into_iter().filter(move |u| charges && *u > low && *u < high)
     }
 
-    /// Uniform requests over the line, and its ends.
-    fn grid(&self, tracked: &Tracked<'_>) -> Vec<f64> {
+    /// Uniform requests over the range, and its ends.
+    fn grid(&self, tracked: &IncrementalRollout<'_>) -> Vec<f64> {
         let share = |n: usize| self.low_w + self.width() * n as f64 / (SHARES_OF_PAIR - 1) as f64;
         (0..SHARES_OF_PAIR).map(share).chain(self.ends(tracked)).collect()
     }
 
-    /// Tries shares, switching points and edges; then closes in on the best.
-    pub fn search(&self, tracked: &mut Tracked<'_>, ranking: &Ranking) {
+    /// Tries shares, switching points and edges; then refines the best.
+    pub fn search(&self, tracked: &mut IncrementalRollout<'_>, ranking: &Ranking) {
         let mut best = self.here(tracked);
         for first_w in self.candidates(tracked) {
             self.try_at(tracked, ranking, first_w, &mut best);
@@ -120,7 +120,7 @@ impl Line {
     }
 
     /// One shift by `step_w` either way.
-    pub fn nudge(&self, tracked: &mut Tracked<'_>, ranking: &Ranking, step_w: f64) {
+    pub fn nudge(&self, tracked: &mut IncrementalRollout<'_>, ranking: &Ranking, step_w: f64) {
         let mut best = self.here(tracked);
         let centre = best.0.first_w;
         self.try_at(tracked, ranking, centre - step_w, &mut best);
@@ -128,12 +128,18 @@ impl Line {
         self.take(tracked, best.0);
     }
 
-    fn here(&self, tracked: &Tracked<'_>) -> (Shift, Objectives) {
+    fn here(&self, tracked: &IncrementalRollout<'_>) -> (Shift, Objectives) {
         let first_w = tracked.request(self.strings.0, self.step);
         (Shift { first_w, follows: false }, tracked.objectives())
     }
 
-    fn try_at(&self, tracked: &Tracked<'_>, ranking: &Ranking, first_w: f64, best: &mut (Shift, Objectives)) {
+    fn try_at(
+        &self,
+        tracked: &IncrementalRollout<'_>,
+        ranking: &Ranking,
+        first_w: f64,
+        best: &mut (Shift, Objectives),
+    ) {
         if first_w < self.low_w || first_w > self.high_w {
             return;
         }
@@ -149,7 +155,7 @@ impl Line {
         }
     }
 
-    fn take(&self, tracked: &mut Tracked<'_>, best: Shift) {
+    fn take(&self, tracked: &mut IncrementalRollout<'_>, best: Shift) {
         if best != self.here(tracked).0 {
             self.commit(tracked, best);
         }
@@ -171,8 +177,8 @@ pub(crate) struct Plane {
 }
 
 impl Plane {
-    /// Tries a grid of shares in both steps, then closes in.
-    pub fn search(&self, tracked: &mut Tracked<'_>, ranking: &Ranking) {
+    /// Tries a grid of shares in both steps, then refines the best.
+    pub fn search(&self, tracked: &mut IncrementalRollout<'_>, ranking: &Ranking) {
         let here = (tracked.request(self.first.strings.0, self.first.step), self.here_second(tracked));
         let mut best = (here, tracked.objectives());
         let mut seconds = self.second.grid(tracked);
@@ -202,15 +208,15 @@ impl Plane {
         }
     }
 
-    fn here_second(&self, tracked: &Tracked<'_>) -> f64 {
+    fn here_second(&self, tracked: &IncrementalRollout<'_>) -> f64 {
         tracked.request(self.second.strings.0, self.second.step)
     }
 
-    /// One first request against several ascending second ones, and those between them that just meet the ceilings; the
-    /// way to the second step is rolled out once.
+    /// One first request with several ascending second ones, and intermediate ones that just meet the ceilings; the
+    /// roll-out to the second step is computed once.
     fn try_row(
         &self,
-        tracked: &Tracked<'_>,
+        tracked: &IncrementalRollout<'_>,
         ranking: &Ranking,
         first_w: f64,
         seconds_w: &[f64],
@@ -246,7 +252,7 @@ impl Plane {
                     let ends = [(other_w, excess(&other)), (second_w, excess(&costs))];
                     let crosses = (ends[0].1 > 0.0) != (ends[1].1 > 0.0);
                     if crosses {
-                        // Worth a look where a straight line between both ends comes below the best.
+                        // Evaluated if the straight line between both ends is below the best.
                         let part = ends[0].1 / (ends[0].1 - ends[1].1);
                         let g = ranking.group;
                         if other[g] + (costs[g] - other[g]) * part < best_cost {
@@ -257,7 +263,7 @@ impl Plane {
                     crosses
                 };
                 if !cross(&|costs| ranking.excess(costs)) {
-                    // Above one ceiling here and another there: both may be met between.
+                    // Above different ceilings at the two ends: both may be met in between.
                     for group in 0..ranking.group {
                         cross(&|costs| costs[group] - ranking.ceilings[group]);
                     }
@@ -268,8 +274,8 @@ impl Plane {
     }
 }
 
-/// Where a function of different sign at both ends is just not positive: false position, the end that stays trusted half
-/// as much (Illinois).
+/// Root of a function with different signs at both ends, on the non-positive side: false position, with half weight for
+/// a retained end (Illinois).
 fn crossing(ends: [(f64, f64); 2], excess: impl Fn(f64) -> f64) -> f64 {
     let [mut inside, mut outside] = if ends[0].1 > 0.0 { [ends[1], ends[0]] } else { ends };
     for _ in 0..CROSSING {

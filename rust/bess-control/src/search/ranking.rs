@@ -1,23 +1,23 @@
-//! The lexicographic order of schedules: which of two vectors of group objectives is better, group after group.
+//! The lexicographic order of schedules by their vectors of group objectives.
 
 use crate::model::{ControlHorizon, Objectives, MAX_GROUPS};
 
-/// Lexicographic order with the higher groups held under a ceiling.
+/// Lexicographic order with ceilings for earlier groups.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Ranking {
-    /// The group that is minimised; those before it only have to stay under their ceilings.
+    /// The group that is minimised; earlier groups only have to respect their ceilings.
     pub group: usize,
     pub n_groups: usize,
     pub ceilings: Objectives,
 }
 
 impl Ranking {
-    /// Nothing under a ceiling yet: the first group is minimised.
+    /// Ranking for the first group, without ceilings.
     pub fn new(n_groups: usize) -> Self {
         Self { group: 0, n_groups, ceilings: [f64::INFINITY; MAX_GROUPS] }
     }
 
-    /// Minimises `group`, with those before it at most a tolerance above `lowest`.
+    /// Ranking for `group`, with earlier groups at most a tolerance above `lowest`.
     pub fn under(horizon: &ControlHorizon, group: usize, lowest: &Objectives) -> Self {
         let mut ranking = Self { group, ..Self::new(horizon.n_groups()) };
         for (g, &lowest) in lowest[..group].iter().enumerate() {
@@ -26,7 +26,7 @@ impl Ranking {
         ranking
     }
 
-    /// How far the groups before the one that is minimised are above their ceilings: the largest, negative below all.
+    /// Maximum excess of earlier groups over their ceilings; negative if all are below.
     #[inline]
     pub fn excess(&self, costs: &Objectives) -> f64 {
         (0..self.group).map(|g| costs[g] - self.ceilings[g]).fold(f64::NEG_INFINITY, f64::max)
@@ -38,12 +38,12 @@ impl Ranking {
         self.better_by(a, b, 0.0)
     }
 
-    /// The better one first.
+    /// Orders the better schedule first.
     pub fn order(&self, a: &Objectives, b: &Objectives) -> std::cmp::Ordering {
         self.better(b, a).cmp(&self.better(a, b))
     }
 
-    /// Whether `a` is better than `b` by more than a share.
+    /// Whether `a` is better than `b` by more than a relative margin.
     #[inline]
     pub fn better_by(&self, a: &Objectives, b: &Objectives, share: f64) -> bool {
         for g in 0..self.n_groups {

@@ -1,6 +1,6 @@
-//! The mechanism that all models share: power laws advanced along a history whose conditions change.
+//! The mechanism common to all models: power laws advanced along a history of changing conditions.
 
-/// How a string stands over a block of time.
+/// Calendar conditions of a string over a block of time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Standing {
     /// Mean state of charge.
@@ -87,11 +87,11 @@ fn power(base: f64, exponent: f64) -> f64 {
 pub struct Knee {
     /// Exposure per equivalent full cycle.
     pub rate: fn(&Cycle) -> f64,
-    /// Capacity left after an exposure, as a share.
+    /// Remaining capacity after an exposure, as a share.
     pub capacity: fn(f64) -> f64,
 }
 
-/// A cell model: what is published of one cell.
+/// A cell model from the publications on one cell.
 #[derive(Debug, Clone, Copy)]
 pub struct Model {
     /// Name in system and study files.

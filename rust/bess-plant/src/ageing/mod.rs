@@ -1,9 +1,9 @@
-//! Ageing of strings: what a cell loses by standing and by cycling, and what its resistance gains.
+//! Ageing of strings: calendar and cycle ageing of capacity and resistance.
 //!
 //! A model is one file in `models/` and one line in [`models::MODELS`]: power laws `y = k x^p` of days or of
-//! equivalent full cycles, whose rates `k` depend on how the string stands or cycles (`law`). Cycles are counted
-//! by rainflow as they happen ([`Rainflow`]); a range that is still open counts as the half cycle that it is so
-//! far. Capacity and resistance in force change once in a block of at least 15 minutes, between two
+//! equivalent full cycles, whose rates `k` depend on the calendar or cycle conditions (`law`). Cycles are counted
+//! online by rainflow ([`Rainflow`]); an open range counts as a half cycle of its present
+//! depth. Capacity and resistance are updated once in a block of at least 15 minutes, between two
 //! control steps.
 //!
 //! [`StringAgeing`] advances an [`AgeingState`] by one control step after the other; the plant reads its [`Loss`].

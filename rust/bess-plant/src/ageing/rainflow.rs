@@ -14,7 +14,7 @@ pub struct Point<P> {
     pub mark: P,
 }
 
-/// What was counted: between two points, a whole cycle or a half one.
+/// A counted range between two points: a full or a half cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Counted<P> {
     /// First point of the range.

@@ -1,12 +1,12 @@
-//! What ageing remembers of a string, and its form as numbers.
+//! Ageing state of a string, and its conversion to numbers.
 
 use super::rainflow::{Point, Rainflow};
 use crate::PlantError;
 
-/// What a string has lost, and what is left of it.
+/// Losses and remaining state of health of a string.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Loss {
-    /// Capacity lost by standing, as a share of the nameplate.
+    /// Capacity loss by calendar ageing, relative to the nameplate.
     pub calendar: f64,
     /// Capacity lost by cycling; with it the losses and what is left sum to the capacity at the start of life.
     pub cyclic: f64,
@@ -16,12 +16,12 @@ pub struct Loss {
     pub soh_resistance: f64,
 }
 
-/// What the power laws sum up instead of losses: see [`super::Law`].
+/// Damages, the sums of the power laws: see [`super::Law`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Damage {
     pub(super) capacity: f64,
     pub(super) resistance: f64,
-    /// Exposure of the active sites; none by standing.
+    /// Exposure of the active sites; zero for calendar ageing.
     pub(super) sites: f64,
 }
 
@@ -56,15 +56,15 @@ pub(super) struct Gathered {
     pub(super) kelvin_s: f64,
 }
 
-/// Everything that ageing remembers of a string.
+/// Complete ageing state of a string.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AgeingState {
     /// Capacity and resistance at the start of life, as factors on the nameplate.
     pub(super) base_capacity: f64,
     pub(super) base_resistance: f64,
-    /// Damage of standing.
+    /// Damage by calendar ageing.
     pub(super) calendar: Damage,
-    /// Damage of the cycles that are counted.
+    /// Damage by counted cycles.
     pub(super) cyclic: Damage,
     /// Sums up to now.
     pub(super) now: Mark,
@@ -74,7 +74,7 @@ pub struct AgeingState {
 }
 
 impl AgeingState {
-    /// What the string has lost.
+    /// Losses of the string.
     pub fn loss(&self) -> &Loss {
         &self.loss
     }

@@ -12,13 +12,13 @@ use crate::PlantError;
 /// Capacity and resistance change once this much time has gathered, at the end of a control step [s].
 const BLOCK_S: f64 = 900.0;
 
-/// Capacity never falls below this share of the nameplate: a plant needs some.
+/// Minimum capacity, as a share of the nameplate.
 const LEAST_CAPACITY: f64 = 0.05;
 
 /// Temperature at which cell voltages are read where a model wants them [degC].
 const VOLTAGE_C: f64 = 25.0;
 
-/// Ageing of one string: its model and what the model wants to know of it.
+/// Ageing of one string: its model and the data of the model.
 #[derive(Debug, Clone)]
 pub struct StringAgeing {
     model: Option<&'static Model>,
@@ -198,7 +198,7 @@ impl StringAgeing {
     }
 }
 
-/// What the resistance has gained, as a share of the nameplate, after damages of standing and of cycling.
+/// Resistance increase, relative to the nameplate, after damages by calendar and cycle ageing.
 fn resistance_gain(model: &Model, calendar: &Damage, cyclic: &Damage) -> f64 {
     model.calendar_resistance.loss(calendar.resistance) + model.cyclic_resistance.loss(cyclic.resistance)
 }

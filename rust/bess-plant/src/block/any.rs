@@ -21,7 +21,7 @@ pub(crate) struct LaneState {
     pub(crate) ageing: AgeingState,
 }
 
-/// What the coolant met in a plant step, lane by lane [degC].
+/// Temperatures along the coolant path in a plant step, by lane [degC].
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Faces {
     pub(crate) inlet_c: Vec<f64>,

@@ -21,7 +21,7 @@ use crate::thermal::{AirPath, Coefficients};
 use crate::totals::Totals;
 use crate::PlantError;
 
-/// A control step: what it asks, and where it began.
+/// A control step: its requests and initial state.
 #[derive(Debug, Clone, Copy)]
 struct ControlStep<const W: usize> {
     magnitude_w: Lanes<W>,
@@ -36,7 +36,7 @@ struct ControlStep<const W: usize> {
     temperature_c: Lanes<W>,
 }
 
-/// Lanes with the same number of nodes. Lanes beyond `ids` repeat the last one; nobody reads them.
+/// Lanes with the same number of nodes. Lanes beyond `ids` repeat the last one and are not read.
 #[derive(Debug, Clone)]
 pub(crate) struct Block<const W: usize> {
     ids: Vec<usize>,

@@ -1,8 +1,8 @@
-//! What tells one kind of cooling from another.
+//! Properties of the kinds of cooling.
 
 use bess_tables::Cooling;
 
-/// What takes the heat from the coolant.
+/// Heat sink of the coolant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Source {
     /// Nothing: the coolant comes from outside and goes there.
@@ -13,7 +13,7 @@ pub(crate) enum Source {
     Chiller,
 }
 
-/// What the coolant is wanted to be.
+/// Set-point of the coolant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Supply {
     pub(crate) temperature_c: f64,

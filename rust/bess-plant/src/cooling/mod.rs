@@ -1,4 +1,4 @@
-//! Cooling of a plant: what passes the strings, how fast, how cold, and what that costs.
+//! Cooling of a plant: coolant flow, coolant temperature and auxiliary power.
 //!
 //! Every string has a thermostat of its own over its mean temperature, which sets the share `s` of its full flow. The coolant
 //! marches along the packs as the air does (`thermal.rs`), so a string of one temperature gives up

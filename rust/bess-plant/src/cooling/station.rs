@@ -13,7 +13,7 @@ use crate::schedule::Schedule;
 use crate::thermal::Coefficients;
 use crate::PlantError;
 
-/// What the cooling of a plant remembers.
+/// Cooling state of a plant.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CoolingState {
     /// Stages of flow that are on, of each lane.
@@ -24,7 +24,7 @@ pub struct CoolingState {
     pub loop_c: Vec<f64>,
 }
 
-/// What one string's coolant can do.
+/// Coolant data of one string.
 #[derive(Debug, Clone, Copy)]
 struct Unit {
     /// Heat capacity flow of all packs at full flow [W/K].
@@ -161,7 +161,7 @@ impl Station {
         }
     }
 
-    /// What the coolant is wanted to be, and the temperature at which it reaches the first string [degC].
+    /// Set-point of the coolant, and its temperature at the first string [degC].
     fn supply(&self, scenario: usize, ambient_c: f64) -> (Supply, f64) {
         let supply = (self.kind.supply)(&self.cooling, ambient_c, self.state.chilling[scenario]);
         let inlet_c =

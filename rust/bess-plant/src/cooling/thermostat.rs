@@ -2,7 +2,7 @@
 
 use bess_tables::Cooling;
 
-/// Stages of flow that there are.
+/// Number of flow stages.
 pub(super) fn most_stages(cooling: &Cooling) -> usize {
     if cooling.variable_flow {
         1

@@ -1,4 +1,4 @@
-//! The plant as its users see it: made from parameters and a state, advanced by requests.
+//! Interface of the plant: built from parameters and a state, advanced by requests.
 
 mod requests;
 mod state;
@@ -17,10 +17,10 @@ use crate::PlantError;
 /// Values beyond a limit by no more than this share of it are rounding, not bad input.
 const ROUNDING: f64 = 1e-9;
 
-/// Plant steps that make sense [s].
+/// Valid plant steps [s].
 const STEP_S: (f64, f64) = (1e-3, 86_400.0);
 
-/// Strings, in one or more independent scenarios, that are stepped side by side.
+/// Strings in one or more independent scenarios, simulated in parallel.
 ///
 /// Blocks of eight lanes, and one of four where four suffice. A lane's results depend on nothing but itself.
 #[derive(Debug)]

@@ -1,4 +1,4 @@
-//! What a plant may be asked for.
+//! Checks of the requests of a plant.
 
 use bess_tables::units::W_PER_KW;
 
@@ -7,10 +7,10 @@ use crate::check::{check_all, check_range, TEMPERATURE_C};
 use crate::schedule::Schedule;
 use crate::PlantError;
 
-/// Longest control step [s]: a day, of which means still say something.
+/// Maximum control step [s]: one day.
 const CONTROL_STEP_S: f64 = 86_400.0;
 
-/// Most plant steps of strings in one call: some minutes of work, a century of eight strings at 10 s.
+/// Maximum plant steps x strings in one call: some minutes of work, a century of eight strings at 10 s.
 const MOST_PLANT_STEPS: u128 = 10_000_000_000;
 
 impl Plant {

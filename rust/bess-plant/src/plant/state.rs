@@ -1,4 +1,4 @@
-//! The state of a plant: what it is given, what it says, and what is refused.
+//! The state of a plant: set, get and checks.
 
 use bess_tables::System;
 
@@ -26,9 +26,9 @@ pub struct PlantState {
     pub derating_integral_k: Vec<f64>,
     /// Whether the inverter was on at the end of the last plant step.
     pub inverter_on: Vec<bool>,
-    /// What ageing has made of each lane; see [`starting_ageing`].
+    /// Ageing state of each lane; see [`starting_ageing`].
     pub ageing: Vec<AgeingState>,
-    /// What cooling remembers; none for a plant without, or one that starts.
+    /// Cooling state; None for a plant without cooling system, or at the start.
     pub cooling: Option<CoolingState>,
 }
 

@@ -1,0 +1,142 @@
+"""Arrays of numbers from outside, checked: what counts as a number, finite, of the right shape, in range."""
+
+from __future__ import annotations
+
+from dataclasses import fields, is_dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bess.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+class ByValue:
+    """Base of frozen dataclasses that hold arrays: equal where all fields are, NaN to NaN; not hashable.
+
+    The comparison that ``dataclass`` writes is that of tuples, for which an array has no truth value.
+    """
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not type(self):
+            return NotImplemented
+        assert is_dataclass(self)
+        return all(_same(getattr(self, f.name), getattr(other, f.name)) for f in fields(self) if f.compare)
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+def _same(one: object, other: object) -> bool:
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
+        return np.array_equal(one, other, equal_nan=one.dtype.kind == other.dtype.kind == "f")
+    return type(one) is type(other) and one == other
+
+
+def real_numbers(values: ArrayLike) -> NDArray[np.float64]:
+    """Return ``values`` as float64, of any shape; NaN and infinity pass.
+
+    Raises
+    ------
+    ValueError
+        For texts, truth values, complex numbers, times, masked values, integers beyond the range of floats,
+        and lists of unequal length. They would be converted without a word, or end in another exception.
+    """
+    if isinstance(values, np.ma.MaskedArray) and np.ma.is_masked(values):
+        raise ValueError("some values are masked")
+    array = np.asarray(values)
+    if array.dtype == np.float64:
+        return array
+    if array.dtype.kind in "iuf":
+        with np.errstate(over="ignore"):  # of a long double; infinity, as 1e400 is
+            return array.astype(np.float64)
+    if array.dtype.kind == "O":
+        return np.array([_real(value) for value in array.ravel()], dtype=np.float64).reshape(array.shape)
+    if array.size == 0:
+        return array.astype(np.float64)
+    raise ValueError(f"{_KINDS.get(array.dtype.kind, str(array.dtype))} are not numbers")
+
+
+_KINDS = {
+    "U": "texts",
+    "S": "texts",
+    "b": "truth values",
+    "c": "complex numbers",
+    "M": "times",
+    "m": "durations",
+}
+
+
+def _real(value: object) -> float:
+    if isinstance(value, bool | str | bytes | complex) or value is None:
+        raise ValueError(f"{type(value).__name__} is not a number")
+    try:
+        return float(value)  # type: ignore[arg-type]
+    except OverflowError:
+        raise ValueError("an integer is beyond the range of floating-point numbers") from None
+    except TypeError:
+        raise ValueError(f"{type(value).__name__} is not a number") from None
+
+
+def number_array(name: str, values: ArrayLike) -> Array:
+    """Return ``values`` as float64.
+
+    Raises
+    ------
+    InputError
+        If they are no numbers.
+    """
+    try:
+        return real_numbers(values)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} must be an array of numbers ({error})") from error
+
+
+def finite_array(name: str, values: ArrayLike) -> Array:
+    """Return ``values`` as float64, all of them finite.
+
+    Raises
+    ------
+    InputError
+        If they are no numbers, or with the place of the first that is not finite.
+    """
+    array = number_array(name, values)
+    finite = np.isfinite(array)
+    if not finite.all():
+        index = tuple(int(i) for i in np.argwhere(~finite)[0])
+        place = f" at index {index if len(index) > 1 else index[0]}" if index else ""
+        raise InputError(f"{name}{place} is {array[index]}; every value must be finite")
+    return array
+
+
+def each_step(name: str, values: ArrayLike, n_steps: int, limits: tuple[float, float], unit: str) -> Array:
+    """Return one finite value for each step from one value, or from one for each, within limits.
+
+    Raises
+    ------
+    InputError
+        If there are more or fewer values, or with the worst of those outside the limits.
+    """
+    array = finite_array(name, values)
+    if array.shape not in ((), (n_steps,)):
+        raise InputError(
+            f"{name} has shape {array.shape}; give one value, or one for each of {n_steps} steps"
+        )
+    low, high = limits
+    if np.any((array < low) | (array > high)):
+        worst = array.ravel()[np.argmax(np.abs(array))]
+        raise InputError(f"{name} {worst:g} {unit} is outside [{low:g}, {high:g}] {unit}")
+    return np.ascontiguousarray(np.broadcast_to(array, (n_steps,)))
+
+
+def require_positive(place: str, **values: tuple[float | None, str]) -> None:
+    """Refuse numbers that are not finite and above 0; each is given with its unit, None passes.
+
+    Raises
+    ------
+    InputError
+        With ``place``, the name of the first such number and its value.
+    """
+    for name, (value, unit) in values.items():
+        if value is not None and not (np.isfinite(value) and value > 0.0):
+            raise InputError(f"{place}: {name} {value}{unit} must be finite and above 0{unit}")

@@ -1,0 +1,96 @@
+"""Tracking of the forecast error."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from bess.arrays import Array
+
+MEMORY_H = 24.0
+"""Averaging time of forecast errors and of unforeseen limit changes [h]."""
+
+
+class ForecastErrorTracker:
+    """Compares the demand and limits of each step with the previous forecast (docs/foresight.md).
+
+    Parameters
+    ----------
+    nominal_kw : ndarray, shape (n_strings,)
+        Nominal power of the inverters.
+    dt_h : float
+        Length of a step [h].
+
+    Attributes
+    ----------
+    limit_kw : ndarray, shape (n_strings,), or None
+        Limits of the last call; None before the first.
+    """
+
+    def __init__(self, nominal_kw: Array, dt_h: float) -> None:
+        self.limit_kw: Array | None = None
+        self._nominal_kw = nominal_kw
+        self._new = min(1.0, dt_h / MEMORY_H)
+        self._foreseen_kw: float | None = None
+        self._error_kw = self._level_kw = self._surprise = 0.0
+
+    @property
+    def share(self) -> float:
+        """Forecast error, from 0 (perfect forecast) to 1.
+
+        The sum of two averages over about a day: the relative error of the one-step demand forecast, and the
+        share of the inverter power that failed or returned without notice.
+        """
+        error = self._error_kw / self._level_kw if self._level_kw > 0.0 else 0.0
+        return min(error + self._surprise, 1.0)
+
+    def compare(self, demand_kw: Array, limit_kw: Array | None = None) -> bool:
+        """Update the error with a step.
+
+        Parameters
+        ----------
+        demand_kw : ndarray, shape (n_steps,)
+            Demand of this step and forecast of the next ones [kW].
+        limit_kw : ndarray, shape (n_strings,), optional
+            Limits of this step [kW]; unchanged if omitted.
+
+        Returns
+        -------
+        bool
+            Whether the limits have changed.
+        """
+        known = self.limit_kw if limit_kw is None else limit_kw
+        # Demand above the inverters in service is unmet and is not allocated.
+        max_kw = float((self._nominal_kw if known is None else known).sum())
+        now = min(max(float(demand_kw[0]), -max_kw), max_kw)
+        if self._foreseen_kw is not None:
+            foreseen = min(max(self._foreseen_kw, -max_kw), max_kw)
+            self._error_kw += self._new * (abs(now - foreseen) - self._error_kw)
+            self._level_kw += self._new * (abs(now) - self._level_kw)
+        self._foreseen_kw = float(demand_kw[1]) if demand_kw.size > 1 else None
+        self._surprise *= 1.0 - self._new
+        changed = False
+        if known is not None and self.limit_kw is not None:
+            change_kw = float(np.abs(known - self.limit_kw).sum())
+            self._surprise += change_kw / float(self._nominal_kw.sum())
+            changed = change_kw > 0.0
+        self.limit_kw = known
+        return changed
+
+    def memory(self) -> dict[str, Any]:
+        """Return the state that the next comparison depends on."""
+        return {
+            "limit_kw": self.limit_kw,
+            "foreseen_kw": self._foreseen_kw,
+            "error_kw": self._error_kw,
+            "level_kw": self._level_kw,
+            "surprise": self._surprise,
+        }
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Restore a state returned by :meth:`memory`."""
+        self.limit_kw, self._foreseen_kw = memory["limit_kw"], memory["foreseen_kw"]
+        self._error_kw, self._level_kw = float(memory["error_kw"]), float(memory["level_kw"])
+        self._surprise = float(memory["surprise"])

@@ -1,0 +1,315 @@
+"""The planner: in each control step, it shifts the previous plan by one step and improves it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bess import _core
+from bess.arrays import Array, ByValue, real_numbers
+from bess.control.planning.forecast_error import ForecastErrorTracker
+from bess.control.planning.groups import MAX_BOUNDED_KINDS, groups_of, kinds_of
+from bess.control.planning.prices import PlanPrices
+from bess.control.planning.proven_bound import proven_bound
+from bess.control.split.problem import SplitProblem, check_horizon
+from bess.errors import InputError
+from bess.system import State, System
+
+ROLLOUTS = 90
+"""Roll-outs of a call. Over eight weeks of two reference strings, 40 roll-outs cost 0.3 % more energy and 300
+cost 0.2 % less."""
+RESTART_ROLLOUTS = 600
+"""Maximum roll-outs for the schedule of each rule at a cold start or restart; at most four times those of a
+call."""
+RESTART_INTERVAL_STEPS = 96
+"""Calls between restarts: a restart may leave a local optimum that holds the shifted warm start."""
+BOUND_STEPS = 28 * RESTART_INTERVAL_STEPS
+"""Calls between lower bounds, each at a restart: a bound takes as long as several days of planning."""
+BOUND_PASSES = 20
+"""Iterations of the dual bound. A hundred iterations raise the bound by 1 % of the cost."""
+PROOF_CELLS = 160
+"""SOC cells of the proven bound; 160 cells take 0.4 CPU s for a day of identical strings."""
+TERMINAL_VALUE_FACTOR = 0.1
+"""Value of stored charge at the end of a plan, as a share of its value at the start. A larger share
+over-values stored energy, because future scarcity is uncertain."""
+SOC_BALANCING_PER_H = 0.01
+"""Price of SOC differences [1/h], see :class:`Planner`. Without it the SOC of the strings diverges, and a
+failed string or a forecast error leaves too little power."""
+SHORTFALL_DISCOUNT_TIME_H = 300.0
+"""Time constant of the discount on undelivered energy [h]: the forecast of distant steps is uncertain."""
+FIRST_STEP_WEIGHT = 1.1
+"""Weight of undelivered energy in the current step, relative to the next step: energy that can be delivered
+now is kept for later only if this reduces the cost."""
+MISTRUSTED_BALANCING_PER_H = 0.1
+"""Increase of the price of SOC differences [1/h] at a forecast error of 1 (see
+:class:`bess.control.planning.forecast_error.ForecastErrorTracker`)."""
+MISTRUSTED_DISCOUNT_TIME_H = 5.0
+"""Time constant of the additional discount on undelivered energy at a forecast error of 1 [h]."""
+MISTRUSTED_FIRST_STEP_WEIGHT = 1.0
+"""Increase of :data:`FIRST_STEP_WEIGHT` at a forecast error of 1."""
+MAX_STEPS = 48 * 60
+"""Maximum number of steps of a plan: two days of one-minute steps."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plan(ByValue):
+    """A plan with its cost in the control model.
+
+    Attributes
+    ----------
+    request_kw : ndarray, shape (n_strings, n_steps)
+        Set-points [kW], signed as the demand.
+    cost : float
+        Cost of the plan [kWh or EUR, the unit of the prices].
+    rule_cost : float
+        Cost of the cheapest rule (equal, soc, temperature, priority, rotation); ``cost`` never exceeds it.
+    unmet_kw : ndarray, shape (n_steps,)
+        Demand above the power of the inverters in service [kW]; no string receives it.
+    rollouts : int
+        Number of roll-outs of the control model.
+    bound : float
+        Proven lower bound of the cost of every schedule, without starts, on the control model of
+        :func:`bess.rollout` (docs/equations.md, 1 to 6). It is the larger of the dual bound and the sum of
+        the minimum costs of single steps (of strings that are planned one by one). NaN if not computed.
+    search_bound : float
+        Dual bound on a grid, an estimate. NaN if not computed.
+    """
+
+    request_kw: Array
+    cost: float
+    rule_cost: float
+    unmet_kw: Array
+    rollouts: int
+    bound: float = np.nan
+    search_bound: float = np.nan
+
+    @property
+    def gap(self) -> float:
+        """Proven optimality gap: the cost exceeds the optimum by at most this share of the cost."""
+        return (self.cost - self.bound) / self.cost if self.cost > 0.0 else 0.0
+
+    @property
+    def search_gap(self) -> float:
+        """Optimality gap estimated with :attr:`search_bound`, as a share of the cost.
+
+        The grid can raise the search bound by about 0.5 % of the cost; negative gaps are reported as 0.
+        """
+        return float(np.maximum((self.cost - self.search_bound) / self.cost, 0.0)) if self.cost > 0.0 else 0.0
+
+
+class Planner:
+    """Plans the power of every string over hours or days (docs/foresight.md).
+
+    Each call takes the measured state and the demand forecast, and shifts the previous plan by one step. A
+    local search then improves this warm start on the control model in its midpoint form. If the schedule of
+    a rule costs less, it replaces the plan. Results do not depend on the clock and repeat to the last bit.
+
+    Parameters
+    ----------
+    system : System
+        1 to 1,000 strings, which may differ. More than 16 are planned in groups of like strings in like
+        states, formed at each restart (:func:`bess.control.planning.groups.groups_of`).
+    n_steps : int
+        Length of the plan [steps].
+    dt_h : float
+        Length of a step [h].
+    rollouts : int
+        Effort of a call, in roll-outs of all strings over the whole plan.
+    balance : float
+        Price of SOC differences [1/h]. The cost per hour is this price x (fill of the string - fill of the
+        plant)^2 x nominal energy x mean price of losses; the fill is a share of the SOC window. It applies
+        when the plant will be nearly empty or full, and increases with the forecast error.
+    bound_passes : int
+        Iterations of the dual bound in the first call and every :data:`BOUND_STEPS` calls; the schedules of
+        the bound are then starting points of the plan.
+    proof_cells : int
+        SOC cells of the proven bound; the computing time grows with their third power.
+    known : bool
+        Whether the forecast is exact; undelivered energy is then not discounted.
+
+    Raises
+    ------
+    InputError
+        A parameter out of range.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        n_steps: int,
+        dt_h: float = 0.25,
+        *,
+        rollouts: int = ROLLOUTS,
+        balance: float = SOC_BALANCING_PER_H,
+        bound_passes: int = BOUND_PASSES,
+        proof_cells: int = PROOF_CELLS,
+        known: bool = False,
+    ) -> None:
+        check_horizon(system, n_steps, dt_h, "n_steps", MAX_STEPS)
+        if rollouts < 0:
+            raise InputError(f"rollouts = {rollouts}: must be >= 0")
+        self.system = system
+        self.n_steps = int(n_steps)
+        self.dt_h = dt_h
+        self.rollouts = int(rollouts)
+        self._balance = balance
+        self.bound_passes = int(bound_passes)
+        self._proof_cells = proof_cells
+        self._known = known
+        self._mistrust = ForecastErrorTracker(system.nominal_kw, dt_h)
+        self._request_kw: Array | None = None
+        self._groups: NDArray[np.int64] | None = None
+        self._start_charge = 0.0
+        self._turn = 0
+
+    def __call__(
+        self,
+        state: State,
+        demand_kw: ArrayLike,
+        prices: PlanPrices,
+        *,
+        ambient_c: ArrayLike | None = None,
+        limit_kw: ArrayLike | None = None,
+        reactive_kvar: ArrayLike | None = None,
+    ) -> Plan:
+        """Plan the steps ahead.
+
+        Parameters
+        ----------
+        state : State
+            Measured state of every string.
+        demand_kw : array_like, shape (n_steps,)
+            Demand on the plant [kW], positive = discharge.
+        prices : PlanPrices
+            Prices of losses, wear and starts.
+        ambient_c : float or array_like, shape (n_steps,), optional
+            Ambient temperature [degC]; the system's by default. For a system with cooling, the temperature
+            that its strings cool towards (:meth:`~bess.System.surroundings_c`).
+        limit_kw : array_like, shape (n_strings,), optional
+            Maximum power of each inverter over the whole plan [kW]; 0 takes a string out of service.
+        reactive_kvar : array_like, shape (n_steps,), optional
+            Reactive power demand on the plant [kvar]. The plan includes the losses of apparent power and
+            assumes the power factor of the plant for every string (docs/equations.md, R4).
+
+        Raises
+        ------
+        InputError
+            An argument does not fit the system or the plan; the planner is then unchanged.
+        """
+        if np.ndim(self.system.nominal_kw if limit_kw is None else limit_kw) != 1:
+            raise InputError("limit_kw: give one value for each string; it holds for the whole plan")
+        if prices.losses.shape != (self.n_steps, 4):
+            raise InputError(
+                f"prices of losses have shape {prices.losses.shape}; the plan needs {(self.n_steps, 4)}"
+            )
+        problem = SplitProblem.check(
+            self.system, self.n_steps, self.dt_h, state, demand_kw, ambient_c, limit_kw
+        )
+        limit = np.ascontiguousarray(problem.limit_kw[:, 0])
+        if reactive_kvar is not None:
+            values = real_numbers(reactive_kvar)
+            reactive_kvar = values if values.any() else None
+        changed = self._mistrust.compare(np.atleast_1d(np.asarray(demand_kw, dtype=np.float64)), limit)
+        previous, running = self._shifted_plan(), self._running()
+        fresh = previous is None or changed or self._turn % RESTART_INTERVAL_STEPS == 0
+        groups = groups_of(self.system, state, limit) if fresh else self._groups
+        bounded = self._turn % BOUND_STEPS == 0 and kinds_of(self.system, state, limit) <= MAX_BOUNDED_KINDS
+        loss_prices = prices.losses * self._shortfall_weights()
+        try:
+            plan = _core.plan(
+                self.system.control_at(state),
+                soc=state.soc,
+                temperature_c=state.temperature_c,
+                running=running,
+                demand_kw=problem.demand_kw,
+                ambient_c=problem.ambient_c,
+                dt_h=self.dt_h,
+                limit_kw=limit,
+                loss_prices=loss_prices,
+                wear=prices.wear,
+                start_cost=prices.start,
+                balance=self._imbalance_price() * float(prices.losses[:, 2:].mean()),
+                end_charge=TERMINAL_VALUE_FACTOR * self._start_charge,
+                previous_kw=previous,
+                rollouts=self.rollouts,
+                fresh_rollouts=min(RESTART_ROLLOUTS, 4 * self.rollouts) if fresh else 0,
+                bound_passes=self.bound_passes if bounded else 0,
+                proof_cells=self._proof_cells,
+                turn=self._turn,
+                reactive_kvar=reactive_kvar,
+                groups=groups,
+            )
+        except ValueError as error:
+            raise InputError(f"plan: {error}") from error
+        self._request_kw, self._groups = plan.request_kw, groups
+        self._start_charge = plan.start_charge
+        self._turn += 1
+        proven, searched = (np.nan if each is None else each for each in (plan.bound, plan.search_bound))
+        if plan.search_bound is not None and groups is None:
+            # Its computing time grows with the number of strings, identical or not.
+            proven = float(np.fmax(proven, proven_bound(problem, loss_prices.min(axis=0))))
+        return Plan(
+            plan.request_kw,
+            plan.cost,
+            plan.rule_cost,
+            problem.unmet_kw,
+            plan.rollouts,
+            proven,
+            searched,
+        )
+
+    def skip(self, demand_kw: ArrayLike) -> None:
+        """Advance one step of zero demand; ``demand_kw`` as in a call."""
+        self._mistrust.compare(np.asarray(demand_kw, dtype=np.float64))
+        self._request_kw = self._shifted_plan()
+        if self._request_kw is not None:
+            self._request_kw[:, 0] = 0.0
+
+    def memory(self) -> dict[str, Any]:
+        """Return the state that the next call depends on."""
+        return {
+            "request_kw": self._request_kw,
+            "groups": self._groups,
+            "start_charge": self._start_charge,
+            "turn": self._turn,
+            **self._mistrust.memory(),
+        }
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Restore a state returned by :meth:`memory`."""
+        self._request_kw, self._groups = memory["request_kw"], memory.get("groups")
+        self._start_charge, self._turn = float(memory["start_charge"]), int(memory["turn"])
+        self._mistrust.recall(memory)
+
+    def _imbalance_price(self) -> float:
+        """Price of SOC differences [kWh/Ah/h], converted from energy to charge with the mean voltage."""
+        kwh_per_ah = float(self.system.nominal_energy_kwh.sum() / self.system.capacity_ah.sum())
+        return (self._balance + MISTRUSTED_BALANCING_PER_H * self._mistrust.share) * kwh_per_ah
+
+    def _shortfall_weights(self) -> Array:
+        """Weights of the four losses, shape (n_steps, 4); later undelivered energy has a lower weight."""
+        if self._known:
+            return np.ones((self.n_steps, 4))
+        mistrust = self._mistrust.share
+        hours = np.arange(self.n_steps) * self.dt_h
+        shortfall = np.exp(-hours * (1.0 / SHORTFALL_DISCOUNT_TIME_H + mistrust / MISTRUSTED_DISCOUNT_TIME_H))
+        shortfall[0] *= FIRST_STEP_WEIGHT + MISTRUSTED_FIRST_STEP_WEIGHT * mistrust
+        return np.stack([shortfall, shortfall, *2 * [np.ones(self.n_steps)]], axis=1)
+
+    def _shifted_plan(self) -> Array | None:
+        """Shifted warm start: the last plan from its second step on, with zero power in the new last step."""
+        if self._request_kw is None:
+            return None
+        moved = np.zeros_like(self._request_kw)
+        moved[:, :-1] = self._request_kw[:, 1:]
+        return moved
+
+    def _running(self) -> NDArray[np.bool_]:
+        """Inverters that were on in the first step of the previous plan."""
+        if self._request_kw is None:
+            return np.zeros(self.system.n_strings, dtype=bool)
+        return np.asarray(self._request_kw[:, 0] != 0.0)

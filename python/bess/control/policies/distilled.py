@@ -1,0 +1,79 @@
+"""Policy of a controller from ``bess distil``: no solver, no search, a few microseconds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from bess.control.explicit import ExplicitController, Tables
+from bess.control.policies.policy import NO_OPTIMISATION, Decision, PolicyInput
+from bess.control.policies.reactive import refuse_reactive
+from bess.control.policies.settings import Settings
+from bess.errors import InputError
+from bess.system import System
+
+
+class DistilledPolicy:
+    """Evaluates one :class:`bess.control.explicit.ExplicitController` in every step with demand.
+
+    Attributes
+    ----------
+    controller : ExplicitController
+        Controller of the policy.
+    """
+
+    statuses: Mapping[int, str] = {NO_OPTIMISATION: "no optimisation needed"}
+
+    def __init__(self, controller: ExplicitController) -> None:
+        self.controller = controller
+
+    def __call__(self, situation: PolicyInput) -> Decision:
+        """Allocate the demand of this step."""
+        if situation.demand_kw[0] == 0.0:
+            return Decision(np.zeros_like(situation.limit_kw))
+        return Decision(self.controller.split(situation.state, situation.demand_kw, situation.limit_kw))
+
+    def memory(self) -> dict[str, Any]:
+        """Return an empty state: the policy depends on its input only."""
+        return {}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Restore nothing."""
+
+
+def build(system: System, settings: Settings) -> DistilledPolicy:
+    """Return the controller of ``settings.file``, which must have been distilled for this plant.
+
+    Raises
+    ------
+    InputError
+        The file is missing or not from ``bess distil``, or it is for another plant, control step or
+        prediction horizon.
+    """
+    refuse_reactive('policy.name = "distilled"', "use mpc or a rule", asked=settings.reactive)
+    if settings.file is None:
+        raise InputError(
+            'policy.name = "distilled" needs policy.file, the policy.json that bess distil writes'
+        )
+    controller = ExplicitController.read(settings.file)
+    tables = controller.tables
+    given = f"policy.file = {settings.file}: distilled for"
+    if tables.step_h != settings.dt_h:
+        raise InputError(f"{given} steps of {tables.step_h:g} h, this study has steps of {settings.dt_h:g} h")
+    if tables.steps != settings.horizon_steps:
+        raise InputError(
+            f"{given} a forecast of {tables.steps * tables.step_h:g} h, this study has a forecast of "
+            f"{settings.horizon_steps * settings.dt_h:g} h; set policy.foresight_h, or distil this study"
+        )
+    own = Tables.of(system, tables.steps, tables.step_h, tables.shortfall)
+    if own.strings != tables.strings:
+        raise InputError(f"{given} {tables.strings} strings, this plant has {own.strings}")
+    if own != tables:
+        differing = [name for name in type(own).model_fields if getattr(own, name) != getattr(tables, name)]
+        raise InputError(
+            f"{given} another plant (of system {controller.system!r}; {', '.join(differing)} differ); "
+            "distil this study"
+        )
+    return DistilledPolicy(controller)

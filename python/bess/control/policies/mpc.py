@@ -1,0 +1,94 @@
+"""Mixed-integer model predictive control: it applies the first step of the power split over the horizon."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bess.control.planning import Planner
+from bess.control.policies.planned import PlannedPolicy
+from bess.control.policies.policy import Decision, PolicyInput, SolverReport
+from bess.control.policies.reactive import refuse_reactive
+from bess.control.policies.settings import Settings
+from bess.control.policies.simplified import simplified
+from bess.system import System
+
+if TYPE_CHECKING:
+    from bess import PowerSplit
+
+
+class MpcPolicy:
+    """Calls one compiled :class:`bess.PowerSplit` in every step with demand."""
+
+    def __init__(self, splitter: PowerSplit, statuses: Mapping[int, str]) -> None:
+        self._splitter = splitter
+        self.statuses = statuses
+
+    def __call__(self, situation: PolicyInput) -> Decision:
+        """Solve over the horizon; an idle step needs no solve."""
+        if situation.demand_kw[0] == 0.0:
+            self._skip()
+            return Decision(np.zeros_like(situation.limit_kw))
+        split = self._splitter(
+            situation.state,
+            situation.demand_kw,
+            ambient_c=situation.ambient_c,
+            limit_kw=situation.limit_kw,
+        )
+        report = SolverReport(
+            status=split.status.code,
+            gap=split.gap,
+            search_gap=split.search_gap,
+            nodes=split.nodes,
+            solve_time_s=split.solve_time_s,
+            fallback=split.fallback,
+        )
+        return Decision(split.request_kw[:, 0].copy(), report)
+
+    def _skip(self) -> None:
+        """Shift the warm start by one step, as a solve does."""
+        plan = self._splitter.warm_start
+        if plan is not None:
+            self._splitter.warm_start = np.pad(plan[:, 1:], ((0, 0), (0, 1)))
+
+    def memory(self) -> dict[str, Any]:
+        """Return the warm start of the next search."""
+        return self._splitter.memory()
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Restore the warm start of the checkpoint."""
+        self._splitter.recall(memory)
+
+
+def build(system: System, settings: Settings) -> MpcPolicy | PlannedPolicy:
+    """Return the planner or the certified power split, as selected by the settings.
+
+    The split is compiled for the system; importing the optimiser takes 1 to 2 s. Without a limit, each step
+    solves the root of its tree only: further nodes raise the bound but rarely improve the split.
+    """
+    chosen = settings.split
+    system = simplified(system, settings.model)
+    if settings.plans:
+        planner = Planner(system, settings.horizon_steps, settings.dt_h, rollouts=settings.rollouts)
+        return PlannedPolicy(planner, chosen.objectives, settings.terms)
+
+    refuse_reactive(
+        "a certified split",
+        'let mpc plan (mode = "plan") or use a rule',
+        asked=settings.reactive,
+    )
+    from bess import PowerSplit
+    from bess.control.split.result import SplitStatus
+
+    splitter = PowerSplit(
+        system,
+        settings.horizon_steps,
+        objectives=chosen.objectives,
+        dt_h=settings.dt_h,
+        gap=chosen.gap,
+        node_limit=1 if chosen.node_limit is None and chosen.time_limit_s is None else chosen.node_limit,
+        time_limit_s=chosen.time_limit_s,
+    )
+    return MpcPolicy(splitter, {status.code: str(status) for status in SplitStatus})

@@ -1,0 +1,122 @@
+"""Model predictive control with plans: it applies the first step of a plan over a day or more."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bess.arrays import Array
+from bess.control.planning import Planner, PlanPrices
+from bess.control.policies.policy import NO_OPTIMISATION, Decision, PolicyInput, SolverReport
+from bess.control.policies.reactive import shared_at_least_loss
+from bess.control.split.objectives import Objectives
+from bess.control.wear import WearRates
+from bess.errors import InputError
+from bess.system import State
+from bess.system.terms import SettlementTerms
+
+PLANNED: Final = 20
+"""Status code of a planned step without certificate."""
+
+NO_PRICES: Final = 'policy.objectives.kind = "money": this study has no prices; use "energy"'
+"""Error message for objectives in EUR without prices."""
+
+TYPICAL_DEPTH = 0.5
+"""Cycle depth at which wear is priced."""
+
+
+class PlannedPolicy:
+    """Calls one :class:`bess.control.planning.Planner` in every step with demand."""
+
+    statuses: Mapping[int, str] = {
+        NO_OPTIMISATION: "no optimisation needed",
+        PLANNED: "Planned over the prediction horizon; bounds in the first step and every four weeks.",
+    }
+
+    def __init__(self, planner: Planner, objectives: Objectives, terms: SettlementTerms) -> None:
+        if len(objectives.groups) > 1:
+            raise InputError(
+                "policy.objectives: a plan has one sum, not several priorities; give all objectives the same "
+                'priority, or set policy.mode = "certified"'
+            )
+        self._planner = planner
+        self._objectives = objectives
+        self._terms = terms
+        self._wear = WearRates(planner.system)
+        self._ran: NDArray[np.bool_] | None = None
+
+    def __call__(self, situation: PolicyInput) -> Decision:
+        """Plan the prediction horizon; an idle step needs no plan."""
+        started = time.perf_counter()
+        if situation.demand_kw[0] == 0.0:
+            self._planner.skip(situation.demand_kw)
+            request_kw = np.zeros_like(situation.limit_kw)
+            return Decision(request_kw, reactive_kvar=self._reactive(situation, request_kw))
+        prices = self._prices(situation)
+        plan = self._planner(
+            situation.state,
+            situation.demand_kw,
+            prices.for_soc_dependent_demand() if situation.demand_depends_on_soc else prices,
+            ambient_c=situation.ambient_c,
+            limit_kw=situation.limit_kw,
+            reactive_kvar=situation.reactive_kvar,
+        )
+        request_kw = plan.request_kw[:, 0].copy()
+        reactive_kvar = self._reactive(situation, request_kw)
+        report = SolverReport(PLANNED, plan.gap, plan.search_gap, solve_time_s=time.perf_counter() - started)
+        return Decision(request_kw, report, reactive_kvar)
+
+    def memory(self) -> dict[str, Any]:
+        """Return the state of the planner, and the inverters that were on for reactive power."""
+        return self._planner.memory() | ({} if self._ran is None else {"ran": self._ran})
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Restore the plan of the checkpoint."""
+        self._planner.recall(memory)
+        self._ran = memory.get("ran")
+
+    def _reactive(self, situation: PolicyInput, request_kw: Array) -> Array | None:
+        """Return the reactive power of each string at minimum loss, if there is a demand.
+
+        In EUR, the price of an inverter start is converted to losses at the price of this step.
+        """
+        if situation.reactive_kvar is None:
+            return None
+        prices = self._prices(situation)
+        loss = float(prices.losses[0, 2]) * self._planner.dt_h
+        start_kw = np.full(request_kw.size, prices.start / loss if loss > 0.0 else 0.0)
+        if self._ran is not None:
+            start_kw[self._ran] = 0.0
+        shares_kvar = shared_at_least_loss(
+            self._planner.system,
+            situation.state,
+            request_kw,
+            float(situation.reactive_kvar[0]),
+            situation.limit_kw,
+            start_kw,
+        )
+        self._ran = (request_kw != 0.0) | (shares_kvar != 0.0)
+        return shares_kvar
+
+    def _prices(self, situation: PolicyInput) -> PlanPrices:
+        if self._objectives.kind != "money":
+            n_strings, n_steps = situation.limit_kw.size, situation.demand_kw.size
+            return PlanPrices.energy(self._objectives, n_strings, n_steps)
+        if situation.price_eur_mwh is None:
+            raise InputError(NO_PRICES)
+        return PlanPrices.money(
+            self._objectives,
+            self._terms,
+            situation.demand_kw,
+            situation.price_eur_mwh,
+            self._wear_eur_ah(situation.state),
+        )
+
+    def _wear_eur_ah(self, state: State) -> NDArray[np.float64]:
+        """Price of an Ah in each string [EUR/Ah], at its temperature."""
+        by_string = self._wear.at(state).cycling_eur_ah(TYPICAL_DEPTH, state.temperature_c[:, None])
+        return np.ascontiguousarray(by_string[:, 0])

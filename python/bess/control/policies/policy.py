@@ -1,0 +1,94 @@
+"""Interface of policies: inputs and decisions between the closed loop and a controller."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bess.system import State
+
+NO_OPTIMISATION: Final = 0
+"""Status code of a step without a solve: an idle step, or a policy without a solver."""
+
+
+@dataclass(frozen=True)
+class PolicyInput:
+    """Inputs of a policy at the start of a control step.
+
+    Attributes
+    ----------
+    state : State
+        Measured state of every string.
+    demand_kw : ndarray, shape (n_steps,)
+        Signed demand of this step (at most the sum of ``limit_kw``) and forecast of the next steps [kW].
+    ambient_c : ndarray, shape (n_steps,)
+        Ambient temperature [degC] of this step and the next ones. For a system with cooling, the temperature
+        that its strings cool towards.
+    limit_kw : ndarray, shape (n_strings,)
+        Maximum power of each inverter [kW]; 0 = out of service.
+    price_eur_mwh : ndarray, shape (n_steps,), optional
+        Price of energy, if the study has one.
+    follows_store : bool
+        Whether the demand depends on the SOC, as behind a meter: a full battery receives less charging
+        demand, and an empty one no discharging demand.
+    reactive_kvar : ndarray, shape (n_steps,), or None
+        Reactive power demand of this step and the next ones, signed [kvar]; None without one.
+    """
+
+    state: State
+    demand_kw: NDArray[np.float64]
+    ambient_c: NDArray[np.float64]
+    limit_kw: NDArray[np.float64]
+    price_eur_mwh: NDArray[np.float64] | None = None
+    demand_depends_on_soc: bool = False
+    reactive_kvar: NDArray[np.float64] | None = None
+
+
+@dataclass(frozen=True)
+class SolverReport:
+    """Diagnostics of a policy's optimiser; the default is for policies without an optimiser."""
+
+    status: int = NO_OPTIMISATION
+    gap: float = np.nan
+    search_gap: float = np.nan
+    nodes: int = 0
+    solve_time_s: float = 0.0
+    fallback: bool = False
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Set-points of this step, signed [kW], shape ``(n_strings,)``; they sum to the demand.
+
+    ``reactive_kvar`` is the reactive power of each string. If a policy omits it, the reactive demand is
+    allocated in equal parts to the strings that are on.
+    """
+
+    request_kw: NDArray[np.float64]
+    solver: SolverReport = field(default_factory=SolverReport)
+    reactive_kvar: NDArray[np.float64] | None = None
+
+
+class Policy(Protocol):
+    """Allocates the demand of a step to the strings.
+
+    The decision depends on the policy input and on :meth:`memory` only, so a run that continues from a
+    checkpoint gives the same results.
+    """
+
+    @property
+    def statuses(self) -> Mapping[int, str]:
+        """Meaning of each status code of this policy."""
+
+    def __call__(self, situation: PolicyInput) -> Decision:
+        """Allocate ``situation.demand_kw[0]`` to the strings."""
+
+    def memory(self) -> dict[str, Any]:
+        """Return the state of the policy between steps, as plain values and arrays."""
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Restore a state returned by :meth:`memory`."""

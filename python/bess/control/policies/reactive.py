@@ -1,0 +1,73 @@
+"""Allocation of reactive power to the strings: by a rule, or at minimum loss."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bess.arrays import Array
+from bess.control.policies.rule import water_fill
+from bess.errors import InputError
+from bess.system import State, System
+
+
+def refuse_reactive(who: str, remedy: str, *, asked: bool) -> None:
+    """Raise InputError if reactive power is requested from a component that does not support it."""
+    if asked:
+        raise InputError(
+            f"[reactive]: {who} does not support reactive power; {remedy}, or leave out [reactive]"
+        )
+
+
+def shared_equally(request_kw: Array, reactive_kvar: float, limit_kva: Array) -> Array:
+    """Allocate reactive power in equal parts to the strings that are on, then to the others.
+
+    Parameters
+    ----------
+    request_kw : ndarray, shape (n_strings,)
+        Set-points of active power [kW], which has priority.
+    reactive_kvar : float
+        Total reactive power [kvar], signed.
+    limit_kva : ndarray, shape (n_strings,)
+        Maximum apparent power of each inverter in service [kVA].
+
+    Returns
+    -------
+    ndarray, shape (n_strings,)
+        Reactive power of each string [kvar]; the total is lower if the inverters reach their limits.
+    """
+    room = np.sqrt(np.maximum(limit_kva**2 - request_kw**2, 0.0))
+    runs = request_kw != 0.0
+    total, equal = abs(reactive_kvar), np.ones(request_kw.size)
+    shares = water_fill(total, equal, np.where(runs, room, 0.0))
+    rest = total - float(shares.sum())
+    if rest > 0.0:
+        shares += water_fill(rest, equal, np.where(runs, 0.0, room))
+    return np.copysign(shares, reactive_kvar)
+
+
+def shared_at_least_loss(
+    system: System,
+    state: State,
+    request_kw: Array,
+    reactive_kvar: float,
+    limit_kva: Array,
+    start_kw: Array,
+) -> Array:
+    """Allocate reactive power at minimum inverter loss (docs/equations.md, R3).
+
+    Parameters
+    ----------
+    system, state
+        The plant and its state.
+    request_kw, reactive_kvar, limit_kva
+        As for :func:`shared_equally`.
+    start_kw : ndarray, shape (n_strings,)
+        Cost of the start of each inverter [kW]; 0 for an inverter that is on.
+
+    Returns
+    -------
+    ndarray, shape (n_strings,)
+        Reactive power of each string [kvar].
+    """
+    model = system.control_at(state)
+    return np.asarray(model.share_reactive(request_kw, reactive_kvar, limit_kva, start_kw))

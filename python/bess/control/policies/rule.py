@@ -1,0 +1,127 @@
+"""Rule-based policies without a solver: common implementation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bess.arrays import Array, real_numbers
+from bess.control.policies.capability import Capability
+from bess.control.policies.policy import NO_OPTIMISATION, Decision, PolicyInput
+from bess.errors import BessError
+from bess.system import State, System
+
+
+@dataclass(frozen=True)
+class StepDemand:
+    """A demand in one direction; powers are magnitudes [kW].
+
+    Attributes
+    ----------
+    demand_kw : float
+        Total demand.
+    discharge : bool
+        Direction.
+    capability_kw : ndarray, shape (n_strings,)
+        Power that each string can sustain over the whole step.
+    state : State
+        Measured state.
+    """
+
+    demand_kw: float
+    discharge: bool
+    capability_kw: Array
+    state: State
+
+
+Share = Callable[[System, StepDemand], Array]
+"""A rule: powers [kW] within the capability of each string, in total the demand or the total capability."""
+
+
+class RulePolicy:
+    """Allocates the demand of every step by a rule, without forecast.
+
+    Demand above the total capability is also requested, within the free inverter power, so that the plant
+    records it as availability loss.
+    """
+
+    statuses: Mapping[int, str] = {NO_OPTIMISATION: "no optimisation needed"}
+
+    def __init__(self, system: System, dt_h: float, share: Share) -> None:
+        self._system = system
+        self._share = share
+        self._capability = Capability(system, dt_h)
+
+    def __call__(self, situation: PolicyInput) -> Decision:
+        """Allocate the demand of this step.
+
+        Raises
+        ------
+        BessError
+            The rule did not return one power for each string.
+        """
+        demand_kw = float(situation.demand_kw[0])
+        limit_kw = situation.limit_kw
+        if demand_kw == 0.0:
+            return Decision(np.zeros_like(limit_kw))
+        discharge = demand_kw > 0.0
+        capability_kw = np.minimum(self._capability(situation, discharge), limit_kw)
+        asked = StepDemand(abs(demand_kw), discharge, capability_kw, situation.state)
+        shares_kw = real_numbers(self._share(self._system, asked))
+        if shares_kw.shape != limit_kw.shape:
+            raise BessError(
+                f"the rule returned powers of shape {shares_kw.shape}, needs {limit_kw.shape}, one for each "
+                "string"
+            )
+        power_kw = np.minimum(shares_kw, limit_kw)
+        rest_kw = asked.demand_kw - float(power_kw.sum())
+        if rest_kw > 0.0:
+            free_kw = limit_kw - power_kw
+            power_kw = np.minimum(power_kw + water_fill(rest_kw, free_kw, free_kw), limit_kw)
+        power_kw = self._system.control_at(situation.state).set_points(power_kw, limit_kw)
+        return Decision(np.copysign(power_kw, demand_kw))
+
+    def memory(self) -> dict[str, Any]:
+        """Return an empty state: a rule depends on its input only."""
+        return {}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Restore nothing."""
+
+
+def water_fill(total_kw: float, weights: Array, caps_kw: Array) -> Array:
+    """Allocate ``total_kw`` in proportion to ``weights``; power above a cap goes to the others.
+
+    A proportional form of water filling [1]_: shares rise together until they reach their caps.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Powers [kW], each at most its cap, in total ``min(total_kw, caps_kw.sum())``. Strings without weight
+        get power only when all others are at their caps.
+
+    References
+    ----------
+    .. [1] Boyd, S., Vandenberghe, L.: Convex optimization. Cambridge University Press, 2004, section 5.5.3
+       (water filling).
+    """
+    power_kw = np.zeros(caps_kw.size)
+    open_ = caps_kw > 0.0
+    rest_kw = total_kw
+    while rest_kw > 0.0 and open_.any():
+        share = open_ * weights
+        whole = share.sum()
+        if whole <= 0.0:
+            share = open_ * caps_kw
+            whole = share.sum()
+        wanted_kw = power_kw + rest_kw * (share / whole)
+        over = open_ & (wanted_kw >= caps_kw)
+        if not over.any():
+            return np.asarray(wanted_kw)
+        power_kw = np.where(over, caps_kw, power_kw)
+        open_ &= ~over
+        rest_kw = total_kw - float(power_kw.sum())
+    return power_kw

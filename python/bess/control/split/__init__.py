@@ -1,0 +1,1 @@
+"""Power split: objectives, search and certificate (docs/algorithm.md)."""

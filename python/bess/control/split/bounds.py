@@ -1,0 +1,240 @@
+"""Lower bounds of a schedule: one-step bounds, raised by relaxations if a gap remains.
+
+Two programs are bounded (docs/algorithm.md): the nonlinear control model, rigorously, and the convexified
+program, whose coefficients are frozen along the schedule. The core returns both one-step bounds with the
+search. This module adds a relaxation over the whole horizon and a branch and bound over its binaries.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from bess import _core
+from bess.arrays import Array
+from bess.control.split import tree
+from bess.control.split.objectives import Costs
+from bess.control.split.problem import SplitProblem
+from bess.control.split.relaxation.data import PlantConstants
+from bess.control.split.relaxation.group import Cutoff, RelaxedGroup
+from bess.control.split.result import relative_gap
+from bess.control.split.settings import SplitSettings
+from bess.control.split.tree import Closure
+
+RELAXED_ABOVE = 3e-2
+"""Rigorous gap above which a relaxation over the whole horizon complements the one-step problems."""
+
+RELAXED_STEPS = 16
+"""Longest horizon of that relaxation without availability loss. For longer horizons it closes 10 to 25 % of
+the gap and takes a third of the time."""
+
+CUTOFF_SHARE = 0.9
+"""Minimum improvement on the incumbent, as a share of the requested gap; other schedules are cut off."""
+
+LARGEST_RELAXATION = 400
+"""String-steps (strings x steps) above which no relaxation is solved. Its compilation memory grows with their
+square (1 GB at 384, 4 GB at 768), and the one-step bounds are nearly as tight."""
+
+
+@dataclass(frozen=True)
+class GroupCertificate:
+    """Lower bounds of one group, and how the search of the convexified program ended.
+
+    Attributes
+    ----------
+    objective, bound : float
+        Objective of the schedule in reported costs, and its lower bound in the nonlinear control model.
+    search_objective, search_bound : float
+        Objective of the schedule in search costs, and its lower bound in the convexified program.
+    is_proven : bool
+        Whether objective and bound are within the requested gap.
+    closure : Closure
+        Reason why the search of the convexified program ended.
+    """
+
+    objective: float
+    bound: float
+    search_objective: float
+    search_bound: float
+    is_proven: bool
+    closure: Closure
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Lower bounds of a schedule.
+
+    Attributes
+    ----------
+    groups : tuple of GroupCertificate
+    nodes : int
+        Number of solved relaxations.
+    failed : bool
+        Whether all relaxations of some group failed.
+    incumbent : _core.Incumbent
+        The schedule, or a better one from a relaxation.
+    """
+
+    groups: tuple[GroupCertificate, ...]
+    nodes: int
+    failed: bool
+    incumbent: _core.Incumbent
+
+
+def certify(
+    constants: PlantConstants,
+    problem: SplitProblem,
+    control: _core.ControlHorizon,
+    answer: _core.SplitAnswer,
+    costs: Costs,
+    settings: SplitSettings,
+    deadline: float | None,
+) -> Certificate:
+    """Bound every group, with relaxations if the bounds of the core leave a gap.
+
+    Parameters
+    ----------
+    constants, problem, control
+        The plant, the problem and its control model.
+    answer
+        The schedule with the bounds of its one-step problems.
+    costs
+        Costs of the losses.
+    settings
+        Gap and node limit.
+    deadline
+        Value of ``time.perf_counter()`` after which no relaxation starts.
+    """
+    certifier = _Certifier(constants, problem, control, answer, costs, settings, deadline)
+    groups = tuple(certifier.certify(index) for index in range(len(answer.groups)))
+    return Certificate(groups, certifier.nodes, certifier.failed, certifier.incumbent)
+
+
+class _Certifier:
+    """Bounds the groups of one answer, counts relaxations and keeps the incumbent."""
+
+    def __init__(
+        self,
+        constants: PlantConstants,
+        problem: SplitProblem,
+        control: _core.ControlHorizon,
+        answer: _core.SplitAnswer,
+        costs: Costs,
+        settings: SplitSettings,
+        deadline: float | None,
+    ) -> None:
+        self._constants, self._problem, self._control = constants, problem, control
+        self._answer, self._costs, self._settings = answer, costs, settings
+        self._deadline = deadline
+        self._abs_tol, _ = settings.objectives.tolerances
+        self.incumbent = answer.incumbent
+        self.nodes = 0
+        self.failed = False
+
+    def certify(self, index: int) -> GroupCertificate:
+        """Bound one group: rigorously, then in the convexified program."""
+        group, before = self._answer.groups[index], self._answer.groups[:index]
+        bound, search_bound = group.bound, group.search_bound
+        ended = None
+        if self._wants_relaxation(index):
+            ceilings = [earlier.ceiling for earlier in before]
+            ended = self._relaxed(ceilings, self._costs.reported, bound, group.objective)
+            bound = ended.bound
+        is_proven = self._is_closed(index, group.objective, bound)
+        if is_proven or self._is_closed(index, group.search_objective, search_bound):
+            closure = Closure.GAP
+        elif group.is_search_optimum:
+            closure = Closure.TREE
+        elif self._is_late():
+            closure = Closure.TIME_LIMIT
+        elif self._problem.limit_kw.size > LARGEST_RELAXATION:
+            closure = Closure.TOO_LARGE
+        else:
+            ceilings = [earlier.search_ceiling for earlier in before]
+            root = self._relaxed(
+                ceilings, self._costs.searched, search_bound, group.search_objective, frozen=True
+            )
+            search_bound = root.bound
+            closure = root.closure if ended is None or root.closure is Closure.GAP else ended.closure
+        return GroupCertificate(
+            group.objective, bound, group.search_objective, search_bound, is_proven, closure
+        )
+
+    def _wants_relaxation(self, index: int) -> bool:
+        """Whether branch and bound is requested, or a relaxation is likely to raise the rigorous bound."""
+        group = self._answer.groups[index]
+        n_strings, n_steps = self._problem.limit_kw.shape
+        sheds = bool(self._answer.flows.availability_loss_kw.any())
+        pays = relative_gap(group.objective, group.bound) > RELAXED_ABOVE and (
+            n_steps <= RELAXED_STEPS or sheds
+        )
+        return (
+            group.boxes is not None
+            and not self._is_closed(index, group.objective, group.bound)
+            and (pays or (self._settings.node_limit or 1) > 1)
+            and n_strings * n_steps <= LARGEST_RELAXATION
+            and not self._is_late()
+        )
+
+    def _relaxed(
+        self,
+        ceilings: list[float],
+        cost: Array,
+        start_bound: float,
+        objective: float,
+        *,
+        frozen: bool = False,
+    ) -> tree.TreeResult:
+        """Branch and bound of the group that follows those with ``ceilings``, with coefficients over the
+        states of each node; or only its root, with coefficients frozen along the schedule."""
+        index = len(ceilings)
+        boxes = self._answer.groups[index].boxes
+        assert boxes is not None
+        gap, abs_gap = self._settings.gap, float(self._abs_tol[index])
+        # Schedules that improve the incumbent by less than the gap need no bound.
+        cost_limit = objective - CUTOFF_SHARE * max(abs_gap, gap * abs(objective))
+        relaxed = RelaxedGroup(
+            self._problem,
+            self._control,
+            self._constants,
+            cost,
+            Cutoff(ceilings, objective if frozen else cost_limit),
+            self._states_along(),
+            self._propose,
+            frozen=frozen,
+        )
+        ended = tree.search(
+            relaxed,
+            self._control.root(boxes),
+            lambda: objective,
+            gap=gap,
+            abs_gap=abs_gap,
+            node_limit=1 if frozen else self._settings.nodes(*self._problem.limit_kw.shape),
+            deadline=self._deadline,
+            start_bound=start_bound,
+        )
+        self.nodes += ended.nodes
+        self.failed = self.failed or 0 < relaxed.failures == ended.nodes
+        return ended
+
+    def _propose(self, request_pu: Array, on: Array) -> None:
+        """Evaluate the point of a node, and the point with only the strings whose binary is above 0.5."""
+        wanted = np.maximum(request_pu, 0.0) * self._constants.nominal_kw[:, None]
+        wanted = np.stack([wanted, np.where(on > 0.5, wanted, 0.0)])
+        self.incumbent = self._control.best_of(self.incumbent, wanted) or self.incumbent
+
+    def _states_along(self) -> _core.StateBoxes:
+        """States along the schedule as degenerate boxes, ``(n_strings, n_steps + 1)``."""
+        state, flows = self._problem.state, self._answer.flows
+        soc = np.concatenate([state.soc[:, None], flows.soc], axis=1)
+        temperature_c = np.concatenate([state.temperature_c[:, None], flows.temperature_c], axis=1)
+        return _core.StateBoxes(soc, soc, temperature_c, temperature_c)
+
+    def _is_closed(self, index: int, objective: float, bound: float) -> bool:
+        within = objective - bound <= self._abs_tol[index]
+        return bool(within or relative_gap(objective, bound) <= self._settings.gap)
+
+    def _is_late(self) -> bool:
+        return self._deadline is not None and time.perf_counter() >= self._deadline

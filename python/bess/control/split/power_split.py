@@ -1,0 +1,305 @@
+"""The power split: compiled once for a system and a horizon, called at every control step.
+
+A call checks its arguments, searches for the best schedule and certifies it; docs/algorithm.md describes the
+algorithm.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bess import _core
+from bess.arrays import Array, finite_array
+from bess.control.split.bounds import Certificate, certify
+from bess.control.split.carried import Carried
+from bess.control.split.normalisation import constant_scale, payoff_scale
+from bess.control.split.objectives import NAMES, Objectives
+from bess.control.split.problem import SplitProblem, check_horizon, check_strings
+from bess.control.split.relaxation.data import PlantConstants
+from bess.control.split.result import GroupResult, Split, SplitStatus, relative_gap
+from bess.control.split.rollout import Rollout
+from bess.control.split.settings import ROLLOUTS, SplitSettings
+from bess.control.split.tree import Closure
+from bess.display import as_table, one_line
+from bess.errors import InputError
+from bess.system import State, System
+
+SATURATED_KW = 1e-9
+"""Availability loss above which a string counts as saturated."""
+
+SEARCHES = 2
+"""Maximum searches of a call: a better schedule from a relaxation is improved by one further search."""
+
+DEFAULTS = SplitSettings()
+
+STATUS = {
+    Closure.GAP: SplitStatus.CONVEXIFIED_CLOSED,
+    Closure.TREE: SplitStatus.TREE_CLOSED,
+    Closure.TOO_LARGE: SplitStatus.TOO_LARGE,
+    Closure.NODE_LIMIT: SplitStatus.NODE_LIMIT,
+    Closure.TIME_LIMIT: SplitStatus.TIME_LIMIT,
+    Closure.INFEASIBLE: SplitStatus.SOLVER_FAILED,
+}
+
+
+class PowerSplit:
+    """Allocates the demand of the next steps to the strings of a plant.
+
+    Objectives, priorities and the mixed-integer form follow [1]_. The perspective formulation [2]_ models
+    inverters that may be off, and branch and bound [3]_ fixes the binaries.
+
+    Parameters
+    ----------
+    system : System
+        1 to 32 strings, which may differ.
+    horizon_steps : int
+        1 to 96.
+    objectives : Objectives, optional
+        Default: availability first, then derating, inverter and battery loss with equal weights.
+    dt_h : float
+        Length of a step [h].
+    gap, time_limit_s, node_limit
+        As for :class:`bess.control.split.settings.SplitSettings`. Relaxations are solved for at most 400
+        string-steps (strings x steps).
+
+    Attributes
+    ----------
+    warm_start : ndarray or None
+        Shifted requests of the last call, ``(n_strings, n_steps)`` [kW], from which the next call starts. A
+        call ignores them if its demand, limits or state differ from those of the last call's forecast.
+        :meth:`memory` and :meth:`recall` make a closed loop resumable to the last bit.
+
+    Raises
+    ------
+    InputError
+        A setting outside its range.
+
+    References
+    ----------
+    .. [1] Tanjavooru, V. T., Pant, P., Hamacher, T., Hesse, H.: Multi-objective nonlinear power split control
+       for BESS with real-time simulation feedback. 2025, arXiv:2507.04800.
+    .. [2] Frangioni, A., Gentile, C.: Perspective cuts for a class of convex 0-1 mixed integer programs.
+       Mathematical Programming 106 (2006) 225.
+    .. [3] Land, A. H., Doig, A. G.: An automatic method of solving discrete programming problems.
+       Econometrica 28 (1960) 497, doi:10.2307/1910129.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        horizon_steps: int,
+        objectives: Objectives | None = None,
+        dt_h: float = 0.25,
+        gap: float = DEFAULTS.gap,
+        time_limit_s: float | None = DEFAULTS.time_limit_s,
+        node_limit: int | None = DEFAULTS.node_limit,
+    ) -> None:
+        check_horizon(system, horizon_steps, dt_h)
+        check_strings(system)
+        if objectives is not None and not isinstance(objectives, Objectives):
+            raise InputError(f"objectives must be bess.Objectives, not {type(objectives).__name__}")
+        self.system, self.horizon_steps, self.dt_h = system, int(horizon_steps), dt_h
+        self.settings = SplitSettings(
+            objectives=objectives if objectives is not None else DEFAULTS.objectives,
+            gap=gap,
+            node_limit=node_limit,
+            time_limit_s=time_limit_s,
+        )
+        self.objectives = self.settings.objectives
+        self._constants = PlantConstants.of(system, dt_h)
+        self._scale_per_kw = constant_scale(system, horizon_steps, dt_h, self.objectives)
+        self._costs = self.objectives.costs(self._scale_per_kw)
+        self._switch_soc = np.array([s.battery.low_soc_switch for s in system.strings])[:, None]
+        self._carried: Carried | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Settings and warm start; compiled data are rebuilt."""
+        settings = {
+            "system": self.system,
+            "horizon_steps": self.horizon_steps,
+            "objectives": self.objectives,
+            "dt_h": self.dt_h,
+            "gap": self.settings.gap,
+            "time_limit_s": self.settings.time_limit_s,
+            "node_limit": self.settings.node_limit,
+        }
+        return {"settings": settings, "memory": self.memory()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__init__(**state["settings"])  # type: ignore[misc]
+        self.recall(state["memory"])
+
+    def _facts(self) -> dict[str, str]:
+        return {
+            "system": self.system.name,
+            "strings": str(self.system.n_strings),
+            "horizon": f"{self.horizon_steps} steps of {60.0 * self.dt_h:g} min",
+            "objectives": self.objectives.kind,
+        }
+
+    __repr__ = one_line
+    _repr_html_ = as_table
+
+    @property
+    def warm_start(self) -> Array | None:
+        """Requests from which the next call starts, see the class."""
+        return None if self._carried is None else self._carried.request_kw
+
+    @warm_start.setter
+    def warm_start(self, request_kw: ArrayLike | None) -> None:
+        if request_kw is None:
+            self._carried = None
+            return
+        request = finite_array("warm_start", request_kw).copy()
+        shape = (self.system.n_strings, self.horizon_steps)
+        if request.shape != shape:
+            raise InputError(f"warm_start must be of shape {shape}, not {request.shape}")
+        self._carried = Carried(request)
+
+    def memory(self) -> dict[str, Any]:
+        """Return the state that the next call depends on."""
+        carried = self._carried
+        return {
+            "warm_start": self.warm_start,
+            "limit_kw": None if carried is None else carried.limit_kw,
+            "soc": None if carried is None else carried.soc,
+            "temperature_c": None if carried is None else carried.temperature_c,
+        }
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Restore a state returned by :meth:`memory`."""
+        request_kw, *made_for = (memory[name] for name in ("warm_start", "limit_kw", "soc", "temperature_c"))
+        self._carried = None if request_kw is None else Carried(request_kw, *made_for)
+
+    def __call__(
+        self,
+        state: State,
+        demand_kw: ArrayLike,
+        ambient_c: ArrayLike | None = None,
+        limit_kw: ArrayLike | None = None,
+    ) -> Split:
+        """Split one horizon.
+
+        Parameters
+        ----------
+        state : State
+            Measured state of every string.
+        demand_kw : array_like, shape (n_steps,)
+            Demand on the plant [kW], positive = discharge; demand above the limits is reported as unmet.
+        ambient_c : float or array_like, shape (n_steps,), optional
+            Ambient temperature [degC]; the system's by default. For a system with cooling, the temperature
+            that its strings cool towards (:meth:`~bess.System.surroundings_c`).
+        limit_kw : array_like, shape (n_strings,) or (n_strings, n_steps), optional
+            Maximum request of each string [kW]; nominal power by default, 0 takes a string out of service.
+
+        Raises
+        ------
+        InputError
+            An argument does not fit the system or the horizon; the split is then unchanged.
+        """
+        started = time.perf_counter()
+        problem = SplitProblem.check(
+            self.system, self.horizon_steps, self.dt_h, state, demand_kw, ambient_c, limit_kw
+        )
+        limit_s = self.settings.time_limit_s
+        deadline = None if limit_s is None else started + limit_s
+
+        costs = self._costs
+        if self.objectives.normalisation == "payoff":
+            costs = self.objectives.costs(payoff_scale(problem, self._scale_per_kw, self.objectives))
+        control = problem.control(costs, *self.objectives.tolerances)
+
+        carried = self._carried
+        start = carried.request_kw if carried is not None and carried.continues_in(problem) else None
+        for _ in range(SEARCHES):
+            left_s = None if deadline is None else deadline - time.perf_counter()
+            answer = control.split(start, ROLLOUTS, left_s)
+            certificate = certify(self._constants, problem, control, answer, costs, self.settings, deadline)
+            if certificate.incumbent is answer.incumbent:
+                break
+            # A relaxation gave a better schedule: continue the search from it.
+            start = certificate.incumbent.request_kw
+        return self._answer(problem, answer, certificate, started)
+
+    def _answer(
+        self, problem: SplitProblem, answer: _core.SplitAnswer, certificate: Certificate, started: float
+    ) -> Split:
+        request = answer.incumbent.request_kw
+        result = Rollout.of(answer.flows)
+        soc_start = np.concatenate([problem.state.soc[:, None], result.soc[:, :-1]], axis=1)
+        self._carried = Carried.after(problem, request, result)
+        idle = not problem.demand_kw.any()
+        return Split(
+            request_kw=request,
+            inverter_on=result.delivered_kw != 0.0,
+            low_soc=soc_start < self._switch_soc,
+            saturated=result.availability_loss_kw > SATURATED_KW,
+            rollout=result,
+            groups=self._groups(certificate),
+            unmet_kw=problem.unmet_kw,
+            nodes=certificate.nodes,
+            solve_time_s=time.perf_counter() - started,
+            status=SplitStatus.NO_DEMAND if idle else _status(certificate),
+        )
+
+    def _groups(self, certificate: Certificate) -> tuple[GroupResult, ...]:
+        objectives = self.objectives
+        return tuple(
+            GroupResult(
+                priority=objectives.members[members[0]].priority,
+                members=tuple(NAMES[i] for i in members),
+                objective=group.objective,
+                bound=group.bound,
+                search_bound=group.search_bound,
+                gap=relative_gap(group.objective, group.bound),
+                search_gap=relative_gap(group.search_objective, group.search_bound),
+            )
+            for members, group in zip(objectives.groups, certificate.groups, strict=True)
+        )
+
+
+def split_power(
+    system: System,
+    state: State,
+    demand_kw: ArrayLike,
+    objectives: Objectives | None = None,
+    dt_h: float = 0.25,
+    gap: float = DEFAULTS.gap,
+    time_limit_s: float | None = DEFAULTS.time_limit_s,
+    node_limit: int | None = DEFAULTS.node_limit,
+) -> Split:
+    """Split the demand of one horizon [1]_; its length is the number of values in ``demand_kw``.
+
+    See :class:`PowerSplit` for the parameters. For repeated calls, build a :class:`PowerSplit` once.
+
+    Raises
+    ------
+    InputError
+        A setting is out of range, or an argument does not fit the system.
+
+    References
+    ----------
+    .. [1] Tanjavooru, V. T., Pant, P., Hamacher, T., Hesse, H.: Multi-objective nonlinear power split control
+       for BESS with real-time simulation feedback. 2025, arXiv:2507.04800.
+    """
+    demand = finite_array("demand_kw", demand_kw)
+    if demand.ndim != 1 or demand.size == 0:
+        raise InputError(
+            f"demand_kw has shape {demand.shape}; give one value for each step, and at least one step"
+        )
+    return PowerSplit(system, demand.size, objectives, dt_h, gap, time_limit_s, node_limit)(state, demand)
+
+
+def _status(certificate: Certificate) -> SplitStatus:
+    """Return the strongest status that holds for every group; statuses are ordered by strength."""
+    order = list(SplitStatus)
+    if certificate.failed:
+        return SplitStatus.SOLVER_FAILED
+    if all(group.is_proven for group in certificate.groups):
+        return SplitStatus.OPTIMAL
+    return max((STATUS[group.closure] for group in certificate.groups), key=order.index)

@@ -1,0 +1,170 @@
+"""One split problem: the arguments of a call, checked against the plant and the horizon."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bess import _core
+from bess.arrays import Array, each_step, finite_array
+from bess.control.split.objectives import Costs
+from bess.errors import InputError
+from bess.system import State, System
+from bess.system.state import TEMPERATURE_RANGE_C
+
+MAX_HORIZON_STEPS = 96
+MAX_STRINGS = 32
+
+
+@dataclass(frozen=True)
+class SplitProblem:
+    """A plant in a measured state, and its demand over the horizon.
+
+    Attributes
+    ----------
+    system : System
+    state : State
+    demand_kw : ndarray, shape (n_steps,)
+        Demand within the limits of the strings, signed; 0 if below the minimum power.
+    unmet_kw : ndarray, shape (n_steps,)
+        Remaining demand, ``>= 0``.
+    ambient_c : ndarray, shape (n_steps,)
+    limit_kw : ndarray, shape (n_strings, n_steps)
+        Maximum request of each string.
+    dt_h : float
+        Length of a step [h].
+    """
+
+    system: System
+    state: State
+    demand_kw: Array
+    unmet_kw: Array
+    ambient_c: Array
+    limit_kw: Array
+    dt_h: float
+
+    @classmethod
+    def check(
+        cls,
+        system: System,
+        n_steps: int,
+        dt_h: float,
+        state: State,
+        demand_kw: ArrayLike,
+        ambient_c: ArrayLike | None,
+        limit_kw: ArrayLike | None,
+    ) -> SplitProblem:
+        """Check the arguments of a call.
+
+        Raises
+        ------
+        InputError
+            An argument does not fit the system or the horizon.
+        """
+        system.check_state(state)
+        demand = finite_array("demand_kw", demand_kw)
+        if demand.ndim != 1 or demand.size != n_steps:
+            raise InputError(
+                f"demand_kw has shape {demand.shape}, but the split is for a horizon of {n_steps} steps; "
+                "give one value for each step, or build a PowerSplit with that horizon"
+            )
+        around = system.reference_temperature_c if ambient_c is None else ambient_c
+        # Demand below the minimum power of an inverter is treated as zero.
+        min_power_kw = system.min_power_kw[:, None]
+        limit = _limits(system, n_steps, limit_kw)
+        limit = np.where(limit < min_power_kw, 0.0, limit)
+        largest = limit.sum(axis=0)
+        asked = np.minimum(np.maximum(demand, -largest), largest)
+        asked = np.where(np.abs(asked) < min_power_kw.min(), 0.0, asked)
+        return cls(
+            system=system,
+            state=state,
+            demand_kw=asked,
+            unmet_kw=np.abs(demand - asked),
+            ambient_c=each_step("ambient_c", around, n_steps, TEMPERATURE_RANGE_C, "degC"),
+            limit_kw=limit,
+            dt_h=dt_h,
+        )
+
+    def control(self, costs: Costs, abs_tol: Array, rel_tol: Array) -> _core.ControlHorizon:
+        """Return the control model over this horizon, with costs and tolerances ``(n_groups,)``."""
+        return _core.ControlHorizon(
+            self.system.control_at(self.state),
+            self.state.soc,
+            self.state.temperature_c,
+            self.demand_kw,
+            self.ambient_c,
+            self.dt_h,
+            self.limit_kw,
+            costs.reported,
+            costs.searched,
+            abs_tol,
+            rel_tol,
+        )
+
+
+def check_strings(system: System) -> None:
+    """Check that the certified split takes the strings of a plant.
+
+    Raises
+    ------
+    InputError
+        Too many strings, with the ways out.
+    """
+    if system.n_strings > MAX_STRINGS:
+        raise InputError(
+            f"system.n_strings = {system.n_strings}: the certified split takes 1 to {MAX_STRINGS} strings; "
+            'plan them (bess.plan_power, or policy.mode = "plan"), use a rule, such as policy.name = "soc", '
+            "or let each string stand for a group of alike ones (battery.cells_parallel and "
+            "inverter.nominal_kw of the whole group)"
+        )
+
+
+def check_horizon(
+    system: System,
+    horizon_steps: int,
+    dt_h: float,
+    name: str = "horizon_steps",
+    most: int = MAX_HORIZON_STEPS,
+) -> None:
+    """Check the plant and the horizon of a split or a plan; ``name`` is the name of the horizon argument.
+
+    Raises
+    ------
+    InputError
+        Not a system, a horizon or a step out of range, or a step too long for the thermal model.
+    """
+    if not isinstance(system, System):
+        raise InputError(f"system must be a bess.System, not {type(system).__name__}")
+    whole = isinstance(horizon_steps, int | np.integer) and not isinstance(horizon_steps, bool)
+    if not whole or not 1 <= horizon_steps <= most:
+        raise InputError(f"{name} {horizon_steps!r} must be an integer from 1 to {most}")
+    number = isinstance(dt_h, int | float | np.integer | np.floating) and not isinstance(dt_h, bool)
+    if not number or not 0.0 < dt_h <= 24.0:
+        raise InputError(f"dt_h {dt_h!r} h must be a number in (0, 24] h")
+    fastest = max(s.thermal.lumped.k2_per_s for s in system.strings) * dt_h * 3600.0
+    if fastest >= 1.0:
+        raise InputError(
+            f"dt_h {dt_h:g} h is too long for the lumped thermal model: k2 dt is {fastest:g}, not below 1"
+        )
+
+
+def _limits(system: System, n_steps: int, limit_kw: ArrayLike | None) -> Array:
+    """Return the maximum requests ``(n_strings, n_steps)`` [kW]."""
+    shape, nominal = (system.n_strings, n_steps), system.nominal_kw[:, None]
+    limit = system.nominal_kw if limit_kw is None else finite_array("limit_kw", limit_kw)
+    if limit.shape not in (shape[:1], shape):
+        raise InputError(
+            f"limit_kw has shape {limit.shape}; give one value for each string (and step), {shape}"
+        )
+    limit = limit.reshape(system.n_strings, -1)
+    bad = (limit < 0.0) | (limit > nominal * (1.0 + 1e-9))
+    if bad.any():
+        string, step = np.argwhere(bad)[0]
+        raise InputError(
+            f"limit_kw of string {string} at step {step} is {limit[string, step]:g} kW, outside "
+            f"[0, {nominal[string, 0]:g}] kW"
+        )
+    return np.ascontiguousarray(np.broadcast_to(limit, shape))

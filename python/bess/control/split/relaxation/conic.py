@@ -1,0 +1,203 @@
+"""A CVXPY problem compiled once into an affine map from parameters to Clarabel data, and its nodes.
+
+CVXPY is called once, for the tensors that map a parameter vector to ``(q, A, b)``. An update is then one
+sparse product, and a node is one Clarabel call without CVXPY. Variables that a node fixes are removed with
+the rows that become empty: equal lower and upper bounds leave no interior, a known cause of "insufficient
+progress". Every node builds its own solver, so a solution depends on the node's data only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+import clarabel
+import cvxpy as cp
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from bess.arrays import Array
+
+FEASIBILITY_TOLERANCE = 1e-6
+"""Largest violation of a row without free variables before the node counts as infeasible (per unit)."""
+
+BOUND_MARGIN = 1e-6
+"""Relative reduction of a dual objective, to cover the dual residual of Clarabel."""
+
+LARGEST_VALUE = 200.0
+"""Upper bound of all variables of the per-unit program; it limits the effect of a dual residual."""
+
+
+class NodeStatus(Enum):
+    """Outcome of the solution of a node."""
+
+    SOLVED = "solved"
+    INFEASIBLE = "certified infeasible"
+    UNKNOWN = "not solved"
+
+
+@dataclass(frozen=True)
+class ConicSolution:
+    """Outcome of one node: ``bound`` is a lower bound of its optimum (-inf if the solver failed)."""
+
+    status: NodeStatus
+    bound: float
+    x: Array | None
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """Sparsity pattern of ``A`` by columns, and the rows of the zero and the nonnegative cone."""
+
+    rows: NDArray[np.int64]
+    columns: NDArray[np.int64]
+    n_zero: int
+    n_nonneg: int
+
+
+@dataclass(frozen=True)
+class ConicData:
+    """One instance ``min q'x + offset, A x + s = b, s in K``; ``K`` is zero, nonnegative, then 3-cones."""
+
+    q: Array
+    offset: float
+    pattern: Pattern
+    values: Array
+    b: Array
+
+
+class ConicProgram:
+    """Affine map from named parameters to Clarabel data."""
+
+    def __init__(
+        self,
+        problem: cp.Problem,
+        variables: Mapping[str, cp.Variable],
+        parameters: Mapping[str, cp.Parameter],
+    ) -> None:
+        for parameter in parameters.values():
+            parameter.value = np.zeros(parameter.shape)
+        data, _, _ = problem.get_problem_data("CLARABEL", solver_opts={})
+        program, dims = data["param_prob"], data["dims"]
+        if any(size != 3 for size in dims.soc) or dims.exp or dims.psd:
+            raise ValueError("only rotated cones of three rows are expected")
+        self.n_columns = program.x.size
+        n_rows = program.constr_size
+        self.slices = {
+            name: slice(program.var_id_to_col[v.id], program.var_id_to_col[v.id] + v.size)
+            for name, v in variables.items()
+        }
+        self.shapes = {name: v.shape for name, v in variables.items()}
+        self.places = {
+            name: program.param_id_to_col[p.id] + np.arange(p.size).reshape(p.shape, order="F")
+            for name, p in parameters.items()
+        }
+        self._n_parameters = program.total_param_size
+
+        # vec([A | b]), column-major, is affine in the parameters; rows of the tensor that are not empty are
+        # the
+        # pattern. CVXPY keeps constraints as A x + b in K, Clarabel wants A x + s = b.
+        tensor = sp.csr_array(program.A)
+        used = np.flatnonzero(np.diff(tensor.indptr))
+        entries = used[used < n_rows * self.n_columns]
+        self._pattern = Pattern(entries % n_rows, entries // n_rows, dims.zero, dims.nonneg)
+        self._a_map = -sp.csr_array(tensor[entries])
+        self._b_map = sp.csr_array(tensor[n_rows * self.n_columns :])
+        self._q_map = sp.csr_array(program.q)
+
+    def parameters(self, values: Mapping[str, Array | float]) -> Array:
+        """Return the parameter vector for :meth:`load`; other parameters are zero.
+
+        ``places`` holds the position of each parameter in the vector.
+        """
+        theta = np.zeros(self._n_parameters + 1)
+        theta[-1] = 1.0
+        for name, value in values.items():
+            theta[self.places[name]] = value
+        return theta
+
+    def load(self, theta: Array) -> ConicData:
+        """Return the instance for a vector of parameters."""
+        q = self._q_map @ theta
+        return ConicData(q[:-1], float(q[-1]), self._pattern, self._a_map @ theta, self._b_map @ theta)
+
+    def value(self, x: Array, name: str) -> Array:
+        """Return the variable ``name`` at the point ``x``."""
+        return x[self.slices[name]].reshape(self.shapes[name], order="F")
+
+
+def solve(data: ConicData, fixed: NDArray[np.bool_], x_fixed: Array) -> ConicSolution:
+    """Solve an instance with the variables ``fixed`` held at ``x_fixed``.
+
+    Parameters
+    ----------
+    data
+        Instance.
+    fixed : ndarray of bool, shape (n_columns,)
+        Variables removed from the problem.
+    x_fixed : ndarray, shape (n_columns,)
+        Their values; ignored where free.
+    """
+    pattern, values = data.pattern, data.values
+    held = np.where(fixed, x_fixed, 0.0)
+    b = data.b - np.bincount(pattern.rows, values * held[pattern.columns], minlength=data.b.size)
+    entries = np.flatnonzero(~fixed[pattern.columns] & (values != 0.0))
+    used = np.zeros(b.size, dtype=bool)
+    used[pattern.rows[entries]] = True
+
+    zero_end, cone_start = pattern.n_zero, pattern.n_zero + pattern.n_nonneg
+    cones_used = used[cone_start:].reshape(-1, 3).any(axis=1)
+    used[cone_start:] = np.repeat(cones_used, 3)
+    empty = ~used
+    if (
+        np.any(np.abs(b[:zero_end][empty[:zero_end]]) > FEASIBILITY_TOLERANCE)
+        or np.any(b[zero_end:cone_start][empty[zero_end:cone_start]] < -FEASIBILITY_TOLERANCE)
+        or _outside_cone(b[cone_start:].reshape(-1, 3)[~cones_used])
+    ):
+        return ConicSolution(NodeStatus.INFEASIBLE, np.inf, None)
+
+    free = np.flatnonzero(~fixed)
+    row_of = np.cumsum(used) - 1
+    counts = np.bincount(pattern.columns[entries], minlength=fixed.size)[free]
+    shape = (int(used.sum()), free.size)
+    A = sp.csc_array(
+        (values[entries], row_of[pattern.rows[entries]], np.concatenate([[0], np.cumsum(counts)])),
+        shape=shape,
+    )
+    n_zero, n_nonneg = int(used[:zero_end].sum()), int(used[zero_end:cone_start].sum())
+    cones = [clarabel.ZeroConeT(n_zero)] if n_zero else []
+    cones += [clarabel.NonnegativeConeT(n_nonneg)] if n_nonneg else []
+    cones += [clarabel.SecondOrderConeT(3)] * int(cones_used.sum())
+    offset = data.offset + float(data.q @ held)
+    P = sp.csc_array((free.size, free.size))
+    for refine in (False, True):
+        answer = clarabel.DefaultSolver(P, data.q[free], A, b[used], cones, _settings(refine)).solve()
+        status = str(answer.status)
+        if status in ("Solved", "AlmostSolved"):
+            x = held.copy()
+            x[free] = answer.x
+            bound = answer.obj_val_dual + offset
+            bound -= BOUND_MARGIN * (1.0 + abs(bound))
+            if status == "AlmostSolved":
+                # The remaining residual is usually primal. The dual point still gives a bound, less the
+                # largest contribution of its residual q + A'z over all points of the program.
+                bound -= LARGEST_VALUE * float(np.abs(data.q[free] + A.T @ np.array(answer.z)).sum())
+            return ConicSolution(NodeStatus.SOLVED, bound, x)
+        if status == "PrimalInfeasible":
+            return ConicSolution(NodeStatus.INFEASIBLE, np.inf, None)
+    return ConicSolution(NodeStatus.UNKNOWN, -np.inf, None)
+
+
+def _outside_cone(rows: Array) -> bool:
+    return bool(np.any(rows[:, 0] + FEASIBILITY_TOLERANCE < np.hypot(rows[:, 1], rows[:, 2])))
+
+
+def _settings(refine: bool) -> clarabel.DefaultSettings:
+    # Iterative refinement doubles the time of a node, so it is used for retries only.
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.presolve_enable = False
+    settings.iterative_refinement_enable = refine
+    return settings

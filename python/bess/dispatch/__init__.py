@@ -1,0 +1,32 @@
+"""Demand of the plant: profiles as given, arbitrage on market prices, services, and forecasts of any."""
+
+from bess.dispatch.arbitrage import Arbitrage
+from bess.dispatch.aware import DispatchInputs, DispatchPlan, DynamicProgramDispatch
+from bess.dispatch.budget import CycleBudget
+from bess.dispatch.forecast import ExternalForecast, Forecast, PerfectForecast, PersistenceForecast
+from bess.dispatch.meter import GridPowerTarget, min_peak_kw
+from bess.dispatch.profile import PROFILES, SITES, bundled_profile, read_profile
+from bess.dispatch.reserve import EnergyWindow, RechargeScheduler, droop_response
+from bess.dispatch.stored import Store
+
+__all__ = [
+    "PROFILES",
+    "SITES",
+    "Arbitrage",
+    "CycleBudget",
+    "DispatchInputs",
+    "DispatchPlan",
+    "DynamicProgramDispatch",
+    "EnergyWindow",
+    "ExternalForecast",
+    "Forecast",
+    "GridPowerTarget",
+    "PerfectForecast",
+    "PersistenceForecast",
+    "RechargeScheduler",
+    "Store",
+    "bundled_profile",
+    "droop_response",
+    "min_peak_kw",
+    "read_profile",
+]

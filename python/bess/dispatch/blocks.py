@@ -1,0 +1,71 @@
+"""Control steps of one price as one block of a plan: fewer columns and rows, the same income."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from bess.arrays import Array
+
+_LONGEST_H: Final = 1.0
+"""Longest block [h]: power and derating are constant within it."""
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Steps that follow each other at the same price on the same day, an hour at most.
+
+    Attributes
+    ----------
+    first : ndarray of int, shape (n_blocks,)
+        First step of each.
+    count : ndarray of int, shape (n_blocks,)
+        Number of its steps.
+    """
+
+    first: npt.NDArray[np.int64]
+    count: npt.NDArray[np.int64]
+
+    @classmethod
+    def of(
+        cls,
+        price_eur_mwh: Array,
+        day: npt.NDArray[np.int64],
+        dt_h: float,
+        *,
+        first_h: float = 0.0,
+        step_h: float = 0.0,
+    ) -> Self:
+        """Cut the steps where the price or the day changes, and where a block gets too long.
+
+        In the first ``first_h`` hours that is ``step_h``, or one step if it is longer.
+        """
+        steps = np.arange(price_eur_mwh.size)
+        change = np.r_[True, (np.diff(price_eur_mwh) != 0.0) | (np.diff(day) != 0)]
+        since = steps - np.maximum.accumulate(np.where(change, steps, 0))
+        longest_h = np.where(steps * dt_h < first_h, step_h, _LONGEST_H)
+        first = np.flatnonzero(since % np.maximum(1, (longest_h / dt_h + 1e-9).astype(int)) == 0)
+        return cls(first, np.diff(np.r_[first, steps.size]))
+
+    @cached_property
+    def of_step(self) -> npt.NDArray[np.int64]:
+        """Number of the block of each step."""
+        return np.repeat(np.arange(self.first.size), self.count)
+
+    def mean(self, values: Array) -> Array:
+        """Means over the blocks of values for each step, which are the last axis."""
+        return np.asarray(np.add.reduceat(values, self.first, axis=-1) / self.count)
+
+    def at_full(self, share: Array) -> Array:
+        """Return the share of each step for the mean shares of blocks, at most 1 in size.
+
+        As a vertex of the program over all steps has it: the last steps of a block at full power, one at the
+        rest of it, none before.
+        """
+        place = self.count[self.of_step] - 1 - np.arange(self.of_step.size) + self.first[self.of_step]
+        whole = (np.abs(share) * self.count)[self.of_step] - place
+        return np.asarray(np.sign(share)[self.of_step] * np.clip(whole, 0.0, 1.0))

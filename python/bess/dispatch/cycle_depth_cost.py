@@ -1,0 +1,101 @@
+"""What cycles of the plant as one store wear, by their depth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Self
+
+import numpy as np
+
+from bess.arrays import Array
+from bess.control.wear import MarginalWear
+from bess.dispatch.aggregate import Aggregate
+from bess.units import HOURS_PER_DAY, KWH_PER_MWH
+
+_DEPTHS: Final = (0.25, 0.5, 0.75, 1.0)
+"""Ends of the segments of depth whose wear is told apart, where it depends on depth."""
+
+_HOLDING_SOC: Final = (0.2, 0.8)
+"""Between these the price of a day is taken to be linear in SOC."""
+
+
+@dataclass(frozen=True)
+class CycleDepthCost:
+    """What cycles wear, by depth, for the plant as a whole; rates frozen at the state of a plan.
+
+    Attributes
+    ----------
+    by_energy_eur_kwh : float
+        Price of each kWh discharged (AC), whatever the depth.
+    capacity_kwh : float
+        Energy of a cycle of depth 1.
+    depth, cycle_eur : ndarray, shape (n_depths,)
+        Price of a cycle over its depth, from ``(0, 0)``, beside the former; convex.
+    holding_eur_kwh_h : float
+        Price of holding a kWh for an hour: calendar wear that grows with SOC.
+    """
+
+    by_energy_eur_kwh: float
+    capacity_kwh: float
+    depth: Array
+    cycle_eur: Array
+    holding_eur_kwh_h: float
+
+    @classmethod
+    def of(cls, plant: Aggregate, wear: MarginalWear) -> Self:
+        """Take the means over the strings, at their temperatures."""
+        energy_kwh, share = plant.string_energy_kwh, plant.string_energy_kwh / plant.capacity_kwh
+        wears = (string.wear for string in plant.system.strings)
+        said = [each.eur_per_mwh if each.model != "none" else None for each in wears]
+        # A price per MWh is planned with as it stands, whatever the cell model would say.
+        by_model = np.array([price is None for price in said])
+        flat = np.array([0.0 if price is None else price / KWH_PER_MWH for price in said])
+        depth, temperature_c = np.array(_DEPTHS), wear.state.temperature_c[:, None]
+        rate = wear.cycling_eur_kwh(depth, temperature_c)
+        cycle_eur = (by_model * energy_kwh) @ (rate * depth)
+        marginal = np.maximum.accumulate(np.diff(cycle_eur, prepend=0.0) / np.diff(depth, prepend=0.0))
+        empty, full = (np.full((share.size, 1), soc) for soc in _HOLDING_SOC)
+        day_eur = by_model @ (
+            wear.calendar_eur_day(full, temperature_c) - wear.calendar_eur_day(empty, temperature_c)
+        )
+        between_kwh = (_HOLDING_SOC[1] - _HOLDING_SOC[0]) * plant.capacity_kwh
+        return cls(
+            by_energy_eur_kwh=float((share * flat).sum()),
+            capacity_kwh=plant.capacity_kwh,
+            depth=np.r_[0.0, depth],
+            cycle_eur=np.r_[0.0, np.cumsum(marginal * np.diff(depth, prepend=0.0))],
+            holding_eur_kwh_h=max(0.0, float(day_eur.sum()) / (between_kwh * HOURS_PER_DAY)),
+        )
+
+    @property
+    def points(self) -> Array:
+        """Depths to tell apart: one where wear does not depend on it."""
+        return self.depth if np.ptp(self.marginal_eur_kwh) > 0.0 else self.depth[:1]
+
+    @property
+    def marginal_eur_kwh(self) -> Array:
+        """Price of a kWh drawn in each segment of depth."""
+        return np.diff(self.cycle_eur) / (np.diff(self.depth) * self.capacity_kwh)
+
+    def discharge_eur(self, depth: Array, drawn: Array) -> Array:
+        """Return the wear of going deeper by ``drawn`` from ``depth``, beside the price of energy.
+
+        Below a depth of 1, which only points of a grid around a state reach, it rises on as before it.
+        """
+        deeper = np.r_[self.depth, 2.0]
+        cost_eur = np.r_[self.cycle_eur, self.cycle_eur[-1] + self.capacity_kwh * self.marginal_eur_kwh[-1]]
+        from_eur, to_eur = (np.interp(each, deeper, cost_eur) for each in (depth, depth + drawn))
+        return np.asarray(to_eur - from_eur)
+
+    def cost_eur(self, discharged_kwh: Array, energy_kwh: Array, dt_h: float) -> float:
+        """Return what a trajectory of stored energy wears.
+
+        ``discharged_kwh`` (AC) has one value for each step, ``energy_kwh`` one more. Every discharge from one
+        turning point to the next counts as a cycle, which is the upper end of what rainflow counting gives.
+        """
+        turns = np.flatnonzero(np.diff(np.sign(np.diff(energy_kwh))) != 0) + 1
+        corners = energy_kwh[np.r_[0, turns, energy_kwh.size - 1]]
+        drawn = np.maximum(-np.diff(corners), 0.0) / self.capacity_kwh
+        cycles_eur = np.interp(drawn, self.depth, self.cycle_eur).sum()
+        held_eur = self.holding_eur_kwh_h * dt_h * energy_kwh[1:].sum()
+        return float(discharged_kwh.sum() * self.by_energy_eur_kwh + cycles_eur + held_eur)

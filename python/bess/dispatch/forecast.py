@@ -1,0 +1,147 @@
+"""Forecast interface: values known at a step about later steps."""
+
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+from bess.arrays import Array, real_numbers
+from bess.errors import InputError
+
+
+@runtime_checkable
+class Forecast(Protocol):
+    """Forecast of a series, of demand (kW) or of prices (EUR/MWh).
+
+    A forecast is stateless: the same call gives the same answer, so an interrupted run can resume.
+    """
+
+    def ahead(self, step: int, horizon: int) -> Array:
+        """Return the series at `step`, `step` + 1, … as forecast at the start of `step`.
+
+        Parameters
+        ----------
+        step : int
+            Index of the present control step; its value is known.
+        horizon : int
+            Number of steps including `step`, ``>= 1``.
+
+        Returns
+        -------
+        numpy.ndarray, shape (min(horizon, steps left),)
+            Shorter than `horizon` where the series ends.
+        """
+        ...
+
+
+class PerfectForecast:
+    """Perfect foresight: the forecast is the series itself.
+
+    Parameters
+    ----------
+    values : array, shape (n_steps,)
+        The series that comes true; finite.
+    """
+
+    def __init__(self, values: npt.ArrayLike):
+        self.values = _series(values)
+
+    def ahead(self, step: int, horizon: int) -> Array:
+        """Return the true values; see :class:`Forecast`."""
+        return self.values[_present(step, horizon, self.values.size) : step + horizon].copy()
+
+
+class ExternalForecast:
+    """Somebody else's forecast: one value for each step, made before the run.
+
+    The present value is known; for later steps the forecast is given.
+
+    Parameters
+    ----------
+    values : array, shape (n_steps,)
+        The series that comes true; finite.
+    foretold : array, shape (n_steps,)
+        What was foretold of it; finite.
+    """
+
+    def __init__(self, values: npt.ArrayLike, foretold: npt.ArrayLike):
+        self.values, self.foretold = _series(values), _series(foretold)
+        if self.values.size != self.foretold.size:
+            raise InputError(
+                f"a forecast of {self.foretold.size} steps does not fit a series of {self.values.size}"
+            )
+
+    def ahead(self, step: int, horizon: int) -> Array:
+        """Return the present value and what was foretold; see :class:`Forecast`."""
+        seen = self.foretold[_present(step, horizon, self.values.size) : step + horizon].copy()
+        seen[0] = self.values[step]
+        return seen
+
+
+class PersistenceForecast:
+    """Foretells each step by the latest known value at the same time of day.
+
+    The present value is known. A later step takes the value of one day before it, or of as many days as it
+    takes to reach the past; where the record does not reach back that far, the present value is held.
+
+    Parameters
+    ----------
+    values : array, shape (n_steps,)
+        The series that comes true; finite.
+    dt_h : float
+        Control step in hours; must divide a day.
+    """
+
+    def __init__(self, values: npt.ArrayLike, dt_h: float = 0.25):
+        self.values = _series(values)
+        self.steps_per_day = steps_in(24.0, dt_h, "a day")
+
+    def ahead(self, step: int, horizon: int) -> Array:
+        """Return the values of the day before; see :class:`Forecast`."""
+        start = _present(step, horizon, self.values.size)
+        later = np.arange(start, min(start + horizon, self.values.size))
+        days_back = -(-(later - start) // self.steps_per_day)
+        source = later - days_back * self.steps_per_day
+        held: Array = np.where(source < 0, self.values[start], self.values[np.maximum(source, 0)])
+        return held
+
+
+def steps_in(duration_h: float, dt_h: float, what: str) -> int:
+    """Return how many control steps `duration_h` holds; raise InputError unless it is a whole number >= 1.
+
+    Raises
+    ------
+    InputError
+        It holds a part of a step, or none; ``what`` says of what.
+    """
+    if not (np.isfinite(dt_h) and dt_h > 0.0):
+        raise InputError(f"control step {dt_h} h must be above 0 h")
+    steps = duration_h / dt_h if np.isfinite(duration_h) else 0.0
+    if round(steps) < 1 or abs(steps - round(steps)) > 1e-9 * steps:
+        raise InputError(
+            f"{what} ({duration_h} h) must be a whole number of control steps of {dt_h} h, at least one"
+        )
+    return round(steps)
+
+
+def _series(values: npt.ArrayLike) -> Array:
+    try:
+        series = real_numbers(values).copy()
+    except ValueError as error:
+        raise InputError(f"a forecast needs a series of numbers ({error})") from error
+    if series.ndim != 1 or series.size == 0:
+        raise InputError(f"a forecast needs a series of at least one value; its shape is {series.shape}")
+    if not np.isfinite(series).all():
+        raise InputError(
+            f"a forecast needs finite values; value {int(np.argmin(np.isfinite(series)))} is not"
+        )
+    series.flags.writeable = False
+    return series
+
+
+def _present(step: int, horizon: int, size: int) -> int:
+    if not 0 <= step < size:
+        raise InputError(f"step {step} is outside the series of {size} steps [0, {size - 1}]")
+    if horizon < 1:
+        raise InputError(f"horizon {horizon} steps must be at least 1")
+    return step

@@ -1,0 +1,130 @@
+"""A store behind a meter: it keeps what is drawn from the grid at a level, and fills up below it.
+
+Peak shaving has the limit of the connection as its level, self-consumption the level 0.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from bess.arrays import Array
+from bess.dispatch.program import Program
+from bess.errors import InputError
+
+
+@dataclass(frozen=True)
+class GridPowerTarget:
+    """The rule: discharge what is above the level, charge what is left below it, until ``full_kwh``.
+
+    Of all schedules that keep the level, the one that fills up as soon as it can holds most energy at any
+    time; so it keeps every level that any schedule with perfect foresight can keep.
+
+    Attributes
+    ----------
+    level_kw : float
+        What may be drawn from the grid.
+    power_kw : float
+        Most power of the store, either direction (AC).
+    full_kwh : float
+        Stored energy up to which it is charged.
+    one_way : float
+        Efficiency of each direction.
+    dt_h : float
+        Control step [h].
+    least_kw : float
+        Below this the rest of a store is not charged or discharged: inverters would lose more by being on.
+    """
+
+    level_kw: float
+    power_kw: float
+    full_kwh: float
+    one_way: float
+    dt_h: float
+    least_kw: float = 0.0
+
+    def demand_kw(self, net_kw: Array, held_kwh: float) -> Array:
+        """Return what is asked of the store in each step, from ``held_kwh`` at the start of the first.
+
+        Parameters
+        ----------
+        net_kw : ndarray, shape (n_steps,)
+            Load less generation behind the meter [kW].
+        held_kwh : float
+            Energy stored.
+
+        Returns
+        -------
+        ndarray, shape (n_steps,)
+            Power [kW], positive = discharge; what the store has no energy or room for is not asked.
+        """
+        wanted = np.clip(net_kw - self.level_kw, -self.power_kw, self.power_kw)
+        asked = np.zeros(wanted.size)
+        for step, power_kw in enumerate(wanted.tolist()):
+            if power_kw > 0.0:
+                power_kw = self._left(power_kw, held_kwh * self.one_way / self.dt_h)
+                held_kwh -= power_kw * self.dt_h / self.one_way
+            else:
+                power_kw = -self._left(-power_kw, (self.full_kwh - held_kwh) / self.one_way / self.dt_h)
+                held_kwh -= power_kw * self.dt_h * self.one_way
+            asked[step] = power_kw
+        return asked
+
+    def _left(self, wanted_kw: float, sustainable_kw: float) -> float:
+        if wanted_kw <= sustainable_kw:
+            return wanted_kw
+        return sustainable_kw if sustainable_kw >= self.least_kw else 0.0
+
+
+def min_peak_kw(
+    net_kw: Array, dt_h: float, *, power_kw: float, full_kwh: float, held_kwh: float, one_way: float
+) -> float:
+    r"""Return the lowest limit of the grid connection that a store can keep, knowing all that will come.
+
+    With charging `c`, discharging `d` (AC power), stored energy `e` and the efficiency :math:`\eta` of each
+    way it is the optimum of
+
+    .. math:: \min L\quad\text{s. t.}\quad n_t + c_t - d_t \le L,\quad
+       e_t = e_{t-1} + \eta c_t \Delta t - d_t \Delta t / \eta,\quad 0 \le e_t \le E,\quad
+       0 \le c_t, d_t \le P .
+
+    Parameters
+    ----------
+    net_kw : ndarray, shape (n_steps,)
+        Load less generation behind the meter [kW].
+    dt_h : float
+        Control step [h].
+    power_kw, full_kwh, held_kwh : float
+        Power of the store, energy when it is full, energy at the start; what is above ``full_kwh`` is let be.
+    one_way : float
+        Efficiency of each direction, in (0, 1].
+
+    Raises
+    ------
+    InputError
+        There is no load to shave: the largest net load is not above 0.
+    """
+    steps = net_kw.size
+    if net_kw.max() <= 0.0:
+        raise InputError(
+            f"demand.load: the largest load less generation is {net_kw.max():g} kW, so there is no peak to "
+            "shave; give a load, or demand.limit_kw"
+        )
+    unit, none = sparse.eye_array(steps), sparse.csr_array((steps, steps))
+    change = unit - sparse.eye_array(steps, k=-1)
+    start = np.zeros(steps)
+    start[0] = held_kwh
+    top = max(full_kwh, held_kwh)
+    balance = sparse.hstack(
+        [-one_way * dt_h * unit, dt_h / one_way * unit, change, sparse.csr_array((steps, 1))]
+    )
+    limit = sparse.hstack([unit, -unit, none, sparse.csr_array(-np.ones((steps, 1)))])
+    program = Program(
+        cost=np.r_[np.zeros(3 * steps), 1.0],
+        lower=np.zeros(3 * steps + 1),
+        upper=np.r_[np.full(2 * steps, power_kw), np.full(steps, top), np.inf],
+        rows=sparse.vstack([balance, limit], format="csr"),
+        least=np.r_[start, np.full(steps, -np.inf)],
+        most=np.r_[start, -net_kw],
+    )
+    return float(program.optimum()[-1])

@@ -1,0 +1,124 @@
+"""``bess.plan_dispatch``: one plan over prices, outside of a run."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from bess.dispatch.arbitrage import calendar_days
+from bess.dispatch.aware import DispatchInputs, DispatchPlan, DynamicProgramDispatch
+from bess.dispatch.forecast import steps_in
+from bess.errors import InputError
+from bess.system import State, System
+from bess.system.terms import SettlementTerms
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def plan_dispatch(
+    system: System,
+    prices: pd.Series[float] | npt.ArrayLike,
+    state: State,
+    hours: float = 36.0,
+    *,
+    terms: SettlementTerms | None = None,
+    ambient_c: npt.ArrayLike | None = None,
+    cycles_per_day: float = 2.0,
+    market_time_zone: str = "Europe/Berlin",
+) -> DispatchPlan:
+    r"""Plan what to buy and sell, knowing what the plant can deliver and what that costs.
+
+    With price :math:`\pi`, delivered power :math:`p` (:math:`p^+` discharge, :math:`p^-` charge), demand
+    :math:`D`, fees :math:`f`, wear :math:`W`, and the energy :math:`e_T` that is left at its value :math:`v`,
+
+    .. math:: \max_D\ \sum_t \bigl(p^+_t (\pi_t - f_d) - p^-_t (\pi_t + f_c)
+       - (|D_t| - |p_t|)(|\pi_t| + s)\bigr)\,\Delta t - W + v\, e_T
+
+    where :math:`p`, :math:`e` and the temperatures follow from :math:`D` by the control model (equations 1 to
+    6 of ``docs/equations.md``). How :math:`D` is found is said at
+    :class:`bess.dispatch.DynamicProgramDispatch`.
+
+    Parameters
+    ----------
+    system : System
+        The plant; its sections ``[wear]`` price the wear.
+    prices : pandas.Series or array_like
+        Prices from now on [EUR/MWh]: a regular series with a time-zone aware index, as
+        :func:`bess.read_prices` gives it, or one value for each control step of the system (15 min).
+    state : State
+        Measured state now.
+    hours : float
+        How far to plan [h], a whole number of control steps; prices must reach that far.
+    terms : Terms, optional
+        Fees and the price of a shortfall (:class:`bess.system.terms.SettlementTerms`); the defaults of a
+        study.
+    ambient_c : float or array_like, shape (n_steps,), optional
+        Ambient temperature [degC]; the system's by default. Of a system with cooling, what its strings cool
+        towards (:meth:`~bess.System.surroundings_c`).
+    cycles_per_day : float
+        Most full cycles a day.
+    market_time_zone : str
+        Of the trading day, to which ``cycles_per_day`` applies; without an index the plan begins at midnight.
+
+    Returns
+    -------
+    DispatchPlan
+        ``demand_kw``, ``expected_delivered_kw`` and ``expected_net_eur``, among others. The plan does not
+        empty the store at its end: what is left has a value, which is not in ``expected_net_eur``.
+
+    Raises
+    ------
+    InputError
+        Prices are not finite, too short, or of another step; ``state`` does not fit the system.
+
+    Examples
+    --------
+    >>> import bess, numpy as np
+    >>> system = bess.System.reference(2)
+    >>> prices = np.repeat([20.0, 90.0, 30.0, 120.0], 24)
+    >>> plan = bess.plan_dispatch(system, prices, system.initial_state(), hours=24)
+    >>> bool(plan.demand_kw[:24].sum() < 0 < plan.demand_kw[24:48].sum())
+    True
+    """
+    system.check_state(state)
+    dt_h = system.control.step_min / 60.0
+    steps = steps_in(hours, dt_h, "hours")
+    values, days = _on_steps(prices, steps, dt_h, market_time_zone)
+    ambient = np.asarray(system.reference_temperature_c if ambient_c is None else ambient_c, dtype=np.float64)
+    if ambient.shape not in ((), (steps,)) or not np.isfinite(ambient).all():
+        raise InputError(f"ambient_c: give one finite value, or one for each of {steps} steps")
+    outlook = DispatchInputs(values, np.broadcast_to(ambient, steps), days)
+    dispatch = DynamicProgramDispatch(system, dt_h, terms or SettlementTerms(), cycles_per_day=cycles_per_day)
+    return dispatch.plan(outlook, state)
+
+
+def _on_steps(
+    prices: pd.Series[float] | npt.ArrayLike, steps: int, dt_h: float, time_zone: str
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
+    import pandas as pd
+
+    if isinstance(prices, pd.Series):
+        index = prices.index
+        if not isinstance(index, pd.DatetimeIndex) or index.tz is None or index.size < 2:
+            raise InputError("prices: the series needs a time-zone aware index of at least two times")
+        per_value = (index[1] - index[0]) / pd.Timedelta(hours=dt_h)
+        if per_value < 1.0 or per_value != round(per_value):
+            raise InputError(
+                f"prices: values every {index[1] - index[0]} are no whole number of steps of {dt_h:g} h"
+            )
+        values = np.repeat(np.asarray(prices, dtype=np.float64), round(per_value))[:steps]
+        times = pd.date_range(index[0], periods=steps, freq=pd.Timedelta(hours=dt_h))
+        days = calendar_days(times, time_zone)
+    else:
+        values = np.asarray(prices, dtype=np.float64)[:steps]
+        days = (np.arange(steps) * dt_h // 24.0).astype(np.int64)
+    if values.ndim != 1 or values.size < steps:
+        raise InputError(
+            f"prices: {values.size} values are less than the {steps} steps of {dt_h:g} h to be planned"
+        )
+    if not np.isfinite(values).all():
+        raise InputError(f"prices: value {int(np.argmin(np.isfinite(values)))} is not finite")
+    return values, days

@@ -1,0 +1,197 @@
+"""Demand profiles: from a file as it comes, or bundled."""
+
+from collections.abc import Callable
+from os import PathLike
+from typing import Final, Literal
+
+import numpy as np
+import pandas as pd
+
+from bess.arrays import Array
+from bess.dispatch.forecast import steps_in
+from bess.dispatch.synthetic import (
+    commercial_load,
+    frequency_week,
+    industrial_load,
+    market_week,
+    peak_shaving_week,
+    solar_power,
+)
+from bess.errors import InputError
+from bess.files import Fill
+from bess.market.columns import read_columns
+from bess.market.files import fail, reading
+from bess.market.regular import regular
+from bess.market.units import power_unit
+
+_TO_KW: Final = {"W": 1e-3, "kW": 1.0, "MW": 1e3}
+_TO_KVAR: Final = {"var": 1e-3, "kvar": 1.0, "Mvar": 1e3}
+_SIGN: Final = {"discharge": 1.0, "charge": -1.0}
+
+_DAY: Final = (
+    (2.5, -1, "hi"), (0.5, -1, "lo"), (0.5, 0, "lo"), (4.75, 1, "hi"), (0.75, 1, "lo"), (0.5, 0, "lo"),
+    (5.0, -1, "hi"), (0.75, -1, "lo"), (0.5, 0, "lo"), (4.75, 1, "hi"), (0.75, 1, "lo"), (0.5, 0, "lo"),
+    (2.0, -1, "hi"), (0.25, 0, "lo"),
+)  # fmt: skip
+"""One day of the two-cycle profile: hours, direction (+1 discharge), level."""
+
+
+def two_cycles_48h(hi_kw: float = 78.0, lo_kw: float = 30.0, dt_h: float = 0.25) -> Array:
+    """Return two days of two arbitrage cycles each, shape (48 / dt_h,), kW in total, positive = discharge.
+
+    From SOC 0.5 of the reference plant: blocks at `hi_kw` with tails at `lo_kw`.
+    `dt_h` must divide a quarter of an hour, on which the blocks begin.
+
+    Raises
+    ------
+    InputError
+        A power is negative or not finite.
+    """
+    for name, value in (("hi_kw", hi_kw), ("lo_kw", lo_kw)):
+        if not (np.isfinite(value) and value >= 0.0):
+            raise InputError(f"profile two-cycle-48h: {name} {value} kW must be finite and >= 0 kW")
+    per_quarter = steps_in(0.25, dt_h, "profile two-cycle-48h: its quarter of an hour")
+    level = {"hi": hi_kw, "lo": lo_kw}
+    power = [sign * level[name] for _, sign, name in _DAY]
+    quarters = [round(hours / 0.25) for hours, _, _ in _DAY]
+    return np.tile(np.repeat(power, quarters), 2).astype(np.float64).repeat(per_quarter)
+
+
+_FITTED_LEVELS_KW: Final = (-76.0, -5.0, 0.0, 78.0, 76.0, 0.0)
+_FITTED_QUARTERS: Final = (18, 2, 4, 19, 5, 0, 22, 2, 2, 19, 0, 3)
+_FITTED_START: Final = 16
+"""Found by ``benches/fit_demand.py``: charge high and low, rest, discharge high and low, rest, twice."""
+
+
+def fitted_48h(dt_h: float = 0.25) -> Array:
+    """Return two days on which most of the paper's statements come out, shape (48 / dt_h,), kW in total.
+
+    Fitted to the paper's results (:mod:`bess.report.words.paper`), so agreeing with them is no confirmation;
+    its own demand is unpublished.
+    """
+    per_quarter = steps_in(0.25, dt_h, "profile two-cycle-fitted-48h: its quarter of an hour")
+    day = np.repeat(np.tile(_FITTED_LEVELS_KW, 2), _FITTED_QUARTERS)
+    return np.tile(np.roll(day, -_FITTED_START), 2).repeat(per_quarter)
+
+
+PROFILES: Final[dict[str, Callable[..., Array]]] = {
+    "two-cycle-48h": two_cycles_48h,
+    "two-cycle-fitted-48h": fitted_48h,
+    "frequency-week": frequency_week,
+    "peak-shaving-week": peak_shaving_week,
+    "market-week": market_week,
+}
+"""Bundled profiles by name; their keywords are parameters of the profile and ``dt_h``."""
+
+
+SITES: Final[dict[str, Callable[..., Array]]] = {
+    "industrial-week": industrial_load,
+    "commercial-week": commercial_load,
+    "solar-week": solar_power,
+}
+"""Bundled loads and generation behind a meter by name, positive as a meter of their own would count."""
+
+
+def bundled_profile(name: str, **parameters: float) -> Array:
+    """Return the bundled profile `name` [kW, positive = discharge]; see :data:`PROFILES`.
+
+    Raises
+    ------
+    InputError
+        There is none of that name.
+    """
+    if name not in PROFILES:
+        raise InputError(f"profile {name!r} is not bundled; there are {', '.join(sorted(PROFILES))}")
+    return PROFILES[name](**parameters)
+
+
+def read_profile(
+    path: str | PathLike[str],
+    *,
+    column: str | None = None,
+    unit: str = "kW",
+    positive: Literal["discharge", "charge"] = "discharge",
+    scale: float = 1.0,
+    dt_h: float = 0.25,
+    time_zone: str | None = None,
+    fill: Fill | None = None,
+) -> pd.Series:
+    """Read a demand profile from a CSV or Parquet file.
+
+    Parameters
+    ----------
+    path : path
+        CSV (any of comma, semicolon, tab; decimal point or comma) or Parquet, with a column of times.
+    column : str, optional
+        Name of the power column; needed if there are several.
+    unit : {"kW", "W", "MW", "kvar", "var", "Mvar"}
+        Unit of the file; that of reactive power for a profile of it.
+    positive : {"discharge", "charge"}
+        What a positive number of the file means.
+    scale : float
+        Factor on the power, such as the peak of a profile in per unit; > 0.
+    dt_h : float
+        Control step [h]; the file's step must divide it (power is averaged) or be a multiple (power is held).
+    time_zone : str, optional
+        Zone of times without one, such as ``"Europe/Berlin"`` or ``"UTC"``.
+    fill : {"previous", "interpolate", "previous_day"}, optional
+        How to fill gaps and NaN, which are an error otherwise, however short.
+
+    Returns
+    -------
+    pandas.Series
+        Power [kW or kvar], positive = discharge, labelled at the start of the step, in UTC, regular;
+        ``attrs`` hold ``units`` and ``repairs``.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read as such, or a parameter is outside its range; the sentence says where and what
+        to do.
+    """
+    to_unit = _TO_KVAR if unit in _TO_KVAR else _TO_KW
+    if unit not in to_unit:
+        allowed = ", ".join([*_TO_KW, *_TO_KVAR])
+        raise InputError(f"profile {path}: unit {unit!r} is unknown; allowed are {allowed}")
+    if positive not in _SIGN:
+        raise InputError(f"profile {path}: positive {positive!r} is unknown; allowed are {', '.join(_SIGN)}")
+    if not (np.isfinite(scale) and scale > 0.0):
+        raise InputError(f"profile {path}: scale {scale} must be finite and above 0")
+    with reading(path) as (raw, repairs):
+        columns = read_columns(raw, repairs)
+        chosen = columns.choose(column, "power")
+        _check_unit(chosen, unit)
+        rows = columns.labelled_at_start(repairs).rows(chosen, time_zone, repairs)
+        series = regular(rows, fill, repairs, bridged_s=0)
+    power = _resampled(str(path), series, dt_h) * (_SIGN[positive] * to_unit[unit] * scale)
+    power = power.rename("demand_kw")
+    power.attrs = {"units": "kvar" if unit in _TO_KVAR else "kW", "repairs": repairs}
+    return power
+
+
+def _check_unit(column: str, unit: str) -> None:
+    """Refuse a column whose name says another unit than `unit`."""
+    said = power_unit(column)
+    if said is not None and said != unit:
+        alike = _TO_KVAR if unit in _TO_KVAR else _TO_KW
+        what = "reactive power" if unit in _TO_KVAR else "power"
+        remedy = f"give unit={said!r}" if said in alike else f"give a column of {what}"
+        fail(1, f"column {column!r} is in {said}, not in {unit}; {remedy}")
+
+
+def _resampled(name: str, series: pd.Series, dt_h: float) -> pd.Series:
+    """Average finer values over control steps of `dt_h`, or hold coarser ones; a part of a step is cut."""
+    file_h = (series.index[1] - series.index[0]) / pd.Timedelta(hours=1)
+    values = series.to_numpy()
+    if file_h <= dt_h:
+        per_step = steps_in(dt_h, file_h, f"profile {name}: control step over the step of the file")
+        whole = values.size // per_step
+        if whole == 0:
+            raise InputError(
+                f"profile {name}: {values.size * file_h:g} h is less than one step of {dt_h:g} h"
+            )
+        values = values[: whole * per_step].reshape(whole, per_step).mean(axis=1)
+    else:
+        values = values.repeat(steps_in(file_h, dt_h, f"profile {name}: the step of the file"))
+    index = pd.date_range(series.index[0], periods=values.size, freq=pd.Timedelta(hours=dt_h), name="time")
+    return pd.Series(values, index=index)

@@ -1,0 +1,139 @@
+"""Frequency containment: what the droop asks, what has to be in store for it, and when to recharge.
+
+Power is that of the plant, positive = discharge; the reserve is symmetric.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bess.arrays import Array
+from bess.errors import InputError
+
+_MINUTES_PER_HOUR = 60.0
+
+
+def droop_response(
+    frequency_mhz: npt.ArrayLike, droop_mhz: float = 200.0, dead_band_mhz: float = 10.0
+) -> Array:
+    """Return the share of the reserve that a deviation of frequency calls for, from -1 to 1.
+
+    All of it at ``droop_mhz`` and beyond, none within ``dead_band_mhz``, and a share in proportion to the
+    whole deviation in between, as [1]_ has it: above the nominal frequency the plant charges (negative).
+
+    Parameters
+    ----------
+    frequency_mhz : array_like
+        Deviation from nominal [mHz].
+    droop_mhz, dead_band_mhz : float
+        ``0 <= dead_band_mhz < droop_mhz``.
+
+    Raises
+    ------
+    InputError
+        The dead band is negative or not below the droop.
+
+    References
+    ----------
+    .. [1] Commission Regulation (EU) 2017/1485 (system operation guideline), Annex V and Article 154.
+    """
+    if not 0.0 <= dead_band_mhz < droop_mhz:
+        raise InputError(
+            f"demand.dead_band_mhz = {dead_band_mhz:g} mHz must be at least 0 and below "
+            f"demand.droop_mhz = {droop_mhz:g} mHz"
+        )
+    deviation = np.asarray(frequency_mhz, dtype=np.float64)
+    share: Array = -np.clip(deviation / droop_mhz, -1.0, 1.0)
+    return np.where(np.abs(deviation) <= dead_band_mhz, 0.0, share)
+
+
+@dataclass(frozen=True)
+class EnergyWindow:
+    """Energy that a store must keep between, in kWh above its lower SOC limits.
+
+    Attributes
+    ----------
+    low_kwh, high_kwh : float
+        Between them the whole reserve can be delivered for the required duration in either direction.
+    """
+
+    low_kwh: float
+    high_kwh: float
+
+    @classmethod
+    def of(cls, capacity_kw: float, duration_min: float, size_kwh: float, one_way: float) -> "EnergyWindow":
+        """Return the window of a store of ``size_kwh`` with the efficiency ``one_way`` of each direction."""
+        energy_kwh = capacity_kw * duration_min / _MINUTES_PER_HOUR
+        return cls(energy_kwh / one_way, size_kwh - energy_kwh * one_way)
+
+    def narrowed(self, share: float) -> "EnergyWindow":
+        """Return the middle ``share`` of the window."""
+        middle, half = (self.low_kwh + self.high_kwh) / 2.0, (self.high_kwh - self.low_kwh) / 2.0
+        return EnergyWindow(middle - share * half, middle + share * half)
+
+    def sustainable_kw(self, capacity_kw: float, held_kwh: float, size_kwh: float) -> float:
+        """Return the reserve that ``held_kwh`` sustains for the required duration in both directions."""
+        below, above = held_kwh / self.low_kwh, (size_kwh - held_kwh) / (size_kwh - self.high_kwh)
+        return capacity_kw * float(np.clip(min(below, above), 0.0, 1.0))
+
+
+@dataclass
+class RechargeScheduler:
+    """Shifts of the set-point that bring a store back, agreed on before they begin.
+
+    At the start of every slot the shift of the slot that begins ``lead_steps`` later is agreed on: what
+    brings the energy expected then, the response being zero in the mean, back to the edge of the wanted band
+    within that slot, and no more than ``power_kw``.
+
+    Parameters
+    ----------
+    power_kw : float
+        Largest shift.
+    lead_steps, slot_steps : int
+        Control steps between agreement and begin, and of a slot.
+    dt_h : float
+        Control step [h].
+    one_way : float
+        Efficiency of each direction.
+    agreed_kw : ndarray
+        Shifts of this step and those to come.
+    """
+
+    power_kw: float
+    lead_steps: int
+    slot_steps: int
+    dt_h: float
+    one_way: float
+    agreed_kw: Array = field(default_factory=lambda: np.zeros(0))
+
+    def advance(self, step: int, held_kwh: float, band: EnergyWindow) -> float:
+        """Agree on the next slot if one is due, and return the shift of ``step`` [kW, positive = discharge].
+
+        Called once for each step, in order.
+        """
+        if step == 0:
+            self.agreed_kw = np.zeros(self.lead_steps)
+        if step % self.slot_steps == 0:
+            self.agreed_kw = np.concatenate([self.agreed_kw, self._slot(held_kwh, band)])
+        shift, self.agreed_kw = float(self.agreed_kw[0]), self.agreed_kw[1:]
+        return shift
+
+    def _slot(self, held_kwh: float, band: EnergyWindow) -> Array:
+        coming = self.agreed_kw * self.dt_h
+        drawn = np.where(coming > 0.0, coming / self.one_way, coming * self.one_way).sum()
+        expected = held_kwh - drawn
+        slot_h = self.slot_steps * self.dt_h
+        surplus, lacking = max(0.0, expected - band.high_kwh), max(0.0, band.low_kwh - expected)
+        shift = (surplus * self.one_way - lacking / self.one_way) / slot_h
+        return np.full(self.slot_steps, np.clip(shift, -self.power_kw, self.power_kw))
+
+    def memory(self) -> dict[str, Any]:
+        """What is agreed on."""
+        return {"agreed_kw": self.agreed_kw}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Continue with what :meth:`memory` returned."""
+        self.agreed_kw = memory["agreed_kw"]

@@ -1,0 +1,173 @@
+"""``bess.store_value``: the most that an ideal store earns on a series of prices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy import sparse
+
+from bess.arrays import Array, ByValue, finite_array, require_positive
+from bess.dispatch.arbitrage import balance_rows
+from bess.dispatch.silence import stdout_to_stderr
+from bess.display import as_table, one_line
+from bess.errors import BessError, InputError
+from bess.units import KWH_PER_MWH, SECONDS_PER_HOUR
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True, eq=False)
+class StoreValue(ByValue):
+    """What an ideal store earns with all prices known.
+
+    Attributes
+    ----------
+    net_eur : float
+        Income of the whole series; what is left in store at its end is worth nothing.
+    power_kw : ndarray, shape (n_steps,)
+        AC power, positive = discharge.
+    stored_kwh : ndarray, shape (n_steps,)
+        Stored energy at the end of each step.
+    cycle_price_eur : float
+        What one more cycle of the budget would earn: the dual value of the budget, 0 where it does not bind.
+    """
+
+    net_eur: float
+    power_kw: Array
+    stored_kwh: Array
+    cycle_price_eur: float
+
+    def _facts(self) -> dict[str, str]:
+        return {
+            "steps": str(self.power_kw.size),
+            "net": f"{self.net_eur:.2f} EUR",
+            "cycle price": f"{self.cycle_price_eur:.3g} EUR",
+        }
+
+    __repr__ = one_line
+    _repr_html_ = as_table
+
+
+def store_value(
+    prices: pd.Series[float] | npt.ArrayLike,
+    energy_kwh: float = 1000.0,
+    power_kw: float = 500.0,
+    round_trip: float = 0.86,
+    cycles: float | None = 365.0,
+    initial_kwh: float = 0.0,
+    *,
+    dt_h: float = 0.25,
+) -> StoreValue:
+    r"""Return the most that an ideal store earns on a price series, by one linear program over all of it.
+
+    The program of :class:`bess.dispatch.Arbitrage` without cycle limits of days: with charging :math:`c` and
+    discharging :math:`d` (AC), stored energy :math:`e` and :math:`\eta` the root of the round trip,
+
+    .. math:: \max \sum_t \pi_t (d_t - c_t)\,\Delta t \quad\text{s. t.}\quad
+       e_t = e_{t-1} + \eta c_t \Delta t - d_t \Delta t / \eta,\quad 0 \le e_t \le E,\quad
+       0 \le c_t, d_t \le P,\quad d_t \Delta t / \eta \le e_{t-1},\quad
+       \sum_t \eta c_t \Delta t \le n E .
+
+    What a step discharges is in store at its start; that binds only where a negative price pays for charging
+    and discharging at once. It repeats the 19 values that [1]_ publishes for German ID3 prices of 2021.
+
+    Parameters
+    ----------
+    prices : pandas.Series or array_like
+        Prices [EUR/MWh]: a series with a regular index of times, which gives the step, or values every
+        ``dt_h``.
+    energy_kwh : float
+        Usable energy, > 0.
+    power_kw : float
+        AC power of charging and of discharging, > 0.
+    round_trip : float
+        Efficiency AC to AC, in (0, 1].
+    cycles : float or None
+        Most cycles over the whole series, charged (stored) energy over ``energy_kwh``; None for no limit.
+    initial_kwh : float
+        Stored at the start.
+    dt_h : float
+        Step of prices without times [h].
+
+    Raises
+    ------
+    InputError
+        An argument is outside its range, prices are not finite, or their times are not regular.
+
+    References
+    ----------
+    .. [1] leloq: Rolling Intrinsic BESS Intraday Trading,
+       https://github.com/leloq/Rolling-Intrinsic-BESS-Intraday-Trading
+
+    Examples
+    --------
+    >>> import bess, numpy as np
+    >>> value = bess.store_value(np.tile([20.0, 100.0], 12), cycles=2.0, dt_h=1.0)
+    >>> round(value.net_eur, 2), round(value.cycle_price_eur, 2)
+    (142.34, 71.17)
+    """
+    require_positive(
+        "store_value",
+        energy_kwh=(energy_kwh, " kWh"),
+        power_kw=(power_kw, " kW"),
+        dt_h=(dt_h, " h"),
+        cycles=(cycles, ""),
+    )
+    if not 0.0 < round_trip <= 1.0:
+        raise InputError(f"store_value: round_trip {round_trip} is outside (0, 1]")
+    if not 0.0 <= initial_kwh <= energy_kwh:
+        raise InputError(f"store_value: initial_kwh {initial_kwh:g} kWh is outside [0, {energy_kwh:g}] kWh")
+    price, dt_h = _steps(prices, dt_h)
+    # In per unit: power over power_kw, energy over power_kw times 1 h; variables c, d, e.
+    n, one_way, full = price.size, float(np.sqrt(round_trip)), energy_kwh / power_kw
+    each, before = sparse.eye_array(n), sparse.eye_array(n, k=-1)
+    start = np.zeros(n)
+    start[0] = initial_kwh / power_kw
+    burns = np.flatnonzero(price < 0.0)
+    drawn: Any = sparse.hstack([0.0 * each, dt_h / one_way * each, -before], format="csr")
+    charged = np.r_[np.full(n, one_way * dt_h), np.zeros(2 * n)]
+    budget = charged.sum() if cycles is None else cycles * full  # all steps at full power: never more
+    cost = price * dt_h
+    # Loaded here: it takes half a second, which runs without a market need not spend.
+    from scipy.optimize import linprog
+
+    with stdout_to_stderr():
+        answer = linprog(  # type: ignore[call-overload]  # stubs know no sparse rows
+            np.r_[cost, -cost, np.zeros(n)],
+            A_ub=sparse.vstack([drawn[burns], charged[None]], format="csr"),
+            b_ub=np.r_[start[burns], budget],
+            A_eq=balance_rows(np.full(n, dt_h), one_way),
+            b_eq=start,
+            bounds=np.repeat([[0.0, 1.0], [0.0, 1.0], [0.0, full]], n, axis=0),
+            method="highs-ds",
+        )
+    if answer.x is None:
+        raise BessError(f"store_value: the program has no solution; HiGHS says: {answer.message}")
+    charge, discharge, stored = np.split(np.asarray(answer.x), 3)
+    return StoreValue(
+        net_eur=-float(answer.fun) * power_kw / KWH_PER_MWH,
+        power_kw=power_kw * (discharge - charge),
+        stored_kwh=power_kw * stored,
+        cycle_price_eur=-float(answer.ineqlin.marginals[-1]) * energy_kwh / KWH_PER_MWH,
+    )
+
+
+def _steps(prices: Any, dt_h: float) -> tuple[Array, float]:
+    """Prices as an array, and their step [h]."""
+    price = finite_array("prices", prices)
+    if price.ndim != 1 or price.size == 0:
+        raise InputError(f"prices have shape {price.shape}; give one value for each step, at least one")
+    index = getattr(prices, "index", None)
+    if index is None or not hasattr(index, "tz") or price.size == 1:
+        return price, dt_h
+    hours = np.diff(index.as_unit("ns").asi8) / (1e9 * SECONDS_PER_HOUR)
+    if not (hours[0] > 0.0 and np.all(hours == hours[0])):
+        raise InputError(
+            f"prices: times are {hours.min():g} to {hours.max():g} h apart; give one value for each step, "
+            "in order (bess.read_prices fills gaps)"
+        )
+    return price, float(hours[0])

@@ -1,0 +1,103 @@
+"""What a plant holds and has room for, as energy at the inverters."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from bess.arrays import Array
+from bess.dispatch.aggregate import energy_tables
+from bess.system import State, System
+
+
+class Store:
+    """Energy of all strings between two states of charge.
+
+    Parameters
+    ----------
+    system : System
+        The plant.
+    efficiency : float
+        Round trip, AC to AC; each way has its root. Where what goes in and out is counted (:meth:`count`), it
+        only begins there.
+    """
+
+    def __init__(self, system: System, efficiency: float):
+        self._soc_min = np.array([string.battery.soc_min for string in system.strings])
+        self._soc_max = np.array([string.battery.soc_max for string in system.strings])
+        self._nominal_kwh = system.nominal_energy_kwh
+        fresh = State(np.full(system.n_strings, 0.5), np.full(system.n_strings, 25.0))
+        self._soc, self._energy = energy_tables(system, fresh, self._soc_min)
+        # As if one full charge had been measured before.
+        self._charged_kwh = self.size_kwh(fresh)
+        self._discharged_kwh = efficiency * self._charged_kwh
+        self._stored_kwh = 0.0
+        self._held_kwh: float | None = None
+
+    @property
+    def one_way(self) -> float:
+        r"""Efficiency of each direction.
+
+        With :math:`C` charged, :math:`D` discharged (AC) and :math:`H` stored more than before, the
+        :math:`\eta` for which :math:`\eta C - D / \eta = H`.
+        """
+        charged, stored = self._charged_kwh, self._stored_kwh
+        return (stored + float(np.sqrt(stored**2 + 4.0 * charged * self._discharged_kwh))) / (2.0 * charged)
+
+    def count(self, state: State, delivered_kwh: float) -> None:
+        """Take in what the plant did in the step that led to ``state``.
+
+        Parameters
+        ----------
+        state : State
+            Measured now.
+        delivered_kwh : float
+            AC energy of the step, positive = discharge; 0 at first.
+        """
+        held_kwh = self.held_kwh(state)
+        if self._held_kwh is not None:
+            self._stored_kwh += held_kwh - self._held_kwh
+        self._held_kwh = held_kwh
+        self._charged_kwh += max(0.0, -delivered_kwh)
+        self._discharged_kwh += max(0.0, delivered_kwh)
+
+    def held_kwh(self, state: State) -> float:
+        """Energy stored above the lower SOC limits."""
+        return float((self._at(state.soc) * state.soh_capacity).sum())
+
+    def size_kwh(self, state: State, soc_max: float = 1.0) -> float:
+        """Energy stored when every string is at ``soc_max``, or at its own limit if that is lower."""
+        full = self._at(np.minimum(self._soc_max, np.maximum(soc_max, self._soc_min)))
+        return float((full * state.soh_capacity).sum())
+
+    def smallest_kwh(self, state: State) -> float:
+        """Nominal energy of the smallest string as it is now."""
+        return float((self._nominal_kwh * state.soh_capacity).min())
+
+    def soc_at(self, state: State, held_kwh: float) -> float:
+        """SOC of a plant whose strings are alike in it and hold this much together."""
+        levels = np.linspace(0.0, 1.0, 201)
+        held = [(self._at(np.full_like(self._soc_min, soc)) * state.soh_capacity).sum() for soc in levels]
+        return float(np.interp(held_kwh, held, levels))
+
+    def memory(self) -> dict[str, Any]:
+        """What was counted."""
+        return {
+            "charged_kwh": self._charged_kwh,
+            "discharged_kwh": self._discharged_kwh,
+            "stored_kwh": self._stored_kwh,
+            "held_kwh": self._held_kwh,
+        }
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Continue with what :meth:`memory` returned."""
+        self._charged_kwh, self._discharged_kwh = memory["charged_kwh"], memory["discharged_kwh"]
+        self._stored_kwh, self._held_kwh = memory["stored_kwh"], memory["held_kwh"]
+
+    def _at(self, soc: Array) -> Array:
+        return np.array(
+            [
+                np.interp(each, grid, energy)
+                for each, grid, energy in zip(soc, self._soc, self._energy, strict=True)
+            ]
+        )

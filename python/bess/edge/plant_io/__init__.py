@@ -1,0 +1,35 @@
+"""Plants that a controller can drive: links to OpenEMS and SunSpec, and simulated partners."""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+from bess.edge.plant_io.address import parse_address
+from bess.edge.plant_io.link import LinkError, Measurements, PlantLink
+from bess.optional_dependencies import extra
+
+__all__ = ["LinkError", "Measurements", "PlantLink", "connect"]
+
+
+def connect(text: str, n_strings: int) -> PlantLink:
+    """Return the link to a plant; nothing is sent before its first use.
+
+    Parameters
+    ----------
+    text
+        ``openems=URL`` or ``sunspec=HOST[:PORT]``; ``?ess=ess1,ess2`` or ``?unit=1,2`` names the strings in
+        their order. Without names the plant's own are taken: all ``essN`` in the order of their numbers, or
+        units 1, 2, ...
+    n_strings
+        Number of strings of the controller.
+
+    Raises
+    ------
+    InputError
+        If the text is no such address, names another number of strings, or the extra ``plant`` is missing.
+    """
+    address = parse_address(text)
+    with extra("plant", f"a plant behind {address.kind}"):
+        module = import_module(f"bess.edge.plant_io.{address.kind}")
+    link: PlantLink = module.link(address, n_strings)
+    return link

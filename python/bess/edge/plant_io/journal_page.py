@@ -1,0 +1,276 @@
+"""The page of a journal: what a plant did beside what was recommended."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from bess.arrays import Array
+from bess.control.split.rollout import rollout
+from bess.edge.plant_io.journal import open_journal
+from bess.report.contents import FigureSpec
+from bess.report.data import TimeAxis
+from bess.report.drawing.chart import Chart, Panel, Series
+from bess.report.drawing.style import AVAILABILITY, DISCHARGE, INK, colours
+from bess.report.page import FIGURES, section, write_page
+from bess.report.words.headline import Tile
+from bess.system import State, System, load_system
+
+MOST_BINS: Final = 1500
+_BIN_S: Final = (1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14_400, 86_400)
+_GAP: Final = 3.0
+"""Readings further apart than this many times their usual distance are a gap."""
+_SAME_POWER: Final = 0.02
+"""Share of nominal power within which two splits serve the same demand."""
+
+
+def write_journal_report(directory: Path) -> Path:
+    """Write ``report.html`` and ``figures/`` for the journal of a plant; return the page.
+
+    Raises
+    ------
+    InputError
+        If there is no journal, or nothing in it.
+    """
+    journal = open_journal(directory)
+    binned = in_bins(journal)
+    losses = modelled_losses(binned, _system(journal))
+    values = {
+        "title": journal.attrs["title"] or directory.resolve().name,
+        "subject": _subject(journal),
+        "summary": [*_summary(journal), *([losses.sentence()] if losses is not None else [])],
+        "tiles": list(_tiles(journal)),
+        "warnings": list(_warnings(journal)),
+        "sections": [section("time", "Over time", _exhibits(binned), directory / FIGURES)],
+        "groups": [],
+        "names": [""],
+        "studies": {"The system": journal.attrs["system"]},
+        "made_with": journal.attrs["bess_version"],
+    }
+    return write_page(directory, values)
+
+
+def in_bins(journal: xr.Dataset) -> xr.Dataset:
+    """Return means over equal bins of time, at most :data:`MOST_BINS`; NaN where nothing was read."""
+    times_s = journal["time"].values.astype("datetime64[ms]").astype(np.int64) / 1000.0
+    usual_s = float(np.median(np.diff(times_s))) if times_s.size > 1 else 1.0
+    needed_s = max((times_s[-1] - times_s[0]) / (MOST_BINS - 1), usual_s)
+    width_s = next((width for width in _BIN_S if width >= needed_s), _BIN_S[-1])
+    first = np.floor(times_s[0] / width_s)
+    bins = (np.floor(times_s / width_s) - first).astype(np.int64)
+    count = int(bins[-1]) + 1
+    starts = ((first + np.arange(count)) * width_s).astype("datetime64[s]")
+    variables = {
+        str(name): (variable.dims, _means(variable.values.astype(np.float64), bins, count), variable.attrs)
+        for name, variable in journal.data_vars.items()
+    }
+    return xr.Dataset(
+        variables, coords={"time": starts, "string": journal["string"].values}, attrs=journal.attrs
+    )
+
+
+def _means(values: Array, bins: NDArray[np.int64], count: int) -> Array:
+    known = np.isfinite(values)
+    total = np.zeros((count, *values.shape[1:]))
+    number = np.zeros_like(total)
+    np.add.at(total, bins, np.where(known, values, 0.0))
+    np.add.at(number, bins, known)
+    return np.where(number > 0, total / np.maximum(number, 1), np.nan)
+
+
+@dataclass(frozen=True)
+class Losses:
+    """Losses that the control model gives for both splits, where they serve the same plant power [kWh]."""
+
+    did_kwh: float
+    recommended_kwh: float
+    hours: float
+    of_hours: float
+
+    def sentence(self) -> str:
+        """Say so."""
+        return (
+            f"Where both gave the same plant power ({self.hours:.3g} of {self.of_hours:.3g} h), the control "
+            f"model puts losses in inverters and batteries of what the plant did at {self.did_kwh:.4g} kWh, "
+            f"of what was recommended at {self.recommended_kwh:.4g} kWh; neither was measured."
+        )
+
+
+def modelled_losses(binned: xr.Dataset, system: System) -> Losses | None:
+    """Compare the two splits by the control model, from the states that were read; None if none compare."""
+    width_h = _width_h(binned)
+    did, recommended = binned["power_kw"].values, binned["recommended_kw"].values
+    soc, temperature = binned["soc"].values, binned["temperature_c"].values
+    temperature = np.where(np.isnan(temperature), system.ambient_c, temperature)
+    read = np.isfinite(did) & np.isfinite(recommended) & np.isfinite(soc)
+    totals = np.where(read, did, 0.0).sum(axis=1), np.where(read, recommended, 0.0).sum(axis=1)
+    one_way = [((power >= 0.0).all(axis=1) | (power <= 0.0).all(axis=1)) for power in (did, recommended)]
+    same = np.abs(totals[0] - totals[1]) <= _SAME_POWER * system.nominal_kw.sum()
+    usable = np.flatnonzero(read.all(axis=1) & one_way[0] & one_way[1] & same & (np.abs(totals[0]) > 0.0))
+    if not usable.size:
+        return None
+    lost = np.zeros(2)
+    nominal = system.nominal_kw
+    for k in usable:
+        state = State(np.clip(soc[k], 0.0, 1.0), temperature[k])
+        requests = np.clip(np.stack([did[k], recommended[k]]), -nominal, nominal)[..., None]
+        roll = rollout(system, state, requests, width_h)
+        lost += (roll.inverter_loss_kw + roll.battery_loss_kw).sum(axis=(1, 2)) * width_h
+    return Losses(float(lost[0]), float(lost[1]), len(usable) * width_h, read.any(axis=1).sum() * width_h)
+
+
+def _width_h(binned: xr.Dataset) -> float:
+    times = binned["time"].values
+    return float((times[1] - times[0]) / np.timedelta64(1, "s")) / 3600.0 if len(times) > 1 else 1.0 / 3600.0
+
+
+def _system(journal: xr.Dataset) -> System:
+    """Return the system, from the text that the journal keeps."""
+    with tempfile.TemporaryDirectory(prefix="bess-") as scratch:
+        path = Path(scratch) / "system.toml"
+        path.write_text(journal.attrs["system"], encoding="utf-8")
+        return load_system(path)
+
+
+def _exhibits(binned: xr.Dataset) -> Iterator[FigureSpec]:
+    yield FigureSpec(
+        "plant",
+        "The plant",
+        "Power asked of the plant, what it gave, and the sum of the set-points that were recommended.",
+        partial(_plant, binned),
+    )
+    yield FigureSpec(
+        "split",
+        "The strings: did and recommended",
+        "Power of every string, the set-point recommended for it, and the difference of both.",
+        partial(_split, binned),
+    )
+    yield FigureSpec(
+        "state",
+        "State of the strings",
+        "State of charge and temperature as they were read; a gap where nothing was.",
+        partial(_state, binned),
+    )
+
+
+def _plant(binned: xr.Dataset) -> Chart:
+    time = TimeAxis(binned)
+    did, recommended = (_total(binned[name].values) for name in ("power_kw", "recommended_kw"))
+    demand = binned["demand_kw"].values
+    return Chart(
+        time.label,
+        (
+            Panel(
+                "Power (kW)",
+                (
+                    _step(time, did, DISCHARGE, "did"),
+                    _step(time, recommended, AVAILABILITY, "recommended", dashed=True),
+                    _step(time, demand, INK, "demand", dashed=True),
+                ),
+            ),
+            Panel("Deviation from demand (kW)", (_step(time, did - demand, DISCHARGE),)),
+        ),
+    )
+
+
+def _split(binned: xr.Dataset) -> Chart:
+    time = TimeAxis(binned)
+    did, recommended = binned["power_kw"].values, binned["recommended_kw"].values
+    rows = (("Did (kW)", did), ("Recommended (kW)", recommended), ("Difference (kW)", did - recommended))
+    return Chart(time.label, tuple(Panel(label, _strings(time, values)) for label, values in rows))
+
+
+def _state(binned: xr.Dataset) -> Chart:
+    time = TimeAxis(binned)
+    return Chart(
+        time.label,
+        (
+            Panel("SOC", _strings(time, binned["soc"].values), y_limits=(-0.02, 1.02)),
+            Panel("Temperature (°C)", _strings(time, binned["temperature_c"].values)),
+        ),
+    )
+
+
+def _strings(time: TimeAxis, values: Array) -> tuple[Series, ...]:
+    named = enumerate(colours(values.shape[1]))
+    return tuple(_step(time, values[:, i], colour, f"string {i}") for i, colour in named)
+
+
+def _step(time: TimeAxis, values: Array, colour: str, label: str = "", *, dashed: bool = False) -> Series:
+    return Series(time.edges, np.append(values, values[-1:]), colour, label, "step", dashed=dashed)
+
+
+def _total(values: Array) -> Array:
+    """Sum over strings; NaN only where no string is known."""
+    return np.where(np.isfinite(values).any(axis=1), np.nansum(values, axis=1), np.nan)
+
+
+def _subject(journal: xr.Dataset) -> str:
+    first, last = (
+        np.datetime_as_string(journal["time"].values[i], unit="s").replace("T", " ") for i in (0, -1)
+    )
+    n_strings = journal.sizes["string"]
+    return f"{n_strings} string{'s' if n_strings > 1 else ''}, {first} to {last} UTC, journal of bess serve"
+
+
+def _summary(journal: xr.Dataset) -> Iterator[str]:
+    written = np.isfinite(journal["written_kw"].values).any(axis=1)
+    readings = journal.sizes["time"]
+    if not written.any():
+        yield "The plant was watched, not driven: no set-point was written."
+    else:
+        yield f"Set-points were written at {written.sum():,} of {readings:,} readings."
+    did, recommended = journal["power_kw"].values, journal["recommended_kw"].values
+    both = np.isfinite(did) & np.isfinite(recommended)
+    if both.any():
+        rms = float(np.sqrt(np.mean(np.square((did - recommended)[both]))))
+        yield f"What a string did was {rms:.3g} kW (rms) from what was recommended for it."
+
+
+def _tiles(journal: xr.Dataset) -> Iterator[Tile]:
+    hours = _hours(journal)
+    demand = journal["demand_kw"].values
+    for label, power in (("Energy demand", demand), ("Delivered", _total(journal["power_kw"].values))):
+        known = np.nan_to_num(power)
+        given, taken = (
+            float((np.maximum(known, 0.0) * hours).sum()),
+            float((np.maximum(-known, 0.0) * hours).sum()),
+        )
+        yield Tile(label, f"{given + taken:,.4g}", "kWh", f"{given:,.4g} discharged + {taken:,.4g} charged")
+    missed = np.abs(demand - np.nan_to_num(_total(journal["recommended_kw"].values)))
+    yield Tile(
+        "Recommended less than asked for", f"{float((missed * hours).sum()):,.3g}", "kWh", "both directions"
+    )
+
+
+def _hours(journal: xr.Dataset) -> Array:
+    """Return for how long each reading stands: to the next, in a gap not longer than usual."""
+    times_h = journal["time"].values.astype("datetime64[ms]").astype(np.int64) / 3.6e6
+    if times_h.size < 2:
+        return np.zeros(times_h.size)
+    steps = np.diff(times_h)
+    usual = float(np.median(steps))
+    return np.append(np.where(steps > _GAP * usual, usual, steps), usual)
+
+
+def _warnings(journal: xr.Dataset) -> Iterator[str]:
+    times_s = journal["time"].values.astype("datetime64[ms]").astype(np.int64) / 1000.0
+    steps = np.diff(times_s)
+    if steps.size:
+        gaps = steps[steps > _GAP * float(np.median(steps))]
+        if gaps.size:
+            yield (
+                f"{gaps.size} gap{'s' if gaps.size > 1 else ''} of {gaps.sum():,.0f} s in all between "
+                f"readings, which come every {float(np.median(steps)):g} s; energies leave them out."
+            )
+    out = 1.0 - journal["available"].values.mean(axis=0)
+    for string in np.flatnonzero(out > 0.0):
+        yield f"String {string} was out of service in {100.0 * out[string]:.3g} % of the readings."

@@ -1,0 +1,81 @@
+"""The contract of OpenEMS' power solver over HTTP, as an edge of its commit 66b5cba asks for a split.
+
+The edge sends ``{"SetActivePower": W, "powerDistribution": {"ess0": {"soc": 50}, ...}}`` and takes
+``{"powerDistribution": {"ess0": {"pdist": 60.0}, ...}}``, shares in per cent. It sends charge as an absolute
+value, so that the direction is lost. What is done about it: the split is made for both directions, and the
+shares are the means of both. Where the direction does not matter they are the best; where it does (a string
+that is fuller than the others should discharge more and charge less) they lie between. The REST channels
+(:mod:`bess.edge.plant_io.openems`) know the direction, temperatures and limits, and are the better way in.
+
+An HTTP service mounts :func:`answer` as a POST route; it does no input or output itself.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bess.edge.plant_io.json_numbers import number
+from bess.errors import InputError
+
+Split = Callable[[float, NDArray[np.float64]], NDArray[np.float64]]
+"""From the demand [kW, positive = discharge] and SOC, shape ``(n_strings,)``, to set-points [kW]."""
+
+
+def answer(body: object, n_strings: int, split: Split) -> dict[str, Any]:
+    """Return the answer to one request of the edge.
+
+    Parameters
+    ----------
+    body
+        The request, as JSON was read. Batteries are taken in the order of the numbers in their names.
+    n_strings
+        Number of strings of the controller.
+    split
+        Called twice, with the demand and with its negative.
+
+    Returns
+    -------
+    dict
+        Shares [%] of all batteries that were asked for; they sum to less than 100 where the plant cannot
+        give all.
+
+    Raises
+    ------
+    InputError
+        If the request is not as above, in one sentence.
+    """
+    demand_kw, soc = _request(body, n_strings)
+    both = [np.asarray(split(sign * demand_kw, np.array(list(soc.values())))) for sign in (1.0, -1.0)]
+    shares = 100.0 * np.mean(np.abs(both), axis=0) / demand_kw
+    return {
+        "powerDistribution": {name: {"pdist": float(share)} for name, share in zip(soc, shares, strict=True)}
+    }
+
+
+def _request(body: object, n_strings: int) -> tuple[float, dict[str, float]]:
+    """Return the demand [kW] and SOC, 0 to 1, by name in the order of the strings."""
+    asked = body.get("SetActivePower") if isinstance(body, Mapping) else None
+    batteries = body.get("powerDistribution") if isinstance(body, Mapping) else None
+    power_w = number(asked)
+    if not power_w > 0.0:
+        raise InputError(f"SetActivePower: {asked!r}, expected a power above 0 W")
+    if not isinstance(batteries, Mapping) or len(batteries) != n_strings:
+        count = len(batteries) if isinstance(batteries, Mapping) else "no"
+        raise InputError(f"powerDistribution: {count} batteries, expected {n_strings}, one for each string")
+    soc = {}
+    for name in sorted(batteries, key=_natural):
+        said = batteries[name].get("soc") if isinstance(batteries[name], Mapping) else None
+        soc[str(name)] = number(said) / 100.0
+        if not 0.0 <= soc[str(name)] <= 1.0:
+            raise InputError(f"powerDistribution.{name}.soc: {said!r}, expected 0 to 100 %")
+    return power_w / 1000.0, soc
+
+
+def _natural(name: object) -> list[tuple[int, str]]:
+    """Sort key by which ess10 comes after ess9."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"([0-9]+)", str(name))]

@@ -1,0 +1,237 @@
+"""A plant that runs by the clock, with faults to try a controller on: our own plant behind a link's far end.
+
+The clock is given from outside, so that a test steps through minutes without waiting for them. ``speed`` lets
+a day pass in minutes; set-points lapse by the clock, as the watchdog of a real plant knows no other time.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from math import nan
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bess.errors import InputError
+from bess.plant import Plant
+from bess.system import System
+
+PLANT_STEP_S: Final = 1.0
+"""Inner step [s]: a set-point acts within a second, as with a real inverter."""
+_LONGEST_STEP_S: Final = 86_400.0
+
+Clock = Callable[[], float]
+
+
+@dataclass
+class Faults:
+    """Faults of a simulated plant or of its measurements; strings by index.
+
+    Parameters
+    ----------
+    dead
+        Strings in reported fault; they deliver nothing and ignore set-points.
+    deaf
+        Strings that deliver nothing and report no fault.
+    silent
+        Strings without any response.
+    undefined
+        Strings whose values are reported as unknown (null, NaN).
+    frozen
+        Strings whose reported state of charge and temperature are frozen.
+    hung
+        Strings whose reported values are frozen, except for the heartbeat.
+    severed
+        Strings disconnected from their gateway: all values are frozen, including the heartbeat, and
+        set-points have no effect.
+    kilowatts
+        Powers are reported in kW instead of W, with the unit kW.
+    delay_s
+        Time [s] before each answer.
+    """
+
+    dead: set[int] = field(default_factory=set)
+    deaf: set[int] = field(default_factory=set)
+    silent: set[int] = field(default_factory=set)
+    undefined: set[int] = field(default_factory=set)
+    frozen: set[int] = field(default_factory=set)
+    hung: set[int] = field(default_factory=set)
+    severed: set[int] = field(default_factory=set)
+    kilowatts: bool = False
+    delay_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Measurements of one string; powers positive = discharge, limits ``>= 0``."""
+
+    soc: float
+    coldest_c: float
+    hottest_c: float
+    power_kw: float
+    charge_limit_kw: float
+    discharge_limit_kw: float
+    fault: bool
+    beat: int
+    """Seconds, counted by the string."""
+
+
+class SimulatedPlant:
+    """Simulated plant that advances with each access; thread-safe.
+
+    Parameters
+    ----------
+    system
+        What it is made of.
+    speed
+        Seconds of the plant for each second of the clock, above 0.
+    clock
+        Returns seconds; what it returns at first does not matter.
+
+    Raises
+    ------
+    InputError
+        If the speed is not a positive number.
+    """
+
+    def __init__(self, system: System, *, speed: float = 1.0, clock: Clock = time.monotonic) -> None:
+        if not 0.0 < speed < np.inf:
+            raise InputError(f"speed {speed}: expected a positive number of plant seconds per second")
+        self.system = system
+        self.faults = Faults()
+        self.clock = clock
+        self._speed = speed
+        self._lock = threading.RLock()
+        self._plant = Plant(system, system.initial_state(), plant_step_s=PLANT_STEP_S)
+        self._trial = Plant(system, system.initial_state(), plant_step_s=PLANT_STEP_S)
+        self._setpoint_kw = np.zeros(system.n_strings)
+        self._driven = np.zeros(system.n_strings, dtype=np.bool_)
+        self._lapses_at = np.full(system.n_strings, np.inf)
+        self._cells_c = np.tile(system.initial_state().temperature_c, (2, 1))
+        self._clock_s = clock()
+        self._said: dict[int, Reading] = {}
+
+    @property
+    def n_strings(self) -> int:
+        """Number of strings."""
+        return self.system.n_strings
+
+    def ask(self, string: int, power_kw: float, lapses_at: float) -> None:
+        """Give a string a set-point, which holds until the clock shows ``lapses_at``, then none."""
+        with self._lock:
+            self._advance()
+            if string in self.faults.severed:
+                return
+            nominal = self.system.nominal_kw[string]
+            self._setpoint_kw[string] = np.clip(power_kw, -nominal, nominal)
+            self._lapses_at[string] = lapses_at
+            self._driven[string] = True
+
+    def take_back(self, string: int) -> None:
+        """Let a string have no set-point: it rests."""
+        with self._lock:
+            self._advance()
+            if string not in self.faults.severed:
+                self._rest(string)
+
+    def prolong(self, lapses_at: float) -> None:
+        """Let all set-points that have not lapsed yet hold until then."""
+        with self._lock:
+            self._advance()
+            prolonged = self._driven.copy()
+            prolonged[list(self.faults.severed)] = False
+            self._lapses_at[prolonged] = lapses_at
+
+    def holds(self, string: int) -> tuple[float, float] | None:
+        """Return the set-point [kW] and when it lapses; None if the string has none."""
+        with self._lock:
+            self._advance()
+            held = float(self._setpoint_kw[string]), float(self._lapses_at[string])
+            return held if self._driven[string] else None
+
+    def readings(self) -> dict[int, Reading]:
+        """Return what is said of each string now; silent ones are missing."""
+        with self._lock:
+            self._advance()
+            true = self._true_readings()
+            unknown = Reading(nan, nan, nan, nan, nan, nan, fault=False, beat=self._beat())
+            for string, reading in enumerate(true):
+                said = unknown if string in self.faults.undefined else reading
+                before = self._said.setdefault(string, said)
+                if string in self.faults.frozen:
+                    said = replace(
+                        said, soc=before.soc, coldest_c=before.coldest_c, hottest_c=before.hottest_c
+                    )
+                if string in self.faults.hung:
+                    said = replace(before, beat=said.beat)
+                self._said[string] = before if string in self.faults.severed else said
+            return {s: reading for s, reading in self._said.items() if s not in self.faults.silent}
+
+    def truth(self) -> list[Reading]:
+        """Return true readings, ignoring faults."""
+        with self._lock:
+            self._advance()
+            return self._true_readings()
+
+    def _true_readings(self) -> list[Reading]:
+        state = self._plant.state
+        nominal_kw = self.system.nominal_kw
+        power_kw = self._would_deliver(self._request_kw())
+        charge_kw, discharge_kw = -self._would_deliver(-nominal_kw), self._would_deliver(nominal_kw)
+        readings = [
+            Reading(
+                soc=float(state.soc[i]),
+                coldest_c=float(self._cells_c[0, i]),
+                hottest_c=float(self._cells_c[1, i]),
+                power_kw=float(power_kw[i]),
+                charge_limit_kw=max(float(charge_kw[i]), 0.0),
+                discharge_limit_kw=max(float(discharge_kw[i]), 0.0),
+                fault=False,
+                beat=self._beat(),
+            )
+            for i in range(self.n_strings)
+        ]
+        for i in self.faults.dead:
+            readings[i] = replace(readings[i], charge_limit_kw=0.0, discharge_limit_kw=0.0, fault=True)
+        return readings
+
+    def _beat(self) -> int:
+        return int(self.clock())
+
+    def _request_kw(self) -> NDArray[np.float64]:
+        request = self._setpoint_kw.copy()
+        request[[*self.faults.dead, *self.faults.deaf]] = 0.0
+        return request
+
+    def _would_deliver(self, request_kw: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what would be delivered now; the plant stays where it is."""
+        self._trial.restore(self._plant.snapshot())
+        return self._trial.step(request_kw, PLANT_STEP_S).delivered_kw
+
+    def _advance(self) -> None:
+        """Run up to now, in pieces between which set-points lapse."""
+        now = self.clock()
+        while True:
+            lapse = float(self._lapses_at.min())
+            self._run_until(min(now, lapse))
+            if lapse > now:
+                return
+            self._rest(self._lapses_at <= lapse)
+
+    def _rest(self, strings: int | NDArray[np.bool_]) -> None:
+        self._driven[strings] = False
+        self._setpoint_kw[strings] = 0.0
+        self._lapses_at[strings] = np.inf
+
+    def _run_until(self, clock_s: float) -> None:
+        whole_s = PLANT_STEP_S * np.floor(self._speed * (clock_s - self._clock_s) / PLANT_STEP_S)
+        while whole_s > 0.0:
+            step_s = min(whole_s, _LONGEST_STEP_S)
+            nodes_c = np.asarray(self._plant.step(self._request_kw(), step_s).node_temperature_c)
+            self._cells_c = np.stack([np.nanmin(nodes_c, axis=1), np.nanmax(nodes_c, axis=1)])
+            self._clock_s += step_s / self._speed
+            whole_s -= step_s

@@ -1,0 +1,212 @@
+"""Simulated SunSpec devices on the loopback: one Modbus unit for each string of a simulated plant.
+
+Each unit holds models 1, 701, 702, 704, 713, 802 and 803 from register 40000 on. ``WSet`` acts when
+``WSetEna`` is written, and reverts by itself ``WSetRvrtTms`` later.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import threading
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+from pymodbus.constants import ExcCodes
+from pymodbus.server import ModbusTcpServer
+from pymodbus.simulator import DataType, SimData, SimDevice
+
+from bess.edge.plant_io.simulated import SimulatedPlant
+from bess.edge.plant_io.simulated_partner import SimulatedPartner
+from bess.edge.plant_io.sunspec_models import END, MARK, decode, encode, offset, value
+
+BASE: Final = 40_000
+_START_S: Final = 10.0
+
+_UNSET: Final[Mapping[str, int]] = {
+    "WSetEna": 0,
+    "WSetMod": 1,
+    "WSet": 0,
+    "WSetRvrt": 0,
+    "WSetEnaRvrt": 0,
+    "WSetRvrtTms": 0,
+    "WSet_SF": 0,
+}
+
+
+class SimulatedDevices(SimulatedPartner):
+    """Serves a plant as SunSpec devices on the loopback, strings as units 1, 2, ...; a context manager.
+
+    Parameters
+    ----------
+    plant
+        What is behind them.
+    port
+        0 for any that is free.
+    """
+
+    def __init__(self, plant: SimulatedPlant, *, port: int = 0) -> None:
+        super().__init__(plant, port)
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._server: ModbusTcpServer | None = None
+        self._thread: threading.Thread | None = None
+
+    @property
+    def address(self) -> str:
+        """What ``--plant`` takes."""
+        return f"sunspec=127.0.0.1:{self._port}"
+
+    def stop(self) -> None:
+        """Vanish as a gateway that is switched off: connections break; plant and watchdog live on."""
+        if self._loop is None or self._thread is None:
+            return
+        if self._server is not None:
+            server: Any = self._server
+            asyncio.run_coroutine_threadsafe(_shut_down(server), self._loop).result(_START_S)
+            self._server = None
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join(_START_S)
+        self._loop.close()
+        self._loop = None
+
+    def _listen(self, port: int) -> int:
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
+        self._thread.start()
+        return asyncio.run_coroutine_threadsafe(self._serve(port), self._loop).result(_START_S)
+
+    async def _serve(self, port: int) -> int:
+        devices = [_Device(self.plant, string).simulated() for string in range(self.plant.n_strings)]
+        self._server = ModbusTcpServer(devices, address=("127.0.0.1", port))
+        await self._server.serve_forever(background=True)
+        transport: Any = self._server.transport
+        return int(transport.sockets[0].getsockname()[1])
+
+
+async def _shut_down(server: Any) -> None:
+    await server.shutdown()
+    under_way = asyncio.all_tasks() - {asyncio.current_task()}
+    for task in under_way:
+        task.cancel()
+    await asyncio.gather(*under_way, return_exceptions=True)
+
+
+class _Device:
+    """One string's registers."""
+
+    def __init__(self, plant: SimulatedPlant, string: int) -> None:
+        self._plant = plant
+        self._string = string
+        self._control: dict[str, int] = dict(_UNSET)
+        self._controller_beat = 0
+        self._address: dict[int, int] = {}
+        self._length: dict[int, int] = {}
+
+    def simulated(self) -> SimDevice:
+        """Return the device for the Modbus server."""
+        registers = [*MARK]
+        for model_id, values in self._models().items():
+            model = encode(model_id, values)
+            self._address[model_id] = BASE + len(registers)
+            self._length[model_id] = len(model)
+            registers += model
+        simdata = SimData(BASE, values=[*registers, END, 0], datatype=DataType.REGISTERS)
+        return SimDevice(self._string + 1, simdata, action=self._act)
+
+    async def _act(
+        self,
+        function: int,
+        start: int,
+        address: int,
+        count: int,
+        registers: list[int],
+        written: list[int] | list[bool] | None,
+    ) -> ExcCodes | None:
+        """Answer one request: refuse it, take what is written, or bring the registers up to date."""
+        await asyncio.sleep(self._plant.faults.delay_s)
+        if self._string in self._plant.faults.silent:
+            return ExcCodes.GATEWAY_NO_RESPONSE
+        if written is not None:
+            return self._take(address, [int(register) for register in written])
+        for model_id, values in self._models().items():
+            begin = self._address[model_id]
+            if begin < address + count and address < begin + self._length[model_id]:
+                registers[begin - BASE : begin - BASE + self._length[model_id]] = encode(model_id, values)
+        return None
+
+    def _take(self, address: int, written: list[int]) -> ExcCodes | None:
+        control = self._address[704]
+        first, last = control + offset(704, "WSetEna"), control + offset(704, "WSetRvrtTms") + 1
+        if address < first or address + len(written) - 1 > last:
+            if (address, len(written)) != (self._address[802] + offset(802, "CtrlHb"), 1):
+                return ExcCodes.ILLEGAL_ADDRESS
+            self._controller_beat = written[0]
+            return None
+        block = encode(704, self._models()[704])
+        block[address - control : address - control + len(written)] = written
+        model = decode(704, block)
+        self._control = {name: int(model.points[name].value or 0) for name in _UNSET}
+        if address == first:
+            self._apply(model)
+        return None
+
+    def _apply(self, model: Any) -> None:
+        if not self._control["WSetEna"]:
+            self._plant.take_back(self._string)
+            return
+        after_s = self._control["WSetRvrtTms"]
+        lapses_at = self._plant.clock() + after_s if after_s else math.inf
+        self._plant.ask(self._string, value(model, "WSet") / 1000.0, lapses_at)
+
+    def _models(self) -> dict[int, dict[str, Any]]:
+        """Return the points of every model, in the order of their registers."""
+        reading = self._plant.readings().get(self._string) or self._plant.truth()[self._string]
+        held = self._plant.holds(self._string)
+        fault = reading.fault
+        soc = {"SoC": _steps(1e4 * reading.soc)}
+        # Powers in steps of 10 W. A scale that is not said is the wrong unit of this world.
+        in_watts = {"W_SF": None if self._plant.faults.kilowatts else 1}
+        nominal_w = 1000.0 * float(self._plant.system.nominal_kw[self._string])
+        lapses_in_s = held[1] - self._plant.clock() if held else 0.0
+        return {
+            1: {"Mn": "bess", "Md": "simulated string", "SN": str(self._string + 1), "DA": 1},
+            701: {
+                "ACType": 2,
+                "St": 0 if fault else 1,
+                "InvSt": 6 if fault else 3,
+                "ConnSt": 1,
+                "W": _steps(100.0 * reading.power_kw),
+                **in_watts,
+            },
+            702: {
+                "WMaxRtg": _steps(nominal_w / 10.0, math.floor),
+                "WChaRteMax": _steps(100.0 * reading.charge_limit_kw, math.floor),
+                "WDisChaRteMax": _steps(100.0 * reading.discharge_limit_kw, math.floor),
+                **in_watts,
+            },
+            704: {
+                **self._control,
+                "WSet_SF": None if self._plant.faults.kilowatts else 0,
+                "WSetEna": 1 if held else 0,
+                "WSetRvrtRem": math.ceil(lapses_in_s) if lapses_in_s < math.inf else 0,
+            },
+            713: {**soc, "Sta": 2 if fault else 0, "Pct_SF": -2},
+            802: {
+                **soc,
+                "SoC_SF": -2,
+                "LocRemCtl": 0,
+                "Hb": reading.beat % 0xFFFF,
+                "CtrlHb": self._controller_beat,
+                "State": 99 if fault else 3,
+            },
+            803: {
+                "NStr": 0,
+                "ModTmpMin": _steps(10.0 * reading.coldest_c),
+                "ModTmpMax": _steps(10.0 * reading.hottest_c),
+                "ModTmp_SF": -1,
+            },
+        }
+
+
+def _steps(number: float, to_int: Callable[[float], int] = round) -> int | None:
+    return None if math.isnan(number) else to_int(number)

@@ -1,0 +1,297 @@
+"""One SunSpec device: a unit behind a Modbus/TCP address, what it says, and what it is told."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Final
+
+from pymodbus.client import AsyncModbusTcpClient
+from pymodbus.exceptions import ConnectionException, ModbusException
+
+from bess.edge.plant_io.heartbeat import Heartbeat
+from bess.edge.plant_io.link import LinkError
+from bess.edge.plant_io.sunspec_models import BASES, END, MARK, decode, offset, registers_of, scale, value
+
+REVERT_S: Final = 60
+"""``WSetRvrtTms``: time after the last write until a device takes its set-point back."""
+ANSWER_S: Final = 1.0
+"""Time for the answer to one request."""
+
+# Every failure is an error of ours; Modbus' own lines would only say it again.
+logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
+
+_MOST_REGISTERS: Final = 120
+_MOST_MODELS: Final = 100
+_NO_VALUE: Final = 0xFFFF
+_MOST_STEPS: Final = 2**31 - 1
+_ON, _OFF, _WATTS = 1, 0, 1
+_OUT_OF_SERVICE: Final[Mapping[tuple[int, str], tuple[int, ...]]] = {
+    (701, "St"): (0,),  # off
+    (701, "InvSt"): (0, 5, 6),  # off, shutting down, fault
+    (701, "ConnSt"): (0,),  # disconnected
+    (713, "Sta"): (2,),  # error
+    (802, "LocRemCtl"): (1,),  # under local control
+    (802, "State"): (1, 6, 99),  # disconnected, suspending, fault
+}
+_CHARGE_LIMITS: Final = ("WChaRteMaxRtg", "WChaRteMax")
+_DISCHARGE_LIMITS: Final = ("WMaxRtg", "WMax", "WDisChaRteMaxRtg", "WDisChaRteMax")
+
+
+class NoResponseError(Exception):
+    """A device gave no answer that can be used."""
+
+
+class _RefusedError(NoResponseError):
+    """A device answered that it has no such register."""
+
+
+@dataclass(frozen=True)
+class DeviceReadings:
+    """What a device says; powers positive = discharge, NaN where it says nothing."""
+
+    soc: float = math.nan
+    temperature_c: float = math.nan
+    power_kw: float = math.nan
+    charge_limit_kw: float = 0.0
+    discharge_limit_kw: float = 0.0
+    setpoint_kw: float = math.nan
+    available: bool = False
+    remark: str = ""
+    """Why it is not available, if it does not say so itself."""
+
+
+class Gateway:
+    """One Modbus/TCP address; made anew after every failure, so that no late answer is taken for another."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self.place = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+        self.losses = 0
+        self.turn = asyncio.Semaphore(1)
+        self._host, self._port = host, port
+        self._client: Any = None  # its methods carry no types
+
+    async def request(self, what: str, unit: int, *arguments: Any, **named: Any) -> Any:
+        """Return the answer to one request.
+
+        Raises
+        ------
+        Silent
+            If there is none in time, or the unit refuses.
+        """
+        try:
+            if self._client is None or not self._client.connected:
+                self._lost()
+                self._client = AsyncModbusTcpClient(
+                    self._host, port=self._port, timeout=ANSWER_S, retries=0, reconnect_delay=0.0
+                )
+                if not await self._client.connect():
+                    self._lost()
+                    raise NoResponseError(f"{self.place} cannot be reached")
+            answer = await getattr(self._client, what)(*arguments, device_id=unit, **named)
+        except ConnectionException as error:
+            self._lost()
+            raise NoResponseError(f"{self.place} cannot be reached (it closed the connection)") from error
+        except (ModbusException, OSError) as error:
+            self.disconnect()
+            raise NoResponseError(
+                f"unit {unit} at {self.place} gives no answer within {ANSWER_S:g} s"
+            ) from error
+        except asyncio.CancelledError:
+            self.disconnect()
+            raise
+        if answer.isError():
+            raise _RefusedError(f"unit {unit} at {self.place} refuses register {arguments[0]} ({answer})")
+        return answer
+
+    def disconnect(self) -> None:
+        """Close the connection."""
+        if self._client is not None:
+            self._client.close()
+            self._client = None
+
+    def _lost(self) -> None:
+        """Take note that the other end has closed it: what the devices hold is looked up anew."""
+        if self._client is not None:
+            self.disconnect()
+            self.losses += 1
+
+
+class Device:
+    """One unit; a call raises :class:`NoResponseError`, or :class:`LinkError` if it must not be driven.
+
+    Parameters
+    ----------
+    gateway
+        Where it is.
+    unit
+        Its Modbus unit.
+    clock
+        Seconds; never goes back.
+    """
+
+    def __init__(self, gateway: Gateway, unit: int, clock: Callable[[], float]) -> None:
+        self.gateway = gateway
+        self.name = f"unit {unit} at {gateway.place}"
+        self._unit = unit
+        self._models: dict[int, tuple[int, int]] = {}
+        self._losses = 0
+        self._heartbeat = Heartbeat(clock)
+
+    @property
+    def may_watch_heartbeat(self) -> bool:
+        """Whether it has a register for the controller's heartbeat, or has not been asked yet."""
+        return not self._models or 802 in self._models
+
+    async def measure(self) -> DeviceReadings:
+        """Return what it says now.
+
+        Raises
+        ------
+        LinkError
+            It does not answer, or not as its model says.
+        """
+        known = await self._layout()
+        models = {m: await self._model(m) for m in (701, 702, 704, 713, 802, 803) if m in known}
+        try:
+            soc = math.nan
+            for model_id in (802, 713):
+                if model_id in models and not math.isnan(said := value(models[model_id], "SoC")):
+                    soc = said / 100.0
+            power_kw = value(models[701], "W") / 1000.0
+            charge_kw, discharge_kw = (
+                _limit_kw(models, each) for each in (_CHARGE_LIMITS, _DISCHARGE_LIMITS)
+            )
+            setpoint_kw = math.nan
+            if models[704].points["WSetEna"].value == _ON:
+                setpoint_kw = value(models[704], "WSet") / 1000.0
+            temperature_c = math.nan
+            if 803 in models:
+                temperature_c = (value(models[803], "ModTmpMin") + value(models[803], "ModTmpMax")) / 2.0
+        except LinkError as error:
+            raise LinkError(f"{self.name}: {error}") from error
+        in_service = all(
+            model_id not in models or models[model_id].points[name].value not in states
+            for (model_id, name), states in _OUT_OF_SERVICE.items()
+        )
+        if 802 in models:
+            self._heartbeat.see(value(models[802], "Hb"))
+        remark = self._heartbeat.doubt
+        if not (math.isfinite(soc) and math.isfinite(power_kw)):
+            remark = "its device names no state of charge, or no power"
+        fit = in_service and not remark
+        return DeviceReadings(soc, temperature_c, power_kw, charge_kw, discharge_kw, setpoint_kw, fit, remark)
+
+    async def write(self, power_w: int | None, heartbeat: int) -> None:
+        """Write a set-point that reverts by itself, or take it back (None); count the heartbeat.
+
+        A device whose own heartbeat has stopped is given none: what it was given before reverts.
+
+        Raises
+        ------
+        LinkError
+            It does not answer, has no timer of set-points, or is silent (:class:`NoResponseError`).
+        """
+        start, _ = (await self._layout())[704]
+        control = await self._model(704)
+        points = control.points
+        if points["WSetRvrtTms"].value is None:
+            raise LinkError(f"{self.name}: has no WSetRvrtTms, its set-points would never lapse; not driven")
+        if power_w is None:
+            await self._send(start + points["WSetEna"].offset, [_OFF])
+        elif doubt := self._heartbeat.doubt:
+            raise NoResponseError(f"{self.name}: {doubt}")
+        else:
+            steps = self._steps(control, power_w)
+            # The time first: from its first moment on, a set-point is one that reverts.
+            revert = [
+                *registers_of(control, "WSetEnaRvrt", _OFF),
+                *registers_of(control, "WSetRvrtTms", REVERT_S),
+            ]
+            await self._send(start + points["WSetEnaRvrt"].offset, revert)
+            setpoint = [_ON, _WATTS, *registers_of(control, "WSet", steps)]
+            await self._send(start + points["WSetEna"].offset, setpoint)
+        if 802 in self._models:
+            battery, _ = self._models[802]
+            await self._send(battery + offset(802, "CtrlHb"), [heartbeat])
+            # Between two readings too: a counter that starts anew after N seconds, read every N seconds,
+            # seems to stand still.
+            with suppress(NoResponseError):
+                (beat,) = await self._registers(battery + offset(802, "Hb"), 1)
+                self._heartbeat.see(math.nan if beat == _NO_VALUE else beat)
+
+    def _steps(self, control: Any, power_w: int) -> int:
+        try:
+            step_w = 10.0 ** scale(control, "WSet")
+        except LinkError as error:
+            raise LinkError(f"{self.name}: {error}") from error
+        steps = math.trunc(power_w / step_w)
+        if abs(steps) > _MOST_STEPS:
+            raise LinkError(f"{self.name}: WSet in steps of {step_w:g} W is too fine for {power_w} W")
+        return steps
+
+    async def _layout(self) -> Mapping[int, tuple[int, int]]:
+        """Return where each model begins and how long it is; asked for anew when a connection was lost."""
+        if self._losses != self.gateway.losses:
+            self._models = {}
+        if not self._models:
+            self._models = await self._walk(await self._base())
+            self._losses = self.gateway.losses
+        return self._models
+
+    async def _base(self) -> int:
+        for base in BASES:
+            try:
+                if tuple(await self._registers(base, 2)) == MARK:
+                    return base
+            except _RefusedError:
+                continue
+        raise NoResponseError(f"{self.name} holds no SunSpec models at {', '.join(map(str, BASES))}")
+
+    async def _walk(self, base: int) -> dict[int, tuple[int, int]]:
+        models: dict[int, tuple[int, int]] = {}
+        address = base + len(MARK)
+        for _ in range(_MOST_MODELS):
+            model_id, length = await self._registers(address, 2)
+            if model_id == END:
+                break
+            models.setdefault(model_id, (address, length + 2))
+            address += length + 2
+        if missing := {701, 704} - models.keys():
+            raise LinkError(
+                f"{self.name}: has no model {' and '.join(map(str, sorted(missing)))}, "
+                f"only {', '.join(map(str, models))}"
+            )
+        if not {713, 802} & models.keys():
+            raise LinkError(f"{self.name}: has neither model 713 nor 802, so no state of charge")
+        return models
+
+    async def _model(self, model_id: int) -> Any:
+        address, count = self._models[model_id]
+        registers: list[int] = []
+        while len(registers) < count:
+            piece = min(count - len(registers), _MOST_REGISTERS)
+            registers += await self._registers(address + len(registers), piece)
+        if registers[0] != model_id:
+            self._models = {}
+            raise NoResponseError(f"{self.name} has another layout than before")
+        return decode(model_id, registers)
+
+    async def _registers(self, address: int, count: int) -> list[int]:
+        answer = await self.gateway.request("read_holding_registers", self._unit, address, count=count)
+        if len(answer.registers) != count:
+            raise NoResponseError(f"{self.name} answers with {len(answer.registers)} registers of {count}")
+        return list(answer.registers)
+
+    async def _send(self, address: int, registers: Sequence[int]) -> None:
+        await self.gateway.request("write_registers", self._unit, address, list(registers))
+
+
+def _limit_kw(models: Mapping[int, Any], names: Sequence[str]) -> float:
+    """Return the smallest of the limits that a device names; infinite if it names none."""
+    limits = [value(models[702], name) for name in names] if 702 in models else []
+    return min((watt for watt in limits if watt == watt), default=math.inf) / 1000.0

@@ -1,0 +1,280 @@
+"""Which inverters run, from one control step to the next.
+
+An inverter is not switched because another set would be better at this moment, but once the energy that it
+would have saved has added up to what a start is worth: so a set is never much worse than the best one in
+hindsight, and noise in the demand starts nothing (the rule of ski rental [1]_, with what is saved summed up
+by CUSUM [2]_). Only a demand that the running ones cannot take starts one at once.
+
+References
+----------
+.. [1] Karlin, A., Manasse, M., Rudolph, L., Sleator, D.: Competitive snoopy caching. Algorithmica 3 (1988).
+.. [2] Page, E. S.: Continuous inspection schemes. Biometrika 41 (1954).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bess.arrays import Array
+from bess.edge.serve.constraints import POWER_TOLERANCE_KW
+from bess.system import State, System
+
+Flags = NDArray[np.bool_]
+
+SHORTFALL: Final = 3.0
+"""Cost of a kWh not delivered, in kWh lost; as in ``Objectives.energy``."""
+ROTATION: Final = 0.02
+"""By how much a start costs more for each start that the string has made above the one with the fewest."""
+_NARROWEST: Final = 1e-7
+_NO_LOAD: Final = 1e-3  # of a third: little, and above the least power of an inverter
+_EDGE: Final = 0.02
+_SHORT_H: Final = 10.0 / 3600.0
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Loss of each string over its power in one direction, ``idle + slope p + bend p^2`` [kW].
+
+    A parabola through three points of the control model: at no load, and at a third and two thirds of what
+    the voltage allows; near that the loss rises faster than a parabola. What derating takes away counts
+    :data:`SHORTFALL` times.
+    """
+
+    idle_kw: Array
+    slope: Array
+    bend: Array
+
+    @classmethod
+    def of(cls, system: System, state: State, discharge: bool) -> Curves:
+        """Curves in a measured state."""
+        edges = [(s.battery.soc_min + _EDGE, s.battery.soc_max - _EDGE) for s in system.strings]
+        low, high = np.array(edges).T
+        soc, model = np.clip(state.soc, low, high), system.control_at(state)
+        able = model.deliverable_kw(soc, state.temperature_c, discharge, _SHORT_H)
+        third = np.clip(able, 0.01 * system.nominal_kw, system.nominal_kw) / 3.0
+        levels = np.stack([_NO_LOAD * third, third, 2.0 * third])[:, :, None]
+        flows = model.rollout(
+            soc,
+            state.temperature_c,
+            np.ascontiguousarray(levels if discharge else -levels),
+            np.array([system.reference_temperature_c]),
+            _SHORT_H,
+        )
+        loss = flows.inverter_loss_kw + flows.battery_loss_kw
+        loss = loss + SHORTFALL * (flows.derating_loss_kw + flows.availability_loss_kw)
+        idle, first, second = loss[:, :, 0]
+        bend = np.maximum((second - 2.0 * first + idle) / (2.0 * third**2), _NARROWEST)
+        return cls(idle, np.maximum((first - idle) / third - bend * third, 0.0), bend)
+
+    def marginal(self, power_kw: Array) -> Array:
+        """Loss of one more kW."""
+        return self.slope + 2.0 * self.bend * power_kw
+
+
+@dataclass(frozen=True)
+class Task:
+    """A demand in one direction, and the strings that may share it; arrays of shape ``(n_strings,)``.
+
+    Attributes
+    ----------
+    demand_kw : float
+        Magnitude.
+    most_kw : ndarray
+        What each string can take in this direction.
+    usable : ndarray of bool
+        Strings that may run at all.
+    curves : Curves
+        Losses of the strings in this direction.
+    price : ndarray
+        Cost of a kW of each string beside its loss [kW/kW], by which a plan says which it wants.
+    """
+
+    demand_kw: float
+    most_kw: Array
+    usable: Flags
+    curves: Curves
+    price: Array
+
+    def best_shares(self, sets: Flags) -> Array:
+        """Powers at equal marginal costs within each set, as much as it can take; as ``sets``.
+
+        ``sets`` has the shape ``(n_sets, n_strings)``, or ``(n_strings,)`` for one.
+        """
+        within, most = np.atleast_2d(sets), self.most_kw
+        slope, twice = self.curves.slope + self.price, 2.0 * self.curves.bend
+        # What a set gives is piecewise linear in the marginal cost, with a knot where a string begins or is
+        # full.
+        knots = np.sort(np.concatenate([slope, slope + twice * most]))
+        given = np.minimum(np.maximum((knots[:, None] - slope) / twice, 0.0), most) @ within.T
+        asked = np.minimum(self.demand_kw, given[-1])
+        after = np.clip((given < asked).sum(axis=0), 1, knots.size - 1)
+        column = np.arange(len(within))
+        low, high = given[after - 1, column], given[after, column]
+        part = (asked - low) / np.maximum(high - low, POWER_TOLERANCE_KW)
+        cost = knots[after - 1] + part * (knots[after] - knots[after - 1])
+        shares = np.minimum(np.maximum((cost[:, None] - slope) / twice, 0.0), most) * within
+        return np.asarray(shares.reshape(sets.shape))
+
+    def cost_kw(self, sets: Flags) -> Array:
+        """Losses and prices of the best shares of each set, shape ``(n_sets,)``."""
+        shares, curves = self.best_shares(sets), self.curves
+        costs = curves.idle_kw * sets + (curves.slope + self.price) * shares + curves.bend * shares**2
+        return np.asarray(costs.sum(axis=1))
+
+
+class Commitment:
+    """The running inverters, how long they have run or rested, and their starts.
+
+    Parameters
+    ----------
+    n_strings
+        Number of strings.
+    start_kwh
+        What a start is worth.
+    minimum_on_s, minimum_off_s
+        How long an inverter runs or rests at least. A string that may not run any more stops all the same.
+    """
+
+    def __init__(
+        self, n_strings: int, *, start_kwh: float, minimum_on_s: float = 0.0, minimum_off_s: float = 0.0
+    ) -> None:
+        self._start_kwh = start_kwh
+        self._minimum_on_s, self._minimum_off_s = minimum_on_s, minimum_off_s
+        self.running: Flags = np.zeros(n_strings, dtype=bool)
+        self.since_s: Array = np.full(n_strings, np.inf)
+        self.starts: NDArray[np.int64] = np.zeros(n_strings, dtype=np.int64)
+        # What each move would have saved so far, from a string (row) to one (column); the last is none.
+        self._saved_kwh: Array = np.zeros((n_strings + 1, n_strings + 1))
+        # Age [s] and magnitude [kW] of demands above all that came after them.
+        self._peaks: list[tuple[float, float]] = []
+
+    def update(self, task: Task, *, elapsed_s: float, step_s: float) -> None:
+        """Decide for one control step.
+
+        Parameters
+        ----------
+        task
+            What is to be shared.
+        elapsed_s
+            Time since the last decision.
+        step_s
+            Time for which this one holds.
+        """
+        self.advance_time(task.usable, task.demand_kw, elapsed_s)
+        first = True
+        for _ in range(2 * self.running.size):
+            move = self._move(task, step_s, adds_up=first)
+            first = False
+            if move is None:
+                break
+            stop, start = move
+            self._saved_kwh[:] = 0.0
+            self._switch(stop, on=False)
+            self._switch(start, on=True)
+
+    def advance_time(self, usable: Flags, demand_kw: float, elapsed_s: float) -> None:
+        """Let time go by until this demand (magnitude); what may not run any more stops."""
+        self.since_s = self.since_s + elapsed_s
+        self._remember(demand_kw, elapsed_s)
+        self._switch(self.running & ~usable, on=False)
+
+    def set_commitment(self, wanted: Flags, usable: Flags) -> None:
+        """Run exactly these, as far as least times allow."""
+        startable = ~self.running & usable & (self.since_s >= self._minimum_off_s)
+        stoppable = self.running & (self.since_s >= self._minimum_on_s)
+        self._switch(stoppable & ~wanted, on=False)
+        self._switch(startable & wanted, on=True)
+        self._saved_kwh[:] = 0.0
+
+    def memory(self) -> dict[str, Any]:
+        """What the next decision depends on."""
+        return {
+            "running": self.running.tolist(),
+            "since_s": np.minimum(self.since_s, 1e9).tolist(),
+            "starts": self.starts.tolist(),
+            "saved_kwh": self._saved_kwh.tolist(),
+            "peaks": [list(each) for each in self._peaks],
+        }
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Continue with what :meth:`memory` returned."""
+        self.running = np.array(memory["running"], dtype=bool)
+        self.since_s = np.array(memory["since_s"], dtype=np.float64)
+        self.starts = np.array(memory["starts"], dtype=np.int64)
+        self._saved_kwh = np.array(memory["saved_kwh"], dtype=np.float64)
+        # States that older versions wrote have none.
+        self._peaks = [(float(age_s), float(kw)) for age_s, kw in memory.get("peaks", [])]
+
+    def _switch(self, which: Flags, *, on: bool) -> None:
+        if which.any():
+            self.running = np.where(which, on, self.running)
+            self.since_s = np.where(which, 0.0, self.since_s)
+            self.starts = self.starts + (which if on else 0)
+
+    def _remember(self, demand_kw: float, elapsed_s: float) -> None:
+        """Largest demand of the time that a stopped inverter would have to rest."""
+        kept = [(age + elapsed_s, peak) for age, peak in self._peaks if peak > demand_kw]
+        self._peaks = [(age, peak) for age, peak in kept if age <= self._minimum_off_s]
+        self._peaks.append((0.0, demand_kw))
+
+    def _move(self, task: Task, step_s: float, *, adds_up: bool) -> tuple[Flags, Flags] | None:
+        """The next switching that is worth it: what stops, what starts."""
+        n = self.running.size
+        from_, to = self._candidates(task.usable)
+        if not from_.size:
+            return None
+        # Sets of running strings: the present one, then that of each candidate; the last column is none.
+        sets = np.zeros((from_.size + 1, n + 1), dtype=bool)
+        sets[:, :n] = self.running
+        index = np.arange(1, from_.size + 1)
+        sets[index, from_] = False
+        sets[index, to] = True
+        sets = sets[:, :n]
+        loss = task.cost_kw(sets)
+        can = (task.most_kw * sets).sum(axis=1)
+        short = np.maximum(task.demand_kw - can, 0.0)
+        extra = np.append(self._start_worth_kwh(), 0.0)
+        if short[0] > POWER_TOLERANCE_KW and (short[1:] < short[0] - POWER_TOLERANCE_KW).any():
+            # Too little runs: the cheapest helper starts now, its start written off over the hour.
+            cost = loss[1:] + SHORTFALL * 100.0 * short[1:] + extra[to]
+            cost[from_ != n] = np.inf
+            if np.isfinite(cost).any():
+                return self._flags(n, int(to[int(np.argmin(cost))]))
+        peak = max(p for _, p in self._peaks)
+        allowed = can[1:] >= min(peak, can[0]) - POWER_TOLERANCE_KW
+        saving = np.where(allowed, (loss[0] + SHORTFALL * short[0]) - (loss[1:] + SHORTFALL * short[1:]), 0.0)
+        before = self._saved_kwh[from_, to] if adds_up else 0.0
+        saved = np.maximum(before + saving * step_s / 3600.0, 0.0)
+        # A stop is a start that comes later.
+        worth = np.where(to < n, extra[to], extra[from_])
+        gain = np.where(allowed & (saving > 0.0), saved - worth, -np.inf)
+        best = int(np.argmax(gain))
+        if gain[best] > 0.0:
+            return self._flags(int(from_[best]), int(to[best]))
+        if adds_up:
+            self._saved_kwh[:] = 0.0
+            self._saved_kwh[from_, to] = saved
+        return None
+
+    def _candidates(self, usable: Flags) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """What may stop and what may start instead; ``n_strings`` stands for none."""
+        n = self.running.size
+        stop = np.flatnonzero(self.running & (self.since_s >= self._minimum_on_s))
+        start = np.flatnonzero(~self.running & usable & (self.since_s >= self._minimum_off_s))
+        from_, to = (a.ravel() for a in np.meshgrid([*stop, n], [*start, n], indexing="ij"))
+        moves = (from_ < n) | (to < n)
+        return from_[moves], to[moves]
+
+    def _flags(self, stop: int, start: int) -> tuple[Flags, Flags]:
+        n = self.running.size
+        return np.arange(n) == stop, np.arange(n) == start
+
+    def _start_worth_kwh(self) -> Array:
+        """Starts go around: the string with the fewest is the cheapest to start."""
+        above = np.minimum(self.starts - self.starts.min(), 40)
+        return np.asarray((self._start_kwh + 1e-9) * (1.0 + ROTATION * above))

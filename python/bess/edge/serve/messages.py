@@ -1,0 +1,168 @@
+"""What comes in over HTTP: read with limits, checked, and refused in one sentence."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from typing import Annotated, Any, Final
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from bess.edge.plant_io import Measurements
+from bess.edge.serve.measurement_validator import COLDEST_C, HOTTEST_C
+from bess.errors import InputError
+from bess.system import System
+from bess.system.documents import describe
+from bess.system.quantities import within
+
+LONGEST_FORECAST: Final = 192
+"""Values: two days of quarter hours."""
+LARGEST_KW: Final = 1e6
+
+Power = Annotated[float, Field(strict=True), within(-LARGEST_KW, LARGEST_KW, "kW")]
+Limit = Annotated[float, Field(strict=True), within(0.0, LARGEST_KW, "kW")]
+
+
+Demand = Power | Annotated[list[Power], Field(min_length=1, max_length=LONGEST_FORECAST)]
+_DEMAND: Final = (
+    "Demand now [kW], positive = discharge; or a list: now, and the mean of each later step of the plan."
+)
+
+
+class Message(BaseModel):
+    """Base: unknown keys, NaN and infinity are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class StringMessage(Message):
+    """What is measured of one string."""
+
+    soc: Annotated[float, Field(strict=True), within(0.0, 1.0)] | None = Field(
+        None, description="State of charge, 0 to 1; may be left out of a string that is not available."
+    )
+    temperature_c: Annotated[float, Field(strict=True), within(COLDEST_C, HOTTEST_C, "degC")] | None = Field(
+        None, description="Mean temperature [degC]; that of the surroundings if left out."
+    )
+    limit_kw: Limit | None = Field(
+        None, description="Largest power of the inverter now [kW]; its nominal power if left out."
+    )
+    available: bool = Field(True, strict=True, description="Whether the string takes set-points.")
+    power_kw: Power | None = Field(
+        None,
+        description="Power that it gives now [kW], positive = discharge, to find out whether it follows.",
+    )
+
+
+class SplitMessage(Message):
+    """A demand on the plant and what is measured of its strings."""
+
+    demand_kw: Demand = Field(description=_DEMAND)
+    strings: list[StringMessage] = Field(description="One entry for each string, in the order of the system.")
+
+    @property
+    def now_kw(self) -> float:
+        """Demand now."""
+        return self.demand_kw[0] if isinstance(self.demand_kw, list) else self.demand_kw
+
+    @property
+    def forecast_kw(self) -> list[float] | None:
+        """Demand of the steps of the plan, if it was given."""
+        return self.demand_kw if isinstance(self.demand_kw, list) else None
+
+
+class DemandMessage(Message):
+    """What a plant that is driven shall give."""
+
+    demand_kw: Demand = Field(description=_DEMAND)
+    valid_for_s: Annotated[float, Field(strict=True), within(1.0, 86_400.0, "s")] = Field(
+        900.0, description="How long it holds [s]; after that the plant is let go."
+    )
+
+
+class CalibrationMessage(Message):
+    """One string to be charged to full."""
+
+    string: Annotated[int, Field(strict=True, ge=0)] = Field(description="Number of the string, from 0.")
+    target_soc: Annotated[float, Field(strict=True), within(0.0, 1.0)] = Field(
+        1.0, description="State of charge at which it ends."
+    )
+
+
+def read_json(body: bytes) -> Any:
+    """Return what a body says.
+
+    Raises
+    ------
+    InputError
+        If it is no JSON, or too deep to be read.
+    """
+    try:
+        return json.loads(body, parse_constant=_refuse_constant)
+    except RecursionError:
+        raise InputError("the body is nested too deeply") from None
+    except ValueError as error:
+        raise InputError(f"the body is no JSON ({error})") from None
+
+
+_EXAMPLES: Final = {
+    "/v1/split": '"demand_kw": 78.0, "strings": [{"soc": 0.5, "temperature_c": 25.0}, ...]',
+    "/v1/demand": '"demand_kw": 78.0, "valid_for_s": 900',
+    "/v1/calibration": '"string": 0',
+}
+
+
+def sentence(problems: Sequence[Any], path: str) -> str:
+    """What is wrong with the body of a request: what, its value, what is allowed.
+
+    Only the first problem is named; a union names each of its members, one of which is enough.
+    """
+    inside = [{**problem, "loc": problem["loc"][1:]} for problem in problems]  # the first part is "body"
+    if not inside[0]["loc"]:
+        return "the body must be a JSON object, such as {" + _EXAMPLES[path] + "}"
+    return describe(inside, "").removeprefix(": ").split("; ")[0]
+
+
+def measurements_of(message: SplitMessage, system: System) -> Measurements:
+    """What a request says of the strings.
+
+    Raises
+    ------
+    InputError
+        If it is not of this system's strings.
+    """
+    strings = message.strings
+    if len(strings) != system.n_strings:
+        raise InputError(f"strings: {len(strings)} entries for a system of {system.n_strings} strings")
+    for i, (string, nominal_kw) in enumerate(zip(strings, system.nominal_kw, strict=True)):
+        if string.soc is None and string.available:
+            raise InputError(
+                f"strings[{i}].soc: missing; give a number in [0, 1], or available = false for a string "
+                "out of service"
+            )
+        if string.limit_kw is not None and string.limit_kw > nominal_kw * (1.0 + 1e-9):
+            raise InputError(
+                f"strings[{i}].limit_kw = {string.limit_kw:g}: must be in [0, {nominal_kw:g}] kW, the power "
+                "of its inverter"
+            )
+
+    def column(name: str, missing: float) -> Any:
+        values = (getattr(string, name) for string in strings)
+        return np.array([missing if value is None else value for value in values], dtype=np.float64)
+
+    limit = column("limit_kw", np.inf)
+    return Measurements(
+        time=datetime.now(UTC),
+        soc=column("soc", np.nan),
+        temperature_c=column("temperature_c", np.nan),
+        power_kw=column("power_kw", np.nan),
+        charge_limit_kw=limit,
+        discharge_limit_kw=limit,
+        available=np.array([string.available for string in strings]),
+    )
+
+
+def _refuse_constant(name: str) -> float:
+    raise ValueError(f"{name} is not a number of JSON; every value must be finite")

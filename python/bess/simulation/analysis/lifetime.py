@@ -1,0 +1,96 @@
+"""Long runs: yearly ledger, net present value, and ageing of the strings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bess.errors import InputError
+from bess.simulation.analysis.settlement import has_prices, ledger, recorded_terms
+from bess.units import DAYS_PER_YEAR
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from bess.simulation.record import Result
+
+
+def ledger_by_year(result: Result | xr.Dataset) -> pd.DataFrame:
+    """Return the ledger summed over years of operation.
+
+    Parameters
+    ----------
+    result
+        A result or record with prices.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for each year, from 1, and one column for each entry of
+        :func:`bess.simulation.analysis.ledger` [EUR]. A year lasts from the start of the run to the same day
+        and hour of the next year; the last may be a part of one.
+
+    Raises
+    ------
+    InputError
+        If the record has no prices.
+    """
+    import pandas as pd
+
+    entries = ledger(result)
+    time = pd.DatetimeIndex(entries["time"].values)
+    starts = [time[0]]
+    while starts[-1] <= time[-1]:
+        starts.append(time[0] + pd.DateOffset(years=len(starts)))
+    years = np.searchsorted(np.array(starts, dtype=time.values.dtype), time.values, side="right")
+    frame = pd.DataFrame({str(name): entries[name].values for name in entries.data_vars})
+    return frame.groupby(pd.Index(years, name="year")).sum()
+
+
+def net_present_value(amounts: ArrayLike, discount_rate: float) -> float:
+    r"""Return the net present value of amounts at the ends of years: :math:`\sum_k a_k (1 + r)^{-k}`.
+
+    Parameters
+    ----------
+    amounts
+        One for each year, such as ``ledger_by_year(result)["net_eur"]``.
+    discount_rate
+        Per year, above -1; 0.05 for 5 %.
+
+    Raises
+    ------
+    InputError
+        If the rate is -1 or less, or an amount is not finite.
+    """
+    values: NDArray[np.float64] = np.asarray(amounts, dtype=np.float64).ravel()
+    if not (discount_rate > -1.0 and math.isfinite(discount_rate) and np.isfinite(values).all()):
+        raise InputError(
+            f"discount_rate {discount_rate:g}: must be finite and above -1, and all amounts finite"
+        )
+    return math.fsum(values / (1.0 + discount_rate) ** np.arange(1, values.size + 1))
+
+
+def wear_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
+    """Yield the state of health at the end, days to the first end of life, and the net present value."""
+    if "soh_capacity" not in dataset:  # records made before strings could age
+        return
+    capacity, resistance = (dataset[name].values[-1] for name in ("soh_capacity", "soh_resistance"))
+    yield "soh_capacity_min", capacity.min()
+    yield "soh_capacity_mean", capacity.mean()
+    yield "soh_resistance_max", resistance.max()
+    days = dataset.sizes["time"] * float(dataset.attrs["step_h"]) / 24.0
+    if "end_of_life" in dataset:
+        steps = np.flatnonzero(dataset["end_of_life"].values.any(axis=1))
+        if steps.size:
+            yield "end_of_life_days", (steps[0] + 1) * float(dataset.attrs["step_h"]) / 24.0
+    if has_prices(dataset):
+        if days > DAYS_PER_YEAR:
+            rate = recorded_terms(dataset).discount_rate
+            yield "npv_eur", net_present_value(ledger_by_year(dataset)["net_eur"], rate)
+    else:
+        yield "wear_eur", math.fsum(dataset["wear_eur"].values.ravel())

@@ -1,0 +1,126 @@
+"""Revenue and compliance of grid services, from the record of the plant only."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from bess.arrays import Array
+from bess.system.terms import SettlementTerms
+from bess.units import PERCENT
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+_PER_MEGA: Final = 1000.0
+_HELD: Final = 1.0 - 1e-9
+"""Minimum share of the reserve that counts as sustained."""
+
+
+def is_site(dataset: xr.Dataset) -> bool:
+    """Whether the plant is behind a meter with a load."""
+    return "load_kw" in dataset
+
+
+def is_reserve(dataset: xr.Dataset) -> bool:
+    """Whether the plant provides frequency containment reserve."""
+    return "response_kw" in dataset
+
+
+def exchanged_kw(dataset: xr.Dataset) -> Array:
+    """Return the power that is settled as energy [kW]: delivered power minus the frequency response.
+
+    The frequency response is excluded from the energy account of a plant. Shape ``(n_steps, n_strings)``, or
+    ``(n_steps, 1)`` with a reserve.
+    """
+    delivered: Array = np.asarray(dataset["delivered_kw"].values)
+    if not is_reserve(dataset):
+        return delivered
+    beside: Array = delivered.sum(axis=1) - dataset["response_kw"].values
+    return beside[:, None]
+
+
+def site_saving_eur(dataset: xr.Dataset, terms: SettlementTerms) -> Array:
+    """Return the reduction of the energy cost at the meter in each step [EUR]; negative while charging.
+
+    Grid import costs ``price_eur_mwh``, grid export earns ``export_price_eur_mwh``; fees apply to charged and
+    discharged energy of the plant.
+    """
+    step_mwh_per_kw = float(dataset.attrs["step_h"]) / _PER_MEGA
+    before, after, delivered = draw_kw(dataset)
+    drawn, given = dataset["price_eur_mwh"].values, dataset["export_price_eur_mwh"].values
+
+    def bill(kw: Array) -> Array:
+        return np.asarray(np.where(kw > 0.0, kw * drawn, kw * given))
+
+    fees = np.where(
+        delivered > 0.0, delivered * terms.discharge_fee_eur_mwh, -delivered * terms.charge_fee_eur_mwh
+    )
+    saving: Array = (bill(before) - bill(after) - fees) * step_mwh_per_kw
+    return saving
+
+
+def draw_kw(dataset: xr.Dataset) -> tuple[Array, Array, Array]:
+    """Return the meter power without and with the plant, and the delivered power of the plant [kW]."""
+    delivered: Array = dataset["delivered_kw"].values.sum(axis=1)
+    before: Array = np.asarray(dataset["load_kw"].values - dataset["generation_kw"].values)
+    return before, before - delivered, delivered
+
+
+def capacity_entries(dataset: xr.Dataset, terms: SettlementTerms) -> Iterator[tuple[str, Array]]:
+    r"""Yield revenue and cost of capacity (kW) in each step [EUR].
+
+    A reserve of `C` at the price :math:`\pi` earns :math:`C \pi\,\Delta t`. Reserve that was not sustained or
+    not delivered costs ``capacity_penalty`` times its price. With a demand charge, the reduction of the peak
+    import is the revenue; it is distributed over the run.
+    """
+    dt_h = float(dataset.attrs["step_h"])
+    if is_reserve(dataset):
+        eur_per_kw = dataset["capacity_price_eur_mw_h"].values * (dt_h / _PER_MEGA)
+        yield "capacity_revenue_eur", dataset["capacity_kw"].values * eur_per_kw
+        yield "penalty_eur", terms.capacity_penalty * short_kw(dataset) * eur_per_kw
+    elif "demand_charge_eur_kw_h" in dataset:
+        before, after, _ = draw_kw(dataset)
+        spared_kw = max(0.0, before.max()) - max(0.0, after.max())
+        yield "capacity_revenue_eur", spared_kw * dataset["demand_charge_eur_kw_h"].values * dt_h
+
+
+def short_kw(dataset: xr.Dataset) -> Array:
+    """Return the insufficient reserve of each step [kW]."""
+    capacity: Array = dataset["capacity_kw"].values
+    lacking = capacity - dataset["capacity_able_kw"].values
+    missed = np.abs(dataset["demand_kw"].values - dataset["delivered_kw"].values.sum(axis=1))
+    # The delivered powers sum to the demand except for rounding.
+    missed[missed < (1.0 - _HELD) * capacity] = 0.0
+    short: Array = np.minimum(np.maximum(lacking, missed), capacity)
+    return short
+
+
+def service_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, Any]]:
+    """Yield the compliance KPIs of a service; none for runs without one."""
+    dt_h = float(dataset.attrs["step_h"])
+    if is_reserve(dataset):
+        sustained = dataset["capacity_able_kw"].values >= _HELD * dataset["capacity_kw"].values
+        yield "outside_window_h", (~sustained).sum() * dt_h
+        yield "response_kwh", np.abs(dataset["response_kw"].values).sum() * dt_h
+    if is_site(dataset):
+        yield from _site_kpis(dataset, dt_h)
+
+
+def _site_kpis(dataset: xr.Dataset, dt_h: float) -> Iterator[tuple[str, Any]]:
+    before, after, _ = draw_kw(dataset)
+    yield "peak_before_kw", before.max()
+    yield "peak_draw_kw", after.max()
+    if "grid_limit_kw" in dataset:
+        above = np.maximum(after - dataset["grid_limit_kw"].values, 0.0)
+        yield "above_limit_kwh", above.sum() * dt_h
+    imported, exported = np.maximum(after, 0.0).sum() * dt_h, np.maximum(-after, 0.0).sum() * dt_h
+    yield "import_kwh", imported
+    yield "export_kwh", exported
+    load, generated = (float(dataset[name].values.sum()) * dt_h for name in ("load_kw", "generation_kw"))
+    if generated > 0.0:
+        yield "self_consumption_pct", PERCENT * (1.0 - exported / generated)
+        yield "self_sufficiency_pct", PERCENT * (1.0 - imported / load) if load > 0.0 else PERCENT

@@ -1,0 +1,204 @@
+"""Control steps and demand from the section ``[demand]`` of a study."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bess.arrays import Array
+from bess.errors import InputError
+from bess.simulation.demand import (
+    COMPARE_H,
+    LONGEST_H,
+    MAX_PLAN_AGE_FRACTION,
+    ArbitrageSource,
+    AwarePlanner,
+    DispatchPlanner,
+    LinearPlanner,
+    ProfileSource,
+)
+from bess.simulation.run_demand import DEFAULT_START, RunDemand, budget_of, repair_notes, utc_index
+from bess.study.demands import ArbitrageDemand, ProfileDemand
+from bess.study.grid import SampledSeries, TimeGrid, seconds_of
+from bess.study.keys import check_bundled
+from bess.study.services import FcrDemand, SiteDemand
+from bess.system import System
+
+if TYPE_CHECKING:
+    from bess.dispatch import Forecast
+    from bess.study.study import Study
+
+
+def demand_of(study: Study, system: System, step_s: float, horizon: int) -> RunDemand:
+    """Read the files of the section ``[demand]`` and resample them to the control steps of the run."""
+    if isinstance(study.demand, ArbitrageDemand):
+        return _arbitrage(study, study.demand, system, step_s)
+    if isinstance(study.demand, FcrDemand | SiteDemand):
+        # Imported here, because other runs do not need these slow imports.
+        from bess.simulation.service_builder import reserve_of, site_of
+
+        if isinstance(study.demand, FcrDemand):
+            return reserve_of(study, study.demand, system, step_s)
+        return site_of(study, study.demand, system, step_s, horizon)
+    return _profile(study, study.demand, system, step_s, horizon)
+
+
+def _profile(study: Study, choice: ProfileDemand, system: System, step_s: float, horizon: int) -> RunDemand:
+    from bess.dispatch import PROFILES, PerfectForecast, PersistenceForecast, bundled_profile, read_profile
+
+    dt_h = step_s / 3600.0
+    repairs: list[str] = []
+    check_bundled("demand.file", choice.file, PROFILES)
+    if choice.file in PROFILES:
+        series = SampledSeries(
+            values=bundled_profile(choice.file, dt_h=dt_h) * choice.scale,
+            start_s=seconds_of(study.run.start or DEFAULT_START),
+            step_s=round(step_s),
+            what=f"profile {choice.file}",
+            key="demand.file",
+        )
+    else:
+        read = read_profile(
+            choice.file,
+            column=choice.column,
+            unit=choice.unit,
+            positive=choice.positive,
+            scale=choice.scale,
+            dt_h=dt_h,
+            time_zone=choice.time_zone,
+            fill=choice.fill,
+        )
+        series = SampledSeries.from_pandas(read, choice.file, "demand.file")
+        repairs = repair_notes(read)
+    start = study.run.start or series.start
+    grid = TimeGrid.of(start, step_s, study.run.days or series.days_from(start, step_s))
+    # A forecast may extend beyond the end of the run, to the end of the profile.
+    wanted = grid.longer(horizon)
+    values = series.laid(grid, wanted, repeat=choice.repeat)
+    forecast = PerfectForecast(values) if choice.forecast == "perfect" else PersistenceForecast(values, dt_h)
+    asked = values[: grid.n_steps]
+    above = int((np.abs(asked) > system.nominal_kw.sum() * (1.0 + 1e-9)).sum())
+    notes = [f"demand: {series.what}, {asked.min():g} to {asked.max():g} kW", *repairs]
+    if above:
+        notes.append(
+            f"demand is above the {system.nominal_kw.sum():g} kW of the plant in {above} steps (unmet)"
+        )
+    return RunDemand(
+        grid, ProfileSource(forecast), None, [] if choice.file in PROFILES else [Path(choice.file)], notes
+    )
+
+
+def _arbitrage(study: Study, choice: ArbitrageDemand, system: System, step_s: float) -> RunDemand:
+    from bess.market import prolonged, read_prices
+
+    if choice.prices is None:
+        raise InputError(
+            f"{study.name}: demand.prices is not set: name a price file (SMARD, Energy-Charts or ENTSO-E "
+            "export), such as demand.prices = FILE.csv"
+        )
+    read = read_prices(
+        choice.prices, choice.zone, choice.product, time_zone=choice.time_zone, fill=choice.fill
+    )
+    series = SampledSeries.from_pandas(read, choice.prices, "demand.prices")
+    start = study.run.start or series.start
+    grid = TimeGrid.of(start, step_s, study.run.days or series.days_from(start, step_s))
+    if choice.repeat:
+        series = SampledSeries.from_pandas(prolonged(read, grid.end), choice.prices, "demand.prices")
+    price = series.on(grid)
+    forecast, files = _price_forecast(choice, grid, price)
+    planner = _planner(study, choice, system, grid, forecast)
+    notes = [
+        f"prices: {choice.prices}, min / mean / max of the run "
+        f"{price.min():.2f} / {price.mean():.2f} / {price.max():.2f} EUR/MWh",
+        *repair_notes(read),
+    ]
+    budget = budget_of(
+        study.budget, system, grid, forecast, _size(choice, system), choice.efficiency, choice.look_ahead_h
+    )
+    source = ArbitrageSource(planner, system, budget)
+    return RunDemand(grid, source, price, [Path(choice.prices), *files], notes)
+
+
+def _price_forecast(choice: ArbitrageDemand, grid: TimeGrid, price: Array) -> tuple[Forecast, list[Path]]:
+    """Return the price forecast to the end of the run, and its file."""
+    from bess.dispatch import ExternalForecast, PerfectForecast, PersistenceForecast
+    from bess.market import read_prices
+
+    if choice.forecast_prices is not None:
+        read = read_prices(
+            choice.forecast_prices, choice.zone, choice.product, time_zone=choice.time_zone, fill=choice.fill
+        )
+        foretold = SampledSeries.from_pandas(read, choice.forecast_prices, "demand.forecast_prices").on(grid)
+        return ExternalForecast(price, foretold), [Path(choice.forecast_prices)]
+    return PerfectForecast(price) if choice.forecast == "perfect" else PersistenceForecast(
+        price, grid.dt_h
+    ), []
+
+
+def _planner(
+    study: Study, choice: ArbitrageDemand, system: System, grid: TimeGrid, forecast: Forecast
+) -> DispatchPlanner:
+    from bess.dispatch import Arbitrage, DynamicProgramDispatch
+    from bess.dispatch.arbitrage import calendar_days
+    from bess.dispatch.forecast import steps_in
+
+    days = calendar_days(utc_index(grid), choice.market_time_zone)
+    if choice.plan == "aware":
+        look_ahead = steps_in(choice.look_ahead_h, grid.dt_h, "demand.look_ahead_h")
+        replan = None
+        if choice.replan_h is not None:
+            replan = steps_in(choice.replan_h, grid.dt_h, "demand.replan_h")
+        if choice.replan_h is not None and choice.replan_h > choice.look_ahead_h:
+            raise InputError(
+                f"demand.replan_h {choice.replan_h:g} h must not exceed "
+                f"demand.look_ahead_h {choice.look_ahead_h:g} h"
+            )
+        dispatch = DynamicProgramDispatch(
+            system,
+            grid.dt_h,
+            study.settlement.terms,
+            max_power_kw=choice.max_power_kw,
+            max_energy_kwh=choice.max_energy_kwh,
+            max_import_kw=choice.max_import_kw,
+            max_export_kw=choice.max_export_kw,
+            cycles_per_day=choice.cycles_per_day,
+            cycles_per_plan=choice.cycles_per_plan,
+            end_price_eur_mwh=choice.end_price_eur_mwh,
+        )
+        return AwarePlanner(
+            dispatch,
+            forecast,
+            days,
+            look_ahead_steps=look_ahead,
+            replan_steps=replan,
+            compare_steps=max(1, round(COMPARE_H / grid.dt_h)),
+            longest_steps=min(MAX_PLAN_AGE_FRACTION * look_ahead, LONGEST_H / grid.dt_h),
+        )
+    power_kw, energy_kwh = _size(choice, system)
+    arbitrage = Arbitrage(
+        forecast,
+        days,
+        power_kw=power_kw,
+        energy_kwh=energy_kwh,
+        efficiency=choice.efficiency,
+        cycles_per_day=choice.cycles_per_day,
+        cycles_per_plan=choice.cycles_per_plan,
+        max_import_kw=choice.max_import_kw,
+        max_export_kw=choice.max_export_kw,
+        look_ahead_h=choice.look_ahead_h,
+        replan_h=COMPARE_H if choice.replan_h is None else choice.replan_h,
+        dt_h=grid.dt_h,
+    )
+    return LinearPlanner(arbitrage)
+
+
+def _size(choice: ArbitrageDemand, system: System) -> tuple[float, float]:
+    """Return the power [kW] and energy [kWh] available for trading."""
+    window = np.array([string.battery.soc_max - string.battery.soc_min for string in system.strings])
+    energy_kwh = float((system.nominal_energy_kwh * window).sum())
+    power_kw = float(system.nominal_kw.sum())
+    return min(power_kw, choice.max_power_kw or power_kw), min(
+        energy_kwh, choice.max_energy_kwh or energy_kwh
+    )

@@ -1,0 +1,240 @@
+"""``bess.hindsight``: undelivered energy and losses of a run and its best known schedule; lower bound."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from bess.arrays import Array
+from bess.control.planning import Planner, PlanPrices
+from bess.control.planning.planner import MAX_STEPS
+from bess.control.planning.power_plan import ROLLOUTS
+from bess.control.policies import Policy, PolicyInput
+from bess.control.policies.adapters import FunctionPolicy
+from bess.control.split.objectives import Objectives
+from bess.control.wear import WearPrices
+from bess.errors import InputError
+from bess.simulation.analysis.kpis import kpis
+from bess.simulation.analysis.provable import unprovable
+from bess.simulation.analysis.services import is_reserve, is_site
+from bess.simulation.hindsight.bound import LossWeights, lower_bound
+from bess.simulation.hindsight.replay import Replay
+from bess.simulation.hindsight.rules import rules_of
+from bess.system import System
+from bess.units import KWH_PER_MWH
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from bess.simulation.record import Result
+
+Effort = Literal["quick", "thorough"]
+
+_SEARCH: dict[Effort, tuple[float, int]] = {"quick": (7 * 24.0, 20), "thorough": (14 * 24.0, 100)}
+"""Length of a plan [h], at most the run, and iterations of its dual bound."""
+_FOLLOWED = 6.0 / 7.0
+"""Share of a plan that is followed before the next plan starts."""
+
+
+@dataclass(frozen=True)
+class Hindsight:
+    """Undelivered energy and losses of a run, compared with the best known schedule and a lower bound.
+
+    The measure in kWh is undelivered energy (availability and derating loss) plus losses of inverters and
+    batteries. Unmet demand, above the power in service, is excluded. The measure in EUR, for runs that trade,
+    is the difference from the net income of a plant without losses, wear, starts and auxiliaries.
+
+    Attributes
+    ----------
+    lost_kwh, lost_eur : float
+        Values of this run. EUR is None without prices, and for services, which are not paid per kWh.
+    found_kwh, found_eur : float
+        Values of the best known schedule, simulated with the plant. The schedules in kWh and EUR may differ.
+    bound_kwh, bound_eur : float
+        Lower bounds over all splits of this demand.
+    found_by : str
+        Origin of the schedule of ``found_kwh``: a policy, or ``"this run"``.
+    """
+
+    lost_kwh: float
+    found_kwh: float
+    bound_kwh: float
+    found_by: str
+    lost_eur: float | None = None
+    found_eur: float | None = None
+    bound_eur: float | None = None
+
+    def __str__(self) -> str:
+        """One sentence."""
+        text = (
+            f"Undelivered energy and losses: {self.lost_kwh:,.0f} kWh; best known: {self.found_kwh:,.0f} kWh "
+            f"({self.found_by}); lower bound: {math.floor(max(self.bound_kwh, 0.0)):,d} kWh."
+        )
+        if self.lost_eur is None or self.found_eur is None or self.bound_eur is None:
+            return text
+        return (
+            f"{text} Net income below a lossless plant: {self.lost_eur:,.2f} EUR; "
+            f"best known: {self.found_eur:,.2f} EUR; "
+            f"lower bound: {math.floor(100.0 * self.bound_eur + 1e-6) / 100.0:,.2f} EUR."
+        )
+
+
+def hindsight(result: Result | xr.Dataset, effort: Effort = "quick") -> Hindsight:
+    """Compare a finished run with the best known schedule and a lower bound over all splits.
+
+    The best known schedule is the best of all rules, of a plan with perfect forecast, and of the run itself,
+    each simulated with the plant. The page on hindsight of the documentation discusses the bound.
+
+    Parameters
+    ----------
+    result
+        Result of :func:`bess.run`, or its record.
+    effort
+        "quick": seconds for a week; "thorough": a longer search, and a tighter bound for plants with many
+        kinds of strings.
+
+    Returns
+    -------
+    Hindsight
+
+    Raises
+    ------
+    InputError
+        The record does not contain its study.
+    """
+    if effort not in ("quick", "thorough"):
+        raise InputError(f'hindsight: effort = {effort!r}: must be "quick" or "thorough"')
+    record: Any = getattr(result, "dataset", result)
+    if not hasattr(record, "data_vars"):
+        raise InputError(
+            "hindsight needs a result of bess.run or bess.open_result, or its dataset, not "
+            f"{type(result).__name__}"
+        )
+    if reason := unprovable(record):
+        raise InputError(f"hindsight: {reason}")
+    replay = Replay.of(record)
+    fine = True if effort == "thorough" else None
+    bound_kwh = _bound(replay, None, fine)
+    figures = {"this run": kpis(record)}
+    for name, policy, horizon_steps in _others(replay, effort):
+        figures[name] = kpis(replay.under(policy, horizon_steps))
+    found_by = min(figures, key=lambda name: figures[name]["lost_kwh"])
+    money = {}
+    if replay.inputs.price_eur_mwh is not None and not (is_reserve(record) or is_site(record)):
+        value = _Value(replay)
+        money = {
+            "lost_eur": value.ideal_eur - figures["this run"]["net_eur"],
+            "found_eur": value.ideal_eur - max(each["net_eur"] for each in figures.values()),
+            "bound_eur": value.wear_eur + _bound(replay, value.worth, fine),
+        }
+    return Hindsight(
+        lost_kwh=figures["this run"]["lost_kwh"],
+        found_kwh=figures[found_by]["lost_kwh"],
+        bound_kwh=bound_kwh,
+        found_by=found_by,
+        **money,
+    )
+
+
+def _others(replay: Replay, effort: Effort) -> Iterator[tuple[str, Policy, int]]:
+    """Every rule, and plans with perfect forecast that minimise undelivered energy and losses."""
+    dt_h = replay.inputs.grid.dt_h
+    for name, policy in rules_of(replay):
+        yield name, policy, 1
+    hours, passes = _SEARCH[effort]
+    steps = max(1, min(round(hours / dt_h), replay.inputs.grid.n_steps, MAX_STEPS))
+    plans = _Plans(replay.system, steps, dt_h, passes)
+    yield f"a plan of {steps * dt_h:g} h", FunctionPolicy(plans), steps
+
+
+class _Plans:
+    """Plans of a known demand without a warm start, each followed for most of its length."""
+
+    def __init__(self, system: System, n_steps: int, dt_h: float, bound_passes: int) -> None:
+        self._make = partial(
+            Planner,
+            system,
+            n_steps,
+            dt_h,
+            rollouts=ROLLOUTS,
+            balance=0.0,
+            bound_passes=bound_passes,
+            proof_cells=0,
+            known=True,
+        )
+        goals = Objectives.energy(shortfall=1.0, start_kwh=0.0)
+        self._prices = PlanPrices.energy(goals, system.n_strings, n_steps)
+        self._followed = max(1, int(_FOLLOWED * n_steps))
+        self._requests: Iterator[Array] = iter(())
+        self._limit_kw: Array | None = None
+
+    def __call__(self, situation: PolicyInput) -> Array:
+        """Set-points of the next step [kW]."""
+        same = self._limit_kw is not None and np.array_equal(self._limit_kw, situation.limit_kw)
+        request_kw = next(self._requests, None) if same else None
+        if request_kw is None:
+            plan = self._make()(
+                situation.state,
+                situation.demand_kw,
+                self._prices,
+                ambient_c=situation.ambient_c,
+                limit_kw=situation.limit_kw,
+            )
+            self._limit_kw = situation.limit_kw
+            self._requests = iter(plan.request_kw.T[: self._followed])
+            request_kw = next(self._requests)
+        return request_kw.copy()
+
+
+def _bound(replay: Replay, worth: LossWeights | None, fine: bool | None) -> float:
+    inputs = replay.inputs
+    return lower_bound(
+        replay.system,
+        replay.system.initial_state(),
+        replay.served_kw,
+        inputs.limit_kw,
+        inputs.ambient_c,
+        step_s=inputs.grid.step_s,
+        law=replay.study.run.derating_law,
+        worth=worth,
+        fine=fine,
+    )
+
+
+class _Value:
+    """Value of energy in each step of a run with prices, by its settlement terms.
+
+    Attributes
+    ----------
+    ideal_eur : float
+        Net income of a plant that delivers all demand within its power without losses.
+    wear_eur : float
+        Wear cost of that delivery at a price per MWh discharged.
+    worth : Worth
+        Cost of the difference from that delivery, without wear by cell models and starts, which are never
+        income.
+    """
+
+    def __init__(self, replay: Replay) -> None:
+        price: Array | None = replay.inputs.price_eur_mwh
+        assert price is not None
+        terms = replay.study.settlement.terms
+        served_kw = replay.served_kw
+        asked_kw: Array = replay.record["demand_kw"].values
+        mwh_per_kw = replay.inputs.grid.dt_h / KWH_PER_MWH
+        discharged = np.maximum(served_kw, 0.0) * mwh_per_kw
+        charged = np.maximum(-served_kw, 0.0) * mwh_per_kw
+        unmet = (np.abs(asked_kw) - np.abs(served_kw)) * mwh_per_kw
+        sells, buys = terms.discharge_price_eur_mwh(price), terms.charge_price_eur_mwh(price)
+        short = terms.shortfall_price_eur_mwh(price)
+        # A string without a throughput price could deliver all demand.
+        wear = float(WearPrices.of(replay.system).eur_per_kwh_discharged.min()) * KWH_PER_MWH
+        self.ideal_eur = float((discharged * sells - charged * buys - unmet * short).sum())
+        self.wear_eur = float(discharged.sum()) * wear
+        missing = short + np.where(served_kw > 0.0, sells - wear, -buys)
+        self.worth = LossWeights(missing / KWH_PER_MWH, np.zeros(price.size), buys / KWH_PER_MWH)

@@ -1,0 +1,290 @@
+"""A lower bound on undelivered energy and losses of any split of a demand: one linear program over a run.
+
+The variables are means over control steps, summed over identical strings: delivered power ``p``, inverter
+loss ``w``, heat ``h``, number ``o`` of inverters that are on, sum ``q`` of their temperature excesses
+``theta``, sum ``s`` of all excesses, and, for each level of charge, chemical power ``x`` and energy ``e``.
+Every operation of the plant satisfies all rows at no lower cost; ``docs/hindsight.md`` has the proof.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bess.arrays import Array
+from bess.simulation.hindsight.cooling import Cooling
+from bess.simulation.hindsight.relaxed_string import CHARGE, DISCHARGE, Law, Optimist, optimist
+from bess.simulation.hindsight.safe_bound import Program
+from bess.system import State, System
+
+_HEAT_LEVELS = np.array([0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95, 1.1, 1.5, 2.2])
+"""Loads, as shares of the maximum, at which tangents support the heat parabola from below."""
+_TYPICAL_K = 15.0
+"""Temperature excess of these tangents [K]."""
+_MAX_FINE = 2
+"""Maximum number of kinds of strings for which fine levels take only seconds."""
+_WARMEST_K = 500.0
+"""Upper limit of the temperature excess [K]: a box for a variable that other rows already bound."""
+_ROUNDING = 1e-9
+"""Margin for rounding errors of the plant, relative to the demanded energy."""
+
+
+@dataclass(frozen=True)
+class LossWeights:
+    """Cost of undelivered energy and losses in each step; see :meth:`energy`.
+
+    Attributes
+    ----------
+    undelivered : ndarray, shape (n_steps,)
+        Cost of undelivered energy [1/kWh]; may be negative.
+    loss : ndarray, shape (n_steps,)
+        Cost of losses of inverters that are on, and of cells [1/kWh], ``>= 0``.
+    standby : ndarray, shape (n_steps,)
+        Cost of standby losses [1/kWh]; may be negative.
+    """
+
+    undelivered: Array
+    loss: Array
+    standby: Array
+
+    @classmethod
+    def energy(cls, n_steps: int) -> LossWeights:
+        """Return unit costs: one for every kilowatt-hour."""
+        return cls(np.ones(n_steps), np.ones(n_steps), np.ones(n_steps))
+
+
+def lower_bound(
+    system: System,
+    state: State,
+    demand_kw: Array,
+    limit_kw: Array,
+    ambient_c: Array,
+    *,
+    step_s: float,
+    law: Law = "table",
+    worth: LossWeights | None = None,
+    fine: bool | None = None,
+) -> float:
+    """Return a lower bound on undelivered energy and losses of a run over all splits of its demand.
+
+    Parameters
+    ----------
+    system
+        The plant's parameters.
+    state
+        State at the start of the run; all nodes of a string have its temperature.
+    demand_kw
+        Signed demand of each step on the strings in service [kW], shape ``(n_steps,)``.
+    limit_kw
+        Power of each inverter in service [kW], shape ``(n_steps, n_strings)``.
+    ambient_c
+        Ambient temperature [degC], shape ``(n_steps,)``.
+    step_s
+        Control step [s].
+    law
+        Derating law of the plant.
+    worth
+        Costs; by default kilowatt-hours of undelivered energy and losses.
+    fine
+        Divide the charge of strings into more levels. The bound is a few per cent higher, but takes minutes
+        for many kinds of strings. By default for at most two kinds.
+
+    Returns
+    -------
+    float
+        Lower bound of the cost [kWh or the unit of ``worth``] of all splits in which every string follows the
+        direction of the demand. Policies that charge one string from another are excluded.
+    """
+    worth = LossWeights.energy(demand_kw.size) if worth is None else worth
+    dt_h = step_s / 3600.0
+    strings = system.strings
+    off_kw = np.array([string.inverter.off_loss * string.inverter.nominal_kw for string in strings])
+    # In charge, the relaxation turns inverters off if that reduces the cost, otherwise on.
+    charging = demand_kw < 0.0
+    standby = np.where(charging, np.minimum(worth.standby, 0.0), worth.standby)
+    constant = float(standby.sum()) * float(off_kw.sum()) * dt_h
+    active = np.flatnonzero(demand_kw)
+    if active.size == 0:
+        return constant
+    cooling = Cooling.of(system, step_s)
+    coldest_c = min(float(ambient_c.min()), float(state.temperature_c.min()))
+    common = _Common(active, demand_kw[active], ambient_c, dt_h, worth)
+    program = Program()
+    delivered = []
+    groups = _alike(system, state, limit_kw)
+    for members in groups:
+        first = members[0]
+        hopes = optimist(
+            strings[first],
+            coldest_c=coldest_c,
+            plant_step_s=system.control.plant_step_s,
+            law=law,
+            fine=len(groups) <= _MAX_FINE if fine is None else fine,
+            soh_capacity=float(state.soh_capacity[first]),
+            soh_resistance=float(state.soh_resistance[first]),
+        )
+        own = _Cooling(*(float(v[first]) for v in (cooling.keeps, cooling.takes, cooling.heats)))
+        delivered += _group(
+            program,
+            common,
+            hopes,
+            own,
+            state.soc[members],
+            state.temperature_c[members],
+            limit_kw[active, first],
+        )
+    asked_kw = np.abs(common.demand_kw)
+    program.at_most(asked_kw, *((power, 1.0) for power in delivered))
+    value = program.lower_bound()
+    asked = worth.undelivered[active] * asked_kw * dt_h
+    return value + float(asked.sum()) + constant - _ROUNDING * float(np.abs(asked).sum())
+
+
+def _alike(system: System, state: State, limit_kw: Array) -> list[list[int]]:
+    """Strings with equal parameters, health and limits, represented by one set of variables."""
+    groups: dict[tuple[object, ...], list[int]] = {}
+    for index, string in enumerate(system.strings):
+        about = string.model_dump_json(exclude={"site"})
+        health = (state.soh_capacity[index], state.soh_resistance[index])
+        groups.setdefault((about, health, limit_kw[:, index].tobytes()), []).append(index)
+    return list(groups.values())
+
+
+@dataclass(frozen=True)
+class _Common:
+    """Data common to all strings: active steps, their demand, ambient temperatures, and costs."""
+
+    active: NDArray[np.intp]
+    demand_kw: Array
+    ambient_c: Array
+    dt_h: float
+    worth: LossWeights
+
+
+@dataclass(frozen=True)
+class _Cooling:
+    """Data of one string."""
+
+    keeps: float
+    takes: float
+    heats: float
+
+
+def _group(
+    program: Program,
+    common: _Common,
+    hopes: Optimist,
+    cooling: _Cooling,
+    soc: Array,
+    temperature_c: Array,
+    limit_kw: Array,
+) -> list[NDArray[np.intp]]:
+    """Add variables and rows of identical strings; return the variables of delivered power."""
+    active, dt_h = common.active, common.dt_h
+    count, steps, levels = soc.size, active.size, hopes.energy_kwh.size
+    discharging = common.demand_kw > 0.0
+    sign = np.where(discharging, 1.0, -1.0)
+    asked_kw = np.abs(common.demand_kw)
+    largest_kw = np.minimum(np.minimum(hopes.nominal_kw, limit_kw), asked_kw)
+    undelivered, loss, standby = (
+        values[active] for values in (common.worth.undelivered, common.worth.loss, common.worth.standby)
+    )
+
+    def either(discharge: ArrayLike, charge: ArrayLike) -> Array:
+        pair = np.array([charge, discharge], dtype=np.float64)
+        return np.asarray(pair[discharging.astype(np.intp)])
+
+    ratio = either(hopes.discharge.ratio, hopes.charge.ratio)
+    root = either(hopes.discharge.root, hopes.charge.root)
+    cold_s, warm_s = np.moveaxis(either(hopes.discharge.conductance, hopes.charge.conductance), 1, 0)
+
+    full_kwh = count * hopes.energy_kwh
+    max_x = np.where(discharging[:, None], full_kwh / (ratio * dt_h), asked_kw[:, None])
+    max_h = np.where(discharging, max_x.sum(axis=1), asked_kw)
+    spared = np.where(discharging, standby * hopes.standby_kw, 0.0)
+    x = program.variables((steps, levels), max_x)
+    e = program.variables((steps, levels), full_kwh)
+    o = program.variables((steps,), np.where(largest_kw > 0.0, count, 0.0), -spared * dt_h)
+    q = program.variables((steps,), count * hopes.hottest_k)
+    s = program.variables((steps,), count * _WARMEST_K)
+    p = program.variables((steps,), np.minimum(count * largest_kw, asked_kw), -undelivered * dt_h)
+    w = program.variables((steps,), count * hopes.nominal_kw, loss * dt_h)
+    h = program.variables((steps,), max_h, loss * dt_h)
+    # Strings charged with less than their inverter loss take power without storing it, and warm slightly.
+    burnt_kw, burnt_heat_kw = (np.where(discharging, 0.0, count * most) for most in hopes.burnt_kw)
+    burnt = program.variables((steps,), np.minimum(burnt_kw, asked_kw), (loss - undelivered) * dt_h)
+    drained_kw = burnt_kw + burnt_heat_kw
+    y = program.variables((steps, levels), drained_kw[:, None], (loss * dt_h)[:, None])
+    n = program.variables((steps,), burnt_heat_kw)
+    program.at_most(drained_kw, (y, 1.0))
+    program.at_most(np.zeros(steps), (n, 1.0), (y, -1.0))
+
+    zero = np.zeros(steps)
+    # Inverter power = chemical power of the cells + heat.
+    program.at_most(zero, (p, sign), (w, 1.0), (h, 1.0), (x, -sign[:, None]))
+    program.at_most(zero, (p, -sign), (w, -1.0), (h, -1.0), (x, sign[:, None]))
+    # Energy of each level.
+    stored_kwh = np.sum([hopes.stored_kwh(value) for value in soc], axis=0)
+    flow = sign[:, None] * ratio * dt_h
+    program.at_most(stored_kwh, (e[0], 1.0), (x[0], flow[0]))
+    program.at_most(np.zeros((steps - 1, levels)), (e[1:], 1.0), (e[:-1], -1.0), (x[1:], flow[1:]))
+    if not hopes.ages:
+        # Upper limits of losses: stored energy cannot be discarded.
+        flow = sign[:, None] * either(hopes.discharge.ratio_against, hopes.charge.ratio_against) * dt_h
+        spill = dt_h * hopes.discharge.ratio_against
+        program.at_most(-stored_kwh, (e[0], -1.0), (x[0], -flow[0]), (y[0], -spill))
+        program.at_most(
+            np.zeros((steps - 1, levels)), (e[1:], -1.0), (e[:-1], 1.0), (x[1:], -flow[1:]), (y[1:], -spill)
+        )
+        program.at_most(zero, (h, 1.0), (x, -either(hopes.discharge.max_heat, hopes.charge.max_heat)))
+        first, more = np.moveaxis(either(hopes.discharge.max_loss, hopes.charge.max_loss), 1, 0)
+        program.at_most(zero, (w, 1.0), (o, -first), (p, -more))
+    # Delivered power: limited by demand, inverter and temperature of the strings that are on.
+    program.at_most(zero, (p, 1.0), (o, -largest_kw))
+    for intercept, slope in zip(*hopes.derating, strict=True):
+        program.at_most(zero, (p, 1.0), (o, -intercept * largest_kw), (q, -slope * largest_kw))
+    # Inverter loss.
+    for sense, table in ((DISCHARGE, hopes.discharge.loss), (CHARGE, hopes.charge.loss)):
+        here = np.flatnonzero(sign == sense)
+        for intercept, slope in zip(*table, strict=True):
+            program.at_most(zero[here], (p[here], slope), (o[here], intercept), (w[here], -1.0))
+    # Heat: tangents below (root x)^2 / G, with the conductance G of the strings that are on.
+    for level in _HEAT_LEVELS:
+        touch = level * largest_kw * root[:, levels // 2] / (cold_s + warm_s * _TYPICAL_K)
+        program.at_most(
+            zero,
+            (x, 2.0 * touch[:, None] * root),
+            (o, -(touch**2) * cold_s),
+            (q, -(touch**2) * warm_s),
+            (h, -1.0),
+        )
+    # Temperature excess: q <= s; s = decayed excess + contribution of the air + contribution of heat.
+    program.at_most(zero, (q, 1.0), (o, -hopes.hottest_k))
+    air_k = count * cooling.takes * np.maximum(common.ambient_c - hopes.reference_c, 0.0)
+    idle_keeps = cooling.keeps ** (np.diff(active, prepend=-1) - 1.0)
+    idle_k = _idle(air_k, cooling.keeps, active)
+    idle_k[0] += idle_keeps[0] * float(np.maximum(temperature_c - hopes.reference_c, 0.0).sum())
+    for of, keeps in ((q, 1.0), (s, cooling.keeps)):
+        max_k = keeps * idle_k + air_k[active]
+        program.at_most(max_k[:1], (of[:1], 1.0), (h[:1], -cooling.heats), (n[:1], -cooling.heats))
+        program.at_most(
+            max_k[1:],
+            (of[1:], 1.0),
+            (s[:-1], -keeps * idle_keeps[1:]),
+            (h[1:], -cooling.heats),
+            (n[1:], -cooling.heats),
+        )
+    return [p, burnt]
+
+
+def _idle(air_k: Array, keeps: float, active: NDArray[np.intp]) -> Array:
+    """Temperature rise [K] by the air over the idle steps before each active step."""
+    added, gained, following = np.zeros(active.size), 0.0, 0
+    for step in range(int(active[-1]) + 1):
+        if step == active[following]:
+            added[following], gained, following = gained, 0.0, following + 1
+        else:
+            gained = keeps * gained + air_k[step]
+    return added

@@ -1,0 +1,338 @@
+r"""Relaxed model of one string: every coefficient has its most favourable value within a level of charge.
+
+The energy above the lower SOC limit is divided into levels. Within a level, the tables of the plant are
+replaced by the values of minimum loss, so the relaxed cost never exceeds the cost of the plant
+(``docs/hindsight.md`` has the proofs).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Literal
+
+import numpy as np
+
+from bess.arrays import Array
+from bess.convexity import Envelope, Lines, chord_above, convex_below, lines_above, lines_below
+from bess.system.battery import Battery
+from bess.system.parse import StringParameters
+
+_Pick = Callable[..., Any]
+Law = Literal["table", "pi"]
+
+DISCHARGE, CHARGE = 1, -1
+
+_WARMEST_K = 500.0
+"""Upper limit of the cell temperature above its surroundings [K]."""
+_MIN_HEALTH = 0.2
+"""Minimum capacity of a string in use, as a share of its initial capacity."""
+_LEVELS = {True: ((0.15, 0.4, 1.0), 5), False: ((0.2, 1.0), 3)}
+"""Level edges below the low-SOC switch, as shares of it, and number of edges above; fine or coarse."""
+
+
+@dataclass(frozen=True)
+class Direction:
+    """Coefficients in one direction of power.
+
+    Attributes
+    ----------
+    ratio : ndarray, shape (n_levels,)
+        Change of stored energy per chemical energy ``V I dt`` [kWh/kWh]: minimum in discharge, maximum in
+        charge.
+    ratio_against : ndarray, shape (n_levels,)
+        The opposite limits of this ratio: maximum in discharge, minimum in charge.
+    root : ndarray, shape (n_levels,)
+        Heat [kW] is at least ``(sum_l root_l x_l)^2 / G`` for chemical powers ``x_l`` [kW] and conductance
+        ``G``.
+    conductance : (float, float)
+        ``G <= first + second * theta`` for a string whose mean temperature exceeds the reference by
+        ``theta``.
+    loss : Lines
+        Lower bounds of the loss of an inverter that is on [kW]: lines over delivered power [kW].
+    max_loss : (float, float)
+        Intercept and slope of the upper bound of this loss.
+    max_heat : ndarray, shape (n_levels,)
+        Upper bound of the heat, as a share of the chemical power.
+    """
+
+    ratio: Array
+    ratio_against: Array
+    root: Array
+    conductance: tuple[float, float]
+    loss: Lines
+    max_loss: tuple[float, float]
+    max_heat: Array
+
+
+@dataclass(frozen=True)
+class _Store:
+    """Energy over SOC, with the maximum discharge voltage at each SOC."""
+
+    soc: Array
+    voltage_v: Array
+    capacity_ah: float
+
+    def voltage(self, at: Array) -> Array:
+        return np.interp(at, self.soc, self.voltage_v)
+
+    def energy_kwh(self, at: Array) -> Array:
+        """Energy [kWh] from the first to each SOC of ``at``; voltage is linear between its knots."""
+        fine = np.unique([*at, *self.soc[(self.soc > at[0]) & (self.soc < at.max())]])
+        steps = np.diff(fine) * (self.voltage(fine[1:]) + self.voltage(fine[:-1])) / 2.0
+        whole = np.concatenate([[0.0], np.cumsum(steps)]) * self.capacity_ah / 1e3
+        return np.interp(at, fine, whole)
+
+
+@dataclass(frozen=True)
+class Optimist:
+    """A string, or several identical strings.
+
+    Attributes
+    ----------
+    nominal_kw, standby_kw : float
+        Nominal power, and loss of an inverter that is off.
+    reference_c : float
+        Reference of ``theta`` [degC]: resistance and derating are constant below it. ``theta`` is the mean
+        over the nodes of a string of their temperature excess over it.
+    edges : ndarray, shape (n_levels + 1,)
+        SOC at the edges of the levels.
+    energy_kwh : ndarray, shape (n_levels,)
+        Energy of a level, with the maximum discharge voltage at each SOC.
+    discharge, charge : Direction
+        Coefficients.
+    derating : Lines
+        Upper bounds of the derating factor: lines over ``theta`` [K].
+    hottest_k : float
+        Maximum ``theta`` at which a string delivers power.
+    ages : bool
+        Whether capacity may fall, and with it the energy at a given SOC.
+    burnt_kw : (float, float)
+        Maximum charging power without stored energy, because the inverter loss exceeds it, and the maximum
+        heat of this power in the cells [kW].
+    """
+
+    nominal_kw: float
+    standby_kw: float
+    reference_c: float
+    edges: Array
+    energy_kwh: Array
+    discharge: Direction
+    charge: Direction
+    derating: Lines
+    hottest_k: float
+    ages: bool
+    burnt_kw: tuple[float, float]
+    _store: _Store
+
+    def stored_kwh(self, soc: float) -> Array:
+        """Energy in every level of a string at ``soc``, shape ``(n_levels,)``."""
+        return np.diff(self._store.energy_kwh(np.minimum(self.edges, max(soc, self.edges[0]))))
+
+    def direction(self, sign: int) -> Direction:
+        """Coefficients of :data:`DISCHARGE` or :data:`CHARGE`."""
+        return self.discharge if sign == DISCHARGE else self.charge
+
+
+def optimist(
+    string: StringParameters,
+    *,
+    coldest_c: float,
+    plant_step_s: float,
+    law: Law,
+    fine: bool = True,
+    soh_capacity: float = 1.0,
+    soh_resistance: float = 1.0,
+) -> Optimist:
+    """Return the coefficients of minimum loss from the tables of a string.
+
+    Parameters
+    ----------
+    string
+        Its parameters.
+    coldest_c
+        Lower limit of all temperatures of the string [degC]: the minimum of start and ambient.
+    plant_step_s
+        Step of the plant [s], over which voltage and resistance are constant.
+    law
+        Derating law of the run.
+    fine
+        Divide the charge into seven levels instead of four.
+    soh_capacity, soh_resistance
+        State of health at the start; a string does not recover.
+    """
+    battery, inverter = string.battery, string.inverter
+    soc = np.array(battery.ocv_v.soc)
+    volts = {
+        DISCHARGE: np.array(battery.ocv_v.discharge) * battery.cells_series,
+        CHARGE: np.array(battery.ocv_v.charge) * battery.cells_series,
+    }
+    highest = {sign: rows.max(axis=0) for sign, rows in volts.items()}
+    capacity_ah = battery.cell_capacity_ah * battery.cells_parallel * soh_capacity
+    store = _Store(soc, highest[DISCHARGE], capacity_ah)
+
+    largest_kw = inverter.nominal_kw * (1.0 + max(*inverter.loss_charge, *inverter.loss_discharge))
+    lowest_v = {sign: rows.min(axis=0) for sign, rows in volts.items()}
+    min_v = np.minimum(lowest_v[DISCHARGE], lowest_v[CHARGE])
+    # An aged string has less capacity, so its SOC changes more per step.
+    min_ah = capacity_ah * (_MIN_HEALTH if string.wear.cell_model else 1.0)
+    switch = battery.low_soc_switch
+    tables = np.unique([*soc, *_soc_knots(battery), switch, np.nextafter(switch, 0.0)])
+
+    def current_a(low: float, max_ohm: float) -> float:
+        """Maximum current [A] above a SOC and below a resistance."""
+        volt = float(np.interp(low, soc, min_v))
+        root = math.sqrt(max(volt**2 - 4e3 * max_ohm * largest_kw, 0.0))
+        return 2e3 * largest_kw / (volt + root)
+
+    def travel(low: float, max_ohm: float) -> float:
+        """Maximum SOC change of a plant step that starts above ``low``, at a resistance up to ``max_ohm``."""
+        return current_a(low, max_ohm) * plant_step_s / 3600.0 / min_ah
+
+    resistance_c, (derating_c, factor) = np.array(_resistance_knots(battery)), _derating(string, law)
+    reference_c = max(coldest_c, min(resistance_c[0], derating_c[0]))
+    cold_k = reference_c - min(coldest_c, reference_c)
+    stop_c = _stop_c(derating_c, factor)
+    hottest_k = _WARMEST_K if stop_c is None else max(stop_c - reference_c, 1e-6)
+    ends_c = [reference_c, reference_c + hottest_k + cold_k, reference_c + 2.0 * _WARMEST_K]
+    warm_c = np.unique([*ends_c, *resistance_c[resistance_c > reference_c]])
+
+    edges = _edges(battery, fine)
+    directions = {}
+    for sign, losses in ((DISCHARGE, inverter.loss_discharge), (CHARGE, inverter.loss_charge)):
+        ratio, against, top_v, ohm, max_heat = [], [], [], [], []
+        for low, high in pairwise(edges.tolist()):
+            # Within a plant step, voltage and resistance keep their values at its start.
+            wide = battery.soc_min, battery.soc_max
+            furthest = travel(wide[0], np.inf)
+            near = max(low - furthest, wide[0]), min(high + furthest, wide[1])
+            max_ohm = _ohm(battery, sign, _between(tables, *near), warm_c, np.max).max() * soh_resistance
+            shift = furthest if string.wear.cell_model else travel(near[0], max_ohm)
+            if sign == DISCHARGE:
+                within = _between(np.concatenate([tables, tables - shift]), low, high)
+                ratio.append((store.voltage(within) / store.voltage(within + shift)).min())
+                against.append((store.voltage(within) / np.interp(within, soc, lowest_v[sign])).max())
+                began = _between(tables, low, min(high + shift, wide[1]))
+            else:
+                within = _between(np.concatenate([tables, tables + shift]), low, high)
+                ratio.append((store.voltage(within) / np.interp(within - shift, soc, lowest_v[sign])).max())
+                against.append((store.voltage(within) / np.interp(within, soc, highest[sign])).min())
+                began = _between(tables, max(low - shift, wide[0]), high)
+            top_v.append(np.interp(began, soc, highest[sign]).max())
+            share = max_ohm * current_a(near[0], max_ohm) / float(np.interp(near[0], soc, min_v))
+            max_heat.append(share)
+            ohm.append(_ohm(battery, sign, began, warm_c, np.min) * soh_resistance)
+        resistance = np.array(ohm)
+        base = convex_below(warm_c, resistance.min(axis=0))
+        reached = warm_c <= ends_c[1]
+        load, loss = np.array(inverter.load), np.array(losses)
+        (loss_0, loss_slope), most = lines_below(load, loss), Envelope.of_table(load, loss, load.size - 1)
+        directions[sign] = Direction(
+            ratio=np.array(ratio),
+            ratio_against=np.array(against),
+            root=np.sqrt(1e3 * (resistance / base).min(axis=1)) / np.array(top_v),
+            conductance=chord_above(warm_c[reached] - reference_c, 1.0 / base[reached]),
+            loss=(inverter.nominal_kw * loss_0, loss_slope),
+            max_loss=(inverter.nominal_kw * most.chord_intercept, most.chord_slope),
+            max_heat=np.array(max_heat),
+        )
+
+    burnt_kw = inverter.nominal_kw * max(inverter.loss_charge)
+    everywhere = _between(tables, battery.soc_min, battery.soc_max)
+    worst_ohm = _ohm(battery, CHARGE, everywhere, warm_c, np.max).max() * soh_resistance
+    derated_c = np.unique([reference_c, reference_c + hottest_k, *derating_c])
+    derated_c = derated_c[(derated_c >= reference_c) & (derated_c <= reference_c + hottest_k)]
+    return Optimist(
+        nominal_kw=inverter.nominal_kw,
+        standby_kw=inverter.off_loss * inverter.nominal_kw,
+        reference_c=reference_c,
+        edges=edges,
+        energy_kwh=np.diff(store.energy_kwh(edges)),
+        discharge=directions[DISCHARGE],
+        charge=directions[CHARGE],
+        derating=_colder(
+            lines_above(derated_c - reference_c, np.interp(derated_c, derating_c, factor)), cold_k
+        ),
+        hottest_k=hottest_k + cold_k,
+        ages=string.wear.cell_model is not None,
+        burnt_kw=(burnt_kw, 1e-3 * worst_ohm * (2e3 * burnt_kw / min_v.min()) ** 2),
+        _store=store,
+    )
+
+
+def _edges(battery: Battery, fine: bool) -> Array:
+    """SOC levels: narrow below the switch, where the resistance rises, and wider above."""
+    low, high = battery.soc_min, battery.soc_max
+    switch = battery.low_soc_switch
+    shares, count = _LEVELS[fine]
+    below = switch * np.array(shares)
+    above = np.linspace(max(low, switch), high, count)
+    inside = np.concatenate([below, above])
+    return np.unique([low, *inside[(inside > low) & (inside < high)], high])
+
+
+def _between(knots: Array, low: float, high: float) -> Array:
+    """Ends and inner knots of an interval; between them a ratio of straight lines is monotone."""
+    return np.unique([low, *knots[(knots > low) & (knots < high)], high])
+
+
+def _soc_knots(battery: Battery) -> tuple[float, ...]:
+    if battery.resistance_table is not None:
+        return battery.resistance_table.soc
+    assert battery.resistance_soc is not None
+    return battery.resistance_soc.soc
+
+
+def _resistance_knots(battery: Battery) -> tuple[float, ...]:
+    """Temperatures [degC] between which resistance is linear; it is constant outside."""
+    if battery.resistance_table is not None:
+        return battery.resistance_table.temperature_c
+    assert battery.resistance_temperature is not None
+    return battery.resistance_temperature.temperature_c
+
+
+def _ohm(battery: Battery, sign: int, soc: Array, temperature_c: Array, pick: _Pick) -> Array:
+    """Minimum (or maximum) resistance of a string [Ohm] over SOC and C-rate at each temperature.
+
+    Between these temperatures the minimum lies above the straight line, because it is linear for each SOC.
+    """
+    ohm = 1e-3 * battery.r_scale * battery.cells_series / battery.cells_parallel
+    table = battery.resistance_table
+    if table is not None:
+        blocks = np.array(table.discharge_mohm if sign == DISCHARGE else table.charge_mohm)
+        rows = [[pick(np.interp(soc, table.soc, row)) for row in rows] for rows in blocks]
+        return ohm * np.interp(temperature_c, table.temperature_c, pick(np.array(rows), axis=0))
+    over_t, over_soc = battery.resistance_temperature, battery.resistance_soc
+    assert over_t is not None and over_soc is not None
+    at = np.interp(temperature_c, over_t.temperature_c, over_t.resistance_mohm)
+    at_25 = np.interp(25.0, over_t.temperature_c, over_t.resistance_mohm)
+    low = soc < battery.low_soc_switch
+    factor = np.where(low, np.interp(soc, over_soc.soc, over_soc.resistance_mohm) / at_25, 1.0)
+    return np.asarray(ohm * at * pick(factor))
+
+
+def _derating(string: StringParameters, law: Law) -> Lines:
+    """Knots of the maximum derating factor over temperature [degC]."""
+    derating = string.derating
+    if law == "pi" and derating.kp_per_k > 0.0:
+        # The integral part only lowers the factor further.
+        return np.array([derating.start_c, derating.start_c + 1.0 / derating.kp_per_k]), np.array([1.0, 0.0])
+    if law == "pi":
+        return np.array([derating.start_c]), np.array([1.0])
+    return np.array(derating.temperature_c), np.array(derating.factor)
+
+
+def _stop_c(temperature_c: Array, factor: Array) -> float | None:
+    """Temperature above which no power is delivered, if any."""
+    if factor[-1] > 0.0:
+        return None
+    positive = np.flatnonzero(factor > 0.0)
+    return float(temperature_c[positive[-1] + 1] if positive.size else temperature_c[0])
+
+
+def _colder(lines: Lines, cold_k: float) -> Lines:
+    """Lines over ``theta``, which exceeds the mean temperature by at most ``cold_k``."""
+    intercept, slope = lines
+    return intercept + np.maximum(-slope, 0.0) * cold_k, slope

@@ -1,0 +1,144 @@
+"""Result of a run, and reading it from its directory."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bess.display import as_table, one_line
+from bess.errors import InputError, option
+from bess.optional_dependencies import extra
+from bess.simulation.record.checksums import check_file
+from bess.simulation.record.dataset_spec import frame_of
+from bess.simulation.record.netcdf import write_netcdf
+from bess.simulation.record.provenance import IDENTITY, read_identity
+from bess.simulation.record.store import parts, records
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+RESULTS = "results.nc"
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """Outcome of :func:`bess.run`.
+
+    Attributes
+    ----------
+    dataset : xarray.Dataset
+        The record, as in ``ARCHITECTURE.md``; read lazily from ``directory`` if given.
+    kpis : dict
+        KPIs of :func:`bess.kpis`.
+    directory : Path or None
+        Folder of the run.
+    solve_time_s : ndarray
+        Wall-clock time of each solve [s]; not reproducible.
+    """
+
+    dataset: xr.Dataset
+    kpis: dict[str, float]
+    directory: Path | None
+    solve_time_s: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+
+    @cached_property
+    def plot(self) -> Any:
+        """Figures of this result; see :class:`bess.report.plotting.Plot`. Needs the extra ``report``."""
+        # The record does not depend on reports; this property imports them when needed.
+        with extra("report", "a figure"):
+            return import_module("bess.report.plotting").Plot(self)
+
+    def _facts(self) -> dict[str, str]:
+        steps, strings = self.dataset.sizes["time"], self.dataset.sizes["string"]
+        facts = {
+            "title": str(self.dataset.attrs.get("title", "")),
+            "steps": f"{steps:,} of {60.0 * float(self.dataset.attrs['step_h']):g} min",
+            "strings": str(strings),
+            "delivered": f"{self.kpis['delivered_kwh']:,.0f} of {self.kpis['demand_kwh']:,.0f} kWh",
+            "lost": f"{self.kpis['lost_kwh']:,.0f} kWh",
+        }
+        if "net_eur" in self.kpis:
+            facts["net"] = f"{self.kpis['net_eur']:,.0f} EUR"
+        return facts | ({"folder": str(self.directory)} if self.directory else {})
+
+    __repr__ = one_line
+    _repr_html_ = as_table
+
+
+def open_result(directory: str | Path) -> xr.Dataset:
+    """Open the record of a finished or unfinished run.
+
+    The variables of a finished run are read when they are used. For an unfinished run, all complete parts are
+    loaded.
+
+    Parameters
+    ----------
+    directory
+        ``out`` of the run, or the folder of a scenario in it.
+
+    Raises
+    ------
+    InputError
+        The folder contains no run, no saved steps, or several scenarios.
+    """
+    directory = Path(directory)
+    if (directory / RESULTS).exists():
+        return open_netcdf(directory / RESULTS)
+    identity = read_identity(directory)
+    if identity is None:
+        raise InputError(f"{directory}: {_what_else(directory)}")
+    saved = parts(directory)
+    if not saved:
+        raise InputError(f"{directory}: nothing has been saved yet; continue the run with {option('resume')}")
+    n_steps = saved[-1].first_step + len(saved[-1].record()["demand_kw"])
+    with tempfile.TemporaryDirectory(prefix="bess-") as scratch:
+        path = Path(scratch) / RESULTS
+        write_netcdf(path, frame_of(identity, n_steps), records(directory))
+        with open_netcdf(path) as dataset:
+            return dataset.load()
+
+
+def scenario_directories(directory: str | Path) -> dict[str, Path]:
+    """Return the folders of the runs in ``directory`` by name; a single run has the name of its study."""
+    directory = Path(directory)
+    if (identity := read_identity(directory)) is not None:
+        return {identity["study"]["name"]: directory}
+    return {path.name: path for path in _runs_in(directory)}
+
+
+def open_netcdf(path: Path) -> xr.Dataset:
+    """Open a results file lazily, after a check of its checksum if there is one.
+
+    Raises
+    ------
+    InputError
+        The file is damaged.
+    """
+    import xarray as xr
+
+    try:
+        check_file(path)
+        return xr.open_dataset(path, engine="h5netcdf")
+    except (OSError, ValueError, KeyError, RuntimeError, TypeError) as error:
+        what = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(f"{path}: is damaged ({what}); delete the folder and run the study again") from error
+
+
+def _runs_in(directory: Path) -> Iterator[Path]:
+    if directory.is_dir():
+        yield from sorted(path.parent for path in directory.glob(f"*/{IDENTITY}"))
+
+
+def _what_else(directory: Path) -> str:
+    names = [path.name for path in _runs_in(directory)]
+    if names:
+        return f"holds several runs; open one of {', '.join(names[:8])}{', ...' if len(names) > 8 else ''}"
+    return "holds no run" if directory.is_dir() else "no such folder"

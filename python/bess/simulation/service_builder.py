@@ -1,0 +1,295 @@
+"""Control steps and demand of a run from the section ``[demand]`` of a service."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from bess.arrays import Array
+from bess.dispatch import (
+    SITES,
+    Arbitrage,
+    EnergyWindow,
+    Forecast,
+    GridPowerTarget,
+    PerfectForecast,
+    PersistenceForecast,
+    RechargeScheduler,
+    Store,
+    droop_response,
+    min_peak_kw,
+    read_profile,
+)
+from bess.dispatch.arbitrage import calendar_days
+from bess.dispatch.synthetic import frequency_deviation, market_prices
+from bess.errors import InputError
+from bess.simulation.run_demand import DEFAULT_START, RunDemand, budget_of, repair_notes, utc_index
+from bess.simulation.services import MeterSource, Reserve, ReserveSource, Trade, ZeroResponseForecast
+from bess.study.grid import SampledSeries, TimeGrid, seconds_of
+from bess.study.keys import check_bundled
+from bess.study.services import (
+    SYNTHETIC,
+    FcrArbitrageDemand,
+    FcrDemand,
+    PeakShavingDemand,
+    SiteDemand,
+)
+from bess.study.study import Study
+from bess.system import System
+from bess.units import PERCENT
+
+_FREQUENCY_STEP_S = 10
+_HOUR_S = 3600
+_BLOCK_H = 4.0
+_RECHARGE_SHARE = 0.25
+"""Recharge power, as a share of the reserve capacity; this part of the plant power is kept free for it."""
+_MIN_SHARE = 0.03
+"""Minimum power, as a share of plant power: lower powers do not justify the no-load loss of an inverter."""
+_SECONDS_PER_MINUTE = 60.0
+
+
+def reserve_of(study: Study, choice: FcrDemand, system: System, step_s: float) -> RunDemand:
+    """Frequency containment reserve, with or without trade."""
+    series, files, notes = _frequency(study, choice)
+    start = study.run.start or series.start
+    grid = TimeGrid.of(start, step_s, study.run.days or series.days_from(start, step_s))
+    trades = isinstance(choice, FcrArbitrageDemand)
+    capacity_kw, recharge_kw = _powers(choice, float(system.nominal_kw.sum()), trades=trades)
+    store = Store(system, choice.efficiency)
+    band = _window(choice, capacity_kw, store, system).narrowed(choice.band)
+
+    frequency_mhz, share, averaging = _response(series, choice, grid)
+    asked_kw = capacity_kw * share
+    response: Forecast = ZeroResponseForecast(asked_kw)
+    if choice.forecast == "persistence":
+        response = PersistenceForecast(asked_kw, grid.dt_h)
+    recharge = RechargeScheduler(
+        recharge_kw,
+        _steps(choice.recharge_lead_min, "recharge_lead_min", grid, least=0),
+        _steps(choice.recharge_slot_min, "recharge_slot_min", grid, least=1),
+        grid.dt_h,
+        store.one_way,
+    )
+    price, price_files, price_notes = _energy_price(choice, grid)
+    capacity_price, capacity_files, capacity_notes = _capacity_price(choice, grid)
+    trade, budget = None, None
+    if isinstance(choice, FcrArbitrageDemand):
+        power_kw = float(system.nominal_kw.sum()) - capacity_kw - recharge_kw
+        trade = _trade(choice, grid, price, power_kw, band)
+        size = power_kw, band.high_kwh - band.low_kwh
+        budget = budget_of(
+            study.budget, system, grid, PerfectForecast(price), size, choice.efficiency, choice.look_ahead_h
+        )
+    reserve = Reserve(capacity_kw, choice.duration_min, choice.band)
+    return RunDemand(
+        grid,
+        ReserveSource(response, reserve, recharge, store, trade, budget),
+        price,
+        [*files, *price_files, *capacity_files],
+        [*notes, f"reserve: {capacity_kw:g} kW, {averaging}", *price_notes, *capacity_notes],
+        {"frequency_mhz": frequency_mhz, "capacity_price_eur_mw_h": capacity_price},
+    )
+
+
+def site_of(study: Study, choice: SiteDemand, system: System, step_s: float, horizon: int) -> RunDemand:
+    """A load, and optionally generation, behind one meter with the plant."""
+    dt_h = step_s / _HOUR_S
+    load, files, notes = _site_series(study, choice, "load", dt_h)
+    start = study.run.start or load.start
+    grid = TimeGrid.of(start, step_s, study.run.days or load.days_from(start, step_s))
+    longer = grid.longer(horizon)
+    load_kw = load.laid(grid, longer, repeat=choice.repeat)
+    pv_kw = np.zeros_like(load_kw)
+    if choice.pv is not None:
+        pv, more_files, more_notes = _site_series(study, choice, "pv", dt_h)
+        pv_kw = pv.laid(grid, longer, repeat=choice.repeat)
+        files, notes = files + more_files, notes + more_notes
+    shared = min(load_kw.size, pv_kw.size) if choice.pv is not None else load_kw.size
+    net_kw = load_kw[:shared] - pv_kw[:shared]
+    store = Store(system, choice.efficiency)
+    state, power_kw = system.initial_state(), float(system.nominal_kw.sum())
+    series = {
+        "load_kw": load_kw[: grid.n_steps],
+        "generation_kw": pv_kw[: grid.n_steps],
+        "export_price_eur_mwh": np.full(grid.n_steps, choice.export_price_eur_mwh),
+    }
+    level_kw = 0.0
+    full_kwh = store.size_kwh(state, choice.ready_soc)
+    if isinstance(choice, PeakShavingDemand):
+        level_kw = choice.limit_kw or min_peak_kw(
+            net_kw[: grid.n_steps],
+            dt_h,
+            power_kw=power_kw,
+            full_kwh=full_kwh,
+            held_kwh=store.held_kwh(state),
+            one_way=store.one_way,
+        )
+        series["grid_limit_kw"] = np.full(grid.n_steps, level_kw)
+        series["demand_charge_eur_kw_h"] = np.full(grid.n_steps, choice.demand_charge_eur_kw_year / 8760.0)
+        found = "as given" if choice.limit_kw else "the minimum with perfect forecast"
+        notes.append(f"limit of the grid connection: {level_kw:.4g} kW, {found}")
+    forecast: Forecast = PerfectForecast(net_kw)
+    if choice.forecast == "persistence":
+        forecast = PersistenceForecast(net_kw, dt_h)
+    level = GridPowerTarget(level_kw, power_kw, full_kwh, store.one_way, dt_h, _MIN_SHARE * power_kw)
+    price = np.full(grid.n_steps, choice.price_eur_mwh)
+    return RunDemand(grid, MeterSource(forecast, level, store, choice.ready_soc), price, files, notes, series)
+
+
+def _powers(choice: FcrDemand, nominal_kw: float, *, trades: bool) -> tuple[float, float]:
+    """Capacity and recharge power [kW]."""
+    capacity_kw = choice.capacity_kw or nominal_kw * (0.5 if trades else 1.0 / (1.0 + _RECHARGE_SHARE))
+    recharge_kw = _RECHARGE_SHARE * capacity_kw if choice.recharge_kw is None else choice.recharge_kw
+    together_kw = capacity_kw + recharge_kw
+    if together_kw > nominal_kw * (1.0 + 1e-9) or (trades and together_kw >= nominal_kw):
+        raise InputError(
+            f"demand.capacity_kw = {capacity_kw:g} kW and demand.recharge_kw = {recharge_kw:g} kW leave "
+            f"no power of the {nominal_kw:g} kW of the plant{' for trade' if trades else ''}; "
+            "reduce the reserve"
+        )
+    return capacity_kw, recharge_kw
+
+
+def _window(choice: FcrDemand, capacity_kw: float, store: Store, system: System) -> EnergyWindow:
+    """Return the energy window of the reserve, which must not be empty."""
+    size_kwh = store.size_kwh(system.initial_state())
+    window = EnergyWindow.of(capacity_kw, choice.duration_min, size_kwh, store.one_way)
+    if window.low_kwh >= window.high_kwh:
+        raise InputError(
+            f"demand.capacity_kw = {capacity_kw:g} kW for demand.duration_min = {choice.duration_min:g} min "
+            f"in either direction needs more than the {size_kwh:.4g} kWh of the plant; reduce the reserve"
+        )
+    return window
+
+
+def _frequency(study: Study, choice: FcrDemand) -> tuple[SampledSeries, list[Path], list[str]]:
+    """Return the frequency deviation; a repeated series starts at the start of the run."""
+    from bess.market import read_frequency
+
+    start = study.run.start or DEFAULT_START
+    check_bundled("demand.frequency", choice.frequency, [SYNTHETIC])
+    if choice.frequency == SYNTHETIC:
+        values, step_s, files, notes = (
+            frequency_deviation(),
+            _FREQUENCY_STEP_S,
+            [],
+            ["frequency: a bundled week"],
+        )
+    else:
+        read = read_frequency(
+            choice.frequency, column=choice.column, time_zone=choice.time_zone, fill=choice.fill
+        )
+        given = SampledSeries.from_pandas(read, choice.frequency, "demand.frequency")
+        files, notes = [Path(choice.frequency)], [f"frequency: {choice.frequency}", *repair_notes(read)]
+        if not choice.repeat:
+            return given, files, notes
+        values, step_s = given.values, given.step_s
+    period_days = values.size * step_s / 86_400.0
+    count = int(np.ceil((study.run.days or period_days) / period_days))
+    return (
+        SampledSeries(np.tile(values, count), seconds_of(start), step_s, "frequency", "demand.frequency"),
+        files,
+        notes,
+    )
+
+
+def _response(series: SampledSeries, choice: FcrDemand, grid: TimeGrid) -> tuple[Array, Array, str]:
+    """Return the mean deviation and activation in each step, and a note on the effect of averaging."""
+    share = droop_response(series.values, choice.droop_mhz, choice.dead_band_mhz)
+    mean = SampledSeries(share, series.start_s, series.step_s, series.what, series.key).on(grid)
+    first = (grid.start_s - series.start_s) // series.step_s
+    count = -(-grid.n_steps * grid.step_s // series.step_s)
+    moved = float(np.abs(share[first : first + count]).mean())
+    kept = PERCENT * float(np.abs(mean).mean()) / moved if moved > 0.0 else PERCENT
+    said = (
+        f"response by means over {grid.step_s / 60:g} min, which move {kept:.0f} % of the energy of every "
+        f"{series.step_s} s"
+    )
+    return series.on(grid), mean, said
+
+
+def _energy_price(choice: FcrDemand, grid: TimeGrid) -> tuple[Array, list[Path], list[str]]:
+    from bess.market import read_prices
+
+    if choice.prices is None:
+        return np.full(grid.n_steps, choice.energy_price_eur_mwh), [], []
+    check_bundled("demand.prices", choice.prices, [SYNTHETIC])
+    if choice.prices == SYNTHETIC:
+        hours = grid.start_s // _HOUR_S + np.arange(-(-grid.n_steps * grid.step_s // _HOUR_S) + 1)
+        values = market_prices()[hours % market_prices().size]
+        first_s = grid.start_s // _HOUR_S * _HOUR_S
+        week = SampledSeries(values, first_s, _HOUR_S, "the bundled week of prices", "demand.prices")
+        return week.on(grid), [], ["prices: a bundled week"]
+    read = read_prices(choice.prices, choice.zone)
+    price = SampledSeries.from_pandas(read, choice.prices, "demand.prices").on(grid)
+    return price, [Path(choice.prices)], [f"prices: {choice.prices}", *repair_notes(read)]
+
+
+def _capacity_price(choice: FcrDemand, grid: TimeGrid) -> tuple[Array, list[Path], list[str]]:
+    """Return the price of reserve in each step [EUR/MW/h]."""
+    from bess.market import read_capacity_prices
+
+    if choice.capacity_prices is None:
+        return np.full(grid.n_steps, choice.capacity_price_eur_mw / _BLOCK_H), [], []
+    read = read_capacity_prices(choice.capacity_prices, choice.country)
+    price = SampledSeries.from_pandas(read, choice.capacity_prices, "demand.capacity_prices").on(grid)
+    return price, [Path(choice.capacity_prices)], [f"capacity prices: {choice.capacity_prices}"]
+
+
+def _trade(
+    choice: FcrArbitrageDemand, grid: TimeGrid, price: Array, power_kw: float, band: EnergyWindow
+) -> Trade:
+    days = calendar_days(utc_index(grid), choice.market_time_zone)
+    arbitrage = Arbitrage(
+        PerfectForecast(price),
+        days,
+        power_kw=power_kw,
+        energy_kwh=band.high_kwh - band.low_kwh,
+        efficiency=choice.efficiency,
+        cycles_per_day=choice.cycles_per_day,
+        look_ahead_h=choice.look_ahead_h,
+        replan_h=choice.replan_h,
+        dt_h=grid.dt_h,
+    )
+    return Trade(arbitrage, days)
+
+
+def _steps(minutes: float, key: str, grid: TimeGrid, least: int) -> int:
+    """Return a time in control steps; a time shorter than a step gives ``least``."""
+    steps = minutes * _SECONDS_PER_MINUTE / grid.step_s
+    if steps > 1.0 and abs(steps - round(steps)) > 1e-9:
+        raise InputError(
+            f"demand.{key} = {minutes:g} min must be a whole number of control steps of "
+            f"{grid.step_s / 60:g} min"
+        )
+    return max(least, int(np.ceil(steps - 1e-9)))
+
+
+def _site_series(
+    study: Study, choice: SiteDemand, key: str, dt_h: float
+) -> tuple[SampledSeries, list[Path], list[str]]:
+    """Return the power of the load or of the generation [kW]."""
+    name = getattr(choice, key)
+    column = choice.column if key == "load" else choice.pv_column
+    scale = choice.scale if key == "load" else choice.pv_scale
+    check_bundled(f"demand.{key}", name, SITES)
+    if name in SITES:
+        values = SITES[name](dt_h=dt_h) * scale
+        start_s = seconds_of(study.run.start or DEFAULT_START)
+        series = SampledSeries(values, start_s, round(dt_h * _HOUR_S), f"profile {name}", f"demand.{key}")
+        files, repairs = [], []
+    else:
+        read = read_profile(
+            name,
+            column=column,
+            unit=choice.unit,
+            scale=scale,
+            dt_h=dt_h,
+            time_zone=choice.time_zone,
+            fill=choice.fill,
+        )
+        series = SampledSeries.from_pandas(read, name, f"demand.{key}")
+        files, repairs = [Path(name)], repair_notes(read)
+    found = f"{key}: {series.what}, {series.values.min():.4g} to {series.values.max():.4g} kW"
+    return series, files, [found, *repairs]

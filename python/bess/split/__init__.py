@@ -1,1 +1,0 @@
-"""Power split: objectives, search and certificate; told on one page in docs/algorithm.md."""

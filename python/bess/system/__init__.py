@@ -1,0 +1,7 @@
+"""What is known about a plant before it runs: parameters, validated once, and state, apart from them."""
+
+from bess.system.parse import StringParameters
+from bess.system.state import State
+from bess.system.system import System, load_system
+
+__all__ = ["State", "StringParameters", "System", "load_system"]

@@ -1,0 +1,221 @@
+"""Section ``[battery]`` of a system file: one string's battery, with electrical tables at cell level."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Any, Self
+
+import numpy as np
+from pydantic import field_validator, model_validator
+
+from bess.system.quantities import (
+    CellCapacity,
+    CellMass,
+    CellResistance,
+    CellVoltage,
+    Count,
+    EntropyCoefficient,
+    Fraction,
+    RateAxis,
+    Ratio,
+    SocAxis,
+    TemperatureAxis,
+    ascending,
+    same_length,
+)
+from bess.system.section import Section
+
+Resistances = tuple[CellResistance, ...]
+Voltages = tuple[CellVoltage, ...] | tuple[tuple[CellVoltage, ...], ...]
+
+
+class OcvTable(Section):
+    """Open-circuit voltage of one cell [V] over SOC and, optionally, temperature [degC].
+
+    Without ``temperature_c`` each direction is one list over SOC; with it, one such list for each
+    temperature. The gap between ``charge`` and ``discharge`` is the hysteresis.
+    """
+
+    soc: SocAxis
+    temperature_c: TemperatureAxis = (25.0,)
+    charge: tuple[tuple[CellVoltage, ...], ...]
+    discharge: tuple[tuple[CellVoltage, ...], ...]
+
+    _ascend = field_validator("soc", "temperature_c")(ascending)
+
+    @field_validator("charge", "discharge", mode="before", json_schema_input_type=Voltages)
+    @classmethod
+    def _one_row(cls, value: object) -> object:
+        """A flat list is a table of one temperature."""
+        if isinstance(value, list | tuple) and value and not isinstance(value[0], list | tuple):
+            return (tuple(value),)
+        return value
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for name in ("charge", "discharge"):
+            rows = getattr(self, name)
+            same_length("temperature_c", self.temperature_c, name, rows)
+            for row in rows:
+                same_length("soc", self.soc, name, row)
+                for index, (low, high) in enumerate(pairwise(row)):
+                    if high < low:
+                        raise ValueError(
+                            f"{name} must not fall with SOC, but falls from {low:g} V at soc "
+                            f"{self.soc[index]:g} to {high:g} V at soc {self.soc[index + 1]:g}"
+                        )
+        for charge_row, discharge_row in zip(self.charge, self.discharge, strict=True):
+            for soc, charge, discharge in zip(self.soc, charge_row, discharge_row, strict=True):
+                if charge < discharge:
+                    raise ValueError(
+                        f"charge OCV {charge:g} V is below discharge OCV {discharge:g} V at soc {soc:g}; "
+                        "hysteresis cannot give energy back"
+                    )
+        return self
+
+
+class ResistanceOverTemperature(Section):
+    """Cell resistance [mOhm] over temperature [degC], ``f_T``; clamped outside."""
+
+    temperature_c: TemperatureAxis
+    resistance_mohm: Resistances
+
+    _ascend = field_validator("temperature_c")(ascending)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        same_length("temperature_c", self.temperature_c, "resistance_mohm", self.resistance_mohm)
+        return self
+
+
+class ResistanceOverSoc(Section):
+    """Cell resistance [mOhm] over SOC, ``f_soc``; used below ``low_soc_switch`` only."""
+
+    soc: SocAxis
+    resistance_mohm: Resistances
+
+    _ascend = field_validator("soc")(ascending)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        same_length("soc", self.soc, "resistance_mohm", self.resistance_mohm)
+        return self
+
+
+class EntropyTable(Section):
+    """Entropy coefficient ``dU/dT`` of one cell [mV/K] over SOC; clamped outside."""
+
+    soc: SocAxis
+    du_dt_mv_k: tuple[EntropyCoefficient, ...]
+
+    _ascend = field_validator("soc")(ascending)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        same_length("soc", self.soc, "du_dt_mv_k", self.du_dt_mv_k)
+        return self
+
+
+class ResistanceTable(Section):
+    """Measured cell resistance [mOhm], indexed ``[c_rate][temperature][soc]``, each direction on its own.
+
+    The plant reads it at the C-rate that flows. The controller has no inner iteration and reads it at
+    ``control_c_rate``.
+    """
+
+    soc: SocAxis
+    temperature_c: TemperatureAxis
+    c_rate: RateAxis
+    control_c_rate: Ratio
+    charge_mohm: tuple[tuple[Resistances, ...], ...]
+    discharge_mohm: tuple[tuple[Resistances, ...], ...]
+
+    _ascend = field_validator("soc", "temperature_c", "c_rate")(ascending)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for name in ("charge_mohm", "discharge_mohm"):
+            blocks = getattr(self, name)
+            same_length("c_rate", self.c_rate, name, blocks)
+            for rows in blocks:
+                same_length("temperature_c", self.temperature_c, name, rows)
+                for row in rows:
+                    same_length("soc", self.soc, name, row)
+        return self
+
+
+class Battery(Section):
+    """Battery of one string; electrical tables are at cell level."""
+
+    cells_series: Count
+    cells_parallel: Count
+    cell_capacity_ah: CellCapacity
+    cell_mass_kg: CellMass
+    soc_min: Fraction = 0.0
+    soc_max: Fraction = 1.0
+    cell_voltage_min_v: CellVoltage | None = None
+    cell_voltage_max_v: CellVoltage | None = None
+    low_soc_switch: Fraction = 0.10
+    r_scale: Ratio = 1.0
+    hysteresis_heat: bool = False
+    ocv_v: OcvTable
+    resistance_temperature: ResistanceOverTemperature | None = None
+    resistance_soc: ResistanceOverSoc | None = None
+    resistance_table: ResistanceTable | None = None
+    entropy: EntropyTable | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_former_keys(cls, given: Any) -> Any:
+        """``availability_epsilon`` of earlier files had no effect."""
+        if isinstance(given, Mapping):
+            return {key: value for key, value in given.items() if key != "availability_epsilon"}
+        return given
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.soc_min >= self.soc_max:
+            raise ValueError(f"soc_min {self.soc_min:g} must be below soc_max {self.soc_max:g}")
+        low, high = self.ocv_v.soc[0], self.ocv_v.soc[-1]
+        if self.soc_min < low or self.soc_max > high:
+            raise ValueError(
+                f"the SOC window [{self.soc_min:g}, {self.soc_max:g}] leaves the OCV table "
+                f"[{low:g}, {high:g}], which is never extrapolated"
+            )
+        self._check_voltages()
+        switched = (self.resistance_temperature is not None, self.resistance_soc is not None)
+        if (switched, self.resistance_table is None) not in (((True, True), True), ((False, False), False)):
+            raise ValueError(
+                "give either resistance_temperature together with resistance_soc, or resistance_table"
+            )
+        return self
+
+    @property
+    def voltage_min_v(self) -> float:
+        """Lowest voltage of the string in discharge [V], 0 without a limit."""
+        return (self.cell_voltage_min_v or 0.0) * self.cells_series
+
+    @property
+    def voltage_max_v(self) -> float:
+        """Highest voltage of the string in charge [V], infinite without a limit."""
+        return math.inf if self.cell_voltage_max_v is None else self.cell_voltage_max_v * self.cells_series
+
+    def _check_voltages(self) -> None:
+        """A limit beyond which a cell rests at every SOC would leave a string that can do nothing."""
+        lowest, highest = (
+            float(np.interp(soc, self.ocv_v.soc, rows[0]))
+            for soc, rows in ((self.soc_min, self.ocv_v.charge), (self.soc_max, self.ocv_v.discharge))
+        )
+        least, most = self.cell_voltage_min_v, self.cell_voltage_max_v
+        if most is not None and most <= lowest:
+            raise ValueError(
+                f"cell_voltage_max_v {most:g} V must be above the "
+                f"open-circuit voltage at soc_min, {lowest:g} V"
+            )
+        if least is not None and least >= highest:
+            raise ValueError(
+                f"cell_voltage_min_v {least:g} V must be below the "
+                f"open-circuit voltage at soc_max, {highest:g} V"
+            )

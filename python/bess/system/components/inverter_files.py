@@ -1,0 +1,198 @@
+"""Inverter files; the layout is detected from the columns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from bess.errors import InputError
+from bess.system.components.columns import Columns, numbers, read_columns
+from bess.system.components.loss_table import LossTable, table_from_curves
+from bess.system.components.losses import Axis, PowerUnit, inverter_from_efficiency, inverter_from_loss
+from bess.system.components.sandia import inverter_from_sandia
+
+_MAX_ERROR = 5e-5
+_SANDIA = ("Paco", "Pdco", "Vdco", "Pso", "C0", "C1", "C2", "C3", "Pnt")
+_SAMPLED_SANDIA = ("name", "Paco_W", "Vdc", "p_pu", "loss_W")
+_BSLIB = (
+    "ID",
+    "P_AC2BAT_in [W]",
+    "P_BAT2AC_out [W]",
+    *(f"AC2BAT_{letter}_in" for letter in "abc"),
+    *(f"BAT2AC_{letter}_out" for letter in "abc"),
+)
+
+
+def read_inverter(
+    path: str | Path,
+    *,
+    model: str | None = None,
+    nominal_kw: float | None = None,
+    power_unit: PowerUnit | None = None,
+    axis: Axis = "ac",
+    max_error: float = _MAX_ERROR,
+) -> LossTable:
+    """Read an inverter from a file and reduce it to the loss table of a system file.
+
+    Recognised are: the CEC list with Sandia coefficients (as pvlib and SAM ship it), samples of that model
+    over AC power, the inverter and storage list of bslib, and plain efficiency tables. These have a column of
+    charge and a column of discharge efficiency, or only one efficiency column, which then holds for both
+    directions; a power column, or none if the rows divide 0 to 100 % of nominal power evenly.
+
+    Parameters
+    ----------
+    path
+        Text table (``,``, ``;`` or tab) or Parquet.
+    model
+        Name, or a part of it that occurs once, in a file of several inverters.
+    nominal_kw
+        Nominal AC power [kW]. Required for plain tables; those of the lists carry their own.
+    power_unit, axis
+        As in :func:`inverter_from_efficiency`, for plain tables. Power that stays below 1.2 is taken as a
+        fraction; for anything else the unit must be given.
+    max_error
+        Largest error of the reduced table, as a fraction of nominal power.
+
+    Raises
+    ------
+    InputError
+        If the file has none of these shapes, names several models, or holds values that no inverter can have.
+    """
+    columns = read_columns(path)
+
+    def has(names: tuple[str, ...]) -> bool:
+        return all(name in columns for name in names)
+
+    listed: tuple[tuple[tuple[str, ...], Callable[[str | Path, Columns, int, float], LossTable]], ...] = (
+        (_SANDIA, _from_sandia_row),
+        (_BSLIB, _from_bslib_row),
+    )
+    try:
+        for names, convert in listed:
+            if has(names):
+                return convert(path, columns, _row_of(columns, model), max_error)
+        if has(_SAMPLED_SANDIA):
+            return _from_samples(path, columns, model, max_error)
+        return _from_plain(path, columns, nominal_kw, power_unit, axis, max_error)
+    except InputError as error:
+        raise InputError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error
+
+
+def _pick(names: list[str], model: str | None) -> str:
+    found = [name for name in names if name == model] or [
+        name for name in names if model is None or model in name
+    ]
+    if len(set(found)) != 1:
+        some = ", ".join(map(repr, sorted(set(found or names))[:6]))
+        raise InputError(
+            f"model {model!r} fits {len(set(found))} of {len(set(names))} inverters; choose one of {some}"
+        )
+    return found[0]
+
+
+def _row_of(columns: Columns, model: str | None) -> int:
+    for key in ("Name", "", "Model (PE)", "ID"):
+        if key in columns and (model is None or any(model in name for name in columns[key])):
+            return columns[key].index(_pick(columns[key], model))
+    first = next(iter(columns.values()))
+    return first.index(_pick(first, model))
+
+
+def _from_sandia_row(path: str | Path, columns: Columns, row: int, max_error: float) -> LossTable:
+    paco, pdco, vdco, pso, c0, c1, c2, c3, pnt = (
+        float(numbers(path, {name: columns[name][row : row + 1]}, name)[0]) for name in _SANDIA
+    )
+    return inverter_from_sandia(
+        paco_w=paco,
+        pdco_w=pdco,
+        vdco_v=vdco,
+        pso_w=pso,
+        c0_per_w=c0,
+        c1_per_v=c1,
+        c2_per_v=c2,
+        c3_per_v=c3,
+        pnt_w=pnt,
+        max_error=max_error,
+    )
+
+
+def _from_samples(path: str | Path, columns: Columns, model: str | None, max_error: float) -> LossTable:
+    """Loss [W] of one model, sampled over AC power; the highest DC voltage of several."""
+    name = _pick(columns["name"], model)
+    chosen = np.array([entry == name for entry in columns["name"]])
+    volts = numbers(path, columns, "Vdc")
+    chosen &= volts == volts[chosen].max()
+    nominal_kw = numbers(path, columns, "Paco_W")[chosen][0] / 1000.0
+    return inverter_from_loss(
+        numbers(path, columns, "p_pu")[chosen],
+        discharge=numbers(path, columns, "loss_W")[chosen],
+        nominal_kw=nominal_kw,
+        loss_unit="w",
+        max_error=max_error,
+    )
+
+
+def _from_bslib_row(path: str | Path, columns: Columns, row: int, max_error: float) -> LossTable:
+    """Loss ``a x**2 + b x + c`` [W] over AC power ``x`` / the direction's nominal AC power."""
+
+    def value(name: str) -> float:
+        return float(numbers(path, {name: columns[name][row : row + 1]}, name, gaps=True)[0])
+
+    nominal_w = {"AC2BAT": value("P_AC2BAT_in [W]"), "BAT2AC": value("P_BAT2AC_out [W]")}
+    if not nominal_w["BAT2AC"] > 0.0 or nominal_w["AC2BAT"] <= 0.0:
+        raise InputError(f"{columns['ID'][row]!r} has no battery inverter (no BAT2AC values)")
+    nominal = float(np.nanmin(list(nominal_w.values())))
+    load = np.linspace(0.0, 1.0, 201)
+    curves = {}
+    for path_name, side in (("AC2BAT", "in"), ("BAT2AC", "out")):
+        a, b, c = (value(f"{path_name}_{letter}_{side}") for letter in "abc")
+        if np.isfinite([a, b, c]).all():
+            x = load * nominal / nominal_w[path_name]
+            curves[path_name] = (load, (a * x * x + b * x + c) / nominal)
+    return table_from_curves(
+        curves.get("AC2BAT"),
+        curves.get("BAT2AC"),
+        nominal_kw=nominal / 1000.0,
+        off_loss=0.0,
+        max_error=max_error,
+    )
+
+
+def _from_plain(
+    path: str | Path,
+    columns: Columns,
+    nominal_kw: float | None,
+    power_unit: PowerUnit | None,
+    axis: Axis,
+    max_error: float,
+) -> LossTable:
+    if nominal_kw is None:
+        raise InputError("a plain efficiency table does not say its nominal power; give nominal_kw")
+    words = {name: name.lower() for name in columns}
+    discharging = [name for name, word in words.items() if "discharg" in word or "dch" in word]
+    charging = [name for name, word in words.items() if "charg" in word and name not in discharging]
+    efficiencies = {*charging[:1], *discharging[:1]}
+    others = [name for name in columns if name not in efficiencies and "loss" not in words[name]]
+    if not efficiencies:
+        if len(columns) != 2:
+            raise InputError(
+                f"no inverter file of a known shape; columns are {', '.join(map(repr, list(columns)[:8]))}"
+            )
+        others, discharging = list(columns)[:1], list(columns)[1:]
+    rows = len(next(iter(columns.values())))
+    power = numbers(path, columns, others[0]) if others else np.linspace(0.0, 1.0, rows)
+    if power_unit is None:
+        if not power.max() <= 1.2:
+            raise InputError(f"power reaches {power.max():g}; give power_unit (fraction, percent, kw or w)")
+        power_unit = "fraction"
+    return inverter_from_efficiency(
+        power,
+        charge=numbers(path, columns, charging[0], gaps=True) if charging else None,
+        discharge=numbers(path, columns, discharging[0], gaps=True) if discharging else None,
+        nominal_kw=nominal_kw,
+        power_unit=power_unit,
+        axis=axis,
+        max_error=max_error,
+    )

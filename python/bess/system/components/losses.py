@@ -1,0 +1,178 @@
+"""Efficiency and loss tables of inverters, in any way in which they are published, to a loss table."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bess.arrays import real_numbers
+from bess.errors import InputError
+from bess.system.components.loss_table import Curve, LossTable, check_nominal, table_from_curves
+
+Axis = Literal["ac", "dc", "input", "output"]
+Direction = Literal["charge", "discharge"]
+PowerUnit = Literal["fraction", "percent", "kw", "w"]
+LossUnit = Literal["nominal", "nominal-percent", "axis", "axis-percent", "kw", "w"]
+
+_PERCENT_FROM = 2.0  # an efficiency above this can only be meant in per cent
+
+
+def inverter_from_efficiency(
+    power: ArrayLike,
+    *,
+    nominal_kw: float,
+    charge: ArrayLike | None = None,
+    discharge: ArrayLike | None = None,
+    power_unit: PowerUnit = "fraction",
+    axis: Axis = "ac",
+    off_loss: float = 0.0,
+    max_error: float = 2e-4,
+) -> LossTable:
+    """Loss table from efficiencies (output power / input power).
+
+    Parameters
+    ----------
+    power
+        Power of each row, in ``power_unit``; any order.
+    nominal_kw
+        Nominal AC power [kW].
+    charge, discharge
+        Efficiency of each row, as a fraction or in per cent (told apart by their size). If only one direction
+        is given, the other gets the same loss at the same AC power. At zero power the value is ignored.
+    power_unit
+        ``fraction`` or ``percent`` of nominal AC power, ``kw`` or ``w``.
+    axis
+        Which power ``power`` is: ``ac``, ``dc``, ``input`` (DC in discharge, AC in charge) or ``output``.
+    off_loss
+        Loss of an inverter that is off, as a fraction of nominal power.
+    max_error
+        Largest error of the reduced table, as a fraction of nominal power.
+
+    Raises
+    ------
+    InputError
+        For an efficiency outside [0, 1] or missing, with its row; for a table that ends more than 10 % of
+        nominal power below nominal power.
+
+    Notes
+    -----
+    The no-load loss is the straight line through the losses at the two smallest powers, continued to 0; it is
+    0 if that line ends below. Above the last row, up to 10 %, the line through the last two rows is
+    continued.
+    """
+    x = _per_unit(power, power_unit, nominal_kw, axis)
+
+    def curve(direction: Direction, given: ArrayLike | None) -> Curve | None:
+        if given is None:
+            return None
+        eta = _values(given, x, direction)
+        eta = eta / 100.0 if np.nanmax(eta, initial=0.0) > _PERCENT_FROM else eta
+        eta = np.where(x == 0.0, 1.0, eta)  # 0/0
+        is_output = _is_output(axis, direction)
+        lowest_allowed = "above 0" if is_output else "at least 0"
+        allowed = (eta <= 1.0) & ((eta > 0.0) if is_output else (eta >= 0.0))
+        _refuse_rows(eta, ~allowed, f"{direction} efficiency", f"{lowest_allowed} and at most 1")
+        return _curve(x, x / eta - x if is_output else x - x * eta, axis, direction)
+
+    return table_from_curves(
+        curve("charge", charge),
+        curve("discharge", discharge),
+        nominal_kw=nominal_kw,
+        off_loss=off_loss,
+        max_error=max_error,
+    )
+
+
+def inverter_from_loss(
+    power: ArrayLike,
+    *,
+    nominal_kw: float,
+    charge: ArrayLike | None = None,
+    discharge: ArrayLike | None = None,
+    power_unit: PowerUnit = "fraction",
+    loss_unit: LossUnit = "nominal",
+    axis: Axis = "ac",
+    off_loss: float = 0.0,
+    max_error: float = 2e-4,
+) -> LossTable:
+    """Loss table from losses.
+
+    As :func:`inverter_from_efficiency`, but ``charge`` and ``discharge`` are losses in ``loss_unit``:
+    fractions of nominal AC power (``nominal``) or of the power of the axis (``axis``), either also in
+    ``-percent``, or absolute (``kw``, ``w``). A row at zero power is the no-load loss if its loss is above 0,
+    and is ignored otherwise.
+
+    Raises
+    ------
+    InputError
+        An unknown unit, or what the tables refuse.
+    """
+    x = _per_unit(power, power_unit, nominal_kw, axis)
+    of_nominal = {"nominal": 1.0, "nominal-percent": 0.01, "kw": 1.0 / nominal_kw, "w": 1e-3 / nominal_kw}
+    of_axis = {"axis": x, "axis-percent": 0.01 * x}
+    if loss_unit not in (*of_nominal, *of_axis):
+        raise InputError(f"loss_unit {loss_unit!r}: allowed are {', '.join([*of_nominal, *of_axis])}")
+    unit = of_axis[loss_unit] if loss_unit in of_axis else np.full_like(x, of_nominal[loss_unit])
+
+    def curve(direction: Direction, given: ArrayLike | None) -> Curve | None:
+        if given is None:
+            return None
+        loss = _values(given, x, direction) * unit
+        _refuse_rows(loss, ~((loss >= 0.0) & (loss < 1.0)), f"{direction} loss / nominal", "in [0, 1)")
+        return _curve(x, loss, axis, direction)
+
+    return table_from_curves(
+        curve("charge", charge),
+        curve("discharge", discharge),
+        nominal_kw=nominal_kw,
+        off_loss=off_loss,
+        max_error=max_error,
+    )
+
+
+def _per_unit(power: ArrayLike, unit: str, nominal_kw: float, axis: str) -> NDArray[np.float64]:
+    check_nominal(nominal_kw)
+    scale = {"fraction": 1.0, "percent": 0.01, "kw": 1.0 / nominal_kw, "w": 1e-3 / nominal_kw}
+    if unit not in scale:
+        raise InputError(f"power_unit {unit!r}: allowed are {', '.join(scale)}")
+    if axis not in ("ac", "dc", "input", "output"):
+        raise InputError(f"axis {axis!r}: allowed are ac, dc, input, output")
+    x = _numbers(power, "power") * scale[unit]
+    if x.ndim != 1:
+        raise InputError(f"power must be one list of numbers, not an array of shape {x.shape}")
+    _refuse_rows(x, ~(np.isfinite(x) & (x >= 0.0)), "power / nominal", "finite and at least 0")
+    return x
+
+
+def _numbers(given: ArrayLike, name: str) -> NDArray[np.float64]:
+    try:
+        return real_numbers(given)
+    except ValueError as error:
+        raise InputError(f"{name} must be a list of numbers ({error})") from error
+
+
+def _values(given: ArrayLike, x: NDArray[np.float64], name: str) -> NDArray[np.float64]:
+    values = _numbers(given, name)
+    if values.shape != x.shape:
+        raise InputError(f"{name} has {values.size} rows, power has {x.size}")
+    return values
+
+
+def _refuse_rows(values: NDArray[np.float64], bad: NDArray[np.bool_], name: str, allowed: str) -> None:
+    if bad.any():
+        row = int(np.argmax(bad))
+        raise InputError(f"row {row + 1}: {name} is {values[row]:g}, must be {allowed}")
+
+
+def _is_output(axis: str, direction: Direction) -> bool:
+    return axis in ("output", "ac" if direction == "discharge" else "dc")
+
+
+def _curve(x: NDArray[np.float64], loss: NDArray[np.float64], axis: str, direction: Direction) -> Curve:
+    output = x if _is_output(axis, direction) else x - loss
+    ac = output if direction == "discharge" else output + loss
+    _refuse_rows(ac, ac < 0.0, "discharge AC power / nominal", "at least 0: the loss exceeds the DC power")
+    informative = (x > 0.0) | (loss > 0.0)
+    return ac[informative], loss[informative]

@@ -1,0 +1,156 @@
+"""Nested documents (TOML tables): reading, merging, and saying what is wrong with them."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from collections.abc import Mapping, Sequence
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel
+
+from bess.errors import InputError
+from bess.files import missing, parse_toml, read_file
+
+_DEEPEST = 12
+_LARGEST_BYTES = 20 * 2**20
+_SHOWN_PROBLEMS = 4
+_PLAIN_WORDS = {
+    "extra_forbidden": "unknown key",
+    "missing": "missing",
+    "float_type": "must be a number",
+    "float_parsing": "must be a number",
+    "int_parsing": "must be a whole number",
+    "int_type": "must be a whole number",
+    "finite_number": "must be a finite number",
+    "string_type": "must be a text",
+    "tuple_type": "must be a list",
+    "list_type": "a list",
+    "bool_type": "must be true or false",
+    "model_type": "must be a table",
+    "model_attributes_type": "must be a table",
+    "invalid_key": "keys must be texts",
+}
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a TOML file, with or without a mark of its encoding."""
+    return read_file(path, _LARGEST_BYTES).decode("utf-8-sig").replace("\r\n", "\n")
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Parse a TOML file; whatever is wrong with it becomes an :class:`InputError` that names it.
+
+    Raises
+    ------
+    InputError
+        There is no such file, or it is not TOML.
+    """
+    try:
+        return parse_toml(read_text(path))
+    except InputError:
+        raise
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; {missing(path)}") from None
+    except (OSError, UnicodeDecodeError, ValueError) as error:
+        # TOMLDecodeError is a ValueError; so is the refusal of a path with a NUL in it.
+        what = "not valid TOML" if isinstance(error, tomllib.TOMLDecodeError) else "cannot be read"
+        raise InputError(f"{path}: {what} ({error})") from error
+
+
+def plain(value: object, name: str, place: str = "", depth: int = 0) -> Any:
+    """Return a copy of ``value`` of tables, lists, texts and numbers; refuse anything else by its key.
+
+    Raises
+    ------
+    InputError
+        With the place of the value that is none of these, or is nested too deeply.
+    """
+    if depth > _DEEPEST:
+        raise InputError(f"{name}: {place[:80]}...: nested deeper than {_DEEPEST} levels")
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {
+            str(key): plain(item, name, f"{place}.{key}".lstrip("."), depth + 1)
+            for key, item in value.items()
+        }
+    if isinstance(value, list | tuple):
+        return [plain(item, name, f"{place}[{index}]", depth + 1) for index, item in enumerate(value)]
+    if isinstance(value, str | int | float):
+        return value
+    raise InputError(f"{name}: {place} = {value!r}: must be a number, a text, a list or a table")
+
+
+def deep_merge(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:
+    """Return ``base`` with the leaves of ``override`` put over it; neither is changed."""
+    merged = dict(base)
+    for key, value in override.items():
+        old = merged.get(key)
+        merged[key] = (
+            deep_merge(old, value) if isinstance(old, Mapping) and isinstance(value, Mapping) else value
+        )
+    return merged
+
+
+def describe(
+    found: Sequence[Mapping[str, Any]],
+    name: str,
+    *,
+    prefix: str = "",
+    rename: Mapping[str, str] | None = None,
+    model: type[BaseModel] | None = None,
+) -> str:
+    """One sentence for each problem of a validation, joined by ``; ``: file, key, value, what is allowed.
+
+    ``found`` is from ``ValidationError.errors()``. With ``model``, an unknown key is answered with the one of
+    that model that was probably meant.
+    """
+    rename = rename or {}
+    problems: dict[str, list[str]] = {}
+    for problem in found:
+        unknown = problem["type"] == "extra_forbidden"
+        path = ""
+        for part in problem["loc"]:
+            if isinstance(part, int):
+                path += f"[{part}]"
+            elif unknown or not _is_kind(part):
+                path += f".{rename.get(part, part)}"
+        key = (prefix + path.lstrip(".")).rstrip(".")
+        message = problem["msg"].removeprefix("Value error, ")
+        message = _PLAIN_WORDS.get(problem["type"], message[:1].lower() + message[1:])
+        message = message.replace("input should be", "must be", 1)
+        if unknown and model is not None:
+            message += _meant(str(problem["loc"][-1]), model)
+        problems.setdefault(key + ("" if unknown else _shown(problem["input"])), []).append(message)
+    sentences = [f"{key}: {' or '.join(messages)}".removeprefix(": ") for key, messages in problems.items()]
+    if len(sentences) > _SHOWN_PROBLEMS:
+        more = len(sentences) - _SHOWN_PROBLEMS
+        sentences[_SHOWN_PROBLEMS:] = [f"and {more} more problem{'s' if more > 1 else ''}"]
+    return f"{name}: " + "; ".join(sentences)
+
+
+def _meant(key: str, model: type[BaseModel]) -> str:
+    tables = [made := model.model_json_schema(), *made.get("$defs", {}).values()]
+    close = difflib.get_close_matches(
+        key, {name for table in tables for name in table.get("properties", {})}, n=1
+    )
+    return f"; did you mean {close[0]!r}?" if close else ""
+
+
+def _is_kind(part: str) -> bool:
+    """Whether a part of a location is one of the types a value may have, which pydantic puts there."""
+    return "[" in part or part[:1].isupper()
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, Mapping | list | tuple | type(None)):
+        return ""
+    try:
+        text = value.isoformat() if isinstance(value, date) else repr(value)
+    except ValueError:  # an integer with more digits than Python prints
+        text = "a very large number"
+    return f" = {text if len(text) <= 60 else text[:57] + '...'}"

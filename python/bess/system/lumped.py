@@ -1,0 +1,110 @@
+"""The lumped thermal model of a cooled plant, identified from the plant itself.
+
+A controller sees a string as ``dT/dt = k1 h - k2 (T - T_ref)``. With air of the ambient ``T_ref`` is the
+ambient's temperature; a thermostat and a chiller make it something between that and the coolant's. The same
+experiment serves every kind: the plant is charged and discharged at several ambient temperatures, from cold
+and from warm. ``1 / k1`` is the heat that stays in a string per rise of its temperature; what the coolant
+carries off in a control step is regressed on the string's temperature before it and on the ambient.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bess import _core
+from bess.arrays import Array
+
+_AMBIENTS_C = (5.0, 20.0, 35.0)
+_STARTS_C = (20.0, 35.0)
+_STEPS = 288
+_PERIOD = 20
+_SHARE = 0.5
+_SLOWEST_PER_S = 1e-9
+
+
+@dataclass(frozen=True)
+class Lumped:
+    """Lumped thermal model of each string, ``T_ref = follows * ambient + offset_c``.
+
+    Attributes
+    ----------
+    k1_k_per_j, k2_per_s, follows, offset_c, error_k : ndarray, shape (n_strings,)
+        Rise per heat, rate of cooling, where it cools to, and the root mean square error of a control
+        step [K].
+    """
+
+    k1_k_per_j: Array
+    k2_per_s: Array
+    follows: Array
+    offset_c: Array
+    error_k: Array
+
+    def surroundings_c(self, ambient_c: Array) -> Array:
+        """Temperature that strings cool towards, mean over the strings, at ambient temperatures [degC]."""
+        return np.asarray(self.follows.mean() * ambient_c + self.offset_c.mean())
+
+
+def identify(
+    core: _core.System, soc: Array, nominal_kw: Array, nodes: Array, step_s: tuple[float, float]
+) -> Lumped:
+    """Identify the lumped model of each string.
+
+    Parameters
+    ----------
+    core
+        The plant's tables.
+    soc : ndarray, shape (n_strings,)
+        Middle of each window, where the experiment starts.
+    nominal_kw : ndarray, shape (n_strings,)
+        Of each inverter.
+    nodes : ndarray of int, shape (n_strings,)
+        Thermal nodes of each string.
+    step_s
+        Control step and plant step [s].
+    """
+    control_s, plant_s = step_s
+    cases = [(ambient, start) for ambient in _AMBIENTS_C for start in _STARTS_C]
+    ambient_c = np.array([ambient for ambient, _ in cases])
+    start_c = np.repeat([start for _, start in cases], soc.size).reshape(len(cases), soc.size)
+    state: dict[str, Any] = {
+        "soc": np.tile(soc, len(cases)),
+        "node_temperature_c": np.repeat(start_c.ravel(), int(nodes.max())),
+        "derating_integral_k": np.zeros(start_c.size),
+        "inverter_on": np.zeros(start_c.size, dtype=np.bool_),
+        "soh_capacity": np.ones(start_c.size),
+        "soh_resistance": np.ones(start_c.size),
+    }
+    plant = _core.Plant(core, len(cases), plant_s, "table", state)
+    # Charge, rest, discharge, rest: what a day of trade looks like to the temperature.
+    phase = (np.arange(_STEPS) % _PERIOD) / _PERIOD
+    wave = np.select([phase < 0.4, phase < 0.5, phase < 0.9], [-1.0, 0.0, 1.0], 0.0)
+    request_kw = _SHARE * wave[:, None, None] * np.broadcast_to(nominal_kw, start_c.shape)
+    flows = plant.run(request_kw.ravel(), np.tile(ambient_c, _STEPS), control_s, False)
+    heat_w = 1e3 * flows["battery_loss_kw"].reshape(_STEPS, *start_c.shape)
+    carried_w = 1e3 * flows["cooling_kw"].reshape(_STEPS, *start_c.shape)
+    after_c = flows["temperature_c"].reshape(_STEPS, *start_c.shape)
+    before_c = np.concatenate([start_c[None], after_c[:-1]])
+    rise_k = after_c - before_c
+    found = []
+    for m in range(soc.size):
+        kept_j = control_s * (heat_w[..., m] - carried_w[..., m])
+        k1 = float((kept_j * rise_k[..., m]).sum() / (kept_j**2).sum())
+        k2, follows, offset_c = _regress(k1 * carried_w[..., m], before_c[..., m], ambient_c)
+        towards_c = follows * ambient_c + offset_c
+        predicted_k = control_s * (k1 * heat_w[..., m] - k2 * (before_c[..., m] - towards_c))
+        error_k = float(np.sqrt(((predicted_k - rise_k[..., m]) ** 2).mean()))
+        found.append((k1, k2, follows, offset_c, error_k))
+    return Lumped(*np.array(found).T)
+
+
+def _regress(cooling_k_s: Array, before_c: Array, ambient_c: Array) -> tuple[float, float, float]:
+    """``cooling = k2 (before - follows ambient - offset)`` by least squares, over steps and cases."""
+    around = np.broadcast_to(ambient_c, before_c.shape)
+    matrix = np.stack([before_c.ravel(), around.ravel(), np.ones(before_c.size)], axis=1)
+    (k2, k3, constant), *_ = np.linalg.lstsq(matrix, cooling_k_s.ravel(), rcond=None)
+    if k2 < _SLOWEST_PER_S:  # a string that nothing cools
+        return 0.0, 1.0, 0.0
+    return float(k2), float(-k3 / k2), float(-constant / k2)

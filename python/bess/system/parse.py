@@ -1,0 +1,135 @@
+"""From a system document to the validated sections of every string."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+from pydantic import ValidationError
+
+from bess.errors import InputError
+from bess.system.battery import Battery
+from bess.system.cooling import Cooling
+from bess.system.documents import describe
+from bess.system.library import put_over
+from bess.system.section import Section
+from bess.system.sections import About, Control, Derating, Inverter, SystemDefaults, Thermal, Wear
+
+_T = TypeVar("_T", bound=Section)
+
+_OVERRIDABLE = ("system", "battery", "inverter", "derating", "thermal", "wear")
+PER_STRING_SITE = (
+    "initial_soc",
+    "initial_temperature_c",
+    "initial_soh_capacity",
+    "initial_soh_resistance",
+)
+
+
+class StringParameters(Section):
+    """All sections of one string."""
+
+    site: SystemDefaults
+    battery: Battery
+    inverter: Inverter
+    derating: Derating
+    thermal: Thermal
+    wear: Wear = Wear()
+
+    def core_document(self) -> dict[str, Any]:
+        """Parameters of the string for the compiled core."""
+        ageing = {"model": self.wear.cell_model, "calendar_share": self.wear.calendar_share}
+        return {**self.model_dump(exclude={"site", "wear"}), "ageing": ageing}
+
+
+class _Plant(Section):
+    """Sections that are of the whole plant."""
+
+    cooling: Cooling | None = None
+
+
+def parse_cooling(document: Mapping[str, Any], name: str) -> Cooling | None:
+    """Check the section ``[cooling]``; None where there is none."""
+    table = {"cooling": document["cooling"]} if "cooling" in document else {}
+    return _validated(_Plant, table, name, "").cooling
+
+
+def parse_strings(document: Mapping[str, Any], name: str) -> tuple[tuple[StringParameters, ...], Control]:
+    """Check a whole document; return its strings, each with all its sections, and the control section.
+
+    Raises
+    ------
+    InputError
+        With the table and key that are not known, or do not fit the number of strings.
+    """
+    check_layout(document, name)
+    overrides = document.get("string", [])
+    site = document.get("system", {})
+    if "about" in document:
+        _validated(About, document["about"], name, "about.")
+    control = _validated(Control, document.get("control", {}), name, "control.")
+    n_strings = string_count(document, name)
+    whole_site = {**site, "n_strings": n_strings}
+    if len(overrides) > n_strings:
+        raise InputError(f"{name}: {len(overrides)} [[string]] tables for system.n_strings = {n_strings}")
+
+    base = {key: document.get(key, {}) for key in _OVERRIDABLE} | {"system": whole_site}
+    if len(overrides) < n_strings:
+        plain_string = _string({}, base, name, "")
+    strings = []
+    for index in range(n_strings):
+        if index >= len(overrides):
+            strings.append(plain_string)
+            continue
+        place, override = f"string[{index}].", overrides[index]
+        if unknown := sorted(set(override) - set(_OVERRIDABLE)):
+            raise InputError(
+                f"{name}: {place}{unknown[0]}: unknown section; allowed: {', '.join(_OVERRIDABLE)}"
+            )
+        own_site = override.get("system", {})
+        if isinstance(own_site, Mapping) and (misplaced := sorted(set(own_site) - set(PER_STRING_SITE))):
+            raise InputError(
+                f"{name}: {place}system.{misplaced[0]}: not a key of one string; "
+                f"allowed: {', '.join(PER_STRING_SITE)}"
+            )
+        strings.append(_string(base, override, name, place))
+    return tuple(strings), control
+
+
+def check_layout(document: object, name: str) -> None:
+    """Raise :class:`InputError` unless ``document`` is made of the sections of a system file."""
+    if not isinstance(document, Mapping):
+        raise InputError(f"{name}: a system is a table of sections, not {type(document).__name__}")
+    known = {*_OVERRIDABLE, "about", "control", "cooling", "string"}
+    if unknown := sorted(set(document) - known):
+        raise InputError(f"{name}: unknown section {unknown[0]!r}; allowed: {', '.join(sorted(known))}")
+    overrides = document.get("string", [])
+    if not isinstance(overrides, list) or not all(isinstance(entry, Mapping) for entry in overrides):
+        raise InputError(f"{name}: string: write one [[string]] table for each string")
+    for section in (*_OVERRIDABLE, "cooling"):
+        if not isinstance(document.get(section, {}), Mapping):
+            raise InputError(f"{name}: {section}: must be a table")
+
+
+def string_count(document: Mapping[str, Any], name: str) -> int:
+    """Number of strings of a document of sections: ``system.n_strings``, else one for each table."""
+    whole_site = {"n_strings": len(document.get("string", [])) or 1, **document.get("system", {})}
+    return _validated(SystemDefaults, whole_site, name, "system.").n_strings
+
+
+def _string(base: Mapping[str, Any], override: Mapping[str, Any], name: str, place: str) -> StringParameters:
+    try:
+        sections = put_over(put_over({}, base), override)
+    except InputError as error:
+        raise InputError(f"{name}: {place}{error}") from error
+    renamed = {"site" if key == "system" else key: value for key, value in sections.items()}
+    return _validated(StringParameters, renamed, name, place)
+
+
+def _validated(kind: type[_T], table: object, name: str, prefix: str) -> _T:
+    try:
+        return kind.model_validate(table)
+    except ValidationError as error:
+        raise InputError(
+            describe(error.errors(), name, prefix=prefix, rename={"site": "system"}, model=kind)
+        ) from error

@@ -1,0 +1,115 @@
+"""Numbers of a system file: each kind with its unit and the range in which it makes physical sense.
+
+A range is wide enough for any plant that could be built and narrow enough that no product of two values
+overflows. Strings and booleans are not numbers here, and neither are NaN and infinity.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, Field, GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic_core import CoreSchema, core_schema
+
+from bess._core import ageing_models
+from bess.system.state import SOH_CAPACITY_RANGE, SOH_RESISTANCE_RANGE
+
+_STRICT = Field(strict=True)
+
+
+@dataclass(frozen=True)
+class Within:
+    """Refuse a number outside ``[low, high]``; ``above`` and ``below`` leave that end out of the range."""
+
+    low: float
+    high: float
+    unit: str
+    above: bool
+    below: bool
+
+    def __call__(self, value: float) -> float:
+        """Return the value, or say what is allowed.
+
+        Raises
+        ------
+        ValueError
+            The value is outside of its range.
+        """
+        inside = self.low < value < self.high
+        if inside or (value == self.low and not self.above) or (value == self.high and not self.below):
+            return value
+        left, right = "(" if self.above else "[", ")" if self.below else "]"
+        unit = f" {self.unit}" if self.unit else ""
+        raise ValueError(f"must be in {left}{self.low:g}, {self.high:g}{right}{unit}")
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Check after the type of the field."""
+        return core_schema.no_info_after_validator_function(self, handler(source))
+
+    def __get_pydantic_json_schema__(self, made: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """The range in the words of JSON schema."""
+        low, high = (
+            "exclusiveMinimum" if self.above else "minimum",
+            "exclusiveMaximum" if self.below else "maximum",
+        )
+        return {**handler(made), low: self.low, high: self.high}
+
+
+def within(low: float, high: float, unit: str = "", *, above: bool = False, below: bool = False) -> Within:
+    """Return what refuses a number outside ``[low, high]``; see :class:`Within`."""
+    return Within(low, high, unit, above, below)
+
+
+Count = Annotated[int, _STRICT, within(1, 10_000)]
+Fraction = Annotated[float, _STRICT, within(0.0, 1.0)]
+Loss = Annotated[float, _STRICT, within(0.0, 1.0, "of nominal power", below=True)]
+Ratio = Annotated[float, _STRICT, within(0.0, 100.0, above=True)]
+Temperature = Annotated[float, _STRICT, within(-60.0, 150.0, "degC")]
+CellVoltage = Annotated[float, _STRICT, within(0.0, 10.0, "V", above=True)]
+CellResistance = Annotated[float, _STRICT, within(0.0, 1e6, "mOhm", above=True)]
+CellCapacity = Annotated[float, _STRICT, within(0.0, 1e5, "Ah", above=True)]
+CellMass = Annotated[float, _STRICT, within(0.0, 1e4, "kg", above=True)]
+EntropyCoefficient = Annotated[float, _STRICT, within(-5.0, 5.0, "mV/K")]
+Power = Annotated[float, _STRICT, within(0.0, 1e6, "kW", above=True)]
+Positive = Annotated[float, _STRICT, within(0.0, 1e6, above=True)]
+NonNegative = Annotated[float, _STRICT, within(0.0, 1e6)]
+
+EndOfLife = Annotated[float, _STRICT, within(0.0, 1.0, below=True)]
+SohCapacity = Annotated[float, _STRICT, within(*SOH_CAPACITY_RANGE)]
+SohResistance = Annotated[float, _STRICT, within(*SOH_RESISTANCE_RANGE)]
+
+SocAxis = Annotated[tuple[Fraction, ...], Field(min_length=2)]
+TemperatureAxis = Annotated[tuple[Temperature, ...], Field(min_length=1)]
+RateAxis = Annotated[tuple[Ratio, ...], Field(min_length=1)]
+
+
+def _is_ageing_model(name: str) -> str:
+    known = ["none", "throughput", *(model for model, _ in ageing_models())]
+    if name not in known:
+        raise ValueError(f"is no model of ageing; there are {', '.join(known)}")
+    return name
+
+
+AgeingModel = Annotated[str, AfterValidator(_is_ageing_model)]
+
+
+def ascending(values: tuple[float, ...]) -> tuple[float, ...]:
+    """Return ``values`` if they strictly ascend.
+
+    Raises
+    ------
+    ValueError
+        With the first pair that does not ascend.
+    """
+    for first, second in pairwise(values):
+        if second <= first:
+            raise ValueError(f"knots must ascend, but {second:g} follows {first:g}")
+    return values
+
+
+def same_length(axis_name: str, axis: tuple[float, ...], name: str, values: tuple[object, ...]) -> None:
+    """Raise ValueError unless a table has one value for each knot of its axis."""
+    if len(values) != len(axis):
+        raise ValueError(f"{name} has {len(values)} values, {axis_name} has {len(axis)}; give one per knot")

@@ -1,0 +1,188 @@
+"""Sections of a system file other than the battery, one class each, as in ``data/systems/reference.toml``."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Annotated, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from bess.system.components.loss_table import check_losses
+from bess.system.quantities import (
+    AgeingModel,
+    Count,
+    EndOfLife,
+    Fraction,
+    Loss,
+    NonNegative,
+    Positive,
+    Power,
+    SohCapacity,
+    SohResistance,
+    Temperature,
+    TemperatureAxis,
+    ascending,
+    same_length,
+    within,
+)
+from bess.system.section import Section
+
+SMALL_SHARE = 0.01
+"""Largest least power of an inverter, as a share of its nominal power."""
+
+PRICES_ONLY = ("none", "throughput")
+"""Models of wear that leave capacity and resistance as they are."""
+
+
+class About(Section):
+    """Section ``[about]``: what the file describes, where its numbers come from, and under which licence.
+
+    ``cell`` and ``inverter`` describe these parts of a system if they are also bundled by themselves.
+    """
+
+    description: str
+    source: str
+    licence: str
+    cell: str = ""
+    inverter: str = ""
+
+
+class Inverter(Section):
+    """Inverter of one string: losses as fractions of nominal AC power over delivered AC power / nominal.
+
+    ``load`` starts at 0 (the no-load loss of an inverter that is on) and ends at 1. Below ``min_power_kw`` an
+    inverter is off, and no set-point is between that and 0.
+    """
+
+    nominal_kw: Power
+    load: Annotated[tuple[Fraction, ...], Field(min_length=2)]
+    loss_charge: tuple[Loss, ...]
+    loss_discharge: tuple[Loss, ...]
+    off_loss: Annotated[float, Field(strict=True), within(0.0, 0.1, "of nominal power", below=True)] = 0.0
+    min_power_kw: Annotated[float, Field(strict=True), within(0.0, 1.0, "kW", above=True)] = 1e-3
+
+    _ascend = field_validator("load")(ascending)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.load[0] != 0.0 or self.load[-1] != 1.0:
+            raise ValueError(f"load must run from 0 to 1, not from {self.load[0]:g} to {self.load[-1]:g}")
+        same_length("load", self.load, "loss_charge", self.loss_charge)
+        same_length("load", self.load, "loss_discharge", self.loss_discharge)
+        check_losses(self.load, self.loss_charge, "charge")
+        check_losses(self.load, self.loss_discharge, "discharge")
+        if self.min_power_kw > SMALL_SHARE * self.nominal_kw:
+            raise ValueError(
+                f"min_power_kw = {self.min_power_kw:g} kW must be at most {SMALL_SHARE:.0%} of nominal_kw = "
+                f"{self.nominal_kw:g} kW: below it an inverter is off"
+            )
+        return self
+
+
+class Derating(Section):
+    """Temperature derating: the factor table and the gains of the PI law."""
+
+    start_c: Temperature
+    stop_c: Temperature
+    kp_per_k: NonNegative
+    ki_per_k_step: NonNegative
+    temperature_c: TemperatureAxis
+    factor: tuple[Fraction, ...]
+
+    _ascend = field_validator("temperature_c")(ascending)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.start_c >= self.stop_c:
+            raise ValueError(f"start_c {self.start_c:g} degC must be below stop_c {self.stop_c:g} degC")
+        same_length("temperature_c", self.temperature_c, "factor", self.factor)
+        for low, high in pairwise(self.factor):
+            if high > low:
+                raise ValueError(f"factor must not rise with temperature, but {high:g} follows {low:g}")
+        return self
+
+
+class SpatialThermal(Section):
+    """One-dimensional thermal model of one representative pack along the air path."""
+
+    packs_per_string: Count
+    length_m: Positive
+    nodes: Annotated[int, Field(strict=True), within(2, 10_000)]
+    section_m2: Positive
+    width_m: Positive
+    density_kg_m3: Positive
+    specific_heat_j_kgk: Positive
+    conductivity_w_mk: NonNegative
+    lateral_u_w_m2k: NonNegative
+    end_u_w_m2k: NonNegative
+    air_flow_kg_s: Positive
+    air_cp_j_kgk: Positive
+
+
+class LumpedThermal(Section):
+    """Lumped thermal model of one string, as the controller sees it."""
+
+    k1_k_per_j: Positive
+    k2_per_s: NonNegative
+
+
+class Thermal(Section):
+    """Both thermal models of a string."""
+
+    spatial: SpatialThermal
+    lumped: LumpedThermal
+
+
+class Wear(Section):
+    """Section ``[wear]``: how a string ages, and what that costs.
+
+    ``model`` is a cell model (``bess list``), ``"throughput"`` (a price per MWh discharged and no physics) or
+    ``"none"``. A cell model's loss of capacity costs ``loss / (1 - end_of_life) * replacement_eur_kwh`` per
+    kWh of nominal energy. Of what a string has lost at the start, ``calendar_share`` was lost by standing.
+    """
+
+    model: AgeingModel = "none"
+    replacement_eur_kwh: NonNegative = 200.0
+    end_of_life: EndOfLife = 0.8
+    eur_per_mwh: NonNegative | None = None
+    calendar_share: Fraction = 0.5
+
+    @property
+    def cell_model(self) -> str | None:
+        """Name of the cell model, None where capacity and resistance stay."""
+        return None if self.model in PRICES_ONLY else self.model
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.model == "throughput" and self.eur_per_mwh is None:
+            raise ValueError('model = "throughput" needs eur_per_mwh, the price of a MWh discharged (AC)')
+        return self
+
+
+class SystemDefaults(Section):
+    """Section ``[system]``: number of strings, ambient and initial state."""
+
+    n_strings: Annotated[int, Field(strict=True), within(1, 1000)]
+    ambient_c: Temperature = 25.0
+    initial_soc: Fraction = 0.5
+    initial_temperature_c: Temperature = 25.0
+    initial_soh_capacity: SohCapacity = 1.0
+    initial_soh_resistance: SohResistance = 1.0
+
+
+class Control(Section):
+    """Section ``[control]``: control step, horizon and plant step."""
+
+    step_min: Annotated[float, Field(strict=True), within(0.0, 1440.0, "min", above=True)] = 15.0
+    horizon_steps: Annotated[int, Field(strict=True), within(1, 96)] = 8
+    plant_step_s: Annotated[float, Field(strict=True), within(1e-3, 86_400.0, "s")] = 10.0
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        ratio = self.step_min * 60.0 / self.plant_step_s
+        if abs(ratio - round(ratio)) > 1e-9 * ratio or ratio < 1.0 - 1e-9:
+            raise ValueError(
+                f"plant_step_s {self.plant_step_s:g} s does not divide the control step of "
+                f"{self.step_min:g} min"
+            )
+        return self

@@ -1,0 +1,109 @@
+"""Measured state of a plant, apart from its parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bess.arrays import ByValue, real_numbers
+from bess.display import as_table, few, one_line
+from bess.errors import InputError
+
+TEMPERATURE_RANGE_C = (-60.0, 150.0)
+SOH_CAPACITY_RANGE = (0.01, 1.5)
+SOH_RESISTANCE_RANGE = (0.1, 100.0)
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class State(ByValue):
+    """State of every string at one instant.
+
+    Attributes
+    ----------
+    soc : ndarray, shape (n_strings,)
+        State of charge, 0 to 1.
+    temperature_c : ndarray, shape (n_strings,)
+        Mean temperature of each string [degC].
+    soh_capacity : ndarray, shape (n_strings,)
+        Capacity over that of the system file, 0.01 to 1.5; 1 if not given.
+    soh_resistance : ndarray, shape (n_strings,)
+        Resistance over that of the system file, 0.1 to 100; 1 if not given.
+    cyclic_loss : ndarray, shape (n_strings,), or None
+        Part of the capacity lost that came by cycling, as a share of that of the system file; a plant tells
+        it, and what the next cycle costs depends on it. None where it is not known.
+    """
+
+    soc: NDArray[np.float64]
+    temperature_c: NDArray[np.float64]
+    soh_capacity: NDArray[np.float64]
+    soh_resistance: NDArray[np.float64]
+    cyclic_loss: NDArray[np.float64] | None
+
+    def __init__(
+        self,
+        soc: ArrayLike,
+        temperature_c: ArrayLike,
+        soh_capacity: ArrayLike | None = None,
+        soh_resistance: ArrayLike | None = None,
+        cyclic_loss: ArrayLike | None = None,
+    ) -> None:
+        object.__setattr__(self, "soc", _vector("soc", soc, (0.0, 1.0), ""))
+        object.__setattr__(
+            self, "temperature_c", _vector("temperature_c", temperature_c, TEMPERATURE_RANGE_C, " degC")
+        )
+        fresh = np.ones(self.soc.size)
+        capacity = fresh if soh_capacity is None else soh_capacity
+        resistance = fresh if soh_resistance is None else soh_resistance
+        object.__setattr__(self, "soh_capacity", _vector("soh_capacity", capacity, SOH_CAPACITY_RANGE, ""))
+        object.__setattr__(
+            self, "soh_resistance", _vector("soh_resistance", resistance, SOH_RESISTANCE_RANGE, "")
+        )
+        lost = None if cyclic_loss is None else _vector("cyclic_loss", cyclic_loss, (0.0, 1.0), "")
+        object.__setattr__(self, "cyclic_loss", lost)
+        for name in ("temperature_c", "soh_capacity", "soh_resistance", "cyclic_loss"):
+            values = getattr(self, name)
+            if values is not None and values.size != self.soc.size:
+                raise InputError(f"state: soc has {self.soc.size} strings, {name} has {values.size}")
+
+    def _facts(self) -> dict[str, str]:
+        facts = {"soc": few(self.soc), "temperature": few(self.temperature_c, ".3g", "°C")}
+        if not self.is_fresh:
+            facts["capacity left"] = few(self.soh_capacity)
+            facts["resistance over that when new"] = few(self.soh_resistance)
+        return facts
+
+    __repr__ = one_line
+    _repr_html_ = as_table
+
+    @property
+    def n_strings(self) -> int:
+        """Number of strings."""
+        return self.soc.size
+
+    @property
+    def is_fresh(self) -> bool:
+        """Whether every string has the capacity and resistance of the system file."""
+        return bool((self.soh_capacity == 1.0).all() and (self.soh_resistance == 1.0).all())
+
+
+def _vector(name: str, values: ArrayLike, limits: tuple[float, float], unit: str) -> NDArray[np.float64]:
+    try:
+        array = real_numbers(values).copy()
+    except ValueError as error:
+        raise InputError(f"state: {name} must be one number for each string ({error})") from error
+    if array.ndim != 1 or array.size == 0:
+        raise InputError(
+            f"state: {name} must be one number for each string, not an array of shape {array.shape}"
+        )
+    low, high = limits
+    # One number for each string: a loop over them is quicker than calls of arrays.
+    for index, value in enumerate(array.tolist()):
+        # The comparison is false for NaN, so NaN is refused here as well.
+        if not low - 1e-9 <= value <= high + 1e-9:
+            raise InputError(
+                f"state: string {index}: {name} {value:g}{unit} is outside [{low:g}, {high:g}]{unit}"
+            )
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,288 @@
+"""A plant: its strings, validated once, and its tables in the Rust core."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bess import _core
+from bess.display import as_table
+from bess.errors import InputError
+from bess.system.components.registry import SYSTEMS, system_document
+from bess.system.documents import plain, read_toml
+from bess.system.lumped import Lumped, identify
+from bess.system.parse import PER_STRING_SITE, StringParameters, parse_cooling, parse_strings
+from bess.system.sections import LumpedThermal
+from bess.system.state import State
+
+
+class System:
+    """A plant of parallel strings, each with its own inverter.
+
+    Immutable. Build one with :meth:`reference` or :func:`bess.load_system`.
+
+    Attributes
+    ----------
+    name : str
+        Where the description came from.
+    document : dict
+        The description as given: tables of numbers, texts and lists. ``System(system.document)`` is an equal
+        system.
+    strings : tuple of StringParameters
+        One entry for each string.
+    control : Control
+        Control step [min], horizon [steps], plant step [s].
+    ambient_c : float
+        Ambient temperature [degC] unless a weather file gives it.
+    cooling : Cooling or None
+        Section ``[cooling]``; None where air of the ambient passes the strings and costs nothing.
+    lumped : Lumped or None
+        With cooling, the lumped thermal model as it was identified from the plant; it takes the place of
+        ``[thermal.lumped]``.
+    core : bess._core.System
+        The string-level tables, shared by plant and control model.
+    """
+
+    def __init__(self, document: Mapping[str, Any], *, name: str = "system") -> None:
+        self.name = name
+        self.document: dict[str, Any] = plain(document, name)
+        strings, self.control = parse_strings(self.document, name)
+        self.cooling = parse_cooling(self.document, name)
+        self.strings: tuple[StringParameters, ...] = strings
+        self.ambient_c: float = strings[0].site.ambient_c
+        self.core = self._tables()
+        self.lumped: Lumped | None = None
+        if self.cooling is not None:
+            self.lumped = self._identified()
+            self.strings = tuple(
+                string.model_copy(
+                    update={
+                        "thermal": string.thermal.model_copy(
+                            update={"lumped": LumpedThermal(k1_k_per_j=float(k1), k2_per_s=float(k2))}
+                        )
+                    }
+                )
+                for string, k1, k2 in zip(strings, self.lumped.k1_k_per_j, self.lumped.k2_per_s, strict=True)
+            )
+            self.core = self._tables()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but what the core holds, which is made anew."""
+        return {name: value for name, value in vars(self).items() if name not in ("core", "_control")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self.core = self._tables()
+
+    def __eq__(self, other: object) -> bool:
+        """Whether strings, control and cooling are equal, whatever the systems are called."""
+        if not isinstance(other, System):
+            return NotImplemented
+        return (self.strings, self.control, self.cooling) == (other.strings, other.control, other.cooling)
+
+    def __hash__(self) -> int:
+        return hash((self.n_strings, self.ambient_c))
+
+    def _tables(self) -> _core.System:
+        cooling = None if self.cooling is None else self.cooling.model_dump()
+        document = {"strings": [string.core_document() for string in self.strings], "cooling": cooling}
+        try:
+            return _core.System(json.dumps(document))
+        except ValueError as error:
+            raise InputError(f"{self.name}: {error}") from error
+
+    def _identified(self) -> Lumped:
+        windows = [(s.battery.soc_min, s.battery.soc_max) for s in self.strings]
+        nodes = np.array([s.thermal.spatial.nodes for s in self.strings])
+        steps_s = (60.0 * self.control.step_min, self.control.plant_step_s)
+        try:
+            return identify(self.core, np.mean(windows, axis=1), self.nominal_kw, nodes, steps_s)
+        except ValueError as error:
+            raise InputError(f"{self.name}: {error}") from error
+
+    @property
+    def reference_temperature_c(self) -> float:
+        """Temperature that strings cool towards at the system's own ambient, to a controller [degC]."""
+        return float(self.surroundings_c(np.array(self.ambient_c)))
+
+    def surroundings_c(self, ambient_c: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Temperature that the strings cool towards, as a controller sees it, at ambient temperatures [degC].
+
+        That of the ambient without a section ``[cooling]``; with one, what the plant itself shows
+        (:attr:`lumped`).
+        """
+        return ambient_c if self.lumped is None else self.lumped.surroundings_c(ambient_c)
+
+    @classmethod
+    def reference(cls, n_strings: int = 2) -> Self:
+        """Return the reference system (NMC strings of 92 kW / 266 kWh), any number of equal ones.
+
+        Sizes, resistance and derating are those of [1]_ where it states them, the open-circuit voltage is
+        that of [2]_; the page on parameters marks each number.
+
+        References
+        ----------
+        .. [1] Tanjavooru, V. T., Pant, P., Hamacher, T., Hesse, H.: Multi-objective nonlinear power split
+           control for BESS with real-time simulation feedback. 2025, arXiv:2507.04800.
+        .. [2] Collath et al.: J. Energy Storage 87 (2024) 111508, doi:10.1016/j.est.2024.111508.
+        """
+        document = system_document("reference")
+        document["system"]["n_strings"] = n_strings
+        return cls(document, name="reference")
+
+    @property
+    def n_strings(self) -> int:
+        """Number of strings."""
+        return len(self.strings)
+
+    @cached_property
+    def min_power_kw(self) -> NDArray[np.float64]:
+        """Least AC power of each inverter that is on [kW], shape ``(n_strings,)``."""
+        return np.array([s.inverter.min_power_kw for s in self.strings])
+
+    @cached_property
+    def nominal_kw(self) -> NDArray[np.float64]:
+        """Nominal AC power of each inverter [kW], shape ``(n_strings,)``."""
+        return np.array([s.inverter.nominal_kw for s in self.strings])
+
+    @cached_property
+    def capacity_ah(self) -> NDArray[np.float64]:
+        """Charge capacity of each string [Ah], shape ``(n_strings,)``."""
+        return np.array([s.battery.cell_capacity_ah * s.battery.cells_parallel for s in self.strings])
+
+    @cached_property
+    def nominal_energy_kwh(self) -> NDArray[np.float64]:
+        """Capacity times the mean discharge OCV at 25 degC [kWh], shape ``(n_strings,)``."""
+        energies = []
+        for string in self.strings:
+            ocv = string.battery.ocv_v
+            row = int(np.argmin(np.abs(np.array(ocv.temperature_c) - 25.0)))
+            soc = np.array(ocv.soc)
+            mean_v = np.trapezoid(np.array(ocv.discharge[row]), soc) / (soc[-1] - soc[0])
+            energies.append(mean_v * string.battery.cells_series)
+        return np.array(energies) * self.capacity_ah / 1000.0
+
+    @cached_property
+    def kinds(self) -> tuple[int, ...]:
+        """Number of the kind of each string: those of one kind have equal parameters."""
+        first: dict[str, int] = {}
+        texts = (json.dumps(string.core_document(), sort_keys=True) for string in self.strings)
+        return tuple(first.setdefault(text, len(first)) for text in texts)
+
+    def initial_state(self) -> State:
+        """State in which the file starts every string."""
+        return State(
+            soc=[s.site.initial_soc for s in self.strings],
+            temperature_c=[s.site.initial_temperature_c for s in self.strings],
+            soh_capacity=[s.site.initial_soh_capacity for s in self.strings],
+            soh_resistance=[s.site.initial_soh_resistance for s in self.strings],
+        )
+
+    def core_at(self, state: State) -> _core.System:
+        """Tables of the strings as they have become: capacity and resistance at their state of health."""
+        if state.is_fresh:
+            return self.core
+        return self.core.aged(state.soh_capacity, state.soh_resistance)
+
+    @cached_property
+    def _control(self) -> _core.ControlModel:
+        return _core.ControlModel(self.core)
+
+    def control_at(self, state: State) -> _core.ControlModel:
+        """The control model of the strings as they have become; that of fresh ones is made once."""
+        return self._control if state.is_fresh else _core.ControlModel(self.core_at(state))
+
+    def check_state(self, state: State) -> None:
+        """Raise :class:`InputError` unless ``state`` fits this system (number of strings, SOC windows)."""
+        if not isinstance(state, State):
+            raise InputError(f"state must be a bess.State, not {type(state).__name__}")
+        if state.n_strings != self.n_strings:
+            raise InputError(
+                f"state has {state.n_strings} strings, system {self.name!r} has {self.n_strings}"
+            )
+        for index, (string, soc) in enumerate(zip(self.strings, state.soc, strict=True)):
+            low, high = string.battery.soc_min, string.battery.soc_max
+            if not low - 1e-9 <= soc <= high + 1e-9:
+                raise InputError(f"string {index}: soc {soc:g} is outside its window [{low:g}, {high:g}]")
+
+    def to_toml(self) -> str:
+        """The system as a file that names no bundled component and reads back to equal strings.
+
+        Sections that all strings share are written once, the others in one ``[[string]]`` table for each
+        string.
+        """
+        import tomli_w  # only this function needs it
+
+        sections = []
+        for string in self.strings:
+            tables = string.model_dump(exclude_none=True)
+            site = tables.pop("site")
+            sections.append({"system": {key: site[key] for key in PER_STRING_SITE}, **tables})
+        shared = {key: value for key, value in sections[0].items() if all(s[key] == value for s in sections)}
+        site = {"n_strings": self.n_strings, "ambient_c": self.ambient_c}
+        document = {
+            **shared,
+            "system": {**site, **shared.get("system", {})},
+            "control": self.control.model_dump(),
+        }
+        if self.cooling is not None:
+            document["cooling"] = self.cooling.model_dump(exclude_none=True)
+        if len(shared) < len(sections[0]):
+            document["string"] = [
+                {key: value for key, value in s.items() if key not in shared} for s in sections
+            ]
+        return tomli_w.dumps(document)
+
+    def _facts(self) -> dict[str, str]:
+        chosen = self.strings[0]
+        return {
+            "name": self.name,
+            "strings": str(self.n_strings),
+            "nominal power": f"{self.nominal_kw.sum():g} kW",
+            "nominal energy": f"{self.nominal_energy_kwh.sum():.0f} kWh",
+            "state of charge": f"{chosen.battery.soc_min:g} to {chosen.battery.soc_max:g}",
+            "derating": f"{chosen.derating.start_c:g} to {chosen.derating.stop_c:g} °C",
+            "control": f"{self.control.step_min:g} min, {self.control.horizon_steps} steps ahead",
+        }
+
+    _repr_html_ = as_table
+
+    def __repr__(self) -> str:
+        return (
+            f"System({self.name!r}, n_strings={self.n_strings}, "
+            f"{self.nominal_kw.sum():g} kW, {self.nominal_energy_kwh.sum():.0f} kWh)"
+        )
+
+
+def load_system(path: str | Path) -> System:
+    """Read a system file (TOML) and check all of it.
+
+    Parameters
+    ----------
+    path
+        File to read, or the name of a bundled system (``bess list``). ``[[string]]`` tables override any
+        section for one string, in the order of the strings. ``battery.cell`` and ``inverter.model`` name
+        bundled components; keys beside them override single values.
+
+    Raises
+    ------
+    InputError
+        With the file, the key, its value and what is allowed.
+    """
+    if str(path) in SYSTEMS:
+        return System(system_document(str(path)), name=str(path))
+    if not isinstance(path, str | Path):
+        raise InputError(f"a system is a bundled name or a path, not {type(path).__name__}")
+    try:
+        absent = not Path(path).exists()
+    except (OSError, ValueError):  # too long, or with a NUL in it
+        absent = True
+    if absent:
+        raise InputError(f"{path}: no such system file; bundled systems are {', '.join(SYSTEMS)}")
+    return System(read_toml(Path(path)), name=str(path))

@@ -1,0 +1,48 @@
+"""What was agreed on beside the market price: what the dispatch plans with and the settlement counts."""
+
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+Price = TypeVar("Price", float, npt.NDArray[np.float64])
+
+
+@dataclass(frozen=True)
+class SettlementTerms:
+    """Prices of everything but energy; the defaults are those of a study.
+
+    Attributes
+    ----------
+    shortfall_eur_mwh : float
+        Cost per MWh of undelivered energy, in addition to the magnitude of its price.
+    charge_fee_eur_mwh, discharge_fee_eur_mwh : float
+        Fees and taxes on each MWh charged and discharged (AC).
+    start_eur : float
+        For each start of an inverter.
+    capacity_penalty : float
+        What a kW of reserve that was sold and not there costs, over its price: 2 takes the pay back and as
+        much again.
+    discount_rate : float
+        Per year: what income of later years is worth less.
+    """
+
+    shortfall_eur_mwh: float = 50.0
+    charge_fee_eur_mwh: float = 0.0
+    discharge_fee_eur_mwh: float = 0.0
+    start_eur: float = 0.0
+    discount_rate: float = 0.05
+    capacity_penalty: float = 2.0
+
+    def shortfall_price_eur_mwh(self, price_eur_mwh: Price) -> Price:
+        """Price per MWh of undelivered energy, in either direction."""
+        return abs(price_eur_mwh) + self.shortfall_eur_mwh
+
+    def charge_price_eur_mwh(self, price_eur_mwh: Price) -> Price:
+        """What a MWh charged costs."""
+        return price_eur_mwh + self.charge_fee_eur_mwh
+
+    def discharge_price_eur_mwh(self, price_eur_mwh: Price) -> Price:
+        """What a MWh discharged earns, before wear."""
+        return price_eur_mwh - self.discharge_fee_eur_mwh

@@ -1,0 +1,235 @@
+//! How far, in boxes of states and currents, cost and value may be below what lies linearly between the corners.
+
+use bess_tables::units::SECONDS_PER_HOUR;
+use bess_tables::Direction;
+
+use super::images::{Image, Images};
+use super::moves::{Corner, Moves};
+use super::Kind;
+
+/// Prices of a step, and what follows for the errors in each cell of temperature.
+pub(super) struct StepPrices {
+    pub(super) dt_h: f64,
+    pub(super) heat: f64,
+    pub(super) loss: f64,
+    pub(super) wear: f64,
+    /// Temperature per heat [K/W].
+    pub(super) rise: f64,
+    /// Price of delivered power at each node of temperature.
+    pub(super) power: Vec<f64>,
+    /// Largest slope of cost over internal power.
+    pub(super) steepest: Vec<f64>,
+    /// Least and largest price of the bends of delivered power.
+    pub(super) bend: Vec<(f64, f64)>,
+    /// Price of the most that is delivered, for the bend of one over the derating factor.
+    pub(super) uneven: Vec<f64>,
+    /// Price of the change of delivered power over temperature.
+    pub(super) tilt: Vec<f64>,
+    /// Most that is earned by an inverter that draws on the battery, less what it loses [cost].
+    pub(super) drawing: Vec<f64>,
+}
+
+impl StepPrices {
+    /// Cost of a corner at a node of temperature.
+    #[inline]
+    pub(super) fn cost(&self, corner: &Corner, j: usize) -> f64 {
+        self.dt_h * (self.heat * corner.heat_w + self.loss * corner.loss_w + self.power[j] * corner.power_w)
+    }
+
+    pub(super) fn new(kind: &Kind<'_>, t: usize, price: f64, moves: Option<&Moves>) -> Self {
+        let costs = &kind.problem.prices.losses[t];
+        let dt_h = kind.problem.intervals[t].dt_h;
+        // Not below 0: asking for more than can be delivered never pays.
+        let margin = costs.derating - price;
+        let per_power = &kind.requests_per_power;
+        let power: Vec<f64> = per_power.iter().map(|k| margin * k - costs.derating).collect();
+        let mut out = Self {
+            dt_h,
+            heat: costs.battery,
+            loss: costs.inverter,
+            wear: kind.problem.prices.wear[kind.member],
+            rise: dt_h * SECONDS_PER_HOUR * kind.string().parameters.lumped.k1_k_per_j,
+            power,
+            steepest: vec![],
+            bend: vec![],
+            uneven: vec![],
+            tilt: vec![],
+            drawing: vec![],
+        };
+        let Some(moves) = moves else { return out };
+        let sign = if moves.direction == Direction::Charge { 1.0 } else { -1.0 };
+        for (power, per_power) in out.power.windows(2).zip(per_power.windows(2)) {
+            let (low, high) = (power[0].min(power[1]), power[0].max(power[1]));
+            let bend = (low + sign * costs.inverter, high + sign * costs.inverter);
+            let slope = |bend: f64, of_power: f64| (bend * of_power - sign * costs.inverter).abs();
+            let steepest = [
+                (bend.0, moves.slopes.0),
+                (bend.0, moves.slopes.1),
+                (bend.1, moves.slopes.0),
+                (bend.1, moves.slopes.1),
+            ]
+            .into_iter()
+            .map(|(bend, of_power)| slope(bend, of_power))
+            .fold(0.0, f64::max);
+            out.bend.push(bend);
+            out.steepest.push(steepest);
+            out.uneven.push(margin * (per_power[1].sqrt() - per_power[0].sqrt()).powi(2));
+            out.tilt.push(0.25 * margin * (per_power[1] - per_power[0]).abs());
+            let drawing = &moves.drawing;
+            out.drawing.push(
+                dt_h * ((-low).max(0.0) * drawing.most_power_w - costs.inverter * drawing.least_loss_w),
+            );
+        }
+        out
+    }
+}
+
+/// Slopes of the values over temperature, and how much they rise from cell to cell.
+pub(super) struct Bends {
+    /// `(n_soc, cells of temperature)`.
+    pub(super) slope: Vec<f64>,
+    /// `(n_soc, n_temperature)`, not negative.
+    pub(super) rise: Vec<f64>,
+    /// Least and largest slope, and largest rise, of a node of SOC and those beside it.
+    pub(super) least: Vec<f64>,
+    pub(super) most: Vec<f64>,
+    pub(super) largest: Vec<f64>,
+    /// Largest slopes over SOC `(cells of SOC, n_temperature)`.
+    pub(super) over_soc: Vec<f64>,
+}
+
+impl Bends {
+    pub(super) fn new(kind: &Kind<'_>) -> Self {
+        let (nodes, columns) = (kind.n_nodes(), kind.soc.len * (kind.n_temperatures() - 1));
+        Self {
+            slope: vec![0.0; columns],
+            rise: vec![0.0; nodes],
+            least: vec![0.0; columns],
+            most: vec![0.0; columns],
+            largest: vec![0.0; nodes],
+            over_soc: vec![0.0; nodes],
+        }
+    }
+
+    pub(super) fn of(&mut self, kind: &Kind<'_>, values: &[f64]) {
+        let (n_soc, n) = (kind.soc.len, kind.n_temperatures());
+        let columns = n - 1;
+        for i in 0..n_soc {
+            for j in 0..columns {
+                let width = kind.temperature_c[j + 1] - kind.temperature_c[j];
+                self.slope[i * columns + j] = (values[i * n + j + 1] - values[i * n + j]) / width;
+            }
+            for j in 1..columns {
+                self.rise[i * n + j] =
+                    (self.slope[i * columns + j] - self.slope[i * columns + j - 1]).max(0.0);
+            }
+            if i + 1 < n_soc {
+                for j in 0..n {
+                    self.over_soc[i * n + j] = (values[(i + 1) * n + j] - values[i * n + j]) / kind.soc.step;
+                }
+            }
+        }
+        for i in 0..n_soc {
+            let (before, after) = (i.saturating_sub(1), (i + 1).min(n_soc - 1));
+            for j in 0..columns {
+                let at = |i: usize| self.slope[i * columns + j];
+                self.least[i * columns + j] = at(before).min(at(i)).min(at(after));
+                self.most[i * columns + j] = at(before).max(at(i)).max(at(after));
+            }
+            for j in 1..columns {
+                let at = |i: usize| self.rise[i * n + j];
+                self.largest[i * n + j] = at(before).max(at(i)).max(at(after));
+            }
+        }
+    }
+
+    /// How far a mean of values at one SOC is above the value at the mean, in an image; least and largest slope.
+    pub(super) fn over(&self, kind: &Kind<'_>, i: usize, image: &Image) -> (f64, (f64, f64)) {
+        Self::within(kind, i, image, &self.rise, (&self.slope, &self.slope))
+    }
+
+    /// The same of a node of SOC and those beside it.
+    #[inline]
+    pub(super) fn around(&self, kind: &Kind<'_>, i: usize, image: &Image) -> (f64, (f64, f64)) {
+        Self::within(kind, i, image, &self.largest, (&self.least, &self.most))
+    }
+
+    #[inline]
+    pub(super) fn within(
+        kind: &Kind<'_>,
+        i: usize,
+        image: &Image,
+        rises: &[f64],
+        (least, most): (&[f64], &[f64]),
+    ) -> (f64, (f64, f64)) {
+        let n = kind.n_temperatures();
+        let (least, most) = (&least[i * (n - 1)..(i + 1) * (n - 1)], &most[i * (n - 1)..(i + 1) * (n - 1)]);
+        let rises = &rises[i * n..(i + 1) * n];
+        let (mut low, mut high) = (least[image.first - 1], most[image.first - 1]);
+        let mut bend = 0.0;
+        for j in image.first..image.last {
+            let node_c = kind.temperature_c[j];
+            bend += rises[j] * (node_c - image.low_c) * (image.high_c - node_c);
+            low = low.min(least[j]);
+            high = high.max(most[j]);
+        }
+        (bend / (image.high_c - image.low_c), (low, high))
+    }
+
+    /// Largest slope over SOC, at least 0, of a cell of SOC and `further` ones below, in an image.
+    pub(super) fn steepest(&self, kind: &Kind<'_>, i: usize, further: usize, image: &Image) -> f64 {
+        let n = kind.n_temperatures();
+        let rows = i.saturating_sub(further)..=i;
+        let columns = image.first - 1..=image.last.min(n - 1);
+        rows.flat_map(|i| columns.clone().map(move |j| self.over_soc[i * n + j])).fold(0.0, f64::max)
+    }
+}
+
+impl Kind<'_> {
+    /// Errors of the boxes from `k` to `k + 1` steps of SOC `(cell,)`; minus infinity where nothing leads there.
+    pub(super) fn box_errors(
+        &self,
+        (moves, images): (&Moves, &Images),
+        bends: &Bends,
+        step: &StepPrices,
+        (k, cap_w): (usize, f64),
+        out: &mut [f64],
+    ) {
+        out.fill(f64::NEG_INFINITY);
+        if k == moves.n_boxes {
+            return;
+        }
+        let n_columns = self.n_temperatures() - 1;
+        let from = k * self.n_cells();
+        for i in 0..self.soc.len - 1 {
+            let Some(middle) = self.middle(moves.direction, i, k) else { continue };
+            for j in 0..n_columns {
+                let cell = i * n_columns + j;
+                let shape = &moves.shapes[from + cell];
+                if shape.least_request_w > cap_w {
+                    continue;
+                }
+                let (bend, (least, most)) = bends.around(self, middle, &images.boxes[from + cell]);
+                let of_cost = step.heat * shape.heat_below_w
+                    + step.steepest[j] * shape.internal_w
+                    + (step.bend[j].1 * shape.convex_w).max(-step.bend[j].0 * shape.concave_w).max(0.0)
+                    + step.uneven[j] * shape.most_power_w
+                    + step.tilt[j] * shape.power_range_w;
+                let of_value = (shape.heat_above_w * (-least).max(0.0))
+                    .max(shape.heat_below_w * most.max(0.0))
+                    + 0.25 * shape.heat_range_w * (most - least);
+                out[cell] = step.dt_h * of_cost + step.rise * of_value + bend;
+            }
+        }
+    }
+
+    /// Largest error of the cells around a node.
+    #[inline]
+    pub(super) fn largest_around(&self, errors: &[f64], i: usize, j: usize) -> f64 {
+        let n_columns = self.n_temperatures() - 1;
+        let (i0, i1) = (i.saturating_sub(1), i.min(self.soc.len - 2));
+        let (j0, j1) = (j.saturating_sub(1), j.min(n_columns - 1));
+        let at = |i: usize, j: usize| errors[i * n_columns + j];
+        at(i0, j0).max(at(i0, j1)).max(at(i1, j0)).max(at(i1, j1))
+    }
+}

@@ -1,0 +1,84 @@
+//! End temperatures of corners and boxes.
+
+use bess_tables::units::SECONDS_PER_HOUR;
+
+use super::moves::Moves;
+use super::Kind;
+use crate::model::Interval;
+
+/// Where a box leads in temperature: range, and the nodes of temperature inside.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Image {
+    pub(super) low_c: f64,
+    pub(super) high_c: f64,
+    pub(super) first: usize,
+    pub(super) last: usize,
+}
+
+/// Where corners and boxes of an interval lead.
+pub(super) struct Images {
+    pub(super) interval: Interval,
+    /// Cell of temperature and share of it, of each corner.
+    pub(super) corners: Vec<(usize, f64)>,
+    pub(super) boxes: Vec<Image>,
+    /// Of strings that rest: of each node and cell of temperature.
+    pub(super) idle: Vec<(usize, f64)>,
+    pub(super) idle_boxes: Vec<Image>,
+}
+
+impl Kind<'_> {
+    /// Cell of temperature and share of it; straight on beyond the ends.
+    pub(super) fn place(&self, temperature_c: f64) -> (usize, f64) {
+        let nodes = &self.temperature_c;
+        let cell = nodes.partition_point(|&c| c <= temperature_c).saturating_sub(1).min(nodes.len() - 2);
+        (cell, (temperature_c - nodes[cell]) / (nodes[cell + 1] - nodes[cell]))
+    }
+
+    pub(super) fn image(&self, low_c: f64, high_c: f64) -> Image {
+        let nodes = &self.temperature_c;
+        let inner = |node: usize| node.clamp(1, nodes.len() - 1);
+        let first = inner(nodes.partition_point(|&c| c <= low_c));
+        let last = inner(nodes.partition_point(|&c| c < high_c));
+        Image { low_c, high_c, first, last: last.max(first) }
+    }
+
+    pub(super) fn images(&self, interval: &Interval, moves: Option<&Moves>) -> Images {
+        let n_temperatures = self.n_temperatures();
+        let idle_c: Vec<f64> =
+            self.temperature_c.iter().map(|&c| self.string().warmed(c, 0.0, interval)).collect();
+        let rise = interval.dt_h * SECONDS_PER_HOUR * self.string().parameters.lumped.k1_k_per_j;
+        let drawn_k = rise * moves.map_or(0.0, |m| m.drawn.iter().map(|d| d.1).fold(0.0, f64::max));
+        let mut out = Images {
+            interval: *interval,
+            idle: idle_c.iter().map(|&c| self.place(c)).collect(),
+            idle_boxes: idle_c.windows(2).map(|c| self.image(c[0], c[1] + drawn_k)).collect(),
+            corners: vec![],
+            boxes: vec![],
+        };
+        let Some(moves) = moves else { return out };
+        let warmed: Vec<f64> = moves
+            .corners
+            .iter()
+            .enumerate()
+            .map(|(x, corner)| idle_c[x % n_temperatures] + rise * corner.heat_w)
+            .collect();
+        out.corners = warmed.iter().map(|&c| self.place(c)).collect();
+        out.boxes.reserve(moves.shapes.len());
+        for (x, shape) in moves.shapes.iter().enumerate() {
+            if shape.least_request_w == f64::INFINITY {
+                out.boxes.push(Image::default());
+                continue;
+            }
+            let (k, cell) = (x / self.n_cells(), x % self.n_cells());
+            let (i, j) = (cell / (n_temperatures - 1), cell % (n_temperatures - 1));
+            let (mut low_c, mut high_c) = (f64::INFINITY, f64::NEG_INFINITY);
+            for (i, k) in self.used(moves.direction, i, k) {
+                let corner = k * self.n_nodes() + i * n_temperatures + j;
+                low_c = low_c.min(warmed[corner]);
+                high_c = high_c.max(warmed[corner + 1]);
+            }
+            out.boxes.push(self.image(low_c - rise * shape.heat_below_w, high_c + rise * shape.heat_above_w));
+        }
+        out
+    }
+}

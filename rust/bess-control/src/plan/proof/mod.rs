@@ -1,0 +1,518 @@
+//! Proven lower bound: shadow prices of the balance, and a value function of state and step for identical strings that no schedule
+//! falls below.
+//!
+//! At prices `l` of the balance (those of [`super::dual`], at most what a watt-hour that is not delivered costs), a function
+//! `W_t(x)` of the state that nowhere exceeds `cost(x, u) - l_t u dt + W_{t+1}(f(x, u))` bounds what one string pays, and
+//! `sum l_t D_t dt + sum W_0(start)` what any schedule costs (docs/foresight.md, *Bounds*). Here `W_t` is bilinear between nodes of SOC and
+//! temperature, and the inequality holds for every state and request, not for nodes alone:
+//!
+//! - With such prices it never pays to ask for what is not delivered, so a string chooses its current, and asks for what
+//!   that takes.
+//! - Currents that lead from node to node of SOC, and triangles between them along lines of one SOC at the end: SOC moves
+//!   exactly, kinks of `W` at nodes do no harm, and full and empty lie on edges of triangles.
+//! - Over a triangle times a cell of temperature, cost and end temperature differ from what lies linearly between the corners
+//!   by products of known sign and size, kinks of tables, and kinks of `W` over temperature. [`Shape`] and [`Image`] hold
+//!   bounds of these; the values at the corners are lowered by them.
+//!
+//! The least value at a node, over all triangles that meet there, is therefore a bound between the nodes too.
+
+mod delivered;
+mod errors;
+mod images;
+mod moves;
+mod temperatures;
+
+use bess_tables::Direction;
+
+use crate::model::{StringModel, StringState};
+use crate::plan::problem::PlanProblem;
+use crate::plan::soc_nodes::SocNodes;
+use errors::{Bends, StepPrices};
+use images::Images;
+use moves::Moves;
+use temperatures::temperatures;
+
+/// Derating factor below which a string counts as derating no further: what is asked for in vain is then far dearer than what
+/// is delivered, and a smaller factor would only make the cells uneven.
+const LEAST_FACTOR: f64 = 0.4;
+/// Cells of temperature where strings derate, for one elsewhere.
+const DERATING_CELLS: f64 = 2.0;
+/// Most that values bend below the plain ones, against the mean bend of these. Half as much, or twice, lowers the bound of a day
+/// at rated demand by 1 %.
+const MOST_BEND: f64 = 10.0;
+/// Cells of temperature grow finer with those of SOC: at so many of these they are 1 K wide.
+const SOC_CELLS_AT_1_K: f64 = 240.0;
+/// Full power passes at most this share of them in a step: in long steps fewer do.
+const MOST_SHARE_OF_CELLS: f64 = 0.1;
+/// Fewer prove nothing, and more take gigabytes.
+const FEWEST_CELLS: usize = 20;
+const MOST_CELLS: usize = 1000;
+/// Cells that are not saved where there are many kinds of strings.
+const NEEDED_CELLS: f64 = 160.0;
+/// Rounding: share of the sums that is taken off the bound.
+const ROUNDING: f64 = 1e-9;
+
+/// Sizes of the cells.
+#[derive(Debug, Clone, Copy)]
+struct Fineness {
+    soc_cells: usize,
+    /// Widest cell of temperature [K].
+    temperature_k: f64,
+}
+
+impl Fineness {
+    fn of(problem: &PlanProblem<'_>, m: usize, soc_cells: f64) -> Self {
+        let p = &problem.model.strings()[m].parameters;
+        let window = p.soc_max - p.soc_min;
+        let most = MOST_SHARE_OF_CELLS * soc_cells * window / problem.soc_of_full_step(m).min(window);
+        Self { soc_cells: soc_cells.min(most).ceil() as usize, temperature_k: SOC_CELLS_AT_1_K / soc_cells }
+    }
+}
+
+/// Nodes, cells and moves of identical strings.
+struct Kind<'a> {
+    problem: &'a PlanProblem<'a>,
+    /// One of them.
+    member: usize,
+    soc: SocNodes,
+    temperature_c: Vec<f64>,
+    /// One over the derating factor, at each node of temperature.
+    requests_per_power: Vec<f64>,
+    /// Largest derating factor of each cell of temperature.
+    largest_factor: Vec<f64>,
+    moves: [Option<Moves>; 2],
+    /// Share of the errors that is taken off: all of them, but for tests.
+    share: f64,
+}
+
+fn which(direction: Direction) -> usize {
+    match direction {
+        Direction::Charge => 0,
+        Direction::Discharge => 1,
+    }
+}
+
+impl<'a> Kind<'a> {
+    fn new(problem: &'a PlanProblem<'a>, members: &[usize], fineness: Fineness) -> Option<Self> {
+        let member = members[0];
+        let string = &problem.model.strings()[member];
+        let p = &string.parameters;
+        let temperature_c = temperatures(problem, members, fineness.temperature_k);
+        let factor = &p.derating.factor;
+        let factors: Vec<f64> = temperature_c.iter().map(|&c| factor.at(c)).collect();
+        let mut kind = Self {
+            problem,
+            member,
+            soc: SocNodes::of(string, fineness.soc_cells),
+            requests_per_power: factors.iter().map(|k| 1.0 / k.max(LEAST_FACTOR)).collect(),
+            largest_factor: factors.windows(2).map(|k| k[0].max(k[1])).collect(),
+            temperature_c,
+            moves: [None, None],
+            share: 1.0,
+        };
+        for direction in [Direction::Charge, Direction::Discharge] {
+            let asked = |t: &usize| problem.intervals[*t].direction == direction && kind.cap_w(*t) > 0.0;
+            let most_w = (0..problem.n_steps()).filter(asked).map(|t| kind.cap_w(t)).fold(0.0, f64::max);
+            if most_w > 0.0 {
+                kind.moves[which(direction)] = Some(kind.moves(direction, most_w)?);
+            }
+        }
+        Some(kind)
+    }
+
+    fn string(&self) -> &StringModel {
+        &self.problem.model.strings()[self.member]
+    }
+
+    /// Most that a string is asked for in a step [W].
+    fn cap_w(&self, t: usize) -> f64 {
+        self.problem.demand_w[t].min(self.problem.limit_w[self.member]) * (1.0 + ROUNDING)
+    }
+
+    fn n_temperatures(&self) -> usize {
+        self.temperature_c.len()
+    }
+
+    fn n_nodes(&self) -> usize {
+        self.soc.len * self.n_temperatures()
+    }
+
+    fn n_cells(&self) -> usize {
+        (self.soc.len - 1) * (self.n_temperatures() - 1)
+    }
+
+    /// Solves backwards at prices `(T,)` [cost/Wh]; `each` sees the values of each step `(n_soc, n_temperature)`.
+    fn backwards(&self, price: &[f64], mut each: impl FnMut(usize, &[f64])) -> Vec<f64> {
+        let problem = self.problem;
+        let n_temperatures = self.n_temperatures();
+        let n_cells = self.n_cells();
+        let mut next: Vec<f64> = (0..self.n_nodes())
+            .map(|x| {
+                let soc = self.soc.at((x / n_temperatures) as f64);
+                problem.end_cost(self.member, StringState { soc, temperature_c: 25.0 })
+            })
+            .collect();
+        each(problem.n_steps(), &next);
+        let mut images: [Option<Images>; 2] = [None, None];
+        let mut now = next.clone();
+        let (mut plain_next, mut plain_now) = (next.clone(), next.clone());
+        let mut bends = Bends::new(self);
+        // Errors of the boxes that end with these currents, and of those that begin there.
+        let (mut below, mut above) = (vec![0.0; n_cells], vec![0.0; n_cells]);
+        for t in (0..problem.n_steps()).rev() {
+            let interval = &problem.intervals[t];
+            let which = which(interval.direction);
+            let cap_w = self.cap_w(t);
+            let moves = self.moves[which].as_ref().filter(|_| cap_w > 0.0);
+            if !images[which].as_ref().is_some_and(|i| i.interval == *interval) {
+                images[which] = Some(self.images(interval, self.moves[which].as_ref()));
+            }
+            let Some(images) = &images[which] else { unreachable!() };
+            bends.of(self, &next);
+            let step = StepPrices::new(self, t, price[t], moves);
+            // Strings that are off, or cover the inverter loss from the battery.
+            for (cell, below) in below.iter_mut().enumerate() {
+                let (i, j) = (cell / (n_temperatures - 1), cell % (n_temperatures - 1));
+                let image = &images.idle_boxes[j];
+                let (mut error, slopes) = bends.over(self, i, image);
+                let upper = bends.over(self, i + 1, image);
+                error = error.max(upper.0);
+                if let Some(moves) = moves.filter(|m| m.direction == Direction::Charge) {
+                    let (soc, heat_w) = moves.drawn[cell];
+                    let per_soc = bends.steepest(self, i, (soc / self.soc.step).ceil() as usize, image);
+                    let earned = step.drawing[j] + step.rise * heat_w * (-slopes.0.min(upper.1 .0)).max(0.0);
+                    error += (earned + per_soc * soc).max(0.0);
+                }
+                *below = error;
+            }
+            for x in 0..self.n_nodes() {
+                let (i, j) = (x / n_temperatures, x % n_temperatures);
+                let (cell, share) = images.idle[j];
+                now[x] = lerp(&next[i * n_temperatures..], cell, share)
+                    - self.share * self.largest_around(&below, i, j);
+                plain_now[x] = lerp(&plain_next[i * n_temperatures..], cell, share);
+            }
+            if let Some(moves) = moves {
+                below.fill(f64::NEG_INFINITY);
+                for k in 0..=moves.n_boxes {
+                    self.box_errors((moves, images), &bends, &step, (k, cap_w), &mut above);
+                    let current_a = moves.current_a * k as f64;
+                    let wear = step.dt_h * step.wear * current_a;
+                    let mut any = false;
+                    for i in 0..self.soc.len {
+                        let Some(to) = self.soc.after(moves.direction, i, k) else { continue };
+                        let row = &next[to * n_temperatures..(to + 1) * n_temperatures];
+                        let plain_row = &plain_next[to * n_temperatures..(to + 1) * n_temperatures];
+                        for j in 0..n_temperatures {
+                            let error =
+                                self.largest_around(&below, i, j).max(self.largest_around(&above, i, j));
+                            if error == f64::NEG_INFINITY {
+                                continue;
+                            }
+                            any = true;
+                            let x = i * n_temperatures + j;
+                            let corner = &moves.corners[k * self.n_nodes() + x];
+                            let (cell, share) = images.corners[k * self.n_nodes() + x];
+                            let cost = step.cost(corner, j);
+                            let value = cost + wear + lerp(row, cell, share) - self.share * error;
+                            now[x] = now[x].min(value);
+                            plain_now[x] = plain_now[x].min(cost + wear + lerp(plain_row, cell, share));
+                        }
+                    }
+                    if !any && k > 0 {
+                        break;
+                    }
+                    std::mem::swap(&mut below, &mut above);
+                }
+            }
+            self.smooth(&mut now, &plain_now);
+            std::mem::swap(&mut now, &mut next);
+            std::mem::swap(&mut plain_now, &mut plain_next);
+            each(t, &next);
+        }
+        next
+    }
+
+    /// Lowers values so that what they are below the plain ones bends little over temperature, against how these bend: a kink
+    /// costs again in the step before, and would grow.
+    fn smooth(&self, values: &mut [f64], plain: &[f64]) {
+        let n = self.n_temperatures();
+        let at = &self.temperature_c;
+        let bend_at = |row: &[f64], j: usize| {
+            let slope = |j: usize| (row[j + 1] - row[j]) / (at[j + 1] - at[j]);
+            (slope(j) - slope(j - 1)).abs() / (at[j + 1] - at[j - 1])
+        };
+        let inner = 1..n - 1;
+        let bends: f64 = plain.chunks_exact(n).flat_map(|row| inner.clone().map(|j| bend_at(row, j))).sum();
+        let most = MOST_BEND * bends / (self.soc.len * inner.len().max(1)) as f64;
+        let mut below = vec![0.0; n];
+        for (values, plain) in values.chunks_exact_mut(n).zip(plain.chunks_exact(n)) {
+            below.iter_mut().zip(plain.iter().zip(values.iter())).for_each(|(b, (p, v))| *b = p - v);
+            for (j, value) in values.iter_mut().enumerate() {
+                let less = |(c, below): (&f64, &f64)| below - most * (c - at[j]) * (c - at[j]);
+                *value = plain[j] - at.iter().zip(&below).map(less).fold(f64::NEG_INFINITY, f64::max);
+            }
+        }
+    }
+
+    /// Value at a state, from values at the nodes.
+    fn at(&self, values: &[f64], state: StringState) -> f64 {
+        let (i, share) = self.soc.locate(state.soc);
+        let (cell, of_cell) = self.place(state.temperature_c);
+        let row = |i: usize| lerp(&values[i * self.n_temperatures()..], cell, of_cell);
+        (1.0 - share) * row(i) + share * row(i + 1)
+    }
+}
+
+#[inline]
+fn lerp(row: &[f64], cell: usize, share: f64) -> f64 {
+    row[cell] + share * (row[cell + 1] - row[cell])
+}
+
+/// Lower bound of the cost of every schedule on the control model with the coefficients of the start of each step, from
+/// prices of the balance `(T,)` [cost/Wh]. Starts and imbalance are left out; they only add to the cost.
+///
+/// `soc_cells` is how fine it looks at strings that are all alike; work grows with its third power. None where reactive power is
+/// asked for, or where the internal power of an inverter does not rise with what it delivers.
+pub(crate) fn bound(problem: &PlanProblem<'_>, price: &[f64], soc_cells: usize) -> Option<f64> {
+    let kinds = problem.kinds();
+    let cells = soc_cells.clamp(FEWEST_CELLS, MOST_CELLS) as f64;
+    let cells = cells.min((cells / (kinds.len() as f64).cbrt()).max(NEEDED_CELLS));
+    proven(problem, price, &kinds, |m| Fineness::of(problem, m, cells))
+}
+
+fn proven(
+    problem: &PlanProblem<'_>,
+    price: &[f64],
+    kinds: &[Vec<usize>],
+    fineness: impl Fn(usize) -> Fineness,
+) -> Option<f64> {
+    if problem.has_reactive() {
+        return None;
+    }
+    let losses = &problem.prices.losses;
+    let price: Vec<f64> =
+        price.iter().zip(losses).map(|(l, c)| l.min(c.availability).min(c.derating)).collect();
+    let demand = |t: usize| price[t] * problem.demand_w[t] * problem.intervals[t].dt_h;
+    let idle = (0..problem.n_strings()).filter(|&m| problem.limit_w[m] <= 0.0);
+    let mut terms: Vec<f64> = (0..problem.n_steps()).map(demand).collect();
+    terms.extend(idle.map(|m| problem.end_cost(m, problem.start[m])));
+    for members in kinds {
+        let kind = Kind::new(problem, members, fineness(members[0]))?;
+        let values = kind.backwards(&price, |_, _| ());
+        terms.extend(members.iter().map(|&m| kind.at(&values, problem.start[m])));
+    }
+    let size: f64 = terms.iter().map(|x| x.abs()).sum();
+    Some(terms.iter().sum::<f64>() - ROUNDING * size)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::{ControlModel, Interval, Losses};
+    use crate::plan::{dual, Prices};
+    use crate::search::common;
+
+    const COARSE: Fineness = Fineness { soc_cells: 40, temperature_k: 4.0 };
+
+    /// Kilowatts asked of each string, positive in discharge; states; ambient; limits.
+    struct Given {
+        demand_kw: Vec<f64>,
+        dt_h: f64,
+        soc: Vec<f64>,
+        temperature_c: f64,
+        ambient_c: f64,
+        limit_kw: Vec<f64>,
+    }
+
+    impl Given {
+        fn new(demand_kw: Vec<f64>, soc: Vec<f64>, temperature_c: f64) -> Self {
+            let limit_kw = vec![92.0; soc.len()];
+            Self { demand_kw, dt_h: 0.25, soc, temperature_c, ambient_c: temperature_c, limit_kw }
+        }
+
+        fn problem<'a>(&self, model: &'a ControlModel) -> PlanProblem<'a> {
+            let demand_w: Vec<f64> =
+                self.demand_kw.iter().map(|kw| kw * 1e3 * self.soc.len() as f64).collect();
+            let interval = |&w: &f64| Interval {
+                direction: Direction::of(w),
+                ambient_c: self.ambient_c,
+                dt_h: self.dt_h,
+            };
+            let losses = |t: usize| Losses {
+                availability: 3e-3 * 0.99_f64.powi(t as i32),
+                derating: 3e-3,
+                inverter: 1e-3,
+                battery: 1e-3,
+            };
+            let prices = Prices {
+                losses: (0..demand_w.len()).map(losses).collect(),
+                wear: vec![1e-4; self.soc.len()],
+                start: 0.1,
+                balance: 0.0,
+                end_charge: -1e-3,
+            };
+            let start = self.soc.iter().map(|&soc| StringState { soc, temperature_c: self.temperature_c });
+            let intervals = demand_w.iter().map(interval).collect();
+            let demand_w: Vec<f64> = demand_w.iter().map(|w| w.abs()).collect();
+            let limit_w = self.limit_kw.iter().map(|kw| kw * 1e3).collect();
+            let running = vec![false; self.soc.len()];
+            PlanProblem::new(model, start.collect(), running, &demand_w, intervals, limit_w, prices).unwrap()
+        }
+    }
+
+    /// Hours of charge and discharge [kW].
+    fn steps(blocks: &[(usize, f64)]) -> Vec<f64> {
+        blocks.iter().flat_map(|&(n, kw)| vec![kw; n]).collect()
+    }
+
+    fn prices(problem: &PlanProblem<'_>) -> Vec<f64> {
+        let known = problem.n_strings() as f64 * 50.0;
+        dual::ascend(problem, vec![5e-5; problem.n_steps()], known, 8).price
+    }
+
+    /// Cost and end state of a string in a step of the control model with the coefficients of its start.
+    fn paid(
+        problem: &PlanProblem<'_>,
+        m: usize,
+        t: usize,
+        state: StringState,
+        request_w: f64,
+    ) -> (f64, StringState) {
+        let interval = &problem.intervals[t];
+        let flow = problem.model.strings()[m].step(state, request_w, interval);
+        let p = &problem.prices;
+        let rate = flow.losses().cost(&p.losses[t]) + p.wear[m] * flow.current_a.abs();
+        (rate * interval.dt_h, flow.end)
+    }
+
+    /// Of random steps, states and requests, how many pay less than the values say, for a share of the errors.
+    fn violations(given: &Given, share: f64, tries: usize) -> usize {
+        let model = ControlModel::new(&common::reference(given.soc.len()));
+        let problem = given.problem(&model);
+        let price: Vec<f64> = prices(&problem).iter().map(|l| l.min(1.5e-3)).collect();
+        let mut kind = Kind::new(&problem, &[0, 1], COARSE).unwrap();
+        kind.share = share;
+        let mut values = vec![vec![]; problem.n_steps() + 1];
+        kind.backwards(&price, |t, v| values[t] = v.to_vec());
+        let mut random = fastrand::Rng::with_seed(3);
+        let (coolest, warmest) = (kind.temperature_c[0], kind.temperature_c[kind.n_temperatures() - 1]);
+        let mut found = 0;
+        for _ in 0..tries {
+            let t = random.usize(0..problem.n_steps());
+            let soc = match random.u8(0..8) {
+                0 => 0.0,
+                1 => 1.0,
+                2 => 0.05 * random.f64(),
+                _ => random.f64(),
+            };
+            let state = StringState { soc, temperature_c: coolest + (warmest - coolest) * random.f64() };
+            let largest_w = problem.demand_w[t].min(problem.limit_w[0]);
+            let request_w = match random.u8(0..8) {
+                0 => largest_w,
+                1 => 2e3 * random.f64(),
+                _ => largest_w * random.f64(),
+            };
+            let (cost, end) = paid(&problem, 0, t, state, request_w.min(largest_w));
+            let reached =
+                cost - price[t] * request_w.min(largest_w) * given.dt_h + kind.at(&values[t + 1], end);
+            found += usize::from(kind.at(&values[t], state) > reached + 1e-9);
+        }
+        found
+    }
+
+    #[test]
+    fn no_step_of_the_control_model_pays_less_than_the_values_say_and_half_the_errors_would_not_do() {
+        let mild = steps(&[(4, -39.0), (2, -5.0), (2, 0.0), (6, 60.0), (2, 10.0)]);
+        let hot = steps(&[(6, 85.0), (1, 0.0), (6, -85.0)]);
+        for given in [Given::new(mild, vec![0.5; 2], 25.0), Given::new(hot, vec![0.3; 2], 47.0)] {
+            assert_eq!(violations(&given, 1.0, 150_000), 0);
+            let seen = violations(&given, 0.5, 150_000);
+            assert!(seen > 100, "{seen}");
+        }
+    }
+
+    /// Each demand shared in a random way, and over time in the same way or not; costs are those of a roll-out.
+    fn cheapest(problem: &PlanProblem<'_>, tries: usize) -> f64 {
+        let mut random = fastrand::Rng::with_seed(5);
+        let n = problem.n_strings();
+        let mut best = f64::INFINITY;
+        for try_ in 0..tries {
+            let keep = random.f64();
+            let mut weights: Vec<f64> = vec![1.0; n];
+            let mut states = problem.start.clone();
+            let mut cost = 0.0;
+            for t in 0..problem.n_steps() {
+                if try_ > 0 && random.f64() > keep {
+                    let even = random.bool();
+                    weights.iter_mut().for_each(|w| *w = if even { 1.0 } else { random.f64().powi(6) });
+                }
+                let mut left_w = problem.demand_w[t];
+                let mut order: Vec<usize> = (0..n).collect();
+                order.sort_by(|&a, &b| weights[b].total_cmp(&weights[a]));
+                for (place, &m) in order.iter().enumerate() {
+                    let weight: f64 = order[place..].iter().map(|&m| weights[m]).sum();
+                    let later_w: f64 = order[place + 1..].iter().map(|&m| problem.limit_w[m]).sum();
+                    let share_w = left_w * weights[m] / weight;
+                    let request_w =
+                        share_w.min(problem.limit_w[m]).max(left_w - later_w).clamp(0.0, problem.limit_w[m]);
+                    left_w -= request_w;
+                    let (paid, end) = paid(problem, m, t, states[m], request_w);
+                    cost += paid;
+                    states[m] = end;
+                }
+                assert!(left_w.abs() < 1e-6 * problem.demand_w[t].max(1.0));
+            }
+            cost += (0..n).map(|m| problem.end_cost(m, states[m])).sum::<f64>();
+            best = best.min(cost);
+        }
+        best
+    }
+
+    #[test]
+    fn no_schedule_costs_less_than_the_bound() {
+        let day = steps(&[(6, -39.0), (2, 0.0), (8, 39.0), (2, 12.0), (4, -70.0)]);
+        let mut cases = vec![
+            Given::new(day.clone(), vec![0.5, 0.5], 25.0),
+            Given::new(day.clone(), vec![0.4, 0.6, 0.9], -5.0),
+            Given::new(day.clone(), vec![0.5, 0.2], 44.0),
+            Given::new(steps(&[(12, 80.0)]), vec![0.05, 0.3], 25.0),
+            Given::new(steps(&[(12, -80.0)]), vec![0.99, 0.7], 25.0),
+            Given::new(vec![39.0], vec![0.5, 0.5], 25.0),
+            Given::new(vec![0.001, -0.001, 0.0005], vec![0.5, 0.5], 25.0),
+            Given::new(vec![0.0; 3], vec![0.5, 0.5], 25.0),
+        ];
+        cases[1].limit_kw[2] = 0.0;
+        cases[2].limit_kw[0] = 60.0;
+        cases.push(Given { dt_h: 1.0 / 60.0, ..Given::new(day.repeat(3), vec![0.5, 0.5], 25.0) });
+        cases.push(Given { ambient_c: 45.0, ..Given::new(day, vec![0.5, 0.5], 30.0) });
+        for (case, given) in cases.iter().enumerate() {
+            let mut system = common::reference(given.soc.len());
+            if case % 2 == 1 {
+                system = system
+                    .aged(&vec![1.0, 0.8, 0.9][..given.soc.len()], &vec![1.0, 1.5, 1.2][..given.soc.len()])
+                    .unwrap();
+            }
+            let model = ControlModel::new(&system);
+            let problem = given.problem(&model);
+            let price = prices(&problem);
+            let cost = cheapest(&problem, 400);
+            for factor in [1.0, 0.3, 20.0, -1.0] {
+                let price: Vec<f64> = price.iter().map(|l| l * factor).collect();
+                let bound = proven(&problem, &price, &problem.kinds(), |_| COARSE).unwrap();
+                assert!(bound <= cost, "case {case}: a bound of {bound}, a schedule of {cost}");
+            }
+        }
+    }
+
+    #[test]
+    fn at_rated_demand_a_proof_takes_less_than_a_tenth_off_the_bound_of_the_grid() {
+        let day = steps(&[(10, -39.0), (2, -15.0), (2, 0.0), (19, 39.0), (3, 15.0), (2, 0.0), (10, -39.0)]);
+        let model = ControlModel::new(&common::reference(2));
+        let mut problem = Given::new(day, vec![0.5; 2], 25.0).problem(&model);
+        (problem.prices.end_charge, problem.prices.wear, problem.prices.start) = (0.0, vec![0.0; 2], 0.0);
+        let dual = dual::ascend(&problem, vec![4e-5; problem.n_steps()], 30.0, 40);
+        let bound = bound(&problem, &dual.price, 160).unwrap();
+        assert!(0.9 * dual.bound < bound && bound < dual.bound, "{bound} of {}", dual.bound);
+    }
+}

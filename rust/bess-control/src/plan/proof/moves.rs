@@ -1,0 +1,254 @@
+//! Moves of strings in one direction between SOC nodes, and bounds of their deviation from linear interpolation.
+
+use bess_tables::Direction;
+
+use super::delivered::Delivered;
+use super::Kind;
+use crate::model::{Range, StateBox, StringState};
+
+/// Flows of a string at a corner: at a node of state, with the current of a number of SOC steps.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Corner {
+    pub(super) heat_w: f64,
+    pub(super) loss_w: f64,
+    pub(super) power_w: f64,
+}
+
+/// How far, within a box of states and currents, things may be off what lies linearly between its corners.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Shape {
+    /// Heat below and above [W].
+    pub(super) heat_below_w: f64,
+    pub(super) heat_above_w: f64,
+    /// Internal power, either way [W].
+    pub(super) internal_w: f64,
+    /// Delivered power over internal power: below and above its chords [W].
+    pub(super) convex_w: f64,
+    pub(super) concave_w: f64,
+    /// Largest difference of heat at one temperature, and of delivered power over temperature [W].
+    pub(super) heat_range_w: f64,
+    pub(super) power_range_w: f64,
+    /// Least request that leads into the box, and most that is delivered in it [W].
+    pub(super) least_request_w: f64,
+    pub(super) most_power_w: f64,
+}
+
+/// What an inverter that runs below its own loss does: it charges nothing and draws on the battery.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Drawing {
+    pub(super) most_power_w: f64,
+    pub(super) least_loss_w: f64,
+}
+
+/// Everything about one direction that does not depend on prices. Corners are `(step of SOC, node)`, boxes
+/// `(step of SOC, cell)`.
+pub(super) struct Moves {
+    pub(super) direction: Direction,
+    /// Current of one step of SOC [A].
+    pub(super) current_a: f64,
+    pub(super) n_boxes: usize,
+    pub(super) corners: Vec<Corner>,
+    pub(super) shapes: Vec<Shape>,
+    /// Smallest and largest slope of delivered over internal power.
+    pub(super) slopes: (f64, f64),
+    pub(super) drawing: Drawing,
+    /// Largest SOC and heat that are drawn, for each cell.
+    pub(super) drawn: Vec<(f64, f64)>,
+}
+
+/// Voltage and resistance of a cell: their ranges, their largest change over SOC, and how far they are from lying between
+/// the nodes (resistance: below and above).
+pub(super) struct Off {
+    pub(super) voltage_v: Range,
+    pub(super) resistance_ohm: Range,
+    pub(super) voltage_change_v: f64,
+    pub(super) resistance_change_ohm: f64,
+    pub(super) voltage_off_v: f64,
+    pub(super) resistance_off_ohm: (f64, f64),
+}
+
+impl Kind<'_> {
+    /// Whether a triangle of a box ends within the window, and the middle node of SOC of those it may end at.
+    pub(super) fn middle(&self, direction: Direction, i: usize, k: usize) -> Option<usize> {
+        match direction {
+            Direction::Charge => Some(i + k + 1).filter(|&to| to < self.soc.len),
+            Direction::Discharge => i.checked_sub(k),
+        }
+    }
+
+    /// Corners of a box that lead to nodes, as nodes of SOC and steps; the two temperatures are the caller's.
+    pub(super) fn used(
+        &self,
+        direction: Direction,
+        i: usize,
+        k: usize,
+    ) -> impl Iterator<Item = (usize, usize)> + '_ {
+        [(i, k), (i + 1, k), (i, k + 1), (i + 1, k + 1)]
+            .into_iter()
+            .filter(move |&(i, k)| self.soc.after(direction, i, k).is_some())
+    }
+
+    pub(super) fn moves(&self, direction: Direction, most_w: f64) -> Option<Moves> {
+        let string = self.string();
+        let p = &string.parameters;
+        let dt_h = self.problem.intervals[0].dt_h;
+        let current_a = self.soc.step * p.capacity_ah / dt_h;
+        let curve = string.loss(direction);
+        let delivered = Delivered::new(curve)?;
+        let n_temperatures = self.n_temperatures();
+        // Voltage and resistance at each node; of each cell, how far they are from lying bilinearly between its nodes.
+        let node = |i: usize, j: usize| StringState {
+            soc: self.soc.at(i as f64),
+            temperature_c: self.temperature_c[j],
+        };
+        let at: Vec<(f64, f64)> = (0..self.n_nodes())
+            .map(|x| {
+                let c = string.coefficients(direction, node(x / n_temperatures, x % n_temperatures));
+                (c.voltage_v, c.resistance_ohm)
+            })
+            .collect();
+        let cells: Vec<(usize, usize)> =
+            (0..self.soc.len - 1).flat_map(|i| (0..n_temperatures - 1).map(move |j| (i, j))).collect();
+        let off: Vec<Off> = cells.iter().map(|&(i, j)| self.off(direction, i, j, &at)).collect();
+        let drawing = Drawing {
+            most_power_w: curve.largest_drawing_w(),
+            least_loss_w: curve.loss().iter().copied().fold(f64::INFINITY, f64::min).max(0.0),
+        };
+        let most_drawn_w = (-delivered.internal_w[0]).max(0.0);
+        let drawn = off.iter().map(|off| {
+            let (v, r) = (off.voltage_v.low, off.resistance_ohm.high);
+            let root = (1.0 - 4.0 * r * most_drawn_w / (v * v)).max(0.0).sqrt();
+            let drawn_a = 2.0 * most_drawn_w / (v * (1.0 + root));
+            (drawn_a * dt_h / p.capacity_ah, r * drawn_a * drawn_a)
+        });
+        let sign = if direction == Direction::Charge { 1.0 } else { -1.0 };
+        let mut out = Moves {
+            direction,
+            current_a,
+            n_boxes: 0,
+            corners: vec![],
+            shapes: vec![],
+            slopes: delivered.slopes(),
+            drawing,
+            drawn: drawn.collect(),
+        };
+        let internal_w = |(v, r): (f64, f64), current_a: f64| current_a * (v + sign * r * current_a);
+        let add_corners = |corners: &mut Vec<Corner>, k: usize| {
+            let current_a = current_a * k as f64;
+            corners.extend(at.iter().map(|&(v, r)| {
+                let internal_w = internal_w((v, r), current_a);
+                let power_w = delivered.at(internal_w);
+                let loss_w = delivered.loss_w(internal_w, power_w);
+                Corner { heat_w: r * current_a * current_a, loss_w, power_w }
+            }));
+        };
+        add_corners(&mut out.corners, 0);
+        for k in 0..self.soc.len - 1 {
+            let (from_a, to_a) = (current_a * k as f64, current_a * (k + 1) as f64);
+            let mut any = false;
+            for (&(i, j), off) in cells.iter().zip(&off) {
+                let lowest_v = off.voltage_v.low;
+                let lowest_r = if direction == Direction::Charge {
+                    off.resistance_ohm.low
+                } else {
+                    off.resistance_ohm.high
+                };
+                let least_w = delivered.at(internal_w((lowest_v, lowest_r), from_a)).max(0.0);
+                let least_request_w = least_w / self.largest_factor[j];
+                let possible = least_request_w <= most_w && self.middle(direction, i, k).is_some();
+                if !possible {
+                    out.shapes.push(Shape { least_request_w: f64::INFINITY, ..Shape::default() });
+                    continue;
+                }
+                any = true;
+                let mut g = Range::EMPTY;
+                let (mut heat_range_w, mut power_range_w) = (0.0_f64, 0.0_f64);
+                for j in [j, j + 1] {
+                    let mut heat_w = Range::EMPTY;
+                    for (i, k) in self.used(direction, i, k) {
+                        let (v, r) = at[i * n_temperatures + j];
+                        let current_a = current_a * k as f64;
+                        let internal_w = internal_w((v, r), current_a);
+                        g.include(internal_w);
+                        heat_w.include(r * current_a * current_a);
+                    }
+                    heat_range_w = heat_range_w.max(heat_w.high - heat_w.low);
+                }
+                for (i, k) in self.used(direction, i, k) {
+                    let power_w =
+                        |j: usize| delivered.at(internal_w(at[i * n_temperatures + j], current_a * k as f64));
+                    power_range_w = power_range_w.max((power_w(j + 1) - power_w(j)).abs());
+                }
+                // Between the corners of a triangle lie b (1 - b) and a b of its sides, at most 1/4 of their products.
+                let product_w = 0.5 * off.resistance_change_ohm * to_a * current_a;
+                let square = to_a * to_a;
+                let heat_below_w = 0.25 * off.resistance_ohm.high * current_a * current_a
+                    + product_w
+                    + off.resistance_off_ohm.0 * square;
+                let heat_above_w = product_w + off.resistance_off_ohm.1 * square;
+                let internal_w = 0.25 * off.voltage_change_v * current_a
+                    + off.voltage_off_v * to_a
+                    + heat_below_w.max(heat_above_w);
+                let (convex_w, concave_w) = delivered.bends(&g);
+                let most_power_w = delivered.at(g.high) + out.slopes.1 * internal_w;
+                out.shapes.push(Shape {
+                    heat_below_w,
+                    heat_above_w,
+                    internal_w,
+                    convex_w,
+                    concave_w,
+                    heat_range_w,
+                    power_range_w,
+                    least_request_w,
+                    most_power_w: most_power_w.max(0.0),
+                });
+            }
+            if !any {
+                out.shapes.truncate(k * self.n_cells());
+                break;
+            }
+            out.n_boxes = k + 1;
+            add_corners(&mut out.corners, k + 1);
+        }
+        Some(out)
+    }
+
+    /// How far voltage and resistance in a cell are from lying between its nodes.
+    pub(super) fn off(&self, direction: Direction, i: usize, j: usize, at: &[(f64, f64)]) -> Off {
+        let n_temperatures = self.n_temperatures();
+        let soc = Range { low: self.soc.at(i as f64), high: self.soc.at((i + 1) as f64) };
+        let temperature_c = Range { low: self.temperature_c[j], high: self.temperature_c[j + 1] };
+        let [low_low, low_high] = [at[i * n_temperatures + j], at[i * n_temperatures + j + 1]];
+        let [high_low, high_high] = [at[(i + 1) * n_temperatures + j], at[(i + 1) * n_temperatures + j + 1]];
+        let mut off = Off {
+            voltage_v: Range::EMPTY,
+            resistance_ohm: Range::EMPTY,
+            voltage_change_v: (high_low.0 - low_low.0).abs().max((high_high.0 - low_high.0).abs()),
+            resistance_change_ohm: (high_low.1 - low_low.1).abs().max((high_high.1 - low_high.1).abs()),
+            voltage_off_v: 0.0,
+            resistance_off_ohm: (0.0, 0.0),
+        };
+        for (v, r) in [low_low, low_high, high_low, high_high] {
+            off.voltage_v.include(v);
+            off.resistance_ohm.include(r);
+        }
+        for piece in self.string().pieces(direction, &StateBox { soc, temperature_c }) {
+            for corner in self.string().corners(direction, &piece) {
+                let (v, r) = (corner.voltage_v, corner.resistance_ohm);
+                off.voltage_v.include(v);
+                off.resistance_ohm.include(r);
+                let a = (corner.soc - soc.low) / (soc.high - soc.low);
+                let b = (corner.temperature_c - temperature_c.low) / (temperature_c.high - temperature_c.low);
+                let between = |of: &dyn Fn((f64, f64)) -> f64| {
+                    (1.0 - a) * ((1.0 - b) * of(low_low) + b * of(low_high))
+                        + a * ((1.0 - b) * of(high_low) + b * of(high_high))
+                };
+                off.voltage_off_v = off.voltage_off_v.max((v - between(&|x| x.0)).abs());
+                let resistance = r - between(&|x| x.1);
+                off.resistance_off_ohm.0 = off.resistance_off_ohm.0.max(-resistance);
+                off.resistance_off_ohm.1 = off.resistance_off_ohm.1.max(resistance);
+            }
+        }
+        off
+    }
+}

@@ -1,0 +1,219 @@
+//! A schedule with its states and costs, so that a change is evaluated from the changed step on and only
+//! for the affected strings.
+
+use crate::model::{add, ControlHorizon, Objectives, StringState, MAX_GROUPS};
+
+/// Relative distance from the deliverable power within which a request is on the edge.
+const EDGE_WIDTH: f64 = 1e-9;
+
+/// State and cost of a string during a roll-out.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Progress {
+    pub state: StringState,
+    pub costs: Objectives,
+}
+
+/// A schedule over the steps `first..end`, rolled out.
+#[derive(Debug, Clone)]
+pub(crate) struct IncrementalRollout<'a> {
+    pub horizon: &'a ControlHorizon,
+    pub first: usize,
+    pub end: usize,
+    /// `(M, end - first)` [W].
+    pub request_w: Vec<f64>,
+    /// `(M, end - first + 1)`: at the start of each step, and at the end.
+    progress: Vec<Progress>,
+    /// `(M, end - first)`: whether a request is equal to the deliverable power.
+    on_edge: Vec<bool>,
+    /// String-steps computed so far.
+    pub string_steps: std::cell::Cell<u64>,
+    /// Change counter of single strings, and its value at the last change of each string `(M,)`.
+    pub changes: u64,
+    last_change: Vec<u64>,
+    /// Whether unchanged strings are skipped.
+    passes_over: bool,
+}
+
+impl<'a> IncrementalRollout<'a> {
+    pub fn new(
+        horizon: &'a ControlHorizon,
+        first: usize,
+        start: &[StringState],
+        request_w: Vec<f64>,
+    ) -> Self {
+        let end = first + request_w.len() / horizon.n_strings();
+        let n_steps = end - first;
+        let blank = Progress { state: start[0], costs: [0.0; MAX_GROUPS] };
+        let progress = vec![blank; start.len() * (n_steps + 1)];
+        let on_edge = vec![false; request_w.len()];
+        let mut tracked = Self {
+            horizon,
+            first,
+            end,
+            request_w,
+            progress,
+            on_edge,
+            string_steps: 0.into(),
+            changes: 0,
+            last_change: vec![0; start.len()],
+            passes_over: false,
+        };
+        for (m, &state) in start.iter().enumerate() {
+            tracked.progress[m * (n_steps + 1)].state = state;
+            tracked.roll(m, first);
+        }
+        tracked
+    }
+
+    fn n_steps(&self) -> usize {
+        self.end - self.first
+    }
+
+    #[inline]
+    pub fn request(&self, m: usize, t: usize) -> f64 {
+        self.request_w[m * self.n_steps() + t - self.first]
+    }
+
+    /// State of a string at the start of a step.
+    #[inline]
+    pub fn at(&self, m: usize, t: usize) -> &Progress {
+        &self.progress[m * (self.n_steps() + 1) + t - self.first]
+    }
+
+    /// Sets a request; the progress is stale until [`Self::roll`].
+    pub fn set(&mut self, m: usize, t: usize, request_w: f64) {
+        let index = m * self.n_steps() + t - self.first;
+        self.request_w[index] = request_w;
+    }
+
+    /// Rolls out a string again from a step on.
+    pub fn roll(&mut self, m: usize, from: usize) {
+        let base = m * (self.n_steps() + 1);
+        for t in from..self.end {
+            let mut next = self.progress[base + t - self.first];
+            let edge_w = self.edge(m, t, next.state);
+            let index = m * self.n_steps() + t - self.first;
+            self.on_edge[index] =
+                edge_w > 0.0 && (self.request_w[index] - edge_w).abs() < EDGE_WIDTH * edge_w;
+            next.state = self.horizon.advance(m, t, next.state, self.request(m, t), &mut next.costs).end;
+            self.progress[base + t + 1 - self.first] = next;
+        }
+        self.count(self.end - from);
+        self.changes += 1;
+        self.last_change[m] = self.changes;
+    }
+
+    /// Whether to visit two strings again, given the change counter of their last visit: if one has changed since, or
+    /// if no strings are skipped.
+    #[inline]
+    pub fn deserves_a_look(&self, (i, j): (usize, usize), changes: u64) -> bool {
+        !self.passes_over || self.last_change[i].max(self.last_change[j]) > changes
+    }
+
+    /// From now on skips unchanged strings, including those with the requests of another schedule.
+    pub fn settle(&mut self, like_w: &[f64]) {
+        self.passes_over = true;
+        let rows = self.request_w.chunks_exact(self.n_steps()).zip(like_w.chunks_exact(self.n_steps()));
+        for (last_change, (row, like)) in self.last_change.iter_mut().zip(rows) {
+            if row == like {
+                *last_change = 0;
+            }
+        }
+    }
+
+    /// Advances a string from step `from` to the start of step `to`, with `request_w` in the first step.
+    #[inline]
+    pub fn advance(
+        &self,
+        m: usize,
+        mut progress: Progress,
+        from: usize,
+        to: usize,
+        request_w: f64,
+    ) -> Progress {
+        let mut request = request_w;
+        for t in from..to {
+            progress.state = self.horizon.advance(m, t, progress.state, request, &mut progress.costs).end;
+            if t + 1 < to {
+                request = self.request(m, t + 1);
+            }
+        }
+        self.count(to - from);
+        progress
+    }
+
+    /// Maximum request of a string in this state without availability loss.
+    pub fn edge(&self, m: usize, t: usize, state: StringState) -> f64 {
+        let interval = &self.horizon.intervals[t];
+        let string = self.horizon.string(m);
+        let c = string.coefficients(interval.direction, state);
+        if c.derating <= 0.0 {
+            return 0.0;
+        }
+        string.deliverable_w(&c, interval.direction, state.soc, interval.dt_h) / c.derating
+    }
+
+    /// Whether either string is on its edge after a step, so that [`Self::follow`] differs from [`Self::advance`].
+    pub fn has_edge_after(&self, (i, j): (usize, usize), step: usize) -> bool {
+        let row =
+            |m: usize| &self.on_edge[m * self.n_steps() + step + 1 - self.first..(m + 1) * self.n_steps()];
+        row(i).iter().any(|&e| e) || row(j).iter().any(|&e| e)
+    }
+
+    /// Advances two strings from a step to the end like [`Self::advance`], but a string that was on its edge stays
+    /// on it, and the other takes the remainder: the optimum is often at such a kink, which moves with the state.
+    pub fn follow(
+        &self,
+        (i, j): (usize, usize),
+        from: usize,
+        first_w: (f64, f64),
+        mut visit: impl FnMut(usize, (f64, f64)),
+    ) -> (Objectives, Objectives) {
+        let (mut a, mut b) = (*self.at(i, from), *self.at(j, from));
+        let mut request = first_w;
+        for t in from..self.end {
+            if t > from {
+                let (u, v) = (self.request(i, t), self.request(j, t));
+                let (low, high) =
+                    ((u + v - self.horizon.limit(j, t)).max(0.0), self.horizon.limit(i, t).min(u + v));
+                let index = |m: usize| m * self.n_steps() + t - self.first;
+                let wanted = if self.on_edge[index(i)] {
+                    self.edge(i, t, a.state)
+                } else if self.on_edge[index(j)] {
+                    u + v - self.edge(j, t, b.state)
+                } else {
+                    u
+                };
+                // No move if the range is empty (bounds that cross by rounding).
+                let first = if low <= high { wanted.clamp(low, high) } else { u };
+                request = self.horizon.pair(t, (i, j), u + v, first);
+            }
+            visit(t, request);
+            a.state = self.horizon.advance(i, t, a.state, request.0, &mut a.costs).end;
+            b.state = self.horizon.advance(j, t, b.state, request.1, &mut b.costs).end;
+        }
+        self.count(2 * (self.end - from));
+        (a.costs, b.costs)
+    }
+
+    /// Objectives with the final costs of some strings replaced; summed in the order of the strings.
+    #[inline]
+    pub fn objectives_with(&self, changed: &[(usize, Objectives)]) -> Objectives {
+        let mut totals = [0.0; MAX_GROUPS];
+        for m in 0..self.horizon.n_strings() {
+            let replaced = changed.iter().find(|(string, _)| *string == m);
+            add(&mut totals, replaced.map_or(&self.at(m, self.end).costs, |(_, costs)| costs));
+        }
+        totals
+    }
+
+    /// Objectives of the schedule.
+    pub fn objectives(&self) -> Objectives {
+        self.objectives_with(&[])
+    }
+
+    #[inline]
+    fn count(&self, steps: usize) {
+        self.string_steps.set(self.string_steps.get() + steps as u64);
+    }
+}

@@ -1,0 +1,193 @@
+//! The complete search: its starts and stopping criteria.
+
+use std::time::Instant;
+
+use bess_tables::units::W_PER_KW;
+
+use super::incumbent::{Incumbent, Schedule};
+use crate::model::{ControlHorizon, Flow};
+use crate::reach::StepBounds;
+
+/// Maximum number of string swaps.
+const MOST_SWAPS: usize = 64;
+/// Maximum number of descents after a gain from the one-step optima along the incumbent.
+const SETTLING_ROUNDS: usize = 3;
+
+/// Maximum number of rounds: rounding to kW can cancel the gain of an optimum,
+/// without end.
+const MOST_ROUNDS: usize = 50;
+
+/// Limits of a search.
+#[derive(Debug, Clone, Copy)]
+pub struct Effort {
+    /// Maximum number of roll-outs of one descent.
+    pub rollouts: usize,
+    /// Time at which the search stops with its incumbent.
+    pub deadline: Option<Instant>,
+}
+
+/// Result of a search.
+#[derive(Debug, Clone)]
+pub struct SearchResult {
+    /// The best schedule.
+    pub incumbent: Incumbent,
+    /// Number of roll-outs.
+    pub rollouts: usize,
+    /// Flows of the strings under this schedule, `(M, T)`.
+    pub flows: Vec<Flow>,
+    /// One-step optima at the states of the schedule, for each group; empty if there is nothing to decide.
+    pub(crate) optima: Vec<StepBounds>,
+}
+
+impl ControlHorizon {
+    /// Searches for the best schedule, from a greedy pass and, if given, the shifted warm start `warm_start_w`
+    /// `(M, T)`; from more starts if the plant is or will soon be full or empty.
+    ///
+    /// Steps that share a scarce SOC cause local optima. A closed loop has a good warm start in every step; a
+    /// search without warm start uses samples and exchanges.
+    pub fn find(&self, warm_start_w: Option<&[f64]>, effort: &Effort) -> SearchResult {
+        let proportional = self.rated(self.fitted(&self.limit_w));
+        let mut search = Search::new(self, effort, proportional);
+        let n_free = self.n_free_steps();
+        if n_free > 0 {
+            search.offer(self.greedy());
+            if let Some(wanted) = warm_start_w {
+                search.offer(self.rated(self.fitted(wanted)));
+            }
+            search.improve(search.best().to_vec());
+            search.swap_strings();
+            let flows = self.flows(search.best());
+            if sheds(&flows) {
+                search.improve(self.fitted(&self.limit_w));
+            }
+            if warm_start_w.is_none() && n_free > 1 && self.is_scarce(&flows) {
+                search.search_far();
+            }
+        }
+        let (flows, optima) = if n_free > 0 { search.settle() } else { search.without_choice() };
+        let rollouts = (search.string_steps as usize).div_ceil(self.size());
+        SearchResult { incumbent: search.incumbent, rollouts, flows, optima }
+    }
+
+    /// Whether steps are coupled so that local optima are likely: there is availability or derating loss, or a string is so close to
+    /// an end of its window that another step, with the largest SOC change of any string, would reach it.
+    pub(crate) fn is_scarce(&self, flows: &[Flow]) -> bool {
+        let n_steps = self.n_steps();
+        let (mut moved, mut room) = (0.0_f64, f64::INFINITY);
+        for (m, row) in flows.chunks_exact(n_steps).enumerate() {
+            let p = &self.string(m).parameters;
+            let mut soc = self.start[m].soc;
+            room = room.min(soc - p.soc_min).min(p.soc_max - soc);
+            for flow in row {
+                moved = moved.max((flow.end.soc - soc).abs());
+                soc = flow.end.soc;
+                room = room.min(soc - p.soc_min).min(p.soc_max - soc);
+            }
+        }
+        room < moved || sheds(flows) || flows.iter().any(|flow| flow.derating_w > 0.0)
+    }
+}
+
+/// Whether there is availability loss.
+fn sheds(flows: &[Flow]) -> bool {
+    flows.iter().any(|flow| flow.availability_w > 0.0)
+}
+
+/// State of a search.
+pub(super) struct Search<'a> {
+    pub(super) horizon: &'a ControlHorizon,
+    pub(super) effort: &'a Effort,
+    pub(super) incumbent: Incumbent,
+    /// String-steps rolled out by descents and samples.
+    pub(super) string_steps: u64,
+}
+
+impl<'a> Search<'a> {
+    pub(super) fn new(horizon: &'a ControlHorizon, effort: &'a Effort, first: Schedule) -> Self {
+        Self { horizon, effort, incumbent: Incumbent::new(first), string_steps: 0 }
+    }
+
+    pub(super) fn best(&self) -> &[f64] {
+        &self.incumbent.schedule.request_w
+    }
+
+    pub(super) fn offer(&mut self, schedule: Schedule) -> bool {
+        self.incumbent.offer(self.horizon, schedule)
+    }
+
+    pub(super) fn late(&self) -> bool {
+        self.effort.deadline.is_some_and(|deadline| Instant::now() >= deadline)
+    }
+
+    /// Descends from a start, group by group; a start that cannot meet a ceiling is discarded.
+    pub(super) fn improve(&mut self, mut request_w: Vec<f64>) {
+        for group in 0..self.horizon.n_groups() {
+            if self.late() {
+                return;
+            }
+            let schedule = self.descend(&request_w, group);
+            let ranking = self.incumbent.ranking(self.horizon, self.horizon.n_groups() - 1);
+            if group < ranking.group && schedule.objectives[group] > ranking.ceilings[group] {
+                return;
+            }
+            request_w = schedule.request_w;
+        }
+    }
+
+    /// Minimises one group under the ceilings of earlier groups.
+    fn descend(&mut self, start_w: &[f64], group: usize) -> Schedule {
+        let ranking = self.incumbent.ranking(self.horizon, group);
+        let budget = (self.effort.rollouts * self.horizon.size()) as u64;
+        let (schedule, used) = self.horizon.descend(start_w, &ranking, budget, None);
+        self.string_steps += used;
+        self.offer(schedule.clone());
+        schedule
+    }
+
+    fn swap_strings(&mut self) {
+        let mut gained = false;
+        for schedule in self.horizon.with_strings_swapped(self.best(), MOST_SWAPS) {
+            gained |= self.offer(schedule);
+        }
+        if gained {
+            self.improve(self.best().to_vec());
+        }
+    }
+
+    /// Rounds requests so that their conversion to kW and back gives the same bits.
+    fn round(&mut self) {
+        let there_and_back = |w: f64| w / W_PER_KW * W_PER_KW;
+        let request_w = self.best().iter().map(|&w| there_and_back(there_and_back(w))).collect();
+        self.incumbent.schedule = self.horizon.rated(request_w);
+    }
+
+    fn without_choice(&mut self) -> (Vec<Flow>, Vec<StepBounds>) {
+        self.round();
+        (self.horizon.flows(self.best()), vec![])
+    }
+
+    /// Offers the one-step optima at the states of the incumbent, repeated after every improvement; returns its flows and
+    /// these optima.
+    fn settle(&mut self) -> (Vec<Flow>, Vec<StepBounds>) {
+        let mut round = 1;
+        loop {
+            self.round();
+            let flows = self.horizon.flows(self.best());
+            let optima = self.horizon.one_step_optima(&flows);
+            if round > MOST_ROUNDS {
+                return (flows, optima);
+            }
+            let mut gained = false;
+            for optimum in &optima {
+                gained |= self.offer(self.horizon.rated(self.horizon.fitted(&optimum.request_w)));
+            }
+            if !gained {
+                return (flows, optima);
+            }
+            if round < SETTLING_ROUNDS {
+                self.improve(self.best().to_vec());
+            }
+            round += 1;
+        }
+    }
+}

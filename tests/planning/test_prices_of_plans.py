@@ -1,0 +1,54 @@
+"""Claims about the prices that a plan in EUR works with."""
+
+import numpy as np
+import pytest
+
+import bess
+from bess.control.planning import PlanPrices
+from bess.control.planning.prices import MIN_LOSS_EUR_KWH
+from bess.system.terms import SettlementTerms
+
+AVAILABILITY, DERATING, INVERTER, BATTERY = range(4)
+
+
+def prices_of(
+    terms: SettlementTerms, price: list[float], demand: list[float], **weights: float
+) -> PlanPrices:
+    goals = bess.Objectives.money(**weights)
+    return PlanPrices.money(goals, terms, np.array(demand), np.array(price), np.zeros(2))
+
+
+def test_a_loss_costs_what_the_charging_to_come_costs() -> None:
+    price = [10.0, 100.0, 30.0, 50.0, 200.0]
+    prices = prices_of(SettlementTerms(charge_fee_eur_mwh=5.0), price, [-10.0, 80.0, -10.0, -30.0, 80.0])
+    later = (35.0 + 3 * 55.0) / 4
+    expected = [(15.0 + 35.0 + 3 * 55.0) / 5, later, later, 55.0, 55.0]  # the last: the median of buying
+    for loss in (INVERTER, BATTERY):
+        np.testing.assert_allclose(prices.losses[:, loss] * 1000.0, expected)
+
+
+def test_a_shortfall_costs_what_the_ledger_counts() -> None:
+    terms = SettlementTerms(shortfall_eur_mwh=30.0, start_eur=0.5)
+    prices = prices_of(terms, [100.0, -40.0], [50.0, -50.0])
+    for loss in (AVAILABILITY, DERATING):
+        np.testing.assert_allclose(prices.losses[:, loss], [0.130, 0.070])
+    assert prices.start == 0.5
+
+
+def test_no_price_makes_losses_welcome() -> None:
+    prices = prices_of(SettlementTerms(), [-100.0, 20.0], [-50.0, 50.0])
+    assert prices.losses[:, INVERTER].tolist() == [MIN_LOSS_EUR_KWH] * 2
+
+
+def test_weights_multiply_the_prices_of_their_losses() -> None:
+    plain, weighted = (
+        prices_of(SettlementTerms(), [40.0, 60.0], [-50.0, 50.0], **weights)
+        for weights in ({}, {"derating": 2.0, "battery": 0.5})
+    )
+    np.testing.assert_allclose(weighted.losses, plain.losses * [1.0, 2.0, 1.0, 0.5])
+
+
+@pytest.mark.parametrize(("price", "demand"), [([1.0], [1.0, 2.0]), ([], []), ([np.nan], [1.0])])
+def test_bad_prices_are_refused(price: list[float], demand: list[float]) -> None:
+    with pytest.raises(bess.InputError, match="pric"):
+        prices_of(SettlementTerms(), price, demand)

@@ -1,0 +1,70 @@
+"""Claims about what nobody foresaw: outages, limits, forecasts of yesterday's demand, and wrong ones."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+import bess
+from bess.control.planning import Planner
+from bess.control.policies.planned import PlannedPolicy
+from bess.control.policies.policy import Decision, PolicyInput
+from bess.study.scenarios import expand
+from bess.system.terms import SettlementTerms
+
+
+def outages(policy: str, **values: Any) -> bess.Study:
+    """Two days of four unequal strings that lose two inverters and are asked for a lot."""
+    study = bess.load_study("differing", {"demand.scale": 1.5, **values})
+    return expand(study)[policy]
+
+
+class Misled:
+    """Foresight that is told a share of what every later step will ask for."""
+
+    def __init__(self, share: float) -> None:
+        planner = Planner(bess.load_system("unequal-4"), n_steps=96)
+        self._policy = PlannedPolicy(planner, bess.Objectives.energy(), SettlementTerms())
+        self.statuses = self._policy.statuses
+        self._share = share
+
+    def __call__(self, situation: PolicyInput) -> Decision:
+        told = self._share * situation.demand_kw
+        told[0] = situation.demand_kw[0]
+        return self._policy(replace(situation, demand_kw=told))
+
+    def memory(self) -> dict[str, Any]:
+        return self._policy.memory()
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        self._policy.recall(memory)
+
+
+@pytest.fixture(scope="module")
+def soc() -> dict[str, float]:
+    return bess.run(outages("soc"), progress=False).kpis
+
+
+def cost_kwh(kpis: Mapping[str, float]) -> float:
+    """What plans of kind ``energy`` minimise, starts aside."""
+    return 3.0 * kpis["undelivered_kwh"] + kpis["inverter_loss_kwh"] + kpis["battery_loss_kwh"]
+
+
+@pytest.mark.parametrize("forecast", ["perfect", "persistence"])
+def test_outages_and_limits_that_nobody_foresaw_cost_no_more_than_under_soc(
+    forecast: str, soc: dict[str, float]
+) -> None:
+    study = outages("mpc", **{"demand.forecast": forecast})
+    kpis = bess.run(study, progress=False).kpis
+    assert cost_kwh(kpis) < cost_kwh(soc)
+    # Which string fails is luck: up to a thousandth of the demand.
+    assert kpis["delivered_kwh"] >= 0.999 * soc["delivered_kwh"]
+
+
+@pytest.mark.parametrize("share", [0.8, 1.2])
+def test_a_forecast_wrong_by_a_fifth_costs_no_more_than_soc(share: float, soc: dict[str, float]) -> None:
+    result = bess.run(outages("mpc"), policy=Misled(share), progress=False)
+    assert cost_kwh(result.kpis) < cost_kwh(soc)

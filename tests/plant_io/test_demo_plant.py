@@ -1,0 +1,47 @@
+"""``bess demo-plant`` as a stranger starts it."""
+
+import signal
+import socket
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from plant_partners import Connecting
+
+pytestmark = pytest.mark.process
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.mark.parametrize("kind", ["openems", "sunspec"])
+def test_it_says_how_to_drive_it_and_is_driven(connecting: Connecting, kind: str) -> None:
+    command = [sys.executable, "-m", "bess", "demo-plant", "--kind", kind, "--port", str(_free_port())]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        assert "Simulated plant with 2 strings" in process.stdout.readline()
+        address = process.stdout.readline().split("--plant ")[1].strip()
+        link = connecting(address, 2)
+        link.write(np.array([30.0, -20.0]))
+        assert link.read().power_kw == pytest.approx([30.0, -20.0], abs=0.01)
+        process.send_signal(signal.SIGINT)
+        process.wait(30)
+        assert process.stdout.read().endswith("The plant has stopped.\n")
+        assert process.stderr.read() == ""
+    assert process.returncode == 0
+
+
+def test_a_speed_of_zero_is_bad_input() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "bess", "demo-plant", "--speed", "0"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stderr == "bess: speed 0.0: expected a positive number of plant seconds per second\n"

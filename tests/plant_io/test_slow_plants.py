@@ -1,0 +1,190 @@
+"""Plants that are slow, that trickle, or that never answer: every call ends in its time, none starves."""
+
+import socketserver
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+
+import numpy as np
+import pytest
+from plant_partners import Connecting, ManualClock
+
+import bess
+from bess.edge.plant_io import LinkError, openems, simulated_openems, sunspec
+from bess.edge.plant_io.simulated import SimulatedPlant
+from bess.edge.plant_io.simulated_openems import SimulatedEdge
+from bess.edge.plant_io.simulated_sunspec import SimulatedDevices
+
+MANY = 32
+CALL_S = 0.12
+ENDS_S = 2.0
+"""Longer than any call here may take, shorter than what the partners below would like."""
+
+
+@contextmanager
+def _partner(behave: Callable[[socketserver.StreamRequestHandler, threading.Event], None]) -> Iterator[int]:
+    stop = threading.Event()
+
+    class Handler(socketserver.StreamRequestHandler):
+        def handle(self) -> None:
+            with suppress(OSError):  # the other end may have gone
+                behave(self, stop)
+
+    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), Handler) as server:
+        server.daemon_threads = True
+        threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
+        yield server.server_address[1]
+        stop.set()
+        server.shutdown()
+
+
+def _trickle(piece: bytes) -> Callable[[socketserver.StreamRequestHandler, threading.Event], None]:
+    def behave(request: socketserver.StreamRequestHandler, stop: threading.Event) -> None:
+        while not stop.wait(0.05):
+            request.wfile.write(piece)
+
+    return behave
+
+
+def _ends(call: Callable[[], object]) -> str:
+    """Return the error of a call; fail if it has not ended after a while."""
+    said: list[str] = []
+
+    def run() -> None:
+        try:
+            call()
+        except LinkError as error:
+            said.append(str(error))
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    thread.join(ENDS_S)
+    assert not thread.is_alive()
+    return said[0]
+
+
+@pytest.mark.parametrize(
+    "piece",
+    [b"HTTP/1.1 100 Continue\r\n\r\n", b"X", b""],
+    ids=["100 Continue", "one byte of a status line", "silence"],
+)
+def test_an_edge_that_trickles_before_its_answer_is_left_in_time(
+    connecting: Connecting, monkeypatch: pytest.MonkeyPatch, piece: bytes
+) -> None:
+    monkeypatch.setattr(openems, "ANSWER_S", 0.3)
+    with _partner(_trickle(piece)) as port:
+        link = connecting(f"openems=http://127.0.0.1:{port}?ess=ess0,ess1,ess2")
+        for call in (link.read, link.release):
+            assert "no answer within 0.3 s" in _ends(call)
+
+
+def test_headers_that_trickle_have_no_more_time_than_others(
+    connecting: Connecting, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(openems, "ANSWER_S", 0.3)
+
+    def behave(request: socketserver.StreamRequestHandler, stop: threading.Event) -> None:
+        request.wfile.write(b"HTTP/1.1 200 OK\r\n")
+        _trickle(b"X-More: 1\r\n")(request, stop)
+
+    with _partner(behave) as port:
+        assert "no answer within 0.3 s" in _ends(connecting(f"openems=http://127.0.0.1:{port}").read)
+
+
+@pytest.mark.parametrize(
+    "piece", [b"\x00\x01\x00\x00\x01\x00\x01", b"\x00", b""], ids=["frames", "bytes", "silence"]
+)
+def test_a_device_that_trickles_is_left_in_time(
+    connecting: Connecting, monkeypatch: pytest.MonkeyPatch, piece: bytes
+) -> None:
+    monkeypatch.setattr(sunspec, "ALL_S", 0.3)
+    with _partner(_trickle(piece)) as port:
+        link = connecting(f"sunspec=127.0.0.1:{port}")
+        for call in (link.read, link.release):
+            assert _ends(call)
+
+
+def test_a_link_is_whole_again_after_an_edge_that_trickled(
+    connecting: Connecting, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(openems, "ANSWER_S", 0.3)
+    calls = 0
+    plant = SimulatedPlant(bess.System.reference(n_strings=3))
+    edge = SimulatedEdge(plant)
+    with edge:
+        link = connecting(edge.address)
+        link.read()
+        plant.faults.delay_s = 5.0
+        for _ in range(3 * openems.CONNECTIONS):
+            assert "no answer within" in _ends(lambda: link.write(np.full(3, 10.0)))
+            calls += 1
+        plant.faults.delay_s = 0.0
+        link.write(np.full(3, 20.0))
+        assert [plant.holds(string)[0] for string in range(3)] == [20.0] * 3  # type: ignore[index]
+
+
+def test_32_strings_at_120_ms_a_call_are_all_written_in_one_round(connecting: Connecting) -> None:
+    plant = SimulatedPlant(bess.System.reference(n_strings=MANY))
+    with SimulatedEdge(plant) as edge:
+        link = connecting(edge.address, MANY)
+        link.read()
+        plant.faults.delay_s = CALL_S
+        link.write(np.full(MANY, 62.0))
+        plant.faults.delay_s = 0.0
+        assert sum(reading.power_kw for reading in plant.truth()) == pytest.approx(MANY * 62.0, abs=0.1)
+
+
+@pytest.mark.parametrize("kind", [SimulatedEdge, SimulatedDevices])
+def test_no_string_starves_at_a_plant_too_slow_for_one_round(
+    connecting: Connecting, monkeypatch: pytest.MonkeyPatch, kind: type[SimulatedEdge | SimulatedDevices]
+) -> None:
+    n = 12
+    plant = SimulatedPlant(bess.System.reference(n_strings=n), clock=ManualClock())
+    with kind(plant) as partner:
+        link = connecting(partner.address, n)
+        link.read()
+        link.write(np.zeros(n))
+        monkeypatch.setattr(openems, "ANSWER_S", 0.3)
+        monkeypatch.setattr(sunspec, "ALL_S", 0.3)
+        plant.faults.delay_s = 0.12 if kind is SimulatedEdge else 0.02
+        rounds = 0
+        for kw in (10.0, 20.0):
+            for _ in range(8):
+                rounds += 1
+                with suppress(LinkError):
+                    link.write(np.full(n, kw))
+            held = [plant.holds(string) for string in range(n)]
+            assert [hold[0] for hold in held if hold] == [kw] * n
+
+
+def test_strings_that_were_not_reached_are_named(
+    connecting: Connecting, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plant = SimulatedPlant(bess.System.reference(n_strings=12))
+    with SimulatedEdge(plant) as edge:
+        link = connecting(edge.address, 12)
+        link.read()
+        monkeypatch.setattr(openems, "ANSWER_S", 0.3)
+        plant.faults.delay_s = 0.2
+        with pytest.raises(LinkError, match=r"set-points of ess\d+(, ess\d+){7} not written: .*within 0.3 s"):
+            link.write(np.full(12, 10.0))
+
+
+def test_an_edge_that_takes_one_connection_has_all_strings_written_one_after_the_other(
+    connecting: Connecting, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Single(simulated_openems._Server):
+        process_request = socketserver.BaseServer.process_request
+
+    monkeypatch.setattr(simulated_openems, "_Server", Single)
+    monkeypatch.setattr(openems, "ANSWER_S", 0.5)
+    plant = SimulatedPlant(bess.System.reference(n_strings=6))
+    with SimulatedEdge(plant) as edge:
+        link = connecting(edge.address, 6)
+        link.read()
+        for kw in (10.0, 20.0):
+            with suppress(LinkError):
+                link.write(np.full(6, kw))
+        link.write(np.full(6, 30.0))
+        assert [plant.holds(string)[0] for string in range(6)] == [30.0] * 6  # type: ignore[index]
+        link.close()

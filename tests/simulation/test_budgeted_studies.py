@@ -1,0 +1,113 @@
+"""Claims about studies with a budget of a year."""
+
+import os
+import signal
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import bess
+from bess.study.grid import TimeGrid
+
+DAYS = 8.0
+CYCLES = 2.5
+
+
+@pytest.fixture(scope="module")
+def values(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    hours = pd.date_range("2023-01-01", periods=24 * int(DAYS), freq="1h", tz="UTC")
+    price = 60.0 + 50.0 * np.sin(2.0 * np.pi * hours.hour / 12.0) + 20.0 * np.sin(np.arange(hours.size) // 24)
+    path = tmp_path_factory.mktemp("prices") / "prices.csv"
+    pd.Series(price, hours, name="price_eur_mwh").rename_axis("time").to_csv(path)
+    return {
+        "demand.prices": str(path),
+        "policy.name": "equal",
+        "wear.model": "none",
+        "budget.cycles_per_year": CYCLES * 365.0 / DAYS,
+    }
+
+
+@pytest.mark.parametrize("plan", ["linear", "aware"])
+def test_a_run_keeps_its_budget_and_the_record_says_at_what_price(values: dict[str, Any], plan: str) -> None:
+    study = bess.load_study("arbitrage-2024", {**values, "demand.plan": plan})
+    result = bess.run(study, progress=False)
+    record = result.dataset
+    change = np.diff(record["soc"].values, axis=0, prepend=np.array([record.attrs["initial_soc"]]))
+    cycles = max(np.maximum(sign * change, 0.0).mean(axis=1).sum() for sign in (1.0, -1.0))
+    assert 0.8 * CYCLES < cycles <= CYCLES
+    assert result.kpis["full_cycles"] <= cycles
+    assert result.kpis["budget_used_pct"] == pytest.approx(100.0 * cycles / CYCLES)
+    used = np.maximum(*(np.maximum(sign * change, 0.0).mean(axis=1).cumsum() for sign in (1.0, -1.0)))
+    np.testing.assert_allclose(record["budget_cycles"].values[1:], used[:-1], atol=1e-12)
+    assert (record["budget_price_eur_mwh"].values > 0.0).all()
+
+
+def test_throughput_is_energy_discharged(values: dict[str, Any]) -> None:
+    limits = {"budget.cycles_per_year": 1e4, "budget.throughput_mwh_per_year": 1.2 * 365.0 / DAYS}
+    kpis = bess.run(bess.load_study("arbitrage-2024", values | limits), progress=False).kpis
+    assert 0.8 * 1.2e3 < kpis["discharged_kwh"] <= 1.2e3
+    assert kpis["budget_used_pct"] == pytest.approx(100.0 * kpis["discharged_kwh"] / 1.2e3)
+
+
+def test_a_run_that_was_stopped_goes_on_with_what_it_had_used(
+    values: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study = bess.load_study("arbitrage-2024", values | {"demand.plan": "linear"})
+    whole = bess.run(study, progress=False).dataset
+    step, calls = bess.Plant.step, iter(range(10**6))
+
+    def interrupted(plant: bess.Plant, *arguments: Any, **options: Any) -> Any:
+        if next(calls) == 500:
+            os.kill(os.getpid(), signal.SIGINT)
+        return step(plant, *arguments, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(bess.Plant, "step", interrupted)
+        with pytest.raises(bess.StoppedEarly):
+            bess.run(study, progress=False, out=tmp_path / "run")
+    resumed = bess.run(study, progress=False, out=tmp_path / "run", resume=True).dataset
+    assert 0 < int(np.argmax(whole["budget_cycles"].values > 0.5)) < 500
+    for name in whole.data_vars:
+        np.testing.assert_array_equal(resumed[name].values, whole[name].values, err_msg=str(name))
+
+
+def test_trade_beside_a_reserve_leaves_it_the_cycles_that_it_needs() -> None:
+    study = bess.load_study("fcr-arbitrage", {"policy.name": "equal", "run.days": 4.0})
+    free = bess.run(study, progress=False)
+    cycles = 0.6 * free.kpis["full_cycles"]
+    kept = bess.run(study.with_values({"budget.cycles_per_year": cycles * 366.0 / 4.0}), progress=False)
+    assert kept.kpis["full_cycles"] < cycles
+    assert 80.0 < kept.kpis["budget_used_pct"] <= 100.0
+    assert kept.kpis["outside_window_h"] <= free.kpis["outside_window_h"]
+    asked = kept.dataset["response_kw"] + kept.dataset["schedule_kw"]
+    np.testing.assert_allclose(kept.dataset["demand_kw"].values, asked.values, atol=1e-9)
+
+
+def test_a_reserve_is_not_there_once_the_budget_is_used() -> None:
+    values = {"policy.name": "equal", "run.days": 1.0, "budget.cycles_per_year": 0.2 * 366.0}
+    result = bess.run(bess.load_study("fcr-arbitrage", values), progress=False)
+    assert result.kpis["budget_used_pct"] <= 100.0
+    assert (result.dataset["capacity_able_kw"].values[-8:] == 0.0).all()
+
+
+def test_a_demand_that_does_not_trade_has_no_budget() -> None:
+    with pytest.raises(bess.InputError, match=r'demand\.kind = "profile" has none'):
+        bess.load_study("case1", {"budget.cycles_per_year": 300.0})
+
+
+@pytest.mark.parametrize(
+    ("start", "days", "years"),
+    [
+        (datetime(2024, 1, 1, tzinfo=UTC), 366.0, [0, 366]),
+        (datetime(2023, 12, 31, 23, tzinfo=UTC), 366.0, [0, 366]),
+        (datetime(2023, 3, 1, tzinfo=UTC), 367.0, [0, 366, 731]),
+        (datetime(2024, 2, 29, tzinfo=UTC), 1.0, [0, 365]),
+    ],
+)
+def test_a_year_lasts_to_the_same_day_of_the_next(start: datetime, days: float, years: list[int]) -> None:
+    grid = TimeGrid.of(start, 900.0, days)
+    assert (grid.years / 96).tolist() == years
