@@ -121,16 +121,19 @@ def test_years_lead_with_present_value_years_to_the_end_of_life_and_the_budget(t
     write_run(tmp_path / "run", record(1, 35_064))  # a year
     (run,) = runs_in(tmp_path / "run")[0].values()
     end = run.system.strings[0].wear.end_of_life
-    run.kpis.update({"npv_eur": 1234.5, "soh_capacity_min": 1.0 - (1.0 - end) / 8.0, "full_cycles": 150.0})
-    run.study["budget"] = {"cycles_per_year": 300.0}
+    run.kpis.update({"npv_eur": 1234.5, "soh_capacity_min": 1.0 - (1.0 - end) / 8.0, "budget_used_pct": 50.0})
+    run.study["budget"] = {"cycles_per_year": 300.0, "throughput_mwh_per_year": 1500.0}
     named = {tile.label: tile for tile in tiles(run)}
     assert list(named)[:4] == [
         "Net present value",
         "To end of life",
         "Capacity left",
-        "Budget of cycles used",
+        "Budget used",
     ]
-    assert named["To end of life"].figure == "8.0" and named["Budget of cycles used"].figure == "50"
+    assert named["To end of life"].figure == "8.0"
+    used = named["Budget used"]
+    assert (used.figure, used.unit) == ("50.00", "%")
+    assert used.detail == "of 300 full cycles and 1,500 MWh discharged a year, in the year of most use"
     run.kpis["end_of_life_days"] = 365.25 * 6.5
     assert {tile.label: tile.figure for tile in tiles(run)}["End of life"] == "6.5"
 

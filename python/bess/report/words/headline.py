@@ -14,6 +14,7 @@ from bess.units import DAYS_PER_YEAR, HOURS_PER_DAY
 
 _HOURS_PER_YEAR = HOURS_PER_DAY * DAYS_PER_YEAR
 _KW_PER_MW = 1000.0
+_BUDGETS = {"cycles_per_year": "full cycles", "throughput_mwh_per_year": "MWh discharged"}
 
 
 @dataclass(frozen=True)
@@ -66,11 +67,12 @@ def _years(run: Run) -> Iterator[Tile]:
             detail = f"to {100.0 * end:.0f} % of capacity, at the mean pace of {years:.1f} years"
             yield Tile("To end of life", f"{life:.1f}", "years", detail)
         yield Tile("Capacity left", f"{100.0 * left:.1f}", "%", "of the string that aged most")
-    budget = run.study.get("budget") or {}
-    if allowed := budget.get("cycles_per_year"):
-        used = kpis["full_cycles"] / (allowed * years)
-        detail = f"{kpi('full_cycles').number(kpis['full_cycles'])} of {allowed * years:,.1f} full cycles"
-        yield Tile("Budget of cycles used", f"{100.0 * used:.0f}", "%", detail)
+    if "budget_used_pct" in kpis:
+        limits = run.study["budget"]
+        allowed = [
+            f"{limits[name]:,g} {unit}" for name, unit in _BUDGETS.items() if limits.get(name) is not None
+        ]
+        yield _tile("budget_used_pct", kpis, f"of {' and '.join(allowed)} a year, in the year of most use")
 
 
 def _every(run: Run) -> Iterator[Tile]:
