@@ -5,12 +5,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from scipy import sparse
 
 from bess.arrays import Array, require_positive
 from bess.dispatch.blocks import Blocks
 from bess.dispatch.forecast import Forecast, steps_in
-from bess.dispatch.program import Program
+from bess.dispatch.program import StoreProgram
 from bess.errors import InputError
 
 _TOLERANCE: Final = 1e-6
@@ -115,7 +114,10 @@ class Arbitrage:
         self.power_kw, self.energy_kwh, self.dt_h = power_kw, energy_kwh, dt_h
         self.efficiency, self.cycles_per_day = efficiency, cycles_per_day
         self.cycles_per_plan = cycles_per_plan
-        self._most = [min(1.0, (each or power_kw) / power_kw) for each in (max_import_kw, max_export_kw)]
+        self._most = (
+            min(1.0, (max_import_kw or power_kw) / power_kw),
+            min(1.0, (max_export_kw or power_kw) / power_kw),
+        )
 
     def is_due(self, step: int) -> bool:
         """Tell whether a new plan is due at `step`: every `replan_h` from step 0."""
@@ -188,27 +190,23 @@ class Arbitrage:
         blocks = Blocks.of(price, days, self.dt_h)
         price, days = price[blocks.first], days[blocks.first]
         hours = np.asarray(blocks.count * self.dt_h, dtype=np.float64)
-        steps, one_way = price.size, float(np.sqrt(self.efficiency))
-        held, full = energy_kwh / self.power_kw, self.energy_kwh / self.power_kw
-        start, idle = np.zeros(steps), np.zeros(steps)
-        start[0] = held
-        daily, allowed = self._cycles(days, hours, discharged_kwh)
-        rows: sparse.csr_array = sparse.vstack([balance_rows(hours, one_way), daily], format="csr")
-        allowed = np.minimum(allowed, left_kwh / self.power_kw)
+        one_way = float(np.sqrt(self.efficiency))
         per_unit = hours / (self.dt_h * max(1.0, float(np.abs(price).max())))
-        program = Program(
-            cost=np.concatenate([per_unit * price, per_unit * (use_eur_mwh - price), idle]),
-            lower=np.repeat([0.0, 0.0, min(0.0, held)], steps),
-            upper=np.repeat([*self._most, max(full, held)], steps),
-            rows=rows,
-            least=np.concatenate([start, np.full(allowed.size, -np.inf)]),
-            most=np.concatenate([start, allowed]),
+        program = StoreProgram(
+            hours,
+            one_way,
+            energy_kwh / self.power_kw,
+            cost=(per_unit * price, per_unit * (use_eur_mwh - price)),
+            most=self._most,
+            stored=self.energy_kwh / self.power_kw,
         )
-        plan = program.optimum()
+        self._limit_cycles(program, days, hours, discharged_kwh, left_kwh)
+        plan = program.solved()
         negative = np.flatnonzero(price < 0.0)
-        if np.minimum(plan[negative], plan[steps + negative]).max(initial=0.0) > _TOLERANCE:
-            plan = program.exclusive(steps + negative, negative).optimum()
-        charge, discharge = plan[:steps], plan[steps : 2 * steps]
+        if np.minimum(plan.charge, plan.discharge)[negative].max(initial=0.0) > _TOLERANCE:
+            program.exclude(negative)
+            plan = program.solved()
+        charge, discharge = plan.charge, plan.discharge
         stored = one_way * charge - discharge / one_way
         share = -np.where(stored > 0.0, stored / one_way, stored * one_way)
         share[np.abs(share) < _TOLERANCE] = 0.0
@@ -218,29 +216,28 @@ class Arbitrage:
         )
         return demand
 
-    def _cycles(
-        self, days: npt.NDArray[np.int64], hours: Array, discharged_kwh: float
-    ) -> tuple[sparse.csr_array, Array]:
-        """Rows of what counts as cycles, on each day or in the plan, and what the limit leaves of it."""
-        steps = days.size
-        if self.cycles_per_plan is not None:
-            used = np.r_[0.5 * hours, 0.5 * hours, np.zeros(steps)]
-            most = self.cycles_per_plan * self.energy_kwh / self.power_kw
-            return sparse.csr_array(used[None]), np.array([most])
-        numbers, day = np.unique(days, return_inverse=True)
-        per_block = hours / np.sqrt(self.efficiency)
-        rows = sparse.csr_array((per_block, (day, steps + np.arange(steps))), shape=(numbers.size, 3 * steps))
-        allowed = np.full(numbers.size, self.cycles_per_day * self.energy_kwh)
-        allowed[day[0]] = max(0.0, allowed[day[0]] - discharged_kwh)
-        return rows, allowed / self.power_kw
-
-
-def balance_rows(hours: Array, one_way: float) -> sparse.csr_array:
-    """Rows of ``e_t - e_{t-1} - eta_c c_t T_t + d_t T_t / eta_d``."""
-    length = sparse.diags_array(hours)
-    change = sparse.eye_array(hours.size) - sparse.eye_array(hours.size, k=-1)
-    rows: sparse.csr_array = sparse.hstack([-one_way * length, length / one_way, change], format="csr")
-    return rows
+    def _limit_cycles(
+        self,
+        program: StoreProgram,
+        days: npt.NDArray[np.int64],
+        hours: Array,
+        discharged_kwh: float,
+        left_kwh: float,
+    ) -> None:
+        """Limit what counts as cycles, on each day or in the plan, and what may be discharged in all."""
+        if self.cycles_per_plan is None:
+            numbers, row = np.unique(days, return_inverse=True)
+            most_kwh = np.full(numbers.size, self.cycles_per_day * self.energy_kwh)
+            most_kwh[0] = max(0.0, most_kwh[0] - discharged_kwh)
+            charged, discharged = 0.0 * hours, hours / np.sqrt(self.efficiency)
+        else:
+            row, most_kwh = np.zeros(days.size, np.int64), np.array([self.cycles_per_plan * self.energy_kwh])
+            charged, discharged = 0.5 * hours, 0.5 * hours
+        program.at_most(
+            np.minimum(most_kwh, left_kwh) / self.power_kw,
+            (row, program.charge, charged),
+            (row, program.discharge, discharged),
+        )
 
 
 def calendar_days(index: pd.DatetimeIndex, time_zone: str) -> npt.NDArray[np.int64]:

@@ -6,10 +6,9 @@ Peak shaving has the limit of the connection as its level, self-consumption the 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse
 
 from bess.arrays import Array
-from bess.dispatch.program import Program
+from bess.dispatch.program import StoreProgram
 from bess.errors import InputError
 
 
@@ -104,27 +103,15 @@ def min_peak_kw(
     InputError
         There is no load to shave: the largest net load is not above 0.
     """
-    steps = net_kw.size
     if net_kw.max() <= 0.0:
         raise InputError(
             f"demand.load: the largest load less generation is {net_kw.max():g} kW, so there is no peak to "
             "shave; give a load, or demand.limit_kw"
         )
-    unit, none = sparse.eye_array(steps), sparse.csr_array((steps, steps))
-    change = unit - sparse.eye_array(steps, k=-1)
-    start = np.zeros(steps)
-    start[0] = held_kwh
-    top = max(full_kwh, held_kwh)
-    balance = sparse.hstack(
-        [-one_way * dt_h * unit, dt_h / one_way * unit, change, sparse.csr_array((steps, 1))]
+    n = np.arange(net_kw.size)
+    program = StoreProgram(
+        np.full(n.size, dt_h), one_way, held_kwh, cost=(0.0, 0.0), most=(power_kw, power_kw), stored=full_kwh
     )
-    limit = sparse.hstack([unit, -unit, none, sparse.csr_array(-np.ones((steps, 1)))])
-    program = Program(
-        cost=np.r_[np.zeros(3 * steps), 1.0],
-        lower=np.zeros(3 * steps + 1),
-        upper=np.r_[np.full(2 * steps, power_kw), np.full(steps, top), np.inf],
-        rows=sparse.vstack([balance, limit], format="csr"),
-        least=np.r_[start, np.full(steps, -np.inf)],
-        most=np.r_[start, -net_kw],
-    )
-    return float(program.optimum()[-1])
+    limit = program.add(1, cost=1.0)
+    program.at_most(-net_kw, (n, program.charge, 1.0), (n, program.discharge, -1.0), (n, limit, -1.0))
+    return float(program.solved().added[0])

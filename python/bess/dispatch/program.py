@@ -1,7 +1,7 @@
-"""A mixed-integer linear program in the form that HiGHS takes, and the one restriction dispatch needs."""
+"""The linear program of one store: its energy balance, and the rows and columns that a dispatch adds."""
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -14,24 +14,108 @@ from bess.errors import BessError
 _GAP: Final = 1e-4
 """Relative gap at which the search over binaries stops."""
 
+Columns = npt.NDArray[np.int64]
+
 
 @dataclass(frozen=True)
-class Program:
-    """Minimise ``cost @ x`` subject to ``lower <= x <= upper`` and ``least <= rows @ x <= most``.
+class StoreSchedule:
+    """An optimal schedule; powers and energies in the unit of the program.
 
-    The last `binaries` variables are 0 or 1.
+    Attributes
+    ----------
+    cost : float
+        Optimal value of the objective.
+    charge, discharge, stored : ndarray, shape (n_steps,)
+        Power of either direction (AC), and stored energy at the end of each step.
+    added : ndarray
+        Values of the columns that were added.
+    duals : ndarray
+        What one unit more of each added row would lower the cost by; empty with binaries.
     """
 
-    cost: Array
-    lower: Array
-    upper: Array
-    rows: sparse.csr_array
-    least: Array
-    most: Array
-    binaries: int = 0
+    cost: float
+    charge: Array
+    discharge: Array
+    stored: Array
+    added: Array
+    duals: Array
 
-    def optimum(self) -> Array:
-        """Return an optimal point, the same for the same program; raise BessError if there is none.
+
+class StoreProgram:
+    r"""Minimise the cost of a store's schedule.
+
+    With charging :math:`c`, discharging :math:`d` (AC), stored energy :math:`e`, steps of :math:`T_t` hours
+    and the efficiency :math:`\eta` of each direction,
+
+    .. math:: \min \sum_t a_t c_t + b_t d_t + \dots\quad\text{s. t.}\quad
+       e_t = e_{t-1} + \eta c_t T_t - d_t T_t / \eta .
+
+    Columns and rows are added to it (:meth:`add`, :meth:`at_most`). Powers have one unit and energies that
+    times 1 h; near 1 the tolerance of the solver (1e-7) fits best.
+
+    Parameters
+    ----------
+    hours : ndarray, shape (n_steps,)
+        Length of each step.
+    one_way : float
+        Efficiency of each direction.
+    held : float
+        Energy at the start. If it is outside ``stored``, it is let be, and not moved further outside.
+    cost, most : pair of float or array
+        Cost and largest power of charging and of discharging.
+    stored : float
+        Most stored energy; the least is 0.
+    """
+
+    def __init__(
+        self,
+        hours: Array,
+        one_way: float,
+        held: float,
+        *,
+        cost: tuple[Any, Any],
+        most: tuple[Any, Any],
+        stored: float,
+    ):
+        self._hours, self._one_way, self._held = hours, one_way, held
+        self._columns: list[Array] = []
+        self._cells: list[Array] = []
+        self._most: list[Array] = []
+        self._binaries = 0
+        n = hours.size
+        self.charge, self.discharge = (
+            self.add(n, cost=each, upper=upper) for each, upper in zip(cost, most, strict=True)
+        )
+        self.stored = self.add(n, lower=min(0.0, held), upper=max(stored, held))
+
+    def add(self, count: int, *, cost: Any = 0.0, lower: Any = 0.0, upper: Any = np.inf) -> Columns:
+        """Add columns with their cost and bounds, and return their numbers."""
+        first = sum(each.shape[1] for each in self._columns)
+        self._columns.append(np.stack([np.broadcast_to(each, count) for each in (cost, lower, upper)]))
+        return np.arange(first, first + count)
+
+    def at_most(self, most: npt.ArrayLike, *cells: tuple[Any, Any, Any]) -> None:
+        """Add rows: the sum of value times column, over the cells of each, is at most ``most``.
+
+        A cell is a row (from 0), a column and a value, or arrays of them, broadcast against each other.
+        """
+        first = sum(each.size for each in self._most)
+        for row, column, value in cells:
+            cell = np.broadcast_arrays(np.add(first, row), column, value)
+            self._cells.append(np.stack([np.ravel(each) for each in cell]).astype(np.float64))
+        self._most.append(np.atleast_1d(np.asarray(most, dtype=np.float64)))
+
+    def exclude(self, steps: npt.NDArray[np.int64]) -> None:
+        """Let the store only charge or only discharge in each of these steps, by a binary."""
+        charge_most, discharge_most = self._columns[0][2, steps], self._columns[1][2, steps]
+        row = np.arange(steps.size)
+        charges = self.add(steps.size, upper=1.0)
+        self._binaries += steps.size
+        self.at_most(0.0 * charge_most, (row, self.charge[steps], 1.0), (row, charges, -charge_most))
+        self.at_most(discharge_most, (row, self.discharge[steps], 1.0), (row, charges, discharge_most))
+
+    def solved(self) -> StoreSchedule:
+        """Return an optimal schedule, the same for the same program.
 
         Raises
         ------
@@ -39,38 +123,38 @@ class Program:
             The program has no solution.
         """
         # Loaded here: it takes half a second, which runs without a market need not spend.
-        from scipy.optimize import Bounds, LinearConstraint, milp
+        from scipy.optimize import linprog
 
-        integrality = np.zeros(self.cost.size, dtype=np.int64)
-        integrality[self.cost.size - self.binaries :] = 1
+        cost, lower, upper = np.concatenate(self._columns, axis=1)
+        n, size = self._hours.size, cost.size
+        length, change = sparse.diags_array(self._hours), sparse.eye_array(n) - sparse.eye_array(n, k=-1)
+        balance = [
+            -self._one_way * length,
+            length / self._one_way,
+            change,
+            sparse.csr_array((n, size - 3 * n)),
+        ]
+        rows = {}
+        if self._most:
+            row, column, value = np.concatenate(self._cells, axis=1)
+            most = np.concatenate(self._most)
+            cells = value, (row.astype(np.int64), column.astype(np.int64))
+            rows = {"A_ub": sparse.csr_array(cells, shape=(most.size, size)), "b_ub": most}
+        start = np.zeros(n)
+        start[0] = self._held
         with stdout_to_stderr():
-            answer = milp(
-                self.cost,
-                integrality=integrality,
-                bounds=Bounds(self.lower, self.upper),
-                constraints=LinearConstraint(self.rows, self.least, self.most),
+            answer = linprog(  # type: ignore[call-overload]  # stubs know no sparse rows
+                cost,
+                **rows,
+                A_eq=sparse.hstack(balance, format="csr"),
+                b_eq=start,
+                bounds=np.column_stack([lower, upper]),
+                integrality=np.arange(size) >= size - self._binaries if self._binaries else None,
+                method="highs",
                 options={"mip_rel_gap": _GAP},
             )
         if answer.x is None:
             raise BessError(f"the dispatch program has no solution; HiGHS says: {answer.message}")
-        return np.asarray(answer.x, dtype=np.float64)
-
-    def exclusive(self, first: npt.NDArray[np.intp], second: npt.NDArray[np.intp]) -> "Program":
-        """Let only one of each pair of variables be above 0, by a binary; both have the upper bound 1."""
-        count, size = first.size, self.cost.size
-        row, one, zero = np.arange(count), np.ones(count), np.zeros(count)
-        cells = (
-            np.r_[one, -one, one, one],
-            (np.r_[row, row, count + row, count + row], np.r_[first, size + row, second, size + row]),
-        )
-        pairs = sparse.csr_array(cells, shape=(2 * count, size + count))
-        wider = sparse.hstack([self.rows, sparse.csr_array((self.least.size, count))])
-        return Program(
-            np.r_[self.cost, zero],
-            np.r_[self.lower, zero],
-            np.r_[self.upper, one],
-            sparse.vstack([wider, pairs], format="csr"),
-            np.r_[self.least, np.full(2 * count, -np.inf)],
-            np.r_[self.most, zero, one],
-            self.binaries + count,
-        )
+        charge, discharge, stored, added = np.split(np.asarray(answer.x), [n, 2 * n, 3 * n])
+        duals = -np.asarray(answer.ineqlin.marginals) if rows else np.zeros(0)
+        return StoreSchedule(float(answer.fun), charge, discharge, stored, added, duals)

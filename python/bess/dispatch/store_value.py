@@ -7,13 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy import sparse
 
 from bess.arrays import Array, ByValue, finite_array, require_positive
-from bess.dispatch.arbitrage import balance_rows
-from bess.dispatch.silence import stdout_to_stderr
+from bess.dispatch.program import StoreProgram
 from bess.display import as_table, one_line
-from bess.errors import BessError, InputError
+from bess.errors import InputError
 from bess.units import KWH_PER_MWH, SECONDS_PER_HOUR
 
 if TYPE_CHECKING:
@@ -122,37 +120,27 @@ def store_value(
     if not 0.0 <= initial_kwh <= energy_kwh:
         raise InputError(f"store_value: initial_kwh {initial_kwh:g} kWh is outside [0, {energy_kwh:g}] kWh")
     price, dt_h = _steps(prices, dt_h)
-    # In per unit: power over power_kw, energy over power_kw times 1 h; variables c, d, e.
-    n, one_way, full = price.size, float(np.sqrt(round_trip)), energy_kwh / power_kw
-    each, before = sparse.eye_array(n), sparse.eye_array(n, k=-1)
-    start = np.zeros(n)
-    start[0] = initial_kwh / power_kw
+    # In per unit: power over power_kw, energy over power_kw times 1 h.
+    one_way, full, held = float(np.sqrt(round_trip)), energy_kwh / power_kw, initial_kwh / power_kw
+    eur = price * dt_h
+    program = StoreProgram(
+        np.full(price.size, dt_h), one_way, held, cost=(eur, -eur), most=(1.0, 1.0), stored=full
+    )
     burns = np.flatnonzero(price < 0.0)
-    drawn: Any = sparse.hstack([0.0 * each, dt_h / one_way * each, -before], format="csr")
-    charged = np.r_[np.full(n, one_way * dt_h), np.zeros(2 * n)]
-    budget = charged.sum() if cycles is None else cycles * full  # all steps at full power: never more
-    cost = price * dt_h
-    # Loaded here: it takes half a second, which runs without a market need not spend.
-    from scipy.optimize import linprog
-
-    with stdout_to_stderr():
-        answer = linprog(  # type: ignore[call-overload]  # stubs know no sparse rows
-            np.r_[cost, -cost, np.zeros(n)],
-            A_ub=sparse.vstack([drawn[burns], charged[None]], format="csr"),
-            b_ub=np.r_[start[burns], budget],
-            A_eq=balance_rows(np.full(n, dt_h), one_way),
-            b_eq=start,
-            bounds=np.repeat([[0.0, 1.0], [0.0, 1.0], [0.0, full]], n, axis=0),
-            method="highs-ds",
-        )
-    if answer.x is None:
-        raise BessError(f"store_value: the program has no solution; HiGHS says: {answer.message}")
-    charge, discharge, stored = np.split(np.asarray(answer.x), 3)
+    row, later = np.arange(burns.size), burns > 0
+    program.at_most(
+        np.where(later, 0.0, held),
+        (row, program.discharge[burns], dt_h / one_way),
+        (row[later], program.stored[burns[later] - 1], -1.0),
+    )
+    if cycles is not None:
+        program.at_most(cycles * full, (0, program.charge, one_way * dt_h))
+    best = program.solved()
     return StoreValue(
-        net_eur=-float(answer.fun) * power_kw / KWH_PER_MWH,
-        power_kw=power_kw * (discharge - charge),
-        stored_kwh=power_kw * stored,
-        cycle_price_eur=-float(answer.ineqlin.marginals[-1]) * energy_kwh / KWH_PER_MWH,
+        net_eur=-best.cost * power_kw / KWH_PER_MWH,
+        power_kw=power_kw * (best.discharge - best.charge),
+        stored_kwh=power_kw * best.stored,
+        cycle_price_eur=0.0 if cycles is None else float(best.duals[-1]) * energy_kwh / KWH_PER_MWH,
     )
 
 
