@@ -159,6 +159,25 @@ def test_a_string_that_is_cut_off_from_what_answers_for_it_is_not_missed(rig: Ri
     assert rig.broken == []
 
 
+@pytest.mark.parametrize("fault", ["silent", "undefined"])
+def test_a_string_that_does_not_answer_and_still_flows_is_made_up_for(rig: Rig, fault: str) -> None:
+    rig.ask(DISCHARGE_KW)
+    rig.step(3)
+    FAULTS[f"a string {fault}"].begin(rig)
+    (victim,) = getattr(rig.watched.plant.faults, fault)
+    rig.step()
+    rig.ask(DISCHARGE_KW - 30.0)
+    rig.step()
+    still_kw = rig.watched.power_kw()[victim]
+    if fault == "silent":  # it keeps its set-point: nothing reaches it
+        assert still_kw > 50.0
+        assert rig.service.health()["out_of_control_kw"] == pytest.approx(still_kw, abs=1.0)
+        assert rig.power_kw() == pytest.approx(DISCHARGE_KW - 30.0, abs=1.0)
+    rig.step(LAPSE_STEPS)
+    assert rig.follows()
+    assert rig.broken == []
+
+
 def test_a_plant_that_is_cut_off_as_a_whole_is_let_go(rig: Rig) -> None:
     rig.ask(DISCHARGE_KW)
     rig.step(3)

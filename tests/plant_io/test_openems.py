@@ -105,12 +105,23 @@ def test_a_component_that_there_is_not_is_a_string_that_is_out_of_service(
         connecting(f"{edge.address}?ess=ess7,ess8", 2).read()
 
 
+def test_a_meter_of_the_plant_is_read_if_it_is_named(
+    connecting: Connecting, edge: SimulatedEdge, watched: Watched
+) -> None:
+    link = connecting(f"{edge.address}?ess=ess0,ess1,ess2&meter=meter0")
+    link.write(np.array([40.0, 30.0, 0.0]))
+    watched.clock.now_s += 2.0
+    watched.plant.faults.silent.add(1)
+    assert link.read().plant_kw == pytest.approx(70.0, abs=0.5)
+
+
 def test_ten_batteries_are_in_the_order_of_their_numbers(
     connecting: Connecting, edge: SimulatedEdge, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rows = [
         {**row, "address": f"ess{10 - 5 * int(row['address'][3])}/{row['address'].split('/')[1]}"}
         for row in edge.channels()
+        if row["address"].startswith("ess")
     ]
     for row in rows:
         if row["address"].endswith("/Soc"):

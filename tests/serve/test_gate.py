@@ -67,7 +67,7 @@ def test_what_a_form_of_any_page_can_send_is_no_request(
     answer = client.post(path, content=json.dumps({"string": 0}).encode(), headers=headers)
     assert answer.status_code == 415
     assert "application/json" in answer.json()["detail"]
-    assert service.controller.calibration is None
+    assert service.controller.calibration.string is None
 
 
 def test_json_may_be_named_as_the_standard_allows(client: TestClient) -> None:

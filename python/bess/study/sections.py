@@ -174,6 +174,8 @@ class ServiceSection(Section):
     soc_floor: Fraction | tuple[Fraction, ...] = 0.0
     soc_ceiling: Fraction | tuple[Fraction, ...] = 1.0
     calibration_kw: Positive | None = None
+    calibration_days: Annotated[float, within(1.0, 3_650.0, "days")] | None = None
+    watchdog_s: Annotated[float, within(1.0, 86_400.0, "s")] = 65.0
     late_after_s: Annotated[float, within(1.0, 3_600.0, "s")] = 60.0
     frozen_readings: Count = 10
     retry_after_s: Annotated[float, within(1.0, 86_400.0, "s")] = 300.0

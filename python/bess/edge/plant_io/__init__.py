@@ -19,7 +19,7 @@ def connect(text: str, n_strings: int) -> PlantLink:
     text
         ``openems=URL`` or ``sunspec=HOST[:PORT]``; ``?ess=ess1,ess2`` or ``?unit=1,2`` names the strings in
         their order. Without names the plant's own are taken: all ``essN`` in the order of their numbers, or
-        units 1, 2, ...
+        units 1, 2, ... ``meter=meter1`` names an OpenEMS meter of all strings, positive = discharge.
     n_strings
         Number of strings of the controller.
 

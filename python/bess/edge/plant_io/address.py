@@ -9,11 +9,8 @@ from urllib.parse import SplitResult, parse_qsl, urlsplit
 
 from bess.errors import InputError
 
-_OPTIONS: Final = {
-    "openems": ("ess",),
-    "sunspec": ("unit",),
-}
-"""What may follow the question mark, for each kind of plant."""
+_STRINGS: Final = {"openems": "ess", "sunspec": "unit"}
+"""Option behind the question mark that names the strings, for each kind of plant."""
 PORTS: Final = {"openems": 8084, "sunspec": 502}
 
 
@@ -33,6 +30,8 @@ class Address:
         None where the text names none.
     strings
         What the plant calls the strings, in their order; empty to ask the plant.
+    meter
+        What an OpenEMS edge calls the meter of all strings; empty if there is none.
     """
 
     kind: str
@@ -42,6 +41,7 @@ class Address:
     user: str | None
     password: str | None
     strings: tuple[str, ...]
+    meter: str = ""
 
     @property
     def url(self) -> str:
@@ -59,7 +59,7 @@ def parse_address(text: str) -> Address:
         For a kind, a scheme, a port or an option that there is not.
     """
     kind, equals, rest = text.partition("=")
-    if not equals or kind not in _OPTIONS or not rest:
+    if not equals or kind not in _STRINGS or not rest:
         raise InputError(f"plant {text!r}: expected {' or '.join(_EXAMPLES)}")
     schemes = ("http", "https") if kind == "openems" else ("tcp",)
     whole = rest if "://" in rest else f"{schemes[0]}://{rest}"
@@ -77,6 +77,7 @@ def parse_address(text: str) -> Address:
         raise InputError(
             f"plant {_hidden(text)!r}: names no host, or something behind it; write it as in {_example(kind)}"
         )
+    strings, meter = _options(kind, text, parts)
     return Address(
         kind=kind,
         scheme=parts.scheme,
@@ -84,7 +85,8 @@ def parse_address(text: str) -> Address:
         port=port or PORTS[kind],
         user=parts.username,
         password=parts.password,
-        strings=_strings(kind, text, parts),
+        strings=strings,
+        meter=meter,
     )
 
 
@@ -95,17 +97,19 @@ def _example(kind: str) -> str:
     return next(example for example in _EXAMPLES if example.startswith(kind))
 
 
-def _strings(kind: str, text: str, parts: SplitResult) -> tuple[str, ...]:
+def _options(kind: str, text: str, parts: SplitResult) -> tuple[tuple[str, ...], str]:
+    """Names of the strings, and of the meter."""
     options: Mapping[str, str] = dict(parse_qsl(parts.query, keep_blank_values=True))
-    (known,) = _OPTIONS[kind]
-    unknown = [name for name in options if name != known]
-    names = tuple(options.get(known, "").split(",")) if options else ()
-    if unknown or "" in names or len(set(names)) < len(names):
+    known = _STRINGS[kind]
+    meter = "&meter=M" if kind == "openems" else ""
+    unknown = options.keys() - {known, *(["meter"] if meter else [])}
+    names = tuple(options[known].split(",")) if known in options else ()
+    if unknown or "" in (*names, options.get("meter")) or len(set(names)) < len(names):
         raise InputError(
-            f"plant {_hidden(text)!r}: behind the question mark only {known}=A,B,... is allowed, "
+            f"plant {_hidden(text)!r}: behind the question mark only {known}=A,B,...{meter} is allowed, "
             f"one name for each string, none twice"
         )
-    return names
+    return names, options.get("meter", "")
 
 
 def _hidden(text: str) -> str:

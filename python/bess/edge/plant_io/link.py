@@ -39,6 +39,8 @@ class Measurements:
     remarks
         For each string a sentence on why it is not available, where the link knows more than that the plant
         says so; empty for the others. May be left out altogether.
+    plant_kw
+        Power [kW] of all strings at the plant's own meter, positive = discharge; NaN without one.
     setpoint_kw
         Set-point that each string holds now [kW], whoever wrote it; NaN where the plant names none. None if
         it never does.
@@ -53,6 +55,7 @@ class Measurements:
     available: NDArray[np.bool_]
     remarks: tuple[str, ...] = ()
     setpoint_kw: NDArray[np.float64] | None = None
+    plant_kw: float = float("nan")
 
 
 class PlantLink(Protocol):

@@ -101,7 +101,11 @@ class OpenEms:
     refresh_s = REFRESH_S
 
     def __init__(self, address: Address, n_strings: int) -> None:
-        odd = [name for name in address.strings if not re.fullmatch(r"[A-Za-z0-9_]+", name)]
+        odd = [
+            name
+            for name in (*address.strings, *address.meter.split())
+            if not re.fullmatch(r"[A-Za-z0-9_]+", name)
+        ]
         if odd or len(address.strings) not in (0, n_strings):
             raise InputError(
                 f"plant {address.url}: ?ess= names {', '.join(address.strings)}; "
@@ -110,6 +114,7 @@ class OpenEms:
         self.n_strings = n_strings
         self._url = address.url
         self._names: Sequence[str] = address.strings
+        self._meter = address.meter
         user = address.user or os.environ.get(USER) or "x"  # the edge finds the user by the password alone
         password = address.password or os.environ.get(PASSWORD)
         self._calls = Calls()
@@ -161,6 +166,7 @@ class OpenEms:
             charge_limit_kw=np.nan_to_num(charge_kw, nan=0.0, posinf=np.inf),
             discharge_limit_kw=np.nan_to_num(discharge_kw, nan=0.0, posinf=np.inf),
             available=known & fit,
+            plant_kw=number(components.get(self._meter, {}).get("ActivePower")) / 1000.0,
             setpoint_kw=np.array([number(s.get(_SET)) for s in strings]) / 1000.0,
             remarks=tuple(
                 "" if name in components and is_known else f"the edge says nothing of {name}, or not all"
@@ -244,6 +250,8 @@ class OpenEms:
     async def _components(self) -> dict[str, _Channels]:
         """Return the values of all channels of the components that may be strings, and their units."""
         pattern = "ess.*" if all(name.startswith("ess") for name in self._names) else ".*"
+        if self._meter:
+            pattern = f"({pattern}|{self._meter})"
         answer = await self._call("GET", f"/rest/channel/{pattern}/.*")
         try:
             rows = json.loads(answer)
@@ -260,7 +268,11 @@ class OpenEms:
         return components
 
     def _check_unit(self, name: str, channel: str, unit: object) -> None:
-        if channel in _UNITS and unit not in _UNITS[channel] and (name in self._names or not self._names):
+        if (
+            channel in _UNITS
+            and unit not in _UNITS[channel]
+            and (name in (*self._names, self._meter) or not self._names)
+        ):
             self._units_are_known = False
             raise LinkError(
                 f"{self._url}: {name}/{channel} is in {unit!r}, expected {' or '.join(_UNITS[channel])}; "

@@ -34,7 +34,7 @@ _LONGEST_BODY: Final = 65_536
 
 
 class SimulatedEdge(SimulatedPartner):
-    """Serves a plant on the loopback, strings as ``ess0``, ``ess1``, ...; a context manager.
+    """Serves a plant on the loopback, strings as ``ess0``, ``ess1``, ..., its meter as ``meter0``.
 
     Parameters
     ----------
@@ -76,17 +76,23 @@ class SimulatedEdge(SimulatedPartner):
 
     def channels(self) -> list[dict[str, Any]]:
         """Return all channels of all strings as the edge says them."""
-        return [
-            {
-                "address": f"ess{string}/{name}",
-                "type": "INTEGER",
-                "accessMode": "WO" if name == _SET else "RW",
-                "text": "",
-                "unit": unit,
-                **({} if name == _SET else {"value": value}),
-            }
+        said = [
+            (f"ess{string}/{name}", unit, value)
             for string, reading in self.plant.readings().items()
             for name, unit, value in self._said(reading, string in self.plant.faults.severed)
+        ]
+        unit, scale = self._unit
+        total_kw = sum(reading.power_kw for reading in self.plant.truth())
+        return [
+            {
+                "address": address,
+                "type": "INTEGER",
+                "accessMode": "WO" if address.endswith(_SET) else "RW",
+                "text": "",
+                "unit": unit,
+                **({} if address.endswith(_SET) else {"value": value}),
+            }
+            for address, unit, value in (*said, ("meter0/ActivePower", unit, _whole(scale * total_kw)))
         ]
 
     def write(self, string: int, value: float | None) -> None:
@@ -104,8 +110,13 @@ class SimulatedEdge(SimulatedPartner):
         threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
         return int(server.server_address[1])
 
+    @property
+    def _unit(self) -> tuple[str, float]:
+        """Unit of powers, and what 1 kW is in it."""
+        return ("kW", 1.0) if self.plant.faults.kilowatts else ("W", 1000.0)
+
     def _said(self, reading: Reading, is_severed: bool) -> list[tuple[str, str, int | None]]:
-        unit, scale = ("kW", 1.0) if self.plant.faults.kilowatts else ("W", 1000.0)
+        unit, scale = self._unit
         # A limit is rounded towards zero.
         return [
             ("Soc", "%", _whole(100.0 * reading.soc)),

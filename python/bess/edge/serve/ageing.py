@@ -15,6 +15,7 @@ import numpy as np
 
 from bess import _core
 from bess.arrays import Array
+from bess.edge.serve.persistent import Persistent
 from bess.system import State, System
 
 BLOCK_S: Final = 900.0
@@ -25,7 +26,7 @@ LEAST: Final = 0.05
 """Capacity never falls below this share."""
 
 
-class Ageing:
+class Ageing(Persistent):
     """Capacity of each string over that of the system file.
 
     Parameters
@@ -33,6 +34,8 @@ class Ageing:
     system
         The plant; its sections ``[wear]`` name the cell models.
     """
+
+    kept = ("_standing", "_cycling", "_gathered_s", "_sums")
 
     def __init__(self, system: System) -> None:
         begin = system.initial_state()
@@ -60,21 +63,9 @@ class Ageing:
         if self._gathered_s >= BLOCK_S:
             self._close()
 
-    def memory(self) -> dict[str, Any]:
-        """What the estimate goes on from."""
-        return {
-            "standing": self._standing.tolist(),
-            "cycling": self._cycling.tolist(),
-            "gathered_s": self._gathered_s,
-            "sums": self._sums.tolist(),
-        }
-
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Continue with what :meth:`memory` returned."""
-        self._standing = np.array(memory["standing"], dtype=np.float64)
-        self._cycling = np.array(memory["cycling"], dtype=np.float64)
-        self._gathered_s = float(memory["gathered_s"])
-        self._sums = np.array(memory["sums"], dtype=np.float64)
+        super().recall(memory)
         self._update()
 
     def _close(self) -> None:

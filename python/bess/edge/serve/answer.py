@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bess.arrays import Array
+from bess.edge.serve.persistent import Persistent
 
 Flags = NDArray[np.bool_]
 
@@ -21,7 +21,7 @@ class Answer:
     Attributes
     ----------
     request_kw : ndarray, shape (n_strings,)
-        Set-points; their sum and ``unmet_kw`` are the demand.
+        Set-points; their sum, that of ``flowing_kw`` and ``unmet_kw`` are the demand.
     plan_kw : ndarray, shape (n_strings, n_steps)
         The set-points, then those of the plan for the next steps of the forecast.
     status : str
@@ -41,6 +41,8 @@ class Answer:
         Inverters that run, idle ones included.
     in_service : ndarray of bool, shape (n_strings,)
         Strings that could run.
+    flowing_kw : ndarray, shape (n_strings,)
+        Power that strings out of service still give, as far as is known; the set-points make up for it.
     reasons : tuple of str
         For each string, why it does what it does.
     """
@@ -55,23 +57,14 @@ class Answer:
     solve_time_s: float
     running: Flags
     in_service: Flags
+    flowing_kw: Array
     reasons: tuple[str, ...]
 
     def document(self) -> dict[str, Any]:
         """The JSON of ``POST /v1/split``."""
-        return {
-            "request_kw": self.request_kw.tolist(),
-            "plan_kw": self.plan_kw.tolist(),
-            "status": self.status,
-            "gap": self.gap,
-            "fallback": self.fallback,
-            "unmet_kw": self.unmet_kw,
-            "valid_for_s": self.valid_for_s,
-            "solve_time_s": round(self.solve_time_s, 6),
-            "running": self.running.tolist(),
-            "in_service": self.in_service.tolist(),
-            "reasons": list(self.reasons),
-        }
+        entries = {name: getattr(self, name) for name in (entry.name for entry in fields(self))}
+        entries["solve_time_s"] = round(self.solve_time_s, 6)
+        return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in entries.items()}
 
 
 def unmet(demand_kw: float, request_kw: Array) -> float:
@@ -80,7 +73,7 @@ def unmet(demand_kw: float, request_kw: Array) -> float:
     return 0.0 if off_kw <= 1e-9 * max(1.0, abs(demand_kw)) else off_kw
 
 
-class Counters:
+class Counters(Persistent):
     """What a service has done since its state began.
 
     Attributes
@@ -93,6 +86,8 @@ class Counters:
         Energy that was asked of each string, ``>= 0``.
     """
 
+    kept = ("answers", "fallbacks", "unmet_kwh", "charged_kwh", "discharged_kwh")
+
     def __init__(self, n_strings: int) -> None:
         self.answers = self.fallbacks = 0
         self.unmet_kwh = 0.0
@@ -104,20 +99,3 @@ class Counters:
         hours = held_s / 3600.0
         self.charged_kwh = self.charged_kwh + np.maximum(-request_kw, 0.0) * hours
         self.discharged_kwh = self.discharged_kwh + np.maximum(request_kw, 0.0) * hours
-
-    def memory(self) -> dict[str, Any]:
-        """All of it."""
-        return {
-            "answers": self.answers,
-            "fallbacks": self.fallbacks,
-            "unmet_kwh": self.unmet_kwh,
-            "charged_kwh": self.charged_kwh.tolist(),
-            "discharged_kwh": self.discharged_kwh.tolist(),
-        }
-
-    def recall(self, memory: Mapping[str, Any]) -> None:
-        """Continue with what :meth:`memory` returned."""
-        self.answers, self.fallbacks = int(memory["answers"]), int(memory["fallbacks"])
-        self.unmet_kwh = float(memory["unmet_kwh"])
-        self.charged_kwh = np.array(memory["charged_kwh"], dtype=np.float64)
-        self.discharged_kwh = np.array(memory["discharged_kwh"], dtype=np.float64)

@@ -12,6 +12,7 @@ import numpy as np
 
 from bess.arrays import Array
 from bess.control.policies import Policy, PolicyInput
+from bess.edge.serve.persistent import Persistent, from_json, to_json
 from bess.errors import BessError
 from bess.system import State, System
 
@@ -46,7 +47,7 @@ class Plan:
     gap: float | None
 
 
-class CarriedPlan:
+class CarriedPlan(Persistent):
     """Keeps a policy's plan up to date.
 
     Parameters
@@ -60,6 +61,8 @@ class CarriedPlan:
     background
         Make plans in a thread of their own, so that no answer waits for one longer than it is told to.
     """
+
+    kept = ("_before", "_after", "_asked_at_s")
 
     def __init__(
         self, system: System, policy: Policy, step_s: float, n_steps: int, *, background: bool
@@ -130,29 +133,14 @@ class CarriedPlan:
 
     def memory(self) -> dict[str, Any]:
         """What continues the plan in another process."""
-        plan = self.current
-        return {
-            "before": self._before,
-            "after": self._after,
-            "asked_at_s": self._asked_at_s if np.isfinite(self._asked_at_s) else None,
-            "plan": None
-            if plan is None
-            else {
-                "slot": plan.slot,
-                "request_kw": plan.request_kw,
-                "demand_kw": plan.demand_kw,
-                "limit_kw": plan.limit_kw,
-                "gap": plan.gap,
-            },
-        }
+        return super().memory() | {"plan": None if self.current is None else to_json(vars(self.current))}
 
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Continue with what :meth:`memory` returned."""
-        self._before, self._after = dict(memory["before"]), dict(memory["after"])
+        super().recall(memory)
         self._policy.recall(self._after)
-        asked_at_s = memory["asked_at_s"]
-        self._asked_at_s = -np.inf if asked_at_s is None else float(asked_at_s)
-        self.current = None if memory["plan"] is None else Plan(**memory["plan"])
+        plan = from_json(memory["plan"])
+        self.current = None if plan is None else Plan(**plan)
         if self.current is not None:
             self._asked = (self.current.slot, self.current.demand_kw, self.current.limit_kw)
 

@@ -13,15 +13,15 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bess.arrays import Array
 from bess.edge.serve.constraints import POWER_TOLERANCE_KW
+from bess.edge.serve.persistent import Persistent
 from bess.system import State, System
 
 Flags = NDArray[np.bool_]
@@ -34,6 +34,7 @@ _NARROWEST: Final = 1e-7
 _NO_LOAD: Final = 1e-3  # of a third: little, and above the least power of an inverter
 _EDGE: Final = 0.02
 _SHORT_H: Final = 10.0 / 3600.0
+_LONG_S: Final = 1e9
 
 
 @dataclass(frozen=True)
@@ -127,7 +128,7 @@ class Task:
         return np.asarray(costs.sum(axis=1))
 
 
-class Commitment:
+class Commitment(Persistent):
     """The running inverters, how long they have run or rested, and their starts.
 
     Parameters
@@ -140,13 +141,15 @@ class Commitment:
         How long an inverter runs or rests at least. A string that may not run any more stops all the same.
     """
 
+    kept = ("running", "since_s", "starts", "_saved_kwh", "_peaks")
+
     def __init__(
         self, n_strings: int, *, start_kwh: float, minimum_on_s: float = 0.0, minimum_off_s: float = 0.0
     ) -> None:
         self._start_kwh = start_kwh
         self._minimum_on_s, self._minimum_off_s = minimum_on_s, minimum_off_s
         self.running: Flags = np.zeros(n_strings, dtype=bool)
-        self.since_s: Array = np.full(n_strings, np.inf)
+        self.since_s: Array = np.full(n_strings, _LONG_S)
         self.starts: NDArray[np.int64] = np.zeros(n_strings, dtype=np.int64)
         # What each move would have saved so far, from a string (row) to one (column); the last is none.
         self._saved_kwh: Array = np.zeros((n_strings + 1, n_strings + 1))
@@ -190,25 +193,6 @@ class Commitment:
         self._switch(stoppable & ~wanted, on=False)
         self._switch(startable & wanted, on=True)
         self._saved_kwh[:] = 0.0
-
-    def memory(self) -> dict[str, Any]:
-        """What the next decision depends on."""
-        return {
-            "running": self.running.tolist(),
-            "since_s": np.minimum(self.since_s, 1e9).tolist(),
-            "starts": self.starts.tolist(),
-            "saved_kwh": self._saved_kwh.tolist(),
-            "peaks": [list(each) for each in self._peaks],
-        }
-
-    def recall(self, memory: Mapping[str, Any]) -> None:
-        """Continue with what :meth:`memory` returned."""
-        self.running = np.array(memory["running"], dtype=bool)
-        self.since_s = np.array(memory["since_s"], dtype=np.float64)
-        self.starts = np.array(memory["starts"], dtype=np.int64)
-        self._saved_kwh = np.array(memory["saved_kwh"], dtype=np.float64)
-        # States that older versions wrote have none.
-        self._peaks = [(float(age_s), float(kw)) for age_s, kw in memory.get("peaks", [])]
 
     def _switch(self, which: Flags, *, on: bool) -> None:
         if which.any():

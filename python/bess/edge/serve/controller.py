@@ -15,8 +15,7 @@ Nothing here waits for a plan longer than it is told to.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +32,7 @@ from bess.edge.serve.commitment import Commitment, Curves, Task
 from bess.edge.serve.constraints import envelope, share
 from bess.edge.serve.forecast import Forecast
 from bess.edge.serve.measurement_validator import MeasurementValidator, ValidState
+from bess.edge.serve.persistent import Persistent
 from bess.edge.serve.plan_tracker import PlanTracker, ahead, preferences
 from bess.edge.serve.reasons import reasons, status
 from bess.edge.serve.soc_limits import PowerCapability, SocLimits
@@ -43,7 +43,7 @@ from bess.system import State, System
 Flags = NDArray[np.bool_]
 
 
-class Controller:
+class Controller(Persistent):
     """One plant's controller; it is called from one thread at a time.
 
     Parameters
@@ -74,6 +74,11 @@ class Controller:
     InputError
         For settings that do not fit the system.
     """
+
+    kept = (
+        "_last_s", "last_kw", "commitment", "_guard", "ageing", "calibration", "_forecast", "_following",
+        "counters",
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -106,7 +111,7 @@ class Controller:
         )
         self.counters = Counters(n)
         self.drives = True
-        self.calibration: Calibration | None = None
+        self.calibration = Calibration(system, service, self.soc_limits, background=background)
         self.last_kw: Array = np.zeros(n)
         self.trusted: ValidState | None = None
         self.able = PowerCapability(np.zeros(n), np.zeros(n))
@@ -152,9 +157,14 @@ class Controller:
         self.plan.update(now_s, trusted.state, forecast, trusted.limit_kw, wait_s=wait_s)
 
         able = self.soc_limits.able(trusted)
-        calibrating, request = self._calibrate(trusted, able, demand_kw)
-        rest_kw = demand_kw - float(request.sum())
-        discharge = rest_kw > 0.0 or (rest_kw == 0.0 and demand_kw >= 0.0)
+        self.calibration.update(now_s, trusted, forecast, self.plan.step_s)
+        # Strings out of service that still give power are part of what the plant gives.
+        asked_kw = demand_kw - float(trusted.flowing_kw.sum())
+        charge_kw = self.calibration.charge_kw(trusted, able, asked_kw, self.step_s / 3600.0)
+        calibrating = np.arange(self.n_strings) == self.calibration.string
+        request = -charge_kw
+        rest_kw = asked_kw - float(request.sum())
+        discharge = rest_kw > 0.0 or (rest_kw == 0.0 and asked_kw >= 0.0)
         sharing = trusted.in_service & ~calibrating
         able_to_share = able.only(sharing)
 
@@ -168,7 +178,7 @@ class Controller:
         running = self.commitment.running & sharing
         request = request + share(rest_kw, wanted, running, limits, self.soc_limits.minimum_kw)
 
-        unmet_kw = unmet(demand_kw, request)
+        unmet_kw = unmet(asked_kw, request)
         self.last_kw, self.trusted, self.able, self.ahead_kw = request, trusted, able, forecast
         self.counters.answers += 1
         self.counters.unmet_kwh += unmet_kw * self.step_s / 3600.0
@@ -183,6 +193,7 @@ class Controller:
             solve_time_s=time.perf_counter() - began,
             running=self.commitment.running.copy(),
             in_service=trusted.in_service,
+            flowing_kw=trusted.flowing_kw,
             reasons=reasons(self.system, trusted, able, request, self.commitment.running, self.calibration),
         )
 
@@ -192,6 +203,8 @@ class Controller:
         Safe to be called from another thread while :meth:`step` is under way.
         """
         began = time.perf_counter()
+        flowing_kw = np.zeros(self.n_strings) if self.trusted is None else self.trusted.flowing_kw
+        demand_kw = demand_kw - float(flowing_kw.sum())
         discharge = demand_kw >= 0.0
         known = measured.available & (measured.soc >= 0.0) & (measured.soc <= 1.0)
         room = self.soc_limits.room(np.where(known, measured.soc, 0.5), discharge)
@@ -213,6 +226,7 @@ class Controller:
             solve_time_s=time.perf_counter() - began,
             running=power > 0.0,
             in_service=known,
+            flowing_kw=flowing_kw,
             reasons=tuple(
                 f"string {i} {'runs' if p else 'rests'}: shared by the energy left"
                 for i, p in enumerate(power)
@@ -252,47 +266,7 @@ class Controller:
         InputError
             If there is no such string, no other one, or the target is outside its window.
         """
-        calibration = Calibration(string, target_soc)
-        calibration.check(self.soc_limits)
-        self.calibration = calibration
-
-    def memory(self) -> dict[str, Any]:
-        """What the next step depends on, but for the plan."""
-        calibration = self.calibration
-        return {
-            "last_s": self._last_s,
-            "last_kw": self.last_kw.tolist(),
-            "commitment": self.commitment.memory(),
-            "guard": self._guard.memory(),
-            "ageing": self.ageing.memory(),
-            "calibration": None if calibration is None else [calibration.string, calibration.target_soc],
-            **self._forecast.memory(),
-            "near_s": self._following.near_s,
-            "counters": self.counters.memory(),
-        }
-
-    def recall(self, memory: Mapping[str, Any]) -> None:
-        """Continue with what :meth:`memory` returned.
-
-        Raises
-        ------
-        ValueError
-            If it is of another number of strings.
-        """
-        last = np.array(memory["last_kw"], dtype=np.float64)
-        counters = Counters(self.n_strings)
-        counters.recall(memory["counters"])
-        if not last.shape == counters.charged_kwh.shape == counters.discharged_kwh.shape == (self.n_strings,):
-            raise ValueError(f"is of {last.size} strings, not {self.n_strings}")
-        self.commitment.recall(memory["commitment"])
-        self._guard.recall(memory["guard"])
-        self.ageing.recall(memory["ageing"])
-        self.last_kw, self.counters = last, counters
-        self._last_s = None if memory["last_s"] is None else float(memory["last_s"])
-        begun = memory["calibration"]
-        self.calibration = None if begun is None else Calibration(int(begun[0]), float(begun[1]))
-        self._forecast.recall(memory)
-        self._following.near_s = float(memory["near_s"])
+        self.calibration.begin(string, target_soc)
 
     def close(self) -> None:
         """End the thread that plans."""
@@ -308,20 +282,6 @@ class Controller:
         trusted = self._guard(measured, asked_kw, elapsed_s, drives=self.drives)
         self.ageing.gather(trusted.state, asked_kw, elapsed_s, held_s)
         return trusted
-
-    def _calibrate(self, trusted: ValidState, able: PowerCapability, demand_kw: float) -> tuple[Flags, Array]:
-        """Which string is calibrated now, and its set-point; zero for the others."""
-        which, request = np.zeros(self.n_strings, dtype=bool), np.zeros(self.n_strings)
-        if self.calibration is not None and self.calibration.is_done(trusted):
-            self.calibration = None
-        if self.calibration is None or not trusted.in_service[self.calibration.string]:
-            return which, request
-        most_kw, dt_h = self.service.calibration_kw, self.step_s / 3600.0
-        charge_kw = self.calibration.charge_kw(self.system, trusted, able, demand_kw, most_kw, dt_h)
-        i = self.calibration.string
-        which[i] = True
-        request[i] = -charge_kw if charge_kw >= self.soc_limits.minimum_kw[i] else -0.0
-        return which, request
 
     def _choose(
         self,

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 
 from bess.arrays import Array
+from bess.edge.serve.persistent import Persistent
 
 SMOOTH_S: Final = 300.0
 """Time over which a demand that fluctuates is smoothed for the plan."""
 
 
-class Forecast:
+class Forecast(Persistent):
     """Remembers the mean demand of each step of the day, as it was when it last came.
 
     Parameters
@@ -25,6 +26,8 @@ class Forecast:
     n_steps
         Steps that the plan looks ahead.
     """
+
+    kept = ("_day_kw", "_mean", "_smooth_kw")
 
     def __init__(self, step_s: float, plan_s: float, n_steps: int) -> None:
         self._step_s, self._n_steps = step_s, n_steps
@@ -63,22 +66,6 @@ class Forecast:
         self._smooth_kw = (1.0 - weight) * (self._smooth_kw or 0.0) + weight * demand_kw
         ahead[0] = self._smooth_kw
         return ahead
-
-    def memory(self) -> dict[str, Any]:
-        """What the next call depends on."""
-        return {
-            "day_kw": [None if np.isnan(v) else v for v in self._day_kw.tolist()],
-            "mean": list(self._mean),
-            "smooth_kw": self._smooth_kw,
-        }
-
-    def recall(self, memory: Mapping[str, Any]) -> None:
-        """Continue with what :meth:`memory` returned."""
-        self._day_kw = np.array([np.nan if v is None else v for v in memory["day_kw"]], dtype=np.float64)
-        slot, mean, weight = memory["mean"]
-        self._mean = (int(slot), float(mean), float(weight))
-        smooth_kw = memory["smooth_kw"]
-        self._smooth_kw = None if smooth_kw is None else float(smooth_kw)
 
     def _take_down(self, demand_kw: float, slot: int, elapsed_s: float) -> None:
         known, mean, weight_s = self._mean

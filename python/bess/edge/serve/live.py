@@ -9,6 +9,7 @@ import numpy as np
 from bess.edge.serve.reasons import grouped
 
 if TYPE_CHECKING:
+    from bess.edge.serve.controller import Controller
     from bess.edge.serve.service import Service
 
 
@@ -25,9 +26,21 @@ def live(service: Service, span: str) -> dict[str, Any]:
         "answers": controller.counters.answers,
         "fallbacks": controller.counters.fallbacks,
         "notes": [note for note in (*service.notes, service.memory.error) if note],
+        "calibration": _calibration(controller),
         "history": service.history.document(span),
         "status": "no demand yet" if service.last is None else service.last[2].status,
         "last": _last(service),
+    }
+
+
+def _calibration(controller: Controller) -> dict[str, Any]:
+    """String that is being calibrated, the one that is next with start and cost, and when each is due."""
+    calibration = controller.calibration
+    next_, due_s = calibration.planned, calibration.due_s()
+    return {
+        "string": calibration.string,
+        "next": None if next_ is None else dict(zip(("string", "start_s", "cost_kwh"), next_, strict=True)),
+        "due_s": None if due_s is None or np.isnan(due_s).any() else due_s.tolist(),
     }
 
 
@@ -52,6 +65,7 @@ def _last(service: Service) -> dict[str, Any] | None:
         "unmet_kw": answer.unmet_kw,
         "status": answer.status,
         "fallback": answer.fallback,
+        "flowing_kw": answer.flowing_kw.tolist(),
         "running": answer.running.tolist(),
         "in_service": fit.tolist(),
         "reasons": list(answer.reasons),

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, Final
+from dataclasses import dataclass, field, fields
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from bess.arrays import Array
 from bess.edge.plant_io import Measurements
 from bess.edge.serve.ageing import Ageing
+from bess.edge.serve.persistent import Persistent
 from bess.study.sections import ServiceSection
 from bess.system import State, System
 
@@ -57,6 +57,8 @@ class ValidState:
         Why a string is out, limited or doubted; empty where it is none of these.
     others : ndarray
         Strings to which another controller writes.
+    flowing_kw : ndarray
+        Power that strings out of service still give, positive = discharge; 0 for strings in service.
     """
 
     state: State
@@ -67,13 +69,14 @@ class ValidState:
     in_service: Flags
     reasons: tuple[str, ...]
     others: Flags
+    flowing_kw: Array
 
     @classmethod
     def without_doubt(cls, state: State, nominal_kw: Array) -> ValidState:
         """A plant in this state with every string in service and no limit but its inverter."""
         n = nominal_kw.size
         free = np.ones(n, dtype=bool)
-        return cls(state, state.soc, state.soc, nominal_kw, nominal_kw, free, ("",) * n, ~free)
+        return cls(state, state.soc, state.soc, nominal_kw, nominal_kw, free, ("",) * n, ~free, np.zeros(n))
 
     @property
     def limit_kw(self) -> Array:
@@ -92,7 +95,7 @@ class ValidState:
 
 
 @dataclass
-class _StringMonitor:
+class _StringMonitor(Persistent):
     """Memory of one string."""
 
     soc: float | None = None
@@ -104,6 +107,9 @@ class _StringMonitor:
     resolution: float = COARSEST_SOC
     last_reading: float | None = None
     last_power_kw: float | None = None
+    flow_kw: float = 0.0
+    flow_s: float = 0.0
+    was_out: bool = False
     stands: str = ""
     missing_s: float = 0.0
     off_target: int = 0
@@ -118,7 +124,10 @@ class _StringMonitor:
     rest_s: float = 0.0
 
 
-class MeasurementValidator:
+_StringMonitor.kept = tuple(entry.name for entry in fields(_StringMonitor))
+
+
+class MeasurementValidator(Persistent):
     """Watches the measurements of all strings.
 
     Parameters
@@ -132,6 +141,8 @@ class MeasurementValidator:
     ageing
         Says what capacity is left.
     """
+
+    kept = ("_watch",)
 
     def __init__(self, system: System, service: ServiceSection, step_s: float, ageing: Ageing) -> None:
         self._system, self._service, self._step_s = system, service, step_s
@@ -164,7 +175,7 @@ class MeasurementValidator:
         late = self._is_late(measured, elapsed_s)
         in_service = np.zeros(n, dtype=bool)
         soc, temperature = np.empty(n), np.empty(n)
-        low, high = np.empty(n), np.empty(n)
+        low, high, flow = np.empty(n), np.empty(n), np.empty(n)
         reasons = []
         for i, watch in enumerate(self._watch):
             reason, out = self._judge(i, watch, measured, float(asked_kw[i]), elapsed_s, drives)
@@ -175,6 +186,8 @@ class MeasurementValidator:
             soc[i] = min(max(watch.soc if watch.soc is not None else 0.5, low_i), high_i)
             temperature[i] = self._system.ambient_c if watch.temperature_c is None else watch.temperature_c
             in_service[i] = not out
+            flow[i] = self._flow_kw(watch, measured, i, elapsed_s, out=out)
+            watch.was_out = out
             if out:
                 charge[i] = discharge[i] = 0.0
             elif watch.cap_kw is not None:
@@ -182,15 +195,32 @@ class MeasurementValidator:
             reasons.append(reason)
         state = State(soc, temperature, self._ageing.soh_capacity, self._ageing.soh_resistance)
         others = np.array([watch.other for watch in self._watch])
-        return ValidState(state, low, high, charge, discharge, in_service, tuple(reasons), others)
+        flowing = self._at_meter(measured, in_service, flow)
+        return ValidState(state, low, high, charge, discharge, in_service, tuple(reasons), others, flowing)
 
-    def memory(self) -> dict[str, Any]:
-        """What the next call depends on."""
-        return {"strings": [vars(watch).copy() for watch in self._watch]}
+    def _flow_kw(
+        self, watch: _StringMonitor, measured: Measurements, i: int, elapsed_s: float, *, out: bool
+    ) -> float:
+        """Last known power of a string out of service, until its watchdog must have acted.
 
-    def recall(self, memory: Mapping[str, Any]) -> None:
-        """Continue with what :meth:`memory` returned."""
-        self._watch = [_StringMonitor(**entry) for entry in memory["strings"]]
+        A value that stands still from then on may be that of a lost device. A string that is only now taken
+        out rests as soon as its set-point is taken back, unless it is out of reach.
+        """
+        power_kw = float(measured.power_kw[i])
+        is_plausible = abs(power_kw) <= (1.0 + FOLLOWS_WITHIN) * self._system.nominal_kw[i]
+        is_new = is_plausible and (power_kw != watch.flow_kw or not out)
+        watch.flow_s = 0.0 if is_new else watch.flow_s + elapsed_s
+        watch.flow_kw = power_kw if is_new else watch.flow_kw
+        is_lost = watch.stands == "all" or (measured.available[i] and not watch.was_out)
+        return 0.0 if not out or is_lost or watch.flow_s > self._service.watchdog_s else watch.flow_kw
+
+    def _at_meter(self, measured: Measurements, in_service: Flags, flow_kw: Array) -> Array:
+        """Correct the power of strings out of service to what the plant's meter shows less the others."""
+        nominal_kw = np.where(in_service, 0.0, self._system.nominal_kw)
+        missing_kw = measured.plant_kw - measured.power_kw[in_service].sum() - flow_kw.sum()
+        if abs(missing_kw) > READ_BACK_WITHIN * nominal_kw.sum() > 0.0:  # never without a meter: NaN
+            flow_kw = flow_kw + missing_kw * nominal_kw / nominal_kw.sum()
+        return np.where(np.abs(flow_kw) > READ_BACK_WITHIN * self._system.nominal_kw, flow_kw, 0.0)
 
     def _limit(self, said_kw: Array) -> Array:
         """What plant and inverters allow in one direction; nothing where the plant says no number."""

@@ -60,6 +60,9 @@ class SplitMessage(Message):
     """A demand on the plant and what is measured of its strings."""
 
     demand_kw: Demand = Field(description=_DEMAND)
+    plant_kw: Power | None = Field(
+        None, description="Power of all strings at the plant's own meter [kW], positive = discharge."
+    )
     strings: list[StringMessage] = Field(description="One entry for each string, in the order of the system.")
 
     @property
@@ -161,6 +164,7 @@ def measurements_of(message: SplitMessage, system: System) -> Measurements:
         charge_limit_kw=limit,
         discharge_limit_kw=limit,
         available=np.array([string.available for string in strings]),
+        plant_kw=np.nan if message.plant_kw is None else message.plant_kw,
     )
 
 

@@ -38,6 +38,11 @@ class Metrics:
         self._charged = gauge("bess_charged_kwh", "Energy charged since the state began.", names)
         self._discharged = gauge("bess_discharged_kwh", "Energy discharged since the state began.", names)
         self._soh = gauge("bess_soh_capacity_ratio", "Capacity left, as estimated.", names)
+        self._flowing = gauge(
+            "bess_out_of_control_kw", "Power that a string out of service still gives.", names
+        )
+        self._due = gauge("bess_calibration_due_seconds", "When the string must be full again.", names)
+        self._cost = gauge("bess_calibration_cost_kwh", "Cost of the next calibration by the plan.")
         self.state_errors = gauge("bess_state_error", "1 while the state cannot be written.")
         self.cycle_age = gauge("bess_cycle_age_seconds", "Time since a control cycle of the plant ended.")
         self.cycle_period = gauge("bess_cycle_period_seconds", "Time from one control cycle to the next.")
@@ -55,9 +60,14 @@ class Metrics:
         plan = controller.plan.current
         self._plan_age.set(-1 if plan is None else slot - plan.slot)
         counters, trusted = controller.counters, controller.trusted
+        calibration, due_s = controller.calibration, controller.calibration.due_s()
+        self._cost.set(calibration.planned[2] if calibration.planned is not None else float("nan"))
         for i in range(controller.n_strings):
             name = str(i)
             self._request.labels(name).set(answer.request_kw[i])
+            self._flowing.labels(name).set(answer.flowing_kw[i])
+            if due_s is not None:
+                self._due.labels(name).set(due_s[i])
             self._running.labels(name).set(bool(answer.running[i]))
             self._starts.labels(name).set(int(controller.commitment.starts[i]))
             self._soh.labels(name).set(controller.ageing.soh_capacity[i])

@@ -10,6 +10,7 @@ import numpy as np
 from bess.arrays import Array
 from bess.edge.serve.carried_plan import CarriedPlan
 from bess.edge.serve.commitment import Curves
+from bess.edge.serve.persistent import Persistent
 
 NOT_PLANNED: Final = 0.005
 """What a kWh through a string that the plan leaves out counts more, in kWh lost."""
@@ -21,7 +22,7 @@ STEEPEST: Final = 0.02
 """Largest difference of marginal losses that is read out of a plan."""
 
 
-class PlanTracker:
+class PlanTracker(Persistent):
     """Follows a plan while the demand stays near that of the plan.
 
     A demand that only passes there must not switch anything, so it has to stay for a while.
@@ -33,6 +34,8 @@ class PlanTracker:
     step_s
         Control step [s].
     """
+
+    kept = ("near_s",)
 
     def __init__(self, plan: CarriedPlan, step_s: float) -> None:
         self._plan, self._step_s = plan, step_s

@@ -36,7 +36,7 @@ def reasons(
     able: PowerCapability,
     request_kw: Array,
     running: Flags,
-    calibration: Calibration | None,
+    calibration: Calibration,
 ) -> tuple[str, ...]:
     """Return a sentence per string; validation problems have precedence over other reasons."""
     sentences = []
@@ -45,7 +45,10 @@ def reasons(
         verb = "runs" if gives else ("idles" if running[i] else "rests")
         if doubt:
             why = doubt
-        elif calibration is not None and calibration.string == i:
+            if trusted.flowing_kw[i]:
+                verb = "flows"
+                why += f"; it still gives {trusted.flowing_kw[i]:.4g} kW, which the others make up for"
+        elif calibration.string == i:
             why = f"it is charged to {100.0 * calibration.target_soc:g} % for calibration"
         else:
             why = _why(i, verb, system, trusted, able, float(request_kw.sum()))

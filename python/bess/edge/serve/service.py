@@ -118,7 +118,7 @@ class Service:
 
     def end_calibration(self) -> None:
         """End one before it is done."""
-        self.controller.calibration = None
+        self.controller.calibration.string = None
         self.memory.save(self.controller)
 
     def metrics_text(self) -> bytes:
@@ -128,10 +128,11 @@ class Service:
 
     def health(self) -> dict[str, Any]:
         """Whether all is well, in a few words that are no secret."""
-        unmet_kw, out_of_service = 0.0, []
+        unmet_kw, flowing_kw, out_of_service = 0.0, 0.0, []
         if self.last is not None:
             answer = self.last[2]
-            unmet_kw, out_of_service = answer.unmet_kw, np.flatnonzero(~answer.in_service).tolist()
+            unmet_kw, flowing_kw = answer.unmet_kw, float(answer.flowing_kw.sum())
+            out_of_service = np.flatnonzero(~answer.in_service).tolist()
         lacks = unmet_kw > _UNMET_KW or bool(out_of_service)
         return {
             "status": "impaired" if self.memory.error else "degraded" if lacks else "ok",
@@ -142,6 +143,7 @@ class Service:
             "planned": self.controller.plan.current is not None,
             "unmet_kw": unmet_kw,
             "out_of_service": out_of_service,
+            "out_of_control_kw": flowing_kw,
         }
 
     def close(self) -> None:

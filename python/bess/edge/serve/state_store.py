@@ -18,8 +18,6 @@ from io import FileIO
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-
 from bess.edge.serve.controller import Controller
 from bess.errors import BessError
 from bess.simulation.record.aside import Aside
@@ -31,7 +29,7 @@ MEMORY: Final = ("memory-0.json", "memory-1.json")
 PLAN: Final = "plan.json"
 TRIAL: Final = "trial.json"
 """Written and removed at the start, to know at once whether the disk takes anything."""
-VERSION: Final = 1
+VERSION: Final = 2
 PATIENCE_S: Final = 1.0
 """Time that one writing may hold an answer up."""
 HANGS_S: Final = 5.0
@@ -84,7 +82,7 @@ class StateStore:
             plan = self._read(self.folder / PLAN) if (self.folder / PLAN).exists() else None
             controller.recall(memory)
             if plan is not None:
-                controller.plan.recall(_arrays(plan))
+                controller.plan.recall(plan)
         except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError, BessError) as error:
             controller.recall(fresh[0])
             controller.plan.recall(fresh[1])
@@ -92,7 +90,7 @@ class StateStore:
                 with suppress(OSError):
                     (self.folder / name).replace(self.folder / f"{name}.damaged")
             return f"the state in {self.folder} cannot be used ({error}); it is set aside, a new one begins"
-        age_s = max(0.0, now_s - (controller.memory()["last_s"] or now_s))
+        age_s = max(0.0, now_s - (memory["_last_s"] or now_s))
         return f"continues with the state in {self.folder}, {age_s:.0f} s old"
 
     def save(self, controller: Controller) -> None:
@@ -100,7 +98,7 @@ class StateStore:
         plan = controller.plan.current
         new_plan = None
         if plan is not self._saved_plan:
-            new_plan = self._sealed(_plain(controller.plan.memory()))
+            new_plan = self._sealed(controller.plan.memory())
         number = self._number + 1
         content = self._sealed({"number": number, **controller.memory()})
 
@@ -195,23 +193,3 @@ class StateStore:
         if document["system"] != self._identity:
             raise ValueError(f"{path.name} is of another system")
         return document
-
-
-def _plain(value: Any) -> Any:
-    """Arrays as tables that name them."""
-    if isinstance(value, np.ndarray):
-        return {"array": value.tolist(), "dtype": str(value.dtype)}
-    if isinstance(value, Mapping):
-        return {key: _plain(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(entry) for entry in value]
-    return value.item() if isinstance(value, np.generic) else value
-
-
-def _arrays(value: Any) -> Any:
-    """Inverse of :func:`_plain`."""
-    if isinstance(value, dict):
-        if value.keys() == {"array", "dtype"}:
-            return np.array(value["array"], dtype=value["dtype"])
-        return {key: _arrays(entry) for key, entry in value.items()}
-    return [_arrays(entry) for entry in value] if isinstance(value, list) else value

@@ -1,0 +1,65 @@
+"""State of a part of the controller that survives a restart, as a document of JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+
+class Persistent:
+    """Base of objects whose attributes named in ``kept`` survive a restart, other such objects included."""
+
+    kept: ClassVar[tuple[str, ...]] = ()
+
+    def memory(self) -> dict[str, Any]:
+        """Kept attributes as values of JSON; nothing is shared with this object."""
+        return {name: to_json(getattr(self, name)) for name in self.kept}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Continue with what :meth:`memory` returned.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            If something is missing or has another shape, as of another number of strings.
+        """
+        for name in self.kept:
+            setattr(self, name, _restored(getattr(self, name), memory[name]))
+
+
+def to_json(value: Any) -> Any:
+    """Arrays as objects that name their type, NaN in them as null."""
+    if isinstance(value, Persistent):
+        return value.memory()
+    if isinstance(value, np.ndarray):
+        entries = value.astype(object)
+        entries[value != value] = None
+        return {"array": entries.tolist(), "dtype": str(value.dtype)}
+    if isinstance(value, Mapping):
+        return {key: to_json(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [to_json(entry) for entry in value]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def from_json(value: Any) -> Any:
+    """Inverse of :func:`to_json`."""
+    if isinstance(value, dict):
+        if value.keys() == {"array", "dtype"}:
+            return np.array(value["array"], dtype=value["dtype"])
+        return {key: from_json(entry) for key, entry in value.items()}
+    return [from_json(entry) for entry in value] if isinstance(value, list) else value
+
+
+def _restored(present: Any, value: Any) -> Any:
+    if isinstance(present, Persistent):
+        present.recall(value)
+        return present
+    if isinstance(present, list) and present and isinstance(present[0], Persistent):
+        return [_restored(one, entry) for one, entry in zip(present, value, strict=True)]
+    new = from_json(value)
+    if isinstance(present, np.ndarray) and np.shape(new) != present.shape:
+        raise ValueError(f"has shape {np.shape(new)}, not {present.shape}")
+    return new

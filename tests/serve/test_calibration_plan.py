@@ -1,0 +1,68 @@
+"""SOC calibration on a period: every string is full once in it, at the time that costs least by the plan."""
+
+import json
+
+import numpy as np
+import pytest
+from live_cases import controller, measured
+
+import bess
+from bess.edge.serve.calibration import place
+from bess.edge.serve.measurement_validator import ValidState
+from bess.errors import InputError
+
+DAY_S = 86_400.0
+
+
+def placement(demand_kw: list[float], soc: float = 0.6):  # type: ignore[no-untyped-def]
+    system = bess.System.reference(2)
+    trusted = ValidState.without_doubt(bess.State([soc, soc], [25.0, 25.0]), system.nominal_kw)
+    return place(system, trusted, np.array(demand_kw), 0.5, 0, 46.0, 1.0)
+
+
+def test_a_string_is_charged_while_the_others_are_not_needed() -> None:
+    peak_first = placement([150.0] * 2 + [-20.0] * 12)
+    assert peak_first.start >= 2
+    peak_last = placement([-20.0] * 12 + [150.0] * 2)
+    assert peak_last.start < 12
+    assert min(peak_first.cost_kwh, peak_last.cost_kwh) > 0.0
+
+
+def test_a_time_at_which_the_others_cannot_carry_the_load_costs_more() -> None:
+    peak, quiet = placement([130.0] * 6, soc=0.9), placement([20.0] * 6, soc=0.9)
+    assert peak.cost_kwh > 5.0 * quiet.cost_kwh > 0.0
+    assert placement([130.0] * 3 + [-20.0] * 9, soc=0.9).start >= 3
+
+
+def test_every_string_is_full_once_in_its_period() -> None:
+    live = controller(3, policy="soc", control_step_s=900.0, calibration_days=1.0)
+    soc = np.array([0.7, 0.6, 0.5])
+    full_s: list[list[float]] = [[], [], []]
+    for k in range(3 * 96):
+        answer = live.step(measured(soc), 20.0 * np.sin(k / 6.0), 900.0 * k)
+        assert answer.unmet_kw == 0.0
+        soc = soc - answer.request_kw * 0.25 / live.system.nominal_energy_kwh
+        for i in np.flatnonzero(soc > 0.994):
+            full_s[i].append(900.0 * k)
+        if k == 150:  # a restart forgets nothing of it
+            again = controller(3, policy="soc", control_step_s=900.0, calibration_days=1.0)
+            again.recall(json.loads(json.dumps(live.memory())))
+            live = again
+    for times in full_s:
+        assert np.diff([0.0, *times]).max() < 1.15 * DAY_S
+        assert times[-1] > 1.7 * DAY_S
+
+
+def test_a_string_that_was_full_anyway_is_not_calibrated() -> None:
+    live = controller(2, policy="soc", control_step_s=900.0, calibration_days=2.0)
+    for k in range(8):
+        live.step(measured([1.0, 0.6]), -20.0, 900.0 * k)
+    due_s = live.calibration.due_s()
+    assert due_s is not None
+    np.testing.assert_allclose(due_s, [7 * 900.0 + 2.0 * DAY_S, 2.0 * DAY_S])
+    assert live.calibration.string is None
+
+
+def test_a_plant_of_one_string_has_no_period() -> None:
+    with pytest.raises(InputError, match="no other string"):
+        controller(1, calibration_days=7.0)
