@@ -31,10 +31,12 @@ def write_run(
         "policy": {"name": "mpc", "gap": 1e-3, **(policy or {})},
     }
     initial = {key: value.tolist() for key, value in dataset.attrs.items()}
+    times_s = dataset["time"].values[:2].astype("datetime64[s]").astype(int)
+    step_s = int(np.diff(times_s)[0])
     frame = {
-        "start_s": int(dataset["time"].values[0].astype("datetime64[s]").astype(int)),
-        "step_s": 900, "n_steps": steps,
-        "attrs": {"title": study["title"], "step_h": 0.25, "time_zone": "UTC", **initial},
+        "start_s": int(times_s[0]),
+        "step_s": step_s, "n_steps": steps,
+        "attrs": {"title": study["title"], "step_h": step_s / 3600.0, "time_zone": "UTC", **initial},
         "statuses": {"0": "none", "1": "optimal"}, "limit_flags": {"1": "soc_max"},
     }  # fmt: skip
     system = bess.System.reference(n_strings).document
