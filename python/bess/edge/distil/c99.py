@@ -2,62 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import ClassVar, Final, Literal
+from ast import get_docstring
+from collections.abc import Mapping
+from typing import Final
 
-from bess.edge.distil.translate import INDENT, Kind, Printer, arguments, functions, integers, outputs, places
+from bess.edge.distil.translate import INDENT, Language, arguments, functions, integers, outputs, places
 
-TYPES: Final = {"float": "double", "int": "int", "bool": "int", "Floats": "double", "Flags": "int"}
 PREFIX: Final = "bess_"
-
-
-class CPrinter(Printer):
-    """C99."""
-
-    words: ClassVar[dict[str, str]] = {
+BRACES: Final = {"if": "}", "while": "}", "for": "}"}
+C99: Final = Language(
+    words={
         "not": "!", "and": "&&", "or": "||", "==": "==", "!=": "!=", "True": "1", "False": "0",
-        "max": "larger", "min": "smaller", "abs": "fabs", "sqrt": "sqrt",
-    }  # fmt: skip
-
-    def name(self, name: str) -> str:
-        """As it is."""
-        return name
-
-    def number(self, value: float) -> str:
-        """As Python writes it: the shortest text that reads back to the same number."""
-        return repr(value)
-
-    def index(self, array: str, index: str) -> str:
-        """``a[i]``."""
-        return f"{array}[{index}]"
-
-    def declare(self, name: str, kind: Kind, value: str) -> Iterator[str]:
-        """``double x = 0.0;``."""
-        yield f"{TYPES[kind]} {name} = {value};"
-
-    def clear(self, name: str, kind: Kind, size: str) -> Iterator[str]:
-        """``double x[N] = {0};``."""
-        yield f"{TYPES[kind]} {name}[{size}] = {{0}};"
-
-    def assign(self, target: str, value: str) -> str:
-        """``x = y;``."""
-        return f"{target} = {value};"
-
-    def block(self, head: Literal["if", "elif", "while"], condition: str) -> str:
-        """``if (a) {``."""
-        return f"{ {'elif': '} else if'}.get(head, head) } ({condition}) {{"
-
-    def loop(self, counter: str, size: str) -> str:
-        """``for (int i = 0; i < n; i++) {``."""
-        return f"for (int {counter} = 0; {counter} < {size}; {counter}++) {{"
-
-    def otherwise(self) -> str:
-        """``} else {``."""
-        return "} else {"
-
-    def close(self, head: Literal["if", "while", "for"]) -> str:
-        """``}``."""
-        return "}"
+        "max": "larger({0}, {1})", "min": "smaller({0}, {1})", "abs": "fabs({0})", "sqrt": "sqrt({0})",
+    },
+    types={"float": "double", "int": "int", "bool": "int", "Floats": "double", "Flags": "int"},
+    declare="{type} {name} = {value};",
+    clear="{type} {name}[{size}] = {{0}};",
+    loop="for (int {counter} = 0; {counter} < {size}; {counter}++) {{",
+    opens={"if": "if ({0}) {{", "elif": "}} else if ({0}) {{", "while": "while ({0}) {{", "else": "} else {"},
+    ends=BRACES,
+)  # fmt: skip
 
 
 def c_header(n_strings: int, steps: int, about: str) -> str:
@@ -89,18 +53,17 @@ def c_header(n_strings: int, steps: int, about: str) -> str:
 def c_source(constants: Mapping[str, float | tuple[float, ...]], about: str) -> str:
     """Text of ``split.c``; compile without contraction of floating-point operations (-ffp-contract=off)."""
     lines = [f"/* {about} */", "#include <math.h>", "", '#include "split.h"', ""]
-    printer = CPrinter()
     lines += [f"enum {{ {name} = {value} }};" for name, value in integers(constants).items()]
     for name, value in constants.items():
         if isinstance(value, tuple):
-            table = printer.listed(value, INDENT)
+            table = C99.listed(value, INDENT)
             lines.append(f"static const double {name}[{len(value)}] = {{\n{table}\n}};")
         elif type(value) is not int:
             lines.append(f"static const double {name} = {value!r};")
     lines += ["", "static double larger(double a, double b) { return b > a ? b : a; }"]
     lines += ["static double smaller(double a, double b) { return b < a ? b : a; }"]
     for name, function in functions().items():
-        lines += ["", f"{_signature(name)}", "{", *printer.body(function.body), "}"]
+        lines += ["", f"{_signature(name)}", "{", *C99.body(function.body), "}"]
     return "\n".join(lines) + "\n"
 
 
@@ -111,11 +74,9 @@ def _signature(name: str) -> str:
     for argument, kind in arguments(function).items():
         pointer = "*" if kind == "Floats" else ""
         const = "const " if pointer and argument not in filled else ""
-        texts.append(f"{const}{TYPES[kind]} {pointer}{argument}")
+        texts.append(f"{const}{C99.types[kind]} {pointer}{argument}")
     return f"void {PREFIX}{name}({', '.join(texts)})"
 
 
 def _summary(name: str) -> str:
-    from ast import get_docstring
-
     return (get_docstring(functions()[name]) or "").partition("\n")[0].replace("``", "")

@@ -2,73 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import ClassVar, Final, Literal
+from typing import Final
 
-from bess.edge.distil.translate import Kind, Printer, arguments, functions, outputs, places
+from bess.edge.distil.c99 import BRACES
+from bess.edge.distil.translate import Language, arguments, functions, outputs, places
 
-TYPES: Final = {"float": "f64", "int": "usize", "bool": "bool"}
 HEAD: Final = """//! Written by `bess.edge.distil.rust` from `explicit/decision.py`; a test compares them.
 
 use super::{larger, smaller, Tables, MOST_STRINGS};
 """
 
 
-class RustPrinter(Printer):
-    """Rust; tables are fields of ``t``, the weights an argument."""
+def _named(name: str) -> str:
+    """Constants as they are, tables as fields of ``t``, the weights an argument."""
+    if name == "WEIGHTS":
+        return "weights"
+    return f"t.{name.lower()}" if name.isupper() and name not in places() else name
 
-    words: ClassVar[dict[str, str]] = {
+
+RUST: Final = Language(
+    words={
         "not": "!", "and": "&&", "or": "||", "==": "==", "!=": "!=", "True": "true", "False": "false",
-        "max": "larger", "min": "smaller",
-    }  # fmt: skip
-
-    def name(self, name: str) -> str:
-        """Constants as they are, tables as fields."""
-        if name == "WEIGHTS":
-            return "weights"
-        return f"t.{name.lower()}" if name.isupper() and name not in places() else name
-
-    def number(self, value: float) -> str:
-        """As Python writes it."""
-        return repr(value)
-
-    def index(self, array: str, index: str) -> str:
-        """``a[i]``."""
-        return f"{array}[{index}]"
-
-    def declare(self, name: str, kind: Kind, value: str) -> Iterator[str]:
-        """``let mut x: f64 = 0.0;``."""
-        yield f"let mut {name}: {TYPES[kind]} = {value};"
-
-    def clear(self, name: str, kind: Kind, size: str) -> Iterator[str]:
-        """An array with room for any plant."""
-        yield f"let mut {name} = [{'0.0' if kind == 'Floats' else 'false'}; MOST_STRINGS + 1];"
-
-    def assign(self, target: str, value: str) -> str:
-        """``x = y;``."""
-        return f"{target} = {value};"
-
-    def block(self, head: Literal["if", "elif", "while"], condition: str) -> str:
-        """``if a {``."""
-        return f"{ {'elif': '} else if'}.get(head, head) } {condition} {{"
-
-    def loop(self, counter: str, size: str) -> str:
-        """``for i in 0..n {``."""
-        return f"for {counter} in 0..{size} {{"
-
-    def otherwise(self) -> str:
-        """``} else {``."""
-        return "} else {"
-
-    def close(self, head: Literal["if", "while", "for"]) -> str:
-        """``}``."""
-        return "}"
-
-    def call(self, function: str, arguments: list[str]) -> str:
-        """``x.abs()``, ``larger(x, y)``."""
-        if function in ("abs", "sqrt"):
-            return f"({arguments[0]}).{function}()"
-        return super().call(function, arguments)
+        "max": "larger({0}, {1})", "min": "smaller({0}, {1})", "abs": "({0}).abs()", "sqrt": "({0}).sqrt()",
+    },
+    types={"float": "f64", "int": "usize", "bool": "bool"},
+    declare="let mut {name}: {type} = {value};",
+    clear="let mut {name} = [{zero}; MOST_STRINGS + 1];",
+    loop="for {counter} in 0..{size} {{",
+    opens={"if": "if {0} {{", "elif": "}} else if {0} {{", "while": "while {0} {{", "else": "} else {"},
+    ends=BRACES,
+    name=_named,
+)  # fmt: skip
 
 
 def rust_source() -> str:
@@ -80,6 +44,6 @@ def rust_source() -> str:
         texts = ["t: &Tables", *(["weights: &[f64]"] if name == "split" else [])]
         for argument, kind in arguments(function).items():
             array = "&mut [f64]" if argument in filled else "&[f64]"
-            texts.append(f"{argument}: {array if kind == 'Floats' else TYPES[kind]}")
-        lines += ["", f"pub(crate) fn {name}({', '.join(texts)}) {{", *RustPrinter().body(function.body), "}"]
+            texts.append(f"{argument}: {array if kind == 'Floats' else RUST.types[kind]}")
+        lines += ["", f"pub(crate) fn {name}({', '.join(texts)}) {{", *RUST.body(function.body), "}"]
     return "\n".join(lines) + "\n"

@@ -1,18 +1,17 @@
 """Translations of :mod:`bess.control.explicit.decision` into C99, structured text (IEC 61131-3) and Rust.
 
-Each language is a table of how it writes an expression, a statement, a declaration; :class:`Printer` walks
-the syntax tree of the Python source. What the three have in common, and what the source may therefore use, is
-said there.
+Each language is a table of words and templates, a :class:`Language`, by which the syntax tree of the Python
+source is written. What the three have in common, and what the source may therefore use, is said there.
 """
 
 from __future__ import annotations
 
 import ast
 import inspect
-from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
-from typing import ClassVar, Final, Literal
+from typing import Final, Literal
 
 from bess.control.explicit import decision
 from bess.errors import BessError
@@ -67,67 +66,42 @@ def outputs(function: ast.FunctionDef) -> set[str]:
     return {_name(target) for target in targets} & arguments(function).keys()
 
 
-class Printer(ABC):
-    """Writes the body of a function in another language, line by line."""
+@dataclass(frozen=True)
+class Language:
+    """How a language writes the decision: words, and templates of lines with named fields.
 
-    def __init__(self) -> None:
-        self._depth = 1
+    Attributes
+    ----------
+    words : dict
+        ``not``, ``and``, ``or``, ``==``, ``!=``, ``True``, ``False``, and the calls ``max``, ``min``,
+        ``abs``, ``sqrt`` with their arguments ``{0}``, ``{1}``.
+    types : dict
+        Type of each kind of variable.
+    declare, clear, assign, loop : str
+        A scalar with its first value; an array of zeros (or of False); an assignment; the line that opens a
+        loop from 0 to below a size.
+    opens, ends : dict
+        Lines that open ``if``, ``elif``, ``while`` with a condition, and ``else``; lines that end ``if``,
+        ``while`` and ``for``.
+    name, number : callable
+        Text of a variable, argument, table or constant, and of a literal.
+    """
 
-    # How the language writes things.
-
-    words: ClassVar[dict[str, str]]
-    """``not``, ``and``, ``or``, ``==``, ``!=``, ``True``, ``False``, ``max``, ``min``, ``abs``, ``sqrt``."""
-
-    @abstractmethod
-    def name(self, name: str) -> str:
-        """A variable, an argument, a table or a constant."""
-
-    @abstractmethod
-    def number(self, value: float) -> str:
-        """A literal."""
-
-    @abstractmethod
-    def index(self, array: str, index: str) -> str:
-        """An element of an array."""
-
-    @abstractmethod
-    def declare(self, name: str, kind: Kind, value: str) -> Iterator[str]:
-        """A scalar with its first value."""
-
-    @abstractmethod
-    def clear(self, name: str, kind: Kind, size: str) -> Iterator[str]:
-        """An array of zeros (or of False)."""
-
-    @abstractmethod
-    def assign(self, target: str, value: str) -> str:
-        """An assignment."""
-
-    @abstractmethod
-    def block(self, head: Literal["if", "elif", "while"], condition: str) -> str:
-        """The line that opens a block."""
-
-    @abstractmethod
-    def loop(self, counter: str, size: str) -> str:
-        """The line that opens a loop from 0 to below ``size``."""
-
-    @abstractmethod
-    def otherwise(self) -> str:
-        """The line between both branches."""
-
-    @abstractmethod
-    def close(self, head: Literal["if", "while", "for"]) -> str:
-        """The line that ends a block."""
+    words: Mapping[str, str]
+    types: Mapping[Kind, str]
+    declare: str
+    clear: str
+    loop: str
+    opens: Mapping[str, str]
+    ends: Mapping[str, str]
+    assign: str = "{target} = {value};"
+    name: Callable[[str], str] = str
+    number: Callable[[float], str] = repr
 
     def listed(self, values: Sequence[float], indent: str) -> str:
         """Literals of a table, eight on a line."""
         rows = [values[first : first + 8] for first in range(0, len(values), 8)]
         return ",\n".join(indent + ", ".join(self.number(float(value)) for value in row) for row in rows)
-
-    def call(self, function: str, arguments: list[str]) -> str:
-        """A call of ``max``, ``min``, ``abs`` or ``sqrt``."""
-        return f"{self.words[function]}({', '.join(arguments)})"
-
-    # The walk.
 
     def expression(self, node: ast.expr) -> str:
         """An expression; every operation in brackets, so that no language has a say in the order.
@@ -137,74 +111,83 @@ class Printer(ABC):
         BessError
             With the line of the decision that has no translation.
         """
+        write, words = self.expression, self.words
         match node:
             case ast.BinOp(left, operator, right) if type(operator) in SUMS:
-                return f"({self.expression(left)} {SUMS[type(operator)]} {self.expression(right)})"
+                return f"({write(left)} {SUMS[type(operator)]} {write(right)})"
             case ast.UnaryOp(ast.USub(), operand):
-                return f"(-{self.expression(operand)})"
+                return f"(-{write(operand)})"
             case ast.UnaryOp(ast.Not(), operand):
-                return f"({self.words['not']} {self.expression(operand)})"
+                return f"({words['not']} {write(operand)})"
             case ast.BoolOp(operator, values):
-                word = self.words["and" if isinstance(operator, ast.And) else "or"]
-                return f"({f' {word} '.join(map(self.expression, values))})"
+                word = words["and" if isinstance(operator, ast.And) else "or"]
+                return f"({f' {word} '.join(map(write, values))})"
             case ast.Compare(left, [operator], [right]):
-                words = {ast.Eq: self.words["=="], ast.NotEq: self.words["!="], **COMPARISONS}
-                return f"({self.expression(left)} {words[type(operator)]} {self.expression(right)})"
+                signs = {ast.Eq: words["=="], ast.NotEq: words["!="], **COMPARISONS}
+                return f"({write(left)} {signs[type(operator)]} {write(right)})"
             case ast.Constant(value):
-                return self.words[str(value)] if isinstance(value, bool) else self.number(value)  # type: ignore[arg-type]
+                return words[str(value)] if isinstance(value, bool) else self.number(value)  # type: ignore[arg-type]
             case ast.Name(name):
                 return self.name(name)
             case ast.Subscript(array, index):
-                return self.index(self.expression(array), self.expression(index))
+                return f"{write(array)}[{write(index)}]"
             case ast.Call(ast.Name(function), operands):
-                return self.call(function, [self.expression(each) for each in operands])
-        raise BessError(f"decision.py line {node.lineno}: {ast.unparse(node)}: has no translation")
+                return words[function].format(*map(write, operands))
+        raise _untranslated(node)
 
     def body(self, statements: list[ast.stmt]) -> Iterator[str]:
-        """Statements, indented."""
+        """Lines of statements, indented."""
         for statement in statements:
             for line in self._statement(statement):
-                yield f"{INDENT * self._depth}{line}"
+                yield f"{INDENT}{line}"
 
     def _statement(self, node: ast.stmt) -> Iterator[str]:
+        write = self.expression
         match node:
             case ast.Expr(ast.Constant()):
                 return
-            case ast.AnnAssign(ast.Name(name), annotation) if _name(annotation) in ("Floats", "Flags"):
-                yield from self.clear(self.name(name), _name(annotation), self.expression(_size(node)))  # type: ignore[arg-type]
             case ast.AnnAssign(ast.Name(name), annotation, value) if value is not None:
-                yield from self.declare(self.name(name), _name(annotation), self.expression(value))  # type: ignore[arg-type]
+                kind: Kind = _name(annotation)  # type: ignore[assignment]
+                is_array = kind in ("Floats", "Flags")
+                yield (self.clear if is_array else self.declare).format(
+                    name=self.name(name),
+                    type=self.types.get(kind),
+                    size=write(_size(node)) if is_array else "",
+                    value="" if is_array else write(value),
+                    zero=self.words["False"] if kind == "Flags" else "0.0",
+                )
             case ast.Assign([target], value):
-                yield self.assign(self.expression(target), self.expression(value))
+                yield self.assign.format(target=write(target), value=write(value))
             case ast.AugAssign(target, ast.Add(), value):
-                old = self.expression(target)
-                yield self.assign(old, f"({old} + {self.expression(value)})")
-            case ast.If(test, then, orelse):
-                yield self.block("if", self.expression(test))
-                yield from self._inner(then)
-                while len(orelse) == 1 and isinstance(orelse[0], ast.If):
-                    test, then, orelse = orelse[0].test, orelse[0].body, orelse[0].orelse
-                    yield self.block("elif", self.expression(test))
-                    yield from self._inner(then)
-                if orelse:
-                    yield self.otherwise()
-                    yield from self._inner(orelse)
-                yield self.close("if")
+                yield self.assign.format(target=write(target), value=f"({write(target)} + {write(value)})")
+            case ast.If():
+                yield from self._branches(node)
+                yield self.ends["if"]
             case ast.While(test, statements):
-                yield self.block("while", self.expression(test))
-                yield from self._inner(statements)
-                yield self.close("while")
+                yield self.opens["while"].format(write(test))
+                yield from self.body(statements)
+                yield self.ends["while"]
             case ast.For(ast.Name(counter), ast.Call(ast.Name("range"), [size]), statements):
-                yield self.loop(counter, self.expression(size))
-                yield from self._inner(statements)
-                yield self.close("for")
+                yield self.loop.format(counter=counter, size=write(size))
+                yield from self.body(statements)
+                yield self.ends["for"]
             case _:
-                raise BessError(f"decision.py line {node.lineno}: {ast.unparse(node)}: has no translation")
+                raise _untranslated(node)
 
-    def _inner(self, statements: list[ast.stmt]) -> Iterator[str]:
-        depth, self._depth = self._depth, 1
-        yield from self.body(statements)
-        self._depth = depth
+    def _branches(self, node: ast.If, head: str = "if") -> Iterator[str]:
+        """An ``if`` with all of its branches, but for the line that ends it."""
+        yield self.opens[head].format(self.expression(node.test))
+        yield from self.body(node.body)
+        match node.orelse:
+            case [ast.If() as following]:
+                yield from self._branches(following, "elif")
+            case [_, *_]:
+                yield self.opens["else"]
+                yield from self.body(node.orelse)
+
+
+def _untranslated(node: ast.expr | ast.stmt) -> BessError:
+    return BessError(f"decision.py line {node.lineno}: {ast.unparse(node)}: has no translation")
 
 
 def integers(constants: Mapping[str, float | tuple[float, ...]]) -> dict[str, int]:
