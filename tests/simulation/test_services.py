@@ -174,7 +174,9 @@ def test_reserve_that_is_not_sustained_is_paid_back_with_the_penalty() -> None:
     expected = 3.0 * np.maximum(lacking_kw, missed_kw).sum() / 1000.0 * 0.25 * 65.0 / 4.0
     assert kpis["penalty_eur"] == pytest.approx(expected, rel=1e-6)
     assert kpis["net_eur"] == pytest.approx(
-        kpis["capacity_revenue_eur"] + kpis["discharge_revenue_eur"] - sum(kpis[name] for name in COSTS)
+        kpis["capacity_revenue_eur"]
+        + kpis["discharge_revenue_eur"]
+        - sum(kpis.get(name, 0.0) for name in COSTS)
     )
 
 

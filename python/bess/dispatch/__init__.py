@@ -3,6 +3,7 @@
 from bess.dispatch.arbitrage import Arbitrage
 from bess.dispatch.aware import DispatchInputs, DispatchPlan, DynamicProgramDispatch
 from bess.dispatch.budget import CycleBudget
+from bess.dispatch.connection import GridConnection, PeakTariff, monthly_peaks_kw
 from bess.dispatch.forecast import ExternalForecast, Forecast, PerfectForecast, PersistenceForecast
 from bess.dispatch.meter import GridPowerTarget, min_peak_kw
 from bess.dispatch.profile import PROFILES, SITES, bundled_profile, read_profile
@@ -20,7 +21,9 @@ __all__ = [
     "EnergyWindow",
     "ExternalForecast",
     "Forecast",
+    "GridConnection",
     "GridPowerTarget",
+    "PeakTariff",
     "PerfectForecast",
     "PersistenceForecast",
     "RechargeScheduler",
@@ -28,5 +31,6 @@ __all__ = [
     "bundled_profile",
     "droop_response",
     "min_peak_kw",
+    "monthly_peaks_kw",
     "read_profile",
 ]

@@ -8,12 +8,17 @@ import pandas as pd
 
 from bess.arrays import Array, require_positive
 from bess.dispatch.blocks import Blocks
+from bess.dispatch.connection import GridConnection, PeakTariff
 from bess.dispatch.forecast import Forecast, steps_in
 from bess.dispatch.program import StoreProgram
 from bess.errors import InputError
+from bess.units import HOURS_PER_DAY
 
 _TOLERANCE: Final = 1e-6
 """Share of nominal power below which an answer of the solver is zero (its own tolerance is 1e-7)."""
+
+_PAST_DAYS: Final = 7
+"""Days before a plan that the choice of a monthly peak looks back on."""
 
 
 class Arbitrage:
@@ -64,6 +69,8 @@ class Arbitrage:
         less than every 6 h.
     dt_h : float
         Control step [h].
+    connection : GridConnection or None
+        Load, generation, limits and tariff of a meter that the plant shares.
 
     Raises
     ------
@@ -91,6 +98,7 @@ class Arbitrage:
         look_ahead_h: float = 36.0,
         replan_h: float = 6.0,
         dt_h: float = 0.25,
+        connection: GridConnection | None = None,
     ):
         require_positive(
             "arbitrage",
@@ -113,7 +121,7 @@ class Arbitrage:
         self.days = np.asarray(days, dtype=np.int64)
         self.power_kw, self.energy_kwh, self.dt_h = power_kw, energy_kwh, dt_h
         self.efficiency, self.cycles_per_day = efficiency, cycles_per_day
-        self.cycles_per_plan = cycles_per_plan
+        self.cycles_per_plan, self.connection = cycles_per_plan, connection
         self._most = (
             min(1.0, (max_import_kw or power_kw) / power_kw),
             min(1.0, (max_export_kw or power_kw) / power_kw),
@@ -175,10 +183,32 @@ class Arbitrage:
             raise InputError(
                 f"arbitrage: {self.days.size} day numbers do not cover step {step + price.size - 1}"
             )
-        return self._solve(price, days, energy_kwh, discharged_today_kwh, use_eur_mwh, left_kwh)
+        if self.connection is not None and self.connection.tariff is not None:
+            self._choose_peak(self.connection, self.connection.tariff, step, price, energy_kwh)
+        return self._solve(step, price, days, energy_kwh, discharged_today_kwh, use_eur_mwh, left_kwh)
+
+    def _choose_peak(
+        self, connection: GridConnection, tariff: PeakTariff, step: int, price: Array, energy_kwh: float
+    ) -> None:
+        """Once a day choose the peak of the month, from the last week and what is ahead in this month."""
+        day_steps = round(HOURS_PER_DAY / self.dt_h)
+        if step % day_steps >= self.replan_steps and tariff.month[step] == tariff.month[step - 1]:
+            return
+        price = price[tariff.month[step : step + price.size] == tariff.month[step]]
+        past = range(max(0, step - _PAST_DAYS * day_steps), step)
+        price = np.r_[[self.prices.ahead(each, 1)[0] for each in past], price]
+        net_kw = np.r_[[connection.net_kw(each, 1)[0] for each in past], connection.net_kw(step, price.size)]
+        net_kw, weight = net_kw[: price.size], self._weight(price)
+        days = self.days[step - len(past) : step - len(past) + price.size]
+        program = self._program(price, np.full(price.size, self.dt_h), days, energy_kwh, 0.0, 0.0, np.inf)
+        share = price.size / (tariff.month[step:] == tariff.month[step]).sum()
+        month = np.zeros(price.size, dtype=np.int64)
+        connection.constrain(program, price, net_kw, month, self.power_kw, weight, share)
+        connection.choose(self.power_kw * float(program.solved().added[-1]))
 
     def _solve(
         self,
+        step: int,
         price: Array,
         days: npt.NDArray[np.int64],
         energy_kwh: float,
@@ -186,35 +216,61 @@ class Arbitrage:
         use_eur_mwh: float,
         left_kwh: float,
     ) -> Array:
-        """Solve the program in per unit: power over `power_kw`, energy over `power_kw` times 1 h."""
+        """Return the demand of an optimal schedule."""
+        connection = self.connection
         blocks = Blocks.of(price, days, self.dt_h)
+        if connection is not None:  # load and generation change from step to step
+            blocks = Blocks(np.arange(price.size), np.ones(price.size, np.int64))
         price, days = price[blocks.first], days[blocks.first]
         hours = np.asarray(blocks.count * self.dt_h, dtype=np.float64)
-        one_way = float(np.sqrt(self.efficiency))
-        per_unit = hours / (self.dt_h * max(1.0, float(np.abs(price).max())))
-        program = StoreProgram(
-            hours,
-            one_way,
-            energy_kwh / self.power_kw,
-            cost=(per_unit * price, per_unit * (use_eur_mwh - price)),
-            most=self._most,
-            stored=self.energy_kwh / self.power_kw,
-        )
-        self._limit_cycles(program, days, hours, discharged_kwh, left_kwh)
+        program = self._program(price, hours, days, energy_kwh, discharged_kwh, use_eur_mwh, left_kwh)
+        if connection is not None:
+            net_kw, tariff = connection.net_kw(step, price.size), connection.tariff
+            month = days if tariff is None else tariff.month[step : step + price.size]
+            connection.constrain(program, price, net_kw, month, self.power_kw, self._weight(price))
         plan = program.solved()
         negative = np.flatnonzero(price < 0.0)
         if np.minimum(plan.charge, plan.discharge)[negative].max(initial=0.0) > _TOLERANCE:
             program.exclude(negative)
             plan = program.solved()
-        charge, discharge = plan.charge, plan.discharge
-        stored = one_way * charge - discharge / one_way
+        one_way = float(np.sqrt(self.efficiency))
+        stored = one_way * plan.charge - plan.discharge / one_way
         share = -np.where(stored > 0.0, stored / one_way, stored * one_way)
         share[np.abs(share) < _TOLERANCE] = 0.0
         most = np.where(share < 0.0, *self._most)
         demand: Array = (
             self.power_kw * most[blocks.of_step] * blocks.at_full(np.clip(share / most, -1.0, 1.0))
         )
+        if connection is not None:
+            connection.keep(step, demand)
         return demand
+
+    def _program(
+        self,
+        price: Array,
+        hours: Array,
+        days: npt.NDArray[np.int64],
+        energy_kwh: float,
+        discharged_kwh: float,
+        use_eur_mwh: float,
+        left_kwh: float,
+    ) -> StoreProgram:
+        """Return the program in per unit: power over `power_kw`, energy over `power_kw` times 1 h."""
+        per_unit = hours * self._weight(price)
+        program = StoreProgram(
+            hours,
+            float(np.sqrt(self.efficiency)),
+            energy_kwh / self.power_kw,
+            cost=(per_unit * price, per_unit * (use_eur_mwh - price)),
+            most=self._most,
+            stored=self.energy_kwh / self.power_kw,
+        )
+        self._limit_cycles(program, days, hours, discharged_kwh, left_kwh)
+        return program
+
+    def _weight(self, price: Array) -> float:
+        """Cost in the program of an EUR/MWh over an hour at full power."""
+        return 1.0 / (self.dt_h * max(1.0, float(np.abs(price).max())))
 
     def _limit_cycles(
         self,

@@ -6,6 +6,7 @@ Peak shaving has the limit of the connection as its level, self-consumption the 
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from bess.arrays import Array
 from bess.dispatch.program import StoreProgram
@@ -21,8 +22,8 @@ class GridPowerTarget:
 
     Attributes
     ----------
-    level_kw : float
-        What may be drawn from the grid.
+    level_kw : float or ndarray
+        What may be drawn from the grid, in all steps or in each.
     power_kw : float
         Most power of the store, either direction (AC).
     full_kwh : float
@@ -35,7 +36,7 @@ class GridPowerTarget:
         Below this the rest of a store is not charged or discharged: inverters would lose more by being on.
     """
 
-    level_kw: float
+    level_kw: float | Array
     power_kw: float
     full_kwh: float
     one_way: float
@@ -76,14 +77,21 @@ class GridPowerTarget:
 
 
 def min_peak_kw(
-    net_kw: Array, dt_h: float, *, power_kw: float, full_kwh: float, held_kwh: float, one_way: float
-) -> float:
-    r"""Return the lowest limit of the grid connection that a store can keep, knowing all that will come.
+    net_kw: Array,
+    dt_h: float,
+    *,
+    power_kw: float,
+    full_kwh: float,
+    held_kwh: float,
+    one_way: float,
+    month: npt.ArrayLike = 0,
+) -> Array:
+    r"""Return the lowest limits of the import that a store can keep, knowing all that will come.
 
     With charging `c`, discharging `d` (AC power), stored energy `e` and the efficiency :math:`\eta` of each
-    way it is the optimum of
+    way, and a limit :math:`L_m` for each month, it is the optimum of
 
-    .. math:: \min L\quad\text{s. t.}\quad n_t + c_t - d_t \le L,\quad
+    .. math:: \min \sum_m L_m\quad\text{s. t.}\quad n_t + c_t - d_t \le L_{m(t)},\quad
        e_t = e_{t-1} + \eta c_t \Delta t - d_t \Delta t / \eta,\quad 0 \le e_t \le E,\quad
        0 \le c_t, d_t \le P .
 
@@ -97,6 +105,13 @@ def min_peak_kw(
         Power of the store, energy when it is full, energy at the start; what is above ``full_kwh`` is let be.
     one_way : float
         Efficiency of each direction, in (0, 1].
+    month : array_like of int, shape (n_steps,)
+        Number of the month of each step; by default one limit holds for all.
+
+    Returns
+    -------
+    ndarray, shape (n_steps,)
+        Limit in each step [kW].
 
     Raises
     ------
@@ -112,6 +127,7 @@ def min_peak_kw(
     program = StoreProgram(
         np.full(n.size, dt_h), one_way, held_kwh, cost=(0.0, 0.0), most=(power_kw, power_kw), stored=full_kwh
     )
-    limit = program.add(1, cost=1.0)
-    program.at_most(-net_kw, (n, program.charge, 1.0), (n, program.discharge, -1.0), (n, limit, -1.0))
-    return float(program.solved().added[0])
+    numbers, period = np.unique(np.broadcast_to(month, n.size), return_inverse=True)
+    limit = program.add(numbers.size, cost=1.0)
+    program.at_most(-net_kw, (n, program.charge, 1.0), (n, program.discharge, -1.0), (n, limit[period], -1.0))
+    return np.asarray(program.solved().added[period])

@@ -13,7 +13,7 @@ from bess.arrays import Array
 from bess.system import State, System
 
 if TYPE_CHECKING:
-    from bess.dispatch import Arbitrage, DynamicProgramDispatch, Forecast
+    from bess.dispatch import Arbitrage, DynamicProgramDispatch, Forecast, GridConnection
     from bess.dispatch.budget import CycleBudget
 
 
@@ -248,8 +248,15 @@ class ArbitrageSource:
 
     demand_depends_on_soc = False
 
-    def __init__(self, planner: DispatchPlanner, system: System, budget: CycleBudget | None = None) -> None:
-        self._planner, self._budget = planner, budget
+    def __init__(
+        self,
+        planner: DispatchPlanner,
+        system: System,
+        budget: CycleBudget | None = None,
+        connection: GridConnection | None = None,
+    ) -> None:
+        self._planner, self._budget, self._connection = planner, budget, connection
+        self._dt_h = system.control.step_min / 60.0
         self._soc_min = np.array([string.battery.soc_min for string in system.strings])
         self._nominal_kwh = system.nominal_energy_kwh
         self._plan: MarketPlan | None = None
@@ -265,6 +272,8 @@ class ArbitrageSource:
         budget = self._budget
         if budget is not None:
             budget.advance(step, state.soc, now.delivered_kw)
+        if self._connection is not None:
+            self._connection.advance(step, now.delivered_kw)
         if self._plan is None or self._planner.is_due(step, now, self._plan):
             stored = Stored(self._energy_kwh, self._discharged_kwh)
             if budget is not None:
@@ -272,6 +281,9 @@ class ArbitrageSource:
             self._plan = self._planner.plan(step, now, stored)
         offset = step - self._plan.step
         demand_kw = padded(self._plan.demand_kw[offset : offset + horizon], horizon)
+        if self._connection is not None:
+            most_kw = min(self._energy_kwh / self._dt_h, float(now.limit_kw.sum()))
+            demand_kw[0] = self._connection.within(step, float(demand_kw[0]), most_kw)
         if budget is None:
             return demand_kw
         return budget.limited(demand_kw, float((self._nominal_kwh * state.soh_capacity).min()))
@@ -290,6 +302,7 @@ class ArbitrageSource:
             "energy_kwh": self._energy_kwh,
             "discharged_kwh": self._discharged_kwh,
             "budget": None if self._budget is None else self._budget.memory(),
+            "connection": None if self._connection is None else self._connection.memory(),
         }
 
     def recall(self, memory: Mapping[str, Any]) -> None:
@@ -301,6 +314,8 @@ class ArbitrageSource:
         self._discharged_kwh = memory["discharged_kwh"]
         if self._budget is not None:
             self._budget.recall(memory["budget"])
+        if self._connection is not None:
+            self._connection.recall(memory["connection"])
 
     def _count_discharge(self, day: int, energy_kwh: float) -> None:
         """Add the energy discharged in the previous step; a step that ends at midnight counts for its day."""

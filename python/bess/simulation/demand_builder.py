@@ -23,11 +23,12 @@ from bess.simulation.run_demand import DEFAULT_START, RunDemand, budget_of, repa
 from bess.study.demands import ArbitrageDemand, ProfileDemand
 from bess.study.grid import SampledSeries, TimeGrid, seconds_of
 from bess.study.keys import check_bundled
-from bess.study.services import FcrDemand, SiteDemand
+from bess.study.services import FcrDemand, SiteDemand, TradeMeterSection
 from bess.system import System
 
 if TYPE_CHECKING:
-    from bess.dispatch import Forecast
+    from bess.dispatch import Forecast, GridConnection
+    from bess.simulation.meter import Site
     from bess.study.study import Study
 
 
@@ -101,24 +102,53 @@ def _arbitrage(study: Study, choice: ArbitrageDemand, system: System, step_s: fl
     read = read_prices(
         choice.prices, choice.zone, choice.product, time_zone=choice.time_zone, fill=choice.fill
     )
-    series = SampledSeries.from_pandas(read, choice.prices, "demand.prices")
-    start = study.run.start or series.start
-    grid = TimeGrid.of(start, step_s, study.run.days or series.days_from(start, step_s))
+    sampled = SampledSeries.from_pandas(read, choice.prices, "demand.prices")
+    start = study.run.start or sampled.start
+    grid = TimeGrid.of(start, step_s, study.run.days or sampled.days_from(start, step_s))
     if choice.repeat:
-        series = SampledSeries.from_pandas(prolonged(read, grid.end), choice.prices, "demand.prices")
-    price = series.on(grid)
+        sampled = SampledSeries.from_pandas(prolonged(read, grid.end), choice.prices, "demand.prices")
+    price = sampled.on(grid)
     forecast, files = _price_forecast(choice, grid, price)
-    planner = _planner(study, choice, system, grid, forecast)
+    connection: GridConnection | None = None
+    series: dict[str, Array] = {}
+    found: list[str] = []
+    if choice.meter is not None:
+        connection, site = _connection(study, choice, choice.meter, step_s, grid)
+        series = site.series | {"export_price_eur_mwh": price}
+        if choice.max_export_kw is not None:
+            series["export_limit_kw"] = np.full(grid.n_steps, choice.max_export_kw)
+        files, found = files + site.files, site.notes
     notes = [
         f"prices: {choice.prices}, min / mean / max of the run "
         f"{price.min():.2f} / {price.mean():.2f} / {price.max():.2f} EUR/MWh",
         *repair_notes(read),
+        *found,
     ]
+    planner = _planner(study, choice, system, grid, forecast, connection)
     budget = budget_of(
         study.budget, system, grid, forecast, _size(choice, system), choice.efficiency, choice.look_ahead_h
     )
-    source = ArbitrageSource(planner, system, budget)
-    return RunDemand(grid, source, price, [Path(choice.prices), *files], notes)
+    source = ArbitrageSource(planner, system, budget, connection)
+    fee_eur_mwh = choice.meter.import_fee_eur_mwh if choice.meter is not None else 0.0
+    return RunDemand(grid, source, price + fee_eur_mwh, [Path(choice.prices), *files], notes, series)
+
+
+def _connection(
+    study: Study, choice: ArbitrageDemand, meter: TradeMeterSection, step_s: float, grid: TimeGrid
+) -> tuple[GridConnection, Site]:
+    from bess.dispatch import GridConnection
+    from bess.simulation.meter import site_of_meter
+
+    site = site_of_meter(study, meter, step_s, 0, grid)
+    connection = GridConnection(
+        site.forecast,
+        grid.dt_h,
+        max_import_kw=choice.max_import_kw or np.inf,
+        max_export_kw=choice.max_export_kw or np.inf,
+        import_fee_eur_mwh=meter.import_fee_eur_mwh,
+        tariff=site.tariff,
+    )
+    return connection, site
 
 
 def _price_forecast(choice: ArbitrageDemand, grid: TimeGrid, price: Array) -> tuple[Forecast, list[Path]]:
@@ -138,7 +168,12 @@ def _price_forecast(choice: ArbitrageDemand, grid: TimeGrid, price: Array) -> tu
 
 
 def _planner(
-    study: Study, choice: ArbitrageDemand, system: System, grid: TimeGrid, forecast: Forecast
+    study: Study,
+    choice: ArbitrageDemand,
+    system: System,
+    grid: TimeGrid,
+    forecast: Forecast,
+    connection: GridConnection | None,
 ) -> DispatchPlanner:
     from bess.dispatch import Arbitrage, DynamicProgramDispatch
     from bess.dispatch.arbitrage import calendar_days
@@ -185,11 +220,12 @@ def _planner(
         efficiency=choice.efficiency,
         cycles_per_day=choice.cycles_per_day,
         cycles_per_plan=choice.cycles_per_plan,
-        max_import_kw=choice.max_import_kw,
-        max_export_kw=choice.max_export_kw,
+        max_import_kw=choice.max_import_kw if connection is None else None,
+        max_export_kw=choice.max_export_kw if connection is None else None,
         look_ahead_h=choice.look_ahead_h,
         replan_h=COMPARE_H if choice.replan_h is None else choice.replan_h,
         dt_h=grid.dt_h,
+        connection=connection,
     )
     return LinearPlanner(arbitrage)
 

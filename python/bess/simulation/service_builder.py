@@ -8,7 +8,6 @@ import numpy as np
 
 from bess.arrays import Array
 from bess.dispatch import (
-    SITES,
     Arbitrage,
     EnergyWindow,
     Forecast,
@@ -19,11 +18,11 @@ from bess.dispatch import (
     Store,
     droop_response,
     min_peak_kw,
-    read_profile,
 )
 from bess.dispatch.arbitrage import calendar_days
 from bess.dispatch.synthetic import frequency_deviation, market_prices
 from bess.errors import InputError
+from bess.simulation.meter import site_of_meter
 from bess.simulation.run_demand import DEFAULT_START, RunDemand, budget_of, repair_notes, utc_index
 from bess.simulation.services import MeterSource, Reserve, ReserveSource, Trade, ZeroResponseForecast
 from bess.study.grid import SampledSeries, TimeGrid, seconds_of
@@ -94,47 +93,39 @@ def reserve_of(study: Study, choice: FcrDemand, system: System, step_s: float) -
 
 def site_of(study: Study, choice: SiteDemand, system: System, step_s: float, horizon: int) -> RunDemand:
     """A load, and optionally generation, behind one meter with the plant."""
-    dt_h = step_s / _HOUR_S
-    load, files, notes = _site_series(study, choice, "load", dt_h)
-    start = study.run.start or load.start
-    grid = TimeGrid.of(start, step_s, study.run.days or load.days_from(start, step_s))
-    longer = grid.longer(horizon)
-    load_kw = load.laid(grid, longer, repeat=choice.repeat)
-    pv_kw = np.zeros_like(load_kw)
-    if choice.pv is not None:
-        pv, more_files, more_notes = _site_series(study, choice, "pv", dt_h)
-        pv_kw = pv.laid(grid, longer, repeat=choice.repeat)
-        files, notes = files + more_files, notes + more_notes
-    shared = min(load_kw.size, pv_kw.size) if choice.pv is not None else load_kw.size
-    net_kw = load_kw[:shared] - pv_kw[:shared]
+    site = site_of_meter(study, choice, step_s, horizon)
+    grid, net_kw, dt_h = site.grid, site.net_kw, site.grid.dt_h
     store = Store(system, choice.efficiency)
     state, power_kw = system.initial_state(), float(system.nominal_kw.sum())
-    series = {
-        "load_kw": load_kw[: grid.n_steps],
-        "generation_kw": pv_kw[: grid.n_steps],
-        "export_price_eur_mwh": np.full(grid.n_steps, choice.export_price_eur_mwh),
-    }
-    level_kw = 0.0
+    series = site.series | {"export_price_eur_mwh": np.full(grid.n_steps, choice.export_price_eur_mwh)}
+    level_kw = np.zeros(grid.n_steps)
     full_kwh = store.size_kwh(state, choice.ready_soc)
     if isinstance(choice, PeakShavingDemand):
-        level_kw = choice.limit_kw or min_peak_kw(
-            net_kw[: grid.n_steps],
-            dt_h,
-            power_kw=power_kw,
-            full_kwh=full_kwh,
-            held_kwh=store.held_kwh(state),
-            one_way=store.one_way,
-        )
-        series["grid_limit_kw"] = np.full(grid.n_steps, level_kw)
-        series["demand_charge_eur_kw_h"] = np.full(grid.n_steps, choice.demand_charge_eur_kw_year / 8760.0)
+        if choice.limit_kw is None:
+            level_kw = min_peak_kw(
+                net_kw[: grid.n_steps],
+                dt_h,
+                power_kw=power_kw,
+                full_kwh=full_kwh,
+                held_kwh=store.held_kwh(state),
+                one_way=store.one_way,
+                month=0 if site.tariff is None else site.tariff.month,
+            )
+        else:
+            level_kw = np.full(grid.n_steps, choice.limit_kw)
+        series["grid_limit_kw"] = level_kw
+        if site.tariff is None:
+            series["demand_charge_eur_kw_h"] = np.full(
+                grid.n_steps, choice.demand_charge_eur_kw_year / 8760.0
+            )
         found = "as given" if choice.limit_kw else "the minimum with perfect forecast"
-        notes.append(f"limit of the grid connection: {level_kw:.4g} kW, {found}")
-    forecast: Forecast = PerfectForecast(net_kw)
-    if choice.forecast == "persistence":
-        forecast = PersistenceForecast(net_kw, dt_h)
-    level = GridPowerTarget(level_kw, power_kw, full_kwh, store.one_way, dt_h, _MIN_SHARE * power_kw)
+        limits = " and ".join(f"{each:.4g}" for each in dict.fromkeys(level_kw.tolist()))
+        site.notes.append(f"limit of the grid connection: {limits} kW, {found}")
+    later = np.full(net_kw.size - grid.n_steps, level_kw[-1])
+    level = GridPowerTarget(0.0, power_kw, full_kwh, store.one_way, dt_h, _MIN_SHARE * power_kw)
     price = np.full(grid.n_steps, choice.price_eur_mwh)
-    return RunDemand(grid, MeterSource(forecast, level, store, choice.ready_soc), price, files, notes, series)
+    source = MeterSource(site.forecast, level, np.r_[level_kw, later], store, choice.ready_soc)
+    return RunDemand(grid, source, price, site.files, site.notes, series)
 
 
 def _powers(choice: FcrDemand, nominal_kw: float, *, trades: bool) -> tuple[float, float]:
@@ -264,32 +255,3 @@ def _steps(minutes: float, key: str, grid: TimeGrid, least: int) -> int:
             f"{grid.step_s / 60:g} min"
         )
     return max(least, int(np.ceil(steps - 1e-9)))
-
-
-def _site_series(
-    study: Study, choice: SiteDemand, key: str, dt_h: float
-) -> tuple[SampledSeries, list[Path], list[str]]:
-    """Return the power of the load or of the generation [kW]."""
-    name = getattr(choice, key)
-    column = choice.column if key == "load" else choice.pv_column
-    scale = choice.scale if key == "load" else choice.pv_scale
-    check_bundled(f"demand.{key}", name, SITES)
-    if name in SITES:
-        values = SITES[name](dt_h=dt_h) * scale
-        start_s = seconds_of(study.run.start or DEFAULT_START)
-        series = SampledSeries(values, start_s, round(dt_h * _HOUR_S), f"profile {name}", f"demand.{key}")
-        files, repairs = [], []
-    else:
-        read = read_profile(
-            name,
-            column=column,
-            unit=choice.unit,
-            scale=scale,
-            dt_h=dt_h,
-            time_zone=choice.time_zone,
-            fill=choice.fill,
-        )
-        series = SampledSeries.from_pandas(read, name, f"demand.{key}")
-        files, repairs = [Path(name)], repair_notes(read)
-    found = f"{key}: {series.what}, {series.values.min():.4g} to {series.values.max():.4g} kW"
-    return series, files, [found, *repairs]

@@ -46,22 +46,25 @@ class MeterSource:
 
     demand_depends_on_soc = True
 
-    def __init__(self, net_kw: Forecast, level: GridPowerTarget, store: Store, ready_soc: float) -> None:
-        self._net_kw, self._level, self._store, self._ready_soc = net_kw, level, store, ready_soc
+    def __init__(
+        self, net_kw: Forecast, level: GridPowerTarget, level_kw: Array, store: Store, ready_soc: float
+    ) -> None:
+        self._net_kw, self._level, self._level_kw = net_kw, level, level_kw
+        self._store, self._ready_soc = store, ready_soc
 
     def ahead(self, step: int, horizon: int, now: StepInputs) -> Array:
         """See :class:`bess.simulation.demand.DemandSource`."""
         state = now.state
         self._store.count(state, now.delivered_kw * self._level.dt_h)
+        net_kw = self._net_kw.ahead(step, horizon)
         level = replace(
             self._level,
+            level_kw=self._level_kw[step : step + net_kw.size],
             one_way=self._store.one_way,
             power_kw=min(self._level.power_kw, float(now.limit_kw.sum())),
             full_kwh=self._store.size_kwh(state, self._ready_soc),
         )
-        return padded(
-            level.demand_kw(self._net_kw.ahead(step, horizon), self._store.held_kwh(state)), horizon
-        )
+        return padded(level.demand_kw(net_kw, self._store.held_kwh(state)), horizon)
 
     def planned(self, step: int) -> dict[str, float]:
         """Return no further planned values."""

@@ -14,6 +14,7 @@ from bess.study.services import (
     FcrDemand,
     PeakShavingDemand,
     SelfConsumptionDemand,
+    TradeMeterSection,
 )
 from bess.system.quantities import NonNegative, Positive, within
 from bess.system.section import Section
@@ -55,6 +56,8 @@ class ArbitrageDemand(Section):
     ``repeat`` lets the last year of the file follow year by year, for runs over decades
     (:func:`bess.market.prolonged`). ``forecast`` is that of prices; with ``file`` it is read from
     ``forecast_prices``, a price file of its own. What is sold is settled at the prices that came true.
+    ``meter`` has load and generation behind the same meter, for linear plans
+    (:class:`bess.dispatch.GridConnection`).
     """
 
     kind: Literal["arbitrage"] = "arbitrage"
@@ -78,11 +81,14 @@ class ArbitrageDemand(Section):
     repeat: bool = False
     forecast: Literal["perfect", "persistence", "file"] = "perfect"
     forecast_prices: str | None = None
+    meter: TradeMeterSection | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         if (self.forecast == "file") != (self.forecast_prices is not None):
             raise ValueError('forecast = "file" and forecast_prices go together')
+        if self.meter is not None and self.plan != "linear":
+            raise ValueError('meter: only plan = "linear" knows of a meter with load and generation')
         return self
 
 

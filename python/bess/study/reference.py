@@ -28,7 +28,8 @@ KINDS: Final[tuple[Kind, ...]] = ("study", "system")
 
 # The first ending that fits; longer ones stand before those they end with.
 _UNITS: Final = {
-    "_mwh_per_year": "MWh/year", "eur_kw_year": "EUR/kW/year", "eur_mw": "EUR/MW", "_mhz": "mHz",
+    "eur_kw_month": "EUR/kW/month", "_mwh_per_year": "MWh/year", "eur_kw_year": "EUR/kW/year",
+    "eur_mw": "EUR/MW", "_mhz": "mHz",
     "eur_mwh": "EUR/MWh", "eur_per_mwh": "EUR/MWh", "eur_kwh": "EUR/kWh", "_eur": "EUR", "_kwh": "kWh",
     "kvar": "kvar", "_kw": "kW", "_kg_m3": "kg/m³", "_j_kgk": "J/(kg K)", "_w_m2k": "W/(m² K)",
     "_w_mk": "W/(m K)",

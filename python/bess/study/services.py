@@ -77,18 +77,17 @@ class FcrArbitrageDemand(FcrDemand):
     replan_h: Positive = 1.0
 
 
-class SiteDemand(Section):
-    """Load and optional generation behind one meter with the plant.
+class MeterSection(Section):
+    """Load and generation behind one meter with the plant, and the tariff of its peak.
 
     ``load`` and ``pv`` are bundled (``industrial-week``, ``commercial-week``, ``solar-week``) or files as
     :func:`bess.dispatch.read_profile` reads them, positive for consumption and generation;
-    ``repeat`` repeats both. ``price_eur_mwh`` is the grid import price, ``export_price_eur_mwh`` the export
-    price. The forecast of the demand depends on the forecast of load and generation and on the round-trip
-    efficiency: initially ``efficiency``, later the measured value.
+    ``repeat`` repeats both. ``peak_eur_kw_month`` is the price of the highest quarter-hour mean of the grid
+    import in each calendar month of ``billing_time_zone``; a month that the run covers in part is charged in
+    full.
     """
 
-    kind: Literal["peak-shaving", "self-consumption"]
-    load: str
+    load: str | None = None
     column: str | None = None
     scale: Positive = 1.0
     pv: str | None = None
@@ -98,11 +97,36 @@ class SiteDemand(Section):
     time_zone: str | None = None
     fill: Fill | None = None
     repeat: bool = False
+    peak_eur_kw_month: Positive | None = None
+    billing_time_zone: str = "Europe/Berlin"
+    forecast: Literal["perfect", "persistence"] = "perfect"
+
+
+class TradeMeterSection(MeterSection):
+    """Section ``[demand.meter]`` of ``kind = "arbitrage"``: trade behind a meter with load or generation.
+
+    Import costs the market price plus ``import_fee_eur_mwh``, export earns the market price.
+    ``max_import_kw`` and ``max_export_kw`` hold at the meter: generation above the limit of the export is
+    curtailed unless the plant charges it.
+    """
+
+    import_fee_eur_mwh: NonNegative = 0.0
+
+
+class SiteDemand(MeterSection):
+    """Load and optional generation behind one meter with the plant, at constant prices.
+
+    ``price_eur_mwh`` is the grid import price, ``export_price_eur_mwh`` the export
+    price. The forecast of the demand depends on the forecast of load and generation and on the round-trip
+    efficiency: initially ``efficiency``, later the measured value.
+    """
+
+    kind: Literal["peak-shaving", "self-consumption"]
+    load: str
     efficiency: Efficiency = 0.9
     ready_soc: Fraction = 1.0
     price_eur_mwh: float = 250.0
     export_price_eur_mwh: float = 80.0
-    forecast: Literal["perfect", "persistence"] = "perfect"
 
 
 class PeakShavingDemand(SiteDemand):
@@ -111,7 +135,8 @@ class PeakShavingDemand(SiteDemand):
     The plant supplies the load above ``limit_kw`` and charges up to ``ready_soc`` with the remaining power
     below it. By default, ``limit_kw`` is the lowest limit that is feasible with perfect foresight
     (:func:`bess.dispatch.min_peak_kw`). A kW of reduced peak import saves ``demand_charge_eur_kw_year``,
-    in proportion to the length of the run.
+    in proportion to the length of the run; with ``peak_eur_kw_month``, each month has a limit of its own, and
+    its price replaces that of the year.
     """
 
     kind: Literal["peak-shaving"] = "peak-shaving"

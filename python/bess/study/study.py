@@ -46,6 +46,8 @@ _PATHS = (
     ("demand", "capacity_prices"),
     ("demand", "load"),
     ("demand", "pv"),
+    ("demand.meter", "load"),
+    ("demand.meter", "pv"),
     ("reactive", "file"),
     ("weather", "file"),
 )
@@ -270,7 +272,7 @@ def _read(path: Path, bundled: list[str]) -> str:
 def _with_absolute_paths(document: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Resolve the files a study names against ``folder``; bundled names stay as they are."""
     for section, key in _PATHS:
-        table = document.get(section)
+        table = _at(document, *section.split("."))
         value = table.get(key) if isinstance(table, Mapping) else None
         if isinstance(value, str) and (Path(value).suffix or Path(value).name != value):
             document = with_value(document, f"{section}.{key}", str((folder / value).absolute()))

@@ -220,6 +220,9 @@ CATALOGUE: Final[dict[str, Kpi]] = {
     "penalty_eur": _money(
         "Penalty", "Reserve sold but not available, times its price and the penalty factor of the settlement."
     ),
+    "peak_charge_eur": _money(
+        "Peak charge", "What the plant adds to the charge of the monthly peaks; negative if it lowers them."
+    ),
     "wear_eur": _money("Wear cost", "Cost of battery ageing, by the wear model of the study."),
     "start_eur": _money("Start cost", "Number of inverter starts times the cost of a start."),
     "auxiliary_eur": _money(
@@ -291,6 +294,9 @@ CATALOGUE: Final[dict[str, Kpi]] = {
     ),
     "import_kwh": Kpi("Grid import", "kWh", "min", 1, "Energy imported through the meter.", "service"),
     "export_kwh": Kpi("Grid export", "kWh", None, 1, "Energy exported through the meter.", "service"),
+    "curtailed_kwh": Kpi(
+        "Curtailment", "kWh", "min", 1, "Generation above the limit of the grid export.", "service"
+    ),
     "self_consumption_pct": Kpi(
         "Self-consumption", "%", "max", 2, "Share of the generation that is not exported.", "service"
     ),

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from bess.arrays import Array
+from bess.dispatch.connection import QUARTER_S, PeakTariff, monthly_peaks_kw
 from bess.system.terms import SettlementTerms
 from bess.units import PERCENT
 
@@ -47,14 +48,16 @@ def site_saving_eur(dataset: xr.Dataset, terms: SettlementTerms) -> Array:
     """Return the reduction of the energy cost at the meter in each step [EUR]; negative while charging.
 
     Grid import costs ``price_eur_mwh``, grid export earns ``export_price_eur_mwh``; fees apply to charged and
-    discharged energy of the plant.
+    discharged energy of the plant. What is above the limit of the export is curtailed and earns nothing.
     """
     step_mwh_per_kw = float(dataset.attrs["step_h"]) / _PER_MEGA
     before, after, delivered = draw_kw(dataset)
     drawn, given = dataset["price_eur_mwh"].values, dataset["export_price_eur_mwh"].values
 
+    most = dataset["export_limit_kw"].values if "export_limit_kw" in dataset else np.inf
+
     def bill(kw: Array) -> Array:
-        return np.asarray(np.where(kw > 0.0, kw * drawn, kw * given))
+        return np.asarray(np.where(kw > 0.0, kw * drawn, np.maximum(kw, -most) * given))
 
     fees = np.where(
         delivered > 0.0, delivered * terms.discharge_fee_eur_mwh, -delivered * terms.charge_fee_eur_mwh
@@ -88,6 +91,21 @@ def capacity_entries(dataset: xr.Dataset, terms: SettlementTerms) -> Iterator[tu
         yield "capacity_revenue_eur", spared_kw * dataset["demand_charge_eur_kw_h"].values * dt_h
 
 
+def peak_charge_eur(dataset: xr.Dataset) -> Array:
+    """Return what the plant adds to the charge of the monthly peaks in each step [EUR].
+
+    The charge rises in the steps in which the highest quarter-hour mean of the import so far rises, with the
+    plant and without.
+    """
+    seconds = dataset["time"].values.astype("datetime64[s]").astype(np.int64)
+    month, price = dataset["billing_month"].values, dataset["peak_price_eur_kw"].values
+    tariff = PeakTariff(float(price[0]), month, seconds // QUARTER_S)
+    before, after, _ = draw_kw(dataset)
+    more_kw = monthly_peaks_kw(after, tariff) - monthly_peaks_kw(before, tariff)
+    first = np.diff(month, prepend=month[0] - 1) != 0
+    return np.asarray(price * np.where(first, more_kw, np.diff(more_kw, prepend=0.0)))
+
+
 def short_kw(dataset: xr.Dataset) -> Array:
     """Return the insufficient reserve of each step [kW]."""
     capacity: Array = dataset["capacity_kw"].values
@@ -117,7 +135,10 @@ def _site_kpis(dataset: xr.Dataset, dt_h: float) -> Iterator[tuple[str, Any]]:
     if "grid_limit_kw" in dataset:
         above = np.maximum(after - dataset["grid_limit_kw"].values, 0.0)
         yield "above_limit_kwh", above.sum() * dt_h
-    imported, exported = np.maximum(after, 0.0).sum() * dt_h, np.maximum(-after, 0.0).sum() * dt_h
+    most = dataset["export_limit_kw"].values if "export_limit_kw" in dataset else np.inf
+    imported, exported = np.maximum(after, 0.0).sum() * dt_h, np.clip(-after, 0.0, most).sum() * dt_h
+    if "export_limit_kw" in dataset:
+        yield "curtailed_kwh", np.maximum(-after - most, 0.0).sum() * dt_h
     yield "import_kwh", imported
     yield "export_kwh", exported
     load, generated = (float(dataset[name].values.sum()) * dt_h for name in ("load_kw", "generation_kw"))

@@ -12,7 +12,13 @@ import numpy as np
 
 from bess.arrays import Array
 from bess.errors import InputError
-from bess.simulation.analysis.services import capacity_entries, exchanged_kw, is_site, site_saving_eur
+from bess.simulation.analysis.services import (
+    capacity_entries,
+    exchanged_kw,
+    is_site,
+    peak_charge_eur,
+    site_saving_eur,
+)
 from bess.study.sections import SettlementSection
 from bess.system.terms import SettlementTerms
 from bess.units import KWH_PER_MWH
@@ -26,8 +32,11 @@ if TYPE_CHECKING:
 REVENUES: Final = ("discharge_revenue_eur", "capacity_revenue_eur")
 """Entries of the ledger added to ``net_eur``; the second exists only for services paid for capacity."""
 
-COSTS: Final = ("charge_cost_eur", "shortfall_eur", "wear_eur", "start_eur", "auxiliary_eur", "penalty_eur")
-"""Subtracted entries; the last exists only for a reserve."""
+COSTS: Final = (
+    *("charge_cost_eur", "shortfall_eur", "wear_eur", "start_eur", "auxiliary_eur"),
+    *("penalty_eur", "peak_charge_eur"),
+)
+"""Subtracted entries; ``penalty_eur`` exists only for a reserve, ``peak_charge_eur`` with a peak tariff."""
 
 
 def ledger(result: Result | xr.Dataset) -> xr.Dataset:
@@ -45,6 +54,8 @@ def ledger(result: Result | xr.Dataset) -> xr.Dataset:
       are off), at the price and fee of charging;
     - for services ``capacity_revenue_eur``, the revenue of a reserve or a lower peak, and ``penalty_eur`` for
       insufficient reserve (:mod:`bess.simulation.analysis.services`);
+    - ``peak_charge_eur``: what the plant adds to the charge of the monthly peaks, in the steps in which the
+      highest import so far rises; negative where the plant lowers it;
     - ``net_eur``, the revenue minus all costs.
 
     With a reserve, `p` excludes the frequency response. Behind a meter, revenue and cost are the decrease of
@@ -137,6 +148,8 @@ def _entries(dataset: xr.Dataset, terms: SettlementTerms) -> Iterator[tuple[str,
         missing_mwh = np.maximum(asked_mwh - delivered_mwh, 0.0)
         yield "shortfall_eur", missing_mwh * terms.shortfall_price_eur_mwh(price)
     yield from capacity_entries(dataset, terms)
+    if "peak_price_eur_kw" in dataset:
+        yield "peak_charge_eur", peak_charge_eur(dataset)
     # Older records do not separate wear and standby.
     yield "wear_eur", _of_all_strings(dataset, "wear_eur")
     yield "start_eur", dataset["inverter_starts"].values.sum(axis=1) * terms.start_eur

@@ -32,6 +32,9 @@ _AT_THE_METER = (
     "grid_limit_kw",
     "export_price_eur_mwh",
     "demand_charge_eur_kw_h",
+    "export_limit_kw",
+    "peak_price_eur_kw",
+    "billing_month",
 )
 """Variables of a record that the ledger needs and that do not depend on the split."""
 

@@ -1,0 +1,199 @@
+"""The grid connection of a plant that trades: load and generation behind its meter, and its monthly peak."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from bess.arrays import Array
+from bess.dispatch.forecast import Forecast
+from bess.dispatch.program import StoreProgram
+from bess.units import KWH_PER_MWH, SECONDS_PER_HOUR
+
+QUARTER_S: Final = 900
+"""Time over which the import that a peak tariff counts is averaged [s]."""
+
+
+@dataclass(frozen=True)
+class PeakTariff:
+    """A price of the highest quarter-hour mean of the grid import in each calendar month.
+
+    Attributes
+    ----------
+    eur_kw : float
+        Price for each month.
+    month : ndarray of int, shape (n_steps,)
+        Number of the month of each step, ascending.
+    quarter : ndarray of int, shape (n_steps,)
+        Number of its quarter of an hour.
+    """
+
+    eur_kw: float
+    month: npt.NDArray[np.int64]
+    quarter: npt.NDArray[np.int64]
+
+
+def monthly_peaks_kw(import_kw: Array, tariff: PeakTariff) -> Array:
+    """Return the highest quarter-hour mean of the month so far, at the end of each step; it is never below 0.
+
+    The quarter of an hour that a step is part of counts from its last step on.
+    """
+    first = np.flatnonzero(np.diff(tariff.quarter, prepend=tariff.quarter[0] - 1))
+    steps = int(np.diff(first, append=import_kw.size).max())
+    mean_kw = np.zeros(import_kw.size)
+    last = np.r_[first[1:], import_kw.size] - 1
+    mean_kw[last] = np.maximum(np.add.reduceat(import_kw, first) / steps, 0.0)
+    begins = np.flatnonzero(np.diff(tariff.month, prepend=tariff.month[0] - 1))
+    parts = [np.maximum.accumulate(part) for part in np.split(mean_kw, begins[1:])]
+    return np.concatenate(parts)
+
+
+class GridConnection:
+    r"""What a dispatch over prices knows of the meter, and the peak of the month so far.
+
+    With load less generation :math:`n_t` behind the meter, import :math:`i_t`, the fee :math:`f` on it, the
+    peak :math:`L_m` of each month :math:`m`, its price :math:`\kappa`, generation :math:`k_t` that the limit
+    :math:`X` of the export curtails, and the limit :math:`I` of the import, the program of a store gets
+
+    .. math:: \min\ \dots + \sum_t (f\, i_t + \pi_t^+ k_t)\,\Delta t + \kappa \sum_m (L_m - L^0_m)^+
+       \quad\text{s. t.}\quad n_t + c_t - d_t \le i_t \le \min(L_m, \max(I, n_t)),\quad
+       d_t - c_t - n_t - k_t \le X,\quad 0 \le k_t \le \max(0, -n_t - X) .
+
+    A plan covers a part of a month, and a higher peak serves the days after it as well. So the peak is chosen
+    once a day by the same program over the last week and the plan together, at the price of the month times
+    their hours over those left of it: the rest of the month is taken to be like them. In plans
+    :math:`L^0` is this peak, or that of the month so far if it is higher.
+
+    Parameters
+    ----------
+    net_kw : Forecast
+        Load less generation [kW].
+    dt_h : float
+        Control step [h].
+    max_import_kw, max_export_kw : float
+        Limits at the meter; infinite without.
+    import_fee_eur_mwh : float
+        Fees on the import beside the price, >= 0.
+    tariff : PeakTariff or None
+        Price of the peak.
+    """
+
+    def __init__(
+        self,
+        net_kw: Forecast,
+        dt_h: float,
+        *,
+        max_import_kw: float = np.inf,
+        max_export_kw: float = np.inf,
+        import_fee_eur_mwh: float = 0.0,
+        tariff: PeakTariff | None = None,
+    ):
+        self._net_kw, self._dt_h = net_kw, dt_h
+        self._max_import_kw, self._max_export_kw = max_import_kw, max_export_kw
+        self._import_fee_eur_mwh, self.tariff = import_fee_eur_mwh, tariff
+        self._quarter_kw: list[float] = []
+        self._peak_kw, self._chosen_kw, self._planned_kw = 0.0, 0.0, np.inf
+        self._last_kw: float | None = None
+
+    def advance(self, step: int, delivered_kw: float) -> None:
+        """Count the step before ``step``, in which the plant delivered this power (positive = discharge)."""
+        tariff = self.tariff
+        if tariff is not None and self._last_kw is not None:
+            self._quarter_kw.append(self._last_kw - delivered_kw)
+            if tariff.quarter[step] != tariff.quarter[step - 1]:
+                steps = round(QUARTER_S / (SECONDS_PER_HOUR * self._dt_h))
+                self._peak_kw = max(self._peak_kw, sum(self._quarter_kw) / max(1, steps))
+                self._quarter_kw = []
+            if tariff.month[step] != tariff.month[step - 1]:
+                self._peak_kw = self._chosen_kw = 0.0
+        self._last_kw = float(self._net_kw.ahead(step, 1)[0])
+
+    def net_kw(self, step: int, n: int) -> Array:
+        """Load less generation in the next ``n`` steps [kW]; the last value is held where they end."""
+        values = self._net_kw.ahead(step, n)
+        return np.concatenate([values, np.full(n - values.size, values[-1])])
+
+    def constrain(
+        self,
+        program: StoreProgram,
+        price_eur_mwh: Array,
+        net_kw: Array,
+        month: npt.NDArray[np.int64],
+        power_kw: float,
+        weight: float,
+        share: float = 1.0,
+    ) -> None:
+        """Add columns and rows to a program in per unit of ``power_kw``, whose cost is ``weight`` EUR/MWh h.
+
+        ``share`` of the price of the month is that of a peak; the last columns are the peaks above those
+        chosen, month by month.
+        """
+        net, row, cost = net_kw / power_kw, np.arange(net_kw.size), weight * self._dt_h
+        most_import, most_export = self._max_import_kw / power_kw, self._max_export_kw / power_kw
+        imported = program.add(
+            net.size, cost=cost * self._import_fee_eur_mwh, upper=np.maximum(most_import, net)
+        )
+        program.at_most(
+            -net, (row, program.charge, 1.0), (row, program.discharge, -1.0), (row, imported, -1.0)
+        )
+        if np.isfinite(most_export):
+            curtailed = program.add(
+                net.size,
+                cost=cost * np.maximum(price_eur_mwh, 0.0),
+                upper=np.maximum(0.0, -net - most_export),
+            )
+            program.at_most(
+                most_export + net,
+                (row, program.discharge, 1.0),
+                (row, program.charge, -1.0),
+                (row, curtailed, -1.0),
+            )
+        if self.tariff is not None:
+            numbers, period = np.unique(month, return_inverse=True)
+            known = np.zeros(numbers.size)
+            known[0] = max(self._peak_kw, self._chosen_kw) / power_kw
+            higher = program.add(numbers.size, cost=weight * KWH_PER_MWH * share * self.tariff.eur_kw)
+            program.at_most(known[period], (row, imported, 1.0), (row, higher[period], -1.0))
+
+    def choose(self, higher_kw: float) -> None:
+        """Let the peak of the month be so much higher."""
+        self._chosen_kw = max(self._peak_kw, self._chosen_kw) + higher_kw
+
+    def keep(self, step: int, demand_kw: Array) -> None:
+        """Take in a plan: the peak it counts on is kept until the next."""
+        if self.tariff is not None:
+            month = self.tariff.month[step : step + demand_kw.size]
+            planned_kw = self.net_kw(step, demand_kw.size) - demand_kw
+            self._planned_kw = float(planned_kw[month == month[0]].max())
+
+    def within(self, step: int, demand_kw: float, discharge_kw: float) -> float:
+        """Return the demand that adds to no import or export above its limit, and keeps the peak.
+
+        ``discharge_kw`` is the most that the store has energy for.
+        """
+        net_kw = float(self._net_kw.ahead(step, 1)[0])
+        least_kw = min(net_kw - self._max_import_kw, 0.0)
+        if self.tariff is not None:
+            above_kw = net_kw - max(0.0, self._peak_kw, self._chosen_kw, self._planned_kw)
+            least_kw = max(least_kw, min(above_kw, discharge_kw))
+        return min(max(demand_kw, least_kw), max(net_kw + self._max_export_kw, 0.0))
+
+    def memory(self) -> dict[str, Any]:
+        """State for a checkpoint."""
+        return {
+            "quarter_kw": np.array(self._quarter_kw),
+            "peak_kw": self._peak_kw,
+            "chosen_kw": self._chosen_kw,
+            "planned_kw": self._planned_kw,
+            "last_kw": self._last_kw,
+        }
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Continue with what :meth:`memory` returned."""
+        self._quarter_kw, self._last_kw = memory["quarter_kw"].tolist(), memory["last_kw"]
+        self._peak_kw, self._chosen_kw = memory["peak_kw"], memory["chosen_kw"]
+        self._planned_kw = memory["planned_kw"]
