@@ -300,14 +300,6 @@ def test_a_study_with_the_objectives_of_the_paper_is_said_to_be_one() -> None:
     assert "except to reproduce the paper" not in command("check", "case1", "--set", "policy.name=soc").stdout
 
 
-def test_more_strings_than_the_optimiser_takes_come_with_what_to_do() -> None:
-    said = refused("check", "case1", "--set", "system.n_strings=40")
-    assert "system.n_strings = 40" in said and "1 to 32 strings" in said
-    assert 'policy.name = "soc"' in said and "battery.cells_parallel" in said
-    ways_out = ["--set", "policy.name=soc"]
-    assert command("check", "case1", "--set", "system.n_strings=40", *ways_out).returncode == 0
-
-
 @pytest.mark.parametrize(
     ("words", "said"),
     [

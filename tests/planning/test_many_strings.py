@@ -117,11 +117,6 @@ def test_strings_far_apart_are_planned_one_by_one_as_long_as_there_are_as_many_g
     assert groups_of(system, spread, system.nominal_kw) is None
 
 
-def test_the_certified_split_of_many_strings_is_refused_with_a_way_out() -> None:
-    with pytest.raises(bess.InputError, match=r"takes 1 to 32 strings; plan them .*policy.mode = .plan."):
-        bess.PowerSplit(bess.System.reference(33), 4)
-
-
 @pytest.mark.parametrize("n_strings", [40, 120])
 def test_many_strings_lose_no_greater_share_than_eight(n_strings: int) -> None:
     def share(n: int, policy: str) -> float:

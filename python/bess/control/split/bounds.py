@@ -33,9 +33,9 @@ the gap and takes a third of the time."""
 CUTOFF_SHARE = 0.9
 """Minimum improvement on the incumbent, as a share of the requested gap; other schedules are cut off."""
 
-LARGEST_RELAXATION = 400
+LARGEST_RELAXATION = 256
 """String-steps (strings x steps) above which no relaxation is solved. Its compilation memory grows with their
-square (1 GB at 384, 4 GB at 768), and the one-step bounds are nearly as tight."""
+square (1 GB at 256, 4 GB at 768), and the one-step bounds are nearly as tight."""
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from bess.control.split.bounds import Certificate, certify
 from bess.control.split.carried import Carried
 from bess.control.split.normalisation import constant_scale, payoff_scale
 from bess.control.split.objectives import NAMES, Objectives
-from bess.control.split.problem import SplitProblem, check_horizon, check_strings
+from bess.control.split.problem import SplitProblem, check_horizon
 from bess.control.split.relaxation.data import PlantConstants
 from bess.control.split.result import GroupResult, Split, SplitStatus, relative_gap
 from bess.control.split.rollout import Rollout
@@ -56,7 +56,7 @@ class PowerSplit:
     Parameters
     ----------
     system : System
-        1 to 32 strings, which may differ.
+        Strings may differ.
     horizon_steps : int
         1 to 96.
     objectives : Objectives, optional
@@ -64,8 +64,8 @@ class PowerSplit:
     dt_h : float
         Length of a step [h].
     gap, time_limit_s, node_limit
-        As for :class:`bess.control.split.settings.SplitSettings`. Relaxations are solved for at most 400
-        string-steps (strings x steps).
+        As for :class:`bess.control.split.settings.SplitSettings`. Relaxations are solved for at most 256
+        string-steps (strings x steps); above that, the bound is the sum of single steps.
 
     Attributes
     ----------
@@ -100,7 +100,6 @@ class PowerSplit:
         node_limit: int | None = DEFAULTS.node_limit,
     ) -> None:
         check_horizon(system, horizon_steps, dt_h)
-        check_strings(system)
         if objectives is not None and not isinstance(objectives, Objectives):
             raise InputError(f"objectives must be bess.Objectives, not {type(objectives).__name__}")
         self.system, self.horizon_steps, self.dt_h = system, int(horizon_steps), dt_h

@@ -15,7 +15,6 @@ from bess.system import State, System
 from bess.system.state import TEMPERATURE_RANGE_C
 
 MAX_HORIZON_STEPS = 96
-MAX_STRINGS = 32
 
 
 @dataclass(frozen=True)
@@ -102,23 +101,6 @@ class SplitProblem:
             costs.searched,
             abs_tol,
             rel_tol,
-        )
-
-
-def check_strings(system: System) -> None:
-    """Check that the certified split takes the strings of a plant.
-
-    Raises
-    ------
-    InputError
-        Too many strings, with the ways out.
-    """
-    if system.n_strings > MAX_STRINGS:
-        raise InputError(
-            f"system.n_strings = {system.n_strings}: the certified split takes 1 to {MAX_STRINGS} strings; "
-            'plan them (bess.plan_power, or policy.mode = "plan"), use a rule, such as policy.name = "soc", '
-            "or let each string stand for a group of alike ones (battery.cells_parallel and "
-            "inverter.nominal_kw of the whole group)"
         )
 
 

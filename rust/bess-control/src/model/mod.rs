@@ -26,7 +26,7 @@ pub(crate) use heat::{heat_share, heat_w};
 pub use horizon::{ControlHorizon, SplitProblem, MAX_GROUPS};
 pub(crate) use loss_curve::LossCurve;
 pub use losses::Losses;
-pub(crate) use objectives::add;
+pub(crate) use objectives::{total, BLOCK};
 pub use objectives::{CostsOf, Objectives};
 pub use ranges::{CoefficientRanges, Range, StateBox};
 pub(crate) use ranges::{Corner, Piece};

@@ -6,6 +6,9 @@ use crate::model::{Flow, Losses, StringState};
 /// Objective below which only rounding errors remain.
 const NOTHING: f64 = 1e-14;
 
+/// Strings whose costs are summed first: a change of two strings then costs two blocks, not all strings.
+pub(crate) const BLOCK: usize = 32;
+
 /// Objective of each group; unused entries are 0.
 pub type Objectives = [f64; MAX_GROUPS];
 
@@ -53,20 +56,21 @@ impl ControlHorizon {
         flow
     }
 
-    /// Objectives of a schedule of requests `(M, T)` [W]: each string over time, then over the strings. Every
-    /// other place that sums costs keeps this order, so that results agree to the last bit.
+    /// Objectives of a schedule of requests `(M, T)` [W]: each string over time, then over the strings of each block,
+    /// then over the blocks ([`BLOCK`]). Every other place that sums costs keeps this order, so that results agree to
+    /// the last bit.
     pub fn objectives(&self, request_w: &[f64]) -> Objectives {
-        let n_steps = self.n_steps();
-        let mut totals = [0.0; MAX_GROUPS];
-        for (m, requests) in request_w.chunks_exact(n_steps).enumerate() {
+        let costs_of = |(m, requests): (usize, &[f64])| {
             let mut costs = [0.0; MAX_GROUPS];
             let mut state = self.start[m];
             for (t, &request) in requests.iter().enumerate() {
                 state = self.advance(m, t, state, request, &mut costs).end;
             }
-            add(&mut totals, &costs);
-        }
-        totals
+            costs
+        };
+        let costs: Vec<Objectives> =
+            request_w.chunks_exact(self.n_steps()).enumerate().map(costs_of).collect();
+        total(costs.chunks(BLOCK).map(|block| total(block.iter().copied())))
     }
 
     /// Objectives of flows `(M, T)`, in reported costs.
@@ -126,10 +130,11 @@ impl ControlHorizon {
     }
 }
 
-/// Adds costs of all groups.
+/// Sum of costs of all groups, in order.
 #[inline]
-pub(crate) fn add(totals: &mut Objectives, costs: &Objectives) {
-    for (total, cost) in totals.iter_mut().zip(costs) {
-        *total += cost;
-    }
+pub(crate) fn total(costs: impl Iterator<Item = Objectives>) -> Objectives {
+    costs.fold([0.0; MAX_GROUPS], |mut totals, costs| {
+        totals.iter_mut().zip(costs).for_each(|(total, cost)| *total += cost);
+        totals
+    })
 }

@@ -97,9 +97,16 @@ fn at_price(
     DualPoint { price, bound: value + price * demand_w, total_w, shed_w }
 }
 
-/// Bound at one price only.
-pub(crate) fn bound_at(curves: &[CostCurve], commitment: &Commitment, demand_w: f64, price: f64) -> f64 {
-    at_price(curves, commitment, demand_w, price, &mut Vec::new(), |_, _, _| ()).bound
+/// Bounds at a price with 0, 1, ... of all strings on `(M + 1,)`.
+pub(crate) fn bounds_by_count(curves: &[CostCurve], demand_w: f64, price: f64) -> Vec<f64> {
+    let mut open = Vec::new();
+    at_price(curves, &Commitment::free(curves.len()), demand_w, price, &mut open, |_, _, _| ());
+    let off: f64 = open.iter().map(|(_, _, off)| off.value).sum();
+    let switched_on = open.iter().scan(off, |value, (_, on, off)| {
+        *value += on.value - off.value;
+        Some(*value)
+    });
+    std::iter::once(off).chain(switched_on).map(|value| value + price * demand_w).collect()
 }
 
 /// Largest total request that a choice can take without shedding [W].

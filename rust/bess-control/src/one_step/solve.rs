@@ -3,10 +3,13 @@
 use std::collections::BinaryHeap;
 
 use super::cost_curve::CostCurve;
-use super::lagrangian::{bound_at, maximise, Commitment, DualSolution, InverterMode};
+use super::lagrangian::{bounds_by_count, maximise, Commitment, DualSolution, InverterMode};
 
 /// Bounds closer than this (relative) count as equal.
 const GAP: f64 = 1e-10;
+
+/// Strings above which no more nodes are solved: the gap of the Lagrangian falls with their number.
+const MANY: usize = 32;
 
 /// Solution of the one-step problem.
 #[derive(Debug, Clone)]
@@ -48,7 +51,7 @@ impl Ord for Node {
 /// Solves the one-step problem. Branches first on how many strings run (like strings are then no trouble, because
 /// the Lagrangian of a number has no gap for them), then on the string at the border.
 pub(crate) fn solve(curves: &[CostCurve], demand_w: f64) -> OneStepSolution {
-    solve_within(curves, demand_w, 60 + 8 * curves.len())
+    solve_within(curves, demand_w, 60 + 8 * curves.len().min(MANY))
 }
 
 /// [`solve`] with at most this many nodes; fewer loosen the bound, they do not make it wrong.
@@ -61,9 +64,9 @@ fn solve_within(curves: &[CostCurve], demand_w: f64, mut n_nodes: usize) -> OneS
         return best;
     }
     let mut heap = BinaryHeap::new();
-    for count in 0..=n {
+    for (count, bound) in bounds_by_count(curves, demand_w, root.price).into_iter().enumerate() {
         let commitment = Commitment { count: Some(count), ..free.clone() };
-        let bound = bound_at(curves, &commitment, demand_w, root.price).max(root.bound);
+        let bound = bound.max(root.bound);
         heap.push(Node { bound, commitment, border: None, order: count });
     }
     let mut order = n;

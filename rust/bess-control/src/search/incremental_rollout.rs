@@ -1,7 +1,7 @@
 //! A schedule with its states and costs, so that a change is evaluated from the changed step on and only
 //! for the affected strings.
 
-use crate::model::{add, ControlHorizon, Objectives, StringState, MAX_GROUPS};
+use crate::model::{total, ControlHorizon, Objectives, StringState, BLOCK, MAX_GROUPS};
 
 /// Relative distance from the deliverable power within which a request is on the edge.
 const EDGE_WIDTH: f64 = 1e-9;
@@ -23,6 +23,8 @@ pub(crate) struct IncrementalRollout<'a> {
     pub request_w: Vec<f64>,
     /// `(M, end - first + 1)`: at the start of each step, and at the end.
     progress: Vec<Progress>,
+    /// Costs of each block of strings.
+    blocks: Vec<Objectives>,
     /// `(M, end - first)`: whether a request is equal to the deliverable power.
     on_edge: Vec<bool>,
     /// String-steps computed so far.
@@ -52,6 +54,7 @@ impl<'a> IncrementalRollout<'a> {
             end,
             request_w,
             progress,
+            blocks: vec![[0.0; MAX_GROUPS]; start.len().div_ceil(BLOCK)],
             on_edge,
             string_steps: 0.into(),
             changes: 0,
@@ -98,6 +101,7 @@ impl<'a> IncrementalRollout<'a> {
             next.state = self.horizon.advance(m, t, next.state, self.request(m, t), &mut next.costs).end;
             self.progress[base + t + 1 - self.first] = next;
         }
+        self.blocks[m / BLOCK] = self.block_with(m / BLOCK, &[]);
         self.count(self.end - from);
         self.changes += 1;
         self.last_change[m] = self.changes;
@@ -196,15 +200,27 @@ impl<'a> IncrementalRollout<'a> {
         (a.costs, b.costs)
     }
 
-    /// Objectives with the final costs of some strings replaced; summed in the order of the strings.
+    /// Objectives with the final costs of some strings replaced.
     #[inline]
     pub fn objectives_with(&self, changed: &[(usize, Objectives)]) -> Objectives {
-        let mut totals = [0.0; MAX_GROUPS];
-        for m in 0..self.horizon.n_strings() {
+        total(self.blocks.iter().enumerate().map(|(block, costs)| {
+            let is_changed = changed.iter().any(|(string, _)| string / BLOCK == block);
+            if is_changed {
+                self.block_with(block, changed)
+            } else {
+                *costs
+            }
+        }))
+    }
+
+    /// Costs of a block of strings with the final costs of some replaced.
+    #[inline]
+    fn block_with(&self, block: usize, changed: &[(usize, Objectives)]) -> Objectives {
+        let strings = block * BLOCK..((block + 1) * BLOCK).min(self.horizon.n_strings());
+        total(strings.map(|m| {
             let replaced = changed.iter().find(|(string, _)| *string == m);
-            add(&mut totals, replaced.map_or(&self.at(m, self.end).costs, |(_, costs)| costs));
-        }
-        totals
+            replaced.map_or(self.at(m, self.end).costs, |(_, costs)| *costs)
+        }))
     }
 
     /// Objectives of the schedule.

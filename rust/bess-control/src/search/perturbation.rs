@@ -5,6 +5,8 @@ use crate::model::{ControlHorizon, Flow};
 
 /// Minimum difference of exchanged powers, as a share of the largest limit.
 const ALIKE: f64 = 1e-3;
+/// Maximum number of pairs of strings whose exchanges are drawn from.
+const MOST_PAIRS: usize = 512;
 
 impl ControlHorizon {
     /// Two strings exchange their requests from some step on: neighbours in the order of total requests.
@@ -116,9 +118,14 @@ impl ControlHorizon {
         most: usize,
     ) -> Vec<Schedule> {
         let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
-        let pairs = (0..n_strings).flat_map(|i| (i + 1..n_strings).map(move |j| (i, j)));
+        let mut pairs: Vec<_> =
+            (0..n_strings).flat_map(|i| (i + 1..n_strings).map(move |j| (i, j))).collect();
+        if pairs.len() > MOST_PAIRS {
+            random.shuffle(&mut pairs);
+            pairs.truncate(MOST_PAIRS);
+        }
         let windows = |(i, j)| (0..n_steps).flat_map(move |a| (a + 1..=n_steps).map(move |b| (i, j, a, b)));
-        let mut swaps: Vec<_> = pairs.flat_map(windows).collect();
+        let mut swaps: Vec<_> = pairs.into_iter().flat_map(windows).collect();
         random.shuffle(&mut swaps);
         let swapped = |(i, j, a, b): (usize, usize, usize, usize)| {
             let mut wanted = request_w.to_vec();
