@@ -52,8 +52,8 @@ STRUCTURED_TEXT: Final = Language(
     name=_named,
     number=_number,
 )  # fmt: skip
-"""AND evaluates both sides; names are not case-sensitive. Variables of a function block keep their values from
-call to call, so arrays are cleared by a loop."""
+"""AND evaluates both sides; names are not case-sensitive. Variables of a function block keep their values
+from call to call, so arrays are cleared by a loop."""
 
 
 def st_source(constants: Mapping[str, float | tuple[float, ...]], about: str) -> str:

@@ -10,12 +10,13 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.security import HTTPBearer
 from pydantic import BaseModel
 from starlette.exceptions import HTTPException
+from starlette.responses import JSONResponse
 
 from bess import __version__
 from bess.edge.plant_io.openems_solver import answer as openems_answer
 from bess.edge.serve.control_loop import ControlLoop
 from bess.edge.serve.demands import Demands
-from bess.edge.serve.gate import HEALTH, Gate, document, refusal
+from bess.edge.serve.gate import HEALTH, Gate, refusal
 from bess.edge.serve.limits import LOCAL, Names
 from bess.edge.serve.live import live
 from bess.edge.serve.messages import (
@@ -123,41 +124,43 @@ def build_app(
     async def split(message: SplitMessage) -> Response:
         measured = measurements_of(message, service.controller.system)
         answer = await service.split(measured, message.now_kw, message.forecast_kw)
-        return document(answer.document())
+        return JSONResponse(answer.document())
 
     @app.post("/v1/openems-solver", summary="Shares in per cent, as OpenEMS asks a solver for them")
     async def openems_solver(request: Request) -> Response:
         controller = service.controller
         split = controller.at_least_loss
-        return document(await service.call(openems_answer, await request.json(), controller.n_strings, split))
+        return JSONResponse(
+            await service.call(openems_answer, await request.json(), controller.n_strings, split)
+        )
 
     @app.post("/v1/demand", summary="Ask a driven plant for power")
     async def demand(message: DemandMessage, request: Request, to: Driven = to_plant) -> Response:
         by = "" if request.client is None else request.client.host
         to.demands.post(message.demand_kw, message.valid_for_s, service.clock(), by)
-        return document({"demand_kw": message.demand_kw, "valid_for_s": message.valid_for_s})
+        return JSONResponse({"demand_kw": message.demand_kw, "valid_for_s": message.valid_for_s})
 
     @app.post("/v1/calibration", summary="Charge one string to full while the others carry the load")
     async def calibrate(message: CalibrationMessage) -> Response:
         await service.call(service.calibrate, message.string, message.target_soc)
-        return document({"calibrating": message.string, "target_soc": message.target_soc})
+        return JSONResponse({"calibrating": message.string, "target_soc": message.target_soc})
 
     @app.delete("/v1/calibration", summary="End a calibration before it is done")
     async def end_calibration() -> Response:
         await service.call(service.end_calibration)
-        return document({"calibrating": None})
+        return JSONResponse({"calibrating": None})
 
     @app.get(HEALTH, summary="Whether all is well; needs no token")
     async def health(request: Request) -> Response:
         tells = request.state.holds_token
-        return document(service.health() | (driven.health(tells) if driven else {}))
+        return JSONResponse(service.health() | (driven.health(tells) if driven else {}))
 
     @app.get("/v1/live", summary="What the page shows: plant, demand, strings, and the history of a span")
     async def live_document(span: Literal["2h", "day", "week"] = "day") -> Response:
         shown = live(service, span)
         if driven is not None:
             shown |= {"plant": driven.health(tells=True), "asked_by": driven.source(service)}
-        return document(shown)
+        return JSONResponse(shown)
 
     @app.get("/metrics", summary="Metrics for Prometheus")
     async def metrics() -> Response:

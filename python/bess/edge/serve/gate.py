@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import time
 from typing import Any, Final
 
 from starlette.datastructures import MutableHeaders
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect, Request
-from starlette.responses import Response
+from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from bess.edge.serve.limits import LARGEST_BODY, Names, Rate, is_allowed
@@ -127,16 +126,9 @@ class Gate:
             raise HTTPException(415, "the body must be sent with the header Content-Type: application/json")
 
 
-def document(content: Any, status: int = 200) -> Response:
-    """An answer in JSON, in finite numbers."""
-    return Response(json.dumps(content, allow_nan=False), status, media_type="application/json")
-
-
 def refusal(status: int, sentence: str, headers: Any = None) -> Response:
     """One sentence on why a request is refused."""
-    response = document({"detail": sentence}, status)
-    response.headers.update(headers or {})
-    return response
+    return JSONResponse({"detail": sentence}, status, headers)
 
 
 def _opens_page(request: Request) -> bool:

@@ -3,11 +3,28 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any, Final
 
+import numpy as np
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
 
 from bess.edge.serve.answer import Answer
 from bess.edge.serve.controller import Controller
+
+STRINGS: Final = {
+    "request_kw": "Set-point; positive = discharge.",
+    "soc_ratio": "State of charge as it is acted upon.",
+    "temperature_celsius": "Temperature as it is acted upon.",
+    "running": "Whether the inverter runs.",
+    "in_service": "Whether the string may run.",
+    "starts": "Starts of the inverter since the state began.",
+    "charged_kwh": "Energy charged since the state began.",
+    "discharged_kwh": "Energy discharged since the state began.",
+    "soh_capacity_ratio": "Capacity left, as estimated.",
+    "out_of_control_kw": "Power that a string out of service still gives.",
+    "calibration_due_seconds": "When the string must be full again.",
+}
+"""Gauges of each string, and their meaning."""
 
 
 class Metrics:
@@ -28,20 +45,7 @@ class Metrics:
         self._demand = gauge("bess_demand_kw", "Demand of the last answer; positive = discharge.")
         self._unmet = gauge("bess_unmet_kw", "What the last answer falls short of.")
         self._plan_age = gauge("bess_plan_steps_old", "Steps since the plan was made.")
-        names = ["string"]
-        self._request = gauge("bess_request_kw", "Set-point; positive = discharge.", names)
-        self._soc = gauge("bess_soc_ratio", "State of charge as it is acted upon.", names)
-        self._temperature = gauge("bess_temperature_celsius", "Temperature as it is acted upon.", names)
-        self._running = gauge("bess_running", "Whether the inverter runs.", names)
-        self._in_service = gauge("bess_in_service", "Whether the string may run.", names)
-        self._starts = gauge("bess_starts", "Starts of the inverter since the state began.", names)
-        self._charged = gauge("bess_charged_kwh", "Energy charged since the state began.", names)
-        self._discharged = gauge("bess_discharged_kwh", "Energy discharged since the state began.", names)
-        self._soh = gauge("bess_soh_capacity_ratio", "Capacity left, as estimated.", names)
-        self._flowing = gauge(
-            "bess_out_of_control_kw", "Power that a string out of service still gives.", names
-        )
-        self._due = gauge("bess_calibration_due_seconds", "When the string must be full again.", names)
+        self._strings = {name: gauge(f"bess_{name}", help_, ["string"]) for name, help_ in STRINGS.items()}
         self._cost = gauge("bess_calibration_cost_kwh", "Cost of the next calibration by the plan.")
         self.state_errors = gauge("bess_state_error", "1 while the state cannot be written.")
         self.cycle_age = gauge("bess_cycle_age_seconds", "Time since a control cycle of the plant ended.")
@@ -59,21 +63,25 @@ class Metrics:
         self._unmet.set(answer.unmet_kw)
         plan = controller.plan.current
         self._plan_age.set(-1 if plan is None else slot - plan.slot)
-        counters, trusted = controller.counters, controller.trusted
-        calibration, due_s = controller.calibration, controller.calibration.due_s()
-        self._cost.set(calibration.planned[2] if calibration.planned is not None else float("nan"))
-        for i in range(controller.n_strings):
-            name = str(i)
-            self._request.labels(name).set(answer.request_kw[i])
-            self._flowing.labels(name).set(answer.flowing_kw[i])
-            if due_s is not None:
-                self._due.labels(name).set(due_s[i])
-            self._running.labels(name).set(bool(answer.running[i]))
-            self._starts.labels(name).set(int(controller.commitment.starts[i]))
-            self._soh.labels(name).set(controller.ageing.soh_capacity[i])
-            self._charged.labels(name).set(counters.charged_kwh[i])
-            self._discharged.labels(name).set(counters.discharged_kwh[i])
-            if trusted is not None:
-                self._soc.labels(name).set(trusted.state.soc[i])
-                self._temperature.labels(name).set(trusted.state.temperature_c[i])
-                self._in_service.labels(name).set(bool(trusted.in_service[i]))
+        counters, trusted, calibration = controller.counters, controller.trusted, controller.calibration
+        self._cost.set(np.nan if calibration.planned is None else calibration.planned[2])
+        columns: dict[str, Any] = {
+            "request_kw": answer.request_kw,
+            "running": answer.running,
+            "out_of_control_kw": answer.flowing_kw,
+            "starts": controller.commitment.starts,
+            "charged_kwh": counters.charged_kwh,
+            "discharged_kwh": counters.discharged_kwh,
+            "soh_capacity_ratio": controller.ageing.soh_capacity,
+        }
+        if (due_s := calibration.due_s()) is not None:
+            columns["calibration_due_seconds"] = due_s
+        if trusted is not None:
+            columns["soc_ratio"], columns["temperature_celsius"] = (
+                trusted.state.soc,
+                trusted.state.temperature_c,
+            )
+            columns["in_service"] = trusted.in_service
+        for name, values in columns.items():
+            for i, value in enumerate(values):
+                self._strings[name].labels(str(i)).set(value)
