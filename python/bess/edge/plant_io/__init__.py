@@ -31,5 +31,5 @@ def connect(text: str, n_strings: int) -> PlantLink:
     address = parse_address(text)
     with extra("plant", f"a plant behind {address.kind}"):
         module = import_module(f"bess.edge.plant_io.{address.kind}")
-    link: PlantLink = module.link(address, n_strings)
+    link: PlantLink = module.Link(address, n_strings)
     return link

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 from bess.arrays import Array
 from bess.control.split.rollout import rollout
@@ -60,30 +60,30 @@ def write_journal_report(directory: Path) -> Path:
 
 def in_bins(journal: xr.Dataset) -> xr.Dataset:
     """Return means over equal bins of time, at most :data:`MOST_BINS`; NaN where nothing was read."""
-    times_s = journal["time"].values.astype("datetime64[ms]").astype(np.int64) / 1000.0
-    usual_s = float(np.median(np.diff(times_s))) if times_s.size > 1 else 1.0
-    needed_s = max((times_s[-1] - times_s[0]) / (MOST_BINS - 1), usual_s)
+    times_s = _times_s(journal)
+    needed_s = max((times_s[-1] - times_s[0]) / (MOST_BINS - 1), _usual_s(times_s) or 1.0)
     width_s = next((width for width in _BIN_S if width >= needed_s), _BIN_S[-1])
-    first = np.floor(times_s[0] / width_s)
-    bins = (np.floor(times_s / width_s) - first).astype(np.int64)
-    count = int(bins[-1]) + 1
-    starts = ((first + np.arange(count)) * width_s).astype("datetime64[s]")
-    variables = {
-        str(name): (variable.dims, _means(variable.values.astype(np.float64), bins, count), variable.attrs)
-        for name, variable in journal.data_vars.items()
-    }
-    return xr.Dataset(
-        variables, coords={"time": starts, "string": journal["string"].values}, attrs=journal.attrs
-    )
+    bins = np.floor(times_s / width_s).astype(np.int64)
+    every = np.arange(bins[0], bins[-1] + 1)
+
+    def mean(variable: xr.DataArray) -> tuple[Any, Array, Any]:
+        table = pd.DataFrame(variable.values.reshape(bins.size, -1).astype(np.float64))
+        means = table.groupby(bins).mean().reindex(every).to_numpy()
+        return variable.dims, means.reshape(every.size, *variable.shape[1:]), variable.attrs
+
+    coords = {"time": (every * width_s).astype("datetime64[s]"), "string": journal["string"].values}
+    variables = {str(name): mean(variable) for name, variable in journal.data_vars.items()}
+    return xr.Dataset(variables, coords=coords, attrs=journal.attrs)
 
 
-def _means(values: Array, bins: NDArray[np.int64], count: int) -> Array:
-    known = np.isfinite(values)
-    total = np.zeros((count, *values.shape[1:]))
-    number = np.zeros_like(total)
-    np.add.at(total, bins, np.where(known, values, 0.0))
-    np.add.at(number, bins, known)
-    return np.where(number > 0, total / np.maximum(number, 1), np.nan)
+def _times_s(journal: xr.Dataset) -> Array:
+    """Time of each reading [s]."""
+    return np.asarray(journal["time"].values.astype("datetime64[ms]").astype(np.int64) / 1000.0)
+
+
+def _usual_s(times_s: Array) -> float:
+    """Usual time between two readings; 0 for one reading."""
+    return float(np.median(np.diff(times_s))) if times_s.size > 1 else 0.0
 
 
 @dataclass(frozen=True)
@@ -239,11 +239,8 @@ def _tiles(journal: xr.Dataset) -> Iterator[Tile]:
     hours = _hours(journal)
     demand = journal["demand_kw"].values
     for label, power in (("Energy demand", demand), ("Delivered", _total(journal["power_kw"].values))):
-        known = np.nan_to_num(power)
-        given, taken = (
-            float((np.maximum(known, 0.0) * hours).sum()),
-            float((np.maximum(-known, 0.0) * hours).sum()),
-        )
+        kwh = np.nan_to_num(power) * hours
+        given, taken = float(kwh[kwh > 0.0].sum()), -float(kwh[kwh < 0.0].sum())
         yield Tile(label, f"{given + taken:,.4g}", "kWh", f"{given:,.4g} discharged + {taken:,.4g} charged")
     missed = np.abs(demand - np.nan_to_num(_total(journal["recommended_kw"].values)))
     yield Tile(
@@ -253,24 +250,20 @@ def _tiles(journal: xr.Dataset) -> Iterator[Tile]:
 
 def _hours(journal: xr.Dataset) -> Array:
     """Return for how long each reading stands: to the next, in a gap not longer than usual."""
-    times_h = journal["time"].values.astype("datetime64[ms]").astype(np.int64) / 3.6e6
-    if times_h.size < 2:
-        return np.zeros(times_h.size)
-    steps = np.diff(times_h)
-    usual = float(np.median(steps))
-    return np.append(np.where(steps > _GAP * usual, usual, steps), usual)
+    times_s = _times_s(journal)
+    steps, usual = np.diff(times_s), _usual_s(times_s)
+    return np.append(np.where(steps > _GAP * usual, usual, steps), usual) / 3600.0
 
 
 def _warnings(journal: xr.Dataset) -> Iterator[str]:
-    times_s = journal["time"].values.astype("datetime64[ms]").astype(np.int64) / 1000.0
-    steps = np.diff(times_s)
-    if steps.size:
-        gaps = steps[steps > _GAP * float(np.median(steps))]
-        if gaps.size:
-            yield (
-                f"{gaps.size} gap{'s' if gaps.size > 1 else ''} of {gaps.sum():,.0f} s in all between "
-                f"readings, which come every {float(np.median(steps)):g} s; energies leave them out."
-            )
+    times_s = _times_s(journal)
+    steps, usual = np.diff(times_s), _usual_s(times_s)
+    gaps = steps[steps > _GAP * usual]
+    if gaps.size:
+        yield (
+            f"{gaps.size} gap{'s' if gaps.size > 1 else ''} of {gaps.sum():,.0f} s in all between "
+            f"readings, which come every {usual:g} s; energies leave them out."
+        )
     out = 1.0 - journal["available"].values.mean(axis=0)
     for string in np.flatnonzero(out > 0.0):
         yield f"String {string} was out of service in {100.0 * out[string]:.3g} % of the readings."

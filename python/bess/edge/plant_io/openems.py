@@ -75,12 +75,7 @@ class _RefusedError(LinkError):
     """The edge answered, and did not do what it was asked."""
 
 
-def link(address: Address, n_strings: int) -> OpenEms:
-    """Return the link to the edge at ``address``."""
-    return OpenEms(address, n_strings)
-
-
-class OpenEms:
+class Link:
     """A plant behind an OpenEMS edge; one ``ess`` component for each string.
 
     Parameters

@@ -8,6 +8,7 @@ password is a failure with status 500.
 
 from __future__ import annotations
 
+import asyncio
 import base64
 import hmac
 import json
@@ -15,12 +16,13 @@ import math
 import re
 import socket
 import threading
-import time
 from contextlib import suppress
-from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Any, Final
-from urllib.parse import unquote
+from typing import Annotated, Any, Final
+
+import uvicorn
+from fastapi import Depends, FastAPI, Header, Request
+from starlette.exceptions import HTTPException
+from starlette.responses import Response
 
 from bess.edge.plant_io.simulated import Reading, SimulatedPlant
 from bess.edge.plant_io.simulated_partner import SimulatedPartner
@@ -29,8 +31,8 @@ API_TIMEOUT_S: Final = 60.0
 PASSWORD: Final = "owner"
 """That of a real edge as it is delivered; it guards a simulation on the loopback."""
 
+_FAILURES: Final = (HTTPException, ValueError, TypeError, KeyError, re.error)
 _SET: Final = "SetActivePowerEquals"
-_LONGEST_BODY: Final = 65_536
 
 
 class SimulatedEdge(SimulatedPartner):
@@ -59,7 +61,8 @@ class SimulatedEdge(SimulatedPartner):
         super().__init__(plant, port)
         self.password = password
         self.api_timeout_s = api_timeout_s
-        self._server: _Server | None = None
+        self._server: uvicorn.Server | None = None
+        self._thread: threading.Thread | None = None
 
     @property
     def address(self) -> str:
@@ -68,10 +71,9 @@ class SimulatedEdge(SimulatedPartner):
 
     def stop(self) -> None:
         """Vanish as a computer that is switched off: connections break; plant and watchdog live on."""
-        if self._server is not None:
-            self._server.shutdown()
-            self._server.server_close()
-            self._server.cut()
+        if self._server is not None and self._thread is not None:
+            self._server.should_exit = self._server.force_exit = True
+            self._thread.join()
             self._server = None
 
     def channels(self) -> list[dict[str, Any]]:
@@ -105,10 +107,41 @@ class SimulatedEdge(SimulatedPartner):
             self.plant.ask(string, value / 1000.0, lapses_at)
 
     def _listen(self, port: int) -> int:
-        self._server = server = _Server(("127.0.0.1", port), _Handler)
-        server.edge = self
-        threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
-        return int(server.server_address[1])
+        listener = socket.create_server(("127.0.0.1", port))
+        app = FastAPI(openapi_url=None, exception_handlers=dict.fromkeys(_FAILURES, _failed))
+        route = "/rest/channel/{component}/{channel}"
+        app.add_api_route(route, self._get, methods=["GET"], dependencies=[Depends(self._admit)])
+        app.add_api_route(route, self._post, methods=["POST"], dependencies=[Depends(self._admit)])
+        config = uvicorn.Config(app, log_config=None, access_log=False, lifespan="off")
+        self._server = uvicorn.Server(config)
+        self._thread = threading.Thread(target=self._server.run, args=([listener],), daemon=True)
+        self._thread.start()
+        return int(listener.getsockname()[1])
+
+    async def _admit(self, authorization: Annotated[str, Header()] = "") -> None:
+        """Let callers with the password pass."""
+        await asyncio.sleep(self.plant.faults.delay_s)
+        with suppress(ValueError):
+            said = base64.b64decode(authorization.partition(" ")[2]).decode().partition(":")[2]
+            if hmac.compare_digest(said.encode(), self.password.encode()):
+                return
+        raise HTTPException(500, "Authentication failed")
+
+    async def _get(self, component: str, channel: str) -> Response:
+        rows = []
+        for row in self.channels():
+            its_component, _, its_channel = row["address"].partition("/")
+            if re.fullmatch(component, its_component) and re.fullmatch(channel, its_channel):
+                rows.append(row)
+        return _json(rows[0] if len(rows) == 1 else rows or {}, 200 if rows else 404)
+
+    async def _post(self, component: str, channel: str, request: Request) -> Response:
+        value = (await request.json())["value"]
+        strings = {f"ess{string}": string for string in self.plant.readings()}
+        if channel != _SET or component not in strings:
+            raise ValueError(f"{component}/{channel} is not a Write Channel")
+        self.write(strings[component], None if value is None else float(value))
+        return _json({})
 
     @property
     def _unit(self) -> tuple[str, float]:
@@ -135,91 +168,11 @@ def _whole(value: float, to_int: Any = round) -> int | None:
     return None if math.isnan(value) else int(to_int(value))
 
 
-class _Server(ThreadingHTTPServer):
-    daemon_threads = True
-    allow_reuse_address = True
-    edge: SimulatedEdge
-
-    def __init__(self, *arguments: Any) -> None:
-        self._open: set[socket.socket] = set()
-        super().__init__(*arguments)
-
-    def get_request(self) -> tuple[socket.socket, Any]:
-        connection, address = super().get_request()
-        self._open.add(connection)
-        return connection, address
-
-    def shutdown_request(self, request: Any) -> None:
-        self._open.discard(request)
-        super().shutdown_request(request)
-
-    def handle_error(self, request: Any, client_address: Any) -> None:
-        """Say nothing of connections that the other end broke."""
-
-    def cut(self) -> None:
-        """Break every connection."""
-        for connection in list(self._open):
-            with suppress(OSError):
-                connection.shutdown(socket.SHUT_RDWR)
+def _json(content: object, status: int = 200) -> Response:
+    return Response(json.dumps(content), status, media_type="application/json")
 
 
-class _Handler(BaseHTTPRequestHandler):
-    protocol_version = "HTTP/1.1"
-    disable_nagle_algorithm = True
-    server: _Server
-
-    def do_GET(self) -> None:
-        self._answer(self._get)
-
-    def do_POST(self) -> None:
-        self._answer(self._post)
-
-    def log_message(self, *arguments: Any) -> None:
-        """Keep silent."""
-
-    def _answer(self, respond: Any) -> None:
-        edge = self.server.edge
-        length = int(self.headers.get("Content-Length") or 0)
-        body = self.rfile.read(min(length, _LONGEST_BODY))
-        time.sleep(edge.plant.faults.delay_s)
-        if not self._authentic(edge.password):
-            status, content = HTTPStatus.INTERNAL_SERVER_ERROR, "Authentication failed"
-        else:
-            component, _, channel = unquote(self.path).removeprefix("/rest/channel/").partition("/")
-            try:
-                status, content = respond(edge, component, channel, body)
-            except (ValueError, TypeError, KeyError, re.error) as error:
-                status, content = HTTPStatus.INTERNAL_SERVER_ERROR, f"REST call failed: {error}"
-        encoded = json.dumps(content).encode()
-        self.send_response(status)
-        self.send_header("Content-Type", "application/json")
-        self.send_header("Content-Length", str(len(encoded)))
-        self.end_headers()
-        self.wfile.write(encoded)
-
-    def _authentic(self, password: str) -> bool:
-        _, _, credentials = (self.headers.get("Authorization") or "").partition(" ")
-        with suppress(ValueError):
-            said = base64.b64decode(credentials).decode().partition(":")[2]
-            return hmac.compare_digest(said.encode(), password.encode())
-        return False
-
-    @staticmethod
-    def _get(edge: SimulatedEdge, component: str, channel: str, body: bytes) -> tuple[HTTPStatus, Any]:
-        rows = []
-        for row in edge.channels():
-            its_component, _, its_channel = row["address"].partition("/")
-            if re.fullmatch(component, its_component) and re.fullmatch(channel, its_channel):
-                rows.append(row)
-        if not rows:
-            return HTTPStatus.NOT_FOUND, {}
-        return HTTPStatus.OK, rows[0] if len(rows) == 1 else rows
-
-    @staticmethod
-    def _post(edge: SimulatedEdge, component: str, channel: str, body: bytes) -> tuple[HTTPStatus, Any]:
-        value = json.loads(body)["value"]
-        strings = {f"ess{string}": string for string in edge.plant.readings()}
-        if channel != _SET or component not in strings:
-            raise ValueError(f"{component}/{channel} is not a Write Channel")
-        edge.write(strings[component], None if value is None else float(value))
-        return HTTPStatus.OK, {}
+async def _failed(request: Request, error: Exception) -> Response:
+    """Answer every failure with status 500, as the edge does."""
+    said = error.detail if isinstance(error, HTTPException) else f"REST call failed: {error}"
+    return _json(said, 500)

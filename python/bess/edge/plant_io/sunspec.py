@@ -13,9 +13,9 @@ import math
 import re
 import time
 from collections.abc import Awaitable, Callable, Iterable, Mapping
-from dataclasses import astuple
+from dataclasses import fields
 from datetime import UTC, datetime
-from typing import Final, TypeVar
+from typing import Any, Final, TypeVar
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -38,12 +38,7 @@ CLOCK: Final = time.monotonic
 T = TypeVar("T")
 
 
-def link(address: Address, n_strings: int) -> SunSpec:
-    """Return the link to the devices at ``address``."""
-    return SunSpec(address, n_strings)
-
-
-class SunSpec:
+class Link:
     """A plant of SunSpec devices; addresses are read and written side by side.
 
     Parameters
@@ -98,21 +93,14 @@ class SunSpec:
         if not said:
             raise LinkError(f"no device can be read: {next(iter(silent.values()))}")
         devices = [
-            said[i] if i in said else DeviceReadings(remark=str(silent[i])) for i in range(self.n_strings)
+            said[i] if i in said else DeviceReadings(remarks=str(silent[i])) for i in range(self.n_strings)
         ]
-        rows = zip(*(astuple(device)[:-1] for device in devices), strict=True)
-        soc, temperature_c, power_kw, charge_kw, discharge_kw, setpoint_kw, available = map(np.array, rows)
-        return Measurements(
-            time=datetime.now(UTC),
-            soc=soc,
-            temperature_c=temperature_c,
-            power_kw=power_kw,
-            charge_limit_kw=charge_kw,
-            discharge_limit_kw=discharge_kw,
-            available=available,
-            remarks=tuple(device.remark for device in devices),
-            setpoint_kw=setpoint_kw,
-        )
+        columns: dict[str, Any] = {
+            entry.name: np.array([getattr(device, entry.name) for device in devices])
+            for entry in fields(DeviceReadings)
+        }
+        remarks = tuple(columns.pop("remarks").tolist())
+        return Measurements(time=datetime.now(UTC), remarks=remarks, **columns)
 
     def write(self, power_kw: NDArray[np.float64]) -> None:
         """Write set-points; see :class:`~bess.edge.plant_io.PlantLink`. NaN clears a set-point."""

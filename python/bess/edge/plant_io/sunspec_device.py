@@ -61,7 +61,7 @@ class DeviceReadings:
     discharge_limit_kw: float = 0.0
     setpoint_kw: float = math.nan
     available: bool = False
-    remark: str = ""
+    remarks: str = ""
     """Why it is not available, if it does not say so itself."""
 
 
