@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from bess.errors import InputError
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 
 class ByValue:

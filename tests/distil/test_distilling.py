@@ -111,7 +111,7 @@ def test_the_controller_keeps_what_the_planner_saves(
     made = list(trials(study, distilled))
     assert [trial.name for trial in made] == ["as studied", "demand x 0.93", "demand x 1.05"]
     for trial in made:
-        assert set(trial.scores) == {*RULES, "mpc", "distilled"}
+        assert set(trial.scores.index) == {*RULES, "mpc", "distilled"}
         kept = trial.kept("cost_kwh")
         assert kept is not None and kept > 0.9
     text = report(study, distilled, made)

@@ -131,6 +131,11 @@ class Planner:
     known : bool
         Whether the forecast is exact; undelivered energy is then not discounted.
 
+    Attributes
+    ----------
+    plan_kw : ndarray, shape (n_strings, n_steps), or None
+        Set-points of the last plan, shifted by the idle steps since.
+
     Raises
     ------
     InputError
@@ -161,7 +166,7 @@ class Planner:
         self._proof_cells = proof_cells
         self._known = known
         self._mistrust = ForecastErrorTracker(system.nominal_kw, dt_h)
-        self._request_kw: Array | None = None
+        self.plan_kw: Array | None = None
         self._groups: NDArray[np.int64] | None = None
         self._start_charge = 0.0
         self._turn = 0
@@ -245,7 +250,7 @@ class Planner:
             )
         except ValueError as error:
             raise InputError(f"plan: {error}") from error
-        self._request_kw, self._groups = plan.request_kw, groups
+        self.plan_kw, self._groups = plan.request_kw, groups
         self._start_charge = plan.start_charge
         self._turn += 1
         proven, searched = (np.nan if each is None else each for each in (plan.bound, plan.search_bound))
@@ -265,14 +270,14 @@ class Planner:
     def skip(self, demand_kw: ArrayLike) -> None:
         """Advance one step of zero demand; ``demand_kw`` as in a call."""
         self._mistrust.compare(np.asarray(demand_kw, dtype=np.float64))
-        self._request_kw = self._shifted_plan()
-        if self._request_kw is not None:
-            self._request_kw[:, 0] = 0.0
+        self.plan_kw = self._shifted_plan()
+        if self.plan_kw is not None:
+            self.plan_kw[:, 0] = 0.0
 
     def memory(self) -> dict[str, Any]:
         """Return the state that the next call depends on."""
         return {
-            "request_kw": self._request_kw,
+            "request_kw": self.plan_kw,
             "groups": self._groups,
             "start_charge": self._start_charge,
             "turn": self._turn,
@@ -281,7 +286,7 @@ class Planner:
 
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Restore a state returned by :meth:`memory`."""
-        self._request_kw, self._groups = memory["request_kw"], memory.get("groups")
+        self.plan_kw, self._groups = memory["request_kw"], memory.get("groups")
         self._start_charge, self._turn = float(memory["start_charge"]), int(memory["turn"])
         self._mistrust.recall(memory)
 
@@ -302,14 +307,14 @@ class Planner:
 
     def _shifted_plan(self) -> Array | None:
         """Shifted warm start: the last plan from its second step on, with zero power in the new last step."""
-        if self._request_kw is None:
+        if self.plan_kw is None:
             return None
-        moved = np.zeros_like(self._request_kw)
-        moved[:, :-1] = self._request_kw[:, 1:]
+        moved = np.zeros_like(self.plan_kw)
+        moved[:, :-1] = self.plan_kw[:, 1:]
         return moved
 
     def _running(self) -> NDArray[np.bool_]:
         """Inverters that were on in the first step of the previous plan."""
-        if self._request_kw is None:
+        if self.plan_kw is None:
             return np.zeros(self.system.n_strings, dtype=bool)
-        return np.asarray(self._request_kw[:, 0] != 0.0)
+        return np.asarray(self.plan_kw[:, 0] != 0.0)

@@ -30,7 +30,7 @@ class MpcPolicy:
         """Solve over the horizon; an idle step needs no solve."""
         if situation.demand_kw[0] == 0.0:
             self._skip()
-            return Decision(np.zeros_like(situation.limit_kw))
+            return Decision(np.zeros_like(situation.limit_kw), plan_kw=self._splitter.warm_start)
         split = self._splitter(
             situation.state,
             situation.demand_kw,
@@ -45,7 +45,7 @@ class MpcPolicy:
             solve_time_s=split.solve_time_s,
             fallback=split.fallback,
         )
-        return Decision(split.request_kw[:, 0].copy(), report)
+        return Decision(split.request_kw[:, 0].copy(), report, plan_kw=split.request_kw)
 
     def _skip(self) -> None:
         """Shift the warm start by one step, as a solve does."""

@@ -55,7 +55,8 @@ class PlannedPolicy:
         if situation.demand_kw[0] == 0.0:
             self._planner.skip(situation.demand_kw)
             request_kw = np.zeros_like(situation.limit_kw)
-            return Decision(request_kw, reactive_kvar=self._reactive(situation, request_kw))
+            reactive_kvar = self._reactive(situation, request_kw)
+            return Decision(request_kw, reactive_kvar=reactive_kvar, plan_kw=self._planner.plan_kw)
         prices = self._prices(situation)
         plan = self._planner(
             situation.state,
@@ -68,7 +69,7 @@ class PlannedPolicy:
         request_kw = plan.request_kw[:, 0].copy()
         reactive_kvar = self._reactive(situation, request_kw)
         report = SolverReport(PLANNED, plan.gap, plan.search_gap, solve_time_s=time.perf_counter() - started)
-        return Decision(request_kw, report, reactive_kvar)
+        return Decision(request_kw, report, reactive_kvar, plan.request_kw)
 
     def memory(self) -> dict[str, Any]:
         """Return the state of the planner, and the inverters that were on for reactive power."""

@@ -64,6 +64,7 @@ class SolverReport:
 class Decision:
     """Set-points of this step, signed [kW], shape ``(n_strings,)``; they sum to the demand.
 
+    ``plan_kw``: those of the horizon, shape ``(n_strings, n_steps)``, this step first; None without a plan.
     ``reactive_kvar`` is the reactive power of each string. If a policy omits it, the reactive demand is
     allocated in equal parts to the strings that are on.
     """
@@ -71,6 +72,7 @@ class Decision:
     request_kw: NDArray[np.float64]
     solver: SolverReport = field(default_factory=SolverReport)
     reactive_kvar: NDArray[np.float64] | None = None
+    plan_kw: NDArray[np.float64] | None = None
 
 
 class Policy(Protocol):

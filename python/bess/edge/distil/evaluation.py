@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
+
+import pandas as pd
 
 from bess.control.explicit import ExplicitController
 from bess.control.policies.distilled import DistilledPolicy
@@ -20,47 +22,30 @@ LITTLE: Final = 1e-3
 
 
 @dataclass(frozen=True)
-class Score:
-    """What a policy made of a run [kWh], both directions.
-
-    Attributes
-    ----------
-    lost_kwh : float
-        Asked for and not delivered, and losses.
-    cost_kwh : float
-        The same, what is not delivered times ``shortfall``.
-    """
-
-    lost_kwh: float
-    cost_kwh: float
-
-
-@dataclass(frozen=True)
 class Evaluation:
-    """A run by all policies.
+    """A run under every policy.
 
     Attributes
     ----------
     name : str
-        What was run.
-    scores : dict
-        By the name of the policy; ``mpc`` and ``distilled`` among them.
+        Which run.
+    scores : DataFrame
+        One row for each policy, ``mpc`` and ``distilled`` among them; columns in kWh, both directions:
+        ``lost_kwh``, undelivered energy and losses; ``cost_kwh``, undelivered energy times ``shortfall`` and
+        losses.
     """
 
     name: str
-    scores: Mapping[str, Score]
+    scores: pd.DataFrame
 
     def best_rule(self, measure: str) -> str:
-        """The rule with the least ``lost_kwh`` or ``cost_kwh``."""
-        return min(RULES, key=lambda rule: float(getattr(self.scores[rule], measure)))
+        """The rule with the lowest ``lost_kwh`` or ``cost_kwh``."""
+        return str(self.scores.loc[list(RULES), measure].idxmin())
 
     def kept(self, measure: str) -> float | None:
         """Share of what ``mpc`` saves against the best rule; None where it saves next to nothing."""
-        rule, planned, own = (
-            float(getattr(self.scores[name], measure))
-            for name in (self.best_rule(measure), "mpc", "distilled")
-        )
-        return None if rule - planned < LITTLE * rule else (rule - own) / (rule - planned)
+        rule, planned, own = self.scores.loc[[self.best_rule(measure), "mpc", "distilled"], measure].tolist()
+        return None if rule - planned < LITTLE * rule else float((rule - own) / (rule - planned))
 
 
 def trials(study: Study, controller: ExplicitController) -> Iterator[Evaluation]:
@@ -76,14 +61,15 @@ def trials(study: Study, controller: ExplicitController) -> Iterator[Evaluation]
             for name in (*RULES, "mpc")
         }
         scores["distilled"] = _score(asked, DistilledPolicy(controller), shortfall)
-        yield Evaluation("as studied" if scale == 1.0 else f"demand x {scale:g}", scores)
+        table = pd.DataFrame.from_dict(scores, "index", columns=["lost_kwh", "cost_kwh"])
+        yield Evaluation("as studied" if scale == 1.0 else f"demand x {scale:g}", table)
 
 
-def _score(study: Study, policy: DistilledPolicy | None, shortfall: float) -> Score:
+def _score(study: Study, policy: DistilledPolicy | None, shortfall: float) -> tuple[float, float]:
     kpis = run(study, policy=policy, progress=False).kpis
     missing = kpis["availability_loss_kwh"] + kpis["derating_loss_kwh"]
     losses = kpis["inverter_loss_kwh"] + kpis["battery_loss_kwh"]
-    return Score(missing + losses, shortfall * missing + losses)
+    return missing + losses, shortfall * missing + losses
 
 
 def report(study: Study, controller: ExplicitController, made: list[Evaluation]) -> str:
@@ -96,15 +82,15 @@ def report(study: Study, controller: ExplicitController, made: list[Evaluation])
     for trial in made:
         cells = [trial.name, f"`{trial.best_rule('lost_kwh')}`"]
         for measure in ("lost_kwh", "cost_kwh"):
-            names = (trial.best_rule(measure), "mpc", "distilled")
-            cells += [f"{getattr(trial.scores[name], measure):,.1f}" for name in names]
+            names = [trial.best_rule(measure), "mpc", "distilled"]
+            cells += [f"{kwh:,.1f}" for kwh in trial.scores.loc[names, measure]]
             kept = trial.kept(measure)
             cells.append("–" if kept is None else f"{100.0 * kept:.1f} %")
         rows.append(f"| {' | '.join(cells)} |")
     everything = [
-        f"| {trial.name} | `{name}` | {score.lost_kwh:,.1f} | {score.cost_kwh:,.1f} |"
+        f"| {trial.name} | `{name}` | {lost:,.1f} | {cost:,.1f} |"
         for trial in made
-        for name, score in trial.scores.items()
+        for name, lost, cost in trial.scores.itertuples()
     ]
     tables = controller.tables
     return "\n".join(

@@ -6,12 +6,9 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bess.arrays import Array
+from bess.arrays import Array, Flags
 from bess.edge.serve.persistent import Persistent
-
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

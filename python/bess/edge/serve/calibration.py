@@ -18,9 +18,9 @@ from bess.control.planning.planner import Planner
 from bess.control.planning.prices import PlanPrices
 from bess.control.split.objectives import SHORTFALL, Objectives
 from bess.control.split.rollout import rollout
-from bess.edge.serve.measurement_validator import ValidState
 from bess.edge.serve.persistent import Persistent
 from bess.edge.serve.soc_limits import PowerCapability, SocLimits
+from bess.edge.serve.valid_state import ValidState
 from bess.errors import InputError
 from bess.study.sections import ServiceSection
 from bess.system import State, System

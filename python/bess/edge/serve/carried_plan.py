@@ -194,10 +194,8 @@ class CarriedPlan(Persistent):
             self._policy(PolicyInput(state, np.zeros(self.n_steps), ambient, limit_kw))
         self._before = self._policy.memory()
         decision = self._policy(PolicyInput(state, served, ambient, limit_kw))
-        request = np.asarray(decision.request_kw, dtype=np.float64)[:, None]
         self._after = self._policy.memory()
-        carried = self._after.get("request_kw")
-        if isinstance(carried, np.ndarray) and carried.shape == (request.shape[0], self.n_steps):
-            request = carried.copy()
+        plan_kw = decision.request_kw[:, None] if decision.plan_kw is None else decision.plan_kw
+        request = np.array(plan_kw, dtype=np.float64)
         gap = float(decision.solver.gap)
         return Plan(slot, request, served[: request.shape[1]], limit_kw, gap if np.isfinite(gap) else None)

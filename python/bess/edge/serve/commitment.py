@@ -19,12 +19,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bess.arrays import Array
+from bess.arrays import Array, Flags
 from bess.edge.serve.constraints import POWER_TOLERANCE_KW
 from bess.edge.serve.persistent import Persistent
 from bess.system import State, System
-
-Flags = NDArray[np.bool_]
 
 SHORTFALL: Final = 3.0
 """Cost of a kWh not delivered, in kWh lost; as in ``Objectives.energy``."""

@@ -9,12 +9,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bess.arrays import Array
+from bess.arrays import Array, Flags
 from bess.control.policies.rule import water_fill
-
-Flags = NDArray[np.bool_]
 
 POWER_TOLERANCE_KW: Final = 1e-9
 """Power that is rounding, and switches nothing."""

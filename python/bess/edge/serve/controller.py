@@ -18,9 +18,8 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bess.arrays import Array
+from bess.arrays import Array, Flags
 from bess.control.policies import Policy
 from bess.control.policies.rule import water_fill
 from bess.edge.plant_io import Measurements
@@ -31,16 +30,15 @@ from bess.edge.serve.carried_plan import CarriedPlan
 from bess.edge.serve.commitment import Commitment, Curves, Task
 from bess.edge.serve.constraints import envelope, share
 from bess.edge.serve.forecast import Forecast
-from bess.edge.serve.measurement_validator import MeasurementValidator, ValidState
+from bess.edge.serve.measurement_validator import MeasurementValidator
 from bess.edge.serve.persistent import Persistent
 from bess.edge.serve.plan_tracker import PlanTracker, ahead, preferences
 from bess.edge.serve.reasons import reasons, status
 from bess.edge.serve.soc_limits import PowerCapability, SocLimits
+from bess.edge.serve.valid_state import ValidState
 from bess.errors import InputError
 from bess.study.sections import ServiceSection
 from bess.system import State, System
-
-Flags = NDArray[np.bool_]
 
 
 class Controller(Persistent):

@@ -6,17 +6,13 @@ import re
 from collections.abc import Sequence
 from typing import Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
-from bess.arrays import Array
+from bess.arrays import Array, Flags
 from bess.edge.serve.calibration import Calibration
 from bess.edge.serve.constraints import POWER_TOLERANCE_KW
-from bess.edge.serve.measurement_validator import ValidState
 from bess.edge.serve.soc_limits import PowerCapability
+from bess.edge.serve.valid_state import ValidState
 from bess.system import System
 
-Flags = NDArray[np.bool_]
 _NUMBER: Final = re.compile(r"\d+(?:\.\d+)?")
 
 

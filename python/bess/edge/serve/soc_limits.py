@@ -5,15 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bess.arrays import Array
-from bess.edge.serve.measurement_validator import ValidState
+from bess.arrays import Array, Flags
+from bess.edge.serve.valid_state import ValidState
 from bess.errors import InputError
 from bess.study.sections import ServiceSection
 from bess.system import System
-
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
