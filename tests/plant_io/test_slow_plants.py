@@ -1,5 +1,7 @@
 """Plants that are slow, that trickle, or that never answer: every call ends in its time, none starves."""
 
+import select
+import socket
 import socketserver
 import threading
 from collections.abc import Callable, Iterator
@@ -10,7 +12,7 @@ import pytest
 from plant_partners import Connecting, ManualClock
 
 import bess
-from bess.edge.plant_io import LinkError, openems, simulated_openems, sunspec
+from bess.edge.plant_io import LinkError, openems, sunspec
 from bess.edge.plant_io.simulated import SimulatedPlant
 from bess.edge.plant_io.simulated_openems import SimulatedEdge
 from bess.edge.plant_io.simulated_sunspec import SimulatedDevices
@@ -173,14 +175,24 @@ def test_strings_that_were_not_reached_are_named(
 def test_an_edge_that_takes_one_connection_has_all_strings_written_one_after_the_other(
     connecting: Connecting, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    class Single(simulated_openems._Server):
-        process_request = socketserver.BaseServer.process_request
+    class Forward(socketserver.BaseRequestHandler):
+        """One connection after the other, to the port of the edge and back."""
 
-    monkeypatch.setattr(simulated_openems, "_Server", Single)
+        def handle(self) -> None:
+            with socket.create_connection(("127.0.0.1", edge._port)) as there:
+                ends = {self.request: there, there: self.request}
+                while ready := select.select(list(ends), [], [], 10.0)[0]:
+                    for end in ready:
+                        if not (data := end.recv(65_536)):
+                            return
+                        ends[end].sendall(data)
+
     monkeypatch.setattr(openems, "ANSWER_S", 0.5)
     plant = SimulatedPlant(bess.System.reference(n_strings=6))
-    with SimulatedEdge(plant) as edge:
-        link = connecting(edge.address, 6)
+    with SimulatedEdge(plant) as edge, socketserver.TCPServer(("127.0.0.1", 0), Forward) as single:
+        threading.Thread(target=single.serve_forever, args=(0.05,), daemon=True).start()
+        port = single.server_address[1]
+        link = connecting(edge.address.replace(str(edge._port), str(port)), 6)
         link.read()
         for kw in (10.0, 20.0):
             with suppress(LinkError):
@@ -188,3 +200,4 @@ def test_an_edge_that_takes_one_connection_has_all_strings_written_one_after_the
         link.write(np.full(6, 30.0))
         assert [plant.holds(string)[0] for string in range(6)] == [30.0] * 6  # type: ignore[index]
         link.close()
+        single.shutdown()
