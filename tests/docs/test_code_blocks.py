@@ -35,6 +35,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     times = pd.date_range("2024-01-01", periods=96, freq="15min", tz="UTC")
     price = pd.DataFrame({"time": times.strftime("%Y-%m-%dT%H:%M:%SZ"), "DE-LU": np.linspace(20.0, 90.0, 96)})
     price.to_csv(tmp_path / "prices.csv", index=False)
+    levels = {f"p{share}": price["DE-LU"] + share for share in (10, 50, 90)}
+    pd.DataFrame({"time": price["time"], **levels}).to_csv(tmp_path / "bands.csv", index=False)
     load = np.linspace(0.1, 1.0, 10)
     pd.DataFrame({"load": load, "charge": 0.95 + 0.02 * load, "discharge": 0.955 + 0.02 * load}).to_csv(
         tmp_path / "sinamics.csv", index=False

@@ -85,3 +85,10 @@ def test_with_a_period_only_the_period_counts() -> None:
     assert [aware.is_due(step, now(0.9, 40.0, (92.0, 0.0)), plan) for step in (3, 4, 5, 8)] == [
         False, True, False, True,
     ]  # fmt: skip
+
+
+def test_a_price_that_comes_otherwise_makes_a_new_plan_at_once() -> None:
+    prices = np.round(PRICES) + 20.0 * (np.arange(480) == 98)
+    aware = planner(prices, perfect=False)
+    plan = aware.plan(96, now(), NOTHING)
+    assert [aware.is_due(96 + age, now(), plan) for age in (1, 2, 3)] == [False, True, False]

@@ -2,6 +2,7 @@
 
 from bess.dispatch.arbitrage import Arbitrage
 from bess.dispatch.aware import DispatchInputs, DispatchPlan, DynamicProgramDispatch
+from bess.dispatch.bands import BandForecast, PriceBands
 from bess.dispatch.budget import CycleBudget
 from bess.dispatch.connection import GridConnection, PeakTariff, monthly_peaks_kw
 from bess.dispatch.forecast import ExternalForecast, Forecast, PerfectForecast, PersistenceForecast
@@ -14,6 +15,7 @@ __all__ = [
     "PROFILES",
     "SITES",
     "Arbitrage",
+    "BandForecast",
     "CycleBudget",
     "DispatchInputs",
     "DispatchPlan",
@@ -26,6 +28,7 @@ __all__ = [
     "PeakTariff",
     "PerfectForecast",
     "PersistenceForecast",
+    "PriceBands",
     "RechargeScheduler",
     "Store",
     "bundled_profile",

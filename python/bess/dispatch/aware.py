@@ -11,6 +11,7 @@ import numpy.typing as npt
 from bess.arrays import Array, ByValue
 from bess.control.wear import WearRates
 from bess.dispatch.aggregate import Aggregate, DispatchRollout
+from bess.dispatch.bands import PriceBands
 from bess.dispatch.blocks import Blocks
 from bess.dispatch.cycle_depth_cost import CycleDepthCost
 from bess.dispatch.moves import Grid, Moves, Offer, StoreState
@@ -80,7 +81,7 @@ class DispatchInputs:
     Attributes
     ----------
     price_eur_mwh, ambient_c : ndarray
-        Prices and ambient temperatures ahead.
+        Prices, known or expected, and ambient temperatures ahead.
     day : ndarray of int
         Number of the trading day of each step, ascending.
     discharged_kwh : float
@@ -91,6 +92,8 @@ class DispatchInputs:
         Price of each MWh discharged beside wear: the shadow price of a budget. It is planned with, not paid.
     left_kwh : float
         Stored energy that may still be discharged in all.
+    bands : PriceBands or None
+        Levels of prices that are not known, with ``price_eur_mwh`` as their mean.
     """
 
     price_eur_mwh: Array
@@ -100,6 +103,7 @@ class DispatchInputs:
     is_last: bool = False
     use_eur_mwh: float = 0.0
     left_kwh: float = np.inf
+    bands: PriceBands | None = None
 
 
 class DynamicProgramDispatch:
@@ -113,7 +117,8 @@ class DynamicProgramDispatch:
     at one price the power is chosen that earns most together with the value of the state after it. The
     control model gives what powers do, with the best share among the strings: losses, heat, derating, full
     and empty strings. Fees, wear, standby and the price of a shortfall are counted. Where cycles are limited,
-    cycling has a price: the dual value is least, at every state, at that of what is left of the limit. The
+    cycling has a price: the dual value is least, at every state, at that of what is left of the limit. Where
+    prices are known as bands, values after a block are expected over the levels of the next price. The
     plan is rolled out with the control model, less what full or empty strings cannot take. It depends on its
     arguments alone, to the last bit.
 
@@ -187,7 +192,8 @@ class DynamicProgramDispatch:
             return _nothing(outlook, state)
         plant = self._aggregate(state, limit)
         depths = CycleDepthCost.of(plant, self._wear.at(state))
-        blocks = Blocks.of(outlook.price_eur_mwh, outlook.day, self._dt_h, first_h=_FIRST_H, step_h=_STEP_H)
+        bands = PriceBands.known(outlook.price_eur_mwh) if outlook.bands is None else outlook.bands.narrowed
+        blocks = Blocks.of(bands.price_eur_mwh, outlook.day, self._dt_h, first_h=_FIRST_H, step_h=_STEP_H)
         energy_kwh = min(self._max_energy_kwh, plant.capacity_kwh)
         if self._cycles_per_plan is None:
             period = outlook.day[blocks.first] - outlook.day[0]
@@ -198,7 +204,7 @@ class DynamicProgramDispatch:
             allowed_kwh = np.array([self._cycles_per_plan * energy_kwh])
         allowed_kwh = np.minimum(allowed_kwh, outlook.left_kwh)
         grid = Grid.of(plant, energy_kwh, depths.points)
-        price = outlook.price_eur_mwh[blocks.first]
+        price = np.vstack([bands.price_eur_mwh, outlook.price_eur_mwh])[:, blocks.first]
         buy = self._terms.charge_price_eur_mwh(price) / KWH_PER_MWH
         sell = (self._terms.discharge_price_eur_mwh(price) - outlook.use_eur_mwh) / KWH_PER_MWH
         sell -= depths.by_energy_eur_kwh
@@ -207,9 +213,9 @@ class DynamicProgramDispatch:
                 np.where(sell < 0.0, _NEVER_EUR_KWH, sell),
                 -buy,
                 -self._terms.shortfall_price_eur_mwh(price) / KWH_PER_MWH,
-                np.full(price.size, -depths.holding_eur_kwh_h),
+                np.full(price.shape, -depths.holding_eur_kwh_h),
             ],
-            axis=1,
+            axis=2,
         )
         if outlook.is_last:
             end_eur_kwh = 0.0
@@ -217,10 +223,16 @@ class DynamicProgramDispatch:
             end_eur_kwh = self._end_price_eur_mwh / KWH_PER_MWH
         else:
             wear_eur = depths.marginal_eur_kwh.mean()
-            end_eur_kwh = _value_of_store(*(np.repeat(each, blocks.count) for each in (buy, sell - wear_eur)))
+            end_eur_kwh = _value_of_store(
+                *(np.repeat(each[-1], blocks.count) for each in (buy, sell - wear_eur))
+            )
         task = _DispatchProblem(
             plant, self._terms, outlook, state, blocks,
-            offers=[Offer(*each) for each in zip(eur, blocks.mean(outlook.ambient_c), strict=True)],
+            bands=bands,
+            offers=[
+                [Offer(each, ambient_c) for each in eur[:, b]]
+                for b, ambient_c in enumerate(blocks.mean(outlook.ambient_c))
+            ],
             moves=[self._moves_of(plant, grid, int(steps)) for steps in blocks.count],
             grid=grid, depths=depths, period=period, allowed_kwh=allowed_kwh, end_eur_kwh=end_eur_kwh,
         )  # fmt: skip
@@ -255,14 +267,18 @@ def _nothing(outlook: DispatchInputs, state: State) -> DispatchPlan:
 
 @dataclass(frozen=True)
 class _DispatchProblem:
-    """One plan to be made, with a limit on what is cycled in each period, and the value of what is left."""
+    """One plan to be made, with a limit on what is cycled in each period, and the value of what is left.
+
+    Offers of a block are those of the levels of the prices, and last that of the expected price.
+    """
 
     plant: Aggregate
     terms: SettlementTerms
     outlook: DispatchInputs
     state: State
     blocks: Blocks
-    offers: list[Offer]
+    bands: PriceBands
+    offers: list[list[Offer]]
     moves: list[Moves]
     grid: Grid
     depths: CycleDepthCost
@@ -281,7 +297,10 @@ class _DispatchProblem:
         return self._valued(self.plant.roll_out(self.state, demand_kw, self.outlook.ambient_c))
 
     def _followed(self, shadow_eur: Array, allowed_kwh: Array) -> tuple[Array, Array]:
-        """Power asked for in each block, and what is cycled in each period, not more than is allowed."""
+        """Power asked for in each block, and what is cycled in each period, not more than is allowed.
+
+        It is chosen before the level of the price is known, which every value after the block takes as known.
+        """
         values = self._values(shadow_eur)
         energy_kwh, degrees = (
             self.plant.energy_kwh(self.state.soc),
@@ -290,41 +309,55 @@ class _DispatchProblem:
         empty = max(0.0, 1.0 - float(energy_kwh) / self.plant.capacity_kwh)
         now = StoreState(*(np.array([float(each)]) for each in (energy_kwh, degrees, empty)))
         power_kw, cycled_kwh = np.zeros(len(self.moves)), np.zeros(allowed_kwh.size)
-        for b, (moves, offer, period) in enumerate(zip(self.moves, self.offers, self.period, strict=True)):
+        share = self.bands.share[:, self.blocks.first].T
+        for b, (moves, offers, period) in enumerate(zip(self.moves, self.offers, self.period, strict=True)):
             left_kwh = max(0.0, allowed_kwh[period] - cycled_kwh[period])
             place, weight = self.grid.corners(now)
-            shadow = int(np.argmin(weight[0] @ values[b][place[0]] + shadow_eur * left_kwh))
-            after = self._after(values, b, shadow_eur)[:, shadow]
+            value = weight[0] @ (share[b] @ values[b][place[0]])
+            shadow = int(np.argmin(value + shadow_eur * left_kwh))
+            after = share[b] @ self._after(values, b, shadow_eur)[:, :, shadow].T
             power_kw[b], now, cycled = moves.best(
-                after, offer, self.depths, now, shadow_eur[shadow], left_kwh
+                after, offers[-1], self.depths, now, shadow_eur[shadow], left_kwh
             )
             cycled_kwh[period] += cycled
         return power_kw, cycled_kwh
 
     def _values(self, shadow_eur: Array) -> list[Array]:
-        """What states are worth before each block and at the end, by the price of what is cycled."""
-        n_blocks = len(self.moves)
-        end = np.broadcast_to(self.grid.energy_kwh[:, None, None], self.grid.shape).reshape(-1, 1)
-        values = [np.repeat(self.end_eur_kwh * end, shadow_eur.size, axis=1)] * (n_blocks + 1)
+        """What states are worth before each block and at the end, shape ``(n_states, n_levels, n_shadows)``.
+
+        Levels are those of the price of the block, shadows prices of what is cycled.
+        """
+        n_blocks, n_levels = len(self.moves), self.bands.now.size
+        end = np.broadcast_to(self.grid.energy_kwh[:, None, None], self.grid.shape).reshape(-1, 1, 1)
+        values = [np.tile(self.end_eur_kwh * end, (1, n_levels, shadow_eur.size))] * (n_blocks + 1)
         wear_eur = {moves: moves.wear_eur(self.depths) for moves in set(self.moves)}
         known: dict[tuple[Moves, bytes], Array] = {}
         for b in range(n_blocks - 1, -1, -1):
-            moves = self.moves[b]
-            key = moves, self.offers[b].eur.tobytes()
+            moves, offers = self.moves[b], self.offers[b][:-1]
+            key = moves, b"".join(offer.eur.tobytes() for offer in offers)
             if key not in known:
-                known = {key: moves.income_eur(self.offers[b], wear_eur[moves], shadow_eur)}
-            values[b] = moves.values(self._after(values, b, shadow_eur), known[key], self.offers[b].ambient_c)
+                income = [moves.income_eur(offer, wear_eur[moves], shadow_eur) for offer in offers]
+                known = {key: np.hstack(income)}
+            after = self._after(values, b, shadow_eur)
+            before = moves.values(after.reshape(len(after), -1), known[key], offers[0].ambient_c)
+            values[b] = before.reshape(after.shape)
         return values
 
     def _after(self, values: list[Array], b: int, shadow_eur: Array) -> Array:
-        """What states are worth after a block; before another period, at the price that uses its limit.
+        """What states are worth after a block, by its level: expected over the levels of the next price.
 
-        That price is where the dual value, which bounds from above, is least.
+        Before another period, at the price that uses its limit: where the dual value, which bounds from
+        above, is least.
         """
-        if b + 1 == len(self.moves) or self.period[b] == self.period[b + 1]:
-            return values[b + 1]
-        least = (values[b + 1] + shadow_eur * self.allowed_kwh[self.period[b + 1]]).min(axis=1)
-        return np.repeat(least[:, None], shadow_eur.size, axis=1)
+        later = values[b + 1]
+        if b + 1 == len(self.moves):
+            return later
+        if self.period[b] != self.period[b + 1]:
+            least = (later + shadow_eur * self.allowed_kwh[self.period[b + 1]]).min(axis=2, keepdims=True)
+            later = np.repeat(least, shadow_eur.size, axis=2)
+        if self.bands.is_new[self.blocks.first[b + 1]]:
+            later = self.bands.chance @ later
+        return np.asarray(later)
 
     def _valued(self, rolled: DispatchRollout) -> DispatchPlan:
         """The plan of a roll-out, and what it nets."""

@@ -42,10 +42,12 @@ class Blocks:
     ) -> Self:
         """Cut the steps where the price or the day changes, and where a block gets too long.
 
-        In the first ``first_h`` hours that is ``step_h``, or one step if it is longer.
+        Prices may have several rows: any of them may change. In the first ``first_h`` hours a block is
+        ``step_h`` long at most, or one step if that is longer.
         """
-        steps = np.arange(price_eur_mwh.size)
-        change = np.r_[True, (np.diff(price_eur_mwh) != 0.0) | (np.diff(day) != 0)]
+        steps = np.arange(day.size)
+        changes = (np.diff(np.atleast_2d(price_eur_mwh)) != 0.0).any(axis=0)
+        change = np.r_[True, changes | (np.diff(day) != 0)]
         since = steps - np.maximum.accumulate(np.where(change, steps, 0))
         longest_h = np.where(steps * dt_h < first_h, step_h, _LONGEST_H)
         first = np.flatnonzero(since % np.maximum(1, (longest_h / dt_h + 1e-9).astype(int)) == 0)

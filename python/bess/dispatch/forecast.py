@@ -44,11 +44,11 @@ class PerfectForecast:
     """
 
     def __init__(self, values: npt.ArrayLike):
-        self.values = _series(values)
+        self.values = checked_series(values)
 
     def ahead(self, step: int, horizon: int) -> Array:
         """Return the true values; see :class:`Forecast`."""
-        return self.values[_present(step, horizon, self.values.size) : step + horizon].copy()
+        return self.values[present_step(step, horizon, self.values.size) : step + horizon].copy()
 
 
 class ExternalForecast:
@@ -62,10 +62,20 @@ class ExternalForecast:
         The series that comes true; finite.
     foretold : array, shape (n_steps,)
         What was foretold of it; finite.
+    price_ends : array of int, shape (n_steps,), optional
+        First step after each at which another value begins (:func:`price_ends_of`): the present value is
+        known to there. By default the next step.
     """
 
-    def __init__(self, values: npt.ArrayLike, foretold: npt.ArrayLike):
-        self.values, self.foretold = _series(values), _series(foretold)
+    def __init__(
+        self,
+        values: npt.ArrayLike,
+        foretold: npt.ArrayLike,
+        *,
+        price_ends: npt.NDArray[np.int64] | None = None,
+    ):
+        self.values, self.foretold = checked_series(values), checked_series(foretold)
+        self._price_ends = _ends(self.values, price_ends)
         if self.values.size != self.foretold.size:
             raise InputError(
                 f"a forecast of {self.foretold.size} steps does not fit a series of {self.values.size}"
@@ -73,8 +83,8 @@ class ExternalForecast:
 
     def ahead(self, step: int, horizon: int) -> Array:
         """Return the present value and what was foretold; see :class:`Forecast`."""
-        seen = self.foretold[_present(step, horizon, self.values.size) : step + horizon].copy()
-        seen[0] = self.values[step]
+        seen = self.foretold[present_step(step, horizon, self.values.size) : step + horizon].copy()
+        seen[: self._price_ends[step] - step] = self.values[step]
         return seen
 
 
@@ -90,19 +100,32 @@ class PersistenceForecast:
         The series that comes true; finite.
     dt_h : float
         Control step in hours; must divide a day.
+    price_ends : array of int, shape (n_steps,), optional
+        See :class:`ExternalForecast`.
+    first : int
+        Place of step 0 in ``values``: those before are known from the start.
     """
 
-    def __init__(self, values: npt.ArrayLike, dt_h: float = 0.25):
-        self.values = _series(values)
+    def __init__(
+        self,
+        values: npt.ArrayLike,
+        dt_h: float = 0.25,
+        *,
+        price_ends: npt.NDArray[np.int64] | None = None,
+        first: int = 0,
+    ):
+        self.values, self._first = checked_series(values), first
+        self.price_ends = _ends(self.values, price_ends)
         self.steps_per_day = steps_in(24.0, dt_h, "a day")
 
     def ahead(self, step: int, horizon: int) -> Array:
         """Return the values of the day before; see :class:`Forecast`."""
-        start = _present(step, horizon, self.values.size)
+        start = present_step(step + self._first, horizon, self.values.size)
         later = np.arange(start, min(start + horizon, self.values.size))
         days_back = -(-(later - start) // self.steps_per_day)
         source = later - days_back * self.steps_per_day
         held: Array = np.where(source < 0, self.values[start], self.values[np.maximum(source, 0)])
+        held[: self.price_ends[start] - start] = self.values[start]
         return held
 
 
@@ -124,7 +147,30 @@ def steps_in(duration_h: float, dt_h: float, what: str) -> int:
     return round(steps)
 
 
-def _series(values: npt.ArrayLike) -> Array:
+def price_ends_of(values: Array, dt_h: float) -> npt.NDArray[np.int64]:
+    """Return the first step after each at which another price may begin, shape ``(n_steps,)``.
+
+    Prices last as many steps, an hour at most, as fit all their changes.
+    """
+    steps, changes = np.arange(values.size), np.flatnonzero(np.diff(values) != 0.0) + 1
+    first = int(changes[0]) if changes.size else 0
+    hour = max(1, round(1.0 / dt_h))
+    lasts = next(n for n in range(hour, 0, -1) if hour % n == 0 and not ((changes - first) % n).any())
+    return np.asarray(steps + lasts - (steps - first) % lasts)
+
+
+def _ends(values: Array, price_ends: npt.NDArray[np.int64] | None) -> npt.NDArray[np.int64]:
+    return np.arange(1, values.size + 1) if price_ends is None else price_ends
+
+
+def checked_series(values: npt.ArrayLike) -> Array:
+    """Return a series as numbers.
+
+    Raises
+    ------
+    InputError
+        It is empty, not finite, or of several dimensions.
+    """
     try:
         series = real_numbers(values).copy()
     except ValueError as error:
@@ -139,7 +185,14 @@ def _series(values: npt.ArrayLike) -> Array:
     return series
 
 
-def _present(step: int, horizon: int, size: int) -> int:
+def present_step(step: int, horizon: int, size: int) -> int:
+    """Return ``step``.
+
+    Raises
+    ------
+    InputError
+        It is outside the series, or the horizon is empty.
+    """
     if not 0 <= step < size:
         raise InputError(f"step {step} is outside the series of {size} steps [0, {size - 1}]")
     if horizon < 1:

@@ -13,7 +13,13 @@ from bess.arrays import Array
 from bess.system import State, System
 
 if TYPE_CHECKING:
-    from bess.dispatch import Arbitrage, DynamicProgramDispatch, Forecast, GridConnection
+    from bess.dispatch import (
+        Arbitrage,
+        BandForecast,
+        DynamicProgramDispatch,
+        Forecast,
+        GridConnection,
+    )
     from bess.dispatch.budget import CycleBudget
 
 
@@ -180,7 +186,8 @@ class AwarePlanner:
     """Plans by dynamic programming on the plant model.
 
     With ``replan_steps``, a plan is re-optimised after this number of steps. Otherwise it is re-optimised
-    when prices or states deviate from it, and after ``longest_steps``.
+    when prices or states deviate from it, and after ``longest_steps``. With ``bands``, prices ahead move
+    between their levels, with ``prices`` as their mean; otherwise ``prices`` are taken as certain.
     """
 
     def __init__(
@@ -193,8 +200,9 @@ class AwarePlanner:
         replan_steps: int | None,
         compare_steps: int,
         longest_steps: float,
+        bands: BandForecast | None = None,
     ) -> None:
-        self._dispatch, self._prices, self.days = dispatch, prices, days
+        self._dispatch, self._prices, self._bands, self.days = dispatch, prices, bands, days
         self._look_ahead_steps, self._replan_steps = look_ahead_steps, replan_steps
         self._compare_steps, self._longest_steps = compare_steps, longest_steps
 
@@ -203,6 +211,8 @@ class AwarePlanner:
         if self._replan_steps is not None:
             return step % self._replan_steps == 0
         age = step - plan.step
+        if self._prices.ahead(step, 1)[0] != self._prices.ahead(plan.step, age + 1)[age]:
+            return True
         if not np.array_equal(now.limit_kw, plan.limit_kw) or age >= self._longest_steps:
             return True
         return age > 0 and age % self._compare_steps == 0 and not self._came_true(step, now, plan)
@@ -231,6 +241,7 @@ class AwarePlanner:
             is_last=step + price.size == self.days.size,
             use_eur_mwh=stored.use_eur_mwh,
             left_kwh=stored.left_kwh,
+            bands=None if self._bands is None else self._bands.bands(step, self._look_ahead_steps),
         )
         plan = self._dispatch.plan(outlook, now.state, limit_kw=now.limit_kw)
         return MarketPlan(

@@ -26,6 +26,11 @@ from bess.study.keys import check_bundled
 from bess.study.services import FcrDemand, SiteDemand, TradeMeterSection
 from bess.system import System
 
+QUANTILE_COLUMNS = ("p10", "p50", "p90")
+"""Columns of a file of price bands."""
+HISTORY_DAYS = 30
+"""Prices of so many days before a run are known to a forecast, as far as the file holds them."""
+
 if TYPE_CHECKING:
     from bess.dispatch import Forecast, GridConnection
     from bess.simulation.meter import Site
@@ -108,7 +113,7 @@ def _arbitrage(study: Study, choice: ArbitrageDemand, system: System, step_s: fl
     if choice.repeat:
         sampled = SampledSeries.from_pandas(prolonged(read, grid.end), choice.prices, "demand.prices")
     price = sampled.on(grid)
-    forecast, files = _price_forecast(choice, grid, price)
+    forecast, files = _price_forecast(choice, grid, sampled)
     connection: GridConnection | None = None
     series: dict[str, Array] = {}
     found: list[str] = []
@@ -151,20 +156,36 @@ def _connection(
     return connection, site
 
 
-def _price_forecast(choice: ArbitrageDemand, grid: TimeGrid, price: Array) -> tuple[Forecast, list[Path]]:
+def _price_forecast(
+    choice: ArbitrageDemand, grid: TimeGrid, series: SampledSeries
+) -> tuple[Forecast, list[Path]]:
     """Return the price forecast to the end of the run, and its file."""
-    from bess.dispatch import ExternalForecast, PerfectForecast, PersistenceForecast
+    from bess.dispatch import BandForecast, ExternalForecast, PerfectForecast, PersistenceForecast
+    from bess.dispatch.forecast import price_ends_of
     from bess.market import read_prices
 
-    if choice.forecast_prices is not None:
-        read = read_prices(
-            choice.forecast_prices, choice.zone, choice.product, time_zone=choice.time_zone, fill=choice.fill
+    if choice.forecast == "perfect":
+        return PerfectForecast(series.on(grid)), []
+    file = choice.forecast_prices
+    if file is None:
+        # Prices of the file before the run are known.
+        before = max(
+            0, min((grid.start_s - series.start_s) // grid.step_s, round(HISTORY_DAYS * 24 / grid.dt_h))
         )
-        foretold = SampledSeries.from_pandas(read, choice.forecast_prices, "demand.forecast_prices").on(grid)
-        return ExternalForecast(price, foretold), [Path(choice.forecast_prices)]
-    return PerfectForecast(price) if choice.forecast == "perfect" else PersistenceForecast(
-        price, grid.dt_h
-    ), []
+        price = series.on(grid.earlier(before))
+        kind = PersistenceForecast if choice.forecast == "persistence" else BandForecast
+        return kind(price, grid.dt_h, price_ends=price_ends_of(price, grid.dt_h), first=before), []
+
+    def foretold(zone: str) -> Array:
+        read = read_prices(file, zone, choice.product, time_zone=choice.time_zone, fill=choice.fill)
+        return SampledSeries.from_pandas(read, file, "demand.forecast_prices").on(grid)
+
+    price = series.on(grid)
+    ends = price_ends_of(price, grid.dt_h)
+    if choice.forecast == "file":
+        return ExternalForecast(price, foretold(choice.zone), price_ends=ends), [Path(file)]
+    bands = np.stack([foretold(zone) for zone in QUANTILE_COLUMNS])
+    return BandForecast(price, grid.dt_h, bands, price_ends=ends), [Path(file)]
 
 
 def _planner(
@@ -175,7 +196,7 @@ def _planner(
     forecast: Forecast,
     connection: GridConnection | None,
 ) -> DispatchPlanner:
-    from bess.dispatch import Arbitrage, DynamicProgramDispatch
+    from bess.dispatch import Arbitrage, BandForecast, DynamicProgramDispatch
     from bess.dispatch.arbitrage import calendar_days
     from bess.dispatch.forecast import steps_in
 
@@ -206,6 +227,7 @@ def _planner(
             dispatch,
             forecast,
             days,
+            bands=forecast if choice.forecast == "bands" and isinstance(forecast, BandForecast) else None,
             look_ahead_steps=look_ahead,
             replan_steps=replan,
             compare_steps=max(1, round(COMPARE_H / grid.dt_h)),

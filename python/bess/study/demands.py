@@ -55,7 +55,10 @@ class ArbitrageDemand(Section):
     inverters in every step), and when a sixth of its time, or 6 h, has passed; a linear one every 3 h.
     ``repeat`` lets the last year of the file follow year by year, for runs over decades
     (:func:`bess.market.prolonged`). ``forecast`` is that of prices; with ``file`` it is read from
-    ``forecast_prices``, a price file of its own. What is sold is settled at the prices that came true.
+    ``forecast_prices``, a price file of its own. With ``bands`` an aware plan weighs several levels of each
+    price (:class:`bess.dispatch.BandForecast`), from columns ``p10``, ``p50`` and ``p90`` of
+    ``forecast_prices`` or from measured errors of persistence; with ``expected``, and in a linear plan, it
+    takes their mean as certain. What is sold is settled at the prices that came true.
     ``meter`` has load and generation behind the same meter, for linear plans
     (:class:`bess.dispatch.GridConnection`).
     """
@@ -79,14 +82,16 @@ class ArbitrageDemand(Section):
     look_ahead_h: Positive = 36.0
     replan_h: Positive | None = None
     repeat: bool = False
-    forecast: Literal["perfect", "persistence", "file"] = "perfect"
+    forecast: Literal["perfect", "persistence", "file", "expected", "bands"] = "perfect"
     forecast_prices: str | None = None
     meter: TradeMeterSection | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if (self.forecast == "file") != (self.forecast_prices is not None):
-            raise ValueError('forecast = "file" and forecast_prices go together')
+        if self.forecast == "file" and self.forecast_prices is None:
+            raise ValueError('forecast = "file" needs forecast_prices')
+        if self.forecast in ("perfect", "persistence") and self.forecast_prices is not None:
+            raise ValueError('forecast_prices needs forecast = "file", "expected" or "bands"')
         if self.meter is not None and self.plan != "linear":
             raise ValueError('meter: only plan = "linear" knows of a meter with load and generation')
         return self

@@ -93,6 +93,10 @@ class TimeGrid:
         """Return this grid extended by ``n_steps`` steps."""
         return TimeGrid(self.start_s, self.step_s, self.n_steps + n_steps)
 
+    def earlier(self, n_steps: int) -> TimeGrid:
+        """Return this grid with ``n_steps`` steps before it."""
+        return TimeGrid(self.start_s - self.step_s * n_steps, self.step_s, self.n_steps + n_steps)
+
 
 def seconds_of(instant: datetime) -> int:
     """Whole seconds since 1970 of a time-zone aware instant."""

@@ -1,0 +1,191 @@
+"""Prices as bands: a few levels and the probabilities of moving between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from bess.arrays import Array, ByValue, real_numbers
+from bess.dispatch.forecast import PersistenceForecast, checked_series, present_step
+from bess.errors import InputError
+
+_MEASURED: Final = (0.05, 0.25, 0.5, 0.75, 0.95)
+"""Quantiles of measured errors that are the levels of a band: three would miss the expected price by more."""
+
+FORETOLD: Final = (0.1, 0.5, 0.9)
+"""Quantiles of bands made before a run."""
+
+_MEMORY_DAYS: Final = 28.0
+"""Errors and transitions of so many days are counted."""
+
+_PRIOR: Final = 1.0
+"""Transitions from each level, to one drawn at random, that are counted in addition to those observed."""
+
+
+@dataclass(frozen=True, eq=False)
+class PriceBands(ByValue):
+    """Prices ahead as a Markov chain over a few levels.
+
+    The level changes only where a new price begins: where any level has another price than a step before.
+
+    Attributes
+    ----------
+    price_eur_mwh : ndarray, shape (n_levels, n_steps)
+        Price of each level. The present price is known: all levels share it.
+    chance : ndarray, shape (n_levels, n_levels)
+        Probability of each level (column) after each level (row).
+    now : ndarray, shape (n_levels,)
+        Probability of each level at the first step.
+    """
+
+    price_eur_mwh: Array
+    chance: Array
+    now: Array
+
+    @classmethod
+    def known(cls, price_eur_mwh: Array) -> Self:
+        """Return known prices as a band of one level."""
+        return cls(price_eur_mwh[None], np.ones((1, 1)), np.ones(1))
+
+    @property
+    def narrowed(self) -> PriceBands:
+        """The same with one level, if the levels do not differ."""
+        first = self.price_eur_mwh[0]
+        return PriceBands.known(first) if (self.price_eur_mwh == first).all() else self
+
+    @cached_property
+    def is_new(self) -> npt.NDArray[np.bool_]:
+        """Whether a new price begins at each step after the first, shape ``(n_steps,)``."""
+        return np.asarray(np.r_[False, (np.diff(self.price_eur_mwh, axis=1) != 0.0).any(axis=0)])
+
+    @cached_property
+    def share(self) -> Array:
+        """Probability of each level at each step, shape ``(n_levels, n_steps)``."""
+        share = [self.now]
+        for new in self.is_new[1:]:
+            share.append(share[-1] @ self.chance if new else share[-1])
+        return np.stack(share, axis=1)
+
+    @property
+    def mean_eur_mwh(self) -> Array:
+        """Expected price of each step, shape ``(n_steps,)``."""
+        narrow = self.narrowed
+        return np.asarray((narrow.share * narrow.price_eur_mwh).sum(axis=0))
+
+
+class BandForecast:
+    """Foretells each price as a few quantiles and the probabilities of moving between them.
+
+    Without ``foretold`` they are the quantiles (5, 25, 50, 75, 95 %) of the errors of
+    :class:`~bess.dispatch.PersistenceForecast` in the past four weeks, by its age in days. Probabilities of
+    transitions are counted in the same weeks; a price between two levels counts for both. The present price,
+    and nothing later, is known.
+
+    Parameters
+    ----------
+    values : array, shape (n_steps,)
+        The series that comes true; finite.
+    dt_h : float
+        Control step in hours; must divide a day.
+    foretold : array, shape (3, n_steps), optional
+        Quantiles of 10, 50 and 90 % made before the run; finite, ascending.
+    price_ends : array of int, shape (n_steps,), optional
+        See :class:`~bess.dispatch.PersistenceForecast`.
+    first : int
+        Likewise.
+
+    Raises
+    ------
+    InputError
+        Series are not finite, do not fit each other, or quantiles do not ascend.
+    """
+
+    def __init__(
+        self,
+        values: npt.ArrayLike,
+        dt_h: float = 0.25,
+        foretold: npt.ArrayLike | None = None,
+        *,
+        price_ends: npt.NDArray[np.int64] | None = None,
+        first: int = 0,
+    ):
+        self.values, self._first = checked_series(values), first
+        self._persistence = PersistenceForecast(self.values, dt_h, price_ends=price_ends)
+        self._price_ends = self._persistence.price_ends
+        self._starts = np.flatnonzero(np.diff(self._price_ends, prepend=-1) != 0)
+        self._memory = round(_MEMORY_DAYS * self._persistence.steps_per_day)
+        self._quantiles = np.array(_MEASURED if foretold is None else FORETOLD)
+        self.foretold = None if foretold is None else _checked(real_numbers(foretold), self.values.size)
+
+    def ahead(self, step: int, horizon: int) -> Array:
+        """Return the expected prices; see :class:`Forecast`."""
+        mean, now = self.bands(step, horizon).mean_eur_mwh, step + self._first
+        mean[: self._price_ends[now] - now] = self.values[now]
+        return mean
+
+    def bands(self, step: int, horizon: int) -> PriceBands:
+        """Return the bands of `step`, `step` + 1, … as forecast at the start of `step`.
+
+        Parameters
+        ----------
+        step, horizon : int
+            As for :meth:`ahead`.
+        """
+        step = present_step(step + self._first, horizon, self.values.size)
+        past = self._starts[(self._starts > step - self._memory) & (self._starts <= step)]
+        if self.foretold is None:
+            levels, past, before = self._measured(step, horizon, past)
+        else:
+            levels, before = self.foretold[:, step : step + horizon].copy(), self.foretold[:, past]
+        levels[:, : self._price_ends[step] - step] = self.values[step]
+        if not past.size:
+            return PriceBands.known(levels[self._quantiles.size // 2])
+        share = _membership(self.values[past], before)
+        between = 0.5 * (self._quantiles[1:] + self._quantiles[:-1])
+        counts = share[:, :-1] @ share[:, 1:].T + _PRIOR * np.diff(between, prepend=0.0, append=1.0)
+        return PriceBands(levels, counts / counts.sum(axis=1, keepdims=True), share[:, -1])
+
+    def _measured(
+        self, step: int, horizon: int, past: npt.NDArray[np.int64]
+    ) -> tuple[Array, npt.NDArray[np.int64], Array]:
+        """Levels ahead, the past steps that have a forecast of a day before, and their levels."""
+        day, price = self._persistence.steps_per_day, self._persistence.ahead(step, horizon)
+        days = -(-np.arange(price.size) // day)
+        offsets = np.zeros((self._quantiles.size, 1))
+        levels, before = price + offsets, np.zeros((self._quantiles.size, 0))
+        for age in range(1, max(1, int(days[-1])) + 1):
+            later = past[past >= age * day]
+            if later.size:
+                errors = self.values[later] - self.values[later - age * day]
+                offsets = np.quantile(errors, self._quantiles)[:, None]
+            levels[:, days == age] += offsets
+            if age == 1:
+                past, before = later, self.values[later - day] + offsets
+        return levels, past, before
+
+
+def _checked(foretold: Array, size: int) -> Array:
+    if foretold.shape != (len(FORETOLD), size):
+        raise InputError(
+            f"bands of shape {foretold.shape} do not fit a series of {size} steps: give "
+            f"{(len(FORETOLD), size)}"
+        )
+    wrong = ~((np.diff(foretold, axis=0) >= 0.0).all(axis=0) & np.isfinite(foretold).all(axis=0))
+    if wrong.any():
+        step = int(np.argmax(wrong))
+        raise InputError(
+            f"bands: quantiles of 10, 50 and 90 % at step {step} are {foretold[:, step].tolist()}; they must "
+            "be finite and ascend"
+        )
+    return foretold.copy()
+
+
+def _membership(values: Array, levels: Array) -> Array:
+    """Share of each level in values between them, shape ``(n_levels, n)``; linear between two levels."""
+    width = np.diff(levels, axis=0)
+    place = np.clip((values - levels[:-1]) / np.where(width > 0.0, width, 1.0), 0.0, 1.0).sum(axis=0)
+    return np.asarray(np.maximum(0.0, 1.0 - np.abs(np.arange(len(levels))[:, None] - place)))
