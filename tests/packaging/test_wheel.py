@@ -29,18 +29,23 @@ def _run(*command: str | Path, cwd: Path) -> str:
     return done.stdout
 
 
+def _forget(target: Path) -> None:
+    for stale in target.glob("release/.fingerprint/bess-*"):
+        shutil.rmtree(stale)
+
+
 @pytest.fixture(scope="module")
 def empty_environment(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A new virtual environment with the wheel that was built from the sdist, and its `bin` folder."""
     work = tmp_path_factory.mktemp("wheel")
     _run(sys.executable, "-m", "build", "--sdist", "--outdir", work / "sdist", ROOT, cwd=work)
     (sdist,) = (work / "sdist").glob("*.tar.gz")
-    # Compiled dependencies may be from an earlier run. Those of the sdist may not, but its files are so old
-    # that cargo would take what it compiled before for current.
-    target = Path(os.environ.setdefault("CARGO_TARGET_DIR", str(ROOT / "target" / "packaging")))
-    for stale in target.glob("release/.fingerprint/bess-*"):
-        shutil.rmtree(stale)
+    # Compiled dependencies may be those of the checkout. The project's own crates may not, but the files of
+    # the sdist are so old that cargo would take what it compiled before for current, and the other way round.
+    target = Path(os.environ.setdefault("CARGO_TARGET_DIR", str(ROOT / "target")))
+    _forget(target)
     _run(sys.executable, "-m", "pip", "wheel", "--no-deps", "--wheel-dir", work / "wheel", sdist, cwd=work)
+    _forget(target)
     (wheel,) = (work / "wheel").glob("*.whl")
     assert "abi3" in wheel.name
     venv.create(work / "env", with_pip=True)
