@@ -2,6 +2,7 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
+WORKERS := $(shell expr 1 + $$(getconf _NPROCESSORS_ONLN))
 RUST_SOURCES := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name 'Cargo.toml')
 
 .PHONY: demo test test-rust test-python lint bench cases arena docs lock surface release wheel clean
@@ -15,10 +16,10 @@ test: test-rust test-python
 test-rust:
 	cargo test --locked
 
-# On every core, and then one at a time those that start processes or a browser and wait for them.
+# On every core and one more, as some tests wait; then those that start processes or a browser, a file at a time.
 test-python: $(VENV)/built
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n logical --dist worksteal -m 'not slow and not process and not browser'
-	$(BIN)/python -m pytest -m 'not slow and (process or browser)'
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal -m 'not slow and not process and not browser'
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile -m 'not slow and (process or browser)'
 
 lint: $(VENV)/built
 	$(BIN)/ruff check .
