@@ -1,4 +1,4 @@
-"""Prices of reserve by blocks: tender results of regelleistung.net, or a table of times and prices."""
+"""Capacity prices of reserve: tender results of regelleistung.net, or a table of times and prices."""
 
 from os import PathLike
 from typing import Final
@@ -24,7 +24,7 @@ _DAY_S: Final = 86_400
 def read_capacity_prices(
     path: str | PathLike[str], country: str = "GERMANY", *, time_zone: str | None = None
 ) -> pd.Series:
-    """Read what a MW of reserve earns in each hour.
+    """Read the capacity price of reserve per MW and hour.
 
     Tender results of regelleistung.net (``NEGPOS_00_04`` and the like) give a price for each block of four
     hours of the German clock; on the days on which that changes, the block over the change has three or
@@ -85,7 +85,7 @@ def _tenders(table: Table, country: str, repairs: Repairs) -> pd.Series:
 
 
 def _spans(table: Table, wanted: pd.Series) -> pd.DataFrame:
-    """Start (UTC) and length [h] of each block."""
+    """Return the start (UTC) and length [h] of each block."""
     product, date = table.named("PRODUCTNAME"), table.named("DATE_FROM")
     if date is None or product is None:
         fail(1, "there is no column DATE_FROM; fetch the file again")

@@ -1,4 +1,4 @@
-"""Plain files, CSV or Parquet: one or two columns of time, and columns of numbers by name."""
+"""Plain CSV and Parquet files: one or two time columns and named numeric columns."""
 
 import io
 import re
@@ -34,18 +34,18 @@ _NUMBER: Final = re.compile(r"-?\d+(\.\d+)?")
 
 @dataclass(frozen=True)
 class Columns:
-    """A file of times and named columns.
+    """Time stamps and named numeric columns of a file.
 
     Attributes
     ----------
     times : pandas.DataFrame
         Times by line (CSV) or row (Parquet), from 1; see :mod:`bess.market.times`.
     names : list of str
-        The columns that are not times.
+        Names of the numeric columns.
     values : callable
-        From a name to its numbers, NaN where missing.
+        Function from a name to its values, NaN where missing.
     clock : str or None
-        Clock that the file names.
+        Time zone named in the file.
     typical : bool
         The hours of a typical year.
     last : str or None
@@ -76,7 +76,7 @@ class Columns:
         fail(1, f"{problem}; give one of: {listed(self.names)}")
 
     def at(self, wall: pd.Series) -> "Columns":
-        """Return the columns with another reading of the clock."""
+        """Return the same columns with other wall-clock times."""
         return replace(self, times=self.times.assign(wall=wall))
 
     def labelled_at_start(self, repairs: Repairs) -> "Columns":
@@ -122,7 +122,7 @@ class Columns:
         return rows
 
     def _check_offsets(self) -> None:
-        """Offsets may differ by the hour of summer time, not more."""
+        """Raise InputError if UTC offsets differ by more than the hour of summer time."""
         offset = self.times["offset_h"]
         if (line := first_line((offset - offset.iloc[0]).abs() > 1.0)) is not None:
             fail(
@@ -133,12 +133,12 @@ class Columns:
 
 
 def without_unit(name: str) -> str:
-    """Return the name of a column without what is in brackets."""
+    """Return a column name without its part in brackets."""
     return _UNIT.sub("", name)
 
 
 def refuse_end(line: int, ending: Ending) -> None:
-    """Raise InputError for a file that may have been cut off in its last number."""
+    """Raise InputError if the last number of a file may be truncated."""
     fail(
         line,
         f"the file ends {ending.value}, so it may be truncated; fetch it again, or end its last line with a "
@@ -152,7 +152,7 @@ def read_columns(raw: bytes, repairs: Repairs) -> Columns:
 
 
 def table_columns(table: Table) -> Columns:
-    """Find the times in a table, and parse them."""
+    """Find and parse the time columns of a table."""
     used, cells = _time_cells(table)
     times = parse_times(cells, day_first=False)
     first = table.rows[0]
@@ -175,7 +175,7 @@ def table_columns(table: Table) -> Columns:
 
 
 def named_clock(label: str) -> str | None:
-    """Return the clock that the title of the times names."""
+    """Return the time zone named in the title of the time column."""
     named = _NAMED_CLOCK.search(label)
     if named is None:
         return None
@@ -183,7 +183,7 @@ def named_clock(label: str) -> str | None:
 
 
 def _clock_in(label: str, preamble: list[list[str]]) -> str | None:
-    """Return the clock that the title of the times names, or the block above the header."""
+    """Return the time zone named in the title of the time column or in the preamble."""
     for names, values in pairwise(preamble):
         said = {name.casefold(): value for name, value in zip(names, values, strict=False)}
         for key, unit_s in _OFFSETS:
@@ -195,12 +195,12 @@ def _clock_in(label: str, preamble: list[list[str]]) -> str | None:
 
 
 def _is_clock(cell: str) -> bool:
-    """Tell whether a cell is a time, as of a second column of times; a number is none."""
+    """Return whether a cell holds a time of day or a time stamp; a plain number does not count."""
     return not cell.isdigit() and is_time(cell)
 
 
 def _time_cells(table: Table) -> tuple[list[int], pd.Series]:
-    """Return the columns that hold the time, and one text for each row."""
+    """Return the indices of the time columns, and the time of each row as text."""
     parts = [i for name in ("year", "month", "day", "hour") if (i := table.named(name)) is not None]
     if len(parts) == 4:
         minute = table.named("minute")
@@ -230,7 +230,7 @@ def _time_cells(table: Table) -> tuple[list[int], pd.Series]:
 
 
 def parquet_columns(raw: bytes) -> Columns:
-    """Read a Parquet file with an index or a column of times."""
+    """Read a Parquet file with a time index or a time column."""
     with extra("market", "a Parquet file"):
         try:
             frame = pd.read_parquet(io.BytesIO(raw))

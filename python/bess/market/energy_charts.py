@@ -55,7 +55,7 @@ _CLOCKS: Final = ("Europe/Berlin", "Europe/Lisbon", "Europe/Helsinki", "UTC")
 
 
 def matches(table: Table) -> bool:
-    """Tell whether there is a line of units below the header, or a product of Energy-Charts in it."""
+    """Return whether the header names a product of Energy-Charts, or a line of units follows it."""
     return _has_units(table) or bool(_TIME.match(table.header[0]) and any(map(_product, table.header[1:])))
 
 
@@ -116,12 +116,12 @@ def _column(table: Table, zone: str, product: str | None, units: list[str]) -> t
 
 
 def _zone(header: str) -> str:
-    """Code of the zone that a header names last in brackets; Germany if it names none."""
+    """Return the zone code in the last brackets of a header; Germany by default."""
     return zone_code(["DE-LU", *filter(is_zone, _LABEL.findall(header))][-1])
 
 
 def _clock(times: pd.DataFrame, repairs: Repairs) -> tzinfo:
-    """Return the clock of the file: the one most offsets agree with, or what summer time shows."""
+    """Return the time zone of the file, by the majority of its offsets or by the hour skipped in spring."""
     wall, labelled = pd.DatetimeIndex(times["wall"]), times["offset_h"].notna()
     if not labelled.any():
         return ZoneInfo("Europe/Berlin") if _has_summer_time(wall) else _UTC1
@@ -143,7 +143,7 @@ def _clock(times: pd.DataFrame, repairs: Repairs) -> tzinfo:
 
 
 def _has_summer_time(wall: pd.DatetimeIndex) -> bool:
-    """Tell from days of change whether the clock has summer time; False if the file holds none."""
+    """Return whether the times follow summer time; False if the file covers no change of the clock."""
     if localise(wall, ZoneInfo("Europe/Berlin")).hasnans:
         return False
     if wall.has_duplicates:

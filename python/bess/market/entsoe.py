@@ -27,7 +27,7 @@ _INTERVAL: Final = re.compile(r"\d\d\d\d \d\d?:\d\d.* - .*\d\d?:\d\d")
 
 
 def matches(table: Table) -> bool:
-    """Tell whether the first column holds market time units."""
+    """Return whether the first column holds market time units."""
     return bool(_TIME.match(table.header[0]) and _INTERVAL.search(table.rows[0][0]))
 
 
@@ -72,7 +72,7 @@ def _of_zone(table: Table, zone: str, prices: pd.DataFrame, repairs: Repairs) ->
 
 
 def _of_sequence(table: Table, prices: pd.DataFrame, repairs: Repairs) -> pd.DataFrame:
-    """Return the prices of the first sequence, of others only those beyond its time."""
+    """Return the prices of the first sequence, extended by other sequences beyond its end."""
     column = table.named("Sequence")
     if column is None:
         return prices
@@ -92,7 +92,7 @@ def _of_sequence(table: Table, prices: pd.DataFrame, repairs: Repairs) -> pd.Dat
 
 
 def _in_order(prices: pd.DataFrame, clock: tzinfo, repairs: Repairs) -> pd.DataFrame:
-    """Put the rows of a new export in the order of time; now and then one of them is out of place."""
+    """Sort the rows of a new export by time; single rows can be out of order."""
     utc = pd.Series(in_utc(prices, clock), prices.index)
     back = utc.diff() < pd.Timedelta(0)
     if utc.hasnans or not back.any():

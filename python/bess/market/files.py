@@ -1,4 +1,4 @@
-"""Bytes of a file to text: what kind of file it is, compression and encoding, found from the content."""
+"""File content to text: file type, compression and encoding are detected from the content."""
 
 import gzip
 import io
@@ -34,20 +34,20 @@ _OTHER_KINDS: Final = {
 
 
 def fail(line: int | None, text: str) -> NoReturn:
-    """Raise the InputError of a file: the line, if there is one, what is wrong and what to do."""
+    """Raise an InputError with the line, if known, the problem and the remedy."""
     raise InputError(text if line is None else f"line {line}: {text}")
 
 
 def first_line(where: "pd.Series[bool]") -> int | None:
-    """Return the first line where something holds, None if it holds nowhere."""
+    """Return the first line that satisfies a condition, None if no line does."""
     return int(str(where.idxmax())) if where.any() else None
 
 
 @contextmanager
 def reading(path: str | PathLike[str]) -> Iterator[tuple[bytes, Repairs]]:
-    """Give the content of a file, unpacked, and the list of its repairs, which is logged at the end.
+    """Yield the unpacked content of a file and the list of its repairs, which is logged at the end.
 
-    A problem that is found within is said with the path of the file.
+    Errors raised inside the block are reported with the path of the file.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def reading(path: str | PathLike[str]) -> Iterator[tuple[bytes, Repairs]]:
 
 
 def listed(names: Iterable[str]) -> str:
-    """Return names for a message: all of a few, the first of many."""
+    """Return names for a message: all of a short list, the first of a long one."""
     texts = [name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}..." for name in names]
     more = len(texts) - _MOST_NAMES
     return ", ".join(texts[:_MOST_NAMES]) + (f" and {more} more" if more > 0 else "") or "(none)"

@@ -69,7 +69,7 @@ def read_frequency(
 
 
 def _in_order(columns: Columns, repairs: Repairs) -> Columns:
-    """Swap day and month where they were swapped."""
+    """Restore swapped days and months."""
     wall = columns.times["wall"]
     early = wall.dt.day <= 12
     if wall.is_monotonic_increasing and wall.is_unique:

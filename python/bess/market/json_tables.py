@@ -1,4 +1,4 @@
-"""JSON of web services as the table in it: columns as lists, or one record for each time."""
+"""Tables in JSON documents of web services: columns as lists, or one record for each time."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
@@ -11,7 +11,7 @@ _OFFSET: Final = "utc_offset_seconds"
 
 
 def is_json(text: str) -> bool:
-    """Tell whether a text begins like a JSON document."""
+    """Return whether a text begins like a JSON document."""
     return text.lstrip()[:1] in ("{", "[")
 
 
@@ -38,7 +38,7 @@ def json_rows(text: str) -> list[tuple[int, list[str]]]:
 
 
 def _tables(node: Any, depth: int) -> Iterator[tuple[list[str], list[list[Any]]]]:
-    """Every table in a document: names of columns, and rows."""
+    """Yield the column names and rows of every table in a document."""
     if depth > _DEEPEST:
         return
     if isinstance(node, Mapping):
@@ -58,7 +58,7 @@ def _tables(node: Any, depth: int) -> Iterator[tuple[list[str], list[list[Any]]]
 
 
 def _units(document: Any, names: list[str]) -> dict[str, str]:
-    """Units of columns: in a table of their own (Open-Meteo), or one for all that follow (Energy-Charts)."""
+    """Return the units of columns: from a separate table (Open-Meteo) or one common unit (Energy-Charts)."""
     if not isinstance(document, Mapping):
         return {}
     one = document.get("unit")

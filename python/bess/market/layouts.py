@@ -1,4 +1,4 @@
-"""Files that are no tables of a header and rows as they stand: rewritten into one, with the lines kept.
+"""Formats without a table of header and rows, rewritten as such a table with their line numbers.
 
 - EPW (EnergyPlus weather): no names of columns, hours 1 to 24 of a standard time given in the first line.
 - Test reference years of the German weather service: columns of blanks below a block that ends with ``***``,
@@ -63,7 +63,7 @@ def _reference_year(text: str, header: int) -> pd.DataFrame:
 
 
 def _hours_of_a_year(rows: dict[int, list[str]], offset_h: float) -> pd.DataFrame:
-    """Return times at the start of each hour, the hours being numbered by their ends."""
+    """Return the start of each hour from hours numbered by their ends."""
     if not rows:
         fail(1, "there is a header but no rows of hours; fetch the file again")
     frame = pd.DataFrame.from_dict(rows, "index", columns=["year", "month", "day", "hour", "value"])
@@ -102,13 +102,13 @@ def _days(frame: pd.DataFrame) -> pd.Series:
 
 
 def _counted(numbers: pd.Series, minutes: ArrayLike) -> pd.Series:
-    """Time from the start of the day to that of a step that is counted from 1."""
+    """Return the time from midnight to the start of a step counted from 1."""
     counted = pd.to_numeric(numbers.where(numbers.str.fullmatch(r"\d{1,3}")), errors="coerce")
     since: pd.Series = pd.to_timedelta((counted - 1) * np.asarray(minutes), unit="min")
     return since
 
 
 def _cells(text: str, separator: str | None) -> dict[int, list[str]]:
-    """Cells of every line that is not empty."""
+    """Return the cells of every non-empty line."""
     lines = enumerate(text.splitlines(), 1)
     return {line: [cell.strip() for cell in row.split(separator)] for line, row in lines if row.strip()}

@@ -1,4 +1,4 @@
-"""Cells to numbers: decimal comma or point, thousands, signs for missing values."""
+"""Text cells to numbers: decimal comma or point, thousands separators, codes for missing values."""
 
 import re
 from typing import Final, Literal
@@ -48,7 +48,7 @@ def parse_numbers(cells: pd.Series, default: Literal[",", "."] = ".") -> pd.Seri
 
 
 def check_size(values: pd.Series) -> pd.Series:
-    """Raise InputError for a number that no price, power or temperature has; infinity among them."""
+    """Raise InputError for infinite values and values out of range for any price, power or temperature."""
     if (line := first_line(values.abs() > _LARGEST)) is not None:
         text = f"{values[line]:g} in column {values.name!r} is beyond {_LARGEST:g}; correct the number"
         fail(line, text)
@@ -56,7 +56,7 @@ def check_size(values: pd.Series) -> pd.Series:
 
 
 def _decimal(cells: pd.Series, texts: list[str]) -> str | None:
-    """Return the decimal sign that is certain, if there is one."""
+    """Return the decimal separator if the column determines it."""
     first = {}
     for sign, pattern in _DECIMALS.items():
         first[sign] = next((i for i, text in enumerate(texts) if sign in text and pattern.search(text)), None)

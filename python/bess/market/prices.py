@@ -112,7 +112,7 @@ def _quotes(raw: bytes, zone: str, product: str | None, time_zone: str | None, r
 
 
 def _check_currency(table: Table) -> None:
-    """Refuse prices beside which a column says another currency or unit."""
+    """Raise InputError if a currency or unit column names anything but euros per MWh."""
     if table.named("SETTLEMENTDATE") is not None:
         fail(1, "is a table of AEMO with prices in AUD/MWh; convert them to EUR/MWh first")
     for i, name in enumerate(table.header):
@@ -156,7 +156,7 @@ def _of_zone(table: Table, zone: str, repairs: Repairs) -> tuple[Columns, str]:
 
 
 def _column(columns: Columns, zone: str) -> str:
-    """Return the only column, or that of a zone by code or name."""
+    """Return the only column, or the column of a zone by code or name."""
     plain = {name: without_unit(name) for name in columns.names}
     if len(plain) == 1 and not any(map(is_zone, plain.values())):
         return columns.names[0]

@@ -1,4 +1,4 @@
-"""What every price format returns, and what the exports of market platforms have in common."""
+"""The common result of all price formats, and checks shared by the exports of market platforms."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ DAY_AHEAD: Final = "day_ahead"
 
 @dataclass(frozen=True)
 class Quotes:
-    """Prices of one zone and product: rows in UTC [EUR/MWh], and what they are."""
+    """Prices of one zone and product: rows in UTC [EUR/MWh] with their description."""
 
     rows: pd.DataFrame
     source: str
@@ -26,13 +26,13 @@ class Quotes:
 
 
 def only_day_ahead(product: str | None) -> None:
-    """Raise InputError if another product is wanted of a format that has day-ahead prices only."""
+    """Raise InputError for products other than day-ahead, for formats that hold day-ahead prices only."""
     if product not in (None, DAY_AHEAD):
         fail(1, f"there is no product {product!r} in this file; it holds {DAY_AHEAD}")
 
 
 def no_zone(zone: str, names: Iterable[str]) -> NoReturn:
-    """Raise the InputError of a zone that is not in a file."""
+    """Raise an InputError for a zone that the file does not contain."""
     fail(1, f"zone {zone!r} is not in this file; choose another zone or file, the file has: {listed(names)}")
 
 

@@ -1,4 +1,4 @@
-"""Rows in UTC to a regular series without gaps."""
+"""Rows in UTC to a gap-free series with a regular step."""
 
 from itertools import pairwise
 from typing import Final, get_args
@@ -74,7 +74,7 @@ def regular(
 
 
 def _tell_a_step(known: pd.DataFrame, every: pd.DataFrame) -> bool:
-    """Tell whether the rows with values have a step of their own, such as hours among quarter hours.
+    """Return whether the rows with values have a coarser regular step, such as hours among quarter hours.
 
     A few missing values among a few rows are gaps, and the step is that of the rows.
     """
@@ -93,7 +93,7 @@ def _seconds(rows: pd.DataFrame) -> Counts:
 
 
 def _check_share(rows: pd.DataFrame, place: Counts, span: Counts, step: int) -> None:
-    """Refuse a series most of which would be invented: its times are hardly meant so."""
+    """Raise InputError if most values would have to be filled in: the times are then probably misread."""
     covered, total = int(span[rows["value"].notna()].sum()), int(place[-1] + span[-1])
     if 2 * covered >= total:
         return

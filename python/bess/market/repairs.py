@@ -1,4 +1,4 @@
-"""What a reader changed in a file to make a regular series of it: reported once, never silently."""
+"""Corrections that a reader applied to a file to obtain a regular series; always reported."""
 
 import logging
 from typing import NamedTuple
@@ -14,7 +14,7 @@ class Repair(NamedTuple):
     kind : str
         Short machine-readable name, such as ``"autumn-hour"`` or ``"gap-filled"``.
     text : str
-        What was done, for people.
+        Description of the correction.
     rows : int
         Rows or values concerned.
     line : int or None
@@ -35,12 +35,12 @@ class Repairs(list[Repair]):
     """The repairs of one file in the order they were made; kept in ``series.attrs["repairs"]``."""
 
     def add(self, kind: str, text: str, rows: int = 1, line: int | None = None) -> None:
-        """Note a repair; one of no rows is none."""
+        """Add a repair, unless it concerns no rows."""
         if rows:
             self.append(Repair(kind, text, int(rows), None if line is None else int(line)))
 
     def rows(self, kind: str) -> int:
-        """Return the number of rows repaired in the way `kind`."""
+        """Return the number of rows with repairs of the given kind."""
         return sum(repair.rows for repair in self if repair.kind == kind)
 
     def report(self, path: str) -> None:

@@ -26,7 +26,7 @@ _END: Final = ("Datum bis", "End date")
 
 
 def matches(table: Table) -> bool:
-    """Tell whether the header is one of SMARD's tables of prices."""
+    """Return whether the header belongs to a price table of SMARD."""
     return table.named(*_BOTH, *_DAY) is not None and any(map(_PRICE.match, table.header))
 
 

@@ -1,4 +1,4 @@
-"""A file that holds a table to that table: separator, header, and rows of equal length, as text."""
+"""Text files to tables: detects the separator and the header, and checks for rows of equal length."""
 
 import csv
 import gc
@@ -36,7 +36,7 @@ Numbered = list[tuple[int, list[str]]]
 
 
 class Ending(Enum):
-    """How a file ends: its last cell cannot be trusted if the file was cut off in it."""
+    """End of a file: whether the last cell may be truncated."""
 
     CLEAN = "with a line break"
     ALIKE = "without a line break, with as many decimals as the numbers above"
@@ -45,7 +45,7 @@ class Ending(Enum):
 
     @staticmethod
     def of(text: str, cells: list[str]) -> "Ending":
-        """Judge the last cell of a file that ends without a line break by the decimals of those above it."""
+        """Assess the last cell of a file without a final line break by the decimals of the cells above it."""
         if text.endswith(("\n", "\r")):
             return Ending.CLEAN
         *others, last = (len(found[1]) if (found := _DECIMALS.search(cell)) else 0 for cell in cells)
@@ -123,7 +123,7 @@ def _text_table(text: str, repairs: Repairs) -> Table:
 
 
 def _table(numbered: Numbered, separator: str, text: str, repairs: Repairs) -> Table:
-    """Find the header, and check that all rows are as wide."""
+    """Find the header and check that all rows have its width."""
     numbered = [
         (line, row) for line, row in numbered if "".join(row).strip() and not row[0].startswith(("#", "sep="))
     ]
@@ -159,7 +159,7 @@ def _table(numbered: Numbered, separator: str, text: str, repairs: Repairs) -> T
 
 
 def _check_dates(cells: list[str]) -> None:
-    """Refuse a table of days, such as a standard load profile: a column for each season and kind of day."""
+    """Raise InputError for tables by season and day type, such as standard load profiles."""
     if any(map(_CLOCK.fullmatch, cells)) and not any(map(is_time, cells)):
         fail(
             None,
@@ -171,7 +171,7 @@ def _check_dates(cells: list[str]) -> None:
 
 
 def _without_footer(body: Numbered, columns: int, repairs: Repairs) -> Numbered:
-    """Cut lines of text below the table, such as a legend: they have other cells, and begin with a letter."""
+    """Remove text lines below the table, such as a legend: other width, initial letter."""
     end = len(body)
     while end > 1 and len(body[end - 1][1]) != columns and _LETTER.match(body[end - 1][1][0]):
         end -= 1

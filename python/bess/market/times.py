@@ -1,7 +1,7 @@
-"""Cells to times, and what a clock shows to UTC: summer time resolved by the order of the rows.
+"""Text cells to time stamps, and wall-clock times to UTC; the repeated hour is resolved by row order.
 
-Times are tables by line with the columns ``wall``, what the clock shows, and ``offset_h``, the offset from
-UTC that a cell names, NaN where it names none. Rows are tables by line of ``utc`` and ``value``.
+Times are tables by line with the columns ``wall``, the wall-clock time, and ``offset_h``, the UTC offset
+given in the cell, otherwise NaN. Rows are tables by line of ``utc`` and ``value``.
 """
 
 import re
@@ -59,7 +59,7 @@ def parse_times(cells: pd.Series, *, day_first: bool = True) -> pd.DataFrame:
 
 
 def is_time(cell: str) -> bool:
-    """Tell whether a cell is a time, or an interval of times."""
+    """Return whether a cell is a time stamp or an interval of two."""
     text = cell.partition(" - ")[0].strip()
     if not (text.isdigit() or _TIME.fullmatch(_SPACES.sub(" ", text))):
         return False
@@ -67,7 +67,7 @@ def is_time(cell: str) -> bool:
 
 
 def clock_of(name: str) -> tzinfo:
-    """Return the clock called `name`: an IANA zone or a fixed offset such as ``UTC+1``.
+    """Return a time zone by name: an IANA zone or a fixed offset such as ``UTC+1``.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def by_label(times: pd.DataFrame) -> pd.DatetimeIndex:
 
 
 def in_utc(times: pd.DataFrame, clock: tzinfo) -> pd.DatetimeIndex:
-    """Return UTC by the offset in a cell, where there is none by the clock."""
+    """Return UTC by the offset in the cell, otherwise by the time zone."""
     utc = localise(pd.DatetimeIndex(times["wall"]), clock)
     labelled = times["offset_h"].notna().to_numpy()
     return utc.where(~labelled, by_label(times)) if labelled.any() else utc
@@ -137,7 +137,7 @@ def to_utc(
 
 
 def ends_day(utc: pd.Series, clock: tzinfo) -> bool:
-    """Tell whether the last row ends a whole day; the step is that of the last two rows."""
+    """Return whether the last row completes a day, with the step of the last two rows."""
     if utc.size < 2:
         return True
     end = (utc.iloc[-1] + (utc.iloc[-1] - utc.iloc[-2])).tz_convert(clock)
@@ -145,7 +145,7 @@ def ends_day(utc: pd.Series, clock: tzinfo) -> bool:
 
 
 def _iso(cells: pd.Series) -> pd.DataFrame | None:
-    """Return the times of a column that is ISO 8601 throughout, None if one of them needs a closer look."""
+    """Return the times of a column if all cells are ISO 8601, otherwise None."""
     first = cells.iloc[0]
     match = _ISO.fullmatch(first)
     if match is None:
@@ -162,7 +162,7 @@ def _iso(cells: pd.Series) -> pd.DataFrame | None:
 
 
 def _read(cells: pd.Series, *, day_first: bool = True) -> pd.DataFrame:
-    """Return times of any format, NaT where there is none."""
+    """Return times of any supported format, NaT for other cells."""
     texts = cells.str.replace(_SPACES, " ", regex=True).str.strip()
     times = _digits(texts) if texts.iloc[0].isdigit() else _dated(texts, day_first)
     if times["wall"].dt.year.between(*YEARS).all() or not texts.str.fullmatch(_UNIX.pattern).all():
@@ -213,7 +213,7 @@ def _days(texts: pd.Series, dates: pd.Series, american: bool, day_first: bool) -
 
 
 def _offset_h(name: object, sign: object, hours: object, minutes: object) -> float:
-    """Offset from UTC of a label [h], NaN without one."""
+    """Return the UTC offset of a time-zone label [h], NaN without a label."""
     if isinstance(name, str):
         return _NAMED[name]
     if not isinstance(sign, str):

@@ -1,4 +1,4 @@
-"""What the names of columns say about units: prices in EUR/MWh, power in kW, temperature in degC, or not."""
+"""Units in column names: prices in EUR/MWh, power in kW, temperature in degC, or others."""
 
 import re
 from typing import Final
@@ -44,36 +44,36 @@ _FAHRENHEIT: Final = re.compile(
 
 
 def _plain(name: str) -> str:
-    """The name in small letters, its words apart: ``SpotPriceDKK_per_MWh`` is ``spot price dkk per mwh``."""
+    """Return the name as words in lower case: ``spot price dkk per mwh`` for ``SpotPriceDKK_per_MWh``."""
     energy = re.sub(r"[kKMG]W[hH]", lambda unit: f" {unit[0].lower()}", name)
     return re.sub(r"(?<=[a-zäöüß])(?=[A-Z])|(?<=[A-Z])(?=per\b)|_", " ", energy).casefold()
 
 
 def foreign_unit(column: str) -> str | None:
-    """What the name of a column of prices says of another unit than EUR/MWh, or None."""
+    """Return the unit in the name of a price column if it is not EUR/MWh, otherwise None."""
     found = _UPPER.search(column) or _FOREIGN.search(_plain(column))
     return found[0].strip() if found else None
 
 
 def says_euro(column: str) -> bool:
-    """Tell whether the name of a column says that its prices are in euros."""
+    """Return whether a column name gives euros as the currency."""
     return bool(_EURO.search(_plain(column)))
 
 
 def check_price_unit(column: str) -> None:
-    """Raise InputError if the name of a column says another unit than EUR/MWh."""
+    """Raise InputError if a column name gives a unit other than EUR/MWh."""
     other = foreign_unit(column)
     if other:
         fail(1, f"column {column!r} is in another unit ({other}) than EUR/MWh; convert it first")
 
 
 def is_currency_column(name: str) -> bool:
-    """Tell whether a column holds the currency or the unit of the prices beside it."""
+    """Return whether a column holds the currency or the unit of the price column."""
     return bool(_CURRENCY_COLUMN.fullmatch(_plain(name).strip()))
 
 
 def power_unit(column: str) -> str | None:
-    """Unit of power (active, reactive, apparent) or energy in the name of a column, or None."""
+    """Return the unit of power (active, reactive, apparent) or energy in a column name, or None."""
     found = _POWER.search(column.replace("_", " "))
     if found:
         return found[1]
@@ -82,6 +82,6 @@ def power_unit(column: str) -> str | None:
 
 
 def check_temperature_unit(column: str) -> None:
-    """Raise InputError if the name of a column says Fahrenheit; kelvin is out of range by itself."""
+    """Raise InputError if a column name gives Fahrenheit; kelvin is caught by the range check."""
     if _FAHRENHEIT.search(_plain(column)):
         fail(1, f"column {column!r} is in degrees Fahrenheit; convert it to degC first")

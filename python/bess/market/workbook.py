@@ -1,4 +1,4 @@
-"""Excel workbooks (xlsx) as the table on their first sheet that has one."""
+"""Excel workbooks (xlsx): the first sheet with a table."""
 
 import io
 import warnings
@@ -16,7 +16,7 @@ _FEWEST_ROWS: Final = 3
 
 
 def is_workbook(raw: bytes) -> bool:
-    """Tell whether the content of a file is that of a workbook."""
+    """Return whether a file is a workbook, by its content."""
     return raw[:4] == b"PK\x03\x04"
 
 
@@ -52,7 +52,7 @@ def _rows(sheet: Any) -> list[tuple[int, list[str]]]:
 
 
 def _cell(value: Any) -> str:
-    """A cell as text; a time that a spreadsheet keeps as a number of days is rounded to the second."""
+    """Return a cell as text; times stored as a number of days are rounded to the second."""
     if value is None:
         return ""
     if isinstance(value, datetime):

@@ -1,4 +1,4 @@
-"""Typical years and short files, laid onto the years of a run."""
+"""Typical years and short files, repeated over the years of a run."""
 
 from datetime import datetime
 from typing import Final
@@ -14,7 +14,7 @@ _WHOLE_DAYS: Final = (365, 366)
 
 
 def on_one_year(columns: Columns, repairs: Repairs) -> tuple[Columns, bool]:
-    """Return the columns with the months of a typical year in one year, and whether they are of one."""
+    """Return the columns of a typical year with all months in one calendar year, and whether this applied."""
     wall = pd.DatetimeIndex(columns.times["wall"])
     years = wall.year.unique()
     if columns.typical or not years.size > 1 or wall.normalize().unique().size not in _WHOLE_DAYS:
@@ -60,7 +60,7 @@ def over_years(series: pd.Series, first: datetime, last: datetime) -> pd.Series:
 
 
 def prolonged(series: pd.Series, end: datetime) -> pd.Series:
-    """Let a series begin again after its end, until `end`.
+    """Repeat a series after its end, until `end`.
 
     The last year of the series follows year by year, on the same days of the calendar (UTC): where the series
     has no 29 February, that day is like the 28th; one that it has is left out in other years. Weekdays and

@@ -1,4 +1,4 @@
-"""Bidding zones by any of their names."""
+"""Bidding zones and their names."""
 
 import re
 import unicodedata
@@ -54,17 +54,17 @@ _CODES: Final = {_key(alias): code for code, names in _NAMES.items() for alias i
 
 
 def zone_code(name: str) -> str:
-    """Return the code of a zone known by `name`; an unknown name is its own code, in plain letters."""
+    """Return the code of a bidding zone; an unknown name is returned in plain letters."""
     key = _key(name)
     return _CODES.get(key, key)
 
 
 def is_zone(name: str) -> bool:
-    """Tell whether `name` is that of a known zone."""
+    """Return whether `name` is a known bidding zone."""
     return _key(name) in _CODES
 
 
 def wanted_codes(zone: str) -> tuple[str, ...]:
-    """Return the codes that make up the series of `zone`: its own, and the one it came out of."""
+    """Return the codes that make up the series of `zone`: its own and its predecessor's."""
     code = zone_code(zone)
     return (code, "DE-AT-LU") if code == "DE-LU" else (code,)
