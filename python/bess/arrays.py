@@ -1,4 +1,4 @@
-"""Arrays of numbers from outside, checked: what counts as a number, finite, of the right shape, in range."""
+"""Validation of numeric input arrays: type, finiteness, shape and range."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ Flags = NDArray[np.bool_]
 
 
 class ByValue:
-    """Base of frozen dataclasses that hold arrays: equal where all fields are, NaN to NaN; not hashable.
+    """Base of frozen dataclasses with array fields: equal if all fields are, NaN included; not hashable.
 
-    The comparison that ``dataclass`` writes is that of tuples, for which an array has no truth value.
+    The generated comparison of ``dataclass`` fails for arrays, which have no truth value.
     """
 
     def __eq__(self, other: object) -> bool:
@@ -99,7 +99,7 @@ def finite_array(name: str, values: ArrayLike) -> Array:
     Raises
     ------
     InputError
-        If they are no numbers, or with the place of the first that is not finite.
+        A value is not a number, or not finite; the message gives the position of the first.
     """
     array = number_array(name, values)
     finite = np.isfinite(array)
@@ -111,7 +111,7 @@ def finite_array(name: str, values: ArrayLike) -> Array:
 
 
 def each_step(name: str, values: ArrayLike, n_steps: int, limits: tuple[float, float], unit: str) -> Array:
-    """Return one finite value for each step from one value, or from one for each, within limits.
+    """Return one finite value for each step within limits, from a scalar or one value for each step.
 
     Raises
     ------
@@ -131,7 +131,7 @@ def each_step(name: str, values: ArrayLike, n_steps: int, limits: tuple[float, f
 
 
 def require_positive(place: str, **values: tuple[float | None, str]) -> None:
-    """Refuse numbers that are not finite and above 0; each is given with its unit, None passes.
+    """Raise InputError for numbers that are not finite and positive; each has a unit; None is accepted.
 
     Raises
     ------

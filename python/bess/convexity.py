@@ -1,4 +1,4 @@
-"""Tables between straight lines: convex functions below them, concave ones above."""
+"""Piecewise linear envelopes of tables: convex from below, concave from above."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Envelope:
     Attributes
     ----------
     slope, intercept : ndarray, shape (n_pieces,)
-        Lines below the table.
+        Slopes and intercepts of the lines below the table.
     chord_slope, chord_intercept : float
         The lowest line through the table's left end that is above it.
     largest_distance : float
@@ -62,14 +62,14 @@ def lower_hull(x: Array, y: Array) -> list[int]:
 
 
 def lines_below(x: Array, y: Array) -> Lines:
-    """Return the lines whose highest is the largest convex function below a table."""
+    """Return the lines whose maximum is the largest convex function below a table."""
     envelope = Envelope.of_table(x, y, x.size - 1)
     slope, first = np.unique(envelope.slope, return_index=True)
     return envelope.intercept[first], slope
 
 
 def lines_above(x: Array, y: Array) -> Lines:
-    """Return the lines whose lowest is the least concave function above a table."""
+    """Return the lines whose minimum is the smallest concave function above a table."""
     if x.size == 1:
         return np.array([y[0]]), np.zeros(1)
     envelope = Envelope.of_table(x, -y, x.size - 1)

@@ -1,7 +1,7 @@
-"""How things show themselves: one line at a prompt, a small table in a notebook.
+"""Representation of objects: one line at a prompt, a small table in a notebook.
 
-A class says what it is in ``_facts``, from the most to the least important, and takes ``one_line`` as its
-``__repr__`` and ``as_table`` as its ``_repr_html_``.
+A class lists its main properties in ``_facts``, the most important first, and uses ``one_line`` as
+``__repr__`` and ``as_table`` as ``_repr_html_``.
 """
 
 from __future__ import annotations
@@ -14,19 +14,19 @@ _MOST_NUMBERS = 6
 
 
 class HasFacts(Protocol):
-    """Something that says what it is."""
+    """Object with a list of main properties."""
 
     def _facts(self) -> dict[str, str]: ...
 
 
 def one_line(self: HasFacts) -> str:
-    """Return the class and its facts."""
+    """Return the class and its properties."""
     facts = ", ".join(f"{name}: {value}" if name else value for name, value in self._facts().items())
     return f"<{type(self).__name__} {facts}>"
 
 
 def as_table(self: HasFacts) -> str:
-    """Return the class and its facts as HTML."""
+    """Return the class and its properties as HTML."""
     left = 'style="text-align:left"'
     rows = "".join(
         f"<tr><th {left}>{escape(name)}</th><td {left}>{escape(value)}</td></tr>"
@@ -36,7 +36,7 @@ def as_table(self: HasFacts) -> str:
 
 
 def few(values: Iterable[float], digits: str = ".3g", unit: str = "") -> str:
-    """Return a few numbers, or of many the first and the last ones."""
+    """Return all of a few numbers, or the first and last of many."""
     texts = [format(value, digits) for value in values]
     if len(texts) > _MOST_NUMBERS:
         texts = [*texts[:3], "…", *texts[-2:]]

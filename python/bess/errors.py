@@ -1,7 +1,7 @@
 """Errors of the package.
 
-Every message names what is wrong, its value with unit, the allowed range and the place, and what to do.
-Outcomes that are to be expected (a time limit, an infeasible node) are statuses, not exceptions.
+Every message gives the problem, the value with its unit, the allowed range, the place and the remedy.
+Expected outcomes (a time limit, an infeasible node) are statuses, not exceptions.
 """
 
 from collections.abc import Iterator, Mapping
@@ -18,13 +18,13 @@ _OPTIONS: Final = {"out": ("out=...", "--out"), "resume": ("resume=True", "--res
 
 
 class BessError(Exception):
-    """Base class of everything this package raises on purpose."""
+    """Base class of all exceptions of this package."""
 
 
 class InputError(BessError, ValueError):
-    """Bad input: a file, a parameter, an argument. The command line turns it into exit status 2.
+    """Invalid input: a file, a parameter or an argument. Exit status 2 on the command line.
 
-    The message is one line; of a long one, which quotes what somebody wrote, the middle is left out.
+    The message is one line; the middle of a very long message is omitted.
     """
 
     def __init__(self, message: str) -> None:
@@ -39,7 +39,7 @@ class StoppedEarly(BessError):  # noqa: N818 - an outcome, not a fault
 
 
 def by_reason(problems: Mapping[str, str]) -> list[str]:
-    """Return each reason once, as a sentence that begins with the first of the names that share it."""
+    """Return each distinct reason once, with the first name it applies to and the number of others."""
     names: dict[str, list[str]] = {}
     for name, reason in problems.items():
         names.setdefault(reason, []).append(name)
@@ -51,7 +51,7 @@ def by_reason(problems: Mapping[str, str]) -> list[str]:
 
 @contextmanager
 def command_line(active: bool = True) -> Iterator[None]:
-    """Let messages speak of flags, as the command line does; those of workers too if they are told."""
+    """Use command-line options in messages, also in worker processes."""
     token = _on_command_line.set(active)
     try:
         yield
@@ -60,10 +60,10 @@ def command_line(active: bool = True) -> Iterator[None]:
 
 
 def on_command_line() -> bool:
-    """Whether messages speak of flags."""
+    """Whether messages use command-line options."""
     return _on_command_line.get()
 
 
 def option(name: Literal["out", "resume"]) -> str:
-    """Return what a message calls an argument: the keyword from Python, the flag on the command line."""
+    """Return the name of an argument for a message: the Python keyword or the command-line option."""
     return _OPTIONS[name][on_command_line()]

@@ -1,4 +1,4 @@
-"""Reading what someone else wrote: never a pipe that hangs, a device without an end, endless nesting."""
+"""Safe reading of input files: no pipes, devices, oversized files or excessive nesting."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _DEEPEST: Final = 64
 
 
 def missing(path: str | Path) -> str:
-    """What to do about a file that is not there: the nearest name of its folder, if there is one."""
+    """Return the remedy for a missing file: the most similar name in its folder, if any."""
     where = Path(path)
     try:
         close = difflib.get_close_matches(where.name, [each.name for each in where.parent.iterdir()], 1, 0.8)
@@ -35,30 +35,30 @@ def missing(path: str | Path) -> str:
 
 
 def parse_json(text: str | bytes) -> Any:
-    """Return a JSON document; whatever is wrong with it is a ValueError, nesting without an end too.
+    """Parse a JSON document; every failure is a ValueError, excessive nesting included.
 
     Raises
     ------
     ValueError
-        It is no JSON, or is nested too deeply.
+        The text is not JSON, or is nested too deeply.
     """
     return _parsed(json.loads, text)
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """Return a TOML document; as :func:`parse_json`.
+    """Parse a TOML document; see :func:`parse_json`.
 
     Raises
     ------
     ValueError
-        It is no TOML, or is nested too deeply.
+        The text is not TOML, or is nested too deeply.
     """
     document: dict[str, Any] = _parsed(tomllib.loads, text)
     return document
 
 
 def _parsed(parse: Callable[[Any], Any], text: str | bytes) -> Any:
-    """Parsers recurse, and so does what reads a document later: both end in a RecursionError."""
+    """Convert a RecursionError of the parser, or of a later traversal, to a ValueError."""
     try:
         document = parse(text)
     except RecursionError:
@@ -94,12 +94,12 @@ class _Readable(Protocol):
 
 
 def limited(file: _Readable, path: str | Path, largest: int = LARGEST_BYTES) -> bytes:
-    """Return what is left of an open file; raise InputError if that is more than ``largest`` bytes.
+    """Return the rest of an open file; raise InputError beyond ``largest`` bytes.
 
     Raises
     ------
     InputError
-        There is more than the largest size.
+        The rest exceeds the maximum size.
     """
     raw = file.read(largest + 1)
     if len(raw) > largest:

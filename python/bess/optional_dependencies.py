@@ -1,4 +1,4 @@
-"""Libraries that only some of the package needs, and what to say where one is missing."""
+"""Optional libraries and the messages for missing ones."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ Extra = Literal["report", "sweep", "market", "plant", "distil"]
 
 @contextmanager
 def extra(name: Extra, purpose: str) -> Iterator[None]:
-    """Import what an extra brings; ``purpose`` begins the sentence if it is not installed.
+    """Import a module of an extra; ``purpose`` begins the error message if it is not installed.
 
     Raises
     ------
     InputError
-        With the command that installs the extra.
+        The module is missing; the message gives the command that installs the extra.
     """
     try:
         yield

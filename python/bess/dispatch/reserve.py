@@ -1,6 +1,6 @@
-"""Frequency containment: what the droop asks, what has to be in store for it, and when to recharge.
+"""Frequency containment reserve: droop response, energy reservoir and recharging.
 
-Power is that of the plant, positive = discharge; the reserve is symmetric.
+Plant power, positive = discharge; the reserve is symmetric.
 """
 
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ _MINUTES_PER_HOUR = 60.0
 def droop_response(
     frequency_mhz: npt.ArrayLike, droop_mhz: float = 200.0, dead_band_mhz: float = 10.0
 ) -> Array:
-    """Return the share of the reserve that a deviation of frequency calls for, from -1 to 1.
+    """Return the activated share of the reserve for a frequency deviation, from -1 to 1.
 
     All of it at ``droop_mhz`` and beyond, none within ``dead_band_mhz``, and a share in proportion to the
     whole deviation in between, as [1]_ has it: above the nominal frequency the plant charges (negative).
@@ -52,7 +52,7 @@ def droop_response(
 
 @dataclass(frozen=True)
 class EnergyWindow:
-    """Energy that a store must keep between, in kWh above its lower SOC limits.
+    """Range for the stored energy, in kWh above the lower SOC limits.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class EnergyWindow:
         return cls(energy_kwh / one_way, size_kwh - energy_kwh * one_way)
 
     def narrowed(self, share: float) -> "EnergyWindow":
-        """Return the middle ``share`` of the window."""
+        """Return the central ``share`` of the window."""
         middle, half = (self.low_kwh + self.high_kwh) / 2.0, (self.high_kwh - self.low_kwh) / 2.0
         return EnergyWindow(middle - share * half, middle + share * half)
 
@@ -82,7 +82,7 @@ class EnergyWindow:
 
 @dataclass
 class RechargeScheduler:
-    """Shifts of the set-point that bring a store back, agreed on before they begin.
+    """Set-point shifts that restore the stored energy, scheduled in advance.
 
     At the start of every slot the shift of the slot that begins ``lead_steps`` later is agreed on: what
     brings the energy expected then, the response being zero in the mean, back to the edge of the wanted band
@@ -110,7 +110,7 @@ class RechargeScheduler:
     agreed_kw: Array = field(default_factory=lambda: np.zeros(0))
 
     def advance(self, step: int, held_kwh: float, band: EnergyWindow) -> float:
-        """Agree on the next slot if one is due, and return the shift of ``step`` [kW, positive = discharge].
+        """Schedule the next slot if one is due, and return the shift of ``step`` [kW, positive = discharge].
 
         Called once for each step, in order.
         """
@@ -131,7 +131,7 @@ class RechargeScheduler:
         return np.full(self.slot_steps, np.clip(shift, -self.power_kw, self.power_kw))
 
     def memory(self) -> dict[str, Any]:
-        """What is agreed on."""
+        """Return the scheduled shifts."""
         return {"agreed_kw": self.agreed_kw}
 
     def recall(self, memory: Mapping[str, Any]) -> None:

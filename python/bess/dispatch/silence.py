@@ -1,4 +1,4 @@
-"""Keep a solver's own prints off standard output, which belongs to the results."""
+"""Redirection of solver messages: standard output is reserved for results."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ _alone = threading.Lock()
 
 @contextmanager
 def stdout_to_stderr() -> Iterator[None]:
-    """Send what compiled code prints to standard output to standard error instead.
+    """Redirect the standard output of compiled code to standard error.
 
-    HiGHS has prints that no option silences. The C library buffers them, so it is flushed on both ends.
+    Some messages of HiGHS cannot be switched off. The C library buffers them; it is flushed before and after.
     """
     with _alone:
         try:

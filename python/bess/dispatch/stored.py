@@ -1,4 +1,4 @@
-"""What a plant holds and has room for, as energy at the inverters."""
+"""Stored energy and energy capacity of a plant, measured at the inverters."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -45,7 +45,7 @@ class Store:
         return (stored + float(np.sqrt(stored**2 + 4.0 * charged * self._discharged_kwh))) / (2.0 * charged)
 
     def count(self, state: State, delivered_kwh: float) -> None:
-        """Take in what the plant did in the step that led to ``state``.
+        """Update the efficiency with the step that led to ``state``.
 
         Parameters
         ----------
@@ -66,22 +66,22 @@ class Store:
         return float((self._at(state.soc) * state.soh_capacity).sum())
 
     def size_kwh(self, state: State, soc_max: float = 1.0) -> float:
-        """Energy stored when every string is at ``soc_max``, or at its own limit if that is lower."""
+        """Energy capacity: every string at ``soc_max``, or at its own limit if that is lower."""
         full = self._at(np.minimum(self._soc_max, np.maximum(soc_max, self._soc_min)))
         return float((full * state.soh_capacity).sum())
 
     def smallest_kwh(self, state: State) -> float:
-        """Nominal energy of the smallest string as it is now."""
+        """Present nominal energy of the smallest string."""
         return float((self._nominal_kwh * state.soh_capacity).min())
 
     def soc_at(self, state: State, held_kwh: float) -> float:
-        """SOC of a plant whose strings are alike in it and hold this much together."""
+        """Return the common SOC of all strings at a total stored energy."""
         levels = np.linspace(0.0, 1.0, 201)
         held = [(self._at(np.full_like(self._soc_min, soc)) * state.soh_capacity).sum() for soc in levels]
         return float(np.interp(held_kwh, held, levels))
 
     def memory(self) -> dict[str, Any]:
-        """What was counted."""
+        """Return the energy counters."""
         return {
             "charged_kwh": self._charged_kwh,
             "discharged_kwh": self._discharged_kwh,

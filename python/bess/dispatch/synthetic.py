@@ -1,7 +1,7 @@
-"""Synthetic demand, loads, sun and grid frequency, made by code: no file, the same on every machine.
+"""Synthetic demand, loads, solar power and grid frequency, computed without data files.
 
 All are sized for a pair of reference strings (184 kW, 532 kWh) that starts half full, and are
-meant to be scaled with the plant. They are of the kind of the service and describe no real week.
+meant to be scaled with the plant. They resemble the service and do not describe a real week.
 """
 
 from typing import Final
@@ -16,7 +16,7 @@ _QUARTERS_PER_WEEK: Final = 7 * _QUARTERS_PER_DAY
 
 
 def frequency_week(dt_h: float = 0.25, seed: int = 1) -> Array:
-    """Return a week like frequency control: small, restless, of both signs, 0 within a dead band [kW].
+    """Return a week of frequency control: small power of alternating sign, 0 within the dead band [kW].
 
     Twenty-four waves of half an hour to nine hours with random phases, and 2 kW of charging that make up for
     losses.
@@ -32,7 +32,7 @@ def frequency_week(dt_h: float = 0.25, seed: int = 1) -> Array:
 
 
 def peak_shaving_week(dt_h: float = 0.25, seed: int = 2) -> Array:
-    """Return a week like the shaving of an industrial load: peaks by day, charged at night, idle weekends.
+    """Return a week of peak shaving: discharge at daytime peaks, charging at night, idle weekends.
 
     In kW. On each of five days three to five peaks of a half to two hours and 30 to 140 kW; in the night
     after, what left the store comes back with 8 % for losses, at even power from 20:00 to 04:00.
@@ -54,7 +54,7 @@ def peak_shaving_week(dt_h: float = 0.25, seed: int = 2) -> Array:
 
 
 def market_week(dt_h: float = 0.25, seed: int = 3) -> Array:
-    """Return a week like trade at an exchange: full power in the best hours, part of it in others [kW].
+    """Return a week of arbitrage: full power in the best hours, part load in others [kW].
 
     Charging by night and at noon, discharging in the morning and in the evening; hours by hours at full
     power, half of it or none, with up to two cycles a day.
@@ -72,7 +72,7 @@ def market_week(dt_h: float = 0.25, seed: int = 3) -> Array:
 
 
 def industrial_load(dt_h: float = 0.25, seed: int = 4) -> Array:
-    """Return a week of a plant that works two shifts on five days [kW, what it draws].
+    """Return a week of the load of a factory with two shifts on five days [kW].
 
     A base of 90 kW, 150 kW more from 05:00 to 21:00 on working days, and machines that start for a quarter
     of an hour to an hour and a half, up to 420 kW in total.
@@ -89,7 +89,7 @@ def industrial_load(dt_h: float = 0.25, seed: int = 4) -> Array:
 
 
 def commercial_load(dt_h: float = 0.25, seed: int = 5) -> Array:
-    """Return a week of a shop with cold rooms [kW, what it draws]: 35 kW by night, about 100 kW when open."""
+    """Return a week of the load of a shop with cold rooms [kW]: 35 kW at night, about 100 kW when open."""
     random = np.random.default_rng(seed)
     hour = (np.arange(_QUARTERS_PER_WEEK) % _QUARTERS_PER_DAY) * 0.25
     day = np.arange(_QUARTERS_PER_WEEK) // _QUARTERS_PER_DAY
@@ -99,7 +99,7 @@ def commercial_load(dt_h: float = 0.25, seed: int = 5) -> Array:
 
 
 def solar_power(dt_h: float = 0.25, seed: int = 6) -> Array:
-    """Return a week in spring of panels of 250 kW [kW, what they give]: clear days and cloudy ones."""
+    """Return a spring week of a 250 kW photovoltaic plant [kW], with clear and cloudy days."""
     random = np.random.default_rng(seed)
     hour = (np.arange(_QUARTERS_PER_DAY) + 0.5) * 0.25
     clear = np.clip(np.sin(np.pi * (hour - 5.0) / 14.0), 0.0, None) ** 1.3
@@ -111,7 +111,7 @@ def solar_power(dt_h: float = 0.25, seed: int = 6) -> Array:
 
 
 def market_prices(seed: int = 8) -> Array:
-    """Return a week of hourly prices [EUR/MWh]: cheap by night and at noon, dear in the evening."""
+    """Return a week of hourly prices [EUR/MWh]: low at night and at noon, high in the evening."""
     random = np.random.default_rng(seed)
     hour = np.arange(7 * 24) % 24
     weekend = np.arange(7 * 24) // 24 >= 5
@@ -144,5 +144,5 @@ def frequency_deviation(seed: int = 7) -> Array:
 
 
 def _on_steps(quarters_kw: Array, dt_h: float, name: str) -> Array:
-    """Return quarters of an hour on control steps that divide them."""
+    """Return quarter-hourly values on shorter control steps."""
     return quarters_kw.repeat(steps_in(0.25, dt_h, f"profile {name}: its quarter of an hour"))

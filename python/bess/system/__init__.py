@@ -1,4 +1,4 @@
-"""What is known about a plant before it runs: parameters, validated once, and state, apart from them."""
+"""Plant parameters, validated once, and the measured state."""
 
 from bess.system.parse import StringParameters
 from bess.system.state import State

@@ -48,7 +48,7 @@ class OcvTable(Section):
     @field_validator("charge", "discharge", mode="before", json_schema_input_type=Voltages)
     @classmethod
     def _one_row(cls, value: object) -> object:
-        """A flat list is a table of one temperature."""
+        """Accept a flat list as a table for one temperature."""
         if isinstance(value, list | tuple) and value and not isinstance(value[0], list | tuple):
             return (tuple(value),)
         return value
@@ -119,9 +119,9 @@ class EntropyTable(Section):
 
 
 class ResistanceTable(Section):
-    """Measured cell resistance [mOhm], indexed ``[c_rate][temperature][soc]``, each direction on its own.
+    """Measured cell resistance [mOhm] by direction, indexed ``[c_rate][temperature][soc]``.
 
-    The plant reads it at the C-rate that flows. The controller has no inner iteration and reads it at
+    The plant interpolates at the actual C-rate; the controller, without inner iterations, at
     ``control_c_rate``.
     """
 
@@ -169,7 +169,7 @@ class Battery(Section):
     @model_validator(mode="before")
     @classmethod
     def _without_former_keys(cls, given: Any) -> Any:
-        """``availability_epsilon`` of earlier files had no effect."""
+        """Drop ``availability_epsilon``, which had no effect in earlier versions."""
         if isinstance(given, Mapping):
             return {key: value for key, value in given.items() if key != "availability_epsilon"}
         return given
@@ -203,7 +203,7 @@ class Battery(Section):
         return math.inf if self.cell_voltage_max_v is None else self.cell_voltage_max_v * self.cells_series
 
     def _check_voltages(self) -> None:
-        """A limit beyond which a cell rests at every SOC would leave a string that can do nothing."""
+        """Reject voltage limits that exclude the open-circuit voltage at every SOC."""
         lowest, highest = (
             float(np.interp(soc, self.ocv_v.soc, rows[0]))
             for soc, rows in ((self.soc_min, self.ocv_v.charge), (self.soc_max, self.ocv_v.discharge))

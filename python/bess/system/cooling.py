@@ -1,4 +1,4 @@
-"""Section ``[cooling]`` of a system file: what passes the strings, when, and what makes it cold."""
+"""Section ``[cooling]`` of a system file: coolant, thermostat and chiller."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Shares = Annotated[tuple[Fraction, ...], Field(min_length=1, max_length=20)]
 
 
 class CoolantLoop(Section):
-    """Coolant that all strings share: air of a container, or a circuit of pipes and a tank, fully mixed."""
+    """Fully mixed coolant shared by all strings: the air of a container, or a circuit of pipes and a tank."""
 
     heat_capacity_kj_k: Positive
     wall_w_k: NonNegative = 0.0
@@ -29,7 +29,7 @@ class CoolantLoop(Section):
 
 
 class _Cooling(Section):
-    """What all kinds have: one is a class of defaults here, and a file in ``cooling/kinds`` of the plant."""
+    """Common parameters; each kind is a class of defaults here and a file in the plant's ``cooling/kinds``."""
 
     flow_kg_s: Positive | None = None
     cp_j_kgk: Positive | None = None
@@ -61,7 +61,7 @@ class _Cooling(Section):
 
 
 class AirCooling(_Cooling):
-    """Forced air of the ambient, or of a room held at ``supply_c``; its flow is that of ``[thermal]``."""
+    """Forced ambient air, or air from a room held at ``supply_c``; ``[thermal]`` gives the flow."""
 
     kind: Literal["air"]
     density_kg_m3: Positive = 1.2
@@ -70,7 +70,7 @@ class AirCooling(_Cooling):
 
 
 class LiquidCooling(_Cooling):
-    """Cold plates with water and 40 % glycol, from a chiller or, where it is cold, from a dry cooler."""
+    """Cold plates with 40 % water glycol, from a chiller or, at low ambient temperature, a dry cooler."""
 
     kind: Literal["liquid"]
     flow_kg_s: Positive = 0.05

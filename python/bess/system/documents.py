@@ -1,4 +1,4 @@
-"""Nested documents (TOML tables): reading, merging, and saying what is wrong with them."""
+"""Nested documents (TOML tables): reading, merging and error messages."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ _PLAIN_WORDS = {
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a TOML file, with or without a mark of its encoding."""
+    """Return the text of a TOML file, with or without a byte-order mark."""
     return read_file(path, _LARGEST_BYTES).decode("utf-8-sig").replace("\r\n", "\n")
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Parse a TOML file; whatever is wrong with it becomes an :class:`InputError` that names it.
+    """Parse a TOML file; every failure is an :class:`InputError` with the path.
 
     Raises
     ------
@@ -62,12 +62,12 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def plain(value: object, name: str, place: str = "", depth: int = 0) -> Any:
-    """Return a copy of ``value`` of tables, lists, texts and numbers; refuse anything else by its key.
+    """Return a copy of ``value``, which may contain tables, lists, strings and numbers only.
 
     Raises
     ------
     InputError
-        With the place of the value that is none of these, or is nested too deeply.
+        A value of another type, with its key, or nesting that is too deep.
     """
     if depth > _DEEPEST:
         raise InputError(f"{name}: {place[:80]}...: nested deeper than {_DEEPEST} levels")
@@ -86,7 +86,7 @@ def plain(value: object, name: str, place: str = "", depth: int = 0) -> Any:
 
 
 def deep_merge(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:
-    """Return ``base`` with the leaves of ``override`` put over it; neither is changed."""
+    """Return ``base`` updated with the leaves of ``override``; neither argument is changed."""
     merged = dict(base)
     for key, value in override.items():
         old = merged.get(key)
@@ -104,7 +104,7 @@ def describe(
     rename: Mapping[str, str] | None = None,
     model: type[BaseModel] | None = None,
 ) -> str:
-    """One sentence for each problem of a validation, joined by ``; ``: file, key, value, what is allowed.
+    """Return one sentence for each validation error, joined by ``; ``: file, key, value, allowed values.
 
     ``found`` is from ``ValidationError.errors()``. With ``model``, an unknown key is answered with the one of
     that model that was probably meant.
@@ -142,7 +142,7 @@ def _meant(key: str, model: type[BaseModel]) -> str:
 
 
 def _is_kind(part: str) -> bool:
-    """Whether a part of a location is one of the types a value may have, which pydantic puts there."""
+    """Return whether a part of a pydantic error location is a type name."""
     return "[" in part or part[:1].isupper()
 
 

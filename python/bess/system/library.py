@@ -24,10 +24,9 @@ _LIBRARIES = {
 
 
 def put_over(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:
-    """Return ``base`` with ``override`` put over it, names of components replaced by their tables.
+    """Return ``base`` updated with ``override``, with component names replaced by their tables.
 
-    A named component replaces all that the base says about that component; keys written beside the name are
-    put over the component.
+    A named component replaces the component of the base; keys beside the name override the component.
     """
     base, override = dict(base), dict(override)
     for section, library in _LIBRARIES.items():
@@ -46,7 +45,7 @@ def put_over(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, 
 
 
 def replaced(override: object, section: str, key: str) -> bool:
-    """Tell whether ``override``, a table put over a ``section``, leaves nothing of its ``key``."""
+    """Return whether ``override`` replaces ``key`` of a ``section`` completely."""
     if not isinstance(override, Mapping):
         return False
     library = _LIBRARIES.get(section)

@@ -32,8 +32,8 @@ class Lumped:
     Attributes
     ----------
     k1_k_per_j, k2_per_s, follows, offset_c, error_k : ndarray, shape (n_strings,)
-        Rise per heat, rate of cooling, where it cools to, and the root mean square error of a control
-        step [K].
+        Temperature rise per heat, cooling rate, reference temperature, and root mean square error per
+        control step [K].
     """
 
     k1_k_per_j: Array
@@ -43,7 +43,7 @@ class Lumped:
     error_k: Array
 
     def surroundings_c(self, ambient_c: Array) -> Array:
-        """Temperature that strings cool towards, mean over the strings, at ambient temperatures [degC]."""
+        """Return the reference temperature of cooling at ambient temperatures [degC], mean of strings."""
         return np.asarray(self.follows.mean() * ambient_c + self.offset_c.mean())
 
 
@@ -57,9 +57,9 @@ def identify(
     core
         The plant's tables.
     soc : ndarray, shape (n_strings,)
-        Middle of each window, where the experiment starts.
+        Middle of each SOC window, the start of the experiment.
     nominal_kw : ndarray, shape (n_strings,)
-        Of each inverter.
+        Nominal power of each inverter.
     nodes : ndarray of int, shape (n_strings,)
         Thermal nodes of each string.
     step_s

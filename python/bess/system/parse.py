@@ -1,4 +1,4 @@
-"""From a system document to the validated sections of every string."""
+"""System documents to validated sections of every string."""
 
 from __future__ import annotations
 
@@ -37,30 +37,30 @@ class StringParameters(Section):
     wear: Wear = Wear()
 
     def core_document(self) -> dict[str, Any]:
-        """Parameters of the string for the compiled core."""
+        """Return the parameters of a string for the compiled core."""
         ageing = {"model": self.wear.cell_model, "calendar_share": self.wear.calendar_share}
         return {**self.model_dump(exclude={"site", "wear"}), "ageing": ageing}
 
 
 class _Plant(Section):
-    """Sections that are of the whole plant."""
+    """Sections of the whole plant."""
 
     cooling: Cooling | None = None
 
 
 def parse_cooling(document: Mapping[str, Any], name: str) -> Cooling | None:
-    """Check the section ``[cooling]``; None where there is none."""
+    """Validate the section ``[cooling]``; None without this section."""
     table = {"cooling": document["cooling"]} if "cooling" in document else {}
     return _validated(_Plant, table, name, "").cooling
 
 
 def parse_strings(document: Mapping[str, Any], name: str) -> tuple[tuple[StringParameters, ...], Control]:
-    """Check a whole document; return its strings, each with all its sections, and the control section.
+    """Validate a document; return the sections of every string and the control section.
 
     Raises
     ------
     InputError
-        With the table and key that are not known, or do not fit the number of strings.
+        An unknown table or key, or lists that do not match the number of strings.
     """
     check_layout(document, name)
     overrides = document.get("string", [])
@@ -97,7 +97,7 @@ def parse_strings(document: Mapping[str, Any], name: str) -> tuple[tuple[StringP
 
 
 def check_layout(document: object, name: str) -> None:
-    """Raise :class:`InputError` unless ``document`` is made of the sections of a system file."""
+    """Raise :class:`InputError` unless ``document`` consists of sections of a system file."""
     if not isinstance(document, Mapping):
         raise InputError(f"{name}: a system is a table of sections, not {type(document).__name__}")
     known = {*_OVERRIDABLE, "about", "control", "cooling", "string"}
@@ -112,7 +112,7 @@ def check_layout(document: object, name: str) -> None:
 
 
 def string_count(document: Mapping[str, Any], name: str) -> int:
-    """Number of strings of a document of sections: ``system.n_strings``, else one for each table."""
+    """Return the number of strings: ``system.n_strings``, otherwise the number of string tables."""
     whole_site = {"n_strings": len(document.get("string", [])) or 1, **document.get("system", {})}
     return _validated(SystemDefaults, whole_site, name, "system.").n_strings
 

@@ -1,7 +1,7 @@
-"""Numbers of a system file: each kind with its unit and the range in which it makes physical sense.
+"""Physical quantities of a system file with their units and valid ranges.
 
-A range is wide enough for any plant that could be built and narrow enough that no product of two values
-overflows. Strings and booleans are not numbers here, and neither are NaN and infinity.
+The ranges cover any plant that could be built, and no product of two values overflows. Strings, booleans,
+NaN and infinity are not accepted.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _STRICT = Field(strict=True)
 
 @dataclass(frozen=True)
 class Within:
-    """Refuse a number outside ``[low, high]``; ``above`` and ``below`` leave that end out of the range."""
+    """Reject numbers outside ``[low, high]``; ``above`` and ``below`` exclude the end of the range."""
 
     low: float
     high: float
@@ -30,12 +30,12 @@ class Within:
     below: bool
 
     def __call__(self, value: float) -> float:
-        """Return the value, or say what is allowed.
+        """Return the value if it is in the range.
 
         Raises
         ------
         ValueError
-            The value is outside of its range.
+            The value is outside its range; the message gives the range.
         """
         inside = self.low < value < self.high
         if inside or (value == self.low and not self.above) or (value == self.high and not self.below):
@@ -49,7 +49,7 @@ class Within:
         return core_schema.no_info_after_validator_function(self, handler(source))
 
     def __get_pydantic_json_schema__(self, made: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
-        """The range in the words of JSON schema."""
+        """Return the range as JSON schema."""
         low, high = (
             "exclusiveMinimum" if self.above else "minimum",
             "exclusiveMaximum" if self.below else "maximum",
@@ -58,7 +58,7 @@ class Within:
 
 
 def within(low: float, high: float, unit: str = "", *, above: bool = False, below: bool = False) -> Within:
-    """Return what refuses a number outside ``[low, high]``; see :class:`Within`."""
+    """Return a validator for the range ``[low, high]``; see :class:`Within`."""
     return Within(low, high, unit, above, below)
 
 
@@ -96,12 +96,12 @@ AgeingModel = Annotated[str, AfterValidator(_is_ageing_model)]
 
 
 def ascending(values: tuple[float, ...]) -> tuple[float, ...]:
-    """Return ``values`` if they strictly ascend.
+    """Return ``values`` if they increase strictly.
 
     Raises
     ------
     ValueError
-        With the first pair that does not ascend.
+        The first pair that does not increase.
     """
     for first, second in pairwise(values):
         if second <= first:

@@ -35,9 +35,9 @@ PRICES_ONLY = ("none", "throughput")
 
 
 class About(Section):
-    """Section ``[about]``: what the file describes, where its numbers come from, and under which licence.
+    """Section ``[about]``: description, sources and licence of a file.
 
-    ``cell`` and ``inverter`` describe these parts of a system if they are also bundled by themselves.
+    ``cell`` and ``inverter`` describe components of the system that are also bundled separately.
     """
 
     description: str
@@ -48,10 +48,10 @@ class About(Section):
 
 
 class Inverter(Section):
-    """Inverter of one string: losses as fractions of nominal AC power over delivered AC power / nominal.
+    """Inverter of one string: losses over delivered AC power, both as fractions of nominal AC power.
 
     ``load`` starts at 0 (the no-load loss of an inverter that is on) and ends at 1. Below ``min_power_kw`` an
-    inverter is off, and no set-point is between that and 0.
+    inverter is off; set-points are 0 or at least ``min_power_kw``.
     """
 
     nominal_kw: Power
@@ -120,7 +120,7 @@ class SpatialThermal(Section):
 
 
 class LumpedThermal(Section):
-    """Lumped thermal model of one string, as the controller sees it."""
+    """Lumped thermal model of one string, used by the controller."""
 
     k1_k_per_j: Positive
     k2_per_s: NonNegative
@@ -134,7 +134,7 @@ class Thermal(Section):
 
 
 class Wear(Section):
-    """Section ``[wear]``: how a string ages, and what that costs.
+    """Section ``[wear]``: ageing of a string and its cost.
 
     ``model`` is a cell model (``bess list``), ``"throughput"`` (a price per MWh discharged and no physics) or
     ``"none"``. A cell model's loss of capacity costs ``loss / (1 - end_of_life) * replacement_eur_kwh`` per
@@ -149,7 +149,7 @@ class Wear(Section):
 
     @property
     def cell_model(self) -> str | None:
-        """Name of the cell model, None where capacity and resistance stay."""
+        """Name of the cell ageing model; None if capacity and resistance are constant."""
         return None if self.model in PRICES_ONLY else self.model
 
     @model_validator(mode="after")

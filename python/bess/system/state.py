@@ -1,4 +1,4 @@
-"""Measured state of a plant, apart from its parameters."""
+"""Measured state of a plant."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class State(ByValue):
 
     @property
     def is_fresh(self) -> bool:
-        """Whether every string has the capacity and resistance of the system file."""
+        """Whether all strings have the capacity and resistance of the system file (no ageing)."""
         return bool((self.soh_capacity == 1.0).all() and (self.soh_resistance == 1.0).all())
 
 

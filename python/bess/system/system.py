@@ -1,4 +1,4 @@
-"""A plant: its strings, validated once, and its tables in the Rust core."""
+"""A plant: validated strings and their look-up tables in the Rust core."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class System:
     Attributes
     ----------
     name : str
-        Where the description came from.
+        Source of the description.
     document : dict
         The description as given: tables of numbers, texts and lists. ``System(system.document)`` is an equal
         system.
@@ -73,7 +73,7 @@ class System:
             self.core = self._tables()
 
     def __getstate__(self) -> dict[str, Any]:
-        """All but what the core holds, which is made anew."""
+        """Return the state without the objects of the core, which are rebuilt on loading."""
         return {name: value for name, value in vars(self).items() if name not in ("core", "_control")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -81,7 +81,7 @@ class System:
         self.core = self._tables()
 
     def __eq__(self, other: object) -> bool:
-        """Whether strings, control and cooling are equal, whatever the systems are called."""
+        """Whether strings, control and cooling are equal; names are not compared."""
         if not isinstance(other, System):
             return NotImplemented
         return (self.strings, self.control, self.cooling) == (other.strings, other.control, other.cooling)
@@ -108,13 +108,13 @@ class System:
 
     @property
     def reference_temperature_c(self) -> float:
-        """Temperature that strings cool towards at the system's own ambient, to a controller [degC]."""
+        """Reference temperature of the control model at the system's own ambient temperature [degC]."""
         return float(self.surroundings_c(np.array(self.ambient_c)))
 
     def surroundings_c(self, ambient_c: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Temperature that the strings cool towards, as a controller sees it, at ambient temperatures [degC].
+        """Return the reference temperature of the control model at given ambient temperatures [degC].
 
-        That of the ambient without a section ``[cooling]``; with one, what the plant itself shows
+        The ambient temperature without a section ``[cooling]``, otherwise as identified from the plant
         (:attr:`lumped`).
         """
         return ambient_c if self.lumped is None else self.lumped.surroundings_c(ambient_c)
@@ -143,7 +143,7 @@ class System:
 
     @cached_property
     def min_power_kw(self) -> NDArray[np.float64]:
-        """Least AC power of each inverter that is on [kW], shape ``(n_strings,)``."""
+        """Minimum AC power of each inverter that is on [kW], shape ``(n_strings,)``."""
         return np.array([s.inverter.min_power_kw for s in self.strings])
 
     @cached_property
@@ -170,13 +170,13 @@ class System:
 
     @cached_property
     def kinds(self) -> tuple[int, ...]:
-        """Number of the kind of each string: those of one kind have equal parameters."""
+        """Kind of each string, as an integer; strings of one kind have equal parameters."""
         first: dict[str, int] = {}
         texts = (json.dumps(string.core_document(), sort_keys=True) for string in self.strings)
         return tuple(first.setdefault(text, len(first)) for text in texts)
 
     def initial_state(self) -> State:
-        """State in which the file starts every string."""
+        """Return the initial state of the system file."""
         return State(
             soc=[s.site.initial_soc for s in self.strings],
             temperature_c=[s.site.initial_temperature_c for s in self.strings],
@@ -185,7 +185,7 @@ class System:
         )
 
     def core_at(self, state: State) -> _core.System:
-        """Tables of the strings as they have become: capacity and resistance at their state of health."""
+        """Return the look-up tables of the strings at their present capacity and resistance."""
         if state.is_fresh:
             return self.core
         return self.core.aged(state.soh_capacity, state.soh_resistance)
@@ -195,7 +195,7 @@ class System:
         return _core.ControlModel(self.core)
 
     def control_at(self, state: State) -> _core.ControlModel:
-        """The control model of the strings as they have become; that of fresh ones is made once."""
+        """Return the control model at present capacity and resistance; built once for fresh strings."""
         return self._control if state.is_fresh else _core.ControlModel(self.core_at(state))
 
     def check_state(self, state: State) -> None:
@@ -212,10 +212,9 @@ class System:
                 raise InputError(f"string {index}: soc {soc:g} is outside its window [{low:g}, {high:g}]")
 
     def to_toml(self) -> str:
-        """The system as a file that names no bundled component and reads back to equal strings.
+        """Return a system file without references to bundled components, which reads back to equal strings.
 
-        Sections that all strings share are written once, the others in one ``[[string]]`` table for each
-        string.
+        Shared sections are written once, all others in one ``[[string]]`` table for each string.
         """
         import tomli_w  # only this function needs it
 
@@ -261,7 +260,7 @@ class System:
 
 
 def load_system(path: str | Path) -> System:
-    """Read a system file (TOML) and check all of it.
+    """Read and validate a system file (TOML).
 
     Parameters
     ----------

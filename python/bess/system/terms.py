@@ -1,4 +1,4 @@
-"""What was agreed on beside the market price: what the dispatch plans with and the settlement counts."""
+"""Settlement terms beside the market price, used by both dispatch and settlement."""
 
 from dataclasses import dataclass
 from typing import TypeVar
@@ -11,7 +11,7 @@ Price = TypeVar("Price", float, npt.NDArray[np.float64])
 
 @dataclass(frozen=True)
 class SettlementTerms:
-    """Prices of everything but energy; the defaults are those of a study.
+    """Prices other than energy prices; the defaults are those of a study.
 
     Attributes
     ----------
@@ -36,13 +36,13 @@ class SettlementTerms:
     capacity_penalty: float = 2.0
 
     def shortfall_price_eur_mwh(self, price_eur_mwh: Price) -> Price:
-        """Price per MWh of undelivered energy, in either direction."""
+        """Return the cost of undelivered energy per MWh, in either direction."""
         return abs(price_eur_mwh) + self.shortfall_eur_mwh
 
     def charge_price_eur_mwh(self, price_eur_mwh: Price) -> Price:
-        """What a MWh charged costs."""
+        """Return the cost of charging per MWh."""
         return price_eur_mwh + self.charge_fee_eur_mwh
 
     def discharge_price_eur_mwh(self, price_eur_mwh: Price) -> Price:
-        """What a MWh discharged earns, before wear."""
+        """Return the revenue of discharging per MWh, before wear."""
         return price_eur_mwh - self.discharge_fee_eur_mwh
