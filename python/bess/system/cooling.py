@@ -29,7 +29,7 @@ class CoolantLoop(Section):
 
 
 class _Cooling(Section):
-    """Common parameters; each kind is a class of defaults here and a file in the plant's ``cooling/kinds``."""
+    """Common parameters; a kind is a class of defaults here and a file in the plant's ``cooling/kinds``."""
 
     flow_kg_s: Positive | None = None
     cp_j_kgk: Positive | None = None
