@@ -6,6 +6,7 @@ from bess.dispatch.bands import BandForecast, PriceBands
 from bess.dispatch.budget import CycleBudget
 from bess.dispatch.connection import GridConnection, PeakTariff, monthly_peaks_kw
 from bess.dispatch.forecast import ExternalForecast, Forecast, PerfectForecast, PersistenceForecast
+from bess.dispatch.markets import auction_positions
 from bess.dispatch.meter import GridPowerTarget, min_peak_kw
 from bess.dispatch.profile import PROFILES, SITES, bundled_profile, read_profile
 from bess.dispatch.reserve import EnergyWindow, RechargeScheduler, droop_response
@@ -31,6 +32,7 @@ __all__ = [
     "PriceBands",
     "RechargeScheduler",
     "Store",
+    "auction_positions",
     "bundled_profile",
     "droop_response",
     "min_peak_kw",

@@ -187,6 +187,11 @@ class Arbitrage:
             self._choose_peak(self.connection, self.connection.tariff, step, price, energy_kwh)
         return self._solve(step, price, days, energy_kwh, discharged_today_kwh, use_eur_mwh, left_kwh)
 
+    def of_prices(self, price_eur_mwh: Array, step: int, energy_kwh: float) -> Array:
+        """Return the demand [kW] that earns most at these prices from ``step`` on, without a meter."""
+        days = self.days[step : step + price_eur_mwh.size]
+        return self._solve(step, price_eur_mwh, days, energy_kwh, 0.0, 0.0, np.inf)
+
     def _choose_peak(
         self, connection: GridConnection, tariff: PeakTariff, step: int, price: Array, energy_kwh: float
     ) -> None:

@@ -129,6 +129,9 @@ def _arbitrage(study: Study, choice: ArbitrageDemand, system: System, step_s: fl
         *repair_notes(read),
         *found,
     ]
+    if choice.market:
+        series, auction_files = _auctions(choice, system, grid, price)
+        files = files + auction_files
     planner = _planner(study, choice, system, grid, forecast, connection)
     budget = budget_of(
         study.budget, system, grid, forecast, _size(choice, system), choice.efficiency, choice.look_ahead_h
@@ -136,6 +139,47 @@ def _arbitrage(study: Study, choice: ArbitrageDemand, system: System, step_s: fl
     source = ArbitrageSource(planner, system, budget, connection)
     fee_eur_mwh = choice.meter.import_fee_eur_mwh if choice.meter is not None else 0.0
     return RunDemand(grid, source, price + fee_eur_mwh, [Path(choice.prices), *files], notes, series)
+
+
+def _auctions(
+    choice: ArbitrageDemand, system: System, grid: TimeGrid, price: Array
+) -> tuple[dict[str, Array], list[Path]]:
+    """Positions and prices of the auctions before the last market, as recorded series."""
+    from bess.dispatch import Arbitrage, PerfectForecast, Store, auction_positions
+    from bess.dispatch.arbitrage import calendar_days
+    from bess.dispatch.forecast import steps_in
+    from bess.market import read_prices
+
+    prices, steps, files = [], [], []
+    for number, market in enumerate(choice.market):
+        key, file = f"demand.market.{number}", market.prices or str(choice.prices)
+        read = read_prices(file, choice.zone, market.product, time_zone=choice.time_zone, fill=choice.fill)
+        prices.append(SampledSeries.from_pandas(read, file, f"{key}.prices").on(grid))
+        steps.append(steps_in(market.step_min / 60.0, grid.dt_h, f"{key}.step_min"))
+        files.append(Path(file))
+    power_kw, energy_kwh = _size(choice, system)
+    planner = Arbitrage(
+        PerfectForecast(price),
+        calendar_days(utc_index(grid), choice.market_time_zone),
+        power_kw=power_kw,
+        energy_kwh=energy_kwh,
+        efficiency=choice.efficiency,
+        cycles_per_day=choice.cycles_per_day,
+        max_import_kw=choice.max_import_kw,
+        max_export_kw=choice.max_export_kw,
+        look_ahead_h=choice.look_ahead_h,
+        replan_h=grid.dt_h,
+        dt_h=grid.dt_h,
+    )
+    stored_kwh = min(energy_kwh, Store(system, choice.efficiency).held_kwh(system.initial_state()))
+    position_kw = auction_positions(
+        [*prices, price],
+        planner,
+        product_steps=steps,
+        stored_kwh=stored_kwh,
+        foresight=choice.forecast == "perfect",
+    )
+    return {"position_kw": position_kw, "auction_price_eur_mwh": np.stack(prices, axis=1)}, files
 
 
 def _connection(

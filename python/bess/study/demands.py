@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Annotated, Literal, Self
 
 from pydantic import Discriminator, Tag, model_validator
 
 from bess.files import Fill
+from bess.study.sections import RunName
 from bess.study.services import (
     SERVICES,
     FcrArbitrageDemand,
@@ -39,6 +41,19 @@ class ProfileDemand(Section):
     forecast: Literal["perfect", "persistence"] = "perfect"
 
 
+class MarketSection(Section):
+    """Section ``[[demand.market]]``: an auction of a whole day, which the last market trades again.
+
+    The auctions are in the order of their gates; a product is one control step or longer, and no longer than
+    that of the auction before. Files are read as those of ``demand.prices``, by default the same file.
+    """
+
+    name: RunName
+    prices: str | None = None
+    product: str | None = None
+    step_min: Annotated[float, within(1.0, 1440.0, "min")] = 60.0
+
+
 class ArbitrageDemand(Section):
     """Section ``[demand]`` with ``kind = "arbitrage"``: buy and sell at the prices of a market file.
 
@@ -60,7 +75,8 @@ class ArbitrageDemand(Section):
     ``forecast_prices`` or from measured errors of persistence; with ``expected``, and in a linear plan, it
     takes their mean as certain. What is sold is settled at the prices that came true.
     ``meter`` has load and generation behind the same meter, for linear plans
-    (:class:`bess.dispatch.GridConnection`).
+    (:class:`bess.dispatch.GridConnection`). Before the market of ``prices``, each ``market`` is an auction in
+    which the day is sold first (:func:`bess.dispatch.auction_positions`).
     """
 
     kind: Literal["arbitrage"] = "arbitrage"
@@ -85,6 +101,7 @@ class ArbitrageDemand(Section):
     forecast: Literal["perfect", "persistence", "file", "expected", "bands"] = "perfect"
     forecast_prices: str | None = None
     meter: TradeMeterSection | None = None
+    market: tuple[MarketSection, ...] = ()
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -92,6 +109,10 @@ class ArbitrageDemand(Section):
             raise ValueError('forecast = "file" needs forecast_prices')
         if self.forecast in ("perfect", "persistence") and self.forecast_prices is not None:
             raise ValueError('forecast_prices needs forecast = "file", "expected" or "bands"')
+        if self.market and self.meter is not None:
+            raise ValueError("market: positions of several markets are not settled behind a meter")
+        if any(later.step_min > earlier.step_min for earlier, later in pairwise(self.market)):
+            raise ValueError("market: a later auction must not have longer products than an earlier one")
         if self.meter is not None and self.plan != "linear":
             raise ValueError('meter: only plan = "linear" knows of a meter with load and generation')
         return self

@@ -172,7 +172,10 @@ class Study(Section):
 def _at(document: object, *keys: str) -> object:
     """Return the value of a nested key, or None."""
     for key in keys:
-        document = document.get(key) if isinstance(document, Mapping) else None
+        if isinstance(document, list | tuple):
+            document = document[int(key)]
+        else:
+            document = document.get(key) if isinstance(document, Mapping) else None
     return document
 
 
@@ -271,7 +274,9 @@ def _read(path: Path, bundled: list[str]) -> str:
 
 def _with_absolute_paths(document: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Resolve the files a study names against ``folder``; bundled names stay as they are."""
-    for section, key in _PATHS:
+    markets = _at(document, "demand", "market")
+    count = len(markets) if isinstance(markets, list | tuple) else 0
+    for section, key in (*_PATHS, *((f"demand.market.{number}", "prices") for number in range(count))):
         table = _at(document, *section.split("."))
         value = table.get(key) if isinstance(table, Mapping) else None
         if isinstance(value, str) and (Path(value).suffix or Path(value).name != value):

@@ -148,7 +148,13 @@ def monthly_bars(result: Result) -> Figure:
     panels: list[tuple[str, list[tuple[str, str, Values]], Values | None]] = []
     if has_prices(dataset):
         entries = ledger(dataset)
-        shades = dict(zip((*REVENUES, *COSTS), (DISCHARGE, BACKGROUND, *colours(7)[1:]), strict=True))
+        shades = dict(
+            zip(
+                (*REVENUES, *COSTS),
+                (DISCHARGE, BACKGROUND, *colours(len(REVENUES + COSTS) - 1)[1:]),
+                strict=True,
+            )
+        )
         signed = [*((name, 1.0) for name in REVENUES), *((name, -1.0) for name in COSTS)]
         bars = []
         for name, sign in signed:

@@ -213,6 +213,10 @@ CATALOGUE: Final[dict[str, Kpi]] = {
     "capacity_revenue_eur": _money(
         "Capacity revenue", "Reserve capacity payments, or demand charge saved by a lower peak import.", "max"
     ),
+    "position_revenue_eur": _money(
+        "Auction revenue", "Positions of auctions at their price less that of the last market.",
+        "max",
+    ),
     "charge_cost_eur": _money("Charge cost", "Charged energy times price plus fee; may be negative."),
     "shortfall_eur": _money(
         "Shortfall cost", "Undelivered energy times the magnitude of its price plus a penalty."

@@ -29,8 +29,9 @@ if TYPE_CHECKING:
     from bess.simulation.record import Result
 
 
-REVENUES: Final = ("discharge_revenue_eur", "capacity_revenue_eur")
-"""Entries of the ledger added to ``net_eur``; the second exists only for services paid for capacity."""
+REVENUES: Final = ("discharge_revenue_eur", "capacity_revenue_eur", "position_revenue_eur")
+"""Entries of the ledger added to ``net_eur``; the second exists only for services paid for capacity, the
+third with auctions before the last market."""
 
 COSTS: Final = (
     *("charge_cost_eur", "shortfall_eur", "wear_eur", "start_eur", "auxiliary_eur"),
@@ -54,6 +55,8 @@ def ledger(result: Result | xr.Dataset) -> xr.Dataset:
       are off), at the price and fee of charging;
     - for services ``capacity_revenue_eur``, the revenue of a reserve or a lower peak, and ``penalty_eur`` for
       insufficient reserve (:mod:`bess.simulation.analysis.services`);
+    - ``position_revenue_eur``: positions of auctions at their price, less that of the last market, at which
+      they are bought back and all that is delivered is settled, imbalance included;
     - ``peak_charge_eur``: what the plant adds to the charge of the monthly peaks, in the steps in which the
       highest import so far rises; negative where the plant lowers it;
     - ``net_eur``, the revenue minus all costs.
@@ -148,6 +151,9 @@ def _entries(dataset: xr.Dataset, terms: SettlementTerms) -> Iterator[tuple[str,
         missing_mwh = np.maximum(asked_mwh - delivered_mwh, 0.0)
         yield "shortfall_eur", missing_mwh * terms.shortfall_price_eur_mwh(price)
     yield from capacity_entries(dataset, terms)
+    if "position_kw" in dataset:
+        gained = dataset["auction_price_eur_mwh"].values - price[:, None]
+        yield "position_revenue_eur", (dataset["position_kw"].values * gained).sum(axis=1) * step_mwh_per_kw
     if "peak_price_eur_kw" in dataset:
         yield "peak_charge_eur", peak_charge_eur(dataset)
     # Older records do not separate wear and standby.

@@ -35,6 +35,8 @@ _AT_THE_METER = (
     "export_limit_kw",
     "peak_price_eur_kw",
     "billing_month",
+    "position_kw",
+    "auction_price_eur_mwh",
 )
 """Variables of a record that the ledger needs and that do not depend on the split."""
 

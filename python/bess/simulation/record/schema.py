@@ -26,6 +26,10 @@ VARIABLES: dict[str, Variable] = {
     "reactive_demand_kvar": Variable(_T, "kvar", "reactive power demand on the plant, positive = supplied"),
     "unmet_kw": Variable(_T, "kW", "demand above the inverter power in service"),
     "price_eur_mwh": Variable(_T, "EUR/MWh", "market price"),
+    "position_kw": Variable(
+        ("time", "market"), "kW", "position in each auction before the last market, sold"
+    ),
+    "auction_price_eur_mwh": Variable(("time", "market"), "EUR/MWh", "price of each auction"),
     "expected_kw": Variable(_T, "kW", "delivered power expected by the dispatch"),
     "budget_price_eur_mwh": Variable(_T, "EUR/MWh", "shadow price of the cycle budget, per MWh discharged"),
     "budget_cycles": Variable(_T, "1", "full cycles of the year so far, at the start of the step"),

@@ -1,0 +1,108 @@
+"""Claims about plants that sell in auctions before they trade in the last market."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import bess
+from bess.dispatch import Arbitrage, PerfectForecast, auction_positions
+from bess.errors import InputError
+
+RNG = np.random.default_rng(5)
+DAY = 96
+FIRST, SECOND, LAST = (RNG.normal(60.0, 40.0, 3 * DAY) for _ in range(3))
+
+
+def positions(*prices: Any, product_steps: Any = (1, 1), foresight: bool = True) -> Any:
+    """Positions of a store of 100 kW and 200 kWh over the days of the prices."""
+    n = prices[0].size
+    planner = Arbitrage(
+        PerfectForecast(prices[0]), np.arange(n) // DAY, power_kw=100.0, energy_kwh=200.0, efficiency=0.81,
+        look_ahead_h=24.0, replan_h=0.25,
+    )  # fmt: skip
+    return auction_positions(
+        prices, planner, product_steps=product_steps[: len(prices) - 1], stored_kwh=0.0, foresight=foresight
+    )
+
+
+def alone(price: Any) -> Any:
+    """Schedule that earns most in one market."""
+    return positions(price, 0.0 * price)[:, 0]
+
+
+def stored_kwh(schedule: Any) -> Any:
+    return np.cumsum(np.where(schedule > 0.0, -schedule / 0.9, -schedule * 0.9)) * 0.25
+
+
+def test_together_earns_no_less_than_the_best_market_alone() -> None:
+    prices = [each[:DAY] for each in (FIRST, SECOND, LAST)]
+    best = max(float(alone(each) @ each) for each in prices)
+    sold = positions(*prices)
+    together = alone(prices[2]) @ prices[2] + (sold * (np.stack(prices[:2], 1) - prices[2][:, None])).sum()
+    assert together > 1.2 * best
+
+
+def test_nothing_is_gained_from_a_second_market_of_the_same_prices() -> None:
+    sold = positions(LAST, LAST)
+    assert float(sold[:, 0] @ (LAST - LAST)) == 0.0
+    np.testing.assert_allclose(positions(FIRST, FIRST, LAST).sum(axis=1), positions(FIRST, LAST)[:, 0])
+
+
+def test_every_schedule_after_a_gate_can_be_delivered() -> None:
+    schedules = np.cumsum(positions(FIRST, SECOND, LAST, product_steps=(4, 1)), axis=1)
+    for schedule in schedules.T:
+        assert np.abs(schedule).max() <= 100.0 + 1e-6 and np.abs(schedule).max() > 50.0
+        assert stored_kwh(schedule).min() > -1e-3 and stored_kwh(schedule).max() < 200.0 + 1e-3
+    hourly = schedules[:, 0].reshape(-1, 4)
+    np.testing.assert_allclose(hourly, np.repeat(hourly[:, :1], 4, axis=1), atol=1e-9)
+
+
+def test_without_foresight_a_day_is_sold_by_the_prices_of_the_day_before() -> None:
+    sold = positions(FIRST, LAST, foresight=False)[:, 0]
+    assert not sold[:DAY].any()
+    np.testing.assert_allclose(sold[DAY : 2 * DAY], alone(FIRST[:DAY]), atol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def values(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    folder = tmp_path_factory.mktemp("prices")
+    times = pd.date_range("2024-01-31 23:00", periods=3 * DAY, freq="15min", tz="UTC")
+    for name, price in (("auction", FIRST), ("last", LAST)):
+        pd.Series(price, times, name="price_eur_mwh").rename_axis("time").to_csv(folder / f"{name}.csv")
+    return {
+        "demand.prices": str(folder / "last.csv"),
+        "demand.plan": "linear",
+        "demand.market": [{"name": "day-ahead", "prices": str(folder / "auction.csv")}],
+        "policy.name": "equal",
+        "wear.model": "none",
+        "run.start": "2024-01-31T23:00:00Z",
+        "run.days": 2.0,
+    }
+
+
+def test_positions_are_settled_to_the_cent_and_sum_to_what_is_delivered(values: dict[str, Any]) -> None:
+    result = bess.run(bess.load_study("arbitrage-2024", values), progress=False)
+    record, entries = result.dataset, bess.ledger(result)
+    sold = record["position_kw"].values
+    np.testing.assert_array_equal(
+        record["auction_price_eur_mwh"].values[:, 0].reshape(-1, 4)[:, 0], FIRST[: 2 * DAY : 4]
+    )
+    delivered = record["delivered_kw"].values.sum(axis=1)
+    last = delivered - sold.sum(axis=1)
+    income = (sold[:, 0] @ FIRST[: 2 * DAY] + last @ LAST[: 2 * DAY]) * 0.25 / 1000.0
+    costs = sum(
+        float(entries[name].sum()) for name in ("shortfall_eur", "wear_eur", "start_eur", "auxiliary_eur")
+    )
+    assert result.kpis["position_revenue_eur"] > 1.0
+    assert result.kpis["net_eur"] == pytest.approx(income - costs, abs=0.005)
+
+
+def test_auctions_that_cannot_be_settled_are_refused(values: dict[str, Any], tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="positions of several markets are not settled behind a meter"):
+        bess.load_study("arbitrage-2024", values | {"demand.meter.pv": "solar-week"})
+    longer = [{"name": "a", "step_min": 15.0}, {"name": "b", "step_min": 60.0}]
+    with pytest.raises(InputError, match="must not have longer products than an earlier one"):
+        bess.load_study("arbitrage-2024", values | {"demand.market": longer})
