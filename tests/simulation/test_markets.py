@@ -9,6 +9,7 @@ import pytest
 
 import bess
 from bess.dispatch import Arbitrage, PerfectForecast, auction_positions
+from bess.dispatch.markets import AuctionForecast
 from bess.errors import InputError
 
 RNG = np.random.default_rng(5)
@@ -64,6 +65,15 @@ def test_without_foresight_a_day_is_sold_by_the_prices_of_the_day_before() -> No
     sold = positions(FIRST, LAST, foresight=False)[:, 0]
     assert not sold[:DAY].any()
     np.testing.assert_allclose(sold[DAY : 2 * DAY], alone(FIRST[:DAY]), atol=1e-6)
+
+
+def test_an_auction_is_the_forecast_of_what_follows_it_from_the_afternoon_before() -> None:
+    forecast = AuctionForecast(LAST, FIRST, np.arange(3 * DAY) // DAY, 0.25)
+    morning, evening = forecast.ahead(8 * 4, 2 * DAY), forecast.ahead(15 * 4, DAY)
+    assert morning[0] == LAST[8 * 4] and evening[0] == LAST[15 * 4]
+    np.testing.assert_array_equal(morning[1 : 16 * 4], FIRST[8 * 4 + 1 : DAY])
+    np.testing.assert_array_equal(morning[16 * 4 : 16 * 4 + DAY], FIRST[:DAY])
+    np.testing.assert_array_equal(evening[1:], FIRST[15 * 4 + 1 : 15 * 4 + DAY])
 
 
 @pytest.fixture(scope="module")

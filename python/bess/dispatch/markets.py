@@ -11,6 +11,9 @@ import numpy.typing as npt
 from bess.arrays import Array
 from bess.dispatch.arbitrage import Arbitrage
 
+_CLEARED_H: Final = 9.0
+"""Time before a day at which its auction is cleared [h]: 15:00 of the day before."""
+
 _NOTHING: Final = 1e-9
 """Share of the plant's power below which a position is zero."""
 
@@ -90,3 +93,36 @@ def _schedule(
         drawn = np.where(day_kw > 0.0, day_kw / one_way, day_kw * one_way).sum() * planner.dt_h
         stored_kwh = float(np.clip(stored_kwh - drawn, 0.0, planner.energy_kwh))
     return schedule
+
+
+class AuctionForecast:
+    """Forecast of the last market by the auction before it: its prices are known from the afternoon before.
+
+    The present price is that of the market. Of days whose auction is not cleared yet the prices of the last
+    day that is are taken.
+
+    Parameters
+    ----------
+    values : array, shape (n_steps,)
+        Prices of the market.
+    auction : array, shape (n_steps,)
+        Prices of the auction.
+    days : array of int, shape (n_steps,)
+        Number of the trading day of each step.
+    dt_h : float
+        Control step [h].
+    """
+
+    def __init__(self, values: Array, auction: Array, days: npt.NDArray[np.int64], dt_h: float):
+        self._values, self._auction, self._days = values, auction, days
+        self._day_steps, self._cleared_steps = round(24.0 / dt_h), round(_CLEARED_H / dt_h)
+
+    def ahead(self, step: int, horizon: int) -> Array:
+        """See :class:`bess.dispatch.Forecast`."""
+        later = np.arange(step, min(step + horizon, self._values.size))
+        day = self._days[min(step + self._cleared_steps, self._days.size - 1)]
+        known = int(np.searchsorted(self._days, day, side="right"))
+        source = later - self._day_steps * np.maximum(0, -(-(later - known + 1) // self._day_steps))
+        seen = np.where(source < 0, self._values[step], self._auction[np.maximum(source, 0)])
+        seen[0] = self._values[step]
+        return np.asarray(seen)

@@ -97,6 +97,8 @@ def _profile(study: Study, choice: ProfileDemand, system: System, step_s: float,
 
 
 def _arbitrage(study: Study, choice: ArbitrageDemand, system: System, step_s: float) -> RunDemand:
+    from bess.dispatch.arbitrage import calendar_days
+    from bess.dispatch.markets import AuctionForecast
     from bess.market import prolonged, read_prices
 
     if choice.prices is None:
@@ -132,6 +134,10 @@ def _arbitrage(study: Study, choice: ArbitrageDemand, system: System, step_s: fl
     if choice.market:
         series, auction_files = _auctions(choice, system, grid, price)
         files = files + auction_files
+        if choice.forecast == "persistence":
+            days = calendar_days(utc_index(grid), choice.market_time_zone)
+            auction = series["auction_price_eur_mwh"][:, -1]
+            forecast = AuctionForecast(price, auction, days, grid.dt_h)
     planner = _planner(study, choice, system, grid, forecast, connection)
     budget = budget_of(
         study.budget, system, grid, forecast, _size(choice, system), choice.efficiency, choice.look_ahead_h
