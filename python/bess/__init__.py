@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from bess.simulation.hindsight import Hindsight, hindsight
     from bess.simulation.record import Result, open_result
     from bess.simulation.runner import run
-    from bess.simulation.scenario_run import run_scenarios
     from bess.simulation.sweep import SweepResult, run_sweep
+    from bess.simulation.sweep.sequential import run_scenarios
     from bess.study import Study, load_study
     from bess.system import State, System, load_system
     from bess.system.components import (
@@ -60,7 +60,7 @@ _HOMES = {
     "store_value": "bess.dispatch.store_value",
     "open_result": "bess.simulation.record",
     "run": "bess.simulation.runner",
-    "run_scenarios": "bess.simulation.scenario_run",
+    "run_scenarios": "bess.simulation.sweep.sequential",
     "kpis": "bess.simulation.analysis.kpis",
     "ledger": "bess.simulation.analysis.settlement",
     "Objective": "bess.control.split.objectives",

@@ -12,7 +12,7 @@ import pytest
 import bess
 from bess.report import write_report
 from bess.report.page import write_comparison
-from bess.simulation.scenario_run import run_scenarios
+from bess.simulation.sweep.sequential import run_scenarios
 from bess.simulation.sweep.task import run_scenario
 
 STUDY = bess.load_study("case1", {"run.days": 0.25, "policy.name": "equal"})

@@ -197,6 +197,6 @@ def test_a_sweep_over_the_price_of_wear_has_its_best_inside(tmp_path: Path) -> N
     runs = expand(bess.load_study("wear-price", values))
     assert len(runs) >= 5
     chosen = {study.wear.eur_per_mwh: study for study in runs.values()}
-    net = {price: bess.run(chosen[price], progress=False).kpis["net_eur"] for price in (0.0, 100.0, 200.0)}
-    assert net[100.0] > net[0.0]
-    assert net[100.0] > net[200.0]
+    net = {price: bess.run(chosen[price], progress=False).kpis["net_eur"] for price in (0.0, 80.0, 160.0)}
+    assert net[80.0] > net[0.0]
+    assert net[80.0] > net[160.0]

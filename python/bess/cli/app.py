@@ -85,7 +85,7 @@ def run(
     """Run a study in closed loop and print its KPIs."""
     from bess.cli.kpi_table import kpi_table
     from bess.simulation.runner import run
-    from bess.simulation.scenario_run import run_scenarios
+    from bess.simulation.sweep.sequential import run_scenarios
     from bess.study import load_study
 
     loaded = load_study(study, _values(days, assignments))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -243,6 +244,21 @@ class Plant:
             )
         request_kw = array.pop("request_kw").reshape(shape)
         return request_kw, self._fleet.flows(array, shape)
+
+    def renew(self, strings: NDArray[np.bool_]) -> None:
+        """Replace the batteries of some strings by new ones, at their SOC and temperature.
+
+        Parameters
+        ----------
+        strings : ndarray of bool, shape (n_strings,)
+            The strings whose state of health becomes 1 and whose past cycles are forgotten.
+        """
+        state, old = self.state, self.snapshot()
+        new = PlantEnsemble(self.system, [State(state.soc, state.temperature_c)]).snapshot().ageing[0]
+        rows = np.zeros((new.shape[0], max(new.shape[1], old.ageing.shape[1])))
+        for each, chosen in ((old.ageing, ~strings), (new, strings)):
+            rows[chosen, : each.shape[1]] = each[chosen]
+        self.restore(replace(old, ageing=rows))
 
     def snapshot(self) -> PlantSnapshot:
         """Return the complete state of the plant, for :meth:`restore`."""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import csv
 import math
+import tomllib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -24,6 +25,9 @@ from bess.simulation.sweep.table import RESERVED, SWEEP_CSV, is_parameter
 
 _X, _Y = "battery_efficiency_pct", "inverter_efficiency_pct"
 _FEWEST_POINTS = 3
+_DEPRECIATION = "cycle_wear_eur_mwh"
+_OF_A_LIFE = ("discharged_kwh", "end_of_life_days", _DEPRECIATION, "investment_eur")
+"""KPIs beside that of a search."""
 _WORTH_A_LOOK = {
     "net_eur": "largest net income",
     "lost_kwh": "least lost",
@@ -38,6 +42,7 @@ class SweepTable:
     parameters: dict[str, dict[str, str]]
     kpis: dict[str, dict[str, float]]
     failed: dict[str, str]
+    maximised: str | None = None
 
     @property
     def has_front(self) -> bool:
@@ -57,6 +62,14 @@ class SweepTable:
         )
         for key in self._numeric_parameters():
             values = [float(row[key]) for row in self.parameters.values()]
+            if self.maximised is not None:
+                shown = [name for name in (self.maximised, *_OF_A_LIFE) if self._has(name)]
+                yield FigureSpec(
+                    "search",
+                    f"{kpi(self.maximised).label} over {key}",
+                    "One point for each run; later runs lie around the best value.",
+                    partial(charts.kpi_lines, self.kpis, values, key, shown),
+                )
             if len(set(values)) == len(values) and changing_kpis(self.kpis):
                 yield FigureSpec(
                     "kpis-over-parameter",
@@ -70,6 +83,8 @@ class SweepTable:
         """How many scenarios are on the front, and which of them is its knee."""
         if not self.has_front:
             return ""
+        if self.maximised is not None:
+            return self._search_sentence(self.maximised)
         names = list(self.kpis)
         points, directions = self._points()
         knee = self._knee()
@@ -79,6 +94,33 @@ class SweepTable:
             f"{kpi(_X).quantity(row[_X])} battery efficiency. {int(non_dominated(points, directions).sum())} "
             f"of {len(names)} scenarios lie on the front of these two."
         )
+
+    def _search_sentence(self, name: str) -> str:
+        """The best value of a search, and what others cost."""
+        key = next(self._numeric_parameters())
+        points = sorted((float(self.parameters[run][key]), row[name]) for run, row in self.kpis.items())
+        values, found = np.array(points).T
+        place = int(np.argmax(found))
+        best = next(run for run, row in self.kpis.items() if row[name] == found[place])
+
+        def cost(value: float) -> str:
+            lost = found[place] - float(np.interp(value, values, found))
+            return f"{kpi(name).quantity(lost)} ({100.0 * lost / abs(found[place]):.1f} %)"
+
+        inside = "" if 0 < place < values.size - 1 else ", at the end of the range: extend it"
+        text = (
+            f"Best {key}: {values[place]:g}, with {kpi(name).label.lower()} "
+            f"{kpi(name).quantity(found[place])}{inside}. "
+            f"{values[0]:g} costs {cost(values[0])}, {values[-1]:g} costs {cost(values[-1])}."
+        )
+        depreciation = self.kpis[best].get(_DEPRECIATION, math.nan)
+        if key == "wear.eur_per_mwh" and math.isfinite(depreciation):
+            text += f" The depreciation price, {depreciation:.1f}, costs about {cost(depreciation)}."
+        return text
+
+    def _has(self, name: str) -> bool:
+        """Whether all runs have a KPI."""
+        return all(math.isfinite(row.get(name, math.nan)) for row in self.kpis.values())
 
     def picks(self) -> tuple[list[str], list[tuple[str, list[str]]]] | None:
         """Heads of a table, and its rows: why a point is worth a look, its parameters and key figures."""
@@ -146,11 +188,20 @@ def read_sweep(directory: Path) -> SweepTable | None:
     if not path.exists():
         return None
     try:
-        return _read(path)
+        return replace(_read(path), maximised=_maximised(directory / "study.toml"))
     except (OSError, ValueError, LookupError, TypeError, csv.Error) as error:
         raise InputError(
             f"{path}: is damaged ({error}); run the sweep again, which writes it from what is done"
         ) from error
+
+
+def _maximised(path: Path) -> str | None:
+    """KPI that a search maximised, by its study; None for other sweeps."""
+    if not path.exists():
+        return None
+    axes = tomllib.loads(path.read_text(encoding="utf-8")).get("sweep", [])
+    name = next((axis["maximise"] for axis in axes if "maximise" in axis), None)
+    return None if name is None else str(name)
 
 
 def _read(path: Path) -> SweepTable:

@@ -54,7 +54,6 @@ class ClosedLoop:
         self._prices = WearPrices.of(inputs.system)
         # The controller receives the temperature that its strings cool towards.
         self._surroundings_c = inputs.system.surroundings_c(inputs.ambient_c)
-        self._total_kw = inputs.limit_kw.sum(axis=1)
         self._delivered_kw = 0.0
         self.step = 0
 
@@ -69,8 +68,11 @@ class ClosedLoop:
             Log line of this step; empty without a solve and without undelivered energy.
         """
         step, inputs = self.step, self.inputs
+        investment_eur = inputs.installations.install(step, self._plant)
+        in_service = inputs.installations.in_service(step)
         state = self._plant.state
-        limit_kw, total_kw = inputs.limit_kw[step], self._total_kw[step]
+        limit_kw = np.where(in_service, inputs.limit_kw[step], 0.0)
+        total_kw = float(limit_kw.sum())
         now = StepInputs(state, limit_kw, self._surroundings_c[step:], self._delivered_kw)
         ahead_kw = inputs.demand.ahead(step, inputs.horizon_steps, now)
         demand_kw = float(ahead_kw[0])
@@ -108,12 +110,15 @@ class ClosedLoop:
             _solver_record(decision.solver),
             beside | inputs.demand.planned(step),
             flows,
-            state.soh_capacity - flows.soh_capacity,
+            np.where(in_service, state.soh_capacity - flows.soh_capacity, 0.0),
         )
         if self._ages:
             limit = self._prices.end_of_life
-            reached = (state.soh_capacity > limit) & (flows.soh_capacity <= limit)
+            reached = in_service & (state.soh_capacity > limit) & (flows.soh_capacity <= limit)
             record["end_of_life"] = reached.astype(np.int32)
+        if inputs.installations.any:
+            record["investment_eur"] = investment_eur
+        inputs.installations.count_ended(in_service, flows.soh_capacity)
         start = str(np.datetime64(inputs.grid.start_s + step * inputs.grid.step_s, "s"))
         log = self._logged(step, start, decision.solver, record["unmet_kw"])
         self.step += 1
@@ -126,6 +131,7 @@ class ClosedLoop:
             isinstance(self.policy, DistilledPolicy)
             and isinstance(self.inputs.demand, ProfileSource)
             and not self._ages
+            and not self.inputs.installations.any
             and "node_temperature_c" not in self._flows
         )
 
@@ -152,7 +158,7 @@ class ClosedLoop:
         ahead_kw = np.array(
             [inputs.demand.ahead(step, inputs.horizon_steps, now) for step in range(first, first + n_steps)]
         )
-        total_kw = self._total_kw[steps, None]
+        total_kw = inputs.limit_kw[steps].sum(axis=1, keepdims=True)
         served_kw = self._served(ahead_kw, total_kw)
         limit_kw, ambient_c = inputs.limit_kw[steps], inputs.ambient_c[steps]
         before = now.state.soh_capacity
@@ -241,6 +247,7 @@ class ClosedLoop:
             "plant": vars(self._plant.snapshot()),
             "policy": self.policy.memory(),
             "demand": self.inputs.demand.memory(),
+            "installations": self.inputs.installations.memory(),
             "delivered_kw": self._delivered_kw,
         }
 
@@ -250,6 +257,7 @@ class ClosedLoop:
         self._plant.restore(PlantSnapshot(**checkpoint["plant"]))
         self.policy.recall(checkpoint["policy"])
         self.inputs.demand.recall(checkpoint["demand"])
+        self.inputs.installations.recall(checkpoint["installations"])
         self._delivered_kw = checkpoint["delivered_kw"]
 
     def _decide(self, situation: PolicyInput, total_kw: float) -> Decision:

@@ -13,6 +13,7 @@ from bess.control.policies.planned import NO_PRICES
 from bess.errors import InputError
 from bess.simulation.demand import DemandSource
 from bess.simulation.demand_builder import demand_of
+from bess.simulation.installations import Installations
 from bess.simulation.reactive_demand import ReactiveSource, reactive_of
 from bess.simulation.run_demand import repair_notes
 from bess.study.grid import SampledSeries, TimeGrid, seconds_of
@@ -42,6 +43,8 @@ class Inputs:
         Ambient temperature [degC].
     limit_kw : ndarray, shape (n_steps, n_strings)
         Power of each inverter in service.
+    installations : Installations
+        Strings that are added, replaced or retired.
     files : list of Path
         Files of the study.
     notes : list of str
@@ -59,6 +62,7 @@ class Inputs:
     price_eur_mwh: Array | None
     ambient_c: Array
     limit_kw: Array
+    installations: Installations
     files: list[Path]
     notes: list[str]
     series: Mapping[str, Array] = field(default_factory=dict)
@@ -106,6 +110,7 @@ def prepare(study: Study, system: System | None = None) -> Inputs:
         asked.price_eur_mwh,
         ambient,
         limit,
+        Installations(system, study, grid),
         files,
         notes,
         asked.series,

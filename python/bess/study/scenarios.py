@@ -52,6 +52,54 @@ def expand(study: Study) -> dict[str, Study]:
     return runs
 
 
+def refined(
+    study: Study, runs: Mapping[str, Study], kpis: Mapping[str, Mapping[str, float]]
+) -> dict[str, Study]:
+    """Return further runs of a search: half-way between the best value and its neighbours.
+
+    Parameters
+    ----------
+    study
+        The study, whose axis names what to ``maximise``; without it there are no further runs.
+    runs, kpis
+        Runs so far, and the KPIs of the finished ones, by name.
+
+    Raises
+    ------
+    InputError
+        The study has scenarios or further axes, values that are no numbers, or runs without this KPI.
+    """
+    axis = next((axis for axis in study.sweep if axis.maximise is not None), None)
+    if axis is None or axis.key is None or axis.maximise is None:
+        return {}
+    if len(study.sweep) > 1 or study.scenario:
+        raise InputError(f"{study.name}: sweep.maximise: a search has one axis and no scenarios")
+    points = {}
+    for name, run in runs.items():
+        if name not in kpis:  # failed
+            continue
+        value: Any = run.document()
+        for part in axis.key.split("."):
+            value = value[part]
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise InputError(f"{study.name}: {axis.key} = {value!r}: a search needs numbers")
+        if axis.maximise not in kpis[name]:
+            raise InputError(f"{study.name}: sweep.maximise = {axis.maximise!r}: run {name} has no such KPI")
+        points[value] = kpis[name][axis.maximise]
+    values = sorted(points)
+    if not values:
+        return {}
+    best = max(range(len(values)), key=lambda place: points[values[place]])
+    around = values[max(0, best - 1) : best + 2]
+    new = tuple((low + high) / 2.0 for low, high in itertools.pairwise(around))
+    found = Axis(key=axis.key, values=tuple(map(_plain, new)))
+    return {} if not new else expand(study.model_copy(update={"sweep": (found,)}))
+
+
+def _plain(value: float) -> float:
+    return int(value) if value == int(value) else value
+
+
 def _points(axis: Axis) -> Iterator[dict[str, Any]]:
     if axis.simplex is not None:
         assert axis.divisions is not None
@@ -66,7 +114,7 @@ def _points(axis: Axis) -> Iterator[dict[str, Any]]:
     step = (axis.stop - axis.start) / (axis.count - 1)
     for index in range(axis.count):
         value = axis.stop if index == axis.count - 1 else axis.start + index * step
-        yield {axis.key: int(value) if value == int(value) else value}
+        yield {axis.key: _plain(value)}
 
 
 def _compositions(total: int, parts: int) -> Iterator[tuple[int, ...]]:

@@ -12,6 +12,7 @@ from pydantic import AfterValidator, Field, model_validator
 from bess.files import Fill
 from bess.system.quantities import (
     AgeingModel,
+    AtEndOfLife,
     Count,
     EndOfLife,
     Fraction,
@@ -129,6 +130,7 @@ class WearSection(Section):
     end_of_life: EndOfLife | None = None
     eur_per_mwh: NonNegative | None = None
     calendar_share: Fraction | None = None
+    at_end_of_life: AtEndOfLife | None = None
 
 
 class BudgetSection(Section):
@@ -203,6 +205,18 @@ class Event(Section):
         return self
 
 
+class Installation(Section):
+    """Tables ``[[replacement]]`` and ``[[augmentation]]``: a new battery of ``string`` (from 0) at ``date``.
+
+    Until the date of its augmentation, the string is not there: it has no power, no wear cost and no end of
+    life. The battery costs ``eur_kwh`` per kWh of nominal energy, by default ``wear.replacement_eur_kwh``.
+    """
+
+    string: Annotated[int, Field(ge=0)]
+    date: Instant
+    eur_kwh: NonNegative | None = None
+
+
 class Scenario(Section):
     """Table ``[[scenario]]``: name and dotted keys to set (as with ``--set``)."""
 
@@ -214,7 +228,9 @@ class Axis(Section):
     """Table ``[[sweep]]``: one axis of a sweep; all axes are combined.
 
     Either ``key`` with ``values`` or with a range (``start``, ``stop``, ``count`` points), or ``simplex``:
-    keys whose values are all shares ``i / divisions`` that sum to 1.
+    keys whose values are all shares ``i / divisions`` that sum to 1. A study with one axis of numbers may
+    search it: ``maximise`` names a KPI, and ``refine`` times two runs are added, half-way between the best
+    value so far and its neighbours.
     """
 
     key: str | None = None
@@ -224,6 +240,8 @@ class Axis(Section):
     count: Annotated[int, Field(ge=2)] | None = None
     simplex: Annotated[tuple[str, ...], Field(min_length=2)] | None = None
     divisions: Count | None = None
+    maximise: str | None = None
+    refine: Count | None = None
 
     @property
     def size(self) -> int:
@@ -234,7 +252,11 @@ class Axis(Section):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        search = {"maximise", "refine"}
         given = {name for name in type(self).model_fields if getattr(self, name) is not None}
+        if given & search and (not search <= given or "simplex" in given):
+            raise ValueError("a search is maximise + refine, of one key")
+        given -= search
         allowed = ({"key", "values"}, {"key", "start", "stop", "count"}, {"simplex", "divisions"})
         if given not in allowed:
             raise ValueError(

@@ -23,6 +23,7 @@ from bess.study.sections import (
     Axis,
     BudgetSection,
     Event,
+    Installation,
     OutputSection,
     RunName,
     RunSection,
@@ -76,8 +77,15 @@ class Study(Section):
     output: OutputSection = OutputSection()
     service: ServiceSection = ServiceSection()
     event: tuple[Event, ...] = ()
+    replacement: tuple[Installation, ...] = ()
+    augmentation: tuple[Installation, ...] = ()
     scenario: tuple[Scenario, ...] = ()
     sweep: tuple[Axis, ...] = ()
+
+    @property
+    def refinements(self) -> int:
+        """How often a search adds runs (:func:`bess.study.scenarios.refined`); 0 without a search."""
+        return max((axis.refine or 0 for axis in self.sweep), default=0)
 
     @model_validator(mode="before")
     @classmethod

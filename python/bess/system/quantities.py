@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, core_schema
@@ -93,6 +93,7 @@ def _is_ageing_model(name: str) -> str:
 
 
 AgeingModel = Annotated[str, AfterValidator(_is_ageing_model)]
+AtEndOfLife = Literal["continue", "retire", "replace"]
 
 
 def ascending(values: tuple[float, ...]) -> tuple[float, ...]:

@@ -10,6 +10,7 @@ from pydantic import Field, field_validator, model_validator
 from bess.system.components.loss_table import check_losses
 from bess.system.quantities import (
     AgeingModel,
+    AtEndOfLife,
     Count,
     EndOfLife,
     Fraction,
@@ -138,7 +139,8 @@ class Wear(Section):
 
     ``model`` is a cell model (``bess list``), ``"throughput"`` (a price per MWh discharged and no physics) or
     ``"none"``. A cell model's loss of capacity costs ``loss / (1 - end_of_life) * replacement_eur_kwh`` per
-    kWh of nominal energy. Of what a string has lost at the start, ``calendar_share`` was lost by standing.
+    kWh of nominal energy. Of what a string has lost at the start, ``calendar_share`` was lost by standing. A
+    string that reaches ``end_of_life`` continues, is retired, or gets a new battery (``at_end_of_life``).
     """
 
     model: AgeingModel = "none"
@@ -146,6 +148,7 @@ class Wear(Section):
     end_of_life: EndOfLife = 0.8
     eur_per_mwh: NonNegative | None = None
     calendar_share: Fraction = 0.5
+    at_end_of_life: AtEndOfLife = "continue"
 
     @property
     def cell_model(self) -> str | None:

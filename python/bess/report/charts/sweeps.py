@@ -64,7 +64,7 @@ def changing_kpis(kpis: KpisByRun) -> list[str]:
     return [key for key in RADAR_KPIS if len({kpi(key).number(entry[key]) for entry in kpis.values()}) > 1]
 
 
-def kpi_lines(kpis: KpisByRun, values: Sequence[float], label: str) -> Chart:
+def kpi_lines(kpis: KpisByRun, values: Sequence[float], label: str, keys: Sequence[str] = ()) -> Chart:
     """KPIs that change with the value of one parameter: what bars and a radar cannot hold.
 
     Parameters
@@ -75,6 +75,8 @@ def kpi_lines(kpis: KpisByRun, values: Sequence[float], label: str) -> Chart:
         The parameter in each of them.
     label
         Name of the parameter, for the axis.
+    keys
+        The KPIs; by default those of the radar that change.
 
     Raises
     ------
@@ -84,7 +86,7 @@ def kpi_lines(kpis: KpisByRun, values: Sequence[float], label: str) -> Chart:
     order = np.argsort(values)
     x = np.asarray(values, dtype=float)[order]
     panels = []
-    changing = changing_kpis(kpis)
+    changing = list(keys) or changing_kpis(kpis)
     if not changing:
         raise InputError(f"kpi_lines: no key figure changes with {label}")
     for key, colour in zip(changing, colours(len(changing)), strict=True):

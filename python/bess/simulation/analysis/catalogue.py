@@ -237,6 +237,16 @@ CATALOGUE: Final[dict[str, Kpi]] = {
         "Net present value",
         "Net income of each year, discounted to the start; for runs longer than a year.", "max",
     ),
+    "cash_npv_eur": _money(
+        "Cash net present value",
+        "Income without wear cost, minus new batteries when installed, plus their residual value at the end, "
+        "discounted to the start; for runs longer than a year.", "max",
+    ),
+    "investment_eur": _money("Investment", "Cost of batteries installed during the run; not part of net."),
+    "cycle_wear_eur_mwh": Kpi(
+        "Cycle wear per MWh", "EUR/MWh", None, 2,
+        "Wear cost of cycle ageing per MWh discharged: the depreciation price.", "ageing",
+    ),
     "revenue_eur": Kpi(
         "Revenue", "EUR", "max", 2, "Discharged minus charged energy, each times its price.", "money"
     ),

@@ -56,7 +56,8 @@ def kpis(result: Result | xr.Dataset) -> dict[str, float]:
       grid import and export, self-consumption;
     - for studies with a budget ``budget_used_pct``, the largest used share of a yearly budget;
     - ``soh_capacity_min``, ``soh_capacity_mean`` and ``soh_resistance_max`` over the strings at the end,
-      ``end_of_life_days`` if a string reached it, ``wear_eur``, and ``npv_eur`` of market studies that are
+      ``end_of_life_days`` if a string reached it, ``wear_eur``, ``cycle_wear_eur_mwh``, ``investment_eur`` of
+      batteries installed during the run, and ``npv_eur`` and ``cash_npv_eur`` of market studies that are
       longer than a year.
 
     Labels, units and descriptions are in :data:`bess.simulation.analysis.catalogue.CATALOGUE`. A

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bess.errors import InputError
 from bess.simulation.analysis.settlement import has_prices, ledger, recorded_terms
-from bess.units import DAYS_PER_YEAR
+from bess.units import DAYS_PER_YEAR, KWH_PER_MWH
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -52,6 +52,42 @@ def ledger_by_year(result: Result | xr.Dataset) -> pd.DataFrame:
     return frame.groupby(pd.Index(years, name="year")).sum()
 
 
+def cash_by_year(result: Result | xr.Dataset) -> pd.DataFrame:
+    """Return the cash flow of years of operation: batteries are paid when installed, not as they wear.
+
+    The batteries of the start are paid for. At the end of the run, a battery in service is worth the share of
+    its replacement cost that is left until its end of life.
+
+    Parameters
+    ----------
+    result
+        A result or record with prices, of strings with a cell model.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row for each year, from 1 [EUR]: ``income_eur`` is ``net_eur`` without wear cost,
+        ``investment_eur`` the cost of replacements and augmentations, ``residual_eur`` the value at the end
+        of the run, and ``cash_eur`` income - investment + residual value.
+
+    Raises
+    ------
+    InputError
+        If the record has no prices.
+    """
+    import pandas as pd
+
+    dataset: Any = getattr(result, "dataset", result)
+    ledger = ledger_by_year(dataset)
+    left = dataset["soh_capacity"].values[-1] - np.ravel(dataset.attrs["end_of_life_soh"])
+    residual = np.maximum(left, 0.0) * np.ravel(dataset.attrs["wear_eur_per_loss"])
+    frame = pd.DataFrame({"income_eur": ledger["net_eur"] + ledger["wear_eur"]})
+    frame["investment_eur"] = ledger.get("investment_eur", 0.0)
+    frame["residual_eur"] = np.where(frame.index == frame.index[-1], residual.sum(), 0.0)
+    frame["cash_eur"] = frame["income_eur"] - frame["investment_eur"] + frame["residual_eur"]
+    return frame
+
+
 def net_present_value(amounts: ArrayLike, discount_rate: float) -> float:
     r"""Return the net present value of amounts at the ends of years: :math:`\sum_k a_k (1 + r)^{-k}`.
 
@@ -88,9 +124,19 @@ def wear_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
         steps = np.flatnonzero(dataset["end_of_life"].values.any(axis=1))
         if steps.size:
             yield "end_of_life_days", (steps[0] + 1) * float(dataset.attrs["step_h"]) / 24.0
+    if "cyclic_loss" in dataset and "wear_eur_per_loss" in dataset.attrs:
+        aged = np.maximum(np.diff(dataset["cyclic_loss"].values, axis=0), 0.0).sum(axis=0)
+        discharged_kwh = np.maximum(dataset["delivered_kw"].values, 0.0).sum() * dataset.attrs["step_h"]
+        if discharged_kwh > 0.0:
+            wear_eur = float(aged @ np.ravel(dataset.attrs["wear_eur_per_loss"]))
+            yield "cycle_wear_eur_mwh", wear_eur * KWH_PER_MWH / discharged_kwh
+    if "investment_eur" in dataset:
+        yield "investment_eur", math.fsum(dataset["investment_eur"].values.ravel())
     if has_prices(dataset):
         if days > DAYS_PER_YEAR:
             rate = recorded_terms(dataset).discount_rate
             yield "npv_eur", net_present_value(ledger_by_year(dataset)["net_eur"], rate)
+            if "cyclic_loss" in dataset and "wear_eur_per_loss" in dataset.attrs:
+                yield "cash_npv_eur", net_present_value(cash_by_year(dataset)["cash_eur"], rate)
     else:
         yield "wear_eur", math.fsum(dataset["wear_eur"].values.ravel())

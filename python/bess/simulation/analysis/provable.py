@@ -26,6 +26,8 @@ def unprovable(dataset: xr.Dataset) -> str | None:
             "the plant of this run has a section [cooling], and the lower bound supports ambient-air cooling "
             "only"
         )
+    if "investment_eur" in dataset:
+        return "strings of this run are added, replaced or retired, which hindsight does not support"
     if "reversible_heat_kw" in dataset:
         return "the cells of this run have reversible heat, and the lower bound supports ohmic heat only"
     return None

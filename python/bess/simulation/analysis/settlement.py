@@ -50,6 +50,8 @@ def ledger(result: Result | xr.Dataset) -> xr.Dataset:
       :math:`p^- (\pi + f_c)\,\Delta t` with the fees :math:`f`; a negative price can make either negative;
     - ``shortfall_eur`` :math:`(|D| - |p|)(|\pi| + s)\,\Delta t`;
     - ``wear_eur``: wear cost from the wear model of the study;
+    - ``investment_eur``, the cost of new batteries when installed, only for runs with replacement or
+      augmentation; ``net_eur`` has the wear cost instead;
     - ``start_eur`` for each inverter start;
     - ``auxiliary_eur``: cost of grid import in addition to :math:`p` (cooling, and standby of inverters that
       are off), at the price and fee of charging;
@@ -158,6 +160,8 @@ def _entries(dataset: xr.Dataset, terms: SettlementTerms) -> Iterator[tuple[str,
         yield "peak_charge_eur", peak_charge_eur(dataset)
     # Older records do not separate wear and standby.
     yield "wear_eur", _of_all_strings(dataset, "wear_eur")
+    if "investment_eur" in dataset:  # not part of the net income, which has the wear cost
+        yield "investment_eur", _of_all_strings(dataset, "investment_eur")
     yield "start_eur", dataset["inverter_starts"].values.sum(axis=1) * terms.start_eur
     standby_mwh = _of_all_strings(dataset, "standby_kw") * step_mwh_per_kw
     cooling_mwh = dataset["auxiliary_kw"].values * step_mwh_per_kw if "auxiliary_kw" in dataset else 0.0

@@ -16,6 +16,7 @@ from bess.plant import Plant
 from bess.simulation.closed_loop import ClosedLoop
 from bess.simulation.demand import ProfileSource
 from bess.simulation.inputs import Inputs, limits_of
+from bess.simulation.installations import Installations
 from bess.simulation.reactive_demand import Foreseen
 from bess.simulation.record.schema import VARIABLES
 from bess.study import Study
@@ -86,6 +87,7 @@ class Replay:
             price_eur_mwh=price,
             ambient_c=record["ambient_c"].values,
             limit_kw=limits_of(study.event, system, grid),
+            installations=Installations(system, study, grid),
             files=[],
             notes=[],
             series={name: record[name].values for name in _AT_THE_METER if name in record},
@@ -113,7 +115,8 @@ class Replay:
         """Simulate ``policy`` with this forecast length [steps]; return a record for KPIs and ledger."""
         import xarray as xr
 
-        inputs = replace(self.inputs, horizon_steps=horizon_steps)
+        installations = Installations(self.system, self.study, self.inputs.grid)
+        inputs = replace(self.inputs, horizon_steps=horizon_steps, installations=installations)
         plant = Plant(inputs.system, inputs.system.initial_state(), derating_law=self.study.run.derating_law)
         loop = ClosedLoop(inputs, policy, plant, node_temperatures=False)
         rows: list[dict[str, Any]] = [loop.advance()[0] for _ in range(inputs.grid.n_steps)]

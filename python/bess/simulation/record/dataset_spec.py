@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from bess import __version__
+from bess.control.wear import WearPrices
 from bess.plant import Limit
 from bess.simulation.record.netcdf import DatasetSpec
 from bess.simulation.record.provenance import Identity
@@ -20,7 +21,7 @@ def describe_frame(
     study: Study, system: System, grid: TimeGrid, statuses: Mapping[int, str]
 ) -> dict[str, Any]:
     """Plain values, saved with the parts so that a record can be opened without the files of its study."""
-    initial = system.initial_state()
+    initial, prices = system.initial_state(), WearPrices.of(system)
     return {
         "start_s": grid.start_s,
         "step_s": grid.step_s,
@@ -36,6 +37,8 @@ def describe_frame(
             "initial_temperature_c": initial.temperature_c.tolist(),
             "initial_soh_capacity": initial.soh_capacity.tolist(),
             "initial_soh_resistance": initial.soh_resistance.tolist(),
+            "wear_eur_per_loss": prices.eur_per_loss.tolist(),
+            "end_of_life_soh": prices.end_of_life.tolist(),
         },
         "statuses": {str(code): text for code, text in statuses.items()},
         "limit_flags": {str(int(limit)): str(limit.name).lower() for limit in Limit},

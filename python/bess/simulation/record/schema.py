@@ -87,6 +87,7 @@ VARIABLES: dict[str, Variable] = {
     "aged_charge_ah": Variable(_TS, "Ah", "charge lost with capacity: SOC times the capacity loss"),
     "wear_eur": Variable(_TS, "EUR", "wear cost within the step"),
     "end_of_life": Variable(_TS, "1", "1 where the capacity first reaches the end of life", "i4"),
+    "investment_eur": Variable(_TS, "EUR", "cost of a new battery, installed at the start of the step"),
     "ledger_residual_kwh": Variable(
         _T, "kWh", "AC energy - (chemical change + heat + hysteresis + inverter loss) of all strings"
     ),

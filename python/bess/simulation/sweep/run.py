@@ -13,11 +13,11 @@ from bess.errors import StoppedEarly, on_command_line
 from bess.optional_dependencies import extra
 from bess.simulation.progress import progress_bar
 from bess.simulation.record.atomic import folder_in
-from bess.simulation.scenario_run import prepare_folder, write_summary
 from bess.simulation.sweep.cluster import workers_for
+from bess.simulation.sweep.sequential import prepare_folder, write_summary
 from bess.simulation.sweep.table import SWEEP_CSV, swept_keys, write_table
 from bess.simulation.sweep.task import Outcome, run_scenario
-from bess.study.scenarios import expand
+from bess.study.scenarios import expand, refined
 from bess.study.study import Study, as_study
 
 if TYPE_CHECKING:
@@ -110,15 +110,22 @@ def run_sweep(
     study = as_study(study)
     studies = expand(study)
     directory = Path(out).absolute()
-    folders = {name: folder_in(directory, name) for name in studies}
+    for name in studies:
+        folder_in(directory, name)
     prepare_folder(directory, study)
     keys = swept_keys(study)
     outcomes: dict[str, Outcome] = {}
     try:
-        with workers_for(workers, scheduler) as client, _bar(len(studies), progress) as advance:
-            for name, outcome in _outcomes(client, studies, folders):
-                outcomes[name] = outcome
-                advance(name, outcome)
+        most = len(studies) + 2 * study.refinements
+        with workers_for(workers, scheduler) as client, _bar(most, progress) as advance:
+            for further in range(1 + study.refinements):
+                if further:
+                    done = {name: each.kpis for name, each in outcomes.items() if each.kpis}
+                    studies |= refined(study, studies, done)
+                left = {name: each for name, each in studies.items() if name not in outcomes}
+                for name, outcome in _outcomes(client, left, directory):
+                    outcomes[name] = outcome
+                    advance(name, outcome)
     except KeyboardInterrupt:
         raise StoppedEarly(
             f"{directory}: stopped with {len(outcomes)} of {len(studies)} scenarios finished; "
@@ -131,14 +138,17 @@ def run_sweep(
     return SweepResult(directory, {name: outcomes[name] for name in studies})
 
 
-def _outcomes(
-    client: Client, studies: Mapping[str, Study], folders: Mapping[str, Path]
-) -> Iterator[tuple[str, Outcome]]:
+def _outcomes(client: Client, studies: Mapping[str, Study], directory: Path) -> Iterator[tuple[str, Outcome]]:
     from distributed import as_completed
 
     futures = {
         client.submit(
-            run_scenario, study, folders[name], flags=on_command_line(), pure=False, retries=_RETRIES
+            run_scenario,
+            study,
+            folder_in(directory, name),
+            flags=on_command_line(),
+            pure=False,
+            retries=_RETRIES,
         ): name
         for name, study in studies.items()
     }

@@ -10,7 +10,9 @@ from bess.simulation.record.atomic import folder_in, write_bytes
 from bess.simulation.record.provenance import IDENTITY
 from bess.simulation.record.result import Result
 from bess.simulation.runner import run
-from bess.study.scenarios import expand
+from bess.simulation.sweep.table import swept_keys, write_table
+from bess.simulation.sweep.task import Outcome
+from bess.study.scenarios import expand, refined
 from bess.study.study import Study, as_study
 
 
@@ -26,15 +28,24 @@ def run_scenarios(
     """
     study = as_study(study)
     runs = expand(study)
-    if out is None:
-        return {name: run(each, progress=progress) for name, each in runs.items()}
-    folder = Path(out)
-    folders = {name: folder_in(folder, name) for name in runs}
-    prepare_folder(folder, study)
-    results = {
-        name: run(each, progress=progress, out=folders[name], resume=resume) for name, each in runs.items()
-    }
-    write_summary(folder, {name: result.kpis for name, result in results.items()})
+    folder = None if out is None else Path(out)
+    if folder is not None:
+        for name in runs:
+            folder_in(folder, name)
+        prepare_folder(folder, study)
+    results: dict[str, Result] = {}
+    for further in range(1 + study.refinements):
+        if further:
+            runs |= refined(study, runs, {name: result.kpis for name, result in results.items()})
+        for name, each in runs.items():
+            if name not in results:
+                place = None if folder is None else folder_in(folder, name)
+                results[name] = run(each, progress=progress, out=place, resume=resume)
+    if folder is not None:
+        write_summary(folder, {name: result.kpis for name, result in results.items()})
+        if study.sweep:
+            done = {name: Outcome("done", kpis=result.kpis) for name, result in results.items()}
+            write_table(folder, swept_keys(study), runs, done)
     return results
 
 
