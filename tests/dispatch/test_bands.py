@@ -120,6 +120,12 @@ def test_bands_never_look_ahead() -> None:
     assert (seen.price_eur_mwh[:, 0] == values[300]).all()
 
 
+@pytest.mark.parametrize("kind", [PersistenceForecast, BandForecast])
+def test_prices_before_a_run_are_known_from_its_start(kind: type[PersistenceForecast | BandForecast]) -> None:
+    values = noise(500)
+    np.testing.assert_array_equal(kind(values, first=300).ahead(10, 50), kind(values).ahead(310, 50))
+
+
 def test_measured_bands_are_the_errors_of_persistence() -> None:
     values = noise(96 * 20)
     step = 96 * 15
