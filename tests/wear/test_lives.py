@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
 import pytest
 
 import bess
+from bess.report.runs import Run
 from bess.report.sweep_table import read_sweep
+from bess.report.words.differing import event_sentences
 from bess.simulation.analysis.lifetime import cash_by_year, ledger_by_year, net_present_value
 from bess.simulation.inputs import prepare
 from bess.simulation.runner import closed_loop
@@ -106,6 +109,9 @@ def test_a_replaced_string_starts_anew_in_the_next_step_at_its_cost() -> None:
     paid = data["investment_eur"].values
     assert np.argwhere(paid).tolist() == [[end + 1, 0]]
     assert paid.sum() == pytest.approx(EUR_PER_LOSS[0] * (1.0 - 0.8))
+    said = list(event_sentences(cast(Run, SimpleNamespace(dataset=data, study={}))))
+    assert len(said) == 1
+    assert said[0].startswith(f"String 0 got a new battery on {str(data['time'].values[end + 1])[:10]} for ")
     capacity = data["soh_capacity"].values
     assert capacity[end, 0] <= 0.8 < 0.99 < capacity[end + 1, 0]
     # Its wear counts from new.
@@ -145,6 +151,15 @@ def test_an_added_string_is_not_there_before_its_date() -> None:
     assert result.kpis["investment_eur"] == pytest.approx(
         100.0 * bess.System.reference(3).nominal_energy_kwh[2]
     )
+
+
+def test_a_contract_is_compared_with_what_came() -> None:
+    contract = {"round_trip_efficiency_pct": 85.0, "availability_pct": 99.0, "throughput_mwh": 2.0}
+    kpis = run({f"contract.{key}": value for key, value in contract.items()}, **{"run.days": 1}).kpis
+    assert kpis["contract_throughput_left_mwh"] == pytest.approx(2.0 - kpis["discharged_kwh"] / 1000.0)
+    assert kpis["contract_availability_margin"] == pytest.approx(kpis["fulfilment_pct"] - 99.0)
+    margin = kpis["round_trip_efficiency_pct"] - 85.0
+    assert kpis["contract_round_trip_efficiency_margin"] == pytest.approx(margin)
 
 
 @pytest.mark.parametrize(

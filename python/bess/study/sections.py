@@ -151,6 +151,18 @@ class BudgetSection(Section):
         return self.cycles_per_year is not None or self.throughput_mwh_per_year is not None
 
 
+class ContractSection(Section):
+    """Section ``[contract]``: guaranteed figures, which the KPIs compare with the run.
+
+    ``availability_pct`` is the share of the demanded energy that is delivered, outages included;
+    ``throughput_mwh`` the energy that may be discharged (AC) over the contract, the run included.
+    """
+
+    round_trip_efficiency_pct: Annotated[float, within(0.0, 100.0, "%", above=True)] | None = None
+    availability_pct: Annotated[float, within(0.0, 100.0, "%", above=True)] | None = None
+    throughput_mwh: Positive | None = None
+
+
 class OutputSection(Section):
     """Section ``[output]``: optional variables of the record."""
 

@@ -22,6 +22,7 @@ from bess.study.reactive import ReactiveSection
 from bess.study.sections import (
     Axis,
     BudgetSection,
+    ContractSection,
     Event,
     Installation,
     OutputSection,
@@ -73,6 +74,7 @@ class Study(Section):
     settlement: SettlementSection = SettlementSection()
     wear: WearSection = WearSection()
     budget: BudgetSection = BudgetSection()
+    contract: ContractSection = ContractSection()
     run: RunSection = RunSection()
     output: OutputSection = OutputSection()
     service: ServiceSection = ServiceSection()

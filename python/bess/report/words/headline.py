@@ -67,6 +67,12 @@ def _years(run: Run) -> Iterator[Tile]:
             detail = f"to {100.0 * end:.0f} % of capacity, at the mean pace of {years:.1f} years"
             yield Tile("To end of life", f"{life:.1f}", "years", detail)
         yield Tile("Capacity left", f"{100.0 * left:.1f}", "%", "of the string that aged most")
+    if "cash_npv_eur" in kpis and "investment_eur" in kpis:
+        detail = f"{_whole(kpis['investment_eur'])} EUR of new batteries paid, residual value added"
+        yield _tile("cash_npv_eur", kpis, detail)
+    for name in ("round_trip_efficiency_margin", "availability_margin", "throughput_left_mwh"):
+        if f"contract_{name}" in kpis:
+            yield _tile(f"contract_{name}", kpis, "by the section [contract]")
     if "budget_used_pct" in kpis:
         limits = run.study["budget"]
         allowed = [

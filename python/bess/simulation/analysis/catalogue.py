@@ -333,6 +333,17 @@ CATALOGUE: Final[dict[str, Kpi]] = {
         "Budget used", "%", None, 2,
         "Maximum used share of an annual budget of cycles or throughput.", "ageing",
     ),
+    "contract_round_trip_efficiency_margin": Kpi(
+        "Round trip above guarantee", "%", "max", 2,
+        "Round-trip efficiency minus the guaranteed one, in percentage points.", "ageing",
+    ),
+    "contract_availability_margin": Kpi(
+        "Availability above guarantee", "%", "max", 2,
+        "Demand fulfilment minus the guaranteed availability, in percentage points.", "ageing",
+    ),
+    "contract_throughput_left_mwh": Kpi(
+        "Throughput left", "MWh", "max", 1, "Contracted throughput minus the energy discharged.", "ageing"
+    ),
     "end_of_life_days": Kpi(
         "First end of life", "d", "max", 1,
         "Days until the first string reached its end-of-life capacity.", "ageing",

@@ -11,6 +11,7 @@ from bess.arrays import Array
 from bess.control.policies.planned import PLANNED
 from bess.errors import InputError
 from bess.simulation.analysis.budget import budget_kpis
+from bess.simulation.analysis.contract import contract_kpis
 from bess.simulation.analysis.lifetime import wear_kpis
 from bess.simulation.analysis.services import is_reserve, is_site, service_kpis
 from bess.simulation.analysis.settlement import dispatch_kpis, has_prices, settlement_kpis
@@ -54,6 +55,9 @@ def kpis(result: Result | xr.Dataset) -> dict[str, float]:
       steps with a certified split (a plan has neither); for market studies ``revenue_eur``;
     - for services :func:`~bess.simulation.analysis.services.service_kpis`: hours outside the window, peaks,
       grid import and export, self-consumption;
+    - for studies with a contract ``contract_round_trip_efficiency_margin`` and
+      ``contract_availability_margin`` (of ``fulfilment_pct``), actual minus guaranteed, and
+      ``contract_throughput_left_mwh``;
     - for studies with a budget ``budget_used_pct``, the largest used share of a yearly budget;
     - ``soh_capacity_min``, ``soh_capacity_mean`` and ``soh_resistance_max`` over the strings at the end,
       ``end_of_life_days`` if a string reached it, ``wear_eur``, ``cycle_wear_eur_mwh``, ``investment_eur`` of
@@ -79,6 +83,7 @@ def kpis(result: Result | xr.Dataset) -> dict[str, float]:
             f"kpis needs a result of bess.run or bess.open_result, or its dataset, not {_described(result)}"
         )
     values = {name: float(value) for name, value in _figures(dataset)}
+    values |= {name: float(value) for name, value in contract_kpis(dataset, values)}
     times = getattr(result, "solve_time_s", None)
     return values if times is None else values | solve_time_kpis(times)
 
