@@ -161,6 +161,16 @@ def test_calibration_never_costs_the_load_anything() -> None:
     answer = live.step(measured([0.5, 0.5]), 92.0, 0.0)
     np.testing.assert_allclose(answer.request_kw, [0.0, 92.0])
     assert answer.unmet_kw == 0.0
+    for soc, demand_kw in (
+        ([0.5, 0.5], 150.0),
+        ([0.5, 0.0], 60.0),
+        ([0.5, 0.5], -150.0),
+        ([0.5, 1.0], -80.0),
+    ):
+        live = controller(2, control_step_s=60.0)
+        live.calibrate(0)
+        answer = live.step(measured(soc), demand_kw, 0.0)
+        assert answer.request_kw.sum() == pytest.approx(demand_kw)
 
 
 def test_a_controller_continues_as_if_it_had_never_ended() -> None:

@@ -1,8 +1,8 @@
 """SOC calibration: one string at a time is charged to full while the others carry the load.
 
 A calibration begins on request, or by itself once in every ``service.calibration_days``: at the time at which
-it costs least by the plan (:func:`place`), within the last prediction horizon before the string is due. A
-string that has been full anyway needs none.
+it costs least by the plan (:func:`place`), within the last day before the string is due. A string that
+has been full anyway needs none.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from bess.system import State, System
 QUARTER: Final = 0.25
 """Share of nominal power at which a string is calibrated unless the settings say otherwise."""
 STARTS: Final = 24
-"""Candidate times within the prediction horizon."""
+"""Candidate times within the day."""
 SLACK: Final = 1.2
 """Time that a calibration may take over that of its energy at its power."""
 _FULL: Final = 0.005
@@ -38,7 +38,7 @@ _DAY_S: Final = 86_400.0
 
 @dataclass(frozen=True)
 class Placement:
-    """Cheapest time of a calibration: step of the horizon at which it starts, and its cost [kWh]."""
+    """Cheapest time of a calibration: step at which it starts, and its cost [kWh]."""
 
     start: int
     cost_kwh: float
@@ -115,7 +115,7 @@ class Calibration(Persistent):
             raise InputError("calibration: there is no other string to carry the load")
         self.string, self.target_soc = string, target_soc
 
-    def update(self, now_s: float, trusted: ValidState, forecast_kw: Array, plan_s: float) -> None:
+    def update(self, now_s: float, trusted: ValidState, day_kw: Array, plan_s: float) -> None:
         """End what is done, and begin what is planned for now; plan the next one as soon as it is in sight.
 
         Parameters
@@ -124,8 +124,8 @@ class Calibration(Persistent):
             Time of the controller's clock.
         trusted
             State of the strings.
-        forecast_kw : ndarray, shape (n_steps,)
-            Demand of the plan's steps.
+        day_kw : ndarray, shape (n_steps,)
+            Demand of the next day, by steps of the plan.
         plan_s
             Step of the plan [s].
         """
@@ -148,43 +148,63 @@ class Calibration(Persistent):
                 self.string = int(self.planned[0])
                 self.target_soc, self.planned = float(self._limits.full[self.string]), None
         elif self._pending is None:
-            self._look_ahead(now_s, trusted, forecast_kw, plan_s)
+            self._look_ahead(now_s, trusted, day_kw, plan_s, self._period_s)
         elif self._pending[2].done():
             string, began_s, placed = self._pending[0], self._pending[1], self._pending[2].result()
             self.planned = [string, began_s + placed.start * plan_s, placed.cost_kwh]
             self._pending = None
 
-    def charge_kw(self, trusted: ValidState, able: PowerCapability, demand_kw: float, dt_h: float) -> Array:
+    def charge_kw(
+        self, trusted: ValidState, able: PowerCapability, demand_kw: float, dt_h: float
+    ) -> Array | None:
         """Magnitude at which each string is charged over the next ``dt_h`` hours, zero but for one.
 
-        The others carry the load and the charge; where they cannot, the charge is less.
+        The load comes first. The others carry it and the charge; where they cannot, the charge is less, and
+        where they cannot carry the load alone, no string is calibrated now (None). Charge that the others
+        cannot take comes on top.
         """
-        charge, i = np.zeros(self._system.n_strings), self.string
+        i = self.string
         if i is None or not trusted.in_service[i]:
-            return charge
+            return None
+        others = able.only(np.arange(self._system.n_strings) != i)
+        spare_kw = others.discharge_kw.sum() - demand_kw
+        if spare_kw < 0.0:
+            return None
+        wanted_kw = max(self._power_kw[i], -demand_kw - others.charge_kw.sum())
         room_kwh = (self.target_soc - trusted.soc_high[i]) * self._system.nominal_energy_kwh[i]
-        others = trusted.in_service & (np.arange(charge.size) != i)
-        spare_kw = able.discharge_kw[others].sum() - demand_kw
-        can_kw = min(self._power_kw[i], trusted.charge_kw[i], room_kwh / dt_h, spare_kw)
+        can_kw = min(wanted_kw, trusted.charge_kw[i], room_kwh / dt_h, spare_kw)
+        charge = np.zeros(self._system.n_strings)
         charge[i] = can_kw if can_kw >= self._limits.minimum_kw[i] else 0.0
         return charge
 
-    def _look_ahead(self, now_s: float, trusted: ValidState, forecast_kw: Array, plan_s: float) -> None:
-        """Begin to look for a time if the horizon reaches the time at which a string is due."""
-        due_s = np.where(trusted.in_service, self.full_s + (self._period_s or 0.0), np.inf)
+    def _look_ahead(
+        self, now_s: float, trusted: ValidState, day_kw: Array, plan_s: float, period_s: float
+    ) -> None:
+        """Begin to look for a time if a string is due within the day."""
+        due_s = np.where(trusted.in_service, self.full_s + period_s, np.inf)
         i = int(np.argmin(due_s))
         missing_kwh = (self._limits.full[i] - trusted.soc_low[i]) * self._system.nominal_energy_kwh[i]
-        ahead_s = max(forecast_kw.size * plan_s, 3600.0 * SLACK * missing_kwh / self._power_kw[i])
+        ahead_s = max(min(_DAY_S, period_s / 2.0), 3600.0 * SLACK * missing_kwh / self._power_kw[i])
         if now_s < due_s[i] - ahead_s:
             return
-        task = (self._system, trusted, forecast_kw, plan_s / 3600.0, i, self._power_kw[i])
+        left = int((due_s[i] - now_s) // plan_s)
+        task = (
+            self._system,
+            trusted,
+            day_kw,
+            plan_s / 3600.0,
+            i,
+            self._power_kw[i],
+            self._limits.full[i],
+            left,
+        )
         future: Future[Placement] = Future()
         if self._background:
             pool = ThreadPoolExecutor(1, "calibration")
-            future = pool.submit(place, *task, self._limits.full[i])
+            future = pool.submit(place, *task)
             pool.shutdown(wait=False)
         else:
-            future.set_result(place(*task, self._limits.full[i]))
+            future.set_result(place(*task))
         began_s = now_s // plan_s * plan_s
         self._pending = (i, began_s, future)
 
@@ -197,6 +217,7 @@ def place(
     string: int,
     charge_kw: float,
     target_soc: float,
+    due: int,
 ) -> Placement:
     """Find the start of a calibration at which the plan of the plant costs least.
 
@@ -215,11 +236,13 @@ def place(
         Length of a step [h].
     string, charge_kw, target_soc
         Charge this string at this power (magnitude) to this state of charge.
+    due
+        Step by which it is to be charged; if that cannot be, it starts at once.
     """
     limit, n_steps = trusted.limit_kw, demand_kw.size
     helpers = limit * (np.arange(limit.size) != string)
     charge = np.zeros((limit.size, n_steps))
-    charge[string] = -charge_kw
+    charge[string] = -np.clip(helpers.sum() - demand_kw, 0.0, charge_kw)  # the load comes first
 
     def follow(
         state: State, request_kw: Array, asked_kw: Array, shortfall: float = SHORTFALL
@@ -238,7 +261,7 @@ def place(
     def plan(state: State, asked_kw: Array, limit_kw: Array) -> tuple[Array, list[State]]:
         if not asked_kw.size:
             return np.zeros(0), []
-        planner = Planner(system, asked_kw.size, dt_h, balance=0.0, known=True)
+        planner = Planner(system, asked_kw.size, dt_h, balance=0.0, bound_passes=0, known=True)
         prices = PlanPrices.energy(Objectives.energy(), limit.size, asked_kw.size)
         served_kw = np.clip(asked_kw, -limit_kw.sum(), limit_kw.sum())
         return follow(state, planner(state, served_kw, prices, limit_kw=limit_kw).request_kw, asked_kw)
@@ -247,13 +270,17 @@ def place(
     states = [trusted.state, *states]
     costs: dict[int, float] = {}
     for start in range(0, n_steps, max(1, n_steps // STARTS)):
-        alone, charged = follow(states[start], charge[:, start:], charge[string, start:], 0.0)
+        before = states[start]
+        if start:
+            soc = np.full(limit.size, np.average(before.soc, weights=system.nominal_energy_kwh))
+            before = State(soc, before.temperature_c, before.soh_capacity, before.soh_resistance)
+        alone, charged = follow(before, charge[:, start:], charge[string, start:], 0.0)
         full = [state.soc[string] >= target_soc - _FULL for state in charged]
-        if not any(full) and costs:
-            break  # it does not end within the horizon, nor does any later one
         steps = full.index(True) + 1 if any(full) else len(full)
+        if costs and (start + steps > due or not any(full)):
+            break  # it does not end in time, nor does any later one
         during, end = slice(start, start + steps), charged[steps - 1]
-        helped, others = plan(states[start], demand_kw[during] + charge_kw, helpers)
+        helped, others = plan(before, demand_kw[during] - charge[string, during], helpers)
         own = np.arange(limit.size) == string
         after = State(
             np.where(own, end.soc, others[-1].soc),

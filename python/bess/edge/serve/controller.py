@@ -155,12 +155,13 @@ class Controller(Persistent):
         self.plan.update(now_s, trusted.state, forecast, trusted.limit_kw, wait_s=wait_s)
 
         able = self.soc_limits.able(trusted)
-        self.calibration.update(now_s, trusted, forecast, self.plan.step_s)
+        day_kw = self._forecast.day(self.plan.slot(now_s), forecast_kw)
+        self.calibration.update(now_s, trusted, day_kw, self.plan.step_s)
         # Strings out of service that still give power are part of what the plant gives.
         asked_kw = demand_kw - float(trusted.flowing_kw.sum())
         charge_kw = self.calibration.charge_kw(trusted, able, asked_kw, self.step_s / 3600.0)
-        calibrating = np.arange(self.n_strings) == self.calibration.string
-        request = -charge_kw
+        calibrating = (np.arange(self.n_strings) == self.calibration.string) & (charge_kw is not None)
+        request = np.zeros(self.n_strings) if charge_kw is None else -charge_kw
         rest_kw = asked_kw - float(request.sum())
         discharge = rest_kw > 0.0 or (rest_kw == 0.0 and asked_kw >= 0.0)
         sharing = trusted.in_service & ~calibrating

@@ -67,6 +67,13 @@ class Forecast(Persistent):
         ahead[0] = self._smooth_kw
         return ahead
 
+    def day(self, slot: int, given_kw: Sequence[float] | Array | None) -> Array:
+        """Demand of the plan's steps of a day: what the caller foresees, then that of the day before."""
+        ahead = np.nan_to_num(self._day_kw[(slot + np.arange(self._day_kw.size)) % self._day_kw.size])
+        given = np.array([] if given_kw is None else given_kw, dtype=np.float64)[: ahead.size]
+        ahead[: given.size] = given
+        return ahead
+
     def _take_down(self, demand_kw: float, slot: int, elapsed_s: float) -> None:
         known, mean, weight_s = self._mean
         if slot != known:
