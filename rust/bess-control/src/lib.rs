@@ -14,6 +14,7 @@
 #[cfg(test)]
 extern crate self as bess_control;
 
+mod cores;
 mod error;
 mod explicit;
 mod model;

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 _CONNECT_TIMEOUT_S = 20
 # Scenarios run in parallel, so threads inside a worker would compete with other workers.
-_ONE_THREAD = {"RAYON_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
 @contextmanager

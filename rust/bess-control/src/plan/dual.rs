@@ -6,6 +6,7 @@
 
 use bess_tables::Direction;
 
+use crate::cores;
 use crate::model::{Losses, Range, StringModel, StringState};
 use crate::plan::look_ahead::{look_ahead, CostToGo, Group};
 use crate::plan::paths::Paths;
@@ -220,7 +221,8 @@ impl<'a> StringValues<'a> {
 
     /// Solves every kind of string backwards at prices `(T,)` [cost/Wh].
     fn solve(&mut self, price: &[f64]) {
-        self.values = (0..self.grids.len()).map(|kind| self.backwards(kind, price)).collect();
+        let kinds = (0..self.grids.len()).collect();
+        self.values = cores::map(kinds, |kind| self.backwards(kind, price));
     }
 
     fn backwards(&self, kind: usize, price: &[f64]) -> StringValue {
@@ -327,20 +329,26 @@ impl<'a> StringValues<'a> {
         let n_steps = problem.n_steps();
         let dt_h = |t: usize| problem.intervals[t].dt_h;
         let mut slope: Vec<f64> = (0..n_steps).map(|t| problem.demand_w[t] * dt_h(t)).collect();
-        let mut paths: Vec<(usize, Vec<f64>)> = vec![];
-        for (index, group) in self.groups.iter().enumerate() {
-            let m = group.first;
-            let same = |&(other, _): &(usize, Vec<f64>)| {
-                let o = self.groups[other].first;
-                self.kinds[other] == self.kinds[index]
-                    && problem.start[o] == problem.start[m]
-                    && problem.running[o] == problem.running[m]
-            };
-            let known = paths.iter().position(same).unwrap_or_else(|| {
-                paths.push((index, self.best_path(index, price)));
-                paths.len() - 1
-            });
-            for (t, power_w) in paths[known].1.iter().enumerate() {
+        // Strings of one kind in one state have one path.
+        let mut distinct: Vec<usize> = vec![];
+        let path_of: Vec<usize> = (0..self.groups.len())
+            .map(|index| {
+                let m = self.groups[index].first;
+                let same = |&other: &usize| {
+                    let o = self.groups[other].first;
+                    self.kinds[other] == self.kinds[index]
+                        && problem.start[o] == problem.start[m]
+                        && problem.running[o] == problem.running[m]
+                };
+                distinct.iter().position(same).unwrap_or_else(|| {
+                    distinct.push(index);
+                    distinct.len() - 1
+                })
+            })
+            .collect();
+        let paths = cores::map(distinct, |index| self.best_path(index, price));
+        for path in path_of {
+            for (t, power_w) in paths[path].iter().enumerate() {
                 slope[t] -= power_w * dt_h(t);
             }
         }
@@ -409,7 +417,7 @@ pub(crate) fn ascend(problem: &PlanProblem<'_>, price: Vec<f64>, known_cost: f64
         let ahead = look_ahead(problem, &values);
         let rolled = Paths::new(problem, ahead.request_w);
         if rolled.cost() < cost {
-            (cost, request_w) = (rolled.cost(), rolled.request_w);
+            (cost, request_w) = (rolled.cost(), rolled.request_w());
         }
         since += 1;
         if bound > best_bound {

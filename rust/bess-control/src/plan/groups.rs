@@ -7,7 +7,7 @@ use crate::model::{ControlModel, StringState};
 use crate::plan::paths::Paths;
 use crate::plan::problem::{PlanProblem, Prices};
 use crate::plan::starts::{deliverable_w, water_fill, CRUMBS};
-use crate::ControlError;
+use crate::{cores, ControlError};
 
 /// Preference for inverters that are on in the order of a group, as a share of the SOC window.
 const INERTIA: f64 = 0.02;
@@ -102,7 +102,8 @@ impl Groups {
     /// Allocates the requests of the groups `(G, T)` [W] to strings. Each group uses the cheaper of two ways:
     /// all inverters, or the number of inverters with minimum loss in each step.
     pub(crate) fn shared_out<'a>(&self, problem: &'a PlanProblem<'a>, request_w: &[f64]) -> Paths<'a> {
-        let [mut shared, fewer] = [false, true].map(|fewer| self.shared_on(problem, request_w, fewer));
+        let mut ways = cores::map(vec![false, true], |fewer| self.shared_on(problem, request_w, fewer));
+        let (Some(fewer), Some(mut shared)) = (ways.pop(), ways.pop()) else { unreachable!("two ways") };
         let n_steps = problem.n_steps();
         for members in &self.members {
             let cost = |paths: &Paths<'_>| members.iter().map(|&m| paths.total(m)).sum::<f64>();

@@ -32,10 +32,11 @@ pub use starts::Rule;
 
 use co_states::CoStates;
 use look_ahead::look_ahead;
+use pair::Pair;
 use pairs::PairValues;
 use paths::Paths;
 
-use crate::ControlError;
+use crate::{cores, ControlError};
 
 /// Minimum gain of a round of moves, as a share of the cost, for another round.
 const WORTHWHILE: f64 = 2e-4;
@@ -119,17 +120,14 @@ impl PlanProblem<'_> {
         let sums_w = carried.as_deref().map(|request_w| groups.sums(request_w, n_steps));
         let (mut plan, price) = groups.problem(problem, &model)?.priced(sums_w.as_deref(), effort);
         let mut paths = groups.shared_out(problem, &plan.request_w);
-        for rule in Rule::ALL {
-            let other = rule.paths(problem);
-            plan.rule_cost =
-                if rule == Rule::ALL[0] { other.cost() } else { plan.rule_cost.min(other.cost()) };
-            paths = cheaper(paths, other);
-        }
+        let rules = cores::map(Rule::ALL.to_vec(), |rule| rule.paths(problem));
+        plan.rule_cost = rules.iter().map(Paths::cost).fold(f64::INFINITY, f64::min);
+        paths = rules.into_iter().fold(paths, cheaper);
         if let Some(request_w) = carried {
             paths = cheaper(paths, Paths::new(problem, request_w));
         }
         plan.cost = paths.cost();
-        plan.request_w = paths.request_w;
+        plan.request_w = paths.request_w();
         if let Some(price) = price {
             plan.search_bound = Some(dual::at_prices(problem, &price));
             plan.bound = proof::bound(problem, &price, effort.proof_cells);
@@ -143,12 +141,12 @@ impl PlanProblem<'_> {
         let carried = previous.map(|request_w| starts::carried_on(self, request_w));
         self.aim_for_balance(carried.as_deref());
         let problem: &Self = self;
-        let mut rules: Vec<Paths<'_>> = Rule::ALL.iter().map(|rule| rule.paths(problem)).collect();
+        let mut rules = cores::map(Rule::ALL.to_vec(), |rule| rule.paths(problem));
         rules.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
         let rule_cost = rules[0].cost();
-        let mut work: u64 = rules.iter().map(|r| r.work).sum();
+        let rules_work: u64 = rules.iter().map(|r| r.work).sum();
         // Several rules give the same schedule for identical strings.
-        rules.dedup_by(|a, b| a.request_w == b.request_w);
+        rules.dedup_by(|a, b| a.request_w() == b.request_w());
         let carried = carried.map(|request_w| Paths::new(problem, request_w));
         let mut best = match carried {
             Some(carried) if carried.cost() <= rule_cost => carried,
@@ -156,17 +154,15 @@ impl PlanProblem<'_> {
         };
         let every_pair = pair::rounds(self.n_strings());
         improve(&mut best, effort.rollouts * size, effort.turn, every_pair);
-        work += best.work;
         let (mut search_bound, mut price) = (None, None);
         if effort.fresh_rollouts > 0 {
             let every_move = every_pair.max(blocks::LENGTHS.len());
-            let mut polish = |request_w: Vec<f64>| {
+            let polish = |request_w: Vec<f64>| {
                 let mut fresh = Paths::new(problem, request_w);
                 improve(&mut fresh, effort.fresh_rollouts * size, effort.turn, every_move);
-                work += fresh.work;
                 fresh
             };
-            best = rules.into_iter().map(|rule| polish(rule.request_w)).fold(best, cheaper);
+            best = cores::map(rules, |rule| polish(rule.request_w())).into_iter().fold(best, cheaper);
             if effort.bound_passes > 0 {
                 let pairs = PairValues::solve(&problem.coarsened(problem.steps_of(PAIRS_STEP_H)));
                 let ahead = look_ahead(problem, &pairs);
@@ -188,9 +184,9 @@ impl PlanProblem<'_> {
             rule_cost,
             search_bound,
             bound: None,
-            rollouts: (work as usize).div_ceil(size.max(1)),
+            rollouts: ((rules_work + best.work) as usize).div_ceil(size.max(1)),
             start_charge: start_charge(&mut best),
-            request_w: best.request_w,
+            request_w: best.request_w(),
         };
         (plan, price)
     }
@@ -223,13 +219,12 @@ impl PlanProblem<'_> {
     }
 }
 
-/// The cheaper of two schedules.
+/// The cheaper of two schedules, with the work of both.
 fn cheaper<'a>(best: Paths<'a>, other: Paths<'a>) -> Paths<'a> {
-    if other.cost() < best.cost() {
-        other
-    } else {
-        best
-    }
+    let work = best.work + other.work;
+    let mut cheaper = if other.cost() < best.cost() { other } else { best };
+    cheaper.work = work;
+    cheaper
 }
 
 /// Marginal cost of initial charge in every string, averaged by capacity [cost/Ah].
@@ -242,6 +237,26 @@ fn start_charge(paths: &mut Paths<'_>) -> f64 {
     slope / capacity
 }
 
+/// Moves of all pairs of a round, on all cores. Each pair has an equal part of the remaining budget.
+fn each_pair(
+    paths: &mut Paths<'_>,
+    round: usize,
+    budget: u64,
+    moves: impl Fn(&mut Paths<'_>, Pair, u64) + Sync,
+) {
+    let pairs: Vec<Pair> = pair::tournament(paths.problem.n_strings(), round).collect();
+    let part_of_budget = budget.saturating_sub(paths.work).div_ceil(pairs.len().max(1) as u64);
+    if part_of_budget == 0 {
+        return;
+    }
+    let parts = pairs.into_iter().map(|pair| (pair, paths.take(pair))).collect();
+    let moved = cores::map(parts, |(pair, mut part): (Pair, Paths<'_>)| {
+        moves(&mut part, pair, part_of_budget);
+        (pair, part)
+    });
+    moved.into_iter().for_each(|(pair, part)| paths.put_back(pair, part));
+}
+
 /// Rounds of moves until `cycle` of them gain too little, or the budget is used up. A plan that is carried along was tried
 /// with all moves in the steps before: where every pair has met once in vain, little is left to find.
 fn improve(paths: &mut Paths<'_>, budget: usize, turn: usize, cycle: usize) {
@@ -249,17 +264,12 @@ fn improve(paths: &mut Paths<'_>, budget: usize, turn: usize, cycle: usize) {
     let budget = budget as u64;
     let mut at_start = paths.cost();
     for round in turn.. {
-        for pair in pair::tournament(n, round) {
-            if paths.work < budget {
-                sweep::sweep(paths, pair, budget);
-            }
-        }
+        let cost = paths.cost();
+        each_pair(paths, round, budget, |part, pair, budget| sweep::sweep(part, pair, cost, budget));
         let length = blocks::LENGTHS[round % blocks::LENGTHS.len()];
-        for pair in pair::tournament(n, round) {
-            if paths.work < budget {
-                blocks::rearrange(paths, pair, length, round, budget);
-            }
-        }
+        each_pair(paths, round, budget, |part, pair, budget| {
+            blocks::rearrange(part, pair, length, round, budget);
+        });
         if paths.work >= budget || n < 2 {
             return;
         }

@@ -4,6 +4,7 @@
 //! interpolate the end states of each power share, and a minimum over the shares. A plant is a set of pairs. Each pair
 //! covers a part of the demand in proportion to capacity; the one-step look-ahead moves power between pairs.
 
+use crate::cores;
 use crate::model::{Range, StringState};
 use crate::plan::look_ahead::{CostToGo, Group};
 use crate::plan::problem::PlanProblem;
@@ -116,6 +117,7 @@ impl PairValues {
             values: vec![],
             dt_h: problem.intervals.first().map_or(1.0, |i| i.dt_h),
         };
+        let mut distinct = vec![];
         for pair in in_pairs(problem).chunks(2) {
             let group = Group { first: pair[0], second: pair.get(1).copied() };
             let alike = |other: &Group| {
@@ -126,12 +128,13 @@ impl PairValues {
                     }
             };
             let kind = out.groups.iter().position(alike).map(|index| out.kinds[index]);
-            out.kinds.push(kind.unwrap_or(out.values.len()));
+            out.kinds.push(kind.unwrap_or(distinct.len()));
             out.groups.push(group);
             if kind.is_none() {
-                out.values.push(solve(problem, group));
+                distinct.push(group);
             }
         }
+        out.values = cores::map(distinct, |group| solve(problem, group));
         out
     }
 
@@ -198,28 +201,10 @@ fn part_of_demand(problem: &PlanProblem<'_>, group: Group, t: usize) -> f64 {
     power[group.first] + group.second.map_or(0.0, |m| power[m])
 }
 
-#[allow(unsafe_code)]
-fn solve(problem: &PlanProblem<'_>, group: Group) -> PairValue {
-    #[cfg(target_arch = "x86_64")]
-    if std::arch::is_x86_feature_detected!("avx2") {
-        // SAFETY: the processor has these instructions. They add and multiply as others do, so results are the same.
-        return unsafe { solve_avx2(problem, group) };
-    }
-    solve_anywhere(problem, group)
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-#[allow(unsafe_code)]
-unsafe fn solve_avx2(problem: &PlanProblem<'_>, group: Group) -> PairValue {
-    solve_anywhere(problem, group)
-}
-
 /// A share of a step: cost and end state for each node of a string.
 type Moves = Vec<(f32, Corners)>;
 
-#[inline(always)]
-fn solve_anywhere(problem: &PlanProblem<'_>, group: Group) -> PairValue {
+fn solve(problem: &PlanProblem<'_>, group: Group) -> PairValue {
     let n_steps = problem.n_steps();
     let first = Grid::new(problem, group.first);
     let second = group.second.map(|m| Grid::new(problem, m));
@@ -236,8 +221,6 @@ fn solve_anywhere(problem: &PlanProblem<'_>, group: Group) -> PairValue {
         }
     }
     let mut planes = vec![end; n_steps + 1];
-    let (mut half, mut turned, mut least) =
-        (vec![0f32; n_a * n_b], vec![0f32; n_a * n_b], vec![0f32; n_a * n_b]);
     let (mut moves_a, mut moves_b): (Moves, Moves) = (vec![], vec![]);
     let mut same_as: Option<usize> = None;
     for t in (0..n_steps).rev() {
@@ -267,16 +250,12 @@ fn solve_anywhere(problem: &PlanProblem<'_>, group: Group) -> PairValue {
             }
         }
         let (before, after) = planes.split_at_mut(t + 1);
-        least.fill(f32::INFINITY);
-        for k in 0..=used {
-            for (x, out) in half.chunks_exact_mut(n_b).enumerate() {
-                out.fill(f32::INFINITY);
-                interpolate(out, &after[0], moves_a[k * n_a + x]);
-            }
-            transpose(&half, &mut turned, n_b);
-            for (y, out) in least.chunks_exact_mut(n_a).enumerate() {
-                interpolate(out, &turned, moves_b[k * n_b + y]);
-            }
+        let shared =
+            |k: usize| lowest(&after[0], &moves_a[k * n_a..(k + 1) * n_a], &moves_b[k * n_b..(k + 1) * n_b]);
+        let mut all = cores::map((0..=used).collect(), shared).into_iter();
+        let mut least = all.next().unwrap_or_default();
+        for other in all {
+            least.iter_mut().zip(other).for_each(|(value, other)| *value = value.min(other));
         }
         let now = &mut before[t];
         transpose(&least, now, n_a);
@@ -287,15 +266,48 @@ fn solve_anywhere(problem: &PlanProblem<'_>, group: Group) -> PairValue {
     PairValue { first, second, planes }
 }
 
-/// Lowers a row to the cost of a move and the rows of `values` that it leads to.
+/// Cost to go before a share of a step, from that after it `(n_first, n_second)` and the moves of both strings; the second
+/// string in rows.
+#[allow(unsafe_code)]
+fn lowest(after: &[f32], first: &[(f32, Corners)], second: &[(f32, Corners)]) -> Vec<f32> {
+    #[cfg(target_arch = "x86_64")]
+    if std::arch::is_x86_feature_detected!("avx2") {
+        // SAFETY: the processor has these instructions. They add and multiply as others do, so results are the same.
+        return unsafe { lowest_avx2(after, first, second) };
+    }
+    lowest_anywhere(after, first, second)
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+#[allow(unsafe_code)]
+unsafe fn lowest_avx2(after: &[f32], first: &[(f32, Corners)], second: &[(f32, Corners)]) -> Vec<f32> {
+    lowest_anywhere(after, first, second)
+}
+
+#[inline(always)]
+fn lowest_anywhere(after: &[f32], first: &[(f32, Corners)], second: &[(f32, Corners)]) -> Vec<f32> {
+    let (n_a, n_b) = (first.len(), second.len());
+    let (mut half, mut turned, mut out) =
+        (vec![0f32; n_a * n_b], vec![0f32; n_a * n_b], vec![0f32; n_a * n_b]);
+    for (row, &a) in half.chunks_exact_mut(n_b).zip(first) {
+        interpolate(row, after, a);
+    }
+    transpose(&half, &mut turned, n_b);
+    for (row, &b) in out.chunks_exact_mut(n_a).zip(second) {
+        interpolate(row, &turned, b);
+    }
+    out
+}
+
+/// The cost of a move, and the rows of `values` that it leads to.
 #[inline(always)]
 fn interpolate(out: &mut [f32], values: &[f32], (cost, corners): (f32, Corners)) {
     let n = out.len();
     let [a, b, c, d] = corners.map(|(node, _)| &values[node as usize * n..][..n]);
     let [wa, wb, wc, wd] = corners.map(|(_, weight)| weight);
     for i in 0..n {
-        let value = cost + wa * a[i] + wb * b[i] + wc * c[i] + wd * d[i];
-        out[i] = if value < out[i] { value } else { out[i] };
+        out[i] = cost + wa * a[i] + wb * b[i] + wc * c[i] + wd * d[i];
     }
 }
 

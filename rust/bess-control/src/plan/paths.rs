@@ -2,6 +2,7 @@
 //! only for the strings that it touches.
 
 use crate::model::StringState;
+use crate::plan::pair::Pair;
 use crate::plan::problem::PlanProblem;
 
 /// A string at the start of a step: state, accumulated cost, inverter state.
@@ -12,16 +13,22 @@ pub(crate) struct Point {
     pub running: bool,
 }
 
+/// Schedule of one string.
+#[derive(Debug, Clone, Default)]
+struct Path {
+    /// `(T,)` [W].
+    request_w: Vec<f64>,
+    /// `(T + 1,)`.
+    points: Vec<Point>,
+    /// Cost, that of the end included.
+    total: f64,
+}
+
 /// A schedule, rolled out.
 #[derive(Debug, Clone)]
 pub(crate) struct Paths<'a> {
     pub problem: &'a PlanProblem<'a>,
-    /// `(M, T)` [W].
-    pub request_w: Vec<f64>,
-    /// `(M, T + 1)`.
-    points: Vec<Point>,
-    /// Cost of each string, that of its end included `(M,)`.
-    totals: Vec<f64>,
+    strings: Vec<Path>,
     /// Steps of single strings computed so far: the measure of effort.
     pub work: u64,
 }
@@ -29,7 +36,7 @@ pub(crate) struct Paths<'a> {
 impl<'a> Paths<'a> {
     /// A plan `(M, T)` [W].
     pub fn new(problem: &'a PlanProblem<'a>, request_w: Vec<f64>) -> Self {
-        let mut paths = Self::at_start(problem, request_w);
+        let mut paths = Self::at_start(problem, &request_w);
         for m in 0..problem.n_strings() {
             paths.roll(m, 0);
         }
@@ -42,7 +49,7 @@ impl<'a> Paths<'a> {
         mut share: impl FnMut(usize, &[StringState]) -> Vec<f64>,
     ) -> Self {
         let (n_strings, n_steps) = (problem.n_strings(), problem.n_steps());
-        let mut paths = Self::at_start(problem, vec![0.0; n_strings * n_steps]);
+        let mut paths = Self::at_start(problem, &vec![0.0; n_strings * n_steps]);
         for t in 0..n_steps {
             let states: Vec<_> = (0..n_strings).map(|m| paths.at(m, t).state).collect();
             for (m, request_w) in share(t, &states).into_iter().enumerate() {
@@ -55,40 +62,67 @@ impl<'a> Paths<'a> {
         paths
     }
 
-    fn at_start(problem: &'a PlanProblem<'a>, request_w: Vec<f64>) -> Self {
-        let (n_strings, n_steps) = (problem.n_strings(), problem.n_steps());
-        let first = |m: usize| Point { state: problem.start[m], cost: 0.0, running: problem.running[m] };
-        let points = (0..n_strings).flat_map(|m| std::iter::repeat_n(first(m), n_steps + 1)).collect();
-        Self { problem, request_w, points, totals: vec![0.0; n_strings], work: 0 }
+    fn at_start(problem: &'a PlanProblem<'a>, request_w: &[f64]) -> Self {
+        let n_steps = problem.n_steps();
+        let string = |m: usize| {
+            let first = Point { state: problem.start[m], cost: 0.0, running: problem.running[m] };
+            let request_w = request_w[m * n_steps..(m + 1) * n_steps].to_vec();
+            Path { request_w, points: vec![first; n_steps + 1], total: 0.0 }
+        };
+        Self { problem, strings: (0..problem.n_strings()).map(string).collect(), work: 0 }
+    }
+
+    /// Requests `(M, T)` [W].
+    pub fn request_w(&self) -> Vec<f64> {
+        self.strings.iter().flat_map(|string| string.request_w.iter().copied()).collect()
+    }
+
+    /// Takes the schedules of a pair, to be changed on another thread, and [`Self::put_back`].
+    pub fn take(&mut self, pair: Pair) -> Self {
+        let strings = vec![Path::default(); self.strings.len()];
+        let mut part = Self { problem: self.problem, strings, work: 0 };
+        part.exchange(self, pair);
+        part
+    }
+
+    /// Puts the schedules of a pair back.
+    pub fn put_back(&mut self, pair: Pair, mut part: Self) {
+        part.exchange(self, pair);
+        self.work += part.work;
+    }
+
+    fn exchange(&mut self, other: &mut Self, pair: Pair) {
+        for m in [pair.first, pair.second] {
+            std::mem::swap(&mut self.strings[m], &mut other.strings[m]);
+        }
     }
 
     #[inline]
     pub fn request(&self, m: usize, t: usize) -> f64 {
-        self.request_w[m * self.problem.n_steps() + t]
+        self.strings[m].request_w[t]
     }
 
     /// Sets a request; the path is stale until [`Self::roll`].
     #[inline]
     pub fn set(&mut self, m: usize, t: usize, request_w: f64) {
-        let index = m * self.problem.n_steps() + t;
-        self.request_w[index] = request_w;
+        self.strings[m].request_w[t] = request_w;
     }
 
     /// Where a string stands at the start of a step.
     #[inline]
     pub fn at(&self, m: usize, t: usize) -> &Point {
-        &self.points[m * (self.problem.n_steps() + 1) + t]
+        &self.strings[m].points[t]
     }
 
     /// Cost of one string.
     #[inline]
     pub fn total(&self, m: usize) -> f64 {
-        self.totals[m]
+        self.strings[m].total
     }
 
     /// Cost of the plan.
     pub fn cost(&self) -> f64 {
-        self.totals.iter().sum()
+        self.strings.iter().map(|string| string.total).sum()
     }
 
     /// One step of a string from any point.
@@ -110,12 +144,12 @@ impl<'a> Paths<'a> {
     #[inline]
     fn advance(&mut self, m: usize, t: usize) {
         let after = self.next(m, t, self.at(m, t), self.request(m, t));
-        self.points[m * (self.problem.n_steps() + 1) + t + 1] = after;
+        self.strings[m].points[t + 1] = after;
     }
 
     /// The cost of a string with that of its end.
     fn close(&mut self, m: usize) {
-        let last = self.at(m, self.problem.n_steps());
-        self.totals[m] = last.cost + self.problem.end_cost(m, last.state);
+        let last = *self.at(m, self.problem.n_steps());
+        self.strings[m].total = last.cost + self.problem.end_cost(m, last.state);
     }
 }

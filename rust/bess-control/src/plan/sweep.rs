@@ -51,9 +51,9 @@ struct Exchange {
     later_first_w: f64,
 }
 
-/// One pass over all steps.
-pub(crate) fn sweep(paths: &mut Paths<'_>, pair: Pair, budget: u64) {
-    let least = PROMISING * paths.cost();
+/// One pass over all steps of a plan of this cost.
+pub(crate) fn sweep(paths: &mut Paths<'_>, pair: Pair, cost: f64, budget: u64) {
+    let least = PROMISING * cost;
     let slopes = pair.slopes(paths);
     let mut sweep = Sweep { paths, pair, slopes, forks: vec![] };
     let n_steps = sweep.paths.problem.n_steps();

@@ -1,5 +1,6 @@
 //! Step cuts: lower bounds of the cost of any decision of one step, over boxes of states.
 
+use crate::cores;
 use crate::error::{check_costs, check_length, check_range};
 use crate::model::{CoefficientRanges, ControlHorizon, CostsOf, Flow, Losses, Range, StateBox, StringState};
 use crate::one_step::{solve, CostCurve, OneStepSolution, OperatingTerms};
@@ -135,7 +136,7 @@ impl ControlHorizon {
         boxes: &[StateBox],
         costs: &[Losses],
         budget_w: &[f64],
-        most: impl Fn(usize, usize) -> (f64, f64, f64),
+        most: impl Fn(usize, usize) -> (f64, f64, f64) + Sync,
     ) -> StepBounds {
         let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
         let no_losses = !costs.iter().any(Losses::any_while_running);
@@ -143,10 +144,7 @@ impl ControlHorizon {
             bounds: vec![StepBound::default(); n_steps],
             request_w: vec![0.0; n_strings * n_steps],
         };
-        for t in 0..n_steps {
-            if self.demand_w[t] <= 0.0 || no_losses {
-                continue;
-            }
+        let of_step = |t: usize| {
             let direction = self.direction(t);
             let curve = |m: usize| {
                 let string = self.string(m);
@@ -167,7 +165,10 @@ impl ControlHorizon {
                 CostCurve::new(string.loss(direction), terms)
             };
             let mut curves: Vec<_> = (0..n_strings).map(curve).collect();
-            let (bound, request_w) = step_bound(&mut curves, self.demand_w[t], budget_w[t]);
+            step_bound(&mut curves, self.demand_w[t], budget_w[t])
+        };
+        let asked: Vec<usize> = (0..n_steps).filter(|&t| self.demand_w[t] > 0.0 && !no_losses).collect();
+        for (&t, (bound, request_w)) in asked.iter().zip(cores::map(asked.clone(), of_step)) {
             out.bounds[t] = bound;
             for (m, request) in request_w.into_iter().enumerate() {
                 out.request_w[m * n_steps + t] = request;

@@ -196,9 +196,6 @@ impl Kind<'_> {
         out: &mut [f64],
     ) {
         out.fill(f64::NEG_INFINITY);
-        if k == moves.n_boxes {
-            return;
-        }
         let n_columns = self.n_temperatures() - 1;
         let from = k * self.n_cells();
         for i in 0..self.soc.len - 1 {

@@ -24,6 +24,7 @@ mod temperatures;
 
 use bess_tables::Direction;
 
+use crate::cores;
 use crate::model::{StringModel, StringState};
 use crate::plan::problem::PlanProblem;
 use crate::plan::soc_nodes::SocNodes;
@@ -157,8 +158,8 @@ impl<'a> Kind<'a> {
         let mut now = next.clone();
         let (mut plain_next, mut plain_now) = (next.clone(), next.clone());
         let mut bends = Bends::new(self);
-        // Errors of the boxes that end with these currents, and of those that begin there.
-        let (mut below, mut above) = (vec![0.0; n_cells], vec![0.0; n_cells]);
+        let mut below = vec![0.0; n_cells];
+        let (mut errors, nowhere): (Vec<Vec<f64>>, _) = (vec![], vec![f64::NEG_INFINITY; n_cells]);
         for t in (0..problem.n_steps()).rev() {
             let interval = &problem.intervals[t];
             let which = which(interval.direction);
@@ -185,45 +186,20 @@ impl<'a> Kind<'a> {
                 }
                 *below = error;
             }
-            for x in 0..self.n_nodes() {
-                let (i, j) = (x / n_temperatures, x % n_temperatures);
-                let (cell, share) = images.idle[j];
-                now[x] = lerp(&next[i * n_temperatures..], cell, share)
-                    - self.share * self.largest_around(&below, i, j);
-                plain_now[x] = lerp(&plain_next[i * n_temperatures..], cell, share);
-            }
             if let Some(moves) = moves {
-                below.fill(f64::NEG_INFINITY);
-                for k in 0..=moves.n_boxes {
-                    self.box_errors((moves, images), &bends, &step, (k, cap_w), &mut above);
-                    let current_a = moves.current_a * k as f64;
-                    let wear = step.dt_h * step.wear * current_a;
-                    let mut any = false;
-                    for i in 0..self.soc.len {
-                        let Some(to) = self.soc.after(moves.direction, i, k) else { continue };
-                        let row = &next[to * n_temperatures..(to + 1) * n_temperatures];
-                        let plain_row = &plain_next[to * n_temperatures..(to + 1) * n_temperatures];
-                        for j in 0..n_temperatures {
-                            let error =
-                                self.largest_around(&below, i, j).max(self.largest_around(&above, i, j));
-                            if error == f64::NEG_INFINITY {
-                                continue;
-                            }
-                            any = true;
-                            let x = i * n_temperatures + j;
-                            let corner = &moves.corners[k * self.n_nodes() + x];
-                            let (cell, share) = images.corners[k * self.n_nodes() + x];
-                            let cost = step.cost(corner, j);
-                            let value = cost + wear + lerp(row, cell, share) - self.share * error;
-                            now[x] = now[x].min(value);
-                            plain_now[x] = plain_now[x].min(cost + wear + lerp(plain_row, cell, share));
-                        }
-                    }
-                    if !any && k > 0 {
-                        break;
-                    }
-                    std::mem::swap(&mut below, &mut above);
-                }
+                errors.resize_with(moves.n_boxes_within(cap_w), || vec![0.0; n_cells]);
+                errors = cores::map(errors.into_iter().enumerate().collect(), |(k, mut errors)| {
+                    self.box_errors((moves, images), &bends, &step, (k, cap_w), &mut errors);
+                    errors
+                });
+            }
+            let values = Next { values: &next, plain: &plain_next };
+            let row = |i| self.row(i, &values, (moves, images), &step, (&below, &errors, &nowhere));
+            now.clear();
+            plain_now.clear();
+            for (row, plain) in cores::map((0..self.soc.len).collect(), row) {
+                now.extend(row);
+                plain_now.extend(plain);
             }
             self.smooth(&mut now, &plain_now);
             std::mem::swap(&mut now, &mut next);
@@ -231,6 +207,50 @@ impl<'a> Kind<'a> {
             each(t, &next);
         }
         next
+    }
+
+    /// Values before a step at the nodes of one SOC, and the plain ones; errors of strings that are off, of every box, and of none.
+    fn row(
+        &self,
+        i: usize,
+        next: &Next<'_>,
+        (moves, images): (Option<&Moves>, &Images),
+        step: &StepPrices,
+        (idle, errors, nowhere): (&[f64], &[Vec<f64>], &[f64]),
+    ) -> (Vec<f64>, Vec<f64>) {
+        let n_temperatures = self.n_temperatures();
+        let rows = |i: usize| {
+            let row = i * n_temperatures..(i + 1) * n_temperatures;
+            (&next.values[row.clone()], &next.plain[row])
+        };
+        let (row, plain_row) = rows(i);
+        let off = |j: usize| {
+            let (cell, share) = images.idle[j];
+            let error = self.share * self.largest_around(idle, i, j);
+            (lerp(row, cell, share) - error, lerp(plain_row, cell, share))
+        };
+        let (mut now, mut plain): (Vec<f64>, Vec<f64>) = (0..n_temperatures).map(off).unzip();
+        let Some(moves) = moves else { return (now, plain) };
+        for k in 0..=errors.len() {
+            let Some(to) = self.soc.after(moves.direction, i, k) else { break };
+            // Errors of the boxes that end with this current, and of those that begin there.
+            let of = |k: Option<usize>| k.and_then(|k| errors.get(k)).map_or(nowhere, |errors| errors);
+            let (below, above) = (of(k.checked_sub(1)), of(Some(k)));
+            let (row, plain_row) = rows(to);
+            let wear = step.dt_h * step.wear * moves.current_a * k as f64;
+            for j in 0..n_temperatures {
+                let error = self.largest_around(below, i, j).max(self.largest_around(above, i, j));
+                if error == f64::NEG_INFINITY {
+                    continue;
+                }
+                let x = k * self.n_nodes() + i * n_temperatures + j;
+                let (cell, share) = images.corners[x];
+                let cost = step.cost(&moves.corners[x], j);
+                now[j] = now[j].min(cost + wear + lerp(row, cell, share) - self.share * error);
+                plain[j] = plain[j].min(cost + wear + lerp(plain_row, cell, share));
+            }
+        }
+        (now, plain)
     }
 
     /// Lowers values so that what they are below the plain ones bends little over temperature, against how these bend: a kink
@@ -262,6 +282,12 @@ impl<'a> Kind<'a> {
         let row = |i: usize| lerp(&values[i * self.n_temperatures()..], cell, of_cell);
         (1.0 - share) * row(i) + share * row(i + 1)
     }
+}
+
+/// Values after a step, and the plain ones `(n_soc, n_temperature)`.
+struct Next<'v> {
+    values: &'v [f64],
+    plain: &'v [f64],
 }
 
 #[inline]

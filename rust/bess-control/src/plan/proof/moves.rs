@@ -46,7 +46,8 @@ pub(super) struct Moves {
     pub(super) direction: Direction,
     /// Current of one step of SOC [A].
     pub(super) current_a: f64,
-    pub(super) n_boxes: usize,
+    /// Least request of each box.
+    least_requests_w: Vec<f64>,
     pub(super) corners: Vec<Corner>,
     pub(super) shapes: Vec<Shape>,
     /// Smallest and largest slope of delivered over internal power.
@@ -65,6 +66,13 @@ pub(super) struct Off {
     pub(super) resistance_change_ohm: f64,
     pub(super) voltage_off_v: f64,
     pub(super) resistance_off_ohm: (f64, f64),
+}
+
+impl Moves {
+    /// Number of boxes up to the last that a request of at most `cap_w` reaches.
+    pub(super) fn n_boxes_within(&self, cap_w: f64) -> usize {
+        self.least_requests_w.iter().rposition(|least_w| *least_w <= cap_w).map_or(0, |k| k + 1)
+    }
 }
 
 impl Kind<'_> {
@@ -125,7 +133,7 @@ impl Kind<'_> {
         let mut out = Moves {
             direction,
             current_a,
-            n_boxes: 0,
+            least_requests_w: vec![],
             corners: vec![],
             shapes: vec![],
             slopes: delivered.slopes(),
@@ -207,7 +215,8 @@ impl Kind<'_> {
                 out.shapes.truncate(k * self.n_cells());
                 break;
             }
-            out.n_boxes = k + 1;
+            let least_w = out.shapes[k * self.n_cells()..].iter().map(|shape| shape.least_request_w);
+            out.least_requests_w.push(least_w.fold(f64::INFINITY, f64::min));
             add_corners(&mut out.corners, k + 1);
         }
         Some(out)
