@@ -134,3 +134,12 @@ def test_an_ocv_that_falls_is_refused(document: dict[str, Any]) -> None:
 def test_a_state_outside_its_range_is_refused(soc: list[float], temperature_c: list[float]) -> None:
     with pytest.raises(bess.InputError):
         bess.State(soc=soc, temperature_c=temperature_c)
+
+
+@pytest.mark.parametrize(
+    ("given", "place"),
+    [({"inverter": [{}, {}]}, "inverter"), ({"string": [{"battery": [{}, {}]}]}, r"string\[0\].battery")],
+)
+def test_several_inverters_or_batteries_of_a_string_are_refused_with_what_to_do(given, place):
+    with pytest.raises(bess.InputError, match=place + ": a string is one battery .* list of 2; combine"):
+        bess.System({**bess.System.reference(1).document, **given})

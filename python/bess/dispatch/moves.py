@@ -72,14 +72,16 @@ class Grid(StoreState):
         for points, at in zip(self, state, strict=True):
             if points.size > 1:
                 low, share = _around(points, at)
-                place = np.hstack([place * points.size + low[:, None] + side for side in (0, 1)])
-                weight = np.hstack([weight * part[:, None] for part in (1.0 - share, share)])
+                below, share = place * points.size + low[:, None], share[:, None]
+                place = np.concatenate([below, below + 1], axis=1)
+                weight = np.concatenate([weight * (1.0 - share), weight * share], axis=1)
         return place, weight
 
 
 def _around(points: Array, at: Array) -> tuple[Places, Array]:
-    low = np.clip(np.searchsorted(points, at, side="right") - 1, 0, points.size - 2)
-    return low, np.clip((at - points[low]) / (points[low + 1] - points[low]), 0.0, 1.0)
+    low = points[1:-1].searchsorted(at, side="right")
+    share = (at - points[low]) / (points[low + 1] - points[low])
+    return low, np.minimum(np.maximum(share, 0.0), 1.0)
 
 
 @dataclass(frozen=True)

@@ -86,6 +86,7 @@ def parse_strings(document: Mapping[str, Any], name: str) -> tuple[tuple[StringP
             raise InputError(
                 f"{name}: {place}{unknown[0]}: unknown section; allowed: {', '.join(_OVERRIDABLE)}"
             )
+        _check_single(override, f"{name}: {place}")
         own_site = override.get("system", {})
         if isinstance(own_site, Mapping) and (misplaced := sorted(set(own_site) - set(PER_STRING_SITE))):
             raise InputError(
@@ -106,9 +107,21 @@ def check_layout(document: object, name: str) -> None:
     overrides = document.get("string", [])
     if not isinstance(overrides, list) or not all(isinstance(entry, Mapping) for entry in overrides):
         raise InputError(f"{name}: string: write one [[string]] table for each string")
+    _check_single(document, f"{name}: ")
     for section in (*_OVERRIDABLE, "cooling"):
         if not isinstance(document.get(section, {}), Mapping):
             raise InputError(f"{name}: {section}: must be a table")
+
+
+def _check_single(document: Mapping[str, Any], place: str) -> None:
+    """Raise :class:`InputError` where several batteries or inverters are given for a string."""
+    for section in ("battery", "inverter"):
+        if isinstance(document.get(section), list):
+            raise InputError(
+                f"{place}{section}: a string is one battery behind one inverter, not a list of "
+                f"{len(document[section])}; combine alike ones to one table "
+                "(docs/howto/own-system.md, Several inverters or batteries)"
+            )
 
 
 def string_count(document: Mapping[str, Any], name: str) -> int:
