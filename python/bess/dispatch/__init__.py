@@ -1,4 +1,4 @@
-"""Demand of the plant: profiles as given, arbitrage on market prices, services, and forecasts of any."""
+"""Demand of the plant: profiles, arbitrage on market prices, grid services, and their forecasts."""
 
 from bess.dispatch.arbitrage import Arbitrage
 from bess.dispatch.aware import DispatchInputs, DispatchPlan, DynamicProgramDispatch

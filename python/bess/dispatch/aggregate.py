@@ -1,4 +1,4 @@
-"""The plant as one store: what all strings together lose, hold and deliver."""
+"""The plant as one aggregate store: losses, stored energy and delivered power of all strings."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _TAPERED_SUBSTEP_H: Final = 1.0 / 60.0
 
 @dataclass(frozen=True)
 class Curve:
-    """How the strings share each power of the plant in one direction, as loses least.
+    """Minimum-loss allocation of plant power to strings, in one direction.
 
     Attributes
     ----------
@@ -50,12 +50,12 @@ class Curve:
 
 @dataclass(frozen=True)
 class DispatchRollout:
-    """What a schedule does in the control model, plant by plant; powers are means over the steps.
+    """Response of the control model to a schedule; powers are means over the steps.
 
     Attributes
     ----------
     demand_kw, delivered_kw : ndarray, shape (n_steps,)
-        What is asked for, less what no string could take, and what is delivered; signed.
+        Demand, less the part that no string could take, and what is delivered; signed.
     request_kw : ndarray, shape (n_strings, n_steps)
         What is asked of each string.
     energy_kwh : ndarray, shape (n_steps + 1,)
@@ -88,7 +88,7 @@ class Aggregate:
     dt_h : float
         Control step [h].
     state : State
-        Whose state of health the strings have; the rest of it does not matter.
+        State that gives the state of health of the strings; SOC and temperature are not used.
     limit_kw : array, shape (n_strings,)
         Power of each inverter in service, not all 0.
     """
@@ -121,7 +121,7 @@ class Aggregate:
         self._parts = max(1, round(dt_h / (_TAPERED_SUBSTEP_H if tapers else _SUBSTEP_H)))
 
     def fits(self, state: State, limit_kw: Array) -> bool:
-        """Whether strings of this state and in this service are the ones described here."""
+        """Whether the tables apply to this state of health and these inverters in service."""
         health = _rounded(state)
         return (
             np.array_equal(self.limit_kw, np.minimum(limit_kw, self.system.nominal_kw))
@@ -147,7 +147,7 @@ class Aggregate:
 
     @property
     def derating_begins_c(self) -> float | None:
-        """Temperature above which some string is derated; None if none ever is."""
+        """Lowest temperature at which the derating of a string begins; None without derating."""
         tables = [string.derating for string in self.system.strings]
         begins = [
             np.array(each.temperature_c)[np.array(each.factor) >= 1.0]
@@ -157,7 +157,7 @@ class Aggregate:
         return min((float(each.max(initial=-np.inf)) for each in begins), default=None)
 
     def flows_over(self, energy_kwh: Array, temperature_c: Array, power_kw: Array, steps: int) -> Array:
-        """Return what signed powers ``(n_powers,)``, shared as loses least, do in so many control steps.
+        """Return the response to signed powers ``(n_powers,)``, allocated at minimum loss, over some steps.
 
         All strings start alike, at each of the stored energies and temperatures.
 
@@ -207,10 +207,10 @@ class Aggregate:
         return flows
 
     def roll_out(self, state: State, demand_kw: Array, ambient_c: Array) -> DispatchRollout:
-        """Return what the control model makes of a demand, shared as loses least.
+        """Return the response of the control model to a demand that is allocated at minimum loss.
 
-        What a full or empty string cannot take is given to the others, as far as they have power left, and
-        not asked for where they have not.
+        Power that a full or empty string cannot take is reallocated to the others up to their limits;
+        the rest is removed from the demand.
         """
         flows = self._model.follow(
             state.soc, state.temperature_c, demand_kw, ambient_c, self.dt_h, self._parts, self._shares
@@ -261,7 +261,7 @@ def energy_tables(system: System, health: State, soc_min: Array) -> tuple[list[A
 
 
 def _rounded(state: State) -> State:
-    """State of health to a thousandth: what a plan can tell apart, and what is worth new tables."""
+    """State of health rounded to a thousandth, the resolution at which tables are rebuilt."""
     return State(
         np.full(state.n_strings, _REFERENCE_SOC),
         np.full(state.n_strings, _REFERENCE_C),

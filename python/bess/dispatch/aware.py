@@ -41,12 +41,12 @@ _NEVER_EUR_KWH: Final = -1e3
 
 @dataclass(frozen=True, eq=False)
 class DispatchPlan(ByValue):
-    """What to ask of a plant, and what it is expected to make of it. Powers are kW, positive = discharge.
+    """Demand schedule for a plant and its expected response; powers in kW, positive = discharge.
 
     Attributes
     ----------
     demand_kw : ndarray, shape (n_steps,)
-        Power to ask for.
+        Planned demand.
     expected_delivered_kw : ndarray, shape (n_steps,)
         Power that the control model delivers.
     expected_net_eur : float
@@ -76,12 +76,12 @@ class DispatchPlan(ByValue):
 
 @dataclass(frozen=True)
 class DispatchInputs:
-    """What a plan is made for; arrays of shape ``(n_steps,)``.
+    """Inputs of a plan; arrays of shape ``(n_steps,)``.
 
     Attributes
     ----------
     price_eur_mwh, ambient_c : ndarray
-        Prices, known or expected, and ambient temperatures ahead.
+        Known or expected prices, and ambient temperatures.
     day : ndarray of int
         Number of the trading day of each step, ascending.
     discharged_kwh : float
@@ -107,7 +107,7 @@ class DispatchInputs:
 
 
 class DynamicProgramDispatch:
-    """Plans what a plant can deliver, and at what cost.
+    """Dispatch of a plant by dynamic programming on its control model.
 
     The bundled study ``model-accuracy`` repeats the comparison of [1]_ with it. Wear by depth of cycle can be
     part of the program because the cost of cycles counted by rainflow is convex in the profile [2]_.
@@ -176,7 +176,7 @@ class DynamicProgramDispatch:
         self._moves: dict[tuple[int, int], Moves] = {}
 
     def plan(self, outlook: DispatchInputs, state: State, *, limit_kw: Array | None = None) -> DispatchPlan:
-        """Return the plan that earns most, as far as it was found.
+        """Return the best plan found.
 
         Parameters
         ----------
@@ -245,13 +245,13 @@ class DynamicProgramDispatch:
         return float(energy_kwh), plant.capacity_kwh, float(temperature_c)
 
     def _aggregate(self, state: State, limit_kw: Array) -> Aggregate:
-        """The plant as it is now; kept until strings fail or have aged by a thousandth."""
+        """Return the aggregate store, rebuilt when inverters fail or capacity changes by a thousandth."""
         if self._plant is None or not self._plant.fits(state, limit_kw):
             self._plant, self._moves = Aggregate(self._system, self._dt_h, state, limit_kw), {}
         return self._plant
 
     def _moves_of(self, plant: Aggregate, grid: Grid, steps: int) -> Moves:
-        """Moves of a block of so many steps; kept as long as the plant is."""
+        """Return the transitions of a block by its number of steps, cached for the aggregate store."""
         key = steps, grid.depth.size
         if key not in self._moves:
             power_kw = min(self._charge_kw, plant.power_kw), min(self._discharge_kw, plant.power_kw)
@@ -267,9 +267,9 @@ def _nothing(outlook: DispatchInputs, state: State) -> DispatchPlan:
 
 @dataclass(frozen=True)
 class _DispatchProblem:
-    """One plan to be made, with a limit on what is cycled in each period, and the value of what is left.
+    """One dispatch problem with a cycle limit for each period and a terminal value.
 
-    Offers of a block are those of the levels of the prices, and last that of the expected price.
+    The offers of a block belong to the price levels; the last one belongs to the expected price.
     """
 
     plant: Aggregate
@@ -287,7 +287,7 @@ class _DispatchProblem:
     end_eur_kwh: float
 
     def solved(self) -> DispatchPlan:
-        """The plan: where it would cycle too much at no price of that, by those of the ladder."""
+        """Return the plan; if it exceeds the cycle limit at a price of zero, with a price from the ladder."""
         power_kw, cycled_kwh = self._followed(np.zeros(1), np.full(self.allowed_kwh.size, _ANY_KWH))
         if (cycled_kwh > self.allowed_kwh).any():
             dearest = float(np.abs(self.outlook.price_eur_mwh).max()) / KWH_PER_MWH
@@ -297,7 +297,7 @@ class _DispatchProblem:
         return self._valued(self.plant.roll_out(self.state, demand_kw, self.outlook.ambient_c))
 
     def _followed(self, shadow_eur: Array, allowed_kwh: Array) -> tuple[Array, Array]:
-        """Power asked for in each block, and what is cycled in each period, not more than is allowed.
+        """Return the power of each block and the cycled energy of each period, within its limit.
 
         It is chosen before the level of the price is known, which every value after the block takes as known.
         """
@@ -323,9 +323,9 @@ class _DispatchProblem:
         return power_kw, cycled_kwh
 
     def _values(self, shadow_eur: Array) -> list[Array]:
-        """What states are worth before each block and at the end, shape ``(n_states, n_levels, n_shadows)``.
+        """Return the values of states before each block and at the end, ``(n_states, n_levels, n_shadows)``.
 
-        Levels are those of the price of the block, shadows prices of what is cycled.
+        Levels are price levels of the block; shadows are prices of cycled energy.
         """
         n_blocks, n_levels = len(self.moves), self.bands.now.size
         end = np.broadcast_to(self.grid.energy_kwh[:, None, None], self.grid.shape).reshape(-1, 1, 1)
@@ -344,7 +344,7 @@ class _DispatchProblem:
         return values
 
     def _after(self, values: list[Array], b: int, shadow_eur: Array) -> Array:
-        """What states are worth after a block, by its level: expected over the levels of the next price.
+        """Return the values of states after a block by its level: the expectation over the next level.
 
         Before another period, at the price that uses its limit: where the dual value, which bounds from
         above, is least.
@@ -360,7 +360,7 @@ class _DispatchProblem:
         return np.asarray(later)
 
     def _valued(self, rolled: DispatchRollout) -> DispatchPlan:
-        """The plan of a roll-out, and what it nets."""
+        """Return the plan of a roll-out and its net income."""
         terms, price, dt_h = self.terms, self.outlook.price_eur_mwh, self.plant.dt_h
         demand_kw, delivered_kw = rolled.demand_kw, rolled.delivered_kw
         sold_kw, bought_kw = np.maximum(delivered_kw, 0.0), np.maximum(-delivered_kw, 0.0)
@@ -382,5 +382,5 @@ class _DispatchProblem:
 
 
 def _value_of_store(buy_eur_kwh: Array, sell_eur_kwh: Array) -> float:
-    """What a kWh is worth that is left at the end of a plan: no more than it costs to buy, or brings."""
+    """Return the terminal value per kWh: the lower of its purchase cost and its revenue."""
     return max(0.0, min(float(np.quantile(buy_eur_kwh, 0.5)), float(np.quantile(sell_eur_kwh, 0.9))))

@@ -53,13 +53,13 @@ class PriceBands(ByValue):
 
     @property
     def narrowed(self) -> PriceBands:
-        """The same with one level, if the levels do not differ."""
+        """Return bands of one level if all levels are equal."""
         first = self.price_eur_mwh[0]
         return PriceBands.known(first) if (self.price_eur_mwh == first).all() else self
 
     @cached_property
     def is_new(self) -> npt.NDArray[np.bool_]:
-        """Whether a new price begins at each step after the first, shape ``(n_steps,)``."""
+        """Whether a new price begins at each step, ``(n_steps,)``; never at the first."""
         return np.asarray(np.r_[False, (np.diff(self.price_eur_mwh, axis=1) != 0.0).any(axis=0)])
 
     @cached_property
@@ -78,7 +78,7 @@ class PriceBands(ByValue):
 
 
 class BandForecast:
-    """Foretells each price as a few quantiles and the probabilities of moving between them.
+    """Forecast of each price as a few quantiles with transition probabilities.
 
     Without ``foretold`` they are the quantiles (5, 25, 50, 75, 95 %) of the errors of
     :class:`~bess.dispatch.PersistenceForecast` in the past four weeks, by its age in days. Probabilities of
@@ -185,7 +185,7 @@ def _checked(foretold: Array, size: int) -> Array:
 
 
 def _membership(values: Array, levels: Array) -> Array:
-    """Share of each level in values between them, shape ``(n_levels, n)``; linear between two levels."""
+    """Return the weight of each level for given values, ``(n_levels, n)``, linear between two levels."""
     width = np.diff(levels, axis=0)
     place = np.clip((values - levels[:-1]) / np.where(width > 0.0, width, 1.0), 0.0, 1.0).sum(axis=0)
     return np.asarray(np.maximum(0.0, 1.0 - np.abs(np.arange(len(levels))[:, None] - place)))

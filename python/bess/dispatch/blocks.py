@@ -1,4 +1,4 @@
-"""Control steps of one price as one block of a plan: fewer columns and rows, the same income."""
+"""Control steps of equal price merged into blocks of a plan: a smaller problem with the same income."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _LONGEST_H: Final = 1.0
 
 @dataclass(frozen=True)
 class Blocks:
-    """Steps that follow each other at the same price on the same day, an hour at most.
+    """Consecutive steps of equal price on one day, at most one hour.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Blocks:
         first_h: float = 0.0,
         step_h: float = 0.0,
     ) -> Self:
-        """Cut the steps where the price or the day changes, and where a block gets too long.
+        """Start a new block at each change of the price or the day, and at the maximum length.
 
         Prices may have several rows: any of them may change. In the first ``first_h`` hours a block is
         ``step_h`` long at most, or one step if that is longer.
@@ -55,18 +55,18 @@ class Blocks:
 
     @cached_property
     def of_step(self) -> npt.NDArray[np.int64]:
-        """Number of the block of each step."""
+        """Block number of each step."""
         return np.repeat(np.arange(self.first.size), self.count)
 
     def mean(self, values: Array) -> Array:
-        """Means over the blocks of values for each step, which are the last axis."""
+        """Return the block means of values by step (last axis)."""
         return np.asarray(np.add.reduceat(values, self.first, axis=-1) / self.count)
 
     def at_full(self, share: Array) -> Array:
-        """Return the share of each step for the mean shares of blocks, at most 1 in size.
+        """Return the share of each step from the mean shares of blocks, at most 1 in magnitude.
 
-        As a vertex of the program over all steps has it: the last steps of a block at full power, one at the
-        rest of it, none before.
+        As in a vertex of the program over all steps: the last steps of a block at full power, one step with
+        the remainder, none before.
         """
         place = self.count[self.of_step] - 1 - np.arange(self.of_step.size) + self.first[self.of_step]
         whole = (np.abs(share) * self.count)[self.of_step] - place

@@ -1,4 +1,4 @@
-"""What cycles of the plant as one store wear, by their depth."""
+"""Wear cost of cycles of the aggregate store by depth of cycle."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _HOLDING_SOC: Final = (0.2, 0.8)
 
 @dataclass(frozen=True)
 class CycleDepthCost:
-    """What cycles wear, by depth, for the plant as a whole; rates frozen at the state of a plan.
+    """Wear cost of cycles by depth for the whole plant, with rates frozen at the state of a plan.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class CycleDepthCost:
 
     @classmethod
     def of(cls, plant: Aggregate, wear: MarginalWear) -> Self:
-        """Take the means over the strings, at their temperatures."""
+        """Return the mean over the strings at their temperatures."""
         energy_kwh, share = plant.string_energy_kwh, plant.string_energy_kwh / plant.capacity_kwh
         wears = (string.wear for string in plant.system.strings)
         said = [each.eur_per_mwh if each.model != "none" else None for each in wears]
@@ -69,18 +69,18 @@ class CycleDepthCost:
 
     @property
     def points(self) -> Array:
-        """Depths to tell apart: one where wear does not depend on it."""
+        """Number of depths on the grid: one if wear is independent of depth."""
         return self.depth if np.ptp(self.marginal_eur_kwh) > 0.0 else self.depth[:1]
 
     @property
     def marginal_eur_kwh(self) -> Array:
-        """Price of a kWh drawn in each segment of depth."""
+        """Return the price of a kWh discharged in each segment of depth."""
         return np.diff(self.cycle_eur) / (np.diff(self.depth) * self.capacity_kwh)
 
     def discharge_eur(self, depth: Array, drawn: Array) -> Array:
-        """Return the wear of going deeper by ``drawn`` from ``depth``, beside the price of energy.
+        """Return the wear cost of a discharge by ``drawn`` from ``depth``, without the price of energy.
 
-        Below a depth of 1, which only points of a grid around a state reach, it rises on as before it.
+        Beyond a depth of 1, reached by grid points around a state only, the last slope is continued.
         """
         deeper = np.r_[self.depth, 2.0]
         cost_eur = np.r_[self.cycle_eur, self.cycle_eur[-1] + self.capacity_kwh * self.marginal_eur_kwh[-1]]
@@ -88,7 +88,7 @@ class CycleDepthCost:
         return np.asarray(to_eur - from_eur)
 
     def cost_eur(self, discharged_kwh: Array, energy_kwh: Array, dt_h: float) -> float:
-        """Return what a trajectory of stored energy wears.
+        """Return the wear cost of a trajectory of stored energy.
 
         ``discharged_kwh`` (AC) has one value for each step, ``energy_kwh`` one more. Every discharge from one
         turning point to the next counts as a cycle, which is the upper end of what rainflow counting gives.

@@ -40,7 +40,7 @@ class PerfectForecast:
     Parameters
     ----------
     values : array, shape (n_steps,)
-        The series that comes true; finite.
+        The actual series; finite.
     """
 
     def __init__(self, values: npt.ArrayLike):
@@ -52,14 +52,14 @@ class PerfectForecast:
 
 
 class ExternalForecast:
-    """Somebody else's forecast: one value for each step, made before the run.
+    """External forecast: one value for each step, made before the run.
 
     The present value is known; for later steps the forecast is given.
 
     Parameters
     ----------
     values : array, shape (n_steps,)
-        The series that comes true; finite.
+        The actual series; finite.
     foretold : array, shape (n_steps,)
         What was foretold of it; finite.
     price_ends : array of int, shape (n_steps,), optional
@@ -82,14 +82,14 @@ class ExternalForecast:
             )
 
     def ahead(self, step: int, horizon: int) -> Array:
-        """Return the present value and what was foretold; see :class:`Forecast`."""
+        """Return the present value and the forecast; see :class:`Forecast`."""
         seen = self.foretold[present_step(step, horizon, self.values.size) : step + horizon].copy()
         seen[: self._price_ends[step] - step] = self.values[step]
         return seen
 
 
 class PersistenceForecast:
-    """Foretells each step by the latest known value at the same time of day.
+    """Forecasts each step by the latest known value at the same time of day.
 
     The present value is known. A later step takes the value of one day before it, or of as many days as it
     takes to reach the past; where the record does not reach back that far, the present value is held.
@@ -97,7 +97,7 @@ class PersistenceForecast:
     Parameters
     ----------
     values : array, shape (n_steps,)
-        The series that comes true; finite.
+        The actual series; finite.
     dt_h : float
         Control step in hours; must divide a day.
     price_ends : array of int, shape (n_steps,), optional
@@ -130,12 +130,12 @@ class PersistenceForecast:
 
 
 def steps_in(duration_h: float, dt_h: float, what: str) -> int:
-    """Return how many control steps `duration_h` holds; raise InputError unless it is a whole number >= 1.
+    """Return the number of control steps in `duration_h`, a whole number >= 1.
 
     Raises
     ------
     InputError
-        It holds a part of a step, or none; ``what`` says of what.
+        It is not a multiple of the step; the message names the quantity ``what``.
     """
     if not (np.isfinite(dt_h) and dt_h > 0.0):
         raise InputError(f"control step {dt_h} h must be above 0 h")

@@ -1,4 +1,4 @@
-"""The plant as one store on a grid of states: what every power does to it, and what its states are worth."""
+"""State grid of the aggregate store: transitions for each power, and values of states."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class StoreState(NamedTuple):
     energy_kwh, temperature_c : ndarray
         Stored energy and mean temperature.
     depth : ndarray
-        How deep the discharge so far is, over the capacity.
+        Depth of the present discharge, relative to capacity.
     """
 
     energy_kwh: Array
@@ -51,11 +51,11 @@ class StoreState(NamedTuple):
 
 
 class Grid(StoreState):
-    """Points of each part of a state; the depth has one point where wear does not depend on it."""
+    """Grid points of each state variable; one point of depth if wear is independent of it."""
 
     @classmethod
     def of(cls, plant: Aggregate, energy_kwh: float, depth: Array) -> Self:
-        """Return the points for a plant of which no more than ``energy_kwh`` is used."""
+        """Return the grid for a plant that uses at most ``energy_kwh``."""
         derated_c = plant.derating_begins_c
         warm_c = _WITHOUT_DERATING_C if derated_c is None else derated_c + np.array(_FROM_DERATING_K)
         return cls(np.linspace(0.0, energy_kwh, _ENERGIES), np.asarray(warm_c), depth)
@@ -66,7 +66,7 @@ class Grid(StoreState):
         return self.energy_kwh.size, self.temperature_c.size, self.depth.size
 
     def corners(self, state: StoreState) -> tuple[Places, Array]:
-        """Points around states, as numbers in the flat grid, and their weights; shape ``(n, n_corners)``."""
+        """Return the grid points around states (flat indices) and their weights, ``(n, n_corners)``."""
         place = np.zeros((state[0].size, 1), dtype=np.int64)
         weight = np.ones((state[0].size, 1))
         for points, at in zip(self, state, strict=True):
@@ -86,7 +86,7 @@ def _around(points: Array, at: Array) -> tuple[Places, Array]:
 
 @dataclass(frozen=True)
 class Offer:
-    """What energy earns and costs in a block of steps at one price.
+    """Revenue and cost of energy in a block of steps of equal price.
 
     Attributes
     ----------
@@ -102,7 +102,7 @@ class Offer:
 
 
 class Moves:
-    """What each of a few powers does to the plant in a block of steps, by its control model.
+    """Transitions of the plant for each of several powers in a block of steps, by its control model.
 
     Parameters
     ----------
@@ -152,18 +152,18 @@ class Moves:
         )
 
     def wear_eur(self, depths: CycleDepthCost) -> Array:
-        """Return the wear of every row by its depth."""
+        """Return the wear cost of every row by its depth."""
         return depths.discharge_eur(self._depth, self._rows.drawn)
 
     def income_eur(self, offer: Offer, wear_eur: Array, shadow_eur: Array) -> Array:
-        """Return what every row earns at each price ``shadow_eur`` of a kWh that counts as cycled."""
+        """Return the income of every row at each price ``shadow_eur`` per kWh cycled."""
         earned = self._rows.amounts @ offer.eur - wear_eur
         return np.asarray(earned[:, None] - self._rows.cycled_kwh[:, None] * shadow_eur)
 
     def values(self, after: Array, income_eur: Array, ambient_c: float) -> Array:
-        """Return what the states of the grid are worth before a block, shape ``(n_states, n_shadows)``.
+        """Return the values of grid states before a block, ``(n_states, n_shadows)``.
 
-        ``after`` is what they are worth after it, ``income_eur`` what the rows earn in it.
+        ``after`` are the values after the block, ``income_eur`` the income of the rows.
         """
         points = self._grid.temperature_c
         low, share = _around(points, points + self._cooled * (ambient_c - self._ambient_c))
@@ -182,7 +182,7 @@ class Moves:
         shadow_eur: float,
         left_kwh: float,
     ) -> tuple[float, StoreState, float]:
-        """Return the power to ask for in a state, signed, the state after it, and what counts as cycled.
+        """Return the signed power to request in a state, the next state, and the cycled energy.
 
         ``after`` is what the states of the grid are worth after the block, shape ``(n_states,)``. Powers that
         cycle more than ``left_kwh`` are left out.
@@ -199,7 +199,7 @@ class Moves:
         return float(flows[chosen, 0]), end, float(rows.cycled_kwh[chosen])
 
     def _moved(self, flows: Array, held_kwh: Array, depth: Array) -> _Rows:
-        """What flows amount to from states of these energies and depths."""
+        """Return the rows of given flows from states of these energies and depths."""
         _, delivered_kw, derated_kw, standby_kw, energy_kwh, temperature_c = flows.T
         sold, bought = np.maximum(delivered_kw, 0.0), np.maximum(-delivered_kw, 0.0)
         amounts = self._hours * np.stack([sold, bought + standby_kw, derated_kw, energy_kwh], axis=1)
@@ -216,7 +216,7 @@ class Moves:
 
 @dataclass(frozen=True)
 class _Rows:
-    """Energies that are paid for, share of the capacity drawn, what counts as cycled, states after."""
+    """Settled energies, share of capacity discharged, cycled energy, and states after the block."""
 
     amounts: Array
     drawn: Array

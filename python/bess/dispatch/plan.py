@@ -29,7 +29,7 @@ def plan_dispatch(
     cycles_per_day: float = 2.0,
     market_time_zone: str = "Europe/Berlin",
 ) -> DispatchPlan:
-    r"""Plan what to buy and sell, knowing what the plant can deliver and what that costs.
+    r"""Plan the dispatch of a plant over prices, with its limits, losses and wear.
 
     With price :math:`\pi`, delivered power :math:`p` (:math:`p^+` discharge, :math:`p^-` charge), demand
     :math:`D`, fees :math:`f`, wear :math:`W`, and the energy :math:`e_T` that is left at its value :math:`v`,

@@ -1,4 +1,4 @@
-"""Demand profiles: from a file as it comes, or bundled."""
+"""Demand profiles from files, and bundled profiles."""
 
 from collections.abc import Callable
 from os import PathLike
@@ -98,7 +98,7 @@ def bundled_profile(name: str, **parameters: float) -> Array:
     Raises
     ------
     InputError
-        There is none of that name.
+        There is no profile of that name.
     """
     if name not in PROFILES:
         raise InputError(f"profile {name!r} is not bundled; there are {', '.join(sorted(PROFILES))}")
@@ -170,7 +170,7 @@ def read_profile(
 
 
 def _check_unit(column: str, unit: str) -> None:
-    """Refuse a column whose name says another unit than `unit`."""
+    """Raise InputError if a column name gives a unit other than `unit`."""
     said = power_unit(column)
     if said is not None and said != unit:
         alike = _TO_KVAR if unit in _TO_KVAR else _TO_KW
@@ -180,7 +180,7 @@ def _check_unit(column: str, unit: str) -> None:
 
 
 def _resampled(name: str, series: pd.Series, dt_h: float) -> pd.Series:
-    """Average finer values over control steps of `dt_h`, or hold coarser ones; a part of a step is cut."""
+    """Average finer values over control steps of `dt_h`, or hold coarser ones; drop an incomplete step."""
     file_h = (series.index[1] - series.index[0]) / pd.Timedelta(hours=1)
     values = series.to_numpy()
     if file_h <= dt_h:

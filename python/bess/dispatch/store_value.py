@@ -1,4 +1,4 @@
-"""``bess.store_value``: the most that an ideal store earns on a series of prices."""
+"""``bess.store_value``: maximum income of an ideal store on a price series."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class StoreValue(ByValue):
-    """What an ideal store earns with all prices known.
+    """Income of an ideal store with perfect foresight.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ def store_value(
     *,
     dt_h: float = 0.25,
 ) -> StoreValue:
-    r"""Return the most that an ideal store earns on a price series, by one linear program over all of it.
+    r"""Return the maximum income of an ideal store on a price series, by one linear program.
 
     The program of :class:`bess.dispatch.Arbitrage` without cycle limits of days: with charging :math:`c` and
     discharging :math:`d` (AC), stored energy :math:`e` and :math:`\eta` the root of the round trip,
@@ -145,7 +145,7 @@ def store_value(
 
 
 def _steps(prices: Any, dt_h: float) -> tuple[Array, float]:
-    """Prices as an array, and their step [h]."""
+    """Return prices as an array, and their step [h]."""
     price = finite_array("prices", prices)
     if price.ndim != 1 or price.size == 0:
         raise InputError(f"prices have shape {price.shape}; give one value for each step, at least one")
