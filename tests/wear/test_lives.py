@@ -243,7 +243,9 @@ def test_a_life_of_few_cycles_earns_most_on_the_days_that_pay_most(tmp_path: Pat
     for price in (0.0, 100.0):
         study = bess.load_study("wear-price", values | {"wear.eur_per_mwh": price})
         result = bess.run(study, progress=False)
-        earned[price] = float(cash_by_year(result)["income_eur"].sum())
+        cash = cash_by_year(result)
+        assert not cash["residual_eur"].any()
+        earned[price] = float(cash["income_eur"].sum())
         if price == 0.0:
             assert 3.5 < result.kpis["end_of_life_days"] <= 4.0
     assert result.kpis["soh_capacity_min"] - 0.8 < 0.1 * per_cycle

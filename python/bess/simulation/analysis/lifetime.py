@@ -56,7 +56,7 @@ def cash_by_year(result: Result | xr.Dataset) -> pd.DataFrame:
     """Return the cash flow of years of operation: batteries are paid when installed, not as they wear.
 
     The batteries of the start are paid for. At the end of the run, a battery in service is worth the share of
-    its replacement cost that is left until its end of life.
+    its replacement cost that is left until its end of life; a string that will be retired is worth nothing.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def cash_by_year(result: Result | xr.Dataset) -> pd.DataFrame:
     dataset: Any = getattr(result, "dataset", result)
     ledger = ledger_by_year(dataset)
     left = dataset["soh_capacity"].values[-1] - np.ravel(dataset.attrs["end_of_life_soh"])
-    residual = np.maximum(left, 0.0) * np.ravel(dataset.attrs["wear_eur_per_loss"])
+    residual = np.maximum(left, 0.0) * np.ravel(dataset.attrs["residual_eur_per_soh"])
     frame = pd.DataFrame({"income_eur": ledger["net_eur"] + ledger["wear_eur"]})
     frame["investment_eur"] = ledger.get("investment_eur", 0.0)
     frame["residual_eur"] = np.where(frame.index == frame.index[-1], residual.sum(), 0.0)

@@ -21,6 +21,7 @@ def describe_frame(
     study: Study, system: System, grid: TimeGrid, statuses: Mapping[int, str]
 ) -> dict[str, Any]:
     """Plain values, saved with the parts so that a record can be opened without the files of its study."""
+    stays = [string.wear.at_end_of_life != "retire" for string in system.strings]
     initial, prices = system.initial_state(), WearPrices.of(system)
     return {
         "start_s": grid.start_s,
@@ -38,6 +39,7 @@ def describe_frame(
             "initial_soh_capacity": initial.soh_capacity.tolist(),
             "initial_soh_resistance": initial.soh_resistance.tolist(),
             "wear_eur_per_loss": prices.eur_per_loss.tolist(),
+            "residual_eur_per_soh": np.where(stays, prices.eur_per_loss, 0.0).tolist(),
             "end_of_life_soh": prices.end_of_life.tolist(),
         },
         "statuses": {str(code): text for code, text in statuses.items()},
