@@ -1,9 +1,9 @@
 """Cost of an SOC calibration at the time that the service plans, and at every fourth hour of the day.
 
-`python benches/calibration.py [DAYS]` runs random days of two reference strings, with a demand drawn for every
+`python benches/calibration.py [DAYS]` runs random days of two reference strings; the demand is drawn for each
 hour and repeated daily. The controller of the service (policy `soc`) runs four days in the plant: without a
-calibration, with one at the planned time, and with one begun at each of six fixed times. Costs are kWh: losses,
-and three times the undelivered energy, less those of the run without.
+calibration, with one at the planned time, and with one begun at each of six fixed times. Costs are kWh:
+losses and three times the undelivered energy, less those of the run without.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ def demand(seed: int) -> Array:
 def run(demand_kw: Array, start: int | None = None, *, planned: bool = False) -> tuple[float, float]:
     """Cost of four days [kWh], and the cost by the plan."""
     system = bess.System.reference(n_strings=2)
-    service = ServiceSection(control_step_s=STEP_S, calibration_days=2.0 if planned else None)
+    service = ServiceSection(control_step_s=STEP_S, calibration_days=10.0 if planned else None)
     policy = build_policy("soc", system, Settings(0.25, DAY, SplitSettings(), plans=True))
     live = Controller(system, policy, service, DAY, background=False)
     plant = bess.Plant(system, system.initial_state())
-    live.calibration.full_s = np.array([-24.0 * 3600.0, 1e9])  # the first string is due after a day
+    live.calibration.full_s = np.array([-9.0 * 86_400.0, 1e9])  # the first string is due after a day
     cost_kwh, expected_kwh, power_kw = 0.0, np.nan, np.full(2, np.nan)
     for k in range(4 * DAY):
         if k == start:

@@ -1,22 +1,21 @@
 """SOC calibration: one string at a time is charged to full while the others carry the load.
 
 A calibration begins on request, or by itself once in every ``service.calibration_days``: at the time at which
-it costs least by the plan (:func:`place`), within the last day before the string is due. A string that
+the day costs least (:func:`place`), within the last day before the string is due. A string that
 has been full anyway needs none.
 """
 
 from __future__ import annotations
 
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from bess.arrays import Array
-from bess.control.planning.planner import Planner
-from bess.control.planning.prices import PlanPrices
-from bess.control.split.objectives import SHORTFALL, Objectives
+from bess.control.policies.rule import water_fill
+from bess.control.split.objectives import SHORTFALL
 from bess.control.split.rollout import rollout
 from bess.edge.serve.persistent import Persistent
 from bess.edge.serve.soc_limits import PowerCapability, SocLimits
@@ -78,7 +77,7 @@ class Calibration(Persistent):
     def __init__(
         self, system: System, service: ServiceSection, limits: SocLimits, *, background: bool
     ) -> None:
-        self._system, self._limits, self._background = system, limits, background
+        self._system, self._service, self._limits, self._background = system, service, limits, background
         self._power_kw = QUARTER * system.nominal_kw
         if service.calibration_kw is not None:
             self._power_kw = np.minimum(service.calibration_kw, system.nominal_kw)
@@ -129,8 +128,7 @@ class Calibration(Persistent):
         plan_s
             Step of the plan [s].
         """
-        i = self.string
-        if i is not None and trusted.soc_low[i] >= self.target_soc - _FULL:
+        if self.is_done(trusted):
             self.string = None
         if self._period_s is None:
             return
@@ -153,6 +151,10 @@ class Calibration(Persistent):
             string, began_s, placed = self._pending[0], self._pending[1], self._pending[2].result()
             self.planned = [string, began_s + placed.start * plan_s, placed.cost_kwh]
             self._pending = None
+
+    def is_done(self, trusted: ValidState) -> bool:
+        """Whether the string that is being calibrated is full, whichever of its values is true."""
+        return self.string is not None and bool(trusted.soc_low[self.string] >= self.target_soc - _FULL)
 
     def charge_kw(
         self, trusted: ValidState, able: PowerCapability, demand_kw: float, dt_h: float
@@ -188,16 +190,7 @@ class Calibration(Persistent):
         if now_s < due_s[i] - ahead_s:
             return
         left = int((due_s[i] - now_s) // plan_s)
-        task = (
-            self._system,
-            trusted,
-            day_kw,
-            plan_s / 3600.0,
-            i,
-            self._power_kw[i],
-            self._limits.full[i],
-            left,
-        )
+        task = (self._system, self._service, trusted, day_kw, plan_s / 3600.0, i, left)
         future: Future[Placement] = Future()
         if self._background:
             pool = ThreadPoolExecutor(1, "calibration")
@@ -211,84 +204,74 @@ class Calibration(Persistent):
 
 def place(
     system: System,
+    service: ServiceSection,
     trusted: ValidState,
     demand_kw: Array,
     dt_h: float,
     string: int,
-    charge_kw: float,
-    target_soc: float,
     due: int,
 ) -> Placement:
-    """Find the start of a calibration at which the plan of the plant costs least.
+    """Find the start of a calibration at which this day and the next cost least.
 
-    The cost of a schedule is ``SHORTFALL`` times undelivered energy, and losses, in the control model [kWh].
-    Until the start the strings follow the plan without a calibration; then the string is charged while the
-    others are planned for the demand and the charge; after that all strings are planned again. The cost of
-    the calibration is what this sum exceeds the cost of the plan without it.
+    For each candidate, both days run in the control model with the same demand, with the calibration as it
+    would go and the rest of the demand shared by stored energy or headroom. Their cost is ``SHORTFALL``
+    times undelivered energy, and losses [kWh]; the cost of the calibration is the difference to two days
+    without it.
 
     Parameters
     ----------
-    system, trusted
-        The plant, and its state at the first step.
+    system, service, trusted
+        The plant, the settings, and the state at the first step.
     demand_kw : ndarray, shape (n_steps,)
         Demand of each step, positive = discharge.
     dt_h
         Length of a step [h].
-    string, charge_kw, target_soc
-        Charge this string at this power (magnitude) to this state of charge.
+    string
+        The string to be calibrated.
     due
-        Step by which it is to be charged; if that cannot be, it starts at once.
+        Step by which it is to begin.
     """
-    limit, n_steps = trusted.limit_kw, demand_kw.size
-    helpers = limit * (np.arange(limit.size) != string)
-    charge = np.zeros((limit.size, n_steps))
-    charge[string] = -np.clip(helpers.sum() - demand_kw, 0.0, charge_kw)  # the load comes first
+    limits = SocLimits(system, service, 3600.0 * dt_h)
+    energy_kwh = system.nominal_energy_kwh * trusted.state.soh_capacity
+    starts = range(0, max(1, min(due, demand_kw.size)), max(1, demand_kw.size // STARTS))
+    demand_kw = np.tile(demand_kw, 2)
 
-    def follow(
-        state: State, request_kw: Array, asked_kw: Array, shortfall: float = SHORTFALL
-    ) -> tuple[Array, list[State]]:
-        """Cost of each step [kWh], and the state after it."""
-        roll = rollout(system, state, request_kw, dt_h)
-        undelivered = roll.availability_loss_kw + roll.derating_loss_kw
-        losses = (roll.inverter_loss_kw + roll.battery_loss_kw + shortfall * undelivered).sum(axis=0)
-        unmet = np.abs(asked_kw - request_kw.sum(axis=0))
-        after = [
-            State(soc, temperature, state.soh_capacity, state.soh_resistance)
-            for soc, temperature in zip(roll.soc.T, roll.temperature_c.T, strict=True)
-        ]
-        return (losses + shortfall * unmet) * dt_h, after
+    def day(start: int) -> tuple[float, int]:
+        """Cost of both days, and the step at which the string is full."""
+        state, cost_kwh, full = trusted.state, 0.0, demand_kw.size + 1
+        calibration = Calibration(system, service, limits, background=False)
+        for k, asked_kw in enumerate(demand_kw):
+            now = replace(trusted, state=state, soc_low=state.soc, soc_high=state.soc)
+            able = limits.able(now)
+            if k == start:
+                calibration.begin(string, float(limits.full[string]))
+            elif calibration.is_done(now):
+                calibration.string, full = None, min(full, k)
+            charge_kw = calibration.charge_kw(now, able, float(asked_kw), dt_h)
+            own_kw = np.zeros(system.n_strings) if charge_kw is None else -charge_kw
+            if charge_kw is not None:
+                able = able.only(np.arange(own_kw.size) != string)
+            rest_kw = float(asked_kw - own_kw.sum())
+            discharge = rest_kw > 0.0
+            weights = limits.room(state.soc, discharge) * energy_kwh
+            power_kw = water_fill(abs(rest_kw), weights, able.towards(discharge))
+            undelivered_kw = abs(rest_kw) - power_kw.sum()
+            # The control model takes requests of one sign: own charge and the rest, one after the other.
+            for request_kw in (power_kw if discharge else -power_kw, own_kw):
+                roll = rollout(system, state, request_kw[:, None], dt_h)
+                cost_kwh += float(roll.inverter_loss_kw.sum() + roll.battery_loss_kw.sum()) * dt_h
+                undelivered_kw += float(roll.availability_loss_kw.sum() + roll.derating_loss_kw.sum())
+                acts = request_kw != 0.0
+                state = State(
+                    np.where(acts, roll.soc[:, 0], state.soc),
+                    np.where(acts, roll.temperature_c[:, 0], state.temperature_c),
+                    state.soh_capacity,
+                    state.soh_resistance,
+                )
+            cost_kwh += SHORTFALL * undelivered_kw * dt_h
+        return cost_kwh, full
 
-    def plan(state: State, asked_kw: Array, limit_kw: Array) -> tuple[Array, list[State]]:
-        if not asked_kw.size:
-            return np.zeros(0), []
-        planner = Planner(system, asked_kw.size, dt_h, balance=0.0, bound_passes=0, known=True)
-        prices = PlanPrices.energy(Objectives.energy(), limit.size, asked_kw.size)
-        served_kw = np.clip(asked_kw, -limit_kw.sum(), limit_kw.sum())
-        return follow(state, planner(state, served_kw, prices, limit_kw=limit_kw).request_kw, asked_kw)
-
-    base, states = plan(trusted.state, demand_kw, limit)
-    states = [trusted.state, *states]
-    costs: dict[int, float] = {}
-    for start in range(0, n_steps, max(1, n_steps // STARTS)):
-        before = states[start]
-        if start:
-            soc = np.full(limit.size, np.average(before.soc, weights=system.nominal_energy_kwh))
-            before = State(soc, before.temperature_c, before.soh_capacity, before.soh_resistance)
-        alone, charged = follow(before, charge[:, start:], charge[string, start:], 0.0)
-        full = [state.soc[string] >= target_soc - _FULL for state in charged]
-        steps = full.index(True) + 1 if any(full) else len(full)
-        if costs and (start + steps > due or not any(full)):
-            break  # it does not end in time, nor does any later one
-        during, end = slice(start, start + steps), charged[steps - 1]
-        helped, others = plan(before, demand_kw[during] - charge[string, during], helpers)
-        own = np.arange(limit.size) == string
-        after = State(
-            np.where(own, end.soc, others[-1].soc),
-            np.where(own, end.temperature_c, others[-1].temperature_c),
-            end.soh_capacity,
-            end.soh_resistance,
-        )
-        rest, _ = plan(after, demand_kw[start + steps :], limit)
-        costs[start] = base[:start].sum() + alone[:steps].sum() + helped.sum() + rest.sum()
-    best = min(costs, key=lambda start: costs[start])
-    return Placement(best, float(costs[best] - base.sum()))
+    days = {start: day(start) for start in starts}
+    in_time = [start for start in starts if days[start][1] <= demand_kw.size] or starts
+    best = min(in_time, key=lambda start: days[start][0])
+    return Placement(best, days[best][0] - day(demand_kw.size)[0])

@@ -46,7 +46,7 @@ class Metrics:
         self._unmet = gauge("bess_unmet_kw", "What the last answer falls short of.")
         self._plan_age = gauge("bess_plan_steps_old", "Steps since the plan was made.")
         self._strings = {name: gauge(f"bess_{name}", help_, ["string"]) for name, help_ in STRINGS.items()}
-        self._cost = gauge("bess_calibration_cost_kwh", "Cost of the next calibration by the plan.")
+        self._cost = gauge("bess_calibration_cost_kwh", "Expected cost of the next calibration.")
         self.state_errors = gauge("bess_state_error", "1 while the state cannot be written.")
         self.cycle_age = gauge("bess_cycle_age_seconds", "Time since a control cycle of the plant ended.")
         self.cycle_period = gauge("bess_cycle_period_seconds", "Time from one control cycle to the next.")
