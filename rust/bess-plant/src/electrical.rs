@@ -94,7 +94,7 @@ impl Demand {
         (active_w * active_w + self.reactive_var * self.reactive_var).sqrt()
     }
 
-    /// Current that `operate` would settle at: what the measured tables iterate on.
+    /// Current at which `operate` settles, the iterate of the measured resistance tables.
     pub(crate) fn current_a(&self, string: &StringParameters, resistance_ohm: f64) -> f64 {
         self.operate(string, resistance_ohm).current_a
     }
@@ -103,7 +103,7 @@ impl Demand {
         self.soc - current_a * self.step_s / (SECONDS_PER_HOUR * self.capacity_ah)
     }
 
-    /// Largest battery power (magnitude, in the direction of the demand) [W], and what sets it.
+    /// Largest battery power (magnitude, in the direction of the demand) [W], and the limit that sets it.
     fn battery_limit(&self, string: &StringParameters, resistance_ohm: f64) -> (f64, Limits) {
         let per_soc_a = SECONDS_PER_HOUR * self.capacity_ah / self.step_s;
         let limit =
@@ -156,7 +156,7 @@ fn largest_below(knots: &[f64], reactive: f64, net: impl Fn(f64) -> f64, target:
     0.0
 }
 
-/// The border of what holds at `low` and not at `high`, on the side of `low`.
+/// Bisection: the end of the range in which a condition holds, on the side of `low`; it does not hold at `high`.
 fn halved(mut low: f64, mut high: f64, holds: impl Fn(f64) -> bool) -> f64 {
     for _ in 0..HALVINGS {
         let middle = 0.5 * (low + high);

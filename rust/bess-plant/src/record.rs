@@ -106,8 +106,8 @@ record! {
     hysteresis_loss_w,
     /// Power drawn from the stored chemical energy [W]: its decrease over the step.
     chemical_w,
-    /// Power [W] of what the voltage in force, that of the beginning of each plant step at its temperature, is above the
-    /// one that chemical energy is counted by, mean over the charge that flows and at 25 degC.
+    /// Power [W] of the difference between the open-circuit voltage in use (start of the plant step, present temperature) and the
+    /// voltage that defines chemical energy (mean over the charge that flows, 25 degC).
     ocv_shift_w,
     /// String current [A].
     current_a,

@@ -9,7 +9,7 @@
 //!
 //! with `ntu = U b dx / (m cp)`. The air is quasi-steady. At both ends the flux passes half a cell and the
 //! surface film in series (Robin), `U_end = 1 / (1/U + dx/2k)`, which keeps the scheme second order in space.
-//! The form is conservative: what leaves one cell enters the next or the air.
+//! The form is conservative: heat that leaves one cell enters the next cell or the air.
 
 use bess_tables::{Lut, Resistance, SpatialThermal};
 

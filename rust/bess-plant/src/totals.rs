@@ -51,8 +51,8 @@ impl<const W: usize> Totals<W> {
         }
     }
 
-    /// Writes the flows of one lane as entry `at`: means over `substeps` plant steps of `step_s`, the ledger with what was
-    /// drawn from the chemical store, and whether derating bound.
+    /// Writes the flows of one lane as entry `at`: means over `substeps` plant steps of `step_s`, the ledger with the
+    /// decrease of chemical energy, and whether derating was active.
     pub(crate) fn write(
         &self,
         lane: usize,

@@ -1,8 +1,8 @@
-//! What cools the strings of a plant, as its system file says it.
+//! Cooling parameters of a plant, from its system file.
 
 use serde::Deserialize;
 
-/// What passes the strings of a plant, when, and what makes it cold.
+/// Coolant, thermostat and source of cooling.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Cooling {
@@ -42,7 +42,7 @@ pub struct Cooling {
     pub cop_max: f64,
     /// Power of the fans of free cooling, per heat.
     pub free_cooling_w_per_w: f64,
-    /// What lies between strings and source; none where every string is supplied at the supply temperature.
+    /// Loop between strings and source; none if every string is supplied at the supply temperature.
     #[serde(rename = "loop")]
     pub common: Option<CoolantLoop>,
 }

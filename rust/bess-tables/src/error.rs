@@ -2,7 +2,7 @@
 
 use thiserror::Error;
 
-/// A table or parameter that cannot be used. The text names the thing, its value and what is allowed.
+/// Invalid table or parameter. The message gives its name, its value and the allowed range.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum TableError {
     /// A look-up table with a bad shape or bad values.
@@ -10,7 +10,7 @@ pub enum TableError {
     Table {
         /// Which table.
         name: String,
-        /// What is wrong with it.
+        /// Description of the problem.
         reason: String,
     },
     /// The document does not have the expected structure.

@@ -1,4 +1,4 @@
-//! What is known about a plant before it runs, at string level.
+//! Plant parameters at string level.
 
 use serde::Deserialize;
 
@@ -18,7 +18,7 @@ pub struct System {
 pub struct StringParameters {
     /// Charge capacity `Q` [Ah].
     pub capacity_ah: f64,
-    /// Cells in series: what a string's voltage is in cell voltages.
+    /// Cells in series: string voltage over cell voltage.
     pub cells_series: f64,
     /// Lower end of the usable SOC window.
     pub soc_min: f64,
@@ -34,7 +34,7 @@ pub struct StringParameters {
     pub ocv_charge: Grid,
     /// The same while discharging [V].
     pub ocv_discharge: Grid,
-    /// What chemical energy is counted by.
+    /// Voltage that defines chemical energy.
     pub rest: RestVoltage,
     /// Whether the loss of hysteresis warms the string.
     pub hysteresis_heat: bool,
@@ -60,7 +60,7 @@ pub struct StringParameters {
 pub struct Ageing {
     /// Name of the model; none for a string that does not age.
     pub model: Option<String>,
-    /// Of what a string has lost when it starts, the share that it lost by standing.
+    /// Share of the initial capacity loss that is due to calendar ageing.
     pub calendar_share: f64,
 }
 

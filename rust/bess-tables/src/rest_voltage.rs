@@ -1,4 +1,4 @@
-//! Rest voltage of a string, and its integral over SOC: what chemical energy is counted by.
+//! Rest voltage of a string, and its integral over SOC, which defines chemical energy.
 
 use crate::{Axis, Grid};
 

@@ -1,6 +1,6 @@
-//! Coefficients of the convex relaxation (docs/equations.md, 11 to 22) over a node, per unit: powers of the nominal power of
-//! the string, losses of those at nominal power, temperatures as `(tau - 25 degC) / 10 K`, the stored energy in what the
-//! nominal power moves in a step.
+//! Coefficients of the convex relaxation (docs/equations.md, 11 to 22) over a node, per unit: powers relative to the nominal power
+//! of the string, losses to the losses at nominal power, temperatures as `(tau - 25 degC) / 10 K`, stored energy to the energy of
+//! one step at nominal power.
 
 use bess_tables::{Direction, Resistance};
 
@@ -368,7 +368,7 @@ impl ControlHorizon {
 }
 
 impl StringModel {
-    /// Range of what `V I` is beyond the fall (rise) of the potential, for each unit of charge that is moved [V].
+    /// Range of the difference between `V I` and the change of the potential, per unit of charge [V].
     fn beyond_potential(
         &self,
         potential: &Potential,

@@ -283,7 +283,7 @@ mod tests {
         phi.iter().zip(shed_slope).map(|(&phi, shed_slope)| StepBound { phi, shed_slope }).collect()
     }
 
-    /// The least over a grid of what is shed in each step.
+    /// Minimum over a grid of the shed power in each step.
     fn least_on_a_grid(cuts: &[StepBound], price: f64, most_w: [f64; 3], budget_w: f64) -> f64 {
         let shares = || (0..=40).map(|i| f64::from(i) / 40.0);
         let mut least = f64::INFINITY;

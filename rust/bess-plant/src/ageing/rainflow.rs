@@ -1,7 +1,7 @@
-//! Rainflow counting (ASTM E1049-85, 5.4.4) of a series that is still going on.
+//! Online rainflow counting (ASTM E1049-85, 5.4.4).
 //!
-//! A cycle is counted when the series passes the end of its range, not at the next reversal, so what is counted at
-//! any moment is what the whole series would count; the ranges between the points left are open half cycles.
+//! A cycle is counted when the series passes the end of its range, not at the next reversal, so the count
+//! at any time equals the count of the whole series; the ranges between the remaining points are open half cycles.
 
 /// A reversal, the first value, or the last one.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -67,7 +67,7 @@ impl<P: Copy> Rainflow<P> {
         }
     }
 
-    /// Takes the next value; what it completes goes to `counted`.
+    /// Adds a value; completed cycles are passed to `counted`.
     #[inline]
     pub fn push(&mut self, value: f64, mark: P, mut counted: impl FnMut(Counted<P>)) {
         let point = Point { value, index: self.next, mark };

@@ -8,7 +8,7 @@ use crate::PlantError;
 pub struct Loss {
     /// Capacity loss by calendar ageing, relative to the nameplate.
     pub calendar: f64,
-    /// Capacity lost by cycling; with it the losses and what is left sum to the capacity at the start of life.
+    /// Capacity lost by cycling; losses and remaining capacity sum to the capacity at the start of life.
     pub cyclic: f64,
     /// Capacity over that of the nameplate.
     pub soh_capacity: f64,
@@ -33,8 +33,7 @@ impl Damage {
     }
 }
 
-/// What a point of the rainflow count remembers: sums since the start, and the damage of the half cycle that ended
-/// there, once it has.
+/// Data of a rainflow point: sums since the start, and the damage of the half cycle that ended there, if any.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Mark {
     /// SOC travelled.
@@ -46,7 +45,7 @@ pub(super) struct Mark {
     pub(super) damage: Damage,
 }
 
-/// What has gathered since the last block.
+/// Sums since the last block.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Gathered {
     pub(super) elapsed_s: f64,

@@ -40,8 +40,8 @@ impl StringAgeing {
         Ok(Self { model, parameters: parameters.clone() })
     }
 
-    /// A string that starts with these factors on capacity and resistance; what it has lost already is shared
-    /// between standing and cycling as its parameters say.
+    /// A string with initial factors on capacity and resistance; its parameters divide the initial loss between calendar and
+    /// cyclic ageing.
     pub fn starting(&self, soh_capacity: f64, soh_resistance: f64) -> AgeingState {
         let share = self.parameters.ageing.calendar_share;
         let lost = (1.0 - soh_capacity).max(0.0);
@@ -114,7 +114,7 @@ impl StringAgeing {
         true
     }
 
-    /// Puts what has gathered into capacity and resistance.
+    /// Converts the sums to capacity and resistance.
     fn advance(&self, model: &Model, state: &mut AgeingState) {
         let Gathered { elapsed_s, soc_s, kelvin_s } = std::mem::take(&mut state.gathered);
         let soc = soc_s / elapsed_s;

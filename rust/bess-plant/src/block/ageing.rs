@@ -18,7 +18,7 @@ impl<const W: usize> Block<W> {
         }
     }
 
-    /// Takes a control step that led from `soc` and `temperature_c` to what is now; the record says what it cost.
+    /// Ages the strings by a control step from `soc` and `temperature_c` to the present state, and records the loss.
     #[inline(never)]
     pub(super) fn age(
         &mut self,

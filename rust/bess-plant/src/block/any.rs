@@ -53,7 +53,7 @@ pub(crate) trait AnyBlock: Debug + Send + Sync {
     fn set_flow(&mut self, id: usize, share: f64);
     /// Temperature at which the coolant would leave a lane, if it is one of these [degC].
     fn outlet_c(&self, id: usize, inlet_c: f64) -> Option<f64>;
-    /// One plant step with the inlets of `faces`; writes what the coolant met.
+    /// One plant step with the inlets of `faces`; writes the outlets and the surface temperatures that the coolant met.
     fn cooled_step(&mut self, faces: &mut Faces);
     /// Ends the control step.
     fn finish(&mut self, schedule: &Schedule, step: usize, record: &mut Record);

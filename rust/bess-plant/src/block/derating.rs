@@ -1,4 +1,4 @@
-//! Derating: what part of a request a warm string lets through.
+//! Derating: the share of a request that a warm string delivers.
 
 use super::Block;
 use crate::lanes::Lanes;

@@ -11,7 +11,7 @@ use crate::measured_resistance;
 use crate::record::Limits;
 use crate::totals::Totals;
 
-/// What flows in one plant step.
+/// Flows of one plant step.
 struct Drawn<const W: usize> {
     delivered_w: Lanes<W>,
     loss_w: Lanes<W>,
@@ -206,7 +206,7 @@ impl<const W: usize> Block<W> {
         }
     }
 
-    /// Heat along the path with what all nodes share alike: `-I T dU/dT`, the heat of reaction, and that of hysteresis in
+    /// Heat along the path plus the heat that is equal in all nodes: `-I T dU/dT`, the heat of reaction, and that of hysteresis in
     /// the lanes that it warms. All are of the state before the step, so their order does not matter.
     #[cold]
     #[inline(never)]
@@ -231,8 +231,8 @@ impl<const W: usize> Block<W> {
         totals.hottest_c = self.air_path.warm(self.k_per_w * even_w, totals.hottest_c, &tables);
     }
 
-    /// Power of the voltage in force beyond what leaves the chemical store, of lanes whose table is not straight over the
-    /// step: they reach another knot, or depend on temperature.
+    /// Power of the voltage in use beyond the decrease of chemical energy, for lanes whose table is not linear over the step:
+    /// they reach another knot, or depend on temperature.
     #[cold]
     #[inline(never)]
     fn shift_beyond(

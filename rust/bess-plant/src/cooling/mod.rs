@@ -7,11 +7,11 @@
 //! exchanger, or a chiller with `COP = min(cop_max, share T_c / (T_h - T_c))`, `T_c` and `T_h` one approach below the
 //! supply and above the ambient.
 //!
-//! A `Kind` says where the heat goes and when, the `thermostat` how much flows, the `Station` steps both with the strings.
+//! A `Kind` defines the heat sink and its conditions, the `thermostat` the flow; the `Station` steps both with the strings.
 //!
 //! Without a common loop every string is supplied at the supply temperature. With one, all strings share a fully mixed
 //! coolant (a room, or pipes and a tank) that they warm, that walls connect to the ambient, and from which the source
-//! takes what holds it at the supply temperature, as far as it can:
+//! removes the heat that holds it at the supply temperature, within its limit:
 //! `C dT/dt = sum Q + P_mover + UA (T_ambient - T) - Q_source`, explicit as the cells are.
 
 mod kind;

@@ -200,7 +200,7 @@ impl Station {
         }
     }
 
-    /// What leaves one string enters the next.
+    /// The outlet of one string is the inlet of the next.
     fn pass_on(&mut self, blocks: &[Box<dyn AnyBlock>]) {
         let strings = self.units.len();
         for lane in (0..self.share.len()).filter(|lane| lane % strings + 1 < strings) {
@@ -213,7 +213,7 @@ impl Station {
         }
     }
 
-    /// Heat of the strings to the loop or the source, and what that costs.
+    /// Heat of the strings to the loop or the source, and the auxiliary power.
     fn settle(&mut self, scenario: usize, ambient_c: f64) {
         let strings = self.units.len();
         let (mut gained_w, mut mover_w) = (0.0, 0.0);

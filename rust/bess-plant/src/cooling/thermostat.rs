@@ -1,4 +1,4 @@
-//! A string's thermostat: stages of flow over its mean temperature, and what share of the full flow they are.
+//! Thermostat of a string: stages of flow over its mean temperature, as shares of the full flow.
 
 use bess_tables::Cooling;
 

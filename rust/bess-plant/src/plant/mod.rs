@@ -121,8 +121,8 @@ impl Plant {
         self.run_with_reactive(request_w, None, ambient_c, duration_s, keep_nodes)
     }
 
-    /// Like [`Self::run`], with reactive power beside each request, in their order [var]; its sign is kept. It gets what
-    /// active power leaves of the apparent power of its inverter, which is the nominal power; the rest is not carried.
+    /// Like [`Self::run`], with reactive power for each request, in their order [var]; its sign is kept. It is limited to the
+    /// apparent power that active power leaves of the nominal power of its inverter.
     ///
     /// # Errors
     ///

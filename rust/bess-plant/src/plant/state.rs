@@ -108,7 +108,7 @@ impl Plant {
         Ok(())
     }
 
-    /// What cooling remembers; of a plant that starts, nothing runs and the loop is as warm as its strings.
+    /// Initial state of the cooling: nothing runs, and the loop has the temperature of its strings.
     fn cooling_state(
         &self,
         state: &PlantState,

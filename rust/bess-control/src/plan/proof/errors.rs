@@ -1,4 +1,4 @@
-//! How far, in boxes of states and currents, cost and value may be below what lies linearly between the corners.
+//! Largest amounts by which cost and value in boxes of states and currents are below linear interpolation between the corners.
 
 use bess_tables::units::SECONDS_PER_HOUR;
 use bess_tables::Direction;
@@ -7,7 +7,7 @@ use super::images::{Image, Images};
 use super::moves::{Corner, Moves};
 use super::Kind;
 
-/// Prices of a step, and what follows for the errors in each cell of temperature.
+/// Prices of a step, and the resulting error terms of each temperature cell.
 pub(super) struct StepPrices {
     pub(super) dt_h: f64,
     pub(super) heat: f64,
@@ -25,7 +25,7 @@ pub(super) struct StepPrices {
     pub(super) uneven: Vec<f64>,
     /// Price of the change of delivered power over temperature.
     pub(super) tilt: Vec<f64>,
-    /// Most that is earned by an inverter that draws on the battery, less what it loses [cost].
+    /// Largest net revenue of an inverter that discharges the battery below its no-load loss [cost].
     pub(super) drawing: Vec<f64>,
 }
 

@@ -1,16 +1,16 @@
 //! Proven lower bound: shadow prices of the balance, and a value function of state and step for identical strings that no schedule
 //! falls below.
 //!
-//! At prices `l` of the balance (those of [`super::dual`], at most what a watt-hour that is not delivered costs), a function
-//! `W_t(x)` of the state that nowhere exceeds `cost(x, u) - l_t u dt + W_{t+1}(f(x, u))` bounds what one string pays, and
-//! `sum l_t D_t dt + sum W_0(start)` what any schedule costs (docs/foresight.md, *Bounds*). Here `W_t` is bilinear between nodes of SOC and
-//! temperature, and the inequality holds for every state and request, not for nodes alone:
+//! The shadow prices `l` of the balance come from [`super::dual`] and do not exceed the price of undelivered energy. If a
+//! function `W_t(x)` of the state satisfies the Bellman inequality `W_t(x) <= cost(x, u) - l_t u dt + W_{t+1}(f(x, u))`
+//! everywhere, `W_0` is a lower bound for one string and `sum l_t D_t dt + sum W_0(start)` for every schedule
+//! (docs/foresight.md, *Bounds*). Here `W_t` is bilinear between nodes of SOC and temperature, and the inequality holds for
+//! every state and request, not for nodes alone:
 //!
-//! - With such prices it never pays to ask for what is not delivered, so a string chooses its current, and asks for what
-//!   that takes.
+//! - With such prices undelivered requests never pay, so the current of a string determines its request.
 //! - Currents that lead from node to node of SOC, and triangles between them along lines of one SOC at the end: SOC moves
 //!   exactly, kinks of `W` at nodes do no harm, and full and empty lie on edges of triangles.
-//! - Over a triangle times a cell of temperature, cost and end temperature differ from what lies linearly between the corners
+//! - Over a triangle times a cell of temperature, cost and end temperature differ from linear interpolation between the corners
 //!   by products of known sign and size, kinks of tables, and kinks of `W` over temperature. [`Shape`] and [`Image`] hold
 //!   bounds of these; the values at the corners are lowered by them.
 //!
@@ -33,8 +33,8 @@ use images::Images;
 use moves::Moves;
 use temperatures::temperatures;
 
-/// Derating factor below which a string counts as derating no further: what is asked for in vain is then far dearer than what
-/// is delivered, and a smaller factor would only make the cells uneven.
+/// Smallest derating factor considered: below it, undelivered energy costs far more than delivered energy, and a smaller factor
+/// would only make the cells uneven.
 const LEAST_FACTOR: f64 = 0.4;
 /// Cells of temperature where strings derate, for one elsewhere.
 const DERATING_CELLS: f64 = 2.0;
@@ -253,8 +253,8 @@ impl<'a> Kind<'a> {
         (now, plain)
     }
 
-    /// Lowers values so that what they are below the plain ones bends little over temperature, against how these bend: a kink
-    /// costs again in the step before, and would grow.
+    /// Lowers values so that their difference from the plain ones has little curvature over temperature compared with the plain
+    /// ones: every kink costs again in the step before, and would grow.
     fn smooth(&self, values: &mut [f64], plain: &[f64]) {
         let n = self.n_temperatures();
         let at = &self.temperature_c;
@@ -298,8 +298,8 @@ fn lerp(row: &[f64], cell: usize, share: f64) -> f64 {
 /// Lower bound of the cost of every schedule on the control model with the coefficients of the start of each step, from
 /// prices of the balance `(T,)` [cost/Wh]. Starts and imbalance are left out; they only add to the cost.
 ///
-/// `soc_cells` is how fine it looks at strings that are all alike; work grows with its third power. None where reactive power is
-/// asked for, or where the internal power of an inverter does not rise with what it delivers.
+/// `soc_cells` is the resolution for identical strings; work grows with its third power. None with reactive power, or if the
+/// internal power of an inverter does not increase with its delivered power.
 pub(crate) fn bound(problem: &PlanProblem<'_>, price: &[f64], soc_cells: usize) -> Option<f64> {
     let kinds = problem.kinds();
     let cells = soc_cells.clamp(FEWEST_CELLS, MOST_CELLS) as f64;

@@ -14,7 +14,7 @@ pub(super) struct Corner {
     pub(super) power_w: f64,
 }
 
-/// How far, within a box of states and currents, things may be off what lies linearly between its corners.
+/// Largest deviations from linear interpolation between the corners of a box of states and currents.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Shape {
     /// Heat below and above [W].
@@ -33,7 +33,7 @@ pub(super) struct Shape {
     pub(super) most_power_w: f64,
 }
 
-/// What an inverter that runs below its own loss does: it charges nothing and draws on the battery.
+/// An inverter that runs below its own no-load loss: it charges nothing and discharges the battery.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Drawing {
     pub(super) most_power_w: f64,
