@@ -107,7 +107,7 @@ class SweepTable:
             lost = found[place] - float(np.interp(value, values, found))
             return f"{kpi(name).quantity(lost)} ({100.0 * lost / abs(found[place]):.1f} %)"
 
-        inside = "" if 0 < place < values.size - 1 else ", at the end of the range: extend it"
+        inside = "" if 0 < place < values.size - 1 else ", at an end of the range"
         text = (
             f"Best {key}: {values[place]:g}, with {kpi(name).label.lower()} "
             f"{kpi(name).quantity(found[place])}{inside}. "

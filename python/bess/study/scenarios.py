@@ -84,7 +84,10 @@ def refined(
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise InputError(f"{study.name}: {axis.key} = {value!r}: a search needs numbers")
         if axis.maximise not in kpis[name]:
-            raise InputError(f"{study.name}: sweep.maximise = {axis.maximise!r}: run {name} has no such KPI")
+            raise InputError(
+                f"{study.name}: sweep.maximise = {axis.maximise!r}: run {name} has no such KPI; name another "
+                "(a net present value needs more than a year)"
+            )
         points[value] = kpis[name][axis.maximise]
     values = sorted(points)
     if not values:
