@@ -98,6 +98,7 @@ def test_a_study_from_init_runs_as_it_is_and_is_not_written_over(tmp_path: Path)
 def test_every_default_shown_in_a_comment_is_accepted_when_it_is_set(tmp_path: Path) -> None:
     """Uncommented one section at a time, what the template shows is a study."""
     needed = {"[reactive]": "kvar = 20.0"}  # one of its keys without a default
+    traded = '[demand]\nkind = "arbitrage"\nprices = "prices.csv"'  # has a meter, as a profile has not
     blocks = template("study.toml").split("\n\n")
     head, live = blocks[1], [block for block in blocks if block.startswith(("[system]", "[demand]"))]
     for block in blocks[2:]:
@@ -108,6 +109,8 @@ def test_every_default_shown_in_a_comment_is_accepted_when_it_is_set(tmp_path: P
         given.append(needed.get(lines[0], ""))
         path = tmp_path / "study.toml"
         others = [other for other in live if other.split("\n")[0] != lines[0]]
+        if lines[0].startswith("[demand."):
+            others = [traded if other.startswith("[demand]") else other for other in others]
         path.write_text("\n".join([head, *others, *given]))
         bess.load_study(path)
 

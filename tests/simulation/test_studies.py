@@ -142,7 +142,7 @@ def test_bad_values_are_refused_with_key_value_and_what_is_allowed(
         ("[demand]\nfle = 'x'\n", "demand.fle: unknown key; did you mean 'demand.file'?"),
         (
             "[demand]\nfile = 'x'\n[zz]\nqq = 1\n",
-            "zz.qq: unknown key; allowed: budget, demand, event, name, output, policy",
+            "zz.qq: unknown key; allowed: augmentation, budget, contract, demand",
         ),
         ("[demand]\nfile = 'x'\n[run]\nstart = 2024-01-01\n", "run.start = 2024-01-01: has no time zone"),
         ("[demnd]\nfile = 'x'\n", "demnd.file: unknown key; did you mean 'demand.file'?"),

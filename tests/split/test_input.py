@@ -75,11 +75,6 @@ def test_bad_settings_are_refused(system, arguments, message):
         bess.PowerSplit(system, **{"horizon_steps": STEPS, **arguments})
 
 
-def test_too_many_strings_are_refused():
-    with pytest.raises(bess.InputError, match="32"):
-        bess.PowerSplit(bess.System.reference(n_strings=33), STEPS)
-
-
 @pytest.mark.parametrize("ambient", [float("nan"), [25.0] * 3, 500.0])
 def test_bad_ambient_is_refused(splitter, ambient):
     with pytest.raises(bess.InputError, match="ambient_c"):

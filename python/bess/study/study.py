@@ -180,12 +180,11 @@ class Study(Section):
 
 
 def _at(document: object, *keys: str) -> object:
-    """Return the value of a nested key, or None."""
+    """Return the value of a nested key, a number in a list, or None."""
     for key in keys:
         if isinstance(document, list | tuple):
-            document = document[int(key)]
-        else:
-            document = document.get(key) if isinstance(document, Mapping) else None
+            document = dict(zip(map(str, range(len(document))), document, strict=True))
+        document = document.get(key) if isinstance(document, Mapping) else None
     return document
 
 
