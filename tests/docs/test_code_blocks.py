@@ -37,6 +37,16 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     price.to_csv(tmp_path / "prices.csv", index=False)
     levels = {f"p{share}": price["DE-LU"] + share for share in (10, 50, 90)}
     pd.DataFrame({"time": price["time"], **levels}).to_csv(tmp_path / "bands.csv", index=False)
+    quarters = price["DE-LU"].to_numpy()
+    quotes = pd.DataFrame(
+        {"Date": times.strftime("%d/%m/%Y %H:%M"), "Intraday Auction 15 minute call": quarters}
+    )
+    quotes["Intraday Continuous 15 minutes ID3-Price"] = quarters[::-1]
+    quotes.to_csv(tmp_path / "energy-charts.csv", index=False)
+    for name in ("load", "panels"):
+        pd.DataFrame({"time": price["time"], "power_kw": quarters}).to_csv(
+            tmp_path / f"{name}.csv", index=False
+        )
     load = np.linspace(0.1, 1.0, 10)
     pd.DataFrame({"load": load, "charge": 0.95 + 0.02 * load, "discharge": 0.955 + 0.02 * load}).to_csv(
         tmp_path / "sinamics.csv", index=False
@@ -46,9 +56,10 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     )
     (tmp_path / "cec-inverters.csv").write_text(sandia)
     hours = pd.date_range("2023-12-31 23:00", "2025-01-02", freq="h", tz="UTC").strftime("%Y-%m-%dT%H:%M:%SZ")
-    for file, column in (("SMARD.csv", "DE-LU"), ("WEATHER.csv", "temperature")):
+    columns = {"SMARD": "DE-LU", "WEATHER": "temperature", "load": "power_kw", "panels": "power_kw"}
+    for file, column in columns.items():
         values = 20.0 + 10.0 * np.sin(np.arange(len(hours)) / 4.0)
-        pd.DataFrame({"time": hours, column: values}).to_csv(tmp_path / file, index=False)
+        pd.DataFrame({"time": hours, column: values}).to_csv(tmp_path / f"{file}.csv", index=False)
     day = pd.DataFrame({"time": times.strftime("%d.%m.%Y %H:%M"), "power": np.linspace(-80.0, 80.0, 96)})
     day.to_csv(tmp_path / "profile.csv", index=False)
     (tmp_path / "ocv.csv").write_text("SOC,OCV\n0,3.2\n0.5,3.7\n1,4.1\n")
