@@ -98,7 +98,7 @@ def test_a_study_from_init_runs_as_it_is_and_is_not_written_over(tmp_path: Path)
 def test_every_default_shown_in_a_comment_is_accepted_when_it_is_set(tmp_path: Path) -> None:
     """Uncommented one section at a time, what the template shows is a study."""
     needed = {"[reactive]": "kvar = 20.0"}  # one of its keys without a default
-    traded = '[demand]\nkind = "arbitrage"\nprices = "prices.csv"\nplan = "linear"'  # has a meter, as a profile has not
+    traded = '[demand]\nkind = "arbitrage"\nprices = "prices.csv"\nplan = "linear"'  # takes a meter
     blocks = template("study.toml").split("\n\n")
     head, live = blocks[1], [block for block in blocks if block.startswith(("[system]", "[demand]"))]
     for block in blocks[2:]:

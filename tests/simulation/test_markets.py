@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 import bess
-from bess.dispatch import Arbitrage, PerfectForecast, auction_positions
+from bess.dispatch import Arbitrage, PerfectForecast, auction_positions, reserve_blocks
 from bess.dispatch.markets import AuctionForecast
 from bess.errors import InputError
 
@@ -116,3 +116,30 @@ def test_auctions_that_cannot_be_settled_are_refused(values: dict[str, Any], tmp
     longer = [{"name": "a", "step_min": 15.0}, {"name": "b", "step_min": 60.0}]
     with pytest.raises(InputError, match="must not have longer products than an earlier one"):
         bess.load_study("arbitrage-2024", values | {"demand.market": longer})
+
+
+@pytest.mark.closed_form
+def test_reserve_is_sold_where_it_earns_more_than_the_trade_beside_it() -> None:
+    """A kW in the dear block earns 4 h x 100 EUR/MWh, less 4 h x 20 to charge it before."""
+    energy = np.repeat([20.0, 20.0, 20.0, 100.0, 20.0, 20.0], 4)
+    planner = Arbitrage(
+        PerfectForecast(energy), np.zeros(24, int), power_kw=100.0, energy_kwh=1200.0, efficiency=1.0,
+        look_ahead_h=24.0, replan_h=1.0, dt_h=1.0,
+    )  # fmt: skip
+    for price, sold in ((79.0, 0.0), (81.0, 60.0)):
+        paid = np.repeat([0.0, 0.0, 0.0, price, 1.0, 0.0], 4)
+        reserve = reserve_blocks(paid, energy, planner, most_kw=60.0, stored_kwh=0.0, foresight=True)
+        np.testing.assert_allclose(reserve[12:16], sold, atol=1e-6)
+        np.testing.assert_allclose(reserve[16:20], 60.0)
+
+
+def test_chosen_reserve_is_what_the_plant_sells_and_is_paid_for() -> None:
+    values = {"policy.name": "equal", "run.days": 2.0, "demand.choose_capacity": "persistence"}
+    result = bess.run(bess.load_study("fcr-arbitrage", values), progress=False)
+    record = result.dataset
+    sold = record["capacity_kw"].values
+    assert not sold[: DAY - 4].any() and sold.max() > 0.0
+    assert not record["response_kw"].values[sold == 0.0].any()
+    paid = float(sold @ record["capacity_price_eur_mw_h"].values) * 0.25 / 1000.0
+    assert result.kpis["capacity_revenue_eur"] == pytest.approx(paid)
+    assert np.abs(record["demand_kw"].values).max() <= record.attrs.get("nominal_kw", 360.0) + 1e-6

@@ -6,7 +6,7 @@ from bess.dispatch.bands import BandForecast, PriceBands
 from bess.dispatch.budget import CycleBudget
 from bess.dispatch.connection import GridConnection, PeakTariff, monthly_peaks_kw
 from bess.dispatch.forecast import ExternalForecast, Forecast, PerfectForecast, PersistenceForecast
-from bess.dispatch.markets import auction_positions
+from bess.dispatch.markets import auction_positions, reserve_blocks
 from bess.dispatch.meter import GridPowerTarget, min_peak_kw
 from bess.dispatch.profile import PROFILES, SITES, bundled_profile, read_profile
 from bess.dispatch.reserve import EnergyWindow, RechargeScheduler, droop_response
@@ -38,4 +38,5 @@ __all__ = [
     "min_peak_kw",
     "monthly_peaks_kw",
     "read_profile",
+    "reserve_blocks",
 ]

@@ -71,6 +71,8 @@ class Arbitrage:
         Control step [h].
     connection : GridConnection or None
         Load, generation, limits and tariff of a meter that the plant shares.
+    reserved_kw : float or array_like, shape (n_steps,)
+        Part of `power_kw` that is sold as reserve.
 
     Raises
     ------
@@ -99,6 +101,7 @@ class Arbitrage:
         replan_h: float = 6.0,
         dt_h: float = 0.25,
         connection: GridConnection | None = None,
+        reserved_kw: npt.ArrayLike = 0.0,
     ):
         require_positive(
             "arbitrage",
@@ -122,6 +125,7 @@ class Arbitrage:
         self.power_kw, self.energy_kwh, self.dt_h = power_kw, energy_kwh, dt_h
         self.efficiency, self.cycles_per_day = efficiency, cycles_per_day
         self.cycles_per_plan, self.connection = cycles_per_plan, connection
+        self._free = 1.0 - np.broadcast_to(np.asarray(reserved_kw, np.float64), self.days.shape) / power_kw
         self._most = (
             min(1.0, (max_import_kw or power_kw) / power_kw),
             min(1.0, (max_export_kw or power_kw) / power_kw),
@@ -192,6 +196,12 @@ class Arbitrage:
         days = self.days[step : step + price_eur_mwh.size]
         return self._solve(step, price_eur_mwh, days, energy_kwh, 0.0, 0.0, np.inf)
 
+    def program(self, price_eur_mwh: Array, step: int, energy_kwh: float) -> StoreProgram:
+        """Return the program from ``step`` on, in per unit of ``power_kw``; cost has the :meth:`weight`."""
+        n = price_eur_mwh.size
+        days, hours = self.days[step : step + n], np.full(n, self.dt_h)
+        return self._program(price_eur_mwh, hours, days, np.ones(n), energy_kwh, 0.0, 0.0, np.inf)
+
     def _choose_peak(
         self, connection: GridConnection, tariff: PeakTariff, step: int, price: Array, energy_kwh: float
     ) -> None:
@@ -203,9 +213,10 @@ class Arbitrage:
         past = range(max(0, step - _PAST_DAYS * day_steps), step)
         price = np.r_[[self.prices.ahead(each, 1)[0] for each in past], price]
         net_kw = np.r_[[connection.net_kw(each, 1)[0] for each in past], connection.net_kw(step, price.size)]
-        net_kw, weight = net_kw[: price.size], self._weight(price)
+        net_kw, weight = net_kw[: price.size], self.weight(price)
         days = self.days[step - len(past) : step - len(past) + price.size]
-        program = self._program(price, np.full(price.size, self.dt_h), days, energy_kwh, 0.0, 0.0, np.inf)
+        hours = np.full(price.size, self.dt_h)
+        program = self._program(price, hours, days, np.ones(price.size), energy_kwh, 0.0, 0.0, np.inf)
         share = price.size / (tariff.month[step:] == tariff.month[step]).sum()
         month = np.zeros(price.size, dtype=np.int64)
         connection.constrain(program, price, net_kw, month, self.power_kw, weight, share)
@@ -223,16 +234,18 @@ class Arbitrage:
     ) -> Array:
         """Return the demand of an optimal schedule."""
         connection = self.connection
+        free = self._free[step : step + price.size]
         blocks = Blocks.of(price, days, self.dt_h)
-        if connection is not None:  # load and generation change from step to step
+        if connection is not None or np.ptp(free) > 0.0:  # load, generation, reserve change from step to step
             blocks = Blocks(np.arange(price.size), np.ones(price.size, np.int64))
         price, days = price[blocks.first], days[blocks.first]
         hours = np.asarray(blocks.count * self.dt_h, dtype=np.float64)
-        program = self._program(price, hours, days, energy_kwh, discharged_kwh, use_eur_mwh, left_kwh)
+        limits = energy_kwh, discharged_kwh, use_eur_mwh, left_kwh
+        program = self._program(price, hours, days, free[blocks.first], *limits)
         if connection is not None:
             net_kw, tariff = connection.net_kw(step, price.size), connection.tariff
             month = days if tariff is None else tariff.month[step : step + price.size]
-            connection.constrain(program, price, net_kw, month, self.power_kw, self._weight(price))
+            connection.constrain(program, price, net_kw, month, self.power_kw, self.weight(price))
         plan = program.solved()
         negative = np.flatnonzero(price < 0.0)
         if np.minimum(plan.charge, plan.discharge)[negative].max(initial=0.0) > _TOLERANCE:
@@ -242,9 +255,11 @@ class Arbitrage:
         stored = one_way * plan.charge - plan.discharge / one_way
         share = -np.where(stored > 0.0, stored / one_way, stored * one_way)
         share[np.abs(share) < _TOLERANCE] = 0.0
-        most = np.where(share < 0.0, *self._most)
+        most = np.minimum(np.where(share < 0.0, *self._most), free[blocks.first])
         demand: Array = (
-            self.power_kw * most[blocks.of_step] * blocks.at_full(np.clip(share / most, -1.0, 1.0))
+            self.power_kw
+            * most[blocks.of_step]
+            * blocks.at_full(np.clip(share / np.maximum(most, _TOLERANCE), -1.0, 1.0))
         )
         if connection is not None:
             connection.keep(step, demand)
@@ -255,25 +270,26 @@ class Arbitrage:
         price: Array,
         hours: Array,
         days: npt.NDArray[np.int64],
+        free: Array,
         energy_kwh: float,
         discharged_kwh: float,
         use_eur_mwh: float,
         left_kwh: float,
     ) -> StoreProgram:
         """Return the program in per unit: power over `power_kw`, energy over `power_kw` times 1 h."""
-        per_unit = hours * self._weight(price)
+        per_unit = hours * self.weight(price)
         program = StoreProgram(
             hours,
             float(np.sqrt(self.efficiency)),
             energy_kwh / self.power_kw,
             cost=(per_unit * price, per_unit * (use_eur_mwh - price)),
-            most=self._most,
+            most=(np.minimum(self._most[0], free), np.minimum(self._most[1], free)),
             stored=self.energy_kwh / self.power_kw,
         )
         self._limit_cycles(program, days, hours, discharged_kwh, left_kwh)
         return program
 
-    def _weight(self, price: Array) -> float:
+    def weight(self, price: Array) -> float:
         """Cost in the program of an EUR/MWh over an hour at full power."""
         return 1.0 / (self.dt_h * max(1.0, float(np.abs(price).max())))
 

@@ -1,8 +1,8 @@
-"""Positions in auctions that are cleared before the last market of a plant."""
+"""Markets beside the last one of a plant: auctions that are cleared before it, and blocks of reserve."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
@@ -13,6 +13,9 @@ from bess.dispatch.arbitrage import Arbitrage
 
 _CLEARED_H: Final = 9.0
 """Time before a day at which its auction is cleared [h]: 15:00 of the day before."""
+
+_BLOCK_H: Final = 4.0
+"""Length of a product of the reserve [h]."""
 
 _NOTHING: Final = 1e-9
 """Share of the plant's power below which a position is zero."""
@@ -58,18 +61,16 @@ def auction_positions(
     ndarray, shape (n_steps, n_auctions)
         Positions [kW], positive = sold.
     """
-    first = np.flatnonzero(np.diff(planner.days, prepend=planner.days[0] - 1))
     schedules = [np.zeros(planner.days.size)]
     for own, following, steps in zip(prices, prices[1:], product_steps, strict=False):
         value = own - following if foresight else own
-        schedules.append(_schedule(value, planner, first, steps, stored_kwh, foresight=foresight))
-    return np.stack([after - before for before, after in zip(schedules, schedules[1:], strict=False)], axis=1)
+        schedules.append(_schedule(value, planner, steps, stored_kwh, foresight=foresight))
+    return np.diff(np.stack(schedules, axis=1), axis=1)
 
 
 def _schedule(
     value: Array,
     planner: Arbitrage,
-    first: npt.NDArray[np.int64],
     product_steps: int,
     stored_kwh: float,
     *,
@@ -77,22 +78,28 @@ def _schedule(
 ) -> Array:
     """Schedule that earns most at ``value``, of products of so many steps."""
     schedule, one_way = np.zeros(value.size), float(np.sqrt(planner.efficiency))
-    day_steps = round(24.0 / planner.dt_h)
-    for begin, end in zip(first, [*first[1:], value.size], strict=True):
-        ahead = np.arange(begin, min(begin + planner.look_ahead_steps, value.size))
-        known = ahead if foresight else ahead - day_steps * (1 + (ahead - begin) // day_steps)
-        if known[0] < 0:
-            continue
-        product = (ahead - begin) // product_steps
+    for begin, end, known in _days(planner, foresight=foresight):
+        product = np.arange(known.size) // product_steps
         count = np.bincount(product)
         mean = np.bincount(product, value[known]) / count
-        plan_kw = planner.of_prices(mean[product], int(begin), stored_kwh)
+        plan_kw = planner.of_prices(mean[product], begin, stored_kwh)
         day_kw = (np.bincount(product, plan_kw) / count)[product][: end - begin]
         day_kw[np.abs(day_kw) < _NOTHING * planner.power_kw] = 0.0
         schedule[begin:end] = day_kw
         drawn = np.where(day_kw > 0.0, day_kw / one_way, day_kw * one_way).sum() * planner.dt_h
         stored_kwh = float(np.clip(stored_kwh - drawn, 0.0, planner.energy_kwh))
     return schedule
+
+
+def _days(planner: Arbitrage, *, foresight: bool) -> Iterator[tuple[int, int, npt.NDArray[np.int64]]]:
+    """Begin and end of each day, and the steps whose prices are taken for its look-ahead."""
+    size, day_steps = planner.days.size, round(24.0 / planner.dt_h)
+    first = np.flatnonzero(np.diff(planner.days, prepend=planner.days[0] - 1)).tolist()
+    for begin, end in zip(first, [*first[1:], size], strict=True):
+        ahead = np.arange(begin, min(begin + planner.look_ahead_steps, size))
+        known = ahead if foresight else ahead - day_steps * (1 + (ahead - begin) // day_steps)
+        if foresight or begin > 0:
+            yield begin, end, np.maximum(known, 0)
 
 
 class AuctionForecast:
@@ -126,3 +133,52 @@ class AuctionForecast:
         seen = np.where(source < 0, self._values[step], self._auction[np.maximum(source, 0)])
         seen[0] = self._values[step]
         return np.asarray(seen)
+
+
+def reserve_blocks(
+    capacity_price_eur_mw_h: Array,
+    price_eur_mwh: Array,
+    planner: Arbitrage,
+    *,
+    most_kw: float,
+    stored_kwh: float,
+    foresight: bool,
+) -> Array:
+    r"""Return the reserve to sell in each four-hour block, chosen day by day together with the trade.
+
+    The store program of the trade gets the reserve :math:`0 \le C_b \le C` of each block :math:`b` at its
+    price :math:`\rho_b`, and :math:`c_t + C_b \le P`, :math:`d_t + C_b \le P`. The energy of the reserve is
+    kept for its largest value at all times.
+
+    Parameters
+    ----------
+    capacity_price_eur_mw_h, price_eur_mwh : ndarray, shape (n_steps,)
+        Prices of reserve and of energy.
+    planner : Arbitrage
+        The trade, without reserve; its prices are not used.
+    most_kw : float
+        Largest reserve.
+    stored_kwh : float
+        Energy for trade at the start.
+    foresight : bool
+        Whether prices are known; else those of the day before are taken, and the first day has no reserve.
+
+    Returns
+    -------
+    ndarray, shape (n_steps,)
+        Reserve [kW].
+    """
+    reserve_kw, dt_h = np.zeros(price_eur_mwh.size), planner.dt_h
+    for begin, end, known in _days(planner, foresight=foresight):
+        price, row = price_eur_mwh[known], np.arange(known.size)
+        weight = planner.weight(price)
+        program = planner.program(price, begin, stored_kwh)
+        block = row // round(_BLOCK_H / dt_h)
+        income = np.bincount(block, weight * dt_h * capacity_price_eur_mw_h[known])
+        sold = program.add(income.size, cost=-income, upper=most_kw / planner.power_kw)
+        for power in (program.charge, program.discharge):
+            program.at_most(np.ones(row.size), (row, power, 1.0), (row, sold[block], 1.0))
+        best = program.solved()
+        reserve_kw[begin:end] = planner.power_kw * best.added[block][: end - begin]
+        stored_kwh = planner.power_kw * float(best.stored[end - begin - 1])
+    return reserve_kw

@@ -76,6 +76,8 @@ class EnergyWindow:
 
     def sustainable_kw(self, capacity_kw: float, held_kwh: float, size_kwh: float) -> float:
         """Return the reserve that ``held_kwh`` sustains for the required duration in both directions."""
+        if capacity_kw == 0.0:
+            return 0.0
         below, above = held_kwh / self.low_kwh, (size_kwh - held_kwh) / (size_kwh - self.high_kwh)
         return capacity_kw * float(np.clip(min(below, above), 0.0, 1.0))
 

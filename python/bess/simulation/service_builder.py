@@ -18,6 +18,7 @@ from bess.dispatch import (
     Store,
     droop_response,
     min_peak_kw,
+    reserve_blocks,
 )
 from bess.dispatch.arbitrage import calendar_days
 from bess.dispatch.synthetic import frequency_deviation, market_prices
@@ -59,7 +60,24 @@ def reserve_of(study: Study, choice: FcrDemand, system: System, step_s: float) -
     band = _window(choice, capacity_kw, store, system).narrowed(choice.band)
 
     frequency_mhz, share, averaging = _response(series, choice, grid)
-    asked_kw = capacity_kw * share
+    price, price_files, price_notes = _energy_price(choice, grid)
+    capacity_price, capacity_files, capacity_notes = _capacity_price(choice, grid)
+    trade, budget = None, None
+    sold_kw = np.full(grid.n_steps, capacity_kw)
+    if isinstance(choice, FcrArbitrageDemand):
+        power_kw = float(system.nominal_kw.sum()) - capacity_kw - recharge_kw
+        trade = _trade(choice, grid, price, power_kw, band)
+        if choice.choose_capacity is not None:
+            sold_kw = reserve_blocks(
+                capacity_price,
+                price,
+                _trade(choice, grid, price, power_kw + capacity_kw, band).arbitrage,
+                most_kw=capacity_kw,
+                stored_kwh=max(0.0, store.held_kwh(system.initial_state()) - band.low_kwh),
+                foresight=choice.choose_capacity == "perfect",
+            )
+            trade = _trade(choice, grid, price, power_kw + capacity_kw, band, sold_kw)
+    asked_kw = sold_kw * share
     response: Forecast = ZeroResponseForecast(asked_kw)
     if choice.forecast == "persistence":
         response = PersistenceForecast(asked_kw, grid.dt_h)
@@ -70,17 +88,12 @@ def reserve_of(study: Study, choice: FcrDemand, system: System, step_s: float) -
         grid.dt_h,
         store.one_way,
     )
-    price, price_files, price_notes = _energy_price(choice, grid)
-    capacity_price, capacity_files, capacity_notes = _capacity_price(choice, grid)
-    trade, budget = None, None
     if isinstance(choice, FcrArbitrageDemand):
-        power_kw = float(system.nominal_kw.sum()) - capacity_kw - recharge_kw
-        trade = _trade(choice, grid, price, power_kw, band)
         size = power_kw, band.high_kwh - band.low_kwh
         budget = budget_of(
             study.budget, system, grid, PerfectForecast(price), size, choice.efficiency, choice.look_ahead_h
         )
-    reserve = Reserve(capacity_kw, choice.duration_min, choice.band)
+    reserve = Reserve(sold_kw, choice.duration_min, choice.band)
     return RunDemand(
         grid,
         ReserveSource(response, reserve, recharge, store, trade, budget),
@@ -229,7 +242,12 @@ def _capacity_price(choice: FcrDemand, grid: TimeGrid) -> tuple[Array, list[Path
 
 
 def _trade(
-    choice: FcrArbitrageDemand, grid: TimeGrid, price: Array, power_kw: float, band: EnergyWindow
+    choice: FcrArbitrageDemand,
+    grid: TimeGrid,
+    price: Array,
+    power_kw: float,
+    band: EnergyWindow,
+    reserved_kw: Array | float = 0.0,
 ) -> Trade:
     days = calendar_days(utc_index(grid), choice.market_time_zone)
     arbitrage = Arbitrage(
@@ -242,6 +260,7 @@ def _trade(
         look_ahead_h=choice.look_ahead_h,
         replan_h=choice.replan_h,
         dt_h=grid.dt_h,
+        reserved_kw=reserved_kw,
     )
     return Trade(arbitrage, days)
 

@@ -85,7 +85,7 @@ class Reserve:
 
     Attributes
     ----------
-    capacity_kw : float
+    capacity_kw : ndarray, shape (n_steps,)
         Symmetric reserve.
     duration_min : float
         Duration for which the full reserve must be sustained.
@@ -93,7 +93,7 @@ class Reserve:
         Share of the required window without recharge.
     """
 
-    capacity_kw: float
+    capacity_kw: Array
     duration_min: float
     band: float
 
@@ -133,9 +133,12 @@ class ReserveSource:
         if self._budget is not None:
             answered_kw = max(0.0, self._said.get("response_kw", 0.0))
             self._budget.advance(step, now.state.soc, now.delivered_kw, answered_kw)
-        capacity_kw = self._reserve.capacity_kw
-        window = EnergyWindow.of(capacity_kw, self._reserve.duration_min, size_kwh, self._store.one_way)
-        band = window.narrowed(self._reserve.band)
+        capacity_kw = float(self._reserve.capacity_kw[step])
+        window, largest = (
+            EnergyWindow.of(each, self._reserve.duration_min, size_kwh, self._store.one_way)
+            for each in (capacity_kw, float(self._reserve.capacity_kw.max()))
+        )
+        band = largest.narrowed(self._reserve.band)
         shift_kw = self._recharge.advance(step, held_kwh, band)
         traded_kw = self._traded(step, held_kwh, band)
         response_kw = self._response_kw.ahead(step, horizon)

@@ -65,11 +65,14 @@ class FcrArbitrageDemand(FcrDemand):
     The capacity (by default half of the plant power) and its energy are reserved at all times, with the keys
     of ``kind = "fcr"``. The remaining power, minus ``recharge_kw``, trades within the central ``band`` of the
     required window. Linear dispatch, as with ``plan = "linear"``, covers ``look_ahead_h`` and is re-optimised
-    every ``replan_h``.
+    every ``replan_h``. With ``choose_capacity`` the reserve of each four-hour block is chosen the day before,
+    up to ``capacity_kw``, together with the trade (:func:`bess.dispatch.reserve_blocks`), at known prices or
+    those of the day before.
     """
 
     kind: Literal["fcr-arbitrage"] = "fcr-arbitrage"  # type: ignore[assignment]
     band: Fraction = 0.9
+    choose_capacity: Literal["perfect", "persistence"] | None = None
     prices: str | None = SYNTHETIC
     market_time_zone: str = "Europe/Berlin"
     cycles_per_day: Positive = 1.0
