@@ -28,14 +28,18 @@ def main() -> None:
             last = traded(month, forecast, "id3")["net_eur"]
             both = traded(month, forecast, "id3", "auction")["net_eur"]
             gain = both / max(auction, last) - 1.0
-            rows.append([f"{month:02}", forecast, *(f"{net:.0f}" for net in (auction, last, both)), f"{gain:.0%}"])
+            rows.append(
+                [f"{month:02}", forecast, *(f"{net:.0f}" for net in (auction, last, both)), f"{gain:.0%}"]
+            )
             print(rows[-1], flush=True)
     write("markets-auctions", rows)
     chosen = [f"chosen, `{forecast}`" for forecast in FORECASTS]
     rows = [["2024", *(f"{kw:g} kW" for kw in FIXED_KW), *chosen]]
     for month in months:
         nets = [reserve(month, capacity_kw=kw)["net_eur"] for kw in FIXED_KW]
-        nets += [reserve(month, capacity_kw=FIXED_KW[-1], choose_capacity=each)["net_eur"] for each in FORECASTS]
+        nets += [
+            reserve(month, capacity_kw=FIXED_KW[-1], choose_capacity=each)["net_eur"] for each in FORECASTS
+        ]
         rows.append([f"{month:02}", *(f"{net:.0f}" for net in nets)])
         print(rows[-1], flush=True)
     write("markets-reserve", rows)
