@@ -1,4 +1,4 @@
-"""Measure the tables about several markets in ``howto/market-data.md``: ``python docs/make_markets.py`` (8 CPU min).
+"""Measure the tables about several markets: ``python docs/make_markets.py`` (10 CPU min).
 
 Prices and frequency are read from ``../shared/data``. The months are drawn at random (seed 26).
 """
