@@ -95,8 +95,8 @@ class Installations:
 
     def memory(self) -> dict[str, Any]:
         """Return the strings that are retired or due for replacement."""
-        return {"ended": self._ended}
+        return {"ended": self._ended.copy()}
 
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Restore a state returned by :meth:`memory`."""
-        self._ended = memory["ended"]
+        self._ended = memory["ended"].copy()
