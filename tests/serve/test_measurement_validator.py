@@ -155,6 +155,17 @@ def test_a_string_that_was_relieved_is_tried_again() -> None:
     assert asked[-1] > 50.0
 
 
+@pytest.mark.parametrize(
+    ("power_kw", "plant_kw"),
+    [([np.inf, 0.0, -np.inf], 50.0), ([20.0, 0.0, 20.0], np.inf), ([20.0, 0.0, 20.0], 1e9)],
+)
+def test_a_meter_counts_only_with_plausible_readings(power_kw: list[float], plant_kw: float) -> None:
+    live = controller(3, control_step_s=10.0)
+    reading = measured([0.5] * 3, power_kw=power_kw, available=[True, False, True], plant_kw=plant_kw)
+    for k in range(2):
+        assert not live.step(reading, 40.0, 10.0 * k).flowing_kw.any()
+
+
 ODD = st.sampled_from([np.nan, np.inf, -np.inf, -1.0, 0.0, 0.3, 0.5, 0.999, 1.0, 50.0, 1e300])
 
 
@@ -171,7 +182,7 @@ def test_no_measurements_whatever_bring_a_controller_down(data: st.DataObject) -
         soc, temperature_c = values.pop("soc"), values.pop("temperature_c")
         available = np.array(data.draw(st.lists(st.booleans(), min_size=3, max_size=3)))
         demand_kw = data.draw(st.floats(-1e6, 1e6))
-        reading = measured(soc, temperature_c, available=available, **values)
+        reading = measured(soc, temperature_c, available=available, plant_kw=data.draw(ODD), **values)
         now_s += data.draw(st.sampled_from([0.0, 1.0, 10.0, 1e5]))
         for answer in (live.step(reading, demand_kw, now_s), live.fallback(reading, demand_kw, "")):
             assert np.isfinite(answer.request_kw).all()

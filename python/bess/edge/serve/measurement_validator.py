@@ -160,9 +160,12 @@ class MeasurementValidator(Persistent):
     def _at_meter(self, measured: Measurements, in_service: Flags, flow_kw: Array) -> Array:
         """Correct the power of strings out of service to what the plant's meter shows less the others."""
         nominal_kw = np.where(in_service, 0.0, self._system.nominal_kw)
-        missing_kw = measured.plant_kw - measured.power_kw[in_service].sum() - flow_kw.sum()
-        if abs(missing_kw) > READ_BACK_WITHIN * nominal_kw.sum() > 0.0:  # never without a meter: NaN
-            flow_kw = flow_kw + missing_kw * nominal_kw / nominal_kw.sum()
+        readings = np.append(measured.power_kw[in_service], measured.plant_kw)  # NaN without a meter
+        if np.isfinite(readings).all():
+            missing_kw = measured.plant_kw - measured.power_kw[in_service].sum() - flow_kw.sum()
+            most_kw = 2.0 * (1.0 + FOLLOWS_WITHIN) * nominal_kw.sum()  # full power one way, to the other
+            if READ_BACK_WITHIN * nominal_kw.sum() < abs(missing_kw) <= most_kw:
+                flow_kw = flow_kw + missing_kw * nominal_kw / nominal_kw.sum()
         return np.where(np.abs(flow_kw) > READ_BACK_WITHIN * self._system.nominal_kw, flow_kw, 0.0)
 
     def _limit(self, said_kw: Array) -> Array:
