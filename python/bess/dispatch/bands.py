@@ -14,16 +14,16 @@ from bess.dispatch.forecast import PersistenceForecast, checked_series, present_
 from bess.errors import InputError
 
 _MEASURED: Final = (0.05, 0.25, 0.5, 0.75, 0.95)
-"""Quantiles of measured errors that are the levels of a band: three would miss the expected price by more."""
+"""Quantiles of measured errors used as levels; with three, the expected price would be less accurate."""
 
 FORETOLD: Final = (0.1, 0.5, 0.9)
 """Quantiles of bands made before a run."""
 
 _MEMORY_DAYS: Final = 28.0
-"""Errors and transitions of so many days are counted."""
+"""Period in which errors and transitions are counted [days]."""
 
 _PRIOR: Final = 1.0
-"""Transitions from each level, to one drawn at random, that are counted in addition to those observed."""
+"""Weight of the prior, the probabilities of the levels themselves, in transitions from each level."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +88,7 @@ class BandForecast:
     Parameters
     ----------
     values : array, shape (n_steps,)
-        The series that comes true; finite.
+        The actual series; finite.
     dt_h : float
         Control step in hours; must divide a day.
     foretold : array, shape (3, n_steps), optional

@@ -15,7 +15,7 @@ from bess.dispatch.program import StoreProgram
 from bess.units import KWH_PER_MWH, SECONDS_PER_HOUR
 
 QUARTER_S: Final = 900
-"""Time over which the import that a peak tariff counts is averaged [s]."""
+"""Averaging time of the grid import under a peak tariff [s]."""
 
 
 @dataclass(frozen=True)
@@ -38,9 +38,9 @@ class PeakTariff:
 
 
 def monthly_peaks_kw(import_kw: Array, tariff: PeakTariff) -> Array:
-    """Return the highest quarter-hour mean of the month so far, at the end of each step; it is never below 0.
+    """Return the highest quarter-hour mean of the month so far at the end of each step, at least 0.
 
-    The quarter of an hour that a step is part of counts from its last step on.
+    A quarter of an hour counts from its last step on.
     """
     first = np.flatnonzero(np.diff(tariff.quarter, prepend=tariff.quarter[0] - 1))
     steps = int(np.diff(first, append=import_kw.size).max())
@@ -53,7 +53,7 @@ def monthly_peaks_kw(import_kw: Array, tariff: PeakTariff) -> Array:
 
 
 class GridConnection:
-    r"""What a dispatch over prices knows of the meter, and the peak of the month so far.
+    r"""Constraints and costs at the meter for a dispatch over prices, and the peak of the month so far.
 
     With load less generation :math:`n_t` behind the meter, import :math:`i_t`, the fee :math:`f` on it, the
     peak :math:`L_m` of each month :math:`m`, its price :math:`\kappa`, generation :math:`k_t` that the limit
@@ -63,9 +63,9 @@ class GridConnection:
        \quad\text{s. t.}\quad n_t + c_t - d_t \le i_t \le \min(L_m, \max(I, n_t)),\quad
        d_t - c_t - n_t - k_t \le X,\quad 0 \le k_t \le \max(0, -n_t - X) .
 
-    A plan covers a part of a month, and a higher peak serves the days after it as well. So the peak is chosen
-    once a day by the same program over the last week and the plan together, at the price of the month times
-    their hours over those left of it: the rest of the month is taken to be like them. In plans
+    A plan covers a part of a month, but a higher peak is also of use on later days. The peak is therefore
+    chosen once a day by the same program over the last week and the plan together, at the monthly price
+    times the ratio of their hours to the remaining hours: the rest of the month is assumed to be like them. In plans
     :math:`L^0` is this peak, or that of the month so far if it is higher.
 
     Parameters
@@ -113,7 +113,7 @@ class GridConnection:
         self._last_kw = float(self._net_kw.ahead(step, 1)[0])
 
     def net_kw(self, step: int, n: int) -> Array:
-        """Load less generation in the next ``n`` steps [kW]; the last value is held where they end."""
+        """Return load less generation of the next ``n`` steps [kW]; the last value is held after the end."""
         values = self._net_kw.ahead(step, n)
         return np.concatenate([values, np.full(n - values.size, values[-1])])
 
@@ -129,8 +129,7 @@ class GridConnection:
     ) -> None:
         """Add columns and rows to a program in per unit of ``power_kw``, whose cost is ``weight`` EUR/MWh h.
 
-        ``share`` of the price of the month is that of a peak; the last columns are the peaks above those
-        chosen, month by month.
+        ``share`` scales the monthly price. The last columns are the increases of the peaks, by month.
         """
         net, row, cost = net_kw / power_kw, np.arange(net_kw.size), weight * self._dt_h
         most_import, most_export = self._max_import_kw / power_kw, self._max_export_kw / power_kw
@@ -160,20 +159,20 @@ class GridConnection:
             program.at_most(known[period], (row, imported, 1.0), (row, higher[period], -1.0))
 
     def choose(self, higher_kw: float) -> None:
-        """Let the peak of the month be so much higher."""
+        """Raise the chosen peak of the month."""
         self._chosen_kw = max(self._peak_kw, self._chosen_kw) + higher_kw
 
     def keep(self, step: int, demand_kw: Array) -> None:
-        """Take in a plan: the peak it counts on is kept until the next."""
+        """Store the peak of a plan, which holds until the next plan."""
         if self.tariff is not None:
             month = self.tariff.month[step : step + demand_kw.size]
             planned_kw = self.net_kw(step, demand_kw.size) - demand_kw
             self._planned_kw = float(planned_kw[month == month[0]].max())
 
     def within(self, step: int, demand_kw: float, discharge_kw: float) -> float:
-        """Return the demand that adds to no import or export above its limit, and keeps the peak.
+        """Return the demand within the limits of import, export and peak.
 
-        ``discharge_kw`` is the most that the store has energy for.
+        ``discharge_kw`` is the largest power that the stored energy allows.
         """
         net_kw = float(self._net_kw.ahead(step, 1)[0])
         least_kw = min(net_kw - self._max_import_kw, 0.0)

@@ -1,4 +1,4 @@
-"""Markets beside the last one of a plant: auctions that are cleared before it, and blocks of reserve."""
+"""Markets before the last one of a plant: auctions, and four-hour blocks of reserve."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from bess.arrays import Array
 from bess.dispatch.arbitrage import Arbitrage
 
 _CLEARED_H: Final = 9.0
-"""Time before a day at which its auction is cleared [h]: 15:00 of the day before."""
+"""Lead time of the auction of a day [h]: it is cleared at 15:00 of the day before."""
 
 _BLOCK_H: Final = 4.0
 """Length of a product of the reserve [h]."""
@@ -37,7 +37,7 @@ def auction_positions(
     .. math:: \sum_{k \le K} \pi_k (s_k - s_{k-1})
        = \sum_{k<K} s_k (\pi_k - \pi_{k+1}) + s_K \pi_K .
 
-    So one program over all markets falls apart into one store program for each. With foresight the schedule
+    So the program over all markets separates into one store program for each. With foresight the schedule
     of an auction is the one that earns most at the difference to the next price. Without, the next price is
     expected to be that of the auction, and the schedule is the one that earns most at the prices of the day
     before (rolling intrinsic). Every schedule is one that the store could deliver, from where the one of the
@@ -76,7 +76,7 @@ def _schedule(
     *,
     foresight: bool,
 ) -> Array:
-    """Schedule that earns most at ``value``, of products of so many steps."""
+    """Return the schedule of maximum income at ``value``, in products of ``product_steps``."""
     schedule, one_way = np.zeros(value.size), float(np.sqrt(planner.efficiency))
     for begin, end, known in _days(planner, foresight=foresight):
         product = np.arange(known.size) // product_steps
@@ -92,7 +92,7 @@ def _schedule(
 
 
 def _days(planner: Arbitrage, *, foresight: bool) -> Iterator[tuple[int, int, npt.NDArray[np.int64]]]:
-    """Begin and end of each day, and the steps whose prices are taken for its look-ahead."""
+    """Yield start and end of each day, and the steps whose prices are used for its look-ahead."""
     size, day_steps = planner.days.size, round(24.0 / planner.dt_h)
     first = np.flatnonzero(np.diff(planner.days, prepend=planner.days[0] - 1)).tolist()
     for begin, end in zip(first, [*first[1:], size], strict=True):
@@ -103,10 +103,10 @@ def _days(planner: Arbitrage, *, foresight: bool) -> Iterator[tuple[int, int, np
 
 
 class AuctionForecast:
-    """Forecast of the last market by the auction before it: its prices are known from the afternoon before.
+    """Forecast of the last market by the preceding auction, whose prices are known from the afternoon before.
 
-    The present price is that of the market. Of days whose auction is not cleared yet the prices of the last
-    day that is are taken.
+    The present price is that of the market. Days whose auction is not cleared yet take the prices of the last
+    cleared day.
 
     Parameters
     ----------
