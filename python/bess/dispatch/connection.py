@@ -65,8 +65,8 @@ class GridConnection:
 
     A plan covers a part of a month, but a higher peak is also of use on later days. The peak is therefore
     chosen once a day by the same program over the last week and the plan together, at the monthly price
-    times the ratio of their hours to the remaining hours: the rest of the month is assumed to be like them. In plans
-    :math:`L^0` is this peak, or that of the month so far if it is higher.
+    times the ratio of their hours to the remaining hours: the rest of the month is assumed to be like them.
+    In plans :math:`L^0` is this peak, or that of the month so far if it is higher.
 
     Parameters
     ----------
