@@ -249,12 +249,12 @@ fn each_pair(
     if part_of_budget == 0 {
         return;
     }
-    let parts = pairs.into_iter().map(|pair| (pair, paths.take(pair))).collect();
+    let parts = pairs.into_iter().map(|pair| (pair, paths.take(pair.strings()))).collect();
     let moved = cores::map(parts, |(pair, mut part): (Pair, Paths<'_>)| {
         moves(&mut part, pair, part_of_budget);
         (pair, part)
     });
-    moved.into_iter().for_each(|(pair, part)| paths.put_back(pair, part));
+    moved.into_iter().for_each(|(pair, part)| paths.put_back(pair.strings(), part));
 }
 
 /// Rounds of moves until `cycle` of them gain too little, or the budget is used up. A plan that is carried along was tried

@@ -41,6 +41,11 @@ impl Room {
 }
 
 impl Pair {
+    /// Indices of both strings.
+    pub fn strings(&self) -> [usize; 2] {
+        [self.first, self.second]
+    }
+
     pub fn room(&self, paths: &Paths<'_>, t: usize) -> Room {
         let sum_w = paths.request(self.first, t) + paths.request(self.second, t);
         let limit = &paths.problem.limit_w;

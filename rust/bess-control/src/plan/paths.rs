@@ -2,7 +2,6 @@
 //! only for the strings that it touches.
 
 use crate::model::StringState;
-use crate::plan::pair::Pair;
 use crate::plan::problem::PlanProblem;
 
 /// A string at the start of a step: state, accumulated cost, inverter state.
@@ -77,22 +76,22 @@ impl<'a> Paths<'a> {
         self.strings.iter().flat_map(|string| string.request_w.iter().copied()).collect()
     }
 
-    /// Takes the schedules of a pair, to be changed on another thread, and [`Self::put_back`].
-    pub fn take(&mut self, pair: Pair) -> Self {
+    /// Takes the schedules of two strings, to be changed on another thread, and [`Self::put_back`].
+    pub fn take(&mut self, two: [usize; 2]) -> Self {
         let strings = vec![Path::default(); self.strings.len()];
         let mut part = Self { problem: self.problem, strings, work: 0 };
-        part.exchange(self, pair);
+        part.exchange(self, two);
         part
     }
 
-    /// Puts the schedules of a pair back.
-    pub fn put_back(&mut self, pair: Pair, mut part: Self) {
-        part.exchange(self, pair);
+    /// Puts the schedules of two strings back.
+    pub fn put_back(&mut self, two: [usize; 2], mut part: Self) {
+        part.exchange(self, two);
         self.work += part.work;
     }
 
-    fn exchange(&mut self, other: &mut Self, pair: Pair) {
-        for m in [pair.first, pair.second] {
+    fn exchange(&mut self, other: &mut Self, two: [usize; 2]) {
+        for m in two {
             std::mem::swap(&mut self.strings[m], &mut other.strings[m]);
         }
     }
