@@ -1,17 +1,16 @@
 """Claims about trade behind a meter: load, generation, limits of the connection, the peak of a month."""
 
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
+from interrupted import continued
 
 import bess
 from bess.dispatch import Arbitrage, GridConnection, PeakTariff, PerfectForecast, monthly_peaks_kw
 from bess.errors import InputError
-from bess.simulation import runner
 
 PRICE = np.array([0.0, 0.0, 100.0])
 
@@ -121,19 +120,8 @@ def test_a_run_that_is_continued_knows_its_peak(
 ) -> None:
     study = bess.load_study("arbitrage-2024", values | {"run.days": 1.0})
     whole = bess.run(study, progress=False).dataset
-    monkeypatch.setattr(runner, "PART_STEPS", 7)
-    stops = iter([False] * 40)
-
-    @contextmanager
-    def stopping():
-        yield lambda: next(stops, True)
-
-    monkeypatch.setattr(runner, "stop_requests", stopping)
-    with pytest.raises(bess.StoppedEarly):
-        bess.run(study, progress=False, out=tmp_path / "run")
-    monkeypatch.undo()
-    continued = bess.run(study, progress=False, out=tmp_path / "run", resume=True).dataset
-    assert continued.drop_attrs().identical(whole.drop_attrs())
+    resumed = continued(study, tmp_path / "run", monkeypatch)
+    assert resumed.drop_attrs().identical(whole.drop_attrs())
 
 
 def test_each_month_has_the_lowest_peak_of_its_own() -> None:

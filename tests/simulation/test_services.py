@@ -1,12 +1,12 @@
 """Claims about services: what they ask, what they keep, what they earn."""
 
 import math
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from interrupted import continued
 from scipy.optimize import linprog
 
 import bess
@@ -22,7 +22,6 @@ from bess.dispatch import (
 from bess.errors import InputError
 from bess.market import read_capacity_prices, read_frequency
 from bess.report import charts
-from bess.simulation import runner
 from bess.simulation.analysis.settlement import COSTS
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
@@ -360,20 +359,9 @@ def test_a_run_that_is_continued_gives_the_same(
 ) -> None:
     study = bess.load_study(name, {"policy.name": "soc", "run.days": 1.0})
     whole = bess.run(study, progress=False).dataset
-    monkeypatch.setattr(runner, "PART_STEPS", 7)
-    stops = iter([False] * 40)
-
-    @contextmanager
-    def stopping():
-        yield lambda: next(stops, True)
-
-    monkeypatch.setattr(runner, "stop_requests", stopping)
-    with pytest.raises(bess.StoppedEarly):
-        bess.run(study, progress=False, out=tmp_path / "run")
-    monkeypatch.undo()
-    continued = bess.run(study, progress=False, out=tmp_path / "run", resume=True).dataset
+    resumed = continued(study, tmp_path / "run", monkeypatch)
     for variable in whole:
-        np.testing.assert_array_equal(continued[variable], whole[variable], err_msg=str(variable))
+        np.testing.assert_array_equal(resumed[variable], whole[variable], err_msg=str(variable))
 
 
 def test_trade_stays_within_what_the_reserve_leaves() -> None:

@@ -19,10 +19,16 @@ from bess.simulation.demand import (
     LinearPlanner,
     ProfileSource,
 )
-from bess.simulation.run_demand import DEFAULT_START, RunDemand, budget_of, repair_notes, utc_index
+from bess.simulation.run_demand import (
+    RunDemand,
+    budget_of,
+    forecast_of,
+    power_series,
+    repair_notes,
+    utc_index,
+)
 from bess.study.demands import ArbitrageDemand, ProfileDemand
-from bess.study.grid import SampledSeries, TimeGrid, seconds_of
-from bess.study.keys import check_bundled
+from bess.study.grid import SampledSeries, TimeGrid
 from bess.study.services import FcrDemand, SiteDemand, TradeMeterSection
 from bess.system import System
 
@@ -52,38 +58,27 @@ def demand_of(study: Study, system: System, step_s: float, horizon: int) -> RunD
 
 
 def _profile(study: Study, choice: ProfileDemand, system: System, step_s: float, horizon: int) -> RunDemand:
-    from bess.dispatch import PROFILES, PerfectForecast, PersistenceForecast, bundled_profile, read_profile
+    from bess.dispatch import PROFILES
 
-    dt_h = step_s / 3600.0
-    repairs: list[str] = []
-    check_bundled("demand.file", choice.file, PROFILES)
-    if choice.file in PROFILES:
-        series = SampledSeries(
-            values=bundled_profile(choice.file, dt_h=dt_h) * choice.scale,
-            start_s=seconds_of(study.run.start or DEFAULT_START),
-            step_s=round(step_s),
-            what=f"profile {choice.file}",
-            key="demand.file",
-        )
-    else:
-        read = read_profile(
-            choice.file,
-            column=choice.column,
-            unit=choice.unit,
-            positive=choice.positive,
-            scale=choice.scale,
-            dt_h=dt_h,
-            time_zone=choice.time_zone,
-            fill=choice.fill,
-        )
-        series = SampledSeries.from_pandas(read, choice.file, "demand.file")
-        repairs = repair_notes(read)
+    series, files, repairs = power_series(
+        choice.file,
+        "demand.file",
+        PROFILES,
+        study.run.start,
+        step_s,
+        scale=choice.scale,
+        column=choice.column,
+        unit=choice.unit,
+        positive=choice.positive,
+        time_zone=choice.time_zone,
+        fill=choice.fill,
+    )
     start = study.run.start or series.start
     grid = TimeGrid.of(start, step_s, study.run.days or series.days_from(start, step_s))
     # A forecast may extend beyond the end of the run, to the end of the profile.
     wanted = grid.longer(horizon)
     values = series.laid(grid, wanted, repeat=choice.repeat)
-    forecast = PerfectForecast(values) if choice.forecast == "perfect" else PersistenceForecast(values, dt_h)
+    forecast = forecast_of(choice.forecast, values, step_s / 3600.0)
     asked = values[: grid.n_steps]
     above = int((np.abs(asked) > system.nominal_kw.sum() * (1.0 + 1e-9)).sum())
     notes = [f"demand: {series.what}, {asked.min():g} to {asked.max():g} kW", *repairs]
@@ -91,9 +86,7 @@ def _profile(study: Study, choice: ProfileDemand, system: System, step_s: float,
         notes.append(
             f"demand is above the {system.nominal_kw.sum():g} kW of the plant in {above} steps (unmet)"
         )
-    return RunDemand(
-        grid, ProfileSource(forecast), None, [] if choice.file in PROFILES else [Path(choice.file)], notes
-    )
+    return RunDemand(grid, ProfileSource(forecast), None, files, notes)
 
 
 def _arbitrage(study: Study, choice: ArbitrageDemand, system: System, step_s: float) -> RunDemand:

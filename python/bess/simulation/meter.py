@@ -12,15 +12,11 @@ from bess.dispatch import (
     SITES,
     Forecast,
     PeakTariff,
-    PerfectForecast,
-    PersistenceForecast,
-    read_profile,
 )
 from bess.dispatch.connection import QUARTER_S
 from bess.errors import InputError
-from bess.simulation.run_demand import DEFAULT_START, repair_notes, utc_index
-from bess.study.grid import SampledSeries, TimeGrid, seconds_of
-from bess.study.keys import check_bundled
+from bess.simulation.run_demand import forecast_of, power_series, utc_index
+from bess.study.grid import SampledSeries, TimeGrid
 from bess.study.services import MeterSection
 from bess.study.study import Study
 
@@ -59,14 +55,13 @@ def site_of_meter(
 ) -> Site:
     """Read load and generation; without ``grid`` the load says when the run is."""
     place = "demand" if grid is None else "demand.meter"
-    dt_h = step_s / 3600.0
     power_kw: dict[str, Array] = {}
     files: list[Path] = []
     notes: list[str] = []
     for key in ("load", "pv"):
         if getattr(choice, key) is None:
             continue
-        given, more_files, more_notes = _site_series(study, choice, key, place, dt_h)
+        given, more_files, more_notes = _site_series(study, choice, key, place, step_s)
         files, notes = files + more_files, notes + more_notes
         if grid is None:
             start = study.run.start or given.start
@@ -77,9 +72,7 @@ def site_of_meter(
     known = min([n + horizon, *(each.size for each in power_kw.values())])
     load_kw, pv_kw = (power_kw.get(key, np.zeros(known))[:known] for key in ("load", "pv"))
     net_kw = load_kw - pv_kw
-    forecast: Forecast = PerfectForecast(net_kw)
-    if choice.forecast == "persistence":
-        forecast = PersistenceForecast(net_kw, dt_h)
+    forecast = forecast_of(choice.forecast, net_kw, step_s / 3600.0)
     series = {"load_kw": load_kw[:n], "generation_kw": pv_kw[:n]}
     tariff = None
     if choice.peak_eur_kw_month is not None:
@@ -101,29 +94,23 @@ def _tariff(eur_kw: float, time_zone: str, grid: TimeGrid, place: str) -> PeakTa
 
 
 def _site_series(
-    study: Study, choice: MeterSection, key: str, place: str, dt_h: float
+    study: Study, choice: MeterSection, key: str, place: str, step_s: float
 ) -> tuple[SampledSeries, list[Path], list[str]]:
     """Return the power of the load or of the generation [kW]."""
     name = getattr(choice, key)
     column = choice.column if key == "load" else choice.pv_column
     scale = choice.scale if key == "load" else choice.pv_scale
-    check_bundled(f"{place}.{key}", name, SITES)
-    if name in SITES:
-        values = SITES[name](dt_h=dt_h) * scale
-        start_s = seconds_of(study.run.start or DEFAULT_START)
-        series = SampledSeries(values, start_s, round(3600.0 * dt_h), f"profile {name}", f"{place}.{key}")
-        files, repairs = [], []
-    else:
-        read = read_profile(
-            name,
-            column=column,
-            unit=choice.unit,
-            scale=scale,
-            dt_h=dt_h,
-            time_zone=choice.time_zone,
-            fill=choice.fill,
-        )
-        series = SampledSeries.from_pandas(read, name, f"{place}.{key}")
-        files, repairs = [Path(name)], repair_notes(read)
+    series, files, repairs = power_series(
+        name,
+        f"{place}.{key}",
+        SITES,
+        study.run.start,
+        step_s,
+        scale=scale,
+        column=column,
+        unit=choice.unit,
+        time_zone=choice.time_zone,
+        fill=choice.fill,
+    )
     found = f"{key}: {series.what}, {series.values.min():.4g} to {series.values.max():.4g} kW"
     return series, files, [found, *repairs]

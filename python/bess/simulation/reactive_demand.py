@@ -9,7 +9,7 @@ import numpy as np
 
 from bess.arrays import Array
 from bess.simulation.demand import padded
-from bess.simulation.run_demand import repair_notes
+from bess.simulation.run_demand import forecast_of, repair_notes
 from bess.study.grid import SampledSeries, TimeGrid
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def reactive_of(
     InputError
         The file is invalid or does not cover the run.
     """
-    from bess.dispatch import PerfectForecast, PersistenceForecast, read_profile
+    from bess.dispatch import PerfectForecast, read_profile
 
     if choice.power_factor is not None:
         note = f"reactive power: at a power factor of {choice.power_factor:g}"
@@ -79,9 +79,7 @@ def reactive_of(
     )
     series = SampledSeries.from_pandas(read, choice.file, "reactive.file")
     values = series.laid(grid, wanted, repeat=choice.repeat)
-    forecast = (
-        PerfectForecast(values) if choice.forecast == "perfect" else PersistenceForecast(values, grid.dt_h)
-    )
     asked = values[: grid.n_steps]
     found = f"reactive power: {choice.file}, {asked.min():g} to {asked.max():g} kvar"
+    forecast = forecast_of(choice.forecast, values, grid.dt_h)
     return Foreseen(forecast), [Path(choice.file)], [found, *repair_notes(read)]

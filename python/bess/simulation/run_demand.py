@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from bess.arrays import Array
 from bess.simulation.demand import DemandSource
-from bess.study.grid import TimeGrid
+from bess.study.grid import SampledSeries, TimeGrid, seconds_of
+from bess.study.keys import check_bundled
 from bess.study.sections import BudgetSection
 from bess.system import System
 from bess.units import KWH_PER_MWH
@@ -64,6 +65,38 @@ def utc_index(grid: TimeGrid) -> pd.DatetimeIndex:
 def repair_notes(series: pd.Series[float]) -> list[str]:
     """Return the repairs of a reader, one sentence each."""
     return [f"repaired: {repair}" for repair in series.attrs.get("repairs", ())]
+
+
+def power_series(
+    name: str,
+    key: str,
+    bundled: Mapping[str, Callable[..., Array]],
+    start: datetime | None,
+    step_s: float,
+    *,
+    scale: float = 1.0,
+    **reading: Any,
+) -> tuple[SampledSeries, list[Path], list[str]]:
+    """Return a bundled profile, or that of a file, with its files and repairs.
+
+    ``reading`` are further arguments of :func:`bess.dispatch.read_profile`.
+    """
+    from bess.dispatch import read_profile
+
+    check_bundled(key, name, bundled)
+    dt_h = step_s / 3600.0
+    if name in bundled:
+        values, start_s = bundled[name](dt_h=dt_h) * scale, seconds_of(start or DEFAULT_START)
+        return SampledSeries(values, start_s, round(step_s), f"profile {name}", key), [], []
+    read = read_profile(name, scale=scale, dt_h=dt_h, **reading)
+    return SampledSeries.from_pandas(read, name, key), [Path(name)], repair_notes(read)
+
+
+def forecast_of(kind: str, values: Array, dt_h: float) -> Forecast:
+    """Return the ``"perfect"`` or ``"persistence"`` forecast of a series."""
+    from bess.dispatch import PerfectForecast, PersistenceForecast
+
+    return PerfectForecast(values) if kind == "perfect" else PersistenceForecast(values, dt_h)
 
 
 def budget_of(

@@ -122,6 +122,7 @@ class ReserveSource:
     ) -> None:
         self._response_kw, self._reserve, self._store = response_kw, reserve, store
         self._recharge, self._trade, self._budget = recharge, trade, budget
+        self._max_capacity_kw = float(reserve.capacity_kw.max())
         self._plan: Array = np.zeros(0)
         self._day: int | None = None
         self._sold_kwh = 0.0
@@ -136,7 +137,7 @@ class ReserveSource:
         capacity_kw = float(self._reserve.capacity_kw[step])
         window, largest = (
             EnergyWindow.of(each, self._reserve.duration_min, size_kwh, self._store.one_way)
-            for each in (capacity_kw, float(self._reserve.capacity_kw.max()))
+            for each in (capacity_kw, self._max_capacity_kw)
         )
         band = largest.narrowed(self._reserve.band)
         shift_kw = self._recharge.advance(step, held_kwh, band)
