@@ -41,7 +41,7 @@ def run(demand_kw: Array, start: int | None = None, *, planned: bool = False) ->
     cost_kwh, expected_kwh, power_kw = 0.0, np.nan, np.full(2, np.nan)
     for k in range(4 * DAY):
         if k == start:
-            live.calibrate(0)
+            live.calibration.begin(0)
         free, state = np.full(2, np.inf), plant.state
         time = datetime.fromtimestamp(STEP_S * k, tz=UTC)
         reading = Measurements(

@@ -1,5 +1,7 @@
 """A run that ends as in a power cut, after so many control steps, with what it had written by then."""
 
+from collections.abc import Callable
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -13,16 +15,31 @@ class PowerCut(BaseException):
     """Stands for the end of the process; nothing in the package catches it."""
 
 
-def cut_off(study: Study, folder: Path, after: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Run ``study`` into ``folder``; the plant takes ``after`` steps and no more."""
-    step, left = bess.Plant.step, iter(range(after))
+def before_steps(patch: pytest.MonkeyPatch, act: Callable[[int], None]) -> None:
+    """Call ``act`` with the number of control steps that the plant is about to take."""
+    step, follow = bess.Plant.step, bess.Plant.follow
 
-    def cut(plant: bess.Plant, *arguments: Any, **options: Any) -> Any:
-        if next(left, None) is None:
-            raise PowerCut
+    def one(plant: bess.Plant, *arguments: Any, **options: Any) -> Any:
+        act(1)
         return step(plant, *arguments, **options)
 
+    def many(plant: bess.Plant, controller: Any, ahead_kw: Any, *arguments: Any) -> Any:
+        act(len(ahead_kw))
+        return follow(plant, controller, ahead_kw, *arguments)
+
+    patch.setattr(bess.Plant, "step", one)
+    patch.setattr(bess.Plant, "follow", many)
+
+
+def cut_off(study: Study, folder: Path, after: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run ``study`` into ``folder``; the plant takes ``after`` steps and no more."""
+    left = iter(range(after))
+
+    def cut(steps: int) -> None:
+        if len(list(islice(left, steps))) < steps:
+            raise PowerCut
+
     with monkeypatch.context() as patch:
-        patch.setattr(bess.Plant, "step", cut)
+        before_steps(patch, cut)
         with pytest.raises(PowerCut):
             bess.run(study, progress=False, out=folder)

@@ -15,7 +15,8 @@ import typer
 from api_page import found, listed
 from bess.cli.app import app
 from bess.simulation.analysis.catalogue import CATALOGUE
-from bess.simulation.record.schema import RECORD_FORMAT, VARIABLES
+from bess.simulation.record.dataset import VARIABLES
+from bess.simulation.record.provenance import RECORD_FORMAT
 from bess.study.reference import KINDS, keys
 
 STORED = Path(__file__).with_name("surface.txt")

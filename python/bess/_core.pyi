@@ -8,7 +8,6 @@ _Array = NDArray[np.float64]
 __all__ = [
     "Ageing",
     "BestShares",
-    "CoefficientRanges",
     "ControlHorizon",
     "ControlModel",
     "Explicit",
@@ -19,9 +18,11 @@ __all__ = [
     "Node",
     "Plan",
     "Plant",
+    "Rule",
     "SplitAnswer",
     "StateBoxes",
     "StepBounds",
+    "Store",
     "System",
     "TightenedBounds",
     "ageing_models",
@@ -228,22 +229,6 @@ class StepBounds:
     request_kw: _Array
 
 @final
-class CoefficientRanges:
-    derating_low: _Array
-    derating_high: _Array
-    voltage_low_v: _Array
-    voltage_high_v: _Array
-    resistance_low_ohm: _Array
-    resistance_high_ohm: _Array
-    power_scale_low_kw: _Array
-    power_scale_high_kw: _Array
-    plane_kw: _Array
-    plane_per_soc_kw: _Array
-    plane_per_k_kw: _Array
-    derated: _Array
-    derated_per_k: _Array
-
-@final
 class ControlHorizon:
     def __new__(
         cls,
@@ -268,7 +253,8 @@ class ControlHorizon:
     def reachable(self) -> StateBoxes: ...
     def step_bounds(self, boxes: StateBoxes, costs: _Array, budget_kw: _Array) -> StepBounds: ...
     def tighten(self, request_kw: _Array, costs: _Array, shed_budget_kw: float) -> TightenedBounds: ...
-    def coefficients(self, boxes: StateBoxes, near: StateBoxes) -> CoefficientRanges: ...
+    def priced_bound(self, ceilings: _Array, objective: float) -> float: ...
+    def coefficients(self, boxes: StateBoxes, near: StateBoxes) -> dict[str, _Array]: ...
     def root(self, boxes: StateBoxes) -> Node: ...
     def narrowed(self, node: Node, shed_budget_kw: float) -> Node | None: ...
     def step_bounds_of(self, node: Node, costs: _Array, budget_kw: _Array) -> StepBounds: ...
@@ -288,8 +274,72 @@ class Node:
     def branch_on_full(self, string: int, step: int) -> tuple[Node, Node]: ...
 
 @final
+class Store:
+    def __new__(
+        cls,
+        model: ControlModel,
+        *,
+        energy_kwh: _Array,
+        temperature_c: _Array,
+        depth: _Array,
+        soc: _Array,
+        power_kw: _Array,
+        request_kw: _Array,
+        energies: list[tuple[_Array, _Array]],
+        mass_share: _Array,
+        off_kw: _Array,
+        capacity_kwh: float,
+        dt_h: float,
+        parts: int,
+        ambient_c: float,
+        cooling_per_h: float,
+        by_throughput: bool,
+    ) -> Store: ...
+    def dispatch(
+        self,
+        state: tuple[float, float, float],
+        *,
+        steps: NDArray[np.int64],
+        period: NDArray[np.int64],
+        ambient_c: _Array,
+        is_new: NDArray[np.bool_],
+        income_eur: _Array,
+        share: _Array,
+        chance: _Array,
+        wear: tuple[_Array, _Array],
+        end_eur_kwh: float,
+        allowed_kwh: _Array,
+        ladder_eur_kwh: _Array,
+    ) -> _Array: ...
+
+@final
+class Rule:
+    def __new__(
+        cls,
+        system: System,
+        name: str,
+        dt_h: float,
+        nominal_kw: _Array,
+        nominal_energy_kwh: _Array,
+        stop_c: _Array,
+    ) -> Rule: ...
+    def split(
+        self,
+        soc: _Array,
+        temperature_c: _Array,
+        soh_capacity: _Array,
+        soh_resistance: _Array,
+        limit_kw: _Array,
+        demand_kw: float,
+    ) -> _Array: ...
+    def run(
+        self, plant: Plant, demand_kw: _Array, limit_kw: _Array, ambient_c: _Array, duration_s: float
+    ) -> dict[str, NDArray[Any]]: ...
+
+@final
 class Explicit:
     N_WEIGHTS: int
+    DECISION: str
     def __new__(cls, tables: dict[str, Any]) -> Explicit: ...
     def look(self, ahead_kw: _Array) -> _Array: ...
     def split(

@@ -22,6 +22,10 @@ _DEEPEST: Final = 64
 """Levels of tables and lists in a document, more than any file of the package has."""
 
 
+class MissingFileError(InputError):
+    """There is no such file."""
+
+
 def missing(path: str | Path) -> str:
     """Return the remedy for a missing file: the most similar name in its folder, if any."""
     where = Path(path)
@@ -78,15 +82,22 @@ def read_file(path: str | Path, largest: int = LARGEST_BYTES) -> bytes:
     Raises
     ------
     InputError
-        It is a pipe or a device, or holds more than ``largest`` bytes.
-    OSError, ValueError
-        As :func:`open` does.
+        There is no such file (:class:`MissingFileError`), it cannot be read, is a pipe or a device, or holds
+        more than ``largest`` bytes.
     """
-    kind = Path(path).stat().st_mode
-    if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
-        raise InputError(f"{path}: cannot be read (a pipe or a device, not a file); give a file")
-    with Path(path).open("rb") as file:
-        return limited(file, path, largest)
+    try:
+        kind = Path(path).stat().st_mode
+        if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
+            raise InputError(f"{path}: cannot be read (a pipe or a device, not a file); give a file")
+        with Path(path).open("rb") as file:
+            return limited(file, path, largest)
+    except InputError:
+        raise
+    except (FileNotFoundError, NotADirectoryError):
+        raise MissingFileError(f"{path}: no such file; {missing(path)}") from None
+    except (OSError, ValueError) as error:  # a path with a NUL in it is a ValueError
+        cause = getattr(error, "strerror", None) or error
+        raise InputError(f"{path}: cannot be read ({cause}); check the path and its permissions") from None
 
 
 class _Readable(Protocol):

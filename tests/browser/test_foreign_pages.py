@@ -17,9 +17,7 @@ pytest.importorskip("fastapi")
 
 from test_live_page import served
 
-from bess.edge.serve.app import Driven
-from bess.edge.serve.control_loop import ControlLoop
-from bess.edge.serve.demands import Demands
+from bess.edge.serve.control_loop import ControlLoop, Demands
 from bess.edge.serve.service import Service
 from bess.study import load_study
 
@@ -65,7 +63,7 @@ def demands(tmp_path: Path) -> Iterator[tuple[Demands, str]]:
     study = load_study("policies", {"policy.name": "mpc", "policy.foresight_h": 2.0, "demand.repeat": False})
     service = Service(study, tmp_path / "state")
     demands = Demands(study, 900.0)
-    driven = Driven("a plant", demands, ControlLoop(service, NoLink(), demands))  # type: ignore[arg-type]
+    driven = ControlLoop(service, NoLink(), demands, address="a plant")  # type: ignore[arg-type]
     for page in served(service, None, driven):
         yield demands, page
     service.close()
@@ -88,8 +86,7 @@ def elsewhere(tmp_path: Path) -> Iterator[Path]:
 
 
 def asked_kw(demands: Demands) -> Any:
-    with demands._lock:
-        return demands._posted and demands._posted[0]
+    return demands._posted and demands._posted[0]
 
 
 @pytest.mark.parametrize("name", ["127.0.0.1", "localhost"])

@@ -21,8 +21,9 @@ import uvicorn
 sys.path.append(str(Path(__file__).parents[1] / "serve"))
 from live_cases import measured
 
-from bess.edge.serve.app import Driven, build_app
-from bess.edge.serve.connections import Connection
+from bess.edge.serve.app import build_app
+from bess.edge.serve.control_loop import ControlLoop
+from bess.edge.serve.gate import Connection
 from bess.edge.serve.service import Service
 from bess.study import load_study
 
@@ -47,7 +48,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     made.close()
 
 
-def served(service: Service, token: str | None, driven: Driven | None = None) -> Iterator[str]:
+def served(service: Service, token: str | None, driven: ControlLoop | None = None) -> Iterator[str]:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 import bess
-from bess.cli.checking import findings
-from bess.cli.kpi_table import kpi_table
+from bess.cli.records import kpi_table
+from bess.cli.studies import findings
 from bess.control.policies import POLICIES
 from bess.study import bundled_studies
 
@@ -318,4 +318,4 @@ def test_what_was_mistyped_is_answered_in_one_line_with_the_help_that_applies(
 def test_a_file_missed_by_a_letter_is_named(tmp_path: Path) -> None:
     (tmp_path / "prices-2024.csv").touch()
     line = refused("check", "arbitrage-2024", "--set", "demand.prices=price-2024.csv", folder=tmp_path)
-    assert "there is no such file; did you mean 'prices-2024.csv'?" in line
+    assert "no such file; did you mean 'prices-2024.csv'?" in line

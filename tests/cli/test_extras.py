@@ -54,7 +54,7 @@ def test_a_closed_loop_needs_none_of_the_extras(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "module", ["bess", "bess.report", "bess.cli.comparing", "bess.edge.plant_io", "bess.simulation.record"]
+    "module", ["bess", "bess.report", "bess.cli.records", "bess.edge.plant_io", "bess.simulation.record"]
 )
 def test_the_documentation_of_the_package_is_there_without_its_extras(module: str) -> None:
     script = (

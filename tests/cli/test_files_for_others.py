@@ -12,8 +12,7 @@ from typer.testing import CliRunner
 
 import bess
 from bess.cli.app import app
-from bess.study.reference import Kind, keys, meanings, schema
-from bess.study.template import template
+from bess.study.reference import Kind, keys, meanings, schema, template
 
 
 def run(*words: str) -> str:

@@ -24,7 +24,6 @@ BSLIB = (
     "ID,P_AC2BAT_in [W],P_BAT2AC_out [W],AC2BAT_a_in,AC2BAT_b_in,AC2BAT_c_in,"
     "BAT2AC_a_out,BAT2AC_b_out,BAT2AC_c_out\nS1,1000,900,35,3,18,37,3,19\n"
 )
-SAMPLES = "name,Paco_W,Vdc,p_pu,loss_W\nA,100,480,0.1,2\nA,100,480,0.5,3\nA,100,480,1.0,5\n"
 OCV = "SOC (T=298.15K),OCV (T=298.15K)\n0,3.2\n50,3.7\n100,4.1\n"
 RESISTANCE = 'SOC,"R_Ch(T=298.15 K, 0.5 C)","R_DCh(T=298.15 K, 0.5 C)"\n0,1.5,1.6\n0.5,1.1,1.2\n1,1.0,1.1\n'
 
@@ -64,7 +63,6 @@ READERS = [
     pytest.param(_plain, PLAIN, id="plain"),
     pytest.param(_inverter, SANDIA, id="sandia"),
     pytest.param(_plain, BSLIB, id="bslib"),
-    pytest.param(_plain, SAMPLES, id="samples"),
     pytest.param(_ocv, OCV, id="ocv"),
     pytest.param(_resistance, RESISTANCE, id="resistance"),
 ]

@@ -60,7 +60,7 @@ def test_a_forecast_cannot_be_changed_from_outside():
     ("make", "match"),
     [
         (lambda: PerfectForecast([]), "at least one value"),
-        (lambda: PerfectForecast([1.0, np.nan]), "value 1 is not"),
+        (lambda: PerfectForecast([1.0, np.nan]), "at index 1 is nan"),
         (lambda: PerfectForecast([1.0]).ahead(1, 1), r"step 1 is outside the series of 1 steps \[0, 0\]"),
         (lambda: PerfectForecast([1.0]).ahead(0, 0), "horizon 0 steps must be at least 1"),
         (lambda: PerfectForecast([1.0]).ahead(0, -4), "horizon -4 steps"),

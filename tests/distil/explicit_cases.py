@@ -6,19 +6,34 @@ import ctypes
 import subprocess
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache
+from math import sqrt
 from pathlib import Path
-from types import FunctionType
+from types import CodeType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import bess
-from bess.control.explicit import ExplicitController, Tables, decision
-from bess.edge.distil.exports import constants, exports
-from bess.edge.distil.search import first_weights
+from bess.control.explicit import ExplicitController, Tables
+from bess.edge.distil.training import first_weights
+from bess.edge.distil.translate import Language, constants, exports, functions, places
 
 Array = NDArray[np.float64]
+PYTHON = Language(
+    types=dict.fromkeys(("f64", "usize", "bool"), ""),
+    declare="{name} = {value}",
+    clear="{name} = [{zero}] * ({size})",
+    assign="{target} = {value}",
+    loop="for {counter} in range({size}):",
+    opens={"if": "if {0}:", "else if": "elif {0}:", "while": "while {0}:", "else": "else:"},
+    ends=dict.fromkeys(("if", "while", "for"), ""),
+    words={
+        "&&": "and", r"\|\|": "or", r"!(?!=)": "not ", r"\btrue\b": "True", r"\bfalse\b": "False",
+        r"\blarger\b": "max", r"\bsmaller\b": "min",
+    },
+)  # fmt: skip
 
 SYSTEMS: dict[str, Callable[[], bess.System]] = {
     "two": lambda: bess.System.reference(2),
@@ -74,20 +89,28 @@ def cases(system: bess.System, n: int, seed: int, steps: int = 24) -> Iterator[C
 
 
 def in_python(law: ExplicitController, case: Case) -> Array:
-    """The decision as it is written, with the tables of this controller for its names in capitals."""
-    names = {**vars(decision), **constants(law)}
-    look, split = (FunctionType(each.__code__, names) for each in (decision.look, decision.split))
-    outlook = [0.0] * decision.N_OUTLOOK
+    """The law as plain Python, with the tables of this controller for its names in capitals."""
+    names: dict[str, Any] = {**places(), **constants(law), "sqrt": sqrt}
+    exec(_python(), names)
+    outlook = [0.0] * places()["N_OUTLOOK"]
     request_kw = [0.0] * case.limit_kw.size
     state = case.state
     measured = (state.soc, state.temperature_c, state.soh_capacity, state.soh_resistance, case.limit_kw)
-    look(case.ahead_kw.tolist(), outlook)
-    split(*(values.tolist() for values in measured), float(case.ahead_kw[0]), outlook, request_kw)
+    names["look"](case.ahead_kw.tolist(), outlook)
+    names["split"](*(values.tolist() for values in measured), float(case.ahead_kw[0]), outlook, request_kw)
     return np.array(request_kw)
 
 
+@cache
+def _python() -> CodeType:
+    lines = []
+    for name, function in functions().items():
+        lines += [f"def {name}({', '.join(function.arguments)}):", *PYTHON.body(function)]
+    return compile("\n".join(lines), "decision", "exec")
+
+
 class InC:
-    """The decision as ``split.c``, compiled."""
+    """The law as ``split.c``, compiled."""
 
     def __init__(self, law: ExplicitController, folder: Path) -> None:
         for name, text in exports(law).items():
@@ -102,7 +125,7 @@ class InC:
         def pointer(values: Array) -> Any:
             return np.ascontiguousarray(values).ctypes.data_as(ctypes.POINTER(ctypes.c_double))
 
-        outlook, request_kw = np.zeros(decision.N_OUTLOOK), np.zeros(case.limit_kw.size)
+        outlook, request_kw = np.zeros(places()["N_OUTLOOK"]), np.zeros(case.limit_kw.size)
         state = case.state
         measured = (state.soc, state.temperature_c, state.soh_capacity, state.soh_resistance, case.limit_kw)
         self._library.bess_look(pointer(case.ahead_kw), pointer(outlook))

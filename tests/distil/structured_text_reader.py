@@ -5,13 +5,14 @@ Both sides of AND and OR are evaluated, as a PLC may do.
 
 from __future__ import annotations
 
+import ast
 import re
 from types import SimpleNamespace
 from typing import Any
 
 _WORDS = [
-    (r"\bAND\b", "&"),
-    (r"\bOR\b", "|"),
+    (r"\bAND\b", "and"),
+    (r"\bOR\b", "or"),
     (r"\bNOT\b", "not"),
     (r"\bTRUE\b", "True"),
     (r"\bFALSE\b", "False"),
@@ -59,7 +60,8 @@ class _Block:
             line, opens = _line(statement)
             lines.append("    " * depth + line)
             depth += opens
-        self._code = compile("\n".join(lines), "split.st", "exec")
+        tree = ast.fix_missing_locations(_Eager().visit(ast.parse("\n".join(lines))))
+        self._code = compile(tree, "split.st", "exec")
 
     def __call__(self, **inputs: Any) -> SimpleNamespace:
         names = {
@@ -68,6 +70,15 @@ class _Block:
         }
         exec(self._code, {**names, **inputs}, space := {**names, **inputs})
         return SimpleNamespace(**space)
+
+
+class _Eager(ast.NodeTransformer):
+    """Makes AND and OR evaluate both sides."""
+
+    def visit_BoolOp(self, node: ast.BoolOp) -> ast.Call:
+        self.generic_visit(node)
+        name = ast.Name("all" if isinstance(node.op, ast.And) else "any", ast.Load())
+        return ast.Call(name, [ast.List(node.values, ast.Load())], [])
 
 
 def _line(statement: str) -> tuple[str, int]:

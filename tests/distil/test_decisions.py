@@ -5,7 +5,7 @@ import pytest
 from explicit_cases import SYSTEMS, cases, controller, random_weights
 
 import bess
-from bess.control.explicit import N_WEIGHTS, decision
+from bess.control.explicit import N_WEIGHTS
 
 
 @pytest.mark.parametrize("name", SYSTEMS)
@@ -91,4 +91,4 @@ def test_the_outlook_is_what_it_says() -> None:
     assert peak_kw == 60.0
     assert near_kw == pytest.approx((8 * 40.0 + 16 * 60.0) / 24)  # the first six hours
     assert far_kw == pytest.approx(np.abs(ahead_kw).mean())
-    assert law.core.look(ahead_kw[None]).shape == (1, decision.N_OUTLOOK)
+    assert law.core.look(ahead_kw[None]).shape == (1, 5)

@@ -13,9 +13,8 @@ import bess
 from bess.control.explicit import ExplicitController
 from bess.control.policies.distilled import DistilledPolicy
 from bess.edge.distil import distil
-from bess.edge.distil.evaluation import RULES, report, trials
-from bess.edge.distil.search import first_weights
-from bess.edge.distil.training import TrainingCase, TrainingSet
+from bess.edge.distil.distillation import RULES, report, trials
+from bess.edge.distil.training import TrainingCase, TrainingSet, first_weights
 from bess.errors import InputError
 from bess.simulation import runner
 
@@ -139,7 +138,7 @@ def test_a_file_that_is_no_controller_is_refused_with_what_to_do(
 ) -> None:
     with pytest.raises(InputError, match=r"needs policy\.file"):
         bess.run(study.with_values({"policy.name": "distilled"}), progress=False)
-    with pytest.raises(InputError, match="No such file"):
+    with pytest.raises(InputError, match="no such file"):
         bess.run(_using(study, tmp_path / "none.json"), progress=False)
     good = json.loads(file.read_text(encoding="utf-8"))
     spoiled = {

@@ -1,6 +1,5 @@
-"""The decision in C, in structured text and in the core is that of the Python source, to the last bit."""
+"""The decision in C, in structured text and in the core is that of plain Python, to the last bit."""
 
-import ast
 import re
 import shutil
 from pathlib import Path
@@ -11,11 +10,7 @@ import pytest
 from explicit_cases import SYSTEMS, Case, InC, cases, controller, in_python, random_weights, same_bits
 from structured_text_reader import StructuredText
 
-from bess.edge.distil.exports import constants, exports
-from bess.edge.distil.rust import rust_source
-from bess.edge.distil.translate import functions, locals_of, places
-
-CORE = Path(__file__).parents[2] / "rust" / "bess-control" / "src" / "explicit" / "decision.rs"
+from bess.edge.distil.translate import constants, exports, functions, places
 
 # Of IEC 61131-3 and of usual systems that extend it.
 RESERVED = [
@@ -138,8 +133,7 @@ def test_structured_text_carries_every_number_of_the_tables() -> None:
     read: dict[str, Any] = {}
     for block in StructuredText(exports(law)["split.st"]).blocks.values():
         read |= block.constants
-    bodies = functions().values()
-    used = {node.id for body in bodies for node in ast.walk(body) if isinstance(node, ast.Name)}
+    used = set().union(*(function.constants for function in functions().values()))
     for name, value in constants(law).items():
         if name in used:
             assert read.pop(name) == (list(value) if isinstance(value, tuple) else value), name
@@ -161,19 +155,11 @@ def test_structured_text_is_read_by_a_parser_of_the_language(name: str) -> None:
 def test_names_differ_in_more_than_case_and_are_not_reserved() -> None:
     tables = {*places(), *constants(controller(SYSTEMS["two"]()))}
     for function in functions().values():
-        names = {argument.arg for argument in function.args.args} | {
-            name.rstrip("_") for name in locals_of(function)
-        }
+        variables = (name.rstrip("_") for name in {**function.scalars, **function.arrays})
+        names = {*function.arguments, *variables}
         together = [name.upper() for name in (*names, *tables)]
         assert len(set(together)) == len(together), sorted({n for n in together if together.count(n) > 1})
         assert not set(together) & set(RESERVED)
-
-
-@pytest.mark.skipif(not CORE.exists(), reason="needs the sources of the core")
-def test_the_core_is_compiled_from_the_source() -> None:
-    assert CORE.read_text(encoding="utf-8") == rust_source(), (
-        "write it anew: python -c 'from bess.edge.distil.rust import rust_source as r; print(r(), end=\"\")'"
-    )
 
 
 def _in_structured_text(blocks: dict, case: Case) -> np.ndarray:

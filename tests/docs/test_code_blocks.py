@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 import bess
-from bess.cli.checking import findings
+from bess.cli.studies import findings
 from bess.control.policies import POLICIES
 from bess.simulation.runner import PART_SECONDS, PART_STEPS
 from bess.study.study import Study

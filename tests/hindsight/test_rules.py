@@ -7,8 +7,7 @@ import pytest
 import xarray as xr
 
 import bess
-from bess.simulation.hindsight.replay import Replay
-from bess.simulation.hindsight.rules import gain_over_rules, rules_of
+from bess.simulation.hindsight.replay import Replay, gain_over_rules, rules_of
 
 UNLIKE = {"system.initial_soc": [0.3, 0.7], "run.days": 1.0}
 RULES = ("equal", "priority", "soc", "temperature")
@@ -29,7 +28,7 @@ def by_rule() -> dict[str, bess.Result]:
 def test_the_gain_is_what_runs_under_each_rule_give(policy: str, by_rule: dict[str, bess.Result]) -> None:
     lost = {rule: run.kpis["lost_kwh"] for rule, run in by_rule.items()}
     best = min(lost, key=lambda rule: (lost[rule], rule != policy))
-    gain = gain_over_rules(by_rule[policy].dataset, policy)
+    gain = gain_over_rules(Replay.of(by_rule[policy].dataset), policy)
     assert gain["gain_rule"] == best
     assert gain["gain_kwh"] == lost[best] - lost[policy]
     assert max(lost.values()) > min(lost.values())
@@ -51,7 +50,7 @@ def test_a_rule_replayed_on_its_own_demand_gives_the_same_figures(study: str) ->
     again = replayed(result.dataset, "soc")
     for name in ("lost_kwh", "inverter_loss_kwh", "peak_node_temperature_c"):
         assert again[name] == result.kpis[name]
-    gain = gain_over_rules(result.dataset, "soc")
+    gain = gain_over_rules(Replay.of(result.dataset), "soc")
     assert ("gain_eur" in gain) == (study == "self-consumption")
     if study == "self-consumption":
         assert again["net_eur"] == pytest.approx(result.kpis["net_eur"], abs=1e-9)
@@ -73,3 +72,19 @@ def test_a_report_keeps_the_gain_with_the_key_figures(
     share = 100.0 * -saved["gain_kwh"] / min(lost.values())
     assert f"({share:.0f} %) more than the best rule, {saved['gain_rule']}" in page
     assert write_report(folder).read_text(encoding="utf-8") == page
+
+
+def test_a_report_with_hindsight_simulates_the_rules_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from bess.report import write_report
+
+    study = bess.load_study("case1", UNLIKE | {"policy.name": "priority", "run.days": 0.125})
+    bess.run(study, out=tmp_path / "run", progress=False)
+    simulated = []
+    under = Replay.under
+    monkeypatch.setattr(
+        Replay, "under", lambda self, policy, *more: simulated.append(policy) or under(self, policy, *more)
+    )
+    write_report(tmp_path / "run", hindsight=True)
+    assert len(simulated) == len(RULES) + 1, "every rule, and one plan"

@@ -13,8 +13,7 @@ from bess.edge.plant_io.journal import Journal
 from bess.edge.plant_io.simulated import SimulatedPlant
 from bess.edge.plant_io.simulated_openems import SimulatedEdge
 from bess.edge.plant_io.simulated_sunspec import SimulatedDevices
-from bess.edge.serve.control_loop import ControlLoop
-from bess.edge.serve.demands import Demands
+from bess.edge.serve.control_loop import ControlLoop, Demands
 from bess.edge.serve.service import Service
 from bess.study import Study
 

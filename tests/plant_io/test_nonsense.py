@@ -11,7 +11,7 @@ import pytest
 from plant_partners import Connecting
 
 from bess.edge.plant_io import LinkError, Measurements
-from bess.edge.plant_io.sunspec_models import MARK
+from bess.edge.plant_io.sunspec_device import MARK
 
 CASES = 300
 CHANNELS = {

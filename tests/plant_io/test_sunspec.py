@@ -9,7 +9,7 @@ import pytest
 from plant_partners import Connecting, Watched
 from pymodbus.client import ModbusTcpClient
 
-from bess.edge.plant_io import LinkError, simulated_sunspec, sunspec, sunspec_device, sunspec_models
+from bess.edge.plant_io import LinkError, simulated_sunspec, sunspec, sunspec_device
 from bess.edge.plant_io.simulated_sunspec import SimulatedDevices
 from bess.errors import InputError
 
@@ -65,24 +65,24 @@ def _model(modbus: ModbusTcpClient, model_id: int, unit: int = 1) -> tuple[int, 
             registers = modbus.read_holding_registers(
                 address, count=min(length + 2, 120), device_id=unit
             ).registers
-            return address, sunspec_models.decode(model_id, registers)
-        assert found != sunspec_models.END
+            return address, sunspec_device.decode(model_id, registers)
+        assert found != sunspec_device.END
         address += length + 2
 
 
 def test_a_model_survives_its_registers() -> None:
-    registers = sunspec_models.encode(704, {"WSet": -123_456, "WSet_SF": 1, "WSetRvrtTms": 60})
-    model = sunspec_models.decode(704, registers)
-    assert sunspec_models.value(model, "WSet") == -1_234_560.0
-    assert sunspec_models.value(model, "WSetRvrtTms") == 60.0
-    assert np.isnan(sunspec_models.value(model, "WSetPct"))
+    registers = sunspec_device.encode(704, {"WSet": -123_456, "WSet_SF": 1, "WSetRvrtTms": 60})
+    model = sunspec_device.decode(704, registers)
+    assert sunspec_device.value(model, "WSet") == -1_234_560.0
+    assert sunspec_device.value(model, "WSetRvrtTms") == 60.0
+    assert np.isnan(sunspec_device.value(model, "WSetPct"))
 
 
 @pytest.mark.parametrize("factor", [None, 11, -11])
 def test_a_power_without_a_scale_is_no_power(factor: int | None) -> None:
-    model = sunspec_models.decode(701, sunspec_models.encode(701, {"W": 50, "W_SF": factor}))
+    model = sunspec_device.decode(701, sunspec_device.encode(701, {"W": 50, "W_SF": factor}))
     with pytest.raises(LinkError, match="scale factor W_SF"):
-        sunspec_models.value(model, "W")
+        sunspec_device.value(model, "W")
 
 
 def test_the_time_to_revert_is_set_with_every_set_point(
@@ -94,7 +94,7 @@ def test_the_time_to_revert_is_set_with_every_set_point(
     _, control = _model(modbus, 704, unit=2)
     points = control.points  # type: ignore[attr-defined]
     assert (points["WSetEna"].value, points["WSetRvrtTms"].value, points["WSetRvrtRem"].value) == (1, 60, 40)
-    assert sunspec_models.value(control, "WSet") == -30_000.0
+    assert sunspec_device.value(control, "WSet") == -30_000.0
     watched.clock.now_s += 40.0
     assert _model(modbus, 704, unit=2)[1].points["WSetEna"].value == 0  # type: ignore[attr-defined]
 

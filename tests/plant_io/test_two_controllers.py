@@ -8,8 +8,7 @@ import pytest
 from plant_partners import STEP_S, Connecting, N, Partner, Rig, Watched
 
 from bess.edge.plant_io.simulated_openems import SimulatedEdge
-from bess.edge.serve.control_loop import ControlLoop
-from bess.edge.serve.demands import Demands
+from bess.edge.serve.control_loop import ControlLoop, Demands
 from bess.edge.serve.service import Service
 from bess.study import Study
 

@@ -9,8 +9,7 @@ import xarray as xr
 from synthetic import kpis
 
 import bess
-from bess.simulation.record.dataset_spec import frame_of
-from bess.simulation.record.netcdf import write_netcdf
+from bess.simulation.record.dataset import frame_of, write_netcdf
 from bess.simulation.record.store import write_part
 
 

@@ -13,8 +13,7 @@ from synthetic import kpis, record
 
 import bess
 from bess.report import charts
-from bess.report.charts.long_runs import MAX_CURVES, POINTS_PER_SERIES, daily, thin
-from bess.report.data import TimeAxis, with_initial
+from bess.report.data import MAX_CURVES, POINTS_PER_SERIES, TimeAxis, daily, thin, with_initial
 from bess.report.drawing.chart import Chart
 from bess.report.drawing.interactive import bokeh_document, legend
 from bess.report.drawing.style import PALETTE, colours

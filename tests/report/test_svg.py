@@ -2,7 +2,7 @@
 
 import re
 
-from bess.report.drawing.svg import shortened
+from bess.report.drawing.style import shortened
 
 
 def corners(path: str) -> list[tuple[float, float]]:

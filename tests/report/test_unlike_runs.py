@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 import bess
-from bess.cli.comparing import runs_of
+from bess.cli.records import runs_of
 from bess.report.page import write_comparison
-from bess.report.words.unlike import unlike
+from bess.report.words.summary import unlike
 
 BASE = {"policy.name": "soc", "run.days": 0.25, "system.initial_soc": [0.3, 0.7]}
 

@@ -12,8 +12,7 @@ from bess.control.policies.planned import PLANNED
 from bess.errors import InputError
 from bess.report.contents import optimiser
 from bess.report.runs import Run, runs_in
-from bess.report.words.headline import tiles
-from bess.report.words.limits import limit_sentences
+from bess.report.words.headline import limit_sentences, tiles
 from bess.report.words.paper import Verdict, comparisons, is_case_2, reading
 from bess.report.words.summary import summary, warnings
 from bess.report.words.tables import decision_table, kpi_groups

@@ -19,7 +19,7 @@ from bess.dispatch import read_profile
 from bess.simulation.inputs import prepare
 from bess.study import Study, expand
 from bess.study.keys import parse_assignment
-from bess.study.policy_settings import policy_settings
+from bess.study.plant_choice import policy_settings
 
 FEW = settings(max_examples=100, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 MANY = settings(max_examples=5000, deadline=None, suppress_health_check=list(HealthCheck))

@@ -8,7 +8,7 @@ import pytest
 
 import bess
 from bess.cli import main
-from bess.simulation.record.atomic import folder_in
+from bess.simulation.record.files import folder_in
 from bess.study import expand
 
 STUDY = """{name}

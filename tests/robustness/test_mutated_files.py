@@ -24,16 +24,16 @@ from test_mutations import FILES, outcome
 
 import bess
 from bess.control.explicit import ExplicitController
-from bess.control.explicit.tables import Tables
+from bess.control.explicit.controller import Tables
 from bess.dispatch import read_profile
-from bess.edge.distil.search import first_weights
+from bess.edge.distil.training import first_weights
 from bess.edge.plant_io import Measurements
 from bess.edge.plant_io.journal import Journal, open_journal
 from bess.market.capacity_prices import read_capacity_prices
 from bess.market.frequency import read_frequency
 from bess.report.runs import runs_in
-from bess.report.sweep_table import read_sweep
-from bess.simulation.record.checksums import CHECKSUMS
+from bess.report.words.tables import read_sweep
+from bess.simulation.record.files import CHECKSUMS
 from bess.system.components import read_ocv, read_resistance
 from power_cut import cut_off
 

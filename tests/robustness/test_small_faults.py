@@ -12,7 +12,7 @@ import pytest
 import xarray as xr
 
 import bess
-from bess.simulation.record.atomic import clear_errors
+from bess.simulation.record.files import clear_errors
 
 QUICK = {"policy.name": "equal", "run.days": 0.25}
 
@@ -173,7 +173,7 @@ def test_nesting_without_an_end_is_refused_wherever_a_document_is_read(name, kin
 def test_nesting_without_an_end_in_a_folder_of_results_is_refused_or_does_not_matter(name, tmp_path):
     from bess.report.page import _title
     from bess.report.runs import runs_in
-    from bess.simulation.record.checksums import CHECKSUMS
+    from bess.simulation.record.files import CHECKSUMS
 
     study = bess.load_study("case1", QUICK)
     bess.run(study, out=tmp_path, progress=False)
@@ -191,7 +191,7 @@ def test_a_part_of_a_giant_shape_is_damaged(tmp_path, monkeypatch):
     import io
     import zipfile
 
-    from bess.simulation.record.checksums import sealed, unsealed
+    from bess.simulation.record.files import sealed, unsealed
     from power_cut import cut_off
 
     study = bess.load_study("case1", QUICK)

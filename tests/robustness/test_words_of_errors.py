@@ -12,8 +12,7 @@ import pytest
 import bess
 from bess.report import write_report
 from bess.report.page import write_comparison
-from bess.simulation.sweep.sequential import run_scenarios
-from bess.simulation.sweep.task import run_scenario
+from bess.simulation.sweep import run_scenario, run_scenarios
 
 STUDY = bess.load_study("case1", {"run.days": 0.25, "policy.name": "equal"})
 

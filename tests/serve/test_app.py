@@ -16,7 +16,7 @@ with warnings.catch_warnings():  # it prefers a successor of httpx
     from fastapi.testclient import TestClient
 
 from bess.edge.serve.app import build_app
-from bess.edge.serve.limits import LARGEST_BODY
+from bess.edge.serve.gate import LARGEST_BODY
 from bess.edge.serve.service import Service
 from bess.edge.serve.state_store import MEMORY
 from bess.study import load_study

@@ -9,7 +9,7 @@ from live_cases import controller, measured
 import bess
 from bess.edge.serve import calibration
 from bess.edge.serve.calibration import place
-from bess.edge.serve.valid_state import ValidState
+from bess.edge.serve.measurement_validator import ValidState
 from bess.errors import InputError
 from bess.study.sections import ServiceSection
 

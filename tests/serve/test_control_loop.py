@@ -15,9 +15,7 @@ from live_cases import measured
 
 from bess.edge.plant_io import LinkError, Measurements
 from bess.edge.plant_io.journal import Journal, open_journal
-from bess.edge.serve.app import Driven as AppDriven
-from bess.edge.serve.control_loop import ControlLoop
-from bess.edge.serve.demands import Demands
+from bess.edge.serve.control_loop import ControlLoop, Demands
 from bess.edge.serve.service import Service
 from bess.errors import InputError
 from bess.study import load_study
@@ -174,19 +172,19 @@ def test_a_shadow_writes_nothing_and_keeps_a_journal(tmp_path: Path) -> None:
 def test_a_gap_in_the_journal_is_told(driven: Driven, tmp_path: Path) -> None:
     journal = Journal(tmp_path / "state", driven.service.controller.system, "test")
     driven.cycle._journal = journal
-    app = AppDriven("a plant", driven.demands, driven.cycle)
+    app = driven.cycle
     driven.demands.post(80.0, 1000.0, driven.now_s)
     driven.steps(1)
-    assert "status" not in app.health(tells=True)
+    assert "status" not in app.health(with_details=True)
     journal._days.close_day()
     folder = (tmp_path / "state" / "journal").rename(tmp_path / "elsewhere")
     driven.steps(1)
-    assert app.health(tells=True)["status"] == "impaired"
-    assert "the journal of the plant has a gap" in app.health(tells=True)["trouble"]
+    assert app.health(with_details=True)["status"] == "impaired"
+    assert "the journal of the plant has a gap" in app.health(with_details=True)["trouble"]
     assert driven.link.power_kw.sum() == pytest.approx(80.0)
     folder.rename(tmp_path / "state" / "journal")
     driven.steps(1)
-    assert "status" not in app.health(tells=True)
+    assert "status" not in app.health(with_details=True)
     journal.close()
 
 

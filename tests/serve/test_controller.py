@@ -142,7 +142,7 @@ def test_starts_go_around_among_equal_strings() -> None:
 def test_a_string_is_calibrated_while_the_others_carry_the_load() -> None:
     live = controller(3, control_step_s=60.0)
     soc = np.array([0.9, 0.6, 0.6])
-    live.calibrate(0)
+    live.calibration.begin(0)
     for k in range(600):
         answer = live.step(measured(soc), 50.0, 60.0 * k)
         assert answer.request_kw.sum() == pytest.approx(50.0)
@@ -157,7 +157,7 @@ def test_a_string_is_calibrated_while_the_others_carry_the_load() -> None:
 
 def test_calibration_never_costs_the_load_anything() -> None:
     live = controller(2, control_step_s=60.0)
-    live.calibrate(0)
+    live.calibration.begin(0)
     answer = live.step(measured([0.5, 0.5]), 92.0, 0.0)
     np.testing.assert_allclose(answer.request_kw, [0.0, 92.0])
     assert answer.unmet_kw == 0.0
@@ -168,7 +168,7 @@ def test_calibration_never_costs_the_load_anything() -> None:
         ([0.5, 1.0], -80.0),
     ):
         live = controller(2, control_step_s=60.0)
-        live.calibrate(0)
+        live.calibration.begin(0)
         answer = live.step(measured(soc), demand_kw, 0.0)
         assert answer.request_kw.sum() == pytest.approx(demand_kw)
 
@@ -199,14 +199,14 @@ def test_settings_that_fit_no_plant_are_refused() -> None:
         with pytest.raises(InputError, match=words):
             controller(2, **bad)
     with pytest.raises(InputError, match="strings 0 to 1"):
-        controller(2).calibrate(2)
+        controller(2).calibration.begin(2)
 
 
 def test_the_service_plans_with_the_model_of_the_study_as_a_run_does() -> None:
     pytest.importorskip("prometheus_client")
     from bess.control.policies import PolicyInput, build_policy
     from bess.edge.serve.service import build_controller
-    from bess.study.policy_settings import policy_settings
+    from bess.study.plant_choice import policy_settings
 
     state = bess.State(soc=[0.7, 0.4], temperature_c=[30.0, 25.0])
     situation = PolicyInput(state, np.full(8, 100.0), np.full(8, 25.0), np.full(2, 92.0))

@@ -18,7 +18,7 @@ with warnings.catch_warnings():  # it prefers a successor of httpx
 
 from bess.cli import main
 from bess.edge.serve.app import build_app
-from bess.edge.serve.limits import Names, Rate, check_token, is_allowed, read_token
+from bess.edge.serve.gate import Names, Rate, check_token, is_allowed, read_token
 from bess.edge.serve.service import Service
 from bess.errors import InputError
 from bess.study import load_study

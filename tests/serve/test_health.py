@@ -19,7 +19,6 @@ with warnings.catch_warnings():  # it prefers a successor of httpx
 from test_control_loop import Driven
 
 from bess.edge.plant_io import LinkError
-from bess.edge.serve.app import Driven as AppDriven
 from bess.edge.serve.app import build_app
 
 TOKEN = "0123456789abcdef0123456789abcdef"
@@ -35,7 +34,8 @@ def driven(tmp_path: Path) -> Iterator[Driven]:
 
 
 def client_of(driven: Driven, token: str | None = TOKEN) -> TestClient:
-    app = build_app(driven.service, token, AppDriven(ADDRESS, driven.demands, driven.cycle))
+    driven.cycle.address = ADDRESS
+    app = build_app(driven.service, token, driven.cycle)
     return TestClient(app, base_url="http://localhost")
 
 

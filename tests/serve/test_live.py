@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from live_cases import measured
 
-from bess.edge.serve.history import MOST_LINES, SPANS, History
-from bess.edge.serve.live import live
-from bess.edge.serve.reasons import grouped
+from bess.edge.serve.answer import grouped
+from bess.edge.serve.monitoring import MOST_LINES, SPANS, History
+from bess.edge.serve.page import live
 from bess.edge.serve.service import Service
 from bess.study import load_study
 

@@ -69,11 +69,11 @@ def test_after_a_jump_the_worse_of_both_values_counts_until_readings_agree() -> 
     for k in (1, 2):
         answer = live.step(measured([0.9, 0.5]), 184.0, 10.0 * k)
         assert "jumped from 5 % to 90 %" in answer.reasons[0]
-        assert live.trusted.soc_low[0] < 0.051
-        assert live.trusted.soc_high[0] == pytest.approx(0.9)
+        assert live.valid.soc_low[0] < 0.051
+        assert live.valid.soc_high[0] == pytest.approx(0.9)
     answer = live.step(measured([0.9, 0.5]), 184.0, 30.0)
     answer = live.step(measured([0.9, 0.5]), 184.0, 40.0)
-    assert live.trusted.soc_low[0] == pytest.approx(0.9)
+    assert live.valid.soc_low[0] == pytest.approx(0.9)
     assert "jumped" not in answer.reasons[0]
 
 
@@ -139,7 +139,7 @@ def test_a_string_whose_every_value_stands_still_is_named_for_that() -> None:
     # Any value that moves is enough to be believed again.
     power = [0.0, answer.request_kw[1]]
     live.step(measured([0.6, 0.6], power_kw=power), 60.0, 120.0)
-    assert live.trusted is not None and live.trusted.in_service[0]
+    assert live.valid is not None and live.valid.in_service[0]
 
 
 def test_a_string_that_was_relieved_is_tried_again() -> None:

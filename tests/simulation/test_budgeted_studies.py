@@ -3,6 +3,7 @@
 import os
 import signal
 from datetime import UTC, datetime
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 
 import bess
 from bess.study.grid import TimeGrid
+from power_cut import before_steps
 
 DAYS = 8.0
 CYCLES = 2.5
@@ -58,15 +60,14 @@ def test_a_run_that_was_stopped_goes_on_with_what_it_had_used(
 ) -> None:
     study = bess.load_study("arbitrage-2024", values | {"demand.plan": "linear"})
     whole = bess.run(study, progress=False).dataset
-    step, calls = bess.Plant.step, iter(range(10**6))
+    taken = iter(range(10**6))
 
-    def interrupted(plant: bess.Plant, *arguments: Any, **options: Any) -> Any:
-        if next(calls) == 500:
+    def interrupted(steps: int) -> None:
+        if 500 in islice(taken, steps):
             os.kill(os.getpid(), signal.SIGINT)
-        return step(plant, *arguments, **options)
 
     with monkeypatch.context() as patch:
-        patch.setattr(bess.Plant, "step", interrupted)
+        before_steps(patch, interrupted)
         with pytest.raises(bess.StoppedEarly):
             bess.run(study, progress=False, out=tmp_path / "run")
     resumed = bess.run(study, progress=False, out=tmp_path / "run", resume=True).dataset

@@ -1,6 +1,5 @@
 """Claims about the record of a run: balances, limits, KPIs, events, unmet demand, and repeatability."""
 
-import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -265,18 +264,14 @@ def test_real_prices_and_weather_make_a_demand_that_earns_money() -> None:
 def test_a_plant_that_returns_no_number_ends_the_run(
     name: str, broken: float, expected: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    step = bess.Plant.step
-    calls = iter(range(4))
+    follow = bess.Plant.follow
 
-    def failing(plant: bess.Plant, *arguments: Any, **options: Any) -> Any:
-        flows = step(plant, *arguments, **options)
-        return (
-            dataclasses.replace(flows, **{name: getattr(flows, name) * broken})
-            if next(calls, 0) == 3
-            else flows
-        )
+    def failing(plant: bess.Plant, *arguments: Any) -> Any:
+        request_kw, flows = follow(plant, *arguments)
+        getattr(flows, name)[3] *= broken
+        return request_kw, flows
 
-    monkeypatch.setattr(bess.Plant, "step", failing)
+    monkeypatch.setattr(bess.Plant, "follow", failing)
     with pytest.raises(bess.BessError, match=expected):
         run({"run.days": 0.25})
 
@@ -286,6 +281,7 @@ def test_a_policy_that_misses_the_demand_ends_the_run(monkeypatch: pytest.Monkey
         return Decision(np.full(2, situation.demand_kw[0] / 4.0))
 
     monkeypatch.setattr(RulePolicy, "__call__", half)
+    monkeypatch.setattr(RulePolicy, "controller", None)
     with pytest.raises(
         bess.BessError, match=r"step 0: the policy requested \[-19\.5, -19\.5\] kW for -78 kW"
     ):

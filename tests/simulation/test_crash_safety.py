@@ -23,10 +23,9 @@ from hypothesis import strategies as st
 import bess
 import bess.simulation.record.provenance as identity_module
 import bess.simulation.runner as run_module
-from bess.simulation.record.codec import pack, unpack
-from bess.simulation.record.store import Lock
+from bess.simulation.record.store import Lock, pack, unpack
 from bess.study import Study
-from power_cut import PowerCut, cut_off
+from power_cut import PowerCut, before_steps, cut_off
 
 pytestmark = pytest.mark.process
 
@@ -81,15 +80,9 @@ def test_the_log_has_a_line_only_where_there_is_something_to_say(tmp_path: Path)
 
 
 def test_a_run_that_is_stopped_without_a_folder_says_once_that_nothing_is_kept(
-    short: Study, monkeypatch: pytest.MonkeyPatch
+    short: Study, small_parts: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    step = bess.Plant.step
-
-    def interrupted(plant: bess.Plant, *arguments: Any, **options: Any) -> Any:
-        os.kill(os.getpid(), signal.SIGINT)
-        return step(plant, *arguments, **options)
-
-    monkeypatch.setattr(bess.Plant, "step", interrupted)
+    before_steps(monkeypatch, lambda steps: os.kill(os.getpid(), signal.SIGINT))
     with pytest.raises(bess.StoppedEarly, match="results not saved") as caught:
         bess.run(short, progress=False)
     assert "is saved" not in "".join(traceback.format_exception(caught.value))
@@ -239,9 +232,9 @@ def test_a_stop_saves_exits_with_3_and_can_be_continued(number: signal.Signals, 
 def test_a_stop_between_two_looks_at_the_flag_still_saves_a_part(
     short: Study, small_parts: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The loop looks at the flag before a part and after each step; the stop comes right after a look."""
+    """The loop looks at the flag before and after each call of the plant; the stop comes after a look."""
     reference = bess.run(short, progress=False)
-    for looks in (1, 2, 17, 18):
+    for looks in (1, 2, 3, 4):
         answers = itertools.chain([False] * looks, itertools.repeat(True))
         with monkeypatch.context() as patch:
             patch.setattr(run_module, "stop_requests", lambda a=answers: nullcontext(lambda: next(a)))
@@ -330,14 +323,14 @@ def test_edited_code_is_refused_on_resume_naming_the_file(
 ) -> None:
     begun(short, tmp_path / "run", monkeypatch)
     package = Path(bess.__file__).parent
-    policy = package / "control" / "policies" / "soc.py"
-    assert {"control/policies/soc.py", "plant/plant.py"} < set(identity_module._code())
+    policy = package / "control" / "policies" / "rule.py"
+    assert {"control/policies/rule.py", "plant/plant.py"} < set(identity_module._code())
     assert any(name.startswith("_core") for name in identity_module._code())
     original = identity_module._sha256
     monkeypatch.setattr(
         identity_module, "_sha256", lambda path: "edited" if path == policy else original(path)
     )
-    with pytest.raises(bess.InputError, match=r'code\.control/policies/soc\.py: "[0-9a-f]{16}" -> "edited"'):
+    with pytest.raises(bess.InputError, match=r'code\.control/policies/rule\.py: "[0-9a-f]{16}" -> "edited"'):
         bess.run(short, progress=False, out=tmp_path / "run", resume=True)
 
 

@@ -120,7 +120,7 @@ def test_a_policy_of_another_package_is_found_by_its_entry_point(plug_in: str) -
     assert registry.plug_ins()[plug_in] == EntryPoint(plug_in, "three_to_one:build", "bess.policies")
     policy = bess.control.policies.build_policy(plug_in, bess.System.reference(2), Settings())
     assert isinstance(policy, RulePolicy)
-    from bess.cli.listing import listing
+    from bess.cli.studies import listing
 
     assert "plug-in three_to_one:build" in listing()
     result = bess.run(bess.load_study("case1", {**SHORT, "policy.name": plug_in}), progress=False)

@@ -1,5 +1,6 @@
 """Claims about study files: defaults, overrides, scenarios, sweeps, and errors that say what to do."""
 
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -126,7 +127,7 @@ def test_bad_values_are_refused_with_key_value_and_what_is_allowed(
     values: dict[str, Any], expected: str
 ) -> None:
     from bess.control.policies import build_policy
-    from bess.study.policy_settings import policy_settings
+    from bess.study.plant_choice import policy_settings
 
     with pytest.raises(bess.InputError) as caught:
         study = bess.load_study("case1", values)
@@ -231,3 +232,13 @@ def test_the_resolved_study_names_every_default() -> None:
     assert document["policy"]["gap"] == 1e-3
     assert document["demand"]["kind"] == "profile"
     assert document["run"]["derating_law"] == "table"
+
+
+def test_a_run_ends_with_where_its_time_went(capfd: pytest.CaptureFixture[str]) -> None:
+    bess.run(bess.load_study("case1", {"policy.name": "soc"}))
+    line = capfd.readouterr().err.splitlines()[-1]
+    total, *parts = (float(number) for number in re.findall(r"([0-9.]+) s\b", line))
+    assert re.sub(r"[0-9.]+ s", "_", line) == (
+        "case1: _, of which policy _, plant _, files _, demand and closed loop _"
+    )
+    assert sum(parts) == pytest.approx(total, abs=0.3)

@@ -121,7 +121,7 @@ def points_of_relaxation(schedules: Schedules, constants: PlantConstants) -> dic
     for n, (soc, temperature_c) in enumerate(zip(schedules.soc, schedules.temperature_c, strict=True)):
         at = points(soc, temperature_c)
         over = schedules.case.horizon.coefficients(at, at)
-        scale_kw[n], volt[n] = over.power_scale_low_kw, over.voltage_low_v
+        scale_kw[n], volt[n] = over["power_scale_low_kw"], over["voltage_low_v"]
     on = (roll.delivered_kw != 0.0).astype(float)
     battery = constants.battery_kw[:, None]
     switch = np.array([s.battery.low_soc_switch for s in schedules.problem.system.strings])[:, None]

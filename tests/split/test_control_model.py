@@ -96,7 +96,7 @@ def test_resistance_jumps_by_its_soc_factor_at_the_switch_and_not_above_it(syste
     horizon = _horizon(system, bess.State([0.05, 0.10], [45.0, 45.0]), [50.0])
     soc, temperature = np.array([[0.05], [0.10]]), np.full((2, 1), 45.0)
     states = _core.StateBoxes(soc, soc, temperature, temperature)
-    resistance = horizon.coefficients(states, states).resistance_low_ohm
+    resistance = horizon.coefficients(states, states)["resistance_low_ohm"]
     hot = 1.538e-3 * 192 / 4
     np.testing.assert_allclose(resistance[:, 0], [hot * 10.0 / 2.5, hot], rtol=1e-12)
 
@@ -198,7 +198,7 @@ def _core_coefficients(system: bess.System, soc: float) -> tuple[float, float]:
     horizon = _horizon(system, bess.State([soc, soc], [25.0, 25.0]), [50.0])
     states = _core.StateBoxes(*(np.full((2, 1), value) for value in (soc, soc, 25.0, 25.0)))
     at = horizon.coefficients(states, states)
-    return float(at.voltage_low_v[0, 0]), float(at.resistance_low_ohm[0, 0])
+    return float(at["voltage_low_v"][0, 0]), float(at["resistance_low_ohm"][0, 0])
 
 
 def _horizon(

@@ -91,7 +91,7 @@ def coefficients_at(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """``k``, ``V`` and ``R`` at states."""
     at = problem.horizon.coefficients(points(soc, temperature), points(soc, temperature))
-    return at.derating_low, at.voltage_low_v, at.resistance_low_ohm
+    return at["derating_low"], at["voltage_low_v"], at["resistance_low_ohm"]
 
 
 @corners
@@ -110,10 +110,10 @@ def test_ranges_contain_the_coefficients_of_every_state_in_a_box(
         soc, temperature = low + spread * rng.random(low.shape), cool + (warm - cool) * rng.random(cool.shape)
         k, v, r = coefficients_at(problem, soc, temperature)
         ends = [
-            (over.derating_low, k, over.derating_high),
-            (over.voltage_low_v, v, over.voltage_high_v),
-            (over.resistance_low_ohm, r, over.resistance_high_ohm),
-            (over.power_scale_low_kw, v**2 / r / 1e3, over.power_scale_high_kw),
+            (over["derating_low"], k, over["derating_high"]),
+            (over["voltage_low_v"], v, over["voltage_high_v"]),
+            (over["resistance_low_ohm"], r, over["resistance_high_ohm"]),
+            (over["power_scale_low_kw"], v**2 / r / 1e3, over["power_scale_high_kw"]),
         ]
         for lowest, value, highest in ends:
             assert np.all(value >= lowest * (1 - 1e-12))
@@ -139,11 +139,11 @@ def test_planes_hold_over_the_box_and_touch_at_a_point(corner: str, like: bool, 
     for soc, temperature in [near, *(states() for _ in range(20))]:
         k, v, r = coefficients_at(problem, soc, temperature)
         y = v**2 / r / 1e3
-        plane = over.plane_kw + over.plane_per_soc_kw * soc + over.plane_per_k_kw * temperature
+        plane = over["plane_kw"] + over["plane_per_soc_kw"] * soc + over["plane_per_k_kw"] * temperature
         assert np.all(plane >= y * (1 - 1e-12))
-        assert np.all(over.derated + over.derated_per_k * temperature <= 1.0 - k + 1e-12)
+        assert np.all(over["derated"] + over["derated_per_k"] * temperature <= 1.0 - k + 1e-12)
         point = problem.horizon.coefficients(points(soc, temperature), points(soc, temperature))
-        touches = point.plane_kw + point.plane_per_soc_kw * soc + point.plane_per_k_kw * temperature
+        touches = point["plane_kw"] + point["plane_per_soc_kw"] * soc + point["plane_per_k_kw"] * temperature
         np.testing.assert_allclose(touches, y, rtol=1e-9)
 
 

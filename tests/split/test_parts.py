@@ -102,6 +102,25 @@ def test_compiled_map_gives_the_data_cvxpy_gives():
     np.testing.assert_allclose(ours.q, data["c"], atol=1e-12)
 
 
+@pytest.mark.parametrize("size", [(1, 1, 0), (1, 3, 1), (2, 1, 1), (2, 3, 0), (3, 2, 2), (5, 4, 1)])
+def test_a_program_repeated_for_each_string_is_the_one_cvxpy_compiles_to_the_last_bit(size):
+    relaxation = build(*size)
+    direct = ConicProgram(relaxation.problem, relaxation.variables, relaxation.parameters)
+    program = compiled(*size)
+    rng = np.random.default_rng(0)
+    values = {name: rng.uniform(0.5, 1.5, p.shape) for name, p in relaxation.parameters.items()}
+    data, expected = (p.load(p.parameters(values)) for p in (program, direct))
+    assert (program.slices, program.shapes) == (direct.slices, direct.shapes)
+    assert (data.pattern.n_zero, data.pattern.n_nonneg) == (
+        expected.pattern.n_zero,
+        expected.pattern.n_nonneg,
+    )
+    for name in ("rows", "columns"):
+        np.testing.assert_array_equal(getattr(data.pattern, name), getattr(expected.pattern, name))
+    for name in ("values", "b", "q", "offset"):
+        np.testing.assert_array_equal(getattr(data, name), getattr(expected, name))
+
+
 def test_relaxation_is_compiled_once_for_each_size():
     assert compiled(2, 2, 1) is compiled(2, 2, 1)
 

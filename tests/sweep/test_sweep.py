@@ -19,8 +19,7 @@ import bess
 from bess.errors import BessError, InputError
 from bess.simulation.record.result import RESULTS, open_result
 from bess.simulation.runner import run
-from bess.simulation.sweep import run_sweep
-from bess.simulation.sweep.table import swept_keys, write_table
+from bess.simulation.sweep import run_sweep, swept_keys, write_table
 from bess.study import expand, load_study
 from bess.study.study import Study
 

@@ -1,6 +1,7 @@
 """The order of imports that ARCHITECTURE.md promises, lazy ones and those for annotations included."""
 
 import ast
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,17 @@ SOURCE = Path(bess.__file__).parent
 
 # A room may import those above it, never one beside or below it; single modules of the package come first.
 ROOMS = [
-    ("errors", "units", "_core", "files", "arrays", "convexity", "optional_dependencies", "display"),
+    (
+        "errors",
+        "units",
+        "_core",
+        "files",
+        "arrays",
+        "checkpoints",
+        "convexity",
+        "optional_dependencies",
+        "display",
+    ),
     ("system",),
     ("market", "control"),
     ("plant", "dispatch"),
@@ -30,7 +41,7 @@ INNER = {
 }
 # `Result.plot` draws; whoever reads a record needs no library for figures before.
 EXCEPT = {
-    ("simulation/record/result.py", name) for name in ("bess.report.plotting", "bess.report.plotting.Plot")
+    ("simulation/record/result.py", name) for name in ("bess.report.figures", "bess.report.figures.Plot")
 }
 
 
@@ -47,7 +58,7 @@ def _imported(path: Path) -> set[str]:
         elif isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.Constant) and isinstance(node.value, str) and " " not in node.value:
-            names.add(node.value)  # import_module("bess.report.plotting")
+            names.add(node.value)  # import_module("bess.report.figures")
     return {name for name in names if name.startswith("bess.") and "://" not in name}
 
 
@@ -82,3 +93,24 @@ def test_imports_run_one_way_inside_a_room(room: str) -> None:
                 other = _inner_room(room, tuple(parts[2:]))
                 if other != here:
                     assert ranks[other] < ranks[here], f"{path.relative_to(SOURCE)} imports {name}"
+
+
+def test_no_module_imports_itself_through_others() -> None:
+    modules = {
+        ".".join(("bess", *path.relative_to(SOURCE).with_suffix("").parts)).removesuffix(".__init__"): path
+        for path in SOURCE.rglob("*.py")
+    }
+
+    def module_of(name: str) -> str:
+        while name not in modules:
+            name = name.rpartition(".")[0]
+        return name
+
+    order = TopologicalSorter[str]()
+    for module, path in modules.items():
+        file = path.relative_to(SOURCE).as_posix()
+        own = f"bess.{'.'.join(path.relative_to(SOURCE).parts[:-1])}"  # the package of its templates
+        names = {name for name in _imported(path) if (file, name) not in EXCEPT and name != own}
+        others = {module_of(name) for name in names}
+        order.add(module, *others - {"bess", module})
+    order.prepare()  # a CycleError names the modules of a circle

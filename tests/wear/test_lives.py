@@ -13,8 +13,8 @@ import pytest
 
 import bess
 from bess.report.runs import Run
-from bess.report.sweep_table import read_sweep
-from bess.report.words.differing import event_sentences
+from bess.report.words.summary import event_sentences
+from bess.report.words.tables import read_sweep
 from bess.simulation.analysis.lifetime import cash_by_year, ledger_by_year, net_present_value
 from bess.simulation.inputs import prepare
 from bess.simulation.runner import closed_loop

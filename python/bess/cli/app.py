@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
-
-from bess.cli.choices import Format, Kind, PlantKind
 
 app = typer.Typer(
     name="bess",
@@ -31,7 +29,7 @@ def _keys_of_studies(begun: str) -> list[str]:
 
 
 def _kinds_of_list(begun: str) -> list[str]:
-    from bess.cli.listing import KINDS
+    from bess.cli.studies import KINDS
 
     return [kind for kind in KINDS if kind.startswith(begun)]
 
@@ -83,9 +81,9 @@ def run(
     assignments: Assignments = None,
 ) -> None:
     """Run a study in closed loop and print its KPIs."""
-    from bess.cli.kpi_table import kpi_table
+    from bess.cli.records import kpi_table
     from bess.simulation.runner import run
-    from bess.simulation.sweep.sequential import run_scenarios
+    from bess.simulation.sweep import run_scenarios
     from bess.study import load_study
 
     loaded = load_study(study, _values(days, assignments))
@@ -196,8 +194,11 @@ def serve(
     assignments: Assignments = None,
 ) -> None:
     """Run the controller of a study as an HTTP service, or control a plant directly."""
-    from bess.edge.serve.run import serve
+    from bess.optional_dependencies import extra
     from bess.study import load_study
+
+    with extra("plant", "bess serve"):
+        from bess.edge.serve.run import serve
 
     loaded = load_study(study, _values(None, assignments))
     serve(
@@ -223,13 +224,12 @@ def compare(
     ),
 ) -> None:
     """Compare runs: print their KPIs and write an HTML page with figures."""
-    from bess.cli.comparing import runs_of
-    from bess.cli.kpi_table import kpi_table
+    from bess.cli.records import kpi_table, runs_of
     from bess.report import drawing_extra
-    from bess.report.words.unlike import choices, unlike
 
     with drawing_extra():
         from bess.report.page import write_comparison
+        from bess.report.words.summary import choices, unlike
 
     runs = runs_of(directories)
     if differing := unlike(runs) or choices(runs):
@@ -241,10 +241,10 @@ def compare(
 @app.command()
 def export(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of one or more runs.")],
-    kind: Annotated[Format, typer.Option("--format", help="Table format.")] = Format.CSV,
+    kind: Annotated[Literal["csv", "parquet"], typer.Option("--format", help="Table format.")] = "csv",
 ) -> None:
     """Export the time series of a run as a table."""
-    from bess.cli.exporting import export
+    from bess.cli.records import export
 
     for path in export(directory, kind):
         print(path)
@@ -256,7 +256,9 @@ def demo_plant(
         str,
         typer.Argument(metavar="[STUDY]", help="Study that defines the plant: bundled study or TOML file."),
     ] = "case1",
-    kind: Annotated[PlantKind, typer.Option("--kind", help="Communication protocol.")] = PlantKind.OPENEMS,
+    kind: Annotated[
+        Literal["openems", "sunspec"], typer.Option("--kind", help="Communication protocol.")
+    ] = "openems",
     port: Annotated[
         int | None,
         typer.Option(
@@ -284,7 +286,7 @@ def init(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder for the study.")] = Path(),
 ) -> None:
     """Write a commented study file as a starting point."""
-    from bess.cli.starting import start
+    from bess.study.reference import start
 
     path = start(directory)
     print(f"{path}: written; run it with bess run {path}")
@@ -292,14 +294,14 @@ def init(
 
 @app.command()
 def schema(
-    kind: Annotated[Kind, typer.Argument(metavar="study|system", help="File type.")],
+    kind: Annotated[Literal["study", "system"], typer.Argument(metavar="study|system", help="File type.")],
 ) -> None:
     """Print the JSON schema of study or system files, for editor completion."""
     import json
 
     from bess.study.reference import schema
 
-    print(json.dumps(schema(kind.value), indent=2, ensure_ascii=False))
+    print(json.dumps(schema(kind), indent=2, ensure_ascii=False))
 
 
 @app.command()
@@ -327,7 +329,7 @@ def distil(
 @app.command()
 def check(study: StudyName, days: Days = None, assignments: Assignments = None) -> None:
     """Validate a study and its data without running it."""
-    from bess.cli.checking import findings
+    from bess.cli.studies import findings
     from bess.study import load_study
 
     for line in findings(load_study(study, _values(days, assignments))):
@@ -346,7 +348,7 @@ def list_(
     ] = None,
 ) -> None:
     """List bundled studies, systems, cells, inverters, wear models and policies."""
-    from bess.cli.listing import listing
+    from bess.cli.studies import listing
 
     print(listing(words or []))
 

@@ -11,16 +11,16 @@ import webbrowser
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal
 
-from bess.cli.choices import PlantKind
 from bess.edge.plant_io.simulated import SimulatedPlant
 from bess.optional_dependencies import extra
 from bess.study import Study
 from bess.study.demands import ProfileDemand
 from bess.study.plant_choice import build_system
 
-PORTS: Final = {PlantKind.OPENEMS: 8084, PlantKind.SUNSPEC: 5020}
+PlantKind = Literal["openems", "sunspec"]
+PORTS: Final[dict[PlantKind, int]] = {"openems": 8084, "sunspec": 5020}
 PAGE_PORT: Final = 8080
 STEP_S: Final = 1.0
 """Default control step of the service: short, for a lively page."""
@@ -57,7 +57,8 @@ def serve_demo(study: Study, kind: PlantKind, port: int | None, speed: float, fo
     InputError
         As :func:`demo_plant`, or from the service.
     """
-    from bess.edge.serve.run import serve
+    with extra("plant", "a simulated plant"):
+        from bess.edge.serve.run import serve
 
     if study.service.control_step_s is None:
         study = study.with_values({"service.control_step_s": STEP_S})
@@ -83,7 +84,7 @@ def _plant(study: Study, speed: float) -> SimulatedPlant:
 def _listening(plant: SimulatedPlant, kind: PlantKind, port: int | None) -> Iterator[str]:
     """Yield the address for ``--plant``."""
     with extra("plant", "a simulated plant"):
-        if kind is PlantKind.OPENEMS:
+        if kind == "openems":
             from bess.edge.plant_io.simulated_openems import SimulatedEdge as Partner
         else:
             from bess.edge.plant_io.simulated_sunspec import SimulatedDevices as Partner  # type: ignore[assignment]

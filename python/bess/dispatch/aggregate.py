@@ -12,9 +12,6 @@ from bess.arrays import Array
 from bess.system import State, System
 from bess.units import SECONDS_PER_HOUR, WATTS_PER_KW
 
-ENERGY: Final = 4
-"""Where the energy at the end stands in the flows of this module; the temperature is next to it."""
-
 _REFERENCE_SOC: Final = 0.5
 _REFERENCE_C: Final = 35.0
 """State at which the best share of each power is found; what it loses is scaled to other states."""
@@ -22,8 +19,19 @@ _REFERENCE_C: Final = 35.0
 _HEAT_WEIGHT: Final = 3.0
 """Weight of heat beside other losses in the best share: it warms, and derates the hours that follow."""
 
-_POWERS: Final = 24
+_SHARES: Final = 24
 """Powers at which the best share is found, between nothing and the plant's nominal power."""
+
+_POWERS: Final = 8
+"""Powers of the dynamic program in each direction, in equal distances."""
+
+_FROM_DERATING_K: Final = (
+    *(-45.0, -30.0, -20.0, -13.0, -9.0, -7.0), *np.arange(-5.0, 3.1, 0.5), *(6.0, 12.0, 20.0, 35.0)
+)  # fmt: skip
+"""Its temperatures from the start of derating: a step moves little there, and each half degree costs."""
+
+_WITHOUT_DERATING_C: Final = (0.0, 15.0, 25.0, 35.0, 45.0, 60.0)
+"""Its temperatures for plants without derating."""
 
 _SUBSTEP_H: Final = 1.0 / 12.0
 """Step of the roll-out [h], with the coefficients of its middle."""
@@ -156,55 +164,50 @@ class Aggregate:
         ]
         return min((float(each.max(initial=-np.inf)) for each in begins), default=None)
 
-    def flows_over(self, energy_kwh: Array, temperature_c: Array, power_kw: Array, steps: int) -> Array:
-        """Return the response to signed powers ``(n_powers,)``, allocated at minimum loss, over some steps.
+    def store(
+        self, energy_kwh: Array, depth: Array, power_kw: tuple[float, float], *, by_throughput: bool
+    ) -> _core.Store:
+        """Return the states and transitions of the dynamic program.
 
-        All strings start alike, at each of the stored energies and temperatures.
-
-        Returns
-        -------
-        ndarray, shape (n_energies, n_temperatures, n_powers, 6)
-            Power asked for, less what full or empty strings cannot take, power delivered, both signed, power
-            that derating takes, standby of inverters that are off [kW]; energy [kWh] and mean temperature at
-            the end.
+        Parameters
+        ----------
+        energy_kwh, depth : ndarray
+            Grid points of the stored energy, and of the depth of the present discharge.
+        power_kw : tuple of float
+            Maximum power of charging, and of discharging.
+        by_throughput : bool
+            Whether cycles count the mean of charged and discharged AC energy; else what leaves the store.
         """
-        strings = self.system.n_strings
         full = np.linspace(self.soc_min, self.soc_max, 201, axis=1)
-        at_energy = np.array([np.interp(energy_kwh, self.energy_kwh(full), soc) for soc in full]).T
-        share = np.zeros((power_kw.size, strings))
+        share = np.linspace(-1.0, 1.0, 2 * _POWERS + 1)
+        power = share * np.where(share < 0.0, *power_kw)
+        request = np.zeros((power.size, self.system.n_strings))
         for curve, sign in zip(self.curves, (-1.0, 1.0), strict=True):
-            here = sign * power_kw > 0.0
-            share[here] = sign * np.stack(
-                [np.interp(np.abs(power_kw[here]), curve.power_kw, each) for each in curve.share_kw.T], axis=1
+            here = sign * power > 0.0
+            request[here] = sign * np.stack(
+                [np.interp(np.abs(power[here]), curve.power_kw, each) for each in curve.share_kw.T], axis=1
             )
-        standby_kw = (share == 0.0) @ self._off_kw
-        parts = steps * self._parts
-        request_kw = np.repeat(share[:, :, None], parts, axis=2)
-        ambient_c = np.full(parts, self.system.reference_temperature_c)
-        flows = np.empty((energy_kwh.size, temperature_c.size, power_kw.size, 6))
-        for i, soc in enumerate(at_energy):
-            for j, degrees in enumerate(temperature_c):
-                out = self._model.rollout(
-                    soc,
-                    np.full(strings, degrees),
-                    request_kw,
-                    ambient_c,
-                    self.dt_h / self._parts,
-                    midpoint=True,
-                )
-                shed_kw = out.availability_loss_kw.mean(axis=2).sum(axis=1)
-                flows[i, j] = np.stack(
-                    [
-                        np.sign(power_kw) * np.maximum(np.abs(power_kw) - shed_kw, 0.0),
-                        out.delivered_kw.mean(axis=2).sum(axis=1),
-                        out.derating_loss_kw.mean(axis=2).sum(axis=1),
-                        standby_kw,
-                        self.energy_kwh(out.soc[:, :, -1].T),
-                        self.mean_c(out.temperature_c[:, :, -1].T),
-                    ],
-                    axis=1,
-                )
-        return flows
+        derated_c = self.derating_begins_c
+        return _core.Store(
+            self._model,
+            energy_kwh=energy_kwh,
+            temperature_c=np.array(
+                _WITHOUT_DERATING_C if derated_c is None else derated_c + np.array(_FROM_DERATING_K)
+            ),
+            depth=depth,
+            soc=np.array([np.interp(energy_kwh, self.energy_kwh(full), soc) for soc in full]).T,
+            power_kw=power,
+            request_kw=request,
+            energies=list(zip(self._soc_grid, self._energy_grid, strict=True)),
+            mass_share=self._mass_share,
+            off_kw=self._off_kw,
+            capacity_kwh=self.capacity_kwh,
+            dt_h=self.dt_h,
+            parts=self._parts,
+            ambient_c=self.system.reference_temperature_c,
+            cooling_per_h=self.cooling_per_h,
+            by_throughput=by_throughput,
+        )
 
     def roll_out(self, state: State, demand_kw: Array, ambient_c: Array) -> DispatchRollout:
         """Return the response of the control model to a demand that is allocated at minimum loss.
@@ -230,7 +233,7 @@ class Aggregate:
     def _curve(self, soc: Array, sign: float) -> Curve:
         strings = self.system.n_strings
         warm_c = np.full(strings, _REFERENCE_C)
-        power = np.linspace(0.0, self.power_kw, _POWERS + 1)
+        power = np.linspace(0.0, self.power_kw, _SHARES + 1)
         share = np.zeros((power.size, strings))
         costs, tolerance = np.ones((1, strings, 4)), np.zeros(1)
         costs[:, :, 3] = _HEAT_WEIGHT

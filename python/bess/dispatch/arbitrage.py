@@ -1,5 +1,6 @@
 """Arbitrage on market prices: a linear program over a rolling look-ahead."""
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -21,27 +22,36 @@ _PAST_DAYS: Final = 7
 """Days before a plan that the choice of a monthly peak looks back on."""
 
 
+@dataclass(frozen=True)
+class _Start:
+    """Start of a plan: stored energy, energy discharged today, and price and rest of a budget."""
+
+    energy_kwh: float
+    discharged_kwh: float = 0.0
+    use_eur_mwh: float = 0.0
+    left_kwh: float = np.inf
+
+
 class Arbitrage:
-    r"""Plan what to buy and sell, given prices and the energy that is really stored.
+    r"""Plan purchases and sales from prices and the measured stored energy.
 
-    What such a program with one constant efficiency costs against a nonlinear one is the subject of [1]_.
+    [1]_ compares such a program with constant efficiency to nonlinear ones.
 
-    With charging `c`, discharging `d` (AC power), stored energy `e` and efficiencies
-    :math:`\eta_c = \eta_d = \sqrt{\eta}` of the two ways, every plan solves
+    With charging `c`, discharging `d` (AC power), stored energy `e` and the efficiency
+    :math:`\eta_c = \eta_d = \sqrt{\eta}` of each direction, every plan solves
 
     .. math:: \max \sum_t \pi_t (d_t - c_t)\,\Delta t \quad\text{s. t.}\quad
        e_t = e_{t-1} + \eta_c c_t \Delta t - d_t \Delta t / \eta_d,\quad 0 \le e_t \le E,\quad
        0 \le c_t, d_t \le P,\quad \sum_{t \in \text{day}} d_t \Delta t / \eta_d \le n E .
 
-    Charging and discharging at once never pays where :math:`\pi_t \ge 0`: lowering `c` by :math:`\delta` and
-    `d` by :math:`\eta\delta` leaves `e` as it is, uses fewer cycles and earns
-    :math:`\pi_t (1 - \eta)\,\delta\,\Delta t \ge 0`. So such steps are netted, at no loss. Where the price is
-    negative the same step costs money: the linear program would burn energy for a fee. If its answer does,
-    the program is solved again with one binary for each step of negative price, which allows one direction
-    only.
+    Simultaneous charging and discharging never pays where :math:`\pi_t \ge 0`: lowering `c` by :math:`\delta`
+    and `d` by :math:`\eta\delta` leaves `e` as it is, uses fewer cycles and earns :math:`\pi_t (1 -
+    \eta)\,\delta\,\Delta t \ge 0`. Such steps are netted without a loss. At a negative price the linear
+    program may dissipate energy for income. If its solution does, the program is solved again with a binary
+    for each step of negative price, which allows one direction only.
 
-    A plan depends on its arguments alone, so a run can resume: between two plans (every `replan_h`) the
-    caller keeps the last one.
+    A plan depends on its arguments only, so a run can resume. Between two plans (every `replan_h`) the
+    caller keeps the last plan.
 
     Parameters
     ----------
@@ -56,23 +66,22 @@ class Arbitrage:
     efficiency : float
         Round trip, AC to AC, in (0, 1].
     cycles_per_day : float
-        Most full cycles a calendar day: discharged stored energy over `energy_kwh`, > 0.
+        Maximum full cycles per calendar day: discharged stored energy over `energy_kwh`, > 0.
     cycles_per_plan : float or None
-        Instead of the former: most full cycles of each plan, the mean of charged and discharged AC energy
-        over `energy_kwh`, > 0.
+        Alternative to `cycles_per_day`: maximum full cycles of each plan, the mean of charged and discharged
+        AC energy over `energy_kwh`, > 0.
     max_import_kw, max_export_kw : float or None
         Limits of the grid connection in each direction, below `power_kw`, > 0.
     look_ahead_h, replan_h : float
-        How far a plan looks ahead, and how often a new one is due [h]; whole numbers of steps, and
-        `replan_h` <= `look_ahead_h`. The plan does not know of derating, so it is made anew more often than
-        prices come: with two strings at full power on German prices of 2024, every 12 h or 24 h earns 5 %
-        less than every 6 h.
+        Look-ahead of a plan, and interval between plans [h]; whole numbers of steps, and `replan_h` <=
+        `look_ahead_h`. Plans do not model derating and are therefore updated more often than prices: with two
+        strings at full power on German prices of 2024, every 12 h or 24 h earns 5 % less than every 6 h.
     dt_h : float
         Control step [h].
     connection : GridConnection or None
         Load, generation, limits and tariff of a meter that the plant shares.
     reserved_kw : float or array_like, shape (n_steps,)
-        Part of `power_kw` that is sold as reserve.
+        Part of `power_kw` sold as reserve.
 
     Raises
     ------
@@ -132,7 +141,7 @@ class Arbitrage:
         )
 
     def is_due(self, step: int) -> bool:
-        """Tell whether a new plan is due at `step`: every `replan_h` from step 0."""
+        """Return whether a new plan is due at `step`: every `replan_h` from step 0."""
         return step % self.replan_steps == 0
 
     def plan(
@@ -144,21 +153,21 @@ class Arbitrage:
         use_eur_mwh: float = 0.0,
         left_kwh: float = np.inf,
     ) -> Array:
-        """Return the demand over the look-ahead that earns most.
+        """Return the demand of maximum income over the look-ahead.
 
         Parameters
         ----------
         step : int
             Present control step, ``0 <= step < n_steps``.
         energy_kwh : float
-            Energy stored now, above the lower SOC limit, as measured. A plant outside its window (below 0 or
-            above the usable energy) is let be, and planned no further outside.
+            Measured stored energy above the lower SOC limit. A value outside [0, `energy_kwh`] is accepted;
+            the plan does not move it further outside.
         discharged_today_kwh : float
             Stored energy discharged since the day of `step` began, counted against `cycles_per_day`, >= 0.
         use_eur_mwh : float
-            Price of each MWh discharged beside the market's: the shadow price of a budget.
+            Additional price of each MWh discharged: the shadow price of a budget.
         left_kwh : float
-            Stored energy that may still be discharged in all.
+            Maximum stored energy that the plan may discharge.
 
         Returns
         -------
@@ -189,23 +198,22 @@ class Arbitrage:
             )
         if self.connection is not None and self.connection.tariff is not None:
             self._choose_peak(self.connection, self.connection.tariff, step, price, energy_kwh)
-        return self._solve(step, price, days, energy_kwh, discharged_today_kwh, use_eur_mwh, left_kwh)
+        return self._solve(step, price, _Start(energy_kwh, discharged_today_kwh, use_eur_mwh, left_kwh))
 
     def of_prices(self, price_eur_mwh: Array, step: int, energy_kwh: float) -> Array:
-        """Return the demand [kW] that earns most at these prices from ``step`` on, without a meter."""
-        days = self.days[step : step + price_eur_mwh.size]
-        return self._solve(step, price_eur_mwh, days, energy_kwh, 0.0, 0.0, np.inf)
+        """Return the demand [kW] of maximum income at these prices from ``step`` on, without a meter."""
+        return self._solve(step, price_eur_mwh, _Start(energy_kwh))
 
     def program(self, price_eur_mwh: Array, step: int, energy_kwh: float) -> StoreProgram:
         """Return the program from ``step`` on, in per unit of ``power_kw``; cost has the :meth:`weight`."""
-        n = price_eur_mwh.size
-        days, hours = self.days[step : step + n], np.full(n, self.dt_h)
-        return self._program(price_eur_mwh, hours, days, np.ones(n), energy_kwh, 0.0, 0.0, np.inf)
+        hours, free = np.full(price_eur_mwh.size, self.dt_h), np.ones(price_eur_mwh.size)
+        days = self.days[step : step + price_eur_mwh.size]
+        return self._program(price_eur_mwh, hours, days, free, _Start(energy_kwh))
 
     def _choose_peak(
         self, connection: GridConnection, tariff: PeakTariff, step: int, price: Array, energy_kwh: float
     ) -> None:
-        """Once a day choose the peak of the month, from the last week and what is ahead in this month."""
+        """Once a day choose the peak of the month, from the last week and the known rest of the month."""
         day_steps = round(HOURS_PER_DAY / self.dt_h)
         if step % day_steps >= self.replan_steps and tariff.month[step] == tariff.month[step - 1]:
             return
@@ -214,34 +222,22 @@ class Arbitrage:
         price = np.r_[[self.prices.ahead(each, 1)[0] for each in past], price]
         net_kw = np.r_[[connection.net_kw(each, 1)[0] for each in past], connection.net_kw(step, price.size)]
         net_kw, weight = net_kw[: price.size], self.weight(price)
-        days = self.days[step - len(past) : step - len(past) + price.size]
-        hours = np.full(price.size, self.dt_h)
-        program = self._program(price, hours, days, np.ones(price.size), energy_kwh, 0.0, 0.0, np.inf)
+        program = self.program(price, step - len(past), energy_kwh)
         share = price.size / (tariff.month[step:] == tariff.month[step]).sum()
         month = np.zeros(price.size, dtype=np.int64)
         connection.constrain(program, price, net_kw, month, self.power_kw, weight, share)
         connection.choose(self.power_kw * float(program.solved().added[-1]))
 
-    def _solve(
-        self,
-        step: int,
-        price: Array,
-        days: npt.NDArray[np.int64],
-        energy_kwh: float,
-        discharged_kwh: float,
-        use_eur_mwh: float,
-        left_kwh: float,
-    ) -> Array:
+    def _solve(self, step: int, price: Array, start: _Start) -> Array:
         """Return the demand of an optimal schedule."""
         connection = self.connection
-        free = self._free[step : step + price.size]
+        days, free = self.days[step : step + price.size], self._free[step : step + price.size]
         blocks = Blocks.of(price, days, self.dt_h)
         if connection is not None or np.ptp(free) > 0.0:  # load, generation, reserve change from step to step
             blocks = Blocks(np.arange(price.size), np.ones(price.size, np.int64))
         price, days = price[blocks.first], days[blocks.first]
         hours = np.asarray(blocks.count * self.dt_h, dtype=np.float64)
-        limits = energy_kwh, discharged_kwh, use_eur_mwh, left_kwh
-        program = self._program(price, hours, days, free[blocks.first], *limits)
+        program = self._program(price, hours, days, free[blocks.first], start)
         if connection is not None:
             net_kw, tariff = connection.net_kw(step, price.size), connection.tariff
             month = days if tariff is None else tariff.month[step : step + price.size]
@@ -266,55 +262,36 @@ class Arbitrage:
         return demand
 
     def _program(
-        self,
-        price: Array,
-        hours: Array,
-        days: npt.NDArray[np.int64],
-        free: Array,
-        energy_kwh: float,
-        discharged_kwh: float,
-        use_eur_mwh: float,
-        left_kwh: float,
+        self, price: Array, hours: Array, days: npt.NDArray[np.int64], free: Array, start: _Start
     ) -> StoreProgram:
         """Return the program in per unit: power over `power_kw`, energy over `power_kw` times 1 h."""
         per_unit = hours * self.weight(price)
         program = StoreProgram(
             hours,
             float(np.sqrt(self.efficiency)),
-            energy_kwh / self.power_kw,
-            cost=(per_unit * price, per_unit * (use_eur_mwh - price)),
+            start.energy_kwh / self.power_kw,
+            cost=(per_unit * price, per_unit * (start.use_eur_mwh - price)),
             most=(np.minimum(self._most[0], free), np.minimum(self._most[1], free)),
             stored=self.energy_kwh / self.power_kw,
         )
-        self._limit_cycles(program, days, hours, discharged_kwh, left_kwh)
-        return program
-
-    def weight(self, price: Array) -> float:
-        """Cost in the program of an EUR/MWh over an hour at full power."""
-        return 1.0 / (self.dt_h * max(1.0, float(np.abs(price).max())))
-
-    def _limit_cycles(
-        self,
-        program: StoreProgram,
-        days: npt.NDArray[np.int64],
-        hours: Array,
-        discharged_kwh: float,
-        left_kwh: float,
-    ) -> None:
-        """Limit what counts as cycles, on each day or in the plan, and what may be discharged in all."""
         if self.cycles_per_plan is None:
             numbers, row = np.unique(days, return_inverse=True)
             most_kwh = np.full(numbers.size, self.cycles_per_day * self.energy_kwh)
-            most_kwh[0] = max(0.0, most_kwh[0] - discharged_kwh)
+            most_kwh[0] = max(0.0, most_kwh[0] - start.discharged_kwh)
             charged, discharged = 0.0 * hours, hours / np.sqrt(self.efficiency)
         else:
             row, most_kwh = np.zeros(days.size, np.int64), np.array([self.cycles_per_plan * self.energy_kwh])
             charged, discharged = 0.5 * hours, 0.5 * hours
         program.at_most(
-            np.minimum(most_kwh, left_kwh) / self.power_kw,
+            np.minimum(most_kwh, start.left_kwh) / self.power_kw,
             (row, program.charge, charged),
             (row, program.discharge, discharged),
         )
+        return program
+
+    def weight(self, price: Array) -> float:
+        """Cost in the program of an EUR/MWh over an hour at full power."""
+        return 1.0 / (self.dt_h * max(1.0, float(np.abs(price).max())))
 
 
 def calendar_days(index: pd.DatetimeIndex, time_zone: str) -> npt.NDArray[np.int64]:

@@ -8,13 +8,13 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from bess import _core
 from bess.arrays import Array, ByValue
 from bess.control.wear import WearRates
 from bess.dispatch.aggregate import Aggregate, DispatchRollout
 from bess.dispatch.bands import PriceBands
 from bess.dispatch.blocks import Blocks
 from bess.dispatch.cycle_depth_cost import CycleDepthCost
-from bess.dispatch.moves import Grid, Moves, Offer, StoreState
 from bess.display import as_table, one_line
 from bess.system import State, System
 from bess.system.terms import SettlementTerms
@@ -32,8 +32,8 @@ _STEP_H: Final = 0.25
 _LADDER: Final = (0.0, 0.1, 0.2, 0.4, 0.7, 1.2)
 """Prices of what is cycled, over the largest price of energy, where cycles are limited."""
 
-_ANY_KWH: Final = 1e12
-"""More than any plant cycles: no limit."""
+_ENERGIES: Final = 61
+"""Grid points of the stored energy."""
 
 _NEVER_EUR_KWH: Final = -1e3
 """Income of a kWh discharged at a negative price: it is not planned, as it would pay to burn energy."""
@@ -113,8 +113,8 @@ class DynamicProgramDispatch:
     part of the program because the cost of cycles counted by rainflow is convex in the profile [2]_.
 
     Every plan is a dynamic program of the plant as one store, over stored energy, temperature and, where wear
-    depends on it, depth of the discharge so far (:class:`bess.dispatch.moves.Moves`). In each block of steps
-    at one price the power is chosen that earns most together with the value of the state after it. The
+    depends on it, depth of the discharge so far, computed by the core. In each block of steps at one price
+    the power is chosen that earns most together with the value of the state after it. The
     control model gives what powers do, with the best share among the strings: losses, heat, derating, full
     and empty strings. Fees, wear, standby and the price of a shortfall are counted. Where cycles are limited,
     cycling has a price: the dual value is least, at every state, at that of what is left of the limit. Where
@@ -128,7 +128,7 @@ class DynamicProgramDispatch:
         The plant; its sections ``[wear]`` price the wear.
     dt_h : float
         Control step [h].
-    terms : Terms
+    terms : SettlementTerms
         Fees and the price of a shortfall.
     max_power_kw, max_energy_kwh : float or None
         Keep below what the plant has.
@@ -173,14 +173,14 @@ class DynamicProgramDispatch:
         self._cycles_per_day, self._cycles_per_plan = cycles_per_day, cycles_per_plan
         self._wear = WearRates(system)
         self._plant: Aggregate | None = None
-        self._moves: dict[tuple[int, int], Moves] = {}
+        self._store: dict[int, _core.Store] = {}
 
     def plan(self, outlook: DispatchInputs, state: State, *, limit_kw: Array | None = None) -> DispatchPlan:
         """Return the best plan found.
 
         Parameters
         ----------
-        outlook : Outlook
+        outlook : DispatchInputs
             Prices and temperatures ahead.
         state : State
             Measured state.
@@ -203,7 +203,6 @@ class DynamicProgramDispatch:
             period = np.zeros(blocks.first.size, dtype=np.int64)
             allowed_kwh = np.array([self._cycles_per_plan * energy_kwh])
         allowed_kwh = np.minimum(allowed_kwh, outlook.left_kwh)
-        grid = Grid.of(plant, energy_kwh, depths.points)
         price = np.vstack([bands.price_eur_mwh, outlook.price_eur_mwh])[:, blocks.first]
         buy = self._terms.charge_price_eur_mwh(price) / KWH_PER_MWH
         sell = (self._terms.discharge_price_eur_mwh(price) - outlook.use_eur_mwh) / KWH_PER_MWH
@@ -226,17 +225,32 @@ class DynamicProgramDispatch:
             end_eur_kwh = _value_of_store(
                 *(np.repeat(each[-1], blocks.count) for each in (buy, sell - wear_eur))
             )
-        task = _DispatchProblem(
-            plant, self._terms, outlook, state, blocks,
-            bands=bands,
-            offers=[
-                [Offer(each, ambient_c) for each in eur[:, b]]
-                for b, ambient_c in enumerate(blocks.mean(outlook.ambient_c))
-            ],
-            moves=[self._moves_of(plant, grid, int(steps)) for steps in blocks.count],
-            grid=grid, depths=depths, period=period, allowed_kwh=allowed_kwh, end_eur_kwh=end_eur_kwh,
-        )  # fmt: skip
-        return task.solved()
+        stored_kwh = float(plant.energy_kwh(state.soc))
+        empty = max(0.0, 1.0 - stored_kwh / plant.capacity_kwh)
+        power_kw = self._store_of(plant, energy_kwh, depths.points).dispatch(
+            (stored_kwh, float(plant.mean_c(state.temperature_c)), empty),
+            steps=blocks.count,
+            period=period,
+            ambient_c=blocks.mean(outlook.ambient_c),
+            is_new=bands.is_new[blocks.first],
+            income_eur=np.ascontiguousarray(eur.swapaxes(0, 1)),
+            share=np.ascontiguousarray(bands.share[:, blocks.first].T),
+            chance=bands.chance,
+            wear=depths.curve_eur,
+            end_eur_kwh=end_eur_kwh,
+            allowed_kwh=allowed_kwh,
+            ladder_eur_kwh=np.array(_LADDER) * float(np.abs(outlook.price_eur_mwh).max()) / KWH_PER_MWH,
+        )
+        demand_kw = np.repeat(power_kw, blocks.count)
+        demand_kw[np.abs(demand_kw) < _LEAST * plant.power_kw] = 0.0
+        rolled = plant.roll_out(state, demand_kw, outlook.ambient_c)
+        return DispatchPlan(
+            rolled.demand_kw,
+            rolled.delivered_kw,
+            self._net_eur(rolled, outlook.price_eur_mwh, depths),
+            rolled.energy_kwh[1:],
+            plant.mean_c(rolled.temperature_c[:, 1:]),
+        )
 
     def condition(self, state: State, limit_kw: Array) -> tuple[float, float, float]:
         """Return stored energy above the lower SOC limits and capacity [kWh], and mean temperature [degC]."""
@@ -247,121 +261,21 @@ class DynamicProgramDispatch:
     def _aggregate(self, state: State, limit_kw: Array) -> Aggregate:
         """Return the aggregate store, rebuilt when inverters fail or capacity changes by a thousandth."""
         if self._plant is None or not self._plant.fits(state, limit_kw):
-            self._plant, self._moves = Aggregate(self._system, self._dt_h, state, limit_kw), {}
+            self._plant, self._store = Aggregate(self._system, self._dt_h, state, limit_kw), {}
         return self._plant
 
-    def _moves_of(self, plant: Aggregate, grid: Grid, steps: int) -> Moves:
-        """Return the transitions of a block by its number of steps, cached for the aggregate store."""
-        key = steps, grid.depth.size
-        if key not in self._moves:
+    def _store_of(self, plant: Aggregate, energy_kwh: float, depth: Array) -> _core.Store:
+        """Return the grid of states with its transitions, cached for the aggregate store."""
+        if depth.size not in self._store:
             power_kw = min(self._charge_kw, plant.power_kw), min(self._discharge_kw, plant.power_kw)
+            grid_kwh = np.linspace(0.0, energy_kwh, _ENERGIES)
             by_throughput = self._cycles_per_plan is not None
-            self._moves[key] = Moves(plant, grid, power_kw, steps, by_throughput=by_throughput)
-        return self._moves[key]
+            self._store[depth.size] = plant.store(grid_kwh, depth, power_kw, by_throughput=by_throughput)
+        return self._store[depth.size]
 
-
-def _nothing(outlook: DispatchInputs, state: State) -> DispatchPlan:
-    nothing = np.zeros(outlook.price_eur_mwh.size)
-    return DispatchPlan(nothing, nothing, 0.0, nothing, nothing + state.temperature_c.mean())
-
-
-@dataclass(frozen=True)
-class _DispatchProblem:
-    """One dispatch problem with a cycle limit for each period and a terminal value.
-
-    The offers of a block belong to the price levels; the last one belongs to the expected price.
-    """
-
-    plant: Aggregate
-    terms: SettlementTerms
-    outlook: DispatchInputs
-    state: State
-    blocks: Blocks
-    bands: PriceBands
-    offers: list[list[Offer]]
-    moves: list[Moves]
-    grid: Grid
-    depths: CycleDepthCost
-    period: npt.NDArray[np.int64]
-    allowed_kwh: Array
-    end_eur_kwh: float
-
-    def solved(self) -> DispatchPlan:
-        """Return the plan; if it exceeds the cycle limit at a price of zero, with a price from the ladder."""
-        power_kw, cycled_kwh = self._followed(np.zeros(1), np.full(self.allowed_kwh.size, _ANY_KWH))
-        if (cycled_kwh > self.allowed_kwh).any():
-            dearest = float(np.abs(self.outlook.price_eur_mwh).max()) / KWH_PER_MWH
-            power_kw, _ = self._followed(np.array(_LADDER) * dearest, self.allowed_kwh)
-        demand_kw = np.repeat(power_kw, self.blocks.count)
-        demand_kw[np.abs(demand_kw) < _LEAST * self.plant.power_kw] = 0.0
-        return self._valued(self.plant.roll_out(self.state, demand_kw, self.outlook.ambient_c))
-
-    def _followed(self, shadow_eur: Array, allowed_kwh: Array) -> tuple[Array, Array]:
-        """Return the power of each block and the cycled energy of each period, within its limit.
-
-        It is chosen before the level of the price is known, which every value after the block takes as known.
-        """
-        values = self._values(shadow_eur)
-        energy_kwh, degrees = (
-            self.plant.energy_kwh(self.state.soc),
-            self.plant.mean_c(self.state.temperature_c),
-        )
-        empty = max(0.0, 1.0 - float(energy_kwh) / self.plant.capacity_kwh)
-        now = StoreState(*(np.array([float(each)]) for each in (energy_kwh, degrees, empty)))
-        power_kw, cycled_kwh = np.zeros(len(self.moves)), np.zeros(allowed_kwh.size)
-        share = self.bands.share[:, self.blocks.first].T
-        for b, (moves, offers, period) in enumerate(zip(self.moves, self.offers, self.period, strict=True)):
-            left_kwh = max(0.0, allowed_kwh[period] - cycled_kwh[period])
-            place, weight = self.grid.corners(now)
-            value = weight[0] @ (share[b] @ values[b][place[0]])
-            shadow = int(np.argmin(value + shadow_eur * left_kwh))
-            after = share[b] @ self._after(values, b, shadow_eur)[:, :, shadow].T
-            power_kw[b], now, cycled = moves.best(
-                after, offers[-1], self.depths, now, shadow_eur[shadow], left_kwh
-            )
-            cycled_kwh[period] += cycled
-        return power_kw, cycled_kwh
-
-    def _values(self, shadow_eur: Array) -> list[Array]:
-        """Return the values of states before each block and at the end, ``(n_states, n_levels, n_shadows)``.
-
-        Levels are price levels of the block; shadows are prices of cycled energy.
-        """
-        n_blocks, n_levels = len(self.moves), self.bands.now.size
-        end = np.broadcast_to(self.grid.energy_kwh[:, None, None], self.grid.shape).reshape(-1, 1, 1)
-        values = [np.tile(self.end_eur_kwh * end, (1, n_levels, shadow_eur.size))] * (n_blocks + 1)
-        wear_eur = {moves: moves.wear_eur(self.depths) for moves in set(self.moves)}
-        known: dict[tuple[Moves, bytes], Array] = {}
-        for b in range(n_blocks - 1, -1, -1):
-            moves, offers = self.moves[b], self.offers[b][:-1]
-            key = moves, b"".join(offer.eur.tobytes() for offer in offers)
-            if key not in known:
-                income = [moves.income_eur(offer, wear_eur[moves], shadow_eur) for offer in offers]
-                known = {key: np.hstack(income)}
-            after = self._after(values, b, shadow_eur)
-            before = moves.values(after.reshape(len(after), -1), known[key], offers[0].ambient_c)
-            values[b] = before.reshape(after.shape)
-        return values
-
-    def _after(self, values: list[Array], b: int, shadow_eur: Array) -> Array:
-        """Return the values of states after a block by its level: the expectation over the next level.
-
-        Before another period, at the price that uses its limit: where the dual value, which bounds from
-        above, is least.
-        """
-        later = values[b + 1]
-        if b + 1 == len(self.moves):
-            return later
-        if self.period[b] != self.period[b + 1]:
-            least = (later + shadow_eur * self.allowed_kwh[self.period[b + 1]]).min(axis=2, keepdims=True)
-            later = np.repeat(least, shadow_eur.size, axis=2)
-        if self.bands.is_new[self.blocks.first[b + 1]]:
-            later = self.bands.chance @ later
-        return np.asarray(later)
-
-    def _valued(self, rolled: DispatchRollout) -> DispatchPlan:
-        """Return the plan of a roll-out and its net income."""
-        terms, price, dt_h = self.terms, self.outlook.price_eur_mwh, self.plant.dt_h
+    def _net_eur(self, rolled: DispatchRollout, price: Array, depths: CycleDepthCost) -> float:
+        """Return the net income of a roll-out, wear included."""
+        terms, dt_h = self._terms, self._dt_h
         demand_kw, delivered_kw = rolled.demand_kw, rolled.delivered_kw
         sold_kw, bought_kw = np.maximum(delivered_kw, 0.0), np.maximum(-delivered_kw, 0.0)
         missing_kw = np.maximum(np.abs(demand_kw) - np.abs(delivered_kw), 0.0)
@@ -370,15 +284,13 @@ class _DispatchProblem:
             - (bought_kw + rolled.standby_kw) * terms.charge_price_eur_mwh(price)
             - missing_kw * terms.shortfall_price_eur_mwh(price)
         ) / KWH_PER_MWH
-        wear_eur = self.depths.cost_eur(sold_kw * dt_h, rolled.energy_kwh, dt_h)
-        net_eur = float(eur_per_h.sum()) * dt_h - wear_eur - terms.start_eur * rolled.starts
-        return DispatchPlan(
-            demand_kw,
-            delivered_kw,
-            net_eur,
-            rolled.energy_kwh[1:],
-            self.plant.mean_c(rolled.temperature_c[:, 1:]),
-        )
+        wear_eur = depths.cost_eur(sold_kw * dt_h, rolled.energy_kwh, dt_h)
+        return float(eur_per_h.sum()) * dt_h - wear_eur - terms.start_eur * rolled.starts
+
+
+def _nothing(outlook: DispatchInputs, state: State) -> DispatchPlan:
+    nothing = np.zeros(outlook.price_eur_mwh.size)
+    return DispatchPlan(nothing, nothing, 0.0, nothing, nothing + state.temperature_c.mean())
 
 
 def _value_of_store(buy_eur_kwh: Array, sell_eur_kwh: Array) -> float:

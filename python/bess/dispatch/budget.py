@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bess.arrays import Array
+from bess.checkpoints import Checkpointed
 from bess.dispatch.forecast import Forecast
 from bess.dispatch.store_value import store_value
 from bess.units import HOURS_PER_DAY, KWH_PER_MWH
@@ -36,7 +36,7 @@ _MIN_POWER: Final = 0.05
 """Minimum power as a share of plant power; below it the plant is off, because losses exceed the delivery."""
 
 
-class CycleBudget:
+class CycleBudget(Checkpointed):
     r"""Remaining cycles and throughput of each year of a run, and their shadow price.
 
     A full cycle is the nominal energy, charged or discharged, whichever sum is larger so far; throughput is
@@ -72,6 +72,11 @@ class CycleBudget:
         Control step [h].
     """
 
+    _carried = (
+        "_year", "_charged", "_discharged", "_discharged_kwh", "_bound_kwh", "_counted", "_soc", "_earned",
+        "price_eur_mwh",
+    )  # fmt: skip
+
     def __init__(
         self,
         prices: Forecast,
@@ -98,7 +103,7 @@ class CycleBudget:
         self._charged, self._discharged, self._discharged_kwh = 0.0, 0.0, 0.0
         self._bound_kwh, self._counted = 0.0, 0
         self._soc: Array | None = None
-        self._earned: list[float] = []
+        self._earned = np.zeros(0)
         self.price_eur_mwh = 0.0
 
     @property
@@ -155,28 +160,6 @@ class CycleBudget:
         """Shadow price and use, by variable of the record."""
         return {"budget_price_eur_mwh": self.price_eur_mwh, "budget_cycles": self.cycles_used}
 
-    def memory(self) -> dict[str, Any]:
-        """State for a checkpoint."""
-        return {
-            "year": self._year,
-            "charged": self._charged,
-            "discharged": self._discharged,
-            "discharged_kwh": self._discharged_kwh,
-            "bound_kwh": self._bound_kwh,
-            "counted": self._counted,
-            "soc": self._soc,
-            "earned": np.array(self._earned),
-            "price_eur_mwh": self.price_eur_mwh,
-        }
-
-    def recall(self, memory: Mapping[str, Any]) -> None:
-        """Continue with what :meth:`memory` returned."""
-        self._year, self._soc = memory["year"], memory["soc"]
-        self._charged, self._discharged = memory["charged"], memory["discharged"]
-        self._discharged_kwh, self.price_eur_mwh = memory["discharged_kwh"], memory["price_eur_mwh"]
-        self._bound_kwh, self._counted = memory["bound_kwh"], memory["counted"]
-        self._earned = memory["earned"].tolist()
-
     @property
     def _share(self) -> float:
         """Share of the year that the run covers."""
@@ -194,7 +177,7 @@ class CycleBudget:
         value = store_value(
             price, self._usable_kwh, self._power_kw, self._efficiency, cycles=cycles, dt_h=self._dt_h
         )
-        self._earned = [*self._earned, due * value.cycle_price_eur / self._usable_kwh][-_MAX_DAYS:]
-        weight = 1.0 / (_RECENT_DAYS + np.arange(len(self._earned))[::-1])
+        self._earned = np.append(self._earned, due * value.cycle_price_eur / self._usable_kwh)[-_MAX_DAYS:]
+        weight = 1.0 / (_RECENT_DAYS + np.arange(self._earned.size)[::-1])
         eur_per_kwh = float(weight @ self._earned) / (due * float(weight.sum()))
         self.price_eur_mwh = KWH_PER_MWH * eur_per_kwh / self._one_way

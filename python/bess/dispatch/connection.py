@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from bess.arrays import Array
+from bess.checkpoints import Checkpointed
 from bess.dispatch.forecast import Forecast
 from bess.dispatch.program import StoreProgram
 from bess.units import KWH_PER_MWH, SECONDS_PER_HOUR
@@ -52,7 +52,7 @@ def monthly_peaks_kw(import_kw: Array, tariff: PeakTariff) -> Array:
     return np.concatenate(parts)
 
 
-class GridConnection:
+class GridConnection(Checkpointed):
     r"""Constraints and costs at the meter for a dispatch over prices, and the peak of the month so far.
 
     With load less generation :math:`n_t` behind the meter, import :math:`i_t`, the fee :math:`f` on it, the
@@ -82,6 +82,8 @@ class GridConnection:
         Price of the peak.
     """
 
+    _carried = ("_quarter_kw", "_peak_kw", "_chosen_kw", "_planned_kw", "_last_kw")
+
     def __init__(
         self,
         net_kw: Forecast,
@@ -95,7 +97,7 @@ class GridConnection:
         self._net_kw, self._dt_h = net_kw, dt_h
         self._max_import_kw, self._max_export_kw = max_import_kw, max_export_kw
         self._import_fee_eur_mwh, self.tariff = import_fee_eur_mwh, tariff
-        self._quarter_kw: list[float] = []
+        self._quarter_kw = 0.0
         self._peak_kw, self._chosen_kw, self._planned_kw = 0.0, 0.0, np.inf
         self._last_kw: float | None = None
 
@@ -103,11 +105,11 @@ class GridConnection:
         """Count the step before ``step``, in which the plant delivered this power (positive = discharge)."""
         tariff = self.tariff
         if tariff is not None and self._last_kw is not None:
-            self._quarter_kw.append(self._last_kw - delivered_kw)
+            self._quarter_kw += self._last_kw - delivered_kw
             if tariff.quarter[step] != tariff.quarter[step - 1]:
                 steps = round(QUARTER_S / (SECONDS_PER_HOUR * self._dt_h))
-                self._peak_kw = max(self._peak_kw, sum(self._quarter_kw) / max(1, steps))
-                self._quarter_kw = []
+                self._peak_kw = max(self._peak_kw, self._quarter_kw / max(1, steps))
+                self._quarter_kw = 0.0
             if tariff.month[step] != tariff.month[step - 1]:
                 self._peak_kw = self._chosen_kw = 0.0
         self._last_kw = float(self._net_kw.ahead(step, 1)[0])
@@ -180,19 +182,3 @@ class GridConnection:
             above_kw = net_kw - max(0.0, self._peak_kw, self._chosen_kw, self._planned_kw)
             least_kw = max(least_kw, min(above_kw, discharge_kw))
         return min(max(demand_kw, least_kw), max(net_kw + self._max_export_kw, 0.0))
-
-    def memory(self) -> dict[str, Any]:
-        """State for a checkpoint."""
-        return {
-            "quarter_kw": np.array(self._quarter_kw),
-            "peak_kw": self._peak_kw,
-            "chosen_kw": self._chosen_kw,
-            "planned_kw": self._planned_kw,
-            "last_kw": self._last_kw,
-        }
-
-    def recall(self, memory: Mapping[str, Any]) -> None:
-        """Continue with what :meth:`memory` returned."""
-        self._quarter_kw, self._last_kw = memory["quarter_kw"].tolist(), memory["last_kw"]
-        self._peak_kw, self._chosen_kw = memory["peak_kw"], memory["chosen_kw"]
-        self._planned_kw = memory["planned_kw"]

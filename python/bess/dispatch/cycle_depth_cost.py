@@ -77,15 +77,14 @@ class CycleDepthCost:
         """Return the price of a kWh discharged in each segment of depth."""
         return np.diff(self.cycle_eur) / (np.diff(self.depth) * self.capacity_kwh)
 
-    def discharge_eur(self, depth: Array, drawn: Array) -> Array:
-        """Return the wear cost of a discharge by ``drawn`` from ``depth``, without the price of energy.
+    @property
+    def curve_eur(self) -> tuple[Array, Array]:
+        """Return depths and the price of a cycle of each, without the price of energy.
 
         Beyond a depth of 1, reached by grid points around a state only, the last slope is continued.
         """
-        deeper = np.r_[self.depth, 2.0]
-        cost_eur = np.r_[self.cycle_eur, self.cycle_eur[-1] + self.capacity_kwh * self.marginal_eur_kwh[-1]]
-        from_eur, to_eur = (np.interp(each, deeper, cost_eur) for each in (depth, depth + drawn))
-        return np.asarray(to_eur - from_eur)
+        beyond_eur = self.cycle_eur[-1] + self.capacity_kwh * self.marginal_eur_kwh[-1]
+        return np.r_[self.depth, 2.0], np.r_[self.cycle_eur, beyond_eur]
 
     def cost_eur(self, discharged_kwh: Array, energy_kwh: Array, dt_h: float) -> float:
         """Return the wear cost of a trajectory of stored energy.

@@ -5,7 +5,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from bess.arrays import Array, real_numbers
+from bess.arrays import Array, finite_array
 from bess.errors import InputError
 
 
@@ -61,10 +61,10 @@ class ExternalForecast:
     values : array, shape (n_steps,)
         The actual series; finite.
     foretold : array, shape (n_steps,)
-        What was foretold of it; finite.
+        Its forecast; finite.
     price_ends : array of int, shape (n_steps,), optional
-        First step after each at which another value begins (:func:`price_ends_of`): the present value is
-        known to there. By default the next step.
+        First step after each at which another value begins (:func:`price_ends_of`): until then the present
+        value is known. By default the next step.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class ExternalForecast:
         price_ends: npt.NDArray[np.int64] | None = None,
     ):
         self.values, self.foretold = checked_series(values), checked_series(foretold)
-        self._price_ends = _ends(self.values, price_ends)
+        self._price_ends = np.arange(1, self.values.size + 1) if price_ends is None else price_ends
         if self.values.size != self.foretold.size:
             raise InputError(
                 f"a forecast of {self.foretold.size} steps does not fit a series of {self.values.size}"
@@ -91,8 +91,8 @@ class ExternalForecast:
 class PersistenceForecast:
     """Forecasts each step by the latest known value at the same time of day.
 
-    The present value is known. A later step takes the value of one day before it, or of as many days as it
-    takes to reach the past; where the record does not reach back that far, the present value is held.
+    The present value is known. A later step takes the value at the same time of the latest known day; if the
+    series does not reach back that far, the present value is held.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ class PersistenceForecast:
     price_ends : array of int, shape (n_steps,), optional
         See :class:`ExternalForecast`.
     first : int
-        Place of step 0 in ``values``: those before are known from the start.
+        Index of step 0 in ``values``; earlier values are known from the start.
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class PersistenceForecast:
         first: int = 0,
     ):
         self.values, self._first = checked_series(values), first
-        self.price_ends = _ends(self.values, price_ends)
+        self.price_ends = np.arange(1, self.values.size + 1) if price_ends is None else price_ends
         self.steps_per_day = steps_in(24.0, dt_h, "a day")
 
     def ahead(self, step: int, horizon: int) -> Array:
@@ -159,10 +159,6 @@ def price_ends_of(values: Array, dt_h: float) -> npt.NDArray[np.int64]:
     return np.asarray(steps + lasts - (steps - first) % lasts)
 
 
-def _ends(values: Array, price_ends: npt.NDArray[np.int64] | None) -> npt.NDArray[np.int64]:
-    return np.arange(1, values.size + 1) if price_ends is None else price_ends
-
-
 def checked_series(values: npt.ArrayLike) -> Array:
     """Return a series as numbers.
 
@@ -171,16 +167,9 @@ def checked_series(values: npt.ArrayLike) -> Array:
     InputError
         It is empty, not finite, or of several dimensions.
     """
-    try:
-        series = real_numbers(values).copy()
-    except ValueError as error:
-        raise InputError(f"a forecast needs a series of numbers ({error})") from error
+    series = finite_array("the series of a forecast", values).copy()
     if series.ndim != 1 or series.size == 0:
         raise InputError(f"a forecast needs a series of at least one value; its shape is {series.shape}")
-    if not np.isfinite(series).all():
-        raise InputError(
-            f"a forecast needs finite values; value {int(np.argmin(np.isfinite(series)))} is not"
-        )
     series.flags.writeable = False
     return series
 

@@ -1,6 +1,6 @@
-"""A store behind a meter: it keeps what is drawn from the grid at a level, and fills up below it.
+"""A store behind a meter that holds the grid import at a target.
 
-Peak shaving has the limit of the connection as its level, self-consumption the level 0.
+The target is the limit of the connection in peak shaving, and 0 in self-consumption.
 """
 
 from dataclasses import dataclass
@@ -15,25 +15,26 @@ from bess.errors import InputError
 
 @dataclass(frozen=True)
 class GridPowerTarget:
-    """The rule: discharge what is above the level, charge what is left below it, until ``full_kwh``.
+    """Rule: discharge above the target, charge below it up to ``full_kwh``.
 
-    Of all schedules that keep the level, the one that fills up as soon as it can holds most energy at any
-    time; so it keeps every level that any schedule with perfect foresight can keep.
+    Of all schedules that keep the target, charging as early as possible stores most energy at any time.
+    The rule therefore keeps every target that a schedule with perfect foresight can keep.
 
     Attributes
     ----------
     level_kw : float or ndarray
-        What may be drawn from the grid, in all steps or in each.
+        Maximum grid import, for all steps or for each.
     power_kw : float
-        Most power of the store, either direction (AC).
+        Maximum power of the store in each direction (AC).
     full_kwh : float
-        Stored energy up to which it is charged.
+        Maximum stored energy.
     one_way : float
         Efficiency of each direction.
     dt_h : float
         Control step [h].
     least_kw : float
-        Below this the rest of a store is not charged or discharged: inverters would lose more by being on.
+        Minimum power; below it the remaining energy is not charged or discharged, because no-load losses of
+        the inverters exceed it.
     """
 
     level_kw: float | Array
@@ -44,19 +45,19 @@ class GridPowerTarget:
     least_kw: float = 0.0
 
     def demand_kw(self, net_kw: Array, held_kwh: float) -> Array:
-        """Return what is asked of the store in each step, from ``held_kwh`` at the start of the first.
+        """Return the demand on the store in each step, from ``held_kwh`` at the start.
 
         Parameters
         ----------
         net_kw : ndarray, shape (n_steps,)
             Load less generation behind the meter [kW].
         held_kwh : float
-            Energy stored.
+            Stored energy.
 
         Returns
         -------
         ndarray, shape (n_steps,)
-            Power [kW], positive = discharge; what the store has no energy or room for is not asked.
+            Power [kW], positive = discharge, within stored energy and headroom.
         """
         wanted = np.clip(net_kw - self.level_kw, -self.power_kw, self.power_kw)
         asked = np.zeros(wanted.size)
@@ -86,10 +87,10 @@ def min_peak_kw(
     one_way: float,
     month: npt.ArrayLike = 0,
 ) -> Array:
-    r"""Return the lowest limits of the import that a store can keep, knowing all that will come.
+    r"""Return the lowest import limits that a store can keep with perfect foresight.
 
     With charging `c`, discharging `d` (AC power), stored energy `e` and the efficiency :math:`\eta` of each
-    way, and a limit :math:`L_m` for each month, it is the optimum of
+    direction, and a limit :math:`L_m` for each month, it is the optimum of
 
     .. math:: \min \sum_m L_m\quad\text{s. t.}\quad n_t + c_t - d_t \le L_{m(t)},\quad
        e_t = e_{t-1} + \eta c_t \Delta t - d_t \Delta t / \eta,\quad 0 \le e_t \le E,\quad
@@ -102,7 +103,7 @@ def min_peak_kw(
     dt_h : float
         Control step [h].
     power_kw, full_kwh, held_kwh : float
-        Power of the store, energy when it is full, energy at the start; what is above ``full_kwh`` is let be.
+        Power of the store, its energy capacity, and its energy at the start, which may be above ``full_kwh``.
     one_way : float
         Efficiency of each direction, in (0, 1].
     month : array_like of int, shape (n_steps,)

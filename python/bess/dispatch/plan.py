@@ -10,6 +10,7 @@ import numpy.typing as npt
 from bess.dispatch.arbitrage import calendar_days
 from bess.dispatch.aware import DispatchInputs, DispatchPlan, DynamicProgramDispatch
 from bess.dispatch.forecast import steps_in
+from bess.dispatch.store_value import price_steps
 from bess.errors import InputError
 from bess.system import State, System
 from bess.system.terms import SettlementTerms
@@ -32,14 +33,14 @@ def plan_dispatch(
     r"""Plan the dispatch of a plant over prices, with its limits, losses and wear.
 
     With price :math:`\pi`, delivered power :math:`p` (:math:`p^+` discharge, :math:`p^-` charge), demand
-    :math:`D`, fees :math:`f`, wear :math:`W`, and the energy :math:`e_T` that is left at its value :math:`v`,
+    :math:`D`, fees :math:`f`, wear :math:`W`, and the remaining energy :math:`e_T` at its value :math:`v`,
 
     .. math:: \max_D\ \sum_t \bigl(p^+_t (\pi_t - f_d) - p^-_t (\pi_t + f_c)
        - (|D_t| - |p_t|)(|\pi_t| + s)\bigr)\,\Delta t - W + v\, e_T
 
     where :math:`p`, :math:`e` and the temperatures follow from :math:`D` by the control model (equations 1 to
-    6 of ``docs/equations.md``). How :math:`D` is found is said at
-    :class:`bess.dispatch.DynamicProgramDispatch`.
+    6 of ``docs/equations.md``). :class:`bess.dispatch.DynamicProgramDispatch` describes the
+    solution.
 
     Parameters
     ----------
@@ -51,15 +52,15 @@ def plan_dispatch(
     state : State
         Measured state now.
     hours : float
-        How far to plan [h], a whole number of control steps; prices must reach that far.
+        Horizon of the plan [h], a whole number of control steps that prices must cover.
     terms : Terms, optional
         Fees and the price of a shortfall (:class:`bess.system.terms.SettlementTerms`); the defaults of a
         study.
     ambient_c : float or array_like, shape (n_steps,), optional
-        Ambient temperature [degC]; the system's by default. Of a system with cooling, what its strings cool
-        towards (:meth:`~bess.System.surroundings_c`).
+        Ambient temperature [degC], by default that of the system; with a section ``[cooling]``, the reference
+        temperature of the control model (:meth:`~bess.System.surroundings_c`).
     cycles_per_day : float
-        Most full cycles a day.
+        Maximum full cycles per day.
     market_time_zone : str
         Of the trading day, to which ``cycles_per_day`` applies; without an index the plan begins at midnight.
 
@@ -67,7 +68,7 @@ def plan_dispatch(
     -------
     DispatchPlan
         ``demand_kw``, ``expected_delivered_kw`` and ``expected_net_eur``, among others. The plan does not
-        empty the store at its end: what is left has a value, which is not in ``expected_net_eur``.
+        empty the store at its end: remaining energy has a value, which ``expected_net_eur`` excludes.
 
     Raises
     ------
@@ -100,25 +101,15 @@ def _on_steps(
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
     import pandas as pd
 
-    if isinstance(prices, pd.Series):
-        index = prices.index
-        if not isinstance(index, pd.DatetimeIndex) or index.tz is None or index.size < 2:
-            raise InputError("prices: the series needs a time-zone aware index of at least two times")
-        per_value = (index[1] - index[0]) / pd.Timedelta(hours=dt_h)
-        if per_value < 1.0 or per_value != round(per_value):
-            raise InputError(
-                f"prices: values every {index[1] - index[0]} are no whole number of steps of {dt_h:g} h"
-            )
-        values = np.repeat(np.asarray(prices, dtype=np.float64), round(per_value))[:steps]
-        times = pd.date_range(index[0], periods=steps, freq=pd.Timedelta(hours=dt_h))
-        days = calendar_days(times, time_zone)
-    else:
-        values = np.asarray(prices, dtype=np.float64)[:steps]
-        days = (np.arange(steps) * dt_h // 24.0).astype(np.int64)
-    if values.ndim != 1 or values.size < steps:
+    known, step_h = price_steps(prices.iloc[:steps] if isinstance(prices, pd.Series) else prices, dt_h)
+    values = known.repeat(steps_in(step_h, dt_h, "prices: their step"))[:steps]
+    if values.size < steps:
         raise InputError(
             f"prices: {values.size} values are less than the {steps} steps of {dt_h:g} h to be planned"
         )
-    if not np.isfinite(values).all():
-        raise InputError(f"prices: value {int(np.argmin(np.isfinite(values)))} is not finite")
-    return values, days
+    if not isinstance(prices, pd.Series):
+        return values, (np.arange(steps) * dt_h // 24.0).astype(np.int64)
+    if not isinstance(prices.index, pd.DatetimeIndex) or prices.index.tz is None:
+        raise InputError("prices: the series needs a time-zone aware index")
+    times = pd.date_range(prices.index[0], periods=steps, freq=pd.Timedelta(hours=dt_h))
+    return values, calendar_days(times, time_zone)

@@ -64,10 +64,10 @@ _FITTED_START: Final = 16
 
 
 def fitted_48h(dt_h: float = 0.25) -> Array:
-    """Return two days on which most of the paper's statements come out, shape (48 / dt_h,), kW in total.
+    """Return two days that reproduce most statements of the paper, shape (48 / dt_h,), kW in total.
 
-    Fitted to the paper's results (:mod:`bess.report.words.paper`), so agreeing with them is no confirmation;
-    its own demand is unpublished.
+    Fitted to the results of the paper (:mod:`bess.report.words.paper`), so agreement does not confirm them;
+    the original demand is unpublished.
     """
     per_quarter = steps_in(0.25, dt_h, "profile two-cycle-fitted-48h: its quarter of an hour")
     day = np.repeat(np.tile(_FITTED_LEVELS_KW, 2), _FITTED_QUARTERS)
@@ -89,7 +89,7 @@ SITES: Final[dict[str, Callable[..., Array]]] = {
     "commercial-week": commercial_load,
     "solar-week": solar_power,
 }
-"""Bundled loads and generation behind a meter by name, positive as a meter of their own would count."""
+"""Bundled loads and generation behind a meter by name; both are positive."""
 
 
 def bundled_profile(name: str, **parameters: float) -> Array:
@@ -125,9 +125,9 @@ def read_profile(
     column : str, optional
         Name of the power column; needed if there are several.
     unit : {"kW", "W", "MW", "kvar", "var", "Mvar"}
-        Unit of the file; that of reactive power for a profile of it.
+        Unit of the file; a unit of reactive power for reactive profiles.
     positive : {"discharge", "charge"}
-        What a positive number of the file means.
+        Meaning of positive numbers in the file.
     scale : float
         Factor on the power, such as the peak of a profile in per unit; > 0.
     dt_h : float
@@ -146,8 +146,8 @@ def read_profile(
     Raises
     ------
     InputError
-        The file cannot be read as such, or a parameter is outside its range; the sentence says where and what
-        to do.
+        The file is not a demand profile, or a parameter is outside its range; the message gives place and
+        remedy.
     """
     to_unit = _TO_KVAR if unit in _TO_KVAR else _TO_KW
     if unit not in to_unit:

@@ -30,7 +30,7 @@ class StoreSchedule:
     added : ndarray
         Values of the columns that were added.
     duals : ndarray
-        What one unit more of each added row would lower the cost by; empty with binaries.
+        Decrease of the cost per unit of each added row; empty with binaries.
     """
 
     cost: float
@@ -60,11 +60,11 @@ class StoreProgram:
     one_way : float
         Efficiency of each direction.
     held : float
-        Energy at the start. If it is outside ``stored``, it is let be, and not moved further outside.
+        Energy at the start. A value outside the limits is accepted and not moved further outside.
     cost, most : pair of float or array
         Cost and largest power of charging and of discharging.
     stored : float
-        Most stored energy; the least is 0.
+        Maximum stored energy; the minimum is 0.
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class StoreProgram:
         BessError
             The program has no solution.
         """
-        # Loaded here: it takes half a second, which runs without a market need not spend.
+        # Loaded here, because it takes half a second that runs without a market do not need.
         from scipy.optimize import linprog
 
         cost, lower, upper = np.concatenate(self._columns, axis=1)

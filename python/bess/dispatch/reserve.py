@@ -3,14 +3,14 @@
 Plant power, positive = discharge; the reserve is symmetric.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from bess.arrays import Array
+from bess.checkpoints import Checkpointed
 from bess.errors import InputError
 
 _MINUTES_PER_HOUR = 60.0
@@ -21,8 +21,8 @@ def droop_response(
 ) -> Array:
     """Return the activated share of the reserve for a frequency deviation, from -1 to 1.
 
-    All of it at ``droop_mhz`` and beyond, none within ``dead_band_mhz``, and a share in proportion to the
-    whole deviation in between, as [1]_ has it: above the nominal frequency the plant charges (negative).
+    The share is 1 from ``droop_mhz`` on, 0 within ``dead_band_mhz``, and proportional to the whole deviation
+    in between, as in [1]_. Above the nominal frequency the plant charges (negative).
 
     Parameters
     ----------
@@ -83,26 +83,28 @@ class EnergyWindow:
 
 
 @dataclass
-class RechargeScheduler:
+class RechargeScheduler(Checkpointed):
     """Set-point shifts that restore the stored energy, scheduled in advance.
 
-    At the start of every slot the shift of the slot that begins ``lead_steps`` later is agreed on: what
-    brings the energy expected then, the response being zero in the mean, back to the edge of the wanted band
-    within that slot, and no more than ``power_kw``.
+    At the start of every slot the shift of the slot that begins ``lead_steps`` later is scheduled. It returns
+    the expected energy, with a mean response of zero, to the edge of the required band within that slot, with
+    at most ``power_kw``.
 
     Parameters
     ----------
     power_kw : float
-        Largest shift.
+        Maximum shift.
     lead_steps, slot_steps : int
-        Control steps between agreement and begin, and of a slot.
+        Control steps of the lead time and of a slot.
     dt_h : float
         Control step [h].
     one_way : float
         Efficiency of each direction.
     agreed_kw : ndarray
-        Shifts of this step and those to come.
+        Scheduled shifts, from the present step on.
     """
+
+    _carried: ClassVar = ("agreed_kw",)
 
     power_kw: float
     lead_steps: int
@@ -131,11 +133,3 @@ class RechargeScheduler:
         surplus, lacking = max(0.0, expected - band.high_kwh), max(0.0, band.low_kwh - expected)
         shift = (surplus * self.one_way - lacking / self.one_way) / slot_h
         return np.full(self.slot_steps, np.clip(shift, -self.power_kw, self.power_kw))
-
-    def memory(self) -> dict[str, Any]:
-        """Return the scheduled shifts."""
-        return {"agreed_kw": self.agreed_kw}
-
-    def recall(self, memory: Mapping[str, Any]) -> None:
-        """Continue with what :meth:`memory` returned."""
-        self.agreed_kw = memory["agreed_kw"]

@@ -25,13 +25,13 @@ class StoreValue(ByValue):
     Attributes
     ----------
     net_eur : float
-        Income of the whole series; what is left in store at its end is worth nothing.
+        Income of the whole series; stored energy at its end has no value.
     power_kw : ndarray, shape (n_steps,)
         AC power, positive = discharge.
     stored_kwh : ndarray, shape (n_steps,)
         Stored energy at the end of each step.
     cycle_price_eur : float
-        What one more cycle of the budget would earn: the dual value of the budget, 0 where it does not bind.
+        Marginal income of a cycle: the dual value of the budget, 0 if the budget does not bind.
     """
 
     net_eur: float
@@ -70,8 +70,9 @@ def store_value(
        0 \le c_t, d_t \le P,\quad d_t \Delta t / \eta \le e_{t-1},\quad
        \sum_t \eta c_t \Delta t \le n E .
 
-    What a step discharges is in store at its start; that binds only where a negative price pays for charging
-    and discharging at once. It repeats the 19 values that [1]_ publishes for German ID3 prices of 2021.
+    Energy discharged in a step is in store at its start; this binds only at negative prices, which pay for
+    simultaneous charging and discharging. The program reproduces the 19 values that [1]_ publishes for German
+    ID3 prices of 2021.
 
     Parameters
     ----------
@@ -85,9 +86,9 @@ def store_value(
     round_trip : float
         Efficiency AC to AC, in (0, 1].
     cycles : float or None
-        Most cycles over the whole series, charged (stored) energy over ``energy_kwh``; None for no limit.
+        Maximum cycles over the whole series, charged (stored) energy over ``energy_kwh``; None for no limit.
     initial_kwh : float
-        Stored at the start.
+        Stored energy at the start.
     dt_h : float
         Step of prices without times [h].
 
@@ -119,7 +120,7 @@ def store_value(
         raise InputError(f"store_value: round_trip {round_trip} is outside (0, 1]")
     if not 0.0 <= initial_kwh <= energy_kwh:
         raise InputError(f"store_value: initial_kwh {initial_kwh:g} kWh is outside [0, {energy_kwh:g}] kWh")
-    price, dt_h = _steps(prices, dt_h)
+    price, dt_h = price_steps(prices, dt_h)
     # In per unit: power over power_kw, energy over power_kw times 1 h.
     one_way, full, held = float(np.sqrt(round_trip)), energy_kwh / power_kw, initial_kwh / power_kw
     eur = price * dt_h
@@ -144,8 +145,14 @@ def store_value(
     )
 
 
-def _steps(prices: Any, dt_h: float) -> tuple[Array, float]:
-    """Return prices as an array, and their step [h]."""
+def price_steps(prices: Any, dt_h: float) -> tuple[Array, float]:
+    """Return prices as an array, and their step [h]: that of their times, without times ``dt_h``.
+
+    Raises
+    ------
+    InputError
+        Prices are not one finite value for each step, in order.
+    """
     price = finite_array("prices", prices)
     if price.ndim != 1 or price.size == 0:
         raise InputError(f"prices have shape {price.shape}; give one value for each step, at least one")

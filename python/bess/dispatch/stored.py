@@ -1,16 +1,14 @@
 """Stored energy and energy capacity of a plant, measured at the inverters."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 from bess.arrays import Array
+from bess.checkpoints import Checkpointed
 from bess.dispatch.aggregate import energy_tables
 from bess.system import State, System
 
 
-class Store:
+class Store(Checkpointed):
     """Energy of all strings between two states of charge.
 
     Parameters
@@ -18,9 +16,11 @@ class Store:
     system : System
         The plant.
     efficiency : float
-        Round trip, AC to AC; each way has its root. Where what goes in and out is counted (:meth:`count`), it
-        only begins there.
+        Round-trip efficiency, AC to AC; each direction has its square root. It is the initial value if
+        measured energy updates the estimate (:meth:`count`).
     """
+
+    _carried = ("_charged_kwh", "_discharged_kwh", "_stored_kwh", "_held_kwh")
 
     def __init__(self, system: System, efficiency: float):
         self._soc_min = np.array([string.battery.soc_min for string in system.strings])
@@ -38,8 +38,8 @@ class Store:
     def one_way(self) -> float:
         r"""Efficiency of each direction.
 
-        With :math:`C` charged, :math:`D` discharged (AC) and :math:`H` stored more than before, the
-        :math:`\eta` for which :math:`\eta C - D / \eta = H`.
+        With energies :math:`C` charged and :math:`D` discharged (AC) and an increase :math:`H` of the stored
+        energy, the :math:`\eta` for which :math:`\eta C - D / \eta = H`.
         """
         charged, stored = self._charged_kwh, self._stored_kwh
         return (stored + float(np.sqrt(stored**2 + 4.0 * charged * self._discharged_kwh))) / (2.0 * charged)
@@ -79,20 +79,6 @@ class Store:
         levels = np.linspace(0.0, 1.0, 201)
         held = [(self._at(np.full_like(self._soc_min, soc)) * state.soh_capacity).sum() for soc in levels]
         return float(np.interp(held_kwh, held, levels))
-
-    def memory(self) -> dict[str, Any]:
-        """Return the energy counters."""
-        return {
-            "charged_kwh": self._charged_kwh,
-            "discharged_kwh": self._discharged_kwh,
-            "stored_kwh": self._stored_kwh,
-            "held_kwh": self._held_kwh,
-        }
-
-    def recall(self, memory: Mapping[str, Any]) -> None:
-        """Continue with what :meth:`memory` returned."""
-        self._charged_kwh, self._discharged_kwh = memory["charged_kwh"], memory["discharged_kwh"]
-        self._stored_kwh, self._held_kwh = memory["stored_kwh"], memory["held_kwh"]
 
     def _at(self, soc: Array) -> Array:
         return np.array(

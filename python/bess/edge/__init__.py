@@ -1,1 +1,1 @@
-"""What runs at a plant: the service, links to devices, and distilled controllers."""
+"""Software at a plant: the service, links to devices, and distilled controllers."""

@@ -33,7 +33,7 @@ def read_capacity_prices(
     Parameters
     ----------
     path : path
-        The file; in a plain table a price holds until the next, and is that of the time in between.
+        The file; in a plain table a price holds until the next price, for the whole interval.
     country : str
         As in the columns of tender results; in a plain table of several columns, the name of a column.
     time_zone : str, optional
@@ -48,7 +48,7 @@ def read_capacity_prices(
     Raises
     ------
     InputError
-        The file cannot be read as such; one sentence names file, line and remedy.
+        The file does not contain capacity prices; one sentence gives file, line and remedy.
     """
     with reading(path) as (raw, repairs):
         table = read_table(raw, repairs)

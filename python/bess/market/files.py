@@ -12,7 +12,7 @@ from typing import Final, NoReturn
 import pandas as pd
 
 from bess.errors import InputError
-from bess.files import LARGEST_BYTES, limited, missing, read_file
+from bess.files import LARGEST_BYTES, limited, read_file
 from bess.market.repairs import Repairs
 
 _UTF16_MARKS: Final = (b"\xff\xfe", b"\xfe\xff")
@@ -55,7 +55,7 @@ def reading(path: str | PathLike[str]) -> Iterator[tuple[bytes, Repairs]]:
         The path is none, the file cannot be read, or what is done with it fails.
     """
     name = _path_text(path)
-    raw, repairs = _content(name), Repairs()
+    raw, repairs = read_file(name), Repairs()
     try:
         yield _unpacked(raw), repairs
     except InputError as error:
@@ -78,18 +78,6 @@ def _path_text(path: str | PathLike[str]) -> str:
     if not name:
         raise InputError("a file is named by an empty text; give its path")
     return os.fsdecode(name) if isinstance(name, bytes) else name
-
-
-def _content(name: str) -> bytes:
-    try:
-        return read_file(name)
-    except FileNotFoundError:
-        raise InputError(f"{name}: there is no such file; {missing(name)}") from None
-    except InputError:
-        raise
-    except (OSError, ValueError) as error:  # a path with a NUL in it is a ValueError
-        cause = getattr(error, "strerror", None) or error
-        raise InputError(f"{name}: cannot be read ({cause}); check the path and its permissions") from None
 
 
 def _unpacked(raw: bytes) -> bytes:

@@ -13,7 +13,7 @@ from bess.market.repairs import Repairs
 
 _NOMINAL_MHZ: Final = (50_000.0, 60_000.0)
 _FARTHEST_MHZ: Final = 2_500.0
-"""Deviation beyond which a value is no frequency of a grid in service."""
+"""Maximum deviation of a grid in service."""
 _MHZ_PER_HZ: Final = 1000.0
 _IN_HZ: Final = 1.0
 """A deviation that hardly ever exceeds this is in Hz: meters resolve 1 mHz, and 1 Hz is a blackout."""
@@ -28,9 +28,8 @@ def read_frequency(
 ) -> pd.Series:
     """Read the grid frequency of a file as deviation from nominal, a series in UTC without gaps.
 
-    Values may be Hz or mHz, absolute or the deviation, of a grid of 50 or 60 Hz: their size tells. Dates in
-    which day and month of the first twelve days of a month are swapped are put right where that, and only
-    that, brings the rows into order.
+    Values may be Hz or mHz, absolute or a deviation, in a 50 or 60 Hz grid; their magnitude decides. Swapped
+    day and month in the first twelve days of a month are corrected if only that puts the rows in order.
 
     Parameters
     ----------
@@ -51,7 +50,7 @@ def read_frequency(
     Raises
     ------
     InputError
-        The file cannot be read as such; one sentence names file, line and remedy.
+        The file does not contain frequencies; one sentence gives file, line and remedy.
     """
     with reading(path) as (raw, repairs):
         columns = _in_order(read_columns(raw, repairs), repairs)

@@ -48,8 +48,8 @@ def read_prices(
         The file.
     zone : str
         Bidding zone by code or name: ``"DE-LU"``, ``"DE/LU"``, ``"Germany/Luxembourg"``, ``"BZN|PT"``; in a
-        plain table of several columns also the name of a column. ``DE-LU`` is continued before October 2018
-        by the zone with Austria if the file holds it.
+        plain table of several columns also the name of a column. Before October 2018 ``DE-LU`` is the zone
+        with Austria, if the file contains it.
     product : str, optional
         Needed only for intraday files of Energy-Charts: ``"day_ahead"``, ``"id1"``, ``"id3"``, ``"auction"``,
         ``"ida1"``, ``"index"``, ``"average"``, ``"low"``, ``"high"``. By default day-ahead, else
@@ -68,7 +68,7 @@ def read_prices(
 
     Notes
     -----
-    The name of a column must not say another unit or currency than EUR/MWh; one that says none is taken so.
+    A column name with another unit or currency than EUR/MWh is an error; without a unit, EUR/MWh is assumed.
 
     Repairs, each reported once: a unit that was assumed, the hour that summer time skips and the one it
     repeats, stray rows after the last day, wrong UTC offsets, missing values at the ends (cut), gaps of up to
@@ -77,7 +77,7 @@ def read_prices(
     Raises
     ------
     InputError
-        The file cannot be read as prices; one sentence names file, line and remedy.
+        The file does not contain such prices; one sentence gives file, line and remedy.
     """
     with reading(path) as (raw, repairs):
         quotes = _quotes(raw, zone, product, time_zone, repairs)

@@ -44,7 +44,7 @@ def read_weather(
     path : path
         The file.
     column : str, optional
-        Name of the temperature column; needed if its name does not tell.
+        Name of the temperature column; needed if its title is ambiguous.
     time_zone : str, optional
         Clock of times without one, if the file does not name it. Weather services write UTC, which is assumed
         (and reported) by default.
@@ -55,13 +55,13 @@ def read_weather(
     -------
     pandas.Series
         Ambient temperature [degC], labelled at the start of the step, in UTC; ``attrs`` hold ``units``,
-        ``repairs`` and ``typical_year``: whether these are the hours of a year that never was, which
-        :func:`bess.market.over_years` lays onto others.
+        ``repairs`` and ``typical_year``: whether the file is a typical year, which
+        :func:`bess.market.over_years` maps to calendar years.
 
     Raises
     ------
     InputError
-        The file cannot be read as such; one sentence names file, line and remedy.
+        The file does not contain temperatures; one sentence gives file, line and remedy.
     """
     with reading(path) as (raw, repairs):
         columns, is_typical = on_one_year(read_columns(raw, repairs), repairs)

@@ -1,23 +1,252 @@
-"""One plant, the simulated system of the closed loop."""
+"""One plant, the simulated system of the closed loop, and independent scenarios of it."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bess.control.explicit import ExplicitController
+from bess import _core
 from bess.display import as_table, few, one_line
-from bess.plant.ensemble import PlantEnsemble
-from bess.plant.flows import Flows
-from bess.plant.inputs import ambient, numbers, refusals
-from bess.plant.snapshot import PlantSnapshot
+from bess.errors import InputError
+from bess.plant.flows import Flows, PlantSnapshot
+from bess.plant.inputs import ambient, any_shape, numbers, one_number, refusals
 from bess.system import State, System
 
+_HEALTH = (4, 5, 3)
+"""Columns of ``PlantSnapshot.ageing``: factors of capacity and resistance, and loss by cycle ageing."""
 
-class Plant:
+_SNAPSHOT_UNITS = {
+    "soc": "1",
+    "node_temperature_c": "degC",
+    "derating_integral_k": "K",
+    "ageing": "1",
+    "cooling_stages": "1",
+    "coolant": "1",
+}
+"""Numbers of a snapshot with their units; the last two only of plants with cooling."""
+
+_WITHOUT_STRINGS = ("auxiliary_kw", "coolant_c")
+"""Flows without a string axis."""
+
+
+class Controller(Protocol):
+    """A controller that the core runs over many steps."""
+
+    def run(
+        self,
+        plant: _core.Plant,
+        ahead_kw: NDArray[np.float64],
+        limit_kw: NDArray[np.float64],
+        ambient_c: NDArray[np.float64],
+        step_s: float,
+    ) -> dict[str, NDArray[Any]]:
+        """Advance the plant; return its record and ``request_kw``, as flat arrays."""
+
+
+class _Simulation:
+    """What one plant and an ensemble share; an ensemble has the scenario as first axis of all arrays."""
+
+    def __init__(
+        self,
+        system: System,
+        states: Sequence[State],
+        lead: tuple[int, ...],
+        plant_step_s: float | None,
+        derating_law: str,
+        ambient_c: float | None,
+    ) -> None:
+        if not isinstance(system, System):
+            raise InputError(f"plant: system must be a bess.System, not {type(system).__name__}")
+        for state in states:
+            system.check_state(state)
+        if not isinstance(derating_law, str):
+            raise InputError(f"plant: derating_law must be a name, not {type(derating_law).__name__}")
+        self.system = system
+        self._lead, self._shape, self._scenarios = lead, (*lead, system.n_strings), len(states)
+        self._ambient_c = (
+            system.ambient_c if ambient_c is None else one_number("ambient_c", ambient_c, "degC")
+        )
+        self._nodes = np.array([string.thermal.spatial.nodes for string in system.strings])
+        nodes = int(self._nodes.max())
+        # Strings with fewer nodes than others are padded with NaN.
+        self._real = np.arange(nodes) < self._nodes[:, None]
+        temperature_c = np.array([state.temperature_c for state in states])
+        start = {
+            "soc": np.array([state.soc for state in states]).ravel(),
+            "node_temperature_c": np.repeat(temperature_c.ravel(), nodes),
+            "derating_integral_k": np.zeros(temperature_c.size),
+            "inverter_on": np.zeros(temperature_c.size, dtype=np.bool_),
+            "soh_capacity": np.array([state.soh_capacity for state in states]).ravel(),
+            "soh_resistance": np.array([state.soh_resistance for state in states]).ravel(),
+        }
+        self._derating_law = derating_law
+        step_s = system.control.plant_step_s
+        if plant_step_s is not None:
+            step_s = one_number("plant_step_s", plant_step_s, "s")
+        with refusals():
+            self.core = _core.Plant(system.core, len(states), step_s, derating_law, start)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Parameters and state; the core is rebuilt."""
+        settings = self.plant_step_s, self._derating_law, self._ambient_c
+        return {
+            "parameters": (self.system, self._states(), self._lead, *settings),
+            "snapshot": self.snapshot(),
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        _Simulation.__init__(self, *state["parameters"])
+        self.restore(state["snapshot"])
+
+    @property
+    def plant_step_s(self) -> float:
+        """Plant step [s]."""
+        return self.core.plant_step_s
+
+    def step(
+        self,
+        request_kw: ArrayLike,
+        step_s: float = 900.0,
+        *,
+        ambient_c: ArrayLike | None = None,
+        reactive_kvar: ArrayLike | None = None,
+    ) -> Flows:
+        """Advance by one control step: :meth:`run` without the axis of steps, node temperatures included."""
+        request = numbers("request_kw", request_kw, self._shape, "kW")
+        reactive = self._reactive(reactive_kvar, request.shape)
+        air_c = ambient(ambient_c, self._ambient_c, self._scenarios, 1)
+        return self._advance(request, reactive, air_c, step_s, nodes=True)
+
+    def run(
+        self,
+        request_kw: ArrayLike,
+        step_s: float = 900.0,
+        *,
+        ambient_c: ArrayLike | None = None,
+        nodes: bool = False,
+        reactive_kvar: ArrayLike | None = None,
+    ) -> Flows:
+        """Advance through a horizon in one call, with the same results as repeated :meth:`step` calls.
+
+        Parameters
+        ----------
+        request_kw
+            Set-points [kW], positive = discharge: shape ``(n_steps, n_strings)`` for a plant, and
+            ``(n_scenarios, n_steps, n_strings)`` for an ensemble.
+        step_s
+            Length of a control step [s], a multiple of the plant step, a day at most.
+        ambient_c
+            Air inlet temperature [degC]: one value, one per step, or for an ensemble ``(n_scenarios,
+            n_steps)``; the plant's own if None.
+        nodes
+            Keep the node temperatures of every step.
+        reactive_kvar
+            Reactive power [kvar] in the shape of ``request_kw``, positive = supplied.
+
+        Returns
+        -------
+        Flows
+            Arrays in the shape of ``request_kw``.
+
+        Raises
+        ------
+        InputError
+            Wrong shape, NaN, a request or reactive power above nominal power, a step that is not a multiple
+            of the plant step, or more than 1e10 plant steps x strings. The state is then unchanged.
+        """
+        request = numbers("request_kw", request_kw, (*self._lead, "n_steps", self._shape[-1]), "kW")
+        reactive = self._reactive(reactive_kvar, request.shape)
+        air_c = ambient(ambient_c, self._ambient_c, self._scenarios, request.shape[-2])
+        if not self._lead:
+            return self._advance(request, reactive, air_c, step_s, nodes=nodes)
+        # The core has the step first, then the scenario.
+        reactive = None if reactive is None else reactive.swapaxes(0, 1)
+        flows = self._advance(request.swapaxes(0, 1), reactive, air_c, step_s, nodes=nodes)
+        return flows.map(lambda values: values.swapaxes(0, 1))
+
+    def snapshot(self) -> PlantSnapshot:
+        """Return the complete state, for :meth:`restore`."""
+        flat = self.core.state()
+        by_string = {
+            name: values.reshape(*self._shape, -1) for name, values in flat.items() if name != "coolant"
+        }
+        one_each = ("soc", "derating_integral_k", "inverter_on", "cooling_stages")
+        arrays = {name: each[..., 0] if name in one_each else each for name, each in by_string.items()}
+        if "coolant" in flat:
+            arrays["coolant"] = flat["coolant"].reshape(*self._lead, -1)
+        return PlantSnapshot(**arrays)
+
+    def restore(self, snapshot: PlantSnapshot) -> None:
+        """Restore a snapshot; the simulation continues from it to the last bit.
+
+        Raises
+        ------
+        InputError
+            Not a snapshot, or not a snapshot of such a plant.
+        """
+        if not isinstance(snapshot, PlantSnapshot):
+            raise InputError(f"plant: snapshot must be a PlantSnapshot, not {type(snapshot).__name__}")
+        given = {name: getattr(snapshot, name) for name in _SNAPSHOT_UNITS}
+        optional = ("cooling_stages", "coolant")
+        flat: dict[str, Any] = {
+            name: any_shape(f"snapshot: {name}", values, _SNAPSHOT_UNITS[name]).ravel()
+            for name, values in given.items()
+            if values is not None or name not in optional
+        }
+        flat["inverter_on"] = np.asarray(snapshot.inverter_on, dtype=np.bool_).ravel()
+        with refusals():
+            self.core.set_state(flat)
+
+    def _states(self) -> list[State]:
+        """Measured state of each scenario."""
+        flat, shape = self.core.state(), (self._scenarios, self._shape[-1])
+        node_c = flat["node_temperature_c"].reshape(*shape, -1)
+        mean_c = node_c.sum(axis=2, where=self._real) / self._nodes
+        rows = flat["ageing"].reshape(*shape, -1)
+        health = (rows[..., place] for place in _HEALTH)
+        return [State(*each) for each in zip(flat["soc"].reshape(shape), mean_c, *health, strict=True)]
+
+    def _reactive(
+        self, reactive_kvar: ArrayLike | None, shape: tuple[int, ...]
+    ) -> NDArray[np.float64] | None:
+        return None if reactive_kvar is None else numbers("reactive_kvar", reactive_kvar, shape, "kvar")
+
+    def _advance(
+        self,
+        request_kw: NDArray[np.float64],
+        reactive_kvar: NDArray[np.float64] | None,
+        air_c: NDArray[np.float64],
+        step_s: float,
+        *,
+        nodes: bool,
+    ) -> Flows:
+        """Call the core with requests, reactive power and air in its order: step, scenario, string."""
+        step_s = one_number("control step", step_s, "s")
+        reactive = None if reactive_kvar is None else reactive_kvar.ravel()
+        with refusals():
+            array = self.core.run(request_kw.ravel(), air_c.ravel(), step_s, nodes, reactive)
+        return self._flows(array, request_kw.shape, nodes=nodes)
+
+    def _flows(self, array: dict[str, NDArray[Any]], shape: tuple[int, ...], *, nodes: bool = False) -> Flows:
+        """Convert the flat arrays of the core to flows of ``shape``."""
+        node_c = array.pop("node_temperature_c")
+        shared = {name: array.pop(name).reshape(shape[:-1]) for name in _WITHOUT_STRINGS if name in array}
+        if len(shape) > 1:
+            array = {name: values.reshape(shape) for name, values in array.items()}
+        array["inverter_starts"] = array["inverter_starts"].astype(np.int64)
+        array["ledger_residual_kwh"] = array["ledger_residual_kwh"].sum(axis=-1)
+        return Flows(
+            **array,
+            **shared,
+            node_temperature_c=node_c.reshape(*shape, self.core.max_nodes) if nodes else None,
+        )
+
+
+class Plant(_Simulation):
     r"""Electro-thermal plant of a battery of parallel strings, each behind its own inverter.
 
     Rint cells, derating and the one-dimensional thermal model (forward in time, central in space) follow
@@ -86,9 +315,7 @@ class Plant:
         derating_law: Literal["table", "pi"] = "table",
         ambient_c: float | None = None,
     ) -> None:
-        self._fleet = PlantEnsemble(
-            system, [state], plant_step_s=plant_step_s, derating_law=derating_law, ambient_c=ambient_c
-        )
+        super().__init__(system, [state], (), plant_step_s, derating_law, ambient_c)
 
     def _facts(self) -> dict[str, str]:
         state = self.state
@@ -104,111 +331,25 @@ class Plant:
     _repr_html_ = as_table
 
     @property
-    def system(self) -> System:
-        """The plant's parameters."""
-        return self._fleet.system
-
-    @property
-    def plant_step_s(self) -> float:
-        """Plant step [s]."""
-        return self._fleet.plant_step_s
-
-    @property
     def state(self) -> State:
         """Measured state: SOC, mean temperature and state of health of each string."""
-        return self._fleet.states[0]
-
-    def step(
-        self,
-        request_kw: ArrayLike,
-        step_s: float = 900.0,
-        *,
-        ambient_c: float | None = None,
-        reactive_kvar: ArrayLike | None = None,
-    ) -> Flows:
-        """Advance by one control step.
-
-        Parameters
-        ----------
-        request_kw
-            Set-points [kW], shape ``(n_strings,)``, positive = discharge.
-        step_s
-            Length of the control step [s], a multiple of the plant step, a day at most.
-        ambient_c
-            Air inlet temperature [degC]; the plant's own if None.
-        reactive_kvar
-            Reactive power of each string [kvar], shape ``(n_strings,)``, positive = supplied.
-
-        Returns
-        -------
-        Flows
-            Arrays of shape ``(n_strings,)``, node temperatures included.
-
-        Raises
-        ------
-        InputError
-            As for :meth:`run`.
-        """
-        request = numbers("request_kw", request_kw, (self.system.n_strings,), "kW")
-        air_c = ambient(ambient_c, self._fleet.ambient_c, 1, 1)
-        asked = _beside(request, reactive_kvar)
-        return self._fleet.advance(request, air_c, step_s, request.shape, nodes=True, reactive_kvar=asked)
-
-    def run(
-        self,
-        request_kw: ArrayLike,
-        step_s: float = 900.0,
-        *,
-        ambient_c: ArrayLike | None = None,
-        nodes: bool = False,
-        reactive_kvar: ArrayLike | None = None,
-    ) -> Flows:
-        """Advance through a horizon in one call, with the same results as repeated :meth:`step` calls.
-
-        Parameters
-        ----------
-        request_kw
-            Set-points [kW], shape ``(n_steps, n_strings)``, positive = discharge.
-        step_s
-            Length of a control step [s], a multiple of the plant step, a day at most.
-        ambient_c
-            Air inlet temperature [degC], one value or one per step; the plant's own if None.
-        nodes
-            Keep the node temperatures of every step.
-        reactive_kvar
-            Reactive power [kvar], shape ``(n_steps, n_strings)``, positive = supplied.
-
-        Returns
-        -------
-        Flows
-            Arrays of shape ``(n_steps, n_strings)``.
-
-        Raises
-        ------
-        InputError
-            Wrong shape, NaN, a request or reactive power above nominal power, a step that is not a multiple
-            of the plant step, or more than 1e10 plant steps x strings. The state is then unchanged.
-        """
-        request = numbers("request_kw", request_kw, ("n_steps", self.system.n_strings), "kW")
-        air_c = ambient(ambient_c, self._fleet.ambient_c, 1, request.shape[0])
-        asked = _beside(request, reactive_kvar)
-        return self._fleet.advance(request, air_c, step_s, request.shape, nodes=nodes, reactive_kvar=asked)
+        return self._states()[0]
 
     def follow(
         self,
-        controller: ExplicitController,
+        controller: Controller,
         ahead_kw: NDArray[np.float64],
         limit_kw: NDArray[np.float64],
         ambient_c: NDArray[np.float64],
         step_s: float,
     ) -> tuple[NDArray[np.float64], Flows]:
-        """Advance in closed loop with an explicit controller, in one call of the core.
+        """Advance in closed loop with a controller of the core, in one call.
 
         Parameters
         ----------
         controller
-            Controller distilled for this plant.
-        ahead_kw : ndarray, shape (n_steps, controller.tables.steps)
+            Controller distilled for this plant, or a rule.
+        ahead_kw : ndarray, shape (n_steps, horizon_steps)
             Demand [kW] of each step, at most the sum of ``limit_kw``, and forecast of the next steps.
         limit_kw : ndarray, shape (n_steps, n_strings)
             Maximum power of each inverter [kW].
@@ -229,21 +370,12 @@ class Plant:
         InputError
             The shapes do not fit each other, or as for :meth:`run`.
         """
-        law, shape = controller.core, limit_kw.shape
+        shape = limit_kw.shape
+        inputs = np.ascontiguousarray(ahead_kw), np.ascontiguousarray(limit_kw), ambient_c, step_s
         with refusals():
-            outlook = law.look(np.ascontiguousarray(ahead_kw))[:, None, :]
-            demand_kw = np.ascontiguousarray(ahead_kw[:, :1])
-            array = law.run(
-                self._fleet.core,
-                np.array([controller.weights]),
-                demand_kw,
-                outlook,
-                np.ascontiguousarray(limit_kw),
-                ambient_c[:, None],
-                step_s,
-            )
+            array = controller.run(self.core, *inputs)
         request_kw = array.pop("request_kw").reshape(shape)
-        return request_kw, self._fleet.flows(array, shape)
+        return request_kw, self._flows(array, shape)
 
     def renew(self, strings: NDArray[np.bool_]) -> None:
         """Replace the batteries of some strings by new ones, at their SOC and temperature.
@@ -260,26 +392,47 @@ class Plant:
             rows[chosen, : each.shape[1]] = each[chosen]
         self.restore(replace(old, ageing=rows))
 
-    def snapshot(self) -> PlantSnapshot:
-        """Return the complete state of the plant, for :meth:`restore`."""
-        whole = self._fleet.snapshot()
-        return PlantSnapshot(
-            soc=whole.soc[0],
-            node_temperature_c=whole.node_temperature_c[0],
-            derating_integral_k=whole.derating_integral_k[0],
-            inverter_on=whole.inverter_on[0],
-            ageing=whole.ageing[0],
-            cooling_stages=None if whole.cooling_stages is None else whole.cooling_stages[0],
-            coolant=None if whole.coolant is None else whole.coolant[0],
-        )
 
-    def restore(self, snapshot: PlantSnapshot) -> None:
-        """Restore a snapshot; the plant continues from it to the last bit."""
-        self._fleet.restore(snapshot)
+class PlantEnsemble(_Simulation):
+    """Independent scenarios of one plant, simulated in parallel in one call.
 
+    The scenarios differ in state, requests and ambient temperature and do not interact. Model, parameters and
+    methods are those of :class:`~bess.Plant`; all arrays have the scenario as first axis.
 
-def _beside(request_kw: NDArray[np.float64], reactive_kvar: ArrayLike | None) -> NDArray[np.float64] | None:
-    """Reactive power in the shape of the requests, if given."""
-    if reactive_kvar is None:
-        return None
-    return numbers("reactive_kvar", reactive_kvar, request_kw.shape, "kvar")
+    Parameters
+    ----------
+    system
+        The plant.
+    states
+        One state for each scenario.
+    plant_step_s, derating_law, ambient_c
+        As for :class:`~bess.Plant`.
+
+    Attributes
+    ----------
+    core : bess._core.Plant
+        The plant in the core; advancing it advances the ensemble.
+
+    Raises
+    ------
+    InputError
+        A state does not fit the system, or the plant step is unstable (the message gives the maximum).
+    """
+
+    def __init__(
+        self,
+        system: System,
+        states: Sequence[State],
+        *,
+        plant_step_s: float | None = None,
+        derating_law: Literal["table", "pi"] = "table",
+        ambient_c: float | None = None,
+    ) -> None:
+        if not isinstance(states, Sequence) or not states:
+            raise InputError("plant: needs a list of at least one state")
+        super().__init__(system, states, (len(states),), plant_step_s, derating_law, ambient_c)
+
+    @property
+    def states(self) -> list[State]:
+        """Measured state of each scenario."""
+        return self._states()

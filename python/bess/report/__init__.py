@@ -1,6 +1,6 @@
 """Figures and the self-contained HTML page of a run, a set of scenarios, or a sweep.
 
-The libraries that draw are an extra; they are imported by what draws, so that this package is there without.
+The drawing libraries are an extra. Only modules that draw import them, so this package needs no extra.
 """
 
 from contextlib import AbstractContextManager
@@ -16,7 +16,7 @@ __all__ = ["save_figure", "write_report"]
 
 
 def drawing_extra() -> AbstractContextManager[None]:
-    """Return the context in which modules that draw are imported: it names the extra that is missing."""
+    """Return the context for importing modules that draw; its error names the missing extra."""
     return extra("report", "a report or figure")
 
 
@@ -26,22 +26,23 @@ def write_report(
     """Write ``report.html`` and ``figures/`` for a run, a set of scenarios, or a sweep.
 
     The page needs no network and no other file. A set of a few scenarios gets a page that compares them, and
-    one for each scenario in its own folder; of many, such as a sweep, only the comparison is written.
-    Unfinished runs are shown as far as they got, and said to be.
+    one for each scenario in its own folder; a sweep of many gets the comparison only. Unfinished runs are
+    shown up to their last saved step, and marked.
 
     Parameters
     ----------
     directory
         ``out`` of ``bess run`` or ``bess sweep``.
     hindsight
-        Also compute the hindsight benchmark and bound of every run (:func:`bess.hindsight`): seconds a week.
+        Also compute the hindsight benchmark and bound of every run (:func:`bess.hindsight`): seconds for a
+        week.
     rules
-        Run the rules beside every run that has a page, on the same demand, and say what was gained over the
-        best of them. They take a second for a week and are kept in ``kpis.json``, as ``gain_kwh`` and
-        ``gain_rule``. If omitted: for runs of up to five weeks.
+        Simulate the rules on the demand of every run that has a page, and report the gain over the best rule.
+        This takes a second for a week; the gain is saved in ``kpis.json``, as ``gain_kwh`` and ``gain_rule``.
+        Default: for runs of up to five weeks.
 
     print_files
-        Save every figure as PNG and PDF as well, not as SVG alone; three times the work.
+        Save every figure as PNG and PDF in addition to SVG; this takes three times as long.
 
     Returns
     -------
@@ -51,7 +52,7 @@ def write_report(
     Raises
     ------
     InputError
-        If there is no run to show.
+        There is no run to show.
     """
     with drawing_extra():
         from bess.report.page import Options, write_pages

@@ -11,10 +11,9 @@ from matplotlib.figure import Figure
 
 from bess.control.policies.planned import PLANNED
 from bess.report import charts, figures
-from bess.report.charts.calendar import SHORTEST_MAP_DAYS, days_of, months_of
-from bess.report.data import TimeAxis
-from bess.report.drawing.chart import Chart
-from bess.report.drawing.draw import draw
+from bess.report.charts.maps import SHORTEST_MAP_DAYS, days_of, months_of
+from bess.report.data import Results, TimeAxis
+from bess.report.drawing.chart import Chart, draw
 from bess.report.runs import Run
 from bess.simulation.analysis.services import is_reserve, is_site
 
@@ -51,28 +50,18 @@ def comparison(runs: Mapping[str, Run]) -> Iterator[FigureSpec]:
     together = _share_their_time(runs)
     if together:
         yield _mean_temperature(runs)
-    yield FigureSpec(
-        "durations",
-        "Duration curves",
-        "Share of time with at least this plant power, or this temperature of the hottest string.",
-        partial(charts.duration_curves, results),
-    )
+    yield _durations(results)
     if together and any(_spread_apart(run) for run in runs.values()):
-        yield FigureSpec(
-            "spread",
-            "Differences between strings",
-            "Largest minus smallest value over the strings.",
-            partial(charts.string_spread, results),
-        )
+        yield _spread(results)
 
 
 def first_screen(run: Run) -> Iterator[FigureSpec]:
-    """The figure beside the summary of a run; nothing for records of versions before it."""
+    """The figure beside the summary of a run; none for records of earlier versions."""
     if "chemical_kw" in run.dataset:
         yield FigureSpec(
             "flow",
             "Energy, grid to grid",
-            "Each direction with what it did not deliver and what it lost; the axis begins at zero.",
+            "Undelivered energy and losses of each direction; the axis begins at zero.",
             partial(figures.energy_flow, run.dataset),
         )
 
@@ -95,12 +84,7 @@ def overview(run: Run) -> Iterator[FigureSpec]:
             "Every step of the run: days from left to right, hours of the day (UTC) from bottom to top.",
             partial(figures.heat_maps, run.dataset),
         )
-    yield FigureSpec(
-        "durations",
-        "Duration curves",
-        "Share of time with at least this plant power, or this temperature of the hottest string.",
-        partial(charts.duration_curves, run.dataset),
-    )
+    yield _durations(run.dataset)
 
 
 def over_time(run: Run) -> Iterator[FigureSpec]:
@@ -111,17 +95,17 @@ def over_time(run: Run) -> Iterator[FigureSpec]:
         yield FigureSpec(
             "service",
             "Service",
-            "Frequency, what the plant gave, and the state of charge within the required window."
+            "Frequency, delivered power, and the state of charge within the required window."
             if is_reserve(data)
-            else "What load and generation do, what the grid connection draws, and what the plant gives.",
+            else "Load and generation, grid import, and delivered power of the plant.",
             partial(charts.service, data),
         )
     elif "price_eur_mwh" in data:
         yield FigureSpec(
             "market",
             "Market",
-            "Price (mean and range of each day), energy of each day, what it fell short of the plan if there "
-            "was one that expected losses, mean state of charge."
+            "Price (mean and range of each day), energy of each day, dispatch deviation of plans that expect "
+            "losses, mean state of charge."
             if daily
             else "Price, dispatch and mean state of charge.",
             partial(charts.market_dispatch, data),
@@ -138,15 +122,15 @@ def over_time(run: Run) -> Iterator[FigureSpec]:
         yield FigureSpec(
             "power",
             "Power of the strings",
-            "Requested: what was delivered, and what was lost to derating and to availability (discharge "
-            "upwards, charge downwards). Loss: in inverters and batteries.",
+            "Requested: delivered power, derating loss and availability loss (discharge upwards, charge "
+            "downwards). Loss: in inverters and batteries.",
             partial(charts.power_split, data),
         )
     if "reactive_kvar" in data:
         yield FigureSpec(
             "reactive",
             "Reactive power",
-            "Reactive power asked of the plant and carried, that of every string, and the apparent power of "
+            "Reactive power of the plant (demand and delivered) and of every string, and apparent power of "
             "its inverter.",
             partial(charts.reactive_power, data),
         )
@@ -158,12 +142,7 @@ def over_time(run: Run) -> Iterator[FigureSpec]:
             partial(figures.inverter_pattern, data),
         )
     if _spread_apart(run) and not daily:
-        yield FigureSpec(
-            "spread",
-            "Differences between strings",
-            "Largest minus smallest value over the strings.",
-            partial(charts.string_spread, data),
-        )
+        yield _spread(data)
     if "end_of_life" in data:
         yield FigureSpec(
             "health",
@@ -194,6 +173,24 @@ def optimiser(run: Run) -> Iterator[FigureSpec]:
         )
 
 
+def _durations(results: Results) -> FigureSpec:
+    return FigureSpec(
+        "durations",
+        "Duration curves",
+        "Share of time with at least this plant power, or this temperature of the hottest string.",
+        partial(charts.duration_curves, results),
+    )
+
+
+def _spread(results: Results) -> FigureSpec:
+    return FigureSpec(
+        "spread",
+        "Differences between strings",
+        "Largest minus smallest value over the strings.",
+        partial(charts.string_spread, results),
+    )
+
+
 def _mean_temperature(runs: Mapping[str, Run]) -> FigureSpec:
     first = next(iter(runs.values()))
     return FigureSpec(
@@ -209,7 +206,7 @@ def _mean_temperature(runs: Mapping[str, Run]) -> FigureSpec:
 
 
 def _share_their_time(runs: Mapping[str, Run]) -> bool:
-    """Whether all runs have the same steps, so that one axis serves for them."""
+    """Whether all runs have the same steps, so that they share one time axis."""
     first, *others = (run.dataset["time"].values for run in runs.values())
     return all(np.array_equal(first, other) for other in others)
 

@@ -1,24 +1,28 @@
 """Figures for papers and slides: each a function from a result (or results by name) to a matplotlib figure.
 
-Nothing is read from or written to disk here, and the caller's matplotlib settings are left alone. Save with
-:func:`bess.report.save_figure`.
+These functions neither read nor write files, and keep the caller's matplotlib settings. Save with
+:func:`bess.report.save_figure`. ``result.plot`` draws the same figures in a notebook.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import wraps
-from typing import ParamSpec
+from typing import TYPE_CHECKING, Any, ParamSpec
 
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from bess.report import charts
-from bess.report.charts.calendar import heat_maps, monthly_bars
-from bess.report.charts.kpi_figures import kpi_bars, kpi_radar
-from bess.report.charts.losses import energy_flow, losses_compared
-from bess.report.charts.maps import inverter_pattern, node_temperatures
-from bess.report.drawing.chart import Chart
-from bess.report.drawing.draw import draw
+from bess.report.charts import kpi_figures, maps
+from bess.report.drawing.chart import Chart, draw
+from bess.report.drawing.style import through_pyplot
+
+if TYPE_CHECKING:
+    from bess.simulation.record import Result
+
 
 P = ParamSpec("P")
 
@@ -48,26 +52,63 @@ service = _drawn(charts.service)
 kpi_lines = _drawn(charts.kpi_lines)
 pareto_front = _drawn(charts.pareto_front)
 
-__all__ = [
-    "derating_curves",
-    "duration_curves",
-    "energy_flow",
-    "heat_maps",
-    "inverter_pattern",
-    "kpi_bars",
-    "kpi_lines",
-    "kpi_radar",
-    "losses_compared",
-    "market_dispatch",
-    "mean_temperature",
-    "monthly_bars",
-    "node_temperatures",
-    "pareto_front",
-    "power_split",
-    "reactive_power",
-    "service",
-    "solver_effort",
-    "state_of_health",
-    "string_spread",
-    "strings",
-]
+energy_flow = kpi_figures.energy_flow
+kpi_bars = kpi_figures.kpi_bars
+kpi_radar = kpi_figures.kpi_radar
+losses_compared = kpi_figures.losses_compared
+heat_maps = maps.heat_maps
+inverter_pattern = maps.inverter_pattern
+monthly_bars = maps.monthly_bars
+node_temperatures = maps.node_temperatures
+
+
+Panels = NDArray[Any]
+"""Axes of a figure, from top to bottom and left to right."""
+
+
+def _panels(make: Callable[..., Figure]) -> Callable[[Plot], Panels]:
+    """Return a method that draws a figure of several axes."""
+
+    def method(self: Plot) -> Panels:
+        with through_pyplot():
+            return np.array(make(self.result).axes, dtype=object)
+
+    method.__name__, method.__doc__ = make.__name__, make.__doc__
+    return method
+
+
+def _axes(make: Callable[..., Figure]) -> Callable[[Plot], Axes]:
+    """Return a method that draws a figure of one pair of axes."""
+    panels = _panels(make)
+
+    def method(self: Plot) -> Axes:
+        axes: Axes = panels(self)[0]
+        return axes
+
+    method.__name__, method.__doc__ = make.__name__, make.__doc__
+    return method
+
+
+class Plot:
+    """Figures of one result. Calling it draws the state of the strings.
+
+    Each method returns matplotlib axes (an array of them where a figure has several), so that a title, a
+    limit or a line can be added, and the figure saved with ``axes.figure.savefig``.
+    """
+
+    def __init__(self, result: Result) -> None:
+        self.result = result
+
+    strings = __call__ = _panels(strings)
+    power = _panels(power_split)
+    losses = _axes(energy_flow)
+    temperature = _axes(mean_temperature)
+    spread = _panels(string_spread)
+    durations = _panels(duration_curves)
+    inverters = _axes(inverter_pattern)
+    market = _panels(market_dispatch)
+    service = _panels(service)
+    reactive = _panels(reactive_power)
+    heat_map = _panels(heat_maps)
+    months = _panels(monthly_bars)
+    solver = _panels(solver_effort)

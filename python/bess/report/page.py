@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -25,22 +27,18 @@ from bess.report.contents import (
 from bess.report.drawing.interactive import LegendEntry, bokeh_document, bokeh_script, legend
 from bess.report.drawing.style import save_figure, save_svg
 from bess.report.runs import Run, runs_in
-from bess.report.security import content_policy
-from bess.report.sweep_table import SweepTable, read_sweep
-from bess.report.words.headline import tiles
-from bess.report.words.limits import limit_sentences
+from bess.report.words.headline import limit_sentences, tiles
 from bess.report.words.paper import comparisons, is_case_2, reading
-from bess.report.words.summary import gain_sentence, subject, summary, warnings
-from bess.report.words.tables import decision_table, kpi_groups
-from bess.report.words.unlike import choices, unlike
-from bess.simulation.record.atomic import write_bytes
+from bess.report.words.summary import choices, gain_sentence, subject, summary, unlike, warnings
+from bess.report.words.tables import SweepTable, decision_table, kpi_groups, read_sweep
+from bess.simulation.record.files import write_bytes
 from bess.simulation.record.provenance import IDENTITY
 
 REPORT = "report.html"
 FIGURES = "figures"
 _REM_PER_INCH = 6.4
 _STEPS_WITH_RULES = 5 * 7 * 96
-"""Longest run beside which the rules are run unless they are asked for: five weeks of quarters of an hour."""
+"""Longest run for which the rules are simulated by default: five weeks of quarter-hours."""
 _PACKAGES = ("numpy", "clarabel", "xarray", "matplotlib", "bokeh")
 
 
@@ -89,19 +87,19 @@ def write_pages(directory: Path, options: Options) -> Path:
 
 
 def write_comparison(runs: dict[str, Run], directory: Path) -> Path:
-    """Write a page that sets runs of any folders side by side, and leads to those that have a page.
+    """Write a page that compares runs of any folders, with links to their pages.
 
     Parameters
     ----------
     runs
-        By the name to show.
+        Runs by displayed name.
     directory
         Folder for the page and its figures.
 
     Raises
     ------
     InputError
-        If the folder holds a run, or cannot be made.
+        The folder contains a run, or cannot be created.
     """
     if (directory / IDENTITY).exists():
         raise InputError(f"{directory}: holds a run itself; use another {option('out')} for the comparison")
@@ -152,9 +150,9 @@ def _run_page(
 
 
 def _hindsight(run: Run) -> str:
-    from bess.simulation.hindsight import hindsight  # loads the solver, which no other page needs
+    from bess.simulation.hindsight.best_known import benchmark  # loads the solver, only needed here
 
-    return str(hindsight(run.dataset))
+    return str(benchmark(run.replay))
 
 
 def _comparison_page(
@@ -227,7 +225,7 @@ def _show(exhibit: FigureSpec, folder: Path, print_files: bool) -> PageFigure:
 
 
 def _embedded(svg: str) -> str:
-    """A picture as the address of an image; a quarter shorter than in base 64."""
+    """Return a picture as a data URL; a quarter shorter than in base 64."""
     single = svg.replace("'", "&quot;").replace('"', "'")
     return "data:image/svg+xml," + quote(single, safe=" '/:;,.=+-()!*?@$&[]{}|~\n")
 
@@ -264,7 +262,7 @@ def write_page(directory: Path, values: dict[str, Any]) -> Path:
 
 
 def _link(directory: Path, run: Run) -> str:
-    """Where the page of a run is from here; nothing if it has none."""
+    """Relative path of the page of a run; empty if it has none."""
     page = run.directory / REPORT
     if not page.exists():
         return ""
@@ -286,3 +284,13 @@ def _studies(directory: Path, runs: dict[str, Run]) -> dict[str, str]:
     if path.exists():
         return {"The study of all scenarios": path.read_text(encoding="utf-8", errors="replace")}
     return {name: run.study_toml for name, run in list(runs.items())[:MOST_COMPARED]}
+
+
+def content_policy(scripts: Iterable[str]) -> str:
+    """Content policy: only these scripts (by hash), styles of the page itself, and embedded pictures."""
+    hashes = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts)
+    allowed = " ".join(f"'sha256-{text}'" for text in hashes)
+    return (
+        f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data: blob:; "
+        "base-uri 'none'; form-action 'none'"
+    )

@@ -15,21 +15,22 @@ from numpy.typing import NDArray
 
 from bess.errors import BessError, InputError
 from bess.files import parse_json
-from bess.simulation.record.checksums import check_file, write_checked
+from bess.simulation.record.files import check_file, write_checked
 from bess.simulation.record.provenance import read_identity
 from bess.simulation.record.result import RESULTS, open_result, scenario_directories
-from bess.simulation.record.steplog import LOG
+from bess.simulation.record.store import LOG
 
 if TYPE_CHECKING:
     import xarray as xr
 
+    from bess.simulation.hindsight.replay import Replay
     from bess.system import System
 
 
 GAIN_RULE = "gain_rule"
 _KPIS = "kpis.json"
 _ALWAYS = frozenset(("demand_kwh", "charged_kwh", "undelivered_kwh", "lost_kwh"))
-"""Figures that every record has; a run saved before they were introduced gets them from its record."""
+"""KPIs of every record; if a run was saved before their introduction, its record supplies them."""
 
 
 @dataclass(frozen=True)
@@ -39,9 +40,9 @@ class Run:
     Attributes
     ----------
     name : str
-        Of the scenario, or of the study.
+        Name of the scenario, or of the study.
     directory : Path
-        Where it is stored.
+        Folder of the run.
     identity : dict
         Version, study as resolved, system document, hashes of data files.
     """
@@ -106,11 +107,11 @@ class Run:
 
     @property
     def gain_rule(self) -> str:
-        """The best rule on the demand of this run; empty if none was run beside it."""
+        """The best rule on the demand of this run; empty if no rules were simulated."""
         return str(self._saved.get(GAIN_RULE, ""))
 
     def run_rules(self) -> None:
-        """Run the rules beside a finished run, unless that was done, and save the gain with its KPIs.
+        """Simulate the rules on the demand of a finished run, unless done already; save the gain in its KPIs.
 
         Raises
         ------
@@ -119,12 +120,19 @@ class Run:
         """
         if self.gain_rule or not self.finished:
             return
-        from bess.simulation.hindsight.rules import gain_over_rules
+        from bess.simulation.hindsight.replay import gain_over_rules
 
-        gain = gain_over_rules(self.dataset.load(), self.policy, self.system)
+        gain = gain_over_rules(self.replay, self.policy)
         self.kpis.update({key: value for key, value in gain.items() if isinstance(value, float)})
         self._saved.update(gain)
         write_checked(self.directory / _KPIS, json.dumps(self._saved, indent=1).encode())
+
+    @cached_property
+    def replay(self) -> Replay:
+        """Replay of the record under other policies; the rules are simulated once."""
+        from bess.simulation.hindsight.replay import Replay
+
+        return Replay.of(self.dataset.load(), self.system)
 
     @cached_property
     def system(self) -> System:
@@ -148,12 +156,12 @@ class Run:
 
 
 def runs_in(directory: Path) -> tuple[dict[str, Run], dict[str, str]]:
-    """Return the runs of a directory by name, and why others in it cannot be shown.
+    """Return the runs of a directory by name, and the reasons why others cannot be shown.
 
     Raises
     ------
     InputError
-        If there is none to show.
+        There is no run to show.
     """
     runs: dict[str, Run] = {}
     problems: dict[str, str] = {}
@@ -174,7 +182,7 @@ def runs_in(directory: Path) -> tuple[dict[str, Run], dict[str, str]]:
 
 
 def _order_in(directory: Path) -> Callable[[str], tuple[int, str]]:
-    """Order of the study file, as the summary of all runs has it; names it does not have come last."""
+    """Order of the study file, as in the summary of all runs; names not in it come last."""
     try:
         summary = list(parse_json((directory / _KPIS).read_text(encoding="utf-8")))
     except (OSError, ValueError, TypeError):

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bess.arrays import Array, real_numbers
 from bess.control.policies import NO_OPTIMISATION, Decision, Policy, PolicyInput, SolverReport
-from bess.control.policies.distilled import DistilledPolicy
 from bess.control.policies.reactive import shared_equally
 from bess.control.wear import WearPrices
 from bess.errors import BessError, InputError
 from bess.plant import Flows, Plant, PlantSnapshot
-from bess.simulation.demand import ProfileSource, StepInputs
+from bess.simulation.demand import KnownDemand, StepInputs
 from bess.simulation.inputs import Inputs
-from bess.simulation.record.schema import AGEING_FLOWS, COOLING_FLOWS, ENTROPY_FLOWS, FLOWS, REACTIVE_FLOWS
+from bess.simulation.record.dataset import AGEING_FLOWS, COOLING_FLOWS, ENTROPY_FLOWS, FLOWS, REACTIVE_FLOWS
 
 _TOLERANCE = 1e-9
 """Relative tolerance between the sum of set-points and the demand, for rounding only."""
@@ -32,6 +32,9 @@ class ClosedLoop:
         Inputs and policy of the run.
     step : int
         Index of the next step.
+    policy_s, plant_s : float
+        Wall-clock time spent in the policy and in the plant [s]; a controller of the core counts with
+        the plant.
     """
 
     def __init__(
@@ -56,6 +59,7 @@ class ClosedLoop:
         self._surroundings_c = inputs.system.surroundings_c(inputs.ambient_c)
         self._delivered_kw = 0.0
         self.step = 0
+        self.policy_s = self.plant_s = 0.0
 
     def advance(self) -> tuple[dict[str, Any], list[dict[str, Any]]]:
         """Run one control step.
@@ -92,14 +96,18 @@ class ClosedLoop:
             demand_depends_on_soc=inputs.demand.demand_depends_on_soc,
             reactive_kvar=asked_kvar,
         )
+        began = time.perf_counter()
         decision = self._decide(situation, total_kw)
         request_kw = self._set_points(situation, decision)
+        decided = time.perf_counter()
         flows = self._plant.step(
             request_kw,
             step_s=float(inputs.grid.step_s),
             ambient_c=ambient_c,
             reactive_kvar=self._reactive(situation, decision, request_kw),
         )
+        self.policy_s += decided - began
+        self.plant_s += time.perf_counter() - decided
         self._delivered_kw = float(flows.delivered_kw.sum())
         beside = {} if asked_kvar is None else {"reactive_demand_kvar": asked_kvar[0]}
         record = self._recorded(
@@ -110,12 +118,9 @@ class ClosedLoop:
             _solver_record(decision.solver),
             beside | inputs.demand.planned(step),
             flows,
-            np.where(in_service, state.soh_capacity - flows.soh_capacity, 0.0),
+            state.soh_capacity,
+            in_service,
         )
-        if self._ages:
-            limit = self._prices.end_of_life
-            reached = in_service & (state.soh_capacity > limit) & (flows.soh_capacity <= limit)
-            record["end_of_life"] = reached.astype(np.int32)
         if inputs.installations.any:
             record["investment_eur"] = investment_eur
         inputs.installations.count_ended(in_service, flows.soh_capacity)
@@ -126,14 +131,30 @@ class ClosedLoop:
 
     @property
     def in_blocks(self) -> bool:
-        """Whether many steps can run in one call: a distilled controller with a known demand."""
+        """Whether many steps can run in one call: a controller of the core with a known demand."""
         return (
-            isinstance(self.policy, DistilledPolicy)
-            and isinstance(self.inputs.demand, ProfileSource)
-            and not self._ages
+            getattr(self.policy, "controller", None) is not None
+            and isinstance(self.inputs.demand, KnownDemand)
+            and self.inputs.reactive is None
             and not self.inputs.installations.any
             and "node_temperature_c" not in self._flows
         )
+
+    def advance_part(
+        self, most: int, is_over: Callable[[int], bool] = lambda step: False
+    ) -> tuple[dict[str, NDArray[Any]], list[dict[str, Any]]]:
+        """Run up to ``most`` steps, at least one, until ``is_over(step)``; see :meth:`advance_block`."""
+        parts: list[dict[str, Any]] = []
+        log: list[dict[str, Any]] = []
+        last = min(self.step + most, self.inputs.grid.n_steps)
+        whole = False
+        while not whole:
+            part, lines = self.advance_block(last - self.step) if self.in_blocks else self.advance()
+            parts.append(part)
+            log += lines
+            whole = is_over(self.step) or self.step == last
+        join = np.concatenate if self.in_blocks else _stacked
+        return {name: join([part[name] for part in parts]) for name in parts[0]}, log
 
     def advance_block(self, most: int) -> tuple[dict[str, NDArray[Any]], list[dict[str, Any]]]:
         """Run up to ``most`` control steps in one call of the core; only where :attr:`in_blocks`.
@@ -150,27 +171,32 @@ class ClosedLoop:
         BessError
             The set-points do not sum to the demand.
         """
-        assert isinstance(self.policy, DistilledPolicy)
         inputs, first = self.inputs, self.step
-        n_steps = min(most, inputs.grid.n_steps - first)
+        demand = inputs.demand
+        assert isinstance(demand, KnownDemand)
+        state, limits_kw = self._plant.state, inputs.limit_kw[first : first + most]
+        changes = np.append((limits_kw != limits_kw[0]).any(axis=1), True)
+        now = StepInputs(state, limits_kw[0], self._surroundings_c[first:], self._delivered_kw)
+        ahead_kw = demand.block(first, int(np.argmax(changes)), inputs.horizon_steps, now)
+        n_steps = len(ahead_kw)
         steps = slice(first, first + n_steps)
-        now = StepInputs(self._plant.state, inputs.limit_kw[first], self._surroundings_c[first:])
-        ahead_kw = np.array(
-            [inputs.demand.ahead(step, inputs.horizon_steps, now) for step in range(first, first + n_steps)]
-        )
         total_kw = inputs.limit_kw[steps].sum(axis=1, keepdims=True)
         served_kw = self._served(ahead_kw, total_kw)
         limit_kw, ambient_c = inputs.limit_kw[steps], inputs.ambient_c[steps]
-        before = now.state.soh_capacity
+        began = time.perf_counter()
         try:
             request_kw, flows = self._plant.follow(
-                self.policy.controller, served_kw, limit_kw, ambient_c, float(inputs.grid.step_s)
+                cast(Any, self.policy).controller, served_kw, limit_kw, ambient_c, float(inputs.grid.step_s)
             )
         except InputError as error:
             raise InputError(f"{self._place}: {error}") from error
+        self.plant_s += time.perf_counter() - began
         missed_kw = np.abs(request_kw.sum(axis=1) - served_kw[:, 0])
         if (missed_kw > self._slack_kw(total_kw[:, 0])).any():
             raise BessError(f"{self._place}: set-points do not sum to the demand; please report this")
+        planned = [demand.planned(step) for step in range(first, first + n_steps)]
+        for step in range(1, n_steps):
+            demand.measured(first + step, flows.soc[step - 1], flows.soh_capacity[step - 1])
         solver = SolverReport()
         record = self._recorded(
             steps,
@@ -178,9 +204,10 @@ class ClosedLoop:
             served_kw[:, 0],
             request_kw,
             {name: np.full(n_steps, value) for name, value in _solver_record(solver).items()},
-            {},
+            {name: np.array([row[name] for row in planned]) for name in planned[0]},
             flows,
-            -np.diff(flows.soh_capacity, axis=0, prepend=before[None]),
+            np.concatenate([state.soh_capacity[None], flows.soh_capacity[:-1]]),
+            np.ones_like(limit_kw, dtype=np.bool_),
         )
         starts_s = inputs.grid.start_s + np.arange(first, first + n_steps) * inputs.grid.step_s
         times = np.datetime_as_string(starts_s.astype("datetime64[s]"))
@@ -202,7 +229,8 @@ class ClosedLoop:
         solver: Mapping[str, Any],
         beside: Mapping[str, Any],
         flows: Flows,
-        capacity_lost: Array,
+        soh_capacity: Array,
+        in_service: NDArray[np.bool_],
     ) -> dict[str, Any]:
         """Record variables of a step, or of several steps along the first axis."""
         inputs = self.inputs
@@ -219,7 +247,13 @@ class ClosedLoop:
         record |= {name: values[at] for name, values in inputs.series.items()}
         record |= {name: getattr(flows, name) for name in self._flows}
         discharged_kwh = np.maximum(flows.delivered_kw, 0.0) * inputs.grid.dt_h
-        return record | {"wear_eur": self._prices.cost_eur(capacity_lost, discharged_kwh)}
+        lost = np.where(in_service, soh_capacity - flows.soh_capacity, 0.0)
+        record["wear_eur"] = self._prices.cost_eur(lost, discharged_kwh)
+        if self._ages:
+            limit = self._prices.end_of_life
+            reached = in_service & (soh_capacity > limit) & (flows.soh_capacity <= limit)
+            record["end_of_life"] = reached.astype(np.int32)
+        return record
 
     def _logged(self, step: int, start: str, solver: SolverReport, unmet_kw: float) -> list[dict[str, Any]]:
         """Log line of a step, if any; ``start`` is its time in UTC."""
@@ -353,6 +387,12 @@ def _solver_record(solver: SolverReport) -> dict[str, float]:
         "solver_nodes": solver.nodes,
         "fallback": int(solver.fallback),
     }
+
+
+def _stacked(values: list[Any]) -> NDArray[Any]:
+    """Stack the values of the steps along a new first axis."""
+    shape = np.shape(values[0])
+    return np.concatenate(values).reshape(-1, *shape) if shape else np.array(values)
 
 
 def _ahead(values: Array, step: int, n_steps: int) -> Array:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,12 +58,13 @@ class StepInputs:
     delivered_kw: float = 0.0
 
 
-class DemandSource(Protocol):
+class DemandSource(ABC):
     """Returns the demand of a step and its forecast; its state is part of a checkpoint."""
 
-    demand_depends_on_soc: bool
+    demand_depends_on_soc = False
     """See :class:`bess.control.policies.PolicyInput`."""
 
+    @abstractmethod
     def ahead(self, step: int, horizon: int, now: StepInputs) -> Array:
         """Return the demand [kW] of ``step`` (binding) and the forecast of the next ones, ``(horizon,)``.
 
@@ -71,18 +73,33 @@ class DemandSource(Protocol):
 
     def planned(self, step: int) -> dict[str, float]:
         """Return planned values of ``step`` by record name, after :meth:`ahead`; empty without a plan."""
+        return {}
 
     def memory(self) -> dict[str, Any]:
-        """Return the state carried from step to step."""
+        """Return the state carried from step to step; empty by default."""
+        return {}
 
-    def recall(self, memory: Mapping[str, Any]) -> None:
+    def recall(self, memory: Mapping[str, Any]) -> None:  # noqa: B027 - by default there is no state
         """Restore a state returned by :meth:`memory`."""
 
 
-class ProfileSource:
-    """A known series; the demand after its end is zero."""
+class KnownDemand(DemandSource):
+    """Demand of several steps that does not depend on measurements within them."""
 
-    demand_depends_on_soc = False
+    @abstractmethod
+    def block(self, step: int, most: int, horizon: int, now: StepInputs) -> Array:
+        """Return :meth:`ahead` of ``step`` and the next ones, ``(n_steps, horizon)``.
+
+        It covers at most ``most`` steps that do not depend on measurements after ``now``, with the same
+        inverters in service.
+        """
+
+    def measured(self, step: int, soc: Array, soh_capacity: Array) -> None:
+        """Record the states at the start of ``step``, a later step of the last :meth:`block`."""
+
+
+class ProfileSource(KnownDemand):
+    """A known series; the demand after its end is zero."""
 
     def __init__(self, forecast: Forecast) -> None:
         self._forecast = forecast
@@ -91,16 +108,9 @@ class ProfileSource:
         """See :class:`DemandSource`."""
         return padded(self._forecast.ahead(step, horizon), horizon)
 
-    def planned(self, step: int) -> dict[str, float]:
-        """A profile has no plan."""
-        return {}
-
-    def memory(self) -> dict[str, Any]:
-        """Nothing."""
-        return {}
-
-    def recall(self, memory: Mapping[str, Any]) -> None:
-        """Nothing to restore."""
+    def block(self, step: int, most: int, horizon: int, now: StepInputs) -> Array:
+        """See :class:`KnownDemand`."""
+        return np.array([self.ahead(each, horizon, now) for each in range(step, step + most)])
 
 
 @dataclass(frozen=True)
@@ -110,7 +120,7 @@ class MarketPlan:
     Attributes
     ----------
     step : int
-        Its first step.
+        First step of the plan.
     demand_kw, delivered_kw : ndarray
         Planned demand, and its expected delivery.
     limit_kw : ndarray, shape (n_strings,)
@@ -145,33 +155,26 @@ class Stored:
     left_kwh: float = np.inf
 
 
-class DispatchPlanner(Protocol):
-    """Computes dispatch plans; each plan depends on the arguments only."""
-
-    @property
-    def days(self) -> NDArray[np.int64]:
-        """Number of the trading day of each step."""
-
-    def is_due(self, step: int, now: StepInputs, plan: MarketPlan) -> bool:
-        """Whether ``plan``, the last one, must be replaced."""
-
-    def plan(self, step: int, now: StepInputs, stored: Stored) -> MarketPlan:
-        """Plan over the look-ahead."""
-
-
 class LinearPlanner:
-    """The arbitrage program with a constant efficiency, which assumes full delivery."""
+    """The arbitrage program with a constant efficiency, which assumes full delivery.
+
+    ``days`` is the number of the trading day of each step.
+    """
 
     def __init__(self, arbitrage: Arbitrage) -> None:
         self._arbitrage = arbitrage
         self.days = arbitrage.days
 
     def is_due(self, step: int, now: StepInputs, plan: MarketPlan) -> bool:
-        """See :class:`DispatchPlanner`."""
+        """Whether ``plan``, the last one, must be replaced."""
+        return self.may_be_due(step, plan)
+
+    def may_be_due(self, step: int, plan: MarketPlan) -> bool:
+        """Whether ``plan`` may be replaced at ``step`` with the same inverters in service."""
         return self._arbitrage.is_due(step)
 
     def plan(self, step: int, now: StepInputs, stored: Stored) -> MarketPlan:
-        """See :class:`DispatchPlanner`."""
+        """Plan over the look-ahead; the plan depends on the arguments only."""
         demand_kw = self._arbitrage.plan(
             step,
             stored.energy_kwh,
@@ -186,8 +189,8 @@ class AwarePlanner:
     """Plans by dynamic programming on the plant model.
 
     With ``replan_steps``, a plan is re-optimised after this number of steps. Otherwise it is re-optimised
-    when prices or states deviate from it, and after ``longest_steps``. With ``bands``, prices ahead move
-    between their levels, with ``prices`` as their mean; otherwise ``prices`` are taken as certain.
+    when prices or states deviate from it, and after ``longest_steps``. With ``bands``, future prices move
+    between their levels, with mean ``prices``; otherwise ``prices`` are taken as certain.
     """
 
     def __init__(
@@ -207,15 +210,27 @@ class AwarePlanner:
         self._compare_steps, self._longest_steps = compare_steps, longest_steps
 
     def is_due(self, step: int, now: StepInputs, plan: MarketPlan) -> bool:
-        """See :class:`DispatchPlanner`."""
+        """See :class:`LinearPlanner`."""
+        if self._replan_steps is not None:
+            return self.may_be_due(step, plan)
+        if not np.array_equal(now.limit_kw, plan.limit_kw):
+            return True
+        if not self.may_be_due(step, plan):
+            return False
+        return self._is_outdated(step, plan) or not self._came_true(step, now, plan)
+
+    def may_be_due(self, step: int, plan: MarketPlan) -> bool:
+        """See :class:`LinearPlanner`."""
         if self._replan_steps is not None:
             return step % self._replan_steps == 0
         age = step - plan.step
-        if self._prices.ahead(step, 1)[0] != self._prices.ahead(plan.step, age + 1)[age]:
-            return True
-        if not np.array_equal(now.limit_kw, plan.limit_kw) or age >= self._longest_steps:
-            return True
-        return age > 0 and age % self._compare_steps == 0 and not self._came_true(step, now, plan)
+        return self._is_outdated(step, plan) or (age > 0 and age % self._compare_steps == 0)
+
+    def _is_outdated(self, step: int, plan: MarketPlan) -> bool:
+        """Whether the plan is too old, or the present price differs from that of the plan."""
+        age = step - plan.step
+        new_price = self._prices.ahead(step, 1)[0] != self._prices.ahead(plan.step, age + 1)[age]
+        return bool(new_price) or age >= self._longest_steps
 
     def _came_true(self, step: int, now: StepInputs, plan: MarketPlan) -> bool:
         """Whether the price forecast is unchanged and the plant follows the plan."""
@@ -229,7 +244,7 @@ class AwarePlanner:
         return off_kwh <= ENERGY_TOLERANCE * capacity_kwh and off_k <= TEMPERATURE_TOLERANCE_K
 
     def plan(self, step: int, now: StepInputs, stored: Stored) -> MarketPlan:
-        """See :class:`DispatchPlanner`."""
+        """See :class:`LinearPlanner`."""
         from bess.dispatch import DispatchInputs
 
         price = self._prices.ahead(step, self._look_ahead_steps)
@@ -254,14 +269,12 @@ class AwarePlanner:
         )
 
 
-class ArbitrageSource:
+class ArbitrageSource(KnownDemand):
     """A dispatch plan that is re-optimised when due."""
-
-    demand_depends_on_soc = False
 
     def __init__(
         self,
-        planner: DispatchPlanner,
+        planner: LinearPlanner | AwarePlanner,
         system: System,
         budget: CycleBudget | None = None,
         connection: GridConnection | None = None,
@@ -278,8 +291,7 @@ class ArbitrageSource:
     def ahead(self, step: int, horizon: int, now: StepInputs) -> Array:
         """See :class:`DemandSource`."""
         state = now.state
-        held_kwh = (state.soc - self._soc_min) * self._nominal_kwh * state.soh_capacity
-        self._count_discharge(int(self._planner.days[step]), float(held_kwh.sum()))
+        self.measured(step, state.soc, state.soh_capacity)
         budget = self._budget
         if budget is not None:
             budget.advance(step, state.soc, now.delivered_kw)
@@ -298,6 +310,29 @@ class ArbitrageSource:
         if budget is None:
             return demand_kw
         return budget.limited(demand_kw, float((self._nominal_kwh * state.soh_capacity).min()))
+
+    def block(self, step: int, most: int, horizon: int, now: StepInputs) -> Array:
+        """See :class:`KnownDemand`."""
+        rows = [self.ahead(step, horizon, now)]
+        plan = self._plan
+        assert plan is not None
+        if self._budget is None and self._connection is None:
+            for each in range(step + 1, min(step + most, plan.step + plan.demand_kw.size)):
+                if self._planner.may_be_due(each, plan):
+                    break
+                offset = each - plan.step
+                rows.append(padded(plan.demand_kw[offset : offset + horizon], horizon))
+        return np.array(rows)
+
+    def measured(self, step: int, soc: Array, soh_capacity: Array) -> None:
+        """Add the energy discharged in the previous step; a step that ends at midnight counts for its day."""
+        held_kwh = (soc - self._soc_min) * self._nominal_kwh * soh_capacity
+        day, energy_kwh = int(self._planner.days[step]), float(held_kwh.sum())
+        if day == self._day:
+            self._discharged_kwh += max(0.0, self._energy_kwh - energy_kwh)
+        else:
+            self._discharged_kwh = 0.0
+        self._day, self._energy_kwh = day, energy_kwh
 
     def planned(self, step: int) -> dict[str, float]:
         """See :class:`DemandSource`."""
@@ -327,14 +362,6 @@ class ArbitrageSource:
             self._budget.recall(memory["budget"])
         if self._connection is not None:
             self._connection.recall(memory["connection"])
-
-    def _count_discharge(self, day: int, energy_kwh: float) -> None:
-        """Add the energy discharged in the previous step; a step that ends at midnight counts for its day."""
-        if day == self._day:
-            self._discharged_kwh += max(0.0, self._energy_kwh - energy_kwh)
-        else:
-            self._discharged_kwh = 0.0
-        self._day, self._energy_kwh = day, energy_kwh
 
 
 def padded(values: Array, horizon: int) -> Array:

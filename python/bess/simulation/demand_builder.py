@@ -1,9 +1,9 @@
-"""Control steps and demand from the section ``[demand]`` of a study."""
+"""Control steps, active and reactive demand of a run from the sections of its study."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -15,9 +15,9 @@ from bess.simulation.demand import (
     MAX_PLAN_AGE_FRACTION,
     ArbitrageSource,
     AwarePlanner,
-    DispatchPlanner,
     LinearPlanner,
     ProfileSource,
+    padded,
 )
 from bess.simulation.run_demand import (
     RunDemand,
@@ -27,20 +27,89 @@ from bess.simulation.run_demand import (
     repair_notes,
     utc_index,
 )
-from bess.study.demands import ArbitrageDemand, ProfileDemand
+from bess.study.demands import ArbitrageDemand, FcrDemand, ProfileDemand, SiteDemand, TradeMeterSection
 from bess.study.grid import SampledSeries, TimeGrid
-from bess.study.services import FcrDemand, SiteDemand, TradeMeterSection
 from bess.system import System
+
+if TYPE_CHECKING:
+    from bess.dispatch import Forecast, GridConnection
+    from bess.simulation.services import Site
+    from bess.study.sections import ReactiveSection
+    from bess.study.study import Study
+
+
+class ReactiveSource(Protocol):
+    """Returns the reactive power demand of a step and its forecast; it has no state."""
+
+    def ahead(self, step: int, demand_kw: Array) -> Array:
+        """Return the reactive power [kvar] of ``step`` (binding) and the forecast of the next ones.
+
+        ``demand_kw`` is the active power of these steps, with the same length.
+        """
+
+
+class AtPowerFactor:
+    """Reactive power in proportion to active power."""
+
+    def __init__(self, power_factor: float) -> None:
+        self._kvar_per_kw = np.sqrt(1.0 - power_factor**2) / power_factor
+
+    def ahead(self, step: int, demand_kw: Array) -> Array:
+        """See :class:`ReactiveSource`."""
+        return np.asarray(np.abs(demand_kw) * self._kvar_per_kw)
+
+
+class Foreseen:
+    """A separate series of reactive power."""
+
+    def __init__(self, forecast: Forecast) -> None:
+        self._forecast = forecast
+
+    def ahead(self, step: int, demand_kw: Array) -> Array:
+        """See :class:`ReactiveSource`."""
+        return padded(self._forecast.ahead(step, demand_kw.size), demand_kw.size)
+
+
+def reactive_of(
+    choice: ReactiveSection, grid: TimeGrid, horizon: int
+) -> tuple[ReactiveSource, list[Path], list[str]]:
+    """Return the source of the section ``[reactive]``, its files, and notes on them.
+
+    Raises
+    ------
+    InputError
+        The file is invalid or does not cover the run.
+    """
+    from bess.dispatch import PerfectForecast, read_profile
+
+    if choice.power_factor is not None:
+        note = f"reactive power: at a power factor of {choice.power_factor:g}"
+        return AtPowerFactor(choice.power_factor), [], [note]
+    wanted = grid.longer(horizon)
+    if choice.file is None:
+        values = np.full(wanted.n_steps, choice.kvar)
+        return Foreseen(PerfectForecast(values)), [], [f"reactive power: {choice.kvar:g} kvar"]
+    read = read_profile(
+        choice.file,
+        column=choice.column,
+        unit=choice.unit,
+        scale=choice.scale,
+        dt_h=grid.dt_h,
+        time_zone=choice.time_zone,
+        fill=choice.fill,
+    )
+    series = SampledSeries.from_pandas(read, choice.file, "reactive.file")
+    values = series.laid(grid, wanted, repeat=choice.repeat)
+    asked = values[: grid.n_steps]
+    found = f"reactive power: {choice.file}, {asked.min():g} to {asked.max():g} kvar"
+    forecast = forecast_of(choice.forecast, values, grid.dt_h)
+    return Foreseen(forecast), [Path(choice.file)], [found, *repair_notes(read)]
+
 
 QUANTILE_COLUMNS = ("p10", "p50", "p90")
 """Columns of a file of price bands."""
 HISTORY_DAYS = 30
-"""Prices of so many days before a run are known to a forecast, as far as the file holds them."""
-
-if TYPE_CHECKING:
-    from bess.dispatch import Forecast, GridConnection
-    from bess.simulation.meter import Site
-    from bess.study.study import Study
+"""Number of days before a run whose prices a forecast uses, if the file contains them."""
 
 
 def demand_of(study: Study, system: System, step_s: float, horizon: int) -> RunDemand:
@@ -49,7 +118,7 @@ def demand_of(study: Study, system: System, step_s: float, horizon: int) -> RunD
         return _arbitrage(study, study.demand, system, step_s)
     if isinstance(study.demand, FcrDemand | SiteDemand):
         # Imported here, because other runs do not need these slow imports.
-        from bess.simulation.service_builder import reserve_of, site_of
+        from bess.simulation.services import reserve_of, site_of
 
         if isinstance(study.demand, FcrDemand):
             return reserve_of(study, study.demand, system, step_s)
@@ -185,7 +254,7 @@ def _connection(
     study: Study, choice: ArbitrageDemand, meter: TradeMeterSection, step_s: float, grid: TimeGrid
 ) -> tuple[GridConnection, Site]:
     from bess.dispatch import GridConnection
-    from bess.simulation.meter import site_of_meter
+    from bess.simulation.services import site_of_meter
 
     site = site_of_meter(study, meter, step_s, 0, grid)
     connection = GridConnection(
@@ -238,7 +307,7 @@ def _planner(
     grid: TimeGrid,
     forecast: Forecast,
     connection: GridConnection | None,
-) -> DispatchPlanner:
+) -> LinearPlanner | AwarePlanner:
     from bess.dispatch import Arbitrage, BandForecast, DynamicProgramDispatch
     from bess.dispatch.arbitrage import calendar_days
     from bess.dispatch.forecast import steps_in

@@ -12,9 +12,8 @@ from bess.arrays import Array
 from bess.control.policies.planned import NO_PRICES
 from bess.errors import InputError
 from bess.simulation.demand import DemandSource
-from bess.simulation.demand_builder import demand_of
+from bess.simulation.demand_builder import ReactiveSource, demand_of, reactive_of
 from bess.simulation.installations import Installations
-from bess.simulation.reactive_demand import ReactiveSource, reactive_of
 from bess.simulation.run_demand import repair_notes
 from bess.study.grid import SampledSeries, TimeGrid, seconds_of
 from bess.study.plant_choice import build_system

@@ -1,15 +1,19 @@
-"""Progress on standard error: a bar with the remaining time on a terminal, plain lines elsewhere."""
+"""Progress on standard error (a bar on a terminal, plain lines elsewhere), and stop requests by signals."""
 
 from __future__ import annotations
 
+import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import FrameType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
+
 
 Update = Callable[[int], None]
 """Receives the number of completed steps."""
@@ -91,3 +95,34 @@ def _lines(label: str, total: int) -> Update:
         )
 
     return update
+
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+@contextmanager
+def stop_requests() -> Iterator[Callable[[], bool]]:
+    """Yield a function that returns whether a stop was requested; a second signal has its default effect.
+
+    Signals reach the main thread only. In other threads no handler is installed and the function returns
+    False.
+    """
+    asked = False
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: False
+        return
+    previous = {number: signal.getsignal(number) for number in _SIGNALS}
+
+    def note(number: int, frame: FrameType | None) -> None:
+        nonlocal asked
+        asked = True
+        for each, handler in previous.items():
+            signal.signal(each, handler)
+
+    for number in _SIGNALS:
+        signal.signal(number, note)
+    try:
+        yield lambda: asked
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)

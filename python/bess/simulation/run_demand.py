@@ -1,4 +1,4 @@
-"""Demand of a run: its control steps, demand source and other recorded series."""
+"""Demand of a run: its control steps, source and recorded series, and what its builders share."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def power_series(
     scale: float = 1.0,
     **reading: Any,
 ) -> tuple[SampledSeries, list[Path], list[str]]:
-    """Return a bundled profile, or that of a file, with its files and repairs.
+    """Return a profile, bundled or from a file, with its files and repairs.
 
     ``reading`` are further arguments of :func:`bess.dispatch.read_profile`.
     """

@@ -9,7 +9,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from bess.control.policies import Policy, as_policy, build_policy
@@ -19,12 +18,16 @@ from bess.plant import Plant
 from bess.simulation.analysis.kpis import kpis, solve_time_kpis
 from bess.simulation.closed_loop import ClosedLoop, check_finite
 from bess.simulation.inputs import Inputs, prepare
-from bess.simulation.interrupt import stop_requests
-from bess.simulation.progress import reporting
-from bess.simulation.record.atomic import TEMPORARY, replacing, write_bytes
-from bess.simulation.record.checksums import sha256, write_checked, write_checksums
-from bess.simulation.record.dataset_spec import describe_frame, frame_of
-from bess.simulation.record.netcdf import write_netcdf
+from bess.simulation.progress import reporting, stop_requests
+from bess.simulation.record.dataset import describe_frame, frame_of, write_netcdf
+from bess.simulation.record.files import (
+    TEMPORARY,
+    replacing,
+    sha256,
+    write_bytes,
+    write_checked,
+    write_checksums,
+)
 from bess.simulation.record.provenance import (
     IDENTITY,
     Identity,
@@ -34,9 +37,19 @@ from bess.simulation.record.provenance import (
     write_identity,
 )
 from bess.simulation.record.result import RESULTS, Result, open_netcdf
-from bess.simulation.record.steplog import LOG, StepLog, solve_times_s
-from bess.simulation.record.store import LOCK, OWNER, Lock, parts, records, remove_parts, write_part
-from bess.study.policy_settings import policy_settings
+from bess.simulation.record.store import (
+    LOCK,
+    LOG,
+    OWNER,
+    Lock,
+    StepLog,
+    parts,
+    records,
+    remove_parts,
+    solve_times_s,
+    write_part,
+)
+from bess.study.plant_choice import policy_settings
 from bess.study.study import Study, as_study
 from bess.system import System
 
@@ -129,8 +142,13 @@ def _run_in(
             if progress:
                 for note in inputs.notes:
                     print(f"{study.name}: {note}", file=sys.stderr)
-            _complete(directory, study, loop, progress=progress)
+            began = time.perf_counter()
+            files_s = _complete(directory, study, loop, progress=progress)
+            simulated = time.perf_counter()
             _assemble(directory, identity)
+            if progress:
+                files_s += time.perf_counter() - simulated
+                print(_spent(study.name, loop, files_s, time.perf_counter() - began), file=sys.stderr)
         return _finish(directory)
 
 
@@ -174,8 +192,23 @@ def closed_loop(study: Study, inputs: Inputs, own: Policy | None = None) -> Clos
     )
 
 
-def _complete(directory: Path, study: Study, loop: ClosedLoop, *, progress: bool) -> None:
-    """Simulate from the last checkpoint, or from the first step, to the end."""
+def _spent(name: str, loop: ClosedLoop, files_s: float, total_s: float) -> str:
+    """Where the time of a run went."""
+    other_s = total_s - loop.policy_s - loop.plant_s - files_s
+    return (
+        f"{name}: {total_s:.1f} s, of which policy {loop.policy_s:.1f} s, plant {loop.plant_s:.1f} s, "
+        f"files {files_s:.1f} s, demand and closed loop {other_s:.1f} s"
+    )
+
+
+def _complete(directory: Path, study: Study, loop: ClosedLoop, *, progress: bool) -> float:
+    """Simulate from the last checkpoint, or from the first step, to the end.
+
+    Returns
+    -------
+    float
+        Wall-clock time spent on files [s].
+    """
     write_bytes(directory / "study.toml", study.to_toml().encode())
     log_bytes = 0
     if saved := parts(directory):
@@ -183,6 +216,7 @@ def _complete(directory: Path, study: Study, loop: ClosedLoop, *, progress: bool
         loop.restore(checkpoint["loop"])
         log_bytes = checkpoint["log_bytes"]
     n_steps = loop.inputs.grid.n_steps
+    files_s = 0.0
     with (
         StepLog(directory, log_bytes) as log,
         reporting(study.name, n_steps, shown=progress) as update,
@@ -190,33 +224,22 @@ def _complete(directory: Path, study: Study, loop: ClosedLoop, *, progress: bool
     ):
         while loop.step < n_steps and not stop_asked():
             first, deadline = loop.step, time.monotonic() + PART_SECONDS
-            if loop.in_blocks:
-                record, lines = loop.advance_block(PART_STEPS)
-                update(loop.step)
-                log.write(lines)
-                _save(directory, first, record, loop, log)
-                continue
-            rows: list[dict[str, Any]] = []
-            lines = []
-            whole = False
-            while not whole:  # a stop may be requested at any time: a part has at least one step
-                row, said = loop.advance()
-                rows.append(row)
-                lines += said
-                update(loop.step)
-                whole = loop.step == n_steps or len(rows) == PART_STEPS
-                whole = whole or stop_asked() or time.monotonic() > deadline
+
+            def is_over(step: int, deadline: float = deadline) -> bool:
+                update(step)
+                return stop_asked() or time.monotonic() > deadline
+
+            record, lines = loop.advance_part(PART_STEPS, is_over)
+            began = time.perf_counter()
             log.write(lines)
-            _save(directory, first, _record(rows), loop, log)
+            _save(directory, first, record, loop, log)
+            files_s += time.perf_counter() - began
         if loop.step < n_steps:
             raise StoppedEarly(
                 f"{study.name}: stopped after step {loop.step} of {n_steps}; all is saved in {directory}; "
                 f"continue with {option('resume')}"
             )
-
-
-def _record(rows: list[dict[str, Any]]) -> dict[str, NDArray[Any]]:
-    return {name: _stacked([row[name] for row in rows]) for name in rows[0]}
+    return files_s
 
 
 def _save(
@@ -225,12 +248,6 @@ def _save(
     """Write the log first, so that it is never shorter than the length in the checkpoint."""
     check_finite(first, record)
     write_part(directory, first, record, {"loop": loop.checkpoint(), "log_bytes": log.sync()})
-
-
-def _stacked(values: list[Any]) -> NDArray[Any]:
-    """Stack the values of the steps along a new first axis."""
-    shape = np.shape(values[0])
-    return np.concatenate(values).reshape(-1, *shape) if shape else np.array(values)
 
 
 def _assemble(directory: Path, identity: Identity) -> None:

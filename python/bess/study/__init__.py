@@ -1,4 +1,4 @@
-"""Study files: what a run is asked to be, checked before anything runs."""
+"""Study files: definitions of runs, validated before a simulation."""
 
 from bess.study.scenarios import expand
 from bess.study.study import Study, bundled_studies, load_study

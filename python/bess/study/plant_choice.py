@@ -1,4 +1,4 @@
-"""System of a study: a file or bundled system with the overrides of the study."""
+"""System and policy settings of a study, with its overrides in place."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from bess.control.policies import Settings
 from bess.errors import InputError
 from bess.study.keys import check_bundled
 from bess.study.sections import RunSection, SystemSection, WearSection
+from bess.study.study import Study
 from bess.system import System
 from bess.system.components.registry import SYSTEMS, system_document
 from bess.system.documents import deep_merge, plain, read_toml
-from bess.system.library import put_over, replaced
-from bess.system.parse import PER_STRING_SITE, check_layout, string_count
+from bess.system.parse import PER_STRING_SITE, check_layout, put_over, replaced, string_count
 
 
 def build_system(
@@ -81,3 +82,19 @@ def _check_reach(document: Mapping[str, Any], parameters: Mapping[str, Any], nam
                     f"system.parameters.{section}.{key}: every string of {name} has its own value; "
                     "set it in [[system.parameters.string]] tables, one per string"
                 )
+
+
+def policy_settings(study: Study, system: System) -> Settings:
+    """Return the settings of the study's policy for its system."""
+    choice = study.policy
+    return Settings(
+        dt_h=system.control.step_min / 60.0,
+        horizon_steps=choice.steps_ahead(system.control),
+        split=choice,
+        plans=choice.plans,
+        rollouts=choice.rollouts,
+        model=choice.model,
+        terms=study.settlement.terms,
+        file=choice.file,
+        reactive=study.reactive is not None,
+    )

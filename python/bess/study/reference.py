@@ -13,10 +13,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
+from itertools import groupby
+from pathlib import Path
 from typing import Any, Final, Literal
 
 from pydantic import create_model
 
+from bess.errors import InputError
 from bess.study.study import Study
 from bess.system.battery import Battery
 from bess.system.cooling import Cooling
@@ -79,7 +82,7 @@ def meanings(kind: Kind) -> dict[str, str]:
 def schema(kind: Kind) -> dict[str, Any]:
     """JSON schema (draft 2020-12) of a study or system file, with a description and a unit for each key.
 
-    It is for completion and checks in editors, so it does not insist on what may come from elsewhere: the
+    It is for completion and checks in editors, so keys with other sources are optional: the
     name of a study from that of its file, a section of a system from a bundled component or a ``[[string]]``
     table.
     """
@@ -90,7 +93,7 @@ def schema(kind: Kind) -> dict[str, Any]:
         sections = {name: field for name, field in made["properties"].items() if name != "about"}
         made["properties"]["string"] = {
             "type": "array",
-            "description": "What differs in one string, in the order of the strings.",
+            "description": "Parameters of single strings, in their order; they override the sections above.",
             "items": {"type": "object", "properties": sections, "additionalProperties": False},
         }
         for table in (made, *made["$defs"].values()):
@@ -166,7 +169,7 @@ def _tables(
 
 
 def _options(field: dict[str, Any], root: dict[str, Any]) -> list[dict[str, Any]]:
-    """What a field may be, references followed, null left out."""
+    """Alternatives of a field, with references resolved and without null."""
     if "$ref" in field:
         name = field["$ref"].rpartition("/")[2]
         return _options(root["$defs"][name], root)
@@ -242,3 +245,69 @@ def _range(option: dict[str, Any]) -> str:
     left = "(" if "exclusiveMinimum" in option else "["
     right = ")" if "exclusiveMaximum" in option or high is None else "]"
     return f"{left}{low:g}, {'∞' if high is None else f'{high:g}'}{right}"
+
+
+_CHOSEN: Final = {
+    "title": '"My first study"',
+    "system.file": '"reference"',
+    "demand.file": '"two-cycle-48h"',
+    "demand.repeat": "true",
+    "policy.name": '"mpc"',
+    "run.days": "2",
+}
+_HEAD = """\
+# A study defines the plant, the demand, the policy and the period.
+#   bess check {name}      validates the study and its data
+#   bess run {name}        runs the study; bess report writes a report
+# Keys in comments show their defaults. bess schema study provides the same information to editors.
+"""
+_WIDTH = 34
+
+
+def template(name: str) -> str:
+    """Return the text of a study file; its header refers to the file as ``name``."""
+    blocks = [_HEAD.format(name=name)]
+    for header, group in groupby(keys("study"), key=lambda key: key.section):
+        blocks.append("\n".join(_block(header, list(group))) + "\n")
+    return "\n".join(blocks)
+
+
+def _block(header: str, group: list[Key]) -> Iterator[str]:
+    # Only the first kind of demand is active; repeatable tables are examples.
+    table, _, kind = header.partition(" ")
+    live = any(key.key in _CHOSEN for key in group) and kind in ("", 'kind = "profile"')
+    if table:
+        yield table if live else f"# {table}"
+    for key in group:
+        name = key.key.removeprefix(table.strip("[]") + ".")
+        chosen = _CHOSEN.get(key.key) if live else None
+        default = "" if key.default in ("required", "name of the file") else key.default
+        line = f"{name} = {chosen}" if chosen else f"# {name} = {default}"
+        about = [
+            key.meaning,
+            f"[{key.unit}]" if key.unit else "",
+            f"Allowed: {key.allowed}." if key.allowed else "",
+        ]
+        yield f"{line.ljust(_WIDTH)} # {' '.join(filter(None, about))}"
+
+
+STUDY: Final = "study.toml"
+
+
+def start(directory: Path) -> Path:
+    """Write ``study.toml`` into a folder, created if necessary; return its path.
+
+    Raises
+    ------
+    InputError
+        If the file exists already; it is not overwritten.
+    """
+    path = directory / STUDY
+    if path.exists():
+        raise InputError(f"{path}: exists already and is not overwritten; specify another folder")
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        path.write_text(template(STUDY), encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror}); specify another folder") from error
+    return path

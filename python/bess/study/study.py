@@ -14,11 +14,9 @@ from pydantic import ValidationError, model_validator
 
 from bess.display import as_table, one_line
 from bess.errors import InputError
-from bess.files import missing, parse_toml
+from bess.files import MissingFileError, missing, parse_toml
 from bess.study.demands import DEMAND_KINDS, TRADES, Demand, kind_of_demand
 from bess.study.keys import check_keys, nearest, with_value
-from bess.study.policy import PolicySection
-from bess.study.reactive import ReactiveSection
 from bess.study.sections import (
     Axis,
     BudgetSection,
@@ -26,6 +24,8 @@ from bess.study.sections import (
     Event,
     Installation,
     OutputSection,
+    PolicySection,
+    ReactiveSection,
     RunName,
     RunSection,
     Scenario,
@@ -272,13 +272,9 @@ def _name_from(path: Path) -> str:
 def _read(path: Path, bundled: list[str]) -> str:
     try:
         return read_text(path)
-    except InputError:
-        raise
-    except (FileNotFoundError, NotADirectoryError):
+    except MissingFileError:
         hint = nearest(path.name, bundled) if not path.suffix else missing(path)
         raise InputError(f"{path}: no such study; {hint}") from None
-    except (OSError, UnicodeDecodeError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read ({error})") from error
 
 
 def _with_absolute_paths(document: dict[str, Any], folder: Path) -> dict[str, Any]:

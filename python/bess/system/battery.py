@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from itertools import pairwise
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from pydantic import field_validator, model_validator
@@ -22,28 +22,26 @@ from bess.system.quantities import (
     Ratio,
     SocAxis,
     TemperatureAxis,
-    ascending,
-    same_length,
 )
-from bess.system.section import Section
+from bess.system.section import Section, Table
 
 Resistances = tuple[CellResistance, ...]
 Voltages = tuple[CellVoltage, ...] | tuple[tuple[CellVoltage, ...], ...]
 
 
-class OcvTable(Section):
+class OcvTable(Table):
     """Open-circuit voltage of one cell [V] over SOC and, optionally, temperature [degC].
 
     Without ``temperature_c`` each direction is one list over SOC; with it, one such list for each
     temperature. The gap between ``charge`` and ``discharge`` is the hysteresis.
     """
 
+    axes: ClassVar = {"charge": ("temperature_c", "soc"), "discharge": ("temperature_c", "soc")}
+
     soc: SocAxis
     temperature_c: TemperatureAxis = (25.0,)
     charge: tuple[tuple[CellVoltage, ...], ...]
     discharge: tuple[tuple[CellVoltage, ...], ...]
-
-    _ascend = field_validator("soc", "temperature_c")(ascending)
 
     @field_validator("charge", "discharge", mode="before", json_schema_input_type=Voltages)
     @classmethod
@@ -56,10 +54,7 @@ class OcvTable(Section):
     @model_validator(mode="after")
     def _check(self) -> Self:
         for name in ("charge", "discharge"):
-            rows = getattr(self, name)
-            same_length("temperature_c", self.temperature_c, name, rows)
-            for row in rows:
-                same_length("soc", self.soc, name, row)
+            for row in getattr(self, name):
                 for index, (low, high) in enumerate(pairwise(row)):
                     if high < low:
                         raise ValueError(
@@ -76,54 +71,44 @@ class OcvTable(Section):
         return self
 
 
-class ResistanceOverTemperature(Section):
+class ResistanceOverTemperature(Table):
     """Cell resistance [mOhm] over temperature [degC], ``f_T``; clamped outside."""
+
+    axes: ClassVar = {"resistance_mohm": ("temperature_c",)}
 
     temperature_c: TemperatureAxis
     resistance_mohm: Resistances
 
-    _ascend = field_validator("temperature_c")(ascending)
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        same_length("temperature_c", self.temperature_c, "resistance_mohm", self.resistance_mohm)
-        return self
-
-
-class ResistanceOverSoc(Section):
+class ResistanceOverSoc(Table):
     """Cell resistance [mOhm] over SOC, ``f_soc``; used below ``low_soc_switch`` only."""
+
+    axes: ClassVar = {"resistance_mohm": ("soc",)}
 
     soc: SocAxis
     resistance_mohm: Resistances
 
-    _ascend = field_validator("soc")(ascending)
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        same_length("soc", self.soc, "resistance_mohm", self.resistance_mohm)
-        return self
-
-
-class EntropyTable(Section):
+class EntropyTable(Table):
     """Entropy coefficient ``dU/dT`` of one cell [mV/K] over SOC; clamped outside."""
+
+    axes: ClassVar = {"du_dt_mv_k": ("soc",)}
 
     soc: SocAxis
     du_dt_mv_k: tuple[EntropyCoefficient, ...]
 
-    _ascend = field_validator("soc")(ascending)
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        same_length("soc", self.soc, "du_dt_mv_k", self.du_dt_mv_k)
-        return self
-
-
-class ResistanceTable(Section):
+class ResistanceTable(Table):
     """Measured cell resistance [mOhm] by direction, indexed ``[c_rate][temperature][soc]``.
 
     The plant interpolates at the actual C-rate; the controller, without inner iterations, at
     ``control_c_rate``.
     """
+
+    axes: ClassVar = {
+        "charge_mohm": ("c_rate", "temperature_c", "soc"),
+        "discharge_mohm": ("c_rate", "temperature_c", "soc"),
+    }
 
     soc: SocAxis
     temperature_c: TemperatureAxis
@@ -131,19 +116,6 @@ class ResistanceTable(Section):
     control_c_rate: Ratio
     charge_mohm: tuple[tuple[Resistances, ...], ...]
     discharge_mohm: tuple[tuple[Resistances, ...], ...]
-
-    _ascend = field_validator("soc", "temperature_c", "c_rate")(ascending)
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        for name in ("charge_mohm", "discharge_mohm"):
-            blocks = getattr(self, name)
-            same_length("c_rate", self.c_rate, name, blocks)
-            for rows in blocks:
-                same_length("temperature_c", self.temperature_c, name, rows)
-                for row in rows:
-                    same_length("soc", self.soc, name, row)
-        return self
 
 
 class Battery(Section):

@@ -4,19 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from bess.system.quantities import (
-    Fraction,
-    NonNegative,
-    Positive,
-    Ratio,
-    Temperature,
-    ascending,
-)
+from bess.system.quantities import Fraction, NonNegative, Positive, Ratio, Temperature, ascending
 from bess.system.section import Section
 
-Shares = Annotated[tuple[Fraction, ...], Field(min_length=1, max_length=20)]
+Shares = Annotated[tuple[Fraction, ...], Field(min_length=1, max_length=20), AfterValidator(ascending)]
 
 
 class CoolantLoop(Section):
@@ -48,8 +41,6 @@ class _Cooling(Section):
     cop_max: Ratio = 6.0
     free_cooling_w_per_w: NonNegative = 0.03
     loop: CoolantLoop | None = None
-
-    _ascend = field_validator("flow_steps")(ascending)
 
     @model_validator(mode="after")
     def _check(self) -> Self:

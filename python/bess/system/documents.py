@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from bess.errors import InputError
-from bess.files import missing, parse_toml, read_file
+from bess.files import parse_toml, read_file
 
 _DEEPEST = 12
 _LARGEST_BYTES = 20 * 2**20
@@ -37,8 +37,18 @@ _PLAIN_WORDS = {
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a TOML file, with or without a byte-order mark."""
-    return read_file(path, _LARGEST_BYTES).decode("utf-8-sig").replace("\r\n", "\n")
+    """Return the text of a TOML file, with or without a byte-order mark.
+
+    Raises
+    ------
+    InputError
+        There is no such file (:class:`bess.files.MissingFileError`), or it is not a text.
+    """
+    raw = read_file(path, _LARGEST_BYTES)
+    try:
+        return raw.decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: cannot be read ({error})") from error
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -49,14 +59,10 @@ def read_toml(path: Path) -> dict[str, Any]:
     InputError
         There is no such file, or it is not TOML.
     """
+    text = read_text(path)
     try:
-        return parse_toml(read_text(path))
-    except InputError:
-        raise
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file; {missing(path)}") from None
-    except (OSError, UnicodeDecodeError, ValueError) as error:
-        # TOMLDecodeError is a ValueError; so is the refusal of a path with a NUL in it.
+        return parse_toml(text)
+    except ValueError as error:
         what = "not valid TOML" if isinstance(error, tomllib.TOMLDecodeError) else "cannot be read"
         raise InputError(f"{path}: {what} ({error})") from error
 

@@ -1,10 +1,10 @@
 """The lumped thermal model of a cooled plant, identified from the plant itself.
 
-A controller sees a string as ``dT/dt = k1 h - k2 (T - T_ref)``. With air of the ambient ``T_ref`` is the
+The controller models a string as ``dT/dt = k1 h - k2 (T - T_ref)``. With air of the ambient ``T_ref`` is the
 ambient's temperature; a thermostat and a chiller make it something between that and the coolant's. The same
 experiment serves every kind: the plant is charged and discharged at several ambient temperatures, from cold
-and from warm. ``1 / k1`` is the heat that stays in a string per rise of its temperature; what the coolant
-carries off in a control step is regressed on the string's temperature before it and on the ambient.
+and warm initial states. ``1 / k1`` is the heat stored in a string per kelvin; the heat that the coolant
+removes in a control step is regressed on the string's temperature before it and on the ambient.
 """
 
 from __future__ import annotations

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
 from bess.errors import InputError
 from bess.system.battery import Battery
+from bess.system.components.registry import CELL_KEYS, INVERTER_KEYS, cell_tables, inverter_section
 from bess.system.cooling import Cooling
-from bess.system.documents import describe
-from bess.system.library import put_over
+from bess.system.documents import deep_merge, describe
 from bess.system.section import Section
 from bess.system.sections import About, Control, Derating, Inverter, SystemDefaults, Thermal, Wear
 
@@ -24,6 +24,11 @@ PER_STRING_SITE = (
     "initial_soh_capacity",
     "initial_soh_resistance",
 )
+_COMPONENTS: dict[str, tuple[str, Callable[[str], dict[str, Any]], tuple[str, ...]]] = {
+    "battery": ("cell", cell_tables, CELL_KEYS),
+    "inverter": ("model", inverter_section, INVERTER_KEYS),
+}
+"""Sections in which a name stands for a bundled component: its key, its tables, and the keys they replace."""
 
 
 class StringParameters(Section):
@@ -128,6 +133,31 @@ def string_count(document: Mapping[str, Any], name: str) -> int:
     """Return the number of strings: ``system.n_strings``, otherwise the number of string tables."""
     whole_site = {"n_strings": len(document.get("string", [])) or 1, **document.get("system", {})}
     return _validated(SystemDefaults, whole_site, name, "system.").n_strings
+
+
+def put_over(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:
+    """Return ``base`` updated with ``override``, with component names replaced by their tables.
+
+    A named component replaces the component of the base; keys beside the name override the component.
+    """
+    base, override = dict(base), dict(override)
+    for section, (key, tables, keys) in _COMPONENTS.items():
+        table, old = override.get(section), base.get(section, {})
+        if isinstance(table, Mapping) and key in table:
+            kept = {k: v for k, v in old.items() if k not in keys} if isinstance(old, Mapping) else {}
+            base[section] = {**kept, **tables(table[key])}
+            override[section] = {k: v for k, v in table.items() if k != key}
+    return deep_merge(base, override)
+
+
+def replaced(override: object, section: str, key: str) -> bool:
+    """Return whether ``override`` replaces ``key`` of a ``section`` completely."""
+    if not isinstance(override, Mapping):
+        return False
+    named, _, keys = _COMPONENTS.get(section, (None, None, ()))
+    if named in override and key in (named, *keys):
+        return True
+    return key in override and not isinstance(override[key], Mapping)
 
 
 def _string(base: Mapping[str, Any], override: Mapping[str, Any], name: str, place: str) -> StringParameters:

@@ -1,6 +1,6 @@
 """Physical quantities of a system file with their units and valid ranges.
 
-The ranges cover any plant that could be built, and no product of two values overflows. Strings, booleans,
+The ranges include every realistic plant, and no product of two values overflows. Strings, booleans,
 NaN and infinity are not accepted.
 """
 
@@ -80,21 +80,6 @@ EndOfLife = Annotated[float, _STRICT, within(0.0, 1.0, below=True)]
 SohCapacity = Annotated[float, _STRICT, within(*SOH_CAPACITY_RANGE)]
 SohResistance = Annotated[float, _STRICT, within(*SOH_RESISTANCE_RANGE)]
 
-SocAxis = Annotated[tuple[Fraction, ...], Field(min_length=2)]
-TemperatureAxis = Annotated[tuple[Temperature, ...], Field(min_length=1)]
-RateAxis = Annotated[tuple[Ratio, ...], Field(min_length=1)]
-
-
-def _is_ageing_model(name: str) -> str:
-    known = ["none", "throughput", *(model for model, _ in ageing_models())]
-    if name not in known:
-        raise ValueError(f"is no model of ageing; there are {', '.join(known)}")
-    return name
-
-
-AgeingModel = Annotated[str, AfterValidator(_is_ageing_model)]
-AtEndOfLife = Literal["continue", "retire", "replace"]
-
 
 def ascending(values: tuple[float, ...]) -> tuple[float, ...]:
     """Return ``values`` if they increase strictly.
@@ -110,7 +95,17 @@ def ascending(values: tuple[float, ...]) -> tuple[float, ...]:
     return values
 
 
-def same_length(axis_name: str, axis: tuple[float, ...], name: str, values: tuple[object, ...]) -> None:
-    """Raise ValueError unless a table has one value for each knot of its axis."""
-    if len(values) != len(axis):
-        raise ValueError(f"{name} has {len(values)} values, {axis_name} has {len(axis)}; give one per knot")
+SocAxis = Annotated[tuple[Fraction, ...], Field(min_length=2), AfterValidator(ascending)]
+TemperatureAxis = Annotated[tuple[Temperature, ...], Field(min_length=1), AfterValidator(ascending)]
+RateAxis = Annotated[tuple[Ratio, ...], Field(min_length=1), AfterValidator(ascending)]
+
+
+def _is_ageing_model(name: str) -> str:
+    known = ["none", "throughput", *(model for model, _ in ageing_models())]
+    if name not in known:
+        raise ValueError(f"is no model of ageing; there are {', '.join(known)}")
+    return name
+
+
+AgeingModel = Annotated[str, AfterValidator(_is_ageing_model)]
+AtEndOfLife = Literal["continue", "retire", "replace"]

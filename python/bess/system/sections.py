@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Annotated, Self
+from typing import Annotated, ClassVar, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from bess.system.components.loss_table import check_losses
 from bess.system.quantities import (
@@ -23,16 +23,15 @@ from bess.system.quantities import (
     Temperature,
     TemperatureAxis,
     ascending,
-    same_length,
     within,
 )
-from bess.system.section import Section
+from bess.system.section import Section, Table
 
 SMALL_SHARE = 0.01
-"""Largest least power of an inverter, as a share of its nominal power."""
+"""Upper limit of the minimum power of an inverter, as a share of its nominal power."""
 
 PRICES_ONLY = ("none", "throughput")
-"""Models of wear that leave capacity and resistance as they are."""
+"""Wear models that do not change capacity and resistance."""
 
 
 class About(Section):
@@ -48,28 +47,26 @@ class About(Section):
     inverter: str = ""
 
 
-class Inverter(Section):
+class Inverter(Table):
     """Inverter of one string: losses over delivered AC power, both as fractions of nominal AC power.
 
     ``load`` starts at 0 (the no-load loss of an inverter that is on) and ends at 1. Below ``min_power_kw`` an
     inverter is off; set-points are 0 or at least ``min_power_kw``.
     """
 
+    axes: ClassVar = {"loss_charge": ("load",), "loss_discharge": ("load",)}
+
     nominal_kw: Power
-    load: Annotated[tuple[Fraction, ...], Field(min_length=2)]
+    load: Annotated[tuple[Fraction, ...], Field(min_length=2), AfterValidator(ascending)]
     loss_charge: tuple[Loss, ...]
     loss_discharge: tuple[Loss, ...]
     off_loss: Annotated[float, Field(strict=True), within(0.0, 0.1, "of nominal power", below=True)] = 0.0
     min_power_kw: Annotated[float, Field(strict=True), within(0.0, 1.0, "kW", above=True)] = 1e-3
 
-    _ascend = field_validator("load")(ascending)
-
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.load[0] != 0.0 or self.load[-1] != 1.0:
             raise ValueError(f"load must run from 0 to 1, not from {self.load[0]:g} to {self.load[-1]:g}")
-        same_length("load", self.load, "loss_charge", self.loss_charge)
-        same_length("load", self.load, "loss_discharge", self.loss_discharge)
         check_losses(self.load, self.loss_charge, "charge")
         check_losses(self.load, self.loss_discharge, "discharge")
         if self.min_power_kw > SMALL_SHARE * self.nominal_kw:
@@ -80,8 +77,10 @@ class Inverter(Section):
         return self
 
 
-class Derating(Section):
+class Derating(Table):
     """Temperature derating: the factor table and the gains of the PI law."""
+
+    axes: ClassVar = {"factor": ("temperature_c",)}
 
     start_c: Temperature
     stop_c: Temperature
@@ -90,13 +89,10 @@ class Derating(Section):
     temperature_c: TemperatureAxis
     factor: tuple[Fraction, ...]
 
-    _ascend = field_validator("temperature_c")(ascending)
-
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.start_c >= self.stop_c:
             raise ValueError(f"start_c {self.start_c:g} degC must be below stop_c {self.stop_c:g} degC")
-        same_length("temperature_c", self.temperature_c, "factor", self.factor)
         for low, high in pairwise(self.factor):
             if high > low:
                 raise ValueError(f"factor must not rise with temperature, but {high:g} follows {low:g}")
@@ -139,7 +135,7 @@ class Wear(Section):
 
     ``model`` is a cell model (``bess list``), ``"throughput"`` (a price per MWh discharged and no physics) or
     ``"none"``. A cell model's loss of capacity costs ``loss / (1 - end_of_life) * replacement_eur_kwh`` per
-    kWh of nominal energy. Of what a string has lost at the start, ``calendar_share`` was lost by standing. A
+    kWh of nominal energy. ``calendar_share`` is the share of calendar ageing in the initial loss. A
     string that reaches ``end_of_life`` continues, is retired, or gets a new battery (``at_end_of_life``).
     """
 

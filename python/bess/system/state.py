@@ -14,6 +14,13 @@ from bess.errors import InputError
 TEMPERATURE_RANGE_C = (-60.0, 150.0)
 SOH_CAPACITY_RANGE = (0.01, 1.5)
 SOH_RESISTANCE_RANGE = (0.1, 100.0)
+_LIMITS = {
+    "soc": (0.0, 1.0),
+    "temperature_c": TEMPERATURE_RANGE_C,
+    "soh_capacity": SOH_CAPACITY_RANGE,
+    "soh_resistance": SOH_RESISTANCE_RANGE,
+    "cyclic_loss": (0.0, 1.0),
+}
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -31,8 +38,8 @@ class State(ByValue):
     soh_resistance : ndarray, shape (n_strings,)
         Resistance over that of the system file, 0.1 to 100; 1 if not given.
     cyclic_loss : ndarray, shape (n_strings,), or None
-        Part of the capacity lost that came by cycling, as a share of that of the system file; a plant tells
-        it, and what the next cycle costs depends on it. None where it is not known.
+        Capacity loss by cycle ageing, relative to the capacity of the system file; the plant reports it, and
+        the wear cost of the next cycle depends on it. None if unknown.
     """
 
     soc: NDArray[np.float64]
@@ -49,23 +56,21 @@ class State(ByValue):
         soh_resistance: ArrayLike | None = None,
         cyclic_loss: ArrayLike | None = None,
     ) -> None:
-        object.__setattr__(self, "soc", _vector("soc", soc, (0.0, 1.0), ""))
-        object.__setattr__(
-            self, "temperature_c", _vector("temperature_c", temperature_c, TEMPERATURE_RANGE_C, " degC")
-        )
+        object.__setattr__(self, "soc", _vector("soc", soc))
         fresh = np.ones(self.soc.size)
-        capacity = fresh if soh_capacity is None else soh_capacity
-        resistance = fresh if soh_resistance is None else soh_resistance
-        object.__setattr__(self, "soh_capacity", _vector("soh_capacity", capacity, SOH_CAPACITY_RANGE, ""))
-        object.__setattr__(
-            self, "soh_resistance", _vector("soh_resistance", resistance, SOH_RESISTANCE_RANGE, "")
-        )
-        lost = None if cyclic_loss is None else _vector("cyclic_loss", cyclic_loss, (0.0, 1.0), "")
-        object.__setattr__(self, "cyclic_loss", lost)
-        for name in ("temperature_c", "soh_capacity", "soh_resistance", "cyclic_loss"):
-            values = getattr(self, name)
-            if values is not None and values.size != self.soc.size:
-                raise InputError(f"state: soc has {self.soc.size} strings, {name} has {values.size}")
+        given = {
+            "temperature_c": temperature_c,
+            "soh_capacity": fresh if soh_capacity is None else soh_capacity,
+            "soh_resistance": fresh if soh_resistance is None else soh_resistance,
+        }
+        if cyclic_loss is not None:
+            given["cyclic_loss"] = cyclic_loss
+        object.__setattr__(self, "cyclic_loss", None)
+        for name, values in given.items():
+            vector = _vector(name, values)
+            if vector.size != fresh.size:
+                raise InputError(f"state: soc has {fresh.size} strings, {name} has {vector.size}")
+            object.__setattr__(self, name, vector)
 
     def _facts(self) -> dict[str, str]:
         facts = {"soc": few(self.soc), "temperature": few(self.temperature_c, ".3g", "°C")}
@@ -88,7 +93,7 @@ class State(ByValue):
         return bool((self.soh_capacity == 1.0).all() and (self.soh_resistance == 1.0).all())
 
 
-def _vector(name: str, values: ArrayLike, limits: tuple[float, float], unit: str) -> NDArray[np.float64]:
+def _vector(name: str, values: ArrayLike) -> NDArray[np.float64]:
     try:
         array = real_numbers(values).copy()
     except ValueError as error:
@@ -97,7 +102,8 @@ def _vector(name: str, values: ArrayLike, limits: tuple[float, float], unit: str
         raise InputError(
             f"state: {name} must be one number for each string, not an array of shape {array.shape}"
         )
-    low, high = limits
+    low, high = _LIMITS[name]
+    unit = " degC" if name == "temperature_c" else ""
     # One number for each string: a loop over them is quicker than calls of arrays.
     for index, value in enumerate(array.tolist()):
         # The comparison is false for NaN, so NaN is refused here as well.

@@ -22,10 +22,10 @@ class SettlementTerms:
     start_eur : float
         For each start of an inverter.
     capacity_penalty : float
-        What a kW of reserve that was sold and not there costs, over its price: 2 takes the pay back and as
-        much again.
+        Penalty for reserve that is sold but not sustained, relative to its price: 2 cancels the revenue and
+        costs the same amount again.
     discount_rate : float
-        Per year: what income of later years is worth less.
+        Discount rate per year.
     """
 
     shortfall_eur_mwh: float = 50.0

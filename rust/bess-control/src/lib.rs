@@ -5,8 +5,10 @@
 //! - [`ControlHorizon::split`], certified, over a few steps: `search` finds a schedule with the help of the optima of
 //!   single steps (`one_step`), and `reach` computes a lower bound from the reachable states.
 //! - [`PlanProblem::plan`], over a day or more and without a certificate (`plan`).
-//! - [`ExplicitLaw::split`], an explicit control law (`explicit`).
+//! - [`ExplicitLaw::split`], an explicit control law (`explicit`), and [`RuleLaw::split`], a rule (`rules`).
 //! - [`ControlModel::share_reactive`], for reactive power (`reactive`).
+//!
+//! [`Store::dispatch`] chooses the demand itself, over prices (`dispatch`).
 //!
 //! SI units; requests are magnitudes with a direction for each step (that of the demand). Arrays over strings and steps are
 //! flat and string-major: `(M, T)`.
@@ -15,6 +17,7 @@
 extern crate self as bess_control;
 
 mod cores;
+mod dispatch;
 mod error;
 mod explicit;
 mod model;
@@ -22,11 +25,13 @@ mod one_step;
 mod plan;
 mod reach;
 mod reactive;
+mod rules;
 mod search;
 mod split;
 
+pub use dispatch::{DispatchBlock, DispatchProblem, Store, StoreGrid, StoreState};
 pub use error::ControlError;
-pub use explicit::{ExplicitLaw, Measured, Tables, N_OUTLOOK, N_WEIGHTS};
+pub use explicit::{ExplicitLaw, Measured, Tables, DECISION, N_OUTLOOK, N_WEIGHTS};
 pub use model::{
     BestShares, CoefficientRanges, Coefficients, CoefficientsFrom, ControlHorizon, ControlModel, CostsOf,
     Flow, Interval, Losses, Objectives, Range, Rollout, SplitProblem, StateBox, StringModel, StringState,
@@ -37,5 +42,6 @@ pub use reach::{
     Cell, GroupBounds, LossUnits, NarrowNode, Node, Planes, StepBound, StepBounds, TightenedBounds,
     RELAXED_NAMES,
 };
+pub use rules::RuleLaw;
 pub use search::{Effort, Incumbent, Schedule};
 pub use split::Split;

@@ -48,17 +48,11 @@ pub enum PlantError {
         /// Highest allowed value.
         high: f64,
     },
-    /// No ageing model has this name.
-    #[error("ageing model '{name}' is unknown; there are {known}")]
-    Model {
-        /// The name given.
-        name: String,
-        /// The names that there are.
-        known: String,
-    },
-    /// No kind of cooling has this name.
-    #[error("cooling kind '{name}' is unknown; there are {known}")]
-    CoolingKind {
+    /// No ageing model, or no kind of cooling, has this name.
+    #[error("{what} '{name}' is unknown; there are {known}")]
+    Unknown {
+        /// What was named.
+        what: &'static str,
         /// The name given.
         name: String,
         /// The names that there are.

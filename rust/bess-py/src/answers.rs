@@ -1,6 +1,8 @@
 //! Results of a split problem, as arrays in kW.
 
-use bess_control::{ControlHorizon, Planes, Split};
+use std::collections::BTreeMap;
+
+use bess_control::{CoefficientRanges, ControlHorizon, Planes, Split};
 use bess_tables::units::W_PER_KW;
 use pyo3::prelude::*;
 
@@ -46,7 +48,7 @@ pub struct GroupBounds {
     search_bound: f64,
     /// Whether `search_bound` is the optimum of the convexified program.
     is_search_optimum: bool,
-    /// States of the schedules that are no worse `(M, T + 1)`; None where the bound needed none.
+    /// Boxes of the states of all schedules that are no worse `(M, T + 1)`; None if the bound needs none.
     boxes: Option<Py<StateBoxes>>,
 }
 
@@ -93,7 +95,7 @@ impl SplitAnswer {
     }
 }
 
-/// Bound of a group, and the states of the schedules that are no worse than a given one.
+/// Bound of a group, and boxes of the states of all schedules that are no worse than a given one.
 #[pyclass(frozen, get_all, module = "bess._core")]
 pub struct TightenedBounds {
     bound: f64,
@@ -132,54 +134,33 @@ impl StepBounds {
     }
 }
 
-/// Coefficients over boxes of states, each `(M, T)`, in the direction of the step.
-#[pyclass(frozen, get_all, module = "bess._core")]
-pub struct CoefficientRanges {
-    derating_low: Matrix,
-    derating_high: Matrix,
-    voltage_low_v: Matrix,
-    voltage_high_v: Matrix,
-    resistance_low_ohm: Matrix,
-    resistance_high_ohm: Matrix,
-    /// `V^2 / R`.
-    power_scale_low_kw: Matrix,
-    power_scale_high_kw: Matrix,
-    /// `V^2 / R <= plane_kw + plane_per_soc_kw soc + plane_per_k_kw tau`.
-    plane_kw: Matrix,
-    plane_per_soc_kw: Matrix,
-    plane_per_k_kw: Matrix,
-    /// `1 - k >= derated + derated_per_k tau`.
-    derated: Matrix,
-    derated_per_k: Matrix,
-}
-
-impl CoefficientRanges {
-    pub(crate) fn new(
-        py: Python<'_>,
-        n_strings: usize,
-        ranges: &[bess_control::CoefficientRanges],
-        planes: &[Planes],
-    ) -> Self {
-        let range = |of: &dyn Fn(&bess_control::CoefficientRanges) -> f64| {
-            matrix(py, n_strings, ranges.iter().map(of).collect())
-        };
-        let plane = |of: &dyn Fn(&Planes) -> f64| matrix(py, n_strings, planes.iter().map(of).collect());
-        Self {
-            derating_low: range(&|r| r.derating.low),
-            derating_high: range(&|r| r.derating.high),
-            voltage_low_v: range(&|r| r.voltage_v.low),
-            voltage_high_v: range(&|r| r.voltage_v.high),
-            resistance_low_ohm: range(&|r| r.resistance_ohm.low),
-            resistance_high_ohm: range(&|r| r.resistance_ohm.high),
-            power_scale_low_kw: range(&|r| r.power_scale_w.low / W_PER_KW),
-            power_scale_high_kw: range(&|r| r.power_scale_w.high / W_PER_KW),
-            plane_kw: plane(&|p| p.power_scale_w / W_PER_KW),
-            plane_per_soc_kw: plane(&|p| p.power_scale_per_soc / W_PER_KW),
-            plane_per_k_kw: plane(&|p| p.power_scale_per_k / W_PER_KW),
-            derated: plane(&|p| p.derated),
-            derated_per_k: plane(&|p| p.derated_per_k),
-        }
-    }
+/// Coefficients over boxes of states by name, each `(M, T)`, in the direction of the step: ranges of the
+/// derating factor, `V`, `R` and `V^2 / R`;
+/// `V^2 / R <= plane_kw + plane_per_soc_kw soc + plane_per_k_kw tau`; and
+/// `1 - k >= derated + derated_per_k tau`.
+pub(crate) fn coefficient_ranges(
+    py: Python<'_>,
+    n_strings: usize,
+    ranges: &[CoefficientRanges],
+    planes: &[Planes],
+) -> BTreeMap<&'static str, Matrix> {
+    let range = |of: fn(&CoefficientRanges) -> f64| matrix(py, n_strings, ranges.iter().map(of).collect());
+    let plane = |of: fn(&Planes) -> f64| matrix(py, n_strings, planes.iter().map(of).collect());
+    BTreeMap::from([
+        ("derating_low", range(|r| r.derating.low)),
+        ("derating_high", range(|r| r.derating.high)),
+        ("voltage_low_v", range(|r| r.voltage_v.low)),
+        ("voltage_high_v", range(|r| r.voltage_v.high)),
+        ("resistance_low_ohm", range(|r| r.resistance_ohm.low)),
+        ("resistance_high_ohm", range(|r| r.resistance_ohm.high)),
+        ("power_scale_low_kw", range(|r| r.power_scale_w.low / W_PER_KW)),
+        ("power_scale_high_kw", range(|r| r.power_scale_w.high / W_PER_KW)),
+        ("plane_kw", plane(|p| p.power_scale_w / W_PER_KW)),
+        ("plane_per_soc_kw", plane(|p| p.power_scale_per_soc / W_PER_KW)),
+        ("plane_per_k_kw", plane(|p| p.power_scale_per_k / W_PER_KW)),
+        ("derated", plane(|p| p.derated)),
+        ("derated_per_k", plane(|p| p.derated_per_k)),
+    ])
 }
 
 /// Magnitudes `(M, T)` [W] as signed requests [kW].

@@ -1,4 +1,4 @@
-//! Arrays on their way in and out: shapes checked, units converted, errors mapped.
+//! Conversion of arrays between Python and Rust: shapes, units and errors.
 
 use std::fmt::Display;
 
@@ -8,39 +8,39 @@ use numpy::{IntoPyArray, Ix1, Ix2, Ix3, PyArray1, PyArray2, PyArrayDyn, PyReadon
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-/// Arrays of numbers that Python gives.
+/// Numeric array from Python.
 pub(crate) type Given<'py, D> = PyReadonlyArray<'py, f64, D>;
 pub(crate) type GivenVector<'py> = Given<'py, Ix1>;
 pub(crate) type GivenMatrix<'py> = Given<'py, Ix2>;
 pub(crate) type GivenCube<'py> = Given<'py, Ix3>;
 
-/// Arrays that Python gets.
+/// Array returned to Python.
 pub(crate) type Vector = Py<PyArray1<f64>>;
 pub(crate) type Matrix = Py<PyArray2<f64>>;
 pub(crate) type Flags = Py<PyArray2<bool>>;
 pub(crate) type Numbers = Py<PyArrayDyn<f64>>;
 
-/// Input that a crate refuses is a `ValueError` with its text.
+/// Converts an error of a crate to a `ValueError` with its message.
 pub(crate) fn refused(error: impl Display) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
 
-/// Values in the order of their indices.
+/// Values in row-major order.
 pub(crate) fn numbers<D: Dimension>(array: &Given<'_, D>) -> Vec<f64> {
     array.as_array().iter().copied().collect()
 }
 
-/// The same, each times `factor`.
+/// Values in row-major order, times `factor`.
 pub(crate) fn scaled<D: Dimension>(array: &Given<'_, D>, factor: f64) -> Vec<f64> {
     array.as_array().iter().map(|v| v * factor).collect()
 }
 
-/// Watts, var or VA of kW, kvar or kVA.
+/// Converts kW, kvar or kVA to W, var or VA.
 pub(crate) fn watts<D: Dimension>(array: &Given<'_, D>) -> Vec<f64> {
     scaled(array, W_PER_KW)
 }
 
-/// The inverse of [`watts`].
+/// Inverse of [`watts`].
 pub(crate) fn kilowatts(values: Vec<f64>) -> Vec<f64> {
     values.into_iter().map(|v| v / W_PER_KW).collect()
 }

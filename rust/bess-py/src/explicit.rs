@@ -1,8 +1,7 @@
-//! The law of an explicit controller: single steps, and closed loops over the plant.
+//! Law of an explicit controller: single steps, and closed loops over the plant.
 
-use bess_control::{ControlError, ExplicitLaw, Measured, Tables, N_OUTLOOK, N_WEIGHTS};
-use bess_plant::{PlantState, Record};
-use bess_tables::units::W_PER_KW;
+use bess_control::{ControlError, ExplicitLaw, Measured, Tables, DECISION, N_OUTLOOK, N_WEIGHTS};
+use bess_plant::PlantState;
 use numpy::PyUntypedArrayMethods;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -11,7 +10,8 @@ use pyo3::types::PyDict;
 use crate::arrays::{
     check_shape, matrix, numbers, refused, vector, GivenCube, GivenMatrix, GivenVector, Matrix, Vector,
 };
-use crate::plant::{to_dict, Plant};
+use crate::plant::Plant;
+use crate::rule::{closed_loop, health};
 
 /// The law of an explicit controller, without its weights.
 #[pyclass(frozen, module = "bess._core")]
@@ -21,7 +21,7 @@ pub struct Explicit {
 
 #[pymethods]
 impl Explicit {
-    /// From tables by name.
+    /// Creates the law from tables by name.
     #[new]
     fn new(tables: &Bound<'_, PyDict>) -> PyResult<Self> {
         let item = |name: &str| {
@@ -35,11 +35,15 @@ impl Explicit {
         Ok(Self { inner: ExplicitLaw::new(tables).map_err(refused)? })
     }
 
-    /// Weights of a law.
+    /// Number of weights.
     #[classattr]
     const N_WEIGHTS: usize = N_WEIGHTS;
 
-    /// Outlook of each schedule of demand `(N, steps)` [kW], `(N, numbers)`.
+    /// Source text of the control law.
+    #[classattr]
+    const DECISION: &'static str = DECISION;
+
+    /// Demand features `(N, numbers)` of each demand forecast `(N, steps)` [kW].
     fn look(&self, py: Python<'_>, ahead_kw: GivenMatrix<'_>) -> PyResult<Matrix> {
         let (rows, n_steps) = (ahead_kw.shape()[0], self.inner.n_steps());
         check_shape("demand", &[rows, n_steps], ahead_kw.shape())?;
@@ -50,7 +54,7 @@ impl Explicit {
         Ok(matrix(py, rows, outlook))
     }
 
-    /// Set-points of one step `(M,)` [kW]; `ahead_kw` `(steps,)` begins with its demand.
+    /// Set-points of one step `(M,)` [kW]; `ahead_kw` `(steps,)` begins with the demand of this step.
     #[allow(clippy::too_many_arguments)]
     fn split(
         &self,
@@ -81,7 +85,7 @@ impl Explicit {
     /// Runs the closed loop over `plant` with one set of weights for each of its scenarios `(S, weights)`.
     ///
     /// `demand_kw` `(T, S)`, never above the sum of `limit_kw` `(T, M)`; `outlook` `(T, S, numbers)`, `ambient_c` `(T, S)`.
-    /// Gives the record of `Plant.run`, and `request_kw`, flat in the order (step, scenario, string).
+    /// Returns the record of `Plant.run`, and `request_kw`, flat in the order (step, scenario, string).
     #[allow(clippy::too_many_arguments)]
     fn run<'py>(
         &self,
@@ -108,32 +112,13 @@ impl Explicit {
             outlook: numbers(&outlook),
             limit_kw: numbers(&limit_kw),
         };
-        let (ambient_c, cooled) = (numbers(&ambient_c), plant.inner.is_cooled());
-        let (law, plant) = (&self.inner, &mut plant.inner);
-        let run = || -> PyResult<(Option<Record>, Vec<f64>)> {
-            let mut record: Option<Record> = None;
-            let mut requests_kw = Vec::new();
-            for (t, ambient_c) in ambient_c.chunks_exact(scenarios.max(1)).enumerate() {
-                let request_kw = asked.request_kw(law, &plant.state(), t).map_err(refused)?;
-                let request_w: Vec<f64> = request_kw.iter().map(|p| p * W_PER_KW).collect();
-                let step = plant.run(&request_w, ambient_c, duration_s, false).map_err(refused)?;
-                requests_kw.extend(request_kw);
-                match &mut record {
-                    Some(record) => record.append(step),
-                    None => record = Some(step),
-                }
-            }
-            Ok((record, requests_kw))
-        };
-        let (record, request_kw) = py.detach(run)?;
-        let record = record.ok_or_else(|| PyValueError::new_err("demand: needs at least one step"))?;
-        let out = to_dict(py, record, cooled)?;
-        out.set_item("request_kw", vector(py, request_kw))?;
-        Ok(out)
+        let request_kw =
+            |state: &PlantState, t: usize| asked.request_kw(&self.inner, state, t).map_err(refused);
+        closed_loop(py, plant, &numbers(&ambient_c), scenarios, duration_s, request_kw)
     }
 }
 
-/// What closed loops are asked, flat: step by step, scenario by scenario.
+/// Inputs of closed loops, flat in the order (step, scenario).
 struct Asked {
     scenarios: usize,
     weights: Vec<f64>,
@@ -143,14 +128,11 @@ struct Asked {
 }
 
 impl Asked {
-    /// Set-points of all lanes in step `t` [kW], from what a controller measures when the step begins: so it makes no
-    /// difference where a run is interrupted.
+    /// Set-points of all lanes in step `t` [kW].
     fn request_kw(&self, law: &ExplicitLaw, state: &PlantState, t: usize) -> Result<Vec<f64>, ControlError> {
         let n = law.n_strings();
         let temperature_c = state.mean_temperature_c();
-        let health = || state.ageing.iter().map(|ageing| ageing.loss());
-        let soh_capacity: Vec<f64> = health().map(|loss| loss.soh_capacity).collect();
-        let soh_resistance: Vec<f64> = health().map(|loss| loss.soh_resistance).collect();
+        let (soh_capacity, soh_resistance) = health(state);
         let mut request_kw = vec![0.0; self.scenarios * n];
         for (s, request_kw) in request_kw.chunks_exact_mut(n).enumerate() {
             let (at, own) = (t * self.scenarios + s, s * n..(s + 1) * n);

@@ -16,7 +16,7 @@ pub struct FlowArrays {
     inverter_loss_kw: Numbers,
     battery_loss_kw: Numbers,
     current_a: Numbers,
-    /// At the end of the step, as the temperature.
+    /// At the end of the step, like the temperature.
     soc: Numbers,
     temperature_c: Numbers,
 }

@@ -1,15 +1,16 @@
 //! One split problem: search, bounds, and data of the relaxation.
 
+use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use bess_control::{Effort, LossUnits, Losses, SplitProblem, StateBox, StringState, RELAXED_NAMES};
+use bess_control::{Effort, LossUnits, Losses, SplitProblem, RELAXED_NAMES};
 use bess_tables::units::W_PER_KW;
 use numpy::ndarray::Dimension;
 use numpy::PyUntypedArrayMethods;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::answers::{signed_kw, CoefficientRanges, Incumbent, SplitAnswer, StepBounds, TightenedBounds};
+use crate::answers::{coefficient_ranges, signed_kw, Incumbent, SplitAnswer, StepBounds, TightenedBounds};
 use crate::arrays::{
     check_shape, matrix, numbers, refused, scaled, shaped, watts, Given, GivenCube, GivenMatrix, GivenVector,
     Matrix, Numbers,
@@ -95,7 +96,7 @@ impl ControlHorizon {
             Some(array) => {
                 check_shape("warm_start", &[n_strings, n_steps], array.shape())?;
                 let given = watts(array);
-                // What points against the demand of its step says nothing about it.
+                // Requests opposite to the demand of their step carry no information.
                 Some(self.inner.signed(&given).into_iter().map(|p| p.max(0.0)).collect::<Vec<_>>())
             }
         };
@@ -106,8 +107,8 @@ impl ControlHorizon {
         SplitAnswer::new(py, &self.inner, answer)
     }
 
-    /// The best of requests in the proportions of `wanted_kw` `(B, M, T)`, `>= 0`, that meet the demand; None where the
-    /// incumbent is as good.
+    /// Best of the requests in the proportions of `wanted_kw` `(B, M, T)`, `>= 0`, that meet the demand; None
+    /// if the incumbent is as good.
     fn best_of(
         &self,
         py: Python<'_>,
@@ -135,7 +136,7 @@ impl ControlHorizon {
         Ok(matrix(py, request_kw.shape()[0], values))
     }
 
-    /// Each step's optimum at the state reached, `(M, T)` [kW, signed].
+    /// Optimum of each step at the state reached, `(M, T)` [kW, signed].
     fn greedy(&self, py: Python<'_>) -> Matrix {
         let best = py.detach(|| self.inner.greedy());
         signed_kw(py, &self.inner, &best.request_w)
@@ -146,8 +147,8 @@ impl ControlHorizon {
         StateBoxes { n_strings: self.inner.n_strings(), boxes: py.detach(|| self.inner.reachable()) }
     }
 
-    /// Step cuts of one objective over boxes of states, with costs of the losses `(M, 4)` [1/kW]; the best if at most
-    /// `budget_kw` `(T,)` is shed in a step.
+    /// Step cuts of one objective over boxes of states, with costs of the losses `(M, 4)` [1/kW]; tightest if
+    /// at most `budget_kw` `(T,)` is shed in a step.
     fn step_bounds(
         &self,
         py: Python<'_>,
@@ -162,8 +163,9 @@ impl ControlHorizon {
         Ok(StepBounds::new(py, &self.inner, &answer))
     }
 
-    /// Bounds the cost of every schedule, given costs of the losses `(M, 4)` [1/kW], and the states of those that cost no
-    /// more than `request_kw` `(M, T)` and shed at most `shed_budget_kw` in all.
+    /// Bounds the cost of every schedule for costs of the losses `(M, 4)` [1/kW]; also the states of
+    /// schedules that cost at most as much as `request_kw` `(M, T)` and shed at most `shed_budget_kw` in
+    /// total.
     fn tighten(
         &self,
         py: Python<'_>,
@@ -179,22 +181,31 @@ impl ControlHorizon {
         TightenedBounds::new(py, self.inner.n_strings(), answer)
     }
 
-    /// Coefficients over boxes of states; planes are closest at the states `near`, boxes that are points.
+    /// Lower bound of the objective of the group after those with `ceilings`, from shadow prices of the balance; at most
+    /// the `objective` of a known schedule.
+    fn priced_bound(&self, py: Python<'_>, ceilings: GivenVector<'_>, objective: f64) -> PyResult<f64> {
+        if ceilings.len() >= self.inner.n_groups() {
+            return Err(PyValueError::new_err("ceilings: give those of earlier groups only"));
+        }
+        let ceilings = numbers(&ceilings);
+        Ok(py.detach(|| self.inner.priced_bound(&ceilings, objective)))
+    }
+
+    /// Coefficients over boxes of states; planes are tightest at the states `near`, which are points.
     fn coefficients(
         &self,
         py: Python<'_>,
         boxes: &StateBoxes,
         near: &StateBoxes,
-    ) -> PyResult<CoefficientRanges> {
+    ) -> PyResult<BTreeMap<&'static str, Matrix>> {
         let (n_strings, n_steps) = (self.inner.n_strings(), self.inner.n_steps());
         let boxes = boxes.at_starts(n_strings, n_steps)?;
-        let state = |b: &StateBox| StringState { soc: b.soc.low, temperature_c: b.temperature_c.low };
-        let near: Vec<_> = near.at_starts(n_strings, n_steps)?.iter().map(state).collect();
+        let near = near.points(n_strings, n_steps)?;
         let (ranges, planes) = (self.inner.ranges(&boxes), self.inner.planes(&boxes, &near));
-        Ok(CoefficientRanges::new(py, n_strings, &ranges, &planes))
+        Ok(coefficient_ranges(py, n_strings, &ranges, &planes))
     }
 
-    /// The node of all schedules with states in these boxes `(M, T + 1)`.
+    /// Node of all schedules with states in these boxes `(M, T + 1)`.
     fn root(&self, boxes: &StateBoxes) -> PyResult<Node> {
         let n_strings = self.inner.n_strings();
         let needed = [n_strings, self.inner.n_steps() + 1];
@@ -202,7 +213,8 @@ impl ControlHorizon {
         Ok(Node { n_strings, inner: self.inner.root(boxes.boxes.clone()), narrowed: None })
     }
 
-    /// A node without what cannot meet the demand and shed at most `shed_budget_kw` in all; None if nothing is left.
+    /// Tightens a node: removes schedules that cannot meet the demand with at most `shed_budget_kw` shed in
+    /// total. None if the node is empty.
     fn narrowed(&self, py: Python<'_>, node: &Node, shed_budget_kw: f64) -> Option<Node> {
         let narrowed = py.detach(|| self.inner.narrowed(&node.inner, shed_budget_kw * W_PER_KW));
         narrowed.map(|narrowed| Node::of(self.inner.n_strings(), narrowed))
@@ -222,9 +234,10 @@ impl ControlHorizon {
         Ok(StepBounds::new(py, &self.inner, &answer))
     }
 
-    /// Coefficients of the relaxation over a narrowed node, one `(M, T)` for each of [`RELAXED_NAMES`]; planes are closest
-    /// at the states `near`, boxes that are points, and those of battery and derating those of these states if `frozen`.
-    /// `units_kw` `(M, 2)` are the nominal losses of inverter and battery.
+    /// Coefficients of the relaxation over a narrowed node, one `(M, T)` for each of [`RELAXED_NAMES`].
+    /// Planes are tightest at the states `near`, which are points; if `frozen`, the coefficients of battery
+    /// and derating are those of these states. `units_kw` `(M, 2)` are the nominal losses of inverter and
+    /// battery.
     fn relaxed(
         &self,
         py: Python<'_>,
@@ -240,14 +253,13 @@ impl ControlHorizon {
             .chunks_exact(2)
             .map(|u| LossUnits { inverter_w: u[0], battery_w: u[1] })
             .collect();
-        let state = |b: &StateBox| StringState { soc: b.soc.low, temperature_c: b.temperature_c.low };
-        let near: Vec<_> = near.at_starts(n_strings, n_steps)?.iter().map(state).collect();
+        let near = near.points(n_strings, n_steps)?;
         let values = py.detach(|| self.inner.relaxed(narrowed, &near, frozen, &units));
         Ok(shaped(py, &[RELAXED_NAMES.len(), n_strings, n_steps], values))
     }
 
-    /// What every string does in every step by itself, from states `(M, T)`, boxes that are points, with requests `(M, T)`
-    /// [kW], magnitudes.
+    /// Flows of single steps, from states `(M, T)`, which are points, with requests `(M, T)` [kW],
+    /// magnitudes.
     fn flows_from(
         &self,
         py: Python<'_>,
@@ -256,14 +268,13 @@ impl ControlHorizon {
     ) -> PyResult<FlowArrays> {
         let (n_strings, n_steps) = (self.inner.n_strings(), self.inner.n_steps());
         check_shape("request", &[n_strings, n_steps], request_kw.shape())?;
-        let state = |b: &StateBox| StringState { soc: b.soc.low, temperature_c: b.temperature_c.low };
-        let states: Vec<_> = states.at_starts(n_strings, n_steps)?.iter().map(state).collect();
+        let states = states.points(n_strings, n_steps)?;
         let flows = self.inner.flows_from(&states, &watts(&request_kw));
         let directions: Vec<_> = (0..n_steps).map(|t| self.inner.direction(t)).collect();
         Ok(FlowArrays::new(py, &[n_strings, n_steps], &flows, &directions))
     }
 
-    /// Names of the coefficients that [`Self::relaxed`] gives.
+    /// Names of the coefficients of [`Self::relaxed`].
     #[staticmethod]
     fn relaxed_names() -> Vec<&'static str> {
         RELAXED_NAMES.to_vec()

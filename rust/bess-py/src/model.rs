@@ -1,6 +1,6 @@
-//! The control model of a plant: roll-outs, a demand followed, limits, reactive power.
+//! The control model of a plant: roll-outs, tracking of a demand, limits, reactive power.
 
-use bess_control::{CoefficientsFrom, StringState};
+use bess_control::{CoefficientsFrom, StringState, TrackedDemand};
 use bess_tables::units::W_PER_KW;
 use bess_tables::Direction;
 use numpy::PyUntypedArrayMethods;
@@ -11,7 +11,6 @@ use crate::arrays::{
     Matrix, Vector,
 };
 use crate::flows::FlowArrays;
-use crate::follow::{BestShares, FollowedArrays};
 use crate::system::System;
 
 /// Control model of a plant.
@@ -46,7 +45,8 @@ impl ControlModel {
         Self { inner: bess_control::ControlModel::new(&system.inner) }
     }
 
-    /// Rolls out signed requests `(B, M, T)` [kW], with the coefficients of the start or the middle of each step.
+    /// Rolls out signed requests `(B, M, T)` [kW], with the coefficients at the start or the middle of each
+    /// step.
     #[pyo3(signature = (soc0, temperature0_c, request_kw, ambient_c, dt_h, midpoint=false))]
     #[allow(clippy::too_many_arguments)]
     fn rollout(
@@ -126,8 +126,8 @@ impl ControlModel {
         Ok(vector(py, kilowatts(self.inner.deliverable_w(&states, direction(discharge), dt_h))))
     }
 
-    /// Magnitudes `(M,)` [kW] of the requests of a step with none below the least power of its inverter but 0, each at
-    /// most its limit `(M,)`; the sum stays where it can.
+    /// Requests `(M,)` [kW, magnitudes] of one step, each 0 or at least the minimum power of its inverter,
+    /// and at most its limit `(M,)`. Their sum is kept if possible.
     fn set_points(
         &self,
         py: Python<'_>,
@@ -142,8 +142,9 @@ impl ControlModel {
         Ok(vector(py, kilowatts(request_w)))
     }
 
-    /// Allocation `(M,)` [kvar] of a total reactive power of equal sign, at minimum loss with signed requests `(M,)`
-    /// [kW] within `limit_kva` `(M,)`; a start of a string costs `start_kw` `(M,)`.
+    /// Allocates a total reactive power of equal sign to the strings `(M,)` [kvar], at minimum loss with
+    /// signed requests `(M,)` [kW], within `limit_kva` `(M,)`; the start of an inverter costs `start_kw`
+    /// `(M,)`.
     fn share_reactive(
         &self,
         py: Python<'_>,
@@ -165,5 +166,50 @@ impl ControlModel {
     fn nominal_loss_kw(&self, py: Python<'_>) -> (Vector, Vector) {
         let (inverter_w, battery_w) = self.inner.nominal_losses_w();
         (vector(py, kilowatts(inverter_w)), vector(py, kilowatts(battery_w)))
+    }
+}
+
+/// Allocation of plant powers to strings `(P, M)` [kW], in charge and in discharge, at uniform powers from
+/// zero to the sum of `limit_kw` `(M,)`.
+#[pyclass(frozen, module = "bess._core")]
+pub struct BestShares {
+    pub(crate) inner: bess_control::BestShares,
+}
+
+#[pymethods]
+impl BestShares {
+    #[new]
+    fn new(
+        charge_kw: GivenMatrix<'_>,
+        discharge_kw: GivenMatrix<'_>,
+        limit_kw: GivenVector<'_>,
+    ) -> PyResult<Self> {
+        check_shape("charge", &[charge_kw.shape()[0], limit_kw.len()], charge_kw.shape())?;
+        check_shape("discharge", charge_kw.shape(), discharge_kw.shape())?;
+        let inner = bess_control::BestShares::new(watts(&charge_kw), watts(&discharge_kw), watts(&limit_kw));
+        Ok(Self { inner: inner.map_err(refused)? })
+    }
+}
+
+/// Result of tracking: allocated and delivered power `(T,)`, requests of the strings `(M, T)` [kW, positive =
+/// discharge], and the states at the start and at the end of each step `(M, T + 1)`.
+#[pyclass(frozen, get_all, module = "bess._core")]
+pub struct FollowedArrays {
+    asked_kw: Vector,
+    delivered_kw: Vector,
+    request_kw: Matrix,
+    soc: Matrix,
+    temperature_c: Matrix,
+}
+
+impl FollowedArrays {
+    pub(crate) fn new(py: Python<'_>, n_strings: usize, of: TrackedDemand) -> Self {
+        Self {
+            asked_kw: vector(py, kilowatts(of.asked_w)),
+            delivered_kw: vector(py, kilowatts(of.delivered_w)),
+            request_kw: matrix(py, n_strings, kilowatts(of.request_w)),
+            soc: matrix(py, n_strings, of.soc),
+            temperature_c: matrix(py, n_strings, of.temperature_c),
+        }
     }
 }

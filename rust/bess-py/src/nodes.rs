@@ -47,7 +47,7 @@ impl Node {
         flags(py, self.n_strings, self.inner.may_shed.clone())
     }
 
-    /// States.
+    /// Boxes of the states `(M, T + 1)`.
     #[getter]
     fn boxes(&self) -> StateBoxes {
         StateBoxes { n_strings: self.n_strings, boxes: self.inner.boxes.clone() }
@@ -59,8 +59,8 @@ impl Node {
         Ok(self.parts(self.inner.branch_on_request(string, step, at_kw * W_PER_KW)))
     }
 
-    /// The parts of a narrowed node in which one string sheds nothing in one step, and in which it ends where it is full
-    /// (empty) enough to shed.
+    /// The parts of a narrowed node in which one string sheds nothing in one step, and in which it ends this
+    /// step full (empty) enough to shed.
     fn branch_on_full(&self, string: usize, step: usize) -> PyResult<(Self, Self)> {
         self.check(string, step, 0.0)?;
         let narrowed = self.narrowed.as_ref().ok_or_else(|| PyValueError::new_err("node: not narrowed"))?;

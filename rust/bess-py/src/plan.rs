@@ -15,16 +15,14 @@ use crate::model::ControlModel;
 pub struct Plan {
     /// Requests `(M, T)` [kW, signed].
     request_kw: Matrix,
-    /// Cost of the plan.
     cost: f64,
     /// Cost of the cheapest rule's schedule.
     rule_cost: f64,
     /// Dual bound on the grid; None if not computed.
     search_bound: Option<f64>,
-    /// Proven lower bound by prices on the control model with the coefficients of the start of each step; None where it was
-    /// not computed.
+    /// Proven lower bound by prices on the control model with the coefficients at the start of each step;
+    /// None if not computed.
     bound: Option<f64>,
-    /// Number of roll-outs.
     rollouts: usize,
     /// Marginal cost of initial charge, mean over the strings by capacity.
     start_charge: f64,
@@ -32,10 +30,11 @@ pub struct Plan {
 
 /// Plans over `demand_kw` `(T,)`, from the measured state and whether each inverter is `running` `(M,)`.
 ///
-/// `loss_prices` `(T, 4)` [cost/kWh]: availability, derating, inverter, battery; `wear` `(M,)` and `end_charge` [cost/Ah],
-/// `start_cost` of an inverter, `balance` [cost per Ah and hour]; `previous_kw` `(M, T)` is a plan to start from; `rollouts`
-/// work on it, `fresh_rollouts` on each fresh start, `turn` counts the calls; `reactive_kvar` `(T,)` is what the inverters
-/// carry beside it; `groups` `(M,)`: strings of one number are planned as one, those below 0 are out of service.
+/// Prices: `loss_prices` `(T, 4)` of availability, derating, inverter and battery loss [cost/kWh]; `wear`
+/// `(M,)` and `end_charge` [cost/Ah]; `start_cost` of an inverter; `balance` [cost per Ah and hour]. Work:
+/// `previous_kw` `(M, T)` is the shifted warm start, with `rollouts`; each fresh start has `fresh_rollouts`;
+/// `turn` counts the calls. `reactive_kvar` `(T,)` is the reactive power of the plant. Strings of one number
+/// in `groups` `(M,)` are planned as one; strings below 0 are out of service.
 #[pyfunction]
 #[pyo3(signature = (model, *, soc, temperature_c, running, demand_kw, ambient_c, dt_h, limit_kw, loss_prices, wear,
                     start_cost, balance, end_charge, previous_kw, rollouts, fresh_rollouts, bound_passes, proof_cells, turn, reactive_kvar=None, groups=None))]

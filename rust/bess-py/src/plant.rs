@@ -21,7 +21,7 @@ pub struct Plant {
     system: Arc<bess_tables::System>,
 }
 
-/// Where the state says nothing of ageing, that of lanes with the given state of health begins.
+/// Converts a state by name. If it has no ageing state, the ageing state follows from the state of health.
 fn plant_state(system: &bess_tables::System, state: &Bound<'_, PyDict>) -> PyResult<PlantState> {
     let item = |key: &'static str| state.get_item(key)?.ok_or_else(|| PyKeyError::new_err(key));
     let values = |key| -> PyResult<Vec<f64>> { Ok(numbers(&item(key)?.extract::<GivenVector<'_>>()?)) };
@@ -33,7 +33,7 @@ fn plant_state(system: &bess_tables::System, state: &Bound<'_, PyDict>) -> PyRes
         ageing: if state.contains("ageing")? {
             let lanes = item("soc")?.len()?;
             let rows = values("ageing")?;
-            // One row for each lane; a length that is no multiple leaves a row too short, which is refused.
+            // One row for each lane; a length that is no multiple leaves a short row, which is refused.
             rows.chunks((rows.len() / lanes.max(1)).max(1))
                 .map(AgeingState::from_numbers)
                 .collect::<Result<_, _>>()
@@ -42,7 +42,8 @@ fn plant_state(system: &bess_tables::System, state: &Bound<'_, PyDict>) -> PyRes
             starting_ageing(system, &values("soh_capacity")?, &values("soh_resistance")?).map_err(refused)?
         },
         cooling: if state.contains("cooling_stages")? {
-            // A stage that is no small whole number becomes one that no plant has, or the nearest.
+            // The cast truncates and saturates: an invalid stage becomes the nearest, or one that no plant
+            // has.
             let stages = values("cooling_stages")?.into_iter().map(|stage| stage as u8).collect();
             // Two numbers for each scenario: whether the chiller may run, and the temperature of the loop.
             let coolant = values("coolant")?;
@@ -57,7 +58,7 @@ fn plant_state(system: &bess_tables::System, state: &Bound<'_, PyDict>) -> PyRes
     })
 }
 
-/// Kinds of cooling that a plant knows.
+/// Supported kinds of cooling.
 #[pyfunction]
 pub fn cooling_kinds() -> Vec<&'static str> {
     KINDS.map(|kind| kind.name).to_vec()
@@ -65,7 +66,7 @@ pub fn cooling_kinds() -> Vec<&'static str> {
 
 #[pymethods]
 impl Plant {
-    /// `derating_law` is "table" or "pi"; `state` as `Plant.state` gives it.
+    /// `derating_law` is "table" or "pi"; `state` is as returned by `Plant.state`.
     #[new]
     fn new(
         py: Python<'_>,
@@ -95,7 +96,7 @@ impl Plant {
         self.inner.lanes()
     }
 
-    /// Most thermal nodes of any string.
+    /// Maximum number of thermal nodes of a string.
     #[getter]
     fn max_nodes(&self) -> usize {
         self.inner.max_nodes()
@@ -129,13 +130,12 @@ impl Plant {
         Ok(out)
     }
 
-    /// Replaces the state.
     fn set_state(&mut self, state: &Bound<'_, PyDict>) -> PyResult<()> {
         self.inner.set_state(&plant_state(&self.system, state)?).map_err(refused)
     }
 
-    /// Advances through all requests [kW], with reactive power [kvar] beside them or none; flat arrays by name, in kW, kvar,
-    /// A, degC and kWh.
+    /// Simulates all requests [kW], with reactive power [kvar] if given; returns flat arrays by name, in kW,
+    /// kvar, A, degC and kWh.
     #[pyo3(signature = (request_kw, ambient_c, duration_s, keep_nodes, reactive_kvar=None))]
     fn run<'py>(
         &mut self,

@@ -1,13 +1,14 @@
 //! Boxes of states, as arrays.
 
-use bess_control::{Range, StateBox};
+use bess_control::{Range, StateBox, StringState};
 use numpy::PyUntypedArrayMethods;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::arrays::{check_shape, matrix, numbers, GivenMatrix, Matrix};
 
-/// Ranges of the state of every string `(M, N)`: at the start of each step, or at the end of the last as well.
+/// Ranges of the state of every string `(M, N)` at the start of each step, optionally also at the end of the
+/// last.
 #[pyclass(frozen, module = "bess._core")]
 pub struct StateBoxes {
     pub(crate) n_strings: usize,
@@ -24,6 +25,12 @@ impl StateBoxes {
         }
         check_shape("states", &[n_strings, n_steps], &[self.n_strings, columns])?;
         Ok(self.boxes.clone())
+    }
+
+    /// States at the starts of `n_steps` steps, of boxes that are points.
+    pub(crate) fn points(&self, n_strings: usize, n_steps: usize) -> PyResult<Vec<StringState>> {
+        let state = |b: &StateBox| StringState { soc: b.soc.low, temperature_c: b.temperature_c.low };
+        Ok(self.at_starts(n_strings, n_steps)?.iter().map(state).collect())
     }
 
     fn pick(&self, py: Python<'_>, of: fn(&StateBox) -> f64) -> Matrix {

@@ -14,20 +14,19 @@ pub struct System {
 
 #[pymethods]
 impl System {
-    /// From the resolved description, JSON of `{"strings": [...]}`.
+    /// Creates the tables from the resolved description, JSON of `{"strings": [...]}`.
     #[new]
     fn new(document: &str) -> PyResult<Self> {
         let inner = bess_tables::System::from_json(document).map_err(refused)?;
         Ok(Self { inner: Arc::new(inner) })
     }
 
-    /// The same plant with the capacity and the resistance of each string times a factor.
+    /// Returns a copy with the capacity and resistance of each string scaled by these factors.
     fn aged(&self, soh_capacity: GivenVector<'_>, soh_resistance: GivenVector<'_>) -> PyResult<Self> {
         let inner = self.inner.aged(&numbers(&soh_capacity), &numbers(&soh_resistance)).map_err(refused)?;
         Ok(Self { inner: Arc::new(inner) })
     }
 
-    /// Number of strings.
     #[getter]
     fn n_strings(&self) -> usize {
         self.inner.strings.len()

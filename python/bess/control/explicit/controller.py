@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
 
@@ -10,13 +12,238 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from bess import _core
 from bess.arrays import Array
-from bess.control.explicit.tables import Tables
 from bess.errors import InputError
 from bess.files import parse_json, read_file
-from bess.system import State
+from bess.system import State, System
+from bess.system.battery import Battery, ResistanceTable
+
+Numbers = tuple[FiniteFloat, ...]
+Count = Annotated[int, Field(ge=1)]
+
+NEAR_H: Final = 6.0
+"""Length of the near part of the forecast [h]."""
+NO_LIMIT_V: Final = 1e9
+"""Maximum voltage of a string without a limit [V], because JSON has no infinity."""
+REFERENCE_C: Final = 25.0
+"""Temperature at which the SOC factor of resistance is 1 [degC]."""
+
+
+class Tables(BaseModel):
+    """Constants of the control law (``decision.rs`` of the core), without the weights.
+
+    Arrays over several axes are flat; the last axis varies fastest. ``side`` is 0 for charge, else 1.
+
+    Attributes
+    ----------
+    strings : int
+        Number of strings.
+    soc_knots, temperature_knots, derating_knots, power_knots, heat_knots, low_knots : int
+        Lengths of the axes.
+    steps, near_steps : int
+        Control steps of the forecast, and of its near part.
+    step_h : float
+        Control step [h].
+    step_share, near_share : float
+        ``1 / steps`` and ``1 / near_steps``.
+    shortfall : float
+        Weight of undelivered energy over losses [kWh/kWh].
+    soc_axis, temperature_axis : tuple of float
+        Knots of the two tables below, common to all strings; [degC].
+    ocv_v, resistance_ohm : tuple of float
+        Open-circuit voltage [V] and resistance [Ohm] over (side, string, SOC, temperature).
+    derating_c, derating_factor : tuple of float
+        Derating table of each string over temperature [degC].
+    power_kw : tuple of float
+        Knots of the inverter's loss tables [kW] of each string.
+    loss_kw : tuple of float
+        Inverter loss [kW] over (side, string, knot).
+    idle_loss_kw, capacity_ah, energy_kwh, soc_min, soc_max : tuple of float
+        Of each string: loss of the inverter when off [kW], capacity [Ah], energy of the SOC window [kWh], and
+        limits of the window.
+    voltage_min_v, voltage_max_v, derating_start_c : tuple of float
+        Of each string: lowest voltage in discharge and highest in charge [V], temperature at which derating
+        starts [degC].
+    heat_k : tuple of float
+        Knots of the price of heat: temperature above the start of derating [K].
+    low_fill : tuple of float
+        Fills (shares of the SOC window) below which stored energy is preserved.
+    high_fill : float
+        Fill above which headroom is preserved.
+    share : tuple of float
+        Requests at which the cost of a string is evaluated, as shares of the maximum.
+    min_power_kw : float
+        Minimum power of an inverter that is on [kW].
+    flattest, shed_slope, crumbs, unbounded : float
+        Minimum curvature of the cost of a string [1/kW], curvature of the cost of undelivered power [1/kW],
+        rounding tolerance as a share of plant power, and a cost above all others [kW].
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
+
+    strings: Annotated[int, Field(ge=1, le=32)]
+    soc_knots: Annotated[int, Field(ge=2)]
+    temperature_knots: Annotated[int, Field(ge=2)]
+    derating_knots: Annotated[int, Field(ge=2)]
+    power_knots: Annotated[int, Field(ge=2)]
+    heat_knots: Annotated[int, Field(ge=2)] = 5
+    low_knots: Count = 3
+    steps: Count
+    near_steps: Count
+    step_h: FiniteFloat
+    step_share: FiniteFloat
+    near_share: FiniteFloat
+    shortfall: FiniteFloat
+    soc_axis: Numbers
+    temperature_axis: Numbers
+    ocv_v: Numbers
+    resistance_ohm: Numbers
+    derating_c: Numbers
+    derating_factor: Numbers
+    power_kw: Numbers
+    loss_kw: Numbers
+    idle_loss_kw: Numbers
+    capacity_ah: Numbers
+    energy_kwh: Numbers
+    soc_min: Numbers
+    soc_max: Numbers
+    voltage_min_v: Numbers
+    voltage_max_v: Numbers
+    derating_start_c: Numbers
+    heat_k: Numbers = (-30.0, -15.0, -5.0, 0.0, 5.0)
+    low_fill: Numbers = (0.05, 0.12, 0.3)
+    high_fill: FiniteFloat = 0.9
+    share: Numbers = (0.0, 0.5, 1.0)
+    min_power_kw: FiniteFloat = 1e-3
+    flattest: FiniteFloat = 1e-6
+    shed_slope: FiniteFloat = 1e-3
+    crumbs: FiniteFloat = 1e-9
+    unbounded: FiniteFloat = 1e30
+
+    @classmethod
+    def of(cls, system: System, steps: int, step_h: float, shortfall: float) -> Self:
+        """Return the tables of a plant, for a forecast of ``steps`` control steps of ``step_h``."""
+        strings = system.strings
+        batteries = [string.battery for string in strings]
+        soc = np.array(sorted({value for battery in batteries for value in _soc_knots(battery)}))
+        temperature_c = np.array(sorted({t for battery in batteries for t in _temperature_knots(battery)}))
+        if temperature_c.size == 1:
+            temperature_c = np.append(temperature_c, temperature_c[0] + 1.0)
+        derating_knots = max(len(string.derating.factor) for string in strings)
+        power_knots = max(len(string.inverter.load) for string in strings)
+        derating = [
+            _lengthened((s.derating.temperature_c, s.derating.factor), derating_knots) for s in strings
+        ]
+        curves = [(s.inverter.load, s.inverter.loss_charge, s.inverter.loss_discharge) for s in strings]
+        inverters = [
+            _lengthened(curve, power_knots) * string.inverter.nominal_kw
+            for curve, string in zip(curves, strings, strict=True)
+        ]
+        near_steps = min(steps, max(1, round(NEAR_H / step_h)))
+        window = np.array([battery.soc_max - battery.soc_min for battery in batteries])
+        tables: dict[str, Any] = {
+            "ocv_v": [_ocv_v(each, side, soc, temperature_c) for side in (0, 1) for each in batteries],
+            "resistance_ohm": [_ohm(each, side, soc, temperature_c) for side in (0, 1) for each in batteries],
+            "derating_c": [rows[0] for rows in derating],
+            "derating_factor": [rows[1] for rows in derating],
+            "power_kw": [rows[0] for rows in inverters],
+            "loss_kw": [rows[1 + side] for side in (0, 1) for rows in inverters],
+            "idle_loss_kw": [string.inverter.off_loss * string.inverter.nominal_kw for string in strings],
+            "capacity_ah": system.capacity_ah,
+            "energy_kwh": system.nominal_energy_kwh * window,
+            "soc_min": [battery.soc_min for battery in batteries],
+            "soc_max": [battery.soc_max for battery in batteries],
+            "voltage_min_v": [battery.voltage_min_v for battery in batteries],
+            "voltage_max_v": [min(battery.voltage_max_v, NO_LIMIT_V) for battery in batteries],
+            "derating_start_c": [string.derating.start_c for string in strings],
+            "soc_axis": soc,
+            "temperature_axis": temperature_c,
+        }
+        flat: dict[str, Any] = {
+            name: tuple(np.asarray(values, dtype=float).ravel().tolist()) for name, values in tables.items()
+        }
+        return cls(
+            strings=len(strings),
+            soc_knots=soc.size,
+            temperature_knots=temperature_c.size,
+            derating_knots=derating_knots,
+            power_knots=power_knots,
+            steps=steps,
+            near_steps=near_steps,
+            step_h=step_h,
+            step_share=1.0 / steps,
+            near_share=1.0 / near_steps,
+            shortfall=shortfall,
+            min_power_kw=float(system.min_power_kw.max()),
+            **flat,
+        )
+
+
+def _soc_knots(battery: Battery) -> set[float]:
+    if battery.resistance_table is not None:
+        return {*battery.ocv_v.soc, *battery.resistance_table.soc}
+    assert battery.resistance_soc is not None
+    low = {value for value in battery.resistance_soc.soc if value < battery.low_soc_switch}
+    return {*battery.ocv_v.soc, *low, battery.low_soc_switch}
+
+
+def _temperature_knots(battery: Battery) -> set[float]:
+    if battery.resistance_table is not None:
+        return {*battery.ocv_v.temperature_c, *battery.resistance_table.temperature_c}
+    assert battery.resistance_temperature is not None
+    return {*battery.ocv_v.temperature_c, *battery.resistance_temperature.temperature_c}
+
+
+def _ocv_v(battery: Battery, side: int, soc: Array, temperature_c: Array) -> Array:
+    table = battery.ocv_v
+    rows = (table.charge, table.discharge)[side]
+    return _on_grid(rows, table.soc, table.temperature_c, soc, temperature_c) * battery.cells_series
+
+
+def _ohm(battery: Battery, side: int, soc: Array, temperature_c: Array) -> Array:
+    """Resistance of the control model, exact at the knots, shape ``(soc, temperature)``."""
+    ohm = 1e-3 * battery.r_scale * battery.cells_series / battery.cells_parallel
+    if battery.resistance_table is not None:
+        return _measured_mohm(battery.resistance_table, side, soc, temperature_c) * ohm
+    warm, low = battery.resistance_temperature, battery.resistance_soc
+    assert warm is not None and low is not None
+    by_temperature = np.interp(temperature_c, warm.temperature_c, warm.resistance_mohm)
+    factor = np.interp(soc, low.soc, low.resistance_mohm)
+    factor /= np.interp(REFERENCE_C, warm.temperature_c, warm.resistance_mohm)
+    factor = np.where(soc < battery.low_soc_switch, factor, 1.0)
+    return np.outer(factor, by_temperature) * ohm
+
+
+def _measured_mohm(table: ResistanceTable, side: int, soc: Array, temperature_c: Array) -> Array:
+    blocks = (table.charge_mohm, table.discharge_mohm)[side]
+    grids = np.array([_on_grid(rows, table.soc, table.temperature_c, soc, temperature_c) for rows in blocks])
+    rates = np.array(table.c_rate)
+    shares = [np.interp(table.control_c_rate, rates, row) for row in np.eye(rates.size)]
+    return np.asarray(np.tensordot(shares, grids, axes=1))
+
+
+def _on_grid(
+    rows: Sequence[Sequence[float]],
+    own_soc: Sequence[float],
+    own_temperature_c: Sequence[float],
+    soc: Array,
+    temperature_c: Array,
+) -> Array:
+    """Return a table with one row per temperature, interpolated at other knots: ``(soc, temperature)``."""
+    by_soc = np.array([np.interp(soc, own_soc, row) for row in rows])
+    return np.array([np.interp(temperature_c, own_temperature_c, column) for column in by_soc.T])
+
+
+def _lengthened(rows: Sequence[Sequence[float]], length: int) -> Array:
+    """Return the same piecewise linear functions with more knots, by halving the last segment."""
+    out = [list(row) for row in rows]
+    while len(out[0]) < length:
+        for row in out:
+            row.insert(-1, 0.5 * (row[-2] + row[-1]))
+    return np.array(out)
+
 
 N_WEIGHTS: Final = _core.Explicit.N_WEIGHTS
-"""Weights of a controller; :mod:`bess.control.explicit.decision` defines their positions."""
+"""Weights of a controller; the control law (``decision.rs`` of the core) defines their positions."""
 
 
 class ExplicitController(BaseModel):
@@ -29,7 +256,7 @@ class ExplicitController(BaseModel):
     study, system : str
         Study and system of the training, for information.
     weights : tuple of float
-        The fitted numbers, see :mod:`bess.control.explicit.decision`.
+        Fitted weights of the control law.
     tables : Tables
         Tables of the plant, and length of the demand forecast.
     """
@@ -43,19 +270,11 @@ class ExplicitController(BaseModel):
     tables: Tables
 
     def model_post_init(self, context: Any) -> None:
-        """Build and validate the core controller.
-
-        Raises
-        ------
-        InputError
-            The tables do not fit each other.
-        """
+        """Raise InputError if the tables do not fit each other."""
         try:
-            core = _core.Explicit(self.tables.model_dump())
+            _ = self.core
         except ValueError as error:
             raise InputError(f"tables of an explicit controller: {error}") from error
-        object.__setattr__(self, "_core", core)
-        object.__setattr__(self, "_weights", np.array(self.weights))
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
@@ -66,13 +285,11 @@ class ExplicitController(BaseModel):
         InputError
             The file is missing, or not from ``bess distil``.
         """
+        raw = read_file(path)
         try:
-            return cls.model_validate(parse_json(read_file(path)))
+            return cls.model_validate(parse_json(raw))
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
-        except OSError as error:
-            reason = error.strerror or error
-            raise InputError(f"{path}: {reason}; give a policy.json from bess distil") from error
         except ValidationError as error:
             first = error.errors()[0]
             place = ".".join(map(str, first["loc"])) or "file"
@@ -84,11 +301,18 @@ class ExplicitController(BaseModel):
         """Text of ``policy.json``."""
         return self.model_dump_json(indent=1) + "\n"
 
-    @property
+    def run(
+        self, plant: _core.Plant, ahead_kw: Array, limit_kw: Array, ambient_c: Array, step_s: float
+    ) -> dict[str, Array]:
+        """See :class:`bess.plant.plant.Controller`."""
+        weights, outlook = np.array([self.weights]), self.core.look(ahead_kw)[:, None, :]
+        demand_kw = np.ascontiguousarray(ahead_kw[:, :1])
+        return self.core.run(plant, weights, demand_kw, outlook, limit_kw, ambient_c[:, None], step_s)
+
+    @cached_property
     def core(self) -> _core.Explicit:
         """Control law in the core, with weights as arguments."""
-        core: _core.Explicit = self.__dict__["_core"]
-        return core
+        return _core.Explicit(self.tables.model_dump())
 
     def split(self, state: State, ahead_kw: Array, limit_kw: Array) -> Array:
         """Allocate the demand of the current step.
@@ -108,9 +332,8 @@ class ExplicitController(BaseModel):
         ndarray, shape (n_strings,)
             Set-points [kW], signed as the demand; they sum to the demand.
         """
-        weights: Array = self.__dict__["_weights"]
         return self.core.split(
-            weights,
+            np.array(self.weights),
             state.soc,
             state.temperature_c,
             state.soh_capacity,

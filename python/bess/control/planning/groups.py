@@ -23,7 +23,7 @@ HEALTH_SPREAD = 0.05
 
 
 def kinds_of(system: System, state: State, limit_kw: Array) -> int:
-    """Number of kinds of strings: those of one kind differ in SOC and temperature only."""
+    """Return the number of kinds of strings; strings of one kind differ in SOC and temperature only."""
     each = np.stack([system.kinds, state.soh_capacity, state.soh_resistance, limit_kw], axis=1)
     return len(np.unique(each, axis=0))
 

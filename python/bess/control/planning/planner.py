@@ -111,7 +111,7 @@ class Planner:
     Parameters
     ----------
     system : System
-        1 to 1,000 strings, which may differ. More than 16 are planned in groups of like strings in like
+        1 to 1,000 strings, which may differ. More than 16 are planned in groups of similar strings in similar
         states, formed at each restart (:func:`bess.control.planning.groups.groups_of`).
     n_steps : int
         Length of the plan [steps].

@@ -42,6 +42,6 @@ def proven_bound(problem: SplitProblem, loss_prices: Array) -> float:
         over_the_step(reach.temperature_high_c, least=False),
     )
     cuts = control.step_bounds(boxes, costs[0], np.abs(problem.demand_kw))
-    # cost + slope x shed >= phi: where a shed kW is cheaper than the slope, shedding it all costs least.
+    # cost + slope x shed >= phi: if a shed kW costs less than the slope, shedding all of it is optimal.
     share = np.divide(loss_prices[0], cuts.shed_slope, out=np.ones(n_steps), where=cuts.shed_slope > 0.0)
     return float((cuts.phi * np.minimum(1.0, share)).sum() * problem.dt_h)

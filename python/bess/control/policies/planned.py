@@ -118,6 +118,6 @@ class PlannedPolicy:
         )
 
     def _wear_eur_ah(self, state: State) -> NDArray[np.float64]:
-        """Price of an Ah in each string [EUR/Ah], at its temperature."""
+        """Wear price of charge throughput in each string [EUR/Ah], at its temperature."""
         by_string = self._wear.at(state).cycling_eur_ah(TYPICAL_DEPTH, state.temperature_c[:, None])
         return np.ascontiguousarray(by_string[:, 0])

@@ -32,7 +32,7 @@ class PolicyInput:
         Maximum power of each inverter [kW]; 0 = out of service.
     price_eur_mwh : ndarray, shape (n_steps,), optional
         Price of energy, if the study has one.
-    follows_store : bool
+    demand_depends_on_soc : bool
         Whether the demand depends on the SOC, as behind a meter: a full battery receives less charging
         demand, and an empty one no discharging demand.
     reactive_kvar : ndarray, shape (n_steps,), or None
@@ -64,7 +64,7 @@ class SolverReport:
 class Decision:
     """Set-points of this step, signed [kW], shape ``(n_strings,)``; they sum to the demand.
 
-    ``plan_kw``: those of the horizon, shape ``(n_strings, n_steps)``, this step first; None without a plan.
+    ``plan_kw``: set-points over the horizon, ``(n_strings, n_steps)``, this step first; None without a plan.
     ``reactive_kvar`` is the reactive power of each string. If a policy omits it, the reactive demand is
     allocated in equal parts to the strings that are on.
     """

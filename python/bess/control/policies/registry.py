@@ -6,9 +6,9 @@ from collections.abc import Callable
 from importlib.metadata import EntryPoint, entry_points
 from typing import Final, cast
 
-from bess.control.policies import distilled, equal, mpc, priority, soc, temperature
+from bess.control.policies import distilled, mpc
 from bess.control.policies.policy import Policy
-from bess.control.policies.rule import RulePolicy, Share
+from bess.control.policies.rule import RulePolicy
 from bess.control.policies.settings import Settings
 from bess.errors import InputError
 from bess.system import System
@@ -19,16 +19,16 @@ PLUG_INS: Final = "bess.policies"
 """Group of entry points; each names a function from a system and settings to a policy."""
 
 
-def _rule(share: Share) -> Factory:
-    return lambda system, settings: RulePolicy(system, settings.dt_h, share)
+def _rule(name: str) -> Factory:
+    return lambda system, settings: RulePolicy(system, settings.dt_h, name)
 
 
 POLICIES: dict[str, tuple[Factory, str]] = {
-    "equal": (_rule(equal.share), "equal power in every string"),
-    "priority": (_rule(priority.share), "fill one string, then the next"),
-    "soc": (_rule(soc.share), "in proportion to stored energy or headroom"),
+    "equal": (_rule("equal"), "equal power in every string"),
+    "priority": (_rule("priority"), "fill one string, then the next"),
+    "soc": (_rule("soc"), "in proportion to stored energy or headroom"),
     "temperature": (
-        _rule(temperature.share),
+        _rule("temperature"),
         "in proportion to nominal power and the distance from derating",
     ),
     "mpc": (mpc.build, "a plan of a day, or a certified mixed-integer split of the next steps"),

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from bess import _core
 from bess.arrays import Array, real_numbers
 from bess.control.policies.capability import Capability
 from bess.control.policies.policy import NO_OPTIMISATION, Decision, PolicyInput
@@ -46,14 +47,40 @@ class RulePolicy:
 
     Demand above the total capability is also requested, within the free inverter power, so that the plant
     records it as availability loss.
+
+    Parameters
+    ----------
+    system : System
+        The plant.
+    dt_h : float
+        Control step [h].
+    share : callable or str
+        The rule, or the name of a bundled one, which runs in the core.
     """
 
     statuses: Mapping[int, str] = {NO_OPTIMISATION: "no optimisation needed"}
 
-    def __init__(self, system: System, dt_h: float, share: Share) -> None:
+    def __init__(self, system: System, dt_h: float, share: Share | str) -> None:
         self._system = system
         self._share = share
         self._capability = Capability(system, dt_h)
+        self._law = None
+        if isinstance(share, str):
+            stop_c = np.array([string.derating.stop_c for string in system.strings])
+            sizes = system.nominal_kw, system.nominal_energy_kwh
+            self._law = _core.Rule(system.core, share, dt_h, *sizes, stop_c)
+
+    @property
+    def controller(self) -> RulePolicy | None:
+        """See :meth:`bess.Plant.follow`; None for a rule written in Python."""
+        return None if self._law is None else self
+
+    def run(
+        self, plant: _core.Plant, ahead_kw: Array, limit_kw: Array, ambient_c: Array, step_s: float
+    ) -> dict[str, Array]:
+        """See :class:`bess.plant.plant.Controller`."""
+        assert self._law is not None
+        return self._law.run(plant, ahead_kw[:, 0].copy(), limit_kw, ambient_c, step_s)
 
     def __call__(self, situation: PolicyInput) -> Decision:
         """Allocate the demand of this step.
@@ -64,12 +91,17 @@ class RulePolicy:
             The rule did not return one power for each string.
         """
         demand_kw = float(situation.demand_kw[0])
-        limit_kw = situation.limit_kw
+        limit_kw = real_numbers(situation.limit_kw)
+        if self._law is not None:
+            at = situation.state
+            health = at.soh_capacity, at.soh_resistance
+            return Decision(self._law.split(at.soc, at.temperature_c, *health, limit_kw, demand_kw))
         if demand_kw == 0.0:
             return Decision(np.zeros_like(limit_kw))
         discharge = demand_kw > 0.0
         capability_kw = np.minimum(self._capability(situation, discharge), limit_kw)
         asked = StepDemand(abs(demand_kw), discharge, capability_kw, situation.state)
+        assert callable(self._share)
         shares_kw = real_numbers(self._share(self._system, asked))
         if shares_kw.shape != limit_kw.shape:
             raise BessError(

@@ -30,12 +30,21 @@ RELAXED_STEPS = 16
 """Longest horizon of that relaxation without availability loss. For longer horizons it closes 10 to 25 % of
 the gap and takes a third of the time."""
 
+PRICED_SIZE = 32
+"""String-steps above which shadow prices raise a bound first: they follow states over long horizons, and many
+strings of one kind cost little more than one. In small problems, a relaxation is tighter."""
+
+PRICED_STRINGS = 64
+"""Most strings with prices: the time of their look-ahead grows with the square of the number of strings."""
+
+PRICED_S = 0.02
+"""Seconds of a priced bound for each step and kind of string; it does not start if less time is left."""
+
 CUTOFF_SHARE = 0.9
 """Minimum improvement on the incumbent, as a share of the requested gap; other schedules are cut off."""
 
 LARGEST_RELAXATION = 256
-"""String-steps (strings x steps) above which no relaxation is solved. Its compilation memory grows with their
-square (1 GB at 256, 4 GB at 768), and the one-step bounds are nearly as tight."""
+"""String-steps above which no relaxation is solved; prices and single steps bound as tightly."""
 
 
 @dataclass(frozen=True)
@@ -138,8 +147,10 @@ class _Certifier:
         group, before = self._answer.groups[index], self._answer.groups[:index]
         bound, search_bound = group.bound, group.search_bound
         ended = None
-        if self._wants_relaxation(index):
-            ceilings = [earlier.ceiling for earlier in before]
+        ceilings = [earlier.ceiling for earlier in before]
+        if self._wants_prices(index):
+            bound = max(bound, self._control.priced_bound(np.array(ceilings), group.objective))
+        if self._wants_relaxation(index, bound):
             ended = self._relaxed(ceilings, self._costs.reported, bound, group.objective)
             bound = ended.bound
         is_proven = self._is_closed(index, group.objective, bound)
@@ -162,17 +173,29 @@ class _Certifier:
             group.objective, bound, group.search_objective, search_bound, is_proven, closure
         )
 
-    def _wants_relaxation(self, index: int) -> bool:
+    def _wants_prices(self, index: int) -> bool:
+        """Whether prices are likely to raise the rigorous bound in time."""
+        group = self._answer.groups[index]
+        n_strings, n_steps = self._problem.limit_kw.shape
+        n_kinds = n_strings - np.count_nonzero(self._constants.alike)
+        return (
+            group.boxes is not None
+            and relative_gap(group.objective, group.bound) > RELAXED_ABOVE
+            and not self._is_closed(index, group.objective, group.bound)
+            and n_strings * n_steps > PRICED_SIZE
+            and n_strings <= PRICED_STRINGS
+            and not self._is_late(PRICED_S * n_steps * n_kinds)
+        )
+
+    def _wants_relaxation(self, index: int, bound: float) -> bool:
         """Whether branch and bound is requested, or a relaxation is likely to raise the rigorous bound."""
         group = self._answer.groups[index]
         n_strings, n_steps = self._problem.limit_kw.shape
         sheds = bool(self._answer.flows.availability_loss_kw.any())
-        pays = relative_gap(group.objective, group.bound) > RELAXED_ABOVE and (
-            n_steps <= RELAXED_STEPS or sheds
-        )
+        pays = relative_gap(group.objective, bound) > RELAXED_ABOVE and (n_steps <= RELAXED_STEPS or sheds)
         return (
             group.boxes is not None
-            and not self._is_closed(index, group.objective, group.bound)
+            and not self._is_closed(index, group.objective, bound)
             and (pays or (self._settings.node_limit or 1) > 1)
             and n_strings * n_steps <= LARGEST_RELAXATION
             and not self._is_late()
@@ -236,5 +259,5 @@ class _Certifier:
         within = objective - bound <= self._abs_tol[index]
         return bool(within or relative_gap(objective, bound) <= self._settings.gap)
 
-    def _is_late(self) -> bool:
-        return self._deadline is not None and time.perf_counter() >= self._deadline
+    def _is_late(self, needed_s: float = 0.0) -> bool:
+        return self._deadline is not None and time.perf_counter() + needed_s >= self._deadline

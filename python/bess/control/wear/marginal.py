@@ -87,9 +87,10 @@ class MarginalWear:
     def cycling_eur_ah(
         self, depth: ArrayLike, temperature_c: ArrayLike, *, c_rate: ArrayLike = 0.3, soc: ArrayLike = 0.5
     ) -> Array:
-        """Return the wear cost of charge throughput in either direction [EUR/Ah]; arguments as above.
+        """Return the wear cost of charge throughput in either direction [EUR/Ah].
 
-        This form suits objectives over currents: charge and discharge each bear half of the cycle cost.
+        Arguments are those of :meth:`cycling_eur_kwh`. This form suits objectives over currents: charge and
+        discharge each bear half of the cycle cost.
         """
         per_cycle = self._eur_per_cycle(depth, temperature_c, c_rate, soc)
         energy_kwh = self.nominal_energy_kwh * self.state.soh_capacity

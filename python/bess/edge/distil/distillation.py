@@ -1,25 +1,123 @@
-"""``bess distil``: from a study to a folder with a controller."""
+"""``bess distil``: from a study to a folder with a controller and its evaluation."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from bess.control.explicit import ExplicitController, Tables
+from bess.control.policies.distilled import DistilledPolicy
 from bess.control.policies.reactive import refuse_reactive
 from bess.control.split.objectives import SHORTFALL
-from bess.edge.distil.evaluation import report, trials
-from bess.edge.distil.exports import exports
-from bess.edge.distil.search import GENERATIONS, first_weights, fit
-from bess.edge.distil.training import TrainingCase, TrainingSet
+from bess.edge.distil.training import GENERATIONS, TrainingCase, TrainingSet, Variation, first_weights, fit
+from bess.edge.distil.translate import exports
 from bess.errors import InputError, option
 from bess.simulation.progress import reporting
-from bess.simulation.record.atomic import folder_in, write_bytes
+from bess.simulation.record.files import folder_in, write_bytes
+from bess.simulation.runner import run
 from bess.study import Study, expand
 from bess.study.study import as_study
+
+RULES: Final = ("equal", "priority", "soc", "temperature")
+UNSEEN: Final = (Variation(1.0, scale=0.93), Variation(1.0, scale=1.05))
+"""Evaluated in addition to the study, and not part of the training."""
+LITTLE: Final = 1e-3
+"""Minimum savings of ``mpc``, relative to the ``lost_kwh`` of a rule, for a share of savings retained."""
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """A run under every policy.
+
+    ``scores`` has one row for each policy and the columns ``lost_kwh``, undelivered energy and losses, and
+    ``cost_kwh``, undelivered energy times ``shortfall`` and losses, of both directions.
+    """
+
+    name: str
+    scores: pd.DataFrame
+
+    def best_rule(self, measure: str) -> str:
+        """The rule with the lowest ``lost_kwh`` or ``cost_kwh``."""
+        return str(self.scores.loc[list(RULES), measure].idxmin())
+
+    def kept(self, measure: str) -> float | None:
+        """Share of the savings of ``mpc`` over the best rule; None if these are negligible."""
+        rule, planned, own = self.scores.loc[[self.best_rule(measure), "mpc", "distilled"], measure].tolist()
+        return None if rule - planned < LITTLE * rule else float((rule - own) / (rule - planned))
+
+
+def trials(study: Study, controller: ExplicitController) -> Iterator[Evaluation]:
+    """Evaluate the study and, if its demand is a profile, demands that were not part of the training."""
+    shortfall = controller.tables.shortfall
+    for scale in (1.0, *(each.scale for each in UNSEEN if study.demand.kind == "profile")):
+        asked = study
+        if study.demand.kind == "profile" and scale != 1.0:
+            asked = study.with_values({"demand.scale": scale * study.demand.scale})
+        scores = {
+            name: _score(asked.with_values({"policy.name": name}), None, shortfall)
+            for name in (*RULES, "mpc")
+        }
+        scores["distilled"] = _score(asked, DistilledPolicy(controller), shortfall)
+        table = pd.DataFrame.from_dict(scores, "index", columns=["lost_kwh", "cost_kwh"])
+        yield Evaluation("as studied" if scale == 1.0 else f"demand x {scale:g}", table)
+
+
+def _score(study: Study, policy: DistilledPolicy | None, shortfall: float) -> tuple[float, float]:
+    kpis = run(study, policy=policy, progress=False).kpis
+    missing = kpis["availability_loss_kwh"] + kpis["derating_loss_kwh"]
+    losses = kpis["inverter_loss_kwh"] + kpis["battery_loss_kwh"]
+    return missing + losses, shortfall * missing + losses
+
+
+def report(study: Study, controller: ExplicitController, made: list[Evaluation]) -> str:
+    """Text of ``report.md``."""
+    rows = [
+        "| run | best rule | it loses | `mpc` | distilled | kept "
+        "| cost of the best rule | `mpc` | distilled | kept |",
+        "| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",
+    ]
+    for trial in made:
+        cells = [trial.name, f"`{trial.best_rule('lost_kwh')}`"]
+        for measure in ("lost_kwh", "cost_kwh"):
+            names = [trial.best_rule(measure), "mpc", "distilled"]
+            cells += [f"{kwh:,.1f}" for kwh in trial.scores.loc[names, measure]]
+            kept = trial.kept(measure)
+            cells.append("–" if kept is None else f"{100.0 * kept:.1f} %")
+        rows.append(f"| {' | '.join(cells)} |")
+    everything = [
+        f"| {trial.name} | `{name}` | {lost:,.1f} | {cost:,.1f} |"
+        for trial in made
+        for name, lost, cost in trial.scores.itertuples()
+    ]
+    tables = controller.tables
+    return "\n".join(
+        [
+            f"# What was lost: {study.name}",
+            "",
+            f"A controller of {tables.strings} strings ({controller.system}), steps of "
+            f"{tables.step_h * 60:g} min, told {tables.steps * tables.step_h:g} h ahead. Energies in kWh "
+            "over the run. Lost is what was asked for and not delivered, and the losses of inverters and "
+            f"batteries; cost counts what was not delivered {tables.shortfall:g} times. Kept is the share of "
+            "what `mpc` saves against the best rule; above 100 % the distilled controller loses less than "
+            "`mpc`. Runs other than the study itself were no part of the training.",
+            "",
+            *rows,
+            "",
+            "## Every policy",
+            "",
+            "| run | policy | lost | cost |",
+            "| --- | --- | ---: | ---: |",
+            *everything,
+            "",
+        ]
+    )
+
 
 MOST_STRINGS: Final = 16
 REPORT: Final = "report.md"
@@ -30,8 +128,8 @@ def distil(
 ) -> ExplicitController:
     """Find the weights of an explicit controller for the plant and the demand of a study.
 
-    Closed loops over the study, and over variations of its demand and of the states at its start, are run
-    with many controllers side by side; see :mod:`bess.edge.distil.search`. Results repeat to the last bit.
+    The search runs closed loops over the study, and over variations of its demand and initial states, with
+    many controllers in parallel; see :mod:`bess.edge.distil.training`. Results repeat to the last bit.
 
     Parameters
     ----------
@@ -45,8 +143,7 @@ def distil(
     Raises
     ------
     InputError
-        From the study or its data; the study is one of several runs; more strings than a decision is made
-        for.
+        The study or its data are invalid, the study has several runs, or the plant has too many strings.
     """
     study = as_study(study)
     if study.scenario or study.sweep:
@@ -80,10 +177,11 @@ def distil(
 def distil_runs(
     study: Study | str | Path, out: str | Path, *, generations: int = GENERATIONS, progress: bool = True
 ) -> list[Path]:
-    """Distil a study into a folder; one of several runs into a sub-folder for each.
+    """Distil a study into a folder; each run of several gets a sub-folder.
 
-    Each folder holds ``policy.json`` (for ``policy.file``), ``split.c``, ``split.h``, ``split.st``, the study
-    as resolved, and ``report.md``: what every rule, ``mpc`` and the controller lose.
+    Each folder holds ``policy.json`` (for ``policy.file``), ``split.c``, ``split.h``, ``split.st``, the
+    resolved study, and ``report.md`` with the undelivered energy and losses of every rule, ``mpc`` and the
+    controller.
 
     Returns
     -------
@@ -93,7 +191,7 @@ def distil_runs(
     Raises
     ------
     InputError
-        As :func:`distil`; ``out`` holds something else.
+        As :func:`distil`, or ``out`` contains other files.
     """
     study = as_study(study)
     runs = expand(study)

@@ -1,37 +1,32 @@
-"""What a controller is trained on: closed loops over the study's demand and over variations of it."""
+"""Training of a controller: a search for its weights on closed loops of a study and variations of it."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from bess.arrays import Array
-from bess.control.explicit import ExplicitController
+from bess.control.explicit import N_WEIGHTS, ExplicitController
 from bess.control.policies import Decision, PolicyInput, build_policy
+from bess.edge.distil.translate import places
+from bess.optional_dependencies import extra
 from bess.plant import PlantEnsemble
 from bess.simulation.inputs import prepare
 from bess.simulation.runner import run
 from bess.study import Study
-from bess.study.policy_settings import policy_settings
+from bess.study.plant_choice import policy_settings
 from bess.system import State, System
 
 
 @dataclass(frozen=True)
 class Variation:
-    """How a lesson differs from the study.
+    """A variation of a study, with its weight in the objective.
 
-    Attributes
-    ----------
-    weight : float
-        Its share in what is minimised.
-    scale : float
-        Factor on the demand.
-    spread : float
-        Largest change of each string's SOC at the start, as a share of its window.
-    spread_k : float
-        Largest change of its temperature [K].
+    ``scale`` is a factor on the demand; ``spread`` and ``spread_k`` are the maximum changes of initial SOC,
+    as a share of the window, and temperature [K].
     """
 
     weight: float
@@ -45,21 +40,19 @@ VARIATIONS: Final = (
     Variation(0.2, scale=0.85, spread=0.2, spread_k=5.0),
     Variation(0.2, scale=1.1, spread=0.1, spread_k=3.0),
 )
-"""The study as it is counts most; the others keep a controller from learning one course by heart."""
+"""The study itself has the largest weight; the others prevent overfitting to one demand."""
 
 
 @dataclass(frozen=True)
 class TrainingCase:
-    """What a study asks of a plant, step by step.
+    """Inputs of a controller in each step of a study.
 
     Attributes
     ----------
-    system : System
-        The plant.
     dt_h : float
         Control step [h].
     ahead_kw : ndarray, shape (n_steps, steps_ahead)
-        Demand of each step and as foreseen for the next ones, at most what the inverters in service can take.
+        Demand of each step and its forecast, at most the power of the inverters in service.
     limit_kw : ndarray, shape (n_steps, n_strings)
         Power of each inverter in service.
     ambient_c : ndarray, shape (n_steps,)
@@ -74,10 +67,10 @@ class TrainingCase:
 
     @classmethod
     def of(cls, study: Study) -> TrainingCase:
-        """Run the study once with a rule and keep what it was told.
+        """Run the study once with a rule and record its inputs.
 
-        A demand that depends on the plant's state, such as that of a dispatch over prices, is that of the
-        rule.
+        If the demand depends on the state of the plant, as in arbitrage, the demand under the rule is
+        recorded.
         """
         inputs = prepare(study)
         rule = build_policy("soc", inputs.system, policy_settings(study, inputs.system))
@@ -98,18 +91,9 @@ class TrainingCase:
 
 
 class TrainingSet:
-    """Closed loops of a course and its variations, for many controllers at once.
+    """Closed loops of a training case and its variations, for many controllers at once.
 
-    Parameters
-    ----------
-    course : Course
-        What is asked.
-    controller : ExplicitController
-        Gives the tables; its weights are not used.
-    variations : tuple of Variation
-        Lessons.
-    seed : int
-        Of the states at the start of the variations.
+    ``controller`` supplies the tables, but not the weights; ``seed`` determines the initial states.
     """
 
     def __init__(
@@ -131,17 +115,9 @@ class TrainingSet:
         self._starts = [_start(course.system, each, random) for each in variations]
 
     def costs(self, weights: Array) -> Array:
-        """Cost of each controller [kWh]: ``shortfall`` times what is not delivered, and losses.
+        """Cost of each controller [kWh], for weights of shape ``(n_controllers, n_weights)``.
 
-        Parameters
-        ----------
-        weights : ndarray, shape (n_controllers, n_weights)
-            One row for each controller.
-
-        Returns
-        -------
-        ndarray, shape (n_controllers,)
-            Mean over the lessons, by their weights.
+        It is ``shortfall`` times undelivered energy, plus losses: the weighted mean over the variations.
         """
         course, n_lessons = self._course, self._shares.size
         n_controllers = len(weights)
@@ -173,3 +149,53 @@ def _start(system: System, variation: Variation, random: np.random.Generator) ->
         state.soh_capacity,
         state.soh_resistance,
     )
+
+
+POPULATION: Final = 32
+"""Controllers of a generation, which run in parallel."""
+GENERATIONS: Final = 150
+"""Generations of a search."""
+SPREAD: Final = 0.4
+"""Standard deviation of the weights of the first generation."""
+
+
+def first_weights() -> Array:
+    """Start of the search: SOC balancing, a reserve near empty, half of the lost energy undelivered later."""
+    weights, at = np.zeros(N_WEIGHTS), places()
+    for side in (0, at["PER_SIDE"]):
+        weights[side + at["W_BALANCE"]] = 1.0
+        weights[side + at["W_RESERVE"] :][:3] = 1.0, 1.0, 0.1
+        weights[side + at["W_RESERVE_LOWEST"] :][:3] = 0.5, 0.5, 0.0
+        weights[side + at["W_FULL"]] = 0.1
+        weights[side + at["W_WORTH"] : side + at["W_WORTH_SCARCE"] + 1] = 0.5, 1.0
+    weights[at["W_KEEPS"]] = 0.85
+    return weights
+
+
+def fit(lessons: TrainingSet, generations: int, update: Callable[[int], None]) -> tuple[Array, float]:
+    """Find the best weights and their cost [kWh] by covariance matrix adaptation (CMA-ES) [1]_.
+
+    The cost over weights is not smooth, since a small change can switch on another string and change all
+    later steps. The search is derivative-free and repeats bit for bit. ``update`` receives the number of
+    generations.
+
+    References
+    ----------
+    .. [1] Hansen, N.: The CMA evolution strategy: a tutorial. 2016, arXiv:1604.00772.
+    """
+    with extra("distil", "bess distil"):
+        import cma
+
+    best = first_weights()
+    least = float(lessons.costs(best[None])[0])
+    strategy = cma.CMAEvolutionStrategy(
+        best, SPREAD, {"popsize": POPULATION, "seed": 1, "verbose": -9, "maxiter": generations}
+    )
+    for generation in range(generations):
+        tried = np.array(strategy.ask())
+        costs = lessons.costs(tried)
+        strategy.tell(list(tried), costs.tolist())
+        if costs.min() < least:
+            least, best = float(costs.min()), tried[costs.argmin()].copy()
+        update(generation + 1)
+    return best, least

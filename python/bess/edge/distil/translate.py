@@ -1,209 +1,305 @@
-"""Translations of :mod:`bess.control.explicit.decision` into C99, structured text (IEC 61131-3) and Rust.
+"""Files of a distilled controller: ``policy.json``, and its law in C99 and structured text (IEC 61131-3).
 
-Each language is a table of words and templates, a :class:`Language`, by which the syntax tree of the Python
-source is written. What the three have in common, and what the source may therefore use, is said there.
+The core contains the source that its control law is compiled from,
+``rust/bess-control/src/explicit/decision.rs``. It uses a part of Rust that has a counterpart in other
+languages; a :class:`Language` writes its statements.
 """
 
 from __future__ import annotations
 
-import ast
-import inspect
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Final, Literal
+from typing import Final
 
-from bess.control.explicit import decision
+from bess import __version__, _core
+from bess.control.explicit import ExplicitController
 from bess.errors import BessError
 
-Kind = Literal["float", "int", "bool", "Floats", "Flags"]
-
-COMPARISONS: Final = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">="}
-SUMS: Final = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
 INDENT: Final = "    "
+COUNTER: Final = "cell"
+"""Counter of the loops that clear an array; no variable of the law has this name."""
+
+Constants = Mapping[str, float | tuple[float, ...]]
+
+
+@dataclass(frozen=True)
+class Function:
+    """A function of the law.
+
+    ``arguments`` and ``scalars`` have their Rust types, ``arrays`` their type of element and size; a
+    statement ends with ``{``, ``}`` or ``;``.
+    """
+
+    arguments: Mapping[str, str]
+    scalars: Mapping[str, str]
+    arrays: Mapping[str, tuple[str, str]]
+    statements: Sequence[tuple[str, str]]
+    constants: frozenset[str]
 
 
 @cache
-def _module() -> ast.Module:
-    return ast.parse(inspect.getsource(decision))
+def _source() -> str:
+    """The law without comments; tables and weights are constants in capitals."""
+    text = re.sub(r"//.*|\bf64::", "", _core.Explicit.DECISION).replace("MOST_STRINGS", "STRINGS")
+    text = re.sub(r"\[(0\.0|false); ([^]]*)\]", r"array(\1, \2)", text)
+    return re.sub(r"\bt\.(\w+)|\bweights(?=\[)", lambda found: (found[1] or "weights").upper(), text)
 
 
-def functions() -> dict[str, ast.FunctionDef]:
-    """Functions of the decision, by name."""
-    return {node.name: node for node in _module().body if isinstance(node, ast.FunctionDef)}
-
-
+@cache
 def places() -> dict[str, int]:
-    """Constants of the decision itself: places of weights and of numbers of the outlook."""
-    return {name: value for name, value in vars(decision).items() if name.isupper() and type(value) is int}
+    """Constants of the law itself: positions of weights and of demand features."""
+    return {name: int(value) for name, value in re.findall(r"const (\w+): usize = (\d+);", _source())}
 
 
-def arguments(function: ast.FunctionDef) -> dict[str, Kind]:
-    """Arguments of a function with their kinds."""
-    return {each.arg: _name(each.annotation) for each in function.args.args}  # type: ignore[misc]
+@cache
+def functions() -> dict[str, Function]:
+    """Functions of the law, by name."""
+    found = re.findall(r"fn (\w+)\((.*?)\) \{\n(.*?)^\}", _source(), re.DOTALL | re.MULTILINE)
+    return {name: _function(arguments, body) for name, arguments, body in found}
 
 
-def locals_of(function: ast.FunctionDef) -> dict[str, tuple[Kind, ast.expr | None]]:
-    """Variables of a function, each with its kind and, for arrays, its size; loop counters included."""
-    found: dict[str, tuple[Kind, ast.expr | None]] = {}
-    for node in ast.walk(function):
-        if isinstance(node, ast.AnnAssign):
-            kind: Kind = _name(node.annotation)  # type: ignore[assignment]
-            found[_name(node.target)] = (kind, _size(node) if kind in ("Floats", "Flags") else None)
-        elif isinstance(node, ast.For):
-            found[_name(node.target)] = ("int", None)
-    return found
-
-
-def outputs(function: ast.FunctionDef) -> set[str]:
-    """Arguments that a function fills."""
-    targets = [
-        target.value
-        for node in ast.walk(function)
-        for target in (node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)])
-        if isinstance(target, ast.Subscript)
-    ]
-    return {_name(target) for target in targets} & arguments(function).keys()
+def _function(arguments: str, body: str) -> Function:
+    given = re.findall(r"(\w+): (&mut \[f64\]|&\[f64\]|f64)", arguments)
+    scalars = re.findall(r"let (?:mut )?(\w+): (\w+) =", body)
+    counters = re.findall(r"for (\w+) in", body)
+    arrays = re.findall(r"let (?:mut )?(\w+) = array\((\S+), (.*?)\)", body)
+    return Function(
+        {name: kind for name, kind in given if name != "weights"},
+        {**dict(scalars), **dict.fromkeys(counters, "usize")},
+        {name: ("f64" if zero == "0.0" else "bool", size) for name, zero, size in arrays},
+        [(" ".join(text.split()), end) for text, end in re.findall(r"([^{};]*)([{};])", body)],
+        frozenset(re.findall(r"\b[A-Z][A-Z_0-9]+\b", body)),
+    )
 
 
 @dataclass(frozen=True)
 class Language:
-    """How a language writes the decision: words, and templates of lines with named fields.
+    """Templates for the statements of the law in one language.
 
     Attributes
     ----------
-    words : dict
-        ``not``, ``and``, ``or``, ``==``, ``!=``, ``True``, ``False``, and the calls ``max``, ``min``,
-        ``abs``, ``sqrt`` with their arguments ``{0}``, ``{1}``.
     types : dict
-        Type of each kind of variable.
+        Names of the scalar types.
     declare, clear, assign, loop : str
-        A scalar with its first value; an array of zeros (or of False); an assignment; the line that opens a
-        loop from 0 to below a size.
+        A scalar with its first value; an array of zeros or False; an assignment; the start of a loop over a
+        range.
     opens, ends : dict
-        Lines that open ``if``, ``elif``, ``while`` with a condition, and ``else``; lines that end ``if``,
-        ``while`` and ``for``.
-    name, number : callable
-        Text of a variable, argument, table or constant, and of a literal.
+        Start of ``if``, ``else if``, ``while`` with a condition, and ``else``; end of ``if``, ``while``,
+        ``for``.
+    words : dict
+        Replacements in expressions, by regular expressions.
     """
 
-    words: Mapping[str, str]
-    types: Mapping[Kind, str]
+    types: Mapping[str, str]
     declare: str
     clear: str
+    assign: str
     loop: str
     opens: Mapping[str, str]
     ends: Mapping[str, str]
-    assign: str = "{target} = {value};"
-    name: Callable[[str], str] = str
-    number: Callable[[float], str] = repr
+    words: Mapping[str, str]
 
-    def listed(self, values: Sequence[float], indent: str) -> str:
-        """Literals of a table, eight on a line."""
-        rows = [values[first : first + 8] for first in range(0, len(values), 8)]
-        return ",\n".join(indent + ", ".join(self.number(float(value)) for value in row) for row in rows)
+    def text(self, expression: str) -> str:
+        """An expression in this language."""
+        for pattern, word in self.words.items():
+            expression = re.sub(pattern, word, expression)
+        return expression
 
-    def expression(self, node: ast.expr) -> str:
-        """An expression; every operation in brackets, so that no language has a say in the order.
+    def body(self, function: Function) -> Iterator[str]:
+        """Lines of a function, indented."""
+        blocks: list[str] = []
+        following = [text for text, _ in function.statements[1:]]
+        for (statement, end), after in zip(function.statements, [*following, ""], strict=True):
+            if end == "}":
+                block = blocks.pop()
+                if not after.startswith("else"):  # its line ends this block
+                    yield INDENT * (len(blocks) + 1) + self.ends[block]
+                continue
+            yield INDENT * (len(blocks) + 1) + (
+                self._open(statement) if end == "{" else self._line(statement)
+            )
+            if end == "{":
+                word = statement.split()[0]
+                blocks.append("if" if word == "else" else word)
 
-        Raises
-        ------
-        BessError
-            With the line of the decision that has no translation.
-        """
-        write, words = self.expression, self.words
-        match node:
-            case ast.BinOp(left, operator, right) if type(operator) in SUMS:
-                return f"({write(left)} {SUMS[type(operator)]} {write(right)})"
-            case ast.UnaryOp(ast.USub(), operand):
-                return f"(-{write(operand)})"
-            case ast.UnaryOp(ast.Not(), operand):
-                return f"({words['not']} {write(operand)})"
-            case ast.BoolOp(operator, values):
-                word = words["and" if isinstance(operator, ast.And) else "or"]
-                return f"({f' {word} '.join(map(write, values))})"
-            case ast.Compare(left, [operator], [right]):
-                signs = {ast.Eq: words["=="], ast.NotEq: words["!="], **COMPARISONS}
-                return f"({write(left)} {signs[type(operator)]} {write(right)})"
-            case ast.Constant(value):
-                return words[str(value)] if isinstance(value, bool) else self.number(value)  # type: ignore[arg-type]
-            case ast.Name(name):
-                return self.name(name)
-            case ast.Subscript(array, index):
-                return f"{write(array)}[{write(index)}]"
-            case ast.Call(ast.Name(function), operands):
-                return words[function].format(*map(write, operands))
-        raise _untranslated(node)
+    def _open(self, statement: str) -> str:
+        if loop := re.fullmatch(r"for (\w+) in 0\.\.(.*)", statement):
+            return self.loop.format(counter=loop[1], size=self.text(loop[2]))
+        if branch := re.fullmatch(r"(if|else if|while|else) ?(.*)", statement):
+            return self.opens[branch[1]].format(self.text(branch[2]))
+        raise BessError(f"decision.rs: {statement}: has no translation")
 
-    def body(self, statements: list[ast.stmt]) -> Iterator[str]:
-        """Lines of statements, indented."""
-        for statement in statements:
-            for line in self._statement(statement):
-                yield f"{INDENT}{line}"
-
-    def _statement(self, node: ast.stmt) -> Iterator[str]:
-        write = self.expression
-        match node:
-            case ast.Expr(ast.Constant()):
-                return
-            case ast.AnnAssign(ast.Name(name), annotation, value) if value is not None:
-                kind: Kind = _name(annotation)  # type: ignore[assignment]
-                is_array = kind in ("Floats", "Flags")
-                yield (self.clear if is_array else self.declare).format(
-                    name=self.name(name),
-                    type=self.types.get(kind),
-                    size=write(_size(node)) if is_array else "",
-                    value="" if is_array else write(value),
-                    zero=self.words["False"] if kind == "Flags" else "0.0",
-                )
-            case ast.Assign([target], value):
-                yield self.assign.format(target=write(target), value=write(value))
-            case ast.AugAssign(target, ast.Add(), value):
-                yield self.assign.format(target=write(target), value=f"({write(target)} + {write(value)})")
-            case ast.If():
-                yield from self._branches(node)
-                yield self.ends["if"]
-            case ast.While(test, statements):
-                yield self.opens["while"].format(write(test))
-                yield from self.body(statements)
-                yield self.ends["while"]
-            case ast.For(ast.Name(counter), ast.Call(ast.Name("range"), [size]), statements):
-                yield self.loop.format(counter=counter, size=write(size))
-                yield from self.body(statements)
-                yield self.ends["for"]
-            case _:
-                raise _untranslated(node)
-
-    def _branches(self, node: ast.If, head: str = "if") -> Iterator[str]:
-        """An ``if`` with all of its branches, but for the line that ends it."""
-        yield self.opens[head].format(self.expression(node.test))
-        yield from self.body(node.body)
-        match node.orelse:
-            case [ast.If() as following]:
-                yield from self._branches(following, "elif")
-            case [_, *_]:
-                yield self.opens["else"]
-                yield from self.body(node.orelse)
+    def _line(self, statement: str) -> str:
+        if array := re.fullmatch(r"let (?:mut )?(\w+) = array\((\S+), (.*)\)", statement):
+            name, zero, size = map(self.text, array.groups())
+            kind = self.types["f64" if array[2] == "0.0" else "bool"]
+            return self.clear.format(name=name, type=kind, zero=zero, size=size)
+        if scalar := re.fullmatch(r"let (?:mut )?(\w+): (\w+) = (.*)", statement):
+            name, value = self.text(scalar[1]), self.text(scalar[3])
+            return self.declare.format(name=name, type=self.types[scalar[2]], value=value)
+        if change := re.fullmatch(r"(\S+|\w+\[.*?\]) (\+?)= (.*)", statement):
+            target, value = self.text(change[1]), self.text(change[3])
+            return self.assign.format(target=target, value=f"{target} + ({value})" if change[2] else value)
+        raise BessError(f"decision.rs: {statement}: has no translation")
 
 
-def _untranslated(node: ast.expr | ast.stmt) -> BessError:
-    return BessError(f"decision.py line {node.lineno}: {ast.unparse(node)}: has no translation")
+C99: Final = Language(
+    types={"f64": "double", "usize": "int", "bool": "int"},
+    declare="{type} {name} = {value};",
+    clear="{type} {name}[{size}] = {{0}};",
+    assign="{target} = {value};",
+    loop="for (int {counter} = 0; {counter} < {size}; {counter}++) {{",
+    opens={
+        "if": "if ({0}) {{",
+        "else if": "}} else if ({0}) {{",
+        "while": "while ({0}) {{",
+        "else": "}} else {{",
+    },
+    ends=dict.fromkeys(("if", "while", "for"), "}"),
+    words={r"\btrue\b": "1", r"\bfalse\b": "0", r"\babs\(": "fabs("},
+)
+STRUCTURED_TEXT: Final = Language(
+    types={"f64": "LREAL", "usize": "DINT", "bool": "BOOL"},
+    declare="{name} := {value};",  # variables are declared above
+    clear=f"FOR {COUNTER} := 0 TO {{size}} - 1 DO {{name}}[{COUNTER}] := {{zero}}; END_FOR;",
+    assign="{target} := {value};",
+    loop="FOR {counter} := 0 TO {size} - 1 DO",
+    opens={"if": "IF {0} THEN", "else if": "ELSIF {0} THEN", "while": "WHILE {0} DO", "else": "ELSE"},
+    ends={"if": "END_IF;", "while": "END_WHILE;", "for": "END_FOR;"},
+    words={
+        r"&&": "AND",
+        r"\|\|": "OR",
+        r"!(?!=)": "NOT ",
+        r"!=": "<>",
+        r"==": "=",
+        r"\b(true|false|abs|sqrt)\b": lambda found: found[1].upper(),  # type: ignore[dict-item]
+        r"\blarger\b": "MAX",
+        r"\bsmaller\b": "MIN",
+        r"(\w)_\b": r"\1",  # no name ends with an underscore
+    },
+)
+"""AND evaluates both sides; names are not case-sensitive. Variables of a function block keep their values
+between calls, so arrays are cleared by a loop."""
 
 
-def integers(constants: Mapping[str, float | tuple[float, ...]]) -> dict[str, int]:
-    """What is whole among the decision's own constants and these, by name."""
-    return {name: value for name, value in (*places().items(), *constants.items()) if type(value) is int}
+def c_header(n_strings: int, steps: int, about: str) -> str:
+    """Text of ``split.h``."""
+    return f"""/* {about} */
+#ifndef BESS_SPLIT_H
+#define BESS_SPLIT_H
+
+#define BESS_STRINGS {n_strings}
+#define BESS_STEPS {steps}
+#define BESS_OUTLOOK {places()["N_OUTLOOK"]}
+
+/* Compute the demand features of a forecast.
+ * ahead_kw: demand of the step that begins and of those after it, positive = discharge, BESS_STEPS values;
+ * after the end of a shorter schedule, 0. outlook: BESS_OUTLOOK values, for bess_split. */
+{_c_signature("look")};
+
+/* Allocate demand_kw to the strings; request_kw sums to it up to the minimum power.
+ * Each array has BESS_STRINGS values. soc and temperature_c are measured; soh_capacity and soh_resistance
+ * are capacity and resistance over those of the system file, 1.0 for new strings; limit_kw is the largest
+ * power of each inverter, 0.0 where it is out of service. demand_kw is positive in discharge and never above
+ * the sum of the limits; request_kw is signed as the demand. */
+{_c_signature("split")};
+
+#endif
+"""
 
 
-def _name(node: object) -> str:
-    if isinstance(node, ast.Name):
-        return node.id
-    raise BessError(f"decision.py: {ast.dump(node) if isinstance(node, ast.AST) else node} is no name")
+def c_source(constants: Constants, about: str) -> str:
+    """Text of ``split.c``; compile without contraction of floating-point operations (-ffp-contract=off)."""
+    lines = [f"/* {about} */", "#include <math.h>", "", '#include "split.h"', ""]
+    everything = {**places(), **constants}
+    lines += [f"enum {{ {name} = {value} }};" for name, value in everything.items() if type(value) is int]
+    for name, value in constants.items():
+        if isinstance(value, tuple):
+            lines.append(f"static const double {name}[{len(value)}] = {{\n{_listed(value, INDENT)}\n}};")
+        elif type(value) is not int:
+            lines.append(f"static const double {name} = {value!r};")
+    lines += ["", "static double larger(double a, double b) { return b > a ? b : a; }"]
+    lines += ["static double smaller(double a, double b) { return b < a ? b : a; }"]
+    for name, function in functions().items():
+        lines += ["", _c_signature(name), "{", *C99.body(function), "}"]
+    return "\n".join(lines) + "\n"
 
 
-def _size(node: ast.AnnAssign) -> ast.expr:
-    """Size of an array that is declared with ``zeros`` or ``falses``."""
-    match node.value:
-        case ast.Call(ast.Name("zeros" | "falses"), [size]):
-            return size
-    raise BessError(f"decision.py line {node.lineno}: an array begins as zeros or falses")
+def _c_signature(name: str) -> str:
+    kinds = {"f64": "double ", "&[f64]": "const double *", "&mut [f64]": "double *"}
+    texts = (f"{kinds[kind]}{argument}" for argument, kind in functions()[name].arguments.items())
+    return f"void bess_{name}({', '.join(texts)})"
+
+
+def st_source(constants: Constants, about: str) -> str:
+    """Text of ``split.st``.
+
+    Each function block contains its constants: the standard allows global ones in a configuration only.
+    """
+    everything = {**places(), **constants}
+    extents = {"ahead_kw": "STEPS", "outlook": "N_OUTLOOK"}
+
+    def declared(name: str, kind: str, size: str = "") -> str:
+        parts = [everything.get(part, part) for part in size.split(" + ") if part]
+        extent = sum(int(str(part)) for part in parts)
+        array = f"ARRAY[0..{extent - 1}] OF " if size else ""
+        return f"{STRUCTURED_TEXT.text(name)} : {array}{STRUCTURED_TEXT.types[kind]};"
+
+    lines = [f"(* {about} *)"]
+    for name, function in functions().items():
+        heads: dict[str, list[str]] = {"VAR_INPUT": [], "VAR_OUTPUT": [], "VAR": [], "VAR CONSTANT": []}
+        for argument, kind in function.arguments.items():
+            size = "" if kind == "f64" else extents.get(argument, "STRINGS")
+            heads["VAR_OUTPUT" if "mut" in kind else "VAR_INPUT"].append(declared(argument, "f64", size))
+        heads["VAR"] += [declared(array, *kind) for array, kind in function.arrays.items()]
+        heads["VAR"] += [declared(scalar, kind) for scalar, kind in function.scalars.items()]
+        heads["VAR"].append(declared(COUNTER, "usize"))
+        for constant, value in everything.items():
+            if constant in function.constants:
+                heads["VAR CONSTANT"].append(_st_constant(constant, value))
+        lines += ["", f"FUNCTION_BLOCK BESS_{name.upper()}"]
+        for head, declarations in heads.items():
+            lines += [head, *(f"{INDENT}{text}" for text in declarations), "END_VAR"]
+        lines += [*STRUCTURED_TEXT.body(function), "END_FUNCTION_BLOCK"]
+    return "\n".join(lines) + "\n"
+
+
+def _st_constant(name: str, value: float | tuple[float, ...]) -> str:
+    if isinstance(value, tuple):
+        return f"{name} : ARRAY[0..{len(value) - 1}] OF LREAL := [\n{_st(_listed(value, 2 * INDENT))}];"
+    return f"{name} : {'DINT' if type(value) is int else 'LREAL'} := {_st(repr(value))};"
+
+
+def _st(numbers: str) -> str:
+    """Numbers with a decimal point in the mantissa, as the standard requires."""
+    return re.sub(r"(-?\d+)(\.\d+)?e", lambda found: f"{found[1]}{found[2] or '.0'}E", numbers)
+
+
+def _listed(values: Sequence[float], indent: str) -> str:
+    """Numbers of a table, eight on a line."""
+    rows = [values[first : first + 8] for first in range(0, len(values), 8)]
+    return ",\n".join(indent + ", ".join(repr(float(value)) for value in row) for row in rows)
+
+
+def constants(controller: ExplicitController) -> dict[str, float | tuple[float, ...]]:
+    """Tables and weights, by their names in the control law."""
+    tables = {name.upper(): getattr(controller.tables, name) for name in type(controller.tables).model_fields}
+    return {**tables, "WEIGHTS": controller.weights}
+
+
+def exports(controller: ExplicitController) -> dict[str, str]:
+    """Return the contents of the files by file name."""
+    tables = controller.tables
+    about = (
+        f"Power split of {tables.strings} strings ({controller.system}), distilled from study "
+        f"{controller.study} by bess {__version__}; kW, positive = discharge."
+    )
+    values = constants(controller)
+    return {
+        "policy.json": controller.to_json(),
+        "split.c": c_source(values, about),
+        "split.h": c_header(tables.strings, tables.steps, about),
+        "split.st": st_source(values, about),
+    }

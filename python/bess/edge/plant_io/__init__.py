@@ -1,4 +1,4 @@
-"""Plants that a controller can drive: links to OpenEMS and SunSpec, and simulated partners."""
+"""Links to plants over OpenEMS and SunSpec, and simulated counterparts."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ def connect(text: str, n_strings: int) -> PlantLink:
     ----------
     text
         ``openems=URL`` or ``sunspec=HOST[:PORT]``; ``?ess=ess1,ess2`` or ``?unit=1,2`` names the strings in
-        their order. Without names the plant's own are taken: all ``essN`` in the order of their numbers, or
-        units 1, 2, ... ``meter=meter1`` names an OpenEMS meter of all strings, positive = discharge.
+        their order. The default is all ``essN`` of the plant in numerical order, or units 1, 2, ...
+        ``meter=meter1`` names an OpenEMS meter of all strings, positive = discharge.
     n_strings
         Number of strings of the controller.
 
     Raises
     ------
     InputError
-        If the text is no such address, names another number of strings, or the extra ``plant`` is missing.
+        The address is invalid or has another number of strings, or the extra ``plant`` is missing.
     """
     address = parse_address(text)
     with extra("plant", f"a plant behind {address.kind}"):

@@ -1,8 +1,7 @@
-"""Calls to a plant, each of which ends in a stated time, whatever is at the other end.
+"""Calls to a plant, with a deadline that holds even if the other end does not respond.
 
-A link is called from a thread that must go on, so its connections live in an event loop of their own: there a
-call is cancelled wherever it stands, be it in a name that nobody resolves, a handshake, or an answer that
-trickles.
+A link is used by a thread that must not block, so its connections run in a separate event loop. The deadline
+cancels a call wherever it waits: for a name server, a handshake, or a slow response.
 """
 
 from __future__ import annotations
@@ -16,22 +15,22 @@ from contextlib import suppress
 from typing import Any, Final, Generic, TypeVar
 
 GRACE_S: Final = 0.5
-"""Time to close what was cancelled."""
+"""Time to close cancelled calls."""
 
 K = TypeVar("K", bound=Hashable)
 T = TypeVar("T")
 
 
 class NotReached(Exception):  # noqa: N818 - of one string, not of the link
-    """There was no time left to begin with a string."""
+    """The call for a string did not begin in time."""
 
 
 class Stalled(TimeoutError):  # noqa: N818 - of one string, not of the link
-    """A string had half of the time or more, and no answer came."""
+    """The call for a string took at least half of the time without an answer."""
 
 
 class Calls:
-    """An event loop in a thread of its own."""
+    """An event loop in a separate thread."""
 
     def __init__(self) -> None:
         self._loop = asyncio.new_event_loop()
@@ -39,12 +38,12 @@ class Calls:
         threading.Thread(target=self._run, name="plant", daemon=True).start()
 
     def __call__(self, call: Coroutine[Any, Any, T], within_s: float) -> T:
-        """Return what a coroutine returns.
+        """Return the result of a coroutine.
 
         Raises
         ------
         TimeoutError
-            It has not ended in time; it is cancelled.
+            It has not ended in time and is cancelled.
         """
         future = asyncio.run_coroutine_threadsafe(asyncio.wait_for(call, within_s), self._loop)
         try:
@@ -54,7 +53,7 @@ class Calls:
             raise
 
     def close(self, last: Coroutine[Any, Any, None]) -> None:
-        """Run one last coroutine, which may fail, and end; a second time does nothing."""
+        """Run a last coroutine, which may fail, and end the loop; a second call does nothing."""
         if self._closed:
             last.close()
             return
@@ -69,16 +68,11 @@ class Calls:
 
 
 class Rounds(Generic[K, T]):
-    """Calls for every string, as many at once as their connection takes, within a time for all of them.
+    """Concurrent calls for all strings within a common deadline.
 
-    Who did not have its turn in one round comes first in the next, so that a plant too slow for a round still
-    has all of its strings served. Half of the time is a turn, whatever came of it: a string that never
-    answers keeps nobody out.
-
-    Parameters
-    ----------
-    expected
-        What a call may raise; anything else is raised again when all have ended.
+    A string that had no turn in one round is the first in the next, so that all strings of a slow plant are
+    served. A call that took half of the time had its turn, so that a string without response does not exclude
+    others. A call may raise ``expected``; other exceptions are raised after the round.
     """
 
     def __init__(self, expected: type[Exception]) -> None:
@@ -94,20 +88,9 @@ class Rounds(Generic[K, T]):
         within_s: float,
         first: Callable[[K], bool] = lambda key: False,
     ) -> tuple[dict[K, T], dict[K, Exception]]:
-        """Return what came, and what went wrong: :class:`TimeoutError` and :class:`NotReached` included.
+        """Return results and errors by key, :class:`TimeoutError` and :class:`NotReached` included.
 
-        Parameters
-        ----------
-        keys
-            Of the strings.
-        call
-            For one of them.
-        turn
-            What lets some of them through at once.
-        within_s
-            Time for all.
-        first
-            Who goes before all others.
+        ``turn`` limits concurrent calls, ``first`` selects keys that precede all others.
         """
         self._round += 1
         began_s: dict[K, float] = {}

@@ -1,42 +1,145 @@
-"""What a driven or watched plant did, reading after reading, and what was recommended.
+"""Journal of a plant: measurements, demand, and recommended and written set-points, one record per reading.
 
-A folder with ``journal.json`` (which plant, in which layout) and the records of each day (UTC), see
-:mod:`bess.edge.plant_io.journal_files`. A record has a fixed number of bytes, so that what a killed process
-or a full disk left of the last one is seen by its length, and cut off.
+A folder with ``journal.json`` (the plant and the format) and ``journal/`` with one file for each day (UTC). A
+record has a fixed number of bytes, so an incomplete last one, after a kill or on a full disk, is detected by
+the length of the file and cut off.
+
+The present day is written to ``2026-11-22.bin``. When another day begins, the file is renamed to
+``2026-11-22.0.full`` at once, and a separate thread compresses it to ``2026-11-22.0.gz``. If the clock is set
+back, records go to a new file of the same day. Beyond a size limit, the oldest days are deleted.
 """
 
 from __future__ import annotations
 
+import errno
+import gzip
 import json
-from collections.abc import Callable, Iterator
+import os
+import time
+import zlib
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from datetime import UTC
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import TYPE_CHECKING, Any, BinaryIO, Final, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from bess import __version__
-from bess.edge.plant_io.journal_files import DayFiles, contents
 from bess.edge.plant_io.link import Measurements
 from bess.errors import InputError
 from bess.files import parse_json
-from bess.simulation.record.aside import Aside
-from bess.simulation.record.atomic import put_bytes
+from bess.simulation.record.files import Aside, put_bytes
 from bess.system import System
 
 if TYPE_CHECKING:
     import xarray as xr
 
+SYNC_S: Final = 10.0
+"""Maximum period of records lost in a power failure; a killed process loses none."""
+_OPEN, _FULL, _PACKED, _PART = ".bin", ".full", ".gz", ".part"
+
+
+class DayFiles:
+    """Appends records to the file of a day; ``error`` is the last failure to compress earlier days."""
+
+    def __init__(self, directory: Path, record_bytes: int, most_bytes: float) -> None:
+        self._directory, self._record_bytes, self._most_bytes = directory, record_bytes, most_bytes
+        self.error = ""
+        self._file: BinaryIO | None = None
+        self._path = directory
+        self._synced_s = time.monotonic()
+        self._packer = ThreadPoolExecutor(1, "journal")
+
+    def append(self, day: str, record: bytes) -> None:
+        """Append a record to a day, ``2026-11-22``.
+
+        Raises
+        ------
+        OSError
+            The record was not written as a whole; the next call tries again.
+        """
+        path = self._directory / f"{day}{_OPEN}"
+        if self._file is None or path != self._path:
+            self.close_day()
+            for other in self._directory.glob(f"*{_OPEN}"):
+                if other != path:
+                    other.rename(self._free(other.stem))
+            self._packer.submit(self._tidy)
+            self._file, self._path = path.open("ab", buffering=0), path
+        # An incomplete record is removed before the next.
+        whole = os.fstat(self._file.fileno()).st_size // self._record_bytes * self._record_bytes
+        self._file.truncate(whole)
+        written = self._file.write(record)
+        if written != len(record):
+            raise OSError(errno.ENOSPC, "no space for a whole record")
+        if time.monotonic() - self._synced_s > SYNC_S:
+            os.fsync(self._file.fileno())
+            self._synced_s = time.monotonic()
+
+    def close_day(self) -> None:
+        """Close the file of the day; the next :meth:`append` opens it again."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+    def close(self) -> None:
+        """Close the file of the day, and wait until earlier days are packed."""
+        self.close_day()
+        self._packer.shutdown(wait=True)
+
+    def _free(self, day: str) -> Path:
+        number = 0
+        while any((self._directory / f"{day}.{number}{kind}").exists() for kind in (_FULL, _PACKED)):
+            number += 1
+        return self._directory / f"{day}.{number}{_FULL}"
+
+    def _tidy(self) -> None:
+        """Pack earlier days, and remove the oldest beyond the limit of size."""
+        try:
+            for path in sorted(self._directory.glob(f"*{_FULL}")):
+                part = path.with_suffix(_PART)
+                with part.open("wb") as file:
+                    file.write(gzip.compress(path.read_bytes(), 6))
+                    file.flush()
+                    os.fsync(file.fileno())
+                part.replace(path.with_suffix(_PACKED))
+                path.unlink()
+            self.error = ""
+        except OSError as error:
+            self.error = f"{self._directory}: days that are over cannot be packed ({error.strerror})"
+        over = [path for path in _files(self._directory) if path.suffix != _OPEN]
+        sizes = [path.stat().st_size for path in over]
+        total = sum(sizes)
+        for path, size in zip(over, sizes, strict=True):
+            if total > self._most_bytes:
+                path.unlink(missing_ok=True)
+                total -= size
+
+
+def _files(directory: Path) -> list[Path]:
+    return sorted(path for path in directory.glob("*") if path.suffix in (_OPEN, _FULL, _PACKED))
+
+
+def _content(path: Path) -> bytes:
+    try:
+        content = path.read_bytes()
+        return gzip.decompress(content) if path.suffix == _PACKED else content
+    except FileNotFoundError:
+        raise
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(f"{path}: cannot be read ({error})") from error
+
+
 HEADER: Final = "journal.json"
 RECORDS: Final = "journal"
 FORMAT: Final = 1
 PATIENCE_S: Final = 1.0
-"""Time that one record may hold the control loop up."""
+"""Time for which one record may delay the control loop."""
 MOST_MB: Final = 2000.0
-"""What the days of a journal that are over may take: a year of ten strings, read every second."""
+"""Size limit of earlier days: a year of ten strings, read every second."""
 
 _OF_STRINGS: Final = {
     "power_kw": ("kW", "AC power that the string delivered, positive = discharge"),
@@ -50,26 +153,16 @@ _OF_STRINGS: Final = {
 
 
 class Journal:
-    """Appends to the journal of a plant, for as long as a service runs and whenever it runs again.
+    """Appends to the journal of a plant, a new or an existing one, in a folder that may hold other files.
 
-    Nothing that goes wrong with the disk stops the caller, or holds it up for more than a moment:
-    :attr:`error` says what it is, and the next :meth:`append` tries anew.
-
-    Parameters
-    ----------
-    directory
-        Made if need be; may hold other files.
-    system
-        The plant.
-    title
-        What the report calls it.
-    most_mb
-        What days that are over may take on the disk; the oldest are removed.
+    A disk failure neither stops the caller nor delays it for more than a moment: :attr:`error` reports it,
+    and the next :meth:`append` tries again. ``title`` is the title of the report. Beyond ``most_mb``, the
+    oldest days before today are removed.
 
     Raises
     ------
     InputError
-        If the folder holds the journal of another number of strings.
+        The folder holds the journal of another number of strings.
     """
 
     def __init__(self, directory: Path, system: System, title: str, most_mb: float = MOST_MB) -> None:
@@ -103,7 +196,7 @@ class Journal:
 
     @property
     def error(self) -> str:
-        """What is wrong with the disk now, in a sentence; empty if nothing is."""
+        """Present disk failure, in a sentence; empty without one."""
         return self._gap or self._days.error
 
     def append(
@@ -113,18 +206,9 @@ class Journal:
         recommended_kw: ArrayLike,
         written_kw: ArrayLike | None = None,
     ) -> None:
-        """Append one reading, and what was made of it.
+        """Append a reading with the demand, the set-points of the controller, and those written [kW].
 
-        Parameters
-        ----------
-        measurements
-            What the plant said.
-        demand_kw
-            Power asked of the plant [kW], positive = discharge.
-        recommended_kw
-            Set-points of the controller [kW], shape ``(n_strings,)``.
-        written_kw
-            Those that were written; None if none were, as with ``--shadow`` or a link that was lost.
+        ``written_kw`` is None if none were written, as with ``--shadow`` or without a link.
         """
         record = np.zeros((), dtype=self._layout)
         record["time_ms"] = round(1000.0 * measurements.time.timestamp())
@@ -144,7 +228,7 @@ class Journal:
         self._aside.close()
 
     def _do(self, call: Callable[[], None]) -> None:
-        """Let the disk do something, and take down what comes of it."""
+        """Run an operation on the disk and record its failure."""
         if self._damage:
             return
         try:
@@ -169,9 +253,7 @@ class Journal:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         self.close()
 
 
@@ -183,24 +265,31 @@ def is_journal(directory: Path) -> bool:
 def open_journal(directory: str | Path) -> xr.Dataset:
     """Return a journal as a dataset with the dimensions ``time`` (UTC, rising) and ``string``.
 
-    Of readings with the same time, which a clock that was set back may leave, the last is kept.
+    If readings have the same time, because the clock was set back, the last one is kept.
 
     Raises
     ------
     InputError
-        If there is no journal, none that this version reads, or nothing in it yet.
+        The folder holds no journal, an empty one, or one of another format.
     """
     import xarray as xr
 
     directory = Path(directory)
     header = _header(directory)
     layout = _layout(header["n_strings"])
-    records = np.concatenate([np.zeros(0, dtype=layout), *_days(directory, layout)])
+    while True:
+        try:
+            contents = [_content(path) for path in _files(directory / RECORDS)]
+            break
+        except FileNotFoundError:
+            continue  # packed or removed meanwhile by a running service
+    size = layout.itemsize
+    days = [np.frombuffer(content[: len(content) // size * size], dtype=layout) for content in contents]
+    records = np.concatenate([np.zeros(0, dtype=layout), *days])
     if not records.size:
         raise InputError(f"{directory}: the journal is empty; let bess serve drive or watch the plant first")
     records = records[np.argsort(records["time_ms"], kind="stable")]
-    last = np.append(np.diff(records["time_ms"]) > 0, True)
-    records = records[last]
+    records = records[np.append(np.diff(records["time_ms"]) > 0, True)]
     variables: dict[str, Any] = {
         "demand_kw": (
             "time",
@@ -242,8 +331,3 @@ def _header(directory: Path) -> dict[str, Any]:
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path}: is damaged ({error}); without it the journal cannot be read") from error
     return header
-
-
-def _days(directory: Path, layout: np.dtype[np.void]) -> Iterator[NDArray[np.void]]:
-    for content in contents(directory / RECORDS):
-        yield np.frombuffer(content[: len(content) // layout.itemsize * layout.itemsize], dtype=layout)

@@ -1,8 +1,7 @@
-"""The page of a journal: what a plant did beside what was recommended."""
+"""Report of a journal: power of the plant compared with the recommended set-points."""
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -16,18 +15,20 @@ import xarray as xr
 from bess.arrays import Array
 from bess.control.split.rollout import rollout
 from bess.edge.plant_io.journal import open_journal
+from bess.errors import InputError
+from bess.files import parse_toml
 from bess.report.contents import FigureSpec
 from bess.report.data import TimeAxis
 from bess.report.drawing.chart import Chart, Panel, Series
 from bess.report.drawing.style import AVAILABILITY, DISCHARGE, INK, colours
 from bess.report.page import FIGURES, section, write_page
 from bess.report.words.headline import Tile
-from bess.system import State, System, load_system
+from bess.system import State, System
 
 MOST_BINS: Final = 1500
 _BIN_S: Final = (1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14_400, 86_400)
 _GAP: Final = 3.0
-"""Readings further apart than this many times their usual distance are a gap."""
+"""Minimum length of a gap between readings, relative to their usual interval."""
 _SAME_POWER: Final = 0.02
 """Share of nominal power within which two splits serve the same demand."""
 
@@ -38,18 +39,22 @@ def write_journal_report(directory: Path) -> Path:
     Raises
     ------
     InputError
-        If there is no journal, or nothing in it.
+        There is no journal, or it is empty.
     """
     journal = open_journal(directory)
     binned = in_bins(journal)
-    losses = modelled_losses(binned, _system(journal))
+    try:
+        system = System(parse_toml(journal.attrs["system"]), name=f"{directory}: system")
+    except ValueError as error:
+        raise InputError(f"{directory}: the system in the journal is damaged ({error})") from error
+    losses = modelled_losses(binned, system)
     values = {
         "title": journal.attrs["title"] or directory.resolve().name,
         "subject": _subject(journal),
         "summary": [*_summary(journal), *([losses.sentence()] if losses is not None else [])],
         "tiles": list(_tiles(journal)),
         "warnings": list(_warnings(journal)),
-        "sections": [section("time", "Over time", _exhibits(binned), directory / FIGURES)],
+        "sections": [section("time", "Over time", _figures(binned), directory / FIGURES)],
         "groups": [],
         "names": [""],
         "studies": {"The system": journal.attrs["system"]},
@@ -59,9 +64,9 @@ def write_journal_report(directory: Path) -> Path:
 
 
 def in_bins(journal: xr.Dataset) -> xr.Dataset:
-    """Return means over equal bins of time, at most :data:`MOST_BINS`; NaN where nothing was read."""
-    times_s = _times_s(journal)
-    needed_s = max((times_s[-1] - times_s[0]) / (MOST_BINS - 1), _usual_s(times_s) or 1.0)
+    """Return means over equal bins of time, at most :data:`MOST_BINS`; NaN without readings."""
+    times_s, _, usual_s = _intervals(journal)
+    needed_s = max((times_s[-1] - times_s[0]) / (MOST_BINS - 1), usual_s or 1.0)
     width_s = next((width for width in _BIN_S if width >= needed_s), _BIN_S[-1])
     bins = np.floor(times_s / width_s).astype(np.int64)
     every = np.arange(bins[0], bins[-1] + 1)
@@ -76,19 +81,16 @@ def in_bins(journal: xr.Dataset) -> xr.Dataset:
     return xr.Dataset(variables, coords=coords, attrs=journal.attrs)
 
 
-def _times_s(journal: xr.Dataset) -> Array:
-    """Time of each reading [s]."""
-    return np.asarray(journal["time"].values.astype("datetime64[ms]").astype(np.int64) / 1000.0)
-
-
-def _usual_s(times_s: Array) -> float:
-    """Usual time between two readings; 0 for one reading."""
-    return float(np.median(np.diff(times_s))) if times_s.size > 1 else 0.0
+def _intervals(journal: xr.Dataset) -> tuple[Array, Array, float]:
+    """Times of the readings, intervals between them, and the usual interval (0 for one reading) [s]."""
+    times_s = journal["time"].values.astype("datetime64[ms]").astype(np.int64) / 1000.0
+    steps_s = np.diff(times_s)
+    return times_s, steps_s, float(np.median(steps_s)) if steps_s.size else 0.0
 
 
 @dataclass(frozen=True)
 class Losses:
-    """Losses that the control model gives for both splits, where they serve the same plant power [kWh]."""
+    """Losses of both splits by the control model, while they serve the same plant power [kWh]."""
 
     did_kwh: float
     recommended_kwh: float
@@ -96,7 +98,7 @@ class Losses:
     of_hours: float
 
     def sentence(self) -> str:
-        """Say so."""
+        """Sentence of the summary."""
         return (
             f"Where both gave the same plant power ({self.hours:.3g} of {self.of_hours:.3g} h), the control "
             f"model puts losses in inverters and batteries of what the plant did at {self.did_kwh:.4g} kWh, "
@@ -105,20 +107,21 @@ class Losses:
 
 
 def modelled_losses(binned: xr.Dataset, system: System) -> Losses | None:
-    """Compare the two splits by the control model, from the states that were read; None if none compare."""
-    width_h = _width_h(binned)
+    """Compare both splits by the control model from the measured states; None if never comparable."""
+    times = binned["time"].values
+    width_h = float((times[1] - times[0]) / np.timedelta64(1, "h")) if len(times) > 1 else 1.0 / 3600.0
     did, recommended = binned["power_kw"].values, binned["recommended_kw"].values
     soc, temperature = binned["soc"].values, binned["temperature_c"].values
     temperature = np.where(np.isnan(temperature), system.ambient_c, temperature)
     read = np.isfinite(did) & np.isfinite(recommended) & np.isfinite(soc)
     totals = np.where(read, did, 0.0).sum(axis=1), np.where(read, recommended, 0.0).sum(axis=1)
     one_way = [((power >= 0.0).all(axis=1) | (power <= 0.0).all(axis=1)) for power in (did, recommended)]
-    same = np.abs(totals[0] - totals[1]) <= _SAME_POWER * system.nominal_kw.sum()
+    nominal = system.nominal_kw
+    same = np.abs(totals[0] - totals[1]) <= _SAME_POWER * nominal.sum()
     usable = np.flatnonzero(read.all(axis=1) & one_way[0] & one_way[1] & same & (np.abs(totals[0]) > 0.0))
     if not usable.size:
         return None
     lost = np.zeros(2)
-    nominal = system.nominal_kw
     for k in usable:
         state = State(np.clip(soc[k], 0.0, 1.0), temperature[k])
         requests = np.clip(np.stack([did[k], recommended[k]]), -nominal, nominal)[..., None]
@@ -127,58 +130,41 @@ def modelled_losses(binned: xr.Dataset, system: System) -> Losses | None:
     return Losses(float(lost[0]), float(lost[1]), len(usable) * width_h, read.any(axis=1).sum() * width_h)
 
 
-def _width_h(binned: xr.Dataset) -> float:
-    times = binned["time"].values
-    return float((times[1] - times[0]) / np.timedelta64(1, "s")) / 3600.0 if len(times) > 1 else 1.0 / 3600.0
-
-
-def _system(journal: xr.Dataset) -> System:
-    """Return the system, from the text that the journal keeps."""
-    with tempfile.TemporaryDirectory(prefix="bess-") as scratch:
-        path = Path(scratch) / "system.toml"
-        path.write_text(journal.attrs["system"], encoding="utf-8")
-        return load_system(path)
-
-
-def _exhibits(binned: xr.Dataset) -> Iterator[FigureSpec]:
-    yield FigureSpec(
-        "plant",
-        "The plant",
-        "Power asked of the plant, what it gave, and the sum of the set-points that were recommended.",
-        partial(_plant, binned),
-    )
-    yield FigureSpec(
-        "split",
-        "The strings: did and recommended",
-        "Power of every string, the set-point recommended for it, and the difference of both.",
-        partial(_split, binned),
-    )
-    yield FigureSpec(
-        "state",
-        "State of the strings",
-        "State of charge and temperature as they were read; a gap where nothing was.",
-        partial(_state, binned),
-    )
+def _figures(binned: xr.Dataset) -> Iterator[FigureSpec]:
+    for name, title, caption, chart in (
+        (
+            "plant",
+            "The plant",
+            "Power asked of the plant, what it gave, and the sum of the set-points that were recommended.",
+            _plant,
+        ),
+        (
+            "split",
+            "The strings: did and recommended",
+            "Power of every string, the set-point recommended for it, and the difference of both.",
+            _split,
+        ),
+        (
+            "state",
+            "State of the strings",
+            "State of charge and temperature as they were read; a gap where nothing was.",
+            _state,
+        ),
+    ):
+        yield FigureSpec(name, title, caption, partial(chart, binned))
 
 
 def _plant(binned: xr.Dataset) -> Chart:
     time = TimeAxis(binned)
     did, recommended = (_total(binned[name].values) for name in ("power_kw", "recommended_kw"))
     demand = binned["demand_kw"].values
-    return Chart(
-        time.label,
-        (
-            Panel(
-                "Power (kW)",
-                (
-                    _step(time, did, DISCHARGE, "did"),
-                    _step(time, recommended, AVAILABILITY, "recommended", dashed=True),
-                    _step(time, demand, INK, "demand", dashed=True),
-                ),
-            ),
-            Panel("Deviation from demand (kW)", (_step(time, did - demand, DISCHARGE),)),
-        ),
+    powers = (
+        _step(time, did, DISCHARGE, "did"),
+        _step(time, recommended, AVAILABILITY, "recommended", dashed=True),
+        _step(time, demand, INK, "demand", dashed=True),
     )
+    deviation = Panel("Deviation from demand (kW)", (_step(time, did - demand, DISCHARGE),))
+    return Chart(time.label, (Panel("Power (kW)", powers), deviation))
 
 
 def _split(binned: xr.Dataset) -> Chart:
@@ -190,13 +176,9 @@ def _split(binned: xr.Dataset) -> Chart:
 
 def _state(binned: xr.Dataset) -> Chart:
     time = TimeAxis(binned)
-    return Chart(
-        time.label,
-        (
-            Panel("SOC", _strings(time, binned["soc"].values), y_limits=(-0.02, 1.02)),
-            Panel("Temperature (°C)", _strings(time, binned["temperature_c"].values)),
-        ),
-    )
+    soc = Panel("SOC", _strings(time, binned["soc"].values), y_limits=(-0.02, 1.02))
+    temperature = Panel("Temperature (°C)", _strings(time, binned["temperature_c"].values))
+    return Chart(time.label, (soc, temperature))
 
 
 def _strings(time: TimeAxis, values: Array) -> tuple[Series, ...]:
@@ -209,7 +191,7 @@ def _step(time: TimeAxis, values: Array, colour: str, label: str = "", *, dashed
 
 
 def _total(values: Array) -> Array:
-    """Sum over strings; NaN only where no string is known."""
+    """Sum over strings; NaN only if all are unknown."""
     return np.where(np.isfinite(values).any(axis=1), np.nansum(values, axis=1), np.nan)
 
 
@@ -223,11 +205,10 @@ def _subject(journal: xr.Dataset) -> str:
 
 def _summary(journal: xr.Dataset) -> Iterator[str]:
     written = np.isfinite(journal["written_kw"].values).any(axis=1)
-    readings = journal.sizes["time"]
-    if not written.any():
-        yield "The plant was watched, not driven: no set-point was written."
+    if written.any():
+        yield f"Set-points were written at {written.sum():,} of {journal.sizes['time']:,} readings."
     else:
-        yield f"Set-points were written at {written.sum():,} of {readings:,} readings."
+        yield "The plant was watched, not driven: no set-point was written."
     did, recommended = journal["power_kw"].values, journal["recommended_kw"].values
     both = np.isfinite(did) & np.isfinite(recommended)
     if both.any():
@@ -236,7 +217,9 @@ def _summary(journal: xr.Dataset) -> Iterator[str]:
 
 
 def _tiles(journal: xr.Dataset) -> Iterator[Tile]:
-    hours = _hours(journal)
+    _, steps, usual = _intervals(journal)
+    # A reading holds until the next one; before a gap, for the usual interval.
+    hours = np.append(np.where(steps > _GAP * usual, usual, steps), usual) / 3600.0
     demand = journal["demand_kw"].values
     for label, power in (("Energy demand", demand), ("Delivered", _total(journal["power_kw"].values))):
         kwh = np.nan_to_num(power) * hours
@@ -248,16 +231,8 @@ def _tiles(journal: xr.Dataset) -> Iterator[Tile]:
     )
 
 
-def _hours(journal: xr.Dataset) -> Array:
-    """Return for how long each reading stands: to the next, in a gap not longer than usual."""
-    times_s = _times_s(journal)
-    steps, usual = np.diff(times_s), _usual_s(times_s)
-    return np.append(np.where(steps > _GAP * usual, usual, steps), usual) / 3600.0
-
-
 def _warnings(journal: xr.Dataset) -> Iterator[str]:
-    times_s = _times_s(journal)
-    steps, usual = np.diff(times_s), _usual_s(times_s)
+    _, steps, usual = _intervals(journal)
     gaps = steps[steps > _GAP * usual]
     if gaps.size:
         yield (

@@ -1,7 +1,8 @@
-"""What a controller sees of a plant, whatever the plant speaks: measurements in, set-points out."""
+"""The interface to a plant, independent of its protocol: measurements in, set-points out."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Protocol
@@ -9,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from bess.errors import BessError
+from bess.errors import BessError, InputError
 
 
 class LinkError(BessError):
@@ -18,32 +19,32 @@ class LinkError(BessError):
 
 @dataclass(frozen=True, eq=False)
 class Measurements:
-    """What a plant says of its strings at one moment; arrays of shape ``(n_strings,)``, positive = discharge.
+    """Measurements of all strings at one moment; arrays of shape ``(n_strings,)``, positive = discharge.
 
-    A string of which nothing could be read is NaN and not available; that is no error, the others go on.
+    A string without readings is NaN and not available. This is not an error: the other strings continue.
 
     Parameters
     ----------
     time
-        When it was read, with a time zone.
+        Time of the reading, with a time zone.
     soc
         State of charge, 0 to 1.
     temperature_c
-        Temperature [degC]; NaN where the plant names none.
+        Temperature [degC]; NaN if the plant reports none.
     power_kw
         AC power that each string delivers now [kW].
     charge_limit_kw, discharge_limit_kw
-        What the plant itself allows now [kW], ``>= 0``; infinite where it names no limit.
+        Present limits of the plant itself [kW], ``>= 0``; infinite if it reports none.
     available
-        Whether the string takes set-points.
+        Whether the string accepts set-points.
     remarks
-        For each string a sentence on why it is not available, where the link knows more than that the plant
-        says so; empty for the others. May be left out altogether.
+        Reasons why strings are not available, one sentence each, if the link has more details than the plant
+        reports; otherwise empty. Optional.
     plant_kw
-        Power [kW] of all strings at the plant's own meter, positive = discharge; NaN without one.
+        Power [kW] of all strings at the plant's own meter, positive = discharge; NaN without a meter.
     setpoint_kw
-        Set-point that each string holds now [kW], whoever wrote it; NaN where the plant names none. None if
-        it never does.
+        Present set-point of each string [kW], from any writer; NaN if the plant reports none. None if it
+        never reports set-points.
     """
 
     time: datetime
@@ -59,15 +60,15 @@ class Measurements:
 
 
 class PlantLink(Protocol):
-    """A plant of several strings that can be read and driven.
+    """A plant of several strings that can be read and controlled.
 
-    **Who refreshes.** A set-point lapses by the plant's own watchdog unless it is written again. The link
-    never does so by itself: the caller writes at least every :attr:`refresh_s` for as long as it knows what
-    it wants, whether the set-points have changed or not. A caller that hangs, dies or is in doubt thus loses
-    the plant to its watchdog, and no thread of ours keeps an old set-point alive.
+    **Refresh.** A set-point expires by the plant's own watchdog unless it is written again. The link does not
+    refresh set-points: the caller writes at least every :attr:`refresh_s`, even if they are unchanged. If the
+    caller hangs, dies or stops writing, the watchdog therefore takes over, and no thread keeps an old
+    set-point alive.
 
-    A link is used from one thread at a time. It remembers no failure: after a :class:`LinkError` the next
-    call tries anew, a new connection included.
+    A link is used from one thread at a time. It stores no failure: after a :class:`LinkError`, the next call
+    tries again, with a new connection if needed.
     """
 
     @property
@@ -77,42 +78,87 @@ class PlantLink(Protocol):
 
     @property
     def refresh_s(self) -> float:
-        """Longest time [s] from one :meth:`write` to the next."""
+        """Maximum time [s] from one :meth:`write` to the next."""
         ...
 
     def read(self) -> Measurements:
-        """Return what the plant says now.
+        """Return the present measurements.
 
         Raises
         ------
         LinkError
-            If nothing can be read, or if a value is in another unit than expected.
+            Nothing can be read, or a value has an unexpected unit.
         """
         ...
 
     def write(self, power_kw: NDArray[np.float64]) -> None:
         """Write set-points [kW], shape ``(n_strings,)``.
 
-        NaN takes a string's set-point back: the only way to say "nothing", as zero is a set-point. Where
-        that does not arrive the set-point lapses, which is no error.
+        NaN clears the set-point of a string; zero is a set-point. A set-point that cannot be cleared expires,
+        which is not an error.
 
         Raises
         ------
         LinkError
-            If a set-point did not arrive; those of the other strings were written all the same.
+            A set-point did not arrive; those of the other strings are written nevertheless.
         """
         ...
 
     def release(self) -> None:
-        """Let go of the plant, so that its own watchdog takes over; the link can be used again.
+        """Clear all set-points, so that the plant's own watchdog takes over; the link can be used again.
 
         Raises
         ------
         LinkError
-            If the plant could not be told; its watchdog takes over all the same, only later.
+            The plant could not be reached; its watchdog still takes over, but later.
         """
         ...
 
     def close(self) -> None:
-        """Close connections; writes nothing. Never raises."""
+        """Close connections without writing. Never raises."""
         ...
+
+
+_HAIR_W = 1e-6
+"""Tolerance for the rounding errors of whole W given in kW [W]."""
+
+
+def checked_setpoints(power_kw: NDArray[np.float64], n_strings: int) -> NDArray[np.float64]:
+    """Return set-points [kW], one for each string, finite or NaN.
+
+    Raises
+    ------
+    InputError
+        The number of set-points differs from that of the strings, or one is infinite.
+    """
+    setpoints = np.asarray(power_kw, dtype=np.float64)
+    if setpoints.shape != (n_strings,) or np.isinf(setpoints).any():
+        raise InputError(f"set-points {setpoints} kW: expected {n_strings} finite powers, or NaN for none")
+    return setpoints
+
+
+def whole_watts(power_kw: NDArray[np.float64]) -> list[int | None]:
+    """Return set-points in whole W, each within 1 W; None for none.
+
+    Each is truncated towards zero. The truncated total is distributed 1 W at a time, largest truncation
+    first, so that the sum is the total of ``power_kw``, truncated once. Less than 1 W is zero.
+    """
+    exact = 1000.0 * np.nan_to_num(power_kw)
+    exact += np.copysign(_HAIR_W, exact)
+    whole = np.trunc(exact)
+    lost = np.where(whole == 0.0, 0.0, exact - whole)
+    missing = math.trunc(exact.sum()) - int(whole.sum())
+    sign = math.copysign(1.0, missing)
+    order = np.argsort(-sign * lost, kind="stable")[: abs(missing)]
+    whole[order] += sign * (sign * lost[order] > 2.0 * _HAIR_W)
+    return [None if math.isnan(kw) else int(w) for kw, w in zip(power_kw, whole, strict=True)]
+
+
+def number(value: object) -> float:
+    """Return a finite number from JSON; NaN for anything else, booleans included."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return math.nan
+    try:
+        return float(value) if math.isfinite(value) else math.nan
+    except OverflowError:  # an integer beyond the range of floats
+        return math.nan

@@ -1,15 +1,15 @@
-"""The link to an OpenEMS edge, by the channels of its REST interface (``Controller.Api.Rest.ReadWrite``).
+"""Link to an OpenEMS edge through the channels of its REST interface (``Controller.Api.Rest.ReadWrite``).
 
-Facts from the edge's source that this link rests on:
+It relies on these facts of the edge's source:
 
 - ``ActivePower`` and ``SetActivePowerEquals`` are in W, positive = discharge; ``Soc`` is in whole per cent.
-- The edge writes a value anew in every cycle until ``apiTimeout`` (60 s) after the *last* value that came in,
-  whichever string that was for. A string that is no longer written thus keeps its set-point for as long as
-  others are. The value ``null`` takes it back at once; where that does not arrive, nothing is written to any
-  string until the edge has forgotten all (:class:`~bess.edge.plant_io.shared_watchdog.SharedWatchdog`).
-- It notices by itself that a battery does not answer any more, and says so by ``State``; it names no
+- The edge writes a value anew in every cycle until ``apiTimeout`` (60 s) after the *last* value it received,
+  for any string. A string that is no longer written thus keeps its set-point for as long as others are
+  written. The value ``null`` clears it at once; if that does not arrive, nothing is written to any string
+  until all set-points have expired (:class:`SharedWatchdog`).
+- It detects by itself that a battery does not respond any more and reports this in ``State``; it has no
   heartbeat.
-- A wrong password is answered by status 500, as every other failure.
+- A wrong password gives status 500, like every other failure.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import os
 import re
 import ssl
 import time
-from collections.abc import Coroutine, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any, Final, TypeVar
 
@@ -31,26 +31,63 @@ from numpy.typing import NDArray
 
 from bess.edge.plant_io.address import Address
 from bess.edge.plant_io.calls import GRACE_S, Calls, NotReached, Rounds, Stalled
-from bess.edge.plant_io.json_numbers import number
-from bess.edge.plant_io.link import LinkError, Measurements
-from bess.edge.plant_io.setpoints import checked_setpoints, whole_watts
-from bess.edge.plant_io.shared_watchdog import SharedWatchdog
+from bess.edge.plant_io.link import LinkError, Measurements, checked_setpoints, number, whole_watts
 from bess.errors import InputError
 
+
+class SharedWatchdog:
+    """Strings that may hold a set-point that cannot be changed, at a plant with one watchdog for all writes.
+
+    Writes to other strings would refresh such a set-point for ever. Once a string has refused writes for
+    ``patience_s`` while others accepted them, nothing is written for ``forgets_s``, after which the watchdog
+    must have acted. Then the others continue without it.
+    """
+
+    def __init__(self, patience_s: float, forgets_s: float, clock: Callable[[], float]) -> None:
+        self._patience_s, self._forgets_s, self._clock = patience_s, forgets_s, clock
+        self._may_hold: set[str] | None = None
+        self._refuses_since: dict[str, float] = {}
+        self._fed_at_s = clock()
+
+    def may_hold(self, name: str) -> bool:
+        """Whether the plant may hold a set-point of this string; true for all before the first writes."""
+        return self._may_hold is None or name in self._may_hold
+
+    def wait_s(self) -> tuple[list[str], float]:
+        """Return the strings that refuse, and the time for which nothing may be written because of them."""
+        now = self._clock()
+        if now - self._fed_at_s >= self._forgets_s:
+            self._may_hold, self._refuses_since = set(), {}
+        stuck = [name for name, since in self._refuses_since.items() if now - since >= self._patience_s]
+        return stuck, self._fed_at_s + self._forgets_s - now if stuck else 0.0
+
+    def note(self, written: Mapping[str, bool], unknown: Iterable[str], refused: Iterable[str]) -> None:
+        """Record one round of writes: whether written strings now have a set-point, and failed ones."""
+        failed = {name for name in refused if self.may_hold(name)} | set(unknown)
+        kept = set() if self._may_hold is None else self._may_hold - written.keys()
+        self._may_hold = kept | failed | {name for name, holds in written.items() if holds}
+        for name in written:
+            self._refuses_since.pop(name, None)
+        if written:
+            self._fed_at_s = self._clock()
+            for name in failed:
+                self._refuses_since.setdefault(name, self._fed_at_s)
+
+
 USER, PASSWORD = "BESS_PLANT_USER", "BESS_PLANT_PASSWORD"
-"""Variables of the environment, for what the address does not name."""
+"""Environment variables for an address without user or password."""
 
 REFRESH_S: Final = 20.0
-"""A third of ``apiTimeout``, so that two writes in a row may be lost."""
+"""A third of ``apiTimeout``, so that two consecutive writes may be lost."""
 FORGETS_S: Final = 65.0
-"""``apiTimeout`` as the edge is delivered, and a little more."""
+"""Slightly more than the default of ``apiTimeout``."""
 CLOCK: Final = time.monotonic
 ANSWER_S: Final = 3.0
-"""Time for one reading of all strings, or for writing all of them."""
+"""Deadline for reading or writing all strings."""
 CONNECTIONS: Final = 4
-"""An edge takes five (``connectionlimit``), and one may be somebody else's."""
+"""An edge accepts five (``connectionlimit``), and one may be that of another client."""
 IDLE_S: Final = 20.0
-"""A connection is kept that long: an edge takes ten new ones in 5 s, and closes idle ones after 30 s."""
+"""Lifetime of idle connections: an edge accepts ten new ones in 5 s, and closes idle ones after 30 s."""
 
 _SET: Final = "SetActivePowerEquals"
 _UNITS: Final[Mapping[str, tuple[str, ...]]] = {
@@ -65,32 +102,27 @@ _UNITS: Final[Mapping[str, tuple[str, ...]]] = {
 _FAULT: Final = 3
 _OFF_GRID: Final = (2, 3)
 _LONGEST_ANSWER: Final = 8 * 2**20
-"""Bytes; an edge with dozens of batteries answers with some 100 kB."""
+"""Bytes; the answer of an edge with dozens of batteries has about 100 kB."""
 
 _Channels = dict[str, Any]
 T = TypeVar("T")
 
 
 class _RefusedError(LinkError):
-    """The edge answered, and did not do what it was asked."""
+    """The edge answered with a refusal."""
 
 
 class Link:
     """A plant behind an OpenEMS edge; one ``ess`` component for each string.
 
-    Parameters
-    ----------
-    address
-        Of the edge. Names of components that it does not give are asked of the edge: all ``essN`` that take
-        set-points, in the order of their numbers. User and password that it does not give are taken from the
-        environment, ``BESS_PLANT_USER`` and ``BESS_PLANT_PASSWORD``.
-    n_strings
-        Number of strings.
+    Without names in the address, strings are all ``essN`` that accept set-points, in the order of their
+    numbers. Without user and password, these are taken from ``BESS_PLANT_USER`` and ``BESS_PLANT_PASSWORD``.
+    Methods are those of :class:`bess.edge.plant_io.PlantLink`.
 
     Raises
     ------
     InputError
-        If the address names another number of strings, or what cannot be a component.
+        The address has another number of strings, or an invalid name of a component.
     """
 
     refresh_s = REFRESH_S
@@ -110,7 +142,7 @@ class Link:
         self._url = address.url
         self._names: Sequence[str] = address.strings
         self._meter = address.meter
-        user = address.user or os.environ.get(USER) or "x"  # the edge finds the user by the password alone
+        user = address.user or os.environ.get(USER) or "x"  # the edge identifies users by password only
         password = address.password or os.environ.get(PASSWORD)
         self._calls = Calls()
         self._rounds: Rounds[str, bytes] = Rounds(LinkError)
@@ -119,7 +151,7 @@ class Link:
             base_url=address.url,
             auth=(user, password) if password else None,
             headers={"Accept-Encoding": "identity"},
-            timeout=None,  # every call has a time for all of it
+            timeout=None,  # each call has a total deadline
             limits=httpx.Limits(max_connections=CONNECTIONS, keepalive_expiry=IDLE_S),
             trust_env=False,  # no proxy between controller and plant
             verify=ssl.create_default_context() if address.scheme == "https" else False,
@@ -128,13 +160,7 @@ class Link:
         self._watchdog = SharedWatchdog(REFRESH_S, FORGETS_S, CLOCK)
 
     def read(self) -> Measurements:
-        """Return what the edge says now; see :class:`bess.edge.plant_io.PlantLink`.
-
-        Raises
-        ------
-        LinkError
-            The edge does not answer, or knows no inverter of these names.
-        """
+        """Return the present measurements."""
         return self._within(self._read())
 
     async def _read(self) -> Measurements:
@@ -170,12 +196,12 @@ class Link:
         )
 
     def write(self, power_kw: NDArray[np.float64]) -> None:
-        """Write set-points; see :class:`bess.edge.plant_io.PlantLink`. NaN takes back the string's set-point.
+        """Write set-points [kW]; NaN clears that of a string.
 
         Raises
         ------
         LinkError
-            The edge does not answer, or a set-point that stands cannot be changed.
+            A set-point did not arrive, or nothing may be written for now (:class:`SharedWatchdog`).
         """
         setpoints = checked_setpoints(power_kw, self.n_strings)
         if not self._units_are_known:
@@ -188,11 +214,11 @@ class Link:
             )
         values = dict(zip(self._names, whole_watts(setpoints), strict=True))
         failures = self._set({n: v for n, v in values.items() if v is not None or self._watchdog.may_hold(n)})
-        # What cannot be taken back is the watchdog's matter: the strings that were written are well.
+        # A set-point that cannot be cleared is left to the watchdog.
         self._raise({name: error for name, error in failures.items() if values[name] is not None})
 
     def release(self) -> None:
-        """Take back the set-points of all strings; what does not arrive lapses after ``apiTimeout``."""
+        """Clear all set-points; those that cannot be cleared expire after ``apiTimeout``."""
         self._raise(self._set(dict.fromkeys(self._names)))
 
     def close(self) -> None:
@@ -200,7 +226,7 @@ class Link:
         self._calls.close(self._client.aclose())
 
     def _within(self, call: Coroutine[Any, Any, T], within_s: float | None = None) -> T:
-        """Return what comes of a call, which ends in time whatever the edge does."""
+        """Return the result of a call with a deadline."""
         try:
             return self._calls(call, ANSWER_S if within_s is None else within_s)
         except TimeoutError:
@@ -210,7 +236,7 @@ class Link:
         return LinkError(f"{self._url}: no answer within {ANSWER_S:g} s")
 
     def _set(self, values: Mapping[str, int | None]) -> dict[str, LinkError]:
-        """Write, first what takes a set-point back; return what did not arrive."""
+        """Write values, cleared set-points first; return failures."""
 
         def post(name: str) -> Coroutine[Any, Any, bytes]:
             return self._call("POST", f"/rest/channel/{name}/{_SET}", {"value": values[name]})
@@ -227,7 +253,7 @@ class Link:
             refused = [name for name, error in failed.items() if isinstance(error, _RefusedError)]
             untouched = {name for name, error in failed.items() if isinstance(error, NotReached)}
             if written and any(isinstance(error, Stalled) for error in failed.values()):
-                # The edge may take fewer connections; if one at a time is no better, it is the string.
+                # The edge may accept fewer connections; if one at a time does not help, the string stalls.
                 self._at_once = self._at_once // 2 or CONNECTIONS
             self._watchdog.note(
                 written={name: values[name] is not None for name in written},
@@ -243,7 +269,7 @@ class Link:
             raise LinkError(f"set-points of {', '.join(failures)} not written: {reason}")
 
     async def _components(self) -> dict[str, _Channels]:
-        """Return the values of all channels of the components that may be strings, and their units."""
+        """Return the values of all channels of possible strings; check their units."""
         pattern = "ess.*" if all(name.startswith("ess") for name in self._names) else ".*"
         if self._meter:
             pattern = f"({pattern}|{self._meter})"
@@ -275,7 +301,7 @@ class Link:
             )
 
     def _check_units(self, strings: Sequence[_Channels]) -> None:
-        """The edge must name the unit of what is to be written, of the strings that are there."""
+        """Require the channels of each present string, so that their units are known."""
         mute = [
             name for name, s in zip(self._names, strings, strict=True) if s and not {_SET, "Soc"} <= s.keys()
         ]
@@ -326,15 +352,12 @@ def _refusal(status: int, answer: bytes) -> str:
 
 
 def _limit(string: _Channels, channel: str, sign: float) -> float:
-    """Return a limit [W], ``>= 0``; infinite where there is no such channel, NaN where it says nothing."""
+    """Return a limit [W], ``>= 0``; infinite without the channel, NaN without a value."""
     return max(sign * number(string.get(channel)), 0.0) if channel in string else math.inf
 
 
 def _temperature_c(string: _Channels) -> float:
     """Mean of the coldest and the hottest cell."""
-    known = [
-        t
-        for t in (number(string.get("MinCellTemperature")), number(string.get("MaxCellTemperature")))
-        if t == t
-    ]
+    both = (number(string.get(f"{end}CellTemperature")) for end in ("Min", "Max"))
+    known = [temperature_c for temperature_c in both if not math.isnan(temperature_c)]
     return sum(known) / len(known) if known else math.nan

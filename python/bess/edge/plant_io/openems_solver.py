@@ -1,13 +1,13 @@
-"""The contract of OpenEMS' power solver over HTTP, as an edge of its commit 66b5cba asks for a split.
+"""HTTP interface of the OpenEMS power solver, for an edge of commit 66b5cba that requests a split.
 
-The edge sends ``{"SetActivePower": W, "powerDistribution": {"ess0": {"soc": 50}, ...}}`` and takes
+The edge sends ``{"SetActivePower": W, "powerDistribution": {"ess0": {"soc": 50}, ...}}`` and accepts
 ``{"powerDistribution": {"ess0": {"pdist": 60.0}, ...}}``, shares in per cent. It sends charge as an absolute
-value, so that the direction is lost. What is done about it: the split is made for both directions, and the
-shares are the means of both. Where the direction does not matter they are the best; where it does (a string
-that is fuller than the others should discharge more and charge less) they lie between. The REST channels
-(:mod:`bess.edge.plant_io.openems`) know the direction, temperatures and limits, and are the better way in.
+value, so the direction is lost. :func:`answer` therefore computes the split for both directions, and returns
+mean shares. These are optimal if the direction does not matter. If it does, they are a compromise: a fuller
+string should discharge more and charge less. The REST channels (:mod:`bess.edge.plant_io.openems`) include
+direction, temperatures and limits, and are preferable.
 
-An HTTP service mounts :func:`answer` as a POST route; it does no input or output itself.
+An HTTP service mounts :func:`answer`, which performs no input or output, as a POST route.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bess.edge.plant_io.json_numbers import number
+from bess.edge.plant_io.link import number
 from bess.errors import InputError
 
 Split = Callable[[float, NDArray[np.float64]], NDArray[np.float64]]
-"""From the demand [kW, positive = discharge] and SOC, shape ``(n_strings,)``, to set-points [kW]."""
+"""Maps demand [kW, positive = discharge] and SOC, shape ``(n_strings,)``, to set-points [kW]."""
 
 
 def answer(body: object, n_strings: int, split: Split) -> dict[str, Any]:
@@ -32,7 +32,7 @@ def answer(body: object, n_strings: int, split: Split) -> dict[str, Any]:
     Parameters
     ----------
     body
-        The request, as JSON was read. Batteries are taken in the order of the numbers in their names.
+        The request as parsed JSON. Batteries are taken in the order of the numbers in their names.
     n_strings
         Number of strings of the controller.
     split
@@ -41,13 +41,13 @@ def answer(body: object, n_strings: int, split: Split) -> dict[str, Any]:
     Returns
     -------
     dict
-        Shares [%] of all batteries that were asked for; they sum to less than 100 where the plant cannot
-        give all.
+        Shares [%] of all batteries in the request; they sum to less than 100 if the plant cannot deliver the
+        demand.
 
     Raises
     ------
     InputError
-        If the request is not as above, in one sentence.
+        The request does not have this form.
     """
     demand_kw, soc = _request(body, n_strings)
     both = [np.asarray(split(sign * demand_kw, np.array(list(soc.values())))) for sign in (1.0, -1.0)]

@@ -1,17 +1,18 @@
-"""A plant that runs by the clock, with faults to try a controller on: our own plant behind a link's far end.
+"""A simulated plant with faults, and the base class of its simulated devices.
 
-The clock is given from outside, so that a test steps through minutes without waiting for them. ``speed`` lets
-a day pass in minutes; set-points lapse by the clock, as the watchdog of a real plant knows no other time.
+The clock is an argument, so that a test steps through minutes without waiting for them. ``speed`` lets a day
+pass in minutes; set-points expire by the clock, as with the watchdog of a real plant.
 """
 
 from __future__ import annotations
 
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from math import nan
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,7 +78,7 @@ class Reading:
     discharge_limit_kw: float
     fault: bool
     beat: int
-    """Seconds, counted by the string."""
+    """Seconds counted by the string."""
 
 
 class SimulatedPlant:
@@ -86,16 +87,16 @@ class SimulatedPlant:
     Parameters
     ----------
     system
-        What it is made of.
+        Parameters of the plant.
     speed
         Seconds of the plant for each second of the clock, above 0.
     clock
-        Returns seconds; what it returns at first does not matter.
+        Returns seconds since any origin.
 
     Raises
     ------
     InputError
-        If the speed is not a positive number.
+        The speed is not a positive number.
     """
 
     def __init__(self, system: System, *, speed: float = 1.0, clock: Clock = time.monotonic) -> None:
@@ -121,7 +122,7 @@ class SimulatedPlant:
         return self.system.n_strings
 
     def ask(self, string: int, power_kw: float, lapses_at: float) -> None:
-        """Give a string a set-point, which holds until the clock shows ``lapses_at``, then none."""
+        """Give a string a set-point [kW] that expires at the clock time ``lapses_at``."""
         with self._lock:
             self._advance()
             if string in self.faults.severed:
@@ -132,14 +133,14 @@ class SimulatedPlant:
             self._driven[string] = True
 
     def take_back(self, string: int) -> None:
-        """Let a string have no set-point: it rests."""
+        """Clear the set-point of a string, which then delivers no power."""
         with self._lock:
             self._advance()
             if string not in self.faults.severed:
                 self._rest(string)
 
     def prolong(self, lapses_at: float) -> None:
-        """Let all set-points that have not lapsed yet hold until then."""
+        """Extend all set-points that have not expired until ``lapses_at``."""
         with self._lock:
             self._advance()
             prolonged = self._driven.copy()
@@ -147,14 +148,14 @@ class SimulatedPlant:
             self._lapses_at[prolonged] = lapses_at
 
     def holds(self, string: int) -> tuple[float, float] | None:
-        """Return the set-point [kW] and when it lapses; None if the string has none."""
+        """Return the set-point [kW] and its expiry time; None if the string has none."""
         with self._lock:
             self._advance()
             held = float(self._setpoint_kw[string]), float(self._lapses_at[string])
             return held if self._driven[string] else None
 
     def readings(self) -> dict[int, Reading]:
-        """Return what is said of each string now; silent ones are missing."""
+        """Return the reported readings of each string, except silent ones."""
         with self._lock:
             self._advance()
             true = self._true_readings()
@@ -208,12 +209,12 @@ class SimulatedPlant:
         return request
 
     def _would_deliver(self, request_kw: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what would be delivered now; the plant stays where it is."""
+        """Return the power that the plant would deliver now, without a step of the plant."""
         self._trial.restore(self._plant.snapshot())
         return self._trial.step(request_kw, PLANT_STEP_S).delivered_kw
 
     def _advance(self) -> None:
-        """Run up to now, in pieces between which set-points lapse."""
+        """Advance to the present time, in parts between which set-points expire."""
         now = self.clock()
         while True:
             lapse = float(self._lapses_at.min())
@@ -235,3 +236,45 @@ class SimulatedPlant:
             self._cells_c = np.stack([np.nanmin(nodes_c, axis=1), np.nanmax(nodes_c, axis=1)])
             self._clock_s += step_s / self._speed
             whole_s -= step_s
+
+
+class SimulatedPartner(ABC):
+    """Serves a plant at a port of the loopback interface (0 = any free one); a context manager."""
+
+    def __init__(self, plant: SimulatedPlant, port: int) -> None:
+        self.plant = plant
+        self._port = port
+
+    @property
+    @abstractmethod
+    def address(self) -> str:
+        """Address for ``--plant``."""
+
+    def start(self) -> None:
+        """Listen; after a stop, at the same port.
+
+        Raises
+        ------
+        InputError
+            The port is in use.
+        """
+        try:
+            self._port = self._listen(self._port)
+        except (RuntimeError, OSError, TimeoutError) as error:
+            self.stop()
+            raise InputError(f"port {self._port}: cannot be listened at ({error}); use another") from error
+
+    @abstractmethod
+    def stop(self) -> None:
+        """Break all connections, as when it is switched off; plant and watchdog continue."""
+
+    @abstractmethod
+    def _listen(self, port: int) -> int:
+        """Begin to listen; return the port."""
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.stop()

@@ -1,9 +1,8 @@
-"""A simulated OpenEMS edge: the channels of its REST interface, in front of a simulated plant.
+"""A simulated OpenEMS edge: the channels of its REST interface, for a simulated plant.
 
-It behaves as the edge's source does where a controller can tell the difference: values lapse ``apiTimeout``
-after the last write to *any* string, ``null`` takes a set-point back, per cent and powers are whole numbers,
-one channel alone comes without a list, a battery that does not answer any more is in fault, and a wrong
-password is a failure with status 500.
+It behaves like the edge's source where a controller can observe it: values expire ``apiTimeout`` after the
+last write to *any* string, ``null`` clears a set-point, per cent and powers are whole numbers, a single
+channel comes without a list, a battery without response is in fault, and a wrong password gives status 500.
 """
 
 from __future__ import annotations
@@ -24,12 +23,11 @@ from fastapi import Depends, FastAPI, Header, Request
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
-from bess.edge.plant_io.simulated import Reading, SimulatedPlant
-from bess.edge.plant_io.simulated_partner import SimulatedPartner
+from bess.edge.plant_io.simulated import Reading, SimulatedPartner, SimulatedPlant
 
 API_TIMEOUT_S: Final = 60.0
 PASSWORD: Final = "owner"
-"""That of a real edge as it is delivered; it guards a simulation on the loopback."""
+"""Default password of a real edge."""
 
 _FAILURES: Final = (HTTPException, ValueError, TypeError, KeyError, re.error)
 _SET: Final = "SetActivePowerEquals"
@@ -38,16 +36,8 @@ _SET: Final = "SetActivePowerEquals"
 class SimulatedEdge(SimulatedPartner):
     """Serves a plant on the loopback, strings as ``ess0``, ``ess1``, ..., its meter as ``meter0``.
 
-    Parameters
-    ----------
-    plant
-        What is behind it.
-    port
-        0 for any that is free.
-    password
-        Of every user.
-    api_timeout_s
-        Time after the last write of any string until all set-points lapse.
+    ``password`` is valid for every user. All set-points expire ``api_timeout_s`` after the last write to any
+    string. ``port`` 0 selects any free port.
     """
 
     def __init__(
@@ -66,18 +56,18 @@ class SimulatedEdge(SimulatedPartner):
 
     @property
     def address(self) -> str:
-        """What ``--plant`` takes, password included."""
+        """Address for ``--plant``, with the password."""
         return f"openems=http://x:{self.password}@127.0.0.1:{self._port}"
 
     def stop(self) -> None:
-        """Vanish as a computer that is switched off: connections break; plant and watchdog live on."""
+        """Break all connections, as when it is switched off; plant and watchdog continue."""
         if self._server is not None and self._thread is not None:
             self._server.should_exit = self._server.force_exit = True
             self._thread.join()
             self._server = None
 
     def channels(self) -> list[dict[str, Any]]:
-        """Return all channels of all strings as the edge says them."""
+        """Return all channels of all strings as reported by the edge."""
         said = [
             (f"ess{string}/{name}", unit, value)
             for string, reading in self.plant.readings().items()
@@ -98,7 +88,7 @@ class SimulatedEdge(SimulatedPartner):
         ]
 
     def write(self, string: int, value: float | None) -> None:
-        """Take a value [W]; None takes the set-point back. All others hold anew."""
+        """Set a value [W] or clear the set-point (None), and extend all others."""
         lapses_at = self.plant.clock() + self.api_timeout_s
         self.plant.prolong(lapses_at)
         if value is None:
@@ -119,7 +109,7 @@ class SimulatedEdge(SimulatedPartner):
         return int(listener.getsockname()[1])
 
     async def _admit(self, authorization: Annotated[str, Header()] = "") -> None:
-        """Let callers with the password pass."""
+        """Admit clients with the password."""
         await asyncio.sleep(self.plant.faults.delay_s)
         with suppress(ValueError):
             said = base64.b64decode(authorization.partition(" ")[2]).decode().partition(":")[2]
@@ -145,7 +135,7 @@ class SimulatedEdge(SimulatedPartner):
 
     @property
     def _unit(self) -> tuple[str, float]:
-        """Unit of powers, and what 1 kW is in it."""
+        """Unit of powers, and 1 kW in this unit."""
         return ("kW", 1.0) if self.plant.faults.kilowatts else ("W", 1000.0)
 
     def _said(self, reading: Reading, is_severed: bool) -> list[tuple[str, str, int | None]]:

@@ -1,7 +1,7 @@
-"""Simulated SunSpec devices on the loopback: one Modbus unit for each string of a simulated plant.
+"""Simulated SunSpec devices: one Modbus unit for each string of a simulated plant.
 
-Each unit holds models 1, 701, 702, 704, 713, 802 and 803 from register 40000 on. ``WSet`` acts when
-``WSetEna`` is written, and reverts by itself ``WSetRvrtTms`` later.
+Each unit has models 1, 701, 702, 704, 713, 802 and 803 from register 40000. ``WSet`` becomes active when
+``WSetEna`` is written, and reverts by itself after ``WSetRvrtTms``.
 """
 
 from __future__ import annotations
@@ -16,9 +16,8 @@ from pymodbus.constants import ExcCodes
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from bess.edge.plant_io.simulated import SimulatedPlant
-from bess.edge.plant_io.simulated_partner import SimulatedPartner
-from bess.edge.plant_io.sunspec_models import END, MARK, decode, encode, offset, value
+from bess.edge.plant_io.simulated import SimulatedPartner, SimulatedPlant
+from bess.edge.plant_io.sunspec_device import END, MARK, decode, encode, offset, value
 
 BASE: Final = 40_000
 _START_S: Final = 10.0
@@ -35,15 +34,7 @@ _UNSET: Final[Mapping[str, int]] = {
 
 
 class SimulatedDevices(SimulatedPartner):
-    """Serves a plant as SunSpec devices on the loopback, strings as units 1, 2, ...; a context manager.
-
-    Parameters
-    ----------
-    plant
-        What is behind them.
-    port
-        0 for any that is free.
-    """
+    """Serves a plant as SunSpec devices on the loopback, strings as units 1, 2, ...; a context manager."""
 
     def __init__(self, plant: SimulatedPlant, *, port: int = 0) -> None:
         super().__init__(plant, port)
@@ -53,11 +44,11 @@ class SimulatedDevices(SimulatedPartner):
 
     @property
     def address(self) -> str:
-        """What ``--plant`` takes."""
+        """Address for ``--plant``."""
         return f"sunspec=127.0.0.1:{self._port}"
 
     def stop(self) -> None:
-        """Vanish as a gateway that is switched off: connections break; plant and watchdog live on."""
+        """Break all connections, as a gateway that is switched off; plant and watchdog continue."""
         if self._loop is None or self._thread is None:
             return
         if self._server is not None:
@@ -122,7 +113,7 @@ class _Device:
         registers: list[int],
         written: list[int] | list[bool] | None,
     ) -> ExcCodes | None:
-        """Answer one request: refuse it, take what is written, or bring the registers up to date."""
+        """Answer one request: refuse it, accept the written registers, or update the registers."""
         await asyncio.sleep(self._plant.faults.delay_s)
         if self._string in self._plant.faults.silent:
             return ExcCodes.GATEWAY_NO_RESPONSE
@@ -164,7 +155,7 @@ class _Device:
         held = self._plant.holds(self._string)
         fault = reading.fault
         soc = {"SoC": _steps(1e4 * reading.soc)}
-        # Powers in steps of 10 W. A scale that is not said is the wrong unit of this world.
+        # Powers in steps of 10 W. Devices without scale factor simulate the fault of a wrong unit.
         in_watts = {"W_SF": None if self._plant.faults.kilowatts else 1}
         nominal_w = 1000.0 * float(self._plant.system.nominal_kw[self._string])
         lapses_in_s = held[1] - self._plant.clock() if held else 0.0

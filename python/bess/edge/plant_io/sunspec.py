@@ -1,10 +1,10 @@
-"""The link to SunSpec devices over Modbus/TCP: one unit for each string, behind one address or several.
+"""Link to SunSpec devices over Modbus/TCP: one unit for each string, at one address or several.
 
-Read are models 701 (AC power, state), 702 (limits), 713 or 802 (SOC, state) and 803 (temperature); written
-is ``WSet`` of model 704, which reverts by itself after ``WSetRvrtTms``, and the controller's heartbeat
-``CtrlHb`` of model 802. A device whose own heartbeat ``Hb`` stops is out of service, and is written nothing:
-a gateway may answer for what is gone. A device that cannot revert is refused: nothing would take the last
-set-point back if this controller were lost.
+It reads models 701 (AC power, state), 702 (limits), 713 or 802 (SOC, state) and 803 (temperature). It writes
+``WSet`` of model 704, which reverts by itself after ``WSetRvrtTms``, and the controller's heartbeat
+``CtrlHb`` of model 802. A device whose own heartbeat ``Hb`` stops is out of service and is not written, since
+a gateway may answer for a lost device. A device without revert is refused: its last set-point would outlive
+this controller.
 """
 
 from __future__ import annotations
@@ -23,36 +23,30 @@ from numpy.typing import NDArray
 
 from bess.edge.plant_io.address import PORTS, Address
 from bess.edge.plant_io.calls import GRACE_S, Calls, Rounds
-from bess.edge.plant_io.link import LinkError, Measurements
-from bess.edge.plant_io.setpoints import checked_setpoints, whole_watts
+from bess.edge.plant_io.link import LinkError, Measurements, checked_setpoints, whole_watts
 from bess.edge.plant_io.sunspec_device import REVERT_S, Device, DeviceReadings, Gateway, NoResponseError
 from bess.errors import InputError
 
 REFRESH_S: Final = 20.0
 HEARTBEAT_S: Final = 1.0
-"""The same of devices that watch the controller's heartbeat."""
+"""Refresh interval of devices that monitor the controller's heartbeat."""
 ALL_S: Final = 3.0
-"""Time for one reading of all strings behind an address, or for writing all of them."""
+"""Deadline for reading or writing all strings."""
 CLOCK: Final = time.monotonic
 
 T = TypeVar("T")
 
 
 class Link:
-    """A plant of SunSpec devices; addresses are read and written side by side.
+    """A plant of SunSpec devices; several addresses are read and written in parallel.
 
-    Parameters
-    ----------
-    address
-        Of the gateway, with the units of the strings, such as ``1`` or, behind another address,
-        ``1@10.0.0.6:502``; without, they are 1, 2, ...
-    n_strings
-        Number of strings.
+    The address names units as ``1`` or, at another host, ``1@10.0.0.6:502``; the default is 1, 2, ... Methods
+    are those of :class:`bess.edge.plant_io.PlantLink`.
 
     Raises
     ------
     InputError
-        If the address names another number of units, or what is no unit.
+        The address has another number of units, or an invalid unit.
     """
 
     def __init__(self, address: Address, n_strings: int) -> None:
@@ -69,20 +63,19 @@ class Link:
         self._gateways = tuple(gateways.values())
         self._devices = [Device(gateways[place[:2]], place[2], CLOCK) for place in known]
         self._heartbeat = 0
-        # A process before this one may have written.
+        # An earlier process may have written.
         self._holds_until = [CLOCK() + REVERT_S + 1.0] * n_strings
         self._calls = Calls()
-        # Devices are read and written in turn: who was not reached by one goes first in the next of its kind.
         self._readings: Rounds[int, DeviceReadings] = Rounds(NoResponseError)
         self._writings: Rounds[int, None] = Rounds(NoResponseError)
 
     @property
     def refresh_s(self) -> float:
-        """Longest time [s] between two writes: 1 s where a device watches the heartbeat, or may do so."""
+        """Maximum time [s] between two writes: 1 s if a device may monitor the heartbeat."""
         return HEARTBEAT_S if any(device.may_watch_heartbeat for device in self._devices) else REFRESH_S
 
     def read(self) -> Measurements:
-        """Return what the devices say now; see :class:`bess.edge.plant_io.PlantLink`.
+        """Return the present measurements.
 
         Raises
         ------
@@ -103,16 +96,16 @@ class Link:
         return Measurements(time=datetime.now(UTC), remarks=remarks, **columns)
 
     def write(self, power_kw: NDArray[np.float64]) -> None:
-        """Write set-points; see :class:`~bess.edge.plant_io.PlantLink`. NaN clears a set-point."""
+        """Write set-points; NaN clears that of a string."""
         setpoints = whole_watts(checked_setpoints(power_kw, self.n_strings))
         now = CLOCK()
         wanted = {i: w for i, w in enumerate(setpoints) if w is not None or now < self._holds_until[i]}
         failures = self._write(wanted)
-        # What cannot be taken back reverts by itself: the strings that were written are well.
+        # A set-point that cannot be cleared reverts by itself.
         self._raise({i: error for i, error in failures.items() if setpoints[i] is not None})
 
     def release(self) -> None:
-        """Take back all set-points; what does not arrive reverts by itself."""
+        """Clear all set-points; those that cannot be cleared revert by themselves."""
         self._raise(self._write(dict.fromkeys(range(self.n_strings))))
 
     def close(self) -> None:
@@ -124,7 +117,7 @@ class Link:
             gateway.disconnect()
 
     def _write(self, power_w: Mapping[int, int | None]) -> dict[int, NoResponseError]:
-        """Write, first what takes a set-point back; return what did not arrive."""
+        """Write set-points, cleared ones first; return failures."""
         self._heartbeat = (self._heartbeat + 1) % 0xFFFF
         beat = self._heartbeat
         now = CLOCK()
@@ -155,7 +148,7 @@ class Link:
         call: Callable[[int], Awaitable[T]],
         first: Callable[[int], bool] = lambda i: False,
     ) -> tuple[dict[int, T], dict[int, NoResponseError]]:
-        """Call for every string, one address beside the other; return what came, and who was silent."""
+        """Call all strings, in parallel for several addresses; return results and failures."""
         round_ = rounds(list(strings), call, lambda i: self._devices[i].gateway.turn, ALL_S, first)
         try:
             done, failed = self._calls(round_, ALL_S + GRACE_S)
@@ -171,7 +164,7 @@ class Link:
 
 
 def _place(name: str, address: Address) -> tuple[str, int, int] | None:
-    """Return host, port and unit of a string; None for what is no such place."""
+    """Return host, port and unit of a string; None for an invalid text."""
     unit, at, elsewhere = name.partition("@")
     if not re.fullmatch(r"[0-9]{1,3}", unit) or int(unit) > 247:
         return None

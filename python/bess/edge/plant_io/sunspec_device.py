@@ -1,10 +1,15 @@
-"""One SunSpec device: a unit behind a Modbus/TCP address, what it says, and what it is told."""
+"""One SunSpec device: a unit at a Modbus/TCP address, its models, readings and set-points.
+
+Models are converted to registers and back by pysunspec2's definitions. pysunspec2 returns an unscaled value
+if a device omits the scale factor. Here this is an error, since the power would be wrong by a power of ten.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import logging
 import math
+import struct
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -12,17 +17,115 @@ from typing import Any, Final
 
 from pymodbus.client import AsyncModbusTcpClient
 from pymodbus.exceptions import ConnectionException, ModbusException
+from sunspec2.device import Model
 
-from bess.edge.plant_io.heartbeat import Heartbeat
 from bess.edge.plant_io.link import LinkError
-from bess.edge.plant_io.sunspec_models import BASES, END, MARK, decode, offset, registers_of, scale, value
+
+MARK: Final = (0x5375, 0x6E53)
+"""``SunS``, at the first register."""
+BASES: Final = (40_000, 0, 50_000)
+END: Final = 0xFFFF
+
+_SCALES: Final = range(-10, 11)
+_NO_GROUPS: Final = {"NStr": 0}
+"""Number of strings of a bank after model 803."""
+
+
+def _registers(data: bytes) -> list[int]:
+    return list(struct.unpack(f">{len(data) // 2}H", data))
+
+
+def decode(model_id: int, registers: Sequence[int]) -> Any:
+    """Return a model from its registers, with ID and length and without repeated groups.
+
+    Points after the last register are not implemented, as in a device with an older definition.
+    """
+    model = Model(model_id, data=_NO_GROUPS)
+    data = struct.pack(f">{len(registers)}H", *registers)
+    for point in model.points.values():
+        point.set_mb(data[2 * point.offset :])
+    return model
+
+
+def encode(model_id: int, values: Mapping[str, Any]) -> list[int]:
+    """Return a model's registers; values are unscaled, missing points are "not implemented"."""
+    model = Model(model_id, data=dict(values))
+    model.points["ID"].value = model_id
+    model.points["L"].value = model.len - 2
+    return _registers(model.get_mb())
+
+
+def value(model: Any, name: str) -> float:
+    """Return a point in the units of its model, NaN if not implemented; raise LinkError without a scale."""
+    value = model.points[name].value
+    return math.nan if value is None else float(value) * 10.0 ** scale(model, name)
+
+
+def scale(model: Any, name: str) -> int:
+    """Return the scale factor of a point, an exponent of ten.
+
+    Raises
+    ------
+    LinkError
+        The device gives no valid scale factor.
+    """
+    point = model.points[name]
+    if not point.sf_required:
+        return 0
+    factor = point.sf_value if point.sf is None else model.points[point.sf].value
+    if factor not in _SCALES:
+        raise LinkError(
+            f"model {model.model_id} gives {name} with scale factor {point.sf} = {factor}; "
+            "nothing is read or written until this is put right"
+        )
+    return int(factor)
+
+
+def registers_of(model: Any, name: str, content: int) -> list[int]:
+    """Return the registers of one point with an unscaled value."""
+    point = model.points[name]
+    return _registers(point.info.to_data(content, 2 * point.len))
+
+
+def offset(model_id: int, name: str) -> int:
+    """Return the offset of a point in its model, in registers."""
+    return int(Model(model_id).points[name].offset)
+
+
+STILL_S: Final = 10.0
+"""Time without a beat after which a device that counts seconds is lost."""
+
+
+class Heartbeat:
+    """Monitors a counter; one that never changed is not a heartbeat, as many devices leave it at zero."""
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self._clock = clock
+        self._count = math.nan
+        self._moved_at_s: float | None = None
+
+    def see(self, count: float) -> None:
+        """Record the counter; NaN if the device does not report it."""
+        if not math.isnan(count) and count != self._count:
+            if not math.isnan(self._count):
+                self._moved_at_s = self._clock()
+            self._count = count
+
+    @property
+    def doubt(self) -> str:
+        """A sentence if the heartbeat has stopped; otherwise empty."""
+        still_s = 0.0 if self._moved_at_s is None else self._clock() - self._moved_at_s
+        if still_s < STILL_S:
+            return ""
+        return f"its heartbeat has stood at {self._count:.0f} for {still_s:.0f} s; it counts as lost"
+
 
 REVERT_S: Final = 60
-"""``WSetRvrtTms``: time after the last write until a device takes its set-point back."""
+"""``WSetRvrtTms``: time after the last write until a device reverts its set-point."""
 ANSWER_S: Final = 1.0
 """Time for the answer to one request."""
 
-# Every failure is an error of ours; Modbus' own lines would only say it again.
+# Failures are raised as errors here; the log lines of the Modbus library would repeat them.
 logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
 
 _MOST_REGISTERS: Final = 120
@@ -43,16 +146,16 @@ _DISCHARGE_LIMITS: Final = ("WMaxRtg", "WMax", "WDisChaRteMaxRtg", "WDisChaRteMa
 
 
 class NoResponseError(Exception):
-    """A device gave no answer that can be used."""
+    """A device gave no valid answer."""
 
 
 class _RefusedError(NoResponseError):
-    """A device answered that it has no such register."""
+    """A device has no such register."""
 
 
 @dataclass(frozen=True)
 class DeviceReadings:
-    """What a device says; powers positive = discharge, NaN where it says nothing."""
+    """Readings of a device; powers positive = discharge, NaN where it reports none."""
 
     soc: float = math.nan
     temperature_c: float = math.nan
@@ -62,11 +165,11 @@ class DeviceReadings:
     setpoint_kw: float = math.nan
     available: bool = False
     remarks: str = ""
-    """Why it is not available, if it does not say so itself."""
+    """Reason for unavailability, if the device itself reports none."""
 
 
 class Gateway:
-    """One Modbus/TCP address; made anew after every failure, so that no late answer is taken for another."""
+    """One Modbus/TCP address; reconnects after every failure, so that a late answer is never mismatched."""
 
     def __init__(self, host: str, port: int) -> None:
         self.place = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
@@ -76,13 +179,7 @@ class Gateway:
         self._client: Any = None  # its methods carry no types
 
     async def request(self, what: str, unit: int, *arguments: Any, **named: Any) -> Any:
-        """Return the answer to one request.
-
-        Raises
-        ------
-        Silent
-            If there is none in time, or the unit refuses.
-        """
+        """Return the answer to one request, or raise :class:`NoResponseError`."""
         try:
             if self._client is None or not self._client.connected:
                 self._lost()
@@ -115,24 +212,14 @@ class Gateway:
             self._client = None
 
     def _lost(self) -> None:
-        """Take note that the other end has closed it: what the devices hold is looked up anew."""
+        """Record that the other end has closed the connection: the layout of its devices is read again."""
         if self._client is not None:
             self.disconnect()
             self.losses += 1
 
 
 class Device:
-    """One unit; a call raises :class:`NoResponseError`, or :class:`LinkError` if it must not be driven.
-
-    Parameters
-    ----------
-    gateway
-        Where it is.
-    unit
-        Its Modbus unit.
-    clock
-        Seconds; never goes back.
-    """
+    """One unit; calls raise :class:`NoResponseError`, or :class:`LinkError` if it must not be controlled."""
 
     def __init__(self, gateway: Gateway, unit: int, clock: Callable[[], float]) -> None:
         self.gateway = gateway
@@ -144,17 +231,11 @@ class Device:
 
     @property
     def may_watch_heartbeat(self) -> bool:
-        """Whether it has a register for the controller's heartbeat, or has not been asked yet."""
+        """Whether it has a register for the controller's heartbeat, or has not been read yet."""
         return not self._models or 802 in self._models
 
     async def measure(self) -> DeviceReadings:
-        """Return what it says now.
-
-        Raises
-        ------
-        LinkError
-            It does not answer, or not as its model says.
-        """
+        """Return the present readings."""
         known = await self._layout()
         models = {m: await self._model(m) for m in (701, 702, 704, 713, 802, 803) if m in known}
         try:
@@ -187,14 +268,9 @@ class Device:
         return DeviceReadings(soc, temperature_c, power_kw, charge_kw, discharge_kw, setpoint_kw, fit, remark)
 
     async def write(self, power_w: int | None, heartbeat: int) -> None:
-        """Write a set-point that reverts by itself, or take it back (None); count the heartbeat.
+        """Write a set-point that reverts by itself, or clear it (None); advance the controller's heartbeat.
 
-        A device whose own heartbeat has stopped is given none: what it was given before reverts.
-
-        Raises
-        ------
-        LinkError
-            It does not answer, has no timer of set-points, or is silent (:class:`NoResponseError`).
+        A device whose own heartbeat has stopped gets no set-point: the last one reverts.
         """
         start, _ = (await self._layout())[704]
         control = await self._model(704)
@@ -207,7 +283,7 @@ class Device:
             raise NoResponseError(f"{self.name}: {doubt}")
         else:
             steps = self._steps(control, power_w)
-            # The time first: from its first moment on, a set-point is one that reverts.
+            # The time first, so that the set-point reverts from the beginning.
             revert = [
                 *registers_of(control, "WSetEnaRvrt", _OFF),
                 *registers_of(control, "WSetRvrtTms", REVERT_S),
@@ -218,8 +294,7 @@ class Device:
         if 802 in self._models:
             battery, _ = self._models[802]
             await self._send(battery + offset(802, "CtrlHb"), [heartbeat])
-            # Between two readings too: a counter that starts anew after N seconds, read every N seconds,
-            # seems to stand still.
+            # Also between two readings: a counter of N seconds, read every N seconds, seems to stand still.
             with suppress(NoResponseError):
                 (beat,) = await self._registers(battery + offset(802, "Hb"), 1)
                 self._heartbeat.see(math.nan if beat == _NO_VALUE else beat)
@@ -235,7 +310,7 @@ class Device:
         return steps
 
     async def _layout(self) -> Mapping[int, tuple[int, int]]:
-        """Return where each model begins and how long it is; asked for anew when a connection was lost."""
+        """Return address and length of each model; read again after a lost connection."""
         if self._losses != self.gateway.losses:
             self._models = {}
         if not self._models:
@@ -292,6 +367,6 @@ class Device:
 
 
 def _limit_kw(models: Mapping[int, Any], names: Sequence[str]) -> float:
-    """Return the smallest of the limits that a device names; infinite if it names none."""
+    """Return the smallest limit of a device; infinite if it reports none."""
     limits = [value(models[702], name) for name in names] if 702 in models else []
     return min((watt for watt in limits if watt == watt), default=math.inf) / 1000.0

@@ -1,9 +1,8 @@
-"""How far the strings have aged in service: an estimate that goes on from where the system file begins.
+"""Estimated ageing in service, from the state of health of the system file.
 
-Standing counts by time at the measured state of charge and temperature, cycling by the charge moved, both at
-the rates of the string's cell model (:class:`bess.control.wear.MarginalWear`). Cycles are taken as half deep:
-a running service has no end at which their depths could be counted. Only capacity is estimated; resistance
-stays that of the system file. Without a cell model nothing ages.
+Calendar ageing depends on time at the measured SOC and temperature, cycle ageing on charge throughput, both
+at the rates of the string's cell model (:class:`bess.control.wear.MarginalWear`). A cycle depth of 0.5 is
+assumed, because depths are known only at the end of a service. Resistance stays that of the system file.
 """
 
 from __future__ import annotations
@@ -19,21 +18,15 @@ from bess.edge.serve.persistent import Persistent
 from bess.system import State, System
 
 BLOCK_S: Final = 900.0
-"""Time over which what is measured is gathered before it counts."""
+"""Time over which measurements are averaged."""
 DEPTH: Final = 0.5
 C_RATE: Final = 0.3
 LEAST: Final = 0.05
-"""Capacity never falls below this share."""
+"""Minimum of the relative capacity."""
 
 
 class Ageing(Persistent):
-    """Capacity of each string over that of the system file.
-
-    Parameters
-    ----------
-    system
-        The plant; its sections ``[wear]`` name the cell models.
-    """
+    """Capacity of each string relative to the system file; constant without a cell model."""
 
     kept = ("_standing", "_cycling", "_gathered_s", "_sums")
 
@@ -53,7 +46,7 @@ class Ageing(Persistent):
         self._sums = np.zeros((3, system.n_strings))
 
     def gather(self, state: State, power_kw: Array, elapsed_s: float, carried_s: float) -> None:
-        """Take down what was measured over a time, of which power was carried for a part [s]."""
+        """Add measurements of ``elapsed_s``; power flowed for ``carried_s`` of this time."""
         if not self._ages.any():
             return
         full_cycles = np.abs(power_kw) * carried_s / 3600.0 / (2.0 * self._energy_kwh * self.soh_capacity)
@@ -61,14 +54,14 @@ class Ageing(Persistent):
         self._sums = self._sums + np.vstack([by_time, full_cycles])
         self._gathered_s += elapsed_s
         if self._gathered_s >= BLOCK_S:
-            self._close()
+            self._close_block()
 
     def recall(self, memory: Mapping[str, Any]) -> None:
-        """Continue with what :meth:`memory` returned."""
+        """Restore the result of :meth:`memory`."""
         super().recall(memory)
         self._update()
 
-    def _close(self) -> None:
+    def _close_block(self) -> None:
         soc, temperature_c = (np.ascontiguousarray(row[:, None]) for row in self._sums[:2] / self._gathered_s)
         day = self._core.calendar_rate(self._standing, soc, temperature_c)[:, 0]
         depth, c_rate = np.full_like(soc, DEPTH), np.full_like(soc, C_RATE)

@@ -1,14 +1,22 @@
-"""What goes out for one control step, and what all of it adds up to."""
+"""The answer of one control step: set-points, status and reasons; and totals of all answers."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 
 from bess.arrays import Array, Flags
+from bess.edge.serve.calibration import Calibration
+from bess.edge.serve.constraints import POWER_TOLERANCE_KW, PowerCapability
+from bess.edge.serve.measurement_validator import ValidState
 from bess.edge.serve.persistent import Persistent
+from bess.system import System
+
+_NUMBER: Final = re.compile(r"\d+(?:\.\d+)?")
 
 
 @dataclass(frozen=True)
@@ -18,30 +26,28 @@ class Answer:
     Attributes
     ----------
     request_kw : ndarray, shape (n_strings,)
-        Set-points; their sum, that of ``flowing_kw`` and ``unmet_kw`` are the demand.
+        Set-points; with ``flowing_kw`` and ``unmet_kw`` they sum to the demand.
     plan_kw : ndarray, shape (n_strings, n_steps)
         The set-points, then those of the plan for the next steps of the forecast.
     status : str
-        A sentence.
+        Status sentence.
     gap : float or None
-        Relative distance to a proven bound, where these are the set-points of a certified split, or the first
-        of a plan that has one; else None: for other plans, between two plans, and for the fallback.
+        Relative gap to a rigorous bound, if these are the set-points of a certified split or the first ones
+        of a plan with a bound; else None, as between two plans and for the fallback.
     fallback : bool
-        Whether these are the shares by energy, because the controller had no answer in time.
+        Whether the demand was shared by stored energy, because the controller had no answer in time.
     unmet_kw : float
-        Magnitude of what the set-points fall short of the demand (or, where a ramp holds them up, exceed it).
-    valid_for_s : float
-        How long they hold.
-    solve_time_s : float
-        What it took.
+        Magnitude of the deviation of the set-points from the demand.
+    valid_for_s, solve_time_s : float
+        Validity of the set-points, and computing time.
     running : ndarray of bool, shape (n_strings,)
-        Inverters that run, idle ones included.
+        Inverters that are on, including those at no load.
     in_service : ndarray of bool, shape (n_strings,)
-        Strings that could run.
+        Strings available for set-points.
     flowing_kw : ndarray, shape (n_strings,)
-        Power that strings out of service still give, as far as is known; the set-points make up for it.
+        Known power of strings out of service; the set-points compensate it.
     reasons : tuple of str
-        For each string, why it does what it does.
+        Reason for the set-point of each string, one sentence each.
     """
 
     request_kw: Array
@@ -59,29 +65,18 @@ class Answer:
 
     def document(self) -> dict[str, Any]:
         """The JSON of ``POST /v1/split``."""
-        entries = {name: getattr(self, name) for name in (entry.name for entry in fields(self))}
-        entries["solve_time_s"] = round(self.solve_time_s, 6)
+        entries = {**vars(self), "solve_time_s": round(self.solve_time_s, 6)}
         return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in entries.items()}
 
 
 def unmet(demand_kw: float, request_kw: Array) -> float:
-    """Magnitude of what set-points are off the demand [kW]; 0 where that is rounding."""
+    """Magnitude of the deviation of set-points from the demand [kW]; 0 within rounding."""
     off_kw = abs(demand_kw - float(request_kw.sum()))
     return 0.0 if off_kw <= 1e-9 * max(1.0, abs(demand_kw)) else off_kw
 
 
 class Counters(Persistent):
-    """What a service has done since its state began.
-
-    Attributes
-    ----------
-    answers, fallbacks : int
-        Given, and how many of them were shared by the energy left.
-    unmet_kwh : float
-        Demand that no set-point met.
-    charged_kwh, discharged_kwh : ndarray, shape (n_strings,)
-        Energy that was asked of each string, ``>= 0``.
-    """
+    """Totals since the state began: answers, unmet energy, and energy requested of each string ``>= 0``."""
 
     kept = ("answers", "fallbacks", "unmet_kwh", "charged_kwh", "discharged_kwh")
 
@@ -92,7 +87,83 @@ class Counters(Persistent):
         self.discharged_kwh: Array = np.zeros(n_strings)
 
     def carry(self, request_kw: Array, held_s: float) -> None:
-        """Count the energy of set-points that held for so long."""
+        """Add the energy of set-points over a time."""
         hours = held_s / 3600.0
         self.charged_kwh = self.charged_kwh + np.maximum(-request_kw, 0.0) * hours
         self.discharged_kwh = self.discharged_kwh + np.maximum(request_kw, 0.0) * hours
+
+
+def status(unmet_kw: float, demand_kw: float, has_plan: bool, plan_error: str) -> str:
+    """Return the status sentence of an answer."""
+    if unmet_kw > 0.0:
+        return f"{unmet_kw:.4g} kW of {demand_kw:.4g} kW cannot be met; see the reasons of the strings."
+    if not has_plan:
+        why = f" ({plan_error})" if plan_error else ""
+        return f"Shared at the least loss of this step; there is no plan yet{why}."
+    return "Shared within the plan."
+
+
+def reasons(
+    system: System,
+    valid: ValidState,
+    able: PowerCapability,
+    request_kw: Array,
+    running: Flags,
+    calibration: Calibration,
+) -> tuple[str, ...]:
+    """Return a sentence per string; validation problems have precedence over other reasons."""
+    sentences = []
+    for i, doubt in enumerate(valid.reasons):
+        verb = "runs" if request_kw[i] != 0.0 else ("idles" if running[i] else "rests")
+        if doubt:
+            why = doubt
+            if valid.flowing_kw[i]:
+                verb = "flows"
+                why += f"; it still gives {valid.flowing_kw[i]:.4g} kW, which the others make up for"
+        elif calibration.string == i:
+            why = f"it is charged to {100.0 * calibration.target_soc:g} % for calibration"
+        else:
+            why = _why(i, verb, system, valid, able, float(request_kw.sum()))
+        sentences.append(f"string {i} {verb}: {why}")
+    return tuple(sentences)
+
+
+def _why(i: int, verb: str, system: System, valid: ValidState, able: PowerCapability, plant_kw: float) -> str:
+    temperature_c = valid.state.temperature_c[i]
+    if verb == "idles":
+        return "a later start would cost more than its no-load loss"
+    if temperature_c > system.strings[i].derating.start_c:
+        return f"hot, {temperature_c:.1f} °C"
+    if verb == "runs":
+        return "it has its share of the demand"
+    if able.discharge_kw[i] <= POWER_TOLERANCE_KW and plant_kw >= 0.0:
+        return f"at its lowest state of charge, {100.0 * valid.soc_low[i]:.1f} %"
+    if able.charge_kw[i] <= POWER_TOLERANCE_KW and plant_kw <= 0.0:
+        return f"at its highest state of charge, {100.0 * valid.soc_high[i]:.1f} %"
+    return "it is not needed"
+
+
+def grouped(sentences: Sequence[str], in_service: Flags) -> list[dict[str, Any]]:
+    """Group strings by reason: strings out of service first, then the rarest reason.
+
+    Returns
+    -------
+    list of dict
+        ``text``, with the range of a number that differs; ``strings``, their numbers; ``in_service``.
+    """
+    groups: dict[str, list[int]] = {}
+    texts = [sentence.removeprefix(f"string {i} ") for i, sentence in enumerate(sentences)]
+    for i, text in enumerate(texts):
+        groups.setdefault(_NUMBER.sub("#", text), []).append(i)
+    found = []
+    for strings in groups.values():
+        values = iter(zip(*(_NUMBER.findall(texts[i]) for i in strings), strict=True))
+
+        def ranged(_: re.Match[str], values: Any = values) -> str:
+            numbers = next(values)
+            low, high = min(numbers, key=float), max(numbers, key=float)
+            return low if float(low) == float(high) else f"{low} to {high}"
+
+        text = _NUMBER.sub(ranged, texts[strings[0]])
+        found.append({"text": text, "strings": strings, "in_service": bool(in_service[strings].any())})
+    return sorted(found, key=lambda group: (group["in_service"], len(group["strings"])))

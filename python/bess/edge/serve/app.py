@@ -1,9 +1,8 @@
-"""The HTTP side of a service: routes, who may use them, and errors in one sentence."""
+"""The HTTP interface of the service: routes, and errors in one sentence."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 from fastapi import Depends, FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
@@ -15,10 +14,7 @@ from starlette.responses import JSONResponse
 from bess import __version__
 from bess.edge.plant_io.openems_solver import answer as openems_answer
 from bess.edge.serve.control_loop import ControlLoop
-from bess.edge.serve.demands import Demands
-from bess.edge.serve.gate import HEALTH, Gate, refusal
-from bess.edge.serve.limits import LOCAL, Names
-from bess.edge.serve.live import live
+from bess.edge.serve.gate import HEALTH, LOCAL, Gate, Names, refusal
 from bess.edge.serve.messages import (
     CalibrationMessage,
     DemandMessage,
@@ -26,65 +22,32 @@ from bess.edge.serve.messages import (
     measurements_of,
     sentence,
 )
-from bess.edge.serve.page import PAGE, PAGE_HEADERS, reference_page
+from bess.edge.serve.page import PAGE, PAGE_HEADERS, live, reference_page
 from bess.edge.serve.service import Service
 from bess.errors import InputError
 
 
-@dataclass(frozen=True)
-class Driven:
-    """The plant behind a service that drives or watches it."""
-
-    address: str
-    demands: Demands
-    cycle: ControlLoop
-
-    def health(self, tells: bool) -> dict[str, Any]:
-        """How the plant is doing; its address, and sentences that may hold it, only if ``tells``."""
-        cycle = self.cycle
-        age_s, period_s = cycle.age_s, cycle.period_s
-        stands = age_s > 2.0 * period_s
-        still = f"the control cycle, of {period_s:g} s, has stood still for {age_s:.0f} s" if stands else ""
-        troubles = [trouble for trouble in (still, cycle.trouble, cycle.journal_trouble) if trouble]
-        health: dict[str, Any] = {"cycle_age_s": round(age_s, 3), "cycle_period_s": period_s}
-        if troubles:
-            health["status"] = "impaired"
-        if tells:
-            health["plant"] = self.address
-        if said := "; ".join(troubles if tells else [still]):
-            health["trouble"] = said
-        return health
-
-    def source(self, service: Service) -> str:
-        """Source of the present demand, as text; empty without a demand."""
-        asked = self.demands.at(service.clock(), service.controller.plan.n_steps)
-        return "" if asked is None else asked.source
-
-
 class Refusal(BaseModel):
-    """Why a request is refused, in one sentence."""
+    """Reason for a refused request, in one sentence."""
 
     detail: str
 
 
 def build_app(
-    service: Service,
-    token: str | None = None,
-    driven: Driven | None = None,
-    names: Names = LOCAL,
+    service: Service, token: str | None = None, loop: ControlLoop | None = None, names: Names = LOCAL
 ) -> FastAPI:
     """Return the application.
 
     Parameters
     ----------
     service
-        What answers.
+        Computes the answers.
     token
-        Asked of every caller but of ``/v1/health``; None lets everybody in.
-    driven
-        What is asked of the plant that this service drives or watches; None if it is called instead.
+        Required for every route except ``/v1/health``; None permits all clients.
+    loop
+        Of the plant that this service controls or observes; None if clients send the measurements.
     names
-        Under which the service may be called.
+        Host names of the service.
     """
     app = FastAPI(
         title="bess serve",
@@ -109,18 +72,18 @@ def build_app(
     async def bad_input(request: Request, error: InputError) -> Response:
         return refusal(422, str(error))
 
-    async def is_called() -> None:
-        if driven is not None:
+    async def without_plant() -> None:
+        if loop is not None:
             raise HTTPException(409, "this service reads its plant by itself; post the demand to /v1/demand")
 
-    async def plant() -> Driven:
-        if driven is None:
+    async def with_plant() -> ControlLoop:
+        if loop is None:
             raise HTTPException(409, "this service drives no plant; call /v1/split, or start it with --plant")
-        return driven
+        return loop
 
-    to_plant = Depends(plant)
+    to_plant = Depends(with_plant)
 
-    @app.post("/v1/split", dependencies=[Depends(is_called)], summary="Share a demand among the strings")
+    @app.post("/v1/split", dependencies=[Depends(without_plant)], summary="Share a demand among the strings")
     async def split(message: SplitMessage) -> Response:
         measured = measurements_of(message, service.controller.system)
         answer = await service.split(measured, message.now_kw, message.forecast_kw)
@@ -128,14 +91,12 @@ def build_app(
 
     @app.post("/v1/openems-solver", summary="Shares in per cent, as OpenEMS asks a solver for them")
     async def openems_solver(request: Request) -> Response:
-        controller = service.controller
+        controller, body = service.controller, await request.json()
         split = controller.at_least_loss
-        return JSONResponse(
-            await service.call(openems_answer, await request.json(), controller.n_strings, split)
-        )
+        return JSONResponse(await service.call(openems_answer, body, controller.n_strings, split))
 
     @app.post("/v1/demand", summary="Ask a driven plant for power")
-    async def demand(message: DemandMessage, request: Request, to: Driven = to_plant) -> Response:
+    async def demand(message: DemandMessage, request: Request, to: ControlLoop = to_plant) -> Response:
         by = "" if request.client is None else request.client.host
         to.demands.post(message.demand_kw, message.valid_for_s, service.clock(), by)
         return JSONResponse({"demand_kw": message.demand_kw, "valid_for_s": message.valid_for_s})
@@ -152,21 +113,23 @@ def build_app(
 
     @app.get(HEALTH, summary="Whether all is well; needs no token")
     async def health(request: Request) -> Response:
-        tells = request.state.holds_token
-        return JSONResponse(service.health() | (driven.health(tells) if driven else {}))
+        of_plant = {} if loop is None else loop.health(request.state.holds_token)
+        return JSONResponse(service.health() | of_plant)
 
     @app.get("/v1/live", summary="What the page shows: plant, demand, strings, and the history of a span")
     async def live_document(span: Literal["2h", "day", "week"] = "day") -> Response:
         shown = live(service, span)
-        if driven is not None:
-            shown |= {"plant": driven.health(tells=True), "asked_by": driven.source(service)}
+        if loop is not None:
+            active = loop.active_demand()
+            source = "" if active is None else active.source
+            shown |= {"plant": loop.health(with_details=True), "asked_by": source}
         return JSONResponse(shown)
 
     @app.get("/metrics", summary="Metrics for Prometheus")
     async def metrics() -> Response:
-        if driven is not None:
-            service.metrics.cycle_age.set(driven.cycle.age_s)
-            service.metrics.cycle_period.set(driven.cycle.period_s)
+        if loop is not None:
+            service.metrics.cycle_age.set(loop.age_s)
+            service.metrics.cycle_period.set(loop.period_s)
         return Response(service.metrics_text(), media_type="text/plain; version=0.0.4; charset=utf-8")
 
     @app.get("/", summary="A page that shows the strings live")

@@ -1,8 +1,7 @@
-"""SOC calibration: one string at a time is charged to full while the others carry the load.
+"""SOC calibration: one string at a time is charged to full while the others supply the load.
 
-A calibration begins on request, or by itself once in every ``service.calibration_days``: at the time at which
-the day costs least (:func:`place`), within the last day before the string is due. A string that
-has been full anyway needs none.
+A calibration begins on request, or automatically once per ``service.calibration_days``: at the time of lowest
+cost (:func:`place`) within the last day before it is due. A string that was full in this period needs none.
 """
 
 from __future__ import annotations
@@ -17,21 +16,21 @@ from bess.arrays import Array
 from bess.control.policies.rule import water_fill
 from bess.control.split.objectives import SHORTFALL
 from bess.control.split.rollout import rollout
-from bess.edge.serve.persistent import Persistent
-from bess.edge.serve.soc_limits import PowerCapability, SocLimits
-from bess.edge.serve.valid_state import ValidState
+from bess.edge.serve.constraints import PowerCapability, SocLimits
+from bess.edge.serve.measurement_validator import ValidState
+from bess.edge.serve.persistent import Persistent, in_pool
 from bess.errors import InputError
 from bess.study.sections import ServiceSection
 from bess.system import State, System
 
 QUARTER: Final = 0.25
-"""Share of nominal power at which a string is calibrated unless the settings say otherwise."""
+"""Default power of a calibration, as a share of nominal power."""
 STARTS: Final = 24
 """Candidate times within the day."""
 SLACK: Final = 1.2
-"""Time that a calibration may take over that of its energy at its power."""
+"""Maximum duration of a calibration, relative to that of its energy at its power."""
 _FULL: Final = 0.005
-"""State of charge below the target that counts as the target."""
+"""SOC below the target that counts as the target."""
 _DAY_S: Final = 86_400.0
 
 
@@ -44,32 +43,23 @@ class Placement:
 
 
 class Calibration(Persistent):
-    """The string that is being calibrated, and those that come next.
+    """Charges one string at a time, and plans the next calibration.
 
-    Parameters
-    ----------
-    system
-        The plant's parameters.
-    service
-        ``calibration_days``, ``calibration_kw``.
-    limits
-        SOC window of each string.
-    background
-        Find times in a thread of its own.
+    With ``background``, a separate thread searches for start times.
 
     Attributes
     ----------
     string : int or None
         String that is being charged to ``target_soc``.
     planned : list or None
-        String to be calibrated next, start [s of the controller's clock] and cost [kWh].
+        Next string, start [s of the controller's clock] and cost [kWh].
     full_s : ndarray, shape (n_strings,)
-        When each string was last full; before the first time, the strings are spread over the period.
+        Time when each string was last full; initially spread over the period.
 
     Raises
     ------
     InputError
-        If there is a period, and no other string to carry the load.
+        A period is set, but there is no other string to supply the load.
     """
 
     kept = ("string", "target_soc", "planned", "full_s")
@@ -77,7 +67,8 @@ class Calibration(Persistent):
     def __init__(
         self, system: System, service: ServiceSection, limits: SocLimits, *, background: bool
     ) -> None:
-        self._system, self._service, self._limits, self._background = system, service, limits, background
+        self._system, self._service, self._limits = system, service, limits
+        self._pool = ThreadPoolExecutor(1, "calibration") if background else None
         self._power_kw = QUARTER * system.nominal_kw
         if service.calibration_kw is not None:
             self._power_kw = np.minimum(service.calibration_kw, system.nominal_kw)
@@ -91,16 +82,16 @@ class Calibration(Persistent):
         self._pending: tuple[int, float, Future[Placement]] | None = None
 
     def due_s(self) -> Array | None:
-        """When each string must be full again; None without a period."""
+        """Time when each string must be full again; None without a period."""
         return None if self._period_s is None else self.full_s + self._period_s
 
-    def begin(self, string: int, target_soc: float) -> None:
-        """Charge a string to a state of charge.
+    def begin(self, string: int, target_soc: float = 1.0) -> None:
+        """Charge a string to a SOC while the others supply the load.
 
         Raises
         ------
         InputError
-            If there is no such string, no other one, or the target is outside its window.
+            The string is unknown, the plant has only one string, or the target is outside the window.
         """
         n = self._system.n_strings
         if not 0 <= string < n:
@@ -114,134 +105,103 @@ class Calibration(Persistent):
             raise InputError("calibration: there is no other string to carry the load")
         self.string, self.target_soc = string, target_soc
 
-    def update(self, now_s: float, trusted: ValidState, day_kw: Array, plan_s: float) -> None:
-        """End what is done, and begin what is planned for now; plan the next one as soon as it is in sight.
+    def update(self, now_s: float, valid: ValidState, day_kw: Array, plan_s: float) -> None:
+        """End a complete calibration, begin one that is planned for now, or plan the next.
 
-        Parameters
-        ----------
-        now_s
-            Time of the controller's clock.
-        trusted
-            State of the strings.
-        day_kw : ndarray, shape (n_steps,)
-            Demand of the next day, by steps of the plan.
-        plan_s
-            Step of the plan [s].
+        ``day_kw`` is the demand of the next day in steps of the plan, of ``plan_s`` each.
         """
-        if self.is_done(trusted):
+        if self.is_done(valid):
             self.string = None
         if self._period_s is None:
             return
         n = self._system.n_strings
         spread_s = self._period_s * (np.arange(1, n + 1) / n - 1.0)
         self.full_s = np.where(np.isnan(self.full_s), now_s + spread_s, self.full_s)
-        is_full = trusted.in_service & (trusted.soc_low >= self._limits.full - _FULL)
+        is_full = valid.in_service & (valid.soc_low >= self._limits.full - _FULL)
         self.full_s = np.where(is_full, now_s, self.full_s)
         if self.planned is not None and is_full[int(self.planned[0])]:
             self.planned = None
         if self.string is not None:
             return
         if self.planned is not None:
-            if now_s >= self.planned[1] and trusted.in_service[int(self.planned[0])]:
+            if now_s >= self.planned[1] and valid.in_service[int(self.planned[0])]:
                 self.string = int(self.planned[0])
                 self.target_soc, self.planned = float(self._limits.full[self.string]), None
         elif self._pending is None:
-            self._look_ahead(now_s, trusted, day_kw, plan_s, self._period_s)
+            self._look_ahead(now_s, valid, day_kw, plan_s, self._period_s)
         elif self._pending[2].done():
             string, began_s, placed = self._pending[0], self._pending[1], self._pending[2].result()
             self.planned = [string, began_s + placed.start * plan_s, placed.cost_kwh]
             self._pending = None
 
-    def is_done(self, trusted: ValidState) -> bool:
-        """Whether the string that is being calibrated is full, whichever of its values is true."""
-        return self.string is not None and bool(trusted.soc_low[self.string] >= self.target_soc - _FULL)
+    def is_done(self, valid: ValidState) -> bool:
+        """Whether the string in calibration is full by both of its possible values."""
+        return self.string is not None and bool(valid.soc_low[self.string] >= self.target_soc - _FULL)
 
     def charge_kw(
-        self, trusted: ValidState, able: PowerCapability, demand_kw: float, dt_h: float
+        self, valid: ValidState, able: PowerCapability, demand_kw: float, dt_h: float
     ) -> Array | None:
-        """Magnitude at which each string is charged over the next ``dt_h`` hours, zero but for one.
+        """Charge power of each string over ``dt_h``, ``>= 0``; zero except for the string in calibration.
 
-        The load comes first. The others carry it and the charge; where they cannot, the charge is less, and
-        where they cannot carry the load alone, no string is calibrated now (None). Charge that the others
-        cannot take comes on top.
+        The load has precedence: the charge is limited to the remaining power of the others. If there is none,
+        the calibration pauses (None). Charge demand that the others cannot take is added.
         """
         i = self.string
-        if i is None or not trusted.in_service[i]:
+        if i is None or not valid.in_service[i]:
             return None
         others = able.only(np.arange(self._system.n_strings) != i)
         spare_kw = others.discharge_kw.sum() - demand_kw
         if spare_kw < 0.0:
             return None
         wanted_kw = max(self._power_kw[i], -demand_kw - others.charge_kw.sum())
-        room_kwh = (self.target_soc - trusted.soc_high[i]) * self._system.nominal_energy_kwh[i]
-        can_kw = min(wanted_kw, trusted.charge_kw[i], room_kwh / dt_h, spare_kw)
+        room_kwh = (self.target_soc - valid.soc_high[i]) * self._system.nominal_energy_kwh[i]
+        can_kw = min(wanted_kw, valid.charge_kw[i], room_kwh / dt_h, spare_kw)
         charge = np.zeros(self._system.n_strings)
         charge[i] = can_kw if can_kw >= self._limits.minimum_kw[i] else 0.0
         return charge
 
     def _look_ahead(
-        self, now_s: float, trusted: ValidState, day_kw: Array, plan_s: float, period_s: float
+        self, now_s: float, valid: ValidState, day_kw: Array, plan_s: float, period_s: float
     ) -> None:
-        """Begin to look for a time if a string is due within the day."""
-        due_s = np.where(trusted.in_service, self.full_s + period_s, np.inf)
+        """Begin the search for a time if a string is due within the day."""
+        due_s = np.where(valid.in_service, self.full_s + period_s, np.inf)
         i = int(np.argmin(due_s))
-        missing_kwh = (self._limits.full[i] - trusted.soc_low[i]) * self._system.nominal_energy_kwh[i]
+        missing_kwh = (self._limits.full[i] - valid.soc_low[i]) * self._system.nominal_energy_kwh[i]
         ahead_s = max(min(_DAY_S, period_s / 2.0), 3600.0 * SLACK * missing_kwh / self._power_kw[i])
         if now_s < due_s[i] - ahead_s:
             return
         left = int((due_s[i] - now_s) // plan_s)
-        task = (self._system, self._service, trusted, day_kw, plan_s / 3600.0, i, left)
-        future: Future[Placement] = Future()
-        if self._background:
-            pool = ThreadPoolExecutor(1, "calibration")
-            future = pool.submit(place, *task)
-            pool.shutdown(wait=False)
-        else:
-            future.set_result(place(*task))
-        began_s = now_s // plan_s * plan_s
-        self._pending = (i, began_s, future)
+        task = (self._system, self._service, valid, day_kw, plan_s / 3600.0, i, left)
+        self._pending = (i, now_s // plan_s * plan_s, in_pool(self._pool, place, *task))
 
 
 def place(
     system: System,
     service: ServiceSection,
-    trusted: ValidState,
+    valid: ValidState,
     demand_kw: Array,
     dt_h: float,
     string: int,
     due: int,
 ) -> Placement:
-    """Find the start of a calibration at which this day and the next cost least.
+    """Find the start of a calibration, before step ``due``, with the lowest cost of this day and the next.
 
-    For each candidate, both days run in the control model with the same demand, with the calibration as it
-    would go and the rest of the demand shared by stored energy or headroom. Their cost is ``SHORTFALL``
-    times undelivered energy, and losses [kWh]; the cost of the calibration is the difference to two days
-    without it.
-
-    Parameters
-    ----------
-    system, service, trusted
-        The plant, the settings, and the state at the first step.
-    demand_kw : ndarray, shape (n_steps,)
-        Demand of each step, positive = discharge.
-    dt_h
-        Length of a step [h].
-    string
-        The string to be calibrated.
-    due
-        Step by which it is to begin.
+    For each candidate, the control model simulates two days with the same demand, from a valid state, with
+    steps of ``dt_h``; the demand minus the calibration is shared by stored energy or headroom. The cost is
+    ``SHORTFALL`` times undelivered energy, plus losses [kWh]; the cost of a calibration is the difference
+    from days without it.
     """
     limits = SocLimits(system, service, 3600.0 * dt_h)
-    energy_kwh = system.nominal_energy_kwh * trusted.state.soh_capacity
+    energy_kwh = system.nominal_energy_kwh * valid.state.soh_capacity
     starts = range(0, max(1, min(due, demand_kw.size)), max(1, demand_kw.size // STARTS))
     demand_kw = np.tile(demand_kw, 2)
 
-    def day(start: int) -> tuple[float, int]:
+    def days(start: int) -> tuple[float, int]:
         """Cost of both days, and the step at which the string is full."""
-        state, cost_kwh, full = trusted.state, 0.0, demand_kw.size + 1
+        state, cost_kwh, full = valid.state, 0.0, demand_kw.size + 1
         calibration = Calibration(system, service, limits, background=False)
         for k, asked_kw in enumerate(demand_kw):
-            now = replace(trusted, state=state, soc_low=state.soc, soc_high=state.soc)
+            now = replace(valid, state=state, soc_low=state.soc, soc_high=state.soc)
             able = limits.able(now)
             if k == start:
                 calibration.begin(string, float(limits.full[string]))
@@ -256,22 +216,19 @@ def place(
             weights = limits.room(state.soc, discharge) * energy_kwh
             power_kw = water_fill(abs(rest_kw), weights, able.towards(discharge))
             undelivered_kw = abs(rest_kw) - power_kw.sum()
-            # The control model takes requests of one sign: own charge and the rest, one after the other.
+            # The control model accepts requests of one sign: calibration and demand, one after the other.
             for request_kw in (power_kw if discharge else -power_kw, own_kw):
                 roll = rollout(system, state, request_kw[:, None], dt_h)
                 cost_kwh += float(roll.inverter_loss_kw.sum() + roll.battery_loss_kw.sum()) * dt_h
                 undelivered_kw += float(roll.availability_loss_kw.sum() + roll.derating_loss_kw.sum())
                 acts = request_kw != 0.0
-                state = State(
-                    np.where(acts, roll.soc[:, 0], state.soc),
-                    np.where(acts, roll.temperature_c[:, 0], state.temperature_c),
-                    state.soh_capacity,
-                    state.soh_resistance,
-                )
+                soc = np.where(acts, roll.soc[:, 0], state.soc)
+                temperature_c = np.where(acts, roll.temperature_c[:, 0], state.temperature_c)
+                state = State(soc, temperature_c, state.soh_capacity, state.soh_resistance)
             cost_kwh += SHORTFALL * undelivered_kw * dt_h
         return cost_kwh, full
 
-    days = {start: day(start) for start in starts}
-    in_time = [start for start in starts if days[start][1] <= demand_kw.size] or starts
-    best = min(in_time, key=lambda start: days[start][0])
-    return Placement(best, days[best][0] - day(demand_kw.size)[0])
+    costs = {start: days(start) for start in starts}
+    in_time = [start for start in starts if costs[start][1] <= demand_kw.size] or starts
+    best = min(in_time, key=lambda start: costs[start][0])
+    return Placement(best, costs[best][0] - days(demand_kw.size)[0])

@@ -1,9 +1,9 @@
-"""Which inverters run, from one control step to the next.
+"""Commitment of inverters, from one control step to the next.
 
-An inverter is not switched because another set would be better at this moment, but once the energy that it
-would have saved has added up to what a start is worth: so a set is never much worse than the best one in
-hindsight, and noise in the demand starts nothing (the rule of ski rental [1]_, with what is saved summed up
-by CUSUM [2]_). Only a demand that the running ones cannot take starts one at once.
+An inverter is switched when the energy that the switching would have saved reaches the cost of a start: the
+ski-rental rule [1]_, with savings accumulated by CUSUM [2]_. The commitment is therefore never much worse
+than the best one in hindsight, and noise in the demand starts no inverter. Only a demand above the capability
+of the running inverters starts one at once.
 
 References
 ----------
@@ -25,11 +25,11 @@ from bess.edge.serve.persistent import Persistent
 from bess.system import State, System
 
 SHORTFALL: Final = 3.0
-"""Cost of a kWh not delivered, in kWh lost; as in ``Objectives.energy``."""
+"""Cost of an undelivered kWh, in kWh of losses; as in ``Objectives.energy``."""
 ROTATION: Final = 0.02
-"""By how much a start costs more for each start that the string has made above the one with the fewest."""
+"""Additional cost of a start for each start of the string above the smallest number of a string."""
 _NARROWEST: Final = 1e-7
-_NO_LOAD: Final = 1e-3  # of a third: little, and above the least power of an inverter
+_NO_LOAD: Final = 1e-3  # of a third: small, and above the minimum power of an inverter
 _EDGE: Final = 0.02
 _SHORT_H: Final = 10.0 / 3600.0
 _LONG_S: Final = 1e9
@@ -39,9 +39,9 @@ _LONG_S: Final = 1e9
 class Curves:
     """Loss of each string over its power in one direction, ``idle + slope p + bend p^2`` [kW].
 
-    A parabola through three points of the control model: at no load, and at a third and two thirds of what
-    the voltage allows; near that the loss rises faster than a parabola. What derating takes away counts
-    :data:`SHORTFALL` times.
+    A parabola through three points of the control model: no load, and a third and two thirds of the maximum
+    power by voltage, near which the loss rises faster than a parabola. Derating loss counts :data:`SHORTFALL`
+    times.
     """
 
     idle_kw: Array
@@ -71,26 +71,15 @@ class Curves:
         return cls(idle, np.maximum((first - idle) / third - bend * third, 0.0), bend)
 
     def marginal(self, power_kw: Array) -> Array:
-        """Loss of one more kW."""
+        """Marginal loss [kW/kW]."""
         return self.slope + 2.0 * self.bend * power_kw
 
 
 @dataclass(frozen=True)
 class Task:
-    """A demand in one direction, and the strings that may share it; arrays of shape ``(n_strings,)``.
+    """A demand in one direction (magnitude), with capability and losses of the ``usable`` strings in it.
 
-    Attributes
-    ----------
-    demand_kw : float
-        Magnitude.
-    most_kw : ndarray
-        What each string can take in this direction.
-    usable : ndarray of bool
-        Strings that may run at all.
-    curves : Curves
-        Losses of the strings in this direction.
-    price : ndarray
-        Cost of a kW of each string beside its loss [kW/kW], by which a plan says which it wants.
+    ``price`` is the cost of a kW of each string in addition to its loss [kW/kW], from the plan.
     """
 
     demand_kw: float
@@ -100,14 +89,10 @@ class Task:
     price: Array
 
     def best_shares(self, sets: Flags) -> Array:
-        """Powers at equal marginal costs within each set, as much as it can take; as ``sets``.
-
-        ``sets`` has the shape ``(n_sets, n_strings)``, or ``(n_strings,)`` for one.
-        """
+        """Powers at equal marginal cost within sets ``(n_sets, n_strings)`` or one set ``(n_strings,)``."""
         within, most = np.atleast_2d(sets), self.most_kw
         slope, twice = self.curves.slope + self.price, 2.0 * self.curves.bend
-        # What a set gives is piecewise linear in the marginal cost, with a knot where a string begins or is
-        # full.
+        # A set's power is piecewise linear in the marginal cost, with knots where a string begins or is full.
         knots = np.sort(np.concatenate([slope, slope + twice * most]))
         given = np.minimum(np.maximum((knots[:, None] - slope) / twice, 0.0), most) @ within.T
         asked = np.minimum(self.demand_kw, given[-1])
@@ -120,23 +105,17 @@ class Task:
         return np.asarray(shares.reshape(sets.shape))
 
     def cost_kw(self, sets: Flags) -> Array:
-        """Losses and prices of the best shares of each set, shape ``(n_sets,)``."""
+        """Cost of the best shares of each set, shape ``(n_sets,)``."""
         shares, curves = self.best_shares(sets), self.curves
         costs = curves.idle_kw * sets + (curves.slope + self.price) * shares + curves.bend * shares**2
         return np.asarray(costs.sum(axis=1))
 
 
 class Commitment(Persistent):
-    """The running inverters, how long they have run or rested, and their starts.
+    """Running inverters, the time since their last switching, and their starts.
 
-    Parameters
-    ----------
-    n_strings
-        Number of strings.
-    start_kwh
-        What a start is worth.
-    minimum_on_s, minimum_off_s
-        How long an inverter runs or rests at least. A string that may not run any more stops all the same.
+    ``start_kwh`` is the cost of a start; ``minimum_on_s`` and ``minimum_off_s`` do not delay the stop of a
+    string that goes out of service.
     """
 
     kept = ("running", "since_s", "starts", "_saved_kwh", "_peaks")
@@ -149,23 +128,14 @@ class Commitment(Persistent):
         self.running: Flags = np.zeros(n_strings, dtype=bool)
         self.since_s: Array = np.full(n_strings, _LONG_S)
         self.starts: NDArray[np.int64] = np.zeros(n_strings, dtype=np.int64)
-        # What each move would have saved so far, from a string (row) to one (column); the last is none.
+        # Accumulated saving of each exchange of a string (row) for another (column); the last means no
+        # string.
         self._saved_kwh: Array = np.zeros((n_strings + 1, n_strings + 1))
-        # Age [s] and magnitude [kW] of demands above all that came after them.
+        # Age [s] and magnitude [kW] of demands above all later ones.
         self._peaks: list[tuple[float, float]] = []
 
     def update(self, task: Task, *, elapsed_s: float, step_s: float) -> None:
-        """Decide for one control step.
-
-        Parameters
-        ----------
-        task
-            What is to be shared.
-        elapsed_s
-            Time since the last decision.
-        step_s
-            Time for which this one holds.
-        """
+        """Decide for a step of ``step_s``, ``elapsed_s`` after the last decision."""
         self.advance_time(task.usable, task.demand_kw, elapsed_s)
         first = True
         for _ in range(2 * self.running.size):
@@ -179,13 +149,13 @@ class Commitment(Persistent):
             self._switch(start, on=True)
 
     def advance_time(self, usable: Flags, demand_kw: float, elapsed_s: float) -> None:
-        """Let time go by until this demand (magnitude); what may not run any more stops."""
+        """Advance to the present demand (magnitude); stop strings that are no longer usable."""
         self.since_s = self.since_s + elapsed_s
         self._remember(demand_kw, elapsed_s)
         self._switch(self.running & ~usable, on=False)
 
     def set_commitment(self, wanted: Flags, usable: Flags) -> None:
-        """Run exactly these, as far as least times allow."""
+        """Switch to the wanted inverters, within minimum on and off times."""
         startable = ~self.running & usable & (self.since_s >= self._minimum_off_s)
         stoppable = self.running & (self.since_s >= self._minimum_on_s)
         self._switch(stoppable & ~wanted, on=False)
@@ -199,18 +169,18 @@ class Commitment(Persistent):
             self.starts = self.starts + (which if on else 0)
 
     def _remember(self, demand_kw: float, elapsed_s: float) -> None:
-        """Largest demand of the time that a stopped inverter would have to rest."""
+        """Record the demand peaks within the minimum off time."""
         kept = [(age + elapsed_s, peak) for age, peak in self._peaks if peak > demand_kw]
         self._peaks = [(age, peak) for age, peak in kept if age <= self._minimum_off_s]
         self._peaks.append((0.0, demand_kw))
 
     def _move(self, task: Task, step_s: float, *, adds_up: bool) -> tuple[Flags, Flags] | None:
-        """The next switching that is worth it: what stops, what starts."""
+        """Next switching with a net saving: the string that stops, the string that starts."""
         n = self.running.size
         from_, to = self._candidates(task.usable)
         if not from_.size:
             return None
-        # Sets of running strings: the present one, then that of each candidate; the last column is none.
+        # Sets of running strings: the present one, then each candidate; the last column means no string.
         sets = np.zeros((from_.size + 1, n + 1), dtype=bool)
         sets[:, :n] = self.running
         index = np.arange(1, from_.size + 1)
@@ -222,7 +192,7 @@ class Commitment(Persistent):
         short = np.maximum(task.demand_kw - can, 0.0)
         extra = np.append(self._start_worth_kwh(), 0.0)
         if short[0] > POWER_TOLERANCE_KW and (short[1:] < short[0] - POWER_TOLERANCE_KW).any():
-            # Too little runs: the cheapest helper starts now, its start written off over the hour.
+            # The capability is too small: the cheapest string starts now, its start cost spread over an hour.
             cost = loss[1:] + SHORTFALL * 100.0 * short[1:] + extra[to]
             cost[from_ != n] = np.inf
             if np.isfinite(cost).any():
@@ -232,7 +202,7 @@ class Commitment(Persistent):
         saving = np.where(allowed, (loss[0] + SHORTFALL * short[0]) - (loss[1:] + SHORTFALL * short[1:]), 0.0)
         before = self._saved_kwh[from_, to] if adds_up else 0.0
         saved = np.maximum(before + saving * step_s / 3600.0, 0.0)
-        # A stop is a start that comes later.
+        # A stop costs a later start.
         worth = np.where(to < n, extra[to], extra[from_])
         gain = np.where(allowed & (saving > 0.0), saved - worth, -np.inf)
         best = int(np.argmax(gain))
@@ -244,7 +214,7 @@ class Commitment(Persistent):
         return None
 
     def _candidates(self, usable: Flags) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """What may stop and what may start instead; ``n_strings`` stands for none."""
+        """Strings that may stop, and strings that may start instead; ``n_strings`` means no string."""
         n = self.running.size
         stop = np.flatnonzero(self.running & (self.since_s >= self._minimum_on_s))
         start = np.flatnonzero(~self.running & usable & (self.since_s >= self._minimum_off_s))
@@ -257,6 +227,6 @@ class Commitment(Persistent):
         return np.arange(n) == stop, np.arange(n) == start
 
     def _start_worth_kwh(self) -> Array:
-        """Starts go around: the string with the fewest is the cheapest to start."""
+        """Cost of a start, smallest for the string with the fewest starts."""
         above = np.minimum(self.starts - self.starts.min(), 40)
         return np.asarray((self._start_kwh + 1e-9) * (1.0 + ROTATION * above))

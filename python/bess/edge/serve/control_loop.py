@@ -1,7 +1,7 @@
-"""A plant that is driven, or only watched: read, decide, write, again and again.
+"""Control loop of a plant, in control or in shadow mode: read, decide, write, in every period.
 
-Whatever is in doubt is not written: the plant's own watchdog then lets the last set-point lapse. Nothing here
-writes a zero because it does not know better.
+In doubt nothing is written, so that the plant's own watchdog ends the last set-point; zero is written only if
+it is the demand.
 """
 
 from __future__ import annotations
@@ -9,36 +9,102 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from typing import Final
+from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 
+from bess.arrays import Array
 from bess.edge.plant_io import LinkError, Measurements, PlantLink
 from bess.edge.plant_io.journal import Journal
 from bess.edge.serve.answer import Answer
-from bess.edge.serve.demands import ActiveDemand, Demands
 from bess.edge.serve.service import LOG, Service
+from bess.errors import InputError
+from bess.simulation.demand import StepInputs
+from bess.simulation.inputs import prepare
+from bess.study import Study
+from bess.study.demands import ProfileDemand
 
 STEP_S: Final = 10.0
-"""Control step of a driven plant unless the settings say otherwise."""
+"""Control step of a plant that the service controls, unless the settings state another."""
 NO_DEMAND: Final = "there is no demand: post one to /v1/demand"
 
 
-class ControlLoop:
-    """Drives a plant by the controller of a service.
+@dataclass(frozen=True)
+class ActiveDemand:
+    """Demand now, the forecast [kW] of the present step of the plan and the next ones, and a label."""
 
-    Parameters
-    ----------
-    service
-        Decides.
-    link
-        To the plant; used from the thread of :meth:`run` alone.
-    demands
-        What is asked.
-    journal
-        Where every reading is taken down; None for nowhere.
-    shadow
-        Read and recommend, and write nothing.
+    demand_kw: float
+    forecast_kw: list[float] | None
+    source: str
+
+
+class Demands:
+    """The last posted demand while it is valid; otherwise none, or the study's profile.
+
+    With ``service.follow_profile`` the profile applies within its times, and at all times with
+    ``demand.repeat``. No demand is not a demand of zero: the plant is released.
+
+    Raises
+    ------
+    InputError
+        If ``service.follow_profile`` is set and the study has no profile.
+    """
+
+    def __init__(self, study: Study, plan_s: float) -> None:
+        self._plan_s = plan_s
+        self._posted: tuple[list[float], bool, float, float, str] | None = None
+        self._profile: Array | None = None
+        if not study.service.follow_profile:
+            return
+        if not isinstance(study.demand, ProfileDemand):
+            raise InputError(
+                f"{study.name}: service.follow_profile = true, and [demand] is of kind "
+                f'"{study.demand.kind}"; give a demand of kind "profile", or leave the key out'
+            )
+        inputs = prepare(study.with_values({"demand.forecast": "perfect"}))
+        now = StepInputs(
+            inputs.system.initial_state(),
+            inputs.limit_kw[0],
+            inputs.system.surroundings_c(inputs.ambient_c),
+        )
+        self._profile = inputs.demand.ahead(0, inputs.grid.n_steps, now)
+        self._start_s, self._step_s = inputs.grid.start_s, inputs.grid.step_s
+        self._repeats = study.demand.repeat
+
+    def post(self, demand_kw: float | list[float], valid_for_s: float, now_s: float, by: str = "") -> None:
+        """Accept a demand, or a forecast that begins now, from a client's address."""
+        is_list = isinstance(demand_kw, list)
+        values = list(demand_kw) if isinstance(demand_kw, list) else [demand_kw]
+        self._posted = (values, is_list, now_s, now_s + valid_for_s, by)
+
+    def at(self, now_s: float, n_steps: int) -> ActiveDemand | None:
+        """The demand at a time with its forecast of up to ``n_steps``; None if there is none."""
+        posted = self._posted
+        if posted is not None and now_s < posted[3]:
+            values, is_list, began_s, until_s, by = posted
+            gone = int(now_s // self._plan_s) - int(began_s // self._plan_s) if is_list else 0
+            if gone < len(values):
+                left = values[gone:]
+                source = f"posted{by and f' by {by}'}, valid for another {until_s - now_s:.0f} s"
+                return ActiveDemand(left[0], left if is_list else None, source)
+        if self._profile is None:
+            return None
+        first = int((now_s - self._start_s) // self._step_s)
+        if self._repeats:
+            ahead = self._profile[(first + np.arange(n_steps)) % self._profile.size]
+        elif 0 <= first < self._profile.size:
+            ahead = self._profile[first : first + n_steps]
+        else:
+            return None
+        return ActiveDemand(float(ahead[0]), ahead.tolist(), "the profile of the study")
+
+
+class ControlLoop:
+    """Controls a plant with the controller of a service.
+
+    ``link`` is used only in the thread of :meth:`run`; ``address`` names the plant in messages. In ``shadow``
+    mode set-points are computed and not written.
     """
 
     def __init__(
@@ -48,12 +114,12 @@ class ControlLoop:
         demands: Demands,
         journal: Journal | None = None,
         *,
+        address: str = "",
         shadow: bool = False,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._service, self._link, self._demands, self._journal = service, link, demands, journal
-        self._shadow = shadow
-        self._monotonic = monotonic
+        self._service, self._link, self.demands, self._journal = service, link, demands, journal
+        self.address, self._shadow, self._monotonic = address, shadow, monotonic
         self._stop = threading.Event()
         self._written: np.ndarray | None = None
         self._written_at_s = -np.inf
@@ -65,54 +131,73 @@ class ControlLoop:
 
     @property
     def period_s(self) -> float:
-        """Time from one cycle to the next [s]."""
+        """Control step [s]."""
         return self._service.controller.step_s
 
     @property
     def age_s(self) -> float:
-        """Time since a cycle was last completed, whatever came of it [s]; above two periods, it stands."""
+        """Time since the end of the last cycle, successful or not [s]."""
         return self._monotonic() - self._completed_s
 
+    def active_demand(self) -> ActiveDemand | None:
+        """The present demand."""
+        return self.demands.at(self._service.clock(), self._service.controller.plan.n_steps)
+
+    def health(self, with_details: bool) -> dict[str, Any]:
+        """State of the loop; the plant's address, and messages that may contain it, only ``with_details``."""
+        age_s, period_s = self.age_s, self.period_s
+        still = f"the control cycle, of {period_s:g} s, has stood still for {age_s:.0f} s"
+        still = still if age_s > 2.0 * period_s else ""
+        troubles = [trouble for trouble in (still, self.trouble, self.journal_trouble) if trouble]
+        health: dict[str, Any] = {"cycle_age_s": round(age_s, 3), "cycle_period_s": period_s}
+        if troubles:
+            health["status"] = "impaired"
+        if with_details:
+            health["plant"] = self.address
+        if shown := "; ".join(troubles if with_details else [still]):
+            health["trouble"] = shown
+        return health
+
     def run(self) -> None:
-        """Go on until :meth:`stop`; then let go of the plant."""
+        """Control the plant until :meth:`stop`, then release it."""
         due_s = self._monotonic()
         while not self._stop.is_set():
             try:
                 self.step()
             except Exception:
                 LOG.exception("a control step failed")
-                self._let_go("a control step failed; the log says why")
+                self._release("a control step failed; the log says why")
             self._completed_s = self._monotonic()
             due_s = max(due_s + self.period_s, self._completed_s)
             while not self._stop.wait(max(0.0, min(due_s - self._monotonic(), self._refresh_in_s()))):
                 if self._monotonic() >= due_s:
                     break
                 self._refresh()
-        self._let_go("the service has ended")
+        self._release("the service has ended")
         self._link.close()
         if self._journal is not None:
             self._journal.close()
 
     def stop(self) -> None:
-        """End :meth:`run` as soon as it can."""
+        """End :meth:`run` as soon as possible."""
         self._stop.set()
 
     def step(self) -> Answer | None:
-        """Read, decide, write once; None if there was nothing to act upon."""
+        """Read, decide and write once; None without measurements or demand."""
         service = self._service
         try:
             measured = self._link.read()
         except LinkError as error:
             self._failed(error)
             return None
-        asked = self._asked()
-        if asked is None:
-            self._let_go(NO_DEMAND)
+        active = self.active_demand()
+        if active is None:
+            self._release(NO_DEMAND)
             return None
-        answer = service.answer(measured, asked.demand_kw, asked.forecast_kw)
+        answer = service.answer(measured, active.demand_kw, active.forecast_kw)
         written = None if self._shadow or self._stop.is_set() else self._write(measured, answer)
         if self._journal is not None:
-            self._journal.append(measured, asked.demand_kw, answer.request_kw, written)
+            self._journal.append(measured, active.demand_kw, answer.request_kw, written)
             if self._journal.error and self._journal.error != self.journal_trouble:
                 LOG.warning(self._journal.error)
             self.journal_trouble = self._journal.error
@@ -121,28 +206,28 @@ class ControlLoop:
         return answer
 
     def _write(self, measured: Measurements, answer: Answer) -> np.ndarray | None:
-        """Write what may be written; return what has arrived."""
-        trusted = self._service.controller.trusted
-        others = [] if trusted is None else np.flatnonzero(trusted.others).tolist()
-        named = "" if trusted is None else "; ".join(trusted.reasons[i] for i in others)
-        # One string may be in the hands of a technician; several are those of a second controller.
+        """Write the permitted set-points; return them if they arrived."""
+        valid = self._service.controller.valid
+        others = [] if valid is None else np.flatnonzero(valid.others).tolist()
+        named = "" if valid is None else "; ".join(valid.reasons[i] for i in others)
+        # One string may be under manual control; several indicate a second controller.
         self._gives_way = len(others) > 1 or (self._gives_way and bool(others))
         if self._gives_way:
-            self._let_go(named)
+            self._release(named)
             return None
         if not answer.in_service.any():
-            self._let_go("no string is in service: " + "; ".join(answer.reasons))
+            self._release("no string is in service: " + "; ".join(answer.reasons))
             return None
-        # A string that takes no set-points, or follows none, is not written: what it was given lapses.
+        # A string that accepts or follows no set-points is not written: its last set-point expires.
         set_points = np.where(measured.available & answer.in_service, answer.request_kw, np.nan)
         if not self._send(set_points):
             return None
-        self._say(named)
+        self._report(named)
         self._service.controller.drives = True
         return set_points
 
     def _send(self, set_points: np.ndarray) -> bool:
-        """Write set-points, for the first time or again; whether they arrived."""
+        """Write set-points, new or refreshed; return whether they arrived."""
         self._written, self._written_at_s, self._holds = set_points, self._monotonic(), True
         try:
             self._link.write(set_points)
@@ -152,44 +237,37 @@ class ControlLoop:
         return True
 
     def _refresh_in_s(self) -> float:
-        """Time until the set-points must be written again."""
         if self._shadow or self._written is None:
             return np.inf
         return max(0.05, self._written_at_s + self._link.refresh_s - self._monotonic())
 
     def _refresh(self) -> None:
-        if self._shadow or self._written is None:
+        if self._written is None or self._refresh_in_s() > 0.05:
             return
-        if self._monotonic() - self._written_at_s < self._link.refresh_s - 0.05:
-            return
-        if self._asked() is None:
-            self._let_go(NO_DEMAND)
+        if self.active_demand() is None:
+            self._release(NO_DEMAND)
         else:
             self._send(self._written)
 
-    def _asked(self) -> ActiveDemand | None:
-        return self._demands.at(self._service.clock(), self._service.controller.plan.n_steps)
-
     def _failed(self, error: LinkError) -> None:
-        """Count what the link could not do; write nothing more for now."""
         self._service.metrics.link_errors.inc()
-        self._doubt(str(error))
+        self._suspend(str(error))
 
-    def _doubt(self, sentence: str) -> None:
-        """Write nothing more for now: what was written lapses by itself."""
-        self._say(sentence)
+    def _suspend(self, sentence: str) -> None:
+        """Stop writing for now, so that the last set-points expire."""
+        self._report(sentence)
         self._written = None
-        # Strings cannot follow what did not reach them.
+        # Strings cannot follow set-points that did not reach them.
         self._service.controller.drives = False
 
-    def _say(self, sentence: str) -> None:
+    def _report(self, sentence: str) -> None:
         if sentence and sentence != self.trouble:
             LOG.warning(sentence)
         self.trouble = sentence
 
-    def _let_go(self, sentence: str) -> None:
-        """Give the plant back to its own watchdog, once."""
-        self._doubt(sentence)
+    def _release(self, sentence: str) -> None:
+        """Release the plant to its own watchdog, once."""
+        self._suspend(sentence)
         if self._shadow or not self._holds:
             return
         self._holds = False

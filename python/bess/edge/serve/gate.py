@@ -1,9 +1,16 @@
-"""The gate in front of the routes: who is let in, with what body, and what is counted and said of it."""
+"""Access control of the service: host names, token, request rates, bodies, and slow connections."""
 
 from __future__ import annotations
 
 import asyncio
+import hmac
+import ipaddress
+import re
+import socket
 import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 from starlette.datastructures import MutableHeaders
@@ -11,22 +18,26 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from bess.edge.serve.limits import LARGEST_BODY, Names, Rate, is_allowed
 from bess.edge.serve.messages import read_json
 from bess.edge.serve.page import PAGE, PAGE_HEADERS
 from bess.edge.serve.service import LOG, Service
 from bess.errors import InputError
 
 REFUSALS: Final = LOG.getChild("requests")
-"""Where refused requests are noted."""
 HEALTH: Final = "/v1/health"
 """The one path that needs no token."""
 _PAGES: Final = {"/", "/docs"}
+LARGEST_BODY: Final = 64 * 1024
+"""Maximum size of a request body [bytes]."""
 _READ_S: Final = 10.0
-"""Time in which a body must have arrived."""
+"""Time limit for receiving a body."""
 _OPEN_PER_S: Final = 100.0
-"""Requests that are answered without the token; those of its holder are counted by themselves."""
+"""Rate of requests without the token; those with it have their own rate."""
+_BURST_S: Final = 2.0
+_SHORTEST_TOKEN: Final = 16
+_LONGEST_TOKEN: Final = 4096
 _HEADERS: Final = {
     "Cache-Control": "no-store",
     "X-Content-Type-Options": "nosniff",
@@ -34,22 +45,181 @@ _HEADERS: Final = {
     "X-Frame-Options": "DENY",
 }
 _CLOSE: Final = {"Connection": "close"}
-"""For a body of which more may come."""
+"""For an incomplete body."""
+
+HEAD_S: Final = 10.0
+"""Time limit for receiving the head of a request."""
+KEEP_ALIVE_S: Final = 30
+"""Maximum idle time of a connection between two requests."""
+OF_A_PEER: Final = 256
+"""Maximum connections of one address without an admitted request; one more ends the oldest of them."""
+IN_ALL: Final = 512
+"""Maximum of such connections of all addresses."""
+BACKLOG: Final = 64
+"""Connections accepted at once: few enough that their data are read before they can be ended."""
+
+
+def read_token(path: Path) -> str:
+    """Return the token of a file: its only line.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or the token is too short to be secure.
+    """
+    try:
+        with path.open("rb") as file:
+            token = file.read(_LONGEST_TOKEN + 1).decode("ascii").strip()
+    except (OSError, ValueError) as error:
+        raise InputError(f"--token-file {path}: cannot be read ({error})") from error
+    if not _SHORTEST_TOKEN <= len(token) <= _LONGEST_TOKEN or not token.isprintable() or " " in token:
+        raise InputError(
+            f"--token-file {path}: needs one line of {_SHORTEST_TOKEN} to {_LONGEST_TOKEN} characters "
+            "without spaces; openssl rand -hex 32 makes one"
+        )
+    return token
+
+
+def is_allowed(token: str, authorization: str | None) -> bool:
+    """Whether a header ``Authorization`` contains the token, compared in constant time."""
+    given = (authorization or "").encode("utf-8", "replace")
+    return hmac.compare_digest(given, f"Bearer {token}".encode())
+
+
+def check_token(host: str, token: str | None, drives: bool) -> None:
+    """Require a token to control a plant, or to listen to other machines.
+
+    Raises
+    ------
+    InputError
+        An option is missing.
+    """
+    if token is not None:
+        return
+    if drives:
+        raise InputError(
+            "--plant: whoever calls this service moves the plant; give --token-file FILE "
+            "(openssl rand -hex 32 makes a token), or only watch with --shadow"
+        )
+    if not _is_loopback(host):
+        raise InputError(
+            f"--host {host}: others than this machine can reach it; give --token-file FILE, or use 127.0.0.1"
+        )
+
+
+Authority = tuple[str, str]
+"""A normalised host (lower case, no trailing dot, canonical address), and its port or ""."""
+
+_AUTHORITY: Final = re.compile(r"(?:\[([0-9A-Fa-f:.]+)\]|([0-9A-Za-z._-]+))(?::([0-9]{1,5}))?")
+_LOOPBACK: Final = ("localhost", "127.0.0.1", "::1")
+_OWN_PAGES: Final = {"same-origin", "none"}
+
+
+@dataclass(frozen=True)
+class Names:
+    """Host names of a service, against pages of other origins in an operator's browser.
+
+    A foreign page becomes "same origin" if the owner of its name points it here for a moment (DNS rebinding),
+    so ``Host`` must be a name of the service. A numeric address cannot be pointed elsewhere.
+
+    Attributes
+    ----------
+    own : frozenset of str
+        Names permitted in ``Host``.
+    proxies : frozenset of Authority
+        Further authorities of the service's own pages, behind a proxy.
+    any_address : bool
+        Whether ``Host`` may be any numeric address, because the machine is reached from outside.
+    """
+
+    own: frozenset[str]
+    proxies: frozenset[Authority]
+    any_address: bool
+
+    @classmethod
+    def of(cls, host: str, allowed: Iterable[str] = ()) -> Names:
+        """Return the names of a service that listens on ``host``, and the further allowed names.
+
+        Raises
+        ------
+        InputError
+            An allowed name is not a host name.
+        """
+        given = {text: _authority(text) for text in allowed}
+        for text, authority in given.items():
+            if authority is None:
+                raise InputError(f"--allowed-host {text}: needs NAME or NAME:PORT, such as plant.example")
+        proxies = frozenset(authority for authority in given.values() if authority is not None)
+        far = not _is_loopback(host)
+        machine = (host, socket.gethostname()) if far else (host,)
+        own = {_normalised(name) for name in (*_LOOPBACK, *machine)} | {name for name, _ in proxies}
+        return cls(frozenset(own), proxies, far)
+
+    def answers(self, host: str | None) -> bool:
+        """Whether a header ``Host`` has a name of the service, at any port, as tunnels change it."""
+        authority = _authority(host or "")
+        if authority is None:
+            return False
+        return authority[0] in self.own or (self.any_address and _address(authority[0]) is not None)
+
+    def is_own_page(self, host: str | None, origins: Iterable[str], sites: Iterable[str]) -> bool:
+        """Whether ``Origin`` and ``Sec-Fetch-Site`` are of a page of the service, or of no page."""
+        here = {_authority(host or ""), *self.proxies} - {None}
+        pages = {_authority(origin.partition("://")[2]) for origin in origins}
+        return pages <= here and _OWN_PAGES.issuperset(sites)
+
+
+def _authority(text: str) -> Authority | None:
+    found = _AUTHORITY.fullmatch(text)
+    if found is None:
+        return None
+    name, port = _normalised(found[1] or found[2]), found[3] or ""
+    return name, "" if port in ("80", "443") else port
+
+
+def _address(name: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+    try:
+        return ipaddress.ip_address(name)
+    except ValueError:
+        return None
+
+
+def _normalised(name: str) -> str:
+    return str(_address(name) or name.lower().removesuffix("."))
+
+
+def _is_loopback(host: str) -> bool:
+    address = _address(host)
+    return host == "localhost" if address is None else address.is_loopback
+
+
+LOCAL: Final = Names.of("127.0.0.1")
+"""Names of a service that only this machine can reach."""
+
+
+class Rate:
+    """A token bucket: short bursts pass, the long-term rate is limited."""
+
+    def __init__(self, per_s: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self.per_s, self._clock = per_s, clock
+        self._most = max(1.0, per_s * _BURST_S)
+        self._left, self._at_s = self._most, clock()
+
+    def take(self) -> bool:
+        """Whether another request passes."""
+        now_s = self._clock()
+        self._left = min(self._most, self._left + (now_s - self._at_s) * self.per_s)
+        self._at_s = now_s
+        if self._left < 1.0:
+            return False
+        self._left -= 1.0
+        return True
 
 
 class Gate:
-    """Lets a request through to the routes, or refuses it in one sentence.
+    """Middleware that admits a request to the routes or refuses it in one sentence, counts it and logs it.
 
-    Parameters
-    ----------
-    app
-        The routes.
-    service
-        Its metrics count requests, its settings limit them.
-    token
-        What every caller but of health must send; None lets everybody in.
-    names
-        What ``Host`` and ``Origin`` may hold.
+    Without a ``token`` every client is admitted; with one, every request except health must contain it.
     """
 
     def __init__(self, app: ASGIApp, service: Service, token: str | None, names: Names) -> None:
@@ -59,7 +229,7 @@ class Gate:
         self._open_rate = Rate(_OPEN_PER_S)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve one request."""
+        """Handle one request."""
         if scope["type"] != "http":
             return await self._app(scope, receive, send)
         request = Request(scope, receive)
@@ -91,7 +261,6 @@ class Gate:
             REFUSALS.warning("request refused", extra={"fields": fields})
 
     def _admit(self, request: Request) -> None:
-        """Refuse what may not pass."""
         headers, path = request.headers, request.scope["path"]
         host = headers.get("host")
         if not self._names.answers(host):
@@ -120,33 +289,33 @@ class Gate:
             raise HTTPException(429, f"more than {rate.per_s:g} requests a second", {"Retry-After": "1"})
         request.state.holds_token = holds_token
         if not is_open and (connection := getattr(request.state, "connection", None)):
-            connection.welcome()
+            connection.admit()
         kind = ",".join(headers.getlist("content-type")).partition(";")[0]
         if request.method == "POST" and kind.strip().lower() != "application/json":
             raise HTTPException(415, "the body must be sent with the header Content-Type: application/json")
 
 
 def refusal(status: int, sentence: str, headers: Any = None) -> Response:
-    """One sentence on why a request is refused."""
+    """Response with the reason for a refusal, in one sentence."""
     return JSONResponse({"detail": sentence}, status, headers)
 
 
 def _opens_page(request: Request) -> bool:
-    """Whether somebody follows a link to one of the pages, which shows it to that person alone."""
+    """Whether a person follows a link to one of the pages, which no script can read."""
     headers = request.headers
     goes = headers.get("sec-fetch-mode") == "navigate" and headers.get("sec-fetch-dest") == "document"
     return goes and request.method == "GET" and request.scope["path"] in _PAGES and "origin" not in headers
 
 
 def _refused(request: Request, error: HTTPException) -> Response:
-    """A refusal; without the token the page comes with it, for it has the field to enter one."""
+    """A refusal; without the token it comes with the live page, which has a field for the token."""
     if error.status_code == 401 and request.method == "GET" and request.scope["path"] == "/":
         return Response(PAGE, 401, {**PAGE_HEADERS, **(error.headers or {})}, "text/html")
     return refusal(error.status_code, error.detail, error.headers)
 
 
 def _limited(request: Request) -> Receive:
-    """Receive a body at once: no longer than is allowed, in no more time, and in JSON."""
+    """Receive a body as a whole, with limits of size and time, and check that it is JSON."""
     is_read = False
 
     async def received() -> Message:
@@ -170,3 +339,60 @@ def _limited(request: Request) -> Receive:
         return {"type": "http.request", "body": body, "more_body": False}
 
     return received
+
+
+class Connection(H11Protocol):
+    """A connection with time limits; it is a stranger's until a request on it is admitted.
+
+    The application finds it in ``request.state.connection``.
+    """
+
+    def __init__(self, config: Any, server_state: Any, app_state: Any, _loop: Any = None) -> None:
+        super().__init__(config, server_state, {**app_state, "connection": self}, _loop)
+        self._is_stranger = True
+        self._serves = False
+        self._late: asyncio.TimerHandle | None = None
+
+    def admit(self) -> None:
+        """End the time limit of the head: the request is admitted."""
+        self._is_stranger, self._serves = False, True
+        self._stop_waiting()
+
+    def connection_made(self, transport: Any) -> None:
+        """Wait for a request; with too many strangers end the oldest of their connections."""
+        super().connection_made(transport)
+        self._peer = self.client[0] if self.client else ""
+        self._made_s = self.loop.time()
+        self._wait()
+        strangers = [each for each in self.connections if isinstance(each, Connection) and each._is_stranger]
+        of_peer = [each for each in strangers if each._peer == self._peer]
+        for connections, most in ((of_peer, OF_A_PEER), (strangers, IN_ALL)):
+            if len(connections) > most:
+                oldest = min(connections, key=lambda each: each._made_s)
+                self.connections.discard(oldest)
+                oldest.transport.abort()
+
+    def data_received(self, data: bytes) -> None:
+        """Start the time limit of the head with its first data."""
+        if not self._serves and self._late is None:
+            self._wait()
+        super().data_received(data)
+
+    def on_response_complete(self) -> None:
+        """Wait for the next request without a time limit."""
+        self._serves = False
+        self._stop_waiting()
+        super().on_response_complete()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Cancel the timer."""
+        self._stop_waiting()
+        super().connection_lost(exc)
+
+    def _wait(self) -> None:
+        self._late = self.loop.call_later(HEAD_S, self.transport.abort)
+
+    def _stop_waiting(self) -> None:
+        if self._late is not None:
+            self._late.cancel()
+            self._late = None

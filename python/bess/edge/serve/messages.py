@@ -1,4 +1,4 @@
-"""What comes in over HTTP: read with limits, checked, and refused in one sentence."""
+"""Messages from clients, validated, and refused in one sentence."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Message(BaseModel):
 
 
 class StringMessage(Message):
-    """What is measured of one string."""
+    """Measurements of one string."""
 
     soc: Annotated[float, Field(strict=True), within(0.0, 1.0)] | None = Field(
         None, description="State of charge, 0 to 1; may be left out of a string that is not available."
@@ -57,7 +57,7 @@ class StringMessage(Message):
 
 
 class SplitMessage(Message):
-    """A demand on the plant and what is measured of its strings."""
+    """A demand on the plant and measurements of its strings."""
 
     demand_kw: Demand = Field(description=_DEMAND)
     plant_kw: Power | None = Field(
@@ -77,7 +77,7 @@ class SplitMessage(Message):
 
 
 class DemandMessage(Message):
-    """What a plant that is driven shall give."""
+    """A demand on a plant that the service controls."""
 
     demand_kw: Demand = Field(description=_DEMAND)
     valid_for_s: Annotated[float, Field(strict=True), within(1.0, 86_400.0, "s")] = Field(
@@ -95,12 +95,12 @@ class CalibrationMessage(Message):
 
 
 def read_json(body: bytes) -> Any:
-    """Return what a body says.
+    """Return the content of a body.
 
     Raises
     ------
     InputError
-        If it is no JSON, or too deep to be read.
+        The body is not valid JSON.
     """
     try:
         return json.loads(body, parse_constant=_refuse_constant)
@@ -118,10 +118,7 @@ _EXAMPLES: Final = {
 
 
 def sentence(problems: Sequence[Any], path: str) -> str:
-    """What is wrong with the body of a request: what, its value, what is allowed.
-
-    Only the first problem is named; a union names each of its members, one of which is enough.
-    """
+    """The first problem of a body in one sentence: key, value, and allowed range."""
     inside = [{**problem, "loc": problem["loc"][1:]} for problem in problems]  # the first part is "body"
     if not inside[0]["loc"]:
         return "the body must be a JSON object, such as {" + _EXAMPLES[path] + "}"
@@ -129,12 +126,12 @@ def sentence(problems: Sequence[Any], path: str) -> str:
 
 
 def measurements_of(message: SplitMessage, system: System) -> Measurements:
-    """What a request says of the strings.
+    """Return the measurements of a request.
 
     Raises
     ------
     InputError
-        If it is not of this system's strings.
+        The measurements do not fit the strings of the system.
     """
     strings = message.strings
     if len(strings) != system.n_strings:

@@ -1,4 +1,4 @@
-"""The two pages: strings live, and the reference of the routes. Nothing in them comes from elsewhere."""
+"""The live page with its document, and the reference page of the routes, without external resources."""
 
 from __future__ import annotations
 
@@ -10,13 +10,18 @@ import re
 from importlib import resources
 from typing import Any, Final
 
+import numpy as np
+
+from bess.edge.serve.answer import grouped
+from bess.edge.serve.service import Service
+
 
 def _hash(text: str) -> str:
     return "'sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() + "'"
 
 
 def _headers(page: str) -> dict[str, str]:
-    """Only what stands in the page itself may run, by its hash; data come from this service alone."""
+    """Content security policy: only scripts of the page run (by hash), with data from this service only."""
     parts = {
         kind: " ".join(_hash(text) for text in re.findall(rf"<{kind}>(.*?)</{kind}>", page, re.DOTALL))
         for kind in ("script", "style")
@@ -51,7 +56,7 @@ with status 422 and one sentence in <code>detail</code>. The same for machines:
 
 
 def reference_page(schema: dict[str, Any]) -> tuple[str, dict[str, str]]:
-    """Return the page on the routes of an OpenAPI document, and its headers."""
+    """Return the reference page of an OpenAPI document, and its headers."""
     blocks = []
     for path, operations in schema["paths"].items():
         for method, operation in operations.items():
@@ -64,3 +69,67 @@ def reference_page(schema: dict[str, Any]) -> tuple[str, dict[str, str]]:
                 blocks.append(f"<pre>{html.escape(text)}</pre>")
     page = _REFERENCE.format(routes="\n".join(blocks))
     return page, _headers(page)
+
+
+def live(service: Service, span: str) -> dict[str, Any]:
+    """Plant, demand and strings of the last answer, and the history of one of :data:`.monitoring.SPANS`."""
+    controller, calibration = service.controller, service.controller.calibration
+    planned, due_s = calibration.planned, calibration.due_s()
+    names = ("string", "start_s", "cost_kwh")
+    return {
+        "study": service.name,
+        "time_s": service.clock(),
+        "n_strings": controller.n_strings,
+        "nominal_kw": controller.system.nominal_kw.tolist(),
+        "derating_c": min(string.derating.start_c for string in controller.system.strings),
+        "starts": controller.commitment.starts.tolist(),
+        "answers": controller.counters.answers,
+        "fallbacks": controller.counters.fallbacks,
+        "notes": [note for note in (*service.notes, service.memory.error) if note],
+        "calibration": {
+            "string": calibration.string,
+            "next": None if planned is None else dict(zip(names, planned, strict=True)),
+            "due_s": None if due_s is None or np.isnan(due_s).any() else due_s.tolist(),
+        },
+        "history": service.history.document(span),
+        "status": "no demand yet" if service.last is None else service.last[2].status,
+        "last": _last(service),
+    }
+
+
+def _last(service: Service) -> dict[str, Any] | None:
+    """The last answer, capability of the strings and demand ahead; None before the first one."""
+    controller, valid, plan = service.controller, service.controller.valid, service.controller.plan
+    if service.last is None or valid is None:
+        return None
+    at_s, demand_kw, answer = service.last
+    in_service, energy_kwh = (
+        answer.in_service,
+        controller.system.nominal_energy_kwh * valid.state.soh_capacity,
+    )
+
+    def left_kwh(discharge: bool) -> float:
+        room = controller.soc_limits.room(valid.worse(discharge).soc, discharge)
+        return float((room * energy_kwh)[in_service].sum())
+
+    said = answer.document()
+    return {
+        **{name: said[name] for name in ("request_kw", "unmet_kw", "status", "fallback", "flowing_kw")},
+        **{name: said[name] for name in ("running", "in_service", "reasons")},
+        "time_s": at_s,
+        "demand_kw": demand_kw,
+        "measured_kw": None if np.isnan(service.measured_kw) else service.measured_kw,
+        "because": grouped(answer.reasons, in_service),
+        "soc": valid.state.soc.tolist(),
+        "temperature_c": valid.state.temperature_c.tolist(),
+        "plant_soc": float(np.average(valid.state.soc, weights=energy_kwh)),
+        "discharge_kwh": left_kwh(True),
+        "charge_kwh": left_kwh(False),
+        "discharge_kw": float(controller.able.discharge_kw.sum()),
+        "charge_kw": float(controller.able.charge_kw.sum()),
+        "ahead_kw": controller.ahead_kw.tolist(),
+        "ahead_step_s": plan.step_s,
+        "ahead_start_s": plan.slot(at_s) * plan.step_s,
+        "ahead_told": service.told_ahead,
+        "gap": None if plan.current is None else plan.current.gap,
+    }

@@ -1,36 +1,39 @@
-"""State of a part of the controller that survives a restart, as a document of JSON."""
+"""State of the controller's parts that survives a restart, as a JSON document."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
+T = TypeVar("T")
+
 
 class Persistent:
-    """Base of objects whose attributes named in ``kept`` survive a restart, other such objects included."""
+    """Base of objects whose attributes in ``kept`` survive a restart, other such objects included."""
 
     kept: ClassVar[tuple[str, ...]] = ()
 
     def memory(self) -> dict[str, Any]:
-        """Kept attributes as values of JSON; nothing is shared with this object."""
+        """Kept attributes as JSON values, independent of this object."""
         return {name: to_json(getattr(self, name)) for name in self.kept}
 
     def recall(self, memory: Mapping[str, Any]) -> None:
-        """Continue with what :meth:`memory` returned.
+        """Restore the result of :meth:`memory`.
 
         Raises
         ------
         KeyError, TypeError, ValueError
-            If something is missing or has another shape, as of another number of strings.
+            A value is missing or has another shape, for example for another number of strings.
         """
         for name in self.kept:
             setattr(self, name, _restored(getattr(self, name), memory[name]))
 
 
 def to_json(value: Any) -> Any:
-    """Arrays as objects that name their type, NaN in them as null."""
+    """Value for JSON: arrays as objects with their type, NaN in them as null."""
     if isinstance(value, Persistent):
         return value.memory()
     if isinstance(value, np.ndarray):
@@ -58,8 +61,17 @@ def _restored(present: Any, value: Any) -> Any:
         present.recall(value)
         return present
     if isinstance(present, list) and present and isinstance(present[0], Persistent):
-        return [_restored(one, entry) for one, entry in zip(present, value, strict=True)]
+        return [_restored(each, entry) for each, entry in zip(present, value, strict=True)]
     new = from_json(value)
     if isinstance(present, np.ndarray) and np.shape(new) != present.shape:
         raise ValueError(f"has shape {np.shape(new)}, not {present.shape}")
     return new
+
+
+def in_pool(pool: ThreadPoolExecutor | None, call: Callable[..., T], *arguments: Any) -> Future[T]:
+    """Run a call in a pool, or at once without one."""
+    if pool is not None:
+        return pool.submit(call, *arguments)
+    future: Future[T] = Future()
+    future.set_result(call(*arguments))
+    return future

@@ -1,34 +1,44 @@
-"""``bess serve``: from the command line to a listening process."""
+"""``bess serve``: the process, its log and its socket."""
 
 from __future__ import annotations
 
 import errno
+import json
 import logging
 import os
 import socket
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from datetime import UTC, datetime
 from pathlib import Path
+from queue import Full, Queue
 from types import FrameType
 from typing import Final
+
+import uvicorn
 
 from bess.control.policies.reactive import refuse_reactive
 from bess.edge.plant_io import connect
 from bess.edge.plant_io.address import parse_address
 from bess.edge.plant_io.journal import Journal
-from bess.edge.serve.limits import Names, Rate, check_token, read_token
+from bess.edge.serve.app import build_app
+from bess.edge.serve.control_loop import STEP_S, ControlLoop, Demands
+from bess.edge.serve.gate import BACKLOG, KEEP_ALIVE_S, Connection, Names, Rate, check_token, read_token
+from bess.edge.serve.service import LOG, Service
 from bess.errors import BessError, InputError
-from bess.optional_dependencies import extra
 from bess.simulation.record.store import Lock
 from bess.study import Study
 
 ENDS_S: Final = 9.0
-"""The process ends so long after it was told to, whatever a plant, a disk or a name server does."""
+"""Maximum time from the signal to the end of the process, even if a plant or a disk does not respond."""
 _NO_FOLDER: Final = (errno.ENOTDIR, errno.EEXIST, errno.EACCES, errno.EPERM, errno.ENAMETOOLONG, errno.ELOOP)
-"""What a disk with room would say as well."""
-_NOTED_PER_S: Final = 5.0
-"""Lines in the log on requests that are refused; callers fill no disk, the metrics count all."""
+"""Errors that are not those of a full or a failed disk."""
+_REFUSALS_PER_S: Final = 5.0
+"""Maximum rate of log lines on refused requests, so that they cannot fill the disk; metrics count all."""
+_MAX_LINES: Final = 10_000
+"""Maximum number of queued log lines; further ones are lost."""
+_LAST_LINES_S: Final = 1.0
 
 
 def serve(
@@ -43,12 +53,12 @@ def serve(
     allowed_hosts: Sequence[str] = (),
     simulated: bool = False,
 ) -> None:
-    """Listen until the process is told to stop; a simulated plant may be driven without a token.
+    """Listen until a signal ends the process; a simulated plant needs no token.
 
     Raises
     ------
     InputError
-        From the study, the token, the address, or a library that is missing.
+        The study, the token or an address is invalid.
     """
     refuse_reactive("the service", "share it by another controller", asked=study.reactive is not None)
     token = None if token_file is None else read_token(token_file)
@@ -57,50 +67,30 @@ def serve(
     if shadow and plant is None:
         raise InputError("--shadow: watches a plant; name one with --plant openems=URL or sunspec=HOST")
     address = None if plant is None else parse_address(plant)
-    with extra("plant", "bess serve"):
-        import fastapi  # noqa: F401
-        import prometheus_client  # noqa: F401
-        import uvicorn
-
-    from bess.edge.serve.app import Driven, build_app
-    from bess.edge.serve.connections import BACKLOG, KEEP_ALIVE_S, Connection
-    from bess.edge.serve.control_loop import STEP_S, ControlLoop
-    from bess.edge.serve.demands import Demands
-    from bess.edge.serve.lines import Lines
-    from bess.edge.serve.service import Service
-
-    handler = Lines()
-    for name in ("bess.serve", "uvicorn.error"):
-        logger = logging.getLogger(name)
-        logger.handlers, logger.propagate = [handler], False
-        logger.setLevel(logging.INFO)
-    noted = Rate(_NOTED_PER_S)
-    for name in ("bess.serve.requests", "uvicorn.error"):
-        logging.getLogger(name).addFilter(lambda record: record.levelno > logging.WARNING or noted.take())
+    _log_to_standard_error()
     if plant is not None and study.service.control_step_s is None:
         study = study.with_values({"service.control_step_s": STEP_S})
     folder = state or Path("results") / f"{study.name}-service"
     with _held(folder), _listening(host, port) as listener:
         service = Service(study, folder)
-        log = logging.getLogger("bess.serve")
         for note in service.notes:
-            log.info(note)
-        driven, thread = None, None
+            LOG.info(note)
+        loop, thread = None, None
         if plant is not None and address is not None:
-            controller = service.controller
-            link = connect(plant, controller.n_strings)
-            demands = Demands(study, controller.plan.step_s)
-            journal = Journal(folder, controller.system, study.title or study.name, study.service.journal_mb)
-            cycle = ControlLoop(service, link, demands, journal, shadow=shadow)
-            driven = Driven(f"{address.kind} at {address.url}", demands, cycle)
-            thread = threading.Thread(target=cycle.run, name="cycle", daemon=True)
+            system = service.controller.system
+            link = connect(plant, system.n_strings)
+            demands = Demands(study, service.controller.plan.step_s)
+            journal = Journal(folder, system, study.title or study.name, study.service.journal_mb)
+            named = f"{address.kind} at {address.url}"
+            loop = ControlLoop(service, link, demands, journal, address=named, shadow=shadow)
+            thread = threading.Thread(target=loop.run, name="cycle", daemon=True)
         try:
-            # A signal that has been obeyed is raised again.
+            # uvicorn raises a handled signal again.
             with suppress(KeyboardInterrupt):
                 if thread is not None:
                     thread.start()
                 config = uvicorn.Config(
-                    build_app(service, token, driven, names),
+                    build_app(service, token, loop, names),
                     http=Connection,
                     ws="none",
                     log_config=None,
@@ -113,42 +103,40 @@ def serve(
                     limit_concurrency=1000,
                 )
                 server = uvicorn.Server(config)
-                obey = server.handle_exit
+                handle_exit = server.handle_exit
 
-                def told_to_end(number: int, frame: FrameType | None) -> None:
-                    if driven is not None:
-                        driven.cycle.stop()
-                    last = threading.Timer(ENDS_S, _end)
+                def end(number: int, frame: FrameType | None) -> None:
+                    if loop is not None:
+                        loop.stop()
+                    last = threading.Timer(ENDS_S, _end_process)
                     last.daemon = True
                     last.start()
-                    obey(number, frame)
+                    handle_exit(number, frame)
 
-                server.handle_exit = told_to_end  # type: ignore[method-assign, assignment]
+                server.handle_exit = end  # type: ignore[method-assign, assignment]
                 server.run(sockets=[listener])
         finally:
-            if driven is not None and thread is not None and thread.is_alive():
-                driven.cycle.stop()
+            if loop is not None and thread is not None and thread.is_alive():
+                loop.stop()
                 thread.join()
             service.close()
 
 
-def _end() -> None:
-    """End this process: what still runs waits for something outside."""
-    logging.getLogger("bess.serve").error(
-        f"not done {ENDS_S:g} s after the signal; what the plant was given lapses"
-    )
+def _end_process() -> None:
+    """End the process although a thread still waits for a plant, a disk or a name server."""
+    LOG.error(f"not done {ENDS_S:g} s after the signal; what the plant was given lapses")
     logging.shutdown()
     os._exit(1)
 
 
 @contextmanager
 def _held(folder: Path) -> Iterator[None]:
-    """Hold the folder of the state; a disk that takes nothing keeps no controller from starting.
+    """Lock the state folder; the service starts without the lock if the disk is full or does not respond.
 
     Raises
     ------
     InputError
-        If it can be no such folder, or another process holds it.
+        The path cannot be a folder, or another process holds the lock.
     """
     with ExitStack() as stack:
         try:
@@ -162,15 +150,13 @@ def _held(folder: Path) -> Iterator[None]:
                 raise InputError(
                     f"--state {folder}: is no folder that can be written to ({cause})"
                 ) from error
-            logging.getLogger("bess.serve").error(
-                f"{folder}: cannot be held ({cause.strerror}); goes on without"
-            )
+            LOG.error(f"{folder}: cannot be held ({cause.strerror}); goes on without")
         yield
 
 
 @contextmanager
 def _listening(host: str, port: int) -> Iterator[socket.socket]:
-    """A socket that listens: whether it can is known before anything else begins."""
+    """A listening socket, opened before anything else starts."""
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         listener = socket.socket(family, kind, protocol)
@@ -186,5 +172,57 @@ def _listening(host: str, port: int) -> Iterator[socket.socket]:
                 f"--host {host} --port {port}: cannot be listened on ({error.strerror}); use another --port"
             ) from error
         shown = f"[{host}]" if ":" in host else host
-        logging.getLogger("bess.serve").info(f"listens at http://{shown}:{port}")
+        LOG.info(f"listens at http://{shown}:{port}")
         yield listener
+
+
+def _log_to_standard_error() -> None:
+    handler = _StandardError()
+    for name in ("bess.serve", "uvicorn.error"):
+        logger = logging.getLogger(name)
+        logger.handlers, logger.propagate = [handler], False
+        logger.setLevel(logging.INFO)
+    rate = Rate(_REFUSALS_PER_S)
+    for name in ("bess.serve.requests", "uvicorn.error"):
+        logging.getLogger(name).addFilter(lambda record: record.levelno > logging.WARNING or rate.take())
+
+
+class _StandardError(logging.Handler):
+    """Writes one JSON object per line to standard error, from a separate thread."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._lines: Queue[str | None] = Queue(_MAX_LINES)
+        self._thread = threading.Thread(target=self._run, name="log", daemon=True)
+        self._thread.start()
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Time, level, message, and the fields of the record."""
+        time = datetime.fromtimestamp(record.created, tz=UTC).isoformat(timespec="milliseconds")
+        line = {
+            "time": time.replace("+00:00", "Z"),
+            "level": record.levelname.lower(),
+            "message": record.getMessage(),
+        }
+        line |= getattr(record, "fields", {})
+        if record.exc_info:
+            line["trace"] = logging.Formatter().formatException(record.exc_info)
+        return json.dumps(line)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Queue a line; a full queue loses it."""
+        with suppress(Full):
+            self._lines.put_nowait(self.format(record))
+
+    def close(self) -> None:
+        """Write the remaining lines if they are read."""
+        with suppress(Full):
+            self._lines.put_nowait(None)
+        self._thread.join(_LAST_LINES_S)
+        super().close()
+
+    def _run(self) -> None:
+        while (line := self._lines.get()) is not None:
+            with suppress(OSError):
+                # Not sys.stderr: its lock, held by a thread that cannot write, would abort the exit.
+                os.write(2, f"{line}\n".encode())

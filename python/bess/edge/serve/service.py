@@ -1,4 +1,4 @@
-"""One controller and all that belongs to it: memory, history, metrics, and the queue in front of it."""
+"""The service: a controller with its queue, its state on disk, its history and its metrics."""
 
 from __future__ import annotations
 
@@ -15,31 +15,28 @@ import numpy as np
 from bess.control.policies import build_policy
 from bess.edge.plant_io import Measurements
 from bess.edge.serve.answer import Answer
-from bess.edge.serve.clock import Clock
 from bess.edge.serve.controller import Controller
-from bess.edge.serve.history import History
-from bess.edge.serve.metrics import Metrics
+from bess.edge.serve.monitoring import History, Metrics
 from bess.edge.serve.state_store import StateStore
 from bess.study import Study
-from bess.study.plant_choice import build_system
-from bess.study.policy_settings import policy_settings
+from bess.study.plant_choice import build_system, policy_settings
 
 LOG: Final = logging.getLogger("bess.serve")
 PLAN_SHARE: Final = 0.5
-"""Part of the time in which an answer is due that it may wait for a plan."""
+"""Share of the permitted answer time for which an answer may wait for a plan."""
 FORESEEN_S: Final = 3600.0
-"""How long before a demand came the page shows it as it was foreseen."""
+"""Lead time of the forecast that the live page compares with the demand."""
 _UNMET_KW: Final = 1e-3
 """Demands below one watt count as zero."""
 
 
 def build_controller(study: Study, *, background: bool = True) -> tuple[Controller, list[str]]:
-    """Return the controller that a study describes, and what was done otherwise than it says.
+    """Return the controller of a study, and notes on deviations from the study.
 
     Raises
     ------
     InputError
-        From the study, its system, or a policy that does not fit.
+        The study or its system is invalid, or the policy does not fit.
     """
     notes = []
     if study.policy.objectives.kind == "money":
@@ -49,31 +46,34 @@ def build_controller(study: Study, *, background: bool = True) -> tuple[Controll
     system = build_system(study.system, study.run, study.wear)
     settings = policy_settings(study, system)
     policy = build_policy(study.policy.name, system, settings)
-    steps = settings.horizon_steps
-    return Controller(system, policy, study.service, steps, background=background), notes
+    return Controller(system, policy, study.service, settings.horizon_steps, background=background), notes
+
+
+class Clock:
+    """Seconds since 1970, taken from the system clock once and then counted by the monotonic clock."""
+
+    def __init__(self) -> None:
+        self._offset_s = time.time() - time.monotonic()
+
+    def __call__(self) -> float:
+        """Time now [s]."""
+        return time.monotonic() + self._offset_s
 
 
 @dataclass(frozen=True)
 class ControlRequest:
-    """What the controller is asked, and when [s of the monotonic clock]."""
+    """Input of one control step, and when it was received [s of the monotonic clock]."""
 
     measured: Measurements
     demand_kw: float
     forecast_kw: list[float] | None
-    asked_s: float = field(default_factory=time.monotonic)
+    received_s: float = field(default_factory=time.monotonic)
 
 
 class Service:
-    """What stands behind the HTTP routes and the cycle of a driven plant.
+    """The controller behind the HTTP routes and the control loop; one thread does all work on it.
 
-    All work on the controller is done in one thread, one call after the other.
-
-    Parameters
-    ----------
-    study
-        Which plant, policy and settings.
-    folder
-        For the state.
+    ``folder`` holds the state.
     """
 
     def __init__(self, study: Study, folder: Path) -> None:
@@ -92,32 +92,32 @@ class Service:
     async def split(
         self, measured: Measurements, demand_kw: float, forecast_kw: list[float] | None = None
     ) -> Answer:
-        """Return an answer in the time that is allowed: the controller's, or the shares by energy."""
-        question = ControlRequest(measured, demand_kw, forecast_kw)
-        work = self._worker.submit(self._decide, question)
+        """Return an answer within the permitted time: the controller's, or the fallback."""
+        request = ControlRequest(measured, demand_kw, forecast_kw)
+        work = self._worker.submit(self._decide, request)
         await asyncio.wait([asyncio.wrap_future(work)], timeout=self.controller.service.answer_within_s)
-        return self._outcome(question, work)
+        return self._outcome(request, work)
 
     def answer(
         self, measured: Measurements, demand_kw: float, forecast_kw: list[float] | None = None
     ) -> Answer:
         """As :meth:`split`, for a thread that may wait."""
-        question = ControlRequest(measured, demand_kw, forecast_kw)
-        work = self._worker.submit(self._decide, question)
+        request = ControlRequest(measured, demand_kw, forecast_kw)
+        work = self._worker.submit(self._decide, request)
         wait([work], timeout=self.controller.service.answer_within_s)
-        return self._outcome(question, work)
+        return self._outcome(request, work)
 
     async def call(self, function: Any, *arguments: Any) -> Any:
-        """Run something in the thread of the controller."""
+        """Run a function in the thread of the controller."""
         return await asyncio.wrap_future(self._worker.submit(function, *arguments))
 
     def calibrate(self, string: int, target_soc: float) -> None:
         """Begin a calibration."""
-        self.controller.calibrate(string, target_soc)
+        self.controller.calibration.begin(string, target_soc)
         self.memory.save(self.controller)
 
     def end_calibration(self) -> None:
-        """End one before it is done."""
+        """End the present calibration."""
         self.controller.calibration.string = None
         self.memory.save(self.controller)
 
@@ -127,15 +127,15 @@ class Service:
         return self.metrics.text(demand_kw, answer, self.controller, self.controller.plan.slot(at_s))
 
     def health(self) -> dict[str, Any]:
-        """Whether all is well, in a few words that are no secret."""
+        """Public document of ``/v1/health``."""
         unmet_kw, flowing_kw, out_of_service = 0.0, 0.0, []
         if self.last is not None:
             answer = self.last[2]
             unmet_kw, flowing_kw = answer.unmet_kw, float(answer.flowing_kw.sum())
             out_of_service = np.flatnonzero(~answer.in_service).tolist()
-        lacks = unmet_kw > _UNMET_KW or bool(out_of_service)
+        degraded = unmet_kw > _UNMET_KW or bool(out_of_service)
         return {
-            "status": "impaired" if self.memory.error else "degraded" if lacks else "ok",
+            "status": "impaired" if self.memory.error else "degraded" if degraded else "ok",
             "study": self.name,
             "n_strings": self.controller.n_strings,
             "answers": self.controller.counters.answers,
@@ -147,62 +147,60 @@ class Service:
         }
 
     def close(self) -> None:
-        """End the threads; the state is on the disk already."""
+        """End the threads; the state is already on disk."""
         self._worker.shutdown(wait=True)
         self.controller.close()
         self.memory.close()
 
-    def _decide(self, question: ControlRequest) -> Answer | str:
-        """Decide, and see to it that it is not forgotten; or say why there is no answer."""
+    def _decide(self, request: ControlRequest) -> Answer | str:
+        """Return the controller's answer, recorded; or the reason why there is none."""
         now_s = self.clock()
         try:
             answer = self.controller.step(
-                question.measured,
-                question.demand_kw,
+                request.measured,
+                request.demand_kw,
                 now_s,
-                forecast_kw=question.forecast_kw,
+                forecast_kw=request.forecast_kw,
                 wait_s=PLAN_SHARE * self.controller.service.answer_within_s,
             )
-            self._take(now_s, question, answer)
+            self._record(now_s, request, answer)
         except Exception as error:
             LOG.exception("the controller failed")
             return f"The controller failed ({type(error).__name__}: {error})"
         return answer
 
-    def _outcome(self, question: ControlRequest, work: Future[Answer | str]) -> Answer:
-        """What the controller has answered by now, else the fallback."""
+    def _outcome(self, request: ControlRequest, work: Future[Answer | str]) -> Answer:
+        """The controller's answer if it is ready, else the fallback."""
         if work.done():
             outcome = work.result()
         else:
             work.cancel()
             outcome = f"The controller had no answer within {self.controller.service.answer_within_s:g} s"
         if isinstance(outcome, str):
-            outcome = self._fallback(question, f"{outcome}; shared by the energy left.")
-        self.metrics.answer_time.observe(time.monotonic() - question.asked_s)
+            status = f"{outcome}; shared by the energy left."
+            n_steps = len(request.forecast_kw or [0.0])
+            outcome = self.controller.fallback(request.measured, request.demand_kw, status, n_steps)
+            self.metrics.fallbacks.inc()
+            LOG.warning(status)
+            self._worker.submit(self._applied, outcome, request)
+        self.metrics.answer_time.observe(time.monotonic() - request.received_s)
         return outcome
 
-    def _fallback(self, question: ControlRequest, status: str) -> Answer:
-        n_steps = len(question.forecast_kw or [0.0])
-        answer = self.controller.fallback(question.measured, question.demand_kw, status, n_steps)
-        self.metrics.fallbacks.inc()
-        LOG.warning(status)
-        self._worker.submit(self._applied, answer, question)
-        return answer
+    def _applied(self, fallback: Answer, request: ControlRequest) -> None:
+        self.controller.applied(fallback)
+        self._record(self.clock(), request, fallback)
 
-    def _applied(self, answer: Answer, question: ControlRequest) -> None:
-        self.controller.applied(answer)
-        self._take(self.clock(), question, answer)
-
-    def _take(self, now_s: float, question: ControlRequest, answer: Answer) -> None:
+    def _record(self, now_s: float, request: ControlRequest, answer: Answer) -> None:
+        """Save the state; record the answer in history, metrics and log."""
         controller = self.controller
         self.memory.save(controller)
         self.metrics.state_errors.set(bool(self.memory.error))
-        self.measured_kw = float(question.measured.power_kw.sum())
-        if controller.trusted is not None:
-            state = controller.trusted.state
+        self.measured_kw = float(request.measured.power_kw.sum())
+        if controller.valid is not None:
+            state = controller.valid.state
             plant = {
                 "time_s": now_s,
-                "demand_kw": question.demand_kw,
+                "demand_kw": request.demand_kw,
                 "request_kw": float(answer.request_kw.sum()),
                 "measured_kw": self.measured_kw,
                 "foreseen_kw": self._foreseen(now_s),
@@ -210,24 +208,20 @@ class Service:
                 "hottest_c": float(state.temperature_c.max()),
             }
             self.history.add(plant, state.soc, answer.request_kw)
-        self.told_ahead = question.forecast_kw is not None
-        self.last = (now_s, question.demand_kw, answer)
+        self.told_ahead = request.forecast_kw is not None
+        self.last = (now_s, request.demand_kw, answer)
         if LOG.isEnabledFor(logging.INFO):
-            LOG.info(
-                "answer",
-                extra={
-                    "fields": {
-                        "demand_kw": question.demand_kw,
-                        "request_kw": answer.request_kw.tolist(),
-                        "unmet_kw": answer.unmet_kw,
-                        "fallback": answer.fallback,
-                        "solve_time_s": round(answer.solve_time_s, 6),
-                    }
-                },
-            )
+            fields = {
+                "demand_kw": request.demand_kw,
+                "request_kw": answer.request_kw.tolist(),
+                "unmet_kw": answer.unmet_kw,
+                "fallback": answer.fallback,
+                "solve_time_s": round(answer.solve_time_s, 6),
+            }
+            LOG.info("answer", extra={"fields": fields})
 
     def _foreseen(self, now_s: float) -> float:
-        """Demand of this step of the plan as it was foreseen an hour ago; NaN where nobody asked then."""
+        """Forecast of an hour ago for this step of the plan [kW]; NaN without one."""
         plan, ahead_kw = self.controller.plan, self.controller.ahead_kw
         slot, hour = plan.slot(now_s), round(FORESEEN_S / plan.step_s)
         if hour < ahead_kw.size:

@@ -1,9 +1,9 @@
-"""What survives a kill: the controller's memory and its plan, in two files of one folder.
+"""State on disk that survives a kill: the controller's memory and its plan.
 
-The memory is small and written with every answer, in turn into one of two files, so that a killed process
-leaves one of them whole (a rename would be as safe, but makes the disk wait). It is flushed to the disk about
-once a second, which is what a loss of power can cost. The plan is written by a rename whenever there is a new
-one. The first line of a file is a checksum of the rest.
+The memory is small and written with every answer, alternately to two files, so that a killed process leaves
+one of them intact (a rename would be as safe, but makes the disk wait). It is flushed about once a second,
+which is the loss with a power failure. A new plan is written by a rename. The first line of a file is a
+checksum of the rest.
 """
 
 from __future__ import annotations
@@ -20,20 +20,18 @@ from typing import Any, Final
 
 from bess.edge.serve.controller import Controller
 from bess.errors import BessError
-from bess.simulation.record.aside import Aside
-from bess.simulation.record.atomic import put_bytes
-from bess.simulation.record.checksums import sealed, sha256_of, unsealed
+from bess.simulation.record.files import Aside, put_bytes, sealed, sha256_of, unsealed
 from bess.system import System
 
 MEMORY: Final = ("memory-0.json", "memory-1.json")
 PLAN: Final = "plan.json"
 TRIAL: Final = "trial.json"
-"""Written and removed at the start, to know at once whether the disk takes anything."""
+"""Written and removed at the start, to test the disk."""
 VERSION: Final = 2
 PATIENCE_S: Final = 1.0
-"""Time that one writing may hold an answer up."""
+"""Time for which a write may delay an answer."""
 HANGS_S: Final = 5.0
-"""Time after which a disk that does not answer is an error."""
+"""Time after which a disk without response is an error."""
 _FLUSH_S: Final = 1.0
 
 
@@ -42,19 +40,9 @@ def _made_if_missing(path: str, flags: int) -> int:
 
 
 class StateStore:
-    """A folder in which a controller keeps what it must not forget.
+    """State of a controller in a folder, valid for one system.
 
-    Parameters
-    ----------
-    folder
-        Made if need be.
-    system
-        Another system's memory is not taken over.
-
-    Attributes
-    ----------
-    error : str
-        Why the state cannot be kept now, in a sentence; empty if it can. The controller goes on without.
+    ``error`` is the present failure of the disk, in a sentence; the controller continues without the disk.
     """
 
     def __init__(self, folder: Path, system: System) -> None:
@@ -68,10 +56,10 @@ class StateStore:
         self._saved_plan: object = None
 
     def load(self, controller: Controller, now_s: float) -> str:
-        """Continue where the last process ended; return a sentence on what was found.
+        """Restore the state of the last process; return a sentence on the result.
 
-        ``now_s`` is the time of the controller's clock. What is damaged, or of another system, is set aside
-        under another name, and the controller begins anew.
+        ``now_s`` is the time of the controller's clock. A damaged state, or that of another system, is
+        renamed, and the controller begins with a new one.
         """
         fresh = (controller.memory(), controller.plan.memory())
         self._do(lambda: self._try(self._sealed(fresh[0])))
@@ -94,7 +82,7 @@ class StateStore:
         return f"continues with the state in {self.folder}, {age_s:.0f} s old"
 
     def save(self, controller: Controller) -> None:
-        """Write what has changed; a full disk or one that hangs is told by :attr:`error`, not raised."""
+        """Write the state; a failure of the disk is reported by :attr:`error`, not raised."""
         plan = controller.plan.current
         new_plan = None
         if plan is not self._saved_plan:
@@ -118,7 +106,7 @@ class StateStore:
         self._aside.close()
 
     def _do(self, call: Callable[[], None]) -> None:
-        """Let the disk do something, and take down what comes of it."""
+        """Run an operation on the disk and record its failure."""
         try:
             self._aside(call, PATIENCE_S)
             self.error = ""
@@ -143,9 +131,7 @@ class StateStore:
         self._files = {}
 
     def _sealed(self, document: Mapping[str, Any]) -> bytes:
-        """A document as the content of a file."""
-        body = json.dumps({"version": VERSION, "system": self._identity, **document}).encode()
-        return sealed(body)
+        return sealed(json.dumps({"version": VERSION, "system": self._identity, **document}).encode())
 
     def _write(self, name: str, content: bytes) -> None:
         if name not in self._files:
@@ -160,13 +146,7 @@ class StateStore:
             self._flushed_s = time.monotonic()
 
     def _newest(self) -> dict[str, Any] | None:
-        """The newer of the two files that is whole; None if there are none.
-
-        Raises
-        ------
-        ValueError
-            If there are files and none of them can be used.
-        """
+        """The newer intact file of both; None without files, ValueError if none is intact."""
         found, problem = [], None
         for name in MEMORY:
             try:

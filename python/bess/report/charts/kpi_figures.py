@@ -1,17 +1,22 @@
-"""KPIs as bars, and as a radar that compares scenarios."""
+"""KPIs of runs: bars, radar, loss breakdown, Pareto front, and curves over a parameter."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Final
+from collections.abc import Iterable, Sequence
+from typing import Final, Literal
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from bess.errors import InputError
-from bess.report.drawing.style import DOUBLE_COLUMN_IN, INK, SINGLE_COLUMN_IN, colours, new_figure, styled
-from bess.simulation.analysis.catalogue import CATALOGUE, KpisByRun
+from bess.report.data import Result, dataset_of
+from bess.report.drawing import style
+from bess.report.drawing.chart import Chart, Panel, Series, Values
+from bess.report.drawing.style import colours, new_figure, styled
+from bess.simulation.analysis import energy_flow as analysis
+from bess.simulation.analysis.catalogue import CATALOGUE, KpisByRun, better, kpi
+from bess.simulation.analysis.pareto import knee_point, non_dominated
 
 EFFICIENCIES: Final = (
     "availability_pct",
@@ -20,7 +25,7 @@ EFFICIENCIES: Final = (
     "battery_efficiency_pct",
     "system_efficiency_pct",
 )
-"""Those of the paper, in its order."""
+"""Efficiencies of the paper, in its order."""
 RADAR_KPIS: Final = (*EFFICIENCIES, "peak_mean_temperature_c")
 
 _INNERMOST = 0.25
@@ -29,7 +34,7 @@ _MOST_LABELLED_BARS = 15
 
 @styled
 def kpi_bars(kpis: KpisByRun) -> Figure:
-    """Efficiencies as bars, the value on each; the axis starts where differences can be seen, and says so.
+    """Efficiencies as bars with their values; the axis is truncated to show differences, with a note.
 
     Parameters
     ----------
@@ -39,7 +44,7 @@ def kpi_bars(kpis: KpisByRun) -> Figure:
     check_drawable(kpis, EFFICIENCIES)
     values = np.array([[entry[key] for key in EFFICIENCIES] for entry in kpis.values()])
     count = len(kpis)
-    figure = new_figure(SINGLE_COLUMN_IN if count == 1 else DOUBLE_COLUMN_IN, 2.7)
+    figure = new_figure(style.SINGLE_COLUMN_IN if count == 1 else style.DOUBLE_COLUMN_IN, 2.7)
     axes = figure.subplots()
     width = 0.62 if count == 1 else 0.82 / count
     lowest = float(np.nanmin(values))
@@ -65,9 +70,8 @@ def kpi_bars(kpis: KpisByRun) -> Figure:
 def kpi_radar(kpis: KpisByRun) -> Figure:
     """Radar of KPIs, one polygon for each scenario, better outwards.
 
-    Every axis runs from the worst to the best value met, which are written at its ends: differences of a
-    tenth of a point stay visible, and nobody has to guess their size. An axis on which all are equal is
-    drawn full.
+    Every axis runs from the worst to the best value, which are written at its ends, so that small differences
+    are visible and their size is known. If all values of an axis are equal, they are at its outer end.
 
     Raises
     ------
@@ -110,8 +114,8 @@ def kpi_radar(kpis: KpisByRun) -> Figure:
         text = f"{kpi.label}\nbest {ends[0]}\nworst {ends[1]}"
         axes.annotate(
             text, (angle, 1.05), xytext=(7 * side, 7 * above), textcoords="offset points", ha=where,
-            va="bottom" if above > 0.9 else ("top" if above < -0.9 else "center"), fontsize=7, color=INK,
-            annotation_clip=False,
+            va="bottom" if above > 0.9 else ("top" if above < -0.9 else "center"),
+            fontsize=7, color=style.INK, annotation_clip=False,
         )  # fmt: skip
     figure.legend(loc="outside upper center", ncols=min(len(kpis), 6))
     return figure
@@ -126,3 +130,207 @@ def check_drawable(kpis: KpisByRun, needed: Iterable[str]) -> None:
             if not np.isfinite(entry.get(key, np.nan)):
                 which = f"scenario {name!r}" if name else "the run"
                 raise InputError(f"{which}: KPI {key} is {entry.get(key, 'missing')}; it cannot be drawn")
+
+
+_UNDELIVERED = {
+    "unmet_kwh": style.BACKGROUND,
+    "derating_loss_kwh": style.DERATING,
+    "availability_loss_kwh": style.AVAILABILITY,
+}
+_CONVERSION = {"inverter_loss_kwh": style.INVERTER, "battery_loss_kwh": style.BATTERY}
+_BESIDE = {"hysteresis_loss_kwh": style.HYSTERESIS, "auxiliary_kwh": style.AUXILIARY}
+"""Further losses, not part of ``lost_kwh``; not in every run."""
+_NOTHING_KWH = 0.05
+_FLOW_IN, _FLOW_ROW_IN = 4.6, 0.19
+_WIDTH_IN = 5.6
+_ROW_IN = 0.29
+
+
+@styled
+def energy_flow(result: Result) -> Figure:
+    """Energy flow from grid to storage and back, with undelivered energy and losses of each direction.
+
+    One bar for each step, on an axis from zero; zero values have no bar.
+
+    Parameters
+    ----------
+    result
+        Result of :func:`bess.run`, or its dataset.
+    """
+    rows = _flow_rows(analysis.energy_flow(dataset_of(result)))
+    figure = new_figure(_FLOW_IN, 0.55 + _FLOW_ROW_IN * len(rows))
+    axes = figure.subplots()
+    for place, (_, low, high, colour) in enumerate(rows):
+        total = colour in (style.CHARGE, style.DISCHARGE, style.INK)
+        axes.barh(place, high - low, 0.86 if total else 0.6, left=low, color=colour)
+        axes.annotate(
+            f"{'' if total else '− '}{kpi('lost_kwh').number(high - low)}", (high, place), xytext=(3, 0),
+            textcoords="offset points", va="center", fontsize=7, fontweight="bold" if total else "normal",
+        )  # fmt: skip
+    axes.set_yticks(range(len(rows)), [row[0] for row in rows])
+    axes.tick_params(axis="y", length=0)
+    axes.invert_yaxis()
+    axes.set_xlim(0.0, 1.16 * max(row[2] for row in rows) or 1.0)
+    axes.set_xlabel("Energy (kWh)")
+    axes.grid(visible=False, axis="y")
+    return figure
+
+
+def _flow_rows(flow: analysis.EnergyFlow) -> list[tuple[str, float, float, str]]:
+    """Label, both ends and colour of each bar from the top: charging demand, storage, grid export."""
+    charge, discharge = flow.charge, flow.discharge
+
+    def missing(of: analysis.Direction, string: str) -> list[tuple[str, float, str]]:
+        return [
+            ("Unmet demand", of.unmet_kwh, style.BACKGROUND),
+            ("Derating loss", of.derating_kwh, style.DERATING),
+            (f"Availability loss ({string})", of.availability_kwh, style.AVAILABILITY),
+        ]
+
+    def losses(of: analysis.Direction) -> list[tuple[str, float, str]]:
+        return [
+            ("Inverters", of.inverter_kwh, style.INVERTER),
+            ("Batteries", of.battery_kwh, style.BATTERY),
+            ("Hysteresis", of.hysteresis_kwh, style.HYSTERESIS),
+        ]
+
+    beside = [
+        ("Standby", flow.standby_kwh, style.BACKGROUND),
+        ("Cooling", flow.auxiliary_kwh, style.AUXILIARY),
+    ]
+    blocks = [
+        ("Charging demand", charge.asked_kwh, style.INK, missing(charge, "full")),
+        ("Grid import", flow.taken_kwh, style.CHARGE, [*beside, *losses(charge)]),
+        ("Stored", charge.store_kwh, style.CHARGE, []),
+        ("From storage", discharge.store_kwh, style.DISCHARGE, losses(discharge)),
+        ("Grid export", discharge.grid_kwh, style.DISCHARGE, []),
+        ("Discharging demand", discharge.asked_kwh, style.INK, missing(discharge, "empty")),
+    ]
+    rows = []
+    for label, total, colour, parts in blocks:
+        rows.append((label, 0.0, total, colour))
+        left = total
+        for name, size, shade in parts:
+            if size > _NOTHING_KWH:
+                rows.append((name, left - size, left, shade))
+            left -= size
+    return rows
+
+
+@styled
+def losses_compared(kpis: KpisByRun) -> Figure:
+    """Undelivered energy and losses of each run, stacked; their sum at the end of the bar.
+
+    Parameters
+    ----------
+    kpis
+        KPIs of each run, by name.
+    """
+    check_drawable(kpis, (*_UNDELIVERED, *_CONVERSION))
+    parts = {
+        part: colour
+        for part, colour in (_UNDELIVERED | _CONVERSION | _BESIDE).items()
+        if any(entry.get(part, 0.0) > _NOTHING_KWH for entry in kpis.values())
+    }
+    figure = new_figure(_WIDTH_IN, 1.0 + _ROW_IN * len(kpis))
+    axes = figure.subplots()
+    places = np.arange(len(kpis))
+    ends = np.zeros(len(kpis))
+    for part, colour in parts.items():
+        values = np.array([entry.get(part, 0.0) for entry in kpis.values()])
+        axes.barh(places, values, 0.7, left=ends, color=colour)
+        ends += values
+    for place, end in zip(places, ends, strict=True):
+        axes.annotate(
+            kpi("lost_kwh").number(end), (end, place), xytext=(3, 0), textcoords="offset points",
+            va="center", fontsize=7.5,
+        )  # fmt: skip
+    axes.set_yticks(places, list(kpis))
+    axes.invert_yaxis()
+    axes.set_xlim(0.0, 1.13 * max(float(ends.max()), _NOTHING_KWH))
+    axes.set_xlabel("Undelivered energy and losses (kWh)")
+    axes.grid(visible=False, axis="y")
+    handles = [Patch(color=colour, label=kpi(part).label) for part, colour in parts.items()]
+    figure.legend(handles=handles, loc="outside upper center", ncols=2)
+    return figure
+
+
+def pareto_front(
+    kpis: KpisByRun,
+    *,
+    x: str = "battery_efficiency_pct",
+    y: str = "inverter_efficiency_pct",
+) -> Chart:
+    """Scenarios in the plane of two KPIs: the front as a line, its knee, and the dominated scenarios.
+
+    Parameters
+    ----------
+    kpis
+        KPIs of each scenario, by name.
+    x, y
+        KPIs of the axes; whether larger is better is taken from
+        :data:`bess.simulation.analysis.catalogue.CATALOGUE`.
+    """
+    names = list(kpis)
+    points = np.array([[kpis[name][x], kpis[name][y]] for name in names], dtype=float)
+    directions = [better(x), better(y)]
+    on_front = non_dominated(points, directions)
+    order = np.flatnonzero(on_front)[np.argsort(points[on_front][:, 0])]
+    knee = knee_point(points, directions)
+
+    def dots(rows: Sequence[int] | Values, colour: str, label: str, kind: Literal["dots", "star"]) -> Series:
+        x, y = points[list(rows)].T
+        return Series(x, y, colour, label, kind, names=tuple(names[row] for row in rows))
+
+    series = [
+        Series(points[order, 0], points[order, 1], style.DISCHARGE, "front"),
+        dots(order, style.DISCHARGE, "", "dots"),
+        dots([knee], style.AVAILABILITY, f"knee: {names[knee]}", "star"),
+    ]
+    if not on_front.all():
+        series.insert(0, dots(np.flatnonzero(~on_front), style.BACKGROUND, "dominated", "dots"))
+    ends = {names[order[0]], names[order[-1]]} - {names[knee]}
+    notes = tuple((kpis[name][x], kpis[name][y], name) for name in sorted(ends))
+    return Chart(
+        kpi(x).heading,
+        (Panel(kpi(y).heading, tuple(series), annotations=notes),),
+        panel_height_in=3.0,
+        width_in=4.6,
+    )
+
+
+def changing_kpis(kpis: KpisByRun) -> list[str]:
+    """KPIs of the radar that differ between runs at the digits shown."""
+    return [key for key in RADAR_KPIS if len({kpi(key).number(entry[key]) for entry in kpis.values()}) > 1]
+
+
+def kpi_lines(kpis: KpisByRun, values: Sequence[float], label: str, keys: Sequence[str] = ()) -> Chart:
+    """KPIs over the values of one parameter, for sweeps with too many scenarios for bars or a radar.
+
+    Parameters
+    ----------
+    kpis
+        KPIs of each scenario, by name.
+    values
+        Value of the parameter in each scenario.
+    label
+        Name of the parameter, for the axis.
+    keys
+        The KPIs; by default those of the radar that change.
+
+    Raises
+    ------
+    InputError
+        No KPI changes with the parameter.
+    """
+    order = np.argsort(values)
+    x = np.asarray(values, dtype=float)[order]
+    panels = []
+    changing = list(keys) or changing_kpis(kpis)
+    if not changing:
+        raise InputError(f"kpi_lines: no key figure changes with {label}")
+    for key, colour in zip(changing, colours(len(changing)), strict=True):
+        y = np.array([entry[key] for entry in kpis.values()], dtype=float)[order]
+        line = (Series(x, y, colour), Series(x, y, colour, kind="dots"))
+        panels.append(Panel(kpi(key).unit, line, title=kpi(key).label))
+    return Chart(label, tuple(panels), columns=2, panel_height_in=1.3)

@@ -1,14 +1,23 @@
-"""A chart as data: panels of series over one shared axis, drawn as a figure or for the page.
+"""Charts as data: panels of series over one shared axis; and their drawing as matplotlib figures.
 
-Long series are reduced before they get here, once for both, so that a year stays light (``long_runs``).
-"""
+Long series are already reduced, once for print and page (``bess.report.data``)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any, Literal
 
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
+
+from bess.report.drawing.style import BACKGROUND, INK, new_figure, styled
 
 Values = NDArray[Any]
 
@@ -28,11 +37,11 @@ class Series:
     label : str
         In the legend; series of one chart with equal labels share one entry. Empty: no entry.
     kind : str
-        How it is drawn.
+        Type of drawing.
     dashed : bool
         Whether a line is broken.
     names : tuple of str
-        Names of the points, shown where one points at them.
+        Names of the points, shown as tooltips.
     """
 
     x: Values
@@ -81,5 +90,135 @@ class Chart:
 
 
 def spans_label(chart: Chart) -> str:
-    """What the marked stretches are, in one line."""
+    """Labels of the marked stretches, in one line."""
     return "event: " + "; ".join(dict.fromkeys(span.label for span in chart.spans))
+
+
+_MOST_LEGEND_ENTRIES = 8
+_MOST_VECTOR_DOTS = 100
+
+
+@styled
+def draw(chart: Chart) -> Figure:
+    """Draw a chart. The legend stands above the panels, never over data; many strings get a colour scale."""
+    rows = -(-len(chart.panels) // chart.columns)
+    figure = new_figure(chart.width_in, rows * chart.panel_height_in + 0.55)
+    axes = figure.subplots(rows, chart.columns, sharex=True, squeeze=False)
+    for index, panel in enumerate(chart.panels):
+        place = axes[index // chart.columns, index % chart.columns]
+        _panel(place, panel)
+        for span in chart.spans:
+            place.axvspan(span.start, span.end, color=INK, alpha=0.07, linewidth=0)
+    for unused in axes.ravel()[len(chart.panels) :]:
+        unused.remove()
+    for column in range(chart.columns):
+        axes[(len(chart.panels) - 1 - column) // chart.columns, column].set_xlabel(chart.x_label)
+    _legend(figure, axes, chart)
+    return figure
+
+
+def _panel(axes: Axes, panel: Panel) -> None:
+    if panel.background is not None:
+        behind = axes.twinx()
+        behind.grid(visible=False)
+        behind.spines["right"].set_visible(True)
+        behind.spines["right"].set_color(BACKGROUND)
+        behind.tick_params(axis="y", colors="#6A6A6A")
+        behind.set_ylabel(panel.background_label, color="#6A6A6A")
+        grey = panel.background
+        behind.fill_between(
+            grey.x, grey.y.astype(float), step="post", color=BACKGROUND, alpha=0.28, linewidth=0
+        )
+        reach = 1.15 * float(np.nanmax(np.abs(grey.y), initial=1e-9))
+        behind.set_ylim(-reach, reach)
+        axes.set_zorder(behind.get_zorder() + 1)
+        axes.patch.set_visible(False)
+    for series in panel.series:
+        _series(axes, series)
+    for x, y, text in panel.annotations:
+        axes.annotate(text, (x, y), xytext=(5, 5), textcoords="offset points", fontsize=6.5, color=INK)
+    if panel.log:
+        axes.set_yscale("log")
+        low, high = axes.get_ylim()
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0,) if high > 100.0 * low else (1.0, 2.0, 5.0)))
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axes.yaxis.set_minor_formatter(NullFormatter())
+    if panel.y_limits is not None:
+        axes.set_ylim(*panel.y_limits)
+    axes.set_ylabel(panel.y_label)
+    axes.set_title(panel.title, loc="left")
+    axes.margins(x=0.01)
+
+
+def _series(axes: Axes, series: Series) -> None:
+    x, y = series.x, series.y.astype(float)
+    dash: dict[str, Any] = {"linestyle": (0, (4, 2))} if series.dashed else {}
+    match series.kind:
+        case "line":
+            axes.plot(x, y, color=series.colour, **dash)
+        case "step":
+            turns = _turns(y)
+            axes.plot(x[turns], y[turns], color=series.colour, drawstyle="steps-post", **dash)
+        case "dots":
+            many = len(x) > _MOST_VECTOR_DOTS
+            axes.plot(
+                x, y, color=series.colour, linestyle="none", marker=".", markersize=3 if many else 6,
+                rasterized=many,
+            )  # fmt: skip
+        case "star":
+            axes.plot(x, y, color=series.colour, linestyle="none", marker="*", markersize=13, zorder=5)
+        case "band":
+            base = np.zeros_like(y) if series.base is None else series.base.astype(float)
+            turns = _turns(y, base)
+            axes.fill_between(x[turns], base[turns], y[turns], step="post", color=series.colour, linewidth=0)
+
+
+def _turns(*edges: Values) -> Values:
+    """Ends of a step line and the steps at which its value changes: no other points are needed."""
+    turns = np.ones(len(edges[0]), dtype=bool)
+    turns[1:-1] = np.any([np.diff(edge)[:-1] != 0.0 for edge in edges], axis=0)
+    return turns
+
+
+def _legend(figure: Figure, axes: Any, chart: Chart) -> None:
+    entries: dict[str, Series] = {}
+    for panel in chart.panels:
+        for series in panel.series:
+            if series.label:
+                entries.setdefault(series.label, series)
+    strings = {label: entry for label, entry in entries.items() if label.startswith("string ")}
+    if len(strings) > _MOST_LEGEND_ENTRIES:
+        scale = ScalarMappable(
+            BoundaryNorm(np.arange(len(strings) + 1) - 0.5, len(strings)),
+            ListedColormap([entry.colour for entry in strings.values()]),
+        )
+        ticks = np.arange(0, len(strings), -(-len(strings) // 10))
+        bar = figure.colorbar(scale, ax=axes, location="top", aspect=60, pad=0.01, fraction=0.02, ticks=ticks)
+        bar.set_label("string")
+        bar.ax.minorticks_off()
+        entries = {label: entry for label, entry in entries.items() if label not in strings}
+    handles: list[Any] = [_handle(label, entry) for label, entry in entries.items()]
+    if any(panel.background is not None for panel in chart.panels):
+        label = next(p.background.label for p in chart.panels if p.background is not None)
+        handles.append(Patch(color=BACKGROUND, alpha=0.28, linewidth=0, label=label))
+    if chart.spans:
+        handles.append(Patch(color=INK, alpha=0.07, linewidth=0, label=spans_label(chart)))
+    if len(handles) > 1 or (handles and entries and not strings):
+        widest = max(len(handle.get_label()) for handle in handles)
+        fitting = max(int(chart.width_in * 11 / (widest + 5)), 1)
+        figure.legend(handles=handles, loc="outside upper center", ncols=min(len(handles), fitting))
+
+
+def _handle(label: str, series: Series) -> Any:
+    match series.kind:
+        case "band":
+            return Patch(color=series.colour, linewidth=0, label=label)
+        case "dots":
+            return Line2D([], [], color=series.colour, linestyle="none", marker=".", label=label)
+        case "star":
+            return Line2D(
+                [], [], color=series.colour, linestyle="none", marker="*", markersize=9, label=label
+            )
+        case _:
+            style: Any = (0, (4, 2)) if series.dashed else "-"
+            return Line2D([], [], color=series.colour, linestyle=style, label=label)

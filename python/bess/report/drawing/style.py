@@ -1,8 +1,9 @@
-"""How figures look (sizes, fonts, colours that colour-blind readers can tell apart), and how to save them."""
+"""Figure style (sizes, fonts, colours for colour-blind readers), and saving as SVG, PNG and PDF."""
 
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -14,10 +15,9 @@ from matplotlib import colormaps, rcParams
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from bess.report.drawing.svg import shortened
-
 if TYPE_CHECKING:
     import xarray as xr
+
 
 P = ParamSpec("P")
 
@@ -57,7 +57,7 @@ _RC: Final[Any] = {
     "legend.frameon": False,
     "lines.linewidth": 1.2,
     "path.simplify_threshold": 0.2,
-    # Text stays text: a third smaller, and found by a search. PDF files carry their fonts.
+    # Text stays text: files are a third smaller and can be searched. PDF files embed their fonts.
     "svg.fonttype": "none",
     # Element ids come from this salt, so the same figure gives the same file.
     "svg.hashsalt": "bess",
@@ -68,7 +68,7 @@ _RC: Final[Any] = {
 
 @contextmanager
 def _looks() -> Iterator[None]:
-    """Set what this module settles and nothing else: a notebook turns interactive with its first figure."""
+    """Set only the parameters of this module; others change when a notebook draws its first figure."""
     before = {name: rcParams[name] for name in _RC}
     rcParams.update(_RC)
     try:
@@ -78,7 +78,7 @@ def _looks() -> Iterator[None]:
 
 
 def styled(function: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Run a figure function with the style of this module, whatever the caller's settings are."""
+    """Run a figure function with the style of this module, for any settings of the caller."""
 
     @wraps(function)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> Figure:
@@ -89,7 +89,7 @@ def styled(function: Callable[P, Figure]) -> Callable[P, Figure]:
 
 
 def colours(count: int) -> list[str]:
-    """Return ``count`` colours: the palette while it lasts, else an even map without its pale end."""
+    """Return ``count`` colours: from the palette, or an even map without its pale end for more colours."""
     if count <= len(PALETTE):
         return list(PALETTE[:count])
     return [to_hex(colormaps["viridis"](0.92 * index / (count - 1))) for index in range(count)]
@@ -109,13 +109,13 @@ _FIGURE: ContextVar[Callable[..., Figure]] = ContextVar("figure", default=Notebo
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
-    """Return an empty figure: one by itself, or one of pyplot's within :func:`through_pyplot`."""
+    """Return an empty figure; within :func:`through_pyplot`, a figure of pyplot."""
     return _FIGURE.get()(figsize=(width_in, height_in), layout="constrained")
 
 
 @contextmanager
 def through_pyplot() -> Iterator[None]:
-    """Make figures pyplot's, as notebooks and ``plt.show()`` need them."""
+    """Create figures with pyplot, as notebooks and ``plt.show()`` require."""
     import matplotlib.pyplot as plt
 
     token = _FIGURE.set(plt.figure)
@@ -126,10 +126,10 @@ def through_pyplot() -> Iterator[None]:
 
 
 def told_apart(datasets: Mapping[str, xr.Dataset]) -> Iterator[tuple[str, xr.Dataset, str, bool]]:
-    """Name, record, colour and whether its lines are broken, for each result.
+    """Yield name, record, colour, and whether lines are dashed, for each result.
 
-    Runs whose delivered powers are the same to the last bit lie on one another: the later ones are drawn
-    broken, so that the earlier shows through, and named after it.
+    Curves of runs with bit-identical delivered powers coincide: the later ones are dashed, so that the first
+    remains visible, and named after it.
     """
     seen: dict[bytes, str] = {}
     shades = colours(len(datasets))
@@ -144,7 +144,7 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: int = 200) -> tuple[Pa
     Parameters
     ----------
     figure
-        What a function of :mod:`bess.report.figures` returned.
+        Figure of a function of :mod:`bess.report.figures`.
     path
         File name; ``.svg``, ``.png`` and ``.pdf`` are put in place of its ending, if it is one of them.
     dpi
@@ -160,7 +160,7 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: int = 200) -> tuple[Pa
     svg, png, pdf = (path.with_name(f"{stem}.{ending}") for ending in ("svg", "png", "pdf"))
     save_svg(figure, svg, dpi=dpi)
     with _looks():
-        # The layout just found serves the other files as well; finding it is most of the work.
+        # The other files reuse this layout, which takes most of the time.
         engine = figure.get_layout_engine()
         figure.set_layout_engine("none")
         figure.savefig(png, dpi=dpi, metadata={"Software": None})
@@ -170,11 +170,54 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: int = 200) -> tuple[Pa
 
 
 def save_svg(figure: Figure, path: Path, *, dpi: int = 200) -> str:
-    """Save a figure for screens only, a third of the work of :func:`save_figure`; return the drawing."""
+    """Save a figure as SVG only, in a third of the time of :func:`save_figure`; return the drawing."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with _looks(), io.StringIO() as text:
-        # What is drawn as pixels in it is seen on screens.
+        # Rasterised parts are for screens.
         figure.savefig(text, format="svg", dpi=dpi // 2, metadata={"Date": None, "Creator": None})
         svg = shortened(text.getvalue())
     path.write_text(svg, encoding="utf-8")
     return svg
+
+
+_COORDINATES: Final = re.compile(r'\b(?:x|y|points)="[^"]*"')
+_PATH: Final = re.compile(r'\bd="([^"]*)"')
+_MORE_DIGITS: Final = re.compile(r"(\.\d)\d+")
+
+
+def shortened(svg: str) -> str:
+    """Return a drawing of matplotlib with coordinates to a tenth of a point, finer than a screen or printer.
+
+    Horizontal and vertical lines, of which step lines consist, are written as such.
+    """
+    svg = _COORDINATES.sub(lambda found: _rounded(found[0]), svg)
+    return _PATH.sub(lambda found: f'd="{_short_path(found[1])}"', svg)
+
+
+def _rounded(text: str) -> str:
+    return _MORE_DIGITS.sub(r"\1", text)
+
+
+def _short_path(path: str) -> str:
+    words = _rounded(path).split()
+    if not set("".join(words)) <= set("MLz0123456789.-"):
+        return path  # curves are few, and small
+    shown: list[str] = []
+    last = ("", "")
+    place = 0
+    while place < len(words):
+        command = words[place]
+        if command == "z":
+            shown.append("z")
+            place += 1
+            continue
+        x, y = words[place + 1 : place + 3]
+        place += 3
+        if command == "M" or (x != last[0] and y != last[1]):
+            shown.append(f"{command}{x} {y}")
+        elif x != last[0]:
+            shown.append(f"H{x}")
+        elif y != last[1]:
+            shown.append(f"V{y}")
+        last = (x, y)
+    return "".join(shown)

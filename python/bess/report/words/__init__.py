@@ -1,1 +1,1 @@
-"""What a report says in words and tables: summary, headline, how strings differ, the paper's statements."""
+"""Text and tables of a report: summary, headline, tables, and the statements of the paper."""

@@ -1,4 +1,4 @@
-"""Case 2 beside the paper it reproduces: what was reported, what came out, how to read the difference.
+"""Case 2 and the paper it reproduces: reported and simulated results, and reasons for differences.
 
 Source: Tanjavooru, Pant, Hamacher, Hesse, arXiv:2507.04800, sections "Case 2" and "Discussions".
 """
@@ -18,7 +18,7 @@ _WEIGHTS: Final = {"S1": (1.0, 0.0), "S2": (0.5, 0.5), "S3": (0.0, 1.0)}
 
 
 class Verdict(StrEnum):
-    """Whether a statement of the paper came out."""
+    """Whether the simulation confirms a statement of the paper."""
 
     YES = "yes"
     DIRECTION = "direction only"

@@ -1,8 +1,11 @@
-"""What a report says in words: the summary, and what a reader has to be warned of."""
+"""Summary of a report: subject, results, events, differences of strings and of runs, and warnings."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -11,12 +14,11 @@ from bess.errors import by_reason
 from bess.report.contents import MOST_COMPARED
 from bess.report.data import step_h
 from bess.report.runs import Run
-from bess.report.words.differing import event_sentences, spread_sentences
-from bess.report.words.unlike import unlike
 from bess.simulation.analysis.catalogue import kpi
-from bess.simulation.analysis.provable import unprovable
+from bess.simulation.analysis.services import unprovable
 from bess.simulation.analysis.settlement import COSTS, REVENUES
-from bess.study.policy import DEFAULT_FORESIGHT_H
+from bess.simulation.record.provenance import leaves
+from bess.study.sections import DEFAULT_FORESIGHT_H
 
 _LEDGER_TOLERANCE_KWH = 1e-6
 _LEDGER_TOLERANCE = 1e-9
@@ -24,7 +26,7 @@ _WORTH_SAYING_KWH = 0.05
 
 
 def subject(runs: Mapping[str, Run], *, alike: bool = True) -> str:
-    """Return what ran: strings, length and start, of runs that are alike, and policies."""
+    """Return the policies of runs and, if the runs are comparable, strings, length and start."""
     first = next(iter(runs.values()))
     data = first.dataset
     hours = data.sizes["time"] * step_h(data)
@@ -44,7 +46,7 @@ def summary(runs: Mapping[str, Run], *, hindsight: bool = False) -> list[str]:
     """Sentences on the results; with ``hindsight``, the page shows it beside them."""
     first = next(iter(runs.values()))
     if len(runs) == 1:
-        said = [*_one(first), *event_sentences(first), *spread_sentences(runs), *_gap_sentence(first)]
+        said = [*_one_run(first), *event_sentences(first), *spread_sentences(runs), *_gap_sentence(first)]
     else:
         judged = [*_alike(runs), *([] if unlike(runs) else _compared(runs))]
         said = [*judged, *event_sentences(first), *spread_sentences(runs)]
@@ -81,7 +83,7 @@ def _against_rule(run: Run) -> str:
     )
 
 
-def _one(run: Run) -> Iterator[str]:
+def _one_run(run: Run) -> Iterator[str]:
     kpis, data = run.kpis, run.dataset
     demand_kw, delivered_kw = data["demand_kw"].values, data["delivered_kw"].values.sum(axis=1)
     for name, asks in (("Charged", demand_kw < 0.0), ("Discharged", demand_kw > 0.0)):
@@ -97,7 +99,7 @@ def _one(run: Run) -> Iterator[str]:
 
 
 def _entries_eur(kpis: Mapping[str, float], names: Iterable[str]) -> list[str]:
-    """The entries of a ledger that are not nothing, each with its name."""
+    """The entries of a ledger that are not zero, each with its name."""
     return [
         f"{kpi(name).label[0].lower()}{kpi(name).label[1:]} {kpis[name]:,.0f} EUR"
         for name in names
@@ -124,7 +126,7 @@ def _compared(runs: Mapping[str, Run]) -> Iterator[str]:
 
 
 def _alike(runs: Mapping[str, Run]) -> Iterator[str]:
-    """Runs whose strings delivered the same, to the last bit."""
+    """Runs with bit-identical delivered powers of the strings."""
     groups: dict[bytes, list[str]] = {}
     for name, run in runs.items():
         groups.setdefault(run.dataset["delivered_kw"].values.tobytes(), []).append(name)
@@ -134,7 +136,7 @@ def _alike(runs: Mapping[str, Run]) -> Iterator[str]:
 
 
 def _gap_sentence(run: Run) -> Iterator[str]:
-    """What the optimiser may have missed, in kWh: the gap of each step of the energy lost in it."""
+    """Gap of the certified splits, in per cent and in kWh: the gap of each step times its lost energy."""
     data = run.dataset
     gap = data["solver_gap"].values
     known = np.isfinite(gap) & (data["solver_status"].values != PLANNED)
@@ -153,7 +155,7 @@ def _gap_sentence(run: Run) -> Iterator[str]:
 
 
 def _plan_sentences(runs: Mapping[str, Run], *, hindsight: bool) -> Iterator[str]:
-    """Which runs follow plans, and how far those may be from the best; a sentence for each length of plan."""
+    """Runs that follow plans, and the gaps of these plans; a sentence for each prediction horizon."""
     planned: dict[tuple[float, bool], list[str]] = {}
     for name, run in runs.items():
         if (run.dataset["solver_status"].values == PLANNED).any():
@@ -172,11 +174,11 @@ def _plan_sentences(runs: Mapping[str, Run], *, hindsight: bool) -> Iterator[str
 
 
 def _plan_gap(run: Run, name: str) -> str:
-    """How far the plans of a run may be from the best."""
+    """Optimality gap of the plans of a run."""
     gap = run.kpis.get("plan_search_gap_pct")
     if gap is None:
         return "No plan has a bound." if not name else f"No plan of {name} has a bound."
-    who = "Plans" if not name else f"Those of {name}"
+    who = "Plans" if not name else f"Plans of {name}"
     return (
         f"{who} are within {gap:.2g} % of the estimated lower bound and within "
         f"{run.kpis['plan_gap_pct']:.2g} % of the rigorous one (medians of the plans with a bound)."
@@ -192,7 +194,7 @@ def _kwh(value: float) -> str:
 
 
 def warnings(runs: Mapping[str, Run], problems: Mapping[str, str]) -> list[str]:
-    """One sentence for each thing that limits what the numbers mean, and what to do about it."""
+    """Warnings on the validity of the results, a sentence each, with a remedy."""
     found = [f"Missing: {sentence}" for sentence in by_reason(problems)]
     if len(runs) > MOST_COMPARED:
         return found + list(_warnings_of_many(runs))
@@ -203,7 +205,7 @@ def warnings(runs: Mapping[str, Run], problems: Mapping[str, str]) -> list[str]:
 
 
 def _warnings_of_many(runs: Mapping[str, Run]) -> Iterator[str]:
-    """The same from KPIs alone: the records of hundreds of scenarios are not opened for it."""
+    """Warnings from KPIs only, without opening the records of hundreds of scenarios."""
     stopped = [name for name, run in runs.items() if not run.finished]
     if stopped:
         yield (
@@ -249,3 +251,123 @@ def _warnings_of(run: Run) -> Iterator[str]:
 
 def _capital(sentence: str) -> str:
     return sentence[:1].upper() + sentence[1:]
+
+
+_WORTH_A_SENTENCE = 0.01
+_MOST_INSTALLATIONS = 6
+
+
+def event_sentences(run: Run) -> Iterator[str]:
+    """Which string was out of service or limited, and when."""
+    for event in run.study.get("event", ()):
+        start, end = (f"{datetime.fromisoformat(str(event[key])):%Y-%m-%d %H:%M}" for key in ("start", "end"))
+        limit_kw = event["limit_kw"]
+        what = f"limited to {limit_kw:g} kW" if limit_kw > 0.0 else "out of service"
+        yield f"String {event['string']} was {what} from {start} to {end} UTC."
+    yield from _installations(run)
+
+
+def _installations(run: Run) -> Iterator[str]:
+    """New batteries, with date, cost, and the capacity that they replaced."""
+    data = run.dataset
+    if "investment_eur" not in data:
+        return
+    places = np.argwhere(data["investment_eur"].values > 0.0)
+    for step, string in places[:_MOST_INSTALLATIONS]:
+        day, eur = str(data["time"].values[step])[:10], data["investment_eur"].values[step, string]
+        before, after = data["soh_capacity"].values[step - 1 : step + 1, string]
+        yield (
+            f"String {string} got a new battery on {day} for {eur:,.0f} EUR; its capacity rose "
+            f"from {100.0 * before:.1f} to {100.0 * after:.1f} % of nominal."
+        )
+    if len(places) > _MOST_INSTALLATIONS:
+        yield f"{len(places) - _MOST_INSTALLATIONS} more batteries were installed."
+
+
+def spread_sentences(runs: Mapping[str, Run]) -> Iterator[str]:
+    """SOC differences of the strings at the start, and at the end under each policy."""
+    starts = [run.kpis.get("soc_spread_start", 0.0) for run in runs.values()]
+    if max(starts) < _WORTH_A_SENTENCE:
+        return
+    ends = (
+        f"{name} {100.0 * start:.1f} to {100.0 * run.kpis['soc_spread_end']:.1f}"
+        for (name, run), start in zip(runs.items(), starts, strict=True)
+    )
+    yield f"Largest minus smallest SOC of the strings, from start to end in points: {', '.join(ends)}."
+
+
+_CHOICES: Final = frozenset(
+    ("name", "title", "policy", "output", "service", "scenario", "sweep", "system", "run", "wear")
+)
+"""Sections of a study on control and output, and sections that are compared below."""
+_CHOICES_OF_DEMAND: Final = frozenset(
+    ("plan", "replan_h", "look_ahead_h", "forecast", "forecast_prices", "efficiency", "cycles_per_day",
+     "cycles_per_plan", "end_price_eur_mwh", "max_power_kw", "max_energy_kwh", "capacity_kw", "band",
+     "recharge_kw", "recharge_slot_min", "recharge_lead_min", "limit_kw", "ready_soc")
+)  # fmt: skip
+"""Keys of ``[demand]`` with the settings of dispatch planning."""
+_MOST_KEYS: Final = 6
+
+
+def unlike(runs: Mapping[str, Run]) -> str:
+    """Return a sentence on the circumstances in which runs differ; empty if only their control differs."""
+    found = _differing([_circumstances(run) for run in runs.values()])
+    return found and f"These runs are unlike, so none of them is marked best: {found}."
+
+
+def choices(runs: Mapping[str, Run]) -> str:
+    """Return a sentence on the control settings in which runs differ; empty without differences."""
+    found = _differing(
+        [
+            {key: (value, value.strip('"')) for key, value in leaves(run.study)
+             if key.partition(".")[0] not in ("name", "title", "output", "scenario", "sweep")
+             and value != "null"}
+            for run in runs.values()
+        ]
+    )  # fmt: skip
+    return found and f"These runs differ in {found}."
+
+
+def _differing(of_each: list[dict[str, tuple[str, str]]]) -> str:
+    """Keys whose values differ between runs, with the values as shown."""
+    found = []
+    for key in dict.fromkeys(key for each in of_each for key in each):
+        values = dict(each.get(key, ("", "not set")) for each in of_each)
+        if len(values) > 1:
+            shown = list(dict.fromkeys(values.values()))
+            listed = "; ".join([*shown[:_MOST_KEYS], *(["..."] if len(shown) > _MOST_KEYS else [])])
+            found.append(f"{key} ({listed})" if len(shown) > 1 else f"{key} ({listed}, not the same)")
+    more = f" and {len(found) - _MOST_KEYS} more" if len(found) > _MOST_KEYS else ""
+    return f"{', '.join(found[:_MOST_KEYS])}{more}"
+
+
+def _circumstances(run: Run) -> dict[str, tuple[str, str]]:
+    """Circumstances of a run: by name, a value to compare and the text to show."""
+    frame, system = run.identity["frame"], run.system
+    steps = frame["n_steps"] if run.finished else run.dataset.sizes["time"]
+    kw, kwh = system.nominal_kw.sum(), system.nominal_energy_kwh.sum()
+    # All parameters of the plant except the cost of wear.
+    plant = {key: value for key, value in run.identity["system"].items() if key not in ("about", "wear")}
+    shown = {
+        "length": f"{steps * frame['step_s'] / 3600.0:g} h",
+        "control step": f"{frame['step_s'] / 60.0:g} min",
+        "start": f"{datetime.fromtimestamp(frame['start_s'], tz=UTC):%Y-%m-%d %H:%M} UTC",
+        **dict(_given(run)),
+        "version": str(run.identity["version"]),
+    }
+    files = run.identity.get("files", {})
+    return {
+        "system": (str(sorted(leaves(plant))), f"{system.n_strings} strings, {kw:.4g} kW, {kwh:.4g} kWh"),
+        **{key: (files.get(value, value), Path(value).name if value in files else value)
+           for key, value in shown.items()},
+    }  # fmt: skip
+
+
+def _given(run: Run) -> Iterator[tuple[str, str]]:
+    """Keys of the study beside its choices, and their values."""
+    sections = {key: value for key, value in run.study.items() if key not in _CHOICES}
+    law = {"run.derating_law": run.study.get("run", {}).get("derating_law")}
+    wear = {"wear": run.identity["system"].get("wear", {})}
+    for key, value in [*leaves(sections | wear), *leaves(law)]:
+        if key.removeprefix("demand.") not in _CHOICES_OF_DEMAND and value != "null":
+            yield key, value.strip('"')

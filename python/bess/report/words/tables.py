@@ -1,12 +1,26 @@
-"""Tables of the report: KPIs of scenarios side by side, the best marked."""
+"""Tables of the report: KPIs of scenarios side by side with the best marked, and the table of a sweep."""
 
 from __future__ import annotations
 
+import csv
 import math
-from dataclasses import dataclass
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
 from typing import Final
 
-from bess.simulation.analysis.catalogue import Kpi, KpisByRun, grouped, kpi
+import numpy as np
+from numpy.typing import NDArray
+
+from bess.errors import InputError
+from bess.report import charts
+from bess.report.charts.kpi_figures import RADAR_KPIS, changing_kpis
+from bess.report.contents import FigureSpec
+from bess.simulation.analysis.catalogue import Kpi, KpisByRun, better, grouped, kpi
+from bess.simulation.analysis.pareto import Direction, knee_point, non_dominated
+from bess.simulation.sweep import RESERVED, SWEEP_CSV, is_parameter
 
 DECISION: Final = (
     "fulfilment_pct",
@@ -18,7 +32,7 @@ DECISION: Final = (
     "system_efficiency_pct",
     "peak_string_temperature_c",
 )
-"""What one looks at first when choosing among runs."""
+"""Main KPIs for a choice among runs."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +63,7 @@ class Group:
 
 
 def decision_table(kpis: KpisByRun, *, alike: bool = True) -> list[Row]:
-    """The KPIs compared first, as far as any run has them; of runs that are alike, the best are marked."""
+    """Main KPIs, as far as any run has them; the best values of comparable runs are marked."""
     return [
         _row(kpi(name), _values(kpis, name), alike=alike)
         for name in DECISION
@@ -58,7 +72,7 @@ def decision_table(kpis: KpisByRun, *, alike: bool = True) -> list[Row]:
 
 
 def kpi_groups(kpis: KpisByRun, *, alike: bool = True) -> list[Group]:
-    """All KPIs under the headings of the catalogue; of several runs that are alike, the best are marked."""
+    """All KPIs under the headings of the catalogue; the best values of comparable runs are marked."""
     return [
         Group(heading, tuple(_row(kpi(name), _values(kpis, name), alike=alike) for name in names))
         for heading, names in grouped(key for values in kpis.values() for key in values).items()
@@ -85,3 +99,207 @@ def _row(entry: Kpi, values: list[float], *, alike: bool) -> Row:
 
 def _signed(entry: Kpi, difference: float) -> str:
     return ("+" if difference > 0.0 else "-") + entry.number(abs(difference))
+
+
+_X, _Y = "battery_efficiency_pct", "inverter_efficiency_pct"
+_FEWEST_POINTS = 3
+_DEPRECIATION = "cycle_wear_eur_mwh"
+_OF_A_LIFE = ("discharged_kwh", "end_of_life_days", _DEPRECIATION, "investment_eur")
+"""KPIs shown in addition to that of a search."""
+_WORTH_A_LOOK = {
+    "net_eur": "largest net income",
+    "lost_kwh": "least lost",
+    "peak_string_temperature_c": "coolest",
+}
+
+
+@dataclass(frozen=True)
+class SweepTable:
+    """Finished scenarios of a sweep, in its order, and the failed ones with their errors."""
+
+    parameters: dict[str, dict[str, str]]
+    kpis: dict[str, dict[str, float]]
+    failed: dict[str, str]
+    maximised: str | None = None
+
+    @property
+    def has_front(self) -> bool:
+        """Whether a number was swept: a handful of named scenarios is compared, but forms no front."""
+        return len(self.kpis) >= _FEWEST_POINTS and any(True for _ in self._numeric_parameters())
+
+    def exhibits(self) -> Iterator[FigureSpec]:
+        """Front of inverter and battery efficiency, and KPIs over the parameter if one number was swept."""
+        if not self.has_front:
+            return
+        yield FigureSpec(
+            "front",
+            "Pareto front",
+            "Inverter against battery efficiency of all scenarios; the knee is the point farthest from the "
+            "chord between the ends of the front.",
+            partial(charts.pareto_front, self.kpis, x=_X, y=_Y),
+        )
+        for key in self._numeric_parameters():
+            values = [float(row[key]) for row in self.parameters.values()]
+            if self.maximised is not None:
+                shown = [name for name in (self.maximised, *_OF_A_LIFE) if self._has(name)]
+                yield FigureSpec(
+                    "search",
+                    f"{kpi(self.maximised).label} over {key}",
+                    "One point for each run; later runs lie around the best value.",
+                    partial(charts.kpi_lines, self.kpis, values, key, shown),
+                )
+            if len(set(values)) == len(values) and changing_kpis(self.kpis):
+                yield FigureSpec(
+                    "kpis-over-parameter",
+                    f"Key figures over {key}",
+                    "One point for each scenario.",
+                    partial(charts.kpi_lines, self.kpis, values, key),
+                )
+                return
+
+    def front_sentence(self) -> str:
+        """How many scenarios are on the front, and which of them is its knee."""
+        if not self.has_front:
+            return ""
+        if self.maximised is not None:
+            return self._search_sentence(self.maximised)
+        names = list(self.kpis)
+        points, directions = self._points()
+        knee = self._knee()
+        row = self.kpis[knee]
+        return (
+            f"Knee of the front: {self._said(knee)}, with {kpi(_Y).quantity(row[_Y])} inverter and "
+            f"{kpi(_X).quantity(row[_X])} battery efficiency. {int(non_dominated(points, directions).sum())} "
+            f"of {len(names)} scenarios lie on the front of these two."
+        )
+
+    def _search_sentence(self, name: str) -> str:
+        """The best value of a search, and the cost of the ends of its range."""
+        key = next(self._numeric_parameters())
+        points = sorted((float(self.parameters[run][key]), row[name]) for run, row in self.kpis.items())
+        values, found = np.array(points).T
+        place = int(np.argmax(found))
+        best = next(run for run, row in self.kpis.items() if row[name] == found[place])
+
+        def cost(value: float) -> str:
+            lost = found[place] - float(np.interp(value, values, found))
+            return f"{kpi(name).quantity(lost)} ({100.0 * lost / abs(found[place]):.1f} %)"
+
+        inside = "" if 0 < place < values.size - 1 else ", at an end of the range"
+        text = (
+            f"Best {key}: {values[place]:g}, with {kpi(name).label.lower()} "
+            f"{kpi(name).quantity(found[place])}{inside}. "
+            f"{values[0]:g} costs {cost(values[0])}, {values[-1]:g} costs {cost(values[-1])}."
+        )
+        depreciation = self.kpis[best].get(_DEPRECIATION, math.nan)
+        if key == "wear.eur_per_mwh" and math.isfinite(depreciation):
+            text += f" The depreciation price, {depreciation:.1f}, costs about {cost(depreciation)}."
+        return text
+
+    def _has(self, name: str) -> bool:
+        """Whether all runs have a KPI."""
+        return all(math.isfinite(row.get(name, math.nan)) for row in self.kpis.values())
+
+    def picks(self) -> tuple[list[str], list[tuple[str, list[str]]]] | None:
+        """Heads of a table, and its rows: the reason to show a point, its parameters and KPIs."""
+        if not self.has_front:
+            return None
+        names = list(self.kpis)
+        reasons = {self._knee(): ["knee of the front"]}
+        for key, reason in _WORTH_A_LOOK.items():
+            values = {name: row.get(key, math.nan) for name, row in self.kpis.items()}
+            known = {name: value for name, value in values.items() if math.isfinite(value)}
+            if len({kpi(key).number(value) for value in known.values()}) > 1:
+                first = (max if better(key) == "max" else min)(known, key=lambda name: known[name])
+                reasons.setdefault(first, []).append(reason)
+        shown = [key for key in DECISION if all(key in self.kpis[name] for name in reasons)]
+        heads = [*(_short(key) for key in self.parameters[names[0]]), *(kpi(key).heading for key in shown)]
+        rows = [
+            (", ".join(why),
+             [*map(_number, self.parameters[name].values()),
+              *(kpi(key).number(self.kpis[name][key]) for key in shown)])
+            for name, why in reasons.items()
+        ]  # fmt: skip
+        return heads, rows
+
+    def _points(self) -> tuple[NDArray[np.float64], list[Direction]]:
+        points = np.array([[row[_X], row[_Y]] for row in self.kpis.values()])
+        return points, [better(_X), better(_Y)]
+
+    def _knee(self) -> str:
+        return list(self.kpis)[knee_point(*self._points())]
+
+    def _said(self, name: str) -> str:
+        """Parameters of a scenario as numbers."""
+        return ", ".join(f"{_short(key)} {_number(value)}" for key, value in self.parameters[name].items())
+
+    def _numeric_parameters(self) -> Iterator[str]:
+        for key in next(iter(self.parameters.values())):
+            try:
+                values = {float(row[key]) for row in self.parameters.values()}
+            except ValueError:
+                continue
+            if len(values) > 1:
+                yield key
+
+
+def _short(key: str) -> str:
+    return key.rpartition(".")[2].replace("_", " ")
+
+
+def _number(text: str) -> str:
+    try:
+        return f"{float(text):g}"
+    except ValueError:
+        return text
+
+
+def read_sweep(directory: Path) -> SweepTable | None:
+    """Read the table of a sweep; None if the folder is not one.
+
+    Raises
+    ------
+    InputError
+        The table is damaged.
+    """
+    path = directory / SWEEP_CSV
+    if not path.exists():
+        return None
+    try:
+        return replace(_read(path), maximised=_maximised(directory / "study.toml"))
+    except (OSError, ValueError, LookupError, TypeError, csv.Error) as error:
+        raise InputError(
+            f"{path}: is damaged ({error}); run the sweep again, which writes it from what is done"
+        ) from error
+
+
+def _maximised(path: Path) -> str | None:
+    """KPI that a search maximised, by its study; None for other sweeps."""
+    if not path.exists():
+        return None
+    axes = tomllib.loads(path.read_text(encoding="utf-8")).get("sweep", [])
+    name = next((axis["maximise"] for axis in axes if "maximise" in axis), None)
+    return None if name is None else str(name)
+
+
+def _read(path: Path) -> SweepTable:
+    parameters: dict[str, dict[str, str]] = {}
+    kpis: dict[str, dict[str, float]] = {}
+    failed: dict[str, str] = {}
+    with path.open(encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            name = row["name"]
+            if row["status"] != "done":
+                failed[name] = row["error"] or "not finished; run the sweep again to continue"
+                continue
+            values = {
+                key: float(value) if value else math.nan
+                for key, value in row.items()
+                if key not in RESERVED and not is_parameter(key)
+            }
+            if not all(math.isfinite(values.get(key, math.nan)) for key in RADAR_KPIS):
+                failed[name] = "its KPIs are incomplete"
+                continue
+            kpis[name] = values
+            parameters[name] = {key: value for key, value in row.items() if is_parameter(key)}
+    return SweepTable(parameters, kpis, failed)

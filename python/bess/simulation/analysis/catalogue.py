@@ -225,7 +225,7 @@ CATALOGUE: Final[dict[str, Kpi]] = {
         "Penalty", "Reserve sold but not available, times its price and the penalty factor of the settlement."
     ),
     "peak_charge_eur": _money(
-        "Peak charge", "What the plant adds to the charge of the monthly peaks; negative if it lowers them."
+        "Peak charge", "Increase of the charge of the monthly peaks by the plant; negative for a decrease."
     ),
     "wear_eur": _money("Wear cost", "Cost of battery ageing, by the wear model of the study."),
     "start_eur": _money("Start cost", "Number of inverter starts times the cost of a start."),

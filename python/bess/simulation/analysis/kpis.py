@@ -10,9 +10,7 @@ import numpy as np
 from bess.arrays import Array
 from bess.control.policies.planned import PLANNED
 from bess.errors import InputError
-from bess.simulation.analysis.budget import budget_kpis
-from bess.simulation.analysis.contract import contract_kpis
-from bess.simulation.analysis.lifetime import wear_kpis
+from bess.simulation.analysis.lifetime import budget_kpis, contract_kpis, wear_kpis
 from bess.simulation.analysis.services import is_reserve, is_site, service_kpis
 from bess.simulation.analysis.settlement import dispatch_kpis, has_prices, settlement_kpis
 from bess.units import KWH_PER_MWH, PERCENT
@@ -26,7 +24,9 @@ if TYPE_CHECKING:
 def kpis(result: Result | xr.Dataset) -> dict[str, float]:
     """Return the KPIs of a result or dataset.
 
-    Availability and the four efficiencies are defined as in [1]_.
+    Labels, units and meanings are in :data:`bess.simulation.analysis.catalogue.CATALOGUE`; KPIs without data
+    in the record, such as those of services, budgets, contracts and ageing, are omitted. Availability and the
+    four efficiencies are defined as in [1]_.
 
     With demand ``D`` (including unmet demand), requests ``u``, availability loss ``a``, derating loss ``d``,
     inverter loss ``w`` and battery heat ``h``, sums over strings and steps, 0/0 = 100 %:
@@ -34,38 +34,16 @@ def kpis(result: Result | xr.Dataset) -> dict[str, float]:
     - ``availability_pct`` ``1 - sum a / sum |D|``; unmet demand is not an availability loss, but
       ``unmet_kwh``, and lowers ``fulfilment_pct``;
     - ``derating_efficiency_pct`` ``1 - sum d / sum |u|``, ``inverter_efficiency_pct`` with ``w``,
-      ``battery_efficiency_pct`` with ``h``, ``system_efficiency_pct`` with ``w + h``;
+      ``battery_efficiency_pct`` with ``h``, ``system_efficiency_pct`` with ``w + h``, all of active power;
     - ``fulfilment_pct`` ``sum |delivered| / sum |D|``; ``undelivered_kwh`` ``sum (a + d)``, ``lost_kwh``
-      ``sum (a + d + w + h)``;
+      ``sum (a + d + w + h)``, without ``hysteresis_loss_kwh``;
     - ``round_trip_efficiency_pct`` grid export over grid import at the plant's meter: delivered power minus
       standby and auxiliaries, summed over the strings. If initial and final chemical energy differ, the ratio
       is corrected to ``(given / drawn) (stored / taken)``. Omitted without import or export;
-    - ``hysteresis_loss_kwh``, a loss that is not part of ``lost_kwh``;
-    - ``auxiliary_kwh``, and for plants with cooling ``system_efficiency_with_auxiliaries_pct``, which counts
-      it as a loss;
-    - ``peak_mean_temperature_c`` of the mean over strings, ``peak_string_temperature_c`` of the hottest
-      string's mean (both with the initial state), ``peak_node_temperature_c`` of the hottest node;
-    - ``soc_spread_start``, ``_end``, ``_mean`` and ``_max`` of the largest minus the smallest SOC, and
-      ``temperature_spread_..._k`` of the string temperatures; ``full_cycles`` half of the absolute SOC
-      changes, mean over strings; ``inverter_starts_mean``, ``inverter_starts_max`` per inverter;
-    - for studies with reactive power ``reactive_demand_kvarh`` (demand) and ``reactive_kvarh`` (carried),
-      both absolute; efficiencies still refer to active power;
-    - energies in kWh; ``ledger_residual_ratio``, the sum of absolute residuals over the delivered energy;
-    - ``fallback_steps``, ``solver_steps``, and ``median``, ``p95`` and ``max`` of gaps and nodes over the
-      steps with a certified split (a plan has neither); for market studies ``revenue_eur``;
-    - for services :func:`~bess.simulation.analysis.services.service_kpis`: hours outside the window, peaks,
-      grid import and export, self-consumption;
-    - for studies with a contract ``contract_round_trip_efficiency_margin`` and
-      ``contract_availability_margin`` (of ``fulfilment_pct``), actual minus guaranteed, and
-      ``contract_throughput_left_mwh``;
-    - for studies with a budget ``budget_used_pct``, the largest used share of a yearly budget;
-    - ``soh_capacity_min``, ``soh_capacity_mean`` and ``soh_resistance_max`` over the strings at the end,
-      ``end_of_life_days`` if a string reached it, ``wear_eur``, ``cycle_wear_eur_mwh``, ``investment_eur`` of
-      batteries installed during the run, and ``npv_eur`` and ``cash_npv_eur`` of market studies that are
-      longer than a year.
-
-    Labels, units and descriptions are in :data:`bess.simulation.analysis.catalogue.CATALOGUE`. A
-    :class:`bess.Result` adds the wall-clock ``solve_time_s_*``.
+    - peak temperatures and spreads include the initial state, except ``peak_node_temperature_c``;
+    - ``ledger_residual_ratio``, the sum of absolute residuals over the delivered energy;
+    - median, 95th percentile and maximum of gaps and nodes over the steps with a certified split. A
+      :class:`bess.Result` adds the wall-clock ``solve_time_s_*``.
 
     Raises
     ------

@@ -1,9 +1,10 @@
-"""Long runs: yearly ledger, net present value, and ageing of the strings."""
+"""Ageing and long runs: yearly ledger, net present value, budgets of a year, and contract figures."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+import tomllib
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from bess.errors import InputError
 from bess.simulation.analysis.settlement import has_prices, ledger, recorded_terms
-from bess.units import DAYS_PER_YEAR, KWH_PER_MWH
+from bess.study.grid import TimeGrid
+from bess.study.sections import BudgetSection
+from bess.units import DAYS_PER_YEAR, KWH_PER_MWH, PERCENT
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -94,7 +97,7 @@ def net_present_value(amounts: ArrayLike, discount_rate: float) -> float:
     Parameters
     ----------
     amounts
-        One for each year, such as ``ledger_by_year(result)["net_eur"]``.
+        One amount for each year, such as ``ledger_by_year(result)["net_eur"]``.
     discount_rate
         Per year, above -1; 0.05 for 5 %.
 
@@ -140,3 +143,49 @@ def wear_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
                 yield "cash_npv_eur", net_present_value(cash_by_year(dataset)["cash_eur"], rate)
     else:
         yield "wear_eur", math.fsum(dataset["wear_eur"].values.ravel())
+
+
+def budget_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
+    """Yield the largest used share of a yearly budget, for studies with ``[budget]``.
+
+    A partly simulated year has a proportional budget. Full cycles are the larger of charged and discharged
+    SOC, mean over the strings; throughput is discharged energy (AC).
+    """
+    if "budget_cycles" not in dataset:
+        return
+    limits = BudgetSection.model_validate(tomllib.loads(dataset.attrs["study"])["budget"])
+    step_h = float(dataset.attrs["step_h"])
+    start_s = int(dataset["time"].values[0].astype("datetime64[s]").astype(np.int64))
+    grid = TimeGrid(start_s, round(3600.0 * step_h), dataset.sizes["time"])
+    years = np.minimum(grid.years, grid.n_steps)
+    part = np.diff(years) / np.diff(grid.years)
+    initial = np.atleast_1d(np.asarray(dataset.attrs["initial_soc"], dtype=np.float64))
+    change = np.diff(dataset["soc"].values, axis=0, prepend=initial[None])
+    charged, discharged = (
+        np.add.reduceat(np.maximum(sign * change, 0.0).mean(axis=1), years[:-1]) for sign in (1.0, -1.0)
+    )
+    sold_mwh = np.maximum(dataset["delivered_kw"].values, 0.0).sum(axis=1) * step_h / KWH_PER_MWH
+    used = [
+        (values / (part * limit)).max()
+        for values, limit in (
+            (np.maximum(charged, discharged), limits.cycles_per_year),
+            (np.add.reduceat(sold_mwh, years[:-1]), limits.throughput_mwh_per_year),
+        )
+        if limit is not None
+    ]
+    yield "budget_used_pct", PERCENT * float(max(used))
+
+
+_MARGINS = {"round_trip_efficiency_pct": "round_trip_efficiency_pct", "availability_pct": "fulfilment_pct"}
+"""Keys of the contract, and the KPIs that they guarantee."""
+
+
+def contract_kpis(dataset: xr.Dataset, kpis: Mapping[str, float]) -> Iterator[tuple[str, float]]:
+    """Yield the margins of a run over its guarantees, and the remaining throughput of the contract."""
+    contract = tomllib.loads(dataset.attrs.get("study", "")).get("contract", {})
+    for key, name in _MARGINS.items():
+        if key in contract and name in kpis:
+            yield f"contract_{key.removesuffix('_pct')}_margin", kpis[name] - contract[key]
+    if "throughput_mwh" in contract:
+        used_mwh = kpis["discharged_kwh"] / KWH_PER_MWH
+        yield "contract_throughput_left_mwh", contract["throughput_mwh"] - used_mwh

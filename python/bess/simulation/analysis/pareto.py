@@ -20,10 +20,10 @@ Points = NDArray[np.float64]
 
 
 def non_dominated(points: ArrayLike, directions: Sequence[Direction] | None = None) -> NDArray[np.bool_]:
-    """Return which points no other point dominates.
+    """Return a mask of the non-dominated points.
 
     A point dominates another if it is no worse in every objective and better in one. Equal points do not
-    dominate each other, so copies of a front point all stay.
+    dominate each other, so all copies of a front point are in the front.
 
     Parameters
     ----------
@@ -60,12 +60,12 @@ def hypervolume(
     points
         Shape ``(n_points, n_objectives)``.
     reference
-        Shape ``(n_objectives,)``, a point worse than those of interest, in the directions given.
+        Shape ``(n_objectives,)``: a point worse than all points of interest, in the directions given.
 
     Raises
     ------
     InputError
-        The reference has not one value for each objective, or a value is not finite.
+        The reference does not have one value for each objective, or a value is not finite.
 
     Notes
     -----
@@ -106,7 +106,7 @@ def knee_point(points: ArrayLike, directions: Sequence[Direction] | None = None)
     if front.size == 0:
         raise InputError("knee_point: needs at least one point")
     low, high = costs[front].min(axis=0), costs[front].max(axis=0)
-    # An objective in which the whole front is equal cannot tell its points apart.
+    # Avoids a division by zero for an objective that is equal over the whole front.
     span = np.where(high > low, high - low, 1.0)
     return int(front[np.argmin(((costs[front] - low) / span).sum(axis=1))])
 

@@ -1,4 +1,4 @@
-"""Revenue and compliance of grid services, from the record of the plant only."""
+"""Revenue and compliance of grid services, and the kind of a run, from the record of the plant only."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def site_saving_eur(dataset: xr.Dataset, terms: SettlementTerms) -> Array:
     """Return the reduction of the energy cost at the meter in each step [EUR]; negative while charging.
 
     Grid import costs ``price_eur_mwh``, grid export earns ``export_price_eur_mwh``; fees apply to charged and
-    discharged energy of the plant. What is above the limit of the export is curtailed and earns nothing.
+    discharged energy of the plant. Export above its limit is curtailed and earns nothing.
     """
     step_mwh_per_kw = float(dataset.attrs["step_h"]) / _PER_MEGA
     before, after, delivered = draw_kw(dataset)
@@ -92,10 +92,10 @@ def capacity_entries(dataset: xr.Dataset, terms: SettlementTerms) -> Iterator[tu
 
 
 def peak_charge_eur(dataset: xr.Dataset) -> Array:
-    """Return what the plant adds to the charge of the monthly peaks in each step [EUR].
+    """Return the increase of the monthly peak charge due to the plant in each step [EUR].
 
-    The charge rises in the steps in which the highest quarter-hour mean of the import so far rises, with the
-    plant and without.
+    The charge increases in each step that sets a new highest quarter-hour mean of the import, with the plant
+    or without it.
     """
     seconds = dataset["time"].values.astype("datetime64[s]").astype(np.int64)
     month, price = dataset["billing_month"].values, dataset["peak_price_eur_kw"].values
@@ -145,3 +145,28 @@ def _site_kpis(dataset: xr.Dataset, dt_h: float) -> Iterator[tuple[str, Any]]:
     if generated > 0.0:
         yield "self_consumption_pct", PERCENT * (1.0 - exported / generated)
         yield "self_sufficiency_pct", PERCENT * (1.0 - imported / load) if load > 0.0 else PERCENT
+
+
+def unprovable(dataset: xr.Dataset) -> str | None:
+    """Return the reason why :func:`bess.hindsight` does not support a record; None if it does.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Record of a run.
+    """
+    if "reactive_kvar" in dataset:
+        return (
+            "this run carried reactive power, which hindsight does not support; "
+            "leave out [reactive] of its study"
+        )
+    if "auxiliary_kw" in dataset:
+        return (
+            "the plant of this run has a section [cooling], and the lower bound supports ambient-air cooling "
+            "only"
+        )
+    if "investment_eur" in dataset:
+        return "strings of this run are added, replaced or retired, which hindsight does not support"
+    if "reversible_heat_kw" in dataset:
+        return "the cells of this run have reversible heat, and the lower bound supports ohmic heat only"
+    return None

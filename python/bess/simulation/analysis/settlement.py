@@ -57,10 +57,10 @@ def ledger(result: Result | xr.Dataset) -> xr.Dataset:
       are off), at the price and fee of charging;
     - for services ``capacity_revenue_eur``, the revenue of a reserve or a lower peak, and ``penalty_eur`` for
       insufficient reserve (:mod:`bess.simulation.analysis.services`);
-    - ``position_revenue_eur``: positions of auctions at their price, less that of the last market, at which
-      they are bought back and all that is delivered is settled, imbalance included;
-    - ``peak_charge_eur``: what the plant adds to the charge of the monthly peaks, in the steps in which the
-      highest import so far rises; negative where the plant lowers it;
+    - ``position_revenue_eur``: auction positions at the auction price minus the price of the last market,
+      which settles their repurchase and all delivered energy, imbalance included;
+    - ``peak_charge_eur``: increase of the monthly peak charge due to the plant, in the steps that set a new
+      highest import; negative if the plant lowers the charge;
     - ``net_eur``, the revenue minus all costs.
 
     With a reserve, `p` excludes the frequency response. Behind a meter, revenue and cost are the decrease of

@@ -14,17 +14,15 @@ from bess.arrays import Array
 from bess.control.planning import Planner, PlanPrices
 from bess.control.planning.planner import MAX_STEPS
 from bess.control.planning.power_plan import ROLLOUTS
-from bess.control.policies import Policy, PolicyInput
+from bess.control.policies import PolicyInput
 from bess.control.policies.adapters import FunctionPolicy
 from bess.control.split.objectives import Objectives
 from bess.control.wear import WearPrices
 from bess.errors import InputError
 from bess.simulation.analysis.kpis import kpis
-from bess.simulation.analysis.provable import unprovable
-from bess.simulation.analysis.services import is_reserve, is_site
+from bess.simulation.analysis.services import is_reserve, is_site, unprovable
 from bess.simulation.hindsight.bound import LossWeights, lower_bound
 from bess.simulation.hindsight.replay import Replay
-from bess.simulation.hindsight.rules import rules_of
 from bess.system import System
 from bess.units import KWH_PER_MWH
 
@@ -115,14 +113,28 @@ def hindsight(result: Result | xr.Dataset, effort: Effort = "quick") -> Hindsigh
             "hindsight needs a result of bess.run or bess.open_result, or its dataset, not "
             f"{type(result).__name__}"
         )
+    return benchmark(Replay.of(record), effort)
+
+
+def benchmark(replay: Replay, effort: Effort = "quick") -> Hindsight:
+    """As :func:`hindsight`, for a replay, which may have simulated the rules already.
+
+    Raises
+    ------
+    InputError
+        The record has no hindsight benchmark.
+    """
+    record = replay.record
     if reason := unprovable(record):
         raise InputError(f"hindsight: {reason}")
-    replay = Replay.of(record)
     fine = True if effort == "thorough" else None
     bound_kwh = _bound(replay, None, fine)
-    figures = {"this run": kpis(record)}
-    for name, policy, horizon_steps in _others(replay, effort):
-        figures[name] = kpis(replay.under(policy, horizon_steps))
+    dt_h = replay.inputs.grid.dt_h
+    hours, passes = _SEARCH[effort]
+    steps = max(1, min(round(hours / dt_h), replay.inputs.grid.n_steps, MAX_STEPS))
+    plans = FunctionPolicy(_Plans(replay.system, steps, dt_h, passes))
+    figures = {"this run": kpis(record), **replay.rules}
+    figures[f"a plan of {steps * dt_h:g} h"] = kpis(replay.under(plans, steps))
     found_by = min(figures, key=lambda name: figures[name]["lost_kwh"])
     money = {}
     if replay.inputs.price_eur_mwh is not None and not (is_reserve(record) or is_site(record)):
@@ -139,17 +151,6 @@ def hindsight(result: Result | xr.Dataset, effort: Effort = "quick") -> Hindsigh
         found_by=found_by,
         **money,
     )
-
-
-def _others(replay: Replay, effort: Effort) -> Iterator[tuple[str, Policy, int]]:
-    """Every rule, and plans with perfect forecast that minimise undelivered energy and losses."""
-    dt_h = replay.inputs.grid.dt_h
-    for name, policy in rules_of(replay):
-        yield name, policy, 1
-    hours, passes = _SEARCH[effort]
-    steps = max(1, min(round(hours / dt_h), replay.inputs.grid.n_steps, MAX_STEPS))
-    plans = _Plans(replay.system, steps, dt_h, passes)
-    yield f"a plan of {steps * dt_h:g} h", FunctionPolicy(plans), steps
 
 
 class _Plans:
@@ -216,8 +217,8 @@ class _Value:
     wear_eur : float
         Wear cost of that delivery at a price per MWh discharged.
     worth : Worth
-        Cost of the difference from that delivery, without wear by cell models and starts, which are never
-        income.
+        Cost of the difference from that delivery. It excludes starts and the wear of cell models, which never
+        reduce the cost.
     """
 
     def __init__(self, replay: Replay) -> None:

@@ -8,15 +8,17 @@ Every operation of the plant satisfies all rows at no lower cost; ``docs/hindsig
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
+import clarabel
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
 
 from bess.arrays import Array
-from bess.simulation.hindsight.cooling import Cooling
+from bess.errors import InputError
+from bess.plant import PlantEnsemble
 from bess.simulation.hindsight.relaxed_string import CHARGE, DISCHARGE, Law, Optimist, optimist
-from bess.simulation.hindsight.safe_bound import Program
 from bess.system import State, System
 
 _HEAT_LEVELS = np.array([0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95, 1.1, 1.5, 2.2])
@@ -288,3 +290,147 @@ def _idle(air_k: Array, keeps: float, active: NDArray[np.intp]) -> Array:
         else:
             gained = keeps * gained + air_k[step]
     return added
+
+
+_PULSE_K = 10.0
+
+
+@dataclass(frozen=True)
+class Cooling:
+    """Bounds on the temperature excess ``theta`` of each string over a reference, as the mean of its nodes.
+
+    Over one control step, ``theta' <= keeps theta + takes (ambient excess) + heats heat``.
+
+    Attributes
+    ----------
+    keeps : ndarray, shape (n_strings,)
+        Maximum remaining share of ``theta`` after a control step, for any node.
+    takes : ndarray, shape (n_strings,)
+        Share of the ambient's excess.
+    heats : ndarray, shape (n_strings,)
+        Increase of ``theta`` per heat over the step [K/kW].
+    """
+
+    keeps: Array
+    takes: Array
+    heats: Array
+
+    @classmethod
+    def of(cls, system: System, step_s: float) -> Cooling:
+        """Identify the rates with an idle plant: warm one node at a time and simulate a step.
+
+        Strings do not exchange heat, so each node number is tested on all strings at once.
+
+        Raises
+        ------
+        InputError
+            The system has a section ``[cooling]``, for which the response is not linear. Or it has heat other
+            than ``R I^2``, which warms the cells and lowers the resistance below the assumed value.
+        """
+        if system.cooling is not None:
+            raise InputError(
+                f"hindsight: {system.name} has [cooling] kind = {system.cooling.kind!r}; the lower bound "
+                "supports ambient-air cooling only, without that section"
+            )
+        if any(string.battery.entropy or string.battery.hysteresis_heat for string in system.strings):
+            raise InputError(
+                f"hindsight: {system.name} has battery.entropy or battery.hysteresis_heat; the lower bound "
+                "supports ohmic heat only"
+            )
+        nodes = np.array([string.thermal.spatial.nodes for string in system.strings])
+        count = int(nodes.max())
+        middle = [0.5 * (s.battery.soc_min + s.battery.soc_max) for s in system.strings]
+        ambient_c = 20.0
+        state = State(middle, np.full(system.n_strings, ambient_c))
+        fleet = PlantEnsemble(system, [state] * count, ambient_c=ambient_c)
+        snapshot = fleet.snapshot()
+        pulses_c = np.array(snapshot.node_temperature_c)
+        pulses_c[np.arange(count), :, np.arange(count)] += _PULSE_K
+        fleet.restore(replace(snapshot, node_temperature_c=pulses_c))
+        flows = fleet.step(np.zeros((count, system.n_strings)), step_s)
+        assert flows.node_temperature_c is not None
+        # left[i, m, j]: share of the excess of node i of string m that is in node j after the step.
+        left = np.nan_to_num((flows.node_temperature_c - ambient_c) / _PULSE_K)
+        real = np.arange(count)[:, None] < nodes
+        keeps = np.where(real, left.sum(axis=2), 0.0).max(axis=0)
+        takes = 1.0 - np.where(real, left.sum(axis=2), 0.0).sum(axis=0) / nodes
+        heats = []
+        for string in system.strings:
+            thermal = string.thermal.spatial
+            volume_m3 = thermal.section_m2 * thermal.length_m * thermal.packs_per_string
+            heats.append(1e3 * step_s / (thermal.density_kg_m3 * thermal.specific_heat_j_kgk * volume_m3))
+        # Rounding error of this simulation.
+        return cls(np.minimum(keeps * (1.0 + 1e-9), 1.0), np.maximum(takes, 0.0) + 1e-9, np.array(heats))
+
+
+Indices = NDArray[np.intp]
+
+
+@dataclass
+class Program:
+    """Minimise ``cost @ x`` subject to ``rows @ x <= most`` and ``0 <= x <= upper``; built incrementally."""
+
+    cost: list[Array] = field(default_factory=list)
+    upper: list[Array] = field(default_factory=list)
+    _size: int = 0
+    _count: int = 0
+    _row: list[Indices] = field(default_factory=list)
+    _column: list[Indices] = field(default_factory=list)
+    _value: list[Array] = field(default_factory=list)
+    _most: list[Array] = field(default_factory=list)
+
+    def variables(self, shape: tuple[int, ...], upper: ArrayLike, cost: ArrayLike = 0.0) -> Indices:
+        """Add variables in ``[0, upper]``; return their indices in ``shape``."""
+        count = int(np.prod(shape))
+        self.upper.append(np.broadcast_to(np.asarray(upper, dtype=np.float64), shape).ravel())
+        self.cost.append(np.broadcast_to(np.asarray(cost, dtype=np.float64), shape).ravel())
+        numbers = self._size + np.arange(count).reshape(shape)
+        self._size += count
+        return numbers
+
+    def at_most(self, most: ArrayLike, *terms: tuple[Indices, ArrayLike]) -> None:
+        """Add rows ``sum of factor * variable <= most``; all arrays broadcast to the shape of the rows.
+
+        A term whose variables have one more axis at the end is summed over it.
+        """
+        most = np.asarray(most, dtype=np.float64)
+        rows = self._count + np.arange(most.size).reshape(most.shape)
+        for numbers, factor in terms:
+            own = rows if numbers.ndim == rows.ndim else rows[..., None]
+            shape = np.broadcast_shapes(own.shape, numbers.shape)
+            self._row.append(np.broadcast_to(own, shape).ravel())
+            self._column.append(np.broadcast_to(numbers, shape).ravel())
+            self._value.append(np.broadcast_to(np.asarray(factor, dtype=np.float64), shape).ravel())
+        self._most.append(most.ravel())
+        self._count += most.size
+
+    def lower_bound(self) -> float:
+        """Return a lower bound on the optimum, valid for any accuracy of the solver.
+
+        For row multipliers ``y >= 0``, every feasible point costs at least
+        ``-y @ most + sum_j min(0, (cost + y @ rows)_j upper_j)``.
+        """
+        cost, upper, most = (np.concatenate(parts) for parts in (self.cost, self.upper, self._most))
+        cells = (np.concatenate(self._value), (np.concatenate(self._row), np.concatenate(self._column)))
+        rows = sparse.csc_array(cells, shape=(self._count, self._size))
+        unit = sparse.eye_array(self._size, format="csc")
+        every = sparse.csc_matrix(sparse.vstack([rows, unit, -unit], format="csc"))
+        limits = np.concatenate([most, upper, np.zeros(self._size)])
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        # The bound is valid for any multipliers; these make it tight.
+        settings.tol_gap_rel = 1e-6
+        settings.max_threads = 1
+        answer = clarabel.DefaultSolver(
+            sparse.csc_matrix((self._size, self._size)),
+            cost,
+            every,
+            limits,
+            [clarabel.NonnegativeConeT(limits.size)],
+            settings,
+        ).solve()
+        multiplier = np.maximum(np.array(answer.z)[: self._count], 0.0)
+        if not np.isfinite(multiplier).all():
+            multiplier = np.zeros(self._count)
+        reduced = cost + rows.T @ multiplier
+        return float(np.minimum(reduced * upper, 0.0).sum() - multiplier @ most)

@@ -151,7 +151,7 @@ def optimist(
     Parameters
     ----------
     string
-        Its parameters.
+        Parameters of the string.
     coldest_c
         Lower limit of all temperatures of the string [degC]: the minimum of start and ambient.
     plant_step_s

@@ -1,24 +1,29 @@
-"""Replay of a finished run under another policy, with the same plant and perfect forecast of its demand."""
+"""Replays of a finished run under other policies: same plant, start, weather and (known) demand."""
 
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bess.arrays import Array
-from bess.control.policies import Policy
+from bess.control.policies import POLICIES, Policy, Settings, build_policy
+from bess.control.policies.rule import RulePolicy
 from bess.dispatch import PerfectForecast
 from bess.errors import InputError
 from bess.plant import Plant
+from bess.simulation.analysis.kpis import kpis
+from bess.simulation.analysis.services import is_reserve
 from bess.simulation.closed_loop import ClosedLoop
 from bess.simulation.demand import ProfileSource
+from bess.simulation.demand_builder import Foreseen
 from bess.simulation.inputs import Inputs, limits_of
 from bess.simulation.installations import Installations
-from bess.simulation.reactive_demand import Foreseen
-from bess.simulation.record.schema import VARIABLES
+from bess.simulation.record.dataset import VARIABLES
 from bess.study import Study
 from bess.study.grid import TimeGrid
 from bess.study.plant_choice import build_system
@@ -26,6 +31,9 @@ from bess.system import System
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from bess.system import System
+
 
 _AT_THE_METER = (
     "load_kw",
@@ -42,6 +50,9 @@ _AT_THE_METER = (
 """Variables of a record that the ledger needs and that do not depend on the split."""
 
 
+_DRAWN_KW = "drawn_kw"
+
+
 @dataclass(frozen=True)
 class Replay:
     """Inputs of a recorded run, for a replay.
@@ -49,7 +60,7 @@ class Replay:
     Attributes
     ----------
     study : Study
-        As resolved.
+        Resolved study.
     inputs : Inputs
         System, steps and limits of the run, and its demand as a known series.
     record : xarray.Dataset
@@ -111,6 +122,15 @@ class Replay:
         total = self.inputs.limit_kw.sum(axis=1)
         return np.clip(demand, -total, total)
 
+    @cached_property
+    def rules(self) -> dict[str, dict[str, float]]:
+        """KPIs of every rule on this demand, by its name, and the power drawn from the cells."""
+        figures = {}
+        for name, rule in rules_of(self):
+            record = self.under(rule)
+            figures[name] = kpis(record) | {_DRAWN_KW: _drawn_kw(record)}
+        return figures
+
     def under(self, policy: Policy, horizon_steps: int = 1) -> xr.Dataset:
         """Simulate ``policy`` with this forecast length [steps]; return a record for KPIs and ledger."""
         import xarray as xr
@@ -119,6 +139,55 @@ class Replay:
         inputs = replace(self.inputs, horizon_steps=horizon_steps, installations=installations)
         plant = Plant(inputs.system, inputs.system.initial_state(), derating_law=self.study.run.derating_law)
         loop = ClosedLoop(inputs, policy, plant, node_temperatures=False)
-        rows: list[dict[str, Any]] = [loop.advance()[0] for _ in range(inputs.grid.n_steps)]
-        variables = {name: (VARIABLES[name].dims, np.array([row[name] for row in rows])) for name in rows[0]}
+        run, _ = loop.advance_part(inputs.grid.n_steps)
+        variables = {name: (VARIABLES[name].dims, values) for name, values in run.items()}
         return xr.Dataset(variables, {"time": self.record["time"]}, self.record.attrs)
+
+
+def rules_of(replay: Replay) -> Iterator[tuple[str, RulePolicy]]:
+    """Yield the name and policy of every rule of the registry, for the plant of a replay."""
+    settings = Settings(dt_h=replay.inputs.grid.dt_h, horizon_steps=1)
+    for name in POLICIES:
+        if name not in ("mpc", "distilled"):
+            policy = build_policy(name, replay.system, settings)
+            if isinstance(policy, RulePolicy):
+                yield name, policy
+
+
+def gain_over_rules(replay: Replay, policy: str = "") -> dict[str, float | str]:
+    """Return the gain of a run over the best rule on its demand.
+
+    The best rule has the lowest undelivered energy and losses. A tie with the rule of the run itself, as for
+    identical strings, is decided for that rule. SOC-dependent demand is replayed as recorded.
+
+    Parameters
+    ----------
+    replay : Replay
+        Replay of the run.
+    policy : str
+        Name of the policy that ran.
+
+    Returns
+    -------
+    dict
+        ``gain_rule``: name of the best rule. ``gain_kwh``: its ``lost_kwh`` minus that of the run [kWh].
+        ``gain_stored_kwh``: final stored energy of the run minus that of this rule [kWh]. ``gain_eur``: net
+        income of the run minus the highest net income of a rule [EUR]; only with prices, and not for a
+        reserve, whose revenue depends on the SOC.
+    """
+    record, rules, own = replay.record, replay.rules, kpis(replay.record)
+    best = min(rules, key=lambda name: (rules[name]["lost_kwh"], name != policy))
+    gain: dict[str, float | str] = {
+        "gain_rule": best,
+        "gain_kwh": rules[best]["lost_kwh"] - own["lost_kwh"],
+    }
+    if "chemical_kw" in record:  # not in records of earlier versions
+        gain["gain_stored_kwh"] = (rules[best][_DRAWN_KW] - _drawn_kw(record)) * replay.inputs.grid.dt_h
+    if "net_eur" in own and not is_reserve(record):
+        gain["gain_eur"] = own["net_eur"] - max(each["net_eur"] for each in rules.values())
+    return gain
+
+
+def _drawn_kw(record: xr.Dataset) -> float:
+    """Power drawn from the cells, summed over strings and steps."""
+    return float(record["chemical_kw"].values.sum())

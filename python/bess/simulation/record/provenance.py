@@ -1,4 +1,4 @@
-"""Provenance of a run: it prevents that a run is continued with other inputs."""
+"""Provenance of a run, which prevents its continuation with other inputs."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ import bess
 from bess import __version__
 from bess.errors import InputError, option
 from bess.files import parse_json
-from bess.simulation.record.atomic import write_bytes
-from bess.simulation.record.checksums import check_file, sha256
-from bess.simulation.record.schema import RECORD_FORMAT
+from bess.simulation.record.files import check_file, sha256, write_bytes
 from bess.study.study import Study
 from bess.system import System
 
+RECORD_FORMAT = 2
+"""Version of the layout of a run directory; a run with another version is not continued."""
 IDENTITY = "run.json"
 Identity = dict[str, Any]
 
-_NOT_PART_OF_A_RUN = ("cli/", "edge/", "report/", "simulation/hindsight/", "simulation/sweep/")
+_NOT_PART_OF_A_RUN = ("cli/", "edge/", "report/", "simulation/hindsight/", "simulation/sweep.py")
 """Folders of the package that do not affect the results of a run."""
 
 
@@ -66,7 +66,7 @@ def read_identity(directory: Path) -> Identity | None:
 
 
 def differences(old: Identity, new: Identity) -> list[str]:
-    """Return the differences as ``key: old -> new``; the frame follows from the other values."""
+    """Return the differences as ``key: old -> new``; ``frame`` is left out: it follows from other values."""
     before, after = (dict(leaves({**identity, "frame": None})) for identity in (old, new))
     missing = "(not set)"
     return [

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from bess.display import as_table, one_line
 from bess.errors import InputError, option
 from bess.optional_dependencies import extra
-from bess.simulation.record.checksums import check_file
-from bess.simulation.record.dataset_spec import frame_of
-from bess.simulation.record.netcdf import write_netcdf
+from bess.simulation.record.dataset import frame_of, write_netcdf
+from bess.simulation.record.files import check_file
 from bess.simulation.record.provenance import IDENTITY, read_identity
 from bess.simulation.record.store import parts, records
 
@@ -51,10 +50,10 @@ class Result:
 
     @cached_property
     def plot(self) -> Any:
-        """Figures of this result; see :class:`bess.report.plotting.Plot`. Needs the extra ``report``."""
+        """Figures of this result; see :class:`bess.report.figures.Plot`. Needs the extra ``report``."""
         # The record does not depend on reports; this property imports them when needed.
         with extra("report", "a figure"):
-            return import_module("bess.report.plotting").Plot(self)
+            return import_module("bess.report.figures").Plot(self)
 
     def _facts(self) -> dict[str, str]:
         steps, strings = self.dataset.sizes["time"], self.dataset.sizes["string"]

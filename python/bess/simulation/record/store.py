@@ -1,16 +1,18 @@
-"""A run on disk: parts of the record, each with the checkpoint that continues after it.
+"""A run on disk: parts of the record, each with the checkpoint that continues after it, and its log.
 
 A part is one file that is created by a rename. The directory therefore always holds a gap-free record from
 step 0 and the state at its end. Steps that were not saved before a crash are computed again on resume. The
-first line of a part is a checksum of the rest, which is an ``npz`` archive.
+first line of a part is a checksum of the rest, which is an ``npz`` archive. ``log.jsonl`` has a line for each
+step with a solve or with undelivered energy, with wall-clock times, which a rerun does not reproduce.
 """
 
 from __future__ import annotations
 
 import io
+import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,9 +24,8 @@ from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 
 from bess.errors import InputError, option
-from bess.simulation.record.atomic import clear_errors, write_bytes
-from bess.simulation.record.checksums import sealed, unsealed
-from bess.simulation.record.codec import pack, unpack
+from bess.files import parse_json
+from bess.simulation.record.files import check_file, clear_errors, sealed, unsealed, write_bytes
 
 PARTS = "parts"
 LOCK = ".lock"
@@ -144,3 +145,111 @@ class Lock:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._lock.release()
+
+
+_TREE = "tree"
+_TABLE, _LIST, _ARRAY, _BYTES, _VALUE = "table", "list", "array", "bytes", "value"
+
+Arrays = Mapping[str, NDArray[Any]]
+
+
+def pack(document: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+    """Flatten ``document``; its leaves are JSON values, ``bytes`` or arrays.
+
+    The tree is stored as JSON with nodes ``[kind, content]``.
+    """
+    arrays: dict[str, NDArray[Any]] = {}
+    tree = json.dumps(_encoded(document, arrays))
+    return {_TREE: np.frombuffer(tree.encode(), dtype=np.uint8), **arrays}
+
+
+def unpack(arrays: Arrays) -> dict[str, Any]:
+    """Inverse of :func:`pack`; tuples become lists."""
+    document: dict[str, Any] = _decoded(json.loads(arrays[_TREE].tobytes()), arrays)
+    return document
+
+
+def _encoded(value: Any, arrays: dict[str, NDArray[Any]]) -> list[Any]:
+    name = f"array{len(arrays)}"
+    if isinstance(value, np.ndarray):
+        arrays[name] = value
+        return [_ARRAY, name]
+    if isinstance(value, bytes):
+        arrays[name] = np.frombuffer(value, dtype=np.uint8)
+        return [_BYTES, name]
+    if isinstance(value, Mapping):
+        return [_TABLE, {key: _encoded(entry, arrays) for key, entry in value.items()}]
+    if isinstance(value, list | tuple):
+        return [_LIST, [_encoded(entry, arrays) for entry in value]]
+    return [_VALUE, value.item() if isinstance(value, np.generic) else value]
+
+
+def _decoded(node: list[Any], arrays: Arrays) -> Any:
+    kind, content = node
+    if kind == _TABLE:
+        return {key: _decoded(entry, arrays) for key, entry in content.items()}
+    if kind == _LIST:
+        return [_decoded(entry, arrays) for entry in content]
+    if kind == _ARRAY:
+        return arrays[content]
+    return arrays[content].tobytes() if kind == _BYTES else content
+
+
+LOG = "log.jsonl"
+
+
+class StepLog:
+    """Appends to the log of a run directory from a byte offset."""
+
+    def __init__(self, directory: Path, offset: int) -> None:
+        self._path = directory / LOG
+        with clear_errors(self._path):
+            self._file = self._path.open("ab")
+            self._file.truncate(offset)
+
+    def write(self, lines: Iterable[Mapping[str, Any]]) -> None:
+        """Append lines; NaN becomes ``null``."""
+        text = "".join(
+            json.dumps({key: None if value != value else value for key, value in line.items()}) + "\n"
+            for line in lines
+        )
+        with clear_errors(self._path):
+            self._file.write(text.encode())
+
+    def sync(self) -> int:
+        """Flush all lines to the disk and return the length of the file [bytes]."""
+        with clear_errors(self._path):
+            self._file.flush()
+            os.fsync(self._file.fileno())
+        return self._path.stat().st_size
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with clear_errors(self._path):
+            self._file.close()
+
+
+def solve_times_s(directory: Path) -> NDArray[np.float64]:
+    """Return the solve times [s] of all solves in the log.
+
+    Raises
+    ------
+    InputError
+        The log is damaged.
+    """
+    path = directory / LOG
+    if not path.exists():
+        return np.zeros(0)
+    try:
+        check_file(path)
+        with path.open(encoding="utf-8") as file:
+            times = [parse_json(line)["solve_time_s"] for line in file if line.endswith("\n")]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"{path}: is damaged ({error}); delete it to do without the times of solves"
+        ) from error
+    return np.array([time for time in times if time], dtype=np.float64)

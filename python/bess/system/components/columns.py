@@ -27,16 +27,12 @@ def read_columns(path: str | Path) -> Columns:
     InputError
         There is no such file, or it is no table of that form; with the line.
     """
-    path = Path(path)
+    path, raw = Path(path), read_file(path)
+    if path.suffix == ".parquet":
+        return _parquet(path, raw)
     try:
-        if path.suffix == ".parquet":
-            return _parquet(path, read_file(path))
-        text = read_file(path).decode("utf-8-sig")
-    except InputError:
-        raise
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except (OSError, ValueError) as error:  # also undecodable text
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
         raise InputError(f"{path}: cannot be read as a table ({error})") from error
     lines = text.splitlines()
     if len(lines) < 2:

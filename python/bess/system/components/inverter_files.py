@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +10,22 @@ import numpy as np
 from bess.errors import InputError
 from bess.system.components.columns import Columns, numbers, read_columns
 from bess.system.components.loss_table import LossTable, table_from_curves
-from bess.system.components.losses import Axis, PowerUnit, inverter_from_efficiency, inverter_from_loss
+from bess.system.components.losses import Axis, PowerUnit, inverter_from_efficiency
 from bess.system.components.sandia import inverter_from_sandia
 
 _MAX_ERROR = 5e-5
-_SANDIA = ("Paco", "Pdco", "Vdco", "Pso", "C0", "C1", "C2", "C3", "Pnt")
-_SAMPLED_SANDIA = ("name", "Paco_W", "Vdc", "p_pu", "loss_W")
+_SANDIA = {
+    "Paco": "paco_w",
+    "Pdco": "pdco_w",
+    "Vdco": "vdco_v",
+    "Pso": "pso_w",
+    "C0": "c0_per_w",
+    "C1": "c1_per_v",
+    "C2": "c2_per_v",
+    "C3": "c3_per_v",
+    "Pnt": "pnt_w",
+}
+"""Columns of the CEC list, and the arguments of :func:`inverter_from_sandia`."""
 _BSLIB = (
     "ID",
     "P_AC2BAT_in [W]",
@@ -36,10 +46,10 @@ def read_inverter(
 ) -> LossTable:
     """Read an inverter from a file and reduce it to the loss table of a system file.
 
-    Recognised are: the CEC list with Sandia coefficients (as pvlib and SAM ship it), samples of that model
-    over AC power, the inverter and storage list of bslib, and plain efficiency tables. These have a column of
-    charge and a column of discharge efficiency, or only one efficiency column, which then holds for both
-    directions; a power column, or none if the rows divide 0 to 100 % of nominal power evenly.
+    Recognised are: the CEC list with Sandia coefficients (as pvlib and SAM ship it), the inverter and storage
+    list of bslib, and plain efficiency tables. These have a column of charge and a column of discharge
+    efficiency, or only one efficiency column, which then holds for both directions; a power column, or none
+    if the rows divide 0 to 100 % of nominal power evenly.
 
     Parameters
     ----------
@@ -61,20 +71,13 @@ def read_inverter(
         If the file has none of these shapes, names several models, or holds values that no inverter can have.
     """
     columns = read_columns(path)
-
-    def has(names: tuple[str, ...]) -> bool:
-        return all(name in columns for name in names)
-
-    listed: tuple[tuple[tuple[str, ...], Callable[[str | Path, Columns, int, float], LossTable]], ...] = (
-        (_SANDIA, _from_sandia_row),
-        (_BSLIB, _from_bslib_row),
-    )
     try:
-        for names, convert in listed:
-            if has(names):
-                return convert(path, columns, _row_of(columns, model), max_error)
-        if has(_SAMPLED_SANDIA):
-            return _from_samples(path, columns, model, max_error)
+        if columns.keys() >= _SANDIA.keys():
+            row = _row_of(columns, model)
+            values = {ours: _cell(path, columns, name, row) for name, ours in _SANDIA.items()}
+            return inverter_from_sandia(**values, max_error=max_error)
+        if columns.keys() >= {*_BSLIB}:
+            return _from_bslib_row(path, columns, _row_of(columns, model), max_error)
         return _from_plain(path, columns, nominal_kw, power_unit, axis, max_error)
     except InputError as error:
         raise InputError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error
@@ -100,46 +103,13 @@ def _row_of(columns: Columns, model: str | None) -> int:
     return first.index(_pick(first, model))
 
 
-def _from_sandia_row(path: str | Path, columns: Columns, row: int, max_error: float) -> LossTable:
-    paco, pdco, vdco, pso, c0, c1, c2, c3, pnt = (
-        float(numbers(path, {name: columns[name][row : row + 1]}, name)[0]) for name in _SANDIA
-    )
-    return inverter_from_sandia(
-        paco_w=paco,
-        pdco_w=pdco,
-        vdco_v=vdco,
-        pso_w=pso,
-        c0_per_w=c0,
-        c1_per_v=c1,
-        c2_per_v=c2,
-        c3_per_v=c3,
-        pnt_w=pnt,
-        max_error=max_error,
-    )
-
-
-def _from_samples(path: str | Path, columns: Columns, model: str | None, max_error: float) -> LossTable:
-    """Loss [W] of one model, sampled over AC power; the highest DC voltage of several."""
-    name = _pick(columns["name"], model)
-    chosen = np.array([entry == name for entry in columns["name"]])
-    volts = numbers(path, columns, "Vdc")
-    chosen &= volts == volts[chosen].max()
-    nominal_kw = numbers(path, columns, "Paco_W")[chosen][0] / 1000.0
-    return inverter_from_loss(
-        numbers(path, columns, "p_pu")[chosen],
-        discharge=numbers(path, columns, "loss_W")[chosen],
-        nominal_kw=nominal_kw,
-        loss_unit="w",
-        max_error=max_error,
-    )
+def _cell(path: str | Path, columns: Columns, name: str, row: int, *, gaps: bool = False) -> float:
+    return float(numbers(path, {name: columns[name][row : row + 1]}, name, gaps=gaps)[0])
 
 
 def _from_bslib_row(path: str | Path, columns: Columns, row: int, max_error: float) -> LossTable:
     """Loss ``a x**2 + b x + c`` [W] over AC power ``x`` / the direction's nominal AC power."""
-
-    def value(name: str) -> float:
-        return float(numbers(path, {name: columns[name][row : row + 1]}, name, gaps=True)[0])
-
+    value = partial(_cell, path, columns, row=row, gaps=True)
     nominal_w = {"AC2BAT": value("P_AC2BAT_in [W]"), "BAT2AC": value("P_BAT2AC_out [W]")}
     if not nominal_w["BAT2AC"] > 0.0 or nominal_w["AC2BAT"] <= 0.0:
         raise InputError(f"{columns['ID'][row]!r} has no battery inverter (no BAT2AC values)")

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bess.arrays import real_numbers
+from bess.arrays import number_array
 from bess.errors import InputError
 from bess.system.components.loss_table import Curve, LossTable, check_nominal, table_from_curves
 
@@ -64,25 +65,17 @@ def inverter_from_efficiency(
     """
     x = _per_unit(power, power_unit, nominal_kw, axis)
 
-    def curve(direction: Direction, given: ArrayLike | None) -> Curve | None:
-        if given is None:
-            return None
-        eta = _values(given, x, direction)
+    def loss_of(eta: NDArray[np.float64], direction: Direction) -> NDArray[np.float64]:
         eta = eta / 100.0 if np.nanmax(eta, initial=0.0) > _PERCENT_FROM else eta
         eta = np.where(x == 0.0, 1.0, eta)  # 0/0
         is_output = _is_output(axis, direction)
         lowest_allowed = "above 0" if is_output else "at least 0"
         allowed = (eta <= 1.0) & ((eta > 0.0) if is_output else (eta >= 0.0))
         _refuse_rows(eta, ~allowed, f"{direction} efficiency", f"{lowest_allowed} and at most 1")
-        return _curve(x, x / eta - x if is_output else x - x * eta, axis, direction)
+        return x / eta - x if is_output else x - x * eta
 
-    return table_from_curves(
-        curve("charge", charge),
-        curve("discharge", discharge),
-        nominal_kw=nominal_kw,
-        off_loss=off_loss,
-        max_error=max_error,
-    )
+    curves = _curves(x, {"charge": charge, "discharge": discharge}, axis, loss_of)
+    return table_from_curves(*curves, nominal_kw=nominal_kw, off_loss=off_loss, max_error=max_error)
 
 
 def inverter_from_loss(
@@ -116,20 +109,13 @@ def inverter_from_loss(
         raise InputError(f"loss_unit {loss_unit!r}: allowed are {', '.join([*of_nominal, *of_axis])}")
     unit = of_axis[loss_unit] if loss_unit in of_axis else np.full_like(x, of_nominal[loss_unit])
 
-    def curve(direction: Direction, given: ArrayLike | None) -> Curve | None:
-        if given is None:
-            return None
-        loss = _values(given, x, direction) * unit
+    def loss_of(given: NDArray[np.float64], direction: Direction) -> NDArray[np.float64]:
+        loss = given * unit
         _refuse_rows(loss, ~((loss >= 0.0) & (loss < 1.0)), f"{direction} loss / nominal", "in [0, 1)")
-        return _curve(x, loss, axis, direction)
+        return loss
 
-    return table_from_curves(
-        curve("charge", charge),
-        curve("discharge", discharge),
-        nominal_kw=nominal_kw,
-        off_loss=off_loss,
-        max_error=max_error,
-    )
+    curves = _curves(x, {"charge": charge, "discharge": discharge}, axis, loss_of)
+    return table_from_curves(*curves, nominal_kw=nominal_kw, off_loss=off_loss, max_error=max_error)
 
 
 def _per_unit(power: ArrayLike, unit: str, nominal_kw: float, axis: str) -> NDArray[np.float64]:
@@ -139,25 +125,11 @@ def _per_unit(power: ArrayLike, unit: str, nominal_kw: float, axis: str) -> NDAr
         raise InputError(f"power_unit {unit!r}: allowed are {', '.join(scale)}")
     if axis not in ("ac", "dc", "input", "output"):
         raise InputError(f"axis {axis!r}: allowed are ac, dc, input, output")
-    x = _numbers(power, "power") * scale[unit]
+    x = number_array("power", power) * scale[unit]
     if x.ndim != 1:
         raise InputError(f"power must be one list of numbers, not an array of shape {x.shape}")
     _refuse_rows(x, ~(np.isfinite(x) & (x >= 0.0)), "power / nominal", "finite and at least 0")
     return x
-
-
-def _numbers(given: ArrayLike, name: str) -> NDArray[np.float64]:
-    try:
-        return real_numbers(given)
-    except ValueError as error:
-        raise InputError(f"{name} must be a list of numbers ({error})") from error
-
-
-def _values(given: ArrayLike, x: NDArray[np.float64], name: str) -> NDArray[np.float64]:
-    values = _numbers(given, name)
-    if values.shape != x.shape:
-        raise InputError(f"{name} has {values.size} rows, power has {x.size}")
-    return values
 
 
 def _refuse_rows(values: NDArray[np.float64], bad: NDArray[np.bool_], name: str, allowed: str) -> None:
@@ -170,9 +142,26 @@ def _is_output(axis: str, direction: Direction) -> bool:
     return axis in ("output", "ac" if direction == "discharge" else "dc")
 
 
-def _curve(x: NDArray[np.float64], loss: NDArray[np.float64], axis: str, direction: Direction) -> Curve:
-    output = x if _is_output(axis, direction) else x - loss
-    ac = output if direction == "discharge" else output + loss
-    _refuse_rows(ac, ac < 0.0, "discharge AC power / nominal", "at least 0: the loss exceeds the DC power")
-    informative = (x > 0.0) | (loss > 0.0)
-    return ac[informative], loss[informative]
+def _curves(
+    x: NDArray[np.float64],
+    given: dict[Direction, ArrayLike | None],
+    axis: str,
+    loss_of: Callable[[NDArray[np.float64], Direction], NDArray[np.float64]],
+) -> list[Curve | None]:
+    """Return AC power and loss of each direction, None for one without values."""
+    curves: list[Curve | None] = []
+    for direction, values in given.items():
+        if values is None:
+            curves.append(None)
+            continue
+        numbers = number_array(direction, values)
+        if numbers.shape != x.shape:
+            raise InputError(f"{direction} has {numbers.size} rows, power has {x.size}")
+        loss = loss_of(numbers, direction)
+        output = x if _is_output(axis, direction) else x - loss
+        ac = output if direction == "discharge" else output + loss
+        allowed = "at least 0: the loss exceeds the DC power"
+        _refuse_rows(ac, ac < 0.0, "discharge AC power / nominal", allowed)
+        informative = (x > 0.0) | (loss > 0.0)
+        curves.append((ac[informative], loss[informative]))
+    return curves

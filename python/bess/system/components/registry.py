@@ -37,6 +37,7 @@ INVERTERS = {
     "m5bat-630": "inverters/m5bat-630.toml",
 }
 
+INVERTER_KEYS = ("nominal_kw", "load", "loss_charge", "loss_discharge", "off_loss")
 CELL_KEYS = (
     "cell_capacity_ah",
     "cell_mass_kg",

@@ -1,14 +1,21 @@
 //! Explicit control: a control law with a bounded number of operations, from tables and fitted weights.
 //!
-//! The control law is translated from Python, see `decision.rs`; this module holds its data. kW and degC, as in C and
-//! structured text, which do the same operations.
+//! `decision` is the control law, in kW and degC as its translations; this module holds its data.
 
 use crate::error::check_length;
 use crate::ControlError;
 
-#[rustfmt::skip]
-#[allow(clippy::all, unused_mut, unused_parens, unused_assignments)]
+#[allow(
+    clippy::assign_op_pattern,
+    clippy::manual_memcpy,
+    clippy::needless_range_loop,
+    clippy::too_many_arguments,
+    unused_assignments
+)]
 mod decision;
+
+/// Source text of the control law, for translations.
+pub const DECISION: &str = include_str!("decision.rs");
 
 /// Maximum number of strings of a plant.
 const MOST_STRINGS: usize = 32;
@@ -51,7 +58,7 @@ macro_rules! tables {
 }
 
 tables! {
-    /// What a decision knows of a plant; the fields are those of `bess.control.explicit.tables.Tables`, which says what they are.
+    /// What a decision knows of a plant; the fields are those of `bess.control.explicit.Tables`, which says what they are.
     counts: strings, soc_knots, temperature_knots, derating_knots, power_knots, heat_knots, low_knots, steps, near_steps;
     numbers: step_h, step_share, near_share, shortfall, high_fill, min_power_kw, flattest, shed_slope, crumbs, unbounded;
     arrays: soc_axis, temperature_axis, ocv_v, resistance_ohm, derating_c, derating_factor, power_kw, loss_kw, idle_loss_kw, capacity_ah, energy_kwh, soc_min, soc_max, voltage_min_v, voltage_max_v, derating_start_c, heat_k, low_fill, share,

@@ -3,9 +3,9 @@
 use super::horizon::ControlHorizon;
 
 impl ControlHorizon {
-    /// Requests `(M, T)` [W] in the proportions of `wanted` `(M, T)`, `>= 0` in any unit, that meet the demand within the
-    /// limits: power above the limit of a string goes to the others in proportion to their headroom. A step without
-    /// `wanted` values is allocated in proportion to the limits.
+    /// Requests `(M, T)` [W] in the proportions of `wanted` `(M, T)`, `>= 0` in any unit, that meet the
+    /// demand within the limits: power above the limit of a string goes to the others in proportion to their
+    /// headroom. A step without `wanted` values is allocated in proportion to the limits.
     pub fn fitted(&self, wanted: &[f64]) -> Vec<f64> {
         let mut request_w = vec![0.0; wanted.len()];
         let strings: Vec<usize> = (0..self.n_strings()).collect();

@@ -2,8 +2,9 @@
 
 use bess_tables::Direction;
 
-/// Share of the voltage that drops at the resistance, `R I / V`, at an internal power `x V^2 / R`: `(sqrt(1 +- 4 x) - 1) / 2`, in its stable form. Beyond the root limit
-/// of discharge, its value there.
+/// Share of the voltage that drops at the resistance, `R I / V`, at an internal power `x V^2 / R`:
+/// `(sqrt(1 +- 4 x) - 1) / 2`, in its stable form. Beyond the root limit of discharge, its value at that
+/// limit.
 #[inline]
 pub(crate) fn heat_share(x: f64, direction: Direction) -> f64 {
     let root = match direction {

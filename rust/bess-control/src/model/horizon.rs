@@ -37,7 +37,7 @@ pub struct SplitProblem<'a> {
     pub tolerance_rel: &'a [f64],
 }
 
-/// A split problem, checked, as the search needs it. Requests are magnitudes from here on.
+/// A checked split problem, prepared for the search. Requests are magnitudes from here on.
 #[derive(Debug, Clone)]
 pub struct ControlHorizon {
     pub(crate) model: ControlModel,
@@ -45,11 +45,11 @@ pub struct ControlHorizon {
     pub(crate) start: Vec<StringState>,
     /// Magnitudes `(T,)` [W].
     pub(crate) demand_w: Vec<f64>,
-    /// Direction, surroundings and length of each step `(T,)`.
+    /// Direction, ambient temperature and length of each step `(T,)`.
     pub(crate) intervals: Vec<Interval>,
     /// Maximum requests `(M, T)` [W].
     pub(crate) limit_w: Vec<f64>,
-    /// Their sum over the strings, `(T,)` [W].
+    /// Sum of these limits over the strings, `(T,)` [W].
     pub(crate) total_limit_w: Vec<f64>,
     /// Costs of the search `(M, G)`, contiguous for each string.
     pub(crate) search_costs: Vec<Losses>,

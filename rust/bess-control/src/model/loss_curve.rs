@@ -15,7 +15,7 @@ pub(crate) struct LossCurve {
     loss: Vec<f64>,
     /// Running maximum of `g` over the knots.
     internal: Vec<f64>,
-    /// Slopes of both between the knots; zero after the last knot.
+    /// Slopes of loss and `internal` between the knots; zero after the last knot.
     slopes: Vec<(f64, f64)>,
 }
 
@@ -76,7 +76,7 @@ impl LossCurve {
         (self.loss[segment] + loss_slope * beyond, self.internal[segment] + internal_slope * beyond)
     }
 
-    /// Largest AC power whose internal power, and that of every smaller one, is at most `internal_w` [W].
+    /// Largest AC power up to which the internal power is at most `internal_w` [W].
     #[inline]
     pub fn largest_power(&self, internal_w: f64) -> f64 {
         let above = self.internal.partition_point(|&g| g <= internal_w);
@@ -91,7 +91,8 @@ impl LossCurve {
         self.power[above - 1] + share * (self.power[above] - self.power[above - 1])
     }
 
-    /// Above this AC power `g` is not negative: in charge, an inverter draws nothing from the battery [W].
+    /// AC power above which `g` is not negative [W]: in charge, the inverter then draws nothing from the
+    /// battery.
     pub fn largest_drawing_w(&self) -> f64 {
         let g: Vec<f64> = self.power.iter().zip(&self.loss).map(|(&p, &w)| self.internal_w(p, w)).collect();
         let Some(last) = g.iter().rposition(|g| *g < 0.0) else { return 0.0 };

@@ -19,7 +19,7 @@ impl Losses {
         Self { availability, derating, inverter, battery }
     }
 
-    /// One of each four values, in the order of [`Self::from_array`].
+    /// One element for each four values, in the order of [`Self::from_array`].
     pub fn rows(values: &[f64]) -> Vec<Self> {
         values.chunks_exact(4).map(|c| Self::from_array([c[0], c[1], c[2], c[3]])).collect()
     }

@@ -7,9 +7,9 @@ use super::string::{small_root, Coefficients, Flow, Interval, StringModel, Strin
 const LOW_SOC_PARTS: u32 = 4;
 
 impl StringModel {
-    /// Like [`Self::step`] with the coefficients of the middle of the interval (explicit midpoint rule), and with the
-    /// interval divided into [`LOW_SOC_PARTS`] if the string is or falls below its low-SOC switch, because resistance rises
-    /// steeply there.
+    /// Like [`Self::step`] with the coefficients of the middle of the interval (explicit midpoint rule). If
+    /// the string is or falls below its low-SOC switch, where resistance rises steeply, the interval is
+    /// divided into [`LOW_SOC_PARTS`].
     #[inline]
     pub fn step_midpoint(&self, state: StringState, request_w: f64, interval: &Interval) -> Flow {
         self.step_midpoint_with(self.loss(interval.direction), state, request_w, interval)

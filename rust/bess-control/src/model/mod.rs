@@ -1,10 +1,11 @@
 //! The control model of strings over an interval (docs/equations.md, 1 to 6), and of a plant.
 //!
-//! `string` is one string over one interval, with the coefficients of its start, on the curves of `loss_curve`; `midpoint`
-//! is its form in plans. `control_model` combines strings to a plant: roll-outs of given requests (`rollout`) and of a demand on the
-//! whole plant (`track_demand`). `horizon` is a split problem, `objectives` the cost of schedules, `fitted` makes schedules
-//! feasible, `set_points` removes requests below the minimum power. `ranges` bounds the coefficients and `heat` the heat
-//! over a box of states.
+//! `string` is one string over one interval, with the coefficients of its start, on the curves of
+//! `loss_curve`; `midpoint` is its form in plans. `control_model` combines strings to a plant: roll-outs of
+//! given requests (`rollout`) and of a demand on the whole plant (`track_demand`). `horizon` is a split
+//! problem, `objectives` the cost of schedules, `fitted` makes schedules feasible, `set_points` removes
+//! requests below the minimum power. `ranges` bounds the coefficients and `heat` the heat over a box of
+//! states.
 
 mod control_model;
 mod fitted;

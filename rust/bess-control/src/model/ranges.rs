@@ -29,7 +29,7 @@ impl Range {
         Self { low: self.low.max(other.low), high: self.high.min(other.high) }
     }
 
-    /// Contains nothing.
+    /// The empty interval.
     pub(crate) const EMPTY: Self = Self { low: f64::INFINITY, high: f64::NEG_INFINITY };
 
     pub(crate) fn include(&mut self, value: f64) {
@@ -66,7 +66,7 @@ pub struct CoefficientRanges {
     pub voltage_v: Range,
     /// Resistance [Ohm].
     pub resistance_ohm: Range,
-    /// `V^2 / R` [W]: heat is a function of internal power and this number alone, and falls with it.
+    /// `V^2 / R` [W]: heat is a function of internal power and this number only, and decreases with it.
     pub power_scale_w: Range,
 }
 

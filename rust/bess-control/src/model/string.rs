@@ -58,7 +58,7 @@ impl Flow {
     }
 }
 
-/// Length and surroundings of an interval.
+/// Direction, ambient temperature and length of an interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Interval {
     /// Direction of all strings.
@@ -69,7 +69,7 @@ pub struct Interval {
     pub dt_h: f64,
 }
 
-/// One string with its inverter tables ready to be inverted.
+/// One string, with data for the inversion of its inverter tables.
 #[derive(Debug, Clone)]
 pub struct StringModel {
     pub(crate) parameters: StringParameters,
@@ -78,7 +78,7 @@ pub struct StringModel {
 }
 
 impl StringModel {
-    /// Prepares a string.
+    /// Prepares the inverter tables of a string.
     pub fn new(parameters: StringParameters) -> Self {
         let inverter = &parameters.inverter;
         let charge = LossCurve::new(&inverter.loss_charge, Direction::Charge, inverter.nominal_w);
@@ -90,6 +90,12 @@ impl StringModel {
     #[inline]
     pub fn nominal_w(&self) -> f64 {
         self.parameters.inverter.nominal_w
+    }
+
+    /// SOC window.
+    #[inline]
+    pub(crate) fn soc_window(&self) -> (f64, f64) {
+        (self.parameters.soc_min, self.parameters.soc_max)
     }
 
     /// Minimum AC power of its inverter [W].
@@ -221,7 +227,7 @@ impl StringModel {
             battery_w,
             current_a,
             end: StringState {
-                // A string at its limit ends on the limit but for rounding.
+                // A string at its limit ends on this limit within rounding.
                 soc: soc.clamp(p.soc_min, p.soc_max),
                 temperature_c: self.warmed(state.temperature_c, battery_w, interval),
             },
@@ -257,8 +263,8 @@ impl StringModel {
     }
 }
 
-/// Current [A] of `V I +- R I^2 = internal_w`, the small root in its stable form, and whether there is one. Without one
-/// (or a rounding error short of it) the current of the double root.
+/// Current [A] of `V I +- R I^2 = internal_w`, the small root in its stable form, and whether a real root
+/// exists. Otherwise (or within rounding of this case) the current of the double root.
 #[inline]
 pub(super) fn small_root(c: &Coefficients, direction: Direction, internal_w: f64) -> (f64, bool) {
     let (v, product) = (c.voltage_v, 4.0 * c.resistance_ohm * internal_w);

@@ -33,7 +33,7 @@ pub struct TrackedDemand {
     pub request_w: Vec<f64>,
     /// SOC at the start and at the end of each step `(M, T + 1)`.
     pub soc: Vec<f64>,
-    /// Mean temperature likewise [degC].
+    /// Mean temperature at the same times [degC].
     pub temperature_c: Vec<f64>,
 }
 
@@ -82,8 +82,8 @@ impl BestShares {
         low.iter().zip(high).map(|(a, b)| a + (place - cell as f64) * (b - a)).collect()
     }
 
-    /// Requests with the availability loss reallocated to strings without one, in proportion to their headroom; None if there is
-    /// no loss or no headroom.
+    /// Requests with the availability loss reallocated to strings without one, in proportion to their
+    /// headroom; None if there is no loss or no headroom.
     fn moved(&self, done: &CarriedOut) -> Option<Vec<f64>> {
         let least_w = LEAST * self.total_w;
         let lost: Vec<f64> = done.shed_w.iter().map(|&s| if s > least_w { s } else { 0.0 }).collect();
@@ -113,7 +113,7 @@ impl ControlModel {
     ///
     /// # Errors
     ///
-    /// Where lengths do not agree, or a number is not finite.
+    /// Lengths do not agree, or a number is not finite.
     pub fn follow(
         &self,
         start: &[StringState],

@@ -13,30 +13,31 @@ pub(crate) struct OperatingTerms {
     pub direction: Direction,
     /// Upper limit of the request [W].
     pub limit_w: f64,
-    /// Largest AC power it can deliver, whatever is asked [W].
+    /// Maximum deliverable AC power, for any request [W].
     pub deliverable_w: f64,
-    /// Derating factor lies in this range and takes its cheapest value.
+    /// Range of the derating factor, which takes its value of minimum cost.
     pub derating: Range,
-    /// `V^2 / R` lies in this range [W] and takes its cheapest value at the price below.
+    /// Range of `V^2 / R` [W], which takes its value of minimum cost at the price below.
     pub power_scale_w: Range,
-    /// Price of `V^2 / R`, inverter on or off [1/W]; a sensitivity of the step's cost to the state.
+    /// Price of `V^2 / R`, with the inverter on or off [1/W]: the sensitivity of the step's cost to the
+    /// state.
     pub scale_price: f64,
     /// Price of internal power, in addition to its loss [1/W].
     pub power_price: f64,
-    /// Costs of derating, inverter and battery loss [1/W]; that of what is shed is `shed_cost`.
+    /// Costs of derating, inverter and battery loss [1/W]; `shed_cost` is the cost of shed power.
     pub costs: Losses,
-    /// An inverter delivers as much or nothing [W]: of a string that derates, less of a request is shed.
+    /// Minimum power of an inverter that is on [W]; of a derated request, a remainder below it may be shed.
     pub min_power_w: f64,
-    /// Price of a shed watt, at least the cost of derating; infinite where nothing may be shed.
+    /// Price of shed power [1/W], at least the cost of derating; infinite if no power may be shed.
     pub shed_cost: f64,
 }
 
-/// How the cheapest `V^2 / R` goes with the internal power.
+/// Dependence of the cheapest `V^2 / R` on the internal power.
 #[derive(Debug, Clone, Copy)]
 enum Scale {
-    /// It stays [W].
+    /// Constant [W].
     At(f64),
-    /// It keeps `R I / V` constant, so that heat and price are proportional to the power, with this factor.
+    /// `R I / V` is constant, so that heat and price are proportional to the power, with this factor.
     Follows(f64),
 }
 
@@ -60,22 +61,22 @@ struct Piece {
 pub(crate) struct Response {
     /// `min (cost - price * request)`.
     pub value: f64,
-    /// The request that attains it [W].
+    /// Request at this minimum [W].
     pub request_w: f64,
     /// Availability loss of the request [W].
     pub shed_w: f64,
 }
 
-/// One-step cost of a string. The request `u` splits into delivered `p`, derated `u - p - a` with `p + a = k u`, and
-/// shed `a`; the cost is `c_derating (u - p - a) + q(p) + c_shed a`. No convexity is assumed between segments:
-/// a Lagrangian sees the convex envelope by itself.
+/// One-step cost of a string. The request `u` splits into delivered `p`, derated `u - p - a` with
+/// `p + a = k u`, and shed `a`; the cost is `c_derating (u - p - a) + q(p) + c_shed a`. No convexity is
+/// assumed between segments: the Lagrangian depends on the convex envelope only.
 #[derive(Debug, Clone)]
 pub(crate) struct CostCurve {
     pub terms: OperatingTerms,
     pieces: Vec<Piece>,
-    /// Pieces up to here deliver at most `k_min * limit`.
+    /// Pieces before this index deliver at most `k_min * limit`.
     split: usize,
-    /// Slopes rise from piece to piece, so that there is only one minimum.
+    /// Whether slopes increase from piece to piece, so that there is only one minimum.
     convex: bool,
 }
 
@@ -97,7 +98,7 @@ impl CostCurve {
             let loss = |x: f64| w[0] + slope * (x - p[0]);
             let start = curve.internal_w(p[0], w[0]);
             let at = |g: f64| p[0] + (g - start) / out.through(slope);
-            // Without a price of the scale its upper end is the cheapest at any power.
+            // Without a price of the scale, its upper end has the lowest cost at any power.
             let changes = if terms.scale_price > 0.0 { [0.0, from_g, to_g].map(at) } else { [p[1]; 3] };
             let [first, second, third] = changes;
             let mut ends = [sure, first, second, third, p[1]].map(|x| if x < p[1] { x } else { p[1] });
@@ -116,11 +117,12 @@ impl CostCurve {
         out
     }
 
-    /// `R I / V` at which a watt of `V^2 / R` saves as much heat as it costs: `dh/dy = -s^2 / (1 +- 2 s)`.
+    /// `R I / V` at which the heat saved by a watt of `V^2 / R` equals its price:
+    /// `dh/dy = -s^2 / (1 +- 2 s)`.
     fn balanced_share(&self) -> f64 {
         let ratio = self.terms.scale_price / self.terms.costs.battery;
         match self.terms.direction {
-            // Nothing to save: the smallest scale is the cheapest.
+            // No heat can be saved: the smallest scale is the cheapest.
             _ if !ratio.is_finite() => f64::INFINITY,
             Direction::Charge => ratio + (ratio * ratio + ratio).sqrt(),
             Direction::Discharge => ratio / (ratio + (ratio * ratio + ratio).sqrt()).max(f64::MIN_POSITIVE),
@@ -192,7 +194,7 @@ impl CostCurve {
         self.pieces.push(piece);
     }
 
-    /// `dh/dg` where `R I / V` has this value.
+    /// `dh/dg` at a share `R I / V`.
     #[inline]
     fn heat_slope(&self, share: f64) -> f64 {
         match self.terms.direction {
@@ -232,7 +234,7 @@ impl CostCurve {
         (delivered / k).min(limit_w)
     }
 
-    /// Price above which it pays to take the whole request and shed it.
+    /// Price above which it is cheaper to accept the whole request and shed it.
     #[inline]
     fn shed_price(&self) -> f64 {
         let (k, c_derating) = (self.terms.derating.low, self.terms.costs.derating);
@@ -256,7 +258,8 @@ impl CostCurve {
             Response { value: idle, request_w: 0.0, shed_w: 0.0 }
         };
         if derating.low < 1.0 && self.terms.shed_cost.is_infinite() {
-            // What derating leaves of these requests may be less than the least power, and is shed for nothing.
+            // The remainder of these requests after derating may be below the minimum power; it is shed at no
+            // cost.
             let most_w = self.largest_request(false);
             for request_w in [(min_power_w / derating.high).min(most_w), most_w] {
                 let derated_w = (request_w - min_power_w).max((1.0 - derating.high) * request_w);
@@ -278,7 +281,7 @@ impl CostCurve {
             return Response { value: f64::INFINITY, request_w: 0.0, shed_w: 0.0 };
         }
         if price <= c_derating {
-            // Ask for as little as a delivered power needs.
+            // The smallest request for each delivered power.
             let slope = (c_derating - price) / derating.high - c_derating;
             let (value, p) = self.minimise(0..self.pieces.len(), slope);
             return Response { value, request_w: (p / derating.high).min(limit_w), shed_w: 0.0 };
@@ -290,7 +293,7 @@ impl CostCurve {
             return above;
         }
         let below = if price <= self.shed_price() {
-            // Ask for as much as the delivered power allows without shedding.
+            // The largest request for each delivered power without shedding.
             let (value, p) = self.minimise(0..self.split, (c_derating - price) / derating.low - c_derating);
             Response { value, request_w: (p / derating.low).min(limit_w), shed_w: 0.0 }
         } else {
@@ -306,7 +309,7 @@ impl CostCurve {
         }
     }
 
-    /// Minimum of `q(p) + slope * p` over some pieces, and where.
+    /// Minimum of `q(p) + slope * p` over some pieces, and its location.
     #[inline]
     fn minimise(&self, range: std::ops::Range<usize>, slope: f64) -> (f64, f64) {
         let pieces = &self.pieces[range];
@@ -340,7 +343,7 @@ impl CostCurve {
     #[inline]
     fn stationary(&self, piece: &Piece, slope: f64) -> (f64, f64) {
         let Scale::At(scale) = piece.scale else {
-            // A straight line (but for rounding) has its minimum at an end.
+            // A line that is straight within rounding has its minimum at an end.
             return (piece.q0 + slope * piece.p0, piece.p0);
         };
         let Losses { inverter: c_inverter, battery: c_battery, .. } = self.terms.costs;
@@ -360,7 +363,7 @@ impl CostCurve {
         (q + slope * p, p)
     }
 
-    /// Response of a string whose inverter is on or off, whichever is better.
+    /// Response of a string with its inverter on or off, whichever costs less.
     #[inline]
     pub fn free(&self, price: f64) -> Response {
         let (on, off) = (self.on(price), self.off(price));

@@ -1,14 +1,15 @@
-//! Lagrangian dual of the one-step problem: the demand balance is relaxed at one price for all strings, each of which
-//! then answers by itself. Every price gives a lower bound; a [`Commitment`] says which inverters are settled.
+//! Lagrangian dual of the one-step problem: one price of the demand balance for all strings, which decouples
+//! the strings. Every price gives a lower bound; a [`Commitment`] fixes inverter states.
 
 use super::cost_curve::{CostCurve, Response};
 
 const MAX_PRICES: usize = 80;
 const GAP: f64 = 1e-12;
-/// A total this close to the demand (relative) meets it: the sum of all limits may round to just below.
+/// Relative tolerance within which a total meets the demand: the sum of all limits may round to just below
+/// it.
 const ROUNDING: f64 = 1e-12;
 
-/// Whether a string's inverter runs.
+/// State of a string's inverter in a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum InverterMode {
     Free,
@@ -16,7 +17,7 @@ pub(crate) enum InverterMode {
     Off,
 }
 
-/// Some strings fixed, and of all strings exactly `count` on, if given.
+/// Fixed inverter states, and the total number `count` of inverters that are on, if given.
 #[derive(Debug, Clone)]
 pub(crate) struct Commitment {
     pub modes: Vec<InverterMode>,
@@ -45,25 +46,25 @@ struct DualPoint {
     shed_w: f64,
 }
 
-/// A free string with its answers on and off.
+/// A free string with its responses on and off.
 type FreeString = (usize, Response, Response);
 
-/// Best Lagrangian bound, with the requests that go with it.
+/// Best Lagrangian bound, and its requests.
 #[derive(Debug, Clone)]
 pub(crate) struct DualSolution {
     pub bound: f64,
     pub price: f64,
-    /// Sums to the demand; optimal if the modes are fixed and the curves convex [W].
+    /// Requests that sum to the demand [W]; optimal if the modes are fixed and the curves convex.
     pub request_w: Vec<f64>,
     pub shed_w: f64,
-    /// Free strings, most eager to be on first.
+    /// Free strings, largest gain from switching on first.
     pub order: Vec<usize>,
-    /// So many of them are on.
+    /// Number of these strings that are on.
     pub n_on: usize,
 }
 
-/// The Lagrangian at a price. `open` is scratch and ends up with the free strings, most eager to be on first;
-/// `visit` sees the answer of each string.
+/// The Lagrangian at a price. `open` is a buffer: it returns the free strings, largest gain from switching on
+/// first. `visit` receives the response of each string.
 fn at_price(
     curves: &[CostCurve],
     commitment: &Commitment,
@@ -97,7 +98,7 @@ fn at_price(
     DualPoint { price, bound: value + price * demand_w, total_w, shed_w }
 }
 
-/// Bounds at a price with 0, 1, ... of all strings on `(M + 1,)`.
+/// Bounds at a price with 0, 1, ..., M strings on, `(M + 1,)`.
 pub(crate) fn bounds_by_count(curves: &[CostCurve], demand_w: f64, price: f64) -> Vec<f64> {
     let mut open = Vec::new();
     at_price(curves, &Commitment::free(curves.len()), demand_w, price, &mut open, |_, _, _| ());
@@ -109,7 +110,7 @@ pub(crate) fn bounds_by_count(curves: &[CostCurve], demand_w: f64, price: f64) -
     std::iter::once(off).chain(switched_on).map(|value| value + price * demand_w).collect()
 }
 
-/// Largest total request that a choice can take without shedding [W].
+/// Maximum total request of a commitment without shedding [W].
 fn capacity_w(curves: &[CostCurve], commitment: &Commitment) -> f64 {
     let mut free = Vec::new();
     let mut total = 0.0;
@@ -118,7 +119,7 @@ fn capacity_w(curves: &[CostCurve], commitment: &Commitment) -> f64 {
             InverterMode::On => total += curve.largest_request(true),
             InverterMode::Off => total += curve.largest_request(false),
             InverterMode::Free => {
-                // A string that derates takes some of its request, or all, also when off.
+                // A derated string takes part or all of its request also when off.
                 let off = curve.largest_request(false);
                 total += off;
                 free.push(curve.largest_request(true) - off);
@@ -204,7 +205,7 @@ pub(crate) fn maximise(
     close(curves, commitment, demand_w, low, high)
 }
 
-/// The better bound, and the mixture of both requests that meets the demand.
+/// The better bound, and the convex combination of both requests that meets the demand.
 fn close(
     curves: &[CostCurve],
     commitment: &Commitment,

@@ -8,7 +8,7 @@ use super::lagrangian::{bounds_by_count, maximise, Commitment, DualSolution, Inv
 /// Bounds closer than this (relative) count as equal.
 const GAP: f64 = 1e-10;
 
-/// Strings above which no more nodes are solved: the gap of the Lagrangian falls with their number.
+/// Number of strings above which no further nodes are solved: the Lagrangian gap falls with their number.
 const MANY: usize = 32;
 
 /// Solution of the one-step problem.
@@ -16,16 +16,16 @@ const MANY: usize = 32;
 pub(crate) struct OneStepSolution {
     /// Lower bound of the cost (infinite if the demand cannot be met).
     pub bound: f64,
-    /// Requests of the best choice found; they sum to the demand [W].
+    /// Requests of the best known commitment; they sum to the demand [W].
     pub request_w: Vec<f64>,
-    /// Availability loss of that choice [W].
+    /// Availability loss of these requests [W].
     pub shed_w: f64,
 }
 
 struct Node {
     bound: f64,
     commitment: Commitment,
-    /// Solved already: the string at the border between on and off, to branch on.
+    /// Branching string of a solved node, at the border between on and off; None before the solution.
     border: Option<usize>,
     order: usize,
 }
@@ -48,13 +48,13 @@ impl Ord for Node {
     }
 }
 
-/// Solves the one-step problem. Branches first on how many strings run (like strings are then no trouble, because
-/// the Lagrangian of a number has no gap for them), then on the string at the border.
+/// Solves the one-step problem. Branches first on the number of inverters that are on, which leaves no
+/// Lagrangian gap for identical strings, then on the string at the border.
 pub(crate) fn solve(curves: &[CostCurve], demand_w: f64) -> OneStepSolution {
     solve_within(curves, demand_w, 60 + 8 * curves.len().min(MANY))
 }
 
-/// [`solve`] with at most this many nodes; fewer loosen the bound, they do not make it wrong.
+/// [`solve`] with at most this many nodes; with fewer nodes the bound is weaker, but valid.
 fn solve_within(curves: &[CostCurve], demand_w: f64, mut n_nodes: usize) -> OneStepSolution {
     let n = curves.len();
     let free = Commitment::free(n);
@@ -70,7 +70,7 @@ fn solve_within(curves: &[CostCurve], demand_w: f64, mut n_nodes: usize) -> OneS
         heap.push(Node { bound, commitment, border: None, order: count });
     }
     let mut order = n;
-    // Bounds of what was set aside: it might beat the best leaf by a rounding error, or no nodes were left for it.
+    // Bounds of nodes that are not solved: within rounding of the best leaf, or beyond the limit of nodes.
     let mut floor = f64::INFINITY;
     while let Some(node) = heap.pop() {
         if node.bound >= best.bound - GAP * best.bound.abs() || n_nodes == 0 {
@@ -106,7 +106,7 @@ fn solve_within(curves: &[CostCurve], demand_w: f64, mut n_nodes: usize) -> OneS
     best
 }
 
-/// The last string that the price switches on, unless nothing is left to decide.
+/// The last string that the price switches on; None if all modes are determined.
 fn border_of(commitment: &Commitment, dual: &DualSolution) -> Option<usize> {
     let n_free = commitment.modes.iter().filter(|m| **m == InverterMode::Free).count();
     if dual.n_on == 0 || dual.n_on >= n_free {
@@ -115,7 +115,7 @@ fn border_of(commitment: &Commitment, dual: &DualSolution) -> Option<usize> {
     dual.order.get(dual.n_on - 1).copied()
 }
 
-/// All strings fixed as the price has them.
+/// Commitment with the free strings fixed to their modes in the dual solution.
 fn decided(commitment: &Commitment, dual: &DualSolution) -> Commitment {
     let mut modes = commitment.modes.clone();
     for (rank, &m) in dual.order.iter().enumerate() {
@@ -136,7 +136,7 @@ mod tests {
     const NOMINAL_W: f64 = 100e3;
     const COSTS: Losses = Losses { availability: 0.0, derating: 1.0, inverter: 1.0, battery: 1.0 };
 
-    /// A string without derating, with an inverter that costs much to switch on.
+    /// A string without derating, with a high no-load loss of the inverter.
     struct Inverter {
         loss: LossCurve,
         terms: OperatingTerms,
@@ -174,7 +174,7 @@ mod tests {
         }
     }
 
-    /// The least over a grid of what the strings take; the first that can takes the rest.
+    /// Minimum cost over a grid of requests; the first string that has headroom takes the remainder.
     fn least_on_a_grid(inverters: &[Inverter], demand_w: f64) -> f64 {
         let Some((first, others)) = inverters.split_first() else { return f64::INFINITY };
         let limit_w = first.terms.limit_w;

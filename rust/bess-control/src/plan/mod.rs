@@ -14,20 +14,21 @@
 
 mod blocks;
 mod co_states;
-mod dual;
+pub(crate) mod dual;
 mod groups;
 mod look_ahead;
 mod pair;
 mod pairs;
 mod paths;
 mod problem;
-mod proof;
+pub(crate) mod proof;
 mod soc_nodes;
 mod starts;
 mod sweep;
 
 pub use groups::Groups;
 pub use problem::{PlanProblem, Prices};
+pub(crate) use starts::water_fill;
 pub use starts::Rule;
 
 use co_states::CoStates;

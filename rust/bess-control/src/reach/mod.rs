@@ -6,6 +6,7 @@ mod cell;
 mod certificate;
 mod node;
 mod planes;
+mod priced;
 mod reachable;
 mod relaxed;
 mod step_bounds;

@@ -1,5 +1,5 @@
-//! Reactive power: selection of inverters (`share`), allocation to inverters that are on (`spread`), and the cost of active
-//! power with it (`power_factor`); docs/equations.md, R1 to R4.
+//! Reactive power: selection of inverters (`share`), allocation to inverters that are on (`spread`), and the
+//! cost of active power at a power factor (`power_factor`); docs/equations.md, R1 to R4.
 
 mod power_factor;
 mod share;

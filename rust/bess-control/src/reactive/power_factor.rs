@@ -7,8 +7,8 @@ use crate::model::LossCurve;
 /// Width of the step to another inverter, as a share of the nominal power.
 const STEP: f64 = 1e-6;
 
-/// Loss over active power, up to `most_w`, of an inverter that carries `factor` times as much apparent power. What is above its
-/// nominal power is carried by others like it, that run for nothing else.
+/// Loss over active power, up to `most_w`, of an inverter that carries `factor` times as much apparent power.
+/// Identical inverters, which are on for this purpose only, carry apparent power above its nominal power.
 pub(crate) fn curve_at_power_factor(
     curve: &LossCurve,
     nominal_w: f64,

@@ -26,14 +26,14 @@ struct Sharing<'a> {
 }
 
 impl ControlModel {
-    /// Allocates reactive power `total_var >= 0` to strings with signed active powers `request_w` `(M,)` at minimum
-    /// inverter loss. The limit of a string is the remainder of `limit_va` `(M,)`. Strings without active power are switched on
-    /// if they are needed, or if this saves more than `start_w` `(M,)`, the cost of a start [W]. Reactive power
-    /// above all limits is not allocated.
+    /// Allocates reactive power `total_var >= 0` to strings with signed active powers `request_w` `(M,)` at
+    /// minimum inverter loss. The limit of a string is the remainder of `limit_va` `(M,)`. Strings without
+    /// active power are switched on if they are needed, or if this saves more than `start_w` `(M,)`, the cost
+    /// of a start [W]. Reactive power above all limits is not allocated.
     ///
     /// # Errors
     ///
-    /// Where lengths do not agree, or a number is not finite or negative.
+    /// Lengths do not agree, or a number is not finite or negative.
     pub fn share_reactive(
         &self,
         request_w: &[f64],
@@ -62,13 +62,14 @@ impl ControlModel {
 }
 
 impl Sharing<'_> {
-    /// From what active power runs and the room needs, one inverter switched or two exchanged as long as that saves.
+    /// Starts with the inverters that active power and the reactive headroom require. Then switches one
+    /// inverter or exchanges two while this saves.
     fn best(&self) -> Share {
         let n = self.inverters.len();
         let mut on: Vec<bool> = self.inverters.iter().map(|i| i.active_w > 0.0).collect();
         while !self.fits(&on) {
             let off = (0..n).filter(|&m| !on[m] && self.inverters[m].room_var > 0.0);
-            // The first of equals.
+            // The first of equal inverters.
             let room = |m: usize| self.inverters[m].room_var;
             match off.reduce(|a, b| if room(b) > room(a) { b } else { a }) {
                 Some(m) => on[m] = true,

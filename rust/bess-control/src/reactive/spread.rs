@@ -5,7 +5,7 @@ use crate::model::LossCurve;
 /// Halvings of the range of prices.
 const HALVINGS: usize = 60;
 
-/// An inverter in one step: its loss over apparent power, its active power, and the most reactive power beside it.
+/// An inverter in one step: its loss over apparent power, its active power, and its reactive headroom.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Inverter<'a> {
     pub curve: &'a LossCurve,
@@ -19,10 +19,10 @@ impl Inverter<'_> {
         self.curve.at(self.active_w.hypot(reactive_var)).0
     }
 
-    /// Reactive power at which loss less `price` times reactive power is least: the smallest one.
+    /// Reactive power that minimises loss minus `price` times reactive power; the smallest of several minima.
     ///
-    /// The curve is linear in apparent power between knots, with a slope `b` there: the least is at a knot, at an end, or where
-    /// the marginal loss `b q / S` is the price.
+    /// The curve is linear in apparent power between knots, with slope `b`: the minimum is at a knot, at an
+    /// end, or where the marginal loss `b q / S` equals the price.
     fn best_at(&self, price: f64) -> f64 {
         let (p, most) = (self.active_w, self.active_w.hypot(self.room_var));
         let mut best = (self.loss_w(0.0), 0.0);
@@ -68,7 +68,7 @@ impl Inverter<'_> {
         })
     }
 
-    /// Reactive powers at the knots of the curve, and none, and all.
+    /// Zero, the reactive powers at the knots of the curve, and the maximum.
     fn corners(&self) -> impl Iterator<Item = f64> + '_ {
         let inside = self.curve.power().iter().filter(|&&s| s > self.active_w);
         let at_knots = inside.map(|s| (s * s - self.active_w * self.active_w).sqrt());
@@ -76,9 +76,9 @@ impl Inverter<'_> {
     }
 }
 
-/// Reactive power of each inverter, all of which run, so that their losses are least: one price of reactive power at which all
-/// of them have enough. Exact for convex curves; on others pairs then exchange what saves. `total_var` is at most the sum of the
-/// rooms.
+/// Reactive power of each inverter, all of which are on, at minimum total loss: at one common price they
+/// supply `total_var`, which is at most their total headroom. This is exact for convex curves; otherwise
+/// pairs then exchange reactive power while this saves.
 pub(crate) fn spread(inverters: &[Inverter<'_>], total_var: f64) -> Vec<f64> {
     let at = |price: f64| -> Vec<f64> { inverters.iter().map(|i| i.best_at(price)).collect() };
     let steepest =
@@ -106,7 +106,8 @@ pub(crate) fn spread(inverters: &[Inverter<'_>], total_var: f64) -> Vec<f64> {
     less
 }
 
-/// Moves reactive power between pairs of inverters, one of each pair to a corner of its curve, as long as that saves.
+/// Moves reactive power between pairs of inverters, one of each pair to a corner of its curve, while this
+/// saves.
 fn exchange(inverters: &[Inverter<'_>], shares_var: &mut [f64]) {
     let n = inverters.len();
     let mut saves = true;

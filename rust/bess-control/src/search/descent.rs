@@ -72,7 +72,7 @@ fn minimise(tracked: &mut IncrementalRollout<'_>, ranking: &Ranking, budget: u64
     }
 }
 
-/// Passes over single steps until there is no gain, then over pairs of steps; restarts after any gain.
+/// Passes over single steps while they gain, then over pairs of steps; restarts after any gain.
 fn descend(tracked: &mut IncrementalRollout<'_>, ranking: &Ranking, budget: u64) {
     let n_steps = tracked.end - tracked.first;
     let (mut single, mut pairs) = (vec![0; n_steps], vec![0; n_steps * n_steps]);
@@ -174,8 +174,8 @@ fn polish(tracked: &mut IncrementalRollout<'_>, ranking: &Ranking, budget: u64) 
     }
 }
 
-/// Pairs of strings to shift power between: all pairs of few strings, or neighbours in the order of requests, so that
-/// work grows with the number of strings and not with its square.
+/// Pairs of strings to shift power between: all pairs of few strings, or neighbours in the order of requests,
+/// so that the work grows linearly with the number of strings.
 fn pairs(tracked: &IncrementalRollout<'_>, step: usize) -> Vec<(usize, usize)> {
     let n = tracked.horizon.n_strings();
     if n <= ALL_PAIRS {

@@ -3,7 +3,7 @@
 
 use crate::model::{total, ControlHorizon, Objectives, StringState, BLOCK, MAX_GROUPS};
 
-/// Relative distance from the deliverable power within which a request is on the edge.
+/// Relative distance from the deliverable power within which a request counts as equal to it (on its edge).
 const EDGE_WIDTH: f64 = 1e-9;
 
 /// State and cost of a string during a roll-out.
@@ -107,8 +107,8 @@ impl<'a> IncrementalRollout<'a> {
         self.last_change[m] = self.changes;
     }
 
-    /// Whether to visit two strings again, given the change counter of their last visit: if one has changed since, or
-    /// if no strings are skipped.
+    /// Whether to visit two strings again: if one has changed since the change counter of their last visit,
+    /// or if no strings are skipped.
     #[inline]
     pub fn deserves_a_look(&self, (i, j): (usize, usize), changes: u64) -> bool {
         !self.passes_over || self.last_change[i].max(self.last_change[j]) > changes
@@ -223,7 +223,6 @@ impl<'a> IncrementalRollout<'a> {
         }))
     }
 
-    /// Objectives of the schedule.
     pub fn objectives(&self) -> Objectives {
         self.objectives_with(&[])
     }

@@ -35,7 +35,7 @@ pub struct Incumbent {
 }
 
 impl Incumbent {
-    /// The first incumbent.
+    /// Begins with this schedule.
     pub fn new(schedule: Schedule) -> Self {
         Self { lowest: schedule.objectives, schedule }
     }

@@ -27,7 +27,8 @@ const HEATS: [(usize, usize); 3] = [(100, 4), (400, 3), (2000, 1)];
 const STRINGS_OF_A_MOVE: usize = 8;
 /// Minimum relative gain of a round of perturbations for a restart of the rounds.
 const WORTHWHILE: f64 = 1e-5;
-/// String-steps of rounds without such a gain after which a group ends, and the minimum and maximum number of rounds.
+/// String-steps of rounds without such a gain after which a group ends, and the minimum and maximum number of
+/// rounds.
 const IDLE_STEPS: usize = 72;
 const IDLE_ROUNDS: (usize, usize) = (3, 8);
 /// String-steps after which no round starts.

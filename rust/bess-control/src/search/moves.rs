@@ -47,7 +47,8 @@ impl Line {
         tracked.horizon.pair(self.step, self.strings, self.sum_w, first_w)
     }
 
-    /// Objectives with the first string at `first_w`, the requests of later steps as they are or following.
+    /// Objectives with the first string at `first_w`; later requests are unchanged, or strings stay on their
+    /// edges.
     fn cost(&self, tracked: &IncrementalRollout<'_>, shift: Shift) -> Objectives {
         let (i, j) = self.strings;
         let (u, v) = self.pair(tracked, shift.first_w);
@@ -87,8 +88,8 @@ impl Line {
         uniform.chain(inside).chain(self.ends(tracked))
     }
 
-    /// Just inside both ends: the string there is at its minimum power. In charge such an inverter takes its no-load loss
-    /// from the battery, which creates headroom in a full battery.
+    /// Just inside both ends: the string there is at its minimum power. In charge such an inverter takes its
+    /// no-load loss from the battery, which creates headroom in a full battery.
     fn ends(&self, tracked: &IncrementalRollout<'_>) -> impl Iterator<Item = f64> {
         let min_w = |m: usize| tracked.horizon.string(m).min_power_w();
         let charges = tracked.horizon.direction(self.step) == Direction::Charge;
@@ -119,7 +120,7 @@ impl Line {
         self.take(tracked, best.0);
     }
 
-    /// One shift by `step_w` either way.
+    /// One shift by `step_w` in either direction.
     pub fn nudge(&self, tracked: &mut IncrementalRollout<'_>, ranking: &Ranking, step_w: f64) {
         let mut best = self.here(tracked);
         let centre = best.0.first_w;
@@ -212,8 +213,8 @@ impl Plane {
         tracked.request(self.second.strings.0, self.second.step)
     }
 
-    /// One first request with several ascending second ones, and intermediate ones that just meet the ceilings; the
-    /// roll-out to the second step is computed once.
+    /// Schedules with one first request and several ascending second ones, and intermediate ones that just
+    /// meet the ceilings. The roll-out to the second step is computed once.
     fn try_row(
         &self,
         tracked: &IncrementalRollout<'_>,
@@ -263,7 +264,7 @@ impl Plane {
                     crosses
                 };
                 if !cross(&|costs| ranking.excess(costs)) {
-                    // Above different ceilings at the two ends: both may be met in between.
+                    // The ends exceed different ceilings: a point in between may meet both.
                     for group in 0..ranking.group {
                         cross(&|costs| costs[group] - ranking.ceilings[group]);
                     }
@@ -274,8 +275,8 @@ impl Plane {
     }
 }
 
-/// Root of a function with different signs at both ends, on the non-positive side: false position, with half weight for
-/// a retained end (Illinois).
+/// Root of a function with different signs at both ends, on the non-positive side: false position, with half
+/// weight for a retained end (Illinois).
 fn crossing(ends: [(f64, f64); 2], excess: impl Fn(f64) -> f64) -> f64 {
     let [mut inside, mut outside] = if ends[0].1 > 0.0 { [ends[1], ends[0]] } else { ends };
     for _ in 0..CROSSING {

@@ -13,8 +13,7 @@ const MOST_SWAPS: usize = 64;
 /// Maximum number of descents after a gain from the one-step optima along the incumbent.
 const SETTLING_ROUNDS: usize = 3;
 
-/// Maximum number of rounds: rounding to kW can cancel the gain of an optimum,
-/// without end.
+/// Maximum number of rounds: rounding to kW can cancel the gain of an optimum again and again.
 const MOST_ROUNDS: usize = 50;
 
 /// Limits of a search.
@@ -40,8 +39,8 @@ pub struct SearchResult {
 }
 
 impl ControlHorizon {
-    /// Searches for the best schedule, from a greedy pass and, if given, the shifted warm start `warm_start_w`
-    /// `(M, T)`; from more starts if the plant is or will soon be full or empty.
+    /// Searches for the best schedule, from a greedy pass and, if given, the shifted warm start
+    /// `warm_start_w` `(M, T)`. It uses more starts if the plant is or will soon be full or empty.
     ///
     /// Steps that share a scarce SOC cause local optima. A closed loop has a good warm start in every step; a
     /// search without warm start uses samples and exchanges.
@@ -69,8 +68,9 @@ impl ControlHorizon {
         SearchResult { incumbent: search.incumbent, rollouts, flows, optima }
     }
 
-    /// Whether steps are coupled so that local optima are likely: there is availability or derating loss, or a string is so close to
-    /// an end of its window that another step, with the largest SOC change of any string, would reach it.
+    /// Whether steps are coupled so that local optima are likely: there is availability or derating loss, or
+    /// another step with the largest SOC change of any string would bring a string to an end of its SOC
+    /// window.
     pub(crate) fn is_scarce(&self, flows: &[Flow]) -> bool {
         let n_steps = self.n_steps();
         let (mut moved, mut room) = (0.0_f64, f64::INFINITY);
@@ -166,8 +166,8 @@ impl<'a> Search<'a> {
         (self.horizon.flows(self.best()), vec![])
     }
 
-    /// Offers the one-step optima at the states of the incumbent, repeated after every improvement; returns its flows and
-    /// these optima.
+    /// Offers the one-step optima at the states of the incumbent, repeated after every improvement; returns
+    /// its flows and these optima.
     fn settle(&mut self) -> (Vec<Flow>, Vec<StepBounds>) {
         let mut round = 1;
         loop {

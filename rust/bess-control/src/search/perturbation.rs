@@ -10,7 +10,8 @@ const ALIKE: f64 = 1e-3;
 const MOST_PAIRS: usize = 512;
 
 impl ControlHorizon {
-    /// Two strings exchange their requests from some step on: neighbours in the order of total requests.
+    /// Two strings exchange their requests from one step onwards; the pairs are neighbours in the order of
+    /// total requests.
     ///
     /// Which of two strings is used first is a decision for the whole horizon: schedules with exchanged strings
     /// are all far from each other. Of more than `most` of them, every second, third, ... is returned.
@@ -84,8 +85,8 @@ impl ControlHorizon {
         exchanges.into_iter().map(exchanged).collect()
     }
 
-    /// Random schedules: each step allocated at random, nearly equally or to one string; in every second schedule all steps
-    /// alike.
+    /// Random schedules: each step is allocated at random, nearly equally, or to one string; in every second
+    /// schedule all steps have the same shares.
     pub(crate) fn at_random(&self, random: &mut fastrand::Rng, alike: bool) -> Schedule {
         let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
         let mut wanted = vec![0.0; n_strings * n_steps];
@@ -101,7 +102,7 @@ impl ControlHorizon {
         self.rated(self.fitted(&wanted))
     }
 
-    /// Shares of the strings in one step: of some of them, nearly equal, at random, or in proportion.
+    /// Shares of the strings in one step: one of several random patterns.
     fn random_shares(&self, random: &mut fastrand::Rng) -> Vec<f64> {
         let n = self.n_strings();
         let (n_on, exponent) = (random.usize(1..=n), random.choice([0.0, 0.3, 1.0]).expect("three of them"));
@@ -138,7 +139,7 @@ impl ControlHorizon {
         swaps.into_iter().filter_map(swapped).take(most).collect()
     }
 
-    /// Random allocation of one step; `n` schedules.
+    /// `n` schedules, each with a random allocation of one step.
     pub(crate) fn with_a_step_shared_anew(
         &self,
         request_w: &[f64],
@@ -180,7 +181,7 @@ mod tests {
         }
     }
 
-    /// Two strings of 92 kW asked for these in all.
+    /// Two strings of 92 kW with this total demand.
     fn horizon(demand_w: &[f64]) -> ControlHorizon {
         crate::search::test_horizon(2, demand_w)
     }

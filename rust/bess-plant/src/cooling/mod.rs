@@ -32,7 +32,8 @@ use crate::PlantError;
 /// The kind of this name.
 pub(crate) fn kind(name: &str) -> Result<&'static Kind, PlantError> {
     let found = KINDS.into_iter().find(|kind| kind.name == name);
-    found.ok_or_else(|| PlantError::CoolingKind {
+    found.ok_or_else(|| PlantError::Unknown {
+        what: "cooling kind",
         name: name.to_owned(),
         known: KINDS.map(|kind| kind.name).join(", "),
     })

@@ -38,11 +38,24 @@ impl PlantState {
     pub fn mean_temperature_c(&self) -> Vec<f64> {
         let nodes = self.node_temperature_c.len() / self.soc.len().max(1);
         let mean = |own: &[f64]| {
-            let real = own.iter().filter(|t| !t.is_nan());
-            real.clone().sum::<f64>() / real.count() as f64
+            let real = own.iter().take_while(|t| !t.is_nan()).count();
+            sum(&own[..real]) / real as f64
         };
         self.node_temperature_c.chunks_exact(nodes.max(1)).map(mean).collect()
     }
+}
+
+/// Sum in the order of additions that NumPy takes for up to 128 numbers: a decision made here is that made from Python, to the
+/// last bit.
+fn sum(values: &[f64]) -> f64 {
+    let rows = values.chunks_exact(8);
+    let rest = rows.remainder();
+    let mut lanes = [0.0; 8];
+    for row in rows {
+        lanes.iter_mut().zip(row).for_each(|(lane, value)| *lane += value);
+    }
+    let [a, b, c, d, e, f, g, h] = lanes;
+    rest.iter().fold(((a + b) + (c + d)) + ((e + f) + (g + h)), |sum, value| sum + value)
 }
 
 /// Ageing of lanes that start with these factors on capacity and resistance, one of each for each lane.

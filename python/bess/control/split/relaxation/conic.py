@@ -8,9 +8,11 @@ progress". Every node builds its own solver, so a solution depends on the node's
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from copy import copy
 from dataclasses import dataclass
 from enum import Enum
+from typing import Any
 
 import clarabel
 import cvxpy as cp
@@ -106,6 +108,78 @@ class ConicProgram:
         self._a_map = -sp.csr_array(tensor[entries])
         self._b_map = sp.csr_array(tensor[n_rows * self.n_columns :])
         self._q_map = sp.csr_array(program.q)
+
+    def repeated(self, n: int, shared: Collection[str], linked: str) -> ConicProgram:
+        """Return the program of ``n`` strings from this program of one, in the order of a direct compilation.
+
+        The memory of a direct compilation grows with the square of the number of strings.
+
+        Parameters
+        ----------
+        n
+            Number of strings: leading axis of all variables, and of all parameters that are not shared.
+        shared
+            Names of parameters common to all strings; rows with one of them on the right-hand side add up the
+            entries of all strings.
+        linked
+            Name of the parameter whose rows also have the entries of the next string, negative.
+        """
+        constant = self._n_parameters
+        is_shared = np.zeros(constant + 1, dtype=bool)
+        for name in shared:
+            is_shared[self.places[name]] = True
+        entries, of_b, of_q = (sp.coo_array(map_) for map_ in (self._a_map, self._b_map, self._q_map))
+        n_zero, cone_start = self._pattern.n_zero, self._pattern.n_zero + self._pattern.n_nonneg
+        common = np.zeros(self._b_map.shape[0], dtype=bool)
+        common[of_b.row[is_shared[of_b.col]]] = True
+        first = np.concatenate([[0], np.cumsum(np.where(common, 1, n))])
+        width = np.where(common, 0, 1)
+        width[cone_start:] = 3
+        cone = np.arange(common.size - cone_start)
+        first[cone_start:-1] = first[cone_start] + cone // 3 * 3 * n + cone % 3
+
+        def parameter(columns: NDArray[Any], string: int) -> NDArray[Any]:
+            return n * columns + np.where(is_shared[columns] | (columns == constant), 0, string)
+
+        def row(rows: NDArray[Any], string: int) -> NDArray[Any]:
+            return np.asarray(first[rows] + width[rows] * string)
+
+        # Position, parameter and value of the coefficients of A and of b.
+        pattern, linking = self._pattern, np.isin(entries.col, self.places[linked])
+        of_a, b_parts, q_parts = [], [], []
+        for m in range(n):
+            columns = parameter(entries.col, m)
+            rows = row(pattern.rows[entries.row], m)
+            of_a.append((n * pattern.columns[entries.row] + m, rows, columns, entries.data))
+            if m + 1 < n:
+                to = n * pattern.columns[entries.row[linking]] + m + 1
+                of_a.append((to, rows[linking], columns[linking], -entries.data[linking]))
+            once = ~common[of_b.row] if m else np.ones(of_b.row.size, dtype=bool)
+            b_parts.append((row(of_b.row[once], m), parameter(of_b.col[once], m), of_b.data[once]))
+            once = of_q.row < self.n_columns if m else np.ones(of_q.row.size, dtype=bool)
+            at = np.where(of_q.row < self.n_columns, n * of_q.row + m, n * self.n_columns)[once]
+            q_parts.append((at, parameter(of_q.col[once], m), of_q.data[once]))
+
+        out = copy(self)
+        out.n_columns, out._n_parameters = n * self.n_columns, n * constant
+        out.slices = {name: slice(n * s.start, n * s.stop) for name, s in self.slices.items()}
+        out.shapes = {name: (n, *shape[1:]) for name, shape in self.shapes.items()}
+        out.places = {
+            name: n * place
+            if name in shared
+            else n * place + np.arange(n).reshape(-1, *(1,) * (place.ndim - 1))
+            for name, place in self.places.items()
+        }
+        columns, rows, theta, data = (np.concatenate(part) for part in zip(*of_a, strict=True))
+        place, entry = np.unique(columns * first[-1] + rows, return_inverse=True)
+        n_zero, cone_start = int(first[n_zero]), int(first[cone_start])
+        out._pattern = Pattern(place % first[-1], place // first[-1], n_zero, cone_start - n_zero)
+        width_theta = n * constant + 1
+        out._a_map = sp.csr_array((data, (entry, theta)), shape=(place.size, width_theta))
+        for name, parts, size in (("_b_map", b_parts, first[-1]), ("_q_map", q_parts, out.n_columns + 1)):
+            rows, theta, data = (np.concatenate(part) for part in zip(*parts, strict=True))
+            setattr(out, name, sp.csr_array((data, (rows, theta)), shape=(size, width_theta)))
+        return out
 
     def parameters(self, values: Mapping[str, Array | float]) -> Array:
         """Return the parameter vector for :meth:`load`; other parameters are zero.

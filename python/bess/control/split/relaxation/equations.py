@@ -137,6 +137,15 @@ def build(n_strings: int, n_steps: int, n_caps: int) -> Equations:
 
 @lru_cache(maxsize=64)
 def compiled(n_strings: int, n_steps: int, n_caps: int) -> ConicProgram:
-    """Compile the relaxation for Clarabel, once per process and size."""
-    stated = build(n_strings, n_steps, n_caps)
+    """Compile the relaxation for Clarabel, once per process and size.
+
+    Strings share the balance, the step cuts and the caps; identical ones also have ordered requests.
+    """
+    shared = ("demand", "cut_0", *(f"cap{cap}" for cap in range(n_caps)))
+    return _of_one_string(n_steps, n_caps).repeated(n_strings, shared, "ordered")
+
+
+@lru_cache(maxsize=64)
+def _of_one_string(n_steps: int, n_caps: int) -> ConicProgram:
+    stated = build(1, n_steps, n_caps)
     return ConicProgram(stated.problem, stated.variables, stated.parameters)

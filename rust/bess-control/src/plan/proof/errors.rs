@@ -5,7 +5,8 @@ use bess_tables::Direction;
 
 use super::images::{Image, Images};
 use super::moves::{Corner, Moves};
-use super::Kind;
+use super::{Kind, LEAST_FACTOR};
+use crate::model::Range;
 
 /// Prices of a step, and the resulting error terms of each temperature cell.
 pub(super) struct StepPrices {
@@ -25,6 +26,12 @@ pub(super) struct StepPrices {
     pub(super) uneven: Vec<f64>,
     /// Price of the change of delivered power over temperature.
     pub(super) tilt: Vec<f64>,
+    /// Earnings of undelivered requests at each node of temperature: where strings derate, a request that is worth more
+    /// than its derating loss may pay without any delivery.
+    pub(super) dumped: Vec<f64>,
+    /// Largest request [W], and requests per delivered power at each node of temperature.
+    pub(super) cap_w: f64,
+    pub(super) per_power: Vec<f64>,
     /// Largest net revenue of an inverter that discharges the battery below its no-load loss [cost].
     pub(super) drawing: Vec<f64>,
 }
@@ -33,16 +40,27 @@ impl StepPrices {
     /// Cost of a corner at a node of temperature.
     #[inline]
     pub(super) fn cost(&self, corner: &Corner, j: usize) -> f64 {
-        self.dt_h * (self.heat * corner.heat_w + self.loss * corner.loss_w + self.power[j] * corner.power_w)
+        let room_w = (self.cap_w - corner.power_w * self.per_power[j]).max(0.0);
+        self.dt_h
+            * (self.heat * corner.heat_w + self.loss * corner.loss_w + self.power[j] * corner.power_w
+                - self.dumped[j] * room_w)
     }
 
     pub(super) fn new(kind: &Kind<'_>, t: usize, price: f64, moves: Option<&Moves>) -> Self {
         let costs = &kind.problem.prices.losses[t];
         let dt_h = kind.problem.intervals[t].dt_h;
-        // Not below 0: asking for more than can be delivered never pays.
+        // Below 0, derated requests earn more than they cost.
         let margin = costs.derating - price;
         let per_power = &kind.requests_per_power;
         let power: Vec<f64> = per_power.iter().map(|k| margin * k - costs.derating).collect();
+        // Per request: least share `k` of a cell, or none where the price of power ends at [`LEAST_FACTOR`].
+        let dumped = |k: &Range| {
+            let k = if k.low < LEAST_FACTOR { 0.0 } else { k.low };
+            (-margin - k * (costs.availability - costs.derating).max(0.0)).max(0.0)
+        };
+        let dumped: Vec<f64> = kind.factor.iter().map(dumped).collect();
+        let around = |j: usize| dumped[j.saturating_sub(1)].max(dumped[j.min(dumped.len() - 1)]);
+        let dumped = (0..=kind.factor.len()).map(around).collect();
         let mut out = Self {
             dt_h,
             heat: costs.battery,
@@ -54,6 +72,9 @@ impl StepPrices {
             bend: vec![],
             uneven: vec![],
             tilt: vec![],
+            dumped,
+            cap_w: kind.cap_w(t),
+            per_power: per_power.clone(),
             drawing: vec![],
         };
         let Some(moves) = moves else { return out };
@@ -73,8 +94,8 @@ impl StepPrices {
             .fold(0.0, f64::max);
             out.bend.push(bend);
             out.steepest.push(steepest);
-            out.uneven.push(margin * (per_power[1].sqrt() - per_power[0].sqrt()).powi(2));
-            out.tilt.push(0.25 * margin * (per_power[1] - per_power[0]).abs());
+            out.uneven.push(margin.max(0.0) * (per_power[1].sqrt() - per_power[0].sqrt()).powi(2));
+            out.tilt.push(0.25 * margin.abs() * (per_power[1] - per_power[0]).abs());
             let drawing = &moves.drawing;
             out.drawing.push(
                 dt_h * ((-low).max(0.0) * drawing.most_power_w - costs.inverter * drawing.least_loss_w),

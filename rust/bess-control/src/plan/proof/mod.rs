@@ -25,12 +25,12 @@ mod temperatures;
 use bess_tables::Direction;
 
 use crate::cores;
-use crate::model::{StringModel, StringState};
+use crate::model::{Range, StringModel, StringState};
 use crate::plan::problem::PlanProblem;
 use crate::plan::soc_nodes::SocNodes;
 use errors::{Bends, StepPrices};
 use images::Images;
-use moves::Moves;
+use moves::{Corner, Moves};
 use temperatures::temperatures;
 
 /// Smallest derating factor considered: below it, undelivered energy costs far more than delivered energy, and a smaller factor
@@ -79,8 +79,8 @@ struct Kind<'a> {
     temperature_c: Vec<f64>,
     /// One over the derating factor, at each node of temperature.
     requests_per_power: Vec<f64>,
-    /// Largest derating factor of each cell of temperature.
-    largest_factor: Vec<f64>,
+    /// Smallest and largest derating factor of each cell of temperature.
+    factor: Vec<Range>,
     moves: [Option<Moves>; 2],
     /// Share of the errors that is taken off: all of them, but for tests.
     share: f64,
@@ -106,7 +106,7 @@ impl<'a> Kind<'a> {
             member,
             soc: SocNodes::of(string, fineness.soc_cells),
             requests_per_power: factors.iter().map(|k| 1.0 / k.max(LEAST_FACTOR)).collect(),
-            largest_factor: factors.windows(2).map(|k| k[0].max(k[1])).collect(),
+            factor: factors.windows(2).map(|k| Range::point(k[0]).union(&Range::point(k[1]))).collect(),
             temperature_c,
             moves: [None, None],
             share: 1.0,
@@ -227,7 +227,8 @@ impl<'a> Kind<'a> {
         let off = |j: usize| {
             let (cell, share) = images.idle[j];
             let error = self.share * self.largest_around(idle, i, j);
-            (lerp(row, cell, share) - error, lerp(plain_row, cell, share))
+            let cost = step.cost(&Corner::default(), j);
+            (cost + lerp(row, cell, share) - error, cost + lerp(plain_row, cell, share))
         };
         let (mut now, mut plain): (Vec<f64>, Vec<f64>) = (0..n_temperatures).map(off).unzip();
         let Some(moves) = moves else { return (now, plain) };
@@ -316,15 +317,15 @@ fn proven(
     if problem.has_reactive() {
         return None;
     }
-    let losses = &problem.prices.losses;
-    let price: Vec<f64> =
-        price.iter().zip(losses).map(|(l, c)| l.min(c.availability).min(c.derating)).collect();
+    let new = |members: &Vec<usize>| Kind::new(problem, members, fineness(members[0]));
+    let solvers = kinds.iter().map(new).collect::<Option<Vec<_>>>()?;
+    let losses = problem.prices.losses.iter();
+    let price: Vec<f64> = price.iter().zip(losses).map(|(l, c)| l.min(c.availability)).collect();
     let demand = |t: usize| price[t] * problem.demand_w[t] * problem.intervals[t].dt_h;
     let idle = (0..problem.n_strings()).filter(|&m| problem.limit_w[m] <= 0.0);
     let mut terms: Vec<f64> = (0..problem.n_steps()).map(demand).collect();
     terms.extend(idle.map(|m| problem.end_cost(m, problem.start[m])));
-    for members in kinds {
-        let kind = Kind::new(problem, members, fineness(members[0]))?;
+    for (kind, members) in solvers.iter().zip(kinds) {
         let values = kind.backwards(&price, |_, _| ());
         terms.extend(members.iter().map(|&m| kind.at(&values, problem.start[m])));
     }
@@ -349,12 +350,14 @@ mod tests {
         temperature_c: f64,
         ambient_c: f64,
         limit_kw: Vec<f64>,
+        derating: f64,
     }
 
     impl Given {
         fn new(demand_kw: Vec<f64>, soc: Vec<f64>, temperature_c: f64) -> Self {
             let limit_kw = vec![92.0; soc.len()];
-            Self { demand_kw, dt_h: 0.25, soc, temperature_c, ambient_c: temperature_c, limit_kw }
+            let (dt_h, ambient_c, derating) = (0.25, temperature_c, 3e-3);
+            Self { demand_kw, dt_h, soc, temperature_c, ambient_c, limit_kw, derating }
         }
 
         fn problem<'a>(&self, model: &'a ControlModel) -> PlanProblem<'a> {
@@ -367,7 +370,7 @@ mod tests {
             };
             let losses = |t: usize| Losses {
                 availability: 3e-3 * 0.99_f64.powi(t as i32),
-                derating: 3e-3,
+                derating: self.derating,
                 inverter: 1e-3,
                 battery: 1e-3,
             };
@@ -451,10 +454,11 @@ mod tests {
     fn no_step_of_the_control_model_pays_less_than_the_values_say_and_half_the_errors_would_not_do() {
         let mild = steps(&[(4, -39.0), (2, -5.0), (2, 0.0), (6, 60.0), (2, 10.0)]);
         let hot = steps(&[(6, 85.0), (1, 0.0), (6, -85.0)]);
-        for given in [Given::new(mild, vec![0.5; 2], 25.0), Given::new(hot, vec![0.3; 2], 47.0)] {
+        let hot = |derating: f64| Given { derating, ..Given::new(hot.clone(), vec![0.3; 2], 47.0) };
+        for given in [Given::new(mild, vec![0.5; 2], 25.0), hot(3e-3), hot(6e-4), hot(0.0)] {
             assert_eq!(violations(&given, 1.0, 150_000), 0);
             let seen = violations(&given, 0.5, 150_000);
-            assert!(seen > 100, "{seen}");
+            assert!(seen > 100, "{seen} with derating at {}", given.derating);
         }
     }
 
@@ -511,7 +515,11 @@ mod tests {
         cases[1].limit_kw[2] = 0.0;
         cases[2].limit_kw[0] = 60.0;
         cases.push(Given { dt_h: 1.0 / 60.0, ..Given::new(day.repeat(3), vec![0.5, 0.5], 25.0) });
-        cases.push(Given { ambient_c: 45.0, ..Given::new(day, vec![0.5, 0.5], 30.0) });
+        cases.push(Given { ambient_c: 45.0, ..Given::new(day.clone(), vec![0.5, 0.5], 30.0) });
+        // Derated requests that cost less than the demand is worth.
+        for (derating, temperature_c) in [(1e-5, 25.0), (0.0, 44.0), (1e-5, 52.0), (0.0, 57.0)] {
+            cases.push(Given { derating, ..Given::new(day.clone(), vec![0.5, 0.2], temperature_c) });
+        }
         for (case, given) in cases.iter().enumerate() {
             let mut system = common::reference(given.soc.len());
             if case % 2 == 1 {

@@ -162,7 +162,7 @@ impl Kind<'_> {
                     off.resistance_ohm.high
                 };
                 let least_w = delivered.at(internal_w((lowest_v, lowest_r), from_a)).max(0.0);
-                let least_request_w = least_w / self.largest_factor[j];
+                let least_request_w = least_w / self.factor[j].high;
                 let possible = least_request_w <= most_w && self.middle(direction, i, k).is_some();
                 if !possible {
                     out.shapes.push(Shape { least_request_w: f64::INFINITY, ..Shape::default() });

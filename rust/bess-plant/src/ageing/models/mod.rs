@@ -16,9 +16,10 @@ pub const MODELS: [&Model; 4] =
 ///
 /// # Errors
 ///
-/// [`PlantError::Model`] where no model has the name.
+/// [`PlantError::Unknown`] where no model has the name.
 pub fn model(name: &str) -> Result<&'static Model, PlantError> {
-    MODELS.into_iter().find(|model| model.name == name).ok_or_else(|| PlantError::Model {
+    MODELS.into_iter().find(|model| model.name == name).ok_or_else(|| PlantError::Unknown {
+        what: "ageing model",
         name: name.to_owned(),
         known: MODELS.map(|model| model.name).join(", "),
     })

@@ -1,0 +1,156 @@
+"""Monitoring of a service: Prometheus metrics, and the history of the live page."""
+
+from __future__ import annotations
+
+from collections import deque
+from functools import partial
+from typing import Any, Final
+
+import numpy as np
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
+
+from bess.arrays import Array
+from bess.edge.serve.answer import Answer
+from bess.edge.serve.controller import Controller
+
+STRINGS: Final = {
+    "request_kw": "Set-point; positive = discharge.",
+    "soc_ratio": "State of charge as it is acted upon.",
+    "temperature_celsius": "Temperature as it is acted upon.",
+    "running": "Whether the inverter runs.",
+    "in_service": "Whether the string may run.",
+    "starts": "Starts of the inverter since the state began.",
+    "charged_kwh": "Energy charged since the state began.",
+    "discharged_kwh": "Energy discharged since the state began.",
+    "soh_capacity_ratio": "Capacity left, as estimated.",
+    "out_of_control_kw": "Power that a string out of service still gives.",
+    "calibration_due_seconds": "When the string must be full again.",
+}
+"""Gauges of each string, and their meaning."""
+SPANS: Final = {"2h": (60.0, 120), "day": (300.0, 288), "week": (1800.0, 336)}
+"""Spans of the history: length of a step [s], and number of steps."""
+QUANTILES: Final = (0.0, 0.1, 0.5, 0.9, 1.0)
+MOST_LINES: Final = 8
+"""Maximum number of strings recorded individually; larger plants are recorded by quantiles only."""
+_PLANT: Final = ("time_s", "demand_kw", "request_kw", "measured_kw", "foreseen_kw", "starts", "hottest_c")
+_DIGITS: Final = 4
+
+
+class Metrics:
+    """Counters and gauges of one service, in a separate registry."""
+
+    def __init__(self, n_strings: int) -> None:
+        self.registry = CollectorRegistry()
+        counter = partial(Counter, registry=self.registry)
+        gauge = partial(Gauge, registry=self.registry)
+        self.requests = counter("bess_requests", "Requests by path and status.", ["path", "status"])
+        self.answer_time = Histogram(
+            "bess_answer_seconds",
+            "Time from a demand to its answer.",
+            buckets=(0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0),
+            registry=self.registry,
+        )
+        self.fallbacks = counter("bess_fallbacks", "Answers that were shared by the energy left.")
+        self._demand = gauge("bess_demand_kw", "Demand of the last answer; positive = discharge.")
+        self._unmet = gauge("bess_unmet_kw", "What the last answer falls short of.")
+        self._plan_age = gauge("bess_plan_steps_old", "Steps since the plan was made.")
+        self._strings = {name: gauge(f"bess_{name}", help_, ["string"]) for name, help_ in STRINGS.items()}
+        self._cost = gauge("bess_calibration_cost_kwh", "Expected cost of the next calibration.")
+        self.state_errors = gauge("bess_state_error", "1 while the state cannot be written.")
+        self.cycle_age = gauge("bess_cycle_age_seconds", "Time since a control cycle of the plant ended.")
+        self.cycle_period = gauge("bess_cycle_period_seconds", "Time from one control cycle to the next.")
+        self.link_errors = counter("bess_link_errors", "Failed reads and writes of the plant.")
+
+    def text(self, demand_kw: float, answer: Answer | None, controller: Controller, slot: int) -> bytes:
+        """All metrics in the text format of Prometheus, with gauges of the last answer."""
+        if answer is not None:
+            self._update(demand_kw, answer, controller, slot)
+        return generate_latest(self.registry)
+
+    def _update(self, demand_kw: float, answer: Answer, controller: Controller, slot: int) -> None:
+        self._demand.set(demand_kw)
+        self._unmet.set(answer.unmet_kw)
+        plan = controller.plan.current
+        self._plan_age.set(-1 if plan is None else slot - plan.slot)
+        counters, valid, calibration = controller.counters, controller.valid, controller.calibration
+        self._cost.set(np.nan if calibration.planned is None else calibration.planned[2])
+        columns: dict[str, Any] = {
+            "request_kw": answer.request_kw,
+            "running": answer.running,
+            "out_of_control_kw": answer.flowing_kw,
+            "starts": controller.commitment.starts,
+            "charged_kwh": counters.charged_kwh,
+            "discharged_kwh": counters.discharged_kwh,
+            "soh_capacity_ratio": controller.ageing.soh_capacity,
+        }
+        if (due_s := calibration.due_s()) is not None:
+            columns["calibration_due_seconds"] = due_s
+        if valid is not None:
+            columns["soc_ratio"] = valid.state.soc
+            columns["temperature_celsius"] = valid.state.temperature_c
+            columns["in_service"] = valid.in_service
+        for name, values in columns.items():
+            for i, value in enumerate(values):
+                self._strings[name].labels(str(i)).set(value)
+
+
+class History:
+    """Means over the steps of each span, in bounded memory."""
+
+    def __init__(self) -> None:
+        self._spans = {name: _Span(every_s, most) for name, (every_s, most) in SPANS.items()}
+        self._began_s = self._now_s = np.nan
+
+    def add(self, plant: dict[str, float], soc: Array, request_kw: Array) -> None:
+        """Add one control step: values of the plant (NaN where unknown), SOC and set-points [kW]."""
+        each = (soc, request_kw) if soc.size <= MOST_LINES else ()
+        self._now_s = plant["time_s"]
+        self._began_s = self._now_s if np.isnan(self._began_s) else self._began_s
+        row = np.concatenate([[plant[name] for name in _PLANT], np.quantile(soc, QUANTILES), *each])
+        for span in self._spans.values():
+            span.add(row)
+
+    def document(self, name: str) -> dict[str, Any]:
+        """Columns of a span: those of the plant, ``soc`` (quantiles), and each string of a small plant.
+
+        While a shorter span still contains the whole history, its finer steps are returned.
+        """
+        age_s = self._now_s - self._began_s
+        finest = next((finer for finer, (every_s, most) in SPANS.items() if age_s < every_s * most), name)
+        span = self._spans[min(finest, name, key=list(SPANS).index)]
+        columns = [[None if np.isnan(v) else round(v, _DIGITS) for v in column] for column in span.columns()]
+        known, rest = dict(zip(_PLANT, columns, strict=False)), columns[len(_PLANT) :]
+        n = (len(rest) - len(QUANTILES)) // 2
+        soc, each = rest[: len(QUANTILES)], rest[len(QUANTILES) :]
+        return {"every_s": span.every_s, **known, "soc": soc, "string_soc": each[:n], "string_kw": each[n:]}
+
+
+class _Span:
+    """Rows of one span, each beginning with its time; one thread reads them, another writes them."""
+
+    def __init__(self, every_s: float, most: int) -> None:
+        self.every_s, self._most = every_s, most
+        self._rows: deque[Array] = deque(maxlen=most)
+        # Present step: its number, sums of the known values, and their counts.
+        self._open: tuple[int, Array, Array] | None = None
+
+    def add(self, row: Array) -> None:
+        step = int(row[0] // self.every_s)
+        known, values = np.isfinite(row).astype(np.float64), np.nan_to_num(row)
+        if self._open is not None and self._open[0] == step:
+            known, values = known + self._open[2], values + self._open[1]
+        elif self._open is not None:
+            self._rows.append(_mean(*self._open[1:]))
+        self._open = (step, values, known)
+
+    def columns(self) -> list[list[float]]:
+        if (present := self._open) is None:
+            return [[] for _ in (*_PLANT, *QUANTILES)]
+        rows = [*self._rows, _mean(*present[1:])]
+        first_s = rows[-1][0] - self._most * self.every_s
+        kept: list[list[float]] = np.transpose([row for row in rows if row[0] > first_s]).tolist()
+        return kept
+
+
+def _mean(total: Array, count: Array) -> Array:
+    return np.where(count > 0.0, total / np.maximum(count, 1.0), np.nan)

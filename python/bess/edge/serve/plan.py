@@ -1,0 +1,306 @@
+"""The plan of the live controller: forecast, background update, and its effect on set-points."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import TimeoutError as Late
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from bess.arrays import Array
+from bess.control.policies import Policy, PolicyInput
+from bess.edge.serve.commitment import Curves
+from bess.edge.serve.persistent import Persistent, from_json, in_pool, to_json
+from bess.errors import BessError
+from bess.system import State, System
+
+SMOOTH_S: Final = 300.0
+"""Time constant for smoothing a fluctuating demand."""
+CHANGED: Final = 0.05
+"""Change of limits or forecast, as a share of the plant's power, that requires a new plan."""
+REPLAN_S: Final = 30.0
+"""Minimum time between two plans of the same step."""
+NOT_PLANNED: Final = 0.005
+"""Additional cost of a kWh through a string that the plan does not use, in kWh of losses."""
+NEAR: Final = 0.1
+"""Relative deviation from the demand of the plan up to which its shares are used."""
+NEAR_S: Final = 60.0
+"""Time for which the demand must stay this near."""
+STEEPEST: Final = 0.02
+"""Maximum difference of marginal losses that is derived from a plan."""
+
+
+class Forecast(Persistent):
+    """Forecast by the mean demand of each step of the day before.
+
+    ``step_s`` is the control step, ``plan_s`` the step of the plan [s], ``n_steps`` the plan's horizon.
+    """
+
+    kept = ("_day_kw", "_mean", "_smooth_kw")
+
+    def __init__(self, step_s: float, plan_s: float, n_steps: int) -> None:
+        self._step_s, self._n_steps = step_s, n_steps
+        self._day_kw: Array = np.full(max(1, round(86_400.0 / plan_s)), np.nan)
+        # Present step of the plan: its number, mean demand so far [kW], time so far [s].
+        self._mean: tuple[int, float, float] = (-1, 0.0, 0.0)
+        self._smooth_kw: float | None = None
+
+    def __call__(
+        self, demand_kw: float, slot: int, elapsed_s: float, given_kw: Sequence[float] | Array | None
+    ) -> Array:
+        """Record the demand and return the forecast [kW], shape ``(n_steps,)``, with the present step first.
+
+        ``slot`` is the number of the present step of the plan, ``elapsed_s`` the time since the last call,
+        and ``given_kw`` the forecast of the caller, zero after its end.
+        """
+        self._record(demand_kw, slot, elapsed_s)
+        if given_kw is not None:
+            ahead = np.asarray(given_kw, dtype=np.float64)[: self._n_steps]
+            return np.concatenate([ahead, np.zeros(self._n_steps - ahead.size)])
+        ahead = np.nan_to_num(self._day_kw[(slot + np.arange(self._n_steps)) % self._day_kw.size])
+        weight = 1.0 if self._smooth_kw is None else min(1.0, self._step_s / SMOOTH_S)
+        self._smooth_kw = (1.0 - weight) * (self._smooth_kw or 0.0) + weight * demand_kw
+        ahead[0] = self._smooth_kw
+        return ahead
+
+    def day(self, slot: int, given_kw: Sequence[float] | Array | None) -> Array:
+        """Demand of a day in steps of the plan: the forecast of the caller, then that of the day before."""
+        ahead = np.nan_to_num(self._day_kw[(slot + np.arange(self._day_kw.size)) % self._day_kw.size])
+        given = np.array([] if given_kw is None else given_kw, dtype=np.float64)[: ahead.size]
+        ahead[: given.size] = given
+        return ahead
+
+    def _record(self, demand_kw: float, slot: int, elapsed_s: float) -> None:
+        known, mean, weight_s = self._mean
+        if slot != known:
+            if known >= 0:
+                self._day_kw[known % self._day_kw.size] = mean
+            mean, weight_s = 0.0, 0.0
+        span_s = max(min(elapsed_s, self._step_s), 1e-3)
+        mean = (mean * weight_s + demand_kw * span_s) / (weight_s + span_s)
+        self._mean = (slot, mean, weight_s + span_s)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A plan.
+
+    Attributes
+    ----------
+    slot : int
+        Number of its first step since the epoch of the controller's clock.
+    request_kw : ndarray, shape (n_strings, n_steps)
+        Set-points.
+    demand_kw : ndarray, shape (n_steps,)
+        Demand of the plan.
+    limit_kw : ndarray, shape (n_strings,)
+        Power of each string in service.
+    gap : float or None
+        Gap of its first step to a rigorous bound, if the policy has one.
+    """
+
+    slot: int
+    request_kw: Array
+    demand_kw: Array
+    limit_kw: Array
+    gap: float | None
+
+
+class CarriedPlan(Persistent):
+    """Keeps the plan of a policy up to date: in each of its steps, and after a change within a step.
+
+    With ``background``, a separate thread computes the plans, so no answer waits longer than permitted.
+    """
+
+    kept = ("_before", "_after", "_asked_at_s")
+
+    def __init__(
+        self, system: System, policy: Policy, step_s: float, n_steps: int, *, background: bool
+    ) -> None:
+        self._system, self._policy = system, policy
+        self.step_s, self.n_steps = step_s, n_steps
+        self._pool = ThreadPoolExecutor(1, "plan") if background else None
+        self._pending: Future[Plan] | None = None
+        self._asked: tuple[int, Array, Array] | None = None
+        self._asked_at_s = -np.inf
+        # State of the policy before and after its plan of the present step.
+        self._before: dict[str, Any] = policy.memory()
+        self._after = self._before
+        self.current: Plan | None = None
+        self.error = ""
+
+    def slot(self, now_s: float) -> int:
+        """Number of the plan's step at a time."""
+        return int(now_s // self.step_s)
+
+    def update(
+        self, now_s: float, state: State, forecast_kw: Array, limit_kw: Array, *, wait_s: float = 0.0
+    ) -> bool:
+        """Begin a new plan if one is due, wait up to ``wait_s``, and return whether there is a new plan.
+
+        ``forecast_kw`` ``(n_steps,)`` begins with the present step; ``limit_kw`` is the power of each string
+        in service.
+        """
+        new = self._collect(0.0)
+        if self._pending is None and self._is_due(now_s, forecast_kw, limit_kw):
+            slot = self.slot(now_s)
+            gone = 0 if self._asked is None else slot - self._asked[0]
+            self._asked, self._asked_at_s = (slot, forecast_kw, limit_kw), now_s
+            self._pending = in_pool(self._pool, self._make, slot, gone, state, forecast_kw, limit_kw)
+            new = self._collect(wait_s) or new
+        return new
+
+    def column(self, now_s: float) -> int | None:
+        """Column of the plan at a time; None without one."""
+        if self.current is None:
+            return None
+        offset = self.slot(now_s) - self.current.slot
+        return offset if 0 <= offset < self.current.demand_kw.size else None
+
+    def from_now(self, now_s: float) -> Array | None:
+        """Set-points from the present step on, shape ``(n_strings, n_left)``; None without a plan."""
+        column = self.column(now_s)
+        return None if column is None or self.current is None else self.current.request_kw[:, column:]
+
+    def gap(self, request_kw: Array, now_s: float) -> float | None:
+        """Gap of set-points to a rigorous bound, if they are those of a plan of this step."""
+        planned, plan = self.from_now(now_s), self.current
+        if planned is None or plan is None or plan.slot != self.slot(now_s):
+            return None
+        return plan.gap if np.allclose(request_kw, planned[:, 0], rtol=1e-6, atol=1e-6) else None
+
+    def memory(self) -> dict[str, Any]:
+        """The plan with the state of its policy, for another process."""
+        return super().memory() | {"plan": None if self.current is None else to_json(vars(self.current))}
+
+    def recall(self, memory: Mapping[str, Any]) -> None:
+        """Restore the result of :meth:`memory`."""
+        super().recall(memory)
+        self._policy.recall(self._after)
+        plan = from_json(memory["plan"])
+        self.current = None if plan is None else Plan(**plan)
+        if self.current is not None:
+            self._asked = (self.current.slot, self.current.demand_kw, self.current.limit_kw)
+
+    def close(self) -> None:
+        """End the thread."""
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def _is_due(self, now_s: float, forecast_kw: Array, limit_kw: Array) -> bool:
+        if self._asked is None or self.slot(now_s) != self._asked[0]:
+            return True
+        if now_s - self._asked_at_s < REPLAN_S:
+            return False
+        _, forecast, limit = self._asked
+        nominal_kw = self._system.nominal_kw
+        return bool(
+            np.abs(limit - limit_kw).max() > CHANGED * nominal_kw.max()
+            or np.abs(forecast - forecast_kw).max() > CHANGED * float(nominal_kw.sum())
+        )
+
+    def _collect(self, wait_s: float) -> bool:
+        if self._pending is None or (wait_s == 0.0 and not self._pending.done()):
+            return False
+        try:
+            self.current, self.error = self._pending.result(timeout=wait_s), ""
+        except Late:
+            return False
+        except (BessError, ArithmeticError, ValueError) as error:
+            self._pending, self.error = None, str(error)
+            return False
+        self._pending = None
+        return True
+
+    def _make(self, slot: int, gone: int, state: State, forecast_kw: Array, limit_kw: Array) -> Plan:
+        total = limit_kw.sum()
+        served = np.clip(forecast_kw, -total, total)
+        ambient = np.full(self.n_steps, self._system.reference_temperature_c)
+        if gone <= 0:
+            self._policy.recall(self._before)  # the same step again, or a clock that was set back
+        for _ in range(min(gone, self.n_steps) - 1):  # steps without a call
+            self._policy(PolicyInput(state, np.zeros(self.n_steps), ambient, limit_kw))
+        self._before = self._policy.memory()
+        decision = self._policy(PolicyInput(state, served, ambient, limit_kw))
+        self._after = self._policy.memory()
+        plan_kw = decision.request_kw[:, None] if decision.plan_kw is None else decision.plan_kw
+        request = np.array(plan_kw, dtype=np.float64)
+        gap = float(decision.solver.gap)
+        return Plan(slot, request, served[: request.shape[1]], limit_kw, gap if np.isfinite(gap) else None)
+
+
+class PlanTracker(Persistent):
+    """Uses the shares of a plan while the demand stays near that of the plan.
+
+    A demand that only crosses that of the plan must not switch inverters, so it has to stay near for a while.
+    """
+
+    kept = ("near_s",)
+
+    def __init__(self, plan: CarriedPlan, step_s: float) -> None:
+        self._plan, self._step_s = plan, step_s
+        self.near_s = 0.0
+
+    def shares(
+        self, planned_kw: Array | None, demand_kw: float, most_kw: Array, elapsed_s: float
+    ) -> Array | None:
+        """Magnitudes in the proportions of the plan; None if the plan is not to be followed now.
+
+        ``planned_kw`` are the plan's present set-points, ``demand_kw`` is signed, and ``most_kw`` is the
+        capability of each string in its direction.
+        """
+        plan_kw = 0.0 if planned_kw is None else float(planned_kw.sum())
+        is_near = abs(demand_kw - plan_kw) <= NEAR * abs(plan_kw)
+        self.near_s = self.near_s + elapsed_s if is_near else 0.0
+        if planned_kw is None or not is_near or self.near_s + self._step_s < min(NEAR_S, self._plan.step_s):
+            return None
+        wanted = np.abs(planned_kw) * (abs(demand_kw) / abs(plan_kw) if plan_kw else 0.0)
+        return wanted if (wanted <= most_kw * (1.0 + 1e-9)).all() else None
+
+
+def preferences(planned_kw: Array | None, curves: Curves, discharge: bool) -> Array:
+    """Prices [kW/kW] at which the plan's shares have equal marginal costs; unplanned strings cost more.
+
+    ``curves`` are the losses in the direction of the demand.
+    """
+    if planned_kw is None or not planned_kw.any():
+        return np.zeros(curves.slope.size)
+    power = np.abs(planned_kw)
+    marginal = curves.marginal(power)
+    mean = float((marginal * power).sum() / power.sum())
+    price = np.clip(mean - marginal, -STEEPEST, STEEPEST)
+    if (float(planned_kw.sum()) > 0.0) != discharge:
+        price = -price  # a string preferred in one direction is to be spared in the other
+    return np.where(power > 0.0, price, NOT_PLANNED)
+
+
+def ahead(
+    plan: CarriedPlan,
+    request_kw: Array,
+    forecast_kw: Sequence[float] | Array | None,
+    now_s: float,
+    limit_kw: Array,
+) -> Array:
+    """Present set-points, then shares of the forecast like those of the plan, ``(n_strings, n_steps)``."""
+    if forecast_kw is None or len(forecast_kw) < 2:
+        return request_kw[:, None]
+    demand = np.asarray(forecast_kw, dtype=np.float64)
+    most = limit_kw[:, None]
+    planned = np.zeros((request_kw.size, demand.size))
+    known = plan.from_now(now_s)
+    if known is not None:
+        known = np.minimum(np.abs(known[:, : demand.size]), most)
+        planned[:, : known.shape[1]] = known
+    wanted = np.abs(demand)
+    power = np.where(planned.any(axis=0), planned, most)
+    power = power * np.minimum(1.0, wanted / np.maximum(power.sum(axis=0), 1e-12))
+    # Demand above the plan is shared by headroom.
+    room = most - power
+    rest = np.maximum(wanted - power.sum(axis=0), 0.0)
+    power = power + room * np.minimum(1.0, rest / np.maximum(room.sum(axis=0), 1e-12))
+    shares = np.asarray(np.copysign(power, demand))
+    shares[:, 0] = request_kw
+    return shares

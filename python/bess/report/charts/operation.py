@@ -1,0 +1,423 @@
+"""Operation over time: states, powers, market, services and solver, selected and arranged as charts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bess.errors import InputError
+from bess.report.data import (
+    MAX_CURVES,
+    Result,
+    Results,
+    TimeAxis,
+    curve,
+    daily,
+    dataset_of,
+    event_spans,
+    held,
+    named,
+    step_h,
+    string_curves,
+    thin,
+    with_initial,
+)
+from bess.report.drawing import style
+from bess.report.drawing.chart import Chart, Panel, Series, Values
+from bess.report.drawing.style import colours, told_apart
+from bess.simulation.analysis.services import draw_kw, is_reserve, is_site
+from bess.system import System
+
+
+def strings(result: Result) -> Chart:
+    """SOC and mean temperature of every string, with the demand behind.
+
+    Runs of more than a month are shown as the daily mean of every string, with the daily range over all
+    strings behind.
+    """
+    dataset = dataset_of(result)
+    time = TimeAxis(dataset)
+    n_strings = dataset.sizes["string"]
+    demand = None
+    if not time.daily:
+        (demand,) = curve(time, dataset["demand_kw"].values, style.BACKGROUND, "demand, positive = discharge")
+    panels = []
+    for variable, label, limits in (
+        ("soc", "SOC", (-0.02, 1.02)),
+        ("temperature_c", "Temperature (°C)", None),
+    ):
+        states = with_initial(dataset, variable)
+        lines: list[Series] = []
+        if time.daily and n_strings <= MAX_CURVES:
+            days, low, _, high = daily(time, states[1:])
+            base = held(low.min(axis=1))
+            lines.append(Series(days, held(high.max(axis=1)), "#DDDDDD", "daily range", "band", base))
+        lines += string_curves(time, states, among=2 * n_strings)
+        panels.append(Panel(label, tuple(lines), demand, "Demand (kW)", y_limits=limits))
+    return Chart(time.label, tuple(panels), panel_height_in=1.75, spans=event_spans(dataset, time))
+
+
+def string_spread(results: Results) -> Chart:
+    """Largest difference between strings in SOC and in mean temperature, for one result or several."""
+    soc: list[Series] = []
+    temperature: list[Series] = []
+    datasets = named(results)
+    label = ""
+    for name, dataset, colour, dashed in told_apart(datasets):
+        time = TimeAxis(dataset)
+        label = time.label
+        for variable, lines, factor in (("soc", soc, 100.0), ("temperature_c", temperature, 1.0)):
+            spread = factor * np.ptp(with_initial(dataset, variable), axis=1)
+            lines += curve(time, spread, colour, name, dashed=dashed)
+    return Chart(
+        label,
+        (Panel("SOC spread (points)", tuple(soc)), Panel("Temperature spread (K)", tuple(temperature))),
+        panel_height_in=1.4,
+    )
+
+
+def mean_temperature(results: Results, *, derating_start_c: float = 45.0) -> Chart:
+    """Mean over strings of the temperature, for one result or several, with the start of derating [degC]."""
+    datasets = named(results)
+    lines: list[Series] = []
+    label = ""
+    for name, dataset, colour, dashed in told_apart(datasets):
+        time = TimeAxis(dataset)
+        label = time.label
+        lines += curve(time, with_initial(dataset, "temperature_c").mean(axis=1), colour, name, dashed=dashed)
+        ends = time.edges[[0, -1]]
+    limit = np.full(2, derating_start_c)
+    lines.append(Series(ends, limit, style.INK, f"derating starts, {derating_start_c:g} °C", dashed=True))
+    return Chart(label, (Panel("Mean temperature (°C)", tuple(lines)),), panel_height_in=2.4)
+
+
+def derating_curves(
+    system: System, gains: Sequence[tuple[float, float]] | None = None, *, string: int = 0
+) -> Chart:
+    """Derating factor against temperature for several pairs of gains, and the table of the system.
+
+    Parameters
+    ----------
+    system
+        Its string ``string`` gives start and stop temperature, its own gains, and the table.
+    gains
+        Pairs ``(kp [1/K], ki [1/(K step)])``; half, once and twice the system's own if omitted.
+
+    Notes
+    -----
+    Response of the PI law to a constant ramp of ``r`` K per control step,
+    ``k = clip(1 - kp e - ki e^2 / (2 r), 0, 1)`` with ``e = T - T_start``. With the slope ``r``, the system's
+    own gains reach zero exactly at ``stop_c``; without ``stop_c``, the integral part is omitted.
+    """
+    law = system.strings[string].derating
+    reach = law.stop_c - law.start_c
+    left = 1.0 - law.kp_per_k * reach
+    ramp = law.ki_per_k_step * reach**2 / (2.0 * left) if left > 0.0 and law.ki_per_k_step > 0.0 else np.inf
+    if gains is None:
+        gains = [(factor * law.kp_per_k, factor * law.ki_per_k_step) for factor in (0.5, 1.0, 2.0)]
+    temperature = np.linspace(law.start_c - 5.0, law.stop_c + 10.0, 301)
+    excess = np.maximum(temperature - law.start_c, 0.0)
+    lines = [
+        Series(
+            temperature,
+            np.clip(1.0 - kp * excess - ki * excess**2 / (2.0 * ramp), 0.0, 1.0),
+            colour,
+            f"Kₚ = {kp:.3g} 1/K, Kᵢ = {ki:.2g} 1/(K step)",
+        )
+        for (kp, ki), colour in zip(gains, colours(len(gains)), strict=True)
+    ]
+    lines.append(Series(np.array(law.temperature_c), np.array(law.factor), style.INK, "table in use", "dots"))
+    return Chart(
+        "String temperature (°C)",
+        (Panel("Derating factor", tuple(lines), y_limits=(-0.03, 1.05)),),
+        panel_height_in=2.5,
+        width_in=style.SINGLE_COLUMN_IN,
+    )
+
+
+def state_of_health(result: Result) -> Chart:
+    """Capacity and resistance of every string relative to the system file, and accumulated wear cost."""
+    dataset = dataset_of(result)
+    time = TimeAxis(dataset)
+    cost_eur = np.cumsum(np.vstack([np.zeros(dataset.sizes["string"]), dataset["wear_eur"].values]), axis=0)
+    rows = (
+        ("Capacity (%)", 100.0 * with_initial(dataset, "soh_capacity")),
+        ("Resistance (%)", 100.0 * with_initial(dataset, "soh_resistance")),
+        ("Wear so far (EUR)", cost_eur),
+    )
+    panels = []
+    for label, states in rows:
+        panels.append(Panel(label, tuple(string_curves(time, states, among=states.shape[1]))))
+    return Chart(time.label, tuple(panels), panel_height_in=1.4, spans=event_spans(dataset, time))
+
+
+_POINTS = 400
+
+
+def duration_curves(results: Results) -> Chart:
+    """Delivered power of the plant and temperature of its hottest string, each sorted from high to low.
+
+    A point of a curve gives the share of the time in which the value was at least this high. For a single
+    result the demand is drawn as well.
+    """
+    datasets = named(results)
+    power: list[Series] = []
+    temperature: list[Series] = []
+    if len(datasets) == 1:
+        (dataset,) = datasets.values()
+        power.append(Series(*_sorted(dataset["demand_kw"].values), style.INK, "demand", dashed=True))
+    for name, dataset, colour, dashed in told_apart(datasets):
+        delivered = dataset["delivered_kw"].values.sum(axis=1)
+        hottest = dataset["temperature_c"].values.max(axis=1)
+        label = name or "delivered"
+        power.append(Series(*_sorted(delivered), colour, label, dashed=dashed))
+        temperature.append(Series(*_sorted(hottest), colour, name, dashed=dashed))
+    return Chart(
+        "Share of the time (%)",
+        (Panel("Plant power (kW)", tuple(power)), Panel("Hottest string (°C)", tuple(temperature))),
+        panel_height_in=1.7,
+    )
+
+
+def _sorted(values: Values) -> tuple[Values, Values]:
+    if values.size == 1:  # a single point draws no line
+        return np.array([0.0, 100.0]), np.repeat(values, 2)
+    falling = np.sort(values)[::-1]
+    shown = np.unique(np.linspace(0, len(falling) - 1, _POINTS).astype(int))
+    return 100.0 * (shown + 0.5) / len(falling), falling[shown]
+
+
+_MOST_STRINGS = 4
+
+_REQUEST = (
+    ("delivered_kw", "delivered", style.DISCHARGE),
+    ("derating_loss_kw", "lost to derating", style.DERATING),
+    ("availability_loss_kw", "lost to availability", style.AVAILABILITY),
+)
+_CONVERSION = (
+    ("inverter_loss_kw", "inverter loss", style.INVERTER),
+    ("battery_loss_kw", "battery loss", style.BATTERY),
+    ("hysteresis_loss_kw", "hysteresis loss", style.HYSTERESIS),
+)
+
+
+def power_split(result: Result) -> Chart:
+    """Power of every string, stacked: requests as delivered + undelivered (left), losses (right).
+
+    The left stack is the request, upwards in discharge, downwards in charge. More than four strings are drawn
+    as their sum, because their stacks would not be readable. Runs of more than a month are drawn as daily
+    means of charge and of discharge, which would otherwise cancel.
+    """
+    dataset = dataset_of(result)
+    time = TimeAxis(dataset)
+    n_strings = dataset.sizes["string"]
+    apart = n_strings <= _MOST_STRINGS
+    groups = [[index] for index in range(n_strings)] if apart else [list(range(n_strings))]
+    discharging = dataset["request_kw"].values > 0.0
+    panels = []
+    for group in groups:
+        title = f"string {group[0]}" if apart else f"sum of {n_strings} strings"
+
+        def flows(parts: tuple[tuple[str, str, str], ...], mask: Values, sign: float) -> list[Series]:
+            powers = [
+                (sign * (np.abs(dataset[name].values) * mask)[:, group].sum(axis=1), label, colour)  # noqa: B023
+                for name, label, colour in parts
+                if name in dataset
+            ]
+            return _stack(time, powers)
+
+        request = flows(_REQUEST, discharging, 1.0) + flows(_REQUEST, ~discharging, -1.0)
+        losses = flows(_CONVERSION, np.ones_like(discharging), 1.0)
+        nothing = curve(time, np.zeros(len(time.start)), style.INK, kind="step")
+        panels += [
+            Panel("Requested (kW)", tuple(request or nothing), title=title),
+            Panel("Loss (kW)", tuple(losses or nothing), title=title),
+        ]
+    return Chart(time.label, tuple(panels), columns=2, panel_height_in=1.5, spans=event_spans(dataset, time))
+
+
+def _stack(time: TimeAxis, powers: list[tuple[Values, str, str]]) -> list[Series]:
+    bands = []
+    edges, base = time.edges, np.zeros(1)
+    for power, label, colour in powers:
+        if not power.any():
+            continue
+        if time.daily:
+            edges, _, power, _ = daily(time, power)
+        top = base + held(power)
+        bands.append(Series(edges, top, colour, label, "band", np.broadcast_to(base, top.shape)))
+        base = top
+    return bands
+
+
+def reactive_power(result: Result) -> Chart:
+    """Reactive power of the plant; reactive and apparent power of every string.
+
+    Raises
+    ------
+    InputError
+        The run has no reactive power.
+    """
+    dataset = dataset_of(result)
+    if "reactive_kvar" not in dataset:
+        raise InputError("the result has no reactive_kvar; ask for it in the study's [reactive]")
+    time = TimeAxis(dataset)
+    q_kvar = dataset["reactive_kvar"].values
+    apparent_kva = np.hypot(dataset["delivered_kw"].values, q_kvar)
+    plant = curve(time, q_kvar.sum(axis=1), style.INK, "carried", kind="step")
+    asked_kvar = dataset["reactive_demand_kvar"].values
+    plant += curve(time, asked_kvar, style.AVAILABILITY, "asked", kind="step", dashed=True)
+    among = q_kvar.shape[1]
+    strings = string_curves(time, q_kvar, among)
+    loading = string_curves(time, apparent_kva, among)
+    panels = (
+        Panel("Plant (kvar)", tuple(plant), y_limits=_with_zero(q_kvar.sum(axis=1), asked_kvar)),
+        Panel("Strings (kvar)", tuple(strings)),
+        Panel("Strings (kVA)", tuple(loading)),
+    )
+    return Chart(time.label, panels, panel_height_in=1.35, spans=event_spans(dataset, time))
+
+
+def _with_zero(*values: Values) -> tuple[float, float]:
+    """Axis limits that include zero and all values; otherwise constant values would show rounding errors."""
+    low, high = (float(end([end(each) for each in values] + [0.0])) for end in (np.min, np.max))
+    margin = 0.05 * (high - low) or 1.0
+    return low - margin, high + margin
+
+
+def market_dispatch(result: Result) -> Chart:
+    """Price, dispatch and mean SOC of a market study; for more than a month, daily energy.
+
+    If the dispatch predicts the delivered power, the prediction is shown as well.
+
+    Raises
+    ------
+    InputError
+        The run has no prices.
+    """
+    dataset = dataset_of(result)
+    if "price_eur_mwh" not in dataset:
+        raise InputError("the result has no price_eur_mwh: it is not a market study")
+    time = TimeAxis(dataset)
+    delivered = dataset["delivered_kw"].values.sum(axis=1)
+    planned = dataset["expected_kw"].values if "expected_kw" in dataset else None
+    price = curve(time, dataset["price_eur_mwh"].values, style.INVERTER, kind="step")
+    if time.daily:
+        power = Panel("Energy per day (kWh)", _days(time, dataset["delivered_kw"].values, step_h(dataset)))
+    else:
+        lines = curve(time, delivered, style.DISCHARGE, "delivered, positive = sold", kind="step")
+        lines += curve(time, dataset["demand_kw"].values, style.INK, "demand", kind="step", dashed=True)
+        if planned is not None:
+            lines += curve(time, planned, style.DERATING, "planned to be delivered", kind="step", dashed=True)
+        power = Panel("Power (kW)", tuple(lines))
+    soc = curve(time, with_initial(dataset, "soc").mean(axis=1), style.BATTERY)
+    panels = [Panel("Price (EUR/MWh)", tuple(price)), power]
+    if time.daily and planned is not None:
+        short = np.abs(planned) - np.abs(delivered)
+        panels.append(Panel("Short of plan (kWh/day)", (_shortfall(time, short, step_h(dataset)),)))
+    panels.append(Panel("Mean SOC", tuple(soc), y_limits=(-0.02, 1.02)))
+    return Chart(time.label, tuple(panels), panel_height_in=1.35)
+
+
+def _shortfall(time: TimeAxis, short_kw: Values, dt_h: float) -> Series:
+    """Dispatch deviation: planned minus delivered energy of each day; negative if the plan was exceeded."""
+    days, _, mean, _ = daily(time, short_kw)
+    return Series(
+        days, held(mean * time.steps_per_day * dt_h), style.DERATING, "planned less delivered", "band"
+    )
+
+
+def _days(time: TimeAxis, delivered_kw: Values, dt_h: float) -> tuple[Series, ...]:
+    """Sold upwards, bought downwards."""
+    bands = []
+    for sign, colour, label in ((1.0, style.DISCHARGE, "sold"), (-1.0, style.CHARGE, "bought")):
+        power = np.maximum(sign * delivered_kw, 0.0).sum(axis=1)
+        days, _, mean, _ = daily(time, power)
+        energy = sign * mean * time.steps_per_day * dt_h
+        bands.append(Series(days, held(energy), colour, label, "band"))
+    return tuple(bands)
+
+
+def service(result: Result) -> Chart:
+    """Frequency, power and required window of a reserve; load, grid import and SOC behind a meter.
+
+    Raises
+    ------
+    InputError
+        The run is not of a service.
+    """
+    dataset = dataset_of(result)
+    time = TimeAxis(dataset)
+    soc = curve(time, with_initial(dataset, "soc").mean(axis=1), style.BATTERY, "mean over the strings")
+    if is_reserve(dataset):
+        frequency = curve(time, dataset["frequency_mhz"].values, style.INK, kind="step")
+        power = curve(
+            time, dataset["delivered_kw"].values.sum(axis=1), style.DISCHARGE, "delivered", kind="step"
+        )
+        power += curve(time, dataset["schedule_kw"].values, style.AVAILABILITY, "agreed ahead", kind="step")
+        for name, label in (("soc_low", "required window"), ("soc_high", "")):
+            soc += curve(time, dataset[name].values, style.AVAILABILITY, label, kind="step", dashed=True)
+        first = Panel("Frequency (mHz from nominal)", tuple(frequency))
+    elif is_site(dataset):
+        _, after, delivered = draw_kw(dataset)
+        load = curve(time, dataset["load_kw"].values, style.BACKGROUND, "load", kind="step")
+        if np.any(dataset["generation_kw"].values > 0.0):
+            load += curve(time, dataset["generation_kw"].values, style.CHARGE, "generation", kind="step")
+        load += curve(time, after, style.INK, "drawn from the grid", kind="step")
+        if "grid_limit_kw" in dataset:
+            limit = dataset["grid_limit_kw"].values
+            load += curve(time, limit, style.AVAILABILITY, "limit", kind="step", dashed=True)
+        power = curve(time, delivered, style.DISCHARGE, "delivered", kind="step")
+        first = Panel("Site (kW)", tuple(load))
+    else:
+        raise InputError("the result has neither response_kw nor load_kw: it is not of a service")
+    panels = (first, Panel("Plant (kW)", tuple(power)), Panel("SOC", tuple(soc), y_limits=(-0.02, 1.02)))
+    return Chart(time.label, panels, panel_height_in=1.35)
+
+
+_SMALLEST_GAP_PCT = 1e-4
+_MOST_DOTS = 800
+
+
+def solver_effort(result: Result, solve_time_s: ArrayLike | None = None) -> Chart:
+    """Solve time, nodes and gap of every step; steps with a fallback are marked.
+
+    Parameters
+    ----------
+    result
+        Result of a policy that optimises.
+    solve_time_s
+        Wall-clock time of each step [s], as in ``log.jsonl``; omitted: no panel of solve times.
+    """
+    dataset = dataset_of(result)
+    time = TimeAxis(dataset)
+    nodes = dataset["solver_nodes"].values.astype(float)
+    gaps = (
+        ("rigorous gap", 100.0 * dataset["solver_gap"].values, style.DISCHARGE),
+        ("search gap", 100.0 * dataset["solver_search_gap"].values, style.BATTERY),
+    )
+    panels = []
+    if solve_time_s is not None:
+        spent = 1e3 * np.asarray(solve_time_s, dtype=float)
+        panels.append(
+            Panel("Solve time (ms)", (_dots(time.start, spent, style.INVERTER),), log=bool(np.any(spent > 0)))
+        )
+    effort = [_dots(time.start, nodes, style.DISCHARGE)]
+    fell_back = dataset["fallback"].values.astype(bool)
+    if fell_back.any():
+        effort.append(_dots(time.start[fell_back], nodes[fell_back], style.AVAILABILITY, "fell back"))
+    panels.append(Panel("Nodes", tuple(effort)))
+    shown = tuple(
+        _dots(time.start, np.maximum(gap, _SMALLEST_GAP_PCT), colour, label)
+        for label, gap, colour in gaps
+        if np.any(np.isfinite(gap))
+    )
+    if shown:
+        panels.append(Panel("Gap (%)", shown, log=True))
+    return Chart(time.label, tuple(panels), panel_height_in=1.25)
+
+
+def _dots(x: Values, y: Values, colour: str, label: str = "") -> Series:
+    return Series(*thin(x, y, _MOST_DOTS), colour, label, "dots")

@@ -1,0 +1,308 @@
+"""The dataset of a run: variables (as in the table of ``ARCHITECTURE.md``), attributes and NetCDF file."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bess import __version__
+from bess.control.wear import WearPrices
+from bess.plant import Limit
+from bess.simulation.record.provenance import Identity
+from bess.simulation.record.store import Record
+from bess.study.grid import TimeGrid
+from bess.study.study import Study
+from bess.system import System
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One variable of the result."""
+
+    dims: tuple[str, ...]
+    units: str
+    long_name: str
+    dtype: str = "f8"
+
+
+_T = ("time",)
+_TS = ("time", "string")
+
+VARIABLES: dict[str, Variable] = {
+    "demand_kw": Variable(_T, "kW", "power demand on the plant, positive = discharge"),
+    "reactive_demand_kvar": Variable(_T, "kvar", "reactive power demand on the plant, positive = supplied"),
+    "unmet_kw": Variable(_T, "kW", "demand above the inverter power in service"),
+    "price_eur_mwh": Variable(_T, "EUR/MWh", "market price"),
+    "position_kw": Variable(
+        ("time", "market"), "kW", "position in each auction before the last market, sold"
+    ),
+    "auction_price_eur_mwh": Variable(("time", "market"), "EUR/MWh", "price of each auction"),
+    "expected_kw": Variable(_T, "kW", "delivered power expected by the dispatch"),
+    "budget_price_eur_mwh": Variable(_T, "EUR/MWh", "shadow price of the cycle budget, per MWh discharged"),
+    "budget_cycles": Variable(_T, "1", "full cycles of the year so far, at the start of the step"),
+    "frequency_mhz": Variable(_T, "mHz", "deviation from the nominal grid frequency, mean over the step"),
+    "response_kw": Variable(_T, "kW", "frequency response, a part of the demand"),
+    "schedule_kw": Variable(_T, "kW", "scheduled part of the demand: recharge and trade"),
+    "capacity_kw": Variable(_T, "kW", "sold reserve"),
+    "capacity_able_kw": Variable(
+        _T, "kW", "reserve that can be sustained for the required duration, at the start of the step"
+    ),
+    "capacity_price_eur_mw_h": Variable(_T, "EUR/MW/h", "price of reserve"),
+    "soc_low": Variable(_T, "1", "SOC below which the reserve is not sustained"),
+    "soc_high": Variable(_T, "1", "SOC above which the reserve is not sustained"),
+    "load_kw": Variable(_T, "kW", "load behind the meter"),
+    "generation_kw": Variable(_T, "kW", "generation behind the meter"),
+    "grid_limit_kw": Variable(_T, "kW", "limit of the grid import"),
+    "export_price_eur_mwh": Variable(_T, "EUR/MWh", "price of the grid export"),
+    "demand_charge_eur_kw_h": Variable(_T, "EUR/kW/h", "price of the peak grid import"),
+    "export_limit_kw": Variable(_T, "kW", "limit of the grid export; generation above it is curtailed"),
+    "peak_price_eur_kw": Variable(_T, "EUR/kW", "price of the highest quarter-hour mean import of a month"),
+    "billing_month": Variable(_T, "1", "month that is billed: year and month, as 202401"),
+    "ambient_c": Variable(_T, "degC", "ambient (air inlet) temperature"),
+    "request_kw": Variable(_TS, "kW", "set-point of each string (AC), positive = discharge"),
+    "delivered_kw": Variable(_TS, "kW", "delivered AC power, mean over the step, positive = discharge"),
+    "reactive_kvar": Variable(_TS, "kvar", "reactive power, mean over the step, positive = supplied"),
+    "availability_loss_kw": Variable(_TS, "kW", "undelivered request: SOC, voltage and root limits"),
+    "derating_loss_kw": Variable(_TS, "kW", "undelivered request: temperature derating"),
+    "inverter_loss_kw": Variable(_TS, "kW", "inverter loss"),
+    "standby_kw": Variable(
+        _TS,
+        "kW",
+        "inverter loss drawn from the grid in addition to the delivered power: standby, or reactive power",
+    ),
+    "battery_loss_kw": Variable(_TS, "kW", "battery loss (heat)"),
+    "hysteresis_loss_kw": Variable(_TS, "kW", "loss due to hysteresis of the open-circuit voltage"),
+    "chemical_kw": Variable(_TS, "kW", "power drawn from the stored chemical energy, a function of SOC"),
+    "auxiliary_kw": Variable(_T, "kW", "power of cooling (fans, pumps, chiller), taken from the grid"),
+    "cooling_kw": Variable(_TS, "kW", "heat removed by the coolant"),
+    "coolant_c": Variable(_T, "degC", "temperature of the coolant at the inlet, at the end of the step"),
+    "reversible_heat_kw": Variable(_TS, "kW", "heat of reaction -I T dU/dT, negative = cooling"),
+    "current_a": Variable(_TS, "A", "mean string current, positive = discharge"),
+    "soc": Variable(_TS, "1", "state of charge at the end of the step"),
+    "temperature_c": Variable(_TS, "degC", "mean temperature over the nodes at the end of the step"),
+    "node_max_c": Variable(_TS, "degC", "temperature of the hottest node within the step"),
+    "node_temperature_c": Variable(
+        ("time", "string", "node"), "degC", "node temperature at the end of the step", "f4"
+    ),
+    "derating_factor": Variable(_TS, "1", "derating factor, mean over the step"),
+    "limits": Variable(_TS, "1", "limits that were active within the step", "i4"),
+    "inverter_starts": Variable(_TS, "1", "off-to-on transitions within the step", "i4"),
+    "soh_capacity": Variable(_TS, "1", "capacity relative to the system file, at the end of the step"),
+    "soh_resistance": Variable(_TS, "1", "resistance relative to the system file, at the end of the step"),
+    "calendar_loss": Variable(_TS, "1", "capacity loss by calendar ageing, at the end of the step"),
+    "cyclic_loss": Variable(_TS, "1", "capacity loss by cycle ageing, at the end of the step"),
+    "aged_charge_ah": Variable(_TS, "Ah", "charge lost with capacity: SOC times the capacity loss"),
+    "wear_eur": Variable(_TS, "EUR", "wear cost within the step"),
+    "end_of_life": Variable(_TS, "1", "1 where the capacity first reaches the end of life", "i4"),
+    "investment_eur": Variable(_TS, "EUR", "cost of a new battery, installed at the start of the step"),
+    "ledger_residual_kwh": Variable(
+        _T, "kWh", "AC energy - (chemical change + heat + hysteresis + inverter loss) of all strings"
+    ),
+    "solver_status": Variable(_T, "1", "solution status of the policy", "i4"),
+    "solver_gap": Variable(_T, "1", "relative gap to the rigorous bound"),
+    "solver_search_gap": Variable(_T, "1", "relative gap of the convexified program"),
+    "solver_nodes": Variable(_T, "1", "branch-and-bound nodes", "i4"),
+    "fallback": Variable(_T, "1", "1 if a fallback replaced the result of the optimiser", "i4"),
+}
+
+FLOWS = (
+    "delivered_kw",
+    "availability_loss_kw",
+    "derating_loss_kw",
+    "inverter_loss_kw",
+    "standby_kw",
+    "battery_loss_kw",
+    "hysteresis_loss_kw",
+    "chemical_kw",
+    "current_a",
+    "soc",
+    "temperature_c",
+    "node_max_c",
+    "derating_factor",
+    "limits",
+    "inverter_starts",
+    "soh_capacity",
+    "soh_resistance",
+    "ledger_residual_kwh",
+)
+"""Variables taken directly from the plant."""
+
+COOLING_FLOWS = ("auxiliary_kw", "cooling_kw", "coolant_c")
+"""Plant variables of systems with a section ``[cooling]`` only."""
+
+ENTROPY_FLOWS = ("reversible_heat_kw",)
+"""Plant variables of systems with a table of entropy only."""
+
+REACTIVE_FLOWS = ("reactive_kvar",)
+"""Plant variables of studies with reactive power only."""
+
+AGEING_FLOWS = ("calendar_loss", "cyclic_loss", "aged_charge_ah")
+"""Plant variables of systems with an ageing model of the cells only."""
+
+
+_CHUNK_STEPS = 960
+_BOOK_KEEPING_BYTES = 1 << 18
+_ZEROS = bytes(1 << 20)
+_EPOCH = np.datetime64("1970-01-01T00:00:00", "s")
+
+
+@dataclass(frozen=True)
+class DatasetSpec:
+    """Coordinates and attributes that turn a record into a dataset.
+
+    Attributes
+    ----------
+    time : ndarray of datetime64[s], shape (n_steps,)
+        Start of each step, UTC.
+    attrs : dict
+        Attributes of the dataset.
+    variable_attrs : dict
+        Attributes of single variables, in addition to units and long name.
+    """
+
+    time: NDArray[np.datetime64]
+    attrs: Mapping[str, Any]
+    variable_attrs: Mapping[str, Mapping[str, Any]]
+
+
+def write_netcdf(path: Path, frame: DatasetSpec, records: Iterator[tuple[int, Record]]) -> None:
+    """Write ``records`` (first step and arrays of consecutive steps) one after the other.
+
+    Raises
+    ------
+    OSError
+        Writing failed; ``path`` is then invalid.
+    """
+    import h5netcdf
+
+    batches = _batches(records)
+    first_batch = next(batches)
+    n_steps = frame.time.size
+    # HDF5 crashes the process if a write fails, so the disk space is checked first.
+    _try_size(path, _largest_size(first_batch[1], n_steps))
+    with h5netcdf.File(path, "w") as file:
+        file.attrs.update(dict(frame.attrs))
+        file.dimensions = {"time": n_steps}
+        time = file.create_variable("time", ("time",), np.int64)
+        time.attrs.update({"units": "seconds since 1970-01-01", "calendar": "proleptic_gregorian"})
+        time.attrs.update({"long_name": "start of the step (UTC)"})
+        time[:] = (frame.time - _EPOCH).astype(np.int64)
+        # Looked up once, because every look-up in the file reopens the variable.
+        variables = {
+            name: _create(file, name, values, n_steps, frame.variable_attrs.get(name, {}))
+            for name, values in first_batch[1].items()
+        }
+        for first, record in itertools.chain([first_batch], batches):
+            for name, values in record.items():
+                variables[name][first : first + len(values)] = values
+
+
+def _batches(records: Iterator[tuple[int, Record]]) -> Iterator[tuple[int, Record]]:
+    """Join records to batches of about one chunk, because HDF5 calls are expensive."""
+    waiting: list[Record] = []
+    first = steps = 0
+    for _, record in records:
+        waiting.append(record)
+        steps += len(record["demand_kw"])
+        if steps >= _CHUNK_STEPS:
+            yield first, _joined(waiting)
+            first, steps, waiting = first + steps, 0, []
+    if waiting:
+        yield first, _joined(waiting)
+
+
+def _joined(records: list[Record]) -> Record:
+    return {name: np.concatenate([record[name] for record in records]) for name in records[0]}
+
+
+def _largest_size(record: Record, n_steps: int) -> int:
+    """Size of all whole chunks [bytes], with a margin for the metadata of HDF5."""
+    chunk = min(n_steps, _CHUNK_STEPS)
+    steps = -(-n_steps // chunk) * chunk
+    values = sum(steps * values[0].size * values.dtype.itemsize for values in record.values())
+    return int(1.02 * values) + 8 * n_steps + _BOOK_KEEPING_BYTES
+
+
+def _try_size(path: Path, size: int) -> None:
+    """Raise OSError unless a file of this size can be written."""
+    with path.open("wb") as file:
+        for start in range(0, size, len(_ZEROS)):
+            file.write(_ZEROS[: size - start])
+
+
+def _create(file: Any, name: str, values: NDArray[Any], n_steps: int, attrs: Mapping[str, Any]) -> Any:
+    variable = VARIABLES[name]
+    for dimension, size in zip(variable.dims[1:], values.shape[1:], strict=True):
+        if dimension not in file.dimensions:
+            file.dimensions[dimension] = size
+            index = file.create_variable(dimension, (dimension,), np.int64)
+            index.attrs["long_name"] = f"index of the {dimension}, from 0"
+            index[:] = np.arange(size)
+    chunks = (min(n_steps, _CHUNK_STEPS), *values.shape[1:])
+    created = file.create_variable(
+        name, variable.dims, np.dtype(variable.dtype), chunks=chunks, fletcher32=True
+    )
+    created.attrs.update({"units": variable.units, "long_name": variable.long_name, **attrs})
+    return created
+
+
+def describe_frame(
+    study: Study, system: System, grid: TimeGrid, statuses: Mapping[int, str]
+) -> dict[str, Any]:
+    """Plain values, saved with the parts so that a record can be opened without the files of its study."""
+    stays = [string.wear.at_end_of_life != "retire" for string in system.strings]
+    initial, prices = system.initial_state(), WearPrices.of(system)
+    return {
+        "start_s": grid.start_s,
+        "step_s": grid.step_s,
+        "n_steps": grid.n_steps,
+        "attrs": {
+            "title": study.title or study.name,
+            "scenario": study.name,
+            "study": study.to_toml(),
+            "bess_version": __version__,
+            "time_zone": "UTC",
+            "step_h": grid.dt_h,
+            "initial_soc": initial.soc.tolist(),
+            "initial_temperature_c": initial.temperature_c.tolist(),
+            "initial_soh_capacity": initial.soh_capacity.tolist(),
+            "initial_soh_resistance": initial.soh_resistance.tolist(),
+            "wear_eur_per_loss": prices.eur_per_loss.tolist(),
+            "residual_eur_per_soh": np.where(stays, prices.eur_per_loss, 0.0).tolist(),
+            "end_of_life_soh": prices.end_of_life.tolist(),
+        },
+        "statuses": {str(code): text for code, text in statuses.items()},
+        "limit_flags": {str(int(limit)): str(limit.name).lower() for limit in Limit},
+    }
+
+
+def frame_of(identity: Identity, n_steps: int | None = None) -> DatasetSpec:
+    """Return the coordinates and attributes of a run, or of its first ``n_steps``."""
+    frame = identity["frame"]
+    count = frame["n_steps"] if n_steps is None else n_steps
+    time = (frame["start_s"] + frame["step_s"] * np.arange(count)).astype("datetime64[s]")
+    attrs = {
+        key: np.array(value) if isinstance(value, list) else value for key, value in frame["attrs"].items()
+    }
+    return DatasetSpec(
+        time=time,
+        attrs=attrs,
+        variable_attrs={
+            "limits": _flags("flag_masks", frame["limit_flags"]),
+            "solver_status": _flags("flag_values", frame["statuses"]),
+        },
+    )
+
+
+def _flags(key: str, meanings: Mapping[str, str]) -> dict[str, Any]:
+    """CF convention: blank-separated meanings, so a sentence is joined by underscores."""
+    words = [
+        text.rstrip(".").replace(",", "").replace(";", "").replace(" ", "_") for text in meanings.values()
+    ]
+    return {key: np.array([int(code) for code in meanings], dtype=np.int32), "flag_meanings": " ".join(words)}

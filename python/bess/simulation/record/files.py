@@ -1,0 +1,257 @@
+"""Files of a record: atomic writes with clear messages, checksums, and writing in a separate thread."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future
+from contextlib import contextmanager
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any, Final, TypeVar
+
+from bess.errors import BessError, InputError, option
+
+TEMPORARY = ".tmp"
+"""Suffix of a file name during writing."""
+
+
+@contextmanager
+def clear_errors(path: Path) -> Iterator[None]:
+    """Replace an operating system error while writing ``path`` by one sentence with the remedy.
+
+    Raises
+    ------
+    BessError
+        Replaces an ``OSError``: the disk is full, or the path cannot be written.
+    """
+    try:
+        yield
+    except OSError as error:
+        code = error.errno if error.errno is not None else _errno_in(str(error))
+        if code in (errno.EACCES, errno.EPERM, errno.EROFS):
+            raise BessError(
+                f"{path}: cannot be written ({error.strerror or error}); use another folder"
+            ) from error
+        full = code in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+        cause = "the disk is full, make room" if full else f"cannot be written ({error.strerror or error})"
+        raise BessError(
+            f"{path}: {cause}; everything saved before is intact, continue with {option('resume')}"
+        ) from error
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Yield a temporary path; on success it is flushed to the disk and replaces ``path``."""
+    with clear_errors(path), _replacing(path) as temporary:
+        yield temporary
+
+
+@contextmanager
+def _replacing(path: Path) -> Iterator[Path]:
+    temporary = path.with_name(path.name + TEMPORARY)
+    try:
+        yield temporary
+        with temporary.open("rb+") as file:
+            os.fsync(file.fileno())
+        temporary.replace(path)
+        sync_directory(path.parent)
+    except OSError:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write a whole file atomically and durably."""
+    with clear_errors(path):
+        put_bytes(path, content)
+
+
+def put_bytes(path: Path, content: bytes) -> None:
+    """As :func:`write_bytes`, for callers that continue without the file.
+
+    Raises
+    ------
+    OSError
+        The file cannot be written; an earlier file is unchanged.
+    """
+    with _replacing(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def folder_in(folder: Path, name: str) -> Path:
+    """Return the folder ``name`` in ``folder``; names and links that lead outside are refused.
+
+    Raises
+    ------
+    InputError
+        The folder is outside ``folder``, or cannot be a results folder.
+    """
+    inside = folder / name
+    try:
+        elsewhere = inside.resolve().parent != folder.resolve()
+    except (OSError, ValueError) as error:  # a NUL in the path is a ValueError
+        raise InputError(f"{folder}: is not a results folder ({error}); use another") from error
+    if Path(name).name != name or name in ("", ".", "..") or elsewhere:
+        raise InputError(f"{folder}: results of {name!r} would be written outside; give another name")
+    return inside
+
+
+def sync_directory(path: Path) -> None:
+    """Flush the names in a directory to the disk; Windows needs no flush and cannot open directories."""
+    if sys.platform == "win32":
+        return
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _errno_in(message: str) -> int | None:
+    """Return the operating system's error number, which HDF5 reports in its text only."""
+    _, found, rest = message.partition("errno = ")
+    digits = rest.split(",")[0].strip()
+    return int(digits) if found and digits.isdigit() else None
+
+
+CHECKSUMS: Final = "SHA256SUMS"
+
+
+def sha256_of(content: bytes) -> str:
+    """Return the checksum of the content of a file."""
+    return hashlib.sha256(content).hexdigest()
+
+
+def sha256(path: Path) -> str:
+    """Return the checksum of a file.
+
+    Raises
+    ------
+    OSError
+        As :func:`open` does.
+    """
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def read_checksums(directory: Path) -> dict[str, str]:
+    """Return the checksums of a folder by file name; empty without a checksum file.
+
+    Raises
+    ------
+    ValueError
+        The list is damaged.
+    """
+    try:
+        lines = (directory / CHECKSUMS).read_text(encoding="utf-8").splitlines()
+    except (FileNotFoundError, NotADirectoryError):
+        return {}
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{CHECKSUMS} cannot be read: {error}") from error
+    pairs = [line.partition("  ") for line in lines]
+    return {name: digest for digest, _, name in pairs}
+
+
+def write_checksums(directory: Path, checksums: Mapping[str, str]) -> None:
+    """Write the checksum list of a folder, before its files get their final names."""
+    text = "".join(f"{digest}  {name}\n" for name, digest in sorted(checksums.items()))
+    write_bytes(directory / CHECKSUMS, text.encode())
+
+
+def write_checked(path: Path, content: bytes) -> None:
+    """Write a file into a folder, and its checksum into the list, if the folder has one."""
+    if checksums := read_checksums(path.parent):
+        write_checksums(path.parent, checksums | {path.name: sha256_of(content)})
+    write_bytes(path, content)
+
+
+def check_file(path: Path) -> None:
+    """Compare a file with its checksum in the folder; a folder without checksums is not checked.
+
+    Raises
+    ------
+    ValueError
+        The file differs from the written content.
+    OSError
+        The file cannot be read.
+    """
+    checksums = read_checksums(path.parent)
+    if checksums and sha256(path) != checksums.get(path.name):
+        raise ValueError(f"is not what was written, by its checksum in {CHECKSUMS}")
+
+
+def sealed(body: bytes) -> bytes:
+    """Return the content of a self-checking file: a line with the checksum, then the body."""
+    return sha256_of(body).encode() + b"\n" + body
+
+
+def unsealed(content: bytes) -> bytes:
+    """Inverse of :func:`sealed`.
+
+    Raises
+    ------
+    ValueError
+        The content differs from the sealed content.
+    """
+    checksum, _, body = content.partition(b"\n")
+    if sha256_of(body).encode() != checksum:
+        raise ValueError("is not what was written, by its checksum")
+    return body
+
+
+T = TypeVar("T")
+
+
+class Aside:
+    """Runs calls in sequence in a daemon thread.
+
+    Parameters
+    ----------
+    name
+        Name of the thread.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._calls: SimpleQueue[tuple[Future[Any], Callable[[], Any]] | None] = SimpleQueue()
+        self._last: Future[Any] | None = None
+        self._began_s = 0.0
+        threading.Thread(target=self._run, name=name, daemon=True).start()
+
+    @property
+    def busy_s(self) -> float:
+        """Running time of the last call [s]; 0 if it has ended."""
+        return 0.0 if self._last is None or self._last.done() else time.monotonic() - self._began_s
+
+    def __call__(self, call: Callable[[], T], within_s: float) -> T:
+        """Return the result of a call, or raise its exception.
+
+        Raises
+        ------
+        TimeoutError
+            The call has not ended in time and continues; or an earlier call has not ended and this call was
+            not started.
+        """
+        if self.busy_s > 0.0:
+            raise TimeoutError
+        future: Future[T] = Future()
+        self._last, self._began_s = future, time.monotonic()
+        self._calls.put((future, call))
+        return future.result(within_s)
+
+    def close(self) -> None:
+        """End the thread after its last call."""
+        self._calls.put(None)
+
+    def _run(self) -> None:
+        while (work := self._calls.get()) is not None:
+            future, call = work
+            try:
+                future.set_result(call())
+            except BaseException as error:
+                future.set_exception(error)

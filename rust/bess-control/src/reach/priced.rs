@@ -1,0 +1,79 @@
+//! Lower bound of a group with shadow prices of the balance, which decouple the strings, and of the ceilings of earlier groups.
+//! A value function of each kind of string follows its state, so that the bound does not widen with the ranges of states over
+//! long horizons, and many strings of one kind cost little more than one ([`crate::plan::proof`]).
+//!
+//! With costs `F` of the group, `F_e` of an earlier one and its ceiling `C_e`, every schedule within the ceilings has
+//! `F >= F + mu (F_e - C_e)` for all `mu >= 0`. The minimum of `F + mu F_e` is bounded below, less `mu C_e`.
+
+use crate::model::{ControlHorizon, CostsOf, Losses};
+use crate::plan::{dual, proof, PlanProblem, Prices};
+
+/// Iterations of the prices.
+const PASSES: usize = 40;
+/// Cells of SOC.
+const SOC_CELLS: usize = 200;
+/// Multipliers of earlier groups, relative to the largest costs of both groups: tried in turn.
+const MULTIPLIERS: [f64; 3] = [0.05, 0.1, 0.2];
+/// The multiplier of a group that must not cost anything: any value is free.
+const FREE_MULTIPLIER: f64 = 1.0;
+/// Ceilings up to here do not allow any cost.
+const NOTHING: f64 = 1e-9;
+
+impl ControlHorizon {
+    /// Lower bound of the objective of the group that follows those with `ceilings`, at most the `objective` of a known
+    /// schedule. 0 if prices bound nothing.
+    pub fn priced_bound(&self, ceilings: &[f64], objective: f64) -> f64 {
+        let own = self.least_costs(ceilings.len());
+        let earlier: Vec<_> = ceilings.iter().enumerate().map(|(g, &c)| (self.least_costs(g), c)).collect();
+        let free = earlier.iter().all(|(_, ceiling)| *ceiling <= NOTHING);
+        let multipliers = if free { &[FREE_MULTIPLIER][..] } else { &MULTIPLIERS[..] };
+        let bounds = multipliers.iter().filter_map(|scale| {
+            let (mut costs, mut conceded) = (own, 0.0);
+            for (before, ceiling) in &earlier {
+                let multiplier =
+                    if largest(before) > 0.0 { scale * largest(&own) / largest(before) } else { 0.0 };
+                costs.iter_mut().zip(before).for_each(|(total, cost)| *total += multiplier * cost);
+                conceded += multiplier * ceiling;
+            }
+            Some(self.priced(costs, objective + conceded)? - conceded)
+        });
+        bounds.fold(0.0, f64::max).min(objective)
+    }
+
+    /// Lower bound of all schedules at costs of the losses [1/W], the same for all strings.
+    fn priced(&self, costs: [f64; 4], known_cost: f64) -> Option<f64> {
+        let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
+        let losses = Losses::from_array(costs.map(|c| c / self.intervals[0].dt_h));
+        // Without the limits of single steps, more is possible.
+        let limit = |m: usize| (0..n_steps).map(|t| self.limit(m, t)).fold(0.0, f64::max);
+        let prices = Prices {
+            losses: vec![losses; n_steps],
+            wear: vec![0.0; n_strings],
+            start: 0.0,
+            balance: 0.0,
+            end_charge: 0.0,
+        };
+        let problem = PlanProblem::new(
+            &self.model,
+            self.start.clone(),
+            vec![false; n_strings],
+            &self.demand_w,
+            self.intervals.clone(),
+            (0..n_strings).map(limit).collect(),
+            prices,
+        );
+        let problem = problem.ok()?;
+        let dual = dual::ascend(&problem, vec![0.0; n_steps], known_cost, PASSES);
+        proof::bound(&problem, &dual.price, SOC_CELLS)
+    }
+
+    /// Least costs of the losses of a group over all strings.
+    fn least_costs(&self, group: usize) -> [f64; 4] {
+        let costs = self.group_costs(group, CostsOf::Report);
+        [0, 1, 2, 3].map(|i| costs.iter().map(|c| c.to_array()[i]).fold(f64::INFINITY, f64::min))
+    }
+}
+
+fn largest(costs: &[f64; 4]) -> f64 {
+    costs.iter().copied().fold(0.0, f64::max)
+}

@@ -1,0 +1,155 @@
+//! Rules of the closed loop: single steps, and runs of the plant.
+
+use std::sync::Arc;
+
+use bess_control::{Measured, Rule as Kind, RuleLaw};
+use bess_plant::{PlantState, Record};
+use bess_tables::units::W_PER_KW;
+use numpy::PyUntypedArrayMethods;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::arrays::{check_shape, numbers, refused, vector, GivenMatrix, GivenVector, Vector};
+use crate::plant::{to_dict, Plant};
+use crate::system::System;
+
+/// A rule that allocates the demand of each step.
+#[pyclass(frozen, module = "bess._core")]
+pub struct Rule {
+    law: RuleLaw,
+    system: Arc<bess_tables::System>,
+    fresh: bess_control::ControlModel,
+}
+
+#[pymethods]
+impl Rule {
+    /// `name` is that of the policy; arrays `(M,)`: nominal power [kW] and energy [kWh], temperature of full
+    /// derating [degC].
+    #[new]
+    fn new(
+        system: &System,
+        name: &str,
+        dt_h: f64,
+        nominal_kw: GivenVector<'_>,
+        nominal_energy_kwh: GivenVector<'_>,
+        stop_c: GivenVector<'_>,
+    ) -> PyResult<Self> {
+        let rule = match name {
+            "equal" => Kind::Equal,
+            "priority" => Kind::Priority,
+            "soc" => Kind::Soc,
+            "temperature" => Kind::Temperature,
+            other => return Err(PyValueError::new_err(format!("rule '{other}' is not known"))),
+        };
+        let law = RuleLaw {
+            rule,
+            dt_h,
+            nominal_kw: numbers(&nominal_kw),
+            nominal_energy_kwh: numbers(&nominal_energy_kwh),
+            stop_c: numbers(&stop_c),
+        };
+        law.check(system.inner.strings.len()).map_err(refused)?;
+        let fresh = bess_control::ControlModel::new(&system.inner);
+        Ok(Self { law, system: system.inner.clone(), fresh })
+    }
+
+    /// Set-points of one step `(M,)` [kW].
+    #[allow(clippy::too_many_arguments)]
+    fn split(
+        &self,
+        py: Python<'_>,
+        soc: GivenVector<'_>,
+        temperature_c: GivenVector<'_>,
+        soh_capacity: GivenVector<'_>,
+        soh_resistance: GivenVector<'_>,
+        limit_kw: GivenVector<'_>,
+        demand_kw: f64,
+    ) -> PyResult<Vector> {
+        let measured = Measured {
+            soc: &numbers(&soc),
+            temperature_c: &numbers(&temperature_c),
+            soh_capacity: &numbers(&soh_capacity),
+            soh_resistance: &numbers(&soh_resistance),
+            limit_kw: &numbers(&limit_kw),
+        };
+        Ok(vector(py, self.request_kw(&measured, demand_kw)?))
+    }
+
+    /// Runs the closed loop over `plant`: `demand_kw` `(T,)`, never above the sum of `limit_kw` `(T, M)`,
+    /// `ambient_c` `(T,)`. Returns the record of `Plant.run`, and `request_kw`, flat in the order (step,
+    /// string).
+    fn run<'py>(
+        &self,
+        py: Python<'py>,
+        plant: &mut Plant,
+        demand_kw: GivenVector<'py>,
+        limit_kw: GivenMatrix<'py>,
+        ambient_c: GivenVector<'py>,
+        duration_s: f64,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let n = self.law.nominal_kw.len();
+        check_shape("lanes of the plant", &[n], &[plant.inner.lanes()])?;
+        check_shape("limit", &[demand_kw.len(), n], limit_kw.shape())?;
+        check_shape("ambient_c", &[demand_kw.len()], ambient_c.shape())?;
+        let (demand_kw, limit_kw) = (numbers(&demand_kw), numbers(&limit_kw));
+        let request_kw = |state: &PlantState, t: usize| {
+            let (soh_capacity, soh_resistance) = health(state);
+            let measured = Measured {
+                soc: &state.soc,
+                temperature_c: &state.mean_temperature_c(),
+                soh_capacity: &soh_capacity,
+                soh_resistance: &soh_resistance,
+                limit_kw: &limit_kw[t * n..][..n],
+            };
+            self.request_kw(&measured, demand_kw[t])
+        };
+        closed_loop(py, plant, &numbers(&ambient_c), 1, duration_s, request_kw)
+    }
+}
+
+impl Rule {
+    fn request_kw(&self, measured: &Measured<'_>, demand_kw: f64) -> PyResult<Vec<f64>> {
+        let aged = RuleLaw::model_at(&self.system, measured).map_err(refused)?;
+        self.law.split(aged.as_ref().unwrap_or(&self.fresh), measured, demand_kw).map_err(refused)
+    }
+}
+
+/// State of health (capacity, resistance) of all lanes.
+pub(crate) fn health(state: &PlantState) -> (Vec<f64>, Vec<f64>) {
+    let losses = state.ageing.iter().map(|ageing| ageing.loss());
+    losses.map(|loss| (loss.soh_capacity, loss.soh_resistance)).unzip()
+}
+
+/// Runs a plant step by step. `request_kw` returns the set-points of all lanes `(S * M,)` [kW] from the state
+/// at the start of a step, so the results do not depend on where a run is interrupted.
+pub(crate) fn closed_loop<'py>(
+    py: Python<'py>,
+    plant: &mut Plant,
+    ambient_c: &[f64],
+    scenarios: usize,
+    duration_s: f64,
+    request_kw: impl Fn(&PlantState, usize) -> PyResult<Vec<f64>> + Sync,
+) -> PyResult<Bound<'py, PyDict>> {
+    let (cooled, plant) = (plant.inner.is_cooled(), &mut plant.inner);
+    let run = || -> PyResult<(Option<Record>, Vec<f64>)> {
+        let mut record: Option<Record> = None;
+        let mut requests_kw = Vec::new();
+        for (t, ambient_c) in ambient_c.chunks_exact(scenarios.max(1)).enumerate() {
+            let request_kw = request_kw(&plant.state(), t)?;
+            let request_w: Vec<f64> = request_kw.iter().map(|p| p * W_PER_KW).collect();
+            let step = plant.run(&request_w, ambient_c, duration_s, false).map_err(refused)?;
+            requests_kw.extend(request_kw);
+            match &mut record {
+                Some(record) => record.append(step),
+                None => record = Some(step),
+            }
+        }
+        Ok((record, requests_kw))
+    };
+    let (record, request_kw) = py.detach(run)?;
+    let record = record.ok_or_else(|| PyValueError::new_err("demand: needs at least one step"))?;
+    let out = to_dict(py, record, cooled)?;
+    out.set_item("request_kw", vector(py, request_kw))?;
+    Ok(out)
+}
