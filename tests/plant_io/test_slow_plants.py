@@ -19,7 +19,7 @@ from bess.edge.plant_io.simulated_sunspec import SimulatedDevices
 
 MANY = 32
 CALL_S = 0.12
-ENDS_S = 2.0
+ENDS_S = 4.0
 """Longer than any call here may take, shorter than what the partners below would like."""
 
 
@@ -109,17 +109,15 @@ def test_a_device_that_trickles_is_left_in_time(
 def test_a_link_is_whole_again_after_an_edge_that_trickled(
     connecting: Connecting, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(openems, "ANSWER_S", 0.3)
-    calls = 0
     plant = SimulatedPlant(bess.System.reference(n_strings=3))
-    edge = SimulatedEdge(plant)
-    with edge:
+    with SimulatedEdge(plant) as edge:
         link = connecting(edge.address)
         link.read()
         plant.faults.delay_s = 5.0
-        for _ in range(3 * openems.CONNECTIONS):
-            assert "no answer within" in _ends(lambda: link.write(np.full(3, 10.0)))
-            calls += 1
+        with monkeypatch.context() as short:
+            short.setattr(openems, "ANSWER_S", 0.3)
+            for _ in range(3 * openems.CONNECTIONS):
+                assert "no answer within" in _ends(lambda: link.write(np.full(3, 10.0)))
         plant.faults.delay_s = 0.0
         link.write(np.full(3, 20.0))
         assert [plant.holds(string)[0] for string in range(3)] == [20.0] * 3  # type: ignore[index]
@@ -149,14 +147,15 @@ def test_no_string_starves_at_a_plant_too_slow_for_one_round(
         monkeypatch.setattr(openems, "ANSWER_S", 0.3)
         monkeypatch.setattr(sunspec, "ALL_S", 0.3)
         plant.faults.delay_s = 0.12 if kind is SimulatedEdge else 0.02
-        rounds = 0
         for kw in (10.0, 20.0):
-            for _ in range(8):
-                rounds += 1
+            held: list[float] = []
+            for _ in range(24):  # three to eight are enough on idle cores
                 with suppress(LinkError):
                     link.write(np.full(n, kw))
-            held = [plant.holds(string) for string in range(n)]
-            assert [hold[0] for hold in held if hold] == [kw] * n
+                held = [hold[0] for string in range(n) if (hold := plant.holds(string))]
+                if held == [kw] * n:
+                    break
+            assert held == [kw] * n
 
 
 def test_strings_that_were_not_reached_are_named(
@@ -188,13 +187,13 @@ def test_an_edge_that_takes_one_connection_has_all_strings_written_one_after_the
                             return
                         ends[end].sendall(data)
 
-    monkeypatch.setattr(openems, "ANSWER_S", 0.5)
     plant = SimulatedPlant(bess.System.reference(n_strings=6))
     with SimulatedEdge(plant) as edge, socketserver.TCPServer(("127.0.0.1", 0), Forward) as single:
         threading.Thread(target=single.serve_forever, args=(0.05,), daemon=True).start()
         port = single.server_address[1]
         link = connecting(edge.address.replace(str(edge._port), str(port)), 6)
         link.read()
+        monkeypatch.setattr(openems, "ANSWER_S", 1.5)
         for kw in (10.0, 20.0):
             with suppress(LinkError):
                 link.write(np.full(6, kw))

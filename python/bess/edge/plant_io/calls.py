@@ -111,14 +111,19 @@ class Rounds(Generic[K, T]):
         await asyncio.wait(tasks.values())
         done: dict[K, T] = {}
         failed: dict[K, Exception] = {}
+        unexpected: list[BaseException] = []
         for key, task in tasks.items():
             stalled = task.cancelled() and ended_s - began_s.get(key, math.inf) > within_s / 2.0
             if stalled or not task.cancelled():
                 self._turns[key] = self._round
             if task.cancelled():
                 failed[key] = Stalled() if stalled else TimeoutError() if key in began_s else NotReached()
-            elif isinstance(error := task.exception(), self._expected):
+            elif (error := task.exception()) is None:
+                done[key] = task.result()
+            elif isinstance(error, self._expected):
                 failed[key] = error
             else:
-                done[key] = task.result()
+                unexpected.append(error)
+        for error in unexpected:
+            raise error
         return done, failed
