@@ -2,5 +2,5 @@
 
 import signal
 
-# A shell starts background jobs with Ctrl-C ignored, which their children inherit; tests send Ctrl-C to theirs.
+# Background jobs of a shell ignore Ctrl-C, and so do their children; tests send Ctrl-C to theirs.
 signal.signal(signal.SIGINT, signal.default_int_handler)
