@@ -47,7 +47,7 @@ def test_a_carried_plan_of_groups_never_costs_more_than_what_it_was_made_from() 
     last_asks_nothing = Case(
         given.system, given.state, np.append(given.demand_kw[1:], 0.0), given.limit_kw, given.prices
     )
-    end = planner.memory()["start_charge"] * 0.1
+    end = planner.state_dict()["start_charge"] * 0.1
     second = last_asks_nothing.plan(planner)
     assert second.cost <= by_hand(last_asks_nothing, moved, np.ones(24), end) * (1.0 + 1e-9)
 
@@ -69,7 +69,7 @@ def test_memory_continues_a_plan_of_groups_to_the_same_bits() -> None:
     given = case(7)
     planners = [Planner(given.system, 24, DT_H, rollouts=10, bound_passes=0) for _ in range(2)]
     given.plan(planners[0])
-    planners[1].recall(planners[0].memory())
+    planners[1].load_state_dict(planners[0].state_dict())
     later = Case(
         given.system,
         bess.State(given.state.soc * 0.99, given.state.temperature_c + 1.0),

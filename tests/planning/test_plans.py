@@ -61,7 +61,7 @@ def test_the_cost_of_a_plan_is_that_of_a_roll_out_and_never_above_the_plan_carri
     assert first.cost == pytest.approx(by_hand(problem, first.request_kw, sure), rel=1e-9, abs=1e-9)
     # Asked again for what it has planned, one step on; the last step asks for nothing.
     demand = np.append(first.request_kw.sum(axis=0)[1:], 0.0)
-    end = TERMINAL_VALUE_FACTOR * planner.memory()["start_charge"]
+    end = TERMINAL_VALUE_FACTOR * planner.state_dict()["start_charge"]
     next_ = type(problem)(problem.system, problem.state, demand, problem.limit_kw, problem.prices)
     carried = np.append(first.request_kw[:, 1:], np.zeros((n_strings, 1)), axis=1)
     second = next_.plan(planner)
@@ -99,7 +99,7 @@ def test_calls_repeat_to_the_last_bit_and_continue_from_what_is_remembered() -> 
     once.skip(problem.demand_kw)
     again.skip(problem.demand_kw)
     resumed = Planner(problem.system, 24, DT_H, rollouts=20)
-    resumed.recall(once.memory())
+    resumed.load_state_dict(once.state_dict())
     both += [(problem.plan(once), problem.plan(again)), (problem.plan(once), problem.plan(again))]
     late = [problem.plan(resumed), problem.plan(resumed)]
     both += list(zip(late, [pair[0] for pair in both[-2:]], strict=True))
@@ -129,12 +129,12 @@ def test_a_plan_that_nothing_new_was_found_for_is_not_searched_for_long() -> Non
     )  # fmt: skip
     planner = Planner(problem.system, 48, DT_H)
     problem.plan(planner)
-    carried = dict(planner.memory())
+    carried = dict(planner.state_dict())
     spent = []
     for turn in range(1, 7):
         # The plan as it is, not moved on by a step.
-        planner.recall(
-            carried | {"request_kw": np.roll(planner.memory()["request_kw"], 1, axis=1), "turn": turn}
+        planner.load_state_dict(
+            carried | {"plan_kw": np.roll(planner.state_dict()["plan_kw"], 1, axis=1), "turn": turn}
         )
         spent.append(problem.plan(planner).rollouts)
     assert max(spent[3:]) < ROLLOUTS / 2
@@ -236,12 +236,12 @@ def test_a_call_that_is_refused_changes_nothing() -> None:
     problem = case(11, 2, 8)
     planner = Planner(problem.system, 8, DT_H, rollouts=5)
     problem.plan(planner)
-    before = planner.memory()
+    before = planner.state_dict()
     with pytest.raises(bess.InputError):
         planner(problem.state, problem.demand_kw, PlanPrices.energy(ENERGY, 2, 9))
-    after = planner.memory()
+    after = planner.state_dict()
     assert before["turn"] == after["turn"]
-    np.testing.assert_array_equal(before["request_kw"], after["request_kw"])
+    np.testing.assert_array_equal(before["plan_kw"], after["plan_kw"])
 
 
 def test_money_keeps_charge_for_the_dear_hour() -> None:

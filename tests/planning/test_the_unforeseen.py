@@ -36,11 +36,11 @@ class Misled:
         told[0] = situation.demand_kw[0]
         return self._policy(replace(situation, demand_kw=told))
 
-    def memory(self) -> dict[str, Any]:
-        return self._policy.memory()
+    def state_dict(self) -> dict[str, Any]:
+        return self._policy.state_dict()
 
-    def recall(self, memory: Mapping[str, Any]) -> None:
-        self._policy.recall(memory)
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
+        self._policy.load_state_dict(state_dict)
 
 
 @pytest.fixture(scope="module")

@@ -50,7 +50,7 @@ def test_every_string_is_full_once_in_its_period(monkeypatch: pytest.MonkeyPatch
             full_s[i].append(900.0 * k)
         if k == 150:  # a restart forgets nothing of it
             again = controller(3, policy="soc", control_step_s=900.0, calibration_days=1.5)
-            again.recall(json.loads(json.dumps(live.memory())))
+            again.load_state_dict(json.loads(json.dumps(live.state_dict())))
             live = again
     for times in full_s:
         assert np.diff([0.0, *times]).max() < 2.0 * DAY_S

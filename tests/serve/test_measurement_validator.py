@@ -192,4 +192,4 @@ def test_no_measurements_whatever_bring_a_controller_down(data: st.DataObject) -
             assert not answer.request_kw[~available].any()
             sum_kw = answer.request_kw.sum() + np.sign(asked_kw) * answer.unmet_kw
             assert abs(sum_kw - asked_kw) <= 1e-8 * max(1.0, abs(demand_kw))
-        json.dumps(live.memory(), allow_nan=False)
+        json.dumps(live.state_dict(), allow_nan=False)

@@ -33,11 +33,11 @@ class Counted:
         self.steps += 1
         return Decision(request)
 
-    def memory(self) -> dict:
+    def state_dict(self) -> dict:
         return {"steps": self.steps}
 
-    def recall(self, memory: dict) -> None:
-        self.steps = memory["steps"]
+    def load_state_dict(self, state_dict: dict) -> None:
+        self.steps = state_dict["steps"]
 
 
 def test_a_function_is_a_policy_and_the_record_names_it(tmp_path: Path) -> None:
@@ -82,8 +82,8 @@ def test_a_system_takes_the_place_of_that_of_the_study_and_its_initial_values_st
         (3.0, "policy: float is not callable"),
         ("equal", "policy = 'equal': set named policies in the study"),
         (
-            type("Half", (), {"__call__": lambda _, s: s, "memory": dict})(),
-            "has memory, but no recall, statuses",
+            type("Half", (), {"__call__": lambda _, s: s, "state_dict": dict})(),
+            "has state_dict, but no load_state_dict, statuses",
         ),
         (lambda situation: [1.0, 2.0], r"requested \[1, 2\] kW for -78 kW"),
         (lambda situation: [[1.0], [2.0]], "step 0"),

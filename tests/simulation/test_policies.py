@@ -103,7 +103,7 @@ def test_a_policy_goes_on_from_its_memory(name: str) -> None:
     first = build_policy(name, SYSTEMS[2], Settings(DT_H, horizon_steps=2))
     first(cases[0])
     second = build_policy(name, SYSTEMS[2], Settings(DT_H, horizon_steps=2))
-    second.recall(first.memory())
+    second.load_state_dict(first.state_dict())
     for case in cases[1:]:
         np.testing.assert_array_equal(first(case).request_kw, second(case).request_kw)
 

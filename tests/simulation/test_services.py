@@ -137,7 +137,7 @@ def test_the_round_trip_of_a_store_follows_what_goes_in_and_out_from_the_setting
     charged, discharged = size_kwh * (1.0 + 10.0 / 0.8), size_kwh * (0.95**2 + 10.0 * 0.8)
     assert store.one_way == pytest.approx(math.sqrt(discharged / charged), rel=1e-12)
     again = Store(system, 0.5)
-    again.recall(store.memory())
+    again.load_state_dict(store.state_dict())
     assert again.one_way == store.one_way
 
 

@@ -279,9 +279,9 @@ class ClosedLoop:
         return {
             "step": self.step,
             "plant": vars(self._plant.snapshot()),
-            "policy": self.policy.memory(),
-            "demand": self.inputs.demand.memory(),
-            "installations": self.inputs.installations.memory(),
+            "policy": self.policy.state_dict(),
+            "demand": self.inputs.demand.state_dict(),
+            "installations": self.inputs.installations.state_dict(),
             "delivered_kw": self._delivered_kw,
         }
 
@@ -289,9 +289,9 @@ class ClosedLoop:
         """Restore a state returned by :meth:`checkpoint`."""
         self.step = checkpoint["step"]
         self._plant.restore(PlantSnapshot(**checkpoint["plant"]))
-        self.policy.recall(checkpoint["policy"])
-        self.inputs.demand.recall(checkpoint["demand"])
-        self.inputs.installations.recall(checkpoint["installations"])
+        self.policy.load_state_dict(checkpoint["policy"])
+        self.inputs.demand.load_state_dict(checkpoint["demand"])
+        self.inputs.installations.load_state_dict(checkpoint["installations"])
         self._delivered_kw = checkpoint["delivered_kw"]
 
     def _decide(self, situation: PolicyInput, total_kw: float) -> Decision:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bess.arrays import Array
+from bess.checkpoints import Checkpointed
 from bess.system import State, System
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ class StepInputs:
     delivered_kw: float = 0.0
 
 
-class DemandSource(ABC):
+class DemandSource(Checkpointed, ABC):
     """Returns the demand of a step and its forecast; its state is part of a checkpoint."""
 
     demand_depends_on_soc = False
@@ -74,13 +75,6 @@ class DemandSource(ABC):
     def planned(self, step: int) -> dict[str, float]:
         """Return planned values of ``step`` by record name, after :meth:`ahead`; empty without a plan."""
         return {}
-
-    def memory(self) -> dict[str, Any]:
-        """Return the state carried from step to step; empty by default."""
-        return {}
-
-    def recall(self, memory: Mapping[str, Any]) -> None:  # noqa: B027 - by default there is no state
-        """Restore a state returned by :meth:`memory`."""
 
 
 class KnownDemand(DemandSource):
@@ -272,6 +266,8 @@ class AwarePlanner:
 class ArbitrageSource(KnownDemand):
     """A dispatch plan that is re-optimised when due."""
 
+    _carried = ("_day", "_energy_kwh", "_discharged_kwh", "_budget", "_connection")
+
     def __init__(
         self,
         planner: LinearPlanner | AwarePlanner,
@@ -340,28 +336,14 @@ class ArbitrageSource(KnownDemand):
         row = {"expected_kw": float(self._plan.delivered_kw[step - self._plan.step])}
         return row if self._budget is None else row | self._budget.recorded()
 
-    def memory(self) -> dict[str, Any]:
-        """The plan, and the energy that counts towards the daily cycle limit."""
-        return {
-            "plan": None if self._plan is None else vars(self._plan),
-            "day": self._day,
-            "energy_kwh": self._energy_kwh,
-            "discharged_kwh": self._discharged_kwh,
-            "budget": None if self._budget is None else self._budget.memory(),
-            "connection": None if self._connection is None else self._connection.memory(),
-        }
-
-    def recall(self, memory: Mapping[str, Any]) -> None:
+    def state_dict(self) -> dict[str, Any]:
         """See :class:`DemandSource`."""
-        plan = memory["plan"]
-        self._plan = None if plan is None else MarketPlan(**plan)
-        self._day = memory["day"]
-        self._energy_kwh = memory["energy_kwh"]
-        self._discharged_kwh = memory["discharged_kwh"]
-        if self._budget is not None:
-            self._budget.recall(memory["budget"])
-        if self._connection is not None:
-            self._connection.recall(memory["connection"])
+        return super().state_dict() | {"plan": None if self._plan is None else vars(self._plan)}
+
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
+        """See :class:`DemandSource`."""
+        super().load_state_dict(state_dict)
+        self._plan = None if state_dict["plan"] is None else MarketPlan(**state_dict["plan"])
 
 
 def padded(values: Array, horizon: int) -> Array:

@@ -93,10 +93,10 @@ class Installations:
         ends = self._replaces | self._retires
         self._ended |= in_service & ends & (soh_capacity <= self._end_of_life)
 
-    def memory(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Any]:
         """Return the strings that are retired or due for replacement."""
         return {"ended": self._ended.copy()}
 
-    def recall(self, memory: Mapping[str, Any]) -> None:
-        """Restore a state returned by :meth:`memory`."""
-        self._ended = memory["ended"].copy()
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
+        """Restore a state returned by :meth:`state_dict`."""
+        self._ended = state_dict["ended"].copy()

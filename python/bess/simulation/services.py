@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -78,6 +76,7 @@ class MeterSource(DemandSource):
     """A battery that keeps the power at the meter at a target (:class:`~bess.dispatch.GridPowerTarget`)."""
 
     demand_depends_on_soc = True
+    _carried = ("_store",)
 
     def __init__(
         self, net_kw: Forecast, level: GridPowerTarget, level_kw: Array, store: Store, ready_soc: float
@@ -98,14 +97,6 @@ class MeterSource(DemandSource):
             full_kwh=self._store.size_kwh(state, self._ready_soc),
         )
         return padded(level.demand_kw(net_kw, self._store.held_kwh(state)), horizon)
-
-    def memory(self) -> dict[str, Any]:
-        """Return the state of the storage estimator."""
-        return self._store.memory()
-
-    def recall(self, memory: Mapping[str, Any]) -> None:
-        """See :class:`bess.simulation.demand.DemandSource`."""
-        self._store.recall(memory)
 
 
 @dataclass(frozen=True)
@@ -129,6 +120,8 @@ class Reserve:
 
 class ReserveSource(DemandSource):
     """Frequency response, scheduled recharge, and optional trade."""
+
+    _carried = ("_recharge", "_plan", "_day", "_sold_kwh", "_said", "_budget")
 
     def __init__(
         self,
@@ -202,25 +195,6 @@ class ReserveSource(DemandSource):
     def planned(self, step: int) -> dict[str, float]:
         """Return response, schedule and reserve of the step of the last :meth:`ahead` call."""
         return self._said
-
-    def memory(self) -> dict[str, Any]:
-        """Return the scheduled recharge and trade."""
-        return {
-            "recharge": self._recharge.memory(),
-            "plan": self._plan,
-            "day": self._day,
-            "sold_kwh": self._sold_kwh,
-            "said": dict(self._said),
-            "budget": None if self._budget is None else self._budget.memory(),
-        }
-
-    def recall(self, memory: Mapping[str, Any]) -> None:
-        """See :class:`bess.simulation.demand.DemandSource`."""
-        self._recharge.recall(memory["recharge"])
-        self._plan, self._day, self._sold_kwh = memory["plan"], memory["day"], memory["sold_kwh"]
-        self._said = dict(memory["said"])
-        if self._budget is not None:
-            self._budget.recall(memory["budget"])
 
 
 @dataclass(frozen=True)

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 from bess.arrays import Array
+from bess.checkpoints import Checkpointed
 
 MEMORY_H = 24.0
 """Averaging time of forecast errors and of unforeseen limit changes [h]."""
 
 
-class ForecastErrorTracker:
+class ForecastErrorTracker(Checkpointed):
     """Compares the demand and limits of each step with the previous forecast (docs/foresight.md).
 
     Parameters
@@ -28,6 +26,8 @@ class ForecastErrorTracker:
     limit_kw : ndarray, shape (n_strings,), or None
         Limits of the last call; None before the first.
     """
+
+    _carried = ("limit_kw", "_foreseen_kw", "_error_kw", "_level_kw", "_surprise")
 
     def __init__(self, nominal_kw: Array, dt_h: float) -> None:
         self.limit_kw: Array | None = None
@@ -78,19 +78,3 @@ class ForecastErrorTracker:
             changed = change_kw > 0.0
         self.limit_kw = known
         return changed
-
-    def memory(self) -> dict[str, Any]:
-        """Return the state that the next comparison depends on."""
-        return {
-            "limit_kw": self.limit_kw,
-            "foreseen_kw": self._foreseen_kw,
-            "error_kw": self._error_kw,
-            "level_kw": self._level_kw,
-            "surprise": self._surprise,
-        }
-
-    def recall(self, memory: Mapping[str, Any]) -> None:
-        """Restore a state returned by :meth:`memory`."""
-        self.limit_kw, self._foreseen_kw = memory["limit_kw"], memory["foreseen_kw"]
-        self._error_kw, self._level_kw = float(memory["error_kw"]), float(memory["level_kw"])
-        self._surprise = float(memory["surprise"])

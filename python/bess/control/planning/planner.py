@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bess import _core
 from bess.arrays import Array, ByValue, real_numbers
+from bess.checkpoints import Checkpointed
 from bess.control.planning.forecast_error import ForecastErrorTracker
 from bess.control.planning.groups import MAX_BOUNDED_KINDS, groups_of, kinds_of
 from bess.control.planning.prices import PlanPrices
@@ -101,7 +100,7 @@ class Plan(ByValue):
         return float(np.maximum((self.cost - self.search_bound) / self.cost, 0.0)) if self.cost > 0.0 else 0.0
 
 
-class Planner:
+class Planner(Checkpointed):
     """Plans the power of every string over hours or days (docs/foresight.md).
 
     Each call takes the measured state and the demand forecast, and shifts the previous plan by one step. A
@@ -141,6 +140,8 @@ class Planner:
     InputError
         A parameter out of range.
     """
+
+    _carried = ("plan_kw", "_groups", "_start_charge", "_turn", "_mistrust")
 
     def __init__(
         self,
@@ -273,22 +274,6 @@ class Planner:
         self.plan_kw = self._shifted_plan()
         if self.plan_kw is not None:
             self.plan_kw[:, 0] = 0.0
-
-    def memory(self) -> dict[str, Any]:
-        """Return the state that the next call depends on."""
-        return {
-            "request_kw": self.plan_kw,
-            "groups": self._groups,
-            "start_charge": self._start_charge,
-            "turn": self._turn,
-            **self._mistrust.memory(),
-        }
-
-    def recall(self, memory: Mapping[str, Any]) -> None:
-        """Restore a state returned by :meth:`memory`."""
-        self.plan_kw, self._groups = memory["request_kw"], memory.get("groups")
-        self._start_charge, self._turn = float(memory["start_charge"]), int(memory["turn"])
-        self._mistrust.recall(memory)
 
     def _imbalance_price(self) -> float:
         """Price of SOC differences [kWh/Ah/h], converted from energy to charge with the mean voltage."""

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
 
 from numpy.typing import ArrayLike
 
+from bess.checkpoints import Checkpointed
 from bess.control.policies.policy import NO_OPTIMISATION, Decision, Policy, PolicyInput
 from bess.errors import InputError
 
 Function = Callable[[PolicyInput], "Decision | ArrayLike"]
 
-_PROTOCOL = ("memory", "recall", "statuses")
+_PROTOCOL = ("load_state_dict", "state_dict", "statuses")
 
 
-class FunctionPolicy:
+class FunctionPolicy(Checkpointed):
     """A function from a policy input to set-points, as a policy without solver and state.
 
     Parameters
@@ -34,13 +34,6 @@ class FunctionPolicy:
         """Allocate the demand with the function."""
         answer = self._function(situation)
         return answer if isinstance(answer, Decision) else Decision(answer)  # type: ignore[arg-type]
-
-    def memory(self) -> dict[str, Any]:
-        """Return an empty state."""
-        return {}
-
-    def recall(self, memory: Mapping[str, Any]) -> None:
-        """Restore nothing."""
 
 
 def as_policy(policy: Policy | Function) -> tuple[str, Policy]:

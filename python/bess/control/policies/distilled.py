@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
+from bess.checkpoints import Checkpointed
 from bess.control.explicit import ExplicitController, Tables
 from bess.control.policies.policy import NO_OPTIMISATION, Decision, PolicyInput
 from bess.control.policies.reactive import refuse_reactive
@@ -15,7 +15,7 @@ from bess.errors import InputError
 from bess.system import System
 
 
-class DistilledPolicy:
+class DistilledPolicy(Checkpointed):
     """Evaluates one :class:`bess.control.explicit.ExplicitController` in every step with demand.
 
     Attributes
@@ -34,13 +34,6 @@ class DistilledPolicy:
         if situation.demand_kw[0] == 0.0:
             return Decision(np.zeros_like(situation.limit_kw))
         return Decision(self.controller.split(situation.state, situation.demand_kw, situation.limit_kw))
-
-    def memory(self) -> dict[str, Any]:
-        """Return an empty state: the policy depends on its input only."""
-        return {}
-
-    def recall(self, memory: Mapping[str, Any]) -> None:
-        """Restore nothing."""
 
 
 def build(system: System, settings: Settings) -> DistilledPolicy:

@@ -53,13 +53,13 @@ class MpcPolicy:
         if plan is not None:
             self._splitter.warm_start = np.pad(plan[:, 1:], ((0, 0), (0, 1)))
 
-    def memory(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Any]:
         """Return the warm start of the next search."""
-        return self._splitter.memory()
+        return self._splitter.state_dict()
 
-    def recall(self, memory: Mapping[str, Any]) -> None:
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Restore the warm start of the checkpoint."""
-        self._splitter.recall(memory)
+        self._splitter.load_state_dict(state_dict)
 
 
 def build(system: System, settings: Settings) -> MpcPolicy | PlannedPolicy:

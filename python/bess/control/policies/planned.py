@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bess.arrays import Array
+from bess.checkpoints import Checkpointed
 from bess.control.planning import Planner, PlanPrices
 from bess.control.policies.policy import NO_OPTIMISATION, Decision, PolicyInput, SolverReport
 from bess.control.policies.reactive import shared_at_least_loss
@@ -29,13 +30,15 @@ TYPICAL_DEPTH = 0.5
 """Cycle depth at which wear is priced."""
 
 
-class PlannedPolicy:
+class PlannedPolicy(Checkpointed):
     """Calls one :class:`bess.control.planning.Planner` in every step with demand."""
 
     statuses: Mapping[int, str] = {
         NO_OPTIMISATION: "no optimisation needed",
         PLANNED: "Planned over the prediction horizon; bounds in the first step and every four weeks.",
     }
+
+    _carried = ("_planner", "_ran")
 
     def __init__(self, planner: Planner, objectives: Objectives, terms: SettlementTerms) -> None:
         if len(objectives.groups) > 1:
@@ -70,15 +73,6 @@ class PlannedPolicy:
         reactive_kvar = self._reactive(situation, request_kw)
         report = SolverReport(PLANNED, plan.gap, plan.search_gap, solve_time_s=time.perf_counter() - started)
         return Decision(request_kw, report, reactive_kvar, plan.request_kw)
-
-    def memory(self) -> dict[str, Any]:
-        """Return the state of the planner, and the inverters that were on for reactive power."""
-        return self._planner.memory() | ({} if self._ran is None else {"ran": self._ran})
-
-    def recall(self, memory: Mapping[str, Any]) -> None:
-        """Restore the plan of the checkpoint."""
-        self._planner.recall(memory)
-        self._ran = memory.get("ran")
 
     def _reactive(self, situation: PolicyInput, request_kw: Array) -> Array | None:
         """Return the reactive power of each string at minimum loss, if there is a demand.

@@ -78,7 +78,7 @@ class Decision:
 class Policy(Protocol):
     """Allocates the demand of a step to the strings.
 
-    The decision depends on the policy input and on :meth:`memory` only, so a run that continues from a
+    The decision depends on the policy input and on :meth:`state_dict` only, so a run that continues from a
     checkpoint gives the same results.
     """
 
@@ -89,8 +89,8 @@ class Policy(Protocol):
     def __call__(self, situation: PolicyInput) -> Decision:
         """Allocate ``situation.demand_kw[0]`` to the strings."""
 
-    def memory(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Any]:
         """Return the state of the policy between steps, as plain values and arrays."""
 
-    def recall(self, memory: Mapping[str, Any]) -> None:
-        """Restore a state returned by :meth:`memory`."""
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
+        """Restore a state returned by :meth:`state_dict`."""

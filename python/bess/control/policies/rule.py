@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from bess import _core
 from bess.arrays import Array, real_numbers
+from bess.checkpoints import Checkpointed
 from bess.control.policies.capability import Capability
 from bess.control.policies.policy import NO_OPTIMISATION, Decision, PolicyInput
 from bess.errors import BessError
@@ -42,7 +42,7 @@ Share = Callable[[System, StepDemand], Array]
 """A rule: powers [kW] within the capability of each string, in total the demand or the total capability."""
 
 
-class RulePolicy:
+class RulePolicy(Checkpointed):
     """Allocates the demand of every step by a rule, without forecast.
 
     Demand above the total capability is also requested, within the free inverter power, so that the plant
@@ -115,13 +115,6 @@ class RulePolicy:
             power_kw = np.minimum(power_kw + water_fill(rest_kw, free_kw, free_kw), limit_kw)
         power_kw = self._system.control_at(situation.state).set_points(power_kw, limit_kw)
         return Decision(np.copysign(power_kw, demand_kw))
-
-    def memory(self) -> dict[str, Any]:
-        """Return an empty state: a rule depends on its input only."""
-        return {}
-
-    def recall(self, memory: Mapping[str, Any]) -> None:
-        """Restore nothing."""
 
 
 def water_fill(total_kw: float, weights: Array, caps_kw: Array) -> Array:

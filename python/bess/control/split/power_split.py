@@ -72,7 +72,7 @@ class PowerSplit:
     warm_start : ndarray or None
         Shifted requests of the last call, ``(n_strings, n_steps)`` [kW], from which the next call starts. A
         call ignores them if its demand, limits or state differ from those of the last call's forecast.
-        :meth:`memory` and :meth:`recall` make a closed loop resumable to the last bit.
+        :meth:`state_dict` and :meth:`load_state_dict` make a closed loop resumable to the last bit.
 
     Raises
     ------
@@ -127,11 +127,11 @@ class PowerSplit:
             "time_limit_s": self.settings.time_limit_s,
             "node_limit": self.settings.node_limit,
         }
-        return {"settings": settings, "memory": self.memory()}
+        return {"settings": settings, "state_dict": self.state_dict()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(**state["settings"])  # type: ignore[misc]
-        self.recall(state["memory"])
+        self.load_state_dict(state["state_dict"])
 
     def _facts(self) -> dict[str, str]:
         return {
@@ -160,7 +160,7 @@ class PowerSplit:
             raise InputError(f"warm_start must be of shape {shape}, not {request.shape}")
         self._carried = Carried(request)
 
-    def memory(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Any]:
         """Return the state that the next call depends on."""
         carried = self._carried
         return {
@@ -170,9 +170,11 @@ class PowerSplit:
             "temperature_c": None if carried is None else carried.temperature_c,
         }
 
-    def recall(self, memory: Mapping[str, Any]) -> None:
-        """Restore a state returned by :meth:`memory`."""
-        request_kw, *made_for = (memory[name] for name in ("warm_start", "limit_kw", "soc", "temperature_c"))
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
+        """Restore a state returned by :meth:`state_dict`."""
+        request_kw, *made_for = (
+            state_dict[name] for name in ("warm_start", "limit_kw", "soc", "temperature_c")
+        )
         self._carried = None if request_kw is None else Carried(request_kw, *made_for)
 
     def __call__(

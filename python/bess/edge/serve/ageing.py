@@ -56,9 +56,9 @@ class Ageing(Persistent):
         if self._gathered_s >= BLOCK_S:
             self._close_block()
 
-    def recall(self, memory: Mapping[str, Any]) -> None:
-        """Restore the result of :meth:`memory`."""
-        super().recall(memory)
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
+        """Restore the result of :meth:`state_dict`."""
+        super().load_state_dict(state_dict)
         self._update()
 
     def _close_block(self) -> None:

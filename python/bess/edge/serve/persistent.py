@@ -16,12 +16,12 @@ class Persistent:
 
     kept: ClassVar[tuple[str, ...]] = ()
 
-    def memory(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Any]:
         """Kept attributes as JSON values, independent of this object."""
         return {name: to_json(getattr(self, name)) for name in self.kept}
 
-    def recall(self, memory: Mapping[str, Any]) -> None:
-        """Restore the result of :meth:`memory`.
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
+        """Restore the result of :meth:`state_dict`.
 
         Raises
         ------
@@ -29,13 +29,13 @@ class Persistent:
             A value is missing or has another shape, for example for another number of strings.
         """
         for name in self.kept:
-            setattr(self, name, _restored(getattr(self, name), memory[name]))
+            setattr(self, name, _restored(getattr(self, name), state_dict[name]))
 
 
 def to_json(value: Any) -> Any:
     """Value for JSON: arrays as objects with their type, NaN in them as null."""
     if isinstance(value, Persistent):
-        return value.memory()
+        return value.state_dict()
     if isinstance(value, np.ndarray):
         entries = value.astype(object)
         entries[value != value] = None
@@ -58,7 +58,7 @@ def from_json(value: Any) -> Any:
 
 def _restored(present: Any, value: Any) -> Any:
     if isinstance(present, Persistent):
-        present.recall(value)
+        present.load_state_dict(value)
         return present
     if isinstance(present, list) and present and isinstance(present[0], Persistent):
         return [_restored(each, entry) for each, entry in zip(present, value, strict=True)]

@@ -127,7 +127,7 @@ class CarriedPlan(Persistent):
         self._asked: tuple[int, Array, Array] | None = None
         self._asked_at_s = -np.inf
         # State of the policy before and after its plan of the present step.
-        self._before: dict[str, Any] = policy.memory()
+        self._before: dict[str, Any] = policy.state_dict()
         self._after = self._before
         self.current: Plan | None = None
         self.error = ""
@@ -172,15 +172,15 @@ class CarriedPlan(Persistent):
             return None
         return plan.gap if np.allclose(request_kw, planned[:, 0], rtol=1e-6, atol=1e-6) else None
 
-    def memory(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Any]:
         """The plan with the state of its policy, for another process."""
-        return super().memory() | {"plan": None if self.current is None else to_json(vars(self.current))}
+        return super().state_dict() | {"plan": None if self.current is None else to_json(vars(self.current))}
 
-    def recall(self, memory: Mapping[str, Any]) -> None:
-        """Restore the result of :meth:`memory`."""
-        super().recall(memory)
-        self._policy.recall(self._after)
-        plan = from_json(memory["plan"])
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
+        """Restore the result of :meth:`state_dict`."""
+        super().load_state_dict(state_dict)
+        self._policy.load_state_dict(self._after)
+        plan = from_json(state_dict["plan"])
         self.current = None if plan is None else Plan(**plan)
         if self.current is not None:
             self._asked = (self.current.slot, self.current.demand_kw, self.current.limit_kw)
@@ -220,12 +220,12 @@ class CarriedPlan(Persistent):
         served = np.clip(forecast_kw, -total, total)
         ambient = np.full(self.n_steps, self._system.reference_temperature_c)
         if gone <= 0:
-            self._policy.recall(self._before)  # the same step again, or a clock that was set back
+            self._policy.load_state_dict(self._before)  # the same step again, or a clock that was set back
         for _ in range(min(gone, self.n_steps) - 1):  # steps without a call
             self._policy(PolicyInput(state, np.zeros(self.n_steps), ambient, limit_kw))
-        self._before = self._policy.memory()
+        self._before = self._policy.state_dict()
         decision = self._policy(PolicyInput(state, served, ambient, limit_kw))
-        self._after = self._policy.memory()
+        self._after = self._policy.state_dict()
         plan_kw = decision.request_kw[:, None] if decision.plan_kw is None else decision.plan_kw
         request = np.array(plan_kw, dtype=np.float64)
         gap = float(decision.solver.gap)

@@ -61,24 +61,24 @@ class StateStore:
         ``now_s`` is the time of the controller's clock. A damaged state, or that of another system, is
         renamed, and the controller begins with a new one.
         """
-        fresh = (controller.memory(), controller.plan.memory())
+        fresh = (controller.state_dict(), controller.plan.state_dict())
         self._do(lambda: self._try(self._sealed(fresh[0])))
         try:
-            memory = self._newest()
-            if memory is None:
+            state_dict = self._newest()
+            if state_dict is None:
                 return f"no state in {self.folder}; a new one begins"
             plan = self._read(self.folder / PLAN) if (self.folder / PLAN).exists() else None
-            controller.recall(memory)
+            controller.load_state_dict(state_dict)
             if plan is not None:
-                controller.plan.recall(plan)
+                controller.plan.load_state_dict(plan)
         except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError, BessError) as error:
-            controller.recall(fresh[0])
-            controller.plan.recall(fresh[1])
+            controller.load_state_dict(fresh[0])
+            controller.plan.load_state_dict(fresh[1])
             for name in (*MEMORY, PLAN):
                 with suppress(OSError):
                     (self.folder / name).replace(self.folder / f"{name}.damaged")
             return f"the state in {self.folder} cannot be used ({error}); it is set aside, a new one begins"
-        age_s = max(0.0, now_s - (memory["_last_s"] or now_s))
+        age_s = max(0.0, now_s - (state_dict["_last_s"] or now_s))
         return f"continues with the state in {self.folder}, {age_s:.0f} s old"
 
     def save(self, controller: Controller) -> None:
@@ -86,9 +86,9 @@ class StateStore:
         plan = controller.plan.current
         new_plan = None
         if plan is not self._saved_plan:
-            new_plan = self._sealed(controller.plan.memory())
+            new_plan = self._sealed(controller.plan.state_dict())
         number = self._number + 1
-        content = self._sealed({"number": number, **controller.memory()})
+        content = self._sealed({"number": number, **controller.state_dict()})
 
         def put() -> None:
             self.folder.mkdir(parents=True, exist_ok=True)
