@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
@@ -15,7 +15,7 @@ from bess.arrays import Array
 from bess.errors import InputError
 from bess.files import parse_json, read_file
 from bess.system import State, System
-from bess.system.battery import Battery, ResistanceTable
+from bess.system.battery import Battery
 
 Numbers = tuple[FiniteFloat, ...]
 Count = Annotated[int, Field(ge=1)]
@@ -24,8 +24,6 @@ NEAR_H: Final = 6.0
 """Length of the near part of the forecast [h]."""
 NO_LIMIT_V: Final = 1e9
 """Maximum voltage of a string without a limit [V], because JSON has no infinity."""
-REFERENCE_C: Final = 25.0
-"""Temperature at which the SOC factor of resistance is 1 [degC]."""
 
 
 class Tables(BaseModel):
@@ -140,9 +138,10 @@ class Tables(BaseModel):
         ]
         near_steps = min(steps, max(1, round(NEAR_H / step_h)))
         window = np.array([battery.soc_max - battery.soc_min for battery in batteries])
+        ocv_v, resistance_ohm = zip(*_circuit(system, soc, temperature_c), strict=True)
         tables: dict[str, Any] = {
-            "ocv_v": [_ocv_v(each, side, soc, temperature_c) for side in (0, 1) for each in batteries],
-            "resistance_ohm": [_ohm(each, side, soc, temperature_c) for side in (0, 1) for each in batteries],
+            "ocv_v": ocv_v,
+            "resistance_ohm": resistance_ohm,
             "derating_c": [rows[0] for rows in derating],
             "derating_factor": [rows[1] for rows in derating],
             "power_kw": [rows[0] for rows in inverters],
@@ -187,50 +186,19 @@ def _soc_knots(battery: Battery) -> set[float]:
 
 
 def _temperature_knots(battery: Battery) -> set[float]:
-    if battery.resistance_table is not None:
-        return {*battery.ocv_v.temperature_c, *battery.resistance_table.temperature_c}
-    assert battery.resistance_temperature is not None
-    return {*battery.ocv_v.temperature_c, *battery.resistance_temperature.temperature_c}
+    by_temperature = battery.resistance_table or battery.resistance_temperature
+    assert by_temperature is not None
+    return {*battery.ocv_v.temperature_c, *by_temperature.temperature_c}
 
 
-def _ocv_v(battery: Battery, side: int, soc: Array, temperature_c: Array) -> Array:
-    table = battery.ocv_v
-    rows = (table.charge, table.discharge)[side]
-    return _on_grid(rows, table.soc, table.temperature_c, soc, temperature_c) * battery.cells_series
-
-
-def _ohm(battery: Battery, side: int, soc: Array, temperature_c: Array) -> Array:
-    """Resistance of the control model, exact at the knots, shape ``(soc, temperature)``."""
-    ohm = 1e-3 * battery.r_scale * battery.cells_series / battery.cells_parallel
-    if battery.resistance_table is not None:
-        return _measured_mohm(battery.resistance_table, side, soc, temperature_c) * ohm
-    warm, low = battery.resistance_temperature, battery.resistance_soc
-    assert warm is not None and low is not None
-    by_temperature = np.interp(temperature_c, warm.temperature_c, warm.resistance_mohm)
-    factor = np.interp(soc, low.soc, low.resistance_mohm)
-    factor /= np.interp(REFERENCE_C, warm.temperature_c, warm.resistance_mohm)
-    factor = np.where(soc < battery.low_soc_switch, factor, 1.0)
-    return np.outer(factor, by_temperature) * ohm
-
-
-def _measured_mohm(table: ResistanceTable, side: int, soc: Array, temperature_c: Array) -> Array:
-    blocks = (table.charge_mohm, table.discharge_mohm)[side]
-    grids = np.array([_on_grid(rows, table.soc, table.temperature_c, soc, temperature_c) for rows in blocks])
-    rates = np.array(table.c_rate)
-    shares = [np.interp(table.control_c_rate, rates, row) for row in np.eye(rates.size)]
-    return np.asarray(np.tensordot(shares, grids, axes=1))
-
-
-def _on_grid(
-    rows: Sequence[Sequence[float]],
-    own_soc: Sequence[float],
-    own_temperature_c: Sequence[float],
-    soc: Array,
-    temperature_c: Array,
-) -> Array:
-    """Return a table with one row per temperature, interpolated at other knots: ``(soc, temperature)``."""
-    by_soc = np.array([np.interp(soc, own_soc, row) for row in rows])
-    return np.array([np.interp(temperature_c, own_temperature_c, column) for column in by_soc.T])
+def _circuit(system: System, soc: Array, temperature_c: Array) -> Iterator[tuple[Array, Array]]:
+    """Open-circuit voltage and resistance of new strings at all knots, for charge and for discharge."""
+    new = np.ones(system.n_strings)
+    model = system.control_at(State(0.5 * new, 25.0 * new))
+    knots = np.meshgrid(soc, temperature_c, indexing="ij")
+    soc_grid, temperature_grid = (np.outer(new, each) for each in knots)
+    for discharge in (False, True):
+        yield model.coefficients(soc_grid, temperature_grid, discharge)
 
 
 def _lengthened(rows: Sequence[Sequence[float]], length: int) -> Array:
