@@ -6,10 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 
 from bess.arrays import Array
@@ -18,9 +17,9 @@ from bess.edge.plant_io.journal import open_journal
 from bess.errors import InputError
 from bess.files import parse_toml
 from bess.report.contents import FigureSpec
-from bess.report.data import TimeAxis
+from bess.report.data import TimeAxis, curve, string_curves
 from bess.report.drawing.chart import Chart, Panel, Series
-from bess.report.drawing.style import AVAILABILITY, DISCHARGE, INK, colours
+from bess.report.drawing.style import AVAILABILITY, DISCHARGE, INK
 from bess.report.page import FIGURES, section, write_page
 from bess.report.words.headline import Tile
 from bess.system import State, System
@@ -68,17 +67,7 @@ def in_bins(journal: xr.Dataset) -> xr.Dataset:
     times_s, _, usual_s = _intervals(journal)
     needed_s = max((times_s[-1] - times_s[0]) / (MOST_BINS - 1), usual_s or 1.0)
     width_s = next((width for width in _BIN_S if width >= needed_s), _BIN_S[-1])
-    bins = np.floor(times_s / width_s).astype(np.int64)
-    every = np.arange(bins[0], bins[-1] + 1)
-
-    def mean(variable: xr.DataArray) -> tuple[Any, Array, Any]:
-        table = pd.DataFrame(variable.values.reshape(bins.size, -1).astype(np.float64))
-        means = table.groupby(bins).mean().reindex(every).to_numpy()
-        return variable.dims, means.reshape(every.size, *variable.shape[1:]), variable.attrs
-
-    coords = {"time": (every * width_s).astype("datetime64[s]"), "string": journal["string"].values}
-    variables = {str(name): mean(variable) for name, variable in journal.data_vars.items()}
-    return xr.Dataset(variables, coords=coords, attrs=journal.attrs)
+    return journal.astype(np.float64).resample(time=f"{width_s}s", origin="epoch").mean(keep_attrs=True)
 
 
 def _intervals(journal: xr.Dataset) -> tuple[Array, Array, float]:
@@ -131,63 +120,60 @@ def modelled_losses(binned: xr.Dataset, system: System) -> Losses | None:
 
 
 def _figures(binned: xr.Dataset) -> Iterator[FigureSpec]:
-    for name, title, caption, chart in (
-        (
-            "plant",
-            "The plant",
-            "Power asked of the plant, what it gave, and the sum of the set-points that were recommended.",
-            _plant,
-        ),
-        (
-            "split",
-            "The strings: did and recommended",
-            "Power of every string, the set-point recommended for it, and the difference of both.",
-            _split,
-        ),
-        (
-            "state",
-            "State of the strings",
-            "State of charge and temperature as they were read; a gap where nothing was.",
-            _state,
-        ),
-    ):
-        yield FigureSpec(name, title, caption, partial(chart, binned))
+    yield FigureSpec(
+        "plant",
+        "The plant",
+        "Power asked of the plant, what it gave, and the sum of the set-points that were recommended.",
+        partial(_plant, binned),
+    )
+    yield FigureSpec(
+        "split",
+        "The strings: did and recommended",
+        "Power of every string, the set-point recommended for it, and the difference of both.",
+        partial(_split, binned),
+    )
+    yield FigureSpec(
+        "state",
+        "State of the strings",
+        "State of charge and temperature as they were read; a gap where nothing was.",
+        partial(_state, binned),
+    )
 
 
 def _plant(binned: xr.Dataset) -> Chart:
-    time = TimeAxis(binned)
+    time = _time(binned)
     did, recommended = (_total(binned[name].values) for name in ("power_kw", "recommended_kw"))
     demand = binned["demand_kw"].values
-    powers = (
-        _step(time, did, DISCHARGE, "did"),
-        _step(time, recommended, AVAILABILITY, "recommended", dashed=True),
-        _step(time, demand, INK, "demand", dashed=True),
-    )
-    deviation = Panel("Deviation from demand (kW)", (_step(time, did - demand, DISCHARGE),))
-    return Chart(time.label, (Panel("Power (kW)", powers), deviation))
+    powers = curve(time, did, DISCHARGE, "did", kind="step")
+    powers += curve(time, recommended, AVAILABILITY, "recommended", kind="step", dashed=True)
+    powers += curve(time, demand, INK, "demand", kind="step", dashed=True)
+    deviation = curve(time, did - demand, DISCHARGE, kind="step")
+    panels = (Panel("Power (kW)", tuple(powers)), Panel("Deviation from demand (kW)", tuple(deviation)))
+    return Chart(time.label, panels)
 
 
 def _split(binned: xr.Dataset) -> Chart:
-    time = TimeAxis(binned)
     did, recommended = binned["power_kw"].values, binned["recommended_kw"].values
     rows = (("Did (kW)", did), ("Recommended (kW)", recommended), ("Difference (kW)", did - recommended))
+    time = _time(binned)
     return Chart(time.label, tuple(Panel(label, _strings(time, values)) for label, values in rows))
 
 
 def _state(binned: xr.Dataset) -> Chart:
-    time = TimeAxis(binned)
+    time = _time(binned)
     soc = Panel("SOC", _strings(time, binned["soc"].values), y_limits=(-0.02, 1.02))
     temperature = Panel("Temperature (°C)", _strings(time, binned["temperature_c"].values))
     return Chart(time.label, (soc, temperature))
 
 
 def _strings(time: TimeAxis, values: Array) -> tuple[Series, ...]:
-    named = enumerate(colours(values.shape[1]))
-    return tuple(_step(time, values[:, i], colour, f"string {i}") for i, colour in named)
+    return tuple(string_curves(time, values, among=values.shape[1]))
 
 
-def _step(time: TimeAxis, values: Array, colour: str, label: str = "", *, dashed: bool = False) -> Series:
-    return Series(time.edges, np.append(values, values[-1:]), colour, label, "step", dashed=dashed)
+def _time(binned: xr.Dataset) -> TimeAxis:
+    time = TimeAxis(binned)
+    time.daily = False  # the bins are few already, and a gap would hide its whole day
+    return time
 
 
 def _total(values: Array) -> Array:
