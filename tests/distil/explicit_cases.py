@@ -22,17 +22,20 @@ from bess.edge.distil.translate import Language, constants, exports, functions, 
 
 Array = NDArray[np.float64]
 PYTHON = Language(
-    types=dict.fromkeys(("f64", "usize", "bool"), ""),
-    declare="{name} = {value}",
-    clear="{name} = [{zero}] * ({size})",
-    assign="{target} = {value}",
-    loop="for {counter} in range({size}):",
-    opens={"if": "if {0}:", "else if": "elif {0}:", "while": "while {0}:", "else": "else:"},
-    ends=dict.fromkeys(("if", "while", "for"), ""),
     words={
         "&&": "and", r"\|\|": "or", r"!(?!=)": "not ", r"\btrue\b": "True", r"\bfalse\b": "False",
         r"\blarger\b": "max", r"\bsmaller\b": "min",
     },
+    statements={
+        r"for (\w+) in 0\.\.(.*) \{": r"for \1 in range(\2):",
+        r"(if|while) (.*) \{": r"\1 \2:",
+        r"\} else if (.*) \{": r"elif \1:",
+        r"\} else \{": "else:",
+        r"let mut (\w+) = array\((\S+), (.*)\);": r"\1 = [\2] * (\3)",
+        r"let (?:mut )?(\w+): \w+ = (.*);": r"\1 = \2",
+        r"(\S+|\w+\[.*?\]) (\+?=) (.*);": r"\1 \2 \3",
+    },
+    ends=dict.fromkeys(("if", "while", "for"), ""),
 )  # fmt: skip
 
 SYSTEMS: dict[str, Callable[[], bess.System]] = {

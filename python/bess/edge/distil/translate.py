@@ -8,7 +8,7 @@ languages; a :class:`Language` writes its statements.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Final
@@ -35,7 +35,7 @@ class Function:
     arguments: Mapping[str, str]
     scalars: Mapping[str, str]
     arrays: Mapping[str, tuple[str, str]]
-    statements: Sequence[tuple[str, str]]
+    statements: Sequence[str]
     constants: frozenset[str]
 
 
@@ -69,37 +69,28 @@ def _function(arguments: str, body: str) -> Function:
         {name: kind for name, kind in given if name != "weights"},
         {**dict(scalars), **dict.fromkeys(counters, "usize")},
         {name: ("f64" if zero == "0.0" else "bool", size) for name, zero, size in arrays},
-        [(" ".join(text.split()), end) for text, end in re.findall(r"([^{};]*)([{};])", body)],
+        re.findall(r"\} else[^{]*\{|\}|[^{}; ][^{};]*[{;]", " ".join(body.split())),
         frozenset(re.findall(r"\b[A-Z][A-Z_0-9]+\b", body)),
     )
 
 
 @dataclass(frozen=True)
 class Language:
-    """Templates for the statements of the law in one language.
+    """Translation of the statements of the law to one language, by regular expressions.
 
     Attributes
     ----------
-    types : dict
-        Names of the scalar types.
-    declare, clear, assign, loop : str
-        A scalar with its first value; an array of zeros or False; an assignment; the start of a loop over a
-        range.
-    opens, ends : dict
-        Start of ``if``, ``else if``, ``while`` with a condition, and ``else``; end of ``if``, ``while``,
-        ``for``.
     words : dict
-        Replacements in expressions, by regular expressions.
+        Replacements within a statement, first to last.
+    statements : dict
+        Replacements of a whole statement, in which words are replaced already; the first that fits applies.
+    ends : dict
+        Ends of ``if``, ``while`` and ``for``.
     """
 
-    types: Mapping[str, str]
-    declare: str
-    clear: str
-    assign: str
-    loop: str
-    opens: Mapping[str, str]
+    words: Mapping[str, str | Callable[[re.Match[str]], str]]
+    statements: Mapping[str, str]
     ends: Mapping[str, str]
-    words: Mapping[str, str]
 
     def text(self, expression: str) -> str:
         """An expression in this language."""
@@ -110,75 +101,70 @@ class Language:
     def body(self, function: Function) -> Iterator[str]:
         """Lines of a function, indented."""
         blocks: list[str] = []
-        following = [text for text, _ in function.statements[1:]]
-        for (statement, end), after in zip(function.statements, [*following, ""], strict=True):
-            if end == "}":
-                block = blocks.pop()
-                if not after.startswith("else"):  # its line ends this block
-                    yield INDENT * (len(blocks) + 1) + self.ends[block]
-                continue
-            yield INDENT * (len(blocks) + 1) + (
-                self._open(statement) if end == "{" else self._line(statement)
-            )
-            if end == "{":
-                word = statement.split()[0]
-                blocks.append("if" if word == "else" else word)
-
-    def _open(self, statement: str) -> str:
-        if loop := re.fullmatch(r"for (\w+) in 0\.\.(.*)", statement):
-            return self.loop.format(counter=loop[1], size=self.text(loop[2]))
-        if branch := re.fullmatch(r"(if|else if|while|else) ?(.*)", statement):
-            return self.opens[branch[1]].format(self.text(branch[2]))
-        raise BessError(f"decision.rs: {statement}: has no translation")
+        for statement in function.statements:
+            closes = statement.startswith("}")
+            indent = INDENT * (len(blocks) + (not closes))
+            yield indent + (self.ends[blocks.pop()] if statement == "}" else self._line(statement))
+            if statement.endswith("{") and not closes:
+                blocks.append(statement.split()[0])
 
     def _line(self, statement: str) -> str:
-        if array := re.fullmatch(r"let (?:mut )?(\w+) = array\((\S+), (.*)\)", statement):
-            name, zero, size = map(self.text, array.groups())
-            kind = self.types["f64" if array[2] == "0.0" else "bool"]
-            return self.clear.format(name=name, type=kind, zero=zero, size=size)
-        if scalar := re.fullmatch(r"let (?:mut )?(\w+): (\w+) = (.*)", statement):
-            name, value = self.text(scalar[1]), self.text(scalar[3])
-            return self.declare.format(name=name, type=self.types[scalar[2]], value=value)
-        if change := re.fullmatch(r"(\S+|\w+\[.*?\]) (\+?)= (.*)", statement):
-            target, value = self.text(change[1]), self.text(change[3])
-            return self.assign.format(target=target, value=f"{target} + ({value})" if change[2] else value)
+        text = self.text(statement)
+        for pattern, line in self.statements.items():
+            if found := re.fullmatch(pattern, text):
+                return found.expand(line)
         raise BessError(f"decision.rs: {statement}: has no translation")
 
 
+_TARGET: Final = r"(\S+|\w+\[.*?\])"
 C99: Final = Language(
-    types={"f64": "double", "usize": "int", "bool": "int"},
-    declare="{type} {name} = {value};",
-    clear="{type} {name}[{size}] = {{0}};",
-    assign="{target} = {value};",
-    loop="for (int {counter} = 0; {counter} < {size}; {counter}++) {{",
-    opens={
-        "if": "if ({0}) {{",
-        "else if": "}} else if ({0}) {{",
-        "while": "while ({0}) {{",
-        "else": "}} else {{",
+    words={
+        r"\bf64\b": "double",
+        r"\b(usize|bool)\b": "int",
+        r"\btrue\b": "1",
+        r"\bfalse\b": "0",
+        r"\babs\(": "fabs(",
+    },
+    statements={
+        r"for (\w+) in 0\.\.(.*) \{": r"for (int \1 = 0; \1 < \2; \1++) {",
+        r"(|\} else )(if|while) (.*) \{": r"\1\2 (\3) {",
+        r"(\} else \{)": r"\1",
+        r"let mut (\w+) = array\(0\.0, (.*)\);": r"double \1[\2] = {0};",
+        r"let mut (\w+) = array\(0, (.*)\);": r"int \1[\2] = {0};",
+        r"let (?:mut )?(\w+): (\w+) = (.*);": r"\2 \1 = \3;",
+        rf"{_TARGET} \+= (.*);": r"\1 = \1 + (\2);",
+        rf"({_TARGET} = .*;)": r"\1",
     },
     ends=dict.fromkeys(("if", "while", "for"), "}"),
-    words={r"\btrue\b": "1", r"\bfalse\b": "0", r"\babs\(": "fabs("},
 )
 STRUCTURED_TEXT: Final = Language(
-    types={"f64": "LREAL", "usize": "DINT", "bool": "BOOL"},
-    declare="{name} := {value};",  # variables are declared above
-    clear=f"FOR {COUNTER} := 0 TO {{size}} - 1 DO {{name}}[{COUNTER}] := {{zero}}; END_FOR;",
-    assign="{target} := {value};",
-    loop="FOR {counter} := 0 TO {size} - 1 DO",
-    opens={"if": "IF {0} THEN", "else if": "ELSIF {0} THEN", "while": "WHILE {0} DO", "else": "ELSE"},
-    ends={"if": "END_IF;", "while": "END_WHILE;", "for": "END_FOR;"},
     words={
+        r"\bf64\b": "LREAL",
+        r"\busize\b": "DINT",
         r"&&": "AND",
         r"\|\|": "OR",
         r"!(?!=)": "NOT ",
         r"!=": "<>",
         r"==": "=",
-        r"\b(true|false|abs|sqrt)\b": lambda found: found[1].upper(),  # type: ignore[dict-item]
+        r"\b(bool|true|false|abs|sqrt)\b": lambda found: found[1].upper(),
         r"\blarger\b": "MAX",
         r"\bsmaller\b": "MIN",
         r"(\w)_\b": r"\1",  # no name ends with an underscore
     },
+    statements={
+        r"for (\w+) in 0\.\.(.*) \{": r"FOR \1 := 0 TO \2 - 1 DO",
+        r"if (.*) \{": r"IF \1 THEN",
+        r"\} else if (.*) \{": r"ELSIF \1 THEN",
+        r"\} else \{": "ELSE",
+        r"while (.*) \{": r"WHILE \1 DO",
+        r"let mut (\w+) = array\((\S+), (.*)\);": (
+            rf"FOR {COUNTER} := 0 TO \3 - 1 DO \1[{COUNTER}] := \2; END_FOR;"
+        ),
+        r"let (?:mut )?(\w+): \w+ = (.*);": r"\1 := \2;",  # variables are declared above
+        rf"{_TARGET} \+= (.*);": r"\1 := \1 + (\2);",
+        rf"{_TARGET} = (.*);": r"\1 := \2;",
+    },
+    ends={"if": "END_IF;", "while": "END_WHILE;", "for": "END_FOR;"},
 )
 """AND evaluates both sides; names are not case-sensitive. Variables of a function block keep their values
 between calls, so arrays are cleared by a loop."""
@@ -245,7 +231,7 @@ def st_source(constants: Constants, about: str) -> str:
         parts = [everything.get(part, part) for part in size.split(" + ") if part]
         extent = sum(int(str(part)) for part in parts)
         array = f"ARRAY[0..{extent - 1}] OF " if size else ""
-        return f"{STRUCTURED_TEXT.text(name)} : {array}{STRUCTURED_TEXT.types[kind]};"
+        return STRUCTURED_TEXT.text(f"{name} : {array}{kind};")
 
     lines = [f"(* {about} *)"]
     for name, function in functions().items():
