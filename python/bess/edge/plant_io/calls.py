@@ -35,7 +35,8 @@ class Calls:
     def __init__(self) -> None:
         self._loop = asyncio.new_event_loop()
         self._closed = False
-        threading.Thread(target=self._run, name="plant", daemon=True).start()
+        self._thread = threading.Thread(target=self._run, name="plant", daemon=True)
+        self._thread.start()
 
     def __call__(self, call: Coroutine[Any, Any, T], within_s: float) -> T:
         """Return the result of a coroutine.
@@ -53,7 +54,7 @@ class Calls:
             raise
 
     def close(self, last: Coroutine[Any, Any, None]) -> None:
-        """Run a last coroutine, which may fail, and end the loop; a second call does nothing."""
+        """Run a last coroutine, which may fail, cancel all others, and end; a second call does nothing."""
         if self._closed:
             last.close()
             return
@@ -61,10 +62,11 @@ class Calls:
         with suppress(Exception):
             self(last, GRACE_S)
         self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join(GRACE_S)
 
     def _run(self) -> None:
-        self._loop.run_forever()
-        self._loop.close()
+        with asyncio.Runner(loop_factory=lambda: self._loop) as runner:
+            runner.get_loop().run_forever()
 
 
 class Rounds(Generic[K, T]):

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import math
-import threading
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
@@ -16,6 +15,7 @@ from pymodbus.constants import ExcCodes
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
+from bess.edge.plant_io.calls import Calls
 from bess.edge.plant_io.simulated import SimulatedPartner, SimulatedPlant
 from bess.edge.plant_io.sunspec_device import END, MARK, decode, encode, offset, value
 
@@ -38,9 +38,8 @@ class SimulatedDevices(SimulatedPartner):
 
     def __init__(self, plant: SimulatedPlant, *, port: int = 0) -> None:
         super().__init__(plant, port)
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._server: ModbusTcpServer | None = None
-        self._thread: threading.Thread | None = None
+        self._calls: Calls | None = None
+        self._server: Any = None  # its methods carry no types
 
     @property
     def address(self) -> str:
@@ -49,37 +48,19 @@ class SimulatedDevices(SimulatedPartner):
 
     def stop(self) -> None:
         """Break all connections, as a gateway that is switched off; plant and watchdog continue."""
-        if self._loop is None or self._thread is None:
-            return
-        if self._server is not None:
-            server: Any = self._server
-            asyncio.run_coroutine_threadsafe(_shut_down(server), self._loop).result(_START_S)
-            self._server = None
-        self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join(_START_S)
-        self._loop.close()
-        self._loop = None
+        if self._calls is not None:
+            self._calls.close(self._server.shutdown())
+            self._calls = None
 
     def _listen(self, port: int) -> int:
-        self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
-        self._thread.start()
-        return asyncio.run_coroutine_threadsafe(self._serve(port), self._loop).result(_START_S)
+        self._calls = Calls()
+        return self._calls(self._serve(port), _START_S)
 
     async def _serve(self, port: int) -> int:
         devices = [_Device(self.plant, string).simulated() for string in range(self.plant.n_strings)]
         self._server = ModbusTcpServer(devices, address=("127.0.0.1", port))
         await self._server.serve_forever(background=True)
-        transport: Any = self._server.transport
-        return int(transport.sockets[0].getsockname()[1])
-
-
-async def _shut_down(server: Any) -> None:
-    await server.shutdown()
-    under_way = asyncio.all_tasks() - {asyncio.current_task()}
-    for task in under_way:
-        task.cancel()
-    await asyncio.gather(*under_way, return_exceptions=True)
+        return int(self._server.transport.sockets[0].getsockname()[1])
 
 
 class _Device:
