@@ -9,8 +9,8 @@ from bess.control.policies import PolicyInput
 Floats = npt.NDArray[np.float64]
 
 
-def share(situation: PolicyInput) -> Floats:
-    return np.full(situation.limit_kw.size, situation.demand_kw[0] / situation.limit_kw.size)
+def share(inputs: PolicyInput) -> Floats:
+    return np.full(inputs.limit_kw.size, inputs.demand_kw[0] / inputs.limit_kw.size)
 
 
 system: bess.System = bess.System.reference(n_strings=2)

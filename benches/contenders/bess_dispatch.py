@@ -20,7 +20,7 @@ def main(plans: int, minutes: int) -> None:
     dispatch = DynamicProgramDispatch(
         bess.load_system(SYSTEM), dt_h, SettlementTerms(), max_energy_kwh=ENERGY_KWH, cycles_per_plan=CYCLES
     )
-    outlooks = [
+    inputss = [
         DispatchInputs(
             np.repeat(prices(seed), steps // STEPS),
             np.full(steps, 25.0),
@@ -30,9 +30,9 @@ def main(plans: int, minutes: int) -> None:
         for seed in range(plans)
     ]
     states = [state(seed) for seed in range(plans)]
-    dispatch.plan(outlooks[0], states[0])  # what is loaded once does not count
+    dispatch.plan(inputss[0], states[0])  # what is loaded once does not count
     started = time.process_time()
-    made = [dispatch.plan(outlook, at).demand_kw for outlook, at in zip(outlooks, states, strict=True)]
+    made = [dispatch.plan(inputs, at).demand_kw for inputs, at in zip(inputss, states, strict=True)]
     cpu_s = (time.process_time() - started) / plans
     earned = sum(earned_eur(demand_kw, dt_h, seed) for seed, demand_kw in enumerate(made))
     print(json.dumps({"plan_cpu_s": cpu_s, "earned_eur": earned}))

@@ -44,12 +44,12 @@ def test_a_plan_is_the_same_to_the_last_bit_whatever_was_planned_before() -> Non
     state = bess.State([0.3, 0.6], [25.0, 40.0])
     fresh, used = (DynamicProgramDispatch(system, 0.25, SettlementTerms()) for _ in range(2))
     day = np.arange(144) // 96
-    outlook = DispatchInputs(WAVE, np.full(144, 25.0), day)
+    inputs = DispatchInputs(WAVE, np.full(144, 25.0), day)
     used.plan(
         DispatchInputs(WAVE[::-1].copy(), np.full(144, 5.0), day),
         bess.State([0.9, 0.9], [20.0, 20.0], [0.8, 0.9]),
     )
-    first, second = fresh.plan(outlook, state), used.plan(outlook, state)
+    first, second = fresh.plan(inputs, state), used.plan(inputs, state)
     np.testing.assert_array_equal(first.demand_kw, second.demand_kw)
     assert first.expected_net_eur == second.expected_net_eur
 
@@ -93,11 +93,11 @@ def test_at_negative_prices_the_plan_charges_and_never_pays_to_discharge() -> No
 
 def test_a_plan_stays_within_cycles_power_and_energy() -> None:
     system, state = bess.System.reference(2), bess.State([0.0, 0.0], [25.0, 25.0])
-    outlook = DispatchInputs(WAVE, np.full(144, 25.0), np.zeros(144, dtype=np.int64))
+    inputs = DispatchInputs(WAVE, np.full(144, 25.0), np.zeros(144, dtype=np.int64))
     dispatch = DynamicProgramDispatch(
         system, 0.25, SettlementTerms(), max_power_kw=100.0, max_energy_kwh=200.0, cycles_per_day=1.0
     )
-    plan = dispatch.plan(outlook, state)
+    plan = dispatch.plan(inputs, state)
     assert np.abs(plan.demand_kw).max() <= 100.0 + 1e-9
     assert plan.expected_energy_kwh.max() < 203.0
     drawn = -np.minimum(np.diff(plan.expected_energy_kwh, prepend=0.0), 0.0)
@@ -106,22 +106,22 @@ def test_a_plan_stays_within_cycles_power_and_energy() -> None:
 
 def test_the_limits_of_the_grid_connection_hold_in_each_direction() -> None:
     system, state = bess.System.reference(2), bess.State([0.5, 0.5], [25.0, 25.0])
-    outlook = DispatchInputs(WAVE, np.full(144, 25.0), np.zeros(144, dtype=np.int64))
+    inputs = DispatchInputs(WAVE, np.full(144, 25.0), np.zeros(144, dtype=np.int64))
     dispatch = DynamicProgramDispatch(
         system, 0.25, SettlementTerms(), max_import_kw=60.0, max_export_kw=120.0
     )
-    demand_kw = dispatch.plan(outlook, state).demand_kw
+    demand_kw = dispatch.plan(inputs, state).demand_kw
     assert -60.0 - 1e-9 <= demand_kw.min() < -59.0
     assert 61.0 < demand_kw.max() <= 120.0 + 1e-9
 
 
 def test_a_string_out_of_service_is_not_planned_with() -> None:
     system = bess.System.reference(2)
-    outlook = DispatchInputs(WAVE, np.full(144, 25.0), np.arange(144) // 96)
+    inputs = DispatchInputs(WAVE, np.full(144, 25.0), np.arange(144) // 96)
     dispatch = DynamicProgramDispatch(system, 0.25, SettlementTerms())
-    plan = dispatch.plan(outlook, system.initial_state(), limit_kw=np.array([92.0, 0.0]))
+    plan = dispatch.plan(inputs, system.initial_state(), limit_kw=np.array([92.0, 0.0]))
     assert 80.0 < np.abs(plan.demand_kw).max() <= 92.0 + 1e-9
-    nothing = dispatch.plan(outlook, system.initial_state(), limit_kw=np.zeros(2))
+    nothing = dispatch.plan(inputs, system.initial_state(), limit_kw=np.zeros(2))
     assert not nothing.demand_kw.any()
 
 
@@ -187,8 +187,8 @@ def test_a_plan_earns_what_dynamic_programming_finds(seed: int) -> None:
         value = np.where(inside, gain, -np.inf).max(axis=1)
     best_eur = float(np.interp(0.5 * capacity, grid, value))
 
-    outlook = DispatchInputs(price, np.full(48, 25.0), np.zeros(48, dtype=np.int64), is_last=True)
-    plan = DynamicProgramDispatch(system, 0.25, SettlementTerms(), cycles_per_day=99.0).plan(outlook, state)
+    inputs = DispatchInputs(price, np.full(48, 25.0), np.zeros(48, dtype=np.int64), is_last=True)
+    plan = DynamicProgramDispatch(system, 0.25, SettlementTerms(), cycles_per_day=99.0).plan(inputs, state)
     assert plan.expected_net_eur <= best_eur * 1.001
     assert plan.expected_net_eur >= best_eur * 0.99
 
@@ -274,8 +274,8 @@ def test_cycles_of_a_plan_are_the_mean_of_what_is_charged_and_discharged(plan: s
     limits = {"cycles_per_plan": 0.5}
     if plan == "aware":
         dispatch = DynamicProgramDispatch(system, 0.25, SettlementTerms(), max_energy_kwh=400.0, **limits)
-        outlook = DispatchInputs(WAVE[:96], np.full(96, 25.0), np.zeros(96, dtype=np.int64), is_last=True)
-        demand_kw = dispatch.plan(outlook, state).demand_kw
+        inputs = DispatchInputs(WAVE[:96], np.full(96, 25.0), np.zeros(96, dtype=np.int64), is_last=True)
+        demand_kw = dispatch.plan(inputs, state).demand_kw
     else:
         arbitrage = Arbitrage(
             PerfectForecast(WAVE[:96]),
@@ -291,10 +291,10 @@ def test_cycles_of_a_plan_are_the_mean_of_what_is_charged_and_discharged(plan: s
 
 def test_what_is_left_at_the_end_is_worth_what_is_said() -> None:
     system, state = bess.System.reference(2), bess.State([0.5, 0.5], [25.0, 25.0])
-    outlook = DispatchInputs(np.full(48, 50.0), np.full(48, 25.0), np.zeros(48, dtype=np.int64))
+    inputs = DispatchInputs(np.full(48, 50.0), np.full(48, 25.0), np.zeros(48, dtype=np.int64))
     left = [
         DynamicProgramDispatch(system, 0.25, SettlementTerms(), end_price_eur_mwh=price)
-        .plan(outlook, state)
+        .plan(inputs, state)
         .expected_energy_kwh[-1]
         for price in (0.0, 50.0, 90.0)
     ]

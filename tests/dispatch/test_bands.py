@@ -56,19 +56,19 @@ def test_a_hedge_waits_where_the_mean_sells() -> None:
     waits, sells = (plan(dispatch, state, bands, hedged=hedged) for hedged in (True, False))
     assert not waits.demand_kw[:4].any()
     assert sells.demand_kw[:4].sum() > 0.95 * sells.demand_kw.sum() > 0.0
-    later = [plan(dispatch, state, PriceBands.known(price[4:])).expected_net_eur for price in (up, down)]
+    later = [plan(dispatch, state, PriceBands.certain(price[4:])).expected_net_eur for price in (up, down)]
     assert np.mean(later) / sells.expected_net_eur == pytest.approx(55.0 / 50.0, rel=0.03)
 
 
 def test_a_band_of_no_width_is_the_point_forecast_to_the_bit() -> None:
     dispatch, state = DynamicProgramDispatch(SYSTEM, 0.25, SettlementTerms()), bess.State([0.4], [25.0])
-    chance = np.array([[0.7, 0.2, 0.1], [0.3, 0.3, 0.4], [0.1, 0.2, 0.7]])
-    narrow = PriceBands(np.tile(WAVE, (3, 1)), chance, np.array([0.1, 0.6, 0.3]))
+    transition = np.array([[0.7, 0.2, 0.1], [0.3, 0.3, 0.4], [0.1, 0.2, 0.7]])
+    narrow = PriceBands(np.tile(WAVE, (3, 1)), transition, np.array([0.1, 0.6, 0.3]))
     hedged, point = (plan(dispatch, state, narrow, hedged=hedged) for hedged in (True, False))
     np.testing.assert_array_equal(hedged.demand_kw, point.demand_kw)
     assert hedged.expected_net_eur == point.expected_net_eur
     foretold = noise(WAVE.size)
-    bands = BandForecast(WAVE, foretold=np.tile(foretold, (3, 1)))
+    bands = BandForecast(WAVE, forecast=np.tile(foretold, (3, 1)))
     np.testing.assert_array_equal(bands.ahead(20, 60), ExternalForecast(WAVE, foretold).ahead(20, 60))
 
 
@@ -78,7 +78,7 @@ def test_information_is_never_worth_less_than_nothing(seed: int) -> None:
     """All paths of a tree, in the plant: known prices earn more than a hedge, and a hedge than the mean."""
     rng = np.random.default_rng(seed)
     levels = np.sort(rng.uniform(10.0, 120.0, (2, 3)), axis=0)
-    chance, start = np.array([[0.7, 0.3], [0.4, 0.6]]), float(rng.uniform(20.0, 90.0))
+    transition, start = np.array([[0.7, 0.3], [0.4, 0.6]]), float(rng.uniform(20.0, 90.0))
     dispatch, state = DynamicProgramDispatch(SYSTEM, 0.25, SettlementTerms()), bess.State([0.2], [25.0])
 
     def earned(state: bess.State, demand_kw: np.ndarray, price: np.ndarray) -> tuple[float, bess.State]:
@@ -89,22 +89,22 @@ def test_information_is_never_worth_less_than_nothing(seed: int) -> None:
 
     def expected(state: bess.State, hour: int, now: np.ndarray, price: float, *, hedged: bool) -> float:
         ahead = np.hstack([np.full((2, 4), price), np.repeat(levels[:, hour:], 4, axis=1)])
-        asked = plan(dispatch, state, PriceBands(ahead, chance, now), hedged=hedged).demand_kw
+        asked = plan(dispatch, state, PriceBands(ahead, transition, now), hedged=hedged).demand_kw
         net, after = earned(state, asked[:4], ahead[0, :4])
         if hour == 3:
             return net
         return net + sum(
             share * expected(after, hour + 1, np.eye(2)[k], float(levels[k, hour]), hedged=hedged)
-            for k, share in enumerate(now @ chance)
+            for k, share in enumerate(now @ transition)
         )
 
     even = np.array([0.5, 0.5])
     hedge, mean = (expected(state, 0, even, start, hedged=hedged) for hedged in (True, False))
     known = 0.0
     for path in product(range(2), repeat=3):
-        share = even @ chance[:, path[0]] * chance[path[0], path[1]] * chance[path[1], path[2]]
+        share = even @ transition[:, path[0]] * transition[path[0], path[1]] * transition[path[1], path[2]]
         price = hours(start, *levels[path, range(3)])
-        asked = plan(dispatch, state, PriceBands.known(price)).demand_kw
+        asked = plan(dispatch, state, PriceBands.certain(price)).demand_kw
         known += share * earned(state, asked, price)[0]
     assert known > hedge > 0.0
     assert hedge > mean - 0.005 * known
@@ -115,7 +115,7 @@ def test_bands_never_look_ahead() -> None:
     changed = values.copy()
     changed[301:] = -1.0
     seen, other = (BandForecast(each).bands(300, 100) for each in (values, changed))
-    for part in ("price_eur_mwh", "chance", "now"):
+    for part in ("price_eur_mwh", "transition", "initial"):
         np.testing.assert_array_equal(getattr(seen, part), getattr(other, part))
     assert (seen.price_eur_mwh[:, 0] == values[300]).all()
 
@@ -146,10 +146,10 @@ def test_measured_bands_are_the_errors_of_persistence() -> None:
 def test_transitions_are_those_that_were_seen() -> None:
     """Prices that alternate between both outer levels: 100 times of each, and one drawn at random."""
     values = np.tile([0.0, 20.0], 101)[:201]
-    bands = BandForecast(values, foretold=np.tile([[0.0], [10.0], [20.0]], 201)).bands(200, 1)
-    np.testing.assert_allclose(bands.chance[0], np.array([0.3, 0.4, 100.3]) / 101.0)
-    np.testing.assert_allclose(bands.chance[1], [0.3, 0.4, 0.3])
-    assert bands.now.tolist() == [1.0, 0.0, 0.0]
+    bands = BandForecast(values, forecast=np.tile([[0.0], [10.0], [20.0]], 201)).bands(200, 1)
+    np.testing.assert_allclose(bands.transition[0], np.array([0.3, 0.4, 100.3]) / 101.0)
+    np.testing.assert_allclose(bands.transition[1], [0.3, 0.4, 0.3])
+    assert bands.initial.tolist() == [1.0, 0.0, 0.0]
 
 
 def test_a_price_is_known_to_its_end() -> None:
@@ -171,7 +171,7 @@ def test_a_price_is_known_to_its_end() -> None:
 )
 def test_bands_that_are_none_are_refused(foretold: np.ndarray, match: str) -> None:
     with pytest.raises(bess.InputError, match=match):
-        BandForecast(np.ones(5), foretold=foretold)
+        BandForecast(np.ones(5), forecast=foretold)
 
 
 def test_a_run_reads_bands_from_a_file(tmp_path: Path) -> None:

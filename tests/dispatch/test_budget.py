@@ -41,7 +41,10 @@ def traded(price: np.ndarray, carried: CycleBudget) -> tuple[float, float]:
         carried.advance(step, np.array([stored_kwh / ENERGY_KWH]), before_kw)
         if arbitrage.is_due(step):
             plan_kw = arbitrage.plan(
-                step, stored_kwh, use_eur_mwh=carried.price_eur_mwh, left_kwh=carried.left_kwh
+                step,
+                stored_kwh,
+                budget_price_eur_mwh=carried.price_eur_mwh,
+                remaining_kwh=carried.remaining_kwh,
             )
         before_kw = float(carried.limited(plan_kw[step % 24 : step % 24 + 1], ENERGY_KWH)[0])
         drawn_kwh = 0.25 * (before_kw / one_way if before_kw > 0.0 else before_kw * one_way)
@@ -119,5 +122,5 @@ def test_each_year_has_its_own_budget_and_the_last_a_part_of_one() -> None:
     left = []
     for step in (0, 959, 960, 1920):
         carried.advance(step, np.array([0.5 if step == 959 else 1.0]), 0.0)
-        left.append(carried.left_kwh)
+        left.append(carried.remaining_kwh)
     assert left == pytest.approx([10e3, 9.5e3, 10e3, 8e3])

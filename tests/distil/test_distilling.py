@@ -73,7 +73,7 @@ def test_many_steps_in_one_call_are_as_one_after_the_other(
 ) -> None:
     policy = DistilledPolicy(distilled)
     at_once = bess.run(study, policy=policy, progress=False).dataset
-    in_turn = bess.run(study, policy=lambda situation: policy(situation), progress=False).dataset
+    in_turn = bess.run(study, policy=lambda inputs: policy(inputs), progress=False).dataset
     assert set(at_once.data_vars) == set(in_turn.data_vars)
     for name, values in in_turn.data_vars.items():
         assert at_once[name].dtype == values.dtype, name

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bess.market import prolonged
+from bess.market import extended
 
 
 def stamped(first: str, last: str) -> pd.Series:
@@ -19,7 +19,7 @@ def stamped(first: str, last: str) -> pd.Series:
 def test_a_year_follows_on_the_same_days_of_the_calendar(first: str) -> None:
     start = pd.Timestamp(first)
     series = stamped(first, str(start + pd.DateOffset(years=1)))
-    longer = prolonged(series, datetime(2031, 5, 17, tzinfo=UTC))
+    longer = extended(series, datetime(2031, 5, 17, tzinfo=UTC))
     assert longer.index.equals(pd.date_range(first, "2031-05-17", freq="h", inclusive="left", tz="UTC"))
     own = stamped(first, "2031-05-17")
     leap_day = (own.index.month == 2) & (own.index.day == 29) & (own.index.year > series.index[-1].year)
@@ -31,13 +31,13 @@ def test_a_year_follows_on_the_same_days_of_the_calendar(first: str) -> None:
 
 def test_of_several_years_the_last_one_follows() -> None:
     series = pd.Series(np.arange(2 * 8760.0), pd.date_range("2022-01-01", periods=17520, freq="h", tz="UTC"))
-    longer = prolonged(series, datetime(2026, 1, 1, tzinfo=UTC))
+    longer = extended(series, datetime(2026, 1, 1, tzinfo=UTC))
     np.testing.assert_array_equal(longer.to_numpy()[-8760:], np.arange(8760.0, 17520.0))
 
 
 def test_less_than_a_year_follows_in_whole_days() -> None:
     series = stamped("2024-01-01", "2024-01-04 06:00")
-    longer = prolonged(series, datetime(2024, 1, 9, tzinfo=UTC))
+    longer = extended(series, datetime(2024, 1, 9, tzinfo=UTC))
     assert longer.index[-1] == pd.Timestamp("2024-01-08 23:00", tz="UTC")
     later = longer["2024-01-04 06:00":"2024-01-05 23:00"]  # type: ignore[misc]
     assert (later.to_numpy() % 100 == later.index.hour.to_numpy()).all()
@@ -46,4 +46,4 @@ def test_less_than_a_year_follows_in_whole_days() -> None:
 
 def test_a_series_that_is_long_enough_stays_as_it_is() -> None:
     series = stamped("2024-01-01", "2024-02-01")
-    assert prolonged(series, datetime(2024, 1, 20, tzinfo=UTC)) is series
+    assert extended(series, datetime(2024, 1, 20, tzinfo=UTC)) is series

@@ -31,7 +31,7 @@ def case(seed: int, n_strings: int = N_STRINGS, n_steps: int = 24) -> Case:
 @pytest.mark.parametrize("seed", range(4))
 def test_a_plan_of_groups_shares_out_the_demand_at_the_cost_of_its_true_strings(seed: int) -> None:
     given = case(seed)
-    planner = Planner(given.system, 24, DT_H, rollouts=20, balance=0.0, bound_passes=0, known=True)
+    planner = Planner(given.system, 24, DT_H, rollouts=20, balance=0.0, bound_passes=0, exact_forecast=True)
     plan = given.plan(planner)
     given.check(plan)
     assert plan.cost < plan.rule_cost
@@ -40,7 +40,7 @@ def test_a_plan_of_groups_shares_out_the_demand_at_the_cost_of_its_true_strings(
 
 def test_a_carried_plan_of_groups_never_costs_more_than_what_it_was_made_from() -> None:
     given = case(5)
-    planner = Planner(given.system, 24, DT_H, rollouts=10, balance=0.0, bound_passes=0, known=True)
+    planner = Planner(given.system, 24, DT_H, rollouts=10, balance=0.0, bound_passes=0, exact_forecast=True)
     first = given.plan(planner)
     moved = np.pad(first.request_kw[:, 1:], ((0, 0), (0, 1)))
     planner.rollouts = 0

@@ -96,8 +96,8 @@ def test_calls_repeat_to_the_last_bit_and_continue_from_what_is_remembered() -> 
     once = Planner(problem.system, 24, DT_H, rollouts=20)
     again = Planner(problem.system, 24, DT_H, rollouts=20)
     both = list(zip(three(once), three(again), strict=True))
-    once.skip(problem.demand_kw)
-    again.skip(problem.demand_kw)
+    once.advance(problem.demand_kw)
+    again.advance(problem.demand_kw)
     resumed = Planner(problem.system, 24, DT_H, rollouts=20)
     resumed.load_state_dict(once.state_dict())
     both += [(problem.plan(once), problem.plan(again)), (problem.plan(once), problem.plan(again))]
@@ -178,8 +178,8 @@ def test_rules_of_plans_are_the_policies_of_their_names() -> None:
         costs, requests = {}, {}
         for name in ("equal", "soc", "temperature", "priority"):
             policy = build_policy(name, problem.system, Settings(DT_H))
-            situation = PolicyInput(problem.state, asked, ambient, problem.limit_kw)
-            requests[name] = policy(situation).request_kw[:, None]
+            inputs = PolicyInput(problem.state, asked, ambient, problem.limit_kw)
+            requests[name] = policy(inputs).request_kw[:, None]
             costs[name] = by_hand(problem, requests[name], certainty(1))
         best = min(costs, key=lambda name: costs[name])
         assert plan.rule_cost == pytest.approx(costs[best], rel=1e-9, abs=1e-9)
@@ -282,8 +282,8 @@ def test_what_did_not_come_as_foreseen_is_trusted_less_and_forgotten_in_time() -
     seen = []
     for limit_kw in [[92.0, 92.0]] * 3 + [[92.0, 46.0]]:
         planner(state, np.concatenate([[72.0], demand[1:]]), prices, limit_kw=limit_kw)
-        seen.append(planner._mistrust.share)
+        seen.append(planner._forecast_error.relative_error)
     assert seen == pytest.approx([0.0, 12 / 72, 12 / 72, 12 / 72 + 0.25])
     for _ in range(7 * 96):
-        planner.skip(demand)
-    assert planner._mistrust.share < 0.2 * seen[-1]
+        planner.advance(demand)
+    assert planner._forecast_error.relative_error < 0.2 * seen[-1]

@@ -31,10 +31,10 @@ class Misled:
         self.statuses = self._policy.statuses
         self._share = share
 
-    def __call__(self, situation: PolicyInput) -> Decision:
-        told = self._share * situation.demand_kw
-        told[0] = situation.demand_kw[0]
-        return self._policy(replace(situation, demand_kw=told))
+    def __call__(self, inputs: PolicyInput) -> Decision:
+        told = self._share * inputs.demand_kw
+        told[0] = inputs.demand_kw[0]
+        return self._policy(replace(inputs, demand_kw=told))
 
     def state_dict(self) -> dict[str, Any]:
         return self._policy.state_dict()

@@ -209,12 +209,12 @@ def test_the_service_plans_with_the_model_of_the_study_as_a_run_does() -> None:
     from bess.study.plant_choice import policy_settings
 
     state = bess.State(soc=[0.7, 0.4], temperature_c=[30.0, 25.0])
-    situation = PolicyInput(state, np.full(8, 100.0), np.full(8, 25.0), np.full(2, 92.0))
+    inputs = PolicyInput(state, np.full(8, 100.0), np.full(8, 25.0), np.full(2, 92.0))
     requests = []
     for model in ("nonlinear", "linear"):
         study = bess.load_study("policies", {"policy.foresight_h": 2.0, "policy.model": model})
         live, _ = build_controller(study, background=False)
         own = build_policy("mpc", live.system, policy_settings(study, live.system))
-        requests.append(live.plan._policy(situation).request_kw)
-        np.testing.assert_array_equal(requests[-1], own(situation).request_kw)
+        requests.append(live.plan._policy(inputs).request_kw)
+        np.testing.assert_array_equal(requests[-1], own(inputs).request_kw)
     assert not np.allclose(*requests)

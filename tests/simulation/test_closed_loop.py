@@ -277,8 +277,8 @@ def test_a_plant_that_returns_no_number_ends_the_run(
 
 
 def test_a_policy_that_misses_the_demand_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    def half(policy: RulePolicy, situation: PolicyInput) -> Decision:
-        return Decision(np.full(2, situation.demand_kw[0] / 4.0))
+    def half(policy: RulePolicy, policy_input: PolicyInput) -> Decision:
+        return Decision(np.full(2, policy_input.demand_kw[0] / 4.0))
 
     monkeypatch.setattr(RulePolicy, "__call__", half)
     monkeypatch.setattr(RulePolicy, "controller", None)

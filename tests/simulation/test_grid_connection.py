@@ -22,7 +22,7 @@ def planned(
     net_kw, n = np.broadcast_to(net_kw, len(price)), len(price)
     tariff = None if eur_kw is None else PeakTariff(eur_kw, np.zeros(n, np.int64), np.arange(n))
     connection = GridConnection(PerfectForecast(net_kw), 1.0, tariff=tariff, **limits)
-    connection.choose(so_far_kw)
+    connection.raise_peak(so_far_kw)
     return Arbitrage(
         PerfectForecast(price), np.zeros(n), power_kw=100.0, energy_kwh=100.0, efficiency=1.0,
         look_ahead_h=float(n), replan_h=1.0, dt_h=1.0, connection=connection,
@@ -125,7 +125,7 @@ def test_a_run_that_is_continued_knows_its_peak(
 
 
 def test_each_month_has_the_lowest_peak_of_its_own() -> None:
-    numbers = {"power_kw": 30.0, "full_kwh": 60.0, "held_kwh": 60.0, "one_way": 1.0}
+    numbers = {"power_kw": 30.0, "capacity_kwh": 60.0, "stored_kwh": 60.0, "one_way_efficiency": 1.0}
     limit = bess.dispatch.min_peak_kw(np.array([50.0, 100.0, 40.0, 60.0]), 1.0, month=[1, 1, 2, 2], **numbers)
     np.testing.assert_allclose(limit, [70.0, 70.0, 35.0, 35.0], atol=5.1)
     assert limit[0] == pytest.approx(70.0) and limit[2] == limit[3] < 60.0

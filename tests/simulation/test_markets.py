@@ -128,7 +128,7 @@ def test_reserve_is_sold_where_it_earns_more_than_the_trade_beside_it() -> None:
     )  # fmt: skip
     for price, sold in ((79.0, 0.0), (81.0, 60.0)):
         paid = np.repeat([0.0, 0.0, 0.0, price, 1.0, 0.0], 4)
-        reserve = reserve_blocks(paid, energy, planner, most_kw=60.0, stored_kwh=0.0, foresight=True)
+        reserve = reserve_blocks(paid, energy, planner, max_reserve_kw=60.0, stored_kwh=0.0, foresight=True)
         np.testing.assert_allclose(reserve[12:16], sold, atol=1e-6)
         np.testing.assert_allclose(reserve[16:20], 60.0)
 

@@ -15,8 +15,8 @@ from bess.control.policies.rule import RulePolicy
 SHORT = {"run.days": 0.5}
 
 
-def half_each(situation: PolicyInput) -> np.ndarray:
-    return np.full(2, situation.demand_kw[0] / 2)
+def half_each(inputs: PolicyInput) -> np.ndarray:
+    return np.full(2, inputs.demand_kw[0] / 2)
 
 
 class Counted:
@@ -27,9 +27,9 @@ class Counted:
     def __init__(self) -> None:
         self.steps = 0
 
-    def __call__(self, situation: PolicyInput) -> Decision:
+    def __call__(self, inputs: PolicyInput) -> Decision:
         request = np.zeros(2)
-        request[self.steps % 2] = situation.demand_kw[0]
+        request[self.steps % 2] = inputs.demand_kw[0]
         self.steps += 1
         return Decision(request)
 
@@ -50,8 +50,8 @@ def test_a_function_is_a_policy_and_the_record_names_it(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("small_kw", [3.6e-15, 4e-4])
 def test_no_policy_asks_an_inverter_for_less_than_its_least_power(small_kw: float) -> None:
-    def nearly_all_on_one(situation: PolicyInput) -> np.ndarray:
-        demand_kw = situation.demand_kw[0]
+    def nearly_all_on_one(inputs: PolicyInput) -> np.ndarray:
+        demand_kw = inputs.demand_kw[0]
         small = np.copysign(min(small_kw, abs(demand_kw)), demand_kw)
         return np.array([demand_kw - small, small])
 
@@ -85,8 +85,8 @@ def test_a_system_takes_the_place_of_that_of_the_study_and_its_initial_values_st
             type("Half", (), {"__call__": lambda _, s: s, "state_dict": dict})(),
             "has state_dict, but no load_state_dict, statuses",
         ),
-        (lambda situation: [1.0, 2.0], r"requested \[1, 2\] kW for -78 kW"),
-        (lambda situation: [[1.0], [2.0]], "step 0"),
+        (lambda inputs: [1.0, 2.0], r"requested \[1, 2\] kW for -78 kW"),
+        (lambda inputs: [[1.0], [2.0]], "step 0"),
     ],
 )
 def test_what_is_no_policy_is_refused_in_a_sentence(policy: object, message: str) -> None:

@@ -17,7 +17,7 @@ RULES = [name for name in WITHOUT_FILE if name != "mpc"]
 DT_H = 0.25
 
 
-def situation(
+def policy_input(
     soc: list[float],
     demand_kw: float,
     temperature_c: list[float] | None = None,
@@ -71,7 +71,7 @@ def test_no_string_is_overcharged_while_another_could_take_more(name: str, case:
 
 @pytest.mark.parametrize("name", [rule for rule in RULES if rule != "priority"])
 @given(case=situations(), seed=st.integers(0, 2**32 - 1))
-@example(case=situation([0.0, 0.0], 0.00184, [0.0, 0.0]), seed=3)
+@example(case=policy_input([0.0, 0.0], 0.00184, [0.0, 0.0]), seed=3)
 @settings(max_examples=50, deadline=None)
 def test_permuting_equal_strings_permutes_the_requests(name: str, case: PolicyInput, seed: int) -> None:
     system = SYSTEMS[case.state.n_strings]
@@ -91,7 +91,7 @@ def test_permuting_equal_strings_permutes_the_requests(name: str, case: PolicyIn
 @pytest.mark.parametrize("name", WITHOUT_FILE)
 def test_an_idle_step_asks_for_nothing_and_needs_no_solve(name: str) -> None:
     policy = build_policy(name, SYSTEMS[2], Settings(DT_H, horizon_steps=2))
-    decision = policy(situation([0.5, 0.5], 0.0))
+    decision = policy(policy_input([0.5, 0.5], 0.0))
     np.testing.assert_array_equal(decision.request_kw, [0.0, 0.0])
     assert decision.solver.status == 0
     assert decision.solver.nodes == 0
@@ -99,7 +99,7 @@ def test_an_idle_step_asks_for_nothing_and_needs_no_solve(name: str) -> None:
 
 @pytest.mark.parametrize("name", WITHOUT_FILE)
 def test_a_policy_goes_on_from_its_memory(name: str) -> None:
-    cases = [situation([0.5, 0.6], demand) for demand in (60.0, 80.0, -40.0)]
+    cases = [policy_input([0.5, 0.6], demand) for demand in (60.0, 80.0, -40.0)]
     first = build_policy(name, SYSTEMS[2], Settings(DT_H, horizon_steps=2))
     first(cases[0])
     second = build_policy(name, SYSTEMS[2], Settings(DT_H, horizon_steps=2))
@@ -114,35 +114,35 @@ def request(name: str, case: PolicyInput) -> list[float]:
 
 
 def test_equal_gives_every_string_the_same() -> None:
-    assert request("equal", situation([0.3, 0.5, 0.7], -90.0)) == [-30.0, -30.0, -30.0]
+    assert request("equal", policy_input([0.3, 0.5, 0.7], -90.0)) == [-30.0, -30.0, -30.0]
 
 
 def test_equal_gives_what_an_empty_string_cannot_take_to_the_others() -> None:
-    assert request("equal", situation([0.0, 0.5, 0.7], 90.0)) == [0.0, 45.0, 45.0]
+    assert request("equal", policy_input([0.0, 0.5, 0.7], 90.0)) == [0.0, 45.0, 45.0]
 
 
 def test_equal_respects_an_inverter_limit() -> None:
-    assert request("equal", situation([0.5, 0.5], 90.0, limit_kw=[10.0, 92.0])) == [10.0, 80.0]
+    assert request("equal", policy_input([0.5, 0.5], 90.0, limit_kw=[10.0, 92.0])) == [10.0, 80.0]
 
 
 def test_what_no_string_can_take_is_requested_all_the_same() -> None:
-    values = request("equal", situation([0.0, 0.0], 60.0))
+    values = request("equal", policy_input([0.0, 0.0], 60.0))
     assert values == [30.0, 30.0]
 
 
 def test_priority_fills_one_string_then_the_next() -> None:
-    assert request("priority", situation([0.5, 0.5, 0.5], 60.0)) == [60.0, 0.0, 0.0]
-    assert request("priority", situation([0.5, 0.5, 0.5], -120.0)) == [-92.0, -28.0, 0.0]
+    assert request("priority", policy_input([0.5, 0.5, 0.5], 60.0)) == [60.0, 0.0, 0.0]
+    assert request("priority", policy_input([0.5, 0.5, 0.5], -120.0)) == [-92.0, -28.0, 0.0]
 
 
 def test_soc_shares_by_energy_left_in_discharge_and_by_room_in_charge() -> None:
-    assert request("soc", situation([0.2, 0.6], 80.0)) == [20.0, 60.0]
-    assert request("soc", situation([0.2, 0.6], -60.0)) == [-40.0, -20.0]
+    assert request("soc", policy_input([0.2, 0.6], 80.0)) == [20.0, 60.0]
+    assert request("soc", policy_input([0.2, 0.6], -60.0)) == [-40.0, -20.0]
 
 
 def test_temperature_shares_by_the_distance_from_the_end_of_derating() -> None:
-    assert request("temperature", situation([0.5, 0.5], 60.0, [50.0, 40.0])) == [20.0, 40.0]
-    assert request("temperature", situation([0.5, 0.5], 60.0, [62.0, 40.0])) == [0.0, 60.0]
+    assert request("temperature", policy_input([0.5, 0.5], 60.0, [50.0, 40.0])) == [20.0, 40.0]
+    assert request("temperature", policy_input([0.5, 0.5], 60.0, [62.0, 40.0])) == [0.0, 60.0]
 
 
 @given(

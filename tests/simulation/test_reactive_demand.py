@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import bess
 from bess.control.policies import Decision, PolicyInput
-from bess.control.policies.reactive import shared_at_least_loss, shared_equally
+from bess.control.policies.reactive import share_at_minimum_loss, share_equally
 from bess.errors import BessError, InputError, StoppedEarly
 from bess.report import charts
 from bess.simulation import closed_loop
@@ -100,7 +100,7 @@ def test_two_inverters_share_it_as_well_as_the_best_of_a_grid(
 
     # The curves of mixed-4 are measured ones, not all of them convex.
     slack = 1e-9 if name == "reference" else SLACK_NOT_CONVEX
-    found = shared_at_least_loss(
+    found = share_at_minimum_loss(
         system, system.initial_state(), request_kw, asked_kvar, limit_kva, np.zeros(n)
     )
     assert found.sum() == pytest.approx(asked_kvar, abs=1e-9)
@@ -114,11 +114,11 @@ def test_two_inverters_share_it_as_well_as_the_best_of_a_grid(
 
 def test_rules_share_it_in_equal_parts_among_what_runs_then_among_the_rest() -> None:
     limit = np.full(3, 92.0)
-    shares = shared_equally(np.array([60.0, 90.0, 0.0]), -40.0, limit)
+    shares = share_equally(np.array([60.0, 90.0, 0.0]), -40.0, limit)
     room = np.sqrt(92.0**2 - 90.0**2)
     np.testing.assert_allclose(shares, [-(40.0 - room), -room, 0.0])
-    np.testing.assert_allclose(shared_equally(np.array([92.0, 0.0, 0.0]), 100.0, limit), [0.0, 50.0, 50.0])
-    np.testing.assert_allclose(shared_equally(np.zeros(3), 900.0, limit), limit)
+    np.testing.assert_allclose(share_equally(np.array([92.0, 0.0, 0.0]), 100.0, limit), [0.0, 50.0, 50.0])
+    np.testing.assert_allclose(share_equally(np.zeros(3), 900.0, limit), limit)
 
 
 def test_a_power_factor_asks_in_proportion_to_active_power() -> None:
@@ -154,11 +154,9 @@ def test_a_string_out_of_service_carries_none() -> None:
 
 
 def test_a_policy_of_ones_own_may_share_it_or_leave_it() -> None:
-    def halves(situation: PolicyInput) -> Decision:
-        assert (
-            situation.reactive_kvar is not None and situation.reactive_kvar.shape == situation.demand_kw.shape
-        )
-        return Decision(np.full(2, situation.demand_kw[0] / 2), reactive_kvar=np.array([10.0, 20.0]))
+    def halves(inputs: PolicyInput) -> Decision:
+        assert inputs.reactive_kvar is not None and inputs.reactive_kvar.shape == inputs.demand_kw.shape
+        return Decision(np.full(2, inputs.demand_kw[0] / 2), reactive_kvar=np.array([10.0, 20.0]))
 
     record = bess.run(_study(kvar=30.0), policy=halves, progress=False).dataset
     np.testing.assert_allclose(record.reactive_kvar, np.tile([10.0, 20.0], (96, 1)))

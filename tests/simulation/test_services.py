@@ -14,7 +14,7 @@ from bess.dispatch import (
     EnergyWindow,
     GridPowerTarget,
     RechargeScheduler,
-    Store,
+    StorageEstimator,
     bundled_profile,
     droop_response,
     min_peak_kw,
@@ -98,7 +98,7 @@ def test_the_required_window_holds_the_reserve_for_its_duration_in_both_directio
 
 
 def test_a_recharge_is_agreed_on_ahead_and_reaches_the_band_at_the_end_of_its_slot() -> None:
-    recharge = RechargeScheduler(power_kw=50.0, lead_steps=2, slot_steps=1, dt_h=0.25, one_way=0.9)
+    recharge = RechargeScheduler(power_kw=50.0, lead_steps=2, slot_steps=1, dt_h=0.25, one_way_efficiency=0.9)
     band, held, shifts = EnergyWindow(100.0, 300.0), 95.5, []
     for step in range(6):
         shift = recharge.advance(step, held, band)
@@ -112,41 +112,41 @@ def test_a_recharge_is_agreed_on_ahead_and_reaches_the_band_at_the_end_of_its_sl
 
 def test_stored_energy_is_charge_times_voltage() -> None:
     system = bess.System.reference(2)
-    store = Store(system, 0.9)
+    store = StorageEstimator(system, 0.9)
     full = bess.State([1.0, 1.0], [25.0, 25.0])
-    assert store.held_kwh(full) == pytest.approx(system.nominal_energy_kwh.sum(), rel=1e-9)
+    assert store.stored_kwh(full) == pytest.approx(system.nominal_energy_kwh.sum(), rel=1e-9)
     half = bess.State([0.5, 0.5], [25.0, 25.0], soh_capacity=[0.8, 0.8])
-    assert store.held_kwh(half) < 0.4 * store.held_kwh(full)
-    assert store.soc_at(half, store.held_kwh(half)) == pytest.approx(0.5, abs=1e-6)
+    assert store.stored_kwh(half) < 0.4 * store.stored_kwh(full)
+    assert store.soc_at(half, store.stored_kwh(half)) == pytest.approx(0.5, abs=1e-6)
 
 
 def test_the_round_trip_of_a_store_follows_what_goes_in_and_out_from_the_setting_on() -> None:
     """A store of 0.8 each way that is told 0.95, which counts as much as one full charge."""
     system = bess.System.reference(2)
-    store = Store(system, 0.95**2)
+    store = StorageEstimator(system, 0.95**2)
     empty, full = (bess.State([soc, soc], [25.0, 25.0]) for soc in (0.0, 1.0))
-    size_kwh = store.size_kwh(full)
-    store.count(empty, 0.0)
-    assert store.one_way == pytest.approx(0.95, rel=1e-12)
+    capacity_kwh = store.capacity_kwh(full)
+    store.update(empty, 0.0)
+    assert store.one_way_efficiency == pytest.approx(0.95, rel=1e-12)
     seen = []
     for _ in range(10):
-        store.count(full, -size_kwh / 0.8)
-        store.count(empty, size_kwh * 0.8)
-        seen.append(store.one_way)
+        store.update(full, -capacity_kwh / 0.8)
+        store.update(empty, capacity_kwh * 0.8)
+        seen.append(store.one_way_efficiency)
     assert seen == sorted(seen, reverse=True)
-    charged, discharged = size_kwh * (1.0 + 10.0 / 0.8), size_kwh * (0.95**2 + 10.0 * 0.8)
-    assert store.one_way == pytest.approx(math.sqrt(discharged / charged), rel=1e-12)
-    again = Store(system, 0.5)
+    charged, discharged = capacity_kwh * (1.0 + 10.0 / 0.8), capacity_kwh * (0.95**2 + 10.0 * 0.8)
+    assert store.one_way_efficiency == pytest.approx(math.sqrt(discharged / charged), rel=1e-12)
+    again = StorageEstimator(system, 0.5)
     again.load_state_dict(store.state_dict())
-    assert again.one_way == store.one_way
+    assert again.one_way_efficiency == store.one_way_efficiency
 
 
 def test_a_store_that_was_only_charged_shows_its_round_trip_as_well() -> None:
-    store = Store(bess.System.reference(2), 0.8**2)
+    store = StorageEstimator(bess.System.reference(2), 0.8**2)
     empty, full = (bess.State([soc, soc], [25.0, 25.0]) for soc in (0.0, 1.0))
-    store.count(empty, 0.0)
-    store.count(full, -store.size_kwh(full) / 0.8)
-    assert store.one_way == pytest.approx(0.8, rel=1e-12)
+    store.update(empty, 0.0)
+    store.update(full, -store.capacity_kwh(full) / 0.8)
+    assert store.one_way_efficiency == pytest.approx(0.8, rel=1e-12)
 
 
 def test_more_reserve_than_the_plant_holds_is_refused() -> None:
@@ -249,13 +249,13 @@ def test_c_rates_resemble_those_of_a_year_of_such_a_store(may: bess.Result) -> N
 # Behind a meter: as good as a linear program that knows all that comes
 
 
-def least_import_kwh(net_kw: np.ndarray, power_kw: float, size_kwh: float, held_kwh: float) -> float:
+def least_import_kwh(net_kw: np.ndarray, power_kw: float, capacity_kwh: float, stored_kwh: float) -> float:
     """Plain program: charge c, discharge d, import g; e = e0 + sum(c - d) dt within [0, size]."""
     n, dt_h = net_kw.size, 0.25
     below = np.tril(np.ones((n, n))) * dt_h
     zero, unit = np.zeros((n, n)), np.eye(n)
     rows = np.block([[below, -below, zero], [-below, below, zero], [unit, -unit, -unit]])
-    most = np.concatenate([np.full(n, size_kwh - held_kwh), np.full(n, held_kwh), -net_kw])
+    most = np.concatenate([np.full(n, capacity_kwh - stored_kwh), np.full(n, stored_kwh), -net_kw])
     cost = np.concatenate([np.zeros(2 * n), np.full(n, dt_h)])
     bounds = [(0.0, power_kw)] * (2 * n) + [(0.0, None)] * n
     return float(linprog(cost, rows, most, bounds=bounds).fun)
@@ -271,8 +271,8 @@ def site(result: bess.Result) -> tuple[np.ndarray, np.ndarray, float]:
 
 def test_self_consumption_draws_as_little_as_perfect_foresight_could() -> None:
     result = outcome("self-consumption", **LOSSLESS)
-    net, draw, size_kwh = site(result)
-    least = least_import_kwh(net, 184.0, size_kwh, 0.5 * size_kwh)
+    net, draw, capacity_kwh = site(result)
+    least = least_import_kwh(net, 184.0, capacity_kwh, 0.5 * capacity_kwh)
     assert result.kpis["import_kwh"] == pytest.approx(np.maximum(draw, 0.0).sum() * 0.25, rel=1e-12)
     assert least > 300.0
     assert result.kpis["import_kwh"] == pytest.approx(least, rel=0.01)
@@ -283,7 +283,7 @@ def test_peak_shaving_keeps_the_peak_that_perfect_foresight_could() -> None:
     document = study.model_dump(exclude_unset=True, exclude_none=True)
     del document["demand"]["limit_kw"]
     result = bess.run(bess.Study.from_document(document, "lossless"), progress=False)
-    net, draw, size_kwh = site(result)
+    net, draw, capacity_kwh = site(result)
     n = net.size
     below = np.tril(np.ones((n, n))) * 0.25
     rows = np.block(
@@ -293,7 +293,7 @@ def test_peak_shaving_keeps_the_peak_that_perfect_foresight_could() -> None:
             [np.eye(n), -np.eye(n), -np.ones((n, 1))],
         ]
     )
-    most = np.concatenate([np.full(n, 0.5 * size_kwh), np.full(n, 0.5 * size_kwh), -net])
+    most = np.concatenate([np.full(n, 0.5 * capacity_kwh), np.full(n, 0.5 * capacity_kwh), -net])
     bounds = [(0.0, 184.0)] * (2 * n) + [(0.0, None)]
     least = float(linprog(np.r_[np.zeros(2 * n), 1.0], rows, most, bounds=bounds).fun)
     assert least < 0.7 * net.max()
@@ -317,22 +317,28 @@ def test_whatever_round_trip_is_assumed_plans_behind_a_meter_lose_the_same_and_l
 
 def test_the_least_peak_by_hand() -> None:
     """40 kWh and 30 kW shave the hour of 100 kW to 70 kW for power, two of them to 80 kW for energy."""
-    numbers = {"power_kw": 30.0, "full_kwh": 40.0, "held_kwh": 40.0, "one_way": 1.0}
+    numbers = {"power_kw": 30.0, "capacity_kwh": 40.0, "stored_kwh": 40.0, "one_way_efficiency": 1.0}
     assert min_peak_kw(np.array([50.0, 100.0, 50.0]), 1.0, **numbers) == pytest.approx(70.0)
     assert min_peak_kw(np.array([50.0, 100.0, 100.0]), 1.0, **numbers) == pytest.approx(80.0)
-    assert min_peak_kw(np.array([100.0, 100.0]), 1.0, **(numbers | {"one_way": 0.5})) == pytest.approx(90.0)
+    assert min_peak_kw(
+        np.array([100.0, 100.0]), 1.0, **(numbers | {"one_way_efficiency": 0.5})
+    ) == pytest.approx(90.0)
 
 
 def test_a_store_asks_for_no_more_than_it_holds_or_has_room_for() -> None:
-    level = GridPowerTarget(level_kw=0.0, power_kw=50.0, full_kwh=100.0, one_way=0.5, dt_h=1.0)
-    np.testing.assert_allclose(level.demand_kw(np.array([60.0, 60.0, 60.0]), 120.0), [50.0, 10.0, 0.0])
-    np.testing.assert_allclose(level.demand_kw(np.array([-60.0, -60.0, -9.0]), 70.0), [-50.0, -10.0, 0.0])
+    target = GridPowerTarget(
+        target_kw=0.0, power_kw=50.0, capacity_kwh=100.0, one_way_efficiency=0.5, dt_h=1.0
+    )
+    np.testing.assert_allclose(target.demand_kw(np.array([60.0, 60.0, 60.0]), 120.0), [50.0, 10.0, 0.0])
+    np.testing.assert_allclose(target.demand_kw(np.array([-60.0, -60.0, -9.0]), 70.0), [-50.0, -10.0, 0.0])
 
 
 def test_the_last_bit_of_a_store_is_left_where_inverters_would_lose_more() -> None:
-    level = GridPowerTarget(level_kw=0.0, power_kw=50.0, full_kwh=100.0, one_way=1.0, dt_h=1.0, least_kw=4.0)
-    np.testing.assert_allclose(level.demand_kw(np.array([-60.0, 60.0, 60.0]), 97.0), [0.0, 50.0, 47.0])
-    np.testing.assert_allclose(level.demand_kw(np.array([2.0, -3.0]), 50.0), [2.0, -3.0])
+    target = GridPowerTarget(
+        target_kw=0.0, power_kw=50.0, capacity_kwh=100.0, one_way_efficiency=1.0, dt_h=1.0, min_power_kw=4.0
+    )
+    np.testing.assert_allclose(target.demand_kw(np.array([-60.0, 60.0, 60.0]), 97.0), [0.0, 50.0, 47.0])
+    np.testing.assert_allclose(target.demand_kw(np.array([2.0, -3.0]), 50.0), [2.0, -3.0])
 
 
 def test_the_saving_of_a_site_is_the_difference_of_its_bills() -> None:

@@ -10,7 +10,7 @@ from bess.dispatch.markets import auction_positions, reserve_blocks
 from bess.dispatch.meter import GridPowerTarget, min_peak_kw
 from bess.dispatch.profile import PROFILES, SITES, bundled_profile, read_profile
 from bess.dispatch.reserve import EnergyWindow, RechargeScheduler, droop_response
-from bess.dispatch.stored import Store
+from bess.dispatch.storage_estimator import StorageEstimator
 
 __all__ = [
     "PROFILES",
@@ -31,7 +31,7 @@ __all__ = [
     "PersistenceForecast",
     "PriceBands",
     "RechargeScheduler",
-    "Store",
+    "StorageEstimator",
     "auction_positions",
     "bundled_profile",
     "droop_response",

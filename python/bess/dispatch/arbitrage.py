@@ -28,8 +28,8 @@ class _Start:
 
     energy_kwh: float
     discharged_kwh: float = 0.0
-    use_eur_mwh: float = 0.0
-    left_kwh: float = np.inf
+    budget_price_eur_mwh: float = 0.0
+    remaining_kwh: float = np.inf
 
 
 class Arbitrage:
@@ -150,8 +150,8 @@ class Arbitrage:
         energy_kwh: float,
         discharged_today_kwh: float = 0.0,
         *,
-        use_eur_mwh: float = 0.0,
-        left_kwh: float = np.inf,
+        budget_price_eur_mwh: float = 0.0,
+        remaining_kwh: float = np.inf,
     ) -> Array:
         """Return the demand of maximum income over the look-ahead.
 
@@ -164,9 +164,9 @@ class Arbitrage:
             the plan does not move it further outside.
         discharged_today_kwh : float
             Stored energy discharged since the day of `step` began, counted against `cycles_per_day`, >= 0.
-        use_eur_mwh : float
+        budget_price_eur_mwh : float
             Additional price of each MWh discharged: the shadow price of a budget.
-        left_kwh : float
+        remaining_kwh : float
             Maximum stored energy that the plan may discharge.
 
         Returns
@@ -198,7 +198,8 @@ class Arbitrage:
             )
         if self.connection is not None and self.connection.tariff is not None:
             self._choose_peak(self.connection, self.connection.tariff, step, price, energy_kwh)
-        return self._solve(step, price, _Start(energy_kwh, discharged_today_kwh, use_eur_mwh, left_kwh))
+        start = _Start(energy_kwh, discharged_today_kwh, budget_price_eur_mwh, remaining_kwh)
+        return self._solve(step, price, start)
 
     def of_prices(self, price_eur_mwh: Array, step: int, energy_kwh: float) -> Array:
         """Return the demand [kW] of maximum income at these prices from ``step`` on, without a meter."""
@@ -226,7 +227,7 @@ class Arbitrage:
         share = price.size / (tariff.month[step:] == tariff.month[step]).sum()
         month = np.zeros(price.size, dtype=np.int64)
         connection.constrain(program, price, net_kw, month, self.power_kw, weight, share)
-        connection.choose(self.power_kw * float(program.solved().added[-1]))
+        connection.raise_peak(self.power_kw * float(program.solve().added[-1]))
 
     def _solve(self, step: int, price: Array, start: _Start) -> Array:
         """Return the demand of an optimal schedule."""
@@ -242,11 +243,11 @@ class Arbitrage:
             net_kw, tariff = connection.net_kw(step, price.size), connection.tariff
             month = days if tariff is None else tariff.month[step : step + price.size]
             connection.constrain(program, price, net_kw, month, self.power_kw, self.weight(price))
-        plan = program.solved()
+        plan = program.solve()
         negative = np.flatnonzero(price < 0.0)
         if np.minimum(plan.charge, plan.discharge)[negative].max(initial=0.0) > _TOLERANCE:
-            program.exclude(negative)
-            plan = program.solved()
+            program.forbid_both_directions(negative)
+            plan = program.solve()
         one_way = float(np.sqrt(self.efficiency))
         stored = one_way * plan.charge - plan.discharge / one_way
         share = -np.where(stored > 0.0, stored / one_way, stored * one_way)
@@ -258,7 +259,7 @@ class Arbitrage:
             * blocks.at_full(np.clip(share / np.maximum(most, _TOLERANCE), -1.0, 1.0))
         )
         if connection is not None:
-            connection.keep(step, demand)
+            connection.set_plan(step, demand)
         return demand
 
     def _program(
@@ -270,9 +271,9 @@ class Arbitrage:
             hours,
             float(np.sqrt(self.efficiency)),
             start.energy_kwh / self.power_kw,
-            cost=(per_unit * price, per_unit * (start.use_eur_mwh - price)),
-            most=(np.minimum(self._most[0], free), np.minimum(self._most[1], free)),
-            stored=self.energy_kwh / self.power_kw,
+            cost=(per_unit * price, per_unit * (start.budget_price_eur_mwh - price)),
+            max_power=(np.minimum(self._most[0], free), np.minimum(self._most[1], free)),
+            capacity=self.energy_kwh / self.power_kw,
         )
         if self.cycles_per_plan is None:
             numbers, row = np.unique(days, return_inverse=True)
@@ -283,7 +284,7 @@ class Arbitrage:
             row, most_kwh = np.zeros(days.size, np.int64), np.array([self.cycles_per_plan * self.energy_kwh])
             charged, discharged = 0.5 * hours, 0.5 * hours
         program.at_most(
-            np.minimum(most_kwh, start.left_kwh) / self.power_kw,
+            np.minimum(most_kwh, start.remaining_kwh) / self.power_kw,
             (row, program.charge, charged),
             (row, program.discharge, discharged),
         )

@@ -20,22 +20,22 @@ from bess.system import State, System
 from bess.system.terms import SettlementTerms
 from bess.units import KWH_PER_MWH
 
-_LEAST: Final = 1e-6
+_MIN_POWER_SHARE: Final = 1e-6
 """Fraction of plant power below which the dispatch is zero."""
 
-_FIRST_H: Final = 8.0
+_FINE_H: Final = 8.0
 """Time that is planned in short blocks [h]; a newer plan takes over before it has passed."""
 
-_STEP_H: Final = 0.25
+_FINE_STEP_H: Final = 0.25
 """The longest of them [h]; later ones are longer (:class:`bess.dispatch.blocks.Blocks`)."""
 
-_LADDER: Final = (0.0, 0.1, 0.2, 0.4, 0.7, 1.2)
+_CYCLE_PRICES: Final = (0.0, 0.1, 0.2, 0.4, 0.7, 1.2)
 """Prices of what is cycled, over the largest price of energy, where cycles are limited."""
 
 _ENERGIES: Final = 61
 """Grid points of the stored energy."""
 
-_NEVER_EUR_KWH: Final = -1e3
+_EXCLUDED_EUR_KWH: Final = -1e3
 """Income of a kWh discharged at a negative price: it is not planned, as it would pay to burn energy."""
 
 
@@ -88,9 +88,9 @@ class DispatchInputs:
         Stored energy discharged on the first of these days so far.
     is_last : bool
         Whether the run ends with the plan; what is left in store then is worth nothing.
-    use_eur_mwh : float
+    budget_price_eur_mwh : float
         Price of each MWh discharged beside wear: the shadow price of a budget. It is planned with, not paid.
-    left_kwh : float
+    remaining_kwh : float
         Stored energy that may still be discharged in all.
     bands : PriceBands or None
         Levels of prices that are not known, with ``price_eur_mwh`` as their mean.
@@ -101,8 +101,8 @@ class DispatchInputs:
     day: npt.NDArray[np.int64]
     discharged_kwh: float = 0.0
     is_last: bool = False
-    use_eur_mwh: float = 0.0
-    left_kwh: float = np.inf
+    budget_price_eur_mwh: float = 0.0
+    remaining_kwh: float = np.inf
     bands: PriceBands | None = None
 
 
@@ -165,9 +165,9 @@ class DynamicProgramDispatch:
         end_price_eur_mwh: float | None = None,
     ):
         self._system, self._dt_h, self._terms = system, dt_h, terms
-        most_kw, self._max_energy_kwh = max_power_kw or np.inf, max_energy_kwh or np.inf
+        max_kw, self._max_energy_kwh = max_power_kw or np.inf, max_energy_kwh or np.inf
         self._charge_kw, self._discharge_kw = (
-            min(most_kw, each or np.inf) for each in (max_import_kw, max_export_kw)
+            min(max_kw, each or np.inf) for each in (max_import_kw, max_export_kw)
         )
         self._end_price_eur_mwh = end_price_eur_mwh
         self._cycles_per_day, self._cycles_per_plan = cycles_per_day, cycles_per_plan
@@ -175,12 +175,12 @@ class DynamicProgramDispatch:
         self._plant: Aggregate | None = None
         self._store: dict[int, _core.Store] = {}
 
-    def plan(self, outlook: DispatchInputs, state: State, *, limit_kw: Array | None = None) -> DispatchPlan:
+    def plan(self, inputs: DispatchInputs, state: State, *, limit_kw: Array | None = None) -> DispatchPlan:
         """Return the best plan found.
 
         Parameters
         ----------
-        outlook : DispatchInputs
+        inputs : DispatchInputs
             Prices and temperatures ahead.
         state : State
             Measured state.
@@ -189,34 +189,34 @@ class DynamicProgramDispatch:
         """
         limit = self._system.nominal_kw if limit_kw is None else limit_kw
         if not limit.any():
-            return _nothing(outlook, state)
+            return _idle_plan(inputs, state)
         plant = self._aggregate(state, limit)
         depths = CycleDepthCost.of(plant, self._wear.at(state))
-        bands = PriceBands.known(outlook.price_eur_mwh) if outlook.bands is None else outlook.bands.narrowed
-        blocks = Blocks.of(bands.price_eur_mwh, outlook.day, self._dt_h, first_h=_FIRST_H, step_h=_STEP_H)
+        bands = PriceBands.certain(inputs.price_eur_mwh) if inputs.bands is None else inputs.bands.reduced
+        blocks = Blocks.of(bands.price_eur_mwh, inputs.day, self._dt_h, first_h=_FINE_H, step_h=_FINE_STEP_H)
         energy_kwh = min(self._max_energy_kwh, plant.capacity_kwh)
         if self._cycles_per_plan is None:
-            period = outlook.day[blocks.first] - outlook.day[0]
+            period = inputs.day[blocks.first] - inputs.day[0]
             allowed_kwh = np.full(period[-1] + 1, self._cycles_per_day * energy_kwh)
-            allowed_kwh[0] = max(0.0, allowed_kwh[0] - outlook.discharged_kwh)
+            allowed_kwh[0] = max(0.0, allowed_kwh[0] - inputs.discharged_kwh)
         else:
             period = np.zeros(blocks.first.size, dtype=np.int64)
             allowed_kwh = np.array([self._cycles_per_plan * energy_kwh])
-        allowed_kwh = np.minimum(allowed_kwh, outlook.left_kwh)
-        price = np.vstack([bands.price_eur_mwh, outlook.price_eur_mwh])[:, blocks.first]
+        allowed_kwh = np.minimum(allowed_kwh, inputs.remaining_kwh)
+        price = np.vstack([bands.price_eur_mwh, inputs.price_eur_mwh])[:, blocks.first]
         buy = self._terms.charge_price_eur_mwh(price) / KWH_PER_MWH
-        sell = (self._terms.discharge_price_eur_mwh(price) - outlook.use_eur_mwh) / KWH_PER_MWH
+        sell = (self._terms.discharge_price_eur_mwh(price) - inputs.budget_price_eur_mwh) / KWH_PER_MWH
         sell -= depths.by_energy_eur_kwh
         eur = np.stack(
             [
-                np.where(sell < 0.0, _NEVER_EUR_KWH, sell),
+                np.where(sell < 0.0, _EXCLUDED_EUR_KWH, sell),
                 -buy,
                 -self._terms.shortfall_price_eur_mwh(price) / KWH_PER_MWH,
                 np.full(price.shape, -depths.holding_eur_kwh_h),
             ],
             axis=2,
         )
-        if outlook.is_last:
+        if inputs.is_last:
             end_eur_kwh = 0.0
         elif self._end_price_eur_mwh is not None:
             end_eur_kwh = self._end_price_eur_mwh / KWH_PER_MWH
@@ -231,23 +231,23 @@ class DynamicProgramDispatch:
             (stored_kwh, float(plant.mean_c(state.temperature_c)), empty),
             steps=blocks.count,
             period=period,
-            ambient_c=blocks.mean(outlook.ambient_c),
+            ambient_c=blocks.mean(inputs.ambient_c),
             is_new=bands.is_new[blocks.first],
             income_eur=np.ascontiguousarray(eur.swapaxes(0, 1)),
-            share=np.ascontiguousarray(bands.share[:, blocks.first].T),
-            chance=bands.chance,
+            share=np.ascontiguousarray(bands.probability[:, blocks.first].T),
+            chance=bands.transition,
             wear=depths.curve_eur,
             end_eur_kwh=end_eur_kwh,
             allowed_kwh=allowed_kwh,
-            ladder_eur_kwh=np.array(_LADDER) * float(np.abs(outlook.price_eur_mwh).max()) / KWH_PER_MWH,
+            ladder_eur_kwh=np.array(_CYCLE_PRICES) * float(np.abs(inputs.price_eur_mwh).max()) / KWH_PER_MWH,
         )
         demand_kw = np.repeat(power_kw, blocks.count)
-        demand_kw[np.abs(demand_kw) < _LEAST * plant.power_kw] = 0.0
-        rolled = plant.roll_out(state, demand_kw, outlook.ambient_c)
+        demand_kw[np.abs(demand_kw) < _MIN_POWER_SHARE * plant.power_kw] = 0.0
+        rolled = plant.roll_out(state, demand_kw, inputs.ambient_c)
         return DispatchPlan(
             rolled.demand_kw,
             rolled.delivered_kw,
-            self._net_eur(rolled, outlook.price_eur_mwh, depths),
+            self._net_eur(rolled, inputs.price_eur_mwh, depths),
             rolled.energy_kwh[1:],
             plant.mean_c(rolled.temperature_c[:, 1:]),
         )
@@ -288,8 +288,8 @@ class DynamicProgramDispatch:
         return float(eur_per_h.sum()) * dt_h - wear_eur - terms.start_eur * rolled.starts
 
 
-def _nothing(outlook: DispatchInputs, state: State) -> DispatchPlan:
-    nothing = np.zeros(outlook.price_eur_mwh.size)
+def _idle_plan(inputs: DispatchInputs, state: State) -> DispatchPlan:
+    nothing = np.zeros(inputs.price_eur_mwh.size)
     return DispatchPlan(nothing, nothing, 0.0, nothing, nothing + state.temperature_c.mean())
 
 

@@ -13,13 +13,13 @@ from bess.arrays import Array, ByValue, real_numbers
 from bess.dispatch.forecast import PersistenceForecast, checked_series, present_step
 from bess.errors import InputError
 
-_MEASURED: Final = (0.05, 0.25, 0.5, 0.75, 0.95)
+_ERROR_QUANTILES: Final = (0.05, 0.25, 0.5, 0.75, 0.95)
 """Quantiles of measured errors used as levels; with three, the expected price would be less accurate."""
 
-FORETOLD: Final = (0.1, 0.5, 0.9)
+FORECAST_QUANTILES: Final = (0.1, 0.5, 0.9)
 """Quantiles of bands made before a run."""
 
-_MEMORY_DAYS: Final = 28.0
+_WINDOW_DAYS: Final = 28.0
 """Period in which errors and transitions are counted [days]."""
 
 _PRIOR: Final = 1.0
@@ -36,26 +36,26 @@ class PriceBands(ByValue):
     ----------
     price_eur_mwh : ndarray, shape (n_levels, n_steps)
         Price of each level. The present price is known: all levels share it.
-    chance : ndarray, shape (n_levels, n_levels)
+    transition : ndarray, shape (n_levels, n_levels)
         Probability of each level (column) after each level (row).
-    now : ndarray, shape (n_levels,)
+    initial : ndarray, shape (n_levels,)
         Probability of each level at the first step.
     """
 
     price_eur_mwh: Array
-    chance: Array
-    now: Array
+    transition: Array
+    initial: Array
 
     @classmethod
-    def known(cls, price_eur_mwh: Array) -> Self:
+    def certain(cls, price_eur_mwh: Array) -> Self:
         """Return known prices as a band of one level."""
         return cls(price_eur_mwh[None], np.ones((1, 1)), np.ones(1))
 
     @property
-    def narrowed(self) -> PriceBands:
+    def reduced(self) -> PriceBands:
         """Return bands of one level if all levels are equal."""
         first = self.price_eur_mwh[0]
-        return PriceBands.known(first) if (self.price_eur_mwh == first).all() else self
+        return PriceBands.certain(first) if (self.price_eur_mwh == first).all() else self
 
     @cached_property
     def is_new(self) -> npt.NDArray[np.bool_]:
@@ -63,24 +63,24 @@ class PriceBands(ByValue):
         return np.asarray(np.r_[False, (np.diff(self.price_eur_mwh, axis=1) != 0.0).any(axis=0)])
 
     @cached_property
-    def share(self) -> Array:
+    def probability(self) -> Array:
         """Probability of each level at each step, shape ``(n_levels, n_steps)``."""
-        share = [self.now]
+        probability = [self.initial]
         for new in self.is_new[1:]:
-            share.append(share[-1] @ self.chance if new else share[-1])
-        return np.stack(share, axis=1)
+            probability.append(probability[-1] @ self.transition if new else probability[-1])
+        return np.stack(probability, axis=1)
 
     @property
     def mean_eur_mwh(self) -> Array:
         """Expected price of each step, shape ``(n_steps,)``."""
-        narrow = self.narrowed
-        return np.asarray((narrow.share * narrow.price_eur_mwh).sum(axis=0))
+        bands = self.reduced
+        return np.asarray((bands.probability * bands.price_eur_mwh).sum(axis=0))
 
 
 class BandForecast:
     """Forecast of each price as a few quantiles with transition probabilities.
 
-    Without ``foretold`` they are the quantiles (5, 25, 50, 75, 95 %) of the errors of
+    Without ``forecast`` they are the quantiles (5, 25, 50, 75, 95 %) of the errors of
     :class:`~bess.dispatch.PersistenceForecast` in the past four weeks, by its age in days. Probabilities of
     transitions are counted in the same weeks; a price between two levels counts for both. The present price,
     and nothing later, is known.
@@ -91,7 +91,7 @@ class BandForecast:
         The actual series; finite.
     dt_h : float
         Control step in hours; must divide a day.
-    foretold : array, shape (3, n_steps), optional
+    forecast : array, shape (3, n_steps), optional
         Quantiles of 10, 50 and 90 % made before the run; finite, ascending.
     price_ends : array of int, shape (n_steps,), optional
         See :class:`~bess.dispatch.PersistenceForecast`.
@@ -108,7 +108,7 @@ class BandForecast:
         self,
         values: npt.ArrayLike,
         dt_h: float = 0.25,
-        foretold: npt.ArrayLike | None = None,
+        forecast: npt.ArrayLike | None = None,
         *,
         price_ends: npt.NDArray[np.int64] | None = None,
         first: int = 0,
@@ -117,9 +117,9 @@ class BandForecast:
         self._persistence = PersistenceForecast(self.values, dt_h, price_ends=price_ends)
         self._price_ends = self._persistence.price_ends
         self._starts = np.flatnonzero(np.diff(self._price_ends, prepend=-1) != 0)
-        self._memory = round(_MEMORY_DAYS * self._persistence.steps_per_day)
-        self._quantiles = np.array(_MEASURED if foretold is None else FORETOLD)
-        self.foretold = None if foretold is None else _checked(real_numbers(foretold), self.values.size)
+        self._window = round(_WINDOW_DAYS * self._persistence.steps_per_day)
+        self._quantiles = np.array(_ERROR_QUANTILES if forecast is None else FORECAST_QUANTILES)
+        self.forecast = None if forecast is None else _checked(real_numbers(forecast), self.values.size)
 
     def ahead(self, step: int, horizon: int) -> Array:
         """Return the expected prices; see :class:`Forecast`."""
@@ -136,14 +136,14 @@ class BandForecast:
             As for :meth:`ahead`.
         """
         step = present_step(step + self._first, horizon, self.values.size)
-        past = self._starts[(self._starts > step - self._memory) & (self._starts <= step)]
-        if self.foretold is None:
+        past = self._starts[(self._starts > step - self._window) & (self._starts <= step)]
+        if self.forecast is None:
             levels, past, before = self._measured(step, horizon, past)
         else:
-            levels, before = self.foretold[:, step : step + horizon].copy(), self.foretold[:, past]
+            levels, before = self.forecast[:, step : step + horizon].copy(), self.forecast[:, past]
         levels[:, : self._price_ends[step] - step] = self.values[step]
         if not past.size:
-            return PriceBands.known(levels[self._quantiles.size // 2])
+            return PriceBands.certain(levels[self._quantiles.size // 2])
         share = _membership(self.values[past], before)
         between = 0.5 * (self._quantiles[1:] + self._quantiles[:-1])
         counts = share[:, :-1] @ share[:, 1:].T + _PRIOR * np.diff(between, prepend=0.0, append=1.0)
@@ -168,20 +168,20 @@ class BandForecast:
         return levels, past, before
 
 
-def _checked(foretold: Array, size: int) -> Array:
-    if foretold.shape != (len(FORETOLD), size):
+def _checked(forecast: Array, size: int) -> Array:
+    if forecast.shape != (len(FORECAST_QUANTILES), size):
         raise InputError(
-            f"bands of shape {foretold.shape} do not fit a series of {size} steps: give "
-            f"{(len(FORETOLD), size)}"
+            f"bands of shape {forecast.shape} do not fit a series of {size} steps: give "
+            f"{(len(FORECAST_QUANTILES), size)}"
         )
-    wrong = ~((np.diff(foretold, axis=0) >= 0.0).all(axis=0) & np.isfinite(foretold).all(axis=0))
+    wrong = ~((np.diff(forecast, axis=0) >= 0.0).all(axis=0) & np.isfinite(forecast).all(axis=0))
     if wrong.any():
         step = int(np.argmax(wrong))
         raise InputError(
-            f"bands: quantiles of 10, 50 and 90 % at step {step} are {foretold[:, step].tolist()}; they must "
+            f"bands: quantiles of 10, 50 and 90 % at step {step} are {forecast[:, step].tolist()}; they must "
             "be finite and ascend"
         )
-    return foretold.copy()
+    return forecast.copy()
 
 
 def _membership(values: Array, levels: Array) -> Array:

@@ -13,7 +13,7 @@ from bess.dispatch.forecast import Forecast
 from bess.dispatch.store_value import store_value
 from bess.units import HOURS_PER_DAY, KWH_PER_MWH
 
-_HOLD_BACK: Final = 0.85
+_USE_GROWTH: Final = 0.85
 """Growth of the planned use over a year: at its end, ``exp`` of this value times that at its start.
 
 Future prices are unknown. A reserve of cycles gains more if prices rise than it loses if they stay. This is
@@ -24,13 +24,13 @@ about the largest value for which an ideal store earns 95 % of the optimum of a 
 _RECENT_DAYS: Final = 3.0
 """Days are weighted by the inverse of their age plus this value."""
 
-_SCARCE: Final = 0.05
+_MIN_DAILY_USE: Final = 0.05
 """Minimum use planned for a day, as a share of the mean use."""
 
 _MAX_DAYS: Final = 366
 
-_CAUTION: Final = 0.5
-"""Minimum power, as a share of plant power; below it the plant is off: losses would exceed the delivery."""
+_MAX_STEP_SHARE: Final = 0.5
+"""Maximum share of the remaining budget that one step may use."""
 
 _MIN_POWER: Final = 0.05
 """Minimum power as a share of plant power; below it the plant is off, because losses exceed the delivery."""
@@ -73,7 +73,7 @@ class CycleBudget(Checkpointed):
     """
 
     _carried = (
-        "_year", "_charged", "_discharged", "_discharged_kwh", "_bound_kwh", "_counted", "_soc", "_earned",
+        "_year", "_charged", "_discharged", "_discharged_kwh", "_bound_kwh", "_counted", "_soc", "_value_eur",
         "price_eur_mwh",
     )  # fmt: skip
 
@@ -103,7 +103,7 @@ class CycleBudget(Checkpointed):
         self._charged, self._discharged, self._discharged_kwh = 0.0, 0.0, 0.0
         self._bound_kwh, self._counted = 0.0, 0
         self._soc: Array | None = None
-        self._earned = np.zeros(0)
+        self._value_eur = np.zeros(0)
         self.price_eur_mwh = 0.0
 
     @property
@@ -112,22 +112,22 @@ class CycleBudget(Checkpointed):
         return max(self._charged, self._discharged)
 
     @property
-    def left_kwh(self) -> float:
+    def remaining_kwh(self) -> float:
         """Stored energy that may still be discharged this year, without the energy reserved for a service."""
         share = self._share
         left_cycles = share * self._cycles - self.cycles_used
-        left_kwh = share * self._throughput_kwh - self._discharged_kwh
+        remaining_kwh = share * self._throughput_kwh - self._discharged_kwh
         bound_kwh = self._bound_kwh / max(1, self._counted) * (self._years[self._year + 1] - self._counted)
-        stored_kwh = min(left_cycles * self._nominal_kwh, left_kwh / self._one_way)
+        stored_kwh = min(left_cycles * self._nominal_kwh, remaining_kwh / self._one_way)
         return max(0.0, float(stored_kwh - bound_kwh / self._one_way))
 
-    def advance(self, step: int, soc: Array, delivered_kw: float, bound_kw: float = 0.0) -> None:
+    def advance(self, step: int, soc: Array, delivered_kw: float, service_kw: float = 0.0) -> None:
         """Count the step before ``step``, which ended at ``soc``, and update the price once a day.
 
-        ``bound_kw`` is the part of its delivered power (positive = discharge) that a service required; the
+        ``service_kw`` is the part of its delivered power (positive = discharge) that a service required; the
         same mean power is reserved for the rest of the year.
         """
-        self._bound_kwh += max(0.0, bound_kw) * self._dt_h
+        self._bound_kwh += max(0.0, service_kw) * self._dt_h
         self._counted = step
         if self._soc is not None:
             change = soc - self._soc
@@ -144,11 +144,11 @@ class CycleBudget(Checkpointed):
     def limited(self, demand_kw: Array, smallest_kwh: float) -> Array:
         """Limit a demand to the remaining budget; ``smallest_kwh``: energy of the weakest string."""
         share, n_strings = self._share, 1 if self._soc is None else self._soc.size
-        per_cycle_kwh = _CAUTION * smallest_kwh * n_strings
+        per_cycle_kwh = _MAX_STEP_SHARE * smallest_kwh * n_strings
         charge_kwh = per_cycle_kwh * (share * self._cycles - self._charged)
         discharge_kwh = min(
             per_cycle_kwh * (share * self._cycles - self._discharged),
-            _CAUTION * (share * self._throughput_kwh - self._discharged_kwh),
+            _MAX_STEP_SHARE * (share * self._throughput_kwh - self._discharged_kwh),
         )
         max_kw = np.array([charge_kwh, discharge_kwh]) / self._dt_h
         charge_kw, discharge_kw = np.where(max_kw < _MIN_POWER * self._power_kw, 0.0, max_kw)
@@ -170,14 +170,15 @@ class CycleBudget(Checkpointed):
         left_years = (self._years[self._year + 1] - step) / self._year_steps[self._year]
         days = self._year_steps[self._year] / self._day_steps
         even = min(self._cycles * self._nominal_kwh, self._throughput_kwh / self._one_way) / days
-        due = self.left_kwh / days * _HOLD_BACK / np.expm1(_HOLD_BACK * left_years)
-        due = max(due, _SCARCE * even)
+        due = self.remaining_kwh / days * _USE_GROWTH / np.expm1(_USE_GROWTH * left_years)
+        due = max(due, _MIN_DAILY_USE * even)
         price = self._prices.ahead(step, self._look_ahead_steps)
         cycles = due / self._usable_kwh * price.size / self._day_steps
         value = store_value(
             price, self._usable_kwh, self._power_kw, self._efficiency, cycles=cycles, dt_h=self._dt_h
         )
-        self._earned = np.append(self._earned, due * value.cycle_price_eur / self._usable_kwh)[-_MAX_DAYS:]
-        weight = 1.0 / (_RECENT_DAYS + np.arange(self._earned.size)[::-1])
-        eur_per_kwh = float(weight @ self._earned) / (due * float(weight.sum()))
+        value_eur = due * value.cycle_price_eur / self._usable_kwh
+        self._value_eur = np.append(self._value_eur, value_eur)[-_MAX_DAYS:]
+        weight = 1.0 / (_RECENT_DAYS + np.arange(self._value_eur.size)[::-1])
+        eur_per_kwh = float(weight @ self._value_eur) / (due * float(weight.sum()))
         self.price_eur_mwh = KWH_PER_MWH * eur_per_kwh / self._one_way

@@ -160,25 +160,25 @@ class GridConnection(Checkpointed):
             higher = program.add(numbers.size, cost=weight * KWH_PER_MWH * share * self.tariff.eur_kw)
             program.at_most(known[period], (row, imported, 1.0), (row, higher[period], -1.0))
 
-    def choose(self, higher_kw: float) -> None:
+    def raise_peak(self, higher_kw: float) -> None:
         """Raise the chosen peak of the month."""
         self._chosen_kw = max(self._peak_kw, self._chosen_kw) + higher_kw
 
-    def keep(self, step: int, demand_kw: Array) -> None:
+    def set_plan(self, step: int, demand_kw: Array) -> None:
         """Store the peak of a plan, which holds until the next plan."""
         if self.tariff is not None:
             month = self.tariff.month[step : step + demand_kw.size]
             planned_kw = self.net_kw(step, demand_kw.size) - demand_kw
             self._planned_kw = float(planned_kw[month == month[0]].max())
 
-    def within(self, step: int, demand_kw: float, discharge_kw: float) -> float:
+    def limited(self, step: int, demand_kw: float, discharge_kw: float) -> float:
         """Return the demand within the limits of import, export and peak.
 
         ``discharge_kw`` is the largest power that the stored energy allows.
         """
         net_kw = float(self._net_kw.ahead(step, 1)[0])
-        least_kw = min(net_kw - self._max_import_kw, 0.0)
+        min_power_kw = min(net_kw - self._max_import_kw, 0.0)
         if self.tariff is not None:
             above_kw = net_kw - max(0.0, self._peak_kw, self._chosen_kw, self._planned_kw)
-            least_kw = max(least_kw, min(above_kw, discharge_kw))
-        return min(max(demand_kw, least_kw), max(net_kw + self._max_export_kw, 0.0))
+            min_power_kw = max(min_power_kw, min(above_kw, discharge_kw))
+        return min(max(demand_kw, min_power_kw), max(net_kw + self._max_export_kw, 0.0))

@@ -60,7 +60,7 @@ class ExternalForecast:
     ----------
     values : array, shape (n_steps,)
         The actual series; finite.
-    foretold : array, shape (n_steps,)
+    forecast : array, shape (n_steps,)
         Its forecast; finite.
     price_ends : array of int, shape (n_steps,), optional
         First step after each at which another value begins (:func:`price_ends_of`): until then the present
@@ -70,20 +70,20 @@ class ExternalForecast:
     def __init__(
         self,
         values: npt.ArrayLike,
-        foretold: npt.ArrayLike,
+        forecast: npt.ArrayLike,
         *,
         price_ends: npt.NDArray[np.int64] | None = None,
     ):
-        self.values, self.foretold = checked_series(values), checked_series(foretold)
+        self.values, self.forecast = checked_series(values), checked_series(forecast)
         self._price_ends = np.arange(1, self.values.size + 1) if price_ends is None else price_ends
-        if self.values.size != self.foretold.size:
+        if self.values.size != self.forecast.size:
             raise InputError(
-                f"a forecast of {self.foretold.size} steps does not fit a series of {self.values.size}"
+                f"a forecast of {self.forecast.size} steps does not fit a series of {self.values.size}"
             )
 
     def ahead(self, step: int, horizon: int) -> Array:
         """Return the present value and the forecast; see :class:`Forecast`."""
-        seen = self.foretold[present_step(step, horizon, self.values.size) : step + horizon].copy()
+        seen = self.forecast[present_step(step, horizon, self.values.size) : step + horizon].copy()
         seen[: self._price_ends[step] - step] = self.values[step]
         return seen
 

@@ -11,13 +11,13 @@ import numpy.typing as npt
 from bess.arrays import Array
 from bess.dispatch.arbitrage import Arbitrage
 
-_CLEARED_H: Final = 9.0
+_LEAD_TIME_H: Final = 9.0
 """Lead time of the auction of a day [h]: it is cleared at 15:00 of the day before."""
 
 _BLOCK_H: Final = 4.0
 """Length of a product of the reserve [h]."""
 
-_NOTHING: Final = 1e-9
+_MIN_POSITION: Final = 1e-9
 """Share of the plant's power below which a position is zero."""
 
 
@@ -84,7 +84,7 @@ def _schedule(
         mean = np.bincount(product, value[known]) / count
         plan_kw = planner.of_prices(mean[product], begin, stored_kwh)
         day_kw = (np.bincount(product, plan_kw) / count)[product][: end - begin]
-        day_kw[np.abs(day_kw) < _NOTHING * planner.power_kw] = 0.0
+        day_kw[np.abs(day_kw) < _MIN_POSITION * planner.power_kw] = 0.0
         schedule[begin:end] = day_kw
         drawn = np.where(day_kw > 0.0, day_kw / one_way, day_kw * one_way).sum() * planner.dt_h
         stored_kwh = float(np.clip(stored_kwh - drawn, 0.0, planner.energy_kwh))
@@ -122,7 +122,7 @@ class AuctionForecast:
 
     def __init__(self, values: Array, auction: Array, days: npt.NDArray[np.int64], dt_h: float):
         self._values, self._auction, self._days = values, auction, days
-        self._day_steps, self._cleared_steps = round(24.0 / dt_h), round(_CLEARED_H / dt_h)
+        self._day_steps, self._cleared_steps = round(24.0 / dt_h), round(_LEAD_TIME_H / dt_h)
 
     def ahead(self, step: int, horizon: int) -> Array:
         """See :class:`bess.dispatch.Forecast`."""
@@ -140,7 +140,7 @@ def reserve_blocks(
     price_eur_mwh: Array,
     planner: Arbitrage,
     *,
-    most_kw: float,
+    max_reserve_kw: float,
     stored_kwh: float,
     foresight: bool,
 ) -> Array:
@@ -156,7 +156,7 @@ def reserve_blocks(
         Prices of reserve and of energy.
     planner : Arbitrage
         The trade, without reserve; its prices are not used.
-    most_kw : float
+    max_reserve_kw : float
         Largest reserve.
     stored_kwh : float
         Energy for trade at the start.
@@ -175,10 +175,10 @@ def reserve_blocks(
         program = planner.program(price, begin, stored_kwh)
         block = row // round(_BLOCK_H / dt_h)
         income = np.bincount(block, weight * dt_h * capacity_price_eur_mw_h[known])
-        sold = program.add(income.size, cost=-income, upper=most_kw / planner.power_kw)
+        sold = program.add(income.size, cost=-income, upper=max_reserve_kw / planner.power_kw)
         for power in (program.charge, program.discharge):
             program.at_most(np.ones(row.size), (row, power, 1.0), (row, sold[block], 1.0))
-        best = program.solved()
+        best = program.solve()
         reserve_kw[begin:end] = planner.power_kw * best.added[block][: end - begin]
         stored_kwh = planner.power_kw * float(best.stored[end - begin - 1])
     return reserve_kw

@@ -15,43 +15,43 @@ from bess.errors import InputError
 
 @dataclass(frozen=True)
 class GridPowerTarget:
-    """Rule: discharge above the target, charge below it up to ``full_kwh``.
+    """Rule: discharge above the target, charge below it up to ``capacity_kwh``.
 
     Of all schedules that keep the target, charging as early as possible stores most energy at any time.
     The rule therefore keeps every target that a schedule with perfect foresight can keep.
 
     Attributes
     ----------
-    level_kw : float or ndarray
+    target_kw : float or ndarray
         Maximum grid import, for all steps or for each.
     power_kw : float
         Maximum power of the store in each direction (AC).
-    full_kwh : float
+    capacity_kwh : float
         Maximum stored energy.
-    one_way : float
+    one_way_efficiency : float
         Efficiency of each direction.
     dt_h : float
         Control step [h].
-    least_kw : float
+    min_power_kw : float
         Minimum power; below it the remaining energy is not charged or discharged, because no-load losses of
         the inverters exceed it.
     """
 
-    level_kw: float | Array
+    target_kw: float | Array
     power_kw: float
-    full_kwh: float
-    one_way: float
+    capacity_kwh: float
+    one_way_efficiency: float
     dt_h: float
-    least_kw: float = 0.0
+    min_power_kw: float = 0.0
 
-    def demand_kw(self, net_kw: Array, held_kwh: float) -> Array:
-        """Return the demand on the store in each step, from ``held_kwh`` at the start.
+    def demand_kw(self, net_kw: Array, stored_kwh: float) -> Array:
+        """Return the demand on the store in each step, from ``stored_kwh`` at the start.
 
         Parameters
         ----------
         net_kw : ndarray, shape (n_steps,)
             Load less generation behind the meter [kW].
-        held_kwh : float
+        stored_kwh : float
             Stored energy.
 
         Returns
@@ -59,22 +59,23 @@ class GridPowerTarget:
         ndarray, shape (n_steps,)
             Power [kW], positive = discharge, within stored energy and headroom.
         """
-        wanted = np.clip(net_kw - self.level_kw, -self.power_kw, self.power_kw)
-        asked = np.zeros(wanted.size)
+        one_way = self.one_way_efficiency
+        wanted = np.clip(net_kw - self.target_kw, -self.power_kw, self.power_kw)
+        demand_kw = np.zeros(wanted.size)
         for step, power_kw in enumerate(wanted.tolist()):
             if power_kw > 0.0:
-                power_kw = self._left(power_kw, held_kwh * self.one_way / self.dt_h)
-                held_kwh -= power_kw * self.dt_h / self.one_way
+                power_kw = self._limited(power_kw, stored_kwh * one_way / self.dt_h)
+                stored_kwh -= power_kw * self.dt_h / one_way
             else:
-                power_kw = -self._left(-power_kw, (self.full_kwh - held_kwh) / self.one_way / self.dt_h)
-                held_kwh -= power_kw * self.dt_h * self.one_way
-            asked[step] = power_kw
-        return asked
+                power_kw = -self._limited(-power_kw, (self.capacity_kwh - stored_kwh) / one_way / self.dt_h)
+                stored_kwh -= power_kw * self.dt_h * one_way
+            demand_kw[step] = power_kw
+        return demand_kw
 
-    def _left(self, wanted_kw: float, sustainable_kw: float) -> float:
+    def _limited(self, wanted_kw: float, sustainable_kw: float) -> float:
         if wanted_kw <= sustainable_kw:
             return wanted_kw
-        return sustainable_kw if sustainable_kw >= self.least_kw else 0.0
+        return sustainable_kw if sustainable_kw >= self.min_power_kw else 0.0
 
 
 def min_peak_kw(
@@ -82,9 +83,9 @@ def min_peak_kw(
     dt_h: float,
     *,
     power_kw: float,
-    full_kwh: float,
-    held_kwh: float,
-    one_way: float,
+    capacity_kwh: float,
+    stored_kwh: float,
+    one_way_efficiency: float,
     month: npt.ArrayLike = 0,
 ) -> Array:
     r"""Return the lowest import limits that a store can keep with perfect foresight.
@@ -102,9 +103,9 @@ def min_peak_kw(
         Load less generation behind the meter [kW].
     dt_h : float
         Control step [h].
-    power_kw, full_kwh, held_kwh : float
-        Power of the store, its energy capacity, and its energy at the start, which may be above ``full_kwh``.
-    one_way : float
+    power_kw, capacity_kwh, stored_kwh : float
+        Power of the store, its energy capacity, and its energy at the start, which may be above the capacity.
+    one_way_efficiency : float
         Efficiency of each direction, in (0, 1].
     month : array_like of int, shape (n_steps,)
         Number of the month of each step; by default one limit holds for all.
@@ -126,9 +127,14 @@ def min_peak_kw(
         )
     n = np.arange(net_kw.size)
     program = StoreProgram(
-        np.full(n.size, dt_h), one_way, held_kwh, cost=(0.0, 0.0), most=(power_kw, power_kw), stored=full_kwh
+        np.full(n.size, dt_h),
+        one_way_efficiency,
+        stored_kwh,
+        cost=(0.0, 0.0),
+        max_power=(power_kw, power_kw),
+        capacity=capacity_kwh,
     )
     numbers, period = np.unique(np.broadcast_to(month, n.size), return_inverse=True)
     limit = program.add(numbers.size, cost=1.0)
     program.at_most(-net_kw, (n, program.charge, 1.0), (n, program.discharge, -1.0), (n, limit[period], -1.0))
-    return np.asarray(program.solved().added[period])
+    return np.asarray(program.solve().added[period])

@@ -91,9 +91,9 @@ def plan_dispatch(
     ambient = np.asarray(system.reference_temperature_c if ambient_c is None else ambient_c, dtype=np.float64)
     if ambient.shape not in ((), (steps,)) or not np.isfinite(ambient).all():
         raise InputError(f"ambient_c: give one finite value, or one for each of {steps} steps")
-    outlook = DispatchInputs(values, np.broadcast_to(ambient, steps), days)
+    inputs = DispatchInputs(values, np.broadcast_to(ambient, steps), days)
     dispatch = DynamicProgramDispatch(system, dt_h, terms or SettlementTerms(), cycles_per_day=cycles_per_day)
-    return dispatch.plan(outlook, state)
+    return dispatch.plan(inputs, state)
 
 
 def _on_steps(

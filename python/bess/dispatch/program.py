@@ -57,36 +57,36 @@ class StoreProgram:
     ----------
     hours : ndarray, shape (n_steps,)
         Length of each step.
-    one_way : float
+    one_way_efficiency : float
         Efficiency of each direction.
-    held : float
+    initial : float
         Energy at the start. A value outside the limits is accepted and not moved further outside.
-    cost, most : pair of float or array
-        Cost and largest power of charging and of discharging.
-    stored : float
+    cost, max_power : pair of float or array
+        Cost and maximum power of charging and of discharging.
+    capacity : float
         Maximum stored energy; the minimum is 0.
     """
 
     def __init__(
         self,
         hours: Array,
-        one_way: float,
-        held: float,
+        one_way_efficiency: float,
+        initial: float,
         *,
         cost: tuple[Any, Any],
-        most: tuple[Any, Any],
-        stored: float,
+        max_power: tuple[Any, Any],
+        capacity: float,
     ):
-        self._hours, self._one_way, self._held = hours, one_way, held
+        self._hours, self._one_way_efficiency, self._initial = hours, one_way_efficiency, initial
         self._columns: list[Array] = []
         self._cells: list[Array] = []
-        self._most: list[Array] = []
+        self._limits: list[Array] = []
         self._binaries = 0
         n = hours.size
         self.charge, self.discharge = (
-            self.add(n, cost=each, upper=upper) for each, upper in zip(cost, most, strict=True)
+            self.add(n, cost=each, upper=upper) for each, upper in zip(cost, max_power, strict=True)
         )
-        self.stored = self.add(n, lower=min(0.0, held), upper=max(stored, held))
+        self.stored = self.add(n, lower=min(0.0, initial), upper=max(capacity, initial))
 
     def add(self, count: int, *, cost: Any = 0.0, lower: Any = 0.0, upper: Any = np.inf) -> Columns:
         """Add columns with their cost and bounds, and return their numbers."""
@@ -94,27 +94,27 @@ class StoreProgram:
         self._columns.append(np.stack([np.broadcast_to(each, count) for each in (cost, lower, upper)]))
         return np.arange(first, first + count)
 
-    def at_most(self, most: npt.ArrayLike, *cells: tuple[Any, Any, Any]) -> None:
-        """Add rows: the sum of value times column, over the cells of each, is at most ``most``.
+    def at_most(self, limit: npt.ArrayLike, *cells: tuple[Any, Any, Any]) -> None:
+        """Add rows: the sum of value times column, over the cells of each, is at most ``limit``.
 
         A cell is a row (from 0), a column and a value, or arrays of them, broadcast against each other.
         """
-        first = sum(each.size for each in self._most)
+        first = sum(each.size for each in self._limits)
         for row, column, value in cells:
             cell = np.broadcast_arrays(np.add(first, row), column, value)
             self._cells.append(np.stack([np.ravel(each) for each in cell]).astype(np.float64))
-        self._most.append(np.atleast_1d(np.asarray(most, dtype=np.float64)))
+        self._limits.append(np.atleast_1d(np.asarray(limit, dtype=np.float64)))
 
-    def exclude(self, steps: npt.NDArray[np.int64]) -> None:
+    def forbid_both_directions(self, steps: npt.NDArray[np.int64]) -> None:
         """Let the store only charge or only discharge in each of these steps, by a binary."""
-        charge_most, discharge_most = self._columns[0][2, steps], self._columns[1][2, steps]
+        max_charge, max_discharge = self._columns[0][2, steps], self._columns[1][2, steps]
         row = np.arange(steps.size)
         charges = self.add(steps.size, upper=1.0)
         self._binaries += steps.size
-        self.at_most(0.0 * charge_most, (row, self.charge[steps], 1.0), (row, charges, -charge_most))
-        self.at_most(discharge_most, (row, self.discharge[steps], 1.0), (row, charges, discharge_most))
+        self.at_most(0.0 * max_charge, (row, self.charge[steps], 1.0), (row, charges, -max_charge))
+        self.at_most(max_discharge, (row, self.discharge[steps], 1.0), (row, charges, max_discharge))
 
-    def solved(self) -> StoreSchedule:
+    def solve(self) -> StoreSchedule:
         """Return an optimal schedule, the same for the same program.
 
         Raises
@@ -129,19 +129,19 @@ class StoreProgram:
         n, size = self._hours.size, cost.size
         length, change = sparse.diags_array(self._hours), sparse.eye_array(n) - sparse.eye_array(n, k=-1)
         balance = [
-            -self._one_way * length,
-            length / self._one_way,
+            -self._one_way_efficiency * length,
+            length / self._one_way_efficiency,
             change,
             sparse.csr_array((n, size - 3 * n)),
         ]
         rows = {}
-        if self._most:
+        if self._limits:
             row, column, value = np.concatenate(self._cells, axis=1)
-            most = np.concatenate(self._most)
+            limits = np.concatenate(self._limits)
             cells = value, (row.astype(np.int64), column.astype(np.int64))
-            rows = {"A_ub": sparse.csr_array(cells, shape=(most.size, size)), "b_ub": most}
+            rows = {"A_ub": sparse.csr_array(cells, shape=(limits.size, size)), "b_ub": limits}
         start = np.zeros(n)
-        start[0] = self._held
+        start[0] = self._initial
         with stdout_to_stderr():
             answer = linprog(  # type: ignore[call-overload]  # stubs know no sparse rows
                 cost,

@@ -64,21 +64,23 @@ class EnergyWindow:
     high_kwh: float
 
     @classmethod
-    def of(cls, capacity_kw: float, duration_min: float, size_kwh: float, one_way: float) -> "EnergyWindow":
-        """Return the window of a store of ``size_kwh`` with the efficiency ``one_way`` of each direction."""
+    def of(
+        cls, capacity_kw: float, duration_min: float, capacity_kwh: float, one_way_efficiency: float
+    ) -> "EnergyWindow":
+        """Return the window of a store of this capacity, with the efficiency of each direction."""
         energy_kwh = capacity_kw * duration_min / _MINUTES_PER_HOUR
-        return cls(energy_kwh / one_way, size_kwh - energy_kwh * one_way)
+        return cls(energy_kwh / one_way_efficiency, capacity_kwh - energy_kwh * one_way_efficiency)
 
     def narrowed(self, share: float) -> "EnergyWindow":
         """Return the central ``share`` of the window."""
         middle, half = (self.low_kwh + self.high_kwh) / 2.0, (self.high_kwh - self.low_kwh) / 2.0
         return EnergyWindow(middle - share * half, middle + share * half)
 
-    def sustainable_kw(self, capacity_kw: float, held_kwh: float, size_kwh: float) -> float:
-        """Return the reserve that ``held_kwh`` sustains for the required duration in both directions."""
+    def sustainable_kw(self, capacity_kw: float, stored_kwh: float, capacity_kwh: float) -> float:
+        """Return the reserve that ``stored_kwh`` sustains for the required duration in both directions."""
         if capacity_kw == 0.0:
             return 0.0
-        below, above = held_kwh / self.low_kwh, (size_kwh - held_kwh) / (size_kwh - self.high_kwh)
+        below, above = stored_kwh / self.low_kwh, (capacity_kwh - stored_kwh) / (capacity_kwh - self.high_kwh)
         return capacity_kw * float(np.clip(min(below, above), 0.0, 1.0))
 
 
@@ -98,38 +100,39 @@ class RechargeScheduler(Checkpointed):
         Control steps of the lead time and of a slot.
     dt_h : float
         Control step [h].
-    one_way : float
+    one_way_efficiency : float
         Efficiency of each direction.
-    agreed_kw : ndarray
+    scheduled_kw : ndarray
         Scheduled shifts, from the present step on.
     """
 
-    _carried: ClassVar = ("agreed_kw",)
+    _carried: ClassVar = ("scheduled_kw",)
 
     power_kw: float
     lead_steps: int
     slot_steps: int
     dt_h: float
-    one_way: float
-    agreed_kw: Array = field(default_factory=lambda: np.zeros(0))
+    one_way_efficiency: float
+    scheduled_kw: Array = field(default_factory=lambda: np.zeros(0))
 
-    def advance(self, step: int, held_kwh: float, band: EnergyWindow) -> float:
+    def advance(self, step: int, stored_kwh: float, band: EnergyWindow) -> float:
         """Schedule the next slot if one is due, and return the shift of ``step`` [kW, positive = discharge].
 
         Called once for each step, in order.
         """
         if step == 0:
-            self.agreed_kw = np.zeros(self.lead_steps)
+            self.scheduled_kw = np.zeros(self.lead_steps)
         if step % self.slot_steps == 0:
-            self.agreed_kw = np.concatenate([self.agreed_kw, self._slot(held_kwh, band)])
-        shift, self.agreed_kw = float(self.agreed_kw[0]), self.agreed_kw[1:]
+            self.scheduled_kw = np.concatenate([self.scheduled_kw, self._slot(stored_kwh, band)])
+        shift, self.scheduled_kw = float(self.scheduled_kw[0]), self.scheduled_kw[1:]
         return shift
 
-    def _slot(self, held_kwh: float, band: EnergyWindow) -> Array:
-        coming = self.agreed_kw * self.dt_h
-        drawn = np.where(coming > 0.0, coming / self.one_way, coming * self.one_way).sum()
-        expected = held_kwh - drawn
+    def _slot(self, stored_kwh: float, band: EnergyWindow) -> Array:
+        coming = self.scheduled_kw * self.dt_h
+        one_way = self.one_way_efficiency
+        drawn = np.where(coming > 0.0, coming / one_way, coming * one_way).sum()
+        expected = stored_kwh - drawn
         slot_h = self.slot_steps * self.dt_h
         surplus, lacking = max(0.0, expected - band.high_kwh), max(0.0, band.low_kwh - expected)
-        shift = (surplus * self.one_way - lacking / self.one_way) / slot_h
+        shift = (surplus * one_way - lacking / one_way) / slot_h
         return np.full(self.slot_steps, np.clip(shift, -self.power_kw, self.power_kw))

@@ -122,21 +122,26 @@ def store_value(
         raise InputError(f"store_value: initial_kwh {initial_kwh:g} kWh is outside [0, {energy_kwh:g}] kWh")
     price, dt_h = price_steps(prices, dt_h)
     # In per unit: power over power_kw, energy over power_kw times 1 h.
-    one_way, full, held = float(np.sqrt(round_trip)), energy_kwh / power_kw, initial_kwh / power_kw
+    one_way, capacity, initial = float(np.sqrt(round_trip)), energy_kwh / power_kw, initial_kwh / power_kw
     eur = price * dt_h
     program = StoreProgram(
-        np.full(price.size, dt_h), one_way, held, cost=(eur, -eur), most=(1.0, 1.0), stored=full
+        np.full(price.size, dt_h),
+        one_way,
+        initial,
+        cost=(eur, -eur),
+        max_power=(1.0, 1.0),
+        capacity=capacity,
     )
     burns = np.flatnonzero(price < 0.0)
     row, later = np.arange(burns.size), burns > 0
     program.at_most(
-        np.where(later, 0.0, held),
+        np.where(later, 0.0, initial),
         (row, program.discharge[burns], dt_h / one_way),
         (row[later], program.stored[burns[later] - 1], -1.0),
     )
     if cycles is not None:
-        program.at_most(cycles * full, (0, program.charge, one_way * dt_h))
-    best = program.solved()
+        program.at_most(cycles * capacity, (0, program.charge, one_way * dt_h))
+    best = program.solve()
     return StoreValue(
         net_eur=-best.cost * power_kw / KWH_PER_MWH,
         power_kw=power_kw * (best.discharge - best.charge),

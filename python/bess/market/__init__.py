@@ -5,13 +5,13 @@ from bess.market.frequency import read_frequency
 from bess.market.prices import read_prices
 from bess.market.repairs import Repair, Repairs
 from bess.market.weather import read_weather
-from bess.market.years import over_years, prolonged
+from bess.market.years import extended, over_years
 
 __all__ = [
     "Repair",
     "Repairs",
+    "extended",
     "over_years",
-    "prolonged",
     "read_capacity_prices",
     "read_frequency",
     "read_prices",

@@ -16,7 +16,7 @@ import pandas as pd
 
 from bess.market.files import fail, first_line, listed
 from bess.market.numbers import parse_numbers
-from bess.market.quotes import Quotes, no_zone, whole_days
+from bess.market.price_series import PriceSeries, no_zone, whole_days
 from bess.market.repairs import Repairs
 from bess.market.table import Table
 from bess.market.times import by_label, clock_of, localise, parse_times, to_utc
@@ -59,7 +59,9 @@ def matches(table: Table) -> bool:
     return _has_units(table) or bool(_TIME.match(table.header[0]) and any(map(_product, table.header[1:])))
 
 
-def read(table: Table, zone: str, product: str | None, time_zone: str | None, repairs: Repairs) -> Quotes:
+def read(
+    table: Table, zone: str, product: str | None, time_zone: str | None, repairs: Repairs
+) -> PriceSeries:
     """Return the prices of a product: by default day-ahead, else ID1, else the intraday auction."""
     units = [""] * len(table.header)
     if _has_units(table):
@@ -75,7 +77,7 @@ def read(table: Table, zone: str, product: str | None, time_zone: str | None, re
     else:
         clock = _clock(times, repairs)
     rows = to_utc(times.assign(offset_h=np.nan), values, clock, repairs)
-    return Quotes(whole_days(rows, table, clock, repairs), "Energy-Charts", found)
+    return PriceSeries(whole_days(rows, table, clock, repairs), "Energy-Charts", found)
 
 
 def _has_units(table: Table) -> bool:

@@ -14,7 +14,7 @@ import pandas as pd
 from bess.market.columns import named_clock
 from bess.market.files import fail, first_line, listed
 from bess.market.numbers import parse_numbers
-from bess.market.quotes import Quotes, check_values, no_zone, only_day_ahead, whole_days
+from bess.market.price_series import PriceSeries, check_values, no_zone, only_day_ahead, whole_days
 from bess.market.repairs import Repairs
 from bess.market.table import Table
 from bess.market.times import clock_of, in_utc, parse_times, to_utc
@@ -31,7 +31,9 @@ def matches(table: Table) -> bool:
     return bool(_TIME.match(table.header[0]) and _INTERVAL.search(table.rows[0][0]))
 
 
-def read(table: Table, zone: str, product: str | None, time_zone: str | None, repairs: Repairs) -> Quotes:
+def read(
+    table: Table, zone: str, product: str | None, time_zone: str | None, repairs: Repairs
+) -> PriceSeries:
     """Return the day-ahead prices of `zone`; of several sequences the first, others only beyond its time."""
     only_day_ahead(product)
     price = next((i for i, name in enumerate(table.header) if _PRICE.match(name)), None)
@@ -47,7 +49,7 @@ def read(table: Table, zone: str, product: str | None, time_zone: str | None, re
         prices = _in_order(prices, clock, repairs)
     rows = to_utc(prices, prices["value"], clock, repairs)
     check_values(zone, rows["value"], [zone])
-    return Quotes(whole_days(rows, table, clock, repairs), "ENTSO-E")
+    return PriceSeries(whole_days(rows, table, clock, repairs), "ENTSO-E")
 
 
 def _of_zone(table: Table, zone: str, prices: pd.DataFrame, repairs: Repairs) -> pd.DataFrame:

@@ -10,7 +10,7 @@ from bess.files import Fill
 from bess.market import energy_charts, entsoe, smard
 from bess.market.columns import Columns, parquet_columns, refuse_end, table_columns, without_unit
 from bess.market.files import fail, listed, reading
-from bess.market.quotes import Quotes, no_zone, only_day_ahead
+from bess.market.price_series import PriceSeries, no_zone, only_day_ahead
 from bess.market.regular import regular
 from bess.market.repairs import Repairs
 from bess.market.table import Ending, Table, read_table
@@ -80,19 +80,21 @@ def read_prices(
         The file does not contain such prices; one sentence gives file, line and remedy.
     """
     with reading(path) as (raw, repairs):
-        quotes = _quotes(raw, zone, product, time_zone, repairs)
-        series = regular(quotes.rows, fill, repairs).rename("price_eur_mwh")
+        prices = _prices(raw, zone, product, time_zone, repairs)
+        series = regular(prices.rows, fill, repairs).rename("price_eur_mwh")
     series.attrs = {
         "units": "EUR/MWh",
         "zone": zone_code(zone),
-        "product": quotes.product,
-        "source": quotes.source,
+        "product": prices.product,
+        "source": prices.source,
         "repairs": repairs,
     }
     return series
 
 
-def _quotes(raw: bytes, zone: str, product: str | None, time_zone: str | None, repairs: Repairs) -> Quotes:
+def _prices(
+    raw: bytes, zone: str, product: str | None, time_zone: str | None, repairs: Repairs
+) -> PriceSeries:
     if raw[:4] == b"PAR1":
         columns, column = parquet_columns(raw), zone
     else:
@@ -108,7 +110,7 @@ def _quotes(raw: bytes, zone: str, product: str | None, time_zone: str | None, r
     if not says_euro(column):
         lines = columns.times.index
         repairs.add("assumed-unit", "took prices without a unit as EUR/MWh", lines.size, lines[0])
-    return Quotes(columns.rows(column, time_zone, repairs), "plain")
+    return PriceSeries(columns.rows(column, time_zone, repairs), "plain")
 
 
 def _check_currency(table: Table) -> None:

@@ -11,7 +11,7 @@ import pandas as pd
 
 from bess.market.files import fail, first_line, listed
 from bess.market.numbers import MISSING, parse_numbers
-from bess.market.quotes import Quotes, check_values, no_zone, only_day_ahead, whole_days
+from bess.market.price_series import PriceSeries, check_values, no_zone, only_day_ahead, whole_days
 from bess.market.repairs import Repairs
 from bess.market.table import Table
 from bess.market.times import clock_of, parse_times, to_utc
@@ -30,12 +30,14 @@ def matches(table: Table) -> bool:
     return table.named(*_BOTH, *_DAY) is not None and any(map(_PRICE.match, table.header))
 
 
-def read(table: Table, zone: str, product: str | None, time_zone: str | None, repairs: Repairs) -> Quotes:
+def read(
+    table: Table, zone: str, product: str | None, time_zone: str | None, repairs: Repairs
+) -> PriceSeries:
     """Return the day-ahead prices of `zone`."""
     only_day_ahead(product)
     times, clock = _times(table), clock_of(time_zone or "Europe/Berlin")
     rows = to_utc(times, _prices(table, zone, times["wall"], repairs), clock, repairs)
-    return Quotes(whole_days(rows, table, clock, repairs), "SMARD")
+    return PriceSeries(whole_days(rows, table, clock, repairs), "SMARD")
 
 
 def _times(table: Table) -> pd.DataFrame:

@@ -59,7 +59,7 @@ def over_years(series: pd.Series, first: datetime, last: datetime) -> pd.Series:
     return pd.Series(values, index=index, name=series.name)
 
 
-def prolonged(series: pd.Series, end: datetime) -> pd.Series:
+def extended(series: pd.Series, end: datetime) -> pd.Series:
     """Repeat a series after its end, until `end`.
 
     The last year of the series follows year by year, on the same days of the calendar (UTC): where the series

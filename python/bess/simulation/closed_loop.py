@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bess.arrays import Array, real_numbers
 from bess.control.policies import NO_OPTIMISATION, Decision, Policy, PolicyInput, SolverReport
-from bess.control.policies.reactive import shared_equally
+from bess.control.policies.reactive import share_equally
 from bess.control.wear import WearPrices
 from bess.errors import BessError, InputError
 from bess.plant import Flows, Plant, PlantSnapshot
@@ -83,7 +83,7 @@ class ClosedLoop:
         served_kw = self._served(ahead_kw, total_kw)
         asked_kvar = None if inputs.reactive is None else inputs.reactive.ahead(step, served_kw)
         ambient_c = float(inputs.ambient_c[step])
-        situation = PolicyInput(
+        policy_input = PolicyInput(
             state=state,
             demand_kw=served_kw,
             ambient_c=_ahead(self._surroundings_c, step, inputs.horizon_steps),
@@ -97,14 +97,14 @@ class ClosedLoop:
             reactive_kvar=asked_kvar,
         )
         began = time.perf_counter()
-        decision = self._decide(situation, total_kw)
-        request_kw = self._set_points(situation, decision)
+        decision = self._decide(policy_input, total_kw)
+        request_kw = self._set_points(policy_input, decision)
         decided = time.perf_counter()
         flows = self._plant.step(
             request_kw,
             step_s=float(inputs.grid.step_s),
             ambient_c=ambient_c,
-            reactive_kvar=self._reactive(situation, decision, request_kw),
+            reactive_kvar=self._reactive(policy_input, decision, request_kw),
         )
         self.policy_s += decided - began
         self.plant_s += time.perf_counter() - decided
@@ -294,9 +294,9 @@ class ClosedLoop:
         self.inputs.installations.load_state_dict(checkpoint["installations"])
         self._delivered_kw = checkpoint["delivered_kw"]
 
-    def _decide(self, situation: PolicyInput, total_kw: float) -> Decision:
+    def _decide(self, policy_input: PolicyInput, total_kw: float) -> Decision:
         try:
-            decision = self.policy(situation)
+            decision = self.policy(policy_input)
             request_kw = real_numbers(decision.request_kw)
         except InputError as error:
             raise InputError(f"{self._place}: {error}") from error
@@ -304,29 +304,29 @@ class ClosedLoop:
             raise BessError(f"{self._place}: {error}") from error
         except Exception as error:
             raise BessError(f"{self._place}: {type(error).__name__}: {error}") from error
-        if request_kw.shape != situation.limit_kw.shape:
+        if request_kw.shape != policy_input.limit_kw.shape:
             raise BessError(
                 f"{self._place}: returned set-points of shape {request_kw.shape}, needs "
-                f"{situation.limit_kw.shape}, one for each string"
+                f"{policy_input.limit_kw.shape}, one for each string"
             )
-        demand_kw = situation.demand_kw[0]
+        demand_kw = policy_input.demand_kw[0]
         slack_kw = float(self._slack_kw(total_kw))
         # Written so that NaN fails as well.
-        held = np.abs(request_kw) <= situation.limit_kw + _rounding_kw(total_kw)
+        held = np.abs(request_kw) <= policy_input.limit_kw + _rounding_kw(total_kw)
         if not (held.all() and abs(request_kw.sum() - demand_kw) <= slack_kw):
             raise BessError(
                 f"{self._place}: the policy requested {_listed(request_kw)} kW for {demand_kw:g} kW "
-                f"within {_listed(situation.limit_kw)} kW; this is an error of the policy"
+                f"within {_listed(policy_input.limit_kw)} kW; this is an error of the policy"
             )
         return decision
 
-    def _set_points(self, situation: PolicyInput, decision: Decision) -> Array:
+    def _set_points(self, policy_input: PolicyInput, decision: Decision) -> Array:
         """Return the decision with set-points below the minimum inverter power set to 0."""
-        request_kw, limit_kw = real_numbers(decision.request_kw), situation.limit_kw
+        request_kw, limit_kw = real_numbers(decision.request_kw), policy_input.limit_kw
         system = self.inputs.system
         if not ((request_kw != 0.0) & (np.abs(request_kw) < system.min_power_kw)).any():
             return request_kw
-        model = system.control_at(situation.state)
+        model = system.control_at(policy_input.state)
         charged_kw, discharged_kw = (
             model.set_points(np.maximum(sign * request_kw, 0.0), limit_kw) for sign in (-1.0, 1.0)
         )
@@ -343,13 +343,13 @@ class ClosedLoop:
         least_kw = float(self.inputs.system.min_power_kw.sum())
         return _rounding_kw(total_kw) + least_kw
 
-    def _reactive(self, situation: PolicyInput, decision: Decision, request_kw: Array) -> Array | None:
+    def _reactive(self, policy_input: PolicyInput, decision: Decision, request_kw: Array) -> Array | None:
         """Reactive power of each string, allocated by the policy or, if it does not, in equal parts."""
-        if situation.reactive_kvar is None:
+        if policy_input.reactive_kvar is None:
             return None
-        asked_kvar, limit_kva = float(situation.reactive_kvar[0]), situation.limit_kw
+        asked_kvar, limit_kva = float(policy_input.reactive_kvar[0]), policy_input.limit_kw
         if decision.reactive_kvar is None:
-            return shared_equally(request_kw, asked_kvar, limit_kva)
+            return share_equally(request_kw, asked_kvar, limit_kva)
         try:
             shares_kvar = real_numbers(decision.reactive_kvar)
         except ValueError as error:

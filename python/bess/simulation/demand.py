@@ -139,14 +139,14 @@ class Stored:
     ----------
     energy_kwh, discharged_kwh : float
         Stored energy above the lower SOC limits, and energy discharged on this trading day so far.
-    use_eur_mwh, left_kwh : float
+    budget_price_eur_mwh, remaining_kwh : float
         Shadow price of a budget per MWh discharged, and stored energy that may still be discharged.
     """
 
     energy_kwh: float
     discharged_kwh: float
-    use_eur_mwh: float = 0.0
-    left_kwh: float = np.inf
+    budget_price_eur_mwh: float = 0.0
+    remaining_kwh: float = np.inf
 
 
 class LinearPlanner:
@@ -173,8 +173,8 @@ class LinearPlanner:
             step,
             stored.energy_kwh,
             stored.discharged_kwh,
-            use_eur_mwh=stored.use_eur_mwh,
-            left_kwh=stored.left_kwh,
+            budget_price_eur_mwh=stored.budget_price_eur_mwh,
+            remaining_kwh=stored.remaining_kwh,
         )
         return MarketPlan(step, demand_kw, demand_kw, now.limit_kw, np.zeros(0), np.zeros(0))
 
@@ -242,17 +242,17 @@ class AwarePlanner:
         from bess.dispatch import DispatchInputs
 
         price = self._prices.ahead(step, self._look_ahead_steps)
-        outlook = DispatchInputs(
+        inputs = DispatchInputs(
             price,
             now.ambient_c[: price.size],
             self.days[step : step + price.size],
             stored.discharged_kwh,
             is_last=step + price.size == self.days.size,
-            use_eur_mwh=stored.use_eur_mwh,
-            left_kwh=stored.left_kwh,
+            budget_price_eur_mwh=stored.budget_price_eur_mwh,
+            remaining_kwh=stored.remaining_kwh,
             bands=None if self._bands is None else self._bands.bands(step, self._look_ahead_steps),
         )
-        plan = self._dispatch.plan(outlook, now.state, limit_kw=now.limit_kw)
+        plan = self._dispatch.plan(inputs, now.state, limit_kw=now.limit_kw)
         return MarketPlan(
             step,
             plan.demand_kw,
@@ -296,13 +296,15 @@ class ArbitrageSource(KnownDemand):
         if self._plan is None or self._planner.is_due(step, now, self._plan):
             stored = Stored(self._energy_kwh, self._discharged_kwh)
             if budget is not None:
-                stored = replace(stored, use_eur_mwh=budget.price_eur_mwh, left_kwh=budget.left_kwh)
+                stored = replace(
+                    stored, budget_price_eur_mwh=budget.price_eur_mwh, remaining_kwh=budget.remaining_kwh
+                )
             self._plan = self._planner.plan(step, now, stored)
         offset = step - self._plan.step
         demand_kw = padded(self._plan.demand_kw[offset : offset + horizon], horizon)
         if self._connection is not None:
-            most_kw = min(self._energy_kwh / self._dt_h, float(now.limit_kw.sum()))
-            demand_kw[0] = self._connection.within(step, float(demand_kw[0]), most_kw)
+            max_kw = min(self._energy_kwh / self._dt_h, float(now.limit_kw.sum()))
+            demand_kw[0] = self._connection.limited(step, float(demand_kw[0]), max_kw)
         if budget is None:
             return demand_kw
         return budget.limited(demand_kw, float((self._nominal_kwh * state.soh_capacity).min()))
@@ -322,8 +324,8 @@ class ArbitrageSource(KnownDemand):
 
     def measured(self, step: int, soc: Array, soh_capacity: Array) -> None:
         """Add the energy discharged in the previous step; a step that ends at midnight counts for its day."""
-        held_kwh = (soc - self._soc_min) * self._nominal_kwh * soh_capacity
-        day, energy_kwh = int(self._planner.days[step]), float(held_kwh.sum())
+        stored_kwh = (soc - self._soc_min) * self._nominal_kwh * soh_capacity
+        day, energy_kwh = int(self._planner.days[step]), float(stored_kwh.sum())
         if day == self._day:
             self._discharged_kwh += max(0.0, self._energy_kwh - energy_kwh)
         else:

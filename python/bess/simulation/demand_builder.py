@@ -161,7 +161,7 @@ def _profile(study: Study, choice: ProfileDemand, system: System, step_s: float,
 def _arbitrage(study: Study, choice: ArbitrageDemand, system: System, step_s: float) -> RunDemand:
     from bess.dispatch.arbitrage import calendar_days
     from bess.dispatch.markets import AuctionForecast
-    from bess.market import prolonged, read_prices
+    from bess.market import extended, read_prices
 
     if choice.prices is None:
         raise InputError(
@@ -175,7 +175,7 @@ def _arbitrage(study: Study, choice: ArbitrageDemand, system: System, step_s: fl
     start = study.run.start or sampled.start
     grid = TimeGrid.of(start, step_s, study.run.days or sampled.days_from(start, step_s))
     if choice.repeat:
-        sampled = SampledSeries.from_pandas(prolonged(read, grid.end), choice.prices, "demand.prices")
+        sampled = SampledSeries.from_pandas(extended(read, grid.end), choice.prices, "demand.prices")
     price = sampled.on(grid)
     forecast, files = _price_forecast(choice, grid, sampled)
     connection: GridConnection | None = None
@@ -213,7 +213,7 @@ def _auctions(
     choice: ArbitrageDemand, system: System, grid: TimeGrid, price: Array
 ) -> tuple[dict[str, Array], list[Path]]:
     """Positions and prices of the auctions before the last market, as recorded series."""
-    from bess.dispatch import Arbitrage, PerfectForecast, Store, auction_positions
+    from bess.dispatch import Arbitrage, PerfectForecast, StorageEstimator, auction_positions
     from bess.dispatch.arbitrage import calendar_days
     from bess.dispatch.forecast import steps_in
     from bess.market import read_prices
@@ -239,7 +239,9 @@ def _auctions(
         replan_h=grid.dt_h,
         dt_h=grid.dt_h,
     )
-    stored_kwh = min(energy_kwh, Store(system, choice.efficiency).held_kwh(system.initial_state()))
+    stored_kwh = min(
+        energy_kwh, StorageEstimator(system, choice.efficiency).stored_kwh(system.initial_state())
+    )
     position_kw = auction_positions(
         [*prices, price],
         planner,
@@ -288,15 +290,15 @@ def _price_forecast(
         kind = PersistenceForecast if choice.forecast == "persistence" else BandForecast
         return kind(price, grid.dt_h, price_ends=price_ends_of(price, grid.dt_h), first=before), []
 
-    def foretold(zone: str) -> Array:
+    def forecast_of(zone: str) -> Array:
         read = read_prices(file, zone, choice.product, time_zone=choice.time_zone, fill=choice.fill)
         return SampledSeries.from_pandas(read, file, "demand.forecast_prices").on(grid)
 
     price = series.on(grid)
     ends = price_ends_of(price, grid.dt_h)
     if choice.forecast == "file":
-        return ExternalForecast(price, foretold(choice.zone), price_ends=ends), [Path(file)]
-    bands = np.stack([foretold(zone) for zone in QUANTILE_COLUMNS])
+        return ExternalForecast(price, forecast_of(choice.zone), price_ends=ends), [Path(file)]
+    bands = np.stack([forecast_of(zone) for zone in QUANTILE_COLUMNS])
     return BandForecast(price, grid.dt_h, bands, price_ends=ends), [Path(file)]
 
 

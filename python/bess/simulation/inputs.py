@@ -119,10 +119,10 @@ def prepare(study: Study, system: System | None = None) -> Inputs:
 
 def _ambient(choice: WeatherSection, file: str, grid: TimeGrid) -> tuple[Array, list[str]]:
     """Return the ambient temperature [degC] of each step, and notes on the file."""
-    from bess.market import over_years, prolonged, read_weather
+    from bess.market import extended, over_years, read_weather
 
     read = read_weather(file, column=choice.column, time_zone=choice.time_zone, fill=choice.fill)
-    series = prolonged(read, grid.end) if choice.repeat else read
+    series = extended(read, grid.end) if choice.repeat else read
     series = over_years(read, grid.start, grid.end) if read.attrs["typical_year"] else series
     values = SampledSeries.from_pandas(series, file, "weather.file").on(grid) + choice.offset_k
     notes = [f"weather: {file}, {values.min():g} to {values.max():g} degC"]

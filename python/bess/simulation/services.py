@@ -19,7 +19,7 @@ from bess.dispatch import (
     PerfectForecast,
     PersistenceForecast,
     RechargeScheduler,
-    Store,
+    StorageEstimator,
     droop_response,
     min_peak_kw,
     reserve_blocks,
@@ -79,24 +79,29 @@ class MeterSource(DemandSource):
     _carried = ("_store",)
 
     def __init__(
-        self, net_kw: Forecast, level: GridPowerTarget, level_kw: Array, store: Store, ready_soc: float
+        self,
+        net_kw: Forecast,
+        target: GridPowerTarget,
+        target_kw: Array,
+        store: StorageEstimator,
+        ready_soc: float,
     ) -> None:
-        self._net_kw, self._level, self._level_kw = net_kw, level, level_kw
+        self._net_kw, self._target, self._target_kw = net_kw, target, target_kw
         self._store, self._ready_soc = store, ready_soc
 
     def ahead(self, step: int, horizon: int, now: StepInputs) -> Array:
         """See :class:`bess.simulation.demand.DemandSource`."""
         state = now.state
-        self._store.count(state, now.delivered_kw * self._level.dt_h)
+        self._store.update(state, now.delivered_kw * self._target.dt_h)
         net_kw = self._net_kw.ahead(step, horizon)
-        level = replace(
-            self._level,
-            level_kw=self._level_kw[step : step + net_kw.size],
-            one_way=self._store.one_way,
-            power_kw=min(self._level.power_kw, float(now.limit_kw.sum())),
-            full_kwh=self._store.size_kwh(state, self._ready_soc),
+        target = replace(
+            self._target,
+            target_kw=self._target_kw[step : step + net_kw.size],
+            one_way_efficiency=self._store.one_way_efficiency,
+            power_kw=min(self._target.power_kw, float(now.limit_kw.sum())),
+            capacity_kwh=self._store.capacity_kwh(state, self._ready_soc),
         )
-        return padded(level.demand_kw(net_kw, self._store.held_kwh(state)), horizon)
+        return padded(target.demand_kw(net_kw, self._store.stored_kwh(state)), horizon)
 
 
 @dataclass(frozen=True)
@@ -128,7 +133,7 @@ class ReserveSource(DemandSource):
         response_kw: Forecast,
         reserve: Reserve,
         recharge: RechargeScheduler,
-        store: Store,
+        store: StorageEstimator,
         trade: Arbitrage | None,
         budget: CycleBudget | None = None,
     ) -> None:
@@ -142,27 +147,27 @@ class ReserveSource(DemandSource):
 
     def ahead(self, step: int, horizon: int, now: StepInputs) -> Array:
         """See :class:`bess.simulation.demand.DemandSource`."""
-        held_kwh, size_kwh = self._store.held_kwh(now.state), self._store.size_kwh(now.state)
+        stored_kwh, capacity_kwh = self._store.stored_kwh(now.state), self._store.capacity_kwh(now.state)
         if self._budget is not None:
             answered_kw = max(0.0, self._said.get("response_kw", 0.0))
             self._budget.advance(step, now.state.soc, now.delivered_kw, answered_kw)
         capacity_kw = float(self._reserve.capacity_kw[step])
         window, largest = (
-            EnergyWindow.of(each, self._reserve.duration_min, size_kwh, self._store.one_way)
+            EnergyWindow.of(each, self._reserve.duration_min, capacity_kwh, self._store.one_way_efficiency)
             for each in (capacity_kw, self._max_capacity_kw)
         )
         band = largest.narrowed(self._reserve.band)
-        shift_kw = self._recharge.advance(step, held_kwh, band)
-        traded_kw = self._traded(step, held_kwh, band)
+        shift_kw = self._recharge.advance(step, stored_kwh, band)
+        traded_kw = self._traded(step, stored_kwh, band)
         response_kw = self._response_kw.ahead(step, horizon)
-        schedule_kw = padded(self._recharge.agreed_kw[: horizon - 1], horizon - 1)
+        schedule_kw = padded(self._recharge.scheduled_kw[: horizon - 1], horizon - 1)
         schedule_kw = np.concatenate([[shift_kw], schedule_kw]) + padded(traded_kw[:horizon], horizon)
         free_kw = max(0.0, float(now.limit_kw.sum()) - abs(schedule_kw[0]))
         self._said = {
             "response_kw": float(response_kw[0]),
             "schedule_kw": float(schedule_kw[0]),
             "capacity_kw": capacity_kw,
-            "capacity_able_kw": min(free_kw, window.sustainable_kw(capacity_kw, held_kwh, size_kwh)),
+            "capacity_able_kw": min(free_kw, window.sustainable_kw(capacity_kw, stored_kwh, capacity_kwh)),
             "soc_low": self._store.soc_at(now.state, window.low_kwh),
             "soc_high": self._store.soc_at(now.state, window.high_kwh),
         }
@@ -175,7 +180,7 @@ class ReserveSource(DemandSource):
         self._said |= self._budget.recorded()
         return allowed_kw
 
-    def _traded(self, step: int, held_kwh: float, band: EnergyWindow) -> Array:
+    def _traded(self, step: int, stored_kwh: float, band: EnergyWindow) -> Array:
         """Return the planned trade of this step and the next ones."""
         if self._trade is None:
             return np.zeros(0)
@@ -185,11 +190,15 @@ class ReserveSource(DemandSource):
         self._plan = self._plan[1:]
         if self._trade.is_due(step):
             budget = self._budget
-            price, left = (0.0, np.inf) if budget is None else (budget.price_eur_mwh, budget.left_kwh)
+            price, left = (0.0, np.inf) if budget is None else (budget.price_eur_mwh, budget.remaining_kwh)
             self._plan = self._trade.plan(
-                step, held_kwh - band.low_kwh, self._sold_kwh, use_eur_mwh=price, left_kwh=left
+                step,
+                stored_kwh - band.low_kwh,
+                self._sold_kwh,
+                budget_price_eur_mwh=price,
+                remaining_kwh=left,
             )
-        self._sold_kwh += max(0.0, float(self._plan[0])) * self._trade.dt_h / self._store.one_way
+        self._sold_kwh += max(0.0, float(self._plan[0])) * self._trade.dt_h / self._store.one_way_efficiency
         return self._plan
 
     def planned(self, step: int) -> dict[str, float]:
@@ -309,7 +318,7 @@ def reserve_of(study: Study, choice: FcrDemand, system: System, step_s: float) -
     grid = TimeGrid.of(start, step_s, study.run.days or series.days_from(start, step_s))
     trades = isinstance(choice, FcrArbitrageDemand)
     capacity_kw, recharge_kw = _powers(choice, float(system.nominal_kw.sum()), trades=trades)
-    store = Store(system, choice.efficiency)
+    store = StorageEstimator(system, choice.efficiency)
     band = _window(choice, capacity_kw, store, system).narrowed(choice.band)
 
     frequency_mhz, share, averaging = _response(series, choice, grid)
@@ -325,8 +334,8 @@ def reserve_of(study: Study, choice: FcrDemand, system: System, step_s: float) -
                 capacity_price,
                 price,
                 _trade(choice, grid, price, power_kw + capacity_kw, band),
-                most_kw=capacity_kw,
-                stored_kwh=max(0.0, store.held_kwh(system.initial_state()) - band.low_kwh),
+                max_reserve_kw=capacity_kw,
+                stored_kwh=max(0.0, store.stored_kwh(system.initial_state()) - band.low_kwh),
                 foresight=choice.choose_capacity == "perfect",
             )
             trade = _trade(choice, grid, price, power_kw + capacity_kw, band, sold_kw)
@@ -339,7 +348,7 @@ def reserve_of(study: Study, choice: FcrDemand, system: System, step_s: float) -
         _steps(choice.recharge_lead_min, "recharge_lead_min", grid, least=0),
         _steps(choice.recharge_slot_min, "recharge_slot_min", grid, least=1),
         grid.dt_h,
-        store.one_way,
+        store.one_way_efficiency,
     )
     if isinstance(choice, FcrArbitrageDemand):
         size = power_kw, band.high_kwh - band.low_kwh
@@ -361,36 +370,38 @@ def site_of(study: Study, choice: SiteDemand, system: System, step_s: float, hor
     """A load, and optionally generation, behind one meter with the plant."""
     site = site_of_meter(study, choice, step_s, horizon)
     grid, net_kw, dt_h = site.grid, site.net_kw, site.grid.dt_h
-    store = Store(system, choice.efficiency)
+    store = StorageEstimator(system, choice.efficiency)
     state, power_kw = system.initial_state(), float(system.nominal_kw.sum())
     series = site.series | {"export_price_eur_mwh": np.full(grid.n_steps, choice.export_price_eur_mwh)}
-    level_kw = np.zeros(grid.n_steps)
-    full_kwh = store.size_kwh(state, choice.ready_soc)
+    target_kw = np.zeros(grid.n_steps)
+    capacity_kwh = store.capacity_kwh(state, choice.ready_soc)
     if isinstance(choice, PeakShavingDemand):
         if choice.limit_kw is None:
-            level_kw = min_peak_kw(
+            target_kw = min_peak_kw(
                 net_kw[: grid.n_steps],
                 dt_h,
                 power_kw=power_kw,
-                full_kwh=full_kwh,
-                held_kwh=store.held_kwh(state),
-                one_way=store.one_way,
+                capacity_kwh=capacity_kwh,
+                stored_kwh=store.stored_kwh(state),
+                one_way_efficiency=store.one_way_efficiency,
                 month=0 if site.tariff is None else site.tariff.month,
             )
         else:
-            level_kw = np.full(grid.n_steps, choice.limit_kw)
-        series["grid_limit_kw"] = level_kw
+            target_kw = np.full(grid.n_steps, choice.limit_kw)
+        series["grid_limit_kw"] = target_kw
         if site.tariff is None:
             series["demand_charge_eur_kw_h"] = np.full(
                 grid.n_steps, choice.demand_charge_eur_kw_year / 8760.0
             )
         found = "as given" if choice.limit_kw else "the minimum with perfect forecast"
-        limits = " and ".join(f"{each:.4g}" for each in dict.fromkeys(level_kw.tolist()))
+        limits = " and ".join(f"{each:.4g}" for each in dict.fromkeys(target_kw.tolist()))
         site.notes.append(f"limit of the grid connection: {limits} kW, {found}")
-    later = np.full(net_kw.size - grid.n_steps, level_kw[-1])
-    level = GridPowerTarget(0.0, power_kw, full_kwh, store.one_way, dt_h, _MIN_SHARE * power_kw)
+    later = np.full(net_kw.size - grid.n_steps, target_kw[-1])
+    target = GridPowerTarget(
+        0.0, power_kw, capacity_kwh, store.one_way_efficiency, dt_h, _MIN_SHARE * power_kw
+    )
     price = np.full(grid.n_steps, choice.price_eur_mwh)
-    source = MeterSource(site.forecast, level, np.r_[level_kw, later], store, choice.ready_soc)
+    source = MeterSource(site.forecast, target, np.r_[target_kw, later], store, choice.ready_soc)
     return RunDemand(grid, source, price, site.files, site.notes, series)
 
 
@@ -408,14 +419,14 @@ def _powers(choice: FcrDemand, nominal_kw: float, *, trades: bool) -> tuple[floa
     return capacity_kw, recharge_kw
 
 
-def _window(choice: FcrDemand, capacity_kw: float, store: Store, system: System) -> EnergyWindow:
+def _window(choice: FcrDemand, capacity_kw: float, store: StorageEstimator, system: System) -> EnergyWindow:
     """Return the energy window of the reserve, which must not be empty."""
-    size_kwh = store.size_kwh(system.initial_state())
-    window = EnergyWindow.of(capacity_kw, choice.duration_min, size_kwh, store.one_way)
+    capacity_kwh = store.capacity_kwh(system.initial_state())
+    window = EnergyWindow.of(capacity_kw, choice.duration_min, capacity_kwh, store.one_way_efficiency)
     if window.low_kwh >= window.high_kwh:
         raise InputError(
             f"demand.capacity_kw = {capacity_kw:g} kW for demand.duration_min = {choice.duration_min:g} min "
-            f"in either direction needs more than the {size_kwh:.4g} kWh of the plant; reduce the reserve"
+            f"in either direction needs more than the {capacity_kwh:.4g} kWh of the plant; reduce the reserve"
         )
     return window
 

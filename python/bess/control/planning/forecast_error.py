@@ -8,7 +8,7 @@ from bess.arrays import Array
 from bess.checkpoints import Checkpointed
 
 MEMORY_H = 24.0
-"""Averaging time of forecast errors and of unforeseen limit changes [h]."""
+"""Averaging time of forecast errors and of unforecast_kw limit changes [h]."""
 
 
 class ForecastErrorTracker(Checkpointed):
@@ -27,24 +27,24 @@ class ForecastErrorTracker(Checkpointed):
         Limits of the last call; None before the first.
     """
 
-    _carried = ("limit_kw", "_foreseen_kw", "_error_kw", "_level_kw", "_surprise")
+    _carried = ("limit_kw", "_forecast_kw", "_error_kw", "_mean_kw", "_outage_share")
 
     def __init__(self, nominal_kw: Array, dt_h: float) -> None:
         self.limit_kw: Array | None = None
         self._nominal_kw = nominal_kw
-        self._new = min(1.0, dt_h / MEMORY_H)
-        self._foreseen_kw: float | None = None
-        self._error_kw = self._level_kw = self._surprise = 0.0
+        self._weight = min(1.0, dt_h / MEMORY_H)
+        self._forecast_kw: float | None = None
+        self._error_kw = self._mean_kw = self._outage_share = 0.0
 
     @property
-    def share(self) -> float:
+    def relative_error(self) -> float:
         """Forecast error, from 0 (perfect forecast) to 1.
 
         The sum of two averages over about a day: the relative error of the one-step demand forecast, and the
         share of the inverter power that failed or returned without notice.
         """
-        error = self._error_kw / self._level_kw if self._level_kw > 0.0 else 0.0
-        return min(error + self._surprise, 1.0)
+        error = self._error_kw / self._mean_kw if self._mean_kw > 0.0 else 0.0
+        return min(error + self._outage_share, 1.0)
 
     def compare(self, demand_kw: Array, limit_kw: Array | None = None) -> bool:
         """Update the error with a step.
@@ -65,16 +65,16 @@ class ForecastErrorTracker(Checkpointed):
         # Demand above the inverters in service is unmet and is not allocated.
         max_kw = float((self._nominal_kw if known is None else known).sum())
         now = min(max(float(demand_kw[0]), -max_kw), max_kw)
-        if self._foreseen_kw is not None:
-            foreseen = min(max(self._foreseen_kw, -max_kw), max_kw)
-            self._error_kw += self._new * (abs(now - foreseen) - self._error_kw)
-            self._level_kw += self._new * (abs(now) - self._level_kw)
-        self._foreseen_kw = float(demand_kw[1]) if demand_kw.size > 1 else None
-        self._surprise *= 1.0 - self._new
+        if self._forecast_kw is not None:
+            forecast_kw = min(max(self._forecast_kw, -max_kw), max_kw)
+            self._error_kw += self._weight * (abs(now - forecast_kw) - self._error_kw)
+            self._mean_kw += self._weight * (abs(now) - self._mean_kw)
+        self._forecast_kw = float(demand_kw[1]) if demand_kw.size > 1 else None
+        self._outage_share *= 1.0 - self._weight
         changed = False
         if known is not None and self.limit_kw is not None:
             change_kw = float(np.abs(known - self.limit_kw).sum())
-            self._surprise += change_kw / float(self._nominal_kw.sum())
+            self._outage_share += change_kw / float(self._nominal_kw.sum())
             changed = change_kw > 0.0
         self.limit_kw = known
         return changed

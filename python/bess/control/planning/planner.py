@@ -43,12 +43,12 @@ SHORTFALL_DISCOUNT_TIME_H = 300.0
 FIRST_STEP_WEIGHT = 1.1
 """Weight of undelivered energy in the current step, relative to the next step: energy that can be delivered
 now is kept for later only if this reduces the cost."""
-MISTRUSTED_BALANCING_PER_H = 0.1
+FORECAST_ERROR_BALANCING_PER_H = 0.1
 """Increase of the price of SOC differences [1/h] at a forecast error of 1 (see
 :class:`bess.control.planning.forecast_error.ForecastErrorTracker`)."""
-MISTRUSTED_DISCOUNT_TIME_H = 5.0
+FORECAST_ERROR_DISCOUNT_TIME_H = 5.0
 """Time constant of the additional discount on undelivered energy at a forecast error of 1 [h]."""
-MISTRUSTED_FIRST_STEP_WEIGHT = 1.0
+FORECAST_ERROR_FIRST_STEP_WEIGHT = 1.0
 """Increase of :data:`FIRST_STEP_WEIGHT` at a forecast error of 1."""
 MAX_STEPS = 48 * 60
 """Maximum number of steps of a plan: two days of one-minute steps."""
@@ -127,7 +127,7 @@ class Planner(Checkpointed):
         the bound are then starting points of the plan.
     proof_cells : int
         SOC cells of the proven bound; the computing time grows with their third power.
-    known : bool
+    exact_forecast : bool
         Whether the forecast is exact; undelivered energy is then not discounted.
 
     Attributes
@@ -141,7 +141,7 @@ class Planner(Checkpointed):
         A parameter out of range.
     """
 
-    _carried = ("plan_kw", "_groups", "_start_charge", "_turn", "_mistrust")
+    _carried = ("plan_kw", "_groups", "_start_charge", "_turn", "_forecast_error")
 
     def __init__(
         self,
@@ -153,7 +153,7 @@ class Planner(Checkpointed):
         balance: float = SOC_BALANCING_PER_H,
         bound_passes: int = BOUND_PASSES,
         proof_cells: int = PROOF_CELLS,
-        known: bool = False,
+        exact_forecast: bool = False,
     ) -> None:
         check_horizon(system, n_steps, dt_h, "n_steps", MAX_STEPS)
         if rollouts < 0:
@@ -165,8 +165,8 @@ class Planner(Checkpointed):
         self._balance = balance
         self.bound_passes = int(bound_passes)
         self._proof_cells = proof_cells
-        self._known = known
-        self._mistrust = ForecastErrorTracker(system.nominal_kw, dt_h)
+        self._exact_forecast = exact_forecast
+        self._forecast_error = ForecastErrorTracker(system.nominal_kw, dt_h)
         self.plan_kw: Array | None = None
         self._groups: NDArray[np.int64] | None = None
         self._start_charge = 0.0
@@ -219,7 +219,7 @@ class Planner(Checkpointed):
         if reactive_kvar is not None:
             values = real_numbers(reactive_kvar)
             reactive_kvar = values if values.any() else None
-        changed = self._mistrust.compare(np.atleast_1d(np.asarray(demand_kw, dtype=np.float64)), limit)
+        changed = self._forecast_error.compare(np.atleast_1d(np.asarray(demand_kw, dtype=np.float64)), limit)
         previous, running = self._shifted_plan(), self._running()
         fresh = previous is None or changed or self._turn % RESTART_INTERVAL_STEPS == 0
         groups = groups_of(self.system, state, limit) if fresh else self._groups
@@ -268,9 +268,9 @@ class Planner(Checkpointed):
             searched,
         )
 
-    def skip(self, demand_kw: ArrayLike) -> None:
+    def advance(self, demand_kw: ArrayLike) -> None:
         """Advance one step of zero demand; ``demand_kw`` as in a call."""
-        self._mistrust.compare(np.asarray(demand_kw, dtype=np.float64))
+        self._forecast_error.compare(np.asarray(demand_kw, dtype=np.float64))
         self.plan_kw = self._shifted_plan()
         if self.plan_kw is not None:
             self.plan_kw[:, 0] = 0.0
@@ -278,16 +278,18 @@ class Planner(Checkpointed):
     def _imbalance_price(self) -> float:
         """Price of SOC differences [kWh/Ah/h], converted from energy to charge with the mean voltage."""
         kwh_per_ah = float(self.system.nominal_energy_kwh.sum() / self.system.capacity_ah.sum())
-        return (self._balance + MISTRUSTED_BALANCING_PER_H * self._mistrust.share) * kwh_per_ah
+        error = self._forecast_error.relative_error
+        return (self._balance + FORECAST_ERROR_BALANCING_PER_H * error) * kwh_per_ah
 
     def _shortfall_weights(self) -> Array:
         """Weights of the four losses, shape (n_steps, 4); later undelivered energy has a lower weight."""
-        if self._known:
+        if self._exact_forecast:
             return np.ones((self.n_steps, 4))
-        mistrust = self._mistrust.share
+        error = self._forecast_error.relative_error
         hours = np.arange(self.n_steps) * self.dt_h
-        shortfall = np.exp(-hours * (1.0 / SHORTFALL_DISCOUNT_TIME_H + mistrust / MISTRUSTED_DISCOUNT_TIME_H))
-        shortfall[0] *= FIRST_STEP_WEIGHT + MISTRUSTED_FIRST_STEP_WEIGHT * mistrust
+        rate_per_h = 1.0 / SHORTFALL_DISCOUNT_TIME_H + error / FORECAST_ERROR_DISCOUNT_TIME_H
+        shortfall = np.exp(-hours * rate_per_h)
+        shortfall[0] *= FIRST_STEP_WEIGHT + FORECAST_ERROR_FIRST_STEP_WEIGHT * error
         return np.stack([shortfall, shortfall, *2 * [np.ones(self.n_steps)]], axis=1)
 
     def _shifted_plan(self) -> Array | None:

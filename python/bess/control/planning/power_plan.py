@@ -79,7 +79,7 @@ def plan_power(
         balance=0.0,
         bound_passes=BOUND_PASSES,
         proof_cells=PROOF_CELLS,
-        known=True,
+        exact_forecast=True,
     )
     prices = PlanPrices.energy(goals, system.n_strings, n_steps)
     return planner(state, demand_kw, prices, ambient_c=ambient_c, limit_kw=limit_kw)

@@ -30,9 +30,9 @@ class FunctionPolicy(Checkpointed):
     def __init__(self, function: Function) -> None:
         self._function = function
 
-    def __call__(self, situation: PolicyInput) -> Decision:
+    def __call__(self, inputs: PolicyInput) -> Decision:
         """Allocate the demand with the function."""
-        answer = self._function(situation)
+        answer = self._function(inputs)
         return answer if isinstance(answer, Decision) else Decision(answer)  # type: ignore[arg-type]
 
 

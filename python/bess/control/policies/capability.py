@@ -17,9 +17,9 @@ class Capability:
         self._nominal_kw = system.nominal_kw
         self._dt_h = dt_h
 
-    def __call__(self, situation: PolicyInput, discharge: bool) -> NDArray[np.float64]:
+    def __call__(self, inputs: PolicyInput, discharge: bool) -> NDArray[np.float64]:
         """Return AC powers [kW], magnitudes, shape ``(n_strings,)``."""
-        state = situation.state
+        state = inputs.state
         model = self._system.control_at(state)
         largest_kw = model.deliverable_kw(state.soc, state.temperature_c, discharge, self._dt_h)
         return np.clip(largest_kw, 0.0, self._nominal_kw)

@@ -30,11 +30,11 @@ class DistilledPolicy(Checkpointed):
     def __init__(self, controller: ExplicitController) -> None:
         self.controller = controller
 
-    def __call__(self, situation: PolicyInput) -> Decision:
+    def __call__(self, inputs: PolicyInput) -> Decision:
         """Allocate the demand of this step."""
-        if situation.demand_kw[0] == 0.0:
-            return Decision(np.zeros_like(situation.limit_kw))
-        return Decision(self.controller.split(situation.state, situation.demand_kw, situation.limit_kw))
+        if inputs.demand_kw[0] == 0.0:
+            return Decision(np.zeros_like(inputs.limit_kw))
+        return Decision(self.controller.split(inputs.state, inputs.demand_kw, inputs.limit_kw))
 
 
 def build(system: System, settings: Settings) -> DistilledPolicy:
@@ -46,7 +46,7 @@ def build(system: System, settings: Settings) -> DistilledPolicy:
         The file is missing or not from ``bess distil``, or it is for another plant, control step or
         prediction horizon.
     """
-    refuse_reactive('policy.name = "distilled"', "use mpc or a rule", asked=settings.reactive)
+    refuse_reactive('policy.name = "distilled"', "use mpc or a rule", requested=settings.reactive)
     if settings.file is None:
         raise InputError(
             'policy.name = "distilled" needs policy.file, the policy.json that bess distil writes'

@@ -26,16 +26,16 @@ class MpcPolicy:
         self._splitter = splitter
         self.statuses = statuses
 
-    def __call__(self, situation: PolicyInput) -> Decision:
+    def __call__(self, inputs: PolicyInput) -> Decision:
         """Solve over the horizon; an idle step needs no solve."""
-        if situation.demand_kw[0] == 0.0:
-            self._skip()
-            return Decision(np.zeros_like(situation.limit_kw), plan_kw=self._splitter.warm_start)
+        if inputs.demand_kw[0] == 0.0:
+            self._advance()
+            return Decision(np.zeros_like(inputs.limit_kw), plan_kw=self._splitter.warm_start)
         split = self._splitter(
-            situation.state,
-            situation.demand_kw,
-            ambient_c=situation.ambient_c,
-            limit_kw=situation.limit_kw,
+            inputs.state,
+            inputs.demand_kw,
+            ambient_c=inputs.ambient_c,
+            limit_kw=inputs.limit_kw,
         )
         report = SolverReport(
             status=split.status.code,
@@ -47,7 +47,7 @@ class MpcPolicy:
         )
         return Decision(split.request_kw[:, 0].copy(), report, plan_kw=split.request_kw)
 
-    def _skip(self) -> None:
+    def _advance(self) -> None:
         """Shift the warm start by one step, as a solve does."""
         plan = self._splitter.warm_start
         if plan is not None:
@@ -77,7 +77,7 @@ def build(system: System, settings: Settings) -> MpcPolicy | PlannedPolicy:
     refuse_reactive(
         "a certified split",
         'let mpc plan (mode = "plan") or use a rule',
-        asked=settings.reactive,
+        requested=settings.reactive,
     )
     from bess import PowerSplit
     from bess.control.split.result import SplitStatus

@@ -13,7 +13,7 @@ from bess.arrays import Array
 from bess.checkpoints import Checkpointed
 from bess.control.planning import Planner, PlanPrices
 from bess.control.policies.policy import NO_OPTIMISATION, Decision, PolicyInput, SolverReport
-from bess.control.policies.reactive import shared_at_least_loss
+from bess.control.policies.reactive import share_at_minimum_loss
 from bess.control.split.objectives import Objectives
 from bess.control.wear import WearRates
 from bess.errors import InputError
@@ -52,63 +52,63 @@ class PlannedPolicy(Checkpointed):
         self._wear = WearRates(planner.system)
         self._ran: NDArray[np.bool_] | None = None
 
-    def __call__(self, situation: PolicyInput) -> Decision:
+    def __call__(self, inputs: PolicyInput) -> Decision:
         """Plan the prediction horizon; an idle step needs no plan."""
         started = time.perf_counter()
-        if situation.demand_kw[0] == 0.0:
-            self._planner.skip(situation.demand_kw)
-            request_kw = np.zeros_like(situation.limit_kw)
-            reactive_kvar = self._reactive(situation, request_kw)
+        if inputs.demand_kw[0] == 0.0:
+            self._planner.advance(inputs.demand_kw)
+            request_kw = np.zeros_like(inputs.limit_kw)
+            reactive_kvar = self._reactive(inputs, request_kw)
             return Decision(request_kw, reactive_kvar=reactive_kvar, plan_kw=self._planner.plan_kw)
-        prices = self._prices(situation)
+        prices = self._prices(inputs)
         plan = self._planner(
-            situation.state,
-            situation.demand_kw,
-            prices.for_soc_dependent_demand() if situation.demand_depends_on_soc else prices,
-            ambient_c=situation.ambient_c,
-            limit_kw=situation.limit_kw,
-            reactive_kvar=situation.reactive_kvar,
+            inputs.state,
+            inputs.demand_kw,
+            prices.for_soc_dependent_demand() if inputs.demand_depends_on_soc else prices,
+            ambient_c=inputs.ambient_c,
+            limit_kw=inputs.limit_kw,
+            reactive_kvar=inputs.reactive_kvar,
         )
         request_kw = plan.request_kw[:, 0].copy()
-        reactive_kvar = self._reactive(situation, request_kw)
+        reactive_kvar = self._reactive(inputs, request_kw)
         report = SolverReport(PLANNED, plan.gap, plan.search_gap, solve_time_s=time.perf_counter() - started)
         return Decision(request_kw, report, reactive_kvar, plan.request_kw)
 
-    def _reactive(self, situation: PolicyInput, request_kw: Array) -> Array | None:
+    def _reactive(self, inputs: PolicyInput, request_kw: Array) -> Array | None:
         """Return the reactive power of each string at minimum loss, if there is a demand.
 
         In EUR, the price of an inverter start is converted to losses at the price of this step.
         """
-        if situation.reactive_kvar is None:
+        if inputs.reactive_kvar is None:
             return None
-        prices = self._prices(situation)
+        prices = self._prices(inputs)
         loss = float(prices.losses[0, 2]) * self._planner.dt_h
         start_kw = np.full(request_kw.size, prices.start / loss if loss > 0.0 else 0.0)
         if self._ran is not None:
             start_kw[self._ran] = 0.0
-        shares_kvar = shared_at_least_loss(
+        shares_kvar = share_at_minimum_loss(
             self._planner.system,
-            situation.state,
+            inputs.state,
             request_kw,
-            float(situation.reactive_kvar[0]),
-            situation.limit_kw,
+            float(inputs.reactive_kvar[0]),
+            inputs.limit_kw,
             start_kw,
         )
         self._ran = (request_kw != 0.0) | (shares_kvar != 0.0)
         return shares_kvar
 
-    def _prices(self, situation: PolicyInput) -> PlanPrices:
+    def _prices(self, inputs: PolicyInput) -> PlanPrices:
         if self._objectives.kind != "money":
-            n_strings, n_steps = situation.limit_kw.size, situation.demand_kw.size
+            n_strings, n_steps = inputs.limit_kw.size, inputs.demand_kw.size
             return PlanPrices.energy(self._objectives, n_strings, n_steps)
-        if situation.price_eur_mwh is None:
+        if inputs.price_eur_mwh is None:
             raise InputError(NO_PRICES)
         return PlanPrices.money(
             self._objectives,
             self._terms,
-            situation.demand_kw,
-            situation.price_eur_mwh,
-            self._wear_eur_ah(situation.state),
+            inputs.demand_kw,
+            inputs.price_eur_mwh,
+            self._wear_eur_ah(inputs.state),
         )
 
     def _wear_eur_ah(self, state: State) -> NDArray[np.float64]:

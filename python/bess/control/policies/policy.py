@@ -86,8 +86,8 @@ class Policy(Protocol):
     def statuses(self) -> Mapping[int, str]:
         """Meaning of each status code of this policy."""
 
-    def __call__(self, situation: PolicyInput) -> Decision:
-        """Allocate ``situation.demand_kw[0]`` to the strings."""
+    def __call__(self, inputs: PolicyInput) -> Decision:
+        """Allocate ``inputs.demand_kw[0]`` to the strings."""
 
     def state_dict(self) -> dict[str, Any]:
         """Return the state of the policy between steps, as plain values and arrays."""

@@ -10,15 +10,15 @@ from bess.errors import InputError
 from bess.system import State, System
 
 
-def refuse_reactive(who: str, remedy: str, *, asked: bool) -> None:
+def refuse_reactive(who: str, remedy: str, *, requested: bool) -> None:
     """Raise InputError if reactive power is requested from a component that does not support it."""
-    if asked:
+    if requested:
         raise InputError(
             f"[reactive]: {who} does not support reactive power; {remedy}, or leave out [reactive]"
         )
 
 
-def shared_equally(request_kw: Array, reactive_kvar: float, limit_kva: Array) -> Array:
+def share_equally(request_kw: Array, reactive_kvar: float, limit_kva: Array) -> Array:
     """Allocate reactive power in equal parts to the strings that are on, then to the others.
 
     Parameters
@@ -45,7 +45,7 @@ def shared_equally(request_kw: Array, reactive_kvar: float, limit_kva: Array) ->
     return np.copysign(shares, reactive_kvar)
 
 
-def shared_at_least_loss(
+def share_at_minimum_loss(
     system: System,
     state: State,
     request_kw: Array,
@@ -60,7 +60,7 @@ def shared_at_least_loss(
     system, state
         The plant and its state.
     request_kw, reactive_kvar, limit_kva
-        As for :func:`shared_equally`.
+        As for :func:`share_equally`.
     start_kw : ndarray, shape (n_strings,)
         Cost of the start of each inverter [kW]; 0 for an inverter that is on.
 

@@ -82,7 +82,7 @@ class RulePolicy(Checkpointed):
         assert self._law is not None
         return self._law.run(plant, ahead_kw[:, 0].copy(), limit_kw, ambient_c, step_s)
 
-    def __call__(self, situation: PolicyInput) -> Decision:
+    def __call__(self, inputs: PolicyInput) -> Decision:
         """Allocate the demand of this step.
 
         Raises
@@ -90,17 +90,17 @@ class RulePolicy(Checkpointed):
         BessError
             The rule did not return one power for each string.
         """
-        demand_kw = float(situation.demand_kw[0])
-        limit_kw = real_numbers(situation.limit_kw)
+        demand_kw = float(inputs.demand_kw[0])
+        limit_kw = real_numbers(inputs.limit_kw)
         if self._law is not None:
-            at = situation.state
+            at = inputs.state
             health = at.soh_capacity, at.soh_resistance
             return Decision(self._law.split(at.soc, at.temperature_c, *health, limit_kw, demand_kw))
         if demand_kw == 0.0:
             return Decision(np.zeros_like(limit_kw))
         discharge = demand_kw > 0.0
-        capability_kw = np.minimum(self._capability(situation, discharge), limit_kw)
-        asked = StepDemand(abs(demand_kw), discharge, capability_kw, situation.state)
+        capability_kw = np.minimum(self._capability(inputs, discharge), limit_kw)
+        asked = StepDemand(abs(demand_kw), discharge, capability_kw, inputs.state)
         assert callable(self._share)
         shares_kw = real_numbers(self._share(self._system, asked))
         if shares_kw.shape != limit_kw.shape:
@@ -113,7 +113,7 @@ class RulePolicy(Checkpointed):
         if rest_kw > 0.0:
             free_kw = limit_kw - power_kw
             power_kw = np.minimum(power_kw + water_fill(rest_kw, free_kw, free_kw), limit_kw)
-        power_kw = self._system.control_at(situation.state).set_points(power_kw, limit_kw)
+        power_kw = self._system.control_at(inputs.state).set_points(power_kw, limit_kw)
         return Decision(np.copysign(power_kw, demand_kw))
 
 

@@ -151,7 +151,7 @@ def distil(
     if generations < 0:
         raise InputError(f"generations = {generations}: must be >= 0")
     refuse_reactive(
-        "an explicit controller", "run the study with mpc or a rule", asked=study.reactive is not None
+        "an explicit controller", "run the study with mpc or a rule", requested=study.reactive is not None
     )
     course = TrainingCase.of(study)
     strings = course.system.n_strings

@@ -76,16 +76,16 @@ class TrainingCase:
         rule = build_policy("soc", inputs.system, policy_settings(study, inputs.system))
         told: list[PolicyInput] = []
 
-        def listen(situation: PolicyInput) -> Decision:
-            told.append(situation)
-            return rule(situation)
+        def listen(inputs: PolicyInput) -> Decision:
+            told.append(inputs)
+            return rule(inputs)
 
         run(study, policy=listen, progress=False)
         return cls(
             inputs.system,
             inputs.grid.dt_h,
-            np.array([situation.demand_kw for situation in told]),
-            np.array([situation.limit_kw for situation in told]),
+            np.array([inputs.demand_kw for inputs in told]),
+            np.array([inputs.limit_kw for inputs in told]),
             inputs.ambient_c,
         )
 

@@ -60,7 +60,7 @@ def serve(
     InputError
         The study, the token or an address is invalid.
     """
-    refuse_reactive("the service", "share it by another controller", asked=study.reactive is not None)
+    refuse_reactive("the service", "share it by another controller", requested=study.reactive is not None)
     token = None if token_file is None else read_token(token_file)
     check_token(host, token, drives=plant is not None and not shadow and not simulated)
     names = Names.of(host, allowed_hosts)

@@ -166,7 +166,7 @@ class _Plans:
             balance=0.0,
             bound_passes=bound_passes,
             proof_cells=0,
-            known=True,
+            exact_forecast=True,
         )
         goals = Objectives.energy(shortfall=1.0, start_kwh=0.0)
         self._prices = PlanPrices.energy(goals, system.n_strings, n_steps)
@@ -174,19 +174,19 @@ class _Plans:
         self._requests: Iterator[Array] = iter(())
         self._limit_kw: Array | None = None
 
-    def __call__(self, situation: PolicyInput) -> Array:
+    def __call__(self, inputs: PolicyInput) -> Array:
         """Set-points of the next step [kW]."""
-        same = self._limit_kw is not None and np.array_equal(self._limit_kw, situation.limit_kw)
+        same = self._limit_kw is not None and np.array_equal(self._limit_kw, inputs.limit_kw)
         request_kw = next(self._requests, None) if same else None
         if request_kw is None:
             plan = self._make()(
-                situation.state,
-                situation.demand_kw,
+                inputs.state,
+                inputs.demand_kw,
                 self._prices,
-                ambient_c=situation.ambient_c,
-                limit_kw=situation.limit_kw,
+                ambient_c=inputs.ambient_c,
+                limit_kw=inputs.limit_kw,
             )
-            self._limit_kw = situation.limit_kw
+            self._limit_kw = inputs.limit_kw
             self._requests = iter(plan.request_kw.T[: self._followed])
             request_kw = next(self._requests)
         return request_kw.copy()

@@ -17,7 +17,7 @@ DAY_AHEAD: Final = "day_ahead"
 
 
 @dataclass(frozen=True)
-class Quotes:
+class PriceSeries:
     """Prices of one zone and product: rows in UTC [EUR/MWh] with their description."""
 
     rows: pd.DataFrame

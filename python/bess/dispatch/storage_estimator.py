@@ -8,7 +8,7 @@ from bess.dispatch.aggregate import energy_tables
 from bess.system import State, System
 
 
-class Store(Checkpointed):
+class StorageEstimator(Checkpointed):
     """Energy of all strings between two states of charge.
 
     Parameters
@@ -17,10 +17,10 @@ class Store(Checkpointed):
         The plant.
     efficiency : float
         Round-trip efficiency, AC to AC; each direction has its square root. It is the initial value if
-        measured energy updates the estimate (:meth:`count`).
+        measured energy updates the estimate (:meth:`update`).
     """
 
-    _carried = ("_charged_kwh", "_discharged_kwh", "_stored_kwh", "_held_kwh")
+    _carried = ("_charged_kwh", "_discharged_kwh", "_increase_kwh", "_stored_kwh")
 
     def __init__(self, system: System, efficiency: float):
         self._soc_min = np.array([string.battery.soc_min for string in system.strings])
@@ -29,22 +29,22 @@ class Store(Checkpointed):
         fresh = State(np.full(system.n_strings, 0.5), np.full(system.n_strings, 25.0))
         self._soc, self._energy = energy_tables(system, fresh, self._soc_min)
         # As if one full charge had been measured before.
-        self._charged_kwh = self.size_kwh(fresh)
+        self._charged_kwh = self.capacity_kwh(fresh)
         self._discharged_kwh = efficiency * self._charged_kwh
-        self._stored_kwh = 0.0
-        self._held_kwh: float | None = None
+        self._increase_kwh = 0.0
+        self._stored_kwh: float | None = None
 
     @property
-    def one_way(self) -> float:
+    def one_way_efficiency(self) -> float:
         r"""Efficiency of each direction.
 
         With energies :math:`C` charged and :math:`D` discharged (AC) and an increase :math:`H` of the stored
         energy, the :math:`\eta` for which :math:`\eta C - D / \eta = H`.
         """
-        charged, stored = self._charged_kwh, self._stored_kwh
+        charged, stored = self._charged_kwh, self._increase_kwh
         return (stored + float(np.sqrt(stored**2 + 4.0 * charged * self._discharged_kwh))) / (2.0 * charged)
 
-    def count(self, state: State, delivered_kwh: float) -> None:
+    def update(self, state: State, delivered_kwh: float) -> None:
         """Update the efficiency with the step that led to ``state``.
 
         Parameters
@@ -54,18 +54,18 @@ class Store(Checkpointed):
         delivered_kwh : float
             AC energy of the step, positive = discharge; 0 at first.
         """
-        held_kwh = self.held_kwh(state)
-        if self._held_kwh is not None:
-            self._stored_kwh += held_kwh - self._held_kwh
-        self._held_kwh = held_kwh
+        stored_kwh = self.stored_kwh(state)
+        if self._stored_kwh is not None:
+            self._increase_kwh += stored_kwh - self._stored_kwh
+        self._stored_kwh = stored_kwh
         self._charged_kwh += max(0.0, -delivered_kwh)
         self._discharged_kwh += max(0.0, delivered_kwh)
 
-    def held_kwh(self, state: State) -> float:
+    def stored_kwh(self, state: State) -> float:
         """Energy stored above the lower SOC limits."""
         return float((self._at(state.soc) * state.soh_capacity).sum())
 
-    def size_kwh(self, state: State, soc_max: float = 1.0) -> float:
+    def capacity_kwh(self, state: State, soc_max: float = 1.0) -> float:
         """Energy capacity: every string at ``soc_max``, or at its own limit if that is lower."""
         full = self._at(np.minimum(self._soc_max, np.maximum(soc_max, self._soc_min)))
         return float((full * state.soh_capacity).sum())
@@ -74,11 +74,11 @@ class Store(Checkpointed):
         """Present nominal energy of the smallest string."""
         return float((self._nominal_kwh * state.soh_capacity).min())
 
-    def soc_at(self, state: State, held_kwh: float) -> float:
+    def soc_at(self, state: State, stored_kwh: float) -> float:
         """Return the common SOC of all strings at a total stored energy."""
         levels = np.linspace(0.0, 1.0, 201)
         held = [(self._at(np.full_like(self._soc_min, soc)) * state.soh_capacity).sum() for soc in levels]
-        return float(np.interp(held_kwh, held, levels))
+        return float(np.interp(stored_kwh, held, levels))
 
     def _at(self, soc: Array) -> Array:
         return np.array(
