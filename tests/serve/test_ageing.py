@@ -1,12 +1,11 @@
 """Capacity in service is estimated: near what the plant of the package loses, and not forgotten."""
 
-import json
-
 import numpy as np
 import pytest
 from live_cases import controller, measured
 
 import bess
+from bess.edge.serve.state_store import from_json, to_json
 
 
 @pytest.mark.parametrize("model", ["kokam-75ah", "schmalstieg", "naumann-lfp"])
@@ -34,6 +33,6 @@ def test_without_a_cell_model_nothing_ages_and_with_one_nothing_is_forgotten() -
     first, second = controller(system=system), controller(system=system)
     for k in range(10):
         first.step(measured([0.5, 0.6]), 60.0 - 12.0 * k, 900.0 * k)
-    second.load_state_dict(json.loads(json.dumps(first.state_dict())))
+    second.load_state_dict(from_json(to_json(first.state_dict())))
     assert (second.ageing.soh_capacity < 1.0).all()
     np.testing.assert_array_equal(second.ageing.soh_capacity, first.ageing.soh_capacity)

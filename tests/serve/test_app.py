@@ -18,7 +18,7 @@ with warnings.catch_warnings():  # it prefers a successor of httpx
 from bess.edge.serve.app import build_app
 from bess.edge.serve.gate import LARGEST_BODY
 from bess.edge.serve.service import Service
-from bess.edge.serve.state_store import MEMORY
+from bess.edge.serve.state_store import MEMORY, to_json
 from bess.study import load_study
 
 JSON = {"Content-Type": "application/json"}
@@ -207,11 +207,11 @@ def test_a_restart_continues_and_damage_is_told(tmp_path: Path) -> None:
     client = client_of(first)
     for demand_kw in (20.0, 70.0, -30.0):
         client.post("/v1/split", json={**GOOD, "demand_kw": demand_kw})
-    before, plan = first.controller.state_dict(), first.controller.plan.current
+    before, plan = json.loads(to_json(first.controller.state_dict())), first.controller.plan.current
     first.close()
     second = Service(study(), folder)
     second.close()
-    assert second.controller.state_dict() == json.loads(json.dumps(before))
+    assert json.loads(to_json(second.controller.state_dict())) == before
     assert plan is not None and second.controller.plan.current is not None
     np.testing.assert_array_equal(second.controller.plan.current.request_kw, plan.request_kw)
     assert any("continues with the state" in note for note in second.notes)

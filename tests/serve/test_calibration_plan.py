@@ -1,7 +1,5 @@
 """SOC calibration on a period: every string is full once in it, at the time that costs least."""
 
-import json
-
 import numpy as np
 import pytest
 from live_cases import controller, measured
@@ -10,6 +8,7 @@ import bess
 from bess.edge.serve import calibration
 from bess.edge.serve.calibration import place
 from bess.edge.serve.measurement_validator import ValidState
+from bess.edge.serve.state_store import from_json, to_json
 from bess.errors import InputError
 from bess.study.sections import ServiceSection
 
@@ -50,7 +49,7 @@ def test_every_string_is_full_once_in_its_period(monkeypatch: pytest.MonkeyPatch
             full_s[i].append(900.0 * k)
         if k == 150:  # a restart forgets nothing of it
             again = controller(3, policy="soc", control_step_s=900.0, calibration_days=1.5)
-            again.load_state_dict(json.loads(json.dumps(live.state_dict())))
+            again.load_state_dict(from_json(to_json(live.state_dict())))
             live = again
     for times in full_s:
         assert np.diff([0.0, *times]).max() < 2.0 * DAY_S

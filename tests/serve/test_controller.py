@@ -1,12 +1,11 @@
 """The live controller: sums, reasons, switching, calibration, and what it remembers."""
 
-import json
-
 import numpy as np
 import pytest
 from live_cases import controller, measured
 
 import bess
+from bess.edge.serve.state_store import from_json, to_json
 from bess.errors import InputError
 
 
@@ -109,7 +108,7 @@ def test_least_times_hold_over_a_restart() -> None:
         ]
         assert (before[0].running == before[1].running).all()
     second = controller(3, policy="equal", **settings)  # type: ignore[arg-type]
-    second.load_state_dict(json.loads(json.dumps(first.state_dict())))
+    second.load_state_dict(from_json(to_json(first.state_dict())))
     second.plan.load_state_dict(first.plan.state_dict())
     for k in range(len(demands), len(demands) + 20):
         now = [live.step(measured([0.5] * 3, at_s=10.0 * k), 40.0, 10.0 * k) for live in (whole, second)]
@@ -185,7 +184,7 @@ def test_a_controller_continues_as_if_it_had_never_ended() -> None:
     first = controller(2, control_step_s=60.0)
     head = run(first, range(90))
     second = controller(2, control_step_s=60.0)
-    second.load_state_dict(json.loads(json.dumps(first.state_dict())))
+    second.load_state_dict(from_json(to_json(first.state_dict())))
     second.plan.load_state_dict(first.plan.state_dict())
     np.testing.assert_array_equal(whole, head + run(second, range(90, 200)))
 

@@ -1,12 +1,12 @@
 """Measurements that lie: each is found, named, and costs no more than that string."""
 
-import json
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from live_cases import controller, measured
+
+from bess.edge.serve.state_store import to_json
 
 
 def reasons_of(answer, string):  # type: ignore[no-untyped-def]
@@ -192,4 +192,5 @@ def test_no_measurements_whatever_bring_a_controller_down(data: st.DataObject) -
             assert not answer.request_kw[~available].any()
             sum_kw = answer.request_kw.sum() + np.sign(asked_kw) * answer.unmet_kw
             assert abs(sum_kw - asked_kw) <= 1e-8 * max(1.0, abs(demand_kw))
-        json.dumps(live.state_dict(), allow_nan=False)
+        text = to_json(live.state_dict())
+        assert "NaN" not in text and "Infinity" not in text

@@ -141,6 +141,10 @@ PATIENCE_S: Final = 1.0
 MOST_MB: Final = 2000.0
 """Size limit of earlier days: a year of ten strings, read every second."""
 
+_OF_PLANT: Final = {
+    "demand_kw": ("kW", "power asked of the plant, positive = discharge"),
+    "available": ("1", "1 where the string took set-points"),
+}
 _OF_STRINGS: Final = {
     "power_kw": ("kW", "AC power that the string delivered, positive = discharge"),
     "recommended_kw": ("kW", "set-point that the controller recommended, positive = discharge"),
@@ -290,20 +294,11 @@ def open_journal(directory: str | Path) -> xr.Dataset:
         raise InputError(f"{directory}: the journal is empty; let bess serve drive or watch the plant first")
     records = records[np.argsort(records["time_ms"], kind="stable")]
     records = records[np.append(np.diff(records["time_ms"]) > 0, True)]
-    variables: dict[str, Any] = {
-        "demand_kw": (
-            "time",
-            records["demand_kw"],
-            {"units": "kW", "long_name": "power asked of the plant, positive = discharge"},
-        ),
-        "available": (
-            ("time", "string"),
-            records["available"].astype(np.int8),
-            {"units": "1", "long_name": "1 where the string took set-points"},
-        ),
+    dims = ("time", "string")
+    variables = {
+        name: (dims[: records[name].ndim], records[name], {"units": units, "long_name": meaning})
+        for name, (units, meaning) in {**_OF_PLANT, **_OF_STRINGS}.items()
     }
-    for name, (units, meaning) in _OF_STRINGS.items():
-        variables[name] = (("time", "string"), records[name], {"units": units, "long_name": meaning})
     return xr.Dataset(
         variables,
         coords={
@@ -316,7 +311,7 @@ def open_journal(directory: str | Path) -> xr.Dataset:
 
 def _layout(n_strings: int) -> np.dtype[np.void]:
     strings = [(name, "<f4", (n_strings,)) for name in _OF_STRINGS]
-    return np.dtype([("time_ms", "<i8"), ("demand_kw", "<f8"), *strings, ("available", "?", (n_strings,))])
+    return np.dtype([("time_ms", "<i8"), ("demand_kw", "<f8"), *strings, ("available", "i1", (n_strings,))])
 
 
 def _header(directory: Path) -> dict[str, Any]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from bess import _core
 from bess.arrays import Array
-from bess.edge.serve.persistent import Persistent
+from bess.checkpoints import Checkpointed
 from bess.system import State, System
 
 BLOCK_S: Final = 900.0
@@ -25,10 +25,10 @@ LEAST: Final = 0.05
 """Minimum of the relative capacity."""
 
 
-class Ageing(Persistent):
+class Ageing(Checkpointed):
     """Capacity of each string relative to the system file; constant without a cell model."""
 
-    kept = ("_standing", "_cycling", "_gathered_s", "_sums")
+    _carried = ("_standing", "_cycling", "_gathered_s", "_sums")
 
     def __init__(self, system: System) -> None:
         begin = system.initial_state()

@@ -10,10 +10,10 @@ from typing import Any, Final
 import numpy as np
 
 from bess.arrays import Array, Flags
+from bess.checkpoints import Checkpointed
 from bess.edge.serve.calibration import Calibration
 from bess.edge.serve.constraints import POWER_TOLERANCE_KW, PowerCapability
 from bess.edge.serve.measurement_validator import ValidState
-from bess.edge.serve.persistent import Persistent
 from bess.system import System
 
 _NUMBER: Final = re.compile(r"\d+(?:\.\d+)?")
@@ -75,14 +75,13 @@ def unmet(demand_kw: float, request_kw: Array) -> float:
     return 0.0 if off_kw <= 1e-9 * max(1.0, abs(demand_kw)) else off_kw
 
 
-class Counters(Persistent):
-    """Totals since the state began: answers, unmet energy, and energy requested of each string ``>= 0``."""
+class Counters(Checkpointed):
+    """Totals since the state began: answers, and energy requested of each string ``>= 0``."""
 
-    kept = ("answers", "fallbacks", "unmet_kwh", "charged_kwh", "discharged_kwh")
+    _carried = ("answers", "fallbacks", "charged_kwh", "discharged_kwh")
 
     def __init__(self, n_strings: int) -> None:
         self.answers = self.fallbacks = 0
-        self.unmet_kwh = 0.0
         self.charged_kwh: Array = np.zeros(n_strings)
         self.discharged_kwh: Array = np.zeros(n_strings)
 

@@ -12,13 +12,14 @@ from typing import Final
 
 import numpy as np
 
-from bess.arrays import Array
+from bess.arrays import Array, Flags
+from bess.checkpoints import Checkpointed
 from bess.control.policies.rule import water_fill
 from bess.control.split.objectives import SHORTFALL
 from bess.control.split.rollout import rollout
 from bess.edge.serve.constraints import PowerCapability, SocLimits
 from bess.edge.serve.measurement_validator import ValidState
-from bess.edge.serve.persistent import Persistent, in_pool
+from bess.edge.serve.plan import in_pool
 from bess.errors import InputError
 from bess.study.sections import ServiceSection
 from bess.system import State, System
@@ -42,7 +43,7 @@ class Placement:
     cost_kwh: float
 
 
-class Calibration(Persistent):
+class Calibration(Checkpointed):
     """Charges one string at a time, and plans the next calibration.
 
     With ``background``, a separate thread searches for start times.
@@ -62,7 +63,7 @@ class Calibration(Persistent):
         A period is set, but there is no other string to supply the load.
     """
 
-    kept = ("string", "target_soc", "planned", "full_s")
+    _carried = ("string", "target_soc", "planned", "full_s")
 
     def __init__(
         self, system: System, service: ServiceSection, limits: SocLimits, *, background: bool
@@ -138,27 +139,28 @@ class Calibration(Persistent):
         """Whether the string in calibration is full by both of its possible values."""
         return self.string is not None and bool(valid.soc_low[self.string] >= self.target_soc - _FULL)
 
-    def charge_kw(
+    def request(
         self, valid: ValidState, able: PowerCapability, demand_kw: float, dt_h: float
-    ) -> Array | None:
-        """Charge power of each string over ``dt_h``, ``>= 0``; zero except for the string in calibration.
+    ) -> tuple[Array, Flags]:
+        """Set-points of the calibration over ``dt_h``, ``<= 0``, and the strings that share all other power.
 
         The load has precedence: the charge is limited to the remaining power of the others. If there is none,
-        the calibration pauses (None). Charge demand that the others cannot take is added.
+        the calibration pauses, and its string shares the load. Charge demand that the others cannot take is
+        added.
         """
-        i = self.string
+        i, n = self.string, self._system.n_strings
+        request, others = np.zeros(n), np.arange(n) != i
         if i is None or not valid.in_service[i]:
-            return None
-        others = able.only(np.arange(self._system.n_strings) != i)
-        spare_kw = others.discharge_kw.sum() - demand_kw
+            return request, np.ones(n, dtype=bool)
+        rest = able.only(others)
+        spare_kw = rest.discharge_kw.sum() - demand_kw
         if spare_kw < 0.0:
-            return None
-        wanted_kw = max(self._power_kw[i], -demand_kw - others.charge_kw.sum())
+            return request, np.ones(n, dtype=bool)
+        wanted_kw = max(self._power_kw[i], -demand_kw - rest.charge_kw.sum())
         room_kwh = (self.target_soc - valid.soc_high[i]) * self._system.nominal_energy_kwh[i]
         can_kw = min(wanted_kw, valid.charge_kw[i], room_kwh / dt_h, spare_kw)
-        charge = np.zeros(self._system.n_strings)
-        charge[i] = can_kw if can_kw >= self._limits.minimum_kw[i] else 0.0
-        return charge
+        request[i] = -can_kw if can_kw >= self._limits.minimum_kw[i] else 0.0
+        return request, others
 
     def _look_ahead(
         self, now_s: float, valid: ValidState, day_kw: Array, plan_s: float, period_s: float
@@ -207,14 +209,11 @@ def place(
                 calibration.begin(string, float(limits.full[string]))
             elif calibration.is_done(now):
                 calibration.string, full = None, min(full, k)
-            charge_kw = calibration.charge_kw(now, able, float(asked_kw), dt_h)
-            own_kw = np.zeros(system.n_strings) if charge_kw is None else -charge_kw
-            if charge_kw is not None:
-                able = able.only(np.arange(own_kw.size) != string)
+            own_kw, others = calibration.request(now, able, float(asked_kw), dt_h)
             rest_kw = float(asked_kw - own_kw.sum())
             discharge = rest_kw > 0.0
             weights = limits.room(state.soc, discharge) * energy_kwh
-            power_kw = water_fill(abs(rest_kw), weights, able.towards(discharge))
+            power_kw = water_fill(abs(rest_kw), weights, able.only(others).towards(discharge))
             undelivered_kw = abs(rest_kw) - power_kw.sum()
             # The control model accepts requests of one sign: calibration and demand, one after the other.
             for request_kw in (power_kw if discharge else -power_kw, own_kw):

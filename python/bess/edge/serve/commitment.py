@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bess.arrays import Array, Flags
+from bess.checkpoints import Checkpointed
 from bess.edge.serve.constraints import POWER_TOLERANCE_KW
-from bess.edge.serve.persistent import Persistent
 from bess.system import State, System
 
 SHORTFALL: Final = 3.0
@@ -111,14 +111,14 @@ class Task:
         return np.asarray(costs.sum(axis=1))
 
 
-class Commitment(Persistent):
+class Commitment(Checkpointed):
     """Running inverters, the time since their last switching, and their starts.
 
     ``start_kwh`` is the cost of a start; ``minimum_on_s`` and ``minimum_off_s`` do not delay the stop of a
     string that goes out of service.
     """
 
-    kept = ("running", "since_s", "starts", "_saved_kwh", "_peaks")
+    _carried = ("running", "since_s", "starts", "_saved_kwh", "_peaks")
 
     def __init__(
         self, n_strings: int, *, start_kwh: float, minimum_on_s: float = 0.0, minimum_off_s: float = 0.0

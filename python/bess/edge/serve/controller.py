@@ -17,6 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from bess.arrays import Array, Flags
+from bess.checkpoints import Checkpointed
 from bess.control.policies import Policy
 from bess.control.policies.rule import water_fill
 from bess.edge.plant_io import Measurements
@@ -26,14 +27,13 @@ from bess.edge.serve.calibration import Calibration
 from bess.edge.serve.commitment import Commitment, Curves, Task
 from bess.edge.serve.constraints import PowerCapability, SocLimits, envelope, share
 from bess.edge.serve.measurement_validator import MeasurementValidator, ValidState
-from bess.edge.serve.persistent import Persistent
 from bess.edge.serve.plan import CarriedPlan, Forecast, PlanTracker, ahead, preferences
 from bess.errors import InputError
 from bess.study.sections import ServiceSection
 from bess.system import State, System
 
 
-class Controller(Persistent):
+class Controller(Checkpointed):
     """The controller of one plant; called from one thread at a time.
 
     Parameters
@@ -59,7 +59,7 @@ class Controller(Persistent):
         The settings do not fit the system.
     """
 
-    kept = (
+    _carried = (
         "_last_s", "last_kw", "commitment", "_guard", "ageing", "calibration", "_forecast", "_following",
         "counters",
     )  # fmt: skip
@@ -138,12 +138,10 @@ class Controller(Persistent):
         self.calibration.update(now_s, valid, self._forecast.day(slot, forecast_kw), self.plan.step_s)
         # Strings out of service that still give power contribute to the demand.
         asked_kw = demand_kw - float(valid.flowing_kw.sum())
-        charge_kw = self.calibration.charge_kw(valid, able, asked_kw, self.step_s / 3600.0)
-        calibrating = (np.arange(self.n_strings) == self.calibration.string) & (charge_kw is not None)
-        request = np.zeros(self.n_strings) if charge_kw is None else -charge_kw
+        request, sharing = self.calibration.request(valid, able, asked_kw, self.step_s / 3600.0)
+        sharing &= valid.in_service
         rest_kw = asked_kw - float(request.sum())
         discharge = rest_kw > 0.0 or (rest_kw == 0.0 and asked_kw >= 0.0)
-        sharing = valid.in_service & ~calibrating
         able_to_share = able.only(sharing)
 
         wanted = self._choose(valid, able_to_share, sharing, abs(rest_kw), discharge, now_s, elapsed_s)
@@ -159,11 +157,10 @@ class Controller(Persistent):
         unmet_kw = unmet(asked_kw, request)
         self.last_kw, self.valid, self.able, self.ahead_kw = request, valid, able, forecast
         self.counters.answers += 1
-        self.counters.unmet_kwh += unmet_kw * self.step_s / 3600.0
         return Answer(
             request_kw=request,
             plan_kw=ahead(self.plan, request, forecast_kw, now_s, valid.limit_kw),
-            status=status(unmet_kw, demand_kw, self.plan.column(now_s) is not None, self.plan.error),
+            status=status(unmet_kw, demand_kw, self.plan.from_now(now_s) is not None, self.plan.error),
             gap=self.plan.gap(request, now_s),
             fallback=False,
             unmet_kw=unmet_kw,

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from bess.arrays import Array, Flags
+from bess.checkpoints import Checkpointed
 from bess.edge.plant_io import Measurements
 from bess.edge.serve.ageing import Ageing
-from bess.edge.serve.persistent import Persistent
 from bess.study.sections import ServiceSection
 from bess.system import State, System
 
@@ -86,10 +87,8 @@ class ValidState:
         return State(soc, state.temperature_c, state.soh_capacity, state.soh_resistance)
 
 
-class MeasurementValidator(Persistent):
+class MeasurementValidator(Checkpointed):
     """Validates the measurements of all strings; ``ageing`` gives their capacity."""
-
-    kept = ("_watch",)
 
     def __init__(self, system: System, service: ServiceSection, step_s: float, ageing: Ageing) -> None:
         self._system, self._service, self._ageing = system, service, ageing
@@ -140,6 +139,15 @@ class MeasurementValidator(Persistent):
             self._at_meter(measured, in_service, flow),
         )
 
+    def state_dict(self) -> dict[str, Any]:
+        """State of all monitors."""
+        return {"watch": [watch.state_dict() for watch in self._watch]}
+
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
+        """Restore the result of :meth:`state_dict`."""
+        for watch, state in zip(self._watch, state_dict["watch"], strict=True):
+            watch.load_state_dict(state)
+
     def _limit(self, limit_kw: Array) -> Array:
         """Limit of inverter and plant in one direction; zero if the plant gives no number."""
         return np.clip(np.nan_to_num(limit_kw, nan=0.0, posinf=np.inf), 0.0, self._system.nominal_kw)
@@ -165,10 +173,10 @@ class MeasurementValidator(Persistent):
         return f"measurements are {self._late_s:.0f} s old, {self._service.late_after_s:g} s are allowed"
 
 
-class _StringMonitor(Persistent):
+class _StringMonitor(Checkpointed):
     """Monitors one string; each check returns a reason, and whether the string is out of service."""
 
-    kept = (
+    _carried = (
         "soc", "temperature_c", "other_soc", "agreeing", "unchanged", "moved", "resolution", "last_reading",
         "last_power_kw", "flow_kw", "flow_s", "was_out", "stands", "missing_s", "off_target", "on_target",
         "tries", "cap_kw", "out_reason", "out_s", "out_until_s", "asked_kw", "other", "rest_s",

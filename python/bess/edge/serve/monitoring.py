@@ -39,7 +39,7 @@ _DIGITS: Final = 4
 class Metrics:
     """Counters and gauges of one service, in a separate registry."""
 
-    def __init__(self, n_strings: int) -> None:
+    def __init__(self) -> None:
         self.registry = CollectorRegistry()
         counter = partial(Counter, registry=self.registry)
         gauge = partial(Gauge, registry=self.registry)

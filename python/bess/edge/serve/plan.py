@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures import TimeoutError as Late
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 
 from bess.arrays import Array
+from bess.checkpoints import Checkpointed
 from bess.control.policies import Policy, PolicyInput
 from bess.edge.serve.commitment import Curves
-from bess.edge.serve.persistent import Persistent, from_json, in_pool, to_json
 from bess.errors import BessError
 from bess.system import State, System
+
+T = TypeVar("T")
 
 SMOOTH_S: Final = 300.0
 """Time constant for smoothing a fluctuating demand."""
@@ -33,13 +35,13 @@ STEEPEST: Final = 0.02
 """Maximum difference of marginal losses that is derived from a plan."""
 
 
-class Forecast(Persistent):
+class Forecast(Checkpointed):
     """Forecast by the mean demand of each step of the day before.
 
     ``step_s`` is the control step, ``plan_s`` the step of the plan [s], ``n_steps`` the plan's horizon.
     """
 
-    kept = ("_day_kw", "_mean", "_smooth_kw")
+    _carried = ("_day_kw", "_mean", "_smooth_kw")
 
     def __init__(self, step_s: float, plan_s: float, n_steps: int) -> None:
         self._step_s, self._n_steps = step_s, n_steps
@@ -84,6 +86,15 @@ class Forecast(Persistent):
         self._mean = (slot, mean, weight_s + span_s)
 
 
+def in_pool(pool: ThreadPoolExecutor | None, call: Callable[..., T], *arguments: Any) -> Future[T]:
+    """Run a call in a pool, or at once without one."""
+    if pool is not None:
+        return pool.submit(call, *arguments)
+    future: Future[T] = Future()
+    future.set_result(call(*arguments))
+    return future
+
+
 @dataclass(frozen=True)
 class Plan:
     """A plan.
@@ -109,13 +120,13 @@ class Plan:
     gap: float | None
 
 
-class CarriedPlan(Persistent):
+class CarriedPlan(Checkpointed):
     """Keeps the plan of a policy up to date: in each of its steps, and after a change within a step.
 
     With ``background``, a separate thread computes the plans, so no answer waits longer than permitted.
     """
 
-    kept = ("_before", "_after", "_asked_at_s")
+    _carried = ("_before", "_after", "_asked_at_s")
 
     def __init__(
         self, system: System, policy: Policy, step_s: float, n_steps: int, *, background: bool
@@ -138,32 +149,26 @@ class CarriedPlan(Persistent):
 
     def update(
         self, now_s: float, state: State, forecast_kw: Array, limit_kw: Array, *, wait_s: float = 0.0
-    ) -> bool:
-        """Begin a new plan if one is due, wait up to ``wait_s``, and return whether there is a new plan.
+    ) -> None:
+        """Begin a new plan if one is due, and wait for it up to ``wait_s``.
 
         ``forecast_kw`` ``(n_steps,)`` begins with the present step; ``limit_kw`` is the power of each string
         in service.
         """
-        new = self._collect(0.0)
+        self._collect(0.0)
         if self._pending is None and self._is_due(now_s, forecast_kw, limit_kw):
             slot = self.slot(now_s)
             gone = 0 if self._asked is None else slot - self._asked[0]
             self._asked, self._asked_at_s = (slot, forecast_kw, limit_kw), now_s
             self._pending = in_pool(self._pool, self._make, slot, gone, state, forecast_kw, limit_kw)
-            new = self._collect(wait_s) or new
-        return new
-
-    def column(self, now_s: float) -> int | None:
-        """Column of the plan at a time; None without one."""
-        if self.current is None:
-            return None
-        offset = self.slot(now_s) - self.current.slot
-        return offset if 0 <= offset < self.current.demand_kw.size else None
+            self._collect(wait_s)
 
     def from_now(self, now_s: float) -> Array | None:
         """Set-points from the present step on, shape ``(n_strings, n_left)``; None without a plan."""
-        column = self.column(now_s)
-        return None if column is None or self.current is None else self.current.request_kw[:, column:]
+        offset = 0 if self.current is None else self.slot(now_s) - self.current.slot
+        if self.current is None or not 0 <= offset < self.current.demand_kw.size:
+            return None
+        return self.current.request_kw[:, offset:]
 
     def gap(self, request_kw: Array, now_s: float) -> float | None:
         """Gap of set-points to a rigorous bound, if they are those of a plan of this step."""
@@ -174,13 +179,13 @@ class CarriedPlan(Persistent):
 
     def state_dict(self) -> dict[str, Any]:
         """The plan with the state of its policy, for another process."""
-        return super().state_dict() | {"plan": None if self.current is None else to_json(vars(self.current))}
+        return super().state_dict() | {"plan": None if self.current is None else vars(self.current)}
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Restore the result of :meth:`state_dict`."""
         super().load_state_dict(state_dict)
         self._policy.load_state_dict(self._after)
-        plan = from_json(state_dict["plan"])
+        plan = state_dict["plan"]
         self.current = None if plan is None else Plan(**plan)
         if self.current is not None:
             self._asked = (self.current.slot, self.current.demand_kw, self.current.limit_kw)
@@ -202,18 +207,16 @@ class CarriedPlan(Persistent):
             or np.abs(forecast - forecast_kw).max() > CHANGED * float(nominal_kw.sum())
         )
 
-    def _collect(self, wait_s: float) -> bool:
+    def _collect(self, wait_s: float) -> None:
         if self._pending is None or (wait_s == 0.0 and not self._pending.done()):
-            return False
+            return
         try:
             self.current, self.error = self._pending.result(timeout=wait_s), ""
         except Late:
-            return False
+            return
         except (BessError, ArithmeticError, ValueError) as error:
-            self._pending, self.error = None, str(error)
-            return False
+            self.error = str(error)
         self._pending = None
-        return True
 
     def _make(self, slot: int, gone: int, state: State, forecast_kw: Array, limit_kw: Array) -> Plan:
         total = limit_kw.sum()
@@ -232,13 +235,13 @@ class CarriedPlan(Persistent):
         return Plan(slot, request, served[: request.shape[1]], limit_kw, gap if np.isfinite(gap) else None)
 
 
-class PlanTracker(Persistent):
+class PlanTracker(Checkpointed):
     """Uses the shares of a plan while the demand stays near that of the plan.
 
     A demand that only crosses that of the plan must not switch inverters, so it has to stay near for a while.
     """
 
-    kept = ("near_s",)
+    _carried = ("near_s",)
 
     def __init__(self, plan: CarriedPlan, step_s: float) -> None:
         self._plan, self._step_s = plan, step_s

@@ -83,7 +83,7 @@ class Service:
         self.memory = StateStore(folder, self.controller.system)
         self.notes.append(self.memory.load(self.controller, self.clock()))
         self.history = History()
-        self.metrics = Metrics(self.controller.n_strings)
+        self.metrics = Metrics()
         self.last: tuple[float, float, Answer] | None = None
         self.told_ahead, self.measured_kw = False, np.nan
         self._foreseen_kw: dict[int, float] = {}

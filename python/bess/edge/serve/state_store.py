@@ -18,6 +18,8 @@ from io import FileIO
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from bess.edge.serve.controller import Controller
 from bess.errors import BessError
 from bess.simulation.record.files import Aside, put_bytes, sealed, sha256_of, unsealed
@@ -27,7 +29,7 @@ MEMORY: Final = ("memory-0.json", "memory-1.json")
 PLAN: Final = "plan.json"
 TRIAL: Final = "trial.json"
 """Written and removed at the start, to test the disk."""
-VERSION: Final = 2
+VERSION: Final = 3
 PATIENCE_S: Final = 1.0
 """Time for which a write may delay an answer."""
 HANGS_S: Final = 5.0
@@ -37,6 +39,36 @@ _FLUSH_S: Final = 1.0
 
 def _made_if_missing(path: str, flags: int) -> int:
     return os.open(path, flags | os.O_CREAT, 0o600)
+
+
+def to_json(document: Mapping[str, Any]) -> str:
+    """JSON of a state; arrays are objects with their type, and NaN in them is null."""
+
+    def plain(value: Any) -> Any:
+        if not isinstance(value, np.ndarray):
+            return value.item()
+        entries = value.astype(object)
+        entries[value != value] = None
+        return {"array": entries.tolist(), "dtype": str(value.dtype)}
+
+    return json.dumps(document, default=plain)
+
+
+def from_json(text: str | bytes) -> dict[str, Any]:
+    """Inverse of :func:`to_json`.
+
+    Raises
+    ------
+    ValueError
+        The text is not JSON.
+    """
+
+    def restored(entry: dict[str, Any]) -> Any:
+        is_array = entry.keys() == {"array", "dtype"}
+        return np.array(entry["array"], dtype=entry["dtype"]) if is_array else entry
+
+    document: dict[str, Any] = json.loads(text, object_hook=restored)
+    return document
 
 
 class StateStore:
@@ -78,7 +110,7 @@ class StateStore:
                 with suppress(OSError):
                     (self.folder / name).replace(self.folder / f"{name}.damaged")
             return f"the state in {self.folder} cannot be used ({error}); it is set aside, a new one begins"
-        age_s = max(0.0, now_s - (state_dict["_last_s"] or now_s))
+        age_s = max(0.0, now_s - (state_dict["last_s"] or now_s))
         return f"continues with the state in {self.folder}, {age_s:.0f} s old"
 
     def save(self, controller: Controller) -> None:
@@ -131,7 +163,7 @@ class StateStore:
         self._files = {}
 
     def _sealed(self, document: Mapping[str, Any]) -> bytes:
-        return sealed(json.dumps({"version": VERSION, "system": self._identity, **document}).encode())
+        return sealed(to_json({"version": VERSION, "system": self._identity, **document}).encode())
 
     def _write(self, name: str, content: bytes) -> None:
         if name not in self._files:
@@ -165,7 +197,7 @@ class StateStore:
 
     def _read(self, path: Path) -> dict[str, Any]:
         try:
-            document: dict[str, Any] = json.loads(unsealed(path.read_bytes()))
+            document = from_json(unsealed(path.read_bytes()))
         except ValueError as error:
             raise ValueError(f"{path.name} is damaged: {error}") from error
         if document["version"] != VERSION:
