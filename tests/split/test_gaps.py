@@ -4,6 +4,9 @@ import numpy as np
 import pytest
 
 import bess
+from bess import _core
+from bess.control.split.problem import SplitProblem
+from bess.control.split.settings import ROLLOUTS
 
 STEPS = 8
 WEIGHTS = {"ones": (1.0, 1.0, 1.0), "S1": (1.0, 1.0, 0.0), "S2": (1.0, 0.5, 0.5), "S3": (1.0, 0.0, 1.0)}
@@ -53,6 +56,33 @@ def test_where_only_battery_losses_count_the_rigorous_gap_is_closed(splits):
     gaps = [split.gap for split in splits["S3"]]
     assert np.median(gaps) <= 5e-4
     assert max(gaps) <= 1e-3
+
+
+def nearly_full(battery: float, gap: float) -> _core.SplitAnswer:
+    """A split without warm start that ends with a string above 90 % and delivers all."""
+    system = bess.System.reference(n_strings=2)
+    state, demand = bess.State([0.5, 0.64], [27.0, 39.0]), [-60.0, -75.0, -128.0, -73.0, -91.0]
+    goals = bess.Objectives(battery=battery)
+    splitter = bess.PowerSplit(system, len(demand), goals)
+    problem = SplitProblem.check(system, len(demand), splitter.dt_h, state, demand, None, None)
+    control = problem.control(splitter._costs, *goals.tolerances)
+    return control.split(None, ROLLOUTS, None, gap)
+
+
+def test_a_schedule_that_its_bounds_prove_takes_no_random_starts() -> None:
+    proven, searched = nearly_full(1.0, 1e-3), nearly_full(1.0, 0.0)
+    assert searched.rollouts > 30_000
+    assert proven.rollouts < 3000
+    best, found = proven.groups[-1].objective, searched.groups[-1].objective
+    assert found - 1e-12 <= best <= found * (1.0 + 1e-3)
+
+
+def test_steps_that_battery_losses_do_not_couple_are_optimal_one_by_one_without_a_descent() -> None:
+    alone, searched = (nearly_full(battery, 0.0) for battery in (0.0, 1e-9))
+    assert alone.rollouts == 0 < searched.rollouts
+    group = alone.groups[-1]
+    assert group.objective - group.bound <= 1e-8 * group.objective
+    assert group.objective <= searched.groups[-1].objective * (1.0 + 1e-8)
 
 
 def test_a_split_ends_where_rounding_takes_back_what_a_one_step_optimum_gains() -> None:

@@ -8,7 +8,7 @@ mod common;
 
 const SIZES: [(usize, usize); 3] = [(2, 8), (8, 8), (2, 32)];
 const SCHEDULES: usize = 1000;
-const EFFORT: Effort = Effort { rollouts: 2000, deadline: None };
+const EFFORT: Effort = Effort { rollouts: 2000, deadline: None, gap: 1e-3 };
 
 fn schedules(horizon: &ControlHorizon, count: usize) -> Vec<f64> {
     let size = horizon.n_strings() * horizon.n_steps();

@@ -9,7 +9,7 @@ mod common;
 const N_STRINGS: usize = 3;
 const N_STEPS: usize = 5;
 const SIZE: usize = N_STRINGS * N_STEPS;
-const EFFORT: Effort = Effort { rollouts: 300, deadline: None };
+const EFFORT: Effort = Effort { rollouts: 300, deadline: None, gap: 1e-3 };
 
 /// A plant of strings that differ in size of the inverter table, capacity, resistance and voltage limits, in one corner of its states.
 struct Case {

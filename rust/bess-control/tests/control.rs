@@ -100,7 +100,7 @@ fn objectives_of_a_batch_are_those_of_its_members_to_the_last_bit() {
 
 #[test]
 fn a_split_reports_the_objectives_of_its_schedule_and_is_no_worse_than_the_greedy_pass() {
-    let effort = Effort { rollouts: 500, deadline: None };
+    let effort = Effort { rollouts: 500, deadline: None, gap: 1e-3 };
     for soc in [0.03, 0.5, 0.97] {
         let horizon = common::horizon(&common::reference(2), 8, soc);
         let greedy = horizon.greedy();
@@ -124,8 +124,8 @@ fn a_split_reports_the_objectives_of_its_schedule_and_is_no_worse_than_the_greed
 #[test]
 fn a_search_that_is_late_answers_with_what_it_has() {
     let horizon = common::horizon(&common::reference(2), 8, 0.03);
-    let late = Effort { rollouts: 2000, deadline: Some(std::time::Instant::now()) };
-    let all = Effort { rollouts: 2000, deadline: None };
+    let late = Effort { rollouts: 2000, deadline: Some(std::time::Instant::now()), gap: 1e-3 };
+    let all = Effort { rollouts: 2000, deadline: None, gap: 1e-3 };
     let (late, all) = (horizon.split(None, &late), horizon.split(None, &all));
     assert!(late.rollouts < all.rollouts / 2, "{} of {} roll-outs", late.rollouts, all.rollouts);
     let greedy = horizon.greedy().objectives;

@@ -81,14 +81,16 @@ impl ControlHorizon {
     }
 
     /// Searches for the best schedule, from requests `(M, T)` [kW, of any sign] if given, and bounds the result.
-    /// `rollouts` is the effort of one descent; after `time_limit_s` the best known is returned.
-    #[pyo3(signature = (warm_start_kw, rollouts, time_limit_s=None))]
+    /// `rollouts` is the effort of one descent; after `time_limit_s` the best known is returned. A schedule
+    /// within the relative `gap` of its bounds needs no random starts.
+    #[pyo3(signature = (warm_start_kw, rollouts, time_limit_s=None, gap=0.0))]
     fn split(
         &self,
         py: Python<'_>,
         warm_start_kw: Option<GivenMatrix<'_>>,
         rollouts: usize,
         time_limit_s: Option<f64>,
+        gap: f64,
     ) -> PyResult<SplitAnswer> {
         let (n_strings, n_steps) = (self.inner.n_strings(), self.inner.n_steps());
         let warm_start_w = match &warm_start_kw {
@@ -102,7 +104,7 @@ impl ControlHorizon {
         };
         let deadline = time_limit_s
             .and_then(|s| Instant::now().checked_add(Duration::try_from_secs_f64(s.max(0.0)).ok()?));
-        let effort = Effort { rollouts, deadline };
+        let effort = Effort { rollouts, deadline, gap };
         let answer = py.detach(|| self.inner.split(warm_start_w.as_deref(), &effort));
         SplitAnswer::new(py, &self.inner, answer)
     }

@@ -219,7 +219,7 @@ class PowerSplit:
         start = carried.request_kw if carried is not None and carried.continues_in(problem) else None
         for _ in range(SEARCHES):
             left_s = None if deadline is None else deadline - time.perf_counter()
-            answer = control.split(start, ROLLOUTS, left_s)
+            answer = control.split(start, ROLLOUTS, left_s, self.settings.gap)
             certificate = certify(self._constants, problem, control, answer, costs, self.settings, deadline)
             if certificate.incumbent is answer.incumbent:
                 break

@@ -55,13 +55,25 @@ impl ControlHorizon {
             let ceilings = [bounds.ceiling, bounds.search_ceiling];
             out.push(bounds);
             for ((budget_w, costs), ceiling) in budgets_w.iter_mut().zip(&costs).zip(ceilings) {
-                let cheapest = cheapest_shed(costs);
-                if cheapest > 0.0 {
-                    *budget_w = budget_w.min(ceiling / cheapest);
-                }
+                *budget_w = within_ceiling(*budget_w, ceiling, costs);
             }
         }
         out
+    }
+
+    /// Whether the bounds prove that no schedule improves a group of `request_w` `(M, T)` by more than a relative `gap`.
+    pub(crate) fn is_proven(&self, request_w: &[f64], gap: f64) -> bool {
+        let flows = self.flows(request_w);
+        let values = self.report_objectives(&flows);
+        let mut budget_w = f64::INFINITY;
+        (0..self.n_groups()).all(|group| {
+            let (value, costs) = (values[group], self.group_costs(group, CostsOf::Report));
+            let reached = (1.0 - gap) * value;
+            let is_proven =
+                value == 0.0 || self.tightened(request_w, &flows, &costs, budget_w).bound >= reached;
+            budget_w = within_ceiling(budget_w, self.ceiling(group, value), &costs);
+            is_proven
+        })
     }
 
     /// The bound of the convexified program from its one-step problems; `may_shed` `(M, T)` marks steps in which a schedule of
@@ -93,6 +105,16 @@ impl ControlHorizon {
     }
 }
 
+/// Largest availability loss within a budget and the ceiling of a group with these costs.
+fn within_ceiling(budget_w: f64, ceiling: f64, costs: &[Losses]) -> f64 {
+    let cheapest = cheapest_shed(costs);
+    if cheapest > 0.0 {
+        budget_w.min(ceiling / cheapest)
+    } else {
+        budget_w
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use crate::model::{ControlHorizon, ControlModel, SplitProblem};
@@ -117,7 +139,7 @@ mod tests {
                 tolerance_rel: &[0.0],
             };
             let horizon = ControlHorizon::new(ControlModel::new(&common::reference(2)), &problem).unwrap();
-            let split = horizon.split(None, &Effort { rollouts: 300, deadline: None });
+            let split = horizon.split(None, &Effort { rollouts: 300, deadline: None, gap: 1e-3 });
             let sheds = |t: usize| (0..2).any(|m| split.flows[m * N_STEPS + t].availability_w > 0.0);
             assert_eq!((sheds(0), sheds(N_STEPS - 1)), (false, !is_optimum));
             assert_eq!(split.groups[0].is_search_optimum, is_optimum);

@@ -5,13 +5,15 @@ use std::time::Instant;
 use bess_tables::units::W_PER_KW;
 
 use super::incumbent::{Incumbent, Schedule};
-use crate::model::{ControlHorizon, Flow};
+use crate::model::{ControlHorizon, CostsOf, Flow};
 use crate::reach::StepBounds;
 
 /// Maximum number of string swaps.
 const MOST_SWAPS: usize = 64;
 /// Maximum number of descents after a gain from the one-step optima along the incumbent.
 const SETTLING_ROUNDS: usize = 3;
+/// Relative gap at which a start is optimal but for rounding: descents gain nothing.
+const EXACT: f64 = 1e-8;
 
 /// Maximum number of rounds: rounding to kW can cancel the gain of an optimum again and again.
 const MOST_ROUNDS: usize = 50;
@@ -23,6 +25,8 @@ pub struct Effort {
     pub rollouts: usize,
     /// Time at which the search stops with its incumbent.
     pub deadline: Option<Instant>,
+    /// Relative gap of the rigorous bounds within which a schedule needs no further starts.
+    pub gap: f64,
 }
 
 /// Result of a search.
@@ -43,7 +47,7 @@ impl ControlHorizon {
     /// `warm_start_w` `(M, T)`. It uses more starts if the plant is or will soon be full or empty.
     ///
     /// Steps that share a scarce SOC cause local optima. A closed loop has a good warm start in every step; a
-    /// search without warm start uses samples and exchanges.
+    /// search without warm start uses samples and exchanges, unless the bounds prove its schedule.
     pub fn find(&self, warm_start_w: Option<&[f64]>, effort: &Effort) -> SearchResult {
         let proportional = self.rated(self.fitted(&self.limit_w));
         let mut search = Search::new(self, effort, proportional);
@@ -53,19 +57,20 @@ impl ControlHorizon {
             if let Some(wanted) = warm_start_w {
                 search.offer(self.rated(self.fitted(wanted)));
             }
-            search.improve(search.best().to_vec());
-            search.swap_strings();
-            let flows = self.flows(search.best());
-            if sheds(&flows) {
-                search.improve(self.fitted(&self.limit_w));
-            }
-            if warm_start_w.is_none() && n_free > 1 && self.is_scarce(&flows) {
-                search.search_far();
+            if self.heat_costs() || !self.is_proven(search.best(), EXACT) {
+                search.explore(warm_start_w.is_none() && n_free > 1);
             }
         }
         let (flows, optima) = if n_free > 0 { search.settle() } else { search.without_choice() };
         let rollouts = (search.string_steps as usize).div_ceil(self.size());
         SearchResult { incumbent: search.incumbent, rollouts, flows, optima }
+    }
+
+    /// Whether battery losses have a cost: steps then depend on each other away from limits, too, and their optima one by one are
+    /// hardly ever the optimum together.
+    fn heat_costs(&self) -> bool {
+        let costs = |group| self.group_costs(group, CostsOf::Report);
+        (0..self.n_groups()).any(|group| costs(group).iter().any(|c| c.battery > 0.0))
     }
 
     /// Whether steps are coupled so that local optima are likely: there is availability or derating loss, or
@@ -142,6 +147,20 @@ impl<'a> Search<'a> {
         self.string_steps += used;
         self.offer(schedule.clone());
         schedule
+    }
+
+    /// Descends from the incumbent and, if `may_go_far` and the plant is or will soon be full or empty, from distant starts.
+    fn explore(&mut self, may_go_far: bool) {
+        let horizon = self.horizon;
+        self.improve(self.best().to_vec());
+        self.swap_strings();
+        let flows = horizon.flows(self.best());
+        if sheds(&flows) {
+            self.improve(horizon.fitted(&horizon.limit_w));
+        }
+        if may_go_far && horizon.is_scarce(&flows) && !horizon.is_proven(self.best(), self.effort.gap) {
+            self.search_far();
+        }
     }
 
     fn swap_strings(&mut self) {

@@ -12,15 +12,17 @@ from collections.abc import Collection, Mapping
 from copy import copy
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import clarabel
-import cvxpy as cp
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from bess.arrays import Array
+
+if TYPE_CHECKING:
+    import cvxpy as cp
 
 FEASIBILITY_TOLERANCE = 1e-6
 """Largest violation of a row without free variables before the node counts as infeasible (per unit)."""

@@ -18,12 +18,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import cvxpy as cp
 import numpy as np
 
 from bess.control.split.relaxation.conic import ConicProgram
+
+if TYPE_CHECKING:
+    import cvxpy as cp
 
 LOSSES = ("a", "d", "w", "h")
 """Variables with costs: availability, derating, inverter, battery."""
@@ -47,6 +49,9 @@ class Equations:
 
 def build(n_strings: int, n_steps: int, n_caps: int) -> Equations:
     """Return the relaxation, with caps on ``n_caps`` earlier objectives (lexicographic stages)."""
+    # CVXPY takes half a second to load, and most calls need no relaxation.
+    import cvxpy as cp
+
     shape = (n_strings, n_steps)
     parameters: dict[str, cp.Parameter] = {}
     variables: dict[str, cp.Variable] = {}
