@@ -85,7 +85,7 @@ def number_array(name: str, values: ArrayLike) -> Array:
     Raises
     ------
     InputError
-        If they are no numbers.
+        The values are not numbers.
     """
     try:
         return real_numbers(values)

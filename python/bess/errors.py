@@ -14,7 +14,7 @@ _LONGEST = 2000
 
 _on_command_line: ContextVar[bool] = ContextVar("on_command_line", default=False)
 _OPTIONS: Final = {"out": ("out=...", "--out"), "resume": ("resume=True", "--resume")}
-"""What a message calls an argument: to a caller from Python, and to one of the command line."""
+"""Names of arguments in messages: in Python, and on the command line."""
 
 
 class BessError(Exception):

@@ -16,14 +16,14 @@ Fill = Literal["previous", "interpolate", "previous_day"]
 """How gaps of more than an hour are filled: last value, straight line, values of the day before."""
 
 LARGEST_BYTES: Final = 200 * 2**20
-"""What is read of a file or unpacked from an archive at most: some 50 years of quarter hours."""
+"""Maximum size of a file, packed or unpacked: about 50 years of quarter hours."""
 
 _DEEPEST: Final = 64
-"""Levels of tables and lists in a document, more than any file of the package has."""
+"""Maximum nesting of tables and lists; no file of the package comes near it."""
 
 
 class MissingFileError(InputError):
-    """There is no such file."""
+    """The file does not exist."""
 
 
 def missing(path: str | Path) -> str:

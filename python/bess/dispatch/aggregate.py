@@ -14,24 +14,24 @@ from bess.units import SECONDS_PER_HOUR, WATTS_PER_KW
 
 _REFERENCE_SOC: Final = 0.5
 _REFERENCE_C: Final = 35.0
-"""State at which the best share of each power is found; what it loses is scaled to other states."""
+"""State at which the minimum-loss allocation is computed; its losses are scaled to other states."""
 
 _HEAT_WEIGHT: Final = 3.0
-"""Weight of heat beside other losses in the best share: it warms, and derates the hours that follow."""
+"""Weight of battery heat relative to other losses in the allocation: heating causes later derating."""
 
 _SHARES: Final = 24
-"""Powers at which the best share is found, between nothing and the plant's nominal power."""
+"""Number of plant powers above zero at which the minimum-loss allocation is computed."""
 
 _POWERS: Final = 8
-"""Powers of the dynamic program in each direction, in equal distances."""
+"""Number of equidistant powers of the dynamic program in each direction."""
 
 _FROM_DERATING_K: Final = (
     *(-45.0, -30.0, -20.0, -13.0, -9.0, -7.0), *np.arange(-5.0, 3.1, 0.5), *(6.0, 12.0, 20.0, 35.0)
 )  # fmt: skip
-"""Its temperatures from the start of derating: a step moves little there, and each half degree costs."""
+"""Temperature grid of the dynamic program relative to the start of derating; fine where derating begins."""
 
 _WITHOUT_DERATING_C: Final = (0.0, 15.0, 25.0, 35.0, 45.0, 60.0)
-"""Its temperatures for plants without derating."""
+"""Temperature grid of the dynamic program for plants without derating."""
 
 _SUBSTEP_H: Final = 1.0 / 12.0
 """Step of the roll-out [h], with the coefficients of its middle."""
@@ -41,37 +41,21 @@ _TAPERED_SUBSTEP_H: Final = 1.0 / 60.0
 
 
 @dataclass(frozen=True)
-class Curve:
-    """Minimum-loss allocation of plant power to strings, in one direction.
-
-    Attributes
-    ----------
-    power_kw : ndarray, shape (n_points,)
-        Ascending from 0 to the power in service.
-    share_kw : ndarray, shape (n_points, n_strings)
-        Power of each string.
-    """
-
-    power_kw: Array
-    share_kw: Array
-
-
-@dataclass(frozen=True)
 class DispatchRollout:
     """Response of the control model to a schedule; powers are means over the steps.
 
     Attributes
     ----------
     demand_kw, delivered_kw : ndarray, shape (n_steps,)
-        Demand, less the part that no string could take, and what is delivered; signed.
+        Demand without the part that no string could take, and delivered power; signed.
     request_kw : ndarray, shape (n_strings, n_steps)
-        What is asked of each string.
+        Set-point of each string.
     energy_kwh : ndarray, shape (n_steps + 1,)
-        Stored above the lower SOC limits, at the start and at the end of each step.
+        Energy above the lower SOC limits: initial value, then the value at the end of each step.
     soc, temperature_c : ndarray, shape (n_strings, n_steps + 1)
-        Of each string, likewise.
+        State of each string at the same times.
     standby_kw : ndarray, shape (n_steps,)
-        Standby of the inverters that are off.
+        Standby power of the inverters that are off.
     starts : int
         Starts of inverters after the first step.
     """
@@ -84,6 +68,32 @@ class DispatchRollout:
     temperature_c: Array
     standby_kw: Array
     starts: int
+
+
+class StringEnergy:
+    """Energy of each string above its lower SOC limit over SOC, by the OCV of discharge at 25 degC.
+
+    Attributes
+    ----------
+    tables : list of tuple of ndarray
+        SOC and energy [kWh] of each string, shape (n_points,) each.
+    """
+
+    def __init__(self, system: System, soh_capacity: Array):
+        self.tables: list[tuple[Array, Array]] = []
+        capacity_ah = system.capacity_ah * soh_capacity
+        for m, string in enumerate(system.strings):
+            ocv = string.battery.ocv_v
+            row = int(np.argmin(np.abs(np.array(ocv.temperature_c) - 25.0)))
+            soc = np.unique(np.r_[np.array(ocv.soc), np.linspace(ocv.soc[0], ocv.soc[-1], 101)])
+            volt = np.interp(soc, ocv.soc, ocv.discharge[row]) * string.battery.cells_series
+            energy = np.r_[0.0, np.cumsum(np.diff(soc) * 0.5 * (volt[1:] + volt[:-1]))]
+            energy *= capacity_ah[m] / WATTS_PER_KW
+            self.tables.append((soc, energy - np.interp(string.battery.soc_min, soc, energy)))
+
+    def kwh(self, soc: Array) -> Array:
+        """Return the energies [kWh] at ``soc``; strings along the first axis."""
+        return np.array([np.interp(each, *table) for each, table in zip(soc, self.tables, strict=True)])
 
 
 class Aggregate:
@@ -111,8 +121,8 @@ class Aggregate:
         batteries = [string.battery for string in system.strings]
         self.soc_min = np.array([battery.soc_min for battery in batteries])
         self.soc_max = np.array([battery.soc_max for battery in batteries])
-        self._soc_grid, self._energy_grid = energy_tables(system, health, self.soc_min)
-        self.string_energy_kwh = self._energies_kwh(self.soc_max)
+        self._energy = StringEnergy(system, health.soh_capacity)
+        self.string_energy_kwh = self._energy.kwh(self.soc_max)
         self.capacity_kwh = float(self.string_energy_kwh.sum())
         self._off_kw = np.array([s.inverter.off_loss for s in system.strings]) * system.nominal_kw
         lumped = [string.thermal.lumped for string in system.strings]
@@ -121,9 +131,8 @@ class Aggregate:
         self._mass_share = mass / mass.sum()
         self.cooling_per_h = SECONDS_PER_HOUR * float(self._mass_share @ cooling)
         middle = np.clip(np.full(system.n_strings, _REFERENCE_SOC), self.soc_min, self.soc_max)
-        self.curves = (self._curve(middle, -1.0), self._curve(middle, 1.0))
-        charge, discharge = self.curves
-        self._shares = _core.BestShares(charge.share_kw, discharge.share_kw, self.limit_kw)
+        self._share_kw = self._allocation(middle, -1.0), self._allocation(middle, 1.0)
+        self._shares = _core.BestShares(*self._share_kw, self.limit_kw)
         limits = ((b.cell_voltage_max_v, b.cell_voltage_min_v) for b in batteries)
         tapers = any(limit is not None for pair in limits for limit in pair)
         self._parts = max(1, round(dt_h / (_TAPERED_SUBSTEP_H if tapers else _SUBSTEP_H)))
@@ -139,15 +148,7 @@ class Aggregate:
 
     def energy_kwh(self, soc: Array) -> Array:
         """Energy above the lower SOC limits, by the OCV of discharge; strings along the first axis."""
-        return np.asarray(self._energies_kwh(soc).sum(axis=0))
-
-    def _energies_kwh(self, soc: Array) -> Array:
-        return np.array(
-            [
-                np.interp(each, grid, energy)
-                for each, grid, energy in zip(soc, self._soc_grid, self._energy_grid, strict=True)
-            ]
-        )
+        return np.asarray(self._energy.kwh(soc).sum(axis=0))
 
     def mean_c(self, temperature_c: Array) -> Array:
         """Temperature of the whole plant; strings along the first axis."""
@@ -176,16 +177,16 @@ class Aggregate:
         power_kw : tuple of float
             Maximum power of charging, and of discharging.
         by_throughput : bool
-            Whether cycles count the mean of charged and discharged AC energy; else what leaves the store.
+            Whether cycles count the mean of charged and discharged AC energy, or discharged stored energy.
         """
         full = np.linspace(self.soc_min, self.soc_max, 201, axis=1)
         share = np.linspace(-1.0, 1.0, 2 * _POWERS + 1)
         power = share * np.where(share < 0.0, *power_kw)
         request = np.zeros((power.size, self.system.n_strings))
-        for curve, sign in zip(self.curves, (-1.0, 1.0), strict=True):
+        for share_kw, sign in zip(self._share_kw, (-1.0, 1.0), strict=True):
             here = sign * power > 0.0
             request[here] = sign * np.stack(
-                [np.interp(np.abs(power[here]), curve.power_kw, each) for each in curve.share_kw.T], axis=1
+                [np.interp(np.abs(power[here]), self._total_kw, each) for each in share_kw.T], axis=1
             )
         derated_c = self.derating_begins_c
         return _core.Store(
@@ -198,7 +199,7 @@ class Aggregate:
             soc=np.array([np.interp(energy_kwh, self.energy_kwh(full), soc) for soc in full]).T,
             power_kw=power,
             request_kw=request,
-            energies=list(zip(self._soc_grid, self._energy_grid, strict=True)),
+            energies=self._energy.tables,
             mass_share=self._mass_share,
             off_kw=self._off_kw,
             capacity_kwh=self.capacity_kwh,
@@ -230,37 +231,26 @@ class Aggregate:
             starts=int(np.count_nonzero((request[:, 1:] != 0.0) & (request[:, :-1] == 0.0))),
         )
 
-    def _curve(self, soc: Array, sign: float) -> Curve:
+    @property
+    def _total_kw(self) -> Array:
+        """Plant powers of the allocation, from 0 to the power in service."""
+        return np.linspace(0.0, self.power_kw, _SHARES + 1)
+
+    def _allocation(self, soc: Array, sign: float) -> Array:
+        """Return the minimum-loss powers of the strings in one direction, shape ``(n_points, n_strings)``."""
         strings = self.system.n_strings
         warm_c = np.full(strings, _REFERENCE_C)
-        power = np.linspace(0.0, self.power_kw, _SHARES + 1)
-        share = np.zeros((power.size, strings))
+        share = np.zeros((_SHARES + 1, strings))
         costs, tolerance = np.ones((1, strings, 4)), np.zeros(1)
         costs[:, :, 3] = _HEAT_WEIGHT
         step = (np.array([self.system.reference_temperature_c]), _SUBSTEP_H, self.limit_kw[:, None])
-        for i, total in enumerate(power[1:], start=1):
+        for i, total in enumerate(self._total_kw[1:], start=1):
             horizon = _core.ControlHorizon(
                 self._model, soc, warm_c, np.array([sign * total]),
                 *step, costs, costs, tolerance, tolerance,
             )  # fmt: skip
             share[i] = np.abs(horizon.greedy()[:, 0])
-        return Curve(power, share)
-
-
-def energy_tables(system: System, health: State, soc_min: Array) -> tuple[list[Array], list[Array]]:
-    """Energy [kWh] of each string above its lower SOC limit, over a grid of SOC, at 25 degC."""
-    grids, energies = [], []
-    capacity_ah = system.capacity_ah * health.soh_capacity
-    for m, string in enumerate(system.strings):
-        ocv = string.battery.ocv_v
-        row = int(np.argmin(np.abs(np.array(ocv.temperature_c) - 25.0)))
-        soc = np.unique(np.r_[np.array(ocv.soc), np.linspace(ocv.soc[0], ocv.soc[-1], 101)])
-        volt = np.interp(soc, ocv.soc, ocv.discharge[row]) * string.battery.cells_series
-        energy = np.r_[0.0, np.cumsum(np.diff(soc) * 0.5 * (volt[1:] + volt[:-1]))]
-        energy *= capacity_ah[m] / WATTS_PER_KW
-        grids.append(soc)
-        energies.append(energy - np.interp(soc_min[m], soc, energy))
-    return grids, energies
+        return share
 
 
 def _rounded(state: State) -> State:

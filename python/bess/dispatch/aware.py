@@ -24,19 +24,19 @@ _MIN_POWER_SHARE: Final = 1e-6
 """Fraction of plant power below which the dispatch is zero."""
 
 _FINE_H: Final = 8.0
-"""Time that is planned in short blocks [h]; a newer plan takes over before it has passed."""
+"""Time planned in short blocks [h]; the next plan replaces this one before this time has passed."""
 
 _FINE_STEP_H: Final = 0.25
-"""The longest of them [h]; later ones are longer (:class:`bess.dispatch.blocks.Blocks`)."""
+"""Maximum length of a short block [h]; later blocks are longer (:class:`bess.dispatch.blocks.Blocks`)."""
 
 _CYCLE_PRICES: Final = (0.0, 0.1, 0.2, 0.4, 0.7, 1.2)
-"""Prices of what is cycled, over the largest price of energy, where cycles are limited."""
+"""Trial prices of cycled energy relative to the highest energy price, used where cycles are limited."""
 
 _ENERGIES: Final = 61
 """Grid points of the stored energy."""
 
 _EXCLUDED_EUR_KWH: Final = -1e3
-"""Income of a kWh discharged at a negative price: it is not planned, as it would pay to burn energy."""
+"""Income per kWh that excludes discharging at a negative price, which would pay for dissipating energy."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class DispatchPlan(ByValue):
     expected_delivered_kw : ndarray, shape (n_steps,)
         Power that the control model delivers.
     expected_net_eur : float
-        Net income by the terms of settlement, wear included; what is left in store is not counted.
+        Net income by the settlement terms, less wear cost; the remaining stored energy is not valued.
     expected_energy_kwh : ndarray, shape (n_steps,)
         Energy above the lower SOC limits at the end of each step.
     expected_temperature_c : ndarray, shape (n_steps,)
@@ -87,13 +87,13 @@ class DispatchInputs:
     discharged_kwh : float
         Stored energy discharged on the first of these days so far.
     is_last : bool
-        Whether the run ends with the plan; what is left in store then is worth nothing.
+        Whether the run ends with the plan; the remaining stored energy then has no value.
     budget_price_eur_mwh : float
-        Price of each MWh discharged beside wear: the shadow price of a budget. It is planned with, not paid.
+        Shadow price of a budget per MWh discharged, in addition to wear. Plans use it, but it is not paid.
     remaining_kwh : float
-        Stored energy that may still be discharged in all.
+        Stored energy that the whole plan may discharge.
     bands : PriceBands or None
-        Levels of prices that are not known, with ``price_eur_mwh`` as their mean.
+        Price levels of an uncertain forecast, with mean ``price_eur_mwh``.
     """
 
     price_eur_mwh: Array
@@ -112,15 +112,14 @@ class DynamicProgramDispatch:
     The bundled study ``model-accuracy`` repeats the comparison of [1]_ with it. Wear by depth of cycle can be
     part of the program because the cost of cycles counted by rainflow is convex in the profile [2]_.
 
-    Every plan is a dynamic program of the plant as one store, over stored energy, temperature and, where wear
-    depends on it, depth of the discharge so far, computed by the core. In each block of steps at one price
-    the power is chosen that earns most together with the value of the state after it. The
-    control model gives what powers do, with the best share among the strings: losses, heat, derating, full
-    and empty strings. Fees, wear, standby and the price of a shortfall are counted. Where cycles are limited,
-    cycling has a price: the dual value is least, at every state, at that of what is left of the limit. Where
-    prices are known as bands, values after a block are expected over the levels of the next price. The
-    plan is rolled out with the control model, less what full or empty strings cannot take. It depends on its
-    arguments alone, to the last bit.
+    Each plan is a dynamic program of the plant as one storage. Its states are stored energy, temperature and,
+    if wear depends on it, the depth of the present discharge. In each block of steps at one price, the power
+    maximises the income of the block plus the value of the state after it. The control model, with the
+    minimum-loss allocation to the strings, gives losses, heat, derating, and full or empty strings. The
+    income includes fees, wear, standby and the price of a shortfall. A limit on cycles is replaced by its
+    shadow price, which minimises the dual bound at every state. With price bands, the value after a block is
+    the expectation over the levels of the next price. The plan is then rolled out with the control model, and
+    power that full or empty strings cannot take is removed. Equal arguments give bit-identical plans.
 
     Parameters
     ----------
@@ -131,17 +130,17 @@ class DynamicProgramDispatch:
     terms : SettlementTerms
         Fees and the price of a shortfall.
     max_power_kw, max_energy_kwh : float or None
-        Keep below what the plant has.
+        Limits of power and energy below those of the plant.
     max_import_kw, max_export_kw : float or None
         Limits of the grid connection in each direction.
     cycles_per_day : float
-        Most full cycles a day: discharged stored energy over that of the plant.
+        Maximum full cycles per day: discharged stored energy / energy of the plant.
     cycles_per_plan : float or None
-        Instead of the former: most full cycles of each plan, the mean of charged and discharged AC energy
-        over the energy of the plant.
+        Alternative to ``cycles_per_day``: maximum full cycles of each plan, the mean of charged and
+        discharged AC energy / energy of the plant.
     end_price_eur_mwh : float or None
-        What a MWh left in store at the end of a plan is worth; None takes the median price of buying, or what
-        the best tenth of prices brings if that is less.
+        Value of a MWh stored at the end of a plan. None: the lower of the median purchase price and the 90 %
+        quantile of the selling price.
 
     References
     ----------
@@ -185,7 +184,7 @@ class DynamicProgramDispatch:
         state : State
             Measured state.
         limit_kw : ndarray, shape (n_strings,), optional
-            Power of each inverter in service, taken to stay so.
+            Power of each inverter in service, assumed constant over the plan.
         """
         limit = self._system.nominal_kw if limit_kw is None else limit_kw
         if not limit.any():

@@ -30,12 +30,12 @@ _PRIOR: Final = 1.0
 class PriceBands(ByValue):
     """Prices ahead as a Markov chain over a few levels.
 
-    The level changes only where a new price begins: where any level has another price than a step before.
+    The level can change only where a new price begins, that is, where the price of any level changes.
 
     Attributes
     ----------
     price_eur_mwh : ndarray, shape (n_levels, n_steps)
-        Price of each level. The present price is known: all levels share it.
+        Price of each level. All levels have the known present price.
     transition : ndarray, shape (n_levels, n_levels)
         Probability of each level (column) after each level (row).
     initial : ndarray, shape (n_levels,)
@@ -82,8 +82,8 @@ class BandForecast:
 
     Without ``forecast`` they are the quantiles (5, 25, 50, 75, 95 %) of the errors of
     :class:`~bess.dispatch.PersistenceForecast` in the past four weeks, by its age in days. Probabilities of
-    transitions are counted in the same weeks; a price between two levels counts for both. The present price,
-    and nothing later, is known.
+    transitions are counted in the same weeks; a price between two levels counts for both. Only
+    the present price is known.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ class BandForecast:
     price_ends : array of int, shape (n_steps,), optional
         See :class:`~bess.dispatch.PersistenceForecast`.
     first : int
-        Likewise.
+        See :class:`~bess.dispatch.PersistenceForecast`.
 
     Raises
     ------
@@ -128,7 +128,7 @@ class BandForecast:
         return mean
 
     def bands(self, step: int, horizon: int) -> PriceBands:
-        """Return the bands of `step`, `step` + 1, … as forecast at the start of `step`.
+        """Return the price bands of `step` and later steps, as forecast at the start of `step`.
 
         Parameters
         ----------

@@ -63,10 +63,10 @@ class Blocks:
         return np.asarray(np.add.reduceat(values, self.first, axis=-1) / self.count)
 
     def at_full(self, share: Array) -> Array:
-        """Return the share of each step from the mean shares of blocks, at most 1 in magnitude.
+        """Return the power of each step from the mean powers of blocks, both relative to maximum power.
 
-        As in a vertex of the program over all steps: the last steps of a block at full power, one step with
-        the remainder, none before.
+        As in a vertex solution over single steps, the last steps of a block have full power, one step has the
+        remainder, and the steps before are idle.
         """
         place = self.count[self.of_step] - 1 - np.arange(self.of_step.size) + self.first[self.of_step]
         whole = (np.abs(share) * self.count)[self.of_step] - place

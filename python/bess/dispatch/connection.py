@@ -77,7 +77,7 @@ class GridConnection(Checkpointed):
     max_import_kw, max_export_kw : float
         Limits at the meter; infinite without.
     import_fee_eur_mwh : float
-        Fees on the import beside the price, >= 0.
+        Fees on the import in addition to the price, >= 0.
     tariff : PeakTariff or None
         Price of the peak.
     """

@@ -13,10 +13,10 @@ from bess.dispatch.aggregate import Aggregate
 from bess.units import HOURS_PER_DAY, KWH_PER_MWH
 
 _DEPTHS: Final = (0.25, 0.5, 0.75, 1.0)
-"""Ends of the segments of depth whose wear is told apart, where it depends on depth."""
+"""Upper ends of the depth segments with separate wear prices, if wear depends on depth."""
 
 _HOLDING_SOC: Final = (0.2, 0.8)
-"""Between these the price of a day is taken to be linear in SOC."""
+"""SOC range over which calendar wear cost is approximated as linear."""
 
 
 @dataclass(frozen=True)
@@ -26,11 +26,11 @@ class CycleDepthCost:
     Attributes
     ----------
     by_energy_eur_kwh : float
-        Price of each kWh discharged (AC), whatever the depth.
+        Price of each kWh discharged (AC), at any depth.
     capacity_kwh : float
         Energy of a cycle of depth 1.
     depth, cycle_eur : ndarray, shape (n_depths,)
-        Price of a cycle over its depth, from ``(0, 0)``, beside the former; convex.
+        Additional price of a cycle over its depth, from ``(0, 0)``; convex.
     holding_eur_kwh_h : float
         Price of holding a kWh for an hour: calendar wear that grows with SOC.
     """
@@ -69,7 +69,7 @@ class CycleDepthCost:
 
     @property
     def points(self) -> Array:
-        """Number of depths on the grid: one if wear is independent of depth."""
+        """Depth grid of the dynamic program: one point if wear is independent of depth."""
         return self.depth if np.ptp(self.marginal_eur_kwh) > 0.0 else self.depth[:1]
 
     @property
@@ -90,7 +90,7 @@ class CycleDepthCost:
         """Return the wear cost of a trajectory of stored energy.
 
         ``discharged_kwh`` (AC) has one value for each step, ``energy_kwh`` one more. Every discharge from one
-        turning point to the next counts as a cycle, which is the upper end of what rainflow counting gives.
+        turning point to the next counts as a cycle, which is an upper bound of rainflow counting.
         """
         turns = np.flatnonzero(np.diff(np.sign(np.diff(energy_kwh))) != 0) + 1
         corners = energy_kwh[np.r_[0, turns, energy_kwh.size - 1]]

@@ -150,7 +150,7 @@ def steps_in(duration_h: float, dt_h: float, what: str) -> int:
 def price_ends_of(values: Array, dt_h: float) -> npt.NDArray[np.int64]:
     """Return the first step after each at which another price may begin, shape ``(n_steps,)``.
 
-    Prices last as many steps, an hour at most, as fit all their changes.
+    The duration of a price is the longest, up to an hour, that is consistent with all price changes.
     """
     steps, changes = np.arange(values.size), np.flatnonzero(np.diff(values) != 0.0) + 1
     first = int(changes[0]) if changes.size else 0

@@ -15,7 +15,7 @@ _LEAD_TIME_H: Final = 9.0
 """Lead time of the auction of a day [h]: it is cleared at 15:00 of the day before."""
 
 _BLOCK_H: Final = 4.0
-"""Length of a product of the reserve [h]."""
+"""Length of a reserve product [h]."""
 
 _MIN_POSITION: Final = 1e-9
 """Share of the plant's power below which a position is zero."""
@@ -37,11 +37,11 @@ def auction_positions(
     .. math:: \sum_{k \le K} \pi_k (s_k - s_{k-1})
        = \sum_{k<K} s_k (\pi_k - \pi_{k+1}) + s_K \pi_K .
 
-    So the program over all markets separates into one store program for each. With foresight the schedule
-    of an auction is the one that earns most at the difference to the next price. Without, the next price is
-    expected to be that of the auction, and the schedule is the one that earns most at the prices of the day
-    before (rolling intrinsic). Every schedule is one that the store could deliver, from where the one of the
-    day before ended; what the plant does is decided in the last market, :math:`s_K`.
+    The program over all markets therefore separates into one store program for each. With foresight, the
+    schedule of an auction maximises the income at the difference to the next price. Without foresight, the
+    next price is expected to equal the auction price, and the schedule maximises the income at the prices of
+    the day before (rolling intrinsic). Every schedule is feasible for the store, from the final stored energy
+    of the day before. The last market determines the dispatch of the plant, :math:`s_K`.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def auction_positions(
     stored_kwh : float
         Energy at the start.
     foresight : bool
-        Whether prices are known; else those of the day before are taken, and the first day has no position.
+        Whether prices are known. Otherwise, prices of the day before are used, and day one has no position.
 
     Returns
     -------
@@ -105,7 +105,7 @@ def _days(planner: Arbitrage, *, foresight: bool) -> Iterator[tuple[int, int, np
 class AuctionForecast:
     """Forecast of the last market by the preceding auction, whose prices are known from the afternoon before.
 
-    The present price is that of the market. Days whose auction is not cleared yet take the prices of the last
+    The present price is the market price. Days whose auction is not yet cleared have the prices of the last
     cleared day.
 
     Parameters
@@ -161,7 +161,7 @@ def reserve_blocks(
     stored_kwh : float
         Energy for trade at the start.
     foresight : bool
-        Whether prices are known; else those of the day before are taken, and the first day has no reserve.
+        Whether prices are known. Otherwise, prices of the day before are used, and day one has no reserve.
 
     Returns
     -------

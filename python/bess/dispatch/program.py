@@ -50,8 +50,8 @@ class StoreProgram:
     .. math:: \min \sum_t a_t c_t + b_t d_t + \dots\quad\text{s. t.}\quad
        e_t = e_{t-1} + \eta c_t T_t - d_t T_t / \eta .
 
-    Columns and rows are added to it (:meth:`add`, :meth:`at_most`). Powers have one unit and energies that
-    times 1 h; near 1 the tolerance of the solver (1e-7) fits best.
+    Columns and rows are added to it (:meth:`add`, :meth:`at_most`). Energies have the
+    unit of powers times 1 h; values near 1 suit the tolerance of the solver (1e-7).
 
     Parameters
     ----------

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 _STDOUT = 1
 _STDERR = 2
 _alone = threading.Lock()
-"""The descriptors are those of the whole process."""
+"""File descriptors belong to the whole process."""
 
 
 @contextmanager

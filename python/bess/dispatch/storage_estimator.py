@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from bess.arrays import Array
 from bess.checkpoints import Checkpointed
-from bess.dispatch.aggregate import energy_tables
+from bess.dispatch.aggregate import StringEnergy
 from bess.system import State, System
 
 
@@ -27,7 +26,7 @@ class StorageEstimator(Checkpointed):
         self._soc_max = np.array([string.battery.soc_max for string in system.strings])
         self._nominal_kwh = system.nominal_energy_kwh
         fresh = State(np.full(system.n_strings, 0.5), np.full(system.n_strings, 25.0))
-        self._soc, self._energy = energy_tables(system, fresh, self._soc_min)
+        self._energy = StringEnergy(system, fresh.soh_capacity)
         # As if one full charge had been measured before.
         self._charged_kwh = self.capacity_kwh(fresh)
         self._discharged_kwh = efficiency * self._charged_kwh
@@ -63,11 +62,11 @@ class StorageEstimator(Checkpointed):
 
     def stored_kwh(self, state: State) -> float:
         """Energy stored above the lower SOC limits."""
-        return float((self._at(state.soc) * state.soh_capacity).sum())
+        return float((self._energy.kwh(state.soc) * state.soh_capacity).sum())
 
     def capacity_kwh(self, state: State, soc_max: float = 1.0) -> float:
         """Energy capacity: every string at ``soc_max``, or at its own limit if that is lower."""
-        full = self._at(np.minimum(self._soc_max, np.maximum(soc_max, self._soc_min)))
+        full = self._energy.kwh(np.minimum(self._soc_max, np.maximum(soc_max, self._soc_min)))
         return float((full * state.soh_capacity).sum())
 
     def smallest_kwh(self, state: State) -> float:
@@ -77,13 +76,7 @@ class StorageEstimator(Checkpointed):
     def soc_at(self, state: State, stored_kwh: float) -> float:
         """Return the common SOC of all strings at a total stored energy."""
         levels = np.linspace(0.0, 1.0, 201)
-        held = [(self._at(np.full_like(self._soc_min, soc)) * state.soh_capacity).sum() for soc in levels]
+        held = [
+            (self._energy.kwh(np.full_like(self._soc_min, soc)) * state.soh_capacity).sum() for soc in levels
+        ]
         return float(np.interp(stored_kwh, held, levels))
-
-    def _at(self, soc: Array) -> Array:
-        return np.array(
-            [
-                np.interp(each, grid, energy)
-                for each, grid, energy in zip(soc, self._soc, self._energy, strict=True)
-            ]
-        )

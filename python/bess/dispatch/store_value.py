@@ -70,7 +70,7 @@ def store_value(
        0 \le c_t, d_t \le P,\quad d_t \Delta t / \eta \le e_{t-1},\quad
        \sum_t \eta c_t \Delta t \le n E .
 
-    Energy discharged in a step is in store at its start; this binds only at negative prices, which pay for
+    Energy discharged in a step must be stored at its start. This binds only at negative prices, which reward
     simultaneous charging and discharging. The program reproduces the 19 values that [1]_ publishes for German
     ID3 prices of 2021.
 
@@ -151,7 +151,7 @@ def store_value(
 
 
 def price_steps(prices: Any, dt_h: float) -> tuple[Array, float]:
-    """Return prices as an array, and their step [h]: that of their times, without times ``dt_h``.
+    """Return prices as an array, and the step [h] of their times; ``dt_h`` for prices without times.
 
     Raises
     ------

@@ -34,8 +34,8 @@ def frequency_week(dt_h: float = 0.25, seed: int = 1) -> Array:
 def peak_shaving_week(dt_h: float = 0.25, seed: int = 2) -> Array:
     """Return a week of peak shaving: discharge at daytime peaks, charging at night, idle weekends.
 
-    In kW. On each of five days three to five peaks of a half to two hours and 30 to 140 kW; in the night
-    after, what left the store comes back with 8 % for losses, at even power from 20:00 to 04:00.
+    In kW. On each of five days three to five peaks of a half to two hours and 30 to 140 kW; from 20:00
+    to 04:00 the battery recharges at constant power, with 8 % for losses.
     """
     random = np.random.default_rng(seed)
     power_kw = np.zeros(_QUARTERS_PER_WEEK)
@@ -124,9 +124,9 @@ def market_prices(seed: int = 8) -> Array:
 def frequency_deviation(seed: int = 7) -> Array:
     """Return a week of deviation from the nominal frequency every 10 s [mHz].
 
-    Two processes of first order that forget within one minute and within ten, and the saw tooth of trade by
-    the hour. Standard deviation and memory are near those of continental Europe in May 2019 (20 mHz; of a
-    deviation 0.74 is left after a minute, 0.41 after five).
+    Two first-order processes with time constants of one and ten minutes, and the sawtooth of hourly trading.
+    Standard deviation (20 mHz) and autocorrelation (0.74 after a minute, 0.41 after five) are near those of
+    continental Europe in May 2019.
     """
     random = np.random.default_rng(seed)
     count = 7 * 8640

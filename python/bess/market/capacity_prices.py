@@ -17,7 +17,7 @@ _CLOCK: Final = "Europe/Berlin"
 _PRICE: Final = "_SETTLEMENTCAPACITY_PRICE_[EUR/MW]"
 _BLOCK: Final = r"^NEGPOS(?:_(\d\d)_(\d\d))?$"
 _TENDER: Final = "1"
-"""The tender of the day before; others procure again what failed."""
+"""Number of the regular tender of the day before; higher numbers are repeated tenders."""
 _DAY_S: Final = 86_400
 
 

@@ -26,7 +26,7 @@ _NAMED_CLOCK: Final = re.compile(
 )
 _CLOCKS: Final = {"UTC": "UTC", "GMT": "UTC", "WET": "Europe/Lisbon", "EET": "Europe/Helsinki"}
 _BRUSSELS: Final = "Europe/Brussels"
-"""What CET and CET/CEST both mean."""
+"""Clock of both ``CET`` and ``CET/CEST``."""
 _OFFSETS: Final = (("utc_offset_seconds", 1), ("time zone", 3600))
 """Offsets from UTC in the block above a table: of Open-Meteo, and of the NSRDB."""
 _NUMBER: Final = re.compile(r"-?\d+(\.\d+)?")

@@ -1,7 +1,7 @@
 """Exports of Energy-Charts: day-ahead and intraday, any language, one or two header lines.
 
-With offsets (``2023-01-01T00:00+01:00``) the clock is what it shows: the offsets are wrong on some rows of a
-year, near the days and hours at which summer time begins and ends in other months. Without offsets
+Wall-clock times are used, because the UTC offsets (``2023-01-01T00:00+01:00``) are wrong on some rows of a
+year, near the hours at which summer time begins and ends. Without offsets
 (``01/01/2021 00:00``) the clock is UTC+1 all year, unless the hour that summer time skips is absent.
 """
 

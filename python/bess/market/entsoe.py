@@ -53,7 +53,7 @@ def read(
 
 
 def _of_zone(table: Table, zone: str, prices: pd.DataFrame, repairs: Repairs) -> pd.DataFrame:
-    """Return the rows of `zone`, before October 2018 those of the zone it came out of."""
+    """Return the rows of `zone`, before October 2018 those of its predecessor."""
     area = table.named("Area", "Bidding Zone", "BZN")
     if area is None:
         names = [name for name in table.header if name.startswith("BZN|")]

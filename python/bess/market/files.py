@@ -52,7 +52,7 @@ def reading(path: str | PathLike[str]) -> Iterator[tuple[bytes, Repairs]]:
     Raises
     ------
     InputError
-        The path is none, the file cannot be read, or what is done with it fails.
+        The path is invalid, the file cannot be read, or the block raises an InputError.
     """
     name = _path_text(path)
     raw, repairs = read_file(name), Repairs()

@@ -16,7 +16,7 @@ def is_json(text: str) -> bool:
 
 
 def json_rows(text: str) -> list[tuple[int, list[str]]]:
-    """Return the rows of the largest table in a JSON document, below what else it says of its times.
+    """Return the rows of the largest table in a JSON document, below its UTC offset if it has one.
 
     Read are PVGIS, Open-Meteo, Energy-Charts, Energi Data Service, aWATTar and SMARD, and others that hold
     lists of equal length, a list of records, or a list of pairs.

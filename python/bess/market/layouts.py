@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from bess.market.files import fail, first_line
 
 _NOMINAL_YEAR: Final = "2001"
-"""Year of a typical year that names none, or several: not a leap year."""
+"""Calendar year of a typical year without a year or with several years; not a leap year."""
 _EPW_TEMPERATURE: Final = 6
 _EPW_TIME_ZONE: Final = 8
 _OMIE: Final = "MARGINALPDBC"

@@ -11,7 +11,7 @@ from bess.market.files import fail, first_line
 MISSING: Final = frozenset(
     {"", "-", "–", "—", "--", "n/e", "n/a", "na", "nan", "null", "none", "nil", "#n/a", "\\n"}
 )
-"""What stands for a missing value, in lower case."""
+"""Codes of missing values, in lower case."""
 
 _LARGEST: Final = 1e12
 _CLEAN: Final = str.maketrans(
@@ -28,7 +28,7 @@ _NAMES: Final = {",": "comma", ".": "point"}
 def parse_numbers(cells: pd.Series, default: Literal[",", "."] = ".") -> pd.Series:
     """Return the numbers of a column by line, NaN where a value is missing.
 
-    The decimal sign is found from the whole column; `default` decides where nothing tells (``1.234``).
+    The decimal sign is detected from the whole column; `default` applies if it is ambiguous (``1.234``).
     """
     texts = [cell.translate(_CLEAN).lower() for cell in cells]
     decimal = _decimal(cells, texts) or default

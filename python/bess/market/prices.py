@@ -26,7 +26,7 @@ FORMATS: Final = (
     (smard.matches, smard.read),
     (energy_charts.matches, energy_charts.read),
 )
-"""Formats tried in this order on the content of a CSV file; what none of them matches is a plain table."""
+"""Formats, tried in this order on the content of a CSV file; any other file is a plain table."""
 
 
 def read_prices(

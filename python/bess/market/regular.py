@@ -33,8 +33,8 @@ def regular(
     """Return a gap-free series with a regular step, labelled at the interval's start, in UTC.
 
     Missing values at both ends are cut. Gaps of up to `bridged_s` are bridged by a straight line. Where a
-    file changes to a finer step, the coarse values are held if they are no longer than that. All of that is
-    reported. With `bridged_s` 0 all of it is refused, unless `fill` says what to do with gaps.
+    file changes to a finer step, coarse values of up to `bridged_s` are held. These repairs are reported.
+    With `bridged_s` 0 they are errors, unless `fill` gives a method for gaps.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def regular(
 def _tell_a_step(known: pd.DataFrame, every: pd.DataFrame) -> bool:
     """Return whether the rows with values have a coarser regular step, such as hours among quarter hours.
 
-    A few missing values among a few rows are gaps, and the step is that of the rows.
+    In short series, a few missing values are gaps and do not change the step.
     """
     gaps = np.diff(_seconds(known))
     step = _usual(gaps)
@@ -138,7 +138,7 @@ def _step(rows: pd.DataFrame, gaps: Counts, longest_s: int, bridged_s: int) -> t
 def _fill_gaps(
     series: pd.Series, lines: pd.Index, fill: Fill | None, repairs: Repairs, bridged_s: int
 ) -> None:
-    """Fill the gaps of a series in place; `lines` are those of the row at or after each step."""
+    """Fill the gaps of a series in place; `lines` are the line numbers of the row at or after each step."""
     index = pd.DatetimeIndex(series.index)
     values, missing = series.to_numpy(copy=True), series.isna().to_numpy()
     values[missing] = np.interp(np.flatnonzero(missing), np.flatnonzero(~missing), values[~missing])

@@ -7,7 +7,7 @@ log = logging.getLogger("bess.market")
 
 
 class Repair(NamedTuple):
-    """One kind of repair: what was done, how often, and the first line of the file it concerns.
+    """One kind of repair: description, number of rows, and first line of the file concerned.
 
     Attributes
     ----------

@@ -57,7 +57,7 @@ def _times(table: Table) -> pd.DataFrame:
 
 
 def _prices(table: Table, zone: str, wall: pd.Series, repairs: Repairs) -> pd.Series:
-    """Return the prices of `zone`; before October 2018 those of the zone it came out of, if it has none."""
+    """Return the prices of `zone`; before October 2018 those of its predecessor if needed."""
     names = {i: match[1] for i, header in enumerate(table.header) if (match := _PRICE.match(header))}
     filled = (name for i, name in names.items() if not table.column(i).str.lower().isin(MISSING).all())
     there: dict[str, pd.Series] = {}

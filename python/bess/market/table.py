@@ -58,10 +58,10 @@ class Ending(Enum):
 
 @dataclass(frozen=True)
 class Table:
-    """Cells as text: names of columns, stripped, and rows of at least as many cells.
+    """Cells as text: stripped column names, and rows with at least as many cells.
 
-    `lines` are those in which the rows end, `preamble` the rows above the header; `typical` tells that the
-    hours are those of a typical year.
+    `lines` are the line numbers of the row ends, `preamble` the rows above the header; `typical` marks a
+    typical year.
     """
 
     header: list[str]

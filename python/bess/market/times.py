@@ -41,7 +41,7 @@ _FIXED: Final = re.compile(r"(?:UTC|GMT)?([+-])(\d{1,2})(?::?(\d\d))?", re.IGNOR
 
 
 def parse_times(cells: pd.Series, *, day_first: bool = True) -> pd.DataFrame:
-    """Return the times of a column; raise InputError at the first cell that is none.
+    """Return the times of a column; raise InputError at the first cell that is not a time.
 
     Of ``03/04/2024`` the day comes first unless the other way the times lie closer together; without
     `day_first`, times that could be either are an error.
@@ -72,7 +72,7 @@ def clock_of(name: str) -> tzinfo:
     Raises
     ------
     InputError
-        There is no such time zone.
+        The time zone is unknown.
     """
     fixed = _FIXED.fullmatch(name.strip())
     if fixed:
@@ -95,7 +95,7 @@ def localise(wall: pd.DatetimeIndex, clock: tzinfo) -> pd.DatetimeIndex:
 
 
 def by_label(times: pd.DataFrame) -> pd.DatetimeIndex:
-    """Return UTC as the offsets in the cells say; NaT where there is none."""
+    """Return UTC by the offsets in the cells; NaT without an offset."""
     return pd.DatetimeIndex(times["wall"] - pd.to_timedelta(times["offset_h"], unit="h")).tz_localize("UTC")
 
 

@@ -21,7 +21,7 @@ _NAMES: Final = re.compile(
 _LOWEST_C: Final = -90.0
 _HIGHEST_C: Final = 60.0
 _MISSING_C: Final = -999.0
-"""What the German weather service writes for a missing value."""
+"""Code of the German weather service for a missing value."""
 _LONGEST_STEP_S: Final = 3 * 3600
 
 

@@ -70,14 +70,14 @@ def extended(series: pd.Series, end: datetime) -> pd.Series:
     Parameters
     ----------
     series : pandas.Series
-        Regular, at least a day, in UTC.
+        A regular series of at least a day, in UTC.
     end : datetime
         Where to stop, time-zone aware.
 
     Returns
     -------
     pandas.Series
-        The same values and step, and what follows; unchanged if it reaches `end` already.
+        The series with its extension at the same step; unchanged if it already reaches `end`.
     """
     step = series.index[1] - series.index[0]
     last = series.index[-1] + step

@@ -63,8 +63,8 @@ class Flows(ByValue):
         Power drawn from the stored chemical energy [kW], signed. This energy is a function of SOC (capacity
         times the integral of the mean of both open-circuit voltages at 25 degC).
     ocv_shift_kw : ndarray
-        Power due to voltages that differ from those of ``chemical_kw`` [kW]: a plant step holds the
-        open-circuit voltage of its start, at the temperature of the string. Without a temperature dependence
+        Power due to voltages other than in ``chemical_kw`` [kW]: a plant step uses the open-circuit voltage
+        at its start and at the temperature of the string. Without a temperature dependence
         it is of first order in the plant step. ``delivered_kw - standby_kw + inverter_loss_kw +
         battery_loss_kw + hysteresis_loss_kw = chemical_kw + ocv_shift_kw``.
     current_a : ndarray

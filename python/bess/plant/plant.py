@@ -48,7 +48,7 @@ class Controller(Protocol):
 
 
 class _Simulation:
-    """What one plant and an ensemble share; an ensemble has the scenario as first axis of all arrays."""
+    """Common base of plant and ensemble; in an ensemble, the first axis of all arrays is the scenario."""
 
     def __init__(
         self,

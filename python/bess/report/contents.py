@@ -56,7 +56,7 @@ def comparison(runs: Mapping[str, Run]) -> Iterator[FigureSpec]:
 
 
 def first_screen(run: Run) -> Iterator[FigureSpec]:
-    """The figure beside the summary of a run; none for records of earlier versions."""
+    """The figure next to the summary of a run; missing for records of earlier versions."""
     if "chemical_kw" in run.dataset:
         yield FigureSpec(
             "flow",

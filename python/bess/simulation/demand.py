@@ -160,7 +160,7 @@ class LinearPlanner:
         self.days = arbitrage.days
 
     def is_due(self, step: int, now: StepInputs, plan: MarketPlan) -> bool:
-        """Whether ``plan``, the last one, must be replaced."""
+        """Whether the last plan must be replaced."""
         return self.may_be_due(step, plan)
 
     def may_be_due(self, step: int, plan: MarketPlan) -> bool:

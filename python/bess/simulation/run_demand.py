@@ -1,4 +1,4 @@
-"""Demand of a run: its control steps, source and recorded series, and what its builders share."""
+"""Demand of a run: its control steps, source and recorded series, and common functions of its builders."""
 
 from __future__ import annotations
 

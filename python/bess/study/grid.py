@@ -182,7 +182,7 @@ class SampledSeries:
         Parameters
         ----------
         grid, longer
-            Required grid, and an extension of it.
+            Required time grid, and its optional continuation.
         repeat
             Whether the series repeats from its start.
         """

@@ -61,12 +61,12 @@ def nearest(name: str, names: list[str]) -> str:
 
 
 def check_bundled(key: str, name: str, bundled: Iterable[str]) -> None:
-    """Refuse a name that is neither bundled nor that of a file: one without a folder and an ending.
+    """Refuse a name that is not bundled and not a path: a path has a folder or an extension.
 
     Raises
     ------
     InputError
-        With the bundled name that is nearest.
+        The name is refused; the message gives the most similar bundled name.
     """
     if name not in bundled and not Path(name).suffix and Path(name).name == name:
         raise InputError(f"{key} = {name!r}: no bundled item has this name; {nearest(name, list(bundled))}")
@@ -95,12 +95,12 @@ def with_value(document: Mapping[str, Any], key: str, value: Any) -> Document:
 
 
 def parse_assignment(text: str) -> tuple[str, Any]:
-    """Split ``key=value``; the value is TOML, and a word that is none is taken as text.
+    """Split ``key=value``; the value is TOML, and any other word is a text.
 
     Raises
     ------
     InputError
-        There is no ``=``, or the value looks like TOML and is none.
+        The text has no ``=``, or its value looks like TOML but is not valid.
     """
     key, found, raw = text.partition("=")
     key, raw = key.strip(), raw.strip()

@@ -53,11 +53,11 @@ class Key:
     Attributes
     ----------
     section : str
-        Header it stands under, such as ``[demand]`` or ``[[event]]``; of a kind of demand, with the kind.
+        Header of the key, such as ``[demand]`` or ``[[event]]``; with the kind of demand if it has one.
     key : str
         Dotted, from the root of the file.
     type, unit, default, allowed : str
-        As shown; empty where there is none.
+        Texts of the page; empty if not applicable.
     meaning : str
         One sentence.
     """
@@ -82,9 +82,8 @@ def meanings(kind: Kind) -> dict[str, str]:
 def schema(kind: Kind) -> dict[str, Any]:
     """JSON schema (draft 2020-12) of a study or system file, with a description and a unit for each key.
 
-    It is for completion and checks in editors, so keys with other sources are optional: the
-    name of a study from that of its file, a section of a system from a bundled component or a ``[[string]]``
-    table.
+    It serves completion and checks in editors. Keys with another source are optional: the name of a study
+    defaults to its file name, and sections of a system can come from a component or a ``[[string]]`` table.
     """
     made = _described(kind)
     if kind == "study":

@@ -67,7 +67,7 @@ def refined(
     Raises
     ------
     InputError
-        The study has scenarios or further axes, values that are no numbers, or runs without this KPI.
+        The study has scenarios or further axes, values that are not numbers, or runs without this KPI.
     """
     axis = next((axis for axis in study.sweep if axis.maximise is not None), None)
     if axis is None or axis.key is None or axis.maximise is None:

@@ -42,7 +42,7 @@ def read_text(path: Path) -> str:
     Raises
     ------
     InputError
-        There is no such file (:class:`bess.files.MissingFileError`), or it is not a text.
+        The file does not exist (:class:`bess.files.MissingFileError`), or is not a text.
     """
     raw = read_file(path, _LARGEST_BYTES)
     try:
@@ -57,7 +57,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     Raises
     ------
     InputError
-        There is no such file, or it is not TOML.
+        The file does not exist, or is not TOML.
     """
     text = read_text(path)
     try:

@@ -138,7 +138,7 @@ def string_count(document: Mapping[str, Any], name: str) -> int:
 def put_over(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:
     """Return ``base`` updated with ``override``, with component names replaced by their tables.
 
-    A named component replaces the component of the base; keys beside the name override the component.
+    A named component replaces the component of the base; further keys override those of the component.
     """
     base, override = dict(base), dict(override)
     for section, (key, tables, keys) in _COMPONENTS.items():

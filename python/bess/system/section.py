@@ -12,7 +12,7 @@ class Section(BaseModel):
 
 
 class Table(Section):
-    """Section with values over axes; ``axes`` names those of each table, the outermost first."""
+    """Section with values over axes; ``axes`` gives the axes of each table, the outermost first."""
 
     axes: ClassVar[dict[str, tuple[str, ...]]]
 

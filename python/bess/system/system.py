@@ -41,9 +41,9 @@ class System:
     ambient_c : float
         Ambient temperature [degC] unless a weather file gives it.
     cooling : Cooling or None
-        Section ``[cooling]``; None where air of the ambient passes the strings and costs nothing.
+        Section ``[cooling]``; None for ambient-air cooling without auxiliary power.
     lumped : Lumped or None
-        With cooling, the lumped thermal model as it was identified from the plant; it takes the place of
+        With cooling, the lumped thermal model identified from the plant, which replaces
         ``[thermal.lumped]``.
     core : bess._core.System
         The string-level tables, shared by plant and control model.
@@ -123,8 +123,8 @@ class System:
     def reference(cls, n_strings: int = 2) -> Self:
         """Return the reference system (NMC strings of 92 kW / 266 kWh), any number of equal ones.
 
-        Sizes, resistance and derating are those of [1]_ where it states them, the open-circuit voltage is
-        that of [2]_; the page on parameters marks each number.
+        Sizes, resistance and derating are from [1]_ if published there, and the open-circuit voltage is from
+        [2]_. The page on parameters gives the source of each number.
 
         References
         ----------
@@ -267,12 +267,12 @@ def load_system(path: str | Path) -> System:
     path
         File to read, or the name of a bundled system (``bess list``). ``[[string]]`` tables override any
         section for one string, in the order of the strings. ``battery.cell`` and ``inverter.model`` name
-        bundled components; keys beside them override single values.
+        bundled components; further keys override single values.
 
     Raises
     ------
     InputError
-        With the file, the key, its value and what is allowed.
+        The message gives file, key, value and allowed values.
     """
     if str(path) in SYSTEMS:
         return System(system_document(str(path)), name=str(path))

@@ -1,4 +1,4 @@
-"""Settlement terms beside the market price, used by both dispatch and settlement."""
+"""Settlement terms in addition to the market price, used by both dispatch and settlement."""
 
 from dataclasses import dataclass
 from typing import TypeVar

@@ -26,7 +26,7 @@ def simplified(system: System, model: Model) -> System:
     - ``linear``: one constant efficiency in each direction (at nominal power, SOC 0.5 and 25 degC), constant
       voltage, no heat and no derating.
 
-    Strings, powers, energies and SOC windows are those of the plant.
+    Strings, powers, energies and SOC windows do not change.
     """
     if model == "nonlinear":
         return system

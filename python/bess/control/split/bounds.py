@@ -35,7 +35,7 @@ PRICED_SIZE = 32
 strings of one kind cost little more than one. In small problems, a relaxation is tighter."""
 
 PRICED_STRINGS = 64
-"""Most strings with prices: the time of their look-ahead grows with the square of the number of strings."""
+"""Maximum number of strings for priced bounds: look-ahead time grows with its square."""
 
 PRICED_S = 0.02
 """Seconds of a priced bound for each step and kind of string; it does not start if less time is left."""

@@ -65,7 +65,7 @@ class PowerSplit:
         Length of a step [h].
     gap, time_limit_s, node_limit
         As for :class:`bess.control.split.settings.SplitSettings`. Relaxations are solved for at most 256
-        string-steps (strings x steps); above that, the bound is that of single steps or of shadow prices.
+        string-steps (strings x steps); above that, the bound comes from single steps or shadow prices.
 
     Attributes
     ----------

@@ -28,8 +28,8 @@ Constants = Mapping[str, float | tuple[float, ...]]
 class Function:
     """A function of the law.
 
-    ``arguments`` and ``scalars`` have their Rust types, ``arrays`` their type of element and size; a
-    statement ends with ``{``, ``}`` or ``;``.
+    ``arguments`` and ``scalars`` map names to Rust types, ``arrays`` to element type and size. A statement
+    ends with ``{``, ``}`` or ``;``.
     """
 
     arguments: Mapping[str, str]

@@ -156,7 +156,7 @@ class Names:
         return cls(frozenset(own), proxies, far)
 
     def answers(self, host: str | None) -> bool:
-        """Whether a header ``Host`` has a name of the service, at any port, as tunnels change it."""
+        """Whether a ``Host`` header names this service; the port is ignored, because tunnels change it."""
         authority = _authority(host or "")
         if authority is None:
             return False

@@ -339,7 +339,7 @@ class _StringMonitor(Checkpointed):
     def _other_writer(self, power_kw: float, held_kw: float, asked_kw: float) -> str:
         """Return a sentence if set-point or power of the string differ from all recent set-points.
 
-        The power of a string on its way, or one that limits itself, is between its last set-points and zero.
+        A string that ramps or limits its power is between its last set-points and zero.
         """
         self.asked_kw = [*self.asked_kw, asked_kw][-REMEMBERED:]
         who = f"another controller writes to string {self._i}"

@@ -69,7 +69,7 @@ def bokeh_script() -> str:
 def bokeh_document(chart: Chart) -> str:
     """Return the JSON that ``Bokeh.embed.embed_item`` draws; panels stand one above the other, x is shared.
 
-    Panels that the printed figure sets side by side are stacked as well: a telephone is narrow.
+    Panels that are side by side in the printed figure are stacked, too, for narrow screens.
     """
     count = len(chart.panels)
     height = _ALONE_PX if count == 1 else (_PANEL_PX if count <= _MOST_TALL_PANELS else _SMALL_PANEL_PX)

@@ -94,7 +94,7 @@ def knee_point(points: ArrayLike, directions: Sequence[Direction] | None = None)
     Raises
     ------
     InputError
-        If there is no point.
+        The set of points is empty.
 
     References
     ----------

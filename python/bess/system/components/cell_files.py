@@ -1,7 +1,7 @@
 """Measured cell tables in the layout of SimSES: OCV over SOC and temperature, hysteresis, resistance.
 
 SOC may be in per cent or a fraction, temperature is in kelvin and stands in the column titles, resistance in
-mOhm or Ohm. What comes out are tables of ``[battery]`` in a system file.
+mOhm or Ohm. The result is tables of ``[battery]`` in a system file.
 """
 
 from __future__ import annotations

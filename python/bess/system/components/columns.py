@@ -25,7 +25,7 @@ def read_columns(path: str | Path) -> Columns:
     Raises
     ------
     InputError
-        There is no such file, or it is no table of that form; with the line.
+        The file does not exist, or is not a table of this form; with the line.
     """
     path, raw = Path(path), read_file(path)
     if path.suffix == ".parquet":
@@ -73,7 +73,7 @@ def numbers(path: str | Path, columns: Columns, name: str, *, gaps: bool = False
     Raises
     ------
     InputError
-        With the row of the first cell that is no finite number.
+        A cell is not a finite number; the message gives the row of the first.
     """
     values = np.empty(len(columns[name]))
     for row, cell in enumerate(columns[name]):

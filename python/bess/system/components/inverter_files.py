@@ -58,7 +58,7 @@ def read_inverter(
     model
         Name, or a part of it that occurs once, in a file of several inverters.
     nominal_kw
-        Nominal AC power [kW]. Required for plain tables; those of the lists carry their own.
+        Nominal AC power [kW]. Required for plain tables; entries of the lists have their own.
     power_unit, axis
         As in :func:`inverter_from_efficiency`, for plain tables. Power that stays below 1.2 is taken as a
         fraction; for anything else the unit must be given.

@@ -86,7 +86,7 @@ def table_from_curves(
     Raises
     ------
     InputError
-        There are no values, they make no table, or ``off_loss`` is out of its range.
+        Values are missing or not a table, or ``off_loss`` is out of range.
     """
     check_nominal(nominal_kw)
     if not 0.0 <= off_loss < 0.1:

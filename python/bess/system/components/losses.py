@@ -1,4 +1,4 @@
-"""Efficiency and loss tables of inverters, in any way in which they are published, to a loss table."""
+"""Conversion of published efficiency or loss tables of inverters to a loss table."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def inverter_from_efficiency(
     nominal_kw
         Nominal AC power [kW].
     charge, discharge
-        Efficiency of each row, as a fraction or in per cent (told apart by their size). If only one direction
+        Efficiency of each row, as a fraction or in per cent (detected by magnitude). If only one direction
         is given, the other gets the same loss at the same AC power. At zero power the value is ignored.
     power_unit
         ``fraction`` or ``percent`` of nominal AC power, ``kw`` or ``w``.
@@ -100,7 +100,7 @@ def inverter_from_loss(
     Raises
     ------
     InputError
-        An unknown unit, or what the tables refuse.
+        The unit is unknown, or the tables are invalid.
     """
     x = _per_unit(power, power_unit, nominal_kw, axis)
     of_nominal = {"nominal": 1.0, "nominal-percent": 0.01, "kw": 1.0 / nominal_kw, "w": 1e-3 / nominal_kw}

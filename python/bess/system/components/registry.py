@@ -59,7 +59,7 @@ class Entry:
     name : str
         Name by which files and :func:`bess.load_system` refer to it.
     description, source, licence : str
-        What it is, where its numbers come from, and under which terms.
+        Description, source of the data, and licence.
     """
 
     name: str

@@ -42,7 +42,7 @@ def inverter_from_sandia(
     paco_w, pdco_w, vdco_v, pso_w, c0_per_w, c1_per_v, c2_per_v, c3_per_v, pnt_w
         Columns Paco [W], Pdco [W], Vdco [V], Pso [W], C0 [1/W], C1 to C3 [1/V] and Pnt [W] of the list.
     vdc_v
-        DC voltage [V]; that of the rating (``vdco_v``) unless given.
+        DC voltage [V]; by default the rated voltage (``vdco_v``).
     max_error
         Largest error of the reduced table, as a fraction of nominal power.
 
