@@ -6,7 +6,8 @@ from live_cases import controller, measured
 
 import bess
 from bess.edge.serve import calibration
-from bess.edge.serve.calibration import place
+from bess.edge.serve.calibration import Calibration, place
+from bess.edge.serve.constraints import SocLimits
 from bess.edge.serve.measurement_validator import ValidState
 from bess.edge.serve.state_store import from_json, to_json
 from bess.errors import InputError
@@ -64,6 +65,26 @@ def test_a_string_that_was_full_anyway_is_not_calibrated() -> None:
     assert due_s is not None
     np.testing.assert_allclose(due_s, [7 * 900.0 + 2.0 * DAY_S, 2.0 * DAY_S])
     assert live.calibration.string is None
+
+
+def test_after_a_search_that_fails_another_one_begins(monkeypatch: pytest.MonkeyPatch) -> None:
+    system, service = bess.System.reference(2), ServiceSection(calibration_days=2.0)
+    plans = Calibration(system, service, SocLimits(system, service, 900.0), background=True)
+    valid = ValidState.without_doubt(bess.State([0.6, 0.6], [25.0, 25.0]), system.nominal_kw)
+    plans.full_s = np.zeros(2)
+
+    def searched() -> None:
+        plans.update(2.0 * DAY_S, valid, np.zeros(96), 900.0)
+        while plans._pending is not None and not plans._pending[2].done():
+            pass
+        plans.update(2.0 * DAY_S, valid, np.zeros(96), 900.0)
+
+    monkeypatch.setattr(calibration, "place", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        searched()
+    monkeypatch.setattr(calibration, "place", lambda *_: calibration.Placement(0, 1.0))
+    searched()
+    assert plans.planned == [0, 2.0 * DAY_S, 1.0]
 
 
 def test_a_plant_of_one_string_has_no_period() -> None:

@@ -131,9 +131,9 @@ class Calibration(Checkpointed):
         elif self._pending is None:
             self._look_ahead(now_s, valid, day_kw, plan_s, self._period_s)
         elif self._pending[2].done():
-            string, began_s, placed = self._pending[0], self._pending[1], self._pending[2].result()
+            (string, began_s, search), self._pending = self._pending, None
+            placed = search.result()
             self.planned = [string, began_s + placed.start * plan_s, placed.cost_kwh]
-            self._pending = None
 
     def is_done(self, valid: ValidState) -> bool:
         """Whether the string in calibration is full by both of its possible values."""
