@@ -31,7 +31,7 @@ from bess.report.words.headline import limit_sentences, tiles
 from bess.report.words.paper import comparisons, is_case_2, reading
 from bess.report.words.summary import choices, gain_sentence, subject, summary, unlike, warnings
 from bess.report.words.tables import SweepTable, decision_table, kpi_groups, read_sweep
-from bess.simulation.record.files import write_bytes
+from bess.simulation.record.files import make_folder, write_bytes
 from bess.simulation.record.provenance import IDENTITY
 
 REPORT = "report.html"
@@ -103,12 +103,7 @@ def write_comparison(runs: dict[str, Run], directory: Path) -> Path:
     """
     if (directory / IDENTITY).exists():
         raise InputError(f"{directory}: holds a run itself; use another {option('out')} for the comparison")
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(
-            f"{directory}: cannot be made ({error.strerror}); use another {option('out')}"
-        ) from error
+    make_folder(directory)
     return _comparison_page(directory, runs, {}, None, Options(), title="Comparison of " + ", ".join(runs))
 
 

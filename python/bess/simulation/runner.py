@@ -22,6 +22,7 @@ from bess.simulation.progress import reporting, stop_requests
 from bess.simulation.record.dataset import describe_frame, frame_of, write_netcdf
 from bess.simulation.record.files import (
     TEMPORARY,
+    make_folder,
     replacing,
     sha256,
     write_bytes,
@@ -130,13 +131,7 @@ def _run_in(
     loop = closed_loop(study, inputs, own)  # refuses before there is a folder
     identity = identity_of(study, inputs.system, inputs.files)
     identity["frame"] = describe_frame(study, inputs.system, inputs.grid, loop.policy.statuses)
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as error:  # a NUL in the path is a ValueError
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(
-            f"{directory}: is not a results folder ({reason}); use another {option('out')}"
-        ) from error
+    make_folder(directory)
     with Lock(directory):
         if not _is_finished(directory, identity, resume=resume):
             if progress:

@@ -19,7 +19,7 @@ from bess.display import as_table, one_line
 from bess.errors import BessError, InputError, StoppedEarly, command_line, on_command_line, option
 from bess.optional_dependencies import extra
 from bess.simulation.progress import progress_bar
-from bess.simulation.record.files import folder_in, write_bytes
+from bess.simulation.record.files import folder_in, make_folder, write_bytes
 from bess.simulation.record.provenance import IDENTITY
 from bess.simulation.record.result import RESULTS, Result
 from bess.simulation.runner import run
@@ -253,13 +253,7 @@ def prepare_folder(folder: Path, study: Study) -> None:
     InputError
         The folder contains a single run, or cannot be created.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as error:  # a NUL in the path is a ValueError
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(
-            f"{folder}: is not a results folder ({reason}); use another {option('out')}"
-        ) from error
+    make_folder(folder)
     if (folder / IDENTITY).exists():
         raise InputError(f"{folder}: holds a single run; use another {option('out')}")
     write_bytes(folder / "study.toml", study.to_toml().encode())

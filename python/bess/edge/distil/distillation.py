@@ -19,7 +19,7 @@ from bess.edge.distil.training import GENERATIONS, TrainingCase, TrainingSet, Va
 from bess.edge.distil.translate import exports
 from bess.errors import InputError, option
 from bess.simulation.progress import reporting
-from bess.simulation.record.files import folder_in, write_bytes
+from bess.simulation.record.files import folder_in, make_folder, write_bytes
 from bess.simulation.runner import run
 from bess.study import Study, expand
 from bess.study.study import as_study
@@ -121,6 +121,7 @@ def report(study: Study, controller: ExplicitController, made: list[Evaluation])
 
 MOST_STRINGS: Final = 16
 REPORT: Final = "report.md"
+FILES: Final = {"policy.json", "split.c", "split.h", "split.st", "study.toml", REPORT}
 
 
 def distil(
@@ -199,7 +200,11 @@ def distil_runs(
     several = bool(study.scenario or study.sweep)
     folders = {name: folder_in(folder, name) if several else folder for name in runs}
     for inside in folders.values():
-        _prepare(inside)
+        if others := sorted(make_folder(inside) - FILES):
+            raise InputError(
+                f"{inside}: holds {others[0]!r}, which is none of distil's files; use a new or empty folder "
+                f"for {option('out')}"
+            )
     for name, each in runs.items():
         controller = distil(each, generations=generations, progress=progress)
         texts = {**exports(controller), "study.toml": each.to_toml()}
@@ -207,19 +212,3 @@ def distil_runs(
         for file, text in texts.items():
             write_bytes(folders[name] / file, text.encode())
     return list(folders.values())
-
-
-def _prepare(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        present = {path.name for path in folder.iterdir()}
-    except (OSError, ValueError) as error:  # a NUL in the path is a ValueError
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(
-            f"{folder}: is not a results folder ({reason}); use another {option('out')}"
-        ) from error
-    if others := sorted(present - {"policy.json", "split.c", "split.h", "split.st", "study.toml", REPORT}):
-        raise InputError(
-            f"{folder}: holds {others[0]!r}, which is none of distil's files; use a new or empty folder for "
-            f"{option('out')}"
-        )

@@ -84,6 +84,24 @@ def put_bytes(path: Path, content: bytes) -> None:
         temporary.write_bytes(content)
 
 
+def make_folder(folder: Path) -> set[str]:
+    """Create a results folder unless it exists; return the names in it.
+
+    Raises
+    ------
+    InputError
+        The path cannot be a folder, or is one that cannot be read.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        return {path.name for path in folder.iterdir()}
+    except (OSError, ValueError) as error:  # a NUL in the path is a ValueError
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(
+            f"{folder}: is not a results folder ({reason}); use another {option('out')}"
+        ) from error
+
+
 def folder_in(folder: Path, name: str) -> Path:
     """Return the folder ``name`` in ``folder``; names and links that lead outside are refused.
 
