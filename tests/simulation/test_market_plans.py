@@ -7,7 +7,8 @@ import pytest
 
 import bess
 from bess.dispatch import DynamicProgramDispatch, PerfectForecast, PersistenceForecast
-from bess.simulation.demand import AwarePlanner, MarketPlan, StepInputs, Stored
+from bess.study.demands.arbitrage import AwarePlanner, MarketPlan, Stored
+from bess.study.demands.source import StepInputs
 from bess.system.terms import SettlementTerms
 
 LOOK_AHEAD, COMPARE = 144, 12

@@ -10,9 +10,9 @@ import pytest
 
 import bess
 from bess.control.policies import POLICIES
-from bess.simulation.demand import StepInputs
 from bess.simulation.inputs import prepare
 from bess.study import bundled_studies, expand
+from bess.study.demands.source import StepInputs
 from bess.study.keys import parse_assignment
 
 MINIMAL = '[demand]\nfile = "two-cycle-48h"\n'

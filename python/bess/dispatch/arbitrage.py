@@ -1,11 +1,12 @@
 """Arbitrage on market prices: a linear program over a rolling look-ahead."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
-import pandas as pd
 
 from bess.arrays import Array, require_positive
 from bess.dispatch.blocks import Blocks
@@ -14,6 +15,9 @@ from bess.dispatch.forecast import Forecast, steps_in
 from bess.dispatch.program import StoreProgram
 from bess.errors import InputError
 from bess.units import HOURS_PER_DAY
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _TOLERANCE: Final = 1e-6
 """Share of nominal power below which an answer of the solver is zero (its own tolerance is 1e-7)."""

@@ -1,11 +1,12 @@
 """Demand profiles from files, and bundled profiles."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from os import PathLike
-from typing import Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
-import pandas as pd
 
 from bess.arrays import Array
 from bess.dispatch.forecast import steps_in
@@ -19,10 +20,9 @@ from bess.dispatch.synthetic import (
 )
 from bess.errors import InputError
 from bess.files import Fill
-from bess.market.columns import read_columns
-from bess.market.files import fail, reading
-from bess.market.regular import regular
-from bess.market.units import power_unit
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _TO_KW: Final = {"W": 1e-3, "kW": 1.0, "MW": 1e3}
 _TO_KVAR: Final = {"var": 1e-3, "kvar": 1.0, "Mvar": 1e3}
@@ -149,6 +149,10 @@ def read_profile(
         The file is not a demand profile, or a parameter is outside its range; the message gives place and
         remedy.
     """
+    from bess.market.columns import read_columns
+    from bess.market.files import reading
+    from bess.market.regular import regular
+
     to_unit = _TO_KVAR if unit in _TO_KVAR else _TO_KW
     if unit not in to_unit:
         allowed = ", ".join([*_TO_KW, *_TO_KVAR])
@@ -171,6 +175,9 @@ def read_profile(
 
 def _check_unit(column: str, unit: str) -> None:
     """Raise InputError if a column name gives a unit other than `unit`."""
+    from bess.market.files import fail
+    from bess.market.units import power_unit
+
     said = power_unit(column)
     if said is not None and said != unit:
         alike = _TO_KVAR if unit in _TO_KVAR else _TO_KW
@@ -181,6 +188,8 @@ def _check_unit(column: str, unit: str) -> None:
 
 def _resampled(name: str, series: pd.Series, dt_h: float) -> pd.Series:
     """Average finer values over control steps of `dt_h`, or hold coarser ones; drop an incomplete step."""
+    import pandas as pd
+
     file_h = (series.index[1] - series.index[0]) / pd.Timedelta(hours=1)
     values = series.to_numpy()
     if file_h <= dt_h:

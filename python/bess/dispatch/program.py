@@ -5,7 +5,6 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy import sparse
 
 from bess.arrays import Array
 from bess.dispatch.silence import stdout_to_stderr
@@ -123,6 +122,7 @@ class StoreProgram:
             The program has no solution.
         """
         # Loaded here, because it takes half a second that runs without a market do not need.
+        from scipy import sparse
         from scipy.optimize import linprog
 
         cost, lower, upper = np.concatenate(self._columns, axis=1)

@@ -15,9 +15,9 @@ from bess.control.policies.reactive import share_equally
 from bess.control.wear import WearPrices
 from bess.errors import BessError, InputError
 from bess.plant import Flows, Plant, PlantSnapshot
-from bess.simulation.demand import KnownDemand, StepInputs
 from bess.simulation.inputs import Inputs
 from bess.simulation.record.dataset import AGEING_FLOWS, COOLING_FLOWS, ENTROPY_FLOWS, FLOWS, REACTIVE_FLOWS
+from bess.study.demands.source import KnownDemand, StepInputs
 
 _TOLERANCE = 1e-9
 """Relative tolerance between the sum of set-points and the demand, for rounding only."""

@@ -11,10 +11,9 @@ import numpy as np
 from bess.arrays import Array
 from bess.control.policies.planned import NO_PRICES
 from bess.errors import InputError
-from bess.simulation.demand import DemandSource
-from bess.simulation.demand_builder import ReactiveSource, demand_of, reactive_of
 from bess.simulation.installations import Installations
-from bess.simulation.run_demand import repair_notes
+from bess.simulation.reactive import ReactiveSource, reactive_of
+from bess.study.demands.source import DemandSource, Setting
 from bess.study.grid import SampledSeries, TimeGrid, seconds_of
 from bess.study.plant_choice import build_system
 from bess.study.sections import Event, WeatherSection
@@ -82,51 +81,54 @@ def prepare(study: Study, system: System | None = None) -> Inputs:
         raise InputError(
             f"{system.name}: control.step_min = {system.control.step_min:g}: must be whole seconds"
         )
-    horizon = study.policy.steps_ahead(system.control)
-    asked = demand_of(study, system, step_s, horizon)
+    setting = Setting(
+        study.name,
+        study.run,
+        study.budget,
+        study.settlement.terms,
+        system,
+        step_s,
+        horizon=study.policy.steps_ahead(system.control),
+    )
+    asked = study.demand.build(setting)
     if study.policy.name == "mpc" and study.policy.objectives.kind == "money" and asked.price_eur_mwh is None:
         raise InputError(f"{study.name}: {NO_PRICES}")
-    grid, files = asked.grid, list(asked.files)
-    notes = [f"period: {grid}", *asked.notes]
+    grid = asked.grid
     ambient = np.full(grid.n_steps, system.ambient_c)
     if study.weather.file is not None:
-        ambient, found = _ambient(study.weather, study.weather.file, grid)
-        files.append(Path(study.weather.file))
-        notes += found
-    reactive = None
-    if study.reactive is not None:
-        reactive, read, found = reactive_of(study.reactive, grid, horizon)
-        files += read
-        notes += found
+        ambient = _ambient(study.weather, study.weather.file, setting, grid)
+    reactive = None if study.reactive is None else reactive_of(study.reactive, setting, grid)
+    files = setting.files
     if study.policy.name == "distilled" and study.policy.file is not None:
         files.append(Path(study.policy.file))
     limit = limits_of(study.event, system, grid)
     return Inputs(
         system,
         grid,
-        horizon,
+        setting.horizon,
         asked.source,
         asked.price_eur_mwh,
         ambient,
         limit,
         Installations(system, study, grid),
         files,
-        notes,
+        [f"period: {grid}", *setting.notes],
         asked.series,
         reactive,
     )
 
 
-def _ambient(choice: WeatherSection, file: str, grid: TimeGrid) -> tuple[Array, list[str]]:
-    """Return the ambient temperature [degC] of each step, and notes on the file."""
+def _ambient(choice: WeatherSection, file: str, setting: Setting, grid: TimeGrid) -> Array:
+    """Return the ambient temperature [degC] of each step."""
     from bess.market import extended, over_years, read_weather
 
     read = read_weather(file, column=choice.column, time_zone=choice.time_zone, fill=choice.fill)
+    given = setting.series_of(read, file, "weather.file")
     series = extended(read, grid.end) if choice.repeat else read
     series = over_years(read, grid.start, grid.end) if read.attrs["typical_year"] else series
     values = SampledSeries.from_pandas(series, file, "weather.file").on(grid) + choice.offset_k
-    notes = [f"weather: {file}, {values.min():g} to {values.max():g} degC"]
-    return values, notes + repair_notes(read)
+    setting.note(f"weather: {file}, {values.min():g} to {values.max():g} degC", given)
+    return values
 
 
 def limits_of(events: tuple[Event, ...], system: System, grid: TimeGrid) -> Array:

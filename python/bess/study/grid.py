@@ -61,6 +61,13 @@ class TimeGrid:
         return (self.start_s + self.step_s * np.arange(self.n_steps)).astype("datetime64[s]")
 
     @property
+    def index(self) -> pd.DatetimeIndex:
+        """Start of each step as an index in UTC."""
+        import pandas as pd
+
+        return pd.DatetimeIndex(self.times).tz_localize("UTC")
+
+    @property
     def start(self) -> datetime:
         """Start of the first step, UTC."""
         return datetime.fromtimestamp(self.start_s, tz=UTC)
@@ -105,13 +112,14 @@ def seconds_of(instant: datetime) -> int:
 
 @dataclass(frozen=True)
 class SampledSeries:
-    """Regular series read from a file; ``what`` and ``key`` are used in messages."""
+    """Regular series read from a file; ``what`` and ``key`` are used in messages, ``repairs`` in notes."""
 
     values: NDArray[np.float64]
     start_s: int
     step_s: int
     what: str
     key: str
+    repairs: tuple[str, ...] = ()
 
     @classmethod
     def from_pandas(cls, series: pd.Series[float], what: str, key: str) -> SampledSeries:
@@ -128,9 +136,9 @@ class SampledSeries:
         seconds = utc.to_numpy().astype("datetime64[s]").astype(np.int64)
         if seconds.size < 2:
             raise InputError(f"{key}: {what} has {seconds.size} values; at least two are required")
-        return cls(
-            np.asarray(series, dtype=np.float64), int(seconds[0]), int(seconds[1] - seconds[0]), what, key
-        )
+        values, step_s = np.asarray(series, dtype=np.float64), int(seconds[1] - seconds[0])
+        repairs = tuple(f"repaired: {repair}" for repair in series.attrs.get("repairs", ()))
+        return cls(values, int(seconds[0]), step_s, what, key, repairs)
 
     @property
     def start(self) -> datetime:

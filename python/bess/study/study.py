@@ -38,20 +38,12 @@ from bess.study.sections import (
 from bess.system.documents import describe, read_text
 from bess.system.section import Section
 
-_PATHS = (
-    ("system", "file"),
-    ("demand", "file"),
-    ("demand", "prices"),
-    ("policy", "file"),
-    ("demand", "forecast_prices"),
-    ("demand", "frequency"),
-    ("demand", "capacity_prices"),
-    ("demand", "load"),
-    ("demand", "pv"),
-    ("demand.meter", "load"),
-    ("demand.meter", "pv"),
-    ("reactive", "file"),
-    ("weather", "file"),
+_FILES = (
+    "system.file",
+    "policy.file",
+    "reactive.file",
+    "weather.file",
+    *dict.fromkeys(f"demand.{key}" for kind in DEMAND_KINDS.values() for key in kind.files),
 )
 """Keys of file names. A name without folder and suffix refers to a bundled item."""
 _SOURCES = ("file", "frequency", "load", "pv", "prices")
@@ -279,11 +271,12 @@ def _read(path: Path, bundled: list[str]) -> str:
 
 def _with_absolute_paths(document: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Resolve the files a study names against ``folder``; bundled names stay as they are."""
-    markets = _at(document, "demand", "market")
-    count = len(markets) if isinstance(markets, list | tuple) else 0
-    for section, key in (*_PATHS, *((f"demand.market.{number}", "prices") for number in range(count))):
-        table = _at(document, *section.split("."))
-        value = table.get(key) if isinstance(table, Mapping) else None
-        if isinstance(value, str) and (Path(value).suffix or Path(value).name != value):
-            document = with_value(document, f"{section}.{key}", str((folder / value).absolute()))
+    for pattern in _FILES:
+        section, _, key = pattern.partition(".*.")
+        tables = _at(document, *section.split(".")) if key else None
+        count = len(tables) if isinstance(tables, list | tuple) else 0
+        for place in [f"{section}.{number}.{key}" for number in range(count)] if key else [pattern]:
+            value = _at(document, *place.split("."))
+            if isinstance(value, str) and (Path(value).suffix or Path(value).name != value):
+                document = with_value(document, place, str((folder / value).absolute()))
     return document

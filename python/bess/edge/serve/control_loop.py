@@ -20,10 +20,10 @@ from bess.edge.plant_io.journal import Journal
 from bess.edge.serve.answer import Answer
 from bess.edge.serve.service import LOG, Service
 from bess.errors import InputError
-from bess.simulation.demand import StepInputs
 from bess.simulation.inputs import prepare
 from bess.study import Study
 from bess.study.demands import ProfileDemand
+from bess.study.demands.source import StepInputs
 
 STEP_S: Final = 10.0
 """Control step of a plant that the service controls, unless the settings state another."""

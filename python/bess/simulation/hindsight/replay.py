@@ -19,12 +19,12 @@ from bess.plant import Plant
 from bess.simulation.analysis.kpis import kpis
 from bess.simulation.analysis.services import is_reserve
 from bess.simulation.closed_loop import ClosedLoop
-from bess.simulation.demand import ProfileSource
-from bess.simulation.demand_builder import Foreseen
 from bess.simulation.inputs import Inputs, limits_of
 from bess.simulation.installations import Installations
+from bess.simulation.reactive import Foreseen
 from bess.simulation.record.dataset import VARIABLES
 from bess.study import Study
+from bess.study.demands.profile import ProfileSource
 from bess.study.grid import TimeGrid
 from bess.study.plant_choice import build_system
 from bess.system import System

@@ -1,0 +1,598 @@
+"""Demand of kind ``arbitrage``: trade at the prices of a market file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import model_validator
+
+from bess.arrays import Array
+from bess.dispatch import (
+    Arbitrage,
+    BandForecast,
+    CycleBudget,
+    DispatchInputs,
+    DynamicProgramDispatch,
+    ExternalForecast,
+    Forecast,
+    GridConnection,
+    PerfectForecast,
+    PersistenceForecast,
+    StorageEstimator,
+    auction_positions,
+)
+from bess.dispatch.arbitrage import calendar_days
+from bess.dispatch.forecast import price_ends_of, steps_in
+from bess.dispatch.markets import AuctionForecast
+from bess.errors import InputError
+from bess.files import Fill
+from bess.study.demands.site import MeterSection, Site, site_of
+from bess.study.demands.source import (
+    DemandSection,
+    Efficiency,
+    KnownDemand,
+    RunDemand,
+    Setting,
+    StepInputs,
+    padded,
+)
+from bess.study.grid import SampledSeries, TimeGrid
+from bess.study.sections import RunName
+from bess.system import System
+from bess.system.quantities import NonNegative, Positive, within
+from bess.system.section import Section
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+COMPARE_H = 3.0
+"""Interval between comparisons of the measured state with a dispatch plan [h]."""
+MAX_PLAN_AGE_FRACTION = 1.0 / 6.0
+"""Maximum age of a plan as a share of its length: a new plan includes steps beyond the end of the old one."""
+LONGEST_H = 6.0
+"""Maximum age of a plan [h]: its later hours have a coarser resolution."""
+ENERGY_TOLERANCE = 0.02
+"""Deviation of the stored energy from the plan, relative to plant capacity, that triggers a new plan."""
+TEMPERATURE_TOLERANCE_K = 3.0
+"""Deviation of the mean temperature from the plan [K] that triggers a new plan."""
+QUANTILE_COLUMNS = ("p10", "p50", "p90")
+"""Columns of a file of price bands."""
+HISTORY_DAYS = 30
+"""Number of days before a run whose prices a forecast uses, if the file contains them."""
+
+
+class MarketSection(Section):
+    """Section ``[[demand.market]]``: an auction of a whole day, which the last market trades again.
+
+    The auctions are in the order of their gates; a product is one control step or longer, and no longer than
+    that of the auction before. Files are read as those of ``demand.prices``, by default the same file.
+    """
+
+    name: RunName
+    prices: str | None = None
+    product: str | None = None
+    step_min: Annotated[float, within(1.0, 1440.0, "min")] = 60.0
+
+
+class TradeMeterSection(MeterSection):
+    """Section ``[demand.meter]`` of ``kind = "arbitrage"``: trade behind a meter with load or generation.
+
+    Import costs the market price plus ``import_fee_eur_mwh``, export earns the market price.
+    ``max_import_kw`` and ``max_export_kw`` hold at the meter: generation above the limit of the export is
+    curtailed unless the plant charges it.
+    """
+
+    import_fee_eur_mwh: NonNegative = 0.0
+
+
+class ArbitrageDemand(DemandSection):
+    """Section ``[demand]`` with ``kind = "arbitrage"``: trade at the prices of a market file.
+
+    ``plan`` is ``aware`` (:class:`bess.dispatch.DynamicProgramDispatch`, on the plant model) or ``linear``
+    (:class:`bess.dispatch.Arbitrage`, with a constant ``efficiency``). ``cycles_per_plan`` replaces the limit
+    ``cycles_per_day`` by a limit for each plan, on the mean of charged and discharged energy (AC). Without
+    ``end_price_eur_mwh``, stored energy at the end of an aware plan has the median purchase price, or the
+    revenue from the best tenth of prices if that is less. Without ``replan_h``, a linear plan is re-optimised
+    every 3 h; an aware plan after a sixth of its length or 6 h, and when inverters in service, price
+    forecast, stored energy or temperature deviate from it (compared every 3 h, inverters in every step).
+
+    ``forecast = "bands"`` plans with several levels of each price (:class:`bess.dispatch.BandForecast`), from
+    columns ``p10``, ``p50`` and ``p90`` of ``forecast_prices`` or from measured errors of persistence;
+    ``"expected"``, and a linear plan, use their mean. Actual prices are settled. ``meter`` is load and
+    generation behind the same meter, for linear plans (:class:`bess.dispatch.GridConnection`). Each
+    ``market`` is an auction before the market of ``prices`` (:func:`bess.dispatch.auction_positions`).
+    """
+
+    files: ClassVar = ("prices", "forecast_prices", "meter.load", "meter.pv", "market.*.prices")
+    trades: ClassVar = True
+
+    kind: Literal["arbitrage"] = "arbitrage"
+    prices: str | None = None
+    zone: str = "DE-LU"
+    product: str | None = None
+    time_zone: str | None = None
+    fill: Fill | None = None
+    market_time_zone: str = "Europe/Berlin"
+    max_power_kw: Positive | None = None
+    max_energy_kwh: Positive | None = None
+    max_import_kw: Positive | None = None
+    max_export_kw: Positive | None = None
+    plan: Literal["aware", "linear"] = "aware"
+    efficiency: Efficiency = 0.9
+    cycles_per_day: Positive = 2.0
+    cycles_per_plan: Positive | None = None
+    end_price_eur_mwh: NonNegative | None = None
+    look_ahead_h: Positive = 36.0
+    replan_h: Positive | None = None
+    repeat: bool = False
+    forecast: Literal["perfect", "persistence", "file", "expected", "bands"] = "perfect"
+    forecast_prices: str | None = None
+    meter: TradeMeterSection | None = None
+    market: tuple[MarketSection, ...] = ()
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.forecast == "file" and self.forecast_prices is None:
+            raise ValueError('forecast = "file" needs forecast_prices')
+        if self.forecast in ("perfect", "persistence") and self.forecast_prices is not None:
+            raise ValueError('forecast_prices needs forecast = "file", "expected" or "bands"')
+        if self.market and self.meter is not None:
+            raise ValueError("market: positions of several markets are not settled behind a meter")
+        if any(later.step_min > earlier.step_min for earlier, later in pairwise(self.market)):
+            raise ValueError("market: a later auction must not have longer products than an earlier one")
+        if self.meter is not None and self.plan != "linear":
+            raise ValueError('meter: only plan = "linear" knows of a meter with load and generation')
+        return self
+
+    def build(self, setting: Setting) -> RunDemand:
+        """See :class:`~bess.study.demands.source.DemandSection`.
+
+        Raises
+        ------
+        InputError
+            As there, or the study names no price file.
+        """
+        from bess.market import extended
+
+        file, key = self.prices, "demand.prices"
+        if file is None:
+            raise InputError(
+                f"{setting.name}: demand.prices is not set: name a price file (SMARD, Energy-Charts or "
+                "ENTSO-E export), such as demand.prices = FILE.csv"
+            )
+        read = _read(self, file)
+        sampled = given = setting.series_of(read, file, key)
+        grid = setting.grid_of(given)
+        if self.repeat:
+            sampled = SampledSeries.from_pandas(extended(read, grid.end), file, key)
+        price = sampled.on(grid)
+        forecast = _price_forecast(self, setting, grid, sampled)
+        span = f"{price.min():.2f} / {price.mean():.2f} / {price.max():.2f} EUR/MWh"
+        setting.note(f"prices: {file}, min / mean / max of the run {span}", given)
+        connection, fee_eur_mwh = None, 0.0
+        series: dict[str, Array] = {}
+        if self.meter is not None:
+            site = site_of(self.meter, setting, 0, grid)
+            connection, fee_eur_mwh = _connection(self, self.meter, site), self.meter.import_fee_eur_mwh
+            series = site.series | {"export_price_eur_mwh": price}
+            if self.max_export_kw is not None:
+                series["export_limit_kw"] = np.full(grid.n_steps, self.max_export_kw)
+        if self.market:
+            series = _auctions(self, file, setting, grid, price)
+            if self.forecast == "persistence":
+                days = calendar_days(grid.index, self.market_time_zone)
+                auction = series["auction_price_eur_mwh"][:, -1]
+                forecast = AuctionForecast(price, auction, days, grid.dt_h)
+        planner = _planner(self, setting, grid, forecast, connection)
+        size = _size(self, setting.system)
+        budget = setting.budget_of(grid, forecast, size, self.efficiency, self.look_ahead_h)
+        source = ArbitrageSource(planner, setting.system, budget, connection)
+        return RunDemand(grid, source, price + fee_eur_mwh, series)
+
+
+def _read(
+    choice: ArbitrageDemand, file: str, *, zone: str | None = None, product: str | None = None
+) -> pd.Series[float]:
+    from bess.market import read_prices
+
+    zone, product = zone or choice.zone, product or choice.product
+    return read_prices(file, zone, product, time_zone=choice.time_zone, fill=choice.fill)
+
+
+def _auctions(
+    choice: ArbitrageDemand, last_file: str, setting: Setting, grid: TimeGrid, price: Array
+) -> dict[str, Array]:
+    """Positions and prices of the auctions before the last market, as recorded series."""
+
+    prices, steps = [], []
+    for number, market in enumerate(choice.market):
+        key, file = f"demand.market.{number}", market.prices or last_file
+        read = _read(choice, file, product=market.product)
+        prices.append(setting.series_of(read, file, f"{key}.prices").on(grid))
+        steps.append(steps_in(market.step_min / 60.0, grid.dt_h, f"{key}.step_min"))
+    planner = _linear(
+        choice,
+        setting.system,
+        grid,
+        PerfectForecast(price),
+        max_import_kw=choice.max_import_kw,
+        max_export_kw=choice.max_export_kw,
+        replan_h=grid.dt_h,
+    )
+    stored_kwh = StorageEstimator(setting.system, choice.efficiency).stored_kwh(
+        setting.system.initial_state()
+    )
+    position_kw = auction_positions(
+        [*prices, price],
+        planner,
+        product_steps=steps,
+        stored_kwh=min(_size(choice, setting.system)[1], stored_kwh),
+        foresight=choice.forecast == "perfect",
+    )
+    return {"position_kw": position_kw, "auction_price_eur_mwh": np.stack(prices, axis=1)}
+
+
+def _connection(choice: ArbitrageDemand, meter: TradeMeterSection, site: Site) -> GridConnection:
+    return GridConnection(
+        site.forecast,
+        site.grid.dt_h,
+        max_import_kw=choice.max_import_kw or np.inf,
+        max_export_kw=choice.max_export_kw or np.inf,
+        import_fee_eur_mwh=meter.import_fee_eur_mwh,
+        tariff=site.tariff,
+    )
+
+
+def _price_forecast(
+    choice: ArbitrageDemand, setting: Setting, grid: TimeGrid, series: SampledSeries
+) -> Forecast:
+    """Return the price forecast to the end of the run."""
+
+    if choice.forecast == "perfect":
+        return PerfectForecast(series.on(grid))
+    file = choice.forecast_prices
+    if file is None:
+        # Prices of the file before the run are known.
+        before = max(
+            0, min((grid.start_s - series.start_s) // grid.step_s, round(HISTORY_DAYS * 24 / grid.dt_h))
+        )
+        price = series.on(grid.earlier(before))
+        kind = PersistenceForecast if choice.forecast == "persistence" else BandForecast
+        return kind(price, grid.dt_h, price_ends=price_ends_of(price, grid.dt_h), first=before)
+
+    def forecast_of(zone: str) -> Array:
+        return setting.series_of(_read(choice, file, zone=zone), file, "demand.forecast_prices").on(grid)
+
+    price = series.on(grid)
+    ends = price_ends_of(price, grid.dt_h)
+    if choice.forecast == "file":
+        return ExternalForecast(price, forecast_of(choice.zone), price_ends=ends)
+    bands = np.stack([forecast_of(zone) for zone in QUANTILE_COLUMNS])
+    return BandForecast(price, grid.dt_h, bands, price_ends=ends)
+
+
+def _planner(
+    choice: ArbitrageDemand,
+    setting: Setting,
+    grid: TimeGrid,
+    forecast: Forecast,
+    connection: GridConnection | None,
+) -> LinearPlanner | AwarePlanner:
+    if choice.plan == "linear":
+        arbitrage = _linear(
+            choice,
+            setting.system,
+            grid,
+            forecast,
+            cycles_per_plan=choice.cycles_per_plan,
+            max_import_kw=choice.max_import_kw if connection is None else None,
+            max_export_kw=choice.max_export_kw if connection is None else None,
+            replan_h=COMPARE_H if choice.replan_h is None else choice.replan_h,
+            connection=connection,
+        )
+        return LinearPlanner(arbitrage)
+    look_ahead = steps_in(choice.look_ahead_h, grid.dt_h, "demand.look_ahead_h")
+    replan = None
+    if choice.replan_h is not None:
+        replan = steps_in(choice.replan_h, grid.dt_h, "demand.replan_h")
+        if choice.replan_h > choice.look_ahead_h:
+            raise InputError(
+                f"demand.replan_h {choice.replan_h:g} h must not exceed "
+                f"demand.look_ahead_h {choice.look_ahead_h:g} h"
+            )
+    dispatch = DynamicProgramDispatch(
+        setting.system,
+        grid.dt_h,
+        setting.terms,
+        max_power_kw=choice.max_power_kw,
+        max_energy_kwh=choice.max_energy_kwh,
+        max_import_kw=choice.max_import_kw,
+        max_export_kw=choice.max_export_kw,
+        cycles_per_day=choice.cycles_per_day,
+        cycles_per_plan=choice.cycles_per_plan,
+        end_price_eur_mwh=choice.end_price_eur_mwh,
+    )
+    return AwarePlanner(
+        dispatch,
+        forecast,
+        calendar_days(grid.index, choice.market_time_zone),
+        bands=forecast if choice.forecast == "bands" and isinstance(forecast, BandForecast) else None,
+        look_ahead_steps=look_ahead,
+        replan_steps=replan,
+        compare_steps=max(1, round(COMPARE_H / grid.dt_h)),
+        longest_steps=min(MAX_PLAN_AGE_FRACTION * look_ahead, LONGEST_H / grid.dt_h),
+    )
+
+
+def _linear(
+    choice: ArbitrageDemand, system: System, grid: TimeGrid, prices: Forecast, **more: Any
+) -> Arbitrage:
+    """Return the linear dispatch of the section; ``more`` are further arguments of it."""
+    power_kw, energy_kwh = _size(choice, system)
+    return Arbitrage(
+        prices,
+        calendar_days(grid.index, choice.market_time_zone),
+        power_kw=power_kw,
+        energy_kwh=energy_kwh,
+        efficiency=choice.efficiency,
+        cycles_per_day=choice.cycles_per_day,
+        look_ahead_h=choice.look_ahead_h,
+        dt_h=grid.dt_h,
+        **more,
+    )
+
+
+def _size(choice: ArbitrageDemand, system: System) -> tuple[float, float]:
+    """Return the power [kW] and energy [kWh] available for trading."""
+    window = np.array([string.battery.soc_max - string.battery.soc_min for string in system.strings])
+    energy_kwh = float((system.nominal_energy_kwh * window).sum())
+    power_kw = float(system.nominal_kw.sum())
+    return min(power_kw, choice.max_power_kw or power_kw), min(
+        energy_kwh, choice.max_energy_kwh or energy_kwh
+    )
+
+
+@dataclass(frozen=True)
+class MarketPlan:
+    """A dispatch plan and its expected states; arrays over its steps.
+
+    Attributes
+    ----------
+    step : int
+        First step of the plan.
+    demand_kw, delivered_kw : ndarray
+        Planned demand, and its expected delivery.
+    limit_kw : ndarray, shape (n_strings,)
+        Power of each inverter in service.
+    energy_kwh, temperature_c : ndarray
+        Expected stored energy and temperature of the plant at the end of each step; empty if not planned.
+    """
+
+    step: int
+    demand_kw: Array
+    delivered_kw: Array
+    limit_kw: Array
+    energy_kwh: Array
+    temperature_c: Array
+
+
+@dataclass(frozen=True)
+class Stored:
+    """Initial values of a dispatch plan.
+
+    Attributes
+    ----------
+    energy_kwh, discharged_kwh : float
+        Stored energy above the lower SOC limits, and energy discharged on this trading day so far.
+    budget_price_eur_mwh, remaining_kwh : float
+        Shadow price of a budget per MWh discharged, and stored energy that may still be discharged.
+    """
+
+    energy_kwh: float
+    discharged_kwh: float
+    budget_price_eur_mwh: float = 0.0
+    remaining_kwh: float = np.inf
+
+
+class LinearPlanner:
+    """The arbitrage program with a constant efficiency, which assumes full delivery.
+
+    ``days`` is the number of the trading day of each step.
+    """
+
+    def __init__(self, arbitrage: Arbitrage) -> None:
+        self._arbitrage = arbitrage
+        self.days = arbitrage.days
+
+    def is_due(self, step: int, now: StepInputs, plan: MarketPlan) -> bool:
+        """Whether the last plan must be replaced."""
+        return self.may_be_due(step, plan)
+
+    def may_be_due(self, step: int, plan: MarketPlan) -> bool:
+        """Whether ``plan`` may be replaced at ``step`` with the same inverters in service."""
+        return self._arbitrage.is_due(step)
+
+    def plan(self, step: int, now: StepInputs, stored: Stored) -> MarketPlan:
+        """Plan over the look-ahead; the plan depends on the arguments only."""
+        demand_kw = self._arbitrage.plan(
+            step,
+            stored.energy_kwh,
+            stored.discharged_kwh,
+            budget_price_eur_mwh=stored.budget_price_eur_mwh,
+            remaining_kwh=stored.remaining_kwh,
+        )
+        return MarketPlan(step, demand_kw, demand_kw, now.limit_kw, np.zeros(0), np.zeros(0))
+
+
+class AwarePlanner:
+    """Plans by dynamic programming on the plant model.
+
+    With ``replan_steps``, a plan is re-optimised after this number of steps. Otherwise it is re-optimised
+    when prices or states deviate from it, and after ``longest_steps``. With ``bands``, future prices move
+    between their levels, with mean ``prices``; otherwise ``prices`` are taken as certain.
+    """
+
+    def __init__(
+        self,
+        dispatch: DynamicProgramDispatch,
+        prices: Forecast,
+        days: NDArray[np.int64],
+        *,
+        look_ahead_steps: int,
+        replan_steps: int | None,
+        compare_steps: int,
+        longest_steps: float,
+        bands: BandForecast | None = None,
+    ) -> None:
+        self._dispatch, self._prices, self._bands, self.days = dispatch, prices, bands, days
+        self._look_ahead_steps, self._replan_steps = look_ahead_steps, replan_steps
+        self._compare_steps, self._longest_steps = compare_steps, longest_steps
+
+    def is_due(self, step: int, now: StepInputs, plan: MarketPlan) -> bool:
+        """See :class:`LinearPlanner`."""
+        if self._replan_steps is not None:
+            return self.may_be_due(step, plan)
+        if not np.array_equal(now.limit_kw, plan.limit_kw):
+            return True
+        if not self.may_be_due(step, plan):
+            return False
+        return self._is_outdated(step, plan) or not self._came_true(step, now, plan)
+
+    def may_be_due(self, step: int, plan: MarketPlan) -> bool:
+        """See :class:`LinearPlanner`."""
+        if self._replan_steps is not None:
+            return step % self._replan_steps == 0
+        age = step - plan.step
+        return self._is_outdated(step, plan) or (age > 0 and age % self._compare_steps == 0)
+
+    def _is_outdated(self, step: int, plan: MarketPlan) -> bool:
+        """Whether the plan is too old, or the present price differs from that of the plan."""
+        age = step - plan.step
+        new_price = self._prices.ahead(step, 1)[0] != self._prices.ahead(plan.step, age + 1)[age]
+        return bool(new_price) or age >= self._longest_steps
+
+    def _came_true(self, step: int, now: StepInputs, plan: MarketPlan) -> bool:
+        """Whether the price forecast is unchanged and the plant follows the plan."""
+        age, n_steps = step - plan.step, plan.demand_kw.size
+        before = self._prices.ahead(plan.step, n_steps)[age:]
+        if not np.array_equal(before, self._prices.ahead(step, n_steps - age)):
+            return False
+        energy_kwh, capacity_kwh, temperature_c = self._dispatch.condition(now.state, now.limit_kw)
+        off_kwh = abs(energy_kwh - float(plan.energy_kwh[age - 1]))
+        off_k = abs(temperature_c - float(plan.temperature_c[age - 1]))
+        return off_kwh <= ENERGY_TOLERANCE * capacity_kwh and off_k <= TEMPERATURE_TOLERANCE_K
+
+    def plan(self, step: int, now: StepInputs, stored: Stored) -> MarketPlan:
+        """See :class:`LinearPlanner`."""
+
+        price = self._prices.ahead(step, self._look_ahead_steps)
+        inputs = DispatchInputs(
+            price,
+            now.ambient_c[: price.size],
+            self.days[step : step + price.size],
+            stored.discharged_kwh,
+            is_last=step + price.size == self.days.size,
+            budget_price_eur_mwh=stored.budget_price_eur_mwh,
+            remaining_kwh=stored.remaining_kwh,
+            bands=None if self._bands is None else self._bands.bands(step, self._look_ahead_steps),
+        )
+        plan = self._dispatch.plan(inputs, now.state, limit_kw=now.limit_kw)
+        return MarketPlan(
+            step,
+            plan.demand_kw,
+            plan.expected_delivered_kw,
+            now.limit_kw,
+            plan.expected_energy_kwh,
+            plan.expected_temperature_c,
+        )
+
+
+class ArbitrageSource(KnownDemand):
+    """A dispatch plan that is re-optimised when due."""
+
+    _carried = ("_day", "_energy_kwh", "_discharged_kwh", "_budget", "_connection")
+
+    def __init__(
+        self,
+        planner: LinearPlanner | AwarePlanner,
+        system: System,
+        budget: CycleBudget | None = None,
+        connection: GridConnection | None = None,
+    ) -> None:
+        self._planner, self._budget, self._connection = planner, budget, connection
+        self._dt_h = system.control.step_min / 60.0
+        self._soc_min = np.array([string.battery.soc_min for string in system.strings])
+        self._nominal_kwh = system.nominal_energy_kwh
+        self._plan: MarketPlan | None = None
+        self._day: int | None = None
+        self._energy_kwh = 0.0
+        self._discharged_kwh = 0.0
+
+    def ahead(self, step: int, horizon: int, now: StepInputs) -> Array:
+        """See :class:`~bess.study.demands.source.DemandSource`."""
+        state = now.state
+        self.measured(step, state.soc, state.soh_capacity)
+        budget = self._budget
+        if budget is not None:
+            budget.advance(step, state.soc, now.delivered_kw)
+        if self._connection is not None:
+            self._connection.advance(step, now.delivered_kw)
+        if self._plan is None or self._planner.is_due(step, now, self._plan):
+            stored = Stored(self._energy_kwh, self._discharged_kwh)
+            if budget is not None:
+                stored = replace(
+                    stored, budget_price_eur_mwh=budget.price_eur_mwh, remaining_kwh=budget.remaining_kwh
+                )
+            self._plan = self._planner.plan(step, now, stored)
+        offset = step - self._plan.step
+        demand_kw = padded(self._plan.demand_kw[offset : offset + horizon], horizon)
+        if self._connection is not None:
+            max_kw = min(self._energy_kwh / self._dt_h, float(now.limit_kw.sum()))
+            demand_kw[0] = self._connection.limited(step, float(demand_kw[0]), max_kw)
+        if budget is None:
+            return demand_kw
+        return budget.limited(demand_kw, float((self._nominal_kwh * state.soh_capacity).min()))
+
+    def block(self, step: int, most: int, horizon: int, now: StepInputs) -> Array:
+        """See :class:`~bess.study.demands.source.KnownDemand`."""
+        rows = [self.ahead(step, horizon, now)]
+        plan = self._plan
+        assert plan is not None
+        if self._budget is None and self._connection is None:
+            for each in range(step + 1, min(step + most, plan.step + plan.demand_kw.size)):
+                if self._planner.may_be_due(each, plan):
+                    break
+                offset = each - plan.step
+                rows.append(padded(plan.demand_kw[offset : offset + horizon], horizon))
+        return np.array(rows)
+
+    def measured(self, step: int, soc: Array, soh_capacity: Array) -> None:
+        """Add the energy discharged in the previous step; a step that ends at midnight counts for its day."""
+        stored_kwh = (soc - self._soc_min) * self._nominal_kwh * soh_capacity
+        day, energy_kwh = int(self._planner.days[step]), float(stored_kwh.sum())
+        if day == self._day:
+            self._discharged_kwh += max(0.0, self._energy_kwh - energy_kwh)
+        else:
+            self._discharged_kwh = 0.0
+        self._day, self._energy_kwh = day, energy_kwh
+
+    def planned(self, step: int) -> dict[str, float]:
+        """See :class:`~bess.study.demands.source.DemandSource`."""
+        assert self._plan is not None
+        row = {"expected_kw": float(self._plan.delivered_kw[step - self._plan.step])}
+        return row if self._budget is None else row | self._budget.recorded()
+
+    def state_dict(self) -> dict[str, Any]:
+        """See :class:`~bess.study.demands.source.DemandSource`."""
+        return super().state_dict() | {"plan": None if self._plan is None else vars(self._plan)}
+
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
+        """See :class:`~bess.study.demands.source.DemandSource`."""
+        super().load_state_dict(state_dict)
+        self._plan = None if state_dict["plan"] is None else MarketPlan(**state_dict["plan"])

@@ -1,0 +1,80 @@
+"""Demand of kind ``profile``: a given power series."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from bess.arrays import Array
+from bess.dispatch import PROFILES, Forecast
+from bess.files import Fill
+from bess.study.demands.source import (
+    DemandSection,
+    KnownDemand,
+    RunDemand,
+    Setting,
+    StepInputs,
+    forecast_of,
+    padded,
+)
+from bess.system.quantities import Positive
+
+
+class ProfileDemand(DemandSection):
+    """Section ``[demand]`` with ``kind = "profile"``: a given power series.
+
+    ``file`` is a bundled profile or a CSV or Parquet file, read with :func:`bess.dispatch.read_profile`;
+    ``repeat`` repeats it.
+    """
+
+    files: ClassVar = ("file",)
+
+    kind: Literal["profile"] = "profile"
+    file: str
+    column: str | None = None
+    unit: Literal["kW", "W", "MW"] = "kW"
+    positive: Literal["discharge", "charge"] = "discharge"
+    scale: Positive = 1.0
+    time_zone: str | None = None
+    fill: Fill | None = None
+    repeat: bool = False
+    forecast: Literal["perfect", "persistence"] = "perfect"
+
+    def build(self, setting: Setting) -> RunDemand:
+        """See :class:`~bess.study.demands.source.DemandSection`."""
+        series = setting.power_of(
+            self.file,
+            "demand.file",
+            PROFILES,
+            scale=self.scale,
+            column=self.column,
+            unit=self.unit,
+            positive=self.positive,
+            time_zone=self.time_zone,
+            fill=self.fill,
+        )
+        grid = setting.grid_of(series)
+        # A forecast may extend beyond the end of the run, to the end of the profile.
+        values = series.laid(grid, grid.longer(setting.horizon), repeat=self.repeat)
+        asked = values[: grid.n_steps]
+        setting.note(f"demand: {series.what}, {asked.min():g} to {asked.max():g} kW", series)
+        nominal_kw = setting.system.nominal_kw.sum()
+        if above := int((np.abs(asked) > nominal_kw * (1.0 + 1e-9)).sum()):
+            setting.note(f"demand is above the {nominal_kw:g} kW of the plant in {above} steps (unmet)")
+        return RunDemand(grid, ProfileSource(forecast_of(self.forecast, values, grid.dt_h)))
+
+
+class ProfileSource(KnownDemand):
+    """A known series; the demand after its end is zero."""
+
+    def __init__(self, forecast: Forecast) -> None:
+        self._forecast = forecast
+
+    def ahead(self, step: int, horizon: int, now: StepInputs) -> Array:
+        """See :class:`~bess.study.demands.source.DemandSource`."""
+        return padded(self._forecast.ahead(step, horizon), horizon)
+
+    def block(self, step: int, most: int, horizon: int, now: StepInputs) -> Array:
+        """See :class:`~bess.study.demands.source.KnownDemand`."""
+        return np.array([self.ahead(each, horizon, now) for each in range(step, step + most)])

@@ -1,0 +1,414 @@
+"""Demands of kind ``fcr`` and ``fcr-arbitrage``: frequency containment reserve, with or without trade."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+
+from bess.arrays import Array
+from bess.dispatch import (
+    Arbitrage,
+    CycleBudget,
+    EnergyWindow,
+    Forecast,
+    PerfectForecast,
+    PersistenceForecast,
+    RechargeScheduler,
+    StorageEstimator,
+    droop_response,
+    reserve_blocks,
+)
+from bess.dispatch.arbitrage import calendar_days
+from bess.dispatch.synthetic import frequency_deviation, market_prices
+from bess.errors import InputError
+from bess.files import Fill
+from bess.study.demands.source import (
+    SYNTHETIC,
+    DemandSection,
+    DemandSource,
+    Efficiency,
+    RunDemand,
+    Setting,
+    StepInputs,
+    padded,
+)
+from bess.study.grid import SampledSeries, TimeGrid, seconds_of
+from bess.study.keys import check_bundled
+from bess.system import System
+from bess.system.quantities import Fraction, NonNegative, Positive, within
+from bess.units import PERCENT
+
+
+class FcrDemand(DemandSection):
+    """Section ``[demand]`` with ``kind = "fcr"``: frequency containment reserve.
+
+    ``frequency`` is ``synthetic``, a bundled week, or a file as :func:`bess.market.read_frequency` takes it;
+    with ``repeat`` it begins at the start of the run and repeats. Power is proportional to the frequency
+    deviation: ``capacity_kw`` at ``droop_mhz``, zero within ``dead_band_mhz``. The demand of a control step
+    is the mean response. By default, a fifth of the plant power remains for recharging.
+
+    The stored energy must sustain the full capacity for ``duration_min`` in each direction. Outside the
+    central ``band`` of that window, the set-point is shifted by up to ``recharge_kw`` (by default a quarter
+    of the capacity). Shifts have slots of ``recharge_slot_min``, are scheduled ``recharge_lead_min`` ahead,
+    and include the round-trip ``efficiency``.
+
+    The capacity price is ``capacity_prices``, a file as :func:`bess.market.read_capacity_prices` takes it
+    (the column of ``country``), or ``capacity_price_eur_mw`` per four-hour block. Energy
+    other than the response is settled at ``prices`` (a price file, or ``synthetic``, a bundled
+    week) or, without, at ``energy_price_eur_mwh``.
+    """
+
+    files: ClassVar = ("frequency", "capacity_prices", "prices")
+
+    kind: Literal["fcr"] = "fcr"
+    frequency: str = SYNTHETIC
+    column: str | None = None
+    time_zone: str | None = None
+    fill: Fill | None = None
+    repeat: bool = False
+    capacity_kw: Positive | None = None
+    droop_mhz: Positive = 200.0
+    dead_band_mhz: NonNegative = 10.0
+    duration_min: Annotated[float, within(0.0, 240.0, "min", above=True)] = 15.0
+    band: Fraction = 0.5
+    recharge_kw: NonNegative | None = None
+    recharge_slot_min: Positive = 15.0
+    recharge_lead_min: NonNegative = 15.0
+    efficiency: Efficiency = 0.9
+    capacity_prices: str | None = None
+    country: str = "GERMANY"
+    capacity_price_eur_mw: NonNegative = 65.0
+    prices: str | None = None
+    zone: str = "DE-LU"
+    energy_price_eur_mwh: float = 80.0
+    forecast: Literal["expected", "persistence"] = "expected"
+
+    def build(self, setting: Setting) -> RunDemand:
+        """See :class:`~bess.study.demands.source.DemandSection`."""
+        series = _frequency(self, setting)
+        grid, system = setting.grid_of(series), setting.system
+        capacity_kw, recharge_kw = _powers(self, float(system.nominal_kw.sum()))
+        store = StorageEstimator(system, self.efficiency)
+        band = _window(self, capacity_kw, store, system).narrowed(self.band)
+        share, averaging = _response(series, self, grid)
+        setting.note(f"reserve: {capacity_kw:g} kW, {averaging}")
+        price = _energy_price(self, setting, grid)
+        capacity_price = _capacity_price(self, setting, grid)
+        sold_kw = np.full(grid.n_steps, capacity_kw)
+        trade = budget = None
+        if isinstance(self, FcrArbitrageDemand):
+            power_kw = float(system.nominal_kw.sum()) - capacity_kw - recharge_kw
+            trade = _trade(self, grid, price, power_kw, band)
+            size = power_kw, band.high_kwh - band.low_kwh
+            budget = setting.budget_of(grid, PerfectForecast(price), size, self.efficiency, self.look_ahead_h)
+            if self.choose_capacity is not None:
+                sold_kw = reserve_blocks(
+                    capacity_price,
+                    price,
+                    _trade(self, grid, price, power_kw + capacity_kw, band),
+                    max_reserve_kw=capacity_kw,
+                    stored_kwh=max(0.0, store.stored_kwh(system.initial_state()) - band.low_kwh),
+                    foresight=self.choose_capacity == "perfect",
+                )
+                trade = _trade(self, grid, price, power_kw + capacity_kw, band, sold_kw)
+        response: Forecast = ZeroResponseForecast(sold_kw * share)
+        if self.forecast == "persistence":
+            response = PersistenceForecast(sold_kw * share, grid.dt_h)
+        recharge = RechargeScheduler(
+            recharge_kw,
+            _steps(self.recharge_lead_min, "recharge_lead_min", grid, least=0),
+            _steps(self.recharge_slot_min, "recharge_slot_min", grid, least=1),
+            grid.dt_h,
+            store.one_way_efficiency,
+        )
+        source = ReserveSource(
+            response, Reserve(sold_kw, self.duration_min, self.band), recharge, store, trade, budget
+        )
+        recorded = {"frequency_mhz": series.on(grid), "capacity_price_eur_mw_h": capacity_price}
+        return RunDemand(grid, source, price, recorded)
+
+
+class FcrArbitrageDemand(FcrDemand):
+    """Section ``[demand]`` with ``kind = "fcr-arbitrage"``: trade with the power beside the reserve.
+
+    The capacity (by default half of the plant power) and its energy are reserved at all times, with the keys
+    of ``kind = "fcr"``. The remaining power, minus ``recharge_kw``, trades within the central ``band`` of the
+    required window. Linear dispatch, as with ``plan = "linear"``, covers ``look_ahead_h`` and is re-optimised
+    every ``replan_h``. With ``choose_capacity`` the reserve of each four-hour block is chosen the day before,
+    up to ``capacity_kw``, together with the trade (:func:`bess.dispatch.reserve_blocks`), at known prices or
+    those of the day before.
+    """
+
+    trades: ClassVar = True
+
+    kind: Literal["fcr-arbitrage"] = "fcr-arbitrage"  # type: ignore[assignment]
+    band: Fraction = 0.9
+    choose_capacity: Literal["perfect", "persistence"] | None = None
+    prices: str | None = SYNTHETIC
+    market_time_zone: str = "Europe/Berlin"
+    cycles_per_day: Positive = 1.0
+    look_ahead_h: Positive = 36.0
+    replan_h: Positive = 1.0
+
+
+_FREQUENCY_STEP_S = 10
+_HOUR_S = 3600
+_BLOCK_H = 4.0
+_RECHARGE_SHARE = 0.25
+"""Recharge power, as a share of the reserve capacity; this part of the plant power is kept free for it."""
+_SECONDS_PER_MINUTE = 60.0
+
+
+def _powers(choice: FcrDemand, nominal_kw: float) -> tuple[float, float]:
+    """Capacity and recharge power [kW]."""
+    trades = choice.trades
+    capacity_kw = choice.capacity_kw or nominal_kw * (0.5 if trades else 1.0 / (1.0 + _RECHARGE_SHARE))
+    recharge_kw = _RECHARGE_SHARE * capacity_kw if choice.recharge_kw is None else choice.recharge_kw
+    together_kw = capacity_kw + recharge_kw
+    if together_kw > nominal_kw * (1.0 + 1e-9) or (trades and together_kw >= nominal_kw):
+        raise InputError(
+            f"demand.capacity_kw = {capacity_kw:g} kW and demand.recharge_kw = {recharge_kw:g} kW leave "
+            f"no power of the {nominal_kw:g} kW of the plant{' for trade' if trades else ''}; "
+            "reduce the reserve"
+        )
+    return capacity_kw, recharge_kw
+
+
+def _window(choice: FcrDemand, capacity_kw: float, store: StorageEstimator, system: System) -> EnergyWindow:
+    """Return the energy window of the reserve, which must not be empty."""
+
+    capacity_kwh = store.capacity_kwh(system.initial_state())
+    window = EnergyWindow.of(capacity_kw, choice.duration_min, capacity_kwh, store.one_way_efficiency)
+    if window.low_kwh >= window.high_kwh:
+        raise InputError(
+            f"demand.capacity_kw = {capacity_kw:g} kW for demand.duration_min = {choice.duration_min:g} min "
+            f"in either direction needs more than the {capacity_kwh:.4g} kWh of the plant; reduce the reserve"
+        )
+    return window
+
+
+def _frequency(choice: FcrDemand, setting: Setting) -> SampledSeries:
+    """Return the frequency deviation; a repeated series starts at the start of the run."""
+    from bess.market import read_frequency
+
+    file = choice.frequency
+    check_bundled("demand.frequency", file, [SYNTHETIC])
+    if file == SYNTHETIC:
+        values, step_s = frequency_deviation(), _FREQUENCY_STEP_S
+        setting.note("frequency: a bundled week")
+    else:
+        read = read_frequency(file, column=choice.column, time_zone=choice.time_zone, fill=choice.fill)
+        given = setting.series_of(read, file, "demand.frequency")
+        setting.note(f"frequency: {file}", given)
+        if not choice.repeat:
+            return given
+        values, step_s = given.values, given.step_s
+    period_days = values.size * step_s / 86_400.0
+    count = int(np.ceil((setting.run.days or period_days) / period_days))
+    start_s = seconds_of(setting.start)
+    return SampledSeries(np.tile(values, count), start_s, step_s, "frequency", "demand.frequency")
+
+
+def _response(series: SampledSeries, choice: FcrDemand, grid: TimeGrid) -> tuple[Array, str]:
+    """Return the mean activation in each step, and a note on the effect of averaging."""
+
+    share = droop_response(series.values, choice.droop_mhz, choice.dead_band_mhz)
+    mean = replace(series, values=share).on(grid)
+    first = (grid.start_s - series.start_s) // series.step_s
+    count = -(-grid.n_steps * grid.step_s // series.step_s)
+    moved = float(np.abs(share[first : first + count]).mean())
+    kept = PERCENT * float(np.abs(mean).mean()) / moved if moved > 0.0 else PERCENT
+    said = (
+        f"response by means over {grid.step_s / 60:g} min, which move {kept:.0f} % of the energy of every "
+        f"{series.step_s} s"
+    )
+    return mean, said
+
+
+def _energy_price(choice: FcrDemand, setting: Setting, grid: TimeGrid) -> Array:
+    """Return the price of energy in each step [EUR/MWh]."""
+    from bess.market import read_prices
+
+    file, key = choice.prices, "demand.prices"
+    if file is None:
+        return np.full(grid.n_steps, choice.energy_price_eur_mwh)
+    check_bundled(key, file, [SYNTHETIC])
+    if file == SYNTHETIC:
+        hours = grid.start_s // _HOUR_S + np.arange(-(-grid.n_steps * grid.step_s // _HOUR_S) + 1)
+        values = market_prices()[hours % market_prices().size]
+        first_s = grid.start_s // _HOUR_S * _HOUR_S
+        price = SampledSeries(values, first_s, _HOUR_S, "the bundled week of prices", key)
+    else:
+        price = setting.series_of(read_prices(file, choice.zone), file, key)
+    setting.note(f"prices: {'a bundled week' if file == SYNTHETIC else file}", price)
+    return price.on(grid)
+
+
+def _capacity_price(choice: FcrDemand, setting: Setting, grid: TimeGrid) -> Array:
+    """Return the price of reserve in each step [EUR/MW/h]."""
+    from bess.market import read_capacity_prices
+
+    file = choice.capacity_prices
+    if file is None:
+        return np.full(grid.n_steps, choice.capacity_price_eur_mw / _BLOCK_H)
+    setting.note(f"capacity prices: {file}")
+    return setting.series_of(read_capacity_prices(file, choice.country), file, "demand.capacity_prices").on(
+        grid
+    )
+
+
+def _trade(
+    choice: FcrArbitrageDemand,
+    grid: TimeGrid,
+    price: Array,
+    power_kw: float,
+    band: EnergyWindow,
+    reserved_kw: Array | float = 0.0,
+) -> Arbitrage:
+    return Arbitrage(
+        PerfectForecast(price),
+        calendar_days(grid.index, choice.market_time_zone),
+        power_kw=power_kw,
+        energy_kwh=band.high_kwh - band.low_kwh,
+        efficiency=choice.efficiency,
+        cycles_per_day=choice.cycles_per_day,
+        look_ahead_h=choice.look_ahead_h,
+        replan_h=choice.replan_h,
+        dt_h=grid.dt_h,
+        reserved_kw=reserved_kw,
+    )
+
+
+def _steps(minutes: float, key: str, grid: TimeGrid, least: int) -> int:
+    """Return a time in control steps; a time shorter than a step gives ``least``."""
+    steps = minutes * _SECONDS_PER_MINUTE / grid.step_s
+    if steps > 1.0 and abs(steps - round(steps)) > 1e-9:
+        raise InputError(
+            f"demand.{key} = {minutes:g} min must be a whole number of control steps of "
+            f"{grid.step_s / 60:g} min"
+        )
+    return max(least, int(np.ceil(steps - 1e-9)))
+
+
+class ZeroResponseForecast:
+    """Forecast of a frequency response: the measured value in this step, and zero (the mean) in later steps.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n_steps,)
+        Actual response [kW].
+    """
+
+    def __init__(self, values: Array) -> None:
+        self._values = values
+
+    def ahead(self, step: int, horizon: int) -> Array:
+        """See :class:`bess.dispatch.Forecast`."""
+        seen = np.zeros(min(horizon, self._values.size - step))
+        seen[0] = self._values[step]
+        return seen
+
+
+@dataclass(frozen=True)
+class Reserve:
+    """Sold reserve.
+
+    Attributes
+    ----------
+    capacity_kw : ndarray, shape (n_steps,)
+        Symmetric reserve.
+    duration_min : float
+        Duration for which the full reserve must be sustained.
+    band : float
+        Share of the required window without recharge.
+    """
+
+    capacity_kw: Array
+    duration_min: float
+    band: float
+
+
+class ReserveSource(DemandSource):
+    """Frequency response, scheduled recharge, and optional trade."""
+
+    _carried = ("_recharge", "_plan", "_day", "_sold_kwh", "_said", "_budget")
+
+    def __init__(
+        self,
+        response_kw: Forecast,
+        reserve: Reserve,
+        recharge: RechargeScheduler,
+        store: StorageEstimator,
+        trade: Arbitrage | None,
+        budget: CycleBudget | None = None,
+    ) -> None:
+        self._response_kw, self._reserve, self._store = response_kw, reserve, store
+        self._recharge, self._trade, self._budget = recharge, trade, budget
+        self._max_capacity_kw = float(reserve.capacity_kw.max())
+        self._plan: Array = np.zeros(0)
+        self._day: int | None = None
+        self._sold_kwh = 0.0
+        self._said: dict[str, float] = {}
+
+    def ahead(self, step: int, horizon: int, now: StepInputs) -> Array:
+        """See :class:`~bess.study.demands.source.DemandSource`."""
+
+        stored_kwh, capacity_kwh = self._store.stored_kwh(now.state), self._store.capacity_kwh(now.state)
+        if self._budget is not None:
+            answered_kw = max(0.0, self._said.get("response_kw", 0.0))
+            self._budget.advance(step, now.state.soc, now.delivered_kw, answered_kw)
+        capacity_kw = float(self._reserve.capacity_kw[step])
+        window, largest = (
+            EnergyWindow.of(each, self._reserve.duration_min, capacity_kwh, self._store.one_way_efficiency)
+            for each in (capacity_kw, self._max_capacity_kw)
+        )
+        band = largest.narrowed(self._reserve.band)
+        shift_kw = self._recharge.advance(step, stored_kwh, band)
+        traded_kw = self._traded(step, stored_kwh, band)
+        response_kw = self._response_kw.ahead(step, horizon)
+        schedule_kw = padded(self._recharge.scheduled_kw[: horizon - 1], horizon - 1)
+        schedule_kw = np.concatenate([[shift_kw], schedule_kw]) + padded(traded_kw[:horizon], horizon)
+        free_kw = max(0.0, float(now.limit_kw.sum()) - abs(schedule_kw[0]))
+        self._said = {
+            "response_kw": float(response_kw[0]),
+            "schedule_kw": float(schedule_kw[0]),
+            "capacity_kw": capacity_kw,
+            "capacity_able_kw": min(free_kw, window.sustainable_kw(capacity_kw, stored_kwh, capacity_kwh)),
+            "soc_low": self._store.soc_at(now.state, window.low_kwh),
+            "soc_high": self._store.soc_at(now.state, window.high_kwh),
+        }
+        demand_kw = padded(response_kw, horizon) + schedule_kw
+        if self._budget is None:
+            return demand_kw
+        allowed_kw = self._budget.limited(demand_kw, self._store.smallest_kwh(now.state))
+        if allowed_kw[0] != demand_kw[0]:
+            self._said["capacity_able_kw"] = 0.0
+        self._said |= self._budget.recorded()
+        return allowed_kw
+
+    def _traded(self, step: int, stored_kwh: float, band: EnergyWindow) -> Array:
+        """Return the planned trade of this step and the next ones."""
+        if self._trade is None:
+            return np.zeros(0)
+        day = int(self._trade.days[step])
+        if day != self._day:
+            self._day, self._sold_kwh = day, 0.0
+        self._plan = self._plan[1:]
+        if self._trade.is_due(step):
+            budget = self._budget
+            price, left = (0.0, np.inf) if budget is None else (budget.price_eur_mwh, budget.remaining_kwh)
+            self._plan = self._trade.plan(
+                step,
+                stored_kwh - band.low_kwh,
+                self._sold_kwh,
+                budget_price_eur_mwh=price,
+                remaining_kwh=left,
+            )
+        self._sold_kwh += max(0.0, float(self._plan[0])) * self._trade.dt_h / self._store.one_way_efficiency
+        return self._plan
+
+    def planned(self, step: int) -> dict[str, float]:
+        """Return response, schedule and reserve of the step of the last :meth:`ahead` call."""
+        return self._said
