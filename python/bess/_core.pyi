@@ -12,7 +12,6 @@ __all__ = [
     "ControlModel",
     "Explicit",
     "FlowArrays",
-    "FollowedArrays",
     "GroupBounds",
     "Incumbent",
     "Node",
@@ -25,6 +24,7 @@ __all__ = [
     "Store",
     "System",
     "TightenedBounds",
+    "TrackedArrays",
     "ageing_models",
     "cooling_kinds",
     "plan",
@@ -139,7 +139,7 @@ class BestShares:
     def __new__(cls, charge_kw: _Array, discharge_kw: _Array, limit_kw: _Array) -> BestShares: ...
 
 @final
-class FollowedArrays:
+class TrackedArrays:
     asked_kw: _Array
     delivered_kw: _Array
     request_kw: _Array
@@ -158,7 +158,7 @@ class ControlModel:
         dt_h: float,
         midpoint: bool = False,
     ) -> FlowArrays: ...
-    def follow(
+    def track_demand(
         self,
         soc0: _Array,
         temperature0_c: _Array,
@@ -167,7 +167,7 @@ class ControlModel:
         dt_h: float,
         parts: int,
         shares: BestShares,
-    ) -> FollowedArrays: ...
+    ) -> TrackedArrays: ...
     def coefficients(self, soc: _Array, temperature_c: _Array, discharge: bool) -> tuple[_Array, _Array]: ...
     def deliverable_kw(
         self, soc0: _Array, temperature0_c: _Array, discharge: bool, dt_h: float
@@ -345,7 +345,7 @@ class Explicit:
     N_WEIGHTS: int
     DECISION: str
     def __new__(cls, tables: dict[str, Any]) -> Explicit: ...
-    def look(self, ahead_kw: _Array) -> _Array: ...
+    def demand_features(self, ahead_kw: _Array) -> _Array: ...
     def split(
         self,
         weights: _Array,
@@ -361,7 +361,7 @@ class Explicit:
         plant: Plant,
         weights: _Array,
         demand_kw: _Array,
-        outlook: _Array,
+        features: _Array,
         limit_kw: _Array,
         ambient_c: _Array,
         duration_s: float,

@@ -95,12 +95,12 @@ def in_python(law: ExplicitController, case: Case) -> Array:
     """The law as plain Python, with the tables of this controller for its names in capitals."""
     names: dict[str, Any] = {**places(), **constants(law), "sqrt": sqrt}
     exec(_python(), names)
-    outlook = [0.0] * places()["N_OUTLOOK"]
+    features = [0.0] * places()["N_FEATURES"]
     request_kw = [0.0] * case.limit_kw.size
     state = case.state
     measured = (state.soc, state.temperature_c, state.soh_capacity, state.soh_resistance, case.limit_kw)
-    names["look"](case.ahead_kw.tolist(), outlook)
-    names["split"](*(values.tolist() for values in measured), float(case.ahead_kw[0]), outlook, request_kw)
+    names["demand_features"](case.ahead_kw.tolist(), features)
+    names["split"](*(values.tolist() for values in measured), float(case.ahead_kw[0]), features, request_kw)
     return np.array(request_kw)
 
 
@@ -128,14 +128,14 @@ class InC:
         def pointer(values: Array) -> Any:
             return np.ascontiguousarray(values).ctypes.data_as(ctypes.POINTER(ctypes.c_double))
 
-        outlook, request_kw = np.zeros(places()["N_OUTLOOK"]), np.zeros(case.limit_kw.size)
+        features, request_kw = np.zeros(places()["N_FEATURES"]), np.zeros(case.limit_kw.size)
         state = case.state
         measured = (state.soc, state.temperature_c, state.soh_capacity, state.soh_resistance, case.limit_kw)
-        self._library.bess_look(pointer(case.ahead_kw), pointer(outlook))
+        self._library.bess_demand_features(pointer(case.ahead_kw), pointer(features))
         self._library.bess_split(
             *(pointer(values) for values in measured),
             ctypes.c_double(case.ahead_kw[0]),
-            pointer(outlook),
+            pointer(features),
             pointer(request_kw),
         )
         return request_kw

@@ -82,13 +82,13 @@ def test_like_strings_are_interchangeable() -> None:
             np.testing.assert_allclose(back, there[order], rtol=1e-7, atol=1e-7 * case.limit_kw.sum())
 
 
-def test_the_outlook_is_what_it_says() -> None:
+def test_the_features_of_a_forecast_are_what_the_page_says() -> None:
     law = controller(bess.System.reference(2), steps=48)
     ahead_kw = np.concatenate([np.full(8, 40.0), np.full(20, -60.0), np.full(20, 50.0)])
-    out_kwh, in_kwh, peak_kw, near_kw, far_kw = law.core.look(ahead_kw[None])[0]
+    out_kwh, in_kwh, peak_kw, near_kw, far_kw = law.core.demand_features(ahead_kw[None])[0]
     assert out_kwh == pytest.approx(80.0)  # 2 h at 40 kW, before anything comes back
     assert in_kwh == pytest.approx(5.0 * 60.0 - 80.0)
     assert peak_kw == 60.0
     assert near_kw == pytest.approx((8 * 40.0 + 16 * 60.0) / 24)  # the first six hours
     assert far_kw == pytest.approx(np.abs(ahead_kw).mean())
-    assert law.core.look(ahead_kw[None]).shape == (1, 5)
+    assert law.core.demand_features(ahead_kw[None]).shape == (1, 5)

@@ -115,7 +115,7 @@ def test_c_needs_nothing_but_math_h_and_allocates_nothing(tmp_path: Path) -> Non
     texts = exports(controller(SYSTEMS["two"]()))
     assert re.findall(r"#include (\S+)", texts["split.c"]) == ["<math.h>", '"split.h"']
     assert set(re.findall(r"\b(\w+)\(", texts["split.c"])) <= {
-        "bess_look", "bess_split", "larger", "smaller", "fabs", "sqrt", "if", "while", "for",
+        "bess_demand_features", "bess_split", "larger", "smaller", "fabs", "sqrt", "if", "while", "for",
     }  # fmt: skip
 
 
@@ -140,7 +140,7 @@ def test_structured_text_carries_every_number_of_the_tables() -> None:
     assert read.keys() <= places().keys()
 
 
-@pytest.mark.parametrize("name", ["BESS_LOOK", pytest.param("BESS_SPLIT", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["BESS_DEMAND_FEATURES", pytest.param("BESS_SPLIT", marks=pytest.mark.slow)])
 def test_structured_text_is_read_by_a_parser_of_the_language(name: str) -> None:
     """blark, a parser for TwinCAT. It is slow, so that long tables are cut; others read their numbers."""
     blark = pytest.importorskip("blark")
@@ -164,7 +164,7 @@ def test_names_differ_in_more_than_case_and_are_not_reserved() -> None:
 
 def _in_structured_text(blocks: dict, case: Case) -> np.ndarray:
     state = case.state
-    outlook = blocks["BESS_LOOK"](ahead_kw=case.ahead_kw.tolist()).outlook
+    features = blocks["BESS_DEMAND_FEATURES"](ahead_kw=case.ahead_kw.tolist()).features
     split = blocks["BESS_SPLIT"](
         soc=state.soc.tolist(),
         temperature_c=state.temperature_c.tolist(),
@@ -172,6 +172,6 @@ def _in_structured_text(blocks: dict, case: Case) -> np.ndarray:
         soh_resistance=state.soh_resistance.tolist(),
         limit_kw=case.limit_kw.tolist(),
         demand_kw=float(case.ahead_kw[0]),
-        outlook=outlook,
+        features=features,
     )
     return np.array(split.request_kw)

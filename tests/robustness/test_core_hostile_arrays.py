@@ -116,7 +116,7 @@ def _priced(name: str) -> Callable[[float], Any]:
 
 def _followed(demand_kw: Any, ambient_c: Any, soc: Any = SOC, temperature_c: Any = TEMPERATURE) -> Any:
     shares = _core.BestShares(SHARES, SHARES, LIMIT[:, 0])
-    return MODEL.follow(soc, temperature_c, demand_kw, ambient_c, 0.25, 2, shares)
+    return MODEL.track_demand(soc, temperature_c, demand_kw, ambient_c, 0.25, 2, shares)
 
 
 AGEING, POINTS = _core.Ageing(CORE), np.full((N, 3), 0.5)

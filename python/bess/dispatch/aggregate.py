@@ -216,7 +216,7 @@ class Aggregate:
         Power that a full or empty string cannot take is reallocated to the others up to their limits;
         the rest is removed from the demand.
         """
-        flows = self._model.follow(
+        flows = self._model.track_demand(
             state.soc, state.temperature_c, demand_kw, ambient_c, self.dt_h, self._parts, self._shares
         )
         request = flows.request_kw

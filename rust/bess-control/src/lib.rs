@@ -31,7 +31,7 @@ mod split;
 
 pub use dispatch::{DispatchBlock, DispatchProblem, Store, StoreGrid, StoreState};
 pub use error::ControlError;
-pub use explicit::{ExplicitLaw, Measured, Tables, DECISION, N_OUTLOOK, N_WEIGHTS};
+pub use explicit::{ExplicitLaw, Measured, Tables, DECISION, N_FEATURES, N_WEIGHTS};
 pub use model::{
     BestShares, CoefficientRanges, Coefficients, CoefficientsFrom, ControlHorizon, ControlModel, CostsOf,
     Flow, Interval, Losses, Objectives, Range, Rollout, SplitProblem, StateBox, StringModel, StringState,

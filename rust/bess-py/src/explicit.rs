@@ -1,6 +1,6 @@
 //! Law of an explicit controller: single steps, and closed loops over the plant.
 
-use bess_control::{ControlError, ExplicitLaw, Measured, Tables, DECISION, N_OUTLOOK, N_WEIGHTS};
+use bess_control::{ControlError, ExplicitLaw, Measured, Tables, DECISION, N_FEATURES, N_WEIGHTS};
 use bess_plant::PlantState;
 use numpy::PyUntypedArrayMethods;
 use pyo3::exceptions::PyValueError;
@@ -44,14 +44,14 @@ impl Explicit {
     const DECISION: &'static str = DECISION;
 
     /// Demand features `(N, numbers)` of each demand forecast `(N, steps)` [kW].
-    fn look(&self, py: Python<'_>, ahead_kw: GivenMatrix<'_>) -> PyResult<Matrix> {
+    fn demand_features(&self, py: Python<'_>, ahead_kw: GivenMatrix<'_>) -> PyResult<Matrix> {
         let (rows, n_steps) = (ahead_kw.shape()[0], self.inner.n_steps());
         check_shape("demand", &[rows, n_steps], ahead_kw.shape())?;
-        let mut outlook = Vec::with_capacity(rows * N_OUTLOOK);
+        let mut features = Vec::with_capacity(rows * N_FEATURES);
         for schedule in numbers(&ahead_kw).chunks_exact(n_steps) {
-            outlook.extend(self.inner.look(schedule).map_err(refused)?);
+            features.extend(self.inner.demand_features(schedule).map_err(refused)?);
         }
-        Ok(matrix(py, rows, outlook))
+        Ok(matrix(py, rows, features))
     }
 
     /// Set-points of one step `(M,)` [kW]; `ahead_kw` `(steps,)` begins with the demand of this step.
@@ -68,7 +68,7 @@ impl Explicit {
         ahead_kw: GivenVector<'_>,
     ) -> PyResult<Vector> {
         let ahead_kw = numbers(&ahead_kw);
-        let outlook = self.inner.look(&ahead_kw).map_err(refused)?;
+        let features = self.inner.demand_features(&ahead_kw).map_err(refused)?;
         let measured = Measured {
             soc: &numbers(&soc),
             temperature_c: &numbers(&temperature_c),
@@ -77,14 +77,14 @@ impl Explicit {
             limit_kw: &numbers(&limit_kw),
         };
         let mut request_kw = vec![0.0; self.inner.n_strings()];
-        let shared = self.inner.split(&numbers(&weights), &measured, ahead_kw[0], &outlook, &mut request_kw);
+        let shared = self.inner.split(&numbers(&weights), &measured, ahead_kw[0], &features, &mut request_kw);
         shared.map_err(refused)?;
         Ok(vector(py, request_kw))
     }
 
     /// Runs the closed loop over `plant` with one set of weights for each of its scenarios `(S, weights)`.
     ///
-    /// `demand_kw` `(T, S)`, never above the sum of `limit_kw` `(T, M)`; `outlook` `(T, S, numbers)`, `ambient_c` `(T, S)`.
+    /// `demand_kw` `(T, S)`, never above the sum of `limit_kw` `(T, M)`; `features` `(T, S, numbers)`, `ambient_c` `(T, S)`.
     /// Returns the record of `Plant.run`, and `request_kw`, flat in the order (step, scenario, string).
     #[allow(clippy::too_many_arguments)]
     fn run<'py>(
@@ -93,7 +93,7 @@ impl Explicit {
         plant: &mut Plant,
         weights: GivenMatrix<'py>,
         demand_kw: GivenMatrix<'py>,
-        outlook: GivenCube<'py>,
+        features: GivenCube<'py>,
         limit_kw: GivenMatrix<'py>,
         ambient_c: GivenMatrix<'py>,
         duration_s: f64,
@@ -102,14 +102,14 @@ impl Explicit {
         let (steps, scenarios) = (demand_kw.shape()[0], demand_kw.shape()[1]);
         check_shape("lanes of the plant", &[scenarios * n_strings], &[plant.inner.lanes()])?;
         check_shape("weights", &[scenarios, N_WEIGHTS], weights.shape())?;
-        check_shape("outlook", &[steps, scenarios, N_OUTLOOK], outlook.shape())?;
+        check_shape("features", &[steps, scenarios, N_FEATURES], features.shape())?;
         check_shape("limit", &[steps, n_strings], limit_kw.shape())?;
         check_shape("ambient_c", &[steps, scenarios], ambient_c.shape())?;
         let asked = Asked {
             scenarios,
             weights: numbers(&weights),
             demand_kw: numbers(&demand_kw),
-            outlook: numbers(&outlook),
+            features: numbers(&features),
             limit_kw: numbers(&limit_kw),
         };
         let request_kw =
@@ -123,7 +123,7 @@ struct Asked {
     scenarios: usize,
     weights: Vec<f64>,
     demand_kw: Vec<f64>,
-    outlook: Vec<f64>,
+    features: Vec<f64>,
     limit_kw: Vec<f64>,
 }
 
@@ -147,8 +147,8 @@ impl Asked {
                 limit_kw: &self.limit_kw[t * n..(t + 1) * n],
             };
             let weights = &self.weights[s * N_WEIGHTS..][..N_WEIGHTS];
-            let outlook = self.outlook[at * N_OUTLOOK..][..N_OUTLOOK].try_into().expect("its length");
-            law.split(weights, &measured, self.demand_kw[at], outlook, request_kw)?;
+            let features = self.features[at * N_FEATURES..][..N_FEATURES].try_into().expect("its length");
+            law.split(weights, &measured, self.demand_kw[at], features, request_kw)?;
         }
         Ok(request_kw)
     }

@@ -37,7 +37,7 @@ mod _core {
     #[pymodule_export]
     use crate::horizon::ControlHorizon;
     #[pymodule_export]
-    use crate::model::{BestShares, ControlModel, FollowedArrays};
+    use crate::model::{BestShares, ControlModel, TrackedArrays};
     #[pymodule_export]
     use crate::nodes::Node;
     #[pymodule_export]

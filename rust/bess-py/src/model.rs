@@ -72,7 +72,7 @@ impl ControlModel {
 
     /// Tracks a signed demand `(T,)` [kW], allocated at minimum loss, each step in `parts` of the midpoint rule.
     #[allow(clippy::too_many_arguments)]
-    fn follow(
+    fn track_demand(
         &self,
         py: Python<'_>,
         soc0: GivenVector<'_>,
@@ -82,13 +82,13 @@ impl ControlModel {
         dt_h: f64,
         parts: usize,
         shares: &BestShares,
-    ) -> PyResult<FollowedArrays> {
+    ) -> PyResult<TrackedArrays> {
         let start = self.states(&soc0, &temperature0_c)?;
         let (demand_w, ambient_c) = (watts(&demand_kw), numbers(&ambient_c));
-        let followed = py
-            .detach(|| self.inner.follow(&start, &demand_w, &ambient_c, dt_h, parts, &shares.inner))
+        let tracked = py
+            .detach(|| self.inner.track_demand(&start, &demand_w, &ambient_c, dt_h, parts, &shares.inner))
             .map_err(refused)?;
-        Ok(FollowedArrays::new(py, start.len(), followed))
+        Ok(TrackedArrays::new(py, start.len(), tracked))
     }
 
     /// Open-circuit voltage [V] and resistance [Ohm] of every string at states `(M, N)` in one direction.
@@ -194,7 +194,7 @@ impl BestShares {
 /// Result of tracking: allocated and delivered power `(T,)`, requests of the strings `(M, T)` [kW, positive =
 /// discharge], and the states at the start and at the end of each step `(M, T + 1)`.
 #[pyclass(frozen, get_all, module = "bess._core")]
-pub struct FollowedArrays {
+pub struct TrackedArrays {
     asked_kw: Vector,
     delivered_kw: Vector,
     request_kw: Matrix,
@@ -202,7 +202,7 @@ pub struct FollowedArrays {
     temperature_c: Matrix,
 }
 
-impl FollowedArrays {
+impl TrackedArrays {
     pub(crate) fn new(py: Python<'_>, n_strings: usize, of: TrackedDemand) -> Self {
         Self {
             asked_kw: vector(py, kilowatts(of.asked_w)),

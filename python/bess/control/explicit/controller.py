@@ -273,9 +273,9 @@ class ExplicitController(BaseModel):
         self, plant: _core.Plant, ahead_kw: Array, limit_kw: Array, ambient_c: Array, step_s: float
     ) -> dict[str, Array]:
         """See :class:`bess.plant.plant.Controller`."""
-        weights, outlook = np.array([self.weights]), self.core.look(ahead_kw)[:, None, :]
+        weights, features = np.array([self.weights]), self.core.demand_features(ahead_kw)[:, None, :]
         demand_kw = np.ascontiguousarray(ahead_kw[:, :1])
-        return self.core.run(plant, weights, demand_kw, outlook, limit_kw, ambient_c[:, None], step_s)
+        return self.core.run(plant, weights, demand_kw, features, limit_kw, ambient_c[:, None], step_s)
 
     @cached_property
     def core(self) -> _core.Explicit:

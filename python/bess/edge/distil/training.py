@@ -110,7 +110,9 @@ class TrainingSet:
         total_kw = course.limit_kw.sum(axis=1)[:, None]
         scaled = [np.clip(each.scale * course.ahead_kw, -total_kw, total_kw) for each in variations]
         self._demand_kw = np.stack([ahead[:, 0] for ahead in scaled], axis=1)
-        self._outlook = np.stack([self._law.look(np.ascontiguousarray(ahead)) for ahead in scaled], axis=1)
+        self._features = np.stack(
+            [self._law.demand_features(np.ascontiguousarray(ahead)) for ahead in scaled], axis=1
+        )
         random = np.random.default_rng(seed)
         self._starts = [_start(course.system, each, random) for each in variations]
 
@@ -126,7 +128,7 @@ class TrainingSet:
             fleet.core,
             np.repeat(weights, n_lessons, axis=0),
             np.tile(self._demand_kw, (1, n_controllers)),
-            np.tile(self._outlook, (1, n_controllers, 1)),
+            np.tile(self._features, (1, n_controllers, 1)),
             course.limit_kw,
             np.repeat(course.ambient_c[:, None], n_controllers * n_lessons, axis=1),
             course.dt_h * 3600.0,

@@ -178,12 +178,12 @@ def c_header(n_strings: int, steps: int, about: str) -> str:
 
 #define BESS_STRINGS {n_strings}
 #define BESS_STEPS {steps}
-#define BESS_OUTLOOK {places()["N_OUTLOOK"]}
+#define BESS_FEATURES {places()["N_FEATURES"]}
 
 /* Compute the demand features of a forecast.
  * ahead_kw: demand of the step that begins and of those after it, positive = discharge, BESS_STEPS values;
- * after the end of a shorter schedule, 0. outlook: BESS_OUTLOOK values, for bess_split. */
-{_c_signature("look")};
+ * after the end of a shorter schedule, 0. features: BESS_FEATURES values, for bess_split. */
+{_c_signature("demand_features")};
 
 /* Allocate demand_kw to the strings; request_kw sums to it up to the minimum power.
  * Each array has BESS_STRINGS values. soc and temperature_c are measured; soh_capacity and soh_resistance
@@ -225,7 +225,7 @@ def st_source(constants: Constants, about: str) -> str:
     Each function block contains its constants: the standard allows global ones in a configuration only.
     """
     everything = {**places(), **constants}
-    extents = {"ahead_kw": "STEPS", "outlook": "N_OUTLOOK"}
+    extents = {"ahead_kw": "STEPS", "features": "N_FEATURES"}
 
     def declared(name: str, kind: str, size: str = "") -> str:
         parts = [everything.get(part, part) for part in size.split(" + ") if part]

@@ -8,13 +8,13 @@
 
 use super::{larger, smaller, Tables, MOST_STRINGS};
 
-// Indices of the demand features (outlook).
-pub(crate) const O_OUT_KWH: usize = 0;
-pub(crate) const O_IN_KWH: usize = 1;
-pub(crate) const O_PEAK_KW: usize = 2;
-pub(crate) const O_NEAR_KW: usize = 3;
-pub(crate) const O_FAR_KW: usize = 4;
-pub(crate) const N_OUTLOOK: usize = 5;
+// Indices of the demand features .
+pub(crate) const FEATURE_DISCHARGE_KWH: usize = 0;
+pub(crate) const FEATURE_CHARGE_KWH: usize = 1;
+pub(crate) const FEATURE_PEAK_KW: usize = 2;
+pub(crate) const FEATURE_NEAR_KW: usize = 3;
+pub(crate) const FEATURE_MEAN_KW: usize = 4;
+pub(crate) const N_FEATURES: usize = 5;
 
 // Weights of one direction; the weights of charge precede those of discharge.
 pub(crate) const W_BALANCE: usize = 0;
@@ -38,9 +38,9 @@ pub(crate) const N_WEIGHTS: usize = 38;
 
 /// Compute the demand features of a forecast.
 ///
-/// `outlook` receives five numbers: the maximum cumulative net energy of discharge and of charge [kWh], the maximum
+/// `features` receives five numbers: the maximum cumulative net energy of discharge and of charge [kWh], the maximum
 /// power in the first hours [kW], and the mean power over these hours and over the forecast [kW].
-pub(crate) fn look(t: &Tables, ahead_kw: &[f64], outlook: &mut [f64]) {
+pub(crate) fn demand_features(t: &Tables, ahead_kw: &[f64], features: &mut [f64]) {
     let mut level_kwh: f64 = 0.0;
     let mut out_kwh: f64 = 0.0;
     let mut in_kwh: f64 = 0.0;
@@ -57,11 +57,11 @@ pub(crate) fn look(t: &Tables, ahead_kw: &[f64], outlook: &mut [f64]) {
             peak_kw = larger(peak_kw, f64::abs(ahead_kw[n]));
         }
     }
-    outlook[O_OUT_KWH] = out_kwh;
-    outlook[O_IN_KWH] = in_kwh;
-    outlook[O_PEAK_KW] = peak_kw;
-    outlook[O_NEAR_KW] = near_kw * t.near_share;
-    outlook[O_FAR_KW] = far_kw * t.step_share;
+    features[FEATURE_DISCHARGE_KWH] = out_kwh;
+    features[FEATURE_CHARGE_KWH] = in_kwh;
+    features[FEATURE_PEAK_KW] = peak_kw;
+    features[FEATURE_NEAR_KW] = near_kw * t.near_share;
+    features[FEATURE_MEAN_KW] = far_kw * t.step_share;
 }
 
 /// Allocate `demand_kw` to the strings; `request_kw` sums to it up to the minimum power.
@@ -79,7 +79,7 @@ pub(crate) fn split(
     soh_resistance: &[f64],
     limit_kw: &[f64],
     demand_kw: f64,
-    outlook: &[f64],
+    features: &[f64],
     request_kw: &mut [f64],
 ) {
     let mut top_kw = [0.0; MOST_STRINGS + 1];
@@ -114,11 +114,12 @@ pub(crate) fn split(
         plant_kw += limit_kw[m];
     }
     let level: f64 = larger(0.0, smaller(store_kwh, held_kwh + sign * need_kw * t.step_h)) / store_kwh;
-    let short_out: f64 = smaller(2.0, outlook[O_OUT_KWH] / (held_kwh + 0.05 * store_kwh));
-    let short_in: f64 = smaller(2.0, outlook[O_IN_KWH] / (store_kwh - held_kwh + 0.05 * store_kwh));
-    let peak: f64 = smaller(1.0, outlook[O_PEAK_KW] / (plant_kw + 1.0));
-    let near: f64 = outlook[O_NEAR_KW] / (plant_kw + 1.0);
-    let far: f64 = outlook[O_FAR_KW] / (plant_kw + 1.0);
+    let short_out: f64 = smaller(2.0, features[FEATURE_DISCHARGE_KWH] / (held_kwh + 0.05 * store_kwh));
+    let short_in: f64 =
+        smaller(2.0, features[FEATURE_CHARGE_KWH] / (store_kwh - held_kwh + 0.05 * store_kwh));
+    let peak: f64 = smaller(1.0, features[FEATURE_PEAK_KW] / (plant_kw + 1.0));
+    let near: f64 = features[FEATURE_NEAR_KW] / (plant_kw + 1.0);
+    let far: f64 = features[FEATURE_MEAN_KW] / (plant_kw + 1.0);
 
     // Prices of the final state.
     let first: usize = side * PER_SIDE;

@@ -20,8 +20,8 @@ pub const DECISION: &str = include_str!("decision.rs");
 /// Maximum number of strings of a plant.
 const MOST_STRINGS: usize = 32;
 
-/// Numbers that [`ExplicitLaw::look`] makes of a schedule.
-pub const N_OUTLOOK: usize = decision::N_OUTLOOK;
+/// Numbers that [`ExplicitLaw::demand_features`] makes of a schedule.
+pub const N_FEATURES: usize = decision::N_FEATURES;
 /// Weights of a law.
 pub const N_WEIGHTS: usize = decision::N_WEIGHTS;
 
@@ -144,7 +144,7 @@ impl ExplicitLaw {
         self.tables.strings
     }
 
-    /// Control steps of the schedule that [`Self::look`] takes.
+    /// Control steps of the schedule that [`Self::demand_features`] takes.
     pub fn n_steps(&self) -> usize {
         self.tables.steps
     }
@@ -154,15 +154,15 @@ impl ExplicitLaw {
     /// # Errors
     ///
     /// [`ControlError::Length`] for a schedule of another length.
-    pub fn look(&self, ahead_kw: &[f64]) -> Result<[f64; N_OUTLOOK], ControlError> {
+    pub fn demand_features(&self, ahead_kw: &[f64]) -> Result<[f64; N_FEATURES], ControlError> {
         check_length("demand", ahead_kw, self.tables.steps)?;
-        let mut outlook = [0.0; N_OUTLOOK];
-        decision::look(&self.tables, ahead_kw, &mut outlook);
-        Ok(outlook)
+        let mut features = [0.0; N_FEATURES];
+        decision::demand_features(&self.tables, ahead_kw, &mut features);
+        Ok(features)
     }
 
-    /// Set-points `(M,)` [kW], signed as the demand, into `request_kw`, with [`N_WEIGHTS`] weights and the outlook that
-    /// [`Self::look`] gives.
+    /// Set-points `(M,)` [kW], signed as the demand, into `request_kw`, with [`N_WEIGHTS`] weights and the features that
+    /// [`Self::demand_features`] gives.
     ///
     /// # Errors
     ///
@@ -172,7 +172,7 @@ impl ExplicitLaw {
         weights: &[f64],
         plant: &Measured<'_>,
         demand_kw: f64,
-        outlook: &[f64; N_OUTLOOK],
+        features: &[f64; N_FEATURES],
         request_kw: &mut [f64],
     ) -> Result<(), ControlError> {
         let n = self.tables.strings;
@@ -192,7 +192,7 @@ impl ExplicitLaw {
             plant.soh_resistance,
             plant.limit_kw,
             demand_kw,
-            outlook,
+            features,
             request_kw,
         );
         Ok(())

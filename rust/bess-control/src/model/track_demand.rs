@@ -114,7 +114,7 @@ impl ControlModel {
     /// # Errors
     ///
     /// Lengths do not agree, or a number is not finite.
-    pub fn follow(
+    pub fn track_demand(
         &self,
         start: &[StringState],
         demand_w: &[f64],
@@ -144,7 +144,7 @@ impl ControlModel {
             }
             let direction = Direction::of(demand_w[t]);
             let interval = Interval { direction, ambient_c: ambient_c[t], dt_h: dt_h / parts as f64 };
-            let (asked, done) = self.follow_step(&states, demand_w[t].abs(), &interval, parts, shares);
+            let (asked, done) = self.track_step(&states, demand_w[t].abs(), &interval, parts, shares);
             let sign = direction.sign();
             out.asked_w.push(sign * asked);
             out.delivered_w.push(sign * done.delivered_w);
@@ -157,7 +157,7 @@ impl ControlModel {
     }
 
     /// Requests of one step with negligible availability loss, and their flows.
-    fn follow_step(
+    fn track_step(
         &self,
         states: &[StringState],
         mut asked_w: f64,
