@@ -6,6 +6,8 @@
 //! cycles are limited, values are computed for several shadow prices of cycling; the dual value at a state is the least of
 //! them together with the value of the remaining cycles. Powers in kW, energies in kWh, money in EUR.
 
+#[cfg(test)]
+mod tests;
 mod transitions;
 
 use std::collections::BTreeMap;
@@ -15,7 +17,7 @@ use bess_tables::Lut;
 use crate::error::{check_length, check_range};
 use crate::model::ControlModel;
 use crate::ControlError;
-use transitions::{around, weights, Settled, Transitions};
+use transitions::{around, weights, Transitions};
 pub use transitions::{StoreGrid, StoreState};
 
 /// Cycled energy that a resting plant may show by rounding [kWh].
@@ -143,7 +145,7 @@ impl<'a> Program<'a> {
         allowed_kwh: &'a [f64],
     ) -> Self {
         let wear = |of: &Transitions| -> Vec<f64> {
-            let rows = |&depth: &f64| of.settled.iter().map(move |row| problem.wear_eur(depth, row.drawn));
+            let rows = |&depth: &f64| of.drawn.iter().map(move |&drawn| problem.wear_eur(depth, drawn));
             store.grid.depth.iter().flat_map(rows).collect()
         };
         let used = |steps: &usize| problem.blocks.iter().any(|block| block.steps == *steps);
@@ -188,24 +190,25 @@ impl<'a> Program<'a> {
                 }
                 self.in_ambient(b, &after, &mut moved);
             }
-            if b + 1 == n_blocks || self.settles_otherwise(b) {
-                self.income_of_rows(b, &mut income);
-            }
-            self.best_of_rows(b, &moved, &income, before);
+            self.best(b, &moved, &mut income, before);
         }
         values
     }
 
     /// Whether a block has other transitions or incomes than the next one.
     fn settles_otherwise(&self, b: usize) -> bool {
+        if b + 1 == self.problem.blocks.len() {
+            return true;
+        }
         let here = |b: usize| &self.problem.income_eur[b * (self.levels + 1)..][..self.levels];
         self.problem.blocks[b].steps != self.problem.blocks[b + 1].steps || here(b) != here(b + 1)
     }
 
     /// Whether values after a block are those before the next one.
     fn continues(&self, b: usize) -> bool {
+        let known = |next: &DispatchBlock| !next.is_new || self.levels == 1;
         let next = self.problem.blocks.get(b + 1);
-        next.is_none_or(|next| !next.is_new && next.period == self.problem.blocks[b].period)
+        next.is_none_or(|next| known(next) && next.period == self.problem.blocks[b].period)
     }
 
     /// Values of a state after a block by its level `(L, S)`: the expectation over the next level. Before another period,
@@ -226,7 +229,7 @@ impl<'a> Program<'a> {
                 row.fill(least);
             }
         }
-        if next.is_new && self.levels > 1 {
+        if next.is_new {
             let known = out.to_vec();
             for (out, chance) in
                 out.chunks_exact_mut(shadows).zip(self.problem.chance.chunks_exact(self.levels))
@@ -259,44 +262,77 @@ impl<'a> Program<'a> {
         self.transitions(b).cooled * (self.problem.blocks[b].ambient_c - self.store.grid.ambient_c)
     }
 
-    /// Income of each transition from each depth at each level `(D, rows, L)`, without the shadow price.
+    /// Income of each transition from each depth at each level `(D, L, rows)`, without the shadow price.
+    #[inline(always)]
     fn income_of_rows(&self, b: usize, income: &mut Vec<f64>) {
-        income.clear();
-        let wear_eur = self.wear_eur[&self.problem.blocks[b].steps].iter();
-        for (settled, wear_eur) in self.transitions(b).settled.iter().cycle().zip(wear_eur) {
-            income.extend((0..self.levels).map(|l| earned(&settled.amounts, self.income(b, l)) - wear_eur));
+        let wear_eur = &self.wear_eur[&self.problem.blocks[b].steps];
+        let amounts = &self.transitions(b).amounts;
+        let n = amounts[0].len();
+        income.resize(wear_eur.len() * self.levels, 0.0);
+        for (rows, income) in income.chunks_exact_mut(n).enumerate() {
+            let eur = self.income(b, rows % self.levels);
+            let [sold, bought, derated, held] = amounts.each_ref().map(|amount| &amount[..n]);
+            let wear_eur = &wear_eur[rows / self.levels * n..][..n];
+            for i in 0..n {
+                income[i] = earned(&[sold[i], bought[i], derated[i], held[i]], eur) - wear_eur[i];
+            }
         }
     }
 
-    /// Values of the grid before a block: those of the best transition.
-    fn best_of_rows(&self, b: usize, moved: &[f64], income: &[f64], before: &mut [f64]) {
+    /// Values of the grid before a block: those of the best transition. Keeps the `income` of the block after it where that
+    /// is the same.
+    #[allow(unsafe_code)]
+    fn best(&self, b: usize, moved: &[f64], income: &mut Vec<f64>, before: &mut [f64]) {
+        #[cfg(target_arch = "x86_64")]
+        if std::arch::is_x86_feature_detected!("avx2") {
+            // SAFETY: the processor has these instructions. They add and multiply as others do, so results are the same.
+            return unsafe { self.best_avx2(b, moved, income, before) };
+        }
+        self.best_anywhere(b, moved, income, before);
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    #[allow(unsafe_code)]
+    unsafe fn best_avx2(&self, b: usize, moved: &[f64], income: &mut Vec<f64>, before: &mut [f64]) {
+        self.best_anywhere(b, moved, income, before);
+    }
+
+    #[inline(always)]
+    fn best_anywhere(&self, b: usize, moved: &[f64], income: &mut Vec<f64>, before: &mut [f64]) {
         let (grid, transitions) = (&self.store.grid, self.transitions(b));
-        let (powers, energies) = (grid.power_kw.len(), grid.energy_kwh.len());
-        let columns = self.levels * self.shadow_eur.len();
-        // Where there is one depth only, the next is the same.
+        let energies = grid.energy_kwh.len();
+        let (all_rows, columns) = (transitions.flows.len(), self.levels * self.shadow_eur.len());
+        // Where there is one depth only, no state is deeper.
         let deeper = if grid.depth.len() > 1 { grid.temperature_c.len() * energies * columns } else { 0 };
+        if self.settles_otherwise(b) {
+            self.income_of_rows(b, income);
+        }
         before.fill(f64::NEG_INFINITY);
-        let of_powers = transitions.runs.chunks_exact(powers);
-        for (i, (best, runs)) in before.chunks_exact_mut(energies * columns).zip(of_powers).enumerate() {
-            let depth = i / grid.temperature_c.len() * transitions.settled.len();
-            for run in runs.iter().flatten() {
-                let (row, at) = (run.row..run.row + run.rows, run.place * columns);
-                let of_depth = depth + row.start..depth + row.end;
+        let of_states = before.chunks_exact_mut(energies * columns).zip(&transitions.runs);
+        for (i, (best, runs)) in of_states.enumerate() {
+            let depth = i / grid.temperature_c.len();
+            let income = &income[depth * self.levels * all_rows..][..self.levels * all_rows];
+            for run in runs {
+                let rows = run.row..run.row + run.rows;
                 let best = &mut best[run.row % energies * columns..][..run.rows * columns];
                 let cells = Cells {
-                    corners: [0, energies * columns, deeper, deeper + energies * columns]
-                        .map(|to| &moved[at + to..][..(run.rows + 1) * columns]),
-                    energy: &transitions.energy[row.clone()],
-                    temperature: &transitions.temperature[row.clone()],
-                    depth: &transitions.depth[of_depth.clone()],
+                    after: &moved[run.place * columns..],
+                    warmer: energies * columns,
+                    deeper,
+                    stride: run.stride,
+                    energy: &transitions.energy[rows.clone()],
+                    temperature: &transitions.temperature[rows.clone()],
+                    depth: &transitions.depth[depth * all_rows..][rows.clone()],
                 };
-                if columns == 1 && deeper == 0 {
-                    cells.best::<false>(&income[of_depth], best);
-                } else if columns == 1 {
-                    cells.best::<true>(&income[of_depth], best);
-                } else {
-                    let income = &income[of_depth.start * self.levels..of_depth.end * self.levels];
-                    cells.best_of_columns(income, &transitions.settled[row], self.shadow_eur, best);
+                match (columns, deeper) {
+                    (1, 0) => cells.best::<false>(&income[rows], best),
+                    (1, _) => cells.best::<true>(&income[rows], best),
+                    _ => {
+                        let income = |level: usize| &income[level * all_rows..][rows.clone()];
+                        let cycled_kwh = &transitions.cycled_kwh[rows.clone()];
+                        cells.best_of_columns(income, cycled_kwh, self.shadow_eur, best);
+                    }
                 }
             }
         }
@@ -370,10 +406,15 @@ impl<'a> Program<'a> {
     }
 }
 
-/// The cells in which a run of rows ends: the values of their lower and upper corners in temperature, and the same one depth
-/// further; the corners above in energy are those of the next cell.
+/// The cells in which a run of rows ends, and the position of each end in its cell.
 struct Cells<'a> {
-    corners: [&'a [f64]; 4],
+    /// Values from the lower corner of the first cell on.
+    after: &'a [f64],
+    /// Distance to the values of the next temperature, and of the next depth.
+    warmer: usize,
+    deeper: usize,
+    /// As in [`Run`](transitions::Run).
+    stride: usize,
     energy: &'a [f64],
     temperature: &'a [f64],
     depth: &'a [f64],
@@ -381,47 +422,84 @@ struct Cells<'a> {
 
 impl Cells<'_> {
     /// Compares the values of all rows, with one value at each grid point, with the best so far.
+    #[inline(always)]
     fn best<const DEPTHS: bool>(&self, income: &[f64], best: &mut [f64]) {
         let n = best.len();
-        let [cool, warm, cool_deep, warm_deep] = self.corners.map(|values| &values[..n]);
-        let [cool_up, warm_up, cool_deep_up, warm_deep_up] = self.corners.map(|values| &values[1..n + 1]);
         let (energy, temperature, depth) = (&self.energy[..n], &self.temperature[..n], &self.depth[..n]);
         let income = &income[..n];
+        let from = |at: usize| &self.after[at..][..(n - 1) * self.stride + 2];
+        let (cool, warm) = (from(0), from(self.warmer));
+        let (cool_deep, warm_deep) =
+            if DEPTHS { (from(self.deeper), from(self.deeper + self.warmer)) } else { (cool, warm) };
+        // Written as loops: a closure would not be compiled for the wider instructions.
+        if self.stride == 0 {
+            let [cool, warm, cool_deep, warm_deep] =
+                [cool, warm, cool_deep, warm_deep].map(|values| (values[0], values[1]));
+            for i in 0..n {
+                let (e, t) = (energy[i], temperature[i]);
+                let mut value = between(e, t, cool, warm);
+                if DEPTHS {
+                    value = mix(depth[i], value, between(e, t, cool_deep, warm_deep));
+                }
+                best[i] = best[i].max(value + income[i]);
+            }
+            return;
+        }
+        let [cool_up, warm_up, cool_deep_up, warm_deep_up] =
+            [cool, warm, cool_deep, warm_deep].map(|values| &values[1..=n]);
+        let [cool, warm, cool_deep, warm_deep] =
+            [cool, warm, cool_deep, warm_deep].map(|values| &values[..n]);
         for i in 0..n {
             let (e, t) = (energy[i], temperature[i]);
-            let mut value = mix(e, mix(t, cool[i], warm[i]), mix(t, cool_up[i], warm_up[i]));
+            let mut value = between(e, t, (cool[i], cool_up[i]), (warm[i], warm_up[i]));
             if DEPTHS {
-                let (low, up) =
-                    (mix(t, cool_deep[i], warm_deep[i]), mix(t, cool_deep_up[i], warm_deep_up[i]));
-                value = mix(depth[i], value, mix(e, low, up));
+                let (cool, warm) = ((cool_deep[i], cool_deep_up[i]), (warm_deep[i], warm_deep_up[i]));
+                value = mix(depth[i], value, between(e, t, cool, warm));
             }
-            value += income[i];
-            best[i] = if value > best[i] { value } else { best[i] };
+            best[i] = best[i].max(value + income[i]);
         }
     }
 
     /// The same with values `(L, S)` at each grid point.
-    fn best_of_columns(&self, income: &[f64], settled: &[Settled], shadow_eur: &[f64], best: &mut [f64]) {
-        let (shadows, columns) = (shadow_eur.len(), best.len() / settled.len());
-        let levels = columns / shadows;
-        for (i, best) in best.chunks_exact_mut(columns).enumerate() {
-            let (e, t, d) = (self.energy[i], self.temperature[i], self.depth[i]);
-            for (l, (best, income)) in best.chunks_exact_mut(shadows).zip(&income[i * levels..]).enumerate() {
-                let at = i * columns + l * shadows;
-                let [cool, warm, cool_deep, warm_deep] = self.corners.map(|values| &values[at..][..shadows]);
-                let [cool_up, warm_up, cool_deep_up, warm_deep_up] =
-                    self.corners.map(|values| &values[at + columns..][..shadows]);
+    #[inline(always)]
+    fn best_of_columns<'i>(
+        &self,
+        income: impl Fn(usize) -> &'i [f64],
+        cycled_kwh: &[f64],
+        shadow_eur: &[f64],
+        best: &mut [f64],
+    ) {
+        let (shadows, columns) = (shadow_eur.len(), best.len() / cycled_kwh.len());
+        for level in 0..columns / shadows {
+            let income = income(level);
+            for (i, best) in best.chunks_exact_mut(columns).enumerate() {
+                let best = &mut best[level * shadows..][..shadows];
+                let (e, t, d) = (self.energy[i], self.temperature[i], self.depth[i]);
+                let at = i * self.stride * columns + level * shadows;
+                let from = |at: usize| &self.after[at..][..shadows];
+                let corners = |at: usize| {
+                    let (cool, warm) = (from(at), from(at + self.warmer));
+                    (cool, from(at + columns), warm, from(at + self.warmer + columns))
+                };
+                let (cool, cool_up, warm, warm_up) = corners(at);
+                let (cool_deep, cool_deep_up, warm_deep, warm_deep_up) = corners(at + self.deeper);
                 for (s, shadow) in shadow_eur.iter().enumerate() {
-                    let value = mix(e, mix(t, cool[s], warm[s]), mix(t, cool_up[s], warm_up[s]));
-                    let (low, up) =
-                        (mix(t, cool_deep[s], warm_deep[s]), mix(t, cool_deep_up[s], warm_deep_up[s]));
-                    let value = mix(d, value, mix(e, low, up));
-                    let value = value + (income - settled[i].cycled_kwh * shadow);
-                    best[s] = if value > best[s] { value } else { best[s] };
+                    let mut value = between(e, t, (cool[s], cool_up[s]), (warm[s], warm_up[s]));
+                    if self.deeper > 0 {
+                        let (cool, warm) = ((cool_deep[s], cool_deep_up[s]), (warm_deep[s], warm_deep_up[s]));
+                        value = mix(d, value, between(e, t, cool, warm));
+                    }
+                    best[s] = best[s].max(value + (income[i] - cycled_kwh[i] * shadow));
                 }
             }
         }
     }
+}
+
+/// Bilinear value in a cell, of which the lower and upper value in energy are given at its lower and upper temperature.
+#[inline(always)]
+fn between(energy: f64, temperature: f64, cool: (f64, f64), warm: (f64, f64)) -> f64 {
+    mix(energy, mix(temperature, cool.0, warm.0), mix(temperature, cool.1, warm.1))
 }
 
 #[inline(always)]

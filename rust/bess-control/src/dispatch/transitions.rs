@@ -78,7 +78,8 @@ pub(super) struct Settled {
     pub after: StoreState,
 }
 
-/// Neighbouring rows, by their energy, that end in neighbouring cells of the grid.
+/// Neighbouring rows, by their energy, that end in neighbouring cells of the grid, or all in the same cell, as where they
+/// fill or empty the store.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Run {
     /// First row, and number of rows.
@@ -86,6 +87,17 @@ pub(super) struct Run {
     pub rows: usize,
     /// Grid point below the end of the first row in depth, temperature and energy.
     pub place: usize,
+    /// Cells from a row to the next, 0 or 1.
+    pub stride: usize,
+}
+
+impl Run {
+    /// The run with a next row that ends above `place`, if it continues the run.
+    fn extended(&self, place: usize) -> Option<Self> {
+        let stride = if self.rows == 1 { place.checked_sub(self.place)? } else { self.stride };
+        let continues = stride < 2 && place == self.place + self.rows * stride;
+        continues.then_some(Self { rows: self.rows + 1, stride, ..*self })
+    }
 }
 
 /// Transitions of a block: rows in the order (temperature, power, energy).
@@ -95,13 +107,16 @@ pub(super) struct Transitions {
     /// Share of a difference in ambient temperature that the plant adopts.
     pub cooled: f64,
     pub flows: Vec<Flows>,
-    pub settled: Vec<Settled>,
+    /// Of each row what [`Settled`] has under these names.
+    pub amounts: [Vec<f64>; 4],
+    pub drawn: Vec<f64>,
+    pub cycled_kwh: Vec<f64>,
     /// Position of the end of each row in its cell, by energy and by temperature.
     pub energy: Vec<f64>,
     pub temperature: Vec<f64>,
     /// Position by depth, from each depth at the start `(D, rows)`.
     pub depth: Vec<f64>,
-    /// Runs from each depth, temperature and power `(D, K, P)`.
+    /// Runs from each depth and temperature `(D, K)`.
     pub runs: Vec<Vec<Run>>,
 }
 
@@ -173,7 +188,10 @@ impl StoreGrid {
             cells.push(cool * energies + low);
             out.energy.push(energy);
             out.temperature.push(temperature);
-            out.settled.push(self.settle(flows, self.energy_kwh[row % energies], self.depth[0], hours));
+            let settled = self.settle(flows, self.energy_kwh[row % energies], self.depth[0], hours);
+            out.amounts.iter_mut().zip(settled.amounts).for_each(|(all, amount)| all.push(amount));
+            out.drawn.push(settled.drawn);
+            out.cycled_kwh.push(settled.cycled_kwh);
         }
         for &depth in &self.depth {
             for (row, flows) in out.flows.iter().enumerate() {
@@ -181,14 +199,14 @@ impl StoreGrid {
                 let (low, share) = around(&self.depth, after.depth);
                 out.depth.push(share);
                 let place = low * temperatures * energies + cells[row];
-                match out.runs.last_mut().and_then(|runs| runs.last_mut()) {
-                    Some(run) if row % energies > 0 && run.place + run.rows == place => run.rows += 1,
-                    _ => {
-                        if row % energies == 0 {
-                            out.runs.push(Vec::new());
-                        }
-                        out.runs.last_mut().expect("one").push(Run { row, rows: 1, place });
-                    }
+                if row % (energies * self.power_kw.len()) == 0 {
+                    out.runs.push(Vec::new());
+                }
+                let runs = out.runs.last_mut().expect("one");
+                let last = runs.last_mut().filter(|_| row % energies > 0);
+                match last.and_then(|run| Some((run.extended(place)?, run))) {
+                    Some((extended, run)) => *run = extended,
+                    None => runs.push(Run { row, rows: 1, place, stride: 1 }),
                 }
             }
         }

@@ -1,0 +1,156 @@
+//! Claims about the dynamic program, on a grid that is small enough to enumerate.
+
+use bess_tables::Lut;
+
+use super::transitions::around;
+use super::*;
+use crate::search::common;
+
+/// Two strings on a grid of five energies, three temperatures and `depths`, with five powers.
+fn store(depths: &[f64]) -> Store {
+    let system = common::reference(2);
+    let model = ControlModel::new(&system);
+    let soc: Vec<f64> = (0..5).map(|e| 0.25 * e as f64).collect();
+    let full_kwh = 130.0;
+    let grid = StoreGrid {
+        energy_kwh: soc.iter().map(|soc| 2.0 * full_kwh * soc).collect(),
+        temperature_c: vec![20.0, 40.0, 50.0],
+        depth: depths.to_vec(),
+        soc: soc.iter().flat_map(|&soc| [soc, soc]).collect(),
+        power_kw: vec![-160.0, -80.0, 0.0, 80.0, 160.0],
+        request_w: [-80e3, -40e3, 0.0, 40e3, 80e3].iter().flat_map(|&w| [w, w]).collect(),
+        energies: vec![Lut::new("energy", vec![0.0, 1.0], vec![0.0, full_kwh]).unwrap(); 2],
+        mass_share: vec![0.5; 2],
+        off_kw: vec![0.01; 2],
+        capacity_kwh: 2.0 * full_kwh,
+        dt_h: 0.5,
+        parts: 3,
+        ambient_c: 25.0,
+        cooling_per_h: 0.05,
+        by_throughput: false,
+    };
+    Store::new(model, grid).unwrap()
+}
+
+/// Four blocks of two lengths on two days, with `levels` of price.
+fn problem(levels: usize) -> DispatchProblem {
+    let block = |steps, period, is_new| DispatchBlock { steps, period, ambient_c: 28.0, is_new };
+    let blocks = vec![block(1, 0, true), block(1, 0, false), block(2, 0, true), block(1, 1, true)];
+    let price = |b: usize, l: usize| [0.05, 0.05, 0.30, 0.12][b] * (1.0 + 0.5 * l as f64);
+    let income = |b: usize, l: usize| [price(b, l) - 0.01, -price(b, l) - 0.005, -price(b, l), -1e-5];
+    let all = (0..blocks.len()).flat_map(|b| (0..=levels).map(move |l| (b, l)));
+    // A price stays at its level with 0.7 or, if there is one level only, for certain.
+    let other = 0.3 * (levels - 1) as f64;
+    DispatchProblem {
+        income_eur: all.map(|(b, l)| income(b, l)).collect(),
+        share: vec![1.0 / levels as f64; levels * blocks.len()],
+        chance: (0..levels * levels)
+            .map(|i| if i % (levels + 1) == 0 { 1.0 - other } else { other })
+            .collect(),
+        wear_eur: Lut::new("wear", vec![0.0, 0.5, 2.0], vec![0.0, 2.0, 20.0]).unwrap(),
+        end_eur_kwh: 0.08,
+        allowed_kwh: vec![150.0, 60.0],
+        ladder_eur_kwh: vec![0.0, 0.05],
+        start: StoreState { energy_kwh: 100.0, temperature_c: 30.0, depth: 0.2 },
+        blocks,
+    }
+}
+
+/// Value of a state at a level and a shadow price before block `b`, by its definition: all powers and all that follows.
+fn enumerated(program: &Program<'_>, b: usize, [d, t, e]: [usize; 3], l: usize, s: usize) -> f64 {
+    let (grid, problem) = (&program.store.grid, program.problem);
+    let Some(block) = problem.blocks.get(b) else { return problem.end_eur_kwh * grid.energy_kwh[e] };
+    let transitions = program.transitions(b);
+    let after = |place: [usize; 3], shadow: usize| -> f64 {
+        let Some(next) = problem.blocks.get(b + 1) else {
+            return enumerated(program, b + 1, place, l, shadow);
+        };
+        let at = |level: usize, s: usize| enumerated(program, b + 1, place, level, s);
+        let dual = |level: usize| {
+            if next.period == block.period {
+                return at(level, shadow);
+            }
+            let bound = |s: usize| at(level, s) + program.shadow_eur[s] * program.allowed_kwh[next.period];
+            (0..program.shadow_eur.len()).map(bound).fold(f64::INFINITY, f64::min)
+        };
+        if next.is_new && program.levels > 1 {
+            (0..program.levels).map(|to| problem.chance[l * program.levels + to] * dual(to)).sum()
+        } else {
+            dual(l)
+        }
+    };
+    let value = |p: usize| {
+        let flows = &transitions.flows[(t * grid.power_kw.len() + p) * grid.energy_kwh.len() + e];
+        let settled = grid.settle(flows, grid.energy_kwh[e], grid.depth[d], transitions.hours);
+        let (low, energy) = around(&grid.energy_kwh, settled.after.energy_kwh);
+        let (cool, warm) = around(&grid.temperature_c, settled.after.temperature_c);
+        let (shallow, deep) = around(&grid.depth, settled.after.depth);
+        let mut value = earned(&settled.amounts, program.income(b, l))
+            - problem.wear_eur(grid.depth[d], settled.drawn)
+            - settled.cycled_kwh * program.shadow_eur[s];
+        for (depth, of_depth) in [(shallow, 1.0 - deep), (shallow + 1, deep)] {
+            for (node, of_node) in [(cool, 1.0 - warm), (cool + 1, warm)] {
+                // The block ends in its own ambient temperature.
+                let (cold, hot) = around(&grid.temperature_c, grid.temperature_c[node] + program.warmer_k(b));
+                for (node, of_ambient) in [(cold, 1.0 - hot), (cold + 1, hot)] {
+                    for (energy, of_energy) in [(low, 1.0 - energy), (low + 1, energy)] {
+                        let weight = of_depth * of_node * of_ambient * of_energy;
+                        if weight > 0.0 {
+                            value += weight * after([depth, node, energy], s);
+                        }
+                    }
+                }
+            }
+        }
+        value
+    };
+    (0..grid.power_kw.len()).map(value).fold(f64::NEG_INFINITY, f64::max)
+}
+
+#[test]
+fn values_are_those_of_the_best_of_all_schedules() {
+    for (depths, levels, ladder) in
+        [(vec![0.0], 1, 1), (vec![0.0, 0.5, 1.0], 1, 1), (vec![0.0, 1.0], 2, 1), (vec![0.0], 1, 2)]
+    {
+        let (mut store, problem) = (store(&depths), problem(levels));
+        store.dispatch(&problem).unwrap();
+        let shadow_eur = &problem.ladder_eur_kwh[..ladder];
+        let program = Program::new(&store, &problem, levels, shadow_eur, &problem.allowed_kwh);
+        let values = program.values();
+        let mut of_all = values.chunks_exact(levels * ladder);
+        // Later blocks are enumerated with the first one.
+        for d in 0..depths.len() {
+            for (t, e) in (0..3).flat_map(|t| (0..5).map(move |e| (t, e))) {
+                let found = of_all.next().unwrap();
+                if (d + t + e) % 5 == 0 {
+                    let (l, s) = (levels - 1, ladder - 1);
+                    let best = enumerated(&program, 0, [d, t, e], l, s);
+                    assert!((found[l * ladder + s] - best).abs() < 1e-9, "{d} {t} {e}: {found:?}, {best}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn wider_instructions_change_no_bit() {
+    let (mut store, problem) = (store(&[0.0, 0.5, 1.0]), problem(1));
+    store.dispatch(&problem).unwrap();
+    let program = Program::new(&store, &problem, 1, &[0.0], &problem.allowed_kwh);
+    let moved: Vec<f64> = (0..store.grid.n_states()).map(|i| common::uniform(i as u64)).collect();
+    let [mut any, mut widest] = [vec![0.0; moved.len()], vec![0.0; moved.len()]];
+    program.best_anywhere(3, &moved, &mut Vec::new(), &mut any);
+    program.best(3, &moved, &mut Vec::new(), &mut widest);
+    assert_eq!(any, widest);
+}
+
+#[test]
+fn energy_is_bought_cheap_and_sold_dear_within_the_limit_of_cycles() {
+    let (mut store, free) = (store(&[0.0]), DispatchProblem { allowed_kwh: vec![1e9; 2], ..problem(1) });
+    let power_kw = store.dispatch(&free).unwrap();
+    assert!(power_kw[0] + power_kw[1] < -80.0 && power_kw[2] > 80.0, "{power_kw:?}");
+    let limited = DispatchProblem { allowed_kwh: vec![30.0, 0.0], ..free };
+    let power_kw = store.dispatch(&limited).unwrap();
+    let sold_kwh: f64 = power_kw.iter().zip([0.5, 0.5, 1.0, 0.5]).map(|(p, h)| p.max(0.0) * h).sum();
+    assert!(sold_kwh <= 30.0 && power_kw[3] <= 0.0, "{power_kw:?}");
+}
