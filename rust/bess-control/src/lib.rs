@@ -37,11 +37,11 @@ pub use model::{
     Flow, Interval, Losses, Objectives, Range, Rollout, SplitProblem, StateBox, StringModel, StringState,
     TrackedDemand, MAX_GROUPS,
 };
-pub use plan::{Groups, Plan, PlanEffort, PlanProblem, Prices, Rule};
+pub use plan::{Groups, Plan, PlanEffort, PlanProblem, Prices};
 pub use reach::{
     Cell, GroupBounds, LossUnits, NarrowNode, Node, Planes, StepBound, StepBounds, TightenedBounds,
     RELAXED_NAMES,
 };
-pub use rules::RuleLaw;
+pub use rules::{water_fill, Rule, RuleLaw};
 pub use search::{Effort, Incumbent, Schedule};
 pub use split::Split;

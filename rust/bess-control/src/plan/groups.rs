@@ -6,7 +6,8 @@ use crate::error::check_length;
 use crate::model::{ControlModel, StringState};
 use crate::plan::paths::Paths;
 use crate::plan::problem::{PlanProblem, Prices};
-use crate::plan::starts::{deliverable_w, water_fill, CRUMBS};
+use crate::plan::starts::{deliverable_w, CRUMBS};
+use crate::rules::water_fill;
 use crate::{cores, ControlError};
 
 /// Preference for inverters that are on in the order of a group, as a share of the SOC window.

@@ -2,7 +2,7 @@
 
 use crate::model::StringState;
 use crate::plan::problem::PlanProblem;
-use crate::plan::starts::water_fill;
+use crate::rules::water_fill;
 
 /// Power units per limit of the largest inverter.
 const PARTS: usize = 24;

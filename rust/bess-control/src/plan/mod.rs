@@ -28,8 +28,6 @@ mod sweep;
 
 pub use groups::Groups;
 pub use problem::{PlanProblem, Prices};
-pub(crate) use starts::water_fill;
-pub use starts::Rule;
 
 use co_states::CoStates;
 use look_ahead::look_ahead;
@@ -37,6 +35,7 @@ use pair::Pair;
 use pairs::PairValues;
 use paths::Paths;
 
+use crate::rules::Rule;
 use crate::{cores, ControlError};
 
 /// Minimum gain of a round of moves, as a share of the cost, for another round.
@@ -121,7 +120,7 @@ impl PlanProblem<'_> {
         let sums_w = carried.as_deref().map(|request_w| groups.sums(request_w, n_steps));
         let (mut plan, price) = groups.problem(problem, &model)?.priced(sums_w.as_deref(), effort);
         let mut paths = groups.shared_out(problem, &plan.request_w);
-        let rules = cores::map(Rule::ALL.to_vec(), |rule| rule.paths(problem));
+        let rules = cores::map(Rule::ALL.to_vec(), |rule| starts::of_rule(rule, problem));
         plan.rule_cost = rules.iter().map(Paths::cost).fold(f64::INFINITY, f64::min);
         paths = rules.into_iter().fold(paths, cheaper);
         if let Some(request_w) = carried {
@@ -142,7 +141,7 @@ impl PlanProblem<'_> {
         let carried = previous.map(|request_w| starts::carried_on(self, request_w));
         self.aim_for_balance(carried.as_deref());
         let problem: &Self = self;
-        let mut rules = cores::map(Rule::ALL.to_vec(), |rule| rule.paths(problem));
+        let mut rules = cores::map(Rule::ALL.to_vec(), |rule| starts::of_rule(rule, problem));
         rules.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
         let rule_cost = rules[0].cost();
         let rules_work: u64 = rules.iter().map(|r| r.work).sum();
@@ -200,7 +199,7 @@ impl PlanProblem<'_> {
         }
         let paths = match carried {
             Some(request_w) => Paths::new(self, request_w.to_vec()),
-            None => Rule::Soc.paths(self),
+            None => starts::of_rule(Rule::Soc, self),
         };
         let capacity: f64 = (0..self.n_strings()).map(|m| self.usable_ah(m)).sum();
         if capacity <= 0.0 {

@@ -8,7 +8,7 @@ use crate::cores;
 use crate::model::{Range, StringState};
 use crate::plan::look_ahead::{CostToGo, Group};
 use crate::plan::problem::PlanProblem;
-use crate::plan::starts::water_fill;
+use crate::rules::water_fill;
 
 /// Number of SOC nodes. A plan for seven days of two reference strings costs 1.5 % more with 25, and the same with 41.
 const SOC_NODES: usize = 33;
