@@ -193,8 +193,8 @@ def test_rules_of_plans_are_the_policies_of_their_names() -> None:
 
 def plan_with(**given: object) -> Plan:
     system = bess.System.reference(2)
-    settings = {name: given.pop(name) for name in ("n_steps", "rollouts", "dt_h") if name in given}
-    planner = Planner(system, **{"n_steps": 4, **settings})  # type: ignore[arg-type]
+    settings = {name: given.pop(name) for name in ("horizon_steps", "rollouts", "dt_h") if name in given}
+    planner = Planner(system, **{"horizon_steps": 4, **settings})  # type: ignore[arg-type]
     arguments = {
         "state": bess.State([0.5, 0.5], [25.0, 25.0]),
         "demand_kw": np.full(4, 50.0),
@@ -220,8 +220,8 @@ def plan_with(**given: object) -> Plan:
         ({"prices": PlanPrices(np.ones((4, 4)), np.zeros(3))}, "wear"),
         ({"prices": PlanPrices(np.ones((4, 4)), np.zeros(2), start=-1.0)}, "start"),
         ({"rollouts": -1}, "rollouts = -1"),
-        ({"n_steps": 0}, "n_steps 0 must be"),
-        ({"n_steps": 10_000}, "n_steps 10000 must be"),
+        ({"horizon_steps": 0}, "horizon_steps 0 must be"),
+        ({"horizon_steps": 10_000}, "horizon_steps 10000 must be"),
         ({"dt_h": np.nan}, "dt_h nan h must be"),
         ({"dt_h": 24.0}, "too long for the lumped thermal model"),
     ],

@@ -26,7 +26,7 @@ class Misled:
     """Foresight that is told a share of what every later step will ask for."""
 
     def __init__(self, share: float) -> None:
-        planner = Planner(bess.load_system("unequal-4"), n_steps=96)
+        planner = Planner(bess.load_system("unequal-4"), horizon_steps=96)
         self._policy = PlannedPolicy(planner, bess.Objectives.energy(), SettlementTerms())
         self.statuses = self._policy.statuses
         self._share = share

@@ -112,8 +112,8 @@ class Planner(Checkpointed):
     system : System
         1 to 1,000 strings, which may differ. More than 16 are planned in groups of similar strings in similar
         states, formed at each restart (:func:`bess.control.planning.groups.groups_of`).
-    n_steps : int
-        Length of the plan [steps].
+    horizon_steps : int
+        Prediction horizon [steps].
     dt_h : float
         Length of a step [h].
     rollouts : int
@@ -146,7 +146,7 @@ class Planner(Checkpointed):
     def __init__(
         self,
         system: System,
-        n_steps: int,
+        horizon_steps: int,
         dt_h: float = 0.25,
         *,
         rollouts: int = ROLLOUTS,
@@ -155,11 +155,11 @@ class Planner(Checkpointed):
         proof_cells: int = PROOF_CELLS,
         exact_forecast: bool = False,
     ) -> None:
-        check_horizon(system, n_steps, dt_h, "n_steps", MAX_STEPS)
+        check_horizon(system, horizon_steps, dt_h, MAX_STEPS)
         if rollouts < 0:
             raise InputError(f"rollouts = {rollouts}: must be >= 0")
         self.system = system
-        self.n_steps = int(n_steps)
+        self.horizon_steps = int(horizon_steps)
         self.dt_h = dt_h
         self.rollouts = int(rollouts)
         self._balance = balance
@@ -208,12 +208,12 @@ class Planner(Checkpointed):
         """
         if np.ndim(self.system.nominal_kw if limit_kw is None else limit_kw) != 1:
             raise InputError("limit_kw: give one value for each string; it holds for the whole plan")
-        if prices.losses.shape != (self.n_steps, 4):
+        if prices.losses.shape != (self.horizon_steps, 4):
             raise InputError(
-                f"prices of losses have shape {prices.losses.shape}; the plan needs {(self.n_steps, 4)}"
+                f"prices of losses have shape {prices.losses.shape}; the plan needs {(self.horizon_steps, 4)}"
             )
         problem = SplitProblem.check(
-            self.system, self.n_steps, self.dt_h, state, demand_kw, ambient_c, limit_kw
+            self.system, self.horizon_steps, self.dt_h, state, demand_kw, ambient_c, limit_kw
         )
         limit = np.ascontiguousarray(problem.limit_kw[:, 0])
         if reactive_kvar is not None:
@@ -284,13 +284,13 @@ class Planner(Checkpointed):
     def _shortfall_weights(self) -> Array:
         """Weights of the four losses, shape (n_steps, 4); later undelivered energy has a lower weight."""
         if self._exact_forecast:
-            return np.ones((self.n_steps, 4))
+            return np.ones((self.horizon_steps, 4))
         error = self._forecast_error.relative_error
-        hours = np.arange(self.n_steps) * self.dt_h
+        hours = np.arange(self.horizon_steps) * self.dt_h
         rate_per_h = 1.0 / SHORTFALL_DISCOUNT_TIME_H + error / FORECAST_ERROR_DISCOUNT_TIME_H
         shortfall = np.exp(-hours * rate_per_h)
         shortfall[0] *= FIRST_STEP_WEIGHT + FORECAST_ERROR_FIRST_STEP_WEIGHT * error
-        return np.stack([shortfall, shortfall, *2 * [np.ones(self.n_steps)]], axis=1)
+        return np.stack([shortfall, shortfall, *2 * [np.ones(self.horizon_steps)]], axis=1)
 
     def _shifted_plan(self) -> Array | None:
         """Shifted warm start: the last plan from its second step on, with zero power in the new last step."""

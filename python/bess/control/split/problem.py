@@ -105,13 +105,9 @@ class SplitProblem:
 
 
 def check_horizon(
-    system: System,
-    horizon_steps: int,
-    dt_h: float,
-    name: str = "horizon_steps",
-    most: int = MAX_HORIZON_STEPS,
+    system: System, horizon_steps: int, dt_h: float, max_steps: int = MAX_HORIZON_STEPS
 ) -> None:
-    """Check the plant and the horizon of a split or a plan; ``name`` is the name of the horizon argument.
+    """Check the plant and the prediction horizon of a split or a plan.
 
     Raises
     ------
@@ -121,8 +117,8 @@ def check_horizon(
     if not isinstance(system, System):
         raise InputError(f"system must be a bess.System, not {type(system).__name__}")
     whole = isinstance(horizon_steps, int | np.integer) and not isinstance(horizon_steps, bool)
-    if not whole or not 1 <= horizon_steps <= most:
-        raise InputError(f"{name} {horizon_steps!r} must be an integer from 1 to {most}")
+    if not whole or not 1 <= horizon_steps <= max_steps:
+        raise InputError(f"horizon_steps {horizon_steps!r} must be an integer from 1 to {max_steps}")
     number = isinstance(dt_h, int | float | np.integer | np.floating) and not isinstance(dt_h, bool)
     if not number or not 0.0 < dt_h <= 24.0:
         raise InputError(f"dt_h {dt_h!r} h must be a number in (0, 24] h")

@@ -166,7 +166,7 @@ class ArbitrageDemand(DemandSection):
                 f"{setting.name}: demand.prices is not set: name a price file (SMARD, Energy-Charts or "
                 "ENTSO-E export), such as demand.prices = FILE.csv"
             )
-        read = _read(self, file)
+        read = _read(self, file, self.product)
         sampled = given = setting.series_of(read, file, key)
         grid = setting.grid_of(given)
         if self.repeat:
@@ -197,12 +197,11 @@ class ArbitrageDemand(DemandSection):
 
 
 def _read(
-    choice: ArbitrageDemand, file: str, *, zone: str | None = None, product: str | None = None
+    choice: ArbitrageDemand, file: str, product: str | None, *, zone: str | None = None
 ) -> pd.Series[float]:
     from bess.market import read_prices
 
-    zone, product = zone or choice.zone, product or choice.product
-    return read_prices(file, zone, product, time_zone=choice.time_zone, fill=choice.fill)
+    return read_prices(file, zone or choice.zone, product, time_zone=choice.time_zone, fill=choice.fill)
 
 
 def _auctions(
@@ -213,7 +212,7 @@ def _auctions(
     prices, steps = [], []
     for number, market in enumerate(choice.market):
         key, file = f"demand.market.{number}", market.prices or last_file
-        read = _read(choice, file, product=market.product)
+        read = _read(choice, file, market.product)
         prices.append(setting.series_of(read, file, f"{key}.prices").on(grid))
         steps.append(steps_in(market.step_min / 60.0, grid.dt_h, f"{key}.step_min"))
     planner = _linear(
@@ -267,7 +266,9 @@ def _price_forecast(
         return kind(price, grid.dt_h, price_ends=price_ends_of(price, grid.dt_h), first=before)
 
     def forecast_of(zone: str) -> Array:
-        return setting.series_of(_read(choice, file, zone=zone), file, "demand.forecast_prices").on(grid)
+        return setting.series_of(
+            _read(choice, file, choice.product, zone=zone), file, "demand.forecast_prices"
+        ).on(grid)
 
     price = series.on(grid)
     ends = price_ends_of(price, grid.dt_h)
