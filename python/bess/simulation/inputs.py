@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ from bess.control.policies.planned import NO_PRICES
 from bess.errors import InputError
 from bess.simulation.installations import Installations
 from bess.simulation.reactive import ReactiveSource, reactive_of
-from bess.study.demands.source import DemandSource, Setting
+from bess.study.demands.source import RunDemand, Setting
 from bess.study.grid import SampledSeries, TimeGrid, seconds_of
 from bess.study.plant_choice import build_system
 from bess.study.sections import Event, WeatherSection
@@ -21,22 +20,16 @@ from bess.study.study import Study
 from bess.system import System
 
 
-@dataclass(frozen=True)
-class Inputs:
-    """A study with its data.
+@dataclass(frozen=True, kw_only=True)
+class Inputs(RunDemand):
+    """A study with its data: the demand of the run, and further attributes.
 
     Attributes
     ----------
     system : System
         The plant's parameters.
-    grid : Grid
-        Control steps.
     horizon_steps : int
         Prediction horizon of the policy [steps].
-    demand : DemandSource
-        Source of the demand, called once for each step.
-    price_eur_mwh : ndarray, shape (n_steps,), or None
-        Market studies only.
     ambient_c : ndarray, shape (n_steps,)
         Ambient temperature [degC].
     limit_kw : ndarray, shape (n_steps, n_strings)
@@ -47,23 +40,17 @@ class Inputs:
         Files of the study.
     notes : list of str
         Notes on these files, for display.
-    series : dict of ndarray, shape (n_steps,)
-        Other recorded series, by variable name.
     reactive : ReactiveSource or None
         Reactive power demand, if the study has one.
     """
 
     system: System
-    grid: TimeGrid
     horizon_steps: int
-    demand: DemandSource
-    price_eur_mwh: Array | None
     ambient_c: Array
     limit_kw: Array
     installations: Installations
     files: list[Path]
     notes: list[str]
-    series: Mapping[str, Array] = field(default_factory=dict)
     reactive: ReactiveSource | None = None
 
 
@@ -101,20 +88,16 @@ def prepare(study: Study, system: System | None = None) -> Inputs:
     files = setting.files
     if study.policy.name == "distilled" and study.policy.file is not None:
         files.append(Path(study.policy.file))
-    limit = limits_of(study.event, system, grid)
     return Inputs(
-        system,
-        grid,
-        setting.horizon,
-        asked.source,
-        asked.price_eur_mwh,
-        ambient,
-        limit,
-        Installations(system, study, grid),
-        files,
-        [f"period: {grid}", *setting.notes],
-        asked.series,
-        reactive,
+        **vars(asked),
+        system=system,
+        horizon_steps=setting.horizon,
+        ambient_c=ambient,
+        limit_kw=limits_of(study.event, system, grid),
+        installations=Installations(system, study, grid),
+        files=files,
+        notes=[f"period: {grid}", *setting.notes],
+        reactive=reactive,
     )
 
 

@@ -23,6 +23,7 @@ from bess.simulation.record.files import folder_in, make_folder, write_bytes
 from bess.simulation.record.provenance import IDENTITY
 from bess.simulation.record.result import RESULTS, Result
 from bess.simulation.runner import run
+from bess.study.keys import value_at
 from bess.study.scenarios import expand, refined
 from bess.study.study import Study, as_study
 
@@ -128,21 +129,11 @@ def write_table(
     write_bytes(directory / SWEEP_PARQUET, buffer.getvalue())
 
 
-def _value(document: Mapping[str, Any], key: str) -> Any:
-    node: Any = document
-    for part in key.split("."):
-        try:
-            node = node[int(part)] if isinstance(node, list | tuple) else node[part]
-        except (KeyError, IndexError, TypeError):
-            return None
-    return node
-
-
 def _columns(document: Mapping[str, Any], keys: Iterable[str]) -> Iterator[tuple[str, Any]]:
     """Return swept values by key of the study, as in study files: lists as text, objectives as weights, with
     the other values of an objective in separate columns."""
     for key in keys:
-        value = _value(document, key)
+        value = value_at(document, key)
         if isinstance(value, Mapping) and "weight" in value:
             yield key, value["weight"]
             yield from ((f"{key}.{name}", other) for name, other in value.items() if name != "weight")

@@ -14,6 +14,7 @@ from bess.errors import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
 
 _S_PER_DAY = 86_400
 
@@ -50,6 +51,12 @@ class TimeGrid:
                 f"run.start = {start:%Y-%m-%d %H:%M}: the run ends after the year 9999"
             ) from None
         return cls(seconds_of(start), round(step_s), round(steps))
+
+    @classmethod
+    def of_record(cls, dataset: xr.Dataset) -> TimeGrid:
+        """Return the time grid of a record."""
+        start_s = int(dataset["time"].values[0].astype("datetime64[s]").astype(np.int64))
+        return cls(start_s, round(3600.0 * float(dataset.attrs["step_h"])), dataset.sizes["time"])
 
     def __str__(self) -> str:
         end_s = self.start_s + self.step_s * self.n_steps

@@ -6,7 +6,7 @@ import copy
 import difflib
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel
 
@@ -22,15 +22,14 @@ def known_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
     """Return the dotted keys of ``model``; ``*`` stands for any name or index of a table."""
     for name, field in model.model_fields.items():
         key = prefix + name
-        sections = list(_sections(field.annotation))
-        origins = _origins(field.annotation)
-        if not sections or float in origins:
+        parts = list(_parts(field.annotation))
+        sections = [part for part in parts if isinstance(part, type) and issubclass(part, BaseModel)]
+        if not sections or float in parts:
             yield key
-        if not sections and dict in origins:
+        if not sections and dict in parts:
             yield f"{key}.{_ANY}"
-        many = tuple in origins
         for section in sections:
-            yield from known_keys(section, f"{key}.{_ANY}." if many else f"{key}.")
+            yield from known_keys(section, f"{key}.{_ANY}." if tuple in parts else f"{key}.")
 
 
 def check_keys(document: Mapping[str, Any], model: type[BaseModel], place: str) -> None:
@@ -70,6 +69,15 @@ def check_bundled(key: str, name: str, bundled: Iterable[str]) -> None:
     """
     if name not in bundled and not Path(name).suffix and Path(name).name == name:
         raise InputError(f"{key} = {name!r}: no bundled item has this name; {nearest(name, list(bundled))}")
+
+
+def value_at(document: object, key: str) -> Any:
+    """Return the value of a dotted key, in which a number is an index of a list; None without one."""
+    for part in key.split("."):
+        if isinstance(document, list | tuple):
+            document = dict(zip(map(str, range(len(document))), document, strict=True))
+        document = document.get(part) if isinstance(document, Mapping) else None
+    return document
 
 
 def with_value(document: Mapping[str, Any], key: str, value: Any) -> Document:
@@ -150,15 +158,8 @@ def _matches(key: str, pattern: str) -> bool:
     )
 
 
-def _origins(annotation: Any) -> set[Any]:
-    origins = {annotation, getattr(annotation, "__origin__", None)}
+def _parts(annotation: Any) -> Iterator[Any]:
+    """Yield an annotation, the generic type of it, and the same of its arguments."""
+    yield from (annotation, get_origin(annotation))
     for argument in get_args(annotation):
-        origins |= {argument, getattr(argument, "__origin__", None)}
-    return origins
-
-
-def _sections(annotation: Any) -> Iterator[type[BaseModel]]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        yield annotation
-    for argument in get_args(annotation):
-        yield from _sections(argument)
+        yield from _parts(argument)

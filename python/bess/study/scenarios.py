@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from bess.errors import InputError
+from bess.study.keys import value_at
 from bess.study.sections import Axis
 from bess.study.study import Study
 
@@ -78,9 +79,7 @@ def refined(
     for name, run in runs.items():
         if name not in kpis:  # failed
             continue
-        value: Any = run.document()
-        for part in axis.key.split("."):
-            value = value[part]
+        value = value_at(run.document(), axis.key)
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise InputError(f"{study.name}: {axis.key} = {value!r}: a search needs numbers")
         if axis.maximise not in kpis[name]:

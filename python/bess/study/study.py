@@ -16,7 +16,7 @@ from bess.display import as_table, one_line
 from bess.errors import InputError
 from bess.files import MissingFileError, missing, parse_toml
 from bess.study.demands import DEMAND_KINDS, TRADES, Demand, kind_of_demand
-from bess.study.keys import check_keys, nearest, with_value
+from bess.study.keys import check_keys, nearest, value_at, with_value
 from bess.study.sections import (
     Axis,
     BudgetSection,
@@ -85,7 +85,7 @@ class Study(Section):
     @classmethod
     def _choose_objectives(cls, document: Any) -> Any:
         """Fill in the default objectives, which depend on the demand."""
-        given = _at(document, "policy", "objectives", "kind") is not None
+        given = value_at(document, "policy.objectives.kind") is not None
         return document if given else _with_kind(document)
 
     @model_validator(mode="after")
@@ -171,25 +171,16 @@ class Study(Section):
         return tomli_w.dumps(self.document())
 
 
-def _at(document: object, *keys: str) -> object:
-    """Return the value of a nested key, a number in a list, or None."""
-    for key in keys:
-        if isinstance(document, list | tuple):
-            document = dict(zip(map(str, range(len(document))), document, strict=True))
-        document = document.get(key) if isinstance(document, Mapping) else None
-    return document
-
-
 def _with_kind(document: Any) -> Any:
     """Return the document with the default kind of objectives; a malformed document is unchanged."""
-    policy = _at(document, "policy")
-    objectives = _at(policy, "objectives")
+    policy = value_at(document, "policy")
+    objectives = value_at(policy, "objectives")
     malformed = any(
         section is not None and not isinstance(section, Mapping) for section in (policy, objectives)
     )
     if not isinstance(document, Mapping) or malformed:
         return document
-    certified = _at(policy, "horizon_steps") is not None or _at(policy, "foresight_h") == 0
+    certified = value_at(policy, "horizon_steps") is not None or value_at(policy, "foresight_h") == 0
     priced = kind_of_demand(document.get("demand")) in TRADES
     kind = "money" if priced and not certified else "energy"
     objectives = {**(objectives if isinstance(objectives, Mapping) else {}), "kind": kind}
@@ -273,10 +264,10 @@ def _with_absolute_paths(document: dict[str, Any], folder: Path) -> dict[str, An
     """Resolve the files a study names against ``folder``; bundled names stay as they are."""
     for pattern in _FILES:
         section, _, key = pattern.partition(".*.")
-        tables = _at(document, *section.split(".")) if key else None
+        tables = value_at(document, section) if key else None
         count = len(tables) if isinstance(tables, list | tuple) else 0
         for place in [f"{section}.{number}.{key}" for number in range(count)] if key else [pattern]:
-            value = _at(document, *place.split("."))
+            value = value_at(document, place)
             if isinstance(value, str) and (Path(value).suffix or Path(value).name != value):
                 document = with_value(document, place, str((folder / value).absolute()))
     return document

@@ -45,12 +45,9 @@ def ledger_by_year(result: Result | xr.Dataset) -> pd.DataFrame:
     """
     import pandas as pd
 
-    entries = ledger(result)
-    time = pd.DatetimeIndex(entries["time"].values)
-    starts = [time[0]]
-    while starts[-1] <= time[-1]:
-        starts.append(time[0] + pd.DateOffset(years=len(starts)))
-    years = np.searchsorted(np.array(starts, dtype=time.values.dtype), time.values, side="right")
+    dataset: Any = getattr(result, "dataset", result)
+    entries, grid = ledger(dataset), TimeGrid.of_record(dataset)
+    years = np.searchsorted(grid.years, np.arange(grid.n_steps), side="right")
     frame = pd.DataFrame({str(name): entries[name].values for name in entries.data_vars})
     return frame.groupby(pd.Index(years, name="year")).sum()
 
@@ -155,8 +152,7 @@ def budget_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
         return
     limits = BudgetSection.model_validate(tomllib.loads(dataset.attrs["study"])["budget"])
     step_h = float(dataset.attrs["step_h"])
-    start_s = int(dataset["time"].values[0].astype("datetime64[s]").astype(np.int64))
-    grid = TimeGrid(start_s, round(3600.0 * step_h), dataset.sizes["time"])
+    grid = TimeGrid.of_record(dataset)
     years = np.minimum(grid.years, grid.n_steps)
     part = np.diff(years) / np.diff(grid.years)
     initial = np.atleast_1d(np.asarray(dataset.attrs["initial_soc"], dtype=np.float64))

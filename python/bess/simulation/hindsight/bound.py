@@ -127,12 +127,11 @@ def lower_bound(
             soh_capacity=float(state.soh_capacity[first]),
             soh_resistance=float(state.soh_resistance[first]),
         )
-        own = _Cooling(*(float(v[first]) for v in (cooling.keeps, cooling.takes, cooling.heats)))
         delivered += _group(
             program,
             common,
             hopes,
-            own,
+            (float(cooling.keeps[first]), float(cooling.takes[first]), float(cooling.heats[first])),
             state.soc[members],
             state.temperature_c[members],
             limit_kw[active, first],
@@ -165,20 +164,11 @@ class _Common:
     worth: LossWeights
 
 
-@dataclass(frozen=True)
-class _Cooling:
-    """Data of one string."""
-
-    keeps: float
-    takes: float
-    heats: float
-
-
 def _group(
     program: Program,
     common: _Common,
     hopes: Optimist,
-    cooling: _Cooling,
+    cooling: tuple[float, float, float],
     soc: Array,
     temperature_c: Array,
     limit_kw: Array,
@@ -186,6 +176,7 @@ def _group(
     """Add variables and rows of identical strings; return the variables of delivered power."""
     active, dt_h = common.active, common.dt_h
     count, steps, levels = soc.size, active.size, hopes.energy_kwh.size
+    keeps, takes, heats = cooling
     discharging = common.demand_kw > 0.0
     sign = np.where(discharging, 1.0, -1.0)
     asked_kw = np.abs(common.demand_kw)
@@ -264,19 +255,19 @@ def _group(
         )
     # Temperature excess: q <= s; s = decayed excess + contribution of the air + contribution of heat.
     program.at_most(zero, (q, 1.0), (o, -hopes.hottest_k))
-    air_k = count * cooling.takes * np.maximum(common.ambient_c - hopes.reference_c, 0.0)
-    idle_keeps = cooling.keeps ** (np.diff(active, prepend=-1) - 1.0)
-    idle_k = _idle(air_k, cooling.keeps, active)
+    air_k = count * takes * np.maximum(common.ambient_c - hopes.reference_c, 0.0)
+    idle_keeps = keeps ** (np.diff(active, prepend=-1) - 1.0)
+    idle_k = _idle(air_k, keeps, active)
     idle_k[0] += idle_keeps[0] * float(np.maximum(temperature_c - hopes.reference_c, 0.0).sum())
-    for of, keeps in ((q, 1.0), (s, cooling.keeps)):
-        max_k = keeps * idle_k + air_k[active]
-        program.at_most(max_k[:1], (of[:1], 1.0), (h[:1], -cooling.heats), (n[:1], -cooling.heats))
+    for of, left in ((q, 1.0), (s, keeps)):
+        max_k = left * idle_k + air_k[active]
+        program.at_most(max_k[:1], (of[:1], 1.0), (h[:1], -heats), (n[:1], -heats))
         program.at_most(
             max_k[1:],
             (of[1:], 1.0),
-            (s[:-1], -keeps * idle_keeps[1:]),
-            (h[1:], -cooling.heats),
-            (n[1:], -cooling.heats),
+            (s[:-1], -left * idle_keeps[1:]),
+            (h[1:], -heats),
+            (n[1:], -heats),
         )
     return [p, burnt]
 

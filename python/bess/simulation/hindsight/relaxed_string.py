@@ -131,10 +131,6 @@ class Optimist:
         """Energy in every level of a string at ``soc``, shape ``(n_levels,)``."""
         return np.diff(self._store.energy_kwh(np.minimum(self.edges, max(soc, self.edges[0]))))
 
-    def direction(self, sign: int) -> Direction:
-        """Coefficients of :data:`DISCHARGE` or :data:`CHARGE`."""
-        return self.discharge if sign == DISCHARGE else self.charge
-
 
 def optimist(
     string: StringParameters,

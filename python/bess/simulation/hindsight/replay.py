@@ -87,8 +87,7 @@ class Replay:
             )
         study = Study.from_document(tomllib.loads(str(text)), "study of the record")
         system = system or build_system(study.system, study.run, study.wear)
-        seconds = record["time"].values.astype("datetime64[s]").astype(np.int64)
-        grid = TimeGrid(int(seconds[0]), round(float(record.attrs["step_h"]) * 3600.0), seconds.size)
+        grid = TimeGrid.of_record(record)
         price: Array | None = record["price_eur_mwh"].values if "price_eur_mwh" in record else None
         inputs = Inputs(
             system=system,

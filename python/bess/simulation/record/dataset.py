@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bess import __version__
 from bess.control.wear import WearPrices
-from bess.plant import Limit
+from bess.plant import Flows, Limit
 from bess.simulation.record.provenance import Identity
 from bess.simulation.record.store import Record
 from bess.study.grid import TimeGrid
@@ -111,28 +111,6 @@ VARIABLES: dict[str, Variable] = {
     "fallback": Variable(_T, "1", "1 if a fallback replaced the result of the optimiser", "i4"),
 }
 
-FLOWS = (
-    "delivered_kw",
-    "availability_loss_kw",
-    "derating_loss_kw",
-    "inverter_loss_kw",
-    "standby_kw",
-    "battery_loss_kw",
-    "hysteresis_loss_kw",
-    "chemical_kw",
-    "current_a",
-    "soc",
-    "temperature_c",
-    "node_max_c",
-    "derating_factor",
-    "limits",
-    "inverter_starts",
-    "soh_capacity",
-    "soh_resistance",
-    "ledger_residual_kwh",
-)
-"""Variables taken directly from the plant."""
-
 COOLING_FLOWS = ("auxiliary_kw", "cooling_kw", "coolant_c")
 """Plant variables of systems with a section ``[cooling]`` only."""
 
@@ -144,6 +122,14 @@ REACTIVE_FLOWS = ("reactive_kvar",)
 
 AGEING_FLOWS = ("calendar_loss", "cyclic_loss", "aged_charge_ah")
 """Plant variables of systems with an ageing model of the cells only."""
+
+FLOWS = tuple(
+    name
+    for name in VARIABLES
+    if name in {field.name for field in fields(Flows)} - {"node_temperature_c"}
+    and name not in (*COOLING_FLOWS, *ENTROPY_FLOWS, *REACTIVE_FLOWS, *AGEING_FLOWS)
+)
+"""Variables taken directly from the plant, of every run."""
 
 
 _CHUNK_STEPS = 960

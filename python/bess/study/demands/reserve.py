@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -123,9 +123,7 @@ class FcrDemand(DemandSection):
             grid.dt_h,
             store.one_way_efficiency,
         )
-        source = ReserveSource(
-            response, Reserve(sold_kw, self.duration_min, self.band), recharge, store, trade, budget
-        )
+        source = ReserveSource(self, sold_kw, response, recharge, store, trade, budget)
         recorded = {"frequency_mhz": series.on(grid), "capacity_price_eur_mw_h": capacity_price}
         return RunDemand(grid, source, price, recorded)
 
@@ -311,42 +309,25 @@ class ZeroResponseForecast:
         return seen
 
 
-@dataclass(frozen=True)
-class Reserve:
-    """Sold reserve.
-
-    Attributes
-    ----------
-    capacity_kw : ndarray, shape (n_steps,)
-        Symmetric reserve.
-    duration_min : float
-        Duration for which the full reserve must be sustained.
-    band : float
-        Share of the required window without recharge.
-    """
-
-    capacity_kw: Array
-    duration_min: float
-    band: float
-
-
 class ReserveSource(DemandSource):
-    """Frequency response, scheduled recharge, and optional trade."""
+    """Frequency response, scheduled recharge, and optional trade; ``capacity_kw`` is sold in each step."""
 
     _carried = ("_recharge", "_plan", "_day", "_sold_kwh", "_said", "_budget")
 
     def __init__(
         self,
+        choice: FcrDemand,
+        capacity_kw: Array,
         response_kw: Forecast,
-        reserve: Reserve,
         recharge: RechargeScheduler,
         store: StorageEstimator,
         trade: Arbitrage | None,
         budget: CycleBudget | None = None,
     ) -> None:
-        self._response_kw, self._reserve, self._store = response_kw, reserve, store
+        self._choice, self._capacity_kw = choice, capacity_kw
+        self._response_kw, self._store = response_kw, store
         self._recharge, self._trade, self._budget = recharge, trade, budget
-        self._max_capacity_kw = float(reserve.capacity_kw.max())
+        self._max_capacity_kw = float(capacity_kw.max())
         self._plan: Array = np.zeros(0)
         self._day: int | None = None
         self._sold_kwh = 0.0
@@ -354,17 +335,16 @@ class ReserveSource(DemandSource):
 
     def ahead(self, step: int, horizon: int, now: StepInputs) -> Array:
         """See :class:`~bess.study.demands.source.DemandSource`."""
-
         stored_kwh, capacity_kwh = self._store.stored_kwh(now.state), self._store.capacity_kwh(now.state)
         if self._budget is not None:
             answered_kw = max(0.0, self._said.get("response_kw", 0.0))
             self._budget.advance(step, now.state.soc, now.delivered_kw, answered_kw)
-        capacity_kw = float(self._reserve.capacity_kw[step])
+        capacity_kw = float(self._capacity_kw[step])
         window, largest = (
-            EnergyWindow.of(each, self._reserve.duration_min, capacity_kwh, self._store.one_way_efficiency)
+            EnergyWindow.of(each, self._choice.duration_min, capacity_kwh, self._store.one_way_efficiency)
             for each in (capacity_kw, self._max_capacity_kw)
         )
-        band = largest.narrowed(self._reserve.band)
+        band = largest.narrowed(self._choice.band)
         shift_kw = self._recharge.advance(step, stored_kwh, band)
         traded_kw = self._traded(step, stored_kwh, band)
         response_kw = self._response_kw.ahead(step, horizon)

@@ -62,8 +62,8 @@ class RunDemand:
     ----------
     grid : TimeGrid
         Control steps of the run.
-    source : DemandSource
-        Source of the demand of each step.
+    demand : DemandSource
+        Source of the demand, called once for each step.
     price_eur_mwh : ndarray, shape (n_steps,), or None
         Price of energy, if the study has one.
     series : dict of ndarray, shape (n_steps,)
@@ -71,7 +71,7 @@ class RunDemand:
     """
 
     grid: TimeGrid
-    source: DemandSource
+    demand: DemandSource
     price_eur_mwh: Array | None = None
     series: Mapping[str, Array] = field(default_factory=dict)
 
