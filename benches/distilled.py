@@ -66,8 +66,8 @@ def table(kept: Mapping[str, Mapping[str, float]], stored: Mapping[str, Any]) ->
     return (
         "<!-- written by benches/distilled.py -->\n\n" + "\n".join(rows) + "\n\n"
         f"Over these {len(rows) - 2} scenarios, distilled controllers keep {lost:.0f} % of what `mpc` "
-        f"saves in lost energy and {cost:.0f} % in cost. The lost energy differs from that of the best rule by "
-        f"{100.0 * worst:+.1f} % in the worst scenario.\n"
+        f"saves in lost energy and {cost:.0f} % in cost. The lost energy differs from that of the best rule "
+        f"by {100.0 * worst:+.1f} % in the worst scenario.\n"
     )
 
 

@@ -42,8 +42,8 @@ class Blocks:
     ) -> Self:
         """Start a new block at each change of the price or the day, and at the maximum length.
 
-        Prices may have several rows: any of them may change. In the first ``first_h`` hours a block is
-        ``step_h`` long at most, or one step if that is longer.
+        With several rows of prices, a change in any row starts a block. In the first ``first_h`` hours the
+        maximum length is ``step_h``, or one step if that is longer.
         """
         steps = np.arange(day.size)
         changes = (np.diff(np.atleast_2d(price_eur_mwh)) != 0.0).any(axis=0)

@@ -34,23 +34,6 @@ class Forecast(Protocol):
         ...
 
 
-class PerfectForecast:
-    """Perfect foresight: the forecast is the series itself.
-
-    Parameters
-    ----------
-    values : array, shape (n_steps,)
-        The actual series; finite.
-    """
-
-    def __init__(self, values: npt.ArrayLike):
-        self.values = checked_series(values)
-
-    def ahead(self, step: int, horizon: int) -> Array:
-        """Return the true values; see :class:`Forecast`."""
-        return self.values[present_step(step, horizon, self.values.size) : step + horizon].copy()
-
-
 class ExternalForecast:
     """External forecast: one value for each step, made before the run.
 
@@ -83,9 +66,22 @@ class ExternalForecast:
 
     def ahead(self, step: int, horizon: int) -> Array:
         """Return the present value and the forecast; see :class:`Forecast`."""
-        seen = self.forecast[present_step(step, horizon, self.values.size) : step + horizon].copy()
-        seen[: self._price_ends[step] - step] = self.values[step]
-        return seen
+        ahead = self.forecast[present_step(step, horizon, self.values.size) : step + horizon].copy()
+        ahead[: self._price_ends[step] - step] = self.values[step]
+        return ahead
+
+
+class PerfectForecast(ExternalForecast):
+    """Perfect foresight: the forecast is the series itself.
+
+    Parameters
+    ----------
+    values : array, shape (n_steps,)
+        The actual series; finite.
+    """
+
+    def __init__(self, values: npt.ArrayLike):
+        super().__init__(values, values)
 
 
 class PersistenceForecast:

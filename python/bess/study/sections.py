@@ -137,12 +137,12 @@ class WearSection(Section):
 
 
 class BudgetSection(Section):
-    """Section ``[budget]``: cycles or throughput that trading may use in a year, as by a warranty.
+    """Section ``[budget]``: maximum cycles or throughput of trading per year, for example of a warranty.
 
-    ``cycles_per_year`` counts the nominal energy charged, or discharged, whichever is more;
-    ``throughput_mwh_per_year`` energy discharged (AC). A year lasts from the start of the run to the same day
-    of the next; one that the run covers in part has that part. Neither is exceeded. Dispatch over prices
-    carries them as a shadow price (:class:`bess.dispatch.CycleBudget`).
+    ``cycles_per_year`` counts the larger of charged and discharged energy relative to the nominal energy, and
+    ``throughput_mwh_per_year`` limits discharged energy (AC). Years begin at the start of the run, and a part
+    of a year has the same part of the budget. The dispatch uses a shadow price
+    (:class:`bess.dispatch.CycleBudget`) and never exceeds a budget.
     """
 
     cycles_per_year: Positive | None = None

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bess.checkpoints import Checkpointed
 from bess.control.planning import Planner
 from bess.control.policies.planned import PlannedPolicy
 from bess.control.policies.policy import Decision, PolicyInput, SolverReport
@@ -19,8 +20,10 @@ if TYPE_CHECKING:
     from bess import PowerSplit
 
 
-class MpcPolicy:
+class MpcPolicy(Checkpointed):
     """Calls one compiled :class:`bess.PowerSplit` in every step with demand."""
+
+    _carried = ("_splitter",)
 
     def __init__(self, splitter: PowerSplit, statuses: Mapping[int, str]) -> None:
         self._splitter = splitter
@@ -52,14 +55,6 @@ class MpcPolicy:
         plan = self._splitter.warm_start
         if plan is not None:
             self._splitter.warm_start = np.pad(plan[:, 1:], ((0, 0), (0, 1)))
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return the warm start of the next search."""
-        return self._splitter.state_dict()
-
-    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        """Restore the warm start of the checkpoint."""
-        self._splitter.load_state_dict(state_dict)
 
 
 def build(system: System, settings: Settings) -> MpcPolicy | PlannedPolicy:

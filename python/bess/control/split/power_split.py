@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from bess import _core
 from bess.arrays import Array, finite_array
+from bess.checkpoints import Checkpointed
 from bess.control.split.bounds import Certificate, certify
 from bess.control.split.carried import Carried
 from bess.control.split.normalisation import constant_scale, payoff_scale
@@ -47,7 +48,7 @@ STATUS = {
 }
 
 
-class PowerSplit:
+class PowerSplit(Checkpointed):
     """Allocates the demand of the next steps to the strings of a plant.
 
     Objectives, priorities and the mixed-integer form follow [1]_. The perspective formulation [2]_ models
@@ -114,7 +115,7 @@ class PowerSplit:
         self._scale_per_kw = constant_scale(system, horizon_steps, dt_h, self.objectives)
         self._costs = self.objectives.costs(self._scale_per_kw)
         self._switch_soc = np.array([s.battery.low_soc_switch for s in system.strings])[:, None]
-        self._carried: Carried | None = None
+        self._shifted: Carried | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         """Settings and warm start; compiled data are rebuilt."""
@@ -147,22 +148,22 @@ class PowerSplit:
     @property
     def warm_start(self) -> Array | None:
         """Requests from which the next call starts, see the class."""
-        return None if self._carried is None else self._carried.request_kw
+        return None if self._shifted is None else self._shifted.request_kw
 
     @warm_start.setter
     def warm_start(self, request_kw: ArrayLike | None) -> None:
         if request_kw is None:
-            self._carried = None
+            self._shifted = None
             return
         request = finite_array("warm_start", request_kw).copy()
         shape = (self.system.n_strings, self.horizon_steps)
         if request.shape != shape:
             raise InputError(f"warm_start must be of shape {shape}, not {request.shape}")
-        self._carried = Carried(request)
+        self._shifted = Carried(request)
 
     def state_dict(self) -> dict[str, Any]:
         """Return the state that the next call depends on."""
-        carried = self._carried
+        carried = self._shifted
         return {
             "warm_start": self.warm_start,
             "limit_kw": None if carried is None else carried.limit_kw,
@@ -175,7 +176,7 @@ class PowerSplit:
         request_kw, *made_for = (
             state_dict[name] for name in ("warm_start", "limit_kw", "soc", "temperature_c")
         )
-        self._carried = None if request_kw is None else Carried(request_kw, *made_for)
+        self._shifted = None if request_kw is None else Carried(request_kw, *made_for)
 
     def __call__(
         self,
@@ -215,7 +216,7 @@ class PowerSplit:
             costs = self.objectives.costs(payoff_scale(problem, self._scale_per_kw, self.objectives))
         control = problem.control(costs, *self.objectives.tolerances)
 
-        carried = self._carried
+        carried = self._shifted
         start = carried.request_kw if carried is not None and carried.continues_in(problem) else None
         for _ in range(SEARCHES):
             left_s = None if deadline is None else deadline - time.perf_counter()
@@ -233,7 +234,7 @@ class PowerSplit:
         request = answer.incumbent.request_kw
         result = Rollout.of(answer.flows)
         soc_start = np.concatenate([problem.state.soc[:, None], result.soc[:, :-1]], axis=1)
-        self._carried = Carried.after(problem, request, result)
+        self._shifted = Carried.after(problem, request, result)
         idle = not problem.demand_kw.any()
         return Split(
             request_kw=request,

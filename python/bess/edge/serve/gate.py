@@ -119,8 +119,8 @@ _OWN_PAGES: Final = {"same-origin", "none"}
 class Names:
     """Host names of a service, against pages of other origins in an operator's browser.
 
-    A foreign page becomes "same origin" if the owner of its name points it here for a moment (DNS rebinding),
-    so ``Host`` must be a name of the service. A numeric address cannot be pointed elsewhere.
+    With DNS rebinding, the owner of a foreign domain points it at this service, so that a browser treats the
+    foreign page as "same origin". ``Host`` must therefore be a name of the service, or a numeric address.
 
     Attributes
     ----------

@@ -355,8 +355,8 @@ class _StringMonitor(Checkpointed):
     def _left_alone(self, power_kw: float, held_kw: float, elapsed_s: float) -> tuple[str, bool]:
         """Wait until the string has been at rest for a while: one of two controllers gives way.
 
-        A plant that reports no set-points may continue with that of a controller that is gone, so the string
-        is tried at increasing intervals.
+        A plant that does not report set-points may keep the last one of a controller that has stopped. The
+        string is therefore tried again at increasing intervals.
         """
         rests = abs(np.nan_to_num(power_kw)) <= FOLLOWS_WITHIN * self._nominal_kw
         rests &= not abs(held_kw) > READ_BACK_WITHIN * self._nominal_kw

@@ -144,7 +144,7 @@ class CarriedPlan(Checkpointed):
         self.error = ""
 
     def slot(self, now_s: float) -> int:
-        """Number of the plan's step at a time."""
+        """Return the number of the plan step that contains ``now_s``."""
         return int(now_s // self.step_s)
 
     def update(
