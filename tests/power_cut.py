@@ -17,7 +17,7 @@ class PowerCut(BaseException):
 
 def before_steps(patch: pytest.MonkeyPatch, act: Callable[[int], None]) -> None:
     """Call ``act`` with the number of control steps that the plant is about to take."""
-    step, follow = bess.Plant.step, bess.Plant.follow
+    step, follow = bess.Plant.step, bess.Plant.run_controller
 
     def one(plant: bess.Plant, *arguments: Any, **options: Any) -> Any:
         act(1)
@@ -28,7 +28,7 @@ def before_steps(patch: pytest.MonkeyPatch, act: Callable[[int], None]) -> None:
         return follow(plant, controller, ahead_kw, *arguments)
 
     patch.setattr(bess.Plant, "step", one)
-    patch.setattr(bess.Plant, "follow", many)
+    patch.setattr(bess.Plant, "run_controller", many)
 
 
 def cut_off(study: Study, folder: Path, after: int, monkeypatch: pytest.MonkeyPatch) -> None:

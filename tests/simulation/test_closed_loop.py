@@ -264,14 +264,14 @@ def test_real_prices_and_weather_make_a_demand_that_earns_money() -> None:
 def test_a_plant_that_returns_no_number_ends_the_run(
     name: str, broken: float, expected: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    follow = bess.Plant.follow
+    follow = bess.Plant.run_controller
 
     def failing(plant: bess.Plant, *arguments: Any) -> Any:
         request_kw, flows = follow(plant, *arguments)
         getattr(flows, name)[3] *= broken
         return request_kw, flows
 
-    monkeypatch.setattr(bess.Plant, "follow", failing)
+    monkeypatch.setattr(bess.Plant, "run_controller", failing)
     with pytest.raises(bess.BessError, match=expected):
         run({"run.days": 0.25})
 

@@ -335,7 +335,7 @@ class Plant(_Simulation):
         """Measured state: SOC, mean temperature and state of health of each string."""
         return self._states()[0]
 
-    def follow(
+    def run_controller(
         self,
         controller: Controller,
         ahead_kw: NDArray[np.float64],

@@ -185,7 +185,7 @@ class ClosedLoop:
         limit_kw, ambient_c = inputs.limit_kw[steps], inputs.ambient_c[steps]
         began = time.perf_counter()
         try:
-            request_kw, flows = self._plant.follow(
+            request_kw, flows = self._plant.run_controller(
                 cast(Any, self.policy).controller, served_kw, limit_kw, ambient_c, float(inputs.grid.step_s)
             )
         except InputError as error:

@@ -10,7 +10,6 @@ import numpy as np
 from bess import _core
 from bess.arrays import Array, real_numbers
 from bess.checkpoints import Checkpointed
-from bess.control.policies.capability import Capability
 from bess.control.policies.policy import NO_OPTIMISATION, Decision, PolicyInput
 from bess.errors import BessError
 from bess.system import State, System
@@ -63,7 +62,7 @@ class RulePolicy(Checkpointed):
     def __init__(self, system: System, dt_h: float, share: Share | str) -> None:
         self._system = system
         self._share = share
-        self._capability = Capability(system, dt_h)
+        self._dt_h = dt_h
         self._law = None
         if isinstance(share, str):
             stop_c = np.array([string.derating.stop_c for string in system.strings])
@@ -72,7 +71,7 @@ class RulePolicy(Checkpointed):
 
     @property
     def controller(self) -> RulePolicy | None:
-        """See :meth:`bess.Plant.follow`; None for a rule written in Python."""
+        """See :meth:`bess.Plant.run_controller`; None for a rule written in Python."""
         return None if self._law is None else self
 
     def run(
@@ -98,22 +97,24 @@ class RulePolicy(Checkpointed):
             return Decision(self._law.split(at.soc, at.temperature_c, *health, limit_kw, demand_kw))
         if demand_kw == 0.0:
             return Decision(np.zeros_like(limit_kw))
-        discharge = demand_kw > 0.0
-        capability_kw = np.minimum(self._capability(inputs, discharge), limit_kw)
-        asked = StepDemand(abs(demand_kw), discharge, capability_kw, inputs.state)
+        discharge, state = demand_kw > 0.0, inputs.state
+        model = self._system.control_at(state)
+        max_kw = model.deliverable_kw(state.soc, state.temperature_c, discharge, self._dt_h)
+        capability_kw = np.clip(max_kw, 0.0, np.minimum(self._system.nominal_kw, limit_kw))
+        task = StepDemand(abs(demand_kw), discharge, capability_kw, state)
         assert callable(self._share)
-        shares_kw = real_numbers(self._share(self._system, asked))
+        shares_kw = real_numbers(self._share(self._system, task))
         if shares_kw.shape != limit_kw.shape:
             raise BessError(
                 f"the rule returned powers of shape {shares_kw.shape}, needs {limit_kw.shape}, one for each "
                 "string"
             )
         power_kw = np.minimum(shares_kw, limit_kw)
-        rest_kw = asked.demand_kw - float(power_kw.sum())
+        rest_kw = task.demand_kw - float(power_kw.sum())
         if rest_kw > 0.0:
             free_kw = limit_kw - power_kw
             power_kw = np.minimum(power_kw + water_fill(rest_kw, free_kw, free_kw), limit_kw)
-        power_kw = self._system.control_at(inputs.state).set_points(power_kw, limit_kw)
+        power_kw = model.set_points(power_kw, limit_kw)
         return Decision(np.copysign(power_kw, demand_kw))
 
 
