@@ -18,7 +18,7 @@ from bess.files import parse_json
 from bess.simulation.record.files import check_file, write_checked
 from bess.simulation.record.provenance import read_identity
 from bess.simulation.record.result import RESULTS, open_result, scenario_directories
-from bess.simulation.record.store import LOG
+from bess.simulation.record.store import solve_times_s
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -144,12 +144,9 @@ class Run:
     @cached_property
     def solve_time_s(self) -> NDArray[np.float64] | None:
         """Wall-clock time of each step [s], NaN where nothing was solved; None without any."""
-        path = self.directory / LOG
         try:
-            check_file(path)
-            lines = [parse_json(line) for line in path.read_text(encoding="utf-8").splitlines()]
-            times = {int(line["step"]): float(line["solve_time_s"] or np.nan) for line in lines}
-        except (OSError, ValueError, TypeError, KeyError, OverflowError):  # absent, or damaged
+            times = solve_times_s(self.directory)
+        except InputError:  # damaged
             return None
         each = [times.get(step, np.nan) for step in range(self.dataset.sizes["time"])]
         return np.array(each) if np.isfinite(each).any() else None

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from bess.arrays import Array
+from bess.checkpoints import Checkpointed
 from bess.errors import InputError
 from bess.plant import Plant
 from bess.study.grid import TimeGrid, seconds_of
@@ -16,7 +14,7 @@ from bess.study.study import Study
 from bess.system import System
 
 
-class Installations:
+class Installations(Checkpointed):
     """New batteries of a run: on their dates, and at the end of life of the old ones.
 
     A new battery has a state of health of 1 and takes over SOC and temperature of the string. It is installed
@@ -41,6 +39,8 @@ class Installations:
     InputError
         A table names a string that the system does not have, or a date before the run.
     """
+
+    _carried = ("_ended",)
 
     def __init__(self, system: System, study: Study, grid: TimeGrid) -> None:
         wears = [string.wear for string in system.strings]
@@ -81,7 +81,7 @@ class Installations:
             new[string], cost_eur[string] = True, eur
         if new.any():
             plant.renew(new)
-            self._ended &= ~new
+            self._ended = self._ended & ~new
         return cost_eur
 
     def in_service(self, step: int) -> NDArray[np.bool_]:
@@ -91,12 +91,4 @@ class Installations:
     def count_ended(self, in_service: NDArray[np.bool_], soh_capacity: Array) -> None:
         """Note the strings in service that are at their end of life after a step."""
         ends = self._replaces | self._retires
-        self._ended |= in_service & ends & (soh_capacity <= self._end_of_life)
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return the strings that are retired or due for replacement."""
-        return {"ended": self._ended.copy()}
-
-    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        """Restore a state returned by :meth:`state_dict`."""
-        self._ended = state_dict["ended"].copy()
+        self._ended = self._ended | (in_service & ends & (soh_capacity <= self._end_of_life))

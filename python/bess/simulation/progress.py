@@ -19,7 +19,6 @@ Update = Callable[[int], None]
 """Receives the number of completed steps."""
 
 _LINE_EVERY_S = 10.0
-_BAR_EVERY_S = 0.1
 
 
 @contextmanager
@@ -28,8 +27,8 @@ def reporting(label: str, total: int, *, shown: bool) -> Iterator[Update]:
     if not shown:
         yield lambda done: None
     elif sys.stderr.isatty():
-        with _bar(label, total) as update:
-            yield update
+        with progress_bar(label, total) as (bar, task):
+            yield lambda done: bar.update(task, completed=done)
     else:
         yield _lines(label, total)
 
@@ -57,21 +56,6 @@ def progress_bar(label: str, total: int, *, shown: bool = True) -> Iterator[tupl
     )
     with Progress(*columns, console=Console(stderr=True), disable=not shown) as bar:
         yield bar, bar.add_task(label, total=total)
-
-
-@contextmanager
-def _bar(label: str, total: int) -> Iterator[Update]:
-    with progress_bar(label, total) as (bar, task):
-        last = 0.0
-
-        def update(done: int) -> None:
-            nonlocal last
-            now = time.monotonic()
-            if now - last > _BAR_EVERY_S or done == total:
-                last = now
-                bar.update(task, completed=done)
-
-        yield update
 
 
 def _lines(label: str, total: int) -> Update:

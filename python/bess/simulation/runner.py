@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from bess.control.policies import Policy, as_policy, build_policy
@@ -255,7 +256,7 @@ def _assemble(directory: Path, identity: Identity) -> None:
 def _finish(directory: Path) -> Result:
     """Compute the KPIs from the record, then delete the parts; repeated after a crash in between."""
     dataset = open_netcdf(directory / RESULTS)
-    times = solve_times_s(directory)
+    times = np.array(list(solve_times_s(directory).values()), dtype=np.float64)
     values = kpis(dataset) | solve_time_kpis(times)
     write_checked(directory / "kpis.json", json.dumps(values, indent=1).encode())
     remove_parts(directory)

@@ -132,14 +132,7 @@ def check_drawable(kpis: KpisByRun, needed: Iterable[str]) -> None:
                 raise InputError(f"{which}: KPI {key} is {entry.get(key, 'missing')}; it cannot be drawn")
 
 
-_UNDELIVERED = {
-    "unmet_kwh": style.BACKGROUND,
-    "derating_loss_kwh": style.DERATING,
-    "availability_loss_kwh": style.AVAILABILITY,
-}
-_CONVERSION = {"inverter_loss_kwh": style.INVERTER, "battery_loss_kwh": style.BATTERY}
-_BESIDE = {"hysteresis_loss_kwh": style.HYSTERESIS, "auxiliary_kwh": style.AUXILIARY}
-"""Further losses, not part of ``lost_kwh``; not in every run."""
+_NOT_IN_EVERY_RUN = ("hysteresis_loss_kwh", "auxiliary_kwh")
 _NOTHING_KWH = 0.05
 _FLOW_IN, _FLOW_ROW_IN = 4.6, 0.19
 _WIDTH_IN = 5.6
@@ -226,10 +219,11 @@ def losses_compared(kpis: KpisByRun) -> Figure:
     kpis
         KPIs of each run, by name.
     """
-    check_drawable(kpis, (*_UNDELIVERED, *_CONVERSION))
+    every = {f"{name}_kwh": colour for name, colour in style.LOSSES.items()}
+    check_drawable(kpis, [part for part in every if part not in _NOT_IN_EVERY_RUN])
     parts = {
         part: colour
-        for part, colour in (_UNDELIVERED | _CONVERSION | _BESIDE).items()
+        for part, colour in every.items()
         if any(entry.get(part, 0.0) > _NOTHING_KWH for entry in kpis.values())
     }
     figure = new_figure(_WIDTH_IN, 1.0 + _ROW_IN * len(kpis))

@@ -31,13 +31,6 @@ if TYPE_CHECKING:
 SHORTEST_MAP_DAYS = 14
 _SHADES = 24
 """More shades are not distinguishable and enlarge the figure of a year several times."""
-_LOSSES = (
-    ("derating_loss_kw", style.DERATING),
-    ("availability_loss_kw", style.AVAILABILITY),
-    ("inverter_loss_kw", style.INVERTER),
-    ("battery_loss_kw", style.BATTERY),
-    ("hysteresis_loss_kw", style.HYSTERESIS),
-)
 
 
 class _Map(NamedTuple):
@@ -157,13 +150,9 @@ def monthly_bars(result: Result) -> Figure:
     ]
     panels.append(("MWh", energy, None))
     lost = [
-        (
-            kpi(name.removesuffix("_kw") + "_kwh").label,
-            colour,
-            per_month(to_mwh * dataset[name].values.sum(axis=1)),
-        )
-        for name, colour in _LOSSES
-        if name in dataset
+        (kpi(f"{name}_kwh").label, colour, per_month(to_mwh * dataset[f"{name}_kw"].values.sum(axis=1)))
+        for name, colour in style.LOSSES.items()
+        if name.endswith("_loss") and f"{name}_kw" in dataset
     ]
     panels.append(("MWh", lost, None))
     travelled = np.abs(np.diff(with_initial(dataset, "soc"), axis=0)).mean(axis=1) / 2.0

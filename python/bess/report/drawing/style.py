@@ -36,6 +36,16 @@ BATTERY: Final = "#009E73"
 HYSTERESIS: Final = "#B8B000"
 AUXILIARY: Final = "#56B4E9"
 BACKGROUND: Final = "#9A9A9A"
+LOSSES: Final = {
+    "unmet": BACKGROUND,
+    "derating_loss": DERATING,
+    "availability_loss": AVAILABILITY,
+    "inverter_loss": INVERTER,
+    "battery_loss": BATTERY,
+    "hysteresis_loss": HYSTERESIS,
+    "auxiliary": AUXILIARY,
+}
+"""Colours of undelivered energy and losses, by names without unit, in the order of a stack."""
 INK: Final = "#222222"
 
 _RC: Final[Any] = {

@@ -233,8 +233,8 @@ class StepLog:
             self._file.close()
 
 
-def solve_times_s(directory: Path) -> NDArray[np.float64]:
-    """Return the solve times [s] of all solves in the log.
+def solve_times_s(directory: Path) -> dict[int, float]:
+    """Return the solve times [s] of all solves in the log, by step.
 
     Raises
     ------
@@ -243,13 +243,13 @@ def solve_times_s(directory: Path) -> NDArray[np.float64]:
     """
     path = directory / LOG
     if not path.exists():
-        return np.zeros(0)
+        return {}
     try:
         check_file(path)
         with path.open(encoding="utf-8") as file:
-            times = [parse_json(line)["solve_time_s"] for line in file if line.endswith("\n")]
-    except (OSError, ValueError, KeyError, TypeError) as error:
+            lines = [parse_json(line) for line in file if line.endswith("\n")]
+        return {int(line["step"]): float(line["solve_time_s"]) for line in lines if line["solve_time_s"]}
+    except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:
         raise InputError(
             f"{path}: is damaged ({error}); delete it to do without the times of solves"
         ) from error
-    return np.array([time for time in times if time], dtype=np.float64)
