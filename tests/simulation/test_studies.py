@@ -12,8 +12,9 @@ import bess
 from bess.control.policies import POLICIES
 from bess.simulation.inputs import prepare
 from bess.study import bundled_studies, expand
+from bess.study.demands import DEMAND_KINDS
 from bess.study.demands.source import StepInputs
-from bess.study.keys import parse_assignment
+from bess.study.keys import known_keys, parse_assignment
 
 MINIMAL = '[demand]\nfile = "two-cycle-48h"\n'
 
@@ -52,6 +53,13 @@ def test_a_study_file_is_named_after_itself_and_its_paths_are_relative_to_it(tmp
     study = bess.load_study(written(tmp_path, '[demand]\nfile = "load.csv"\n', "plant-a.toml"))
     assert study.name == "plant-a"
     assert study.demand.file == str(tmp_path / "load.csv")  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("kind", DEMAND_KINDS)
+def test_a_kind_of_demand_has_the_name_of_the_registry_and_lists_keys_that_it_has(kind: str) -> None:
+    section = DEMAND_KINDS[kind]
+    assert section.model_fields["kind"].default == kind
+    assert section.files and set(section.files) <= set(known_keys(section))
 
 
 def test_paths_on_the_command_line_are_relative_to_the_working_folder(

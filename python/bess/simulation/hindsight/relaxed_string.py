@@ -175,7 +175,8 @@ def optimist(
     # An aged string has less capacity, so its SOC changes more per step.
     min_ah = capacity_ah * (_MIN_HEALTH if string.wear.cell_model else 1.0)
     switch = battery.low_soc_switch
-    tables = np.unique([*soc, *_soc_knots(battery), switch, np.nextafter(switch, 0.0)])
+    resistance_soc, resistance_c = map(np.array, _resistance_knots(battery))
+    tables = np.unique([*soc, *resistance_soc, switch, np.nextafter(switch, 0.0)])
 
     def current_a(low: float, max_ohm: float) -> float:
         """Maximum current [A] above a SOC and below a resistance."""
@@ -187,7 +188,7 @@ def optimist(
         """Maximum SOC change of a plant step that starts above ``low``, at a resistance up to ``max_ohm``."""
         return current_a(low, max_ohm) * plant_step_s / 3600.0 / min_ah
 
-    resistance_c, (derating_c, factor) = np.array(_resistance_knots(battery)), _derating(string, law)
+    derating_c, factor = _derating(string, law)
     reference_c = max(coldest_c, min(resistance_c[0], derating_c[0]))
     cold_k = reference_c - min(coldest_c, reference_c)
     stop_c = _stop_c(derating_c, factor)
@@ -274,19 +275,12 @@ def _between(knots: Array, low: float, high: float) -> Array:
     return np.unique([low, *knots[(knots > low) & (knots < high)], high])
 
 
-def _soc_knots(battery: Battery) -> tuple[float, ...]:
-    if battery.resistance_table is not None:
-        return battery.resistance_table.soc
-    assert battery.resistance_soc is not None
-    return battery.resistance_soc.soc
-
-
-def _resistance_knots(battery: Battery) -> tuple[float, ...]:
-    """Temperatures [degC] between which resistance is linear; it is constant outside."""
-    if battery.resistance_table is not None:
-        return battery.resistance_table.temperature_c
-    assert battery.resistance_temperature is not None
-    return battery.resistance_temperature.temperature_c
+def _resistance_knots(battery: Battery) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """SOC and temperatures [degC] between which resistance is linear; it is constant outside."""
+    over_soc = battery.resistance_table or battery.resistance_soc
+    over_t = battery.resistance_table or battery.resistance_temperature
+    assert over_soc is not None and over_t is not None
+    return over_soc.soc, over_t.temperature_c
 
 
 def _ohm(battery: Battery, sign: int, soc: Array, temperature_c: Array, pick: _Pick) -> Array:
