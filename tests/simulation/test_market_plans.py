@@ -7,14 +7,15 @@ import pytest
 
 import bess
 from bess.dispatch import DynamicProgramDispatch, PerfectForecast, PersistenceForecast
-from bess.study.demands.arbitrage import AwarePlanner, MarketPlan, Stored
+from bess.dispatch.arbitrage import DispatchStart
+from bess.study.demands.arbitrage import AwarePlanner, MarketPlan
 from bess.study.demands.source import StepInputs
 from bess.system.terms import SettlementTerms
 
 LOOK_AHEAD, COMPARE = 144, 12
 PRICES = 60.0 - 40.0 * np.cos(np.arange(480) * 0.25 * 2 * np.pi / 12.0)
 SYSTEM = bess.System.reference(2)
-NOTHING = Stored(0.0, 0.0)
+NOTHING = DispatchStart(0.0, 0.0)
 
 
 def planner(

@@ -27,8 +27,16 @@ _PAST_DAYS: Final = 7
 
 
 @dataclass(frozen=True)
-class _Start:
-    """Start of a plan: stored energy, energy discharged today, and price and rest of a budget."""
+class DispatchStart:
+    """Initial values of a dispatch plan.
+
+    Attributes
+    ----------
+    energy_kwh, discharged_kwh : float
+        Stored energy above the lower SOC limits, and energy discharged on this trading day so far.
+    budget_price_eur_mwh, remaining_kwh : float
+        Shadow price of a budget per MWh discharged, and stored energy that may still be discharged.
+    """
 
     energy_kwh: float
     discharged_kwh: float = 0.0
@@ -202,18 +210,18 @@ class Arbitrage:
             )
         if self.connection is not None and self.connection.tariff is not None:
             self._choose_peak(self.connection, self.connection.tariff, step, price, energy_kwh)
-        start = _Start(energy_kwh, discharged_today_kwh, budget_price_eur_mwh, remaining_kwh)
+        start = DispatchStart(energy_kwh, discharged_today_kwh, budget_price_eur_mwh, remaining_kwh)
         return self._solve(step, price, start)
 
     def of_prices(self, price_eur_mwh: Array, step: int, energy_kwh: float) -> Array:
         """Return the demand [kW] of maximum income at these prices from ``step`` on, without a meter."""
-        return self._solve(step, price_eur_mwh, _Start(energy_kwh))
+        return self._solve(step, price_eur_mwh, DispatchStart(energy_kwh))
 
     def program(self, price_eur_mwh: Array, step: int, energy_kwh: float) -> StoreProgram:
         """Return the program from ``step`` on, in per unit of ``power_kw``; cost has the :meth:`weight`."""
         hours, free = np.full(price_eur_mwh.size, self.dt_h), np.ones(price_eur_mwh.size)
         days = self.days[step : step + price_eur_mwh.size]
-        return self._program(price_eur_mwh, hours, days, free, _Start(energy_kwh))
+        return self._program(price_eur_mwh, hours, days, free, DispatchStart(energy_kwh))
 
     def _choose_peak(
         self, connection: GridConnection, tariff: PeakTariff, step: int, price: Array, energy_kwh: float
@@ -233,7 +241,7 @@ class Arbitrage:
         connection.constrain(program, price, net_kw, month, self.power_kw, weight, share)
         connection.raise_peak(self.power_kw * float(program.solve().added[-1]))
 
-    def _solve(self, step: int, price: Array, start: _Start) -> Array:
+    def _solve(self, step: int, price: Array, start: DispatchStart) -> Array:
         """Return the demand of an optimal schedule."""
         connection = self.connection
         days, free = self.days[step : step + price.size], self._free[step : step + price.size]
@@ -267,7 +275,7 @@ class Arbitrage:
         return demand
 
     def _program(
-        self, price: Array, hours: Array, days: npt.NDArray[np.int64], free: Array, start: _Start
+        self, price: Array, hours: Array, days: npt.NDArray[np.int64], free: Array, start: DispatchStart
     ) -> StoreProgram:
         """Return the program in per unit: power over `power_kw`, energy over `power_kw` times 1 h."""
         per_unit = hours * self.weight(price)

@@ -26,7 +26,7 @@ from bess.dispatch import (
     StorageEstimator,
     auction_positions,
 )
-from bess.dispatch.arbitrage import calendar_days
+from bess.dispatch.arbitrage import DispatchStart, calendar_days
 from bess.dispatch.forecast import price_ends_of, steps_in
 from bess.dispatch.markets import AuctionForecast
 from bess.errors import InputError
@@ -383,24 +383,6 @@ class MarketPlan:
     temperature_c: Array
 
 
-@dataclass(frozen=True)
-class Stored:
-    """Initial values of a dispatch plan.
-
-    Attributes
-    ----------
-    energy_kwh, discharged_kwh : float
-        Stored energy above the lower SOC limits, and energy discharged on this trading day so far.
-    budget_price_eur_mwh, remaining_kwh : float
-        Shadow price of a budget per MWh discharged, and stored energy that may still be discharged.
-    """
-
-    energy_kwh: float
-    discharged_kwh: float
-    budget_price_eur_mwh: float = 0.0
-    remaining_kwh: float = np.inf
-
-
 class LinearPlanner:
     """The arbitrage program with a constant efficiency, which assumes full delivery.
 
@@ -419,14 +401,14 @@ class LinearPlanner:
         """Whether ``plan`` may be replaced at ``step`` with the same inverters in service."""
         return self._arbitrage.is_due(step)
 
-    def plan(self, step: int, now: StepInputs, stored: Stored) -> MarketPlan:
+    def plan(self, step: int, now: StepInputs, start: DispatchStart) -> MarketPlan:
         """Plan over the look-ahead; the plan depends on the arguments only."""
         demand_kw = self._arbitrage.plan(
             step,
-            stored.energy_kwh,
-            stored.discharged_kwh,
-            budget_price_eur_mwh=stored.budget_price_eur_mwh,
-            remaining_kwh=stored.remaining_kwh,
+            start.energy_kwh,
+            start.discharged_kwh,
+            budget_price_eur_mwh=start.budget_price_eur_mwh,
+            remaining_kwh=start.remaining_kwh,
         )
         return MarketPlan(step, demand_kw, demand_kw, now.limit_kw, np.zeros(0), np.zeros(0))
 
@@ -489,7 +471,7 @@ class AwarePlanner:
         off_k = abs(temperature_c - float(plan.temperature_c[age - 1]))
         return off_kwh <= ENERGY_TOLERANCE * capacity_kwh and off_k <= TEMPERATURE_TOLERANCE_K
 
-    def plan(self, step: int, now: StepInputs, stored: Stored) -> MarketPlan:
+    def plan(self, step: int, now: StepInputs, start: DispatchStart) -> MarketPlan:
         """See :class:`LinearPlanner`."""
 
         price = self._prices.ahead(step, self._look_ahead_steps)
@@ -497,10 +479,10 @@ class AwarePlanner:
             price,
             now.ambient_c[: price.size],
             self.days[step : step + price.size],
-            stored.discharged_kwh,
+            start.discharged_kwh,
             is_last=step + price.size == self.days.size,
-            budget_price_eur_mwh=stored.budget_price_eur_mwh,
-            remaining_kwh=stored.remaining_kwh,
+            budget_price_eur_mwh=start.budget_price_eur_mwh,
+            remaining_kwh=start.remaining_kwh,
             bands=None if self._bands is None else self._bands.bands(step, self._look_ahead_steps),
         )
         plan = self._dispatch.plan(inputs, now.state, limit_kw=now.limit_kw)
@@ -545,12 +527,12 @@ class ArbitrageSource(KnownDemand):
         if self._connection is not None:
             self._connection.advance(step, now.delivered_kw)
         if self._plan is None or self._planner.is_due(step, now, self._plan):
-            stored = Stored(self._energy_kwh, self._discharged_kwh)
+            start = DispatchStart(self._energy_kwh, self._discharged_kwh)
             if budget is not None:
-                stored = replace(
-                    stored, budget_price_eur_mwh=budget.price_eur_mwh, remaining_kwh=budget.remaining_kwh
+                start = replace(
+                    start, budget_price_eur_mwh=budget.price_eur_mwh, remaining_kwh=budget.remaining_kwh
                 )
-            self._plan = self._planner.plan(step, now, stored)
+            self._plan = self._planner.plan(step, now, start)
         offset = step - self._plan.step
         demand_kw = padded(self._plan.demand_kw[offset : offset + horizon], horizon)
         if self._connection is not None:
