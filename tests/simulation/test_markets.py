@@ -11,6 +11,7 @@ import bess
 from bess.dispatch import Arbitrage, PerfectForecast, auction_positions, reserve_blocks
 from bess.dispatch.markets import AuctionForecast
 from bess.errors import InputError
+from bess.simulation.inputs import prepare
 
 RNG = np.random.default_rng(5)
 DAY = 96
@@ -108,6 +109,30 @@ def test_positions_are_settled_to_the_cent_and_sum_to_what_is_delivered(values: 
     )
     assert result.kpis["position_revenue_eur"] > 1.0
     assert result.kpis["net_eur"] == pytest.approx(income - costs, abs=0.005)
+
+
+def test_an_auction_without_a_product_reads_the_default_of_its_file(
+    values: dict[str, Any], tmp_path: Path
+) -> None:
+    """The product of the last market is that of its own file only."""
+    times = pd.date_range("2024-02-01", periods=3 * DAY, freq="15min", tz="Europe/Berlin")
+    units = ["", "Price (EUR/MWh)", "Price (EUR/MWh)"]
+    rows = [
+        [time.isoformat(), f"{first:.2f}", f"{last:.2f}"]
+        for time, first, last in zip(times, FIRST, LAST, strict=True)
+    ]
+    table = pd.DataFrame(
+        [units, *rows], columns=["Date", "Day Ahead Auction", "Intraday Continuous 15 minutes ID1-Price"]
+    )
+    table.to_csv(tmp_path / "both.csv", index=False)
+    both = values | {
+        "demand.prices": str(tmp_path / "both.csv"),
+        "demand.product": "id1",
+        "demand.market": [{"name": "day-ahead"}],
+    }
+    record = prepare(bess.load_study("arbitrage-2024", both))
+    np.testing.assert_allclose(record.price_eur_mwh, LAST[: 2 * DAY], atol=0.006)
+    np.testing.assert_allclose(record.series["auction_price_eur_mwh"][:, 0], FIRST[: 2 * DAY], atol=0.006)
 
 
 def test_auctions_that_cannot_be_settled_are_refused(values: dict[str, Any], tmp_path: Path) -> None:
