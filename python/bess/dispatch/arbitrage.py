@@ -147,7 +147,7 @@ class Arbitrage:
         self.efficiency, self.cycles_per_day = efficiency, cycles_per_day
         self.cycles_per_plan, self.connection = cycles_per_plan, connection
         self._free = 1.0 - np.broadcast_to(np.asarray(reserved_kw, np.float64), self.days.shape) / power_kw
-        self._most = (
+        self._max_power = (
             min(1.0, (max_import_kw or power_kw) / power_kw),
             min(1.0, (max_export_kw or power_kw) / power_kw),
         )
@@ -264,11 +264,11 @@ class Arbitrage:
         stored = one_way * plan.charge - plan.discharge / one_way
         share = -np.where(stored > 0.0, stored / one_way, stored * one_way)
         share[np.abs(share) < _TOLERANCE] = 0.0
-        most = np.minimum(np.where(share < 0.0, *self._most), free[blocks.first])
+        max_power = np.minimum(np.where(share < 0.0, *self._max_power), free[blocks.first])
         demand: Array = (
             self.power_kw
-            * most[blocks.of_step]
-            * blocks.at_full(np.clip(share / np.maximum(most, _TOLERANCE), -1.0, 1.0))
+            * max_power[blocks.of_step]
+            * blocks.at_full(np.clip(share / np.maximum(max_power, _TOLERANCE), -1.0, 1.0))
         )
         if connection is not None:
             connection.set_plan(step, demand)
@@ -284,19 +284,19 @@ class Arbitrage:
             float(np.sqrt(self.efficiency)),
             start.energy_kwh / self.power_kw,
             cost=(per_unit * price, per_unit * (start.budget_price_eur_mwh - price)),
-            max_power=(np.minimum(self._most[0], free), np.minimum(self._most[1], free)),
+            max_power=(np.minimum(self._max_power[0], free), np.minimum(self._max_power[1], free)),
             capacity=self.energy_kwh / self.power_kw,
         )
         if self.cycles_per_plan is None:
             numbers, row = np.unique(days, return_inverse=True)
-            most_kwh = np.full(numbers.size, self.cycles_per_day * self.energy_kwh)
-            most_kwh[0] = max(0.0, most_kwh[0] - start.discharged_kwh)
+            max_kwh = np.full(numbers.size, self.cycles_per_day * self.energy_kwh)
+            max_kwh[0] = max(0.0, max_kwh[0] - start.discharged_kwh)
             charged, discharged = 0.0 * hours, hours / np.sqrt(self.efficiency)
         else:
-            row, most_kwh = np.zeros(days.size, np.int64), np.array([self.cycles_per_plan * self.energy_kwh])
+            row, max_kwh = np.zeros(days.size, np.int64), np.array([self.cycles_per_plan * self.energy_kwh])
             charged, discharged = 0.5 * hours, 0.5 * hours
         program.at_most(
-            np.minimum(most_kwh, start.remaining_kwh) / self.power_kw,
+            np.minimum(max_kwh, start.remaining_kwh) / self.power_kw,
             (row, program.charge, charged),
             (row, program.discharge, discharged),
         )

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from bess.arrays import Array
 
-_LONGEST_H: Final = 1.0
+_MAX_BLOCK_H: Final = 1.0
 """Longest block [h]: power and derating are constant within it."""
 
 
@@ -49,8 +49,8 @@ class Blocks:
         changes = (np.diff(np.atleast_2d(price_eur_mwh)) != 0.0).any(axis=0)
         change = np.r_[True, changes | (np.diff(day) != 0)]
         since = steps - np.maximum.accumulate(np.where(change, steps, 0))
-        longest_h = np.where(steps * dt_h < first_h, step_h, _LONGEST_H)
-        first = np.flatnonzero(since % np.maximum(1, (longest_h / dt_h + 1e-9).astype(int)) == 0)
+        max_h = np.where(steps * dt_h < first_h, step_h, _MAX_BLOCK_H)
+        first = np.flatnonzero(since % np.maximum(1, (max_h / dt_h + 1e-9).astype(int)) == 0)
         return cls(first, np.diff(np.r_[first, steps.size]))
 
     @cached_property

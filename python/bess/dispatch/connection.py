@@ -134,21 +134,21 @@ class GridConnection(Checkpointed):
         ``share`` scales the monthly price. The last columns are the increases of the peaks, by month.
         """
         net, row, cost = net_kw / power_kw, np.arange(net_kw.size), weight * self._dt_h
-        most_import, most_export = self._max_import_kw / power_kw, self._max_export_kw / power_kw
+        max_import, max_export = self._max_import_kw / power_kw, self._max_export_kw / power_kw
         imported = program.add(
-            net.size, cost=cost * self._import_fee_eur_mwh, upper=np.maximum(most_import, net)
+            net.size, cost=cost * self._import_fee_eur_mwh, upper=np.maximum(max_import, net)
         )
         program.at_most(
             -net, (row, program.charge, 1.0), (row, program.discharge, -1.0), (row, imported, -1.0)
         )
-        if np.isfinite(most_export):
+        if np.isfinite(max_export):
             curtailed = program.add(
                 net.size,
                 cost=cost * np.maximum(price_eur_mwh, 0.0),
-                upper=np.maximum(0.0, -net - most_export),
+                upper=np.maximum(0.0, -net - max_export),
             )
             program.at_most(
-                most_export + net,
+                max_export + net,
                 (row, program.discharge, 1.0),
                 (row, program.charge, -1.0),
                 (row, curtailed, -1.0),

@@ -46,10 +46,10 @@ class CycleDepthCost:
         """Return the mean over the strings at their temperatures."""
         energy_kwh, share = plant.string_energy_kwh, plant.string_energy_kwh / plant.capacity_kwh
         wears = (string.wear for string in plant.system.strings)
-        said = [each.eur_per_mwh if each.model != "none" else None for each in wears]
+        given = [each.eur_per_mwh if each.model != "none" else None for each in wears]
         # A price per MWh is planned with as it stands, whatever the cell model would say.
-        by_model = np.array([price is None for price in said])
-        flat = np.array([0.0 if price is None else price / KWH_PER_MWH for price in said])
+        by_model = np.array([price is None for price in given])
+        flat = np.array([0.0 if price is None else price / KWH_PER_MWH for price in given])
         depth, temperature_c = np.array(_DEPTHS), wear.state.temperature_c[:, None]
         rate = wear.cycling_eur_kwh(depth, temperature_c)
         cycle_eur = (by_model * energy_kwh) @ (rate * depth)

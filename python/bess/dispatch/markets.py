@@ -130,9 +130,9 @@ class AuctionForecast:
         day = self._days[min(step + self._cleared_steps, self._days.size - 1)]
         known = int(np.searchsorted(self._days, day, side="right"))
         source = later - self._day_steps * np.maximum(0, -(-(later - known + 1) // self._day_steps))
-        seen = np.where(source < 0, self._values[step], self._auction[np.maximum(source, 0)])
-        seen[0] = self._values[step]
-        return np.asarray(seen)
+        expected = np.where(source < 0, self._values[step], self._auction[np.maximum(source, 0)])
+        expected[0] = self._values[step]
+        return np.asarray(expected)
 
 
 def reserve_blocks(

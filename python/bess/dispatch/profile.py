@@ -178,12 +178,12 @@ def _check_unit(column: str, unit: str) -> None:
     from bess.market.files import fail
     from bess.market.units import power_unit
 
-    said = power_unit(column)
-    if said is not None and said != unit:
+    named = power_unit(column)
+    if named is not None and named != unit:
         alike = _TO_KVAR if unit in _TO_KVAR else _TO_KW
         what = "reactive power" if unit in _TO_KVAR else "power"
-        remedy = f"give unit={said!r}" if said in alike else f"give a column of {what}"
-        fail(1, f"column {column!r} is in {said}, not in {unit}; {remedy}")
+        remedy = f"give unit={named!r}" if named in alike else f"give a column of {what}"
+        fail(1, f"column {column!r} is in {named}, not in {unit}; {remedy}")
 
 
 def _resampled(name: str, series: pd.Series, dt_h: float) -> pd.Series:

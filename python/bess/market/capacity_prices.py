@@ -109,7 +109,7 @@ def _spans(table: Table, wanted: pd.Series) -> pd.DataFrame:
 def _plain(table: Table, country: str, time_zone: str | None, repairs: Repairs) -> pd.Series:
     columns = table_columns(table)
     chosen = columns.choose(country if len(columns.names) > 1 else None, "price of capacity")
-    series = regular(columns.rows(chosen, time_zone, repairs), None, repairs, longest_step_s=_DAY_S)
+    series = regular(columns.rows(chosen, time_zone, repairs), None, repairs, max_step_s=_DAY_S)
     hours = (series.index[1] - series.index[0]) / pd.Timedelta(hours=1)
     if hours < 1.0:
         fail(None, f"prices of capacity every {60 * hours:g} min; give hours or longer blocks")

@@ -185,10 +185,10 @@ def named_clock(label: str) -> str | None:
 def _clock_in(label: str, preamble: list[list[str]]) -> str | None:
     """Return the time zone named in the title of the time column or in the preamble."""
     for names, values in pairwise(preamble):
-        said = {name.casefold(): value for name, value in zip(names, values, strict=False)}
+        offsets = {name.casefold(): value for name, value in zip(names, values, strict=False)}
         for key, unit_s in _OFFSETS:
-            if named_clock(label) is None and _NUMBER.fullmatch(said.get(key, "")):
-                seconds = round(float(said[key]) * unit_s)
+            if named_clock(label) is None and _NUMBER.fullmatch(offsets.get(key, "")):
+                seconds = round(float(offsets[key]) * unit_s)
                 sign, minutes = "-" if seconds < 0 else "+", abs(seconds) // 60
                 return f"UTC{sign}{minutes // 60:02d}:{minutes % 60:02d}"
     return named_clock(label)

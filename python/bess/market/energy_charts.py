@@ -16,7 +16,7 @@ import pandas as pd
 
 from bess.market.files import fail, first_line, listed
 from bess.market.numbers import parse_numbers
-from bess.market.price_series import PriceSeries, no_zone, whole_days
+from bess.market.price_series import PriceSeries, fail_no_zone, whole_days
 from bess.market.repairs import Repairs
 from bess.market.table import Table
 from bess.market.times import by_label, clock_of, localise, parse_times, to_utc
@@ -104,7 +104,7 @@ def _column(table: Table, zone: str, product: str | None, units: list[str]) -> t
     for code in wanted_codes(zone):
         here = here or {i: found for i, found in priced.items() if _zone(table.header[i]) == code}
     if not here:
-        no_zone(zone, there_are)
+        fail_no_zone(zone, there_are)
     if product is None:
         found = next((name for name in _DEFAULTS if name in here.values()), "price")
     else:

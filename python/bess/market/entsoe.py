@@ -14,7 +14,7 @@ import pandas as pd
 from bess.market.columns import named_clock
 from bess.market.files import fail, first_line, listed
 from bess.market.numbers import parse_numbers
-from bess.market.price_series import PriceSeries, check_values, no_zone, only_day_ahead, whole_days
+from bess.market.price_series import PriceSeries, check_values, fail_no_zone, only_day_ahead, whole_days
 from bess.market.repairs import Repairs
 from bess.market.table import Table
 from bess.market.times import clock_of, in_utc, parse_times, to_utc
@@ -70,7 +70,7 @@ def _of_zone(table: Table, zone: str, prices: pd.DataFrame, repairs: Repairs) ->
             return pd.concat([prices[before], prices[~old & (code == there[0])]])
         if there:
             return prices[code == there[0]]
-    no_zone(zone, (name.removeprefix("BZN|") for name in names))
+    fail_no_zone(zone, (name.removeprefix("BZN|") for name in names))
 
 
 def _of_sequence(table: Table, prices: pd.DataFrame, repairs: Repairs) -> pd.DataFrame:

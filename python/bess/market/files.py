@@ -19,8 +19,8 @@ _UTF16_MARKS: Final = (b"\xff\xfe", b"\xfe\xff")
 _MARKS: Final = (b"\xef\xbb\xbf", *_UTF16_MARKS)
 _STATION: Final = "produkt_"
 """How the member with the values begins in archives of the German weather service."""
-_MOST_NAMES: Final = 20
-_LONGEST_NAME: Final = 60
+_MAX_NAMES: Final = 20
+_MAX_NAME_LENGTH: Final = 60
 _OTHER_KINDS: Final = {
     b"%PDF": "a PDF document; export the table as CSV",
     b"\xd0\xcf\x11\xe0": "an Excel workbook of the old kind (.xls); save it as .xlsx or CSV",
@@ -65,9 +65,9 @@ def reading(path: str | PathLike[str]) -> Iterator[tuple[bytes, Repairs]]:
 
 def listed(names: Iterable[str]) -> str:
     """Return names for a message: all of a short list, the first of a long one."""
-    texts = [name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}..." for name in names]
-    more = len(texts) - _MOST_NAMES
-    return ", ".join(texts[:_MOST_NAMES]) + (f" and {more} more" if more > 0 else "") or "(none)"
+    texts = [name if len(name) <= _MAX_NAME_LENGTH else f"{name[:_MAX_NAME_LENGTH]}..." for name in names]
+    more = len(texts) - _MAX_NAMES
+    return ", ".join(texts[:_MAX_NAMES]) + (f" and {more} more" if more > 0 else "") or "(none)"
 
 
 def _path_text(path: str | PathLike[str]) -> str:

@@ -12,7 +12,7 @@ from bess.market.regular import regular
 from bess.market.repairs import Repairs
 
 _NOMINAL_MHZ: Final = (50_000.0, 60_000.0)
-_FARTHEST_MHZ: Final = 2_500.0
+_MAX_DEVIATION_MHZ: Final = 2_500.0
 """Maximum deviation of a grid in service."""
 _MHZ_PER_HZ: Final = 1000.0
 _IN_HZ: Final = 1.0
@@ -56,11 +56,11 @@ def read_frequency(
         columns = _in_order(read_columns(raw, repairs), repairs)
         rows = columns.rows(columns.choose(column, "frequency"), time_zone, repairs)
         rows["value"] = _deviation_mhz(rows["value"], repairs)
-        if (line := first_line(rows["value"].abs() > _FARTHEST_MHZ)) is not None:
+        if (line := first_line(rows["value"].abs() > _MAX_DEVIATION_MHZ)) is not None:
             fail(
                 line,
                 f"is {rows['value'][line]:+g} mHz from the nominal frequency, more than "
-                f"{_FARTHEST_MHZ:g} mHz; choose the right column, or leave the value out",
+                f"{_MAX_DEVIATION_MHZ:g} mHz; choose the right column, or leave the value out",
             )
         series = regular(rows, fill, repairs).rename("frequency_mhz")
     series.attrs = {"units": "mHz", "repairs": repairs}
@@ -85,9 +85,9 @@ def _in_order(columns: Columns, repairs: Repairs) -> Columns:
 def _deviation_mhz(values: pd.Series, repairs: Repairs) -> pd.Series:
     usual = 0.0 if values.isna().all() else values.median()
     for nominal in _NOMINAL_MHZ:
-        if abs(usual - nominal) < _FARTHEST_MHZ:
+        if abs(usual - nominal) < _MAX_DEVIATION_MHZ:
             return values - nominal
-        if abs(usual * _MHZ_PER_HZ - nominal) < _FARTHEST_MHZ:
+        if abs(usual * _MHZ_PER_HZ - nominal) < _MAX_DEVIATION_MHZ:
             return values * _MHZ_PER_HZ - nominal
     if values.abs().quantile(0.99) < _IN_HZ:
         repairs.add("hz-to-mhz", "took deviations below 1 as Hz", values.size)

@@ -6,7 +6,7 @@ from typing import Any, Final
 from bess.files import parse_json
 from bess.market.files import fail
 
-_DEEPEST: Final = 8
+_MAX_DEPTH: Final = 8
 _OFFSET: Final = "utc_offset_seconds"
 
 
@@ -39,7 +39,7 @@ def json_rows(text: str) -> list[tuple[int, list[str]]]:
 
 def _tables(node: Any, depth: int) -> Iterator[tuple[list[str], list[list[Any]]]]:
     """Yield the column names and rows of every table in a document."""
-    if depth > _DEEPEST:
+    if depth > _MAX_DEPTH:
         return
     if isinstance(node, Mapping):
         lists = {str(key): value for key, value in node.items() if _is_column(value)}

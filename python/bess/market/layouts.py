@@ -21,7 +21,7 @@ _EPW_TEMPERATURE: Final = 6
 _EPW_TIME_ZONE: Final = 8
 _OMIE: Final = "MARGINALPDBC"
 _OMIE_CLOCK: Final = "Europe/Madrid"
-_MOST_HOURS: Final = 25
+_MAX_HOURS: Final = 25
 _TRY_HEADER: Final = re.compile(r"^\s*(?:RW\s+HW|RG\s+IS)\s+MM\s+DD\s+HH\s", re.MULTILINE)
 
 
@@ -89,7 +89,7 @@ def _omie(text: str) -> pd.DataFrame:
     frame = pd.DataFrame.from_dict(rows, "index", columns=["year", "month", "day", "period", "PT", "ES"])
     periods = frame.groupby(["year", "month", "day"])["period"].transform("size")
     days = _days(frame).dt.tz_localize(_OMIE_CLOCK).dt.tz_convert("UTC")
-    start = days + _counted(frame["period"], np.where(periods <= _MOST_HOURS, 60, 15))
+    start = days + _counted(frame["period"], np.where(periods <= _MAX_HOURS, 60, 15))
     if (line := first_line(start.isna())) is not None:
         fail(line, f"{';'.join(rows[line][:4])} is no period of a day; fetch the file again")
     prices = {f"{zone} [EUR/MWh]": frame[zone] for zone in ("PT", "ES")}

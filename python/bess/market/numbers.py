@@ -13,7 +13,7 @@ MISSING: Final = frozenset(
 )
 """Codes of missing values, in lower case."""
 
-_LARGEST: Final = 1e12
+_MAX_VALUE: Final = 1e12
 _CLEAN: Final = str.maketrans(
     {"\u2212": "-", "\u00a0": None, "\u202f": None, " ": None, "'": None, "\n": None}
 )
@@ -49,8 +49,8 @@ def parse_numbers(cells: pd.Series, default: Literal[",", "."] = ".") -> pd.Seri
 
 def check_size(values: pd.Series) -> pd.Series:
     """Raise InputError for infinite values and values out of range for any price, power or temperature."""
-    if (line := first_line(values.abs() > _LARGEST)) is not None:
-        text = f"{values[line]:g} in column {values.name!r} is beyond {_LARGEST:g}; correct the number"
+    if (line := first_line(values.abs() > _MAX_VALUE)) is not None:
+        text = f"{values[line]:g} in column {values.name!r} is beyond {_MAX_VALUE:g}; correct the number"
         fail(line, text)
     return values
 

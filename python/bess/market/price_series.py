@@ -31,7 +31,7 @@ def only_day_ahead(product: str | None) -> None:
         fail(1, f"there is no product {product!r} in this file; it holds {DAY_AHEAD}")
 
 
-def no_zone(zone: str, names: Iterable[str]) -> NoReturn:
+def fail_no_zone(zone: str, names: Iterable[str]) -> NoReturn:
     """Raise an InputError for a zone that the file does not contain."""
     fail(1, f"zone {zone!r} is not in this file; choose another zone or file, the file has: {listed(names)}")
 

@@ -10,11 +10,11 @@ from bess.files import Fill
 from bess.market import energy_charts, entsoe, smard
 from bess.market.columns import Columns, parquet_columns, refuse_end, table_columns, without_unit
 from bess.market.files import fail, listed, reading
-from bess.market.price_series import PriceSeries, no_zone, only_day_ahead
+from bess.market.price_series import PriceSeries, fail_no_zone, only_day_ahead
 from bess.market.regular import regular
 from bess.market.repairs import Repairs
 from bess.market.table import Ending, Table, read_table
-from bess.market.units import check_price_unit, foreign_unit, is_currency_column, says_euro
+from bess.market.units import check_price_unit, foreign_unit, is_currency_column, names_euro
 from bess.market.zones import is_zone, zone_code
 
 _AREAS: Final = (
@@ -107,7 +107,7 @@ def _prices(
     only_day_ahead(product)
     column = _column(columns, column)
     check_price_unit(column)
-    if not says_euro(column):
+    if not names_euro(column):
         lines = columns.times.index
         repairs.add("assumed-unit", "took prices without a unit as EUR/MWh", lines.size, lines[0])
     return PriceSeries(columns.rows(column, time_zone, repairs), "plain")
@@ -135,7 +135,7 @@ def _of_zone(table: Table, zone: str, repairs: Repairs) -> tuple[Columns, str]:
     if not cells or not (here or any(map(is_zone, cells))):
         return table_columns(table), zone
     if not here:
-        no_zone(zone, sorted(set(cells)))
+        fail_no_zone(zone, sorted(set(cells)))
     priced = [
         name
         for i, name in enumerate(table.header)

@@ -27,7 +27,7 @@ def regular(
     fill: Fill | None,
     repairs: Repairs,
     *,
-    longest_step_s: int = _HOUR,
+    max_step_s: int = _HOUR,
     bridged_s: int = _HOUR,
 ) -> pd.Series:
     """Return a gap-free series with a regular step, labelled at the interval's start, in UTC.
@@ -55,7 +55,7 @@ def regular(
     repairs.add("ends-cut", "cut missing values at the ends", cut, line)
     rows = present if bridged_s and _tell_a_step(present, every) else every
     seconds = _seconds(rows)
-    step, span = _step(rows, np.diff(seconds), longest_step_s, bridged_s)
+    step, span = _step(rows, np.diff(seconds), max_step_s, bridged_s)
     place = (seconds - seconds[0]) // step
     _check_share(rows, place, span, step)
     index = pd.date_range(
@@ -107,7 +107,7 @@ def _check_share(rows: pd.DataFrame, place: Counts, span: Counts, step: int) -> 
     )
 
 
-def _step(rows: pd.DataFrame, gaps: Counts, longest_s: int, bridged_s: int) -> tuple[int, Counts]:
+def _step(rows: pd.DataFrame, gaps: Counts, max_step_s: int, bridged_s: int) -> tuple[int, Counts]:
     """Return the step [s] and how many steps each row covers (1, or more in a part with a coarser step)."""
     sizes, counts = np.unique(gaps, return_counts=True)
     usual = _usual(gaps)
@@ -121,10 +121,10 @@ def _step(rows: pd.DataFrame, gaps: Counts, longest_s: int, bridged_s: int) -> t
             f"comes {gaps[i] / 60:g} min after line {rows.index[i]}, not a multiple of the step of "
             f"{step / 60:g} min; give a regular series",
         )
-    if step > longest_s or _DAY % step:
+    if step > max_step_s or _DAY % step:
         fail(
             rows.index[1],
-            f"the step of {step / _HOUR:g} h does not divide a day, or is above {longest_s / _HOUR:g} h; "
+            f"the step of {step / _HOUR:g} h does not divide a day, or is above {max_step_s / _HOUR:g} h; "
             "export hours or quarter hours",
         )
     span = np.ones(gaps.size + 1, dtype=np.int64)

@@ -11,7 +11,7 @@ import pandas as pd
 
 from bess.market.files import fail, first_line, listed
 from bess.market.numbers import MISSING, parse_numbers
-from bess.market.price_series import PriceSeries, check_values, no_zone, only_day_ahead, whole_days
+from bess.market.price_series import PriceSeries, check_values, fail_no_zone, only_day_ahead, whole_days
 from bess.market.repairs import Repairs
 from bess.market.table import Table
 from bess.market.times import clock_of, parse_times, to_utc
@@ -69,7 +69,7 @@ def _prices(table: Table, zone: str, wall: pd.Series, repairs: Repairs) -> pd.Se
             if code not in there or there[code].count() < values.count():
                 there[code] = values
     if not there:
-        no_zone(zone, filled)
+        fail_no_zone(zone, filled)
     code, *before = wanted_codes(zone)
     prices = there.get(code, pd.Series(float("nan"), wall.index))
     if before and before[0] in there:

@@ -23,10 +23,10 @@ _SEPARATORS: Final = (";", "\t", ",")
 _SAMPLE: Final = 50
 _DECIMALS: Final = re.compile(r"[.,](\d*)$")
 _TITLE: Final = re.compile(r"\s*(time|timestamp|date|datetime|datum|zeit)\b", re.IGNORECASE)
-_DEEPEST_HEADER: Final = 20
+_MAX_HEADER_ROW: Final = 20
 _LABEL: Final = re.compile(r"\s*(BZN|CTY|CTA|SCA)\|")
 _LETTER: Final = re.compile(r"\W*[^\W\d]")
-_MOST_REMARKS: Final = 0.01
+_MAX_REMARK_SHARE: Final = 0.01
 _LIKE_DATA: Final = re.compile(r"\W*\d")
 _CLOCK: Final = re.compile(r"\d{1,2}:\d\d(:\d\d)?( ?- ?\d{1,2}:\d\d)?")
 _MARKUP: Final = re.compile(r"\s*<[!?a-zA-Z]")
@@ -150,7 +150,7 @@ def _table(numbered: Numbered, separator: str, text: str, repairs: Repairs) -> T
         if len(row) < len(header) or any(map(_LIKE_DATA.match, beyond)):
             _ragged(line, len(row), len(header), last=line == body[-1][0])
         remarks += [line] if beyond else []
-    if len(remarks) > max(1, _MOST_REMARKS * len(body)):
+    if len(remarks) > max(1, _MAX_REMARK_SHARE * len(body)):
         _ragged(remarks[0], len(header) + 1, len(header), last=False)
     repairs.add("remark", "left out a remark beside the table", len(remarks), remarks[0] if remarks else None)
     rows, lines = [row for _, row in body], [line for line, _ in body]
@@ -209,7 +209,7 @@ def _header(numbered: Numbered, separator: str) -> int:
     start = next(i for i, (_, row) in enumerate(numbered) if len(row) == width)
     if start == 1 and len(numbered[0][1]) == width + 1 and _LABEL.match(numbered[0][1][-1]):
         return 0  # ENTSO-E names the zone in the header, with no cell below
-    below = numbered[start + 1 : start + _DEEPEST_HEADER]
+    below = numbered[start + 1 : start + _MAX_HEADER_ROW]
     titled = (i for i, (_, row) in enumerate(below, start + 1) if len(row) == width and _TITLE.match(row[0]))
     if (found := next(titled, None)) is not None:
         return found  # what is above has as many cells by chance

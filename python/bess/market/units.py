@@ -55,7 +55,7 @@ def foreign_unit(column: str) -> str | None:
     return found[0].strip() if found else None
 
 
-def says_euro(column: str) -> bool:
+def names_euro(column: str) -> bool:
     """Return whether a column name gives euros as the currency."""
     return bool(_EURO.search(_plain(column)))
 

@@ -18,11 +18,11 @@ _NAMES: Final = re.compile(
     r"t_?amb(ient)?|ta|tt|tt_10|tt_tu|t2m|tl|lufttemperatur.*|au(ss|ß)entemperatur.*|temperatur\b.*|temperature_c|ambient_c",
     re.IGNORECASE,
 )
-_LOWEST_C: Final = -90.0
-_HIGHEST_C: Final = 60.0
+_MIN_C: Final = -90.0
+_MAX_C: Final = 60.0
 _MISSING_C: Final = -999.0
 """Code of the German weather service for a missing value."""
-_LONGEST_STEP_S: Final = 3 * 3600
+_MAX_STEP_S: Final = 3 * 3600
 
 
 def read_weather(
@@ -73,13 +73,13 @@ def read_weather(
         check_temperature_unit(chosen)
         rows = columns.rows(chosen, time_zone, repairs).replace({"value": _MISSING_C}, float("nan"))
         degrees = rows["value"]
-        if (line := first_line((degrees < _LOWEST_C) | (degrees > _HIGHEST_C))) is not None:
+        if (line := first_line((degrees < _MIN_C) | (degrees > _MAX_C))) is not None:
             fail(
                 line,
                 f"temperature {degrees[line]:g} degC in column {chosen!r} is outside "
-                f"[{_LOWEST_C:g}, {_HIGHEST_C:g}] degC; choose the right column, or convert it to degC first",
+                f"[{_MIN_C:g}, {_MAX_C:g}] degC; choose the right column, or convert it to degC first",
             )
-        series = regular(rows, fill, repairs, longest_step_s=_LONGEST_STEP_S).rename("temperature_c")
+        series = regular(rows, fill, repairs, max_step_s=_MAX_STEP_S).rename("temperature_c")
     series.attrs = {"units": "degC", "repairs": repairs, "typical_year": is_typical}
     return series
 

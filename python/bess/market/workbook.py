@@ -12,7 +12,7 @@ from bess.files import LARGEST_BYTES
 from bess.market.files import fail
 from bess.optional_dependencies import extra
 
-_FEWEST_ROWS: Final = 3
+_MIN_ROWS: Final = 3
 
 
 def is_workbook(raw: bytes) -> bool:
@@ -30,7 +30,7 @@ def workbook_rows(raw: bytes) -> list[tuple[int, list[str]]]:
             book = openpyxl.load_workbook(io.BytesIO(raw), read_only=True, data_only=True)
             for sheet in book.worksheets:
                 rows = _rows(sheet)
-                if sum(sum(map(bool, cells)) > 1 for _, cells in rows) >= _FEWEST_ROWS:
+                if sum(sum(map(bool, cells)) > 1 for _, cells in rows) >= _MIN_ROWS:
                     return rows
     except InputError:
         raise

@@ -312,7 +312,7 @@ class ZeroResponseForecast:
 class ReserveSource(DemandSource):
     """Frequency response, scheduled recharge, and optional trade; ``capacity_kw`` is sold in each step."""
 
-    _carried = ("_recharge", "_plan", "_day", "_sold_kwh", "_said", "_budget")
+    _carried = ("_recharge", "_plan", "_day", "_sold_kwh", "_recorded", "_budget")
 
     def __init__(
         self,
@@ -331,13 +331,13 @@ class ReserveSource(DemandSource):
         self._plan: Array = np.zeros(0)
         self._day: int | None = None
         self._sold_kwh = 0.0
-        self._said: dict[str, float] = {}
+        self._recorded: dict[str, float] = {}
 
     def ahead(self, step: int, horizon: int, now: StepInputs) -> Array:
         """See :class:`~bess.study.demands.source.DemandSource`."""
         stored_kwh, capacity_kwh = self._store.stored_kwh(now.state), self._store.capacity_kwh(now.state)
         if self._budget is not None:
-            answered_kw = max(0.0, self._said.get("response_kw", 0.0))
+            answered_kw = max(0.0, self._recorded.get("response_kw", 0.0))
             self._budget.advance(step, now.state.soc, now.delivered_kw, answered_kw)
         capacity_kw = float(self._capacity_kw[step])
         window, largest = (
@@ -351,7 +351,7 @@ class ReserveSource(DemandSource):
         schedule_kw = padded(self._recharge.scheduled_kw[: horizon - 1], horizon - 1)
         schedule_kw = np.concatenate([[shift_kw], schedule_kw]) + padded(traded_kw[:horizon], horizon)
         free_kw = max(0.0, float(now.limit_kw.sum()) - abs(schedule_kw[0]))
-        self._said = {
+        self._recorded = {
             "response_kw": float(response_kw[0]),
             "schedule_kw": float(schedule_kw[0]),
             "capacity_kw": capacity_kw,
@@ -364,8 +364,8 @@ class ReserveSource(DemandSource):
             return demand_kw
         allowed_kw = self._budget.limited(demand_kw, self._store.smallest_kwh(now.state))
         if allowed_kw[0] != demand_kw[0]:
-            self._said["capacity_able_kw"] = 0.0
-        self._said |= self._budget.recorded()
+            self._recorded["capacity_able_kw"] = 0.0
+        self._recorded |= self._budget.recorded()
         return allowed_kw
 
     def _traded(self, step: int, stored_kwh: float, band: EnergyWindow) -> Array:
@@ -391,4 +391,4 @@ class ReserveSource(DemandSource):
 
     def planned(self, step: int) -> dict[str, float]:
         """Return response, schedule and reserve of the step of the last :meth:`ahead` call."""
-        return self._said
+        return self._recorded
