@@ -116,6 +116,7 @@ def test_initial_values_are_one_for_all_strings_or_one_for_each() -> None:
         ({"system.parameters.battery.r_scale": -1.0}, "battery.r_scale = -1"),
         ({"system.file": "referenz"}, "referenz"),
         ({"demand.scale": "two"}, "demand.scale"),
+        ({"demand.kind": ["fcr"]}, 'must be a table with kind = "profile" (and file), "arbitrage"'),
         ({"demand": 3}, "demand = 3: must be a table"),
         (
             {"event": [{"string": 2, "start": "2024-01-01T00:00Z", "end": "2024-01-01T01:00Z"}]},

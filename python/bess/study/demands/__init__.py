@@ -46,7 +46,7 @@ def kind_of_demand(demand: object) -> str | None:
     if not isinstance(demand, Mapping):
         return getattr(demand, "kind", None)
     kind = demand.get("kind", "arbitrage" if "prices" in demand else "profile")
-    return kind if kind in DEMAND_KINDS else None
+    return kind if isinstance(kind, str) and kind in DEMAND_KINDS else None
 
 
 _PROFILE, _ARBITRAGE, *_OTHERS = (f'"{kind}"' for kind in DEMAND_KINDS)
