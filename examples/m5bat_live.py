@@ -96,7 +96,7 @@ def quarter_hours(system: bess.System, means_kw: Array) -> Day:
     policy = planner(system)
 
     def decide(step: int, state: bess.State) -> tuple[Array, NDArray[np.bool_]]:
-        request_kw = policy(_situation(system, means_kw, step, state)).request_kw
+        request_kw = policy(_policy_input(system, means_kw, step, state)).request_kw
         return request_kw, request_kw != 0.0
 
     return carried(system, means_kw, PLAN_S, decide)
@@ -112,7 +112,7 @@ def held_sets(system: bess.System, demand_kw: Array, means_kw: Array) -> Day:
         nonlocal weights, on
         quarter, within = divmod(step, PER_PLAN)
         if within == 0:
-            weights = np.abs(policy(_situation(system, means_kw, quarter, state)).request_kw)
+            weights = np.abs(policy(_policy_input(system, means_kw, quarter, state)).request_kw)
             on = weights > 0.0
             peak_kw = np.abs(demand_kw[step : step + PER_PLAN]).max()
             # More units as far as the peak needs them, those of little resistance first.
@@ -169,7 +169,7 @@ def table(days: dict[str, Day]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _situation(system: bess.System, means_kw: Array, quarter: int, state: bess.State) -> PolicyInput:
+def _policy_input(system: bess.System, means_kw: Array, quarter: int, state: bess.State) -> PolicyInput:
     ahead = np.pad(means_kw[quarter:], (0, quarter))[:PLAN_STEPS]
     return PolicyInput(state, ahead, np.full(PLAN_STEPS, system.ambient_c), system.nominal_kw)
 
