@@ -55,6 +55,12 @@ impl<const W: usize> Lanes<W> {
     }
 }
 
+impl<const W: usize> Default for Lanes<W> {
+    fn default() -> Self {
+        Self::ZERO
+    }
+}
+
 macro_rules! lane_by_lane {
     ($trait:ident, $method:ident, $operator:tt) => {
         impl<const W: usize> $trait for Lanes<W> {

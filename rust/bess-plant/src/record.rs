@@ -71,6 +71,11 @@ macro_rules! record {
                 }
             }
 
+            /// Flows of the lanes, and `auxiliary_w`, by name.
+            pub fn into_flows(self) -> Vec<(&'static str, Vec<f64>)> {
+                vec![$((stringify!($field), self.$field),)* ("auxiliary_w", self.auxiliary_w)]
+            }
+
             /// Adds the steps of another record of the same lanes.
             pub fn append(&mut self, mut later: Self) {
                 $(self.$field.append(&mut later.$field);)*
@@ -99,7 +104,7 @@ record! {
     /// Ohmic battery loss [W].
     battery_loss_w,
     /// Heat of reaction [W], `-I T dU/dT`: negative = cooling; 0 without an entropy table.
-    reversible_w,
+    reversible_heat_w,
     /// Heat removed by the coolant [W]; 0 for a plant without cooling system.
     cooling_w,
     /// Hysteresis loss [W]: current times half the difference of the open-circuit voltages of charge and discharge.

@@ -4,7 +4,7 @@ use crate::lanes::Lanes;
 use crate::record::{Limits, Record};
 
 /// Sums over the plant steps of one control step.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Totals<const W: usize> {
     /// Powers and losses as in the record: magnitudes in the direction of the request [W].
     pub(crate) delivered_w: Lanes<W>,
@@ -32,23 +32,7 @@ pub(crate) struct Totals<const W: usize> {
 
 impl<const W: usize> Totals<W> {
     pub(crate) fn new() -> Self {
-        Self {
-            delivered_w: Lanes::ZERO,
-            availability_loss_w: Lanes::ZERO,
-            derating_loss_w: Lanes::ZERO,
-            loss_on_w: Lanes::ZERO,
-            grid_loss_w: Lanes::ZERO,
-            reactive_var: Lanes::ZERO,
-            off_steps: Lanes::ZERO,
-            heat_w: Lanes::ZERO,
-            reversible_w: Lanes::ZERO,
-            hysteresis_w: Lanes::ZERO,
-            ocv_shift_w: Lanes::ZERO,
-            current_a: Lanes::ZERO,
-            factor: Lanes::ZERO,
-            starts: Lanes::ZERO,
-            hottest_c: Lanes::splat(f64::NEG_INFINITY),
-        }
+        Self { hottest_c: Lanes::splat(f64::NEG_INFINITY), ..Self::default() }
     }
 
     /// Writes the flows of one lane as entry `at`: means over `substeps` plant steps of `step_s`, the ledger with the
@@ -74,7 +58,7 @@ impl<const W: usize> Totals<W> {
         record.inverter_loss_w[at] = loss_w / n;
         record.standby_w[at] = standby_w / n;
         record.battery_loss_w[at] = heat_w / n;
-        record.reversible_w[at] = self.reversible_w.0[lane] / n;
+        record.reversible_heat_w[at] = self.reversible_w.0[lane] / n;
         record.hysteresis_loss_w[at] = hysteresis_w / n;
         record.chemical_w[at] = drawn_j / (n * step_s);
         record.ocv_shift_w[at] = shift_w / n;

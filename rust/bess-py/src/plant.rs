@@ -165,42 +165,24 @@ impl Plant {
 }
 
 /// A record by name, in kW, A, degC and kWh.
-pub(crate) fn to_dict(py: Python<'_>, record: Record, cooled: bool) -> PyResult<Bound<'_, PyDict>> {
+pub(crate) fn to_dict(py: Python<'_>, mut record: Record, cooled: bool) -> PyResult<Bound<'_, PyDict>> {
     let out = PyDict::new(py);
-    for (name, values, unit) in [
-        ("delivered_kw", record.delivered_w, W_PER_KW),
-        ("availability_loss_kw", record.availability_loss_w, W_PER_KW),
-        ("derating_loss_kw", record.derating_loss_w, W_PER_KW),
-        ("inverter_loss_kw", record.inverter_loss_w, W_PER_KW),
-        ("standby_kw", record.standby_w, W_PER_KW),
-        ("battery_loss_kw", record.battery_loss_w, W_PER_KW),
-        ("reversible_heat_kw", record.reversible_w, W_PER_KW),
-        ("hysteresis_loss_kw", record.hysteresis_loss_w, W_PER_KW),
-        ("chemical_kw", record.chemical_w, W_PER_KW),
-        ("ocv_shift_kw", record.ocv_shift_w, W_PER_KW),
-        ("current_a", record.current_a, 1.0),
-        ("soc", record.soc, 1.0),
-        ("temperature_c", record.temperature_c, 1.0),
-        ("node_max_c", record.node_max_c, 1.0),
-        ("derating_factor", record.derating_factor, 1.0),
-        ("inverter_starts", record.inverter_starts, 1.0),
-        ("soh_capacity", record.soh_capacity, 1.0),
-        ("soh_resistance", record.soh_resistance, 1.0),
-        ("calendar_loss", record.calendar_loss, 1.0),
-        ("cyclic_loss", record.cyclic_loss, 1.0),
-        ("aged_charge_ah", record.aged_charge_ah, 1.0),
-        ("auxiliary_kw", record.auxiliary_w, W_PER_KW),
-        ("ledger_residual_kwh", record.ledger_residual_j, J_PER_KWH),
-    ] {
+    if cooled {
+        out.set_item("coolant_c", std::mem::take(&mut record.coolant_c).into_pyarray(py))?;
+    }
+    let limits: Vec<u8> = record.limits.iter().map(|limits| limits.0).collect();
+    out.set_item("limits", limits.into_pyarray(py))?;
+    out.set_item("node_temperature_c", std::mem::take(&mut record.node_temperature_c).into_pyarray(py))?;
+    for (field, values) in
+        record.into_flows().into_iter().filter(|(field, _)| cooled || *field != "cooling_w")
+    {
+        let (name, unit) = match field.rsplit_once('_') {
+            Some((flow, "w")) => (format!("{flow}_kw"), W_PER_KW),
+            Some((flow, "j")) => (format!("{flow}_kwh"), J_PER_KWH),
+            _ => (field.to_owned(), 1.0),
+        };
         let values: Vec<f64> = values.into_iter().map(|v| v / unit).collect();
         out.set_item(name, values.into_pyarray(py))?;
     }
-    if cooled {
-        out.set_item("cooling_kw", kilowatts(record.cooling_w).into_pyarray(py))?;
-        out.set_item("coolant_c", record.coolant_c.into_pyarray(py))?;
-    }
-    let limits: Vec<u8> = record.limits.into_iter().map(|limits| limits.0).collect();
-    out.set_item("limits", limits.into_pyarray(py))?;
-    out.set_item("node_temperature_c", record.node_temperature_c.into_pyarray(py))?;
     Ok(out)
 }

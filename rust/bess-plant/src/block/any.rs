@@ -5,9 +5,8 @@ use std::fmt::Debug;
 use super::Block;
 use crate::ageing::AgeingState;
 use crate::lanes::Lanes;
-use crate::record::{Limits, Record};
+use crate::record::Record;
 use crate::schedule::Schedule;
-use crate::totals::Totals;
 
 /// State of one lane.
 #[derive(Debug, Clone, PartialEq)]
@@ -91,11 +90,15 @@ impl<const W: usize> AnyBlock for Block<W> {
     }
 
     fn run(&mut self, schedule: &Schedule, record: &mut Record) {
-        self.run_widest(schedule, record);
+        for step in 0..schedule.steps {
+            let mut begun = self.begin_step(schedule, step);
+            self.plant_steps(&mut begun, schedule.substeps);
+            self.finish_step(&begun, schedule, step, record);
+        }
     }
 
     fn begin(&mut self, schedule: &Schedule, step: usize) {
-        self.begun = Some((self.begin_step(schedule, step), Totals::new(), [Limits::NONE; W]));
+        self.begun = Some(self.begin_step(schedule, step));
     }
 
     fn means_c(&self, means_c: &mut [f64]) {
@@ -115,7 +118,7 @@ impl<const W: usize> AnyBlock for Block<W> {
     }
 
     fn cooled_step(&mut self, faces: &mut Faces) {
-        let Some((mut begun, mut totals, mut limits)) = self.begun else { return };
+        let Some(mut begun) = self.begun else { return };
         let last = self.air_path.temperature.len() - 1;
         for (lane, &id) in self.ids.iter().enumerate() {
             begun.inlet_c.0[lane] = faces.inlet_c[id];
@@ -124,13 +127,13 @@ impl<const W: usize> AnyBlock for Block<W> {
         }
         let outlet_c = self.air_path.outlet(begun.inlet_c);
         self.ids.iter().enumerate().for_each(|(lane, &id)| faces.outlet_c[id] = outlet_c.0[lane]);
-        self.widest_plant_step(&begun, &mut totals, &mut limits);
-        self.begun = Some((begun, totals, limits));
+        self.plant_steps(&mut begun, 1);
+        self.begun = Some(begun);
     }
 
     fn finish(&mut self, schedule: &Schedule, step: usize, record: &mut Record) {
-        if let Some((begun, totals, limits)) = self.begun.take() {
-            self.finish_step(begun, &totals, &limits, schedule, step, record);
+        if let Some(begun) = self.begun.take() {
+            self.finish_step(&begun, schedule, step, record);
         }
     }
 }

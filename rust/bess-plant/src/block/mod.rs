@@ -21,7 +21,7 @@ use crate::thermal::{AirPath, Coefficients};
 use crate::totals::Totals;
 use crate::PlantError;
 
-/// A control step: its requests and initial state.
+/// A control step: its requests, its initial state, and the flows so far.
 #[derive(Debug, Clone, Copy)]
 struct ControlStep<const W: usize> {
     magnitude_w: Lanes<W>,
@@ -34,6 +34,9 @@ struct ControlStep<const W: usize> {
     /// State at its beginning.
     soc: Lanes<W>,
     temperature_c: Lanes<W>,
+    totals: Totals<W>,
+    /// Limits that were active.
+    limits: [Limits; W],
 }
 
 /// Lanes with the same number of nodes. Lanes beyond `ids` repeat the last one and are not read.
@@ -46,7 +49,7 @@ pub(crate) struct Block<const W: usize> {
     coefficients: [Coefficients; W],
     air_path: AirPath<W>,
     /// The control step of a plant whose strings share a coolant.
-    begun: Option<(ControlStep<W>, Totals<W>, [Limits; W])>,
+    begun: Option<ControlStep<W>>,
     measured: MeasuredResistance,
     any_measured: bool,
     /// Whether some lane has heat that all its nodes share alike: of reaction, or of hysteresis.
@@ -125,56 +128,6 @@ impl<const W: usize> Block<W> {
         })
     }
 
-    /// Runs the schedule with the widest instructions at hand. They change the speed, not one bit of the result.
-    fn run_widest(&mut self, schedule: &Schedule, record: &mut Record) {
-        #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx2") {
-            // SAFETY: the processor has just been asked for AVX2.
-            #[allow(unsafe_code)]
-            unsafe {
-                self.run_avx2(schedule, record)
-            };
-            return;
-        }
-        self.run_portable(schedule, record);
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    #[allow(unsafe_code)]
-    unsafe fn run_avx2(&mut self, schedule: &Schedule, record: &mut Record) {
-        self.run_portable(schedule, record);
-    }
-
-    #[inline(always)]
-    fn run_portable(&mut self, schedule: &Schedule, record: &mut Record) {
-        match (self.any_even_heat, schedule.reactive_var.is_some()) {
-            (false, false) => self.run_steps::<false, false>(schedule, record),
-            (true, false) => self.run_steps::<true, false>(schedule, record),
-            (false, true) => self.run_steps::<false, true>(schedule, record),
-            (true, true) => self.run_steps::<true, true>(schedule, record),
-        }
-    }
-
-    /// Compiled for each, so that strings without even heat or reactive power do not pay for it.
-    #[inline(always)]
-    fn run_steps<const EVEN_HEAT: bool, const REACTIVE: bool>(
-        &mut self,
-        schedule: &Schedule,
-        record: &mut Record,
-    ) {
-        for step in 0..schedule.steps {
-            // Locals, because the compiler keeps them in registers.
-            let begun = self.begin_step(schedule, step);
-            let (mut totals, mut limits) = (Totals::new(), [Limits::NONE; W]);
-            for _ in 0..schedule.substeps {
-                self.plant_step::<EVEN_HEAT, REACTIVE>(&begun, &mut totals, &mut limits);
-            }
-            self.finish_step(begun, &totals, &limits, schedule, step, record);
-        }
-    }
-
-    #[inline(always)]
     fn begin_step(&mut self, schedule: &Schedule, step: usize) -> ControlStep<W> {
         let member = |l: usize| self.ids[l.min(self.ids.len() - 1)];
         let request_w: [f64; W] = std::array::from_fn(|l| schedule.request_w(step, member(l)));
@@ -187,24 +140,26 @@ impl<const W: usize> Block<W> {
         // The loss table in force changes with the direction.
         self.loss_lines = Lines::unknown();
         self.integrate_excess(schedule.substeps);
-        ControlStep { magnitude_w, reactive_var, sign, direction, inlet_c, soc, temperature_c }
+        ControlStep {
+            magnitude_w,
+            reactive_var,
+            sign,
+            direction,
+            inlet_c,
+            soc,
+            temperature_c,
+            totals: Totals::new(),
+            limits: [Limits::NONE; W],
+        }
     }
 
-    fn finish_step(
-        &mut self,
-        begun: ControlStep<W>,
-        totals: &Totals<W>,
-        limits: &[Limits; W],
-        schedule: &Schedule,
-        step: usize,
-        record: &mut Record,
-    ) {
-        self.report(step, &begun, totals, limits, schedule.substeps, record);
+    fn finish_step(&mut self, begun: &ControlStep<W>, schedule: &Schedule, step: usize, record: &mut Record) {
+        self.report(step, begun, schedule.substeps, record);
         if schedule.reactive_var.is_some() {
             for (lane, &id) in self.ids.iter().enumerate() {
                 let sign = if schedule.reactive_var(step, id) < 0.0 { -1.0 } else { 1.0 };
                 record.reactive_var[step * schedule.lanes + id] =
-                    sign * totals.reactive_var.0[lane] / schedule.substeps as f64;
+                    sign * begun.totals.reactive_var.0[lane] / schedule.substeps as f64;
             }
         }
         let duration_s = schedule.substeps as f64 * self.step_s;
@@ -218,25 +173,17 @@ impl<const W: usize> Block<W> {
         SECONDS_PER_HOUR * self.capacity_ah.0[lane] * volts
     }
 
-    fn report(
-        &self,
-        step: usize,
-        begun: &ControlStep<W>,
-        totals: &Totals<W>,
-        limits: &[Limits; W],
-        substeps: usize,
-        record: &mut Record,
-    ) {
+    fn report(&self, step: usize, begun: &ControlStep<W>, substeps: usize, record: &mut Record) {
         let mean_c = self.air_path.mean_temperature();
         for (lane, &id) in self.ids.iter().enumerate() {
             let at = step * record.lanes + id;
             let off_loss_w = self.strings[lane].inverter.off_loss_w;
             let drawn_j = self.drawn_j(lane, begun.soc.0[lane]);
             let per_lane = (off_loss_w, drawn_j);
-            totals.write(lane, begun.sign.0[lane], per_lane, (substeps, self.step_s), at, record);
+            begun.totals.write(lane, begun.sign.0[lane], per_lane, (substeps, self.step_s), at, record);
             record.soc[at] = self.soc.0[lane];
             record.temperature_c[at] = mean_c.0[lane];
-            record.limits[at] = record.limits[at].with(limits[lane]);
+            record.limits[at] = record.limits[at].with(begun.limits[lane]);
             if !record.node_temperature_c.is_empty() {
                 for (node, value) in self.air_path.temperature.iter().enumerate() {
                     record.node_temperature_c[at * record.nodes + node] = value.0[lane];
@@ -254,7 +201,7 @@ mod tests {
     /// Eight strings through all regimes: full, empty, hot, idle.
     fn record<const W: usize>(
         reactive_var: Option<&[f64]>,
-        run: impl Fn(&mut Block<W>, &Schedule, &mut Record),
+        plant_steps: impl Fn(&mut Block<W>, &mut ControlStep<W>, usize),
     ) -> Record {
         let system = common::reference(W);
         let members: Vec<_> = system.strings.iter().enumerate().collect();
@@ -284,7 +231,11 @@ mod tests {
             reactive_var,
         };
         let mut record = Record::new(steps, (1, W), 40, true, reactive_var.is_some());
-        run(&mut block, &schedule, &mut record);
+        for step in 0..steps {
+            let mut begun = block.begin_step(&schedule, step);
+            plant_steps(&mut block, &mut begun, substeps);
+            block.finish_step(&begun, &schedule, step, &mut record);
+        }
         record
     }
 
@@ -292,16 +243,17 @@ mod tests {
     fn the_widest_instructions_at_hand_change_no_bit() {
         // As text, because what was not recorded is NaN, which equals nothing.
         let text = |record: Record| format!("{record:?}");
-        assert_eq!(text(record::<8>(None, Block::run_widest)), text(record::<8>(None, Block::run_portable)));
         let asked_var: Vec<f64> = (0..30 * 8).map(|at| 92e3 * (0.11 * f64::from(at)).cos()).collect();
-        let reactive = |run: fn(&mut Block<8>, &Schedule, &mut Record)| record(Some(&asked_var), run);
-        assert_eq!(text(reactive(Block::run_widest)), text(reactive(Block::run_portable)));
+        for reactive_var in [None, Some(&asked_var[..])] {
+            let widest = record::<8>(reactive_var, Block::plant_steps);
+            assert_eq!(text(widest), text(record::<8>(reactive_var, Block::portable_plant_steps)));
+        }
     }
 
     #[test]
     fn no_reactive_power_changes_no_bit() {
-        let without = record::<8>(None, Block::run_widest);
-        let mut with = record::<8>(Some(&[0.0; 30 * 8]), Block::run_widest);
+        let without = record::<8>(None, Block::plant_steps);
+        let mut with = record::<8>(Some(&[0.0; 30 * 8]), Block::plant_steps);
         assert_eq!(with.reactive_var, vec![0.0; 30 * 8]);
         with.reactive_var.clear();
         assert_eq!(format!("{with:?}"), format!("{without:?}"));

@@ -25,61 +25,57 @@ struct Drawn<const W: usize> {
 }
 
 impl<const W: usize> Block<W> {
-    /// One plant step of the control step that has begun, with the widest instructions at hand as [`Self::run_widest`].
-    pub(super) fn widest_plant_step(
-        &mut self,
-        begun: &ControlStep<W>,
-        totals: &mut Totals<W>,
-        limits: &mut [Limits; W],
-    ) {
+    /// Plant steps of a control step, with the widest instructions at hand. They change the speed, not one bit of the result.
+    pub(super) fn plant_steps(&mut self, begun: &mut ControlStep<W>, substeps: usize) {
         #[cfg(target_arch = "x86_64")]
         if std::arch::is_x86_feature_detected!("avx2") {
             // SAFETY: the processor has just been asked for AVX2.
             #[allow(unsafe_code)]
             unsafe {
-                self.plant_step_avx2(begun, totals, limits)
+                self.plant_steps_avx2(begun, substeps)
             };
             return;
         }
-        self.portable_plant_step(begun, totals, limits);
-    }
-
-    #[inline(always)]
-    fn portable_plant_step(
-        &mut self,
-        begun: &ControlStep<W>,
-        totals: &mut Totals<W>,
-        limits: &mut [Limits; W],
-    ) {
-        let reactive = (0..W).fold(false, |any, lane| any | (begun.reactive_var.0[lane] > 0.0));
-        match (self.any_even_heat, reactive) {
-            (false, false) => self.plant_step::<false, false>(begun, totals, limits),
-            (true, false) => self.plant_step::<true, false>(begun, totals, limits),
-            (false, true) => self.plant_step::<false, true>(begun, totals, limits),
-            (true, true) => self.plant_step::<true, true>(begun, totals, limits),
-        }
+        self.portable_plant_steps(begun, substeps);
     }
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
     #[allow(unsafe_code)]
-    unsafe fn plant_step_avx2(
-        &mut self,
-        begun: &ControlStep<W>,
-        totals: &mut Totals<W>,
-        limits: &mut [Limits; W],
-    ) {
-        self.portable_plant_step(begun, totals, limits);
+    unsafe fn plant_steps_avx2(&mut self, begun: &mut ControlStep<W>, substeps: usize) {
+        self.portable_plant_steps(begun, substeps);
     }
 
     #[inline(always)]
-    pub(super) fn plant_step<const EVEN_HEAT: bool, const REACTIVE: bool>(
+    pub(super) fn portable_plant_steps(&mut self, begun: &mut ControlStep<W>, substeps: usize) {
+        let reactive = (0..W).fold(false, |any, lane| any | (begun.reactive_var.0[lane] > 0.0));
+        // Compiled for each, so that strings without even heat or reactive power do not pay for it.
+        match (self.any_even_heat, reactive) {
+            (false, false) => self.repeat::<false, false>(begun, substeps),
+            (true, false) => self.repeat::<true, false>(begun, substeps),
+            (false, true) => self.repeat::<false, true>(begun, substeps),
+            (true, true) => self.repeat::<true, true>(begun, substeps),
+        }
+    }
+
+    #[inline(always)]
+    fn repeat<const EVEN_HEAT: bool, const REACTIVE: bool>(
         &mut self,
-        begun: &ControlStep<W>,
-        totals: &mut Totals<W>,
-        limits: &mut [Limits; W],
+        begun: &mut ControlStep<W>,
+        substeps: usize,
     ) {
+        // A local, because the compiler keeps it in registers.
+        let mut step = *begun;
+        for _ in 0..substeps {
+            self.plant_step::<EVEN_HEAT, REACTIVE>(&mut step);
+        }
+        *begun = step;
+    }
+
+    #[inline(always)]
+    fn plant_step<const EVEN_HEAT: bool, const REACTIVE: bool>(&mut self, begun: &mut ControlStep<W>) {
         let ControlStep { magnitude_w, reactive_var: asked_var, sign, direction, inlet_c, .. } = *begun;
+        let totals = &mut begun.totals;
         let zero = Lanes::ZERO;
         let mean_c = self.air_path.mean_temperature();
         let soc = self.soc;
@@ -141,9 +137,9 @@ impl<const W: usize> Block<W> {
                 | (terminal_v.0[lane] > voltage_max_v.0[lane])
         };
         if self.any_measured || (0..W).fold(false, |any, lane| any | special(lane)) {
-            for lane in 0..W {
+            for (lane, direction) in direction.into_iter().enumerate() {
                 let demand = Demand {
-                    direction: direction[lane],
+                    direction,
                     wanted_w: started_w.0[lane],
                     reactive_var: reactive_var.0[lane],
                     soc: soc.0[lane],
@@ -152,7 +148,7 @@ impl<const W: usize> Block<W> {
                     step_s: self.step_s,
                     capacity_ah: self.capacity_ah.0[lane],
                 };
-                self.special_lane(lane, special(lane), &demand, &mut drawn, &mut limits[lane]);
+                self.special_lane(lane, special(lane), &demand, &mut drawn, &mut begun.limits[lane]);
             }
         }
         self.soc = drawn.soc;
