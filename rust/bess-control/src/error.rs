@@ -4,61 +4,22 @@ use thiserror::Error;
 
 use crate::model::Losses;
 
-/// Invalid input of the control model. The message contains name, value and allowed range.
+/// Invalid input of the control model: a sentence with name, value and allowed range.
 #[derive(Debug, Clone, PartialEq, Error)]
-pub enum ControlError {
-    /// An array has the wrong number of values.
-    #[error("{name}: needs {expected} values, has {actual}")]
-    Length {
-        /// Which array.
-        name: &'static str,
-        /// Required number of values.
-        expected: usize,
-        /// Actual number of values.
-        actual: usize,
-    },
-    /// A number outside its range.
-    #[error("{name}: {value} at position {position} is outside [{low}, {high}]{unit}")]
-    Range {
-        /// Which array.
-        name: &'static str,
-        /// Flat position in the array.
+#[error("{0}")]
+pub struct ControlError(pub(crate) String);
+
+impl ControlError {
+    /// A number at a flat position of an array is outside its range; the unit begins with a space.
+    pub(crate) fn range(
+        name: &str,
         position: usize,
-        /// The value.
         value: f64,
-        /// Smallest value allowed.
-        low: f64,
-        /// Largest value allowed.
-        high: f64,
-        /// Unit, with a leading space.
-        unit: &'static str,
-    },
-    /// Requests of one step with both signs.
-    #[error("step {step}: requests of both signs (string {string} asks for {value_w} W against the others)")]
-    MixedSigns {
-        /// The step.
-        step: usize,
-        /// The string against the others.
-        string: usize,
-        /// Its request, positive = discharge [W].
-        value_w: f64,
-    },
-    /// A group of strings without a string.
-    #[error("groups: no string is in group {group}")]
-    EmptyGroup {
-        /// Its number.
-        group: usize,
-    },
-    /// Demand above the limits of the strings.
-    #[error("step {step}: demand of {demand_w} W is above the sum of the limits, {limit_w} W")]
-    DemandAboveLimits {
-        /// The step.
-        step: usize,
-        /// Demand [W].
-        demand_w: f64,
-        /// Sum of the limits [W].
-        limit_w: f64,
-    },
+        (low, high): (f64, f64),
+        unit: &str,
+    ) -> Self {
+        Self(format!("{name}: {value} at position {position} is outside [{low}, {high}]{unit}"))
+    }
 }
 
 /// Checks the length of an array.
@@ -66,7 +27,7 @@ pub(crate) fn check_length<T>(name: &'static str, values: &[T], expected: usize)
     if values.len() == expected {
         return Ok(());
     }
-    Err(ControlError::Length { name, expected, actual: values.len() })
+    Err(ControlError(format!("{name}: needs {expected} values, has {}", values.len())))
 }
 
 /// Checks that every value lies in `[low, high]`; NaN does not.
@@ -78,9 +39,7 @@ pub(crate) fn check_range(
 ) -> Result<(), ControlError> {
     match values.iter().position(|v| !(low..=high).contains(v)) {
         None => Ok(()),
-        Some(position) => {
-            Err(ControlError::Range { name, position, value: values[position], low, high, unit })
-        }
+        Some(position) => Err(ControlError::range(name, position, values[position], (low, high), unit)),
     }
 }
 

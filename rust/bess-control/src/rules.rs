@@ -126,7 +126,7 @@ impl RuleLaw {
     ///
     /// # Errors
     ///
-    /// [`ControlError::Length`].
+    /// An array of another length.
     pub fn check(&self, n_strings: usize) -> Result<(), ControlError> {
         check_length("nominal", &self.nominal_kw, n_strings)?;
         check_length("nominal energy", &self.nominal_energy_kwh, n_strings)?;

@@ -6,24 +6,38 @@ use crate::PlantError;
 pub(crate) const TEMPERATURE_C: (f64, f64) = (-60.0, 150.0);
 
 /// `values` has `expected` entries.
-pub(crate) fn check_all<T>(name: &'static str, values: &[T], expected: usize) -> Result<(), PlantError> {
+pub(crate) fn check_all<T>(name: &str, values: &[T], expected: usize) -> Result<(), PlantError> {
     if values.len() == expected {
         Ok(())
     } else {
-        Err(PlantError::Shape { name, found: values.len(), expected })
+        Err(PlantError::Invalid(format!("{name}: {} values, needs {expected}", values.len())))
     }
+}
+
+/// The entry called `name`, or an error with the names that there are.
+pub(crate) fn named<T>(
+    what: &str,
+    name: &str,
+    all: impl Iterator<Item = T> + Clone,
+    name_of: impl Fn(&T) -> &'static str,
+) -> Result<T, PlantError> {
+    all.clone().find(|entry| name_of(entry) == name).ok_or_else(|| {
+        let known = all.map(|entry| name_of(&entry)).collect::<Vec<_>>().join(", ");
+        PlantError::Invalid(format!("{what} '{name}' is unknown; there are {known}"))
+    })
 }
 
 /// `value` lies in the closed range `limits`; NaN does not.
 pub(crate) fn check_range(
-    name: &'static str,
+    name: &str,
     value: f64,
-    unit: &'static str,
+    unit: &str,
     limits: (f64, f64),
     place: impl Fn() -> String,
 ) -> Result<(), PlantError> {
     if (limits.0..=limits.1).contains(&value) {
         return Ok(());
     }
-    Err(PlantError::Range { place: place(), name, value, unit, low: limits.0, high: limits.1 })
+    let ((low, high), place) = (limits, place());
+    Err(PlantError::Invalid(format!("{place}{name} {value}{unit} is outside [{low}, {high}]{unit}")))
 }

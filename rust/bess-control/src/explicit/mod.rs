@@ -26,7 +26,7 @@ pub const N_FEATURES: usize = decision::N_FEATURES;
 pub const N_WEIGHTS: usize = decision::N_WEIGHTS;
 
 macro_rules! tables {
-    ($(#[$doc:meta])* counts: $($count:ident),*; numbers: $($number:ident),*; arrays: $($array:ident),* $(,)?) => {
+    ($(#[$doc:meta])* counts: $($count:ident),*; numbers: $($number:ident),*; arrays of $t:ident: $($array:ident[$length:expr]),* $(,)?) => {
         $(#[$doc])*
         #[derive(Debug, Clone, PartialEq, Default)]
         #[allow(missing_docs)]
@@ -53,6 +53,12 @@ macro_rules! tables {
                     $($array: array(stringify!($array))?,)*
                 })
             }
+
+            /// Name of each array, and the lengths that it has and needs.
+            fn lengths(&self) -> Vec<(&'static str, usize, usize)> {
+                let $t = self;
+                vec![$((stringify!($array), $t.$array.len(), $length),)*]
+            }
         }
     };
 }
@@ -61,7 +67,18 @@ tables! {
     /// What a decision knows of a plant; the fields are those of `bess.control.explicit.Tables`, which says what they are.
     counts: strings, soc_knots, temperature_knots, derating_knots, power_knots, heat_knots, low_knots, steps, near_steps;
     numbers: step_h, step_share, near_share, shortfall, high_fill, min_power_kw, flattest, shed_slope, crumbs, unbounded;
-    arrays: soc_axis, temperature_axis, ocv_v, resistance_ohm, derating_c, derating_factor, power_kw, loss_kw, idle_loss_kw, capacity_ah, energy_kwh, soc_min, soc_max, voltage_min_v, voltage_max_v, derating_start_c, heat_k, low_fill, share,
+    arrays of t: soc_axis[t.soc_knots], temperature_axis[t.temperature_knots], ocv_v[t.cells()], resistance_ohm[t.cells()],
+        derating_c[t.strings * t.derating_knots], derating_factor[t.strings * t.derating_knots],
+        power_kw[t.strings * t.power_knots], loss_kw[2 * t.strings * t.power_knots], idle_loss_kw[t.strings],
+        capacity_ah[t.strings], energy_kwh[t.strings], soc_min[t.strings], soc_max[t.strings], voltage_min_v[t.strings],
+        voltage_max_v[t.strings], derating_start_c[t.strings], heat_k[t.heat_knots], low_fill[t.low_knots], share[3],
+}
+
+impl Tables {
+    /// Values of a table over SOC and temperature, in both directions.
+    fn cells(&self) -> usize {
+        2 * self.strings * self.soc_knots * self.temperature_knots
+    }
 }
 
 /// Measured state of a plant at the start of a step, one value for each string.
@@ -109,31 +126,9 @@ impl ExplicitLaw {
                 return Err(format!("{name} = {value}: must be {low} to {high}"));
             }
         }
-        let cells = 2 * t.strings * t.soc_knots * t.temperature_knots;
-        let lengths = [
-            ("soc_axis", &t.soc_axis, t.soc_knots),
-            ("temperature_axis", &t.temperature_axis, t.temperature_knots),
-            ("ocv_v", &t.ocv_v, cells),
-            ("resistance_ohm", &t.resistance_ohm, cells),
-            ("derating_c", &t.derating_c, t.strings * t.derating_knots),
-            ("derating_factor", &t.derating_factor, t.strings * t.derating_knots),
-            ("power_kw", &t.power_kw, t.strings * t.power_knots),
-            ("loss_kw", &t.loss_kw, 2 * t.strings * t.power_knots),
-            ("idle_loss_kw", &t.idle_loss_kw, t.strings),
-            ("capacity_ah", &t.capacity_ah, t.strings),
-            ("energy_kwh", &t.energy_kwh, t.strings),
-            ("soc_min", &t.soc_min, t.strings),
-            ("soc_max", &t.soc_max, t.strings),
-            ("voltage_min_v", &t.voltage_min_v, t.strings),
-            ("voltage_max_v", &t.voltage_max_v, t.strings),
-            ("derating_start_c", &t.derating_start_c, t.strings),
-            ("heat_k", &t.heat_k, t.heat_knots),
-            ("low_fill", &t.low_fill, t.low_knots),
-            ("share", &t.share, 3),
-        ];
-        for (name, values, needed) in lengths {
-            if values.len() != needed {
-                return Err(format!("{name}: {} values, needs {needed}", values.len()));
+        for (name, length, needed) in t.lengths() {
+            if length != needed {
+                return Err(format!("{name}: {length} values, needs {needed}"));
             }
         }
         Ok(Self { tables })
@@ -153,7 +148,7 @@ impl ExplicitLaw {
     ///
     /// # Errors
     ///
-    /// [`ControlError::Length`] for a schedule of another length.
+    /// A schedule of another length.
     pub fn demand_features(&self, ahead_kw: &[f64]) -> Result<[f64; N_FEATURES], ControlError> {
         check_length("demand", ahead_kw, self.tables.steps)?;
         let mut features = [0.0; N_FEATURES];
@@ -166,7 +161,7 @@ impl ExplicitLaw {
     ///
     /// # Errors
     ///
-    /// [`ControlError::Length`] where an array has not one value for each string, or there are not [`N_WEIGHTS`] weights.
+    /// An array has not one value for each string, or there are not [`N_WEIGHTS`] weights.
     pub fn split(
         &self,
         weights: &[f64],

@@ -45,7 +45,7 @@ impl ControlModel {
         for (position, (string, &value)) in self.strings.iter().zip(soc).enumerate() {
             let (low, high) = (string.parameters.soc_min, string.parameters.soc_max);
             if !(low - SOC_SLACK..=high + SOC_SLACK).contains(&value) {
-                return Err(ControlError::Range { name: "soc", position, value, low, high, unit: "" });
+                return Err(ControlError::range("soc", position, value, (low, high), ""));
             }
         }
         let clamped = self
@@ -63,8 +63,7 @@ impl ControlModel {
     ///
     /// # Errors
     ///
-    /// [`ControlError::Range`] for a request above the nominal power of its string, [`ControlError::MixedSigns`] where the
-    /// requests of a step have both signs.
+    /// A request is above the nominal power of its string, or the requests of a step have both signs.
     pub fn directions(&self, request_w: &[f64], n_steps: usize) -> Result<Vec<Direction>, ControlError> {
         let mut directions = vec![Direction::Discharge; n_steps];
         for (step, direction) in directions.iter_mut().enumerate() {
@@ -74,18 +73,12 @@ impl ControlModel {
                 let nominal = model.nominal_w();
                 if value.is_nan() || value.abs() > nominal * (1.0 + POWER_SLACK) {
                     let position = string * n_steps + step;
-                    let (low, high) = (-nominal, nominal);
-                    return Err(ControlError::Range {
-                        name: "request",
-                        position,
-                        value,
-                        low,
-                        high,
-                        unit: " W",
-                    });
+                    return Err(ControlError::range("request", position, value, (-nominal, nominal), " W"));
                 }
                 if value * sign < 0.0 {
-                    return Err(ControlError::MixedSigns { step, string, value_w: value });
+                    return Err(ControlError(format!(
+                        "step {step}: requests of both signs (string {string} asks for {value} W against the others)"
+                    )));
                 }
                 if value != 0.0 {
                     sign = value;

@@ -67,7 +67,7 @@ impl ControlHorizon {
     /// # Errors
     ///
     /// Lengths do not agree, a number is outside its range (both are in the message), or the demand
-    /// of a step exceeds the sum of its limits ([`ControlError::DemandAboveLimits`]).
+    /// of a step exceeds the sum of its limits.
     pub fn new(model: ControlModel, problem: &SplitProblem<'_>) -> Result<Self, ControlError> {
         let (n_strings, n_steps) = (model.strings().len(), problem.demand_w.len());
         let n_groups = problem.tolerance_abs.len();
@@ -92,7 +92,9 @@ impl ControlHorizon {
         let total_limit_w: Vec<f64> = (0..n_steps).map(total).collect();
         for (step, (demand, &limit_w)) in problem.demand_w.iter().zip(&total_limit_w).enumerate() {
             if demand.abs() > limit_w * (1.0 + POWER_SLACK) {
-                return Err(ControlError::DemandAboveLimits { step, demand_w: *demand, limit_w });
+                return Err(ControlError(format!(
+                    "step {step}: demand of {demand} W is above the sum of the limits, {limit_w} W"
+                )));
             }
         }
         let intervals = problem.demand_w.iter().zip(problem.ambient_c).map(|(&demand, &ambient_c)| {
@@ -172,7 +174,7 @@ impl ControlHorizon {
     ///
     /// # Errors
     ///
-    /// [`ControlError::Range`] with the position of the request, beyond the rounding error of an optimiser.
+    /// A request, with its position, that is outside its range beyond the rounding error of an optimiser.
     pub fn magnitudes(&self, requests_w: &[f64]) -> Result<Vec<f64>, ControlError> {
         let bounds: Vec<(f64, f64)> = (0..self.n_strings() * self.n_steps())
             .map(|i| {
@@ -191,8 +193,7 @@ impl ControlHorizon {
         for schedule in requests_w.chunks_exact(bounds.len().max(1)) {
             for (&value, &(low, high)) in schedule.iter().zip(&bounds) {
                 if !(low - slack..=high + slack).contains(&value) {
-                    let (name, position, unit) = ("request", magnitudes.len(), " W");
-                    return Err(ControlError::Range { name, position, value, low, high, unit });
+                    return Err(ControlError::range("request", magnitudes.len(), value, (low, high), " W"));
                 }
                 magnitudes.push(value.clamp(low, high).abs());
             }

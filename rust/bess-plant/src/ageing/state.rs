@@ -1,6 +1,7 @@
 //! Ageing state of a string, and its conversion to numbers.
 
 use super::rainflow::{Point, Rainflow};
+use crate::check::check_range;
 use crate::PlantError;
 
 /// Losses and remaining state of health of a string.
@@ -100,19 +101,17 @@ impl AgeingState {
     ///
     /// # Errors
     ///
-    /// [`PlantError::Shape`] where there are fewer numbers than the first one announces, [`PlantError::Range`] where one is not
-    /// finite.
+    /// There are fewer numbers than the first one announces, or one is not finite.
     pub fn from_numbers(numbers: &[f64]) -> Result<Self, PlantError> {
         let mut rest = numbers.iter().copied();
         let count = rest.next().filter(|&count| (0.0..1e6).contains(&count) && count.fract() == 0.0);
         let needed = count.map_or(HEADER, |count| HEADER + count as usize * PER_POINT);
         let found = numbers.len();
         if count.is_none() || found < needed {
-            return Err(PlantError::Shape { name: "ageing", found, expected: needed });
+            return Err(PlantError::Invalid(format!("ageing: {found} values, needs {needed}")));
         }
-        if let Some(&value) = numbers[..needed].iter().find(|value| !value.is_finite()) {
-            let (place, name) = (String::new(), "ageing state");
-            return Err(PlantError::Range { place, name, value, unit: "", low: f64::MIN, high: f64::MAX });
+        for &value in &numbers[..needed] {
+            check_range("ageing state", value, "", (f64::MIN, f64::MAX), String::new)?;
         }
         let mut next = || rest.next().expect("counted above");
         let seen = next() as u64;

@@ -34,7 +34,7 @@ impl StringAgeing {
     ///
     /// # Errors
     ///
-    /// [`PlantError::Unknown`] where no model has the name.
+    /// No model has the name.
     pub fn new(parameters: &StringParameters) -> Result<Self, PlantError> {
         let model = parameters.ageing.model.as_deref().map(model).transpose()?;
         Ok(Self { model, parameters: parameters.clone() })

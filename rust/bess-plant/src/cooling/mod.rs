@@ -27,16 +27,12 @@ pub(crate) use station::Station;
 use bess_tables::units::ZERO_C_IN_K;
 use bess_tables::{Cooling, SpatialThermal};
 
+use crate::check::named;
 use crate::PlantError;
 
 /// The kind of this name.
 pub(crate) fn kind(name: &str) -> Result<&'static Kind, PlantError> {
-    let found = KINDS.into_iter().find(|kind| kind.name == name);
-    found.ok_or_else(|| PlantError::Unknown {
-        what: "cooling kind",
-        name: name.to_owned(),
-        known: KINDS.map(|kind| kind.name).join(", "),
-    })
+    named("cooling kind", name, KINDS.into_iter(), |kind| kind.name)
 }
 
 /// The thermal model of a string with its coolant in place of its air.

@@ -37,8 +37,8 @@ impl Plant {
     ///
     /// # Errors
     ///
-    /// [`PlantError::Unstable`] with the largest stable step; [`PlantError::Range`] for a number of scenarios, nodes or a step
-    /// that no plant has; as [`Self::set_state`] for the state.
+    /// [`PlantError::Unstable`] with the largest stable step; a number of scenarios, nodes or a step that no plant has; as
+    /// [`Self::set_state`] for the state.
     pub fn new(
         system: &System,
         scenarios: usize,

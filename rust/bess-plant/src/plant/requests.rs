@@ -38,33 +38,27 @@ impl Plant {
         let substeps = self.substeps(duration_s)?;
         let count = steps as u128 * substeps as u128 * lanes as u128;
         if count > MOST_PLANT_STEPS {
-            return Err(PlantError::TooMany { count, most: MOST_PLANT_STEPS, step_s: self.step_s });
+            return Err(PlantError::Invalid(format!(
+                "{count} plant steps of strings in one call, at {} s each, are more than {MOST_PLANT_STEPS}; call with \
+                 fewer control steps or scenarios at a time, or take a longer plant step",
+                self.step_s
+            )));
         }
         let strings = self.strings.len();
         Ok(Schedule { steps, substeps, lanes, strings, request_w, ambient_c, reactive_var })
     }
 
     /// Powers of all lanes, step after step, are within the nominal powers of their strings.
-    fn check_powers(
-        &self,
-        name: &'static str,
-        power_w: &[f64],
-        unit: &'static str,
-    ) -> Result<(), PlantError> {
+    fn check_powers(&self, name: &str, power_w: &[f64], unit: &str) -> Result<(), PlantError> {
         let lanes = self.lanes();
         for (at, &value) in power_w.iter().enumerate() {
             let (step, string) = (at / lanes, at % lanes % self.strings.len());
             let nominal_w = self.strings[string].inverter.nominal_w;
             let limit = nominal_w * (1.0 + ROUNDING);
             if !(-limit..=limit).contains(&value) {
-                return Err(PlantError::Range {
-                    place: format!("{}step {step}, string {string}: ", self.scenario(at % lanes)),
-                    name,
-                    value: value / W_PER_KW,
-                    unit,
-                    low: -nominal_w / W_PER_KW,
-                    high: nominal_w / W_PER_KW,
-                });
+                let place = || format!("{}step {step}, string {string}: ", self.scenario(at % lanes));
+                let most = nominal_w / W_PER_KW;
+                check_range(name, value / W_PER_KW, unit, (-most, most), place)?;
             }
         }
         Ok(())
@@ -78,7 +72,9 @@ impl Plant {
         if (ratio - whole).abs() <= ROUNDING * whole {
             Ok(whole as usize)
         } else {
-            Err(PlantError::Division { step_s, duration_s })
+            Err(PlantError::Invalid(format!(
+                "a plant step of {step_s} s does not divide a control step of {duration_s} s into a whole number of steps"
+            )))
         }
     }
 }

@@ -6,6 +6,7 @@ mod nmc_a_75ah;
 mod schmalstieg;
 
 use super::law::Model;
+use crate::check::named;
 use crate::PlantError;
 
 /// All models. A new one is a file here and a line below.
@@ -16,13 +17,9 @@ pub const MODELS: [&Model; 4] =
 ///
 /// # Errors
 ///
-/// [`PlantError::Unknown`] where no model has the name.
+/// No model has the name.
 pub fn model(name: &str) -> Result<&'static Model, PlantError> {
-    MODELS.into_iter().find(|model| model.name == name).ok_or_else(|| PlantError::Unknown {
-        what: "ageing model",
-        name: name.to_owned(),
-        known: MODELS.map(|model| model.name).join(", "),
-    })
+    named("ageing model", name, MODELS.into_iter(), |model| model.name)
 }
 
 /// Temperature to which the potentials and temperatures of two models are normed [K].
