@@ -29,6 +29,7 @@ __all__ = [
     "cooling_kinds",
     "plan",
     "rainflow",
+    "water_fill",
 ]
 
 def plan(
@@ -58,6 +59,7 @@ def plan(
 def ageing_models() -> list[tuple[str, str]]: ...
 def cooling_kinds() -> list[str]: ...
 def rainflow(series: _Array) -> list[tuple[float, float, float, int, int]]: ...
+def water_fill(total_kw: float, weights: _Array, caps_kw: _Array) -> _Array: ...
 
 @final
 class System:

@@ -19,6 +19,8 @@ from bess.simulation.inputs import Inputs
 from bess.simulation.record.dataset import AGEING_FLOWS, COOLING_FLOWS, ENTROPY_FLOWS, FLOWS, REACTIVE_FLOWS
 from bess.study.demands.source import KnownDemand, StepInputs
 
+IDLE_STEPS = 12
+"""Steps in which idleness is looked for at first; results do not depend on it."""
 _TOLERANCE = 1e-9
 """Relative tolerance between the sum of set-points and the demand, for rounding only."""
 
@@ -58,11 +60,12 @@ class ClosedLoop:
         # The controller receives the temperature that its strings cool towards.
         self._surroundings_c = inputs.system.surroundings_c(inputs.ambient_c)
         self._delivered_kw = 0.0
+        self._idle_steps = IDLE_STEPS
         self.step = 0
         self.policy_s = self.plant_s = 0.0
 
-    def advance(self) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-        """Run one control step.
+    def advance(self, ahead_kw: Array | None = None) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+        """Run one control step, of a demand and forecast that are read here if not given.
 
         Returns
         -------
@@ -78,7 +81,8 @@ class ClosedLoop:
         limit_kw = np.where(in_service, inputs.limit_kw[step], 0.0)
         total_kw = float(limit_kw.sum())
         now = StepInputs(state, limit_kw, self._surroundings_c[step:], self._delivered_kw)
-        ahead_kw = inputs.demand.ahead(step, inputs.horizon_steps, now)
+        if ahead_kw is None:
+            ahead_kw = inputs.demand.ahead(step, inputs.horizon_steps, now)
         demand_kw = float(ahead_kw[0])
         served_kw = self._served(ahead_kw, total_kw)
         asked_kvar = None if inputs.reactive is None else inputs.reactive.ahead(step, served_kw)
@@ -131,9 +135,10 @@ class ClosedLoop:
 
     @property
     def in_blocks(self) -> bool:
-        """Whether many steps can run in one call: a controller of the core with a known demand."""
+        """Whether many steps can run in one call: by a controller of the core, or without demand."""
+        decides = getattr(self.policy, "controller", None) is not None or hasattr(self.policy, "idle")
         return (
-            getattr(self.policy, "controller", None) is not None
+            decides
             and isinstance(self.inputs.demand, KnownDemand)
             and self.inputs.reactive is None
             and not self.inputs.installations.any
@@ -159,6 +164,8 @@ class ClosedLoop:
     def advance_block(self, most: int) -> tuple[dict[str, NDArray[Any]], list[dict[str, Any]]]:
         """Run up to ``most`` control steps in one call of the core; only where :attr:`in_blocks`.
 
+        A policy without controller decides step by step where there is a demand; its idle steps run together.
+
         Returns
         -------
         record, log
@@ -174,22 +181,40 @@ class ClosedLoop:
         inputs, first = self.inputs, self.step
         demand = inputs.demand
         assert isinstance(demand, KnownDemand)
+        policy = cast(Any, self.policy)
+        controller = getattr(policy, "controller", None)
+        if controller is None:
+            most = min(most, self._idle_steps)
         state, limits_kw = self._plant.state, inputs.limit_kw[first : first + most]
         changes = np.append((limits_kw != limits_kw[0]).any(axis=1), True)
         now = StepInputs(state, limits_kw[0], self._surroundings_c[first:], self._delivered_kw)
         ahead_kw = demand.block(first, int(np.argmax(changes)), inputs.horizon_steps, now)
-        n_steps = len(ahead_kw)
-        steps = slice(first, first + n_steps)
-        total_kw = inputs.limit_kw[steps].sum(axis=1, keepdims=True)
+        total_kw = inputs.limit_kw[first : first + len(ahead_kw)].sum(axis=1, keepdims=True)
         served_kw = self._served(ahead_kw, total_kw)
+        n_steps = len(ahead_kw)
+        if controller is None:
+            n_steps = int(np.argmax(np.append(served_kw[:, 0], 1.0) != 0.0))
+            # A longer idle time is likely after each idle block: fewer calls, and few rows that are not used.
+            self._idle_steps = 2 * most if n_steps == most else IDLE_STEPS
+            if n_steps == 0:
+                record, log = self.advance(ahead_kw[0])
+                return {name: np.asarray(value)[None] for name, value in record.items()}, log
+            ahead_kw, served_kw, total_kw = ahead_kw[:n_steps], served_kw[:n_steps], total_kw[:n_steps]
+        steps = slice(first, first + n_steps)
         limit_kw, ambient_c = inputs.limit_kw[steps], inputs.ambient_c[steps]
+        step_s = float(inputs.grid.step_s)
         began = time.perf_counter()
-        try:
-            request_kw, flows = self._plant.run_controller(
-                cast(Any, self.policy).controller, served_kw, limit_kw, ambient_c, float(inputs.grid.step_s)
-            )
-        except InputError as error:
-            raise InputError(f"{self._place}: {error}") from error
+        if controller is None:
+            policy.idle(served_kw)
+            request_kw = np.zeros(limit_kw.shape)
+            flows = self._plant.run(request_kw, step_s, ambient_c=ambient_c)
+        else:
+            try:
+                request_kw, flows = self._plant.run_controller(
+                    controller, served_kw, limit_kw, ambient_c, step_s
+                )
+            except InputError as error:
+                raise InputError(f"{self._place}: {error}") from error
         self.plant_s += time.perf_counter() - began
         missed_kw = np.abs(request_kw.sum(axis=1) - served_kw[:, 0])
         if (missed_kw > self._slack_kw(total_kw[:, 0])).any():

@@ -45,7 +45,7 @@ mod _core {
     #[pymodule_export]
     use crate::plant::{cooling_kinds, Plant};
     #[pymodule_export]
-    use crate::rule::Rule;
+    use crate::rule::{water_fill, Rule};
     #[pymodule_export]
     use crate::states::StateBoxes;
     #[pymodule_export]

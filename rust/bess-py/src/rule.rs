@@ -14,6 +14,18 @@ use crate::arrays::{check_shape, numbers, refused, vector, GivenMatrix, GivenVec
 use crate::plant::{to_dict, Plant};
 use crate::system::System;
 
+/// Allocates `total_kw` in proportion to `weights` up to `caps_kw` `(M,)`.
+#[pyfunction]
+pub fn water_fill(
+    py: Python<'_>,
+    total_kw: f64,
+    weights: GivenVector<'_>,
+    caps_kw: GivenVector<'_>,
+) -> PyResult<Vector> {
+    check_shape("weights", caps_kw.shape(), weights.shape())?;
+    Ok(vector(py, bess_control::water_fill(total_kw, &numbers(&weights), &numbers(&caps_kw))))
+}
+
 /// A rule that allocates the demand of each step.
 #[pyclass(frozen, module = "bess._core")]
 pub struct Rule {

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bess.arrays import Array
 from bess.checkpoints import Checkpointed
 from bess.control.planning import Planner
 from bess.control.policies.planned import PlannedPolicy
@@ -49,6 +50,11 @@ class MpcPolicy(Checkpointed):
             fallback=split.fallback,
         )
         return Decision(split.request_kw[:, 0].copy(), report, plan_kw=split.request_kw)
+
+    def idle(self, demand_kw: Array) -> None:
+        """Pass steps without demand, see :class:`bess.control.policies.Policy`."""
+        for _ in demand_kw:
+            self._advance()
 
     def _advance(self) -> None:
         """Shift the warm start by one step, as a solve does."""

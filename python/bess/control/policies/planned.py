@@ -74,6 +74,11 @@ class PlannedPolicy(Checkpointed):
         report = SolverReport(PLANNED, plan.gap, plan.search_gap, solve_time_s=time.perf_counter() - started)
         return Decision(request_kw, report, reactive_kvar, plan.request_kw)
 
+    def idle(self, demand_kw: Array) -> None:
+        """Pass steps without demand, see :class:`bess.control.policies.Policy`."""
+        for ahead_kw in demand_kw:
+            self._planner.advance(ahead_kw)
+
     def _reactive(self, inputs: PolicyInput, request_kw: Array) -> Array | None:
         """Return the reactive power of each string at minimum loss, if there is a demand.
 

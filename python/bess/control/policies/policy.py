@@ -80,6 +80,9 @@ class Policy(Protocol):
 
     The decision depends on the policy input and on :meth:`state_dict` only, so a run that continues from a
     checkpoint gives the same results.
+
+    A policy that requests nothing in steps without demand may have a method ``idle(demand_kw)``: it is called
+    instead, for several such steps at once, with the forecast of each ``(n_steps, horizon_steps)``.
     """
 
     @property

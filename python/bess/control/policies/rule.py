@@ -134,20 +134,4 @@ def water_fill(total_kw: float, weights: Array, caps_kw: Array) -> Array:
     .. [1] Boyd, S., Vandenberghe, L.: Convex optimization. Cambridge University Press, 2004, section 5.5.3
        (water filling).
     """
-    power_kw = np.zeros(caps_kw.size)
-    open_ = caps_kw > 0.0
-    rest_kw = total_kw
-    while rest_kw > 0.0 and open_.any():
-        share = open_ * weights
-        whole = share.sum()
-        if whole <= 0.0:
-            share = open_ * caps_kw
-            whole = share.sum()
-        wanted_kw = power_kw + rest_kw * (share / whole)
-        over = open_ & (wanted_kw >= caps_kw)
-        if not over.any():
-            return np.asarray(wanted_kw)
-        power_kw = np.where(over, caps_kw, power_kw)
-        open_ &= ~over
-        rest_kw = total_kw - float(power_kw.sum())
-    return power_kw
+    return _core.water_fill(total_kw, real_numbers(weights), real_numbers(caps_kw))
