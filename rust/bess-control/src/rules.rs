@@ -177,19 +177,21 @@ impl RuleLaw {
         Ok(power_kw.into_iter().map(|power| (power / W_PER_KW).copysign(demand_kw)).collect())
     }
 
-    /// The control model of strings at their present health, if they are not new.
+    /// The control model `fresh` of a system with its strings at their present health, if they are not new.
     ///
     /// # Errors
     ///
-    /// As [`System::aged`].
+    /// As [`System::check_health`].
     pub fn model_at(
         system: &System,
+        fresh: &ControlModel,
         plant: &Measured<'_>,
     ) -> Result<Option<ControlModel>, bess_tables::TableError> {
         if plant.soh_capacity.iter().chain(plant.soh_resistance).all(|&factor| factor == 1.0) {
             return Ok(None);
         }
-        Ok(Some(ControlModel::new(&system.aged(plant.soh_capacity, plant.soh_resistance)?)))
+        system.check_health(plant.soh_capacity, plant.soh_resistance)?;
+        Ok(Some(fresh.aged(plant.soh_capacity, plant.soh_resistance)))
     }
 }
 

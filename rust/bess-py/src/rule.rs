@@ -122,7 +122,7 @@ impl Rule {
 
 impl Rule {
     fn request_kw(&self, measured: &Measured<'_>, demand_kw: f64) -> PyResult<Vec<f64>> {
-        let aged = RuleLaw::model_at(&self.system, measured).map_err(refused)?;
+        let aged = RuleLaw::model_at(&self.system, &self.fresh, measured).map_err(refused)?;
         self.law.split(aged.as_ref().unwrap_or(&self.fresh), measured, demand_kw).map_err(refused)
     }
 }

@@ -71,12 +71,12 @@ impl Default for Ageing {
 }
 
 impl System {
-    /// The same plant with the capacity and the resistance of each string times a factor, one for each string.
+    /// Checks factors of the capacity and of the resistance, one for each string.
     ///
     /// # Errors
     ///
     /// [`TableError::Document`] where the factors are not one for each string, or one is not finite and above 0.
-    pub fn aged(&self, capacity: &[f64], resistance: &[f64]) -> Result<Self, TableError> {
+    pub fn check_health(&self, capacity: &[f64], resistance: &[f64]) -> Result<(), TableError> {
         for (name, factors) in [("soh_capacity", capacity), ("soh_resistance", resistance)] {
             if factors.len() != self.strings.len() {
                 let (found, needed) = (factors.len(), self.strings.len());
@@ -86,10 +86,19 @@ impl System {
                 return Err(TableError::Document(format!("{name} {value} is not finite and above 0")));
             }
         }
+        Ok(())
+    }
+
+    /// The same plant with the capacity and the resistance of each string times a factor.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::check_health`].
+    pub fn aged(&self, capacity: &[f64], resistance: &[f64]) -> Result<Self, TableError> {
+        self.check_health(capacity, resistance)?;
         let mut strings = self.strings.clone();
         for ((string, capacity), resistance) in strings.iter_mut().zip(capacity).zip(resistance) {
-            string.capacity_ah *= capacity;
-            string.resistance.scale(*resistance);
+            string.age(*capacity, *resistance);
         }
         Ok(Self { strings, cooling: self.cooling.clone() })
     }
@@ -165,6 +174,12 @@ pub struct LumpedThermal {
 }
 
 impl StringParameters {
+    /// Multiplies capacity and resistance by a factor each.
+    pub fn age(&mut self, capacity: f64, resistance: f64) {
+        self.capacity_ah *= capacity;
+        self.resistance.scale(resistance);
+    }
+
     /// `count` strings like this one in parallel, as one string of theirs: with a charge capacity [Ah] in all, and with
     /// `resistance` times that of this one. The spatial thermal model stays that of one string.
     pub fn in_parallel(&self, count: f64, capacity_ah: f64, resistance: f64) -> Self {

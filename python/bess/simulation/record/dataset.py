@@ -133,6 +133,7 @@ FLOWS = tuple(
 
 
 _CHUNK_STEPS = 960
+_BATCH_BYTES = 8_000_000
 _BOOK_KEEPING_BYTES = 1 << 18
 _ZEROS = bytes(1 << 20)
 _EPOCH = np.datetime64("1970-01-01T00:00:00", "s")
@@ -190,15 +191,16 @@ def write_netcdf(path: Path, frame: DatasetSpec, records: Iterator[tuple[int, Re
 
 
 def _batches(records: Iterator[tuple[int, Record]]) -> Iterator[tuple[int, Record]]:
-    """Join records to batches of about one chunk, because HDF5 calls are expensive."""
+    """Join records to batches of many chunks, because HDF5 calls are expensive."""
     waiting: list[Record] = []
-    first = steps = 0
+    first = steps = size = 0
     for _, record in records:
         waiting.append(record)
         steps += len(record["demand_kw"])
-        if steps >= _CHUNK_STEPS:
+        size += sum(values.nbytes for values in record.values())
+        if steps >= _CHUNK_STEPS and size >= _BATCH_BYTES:
             yield first, _joined(waiting)
-            first, steps, waiting = first + steps, 0, []
+            first, steps, size, waiting = first + steps, 0, 0, []
     if waiting:
         yield first, _joined(waiting)
 

@@ -27,6 +27,16 @@ impl ControlModel {
         Self { strings: system.strings.iter().cloned().map(StringModel::new).collect() }
     }
 
+    /// The model of the same strings with factors of capacity and resistance that fit [`System::check_health`].
+    pub(crate) fn aged(&self, capacity: &[f64], resistance: &[f64]) -> Self {
+        let of_string = |((string, capacity), resistance): ((&StringModel, &f64), &f64)| {
+            let mut string = string.clone();
+            string.parameters.age(*capacity, *resistance);
+            string
+        };
+        Self { strings: self.strings.iter().zip(capacity).zip(resistance).map(of_string).collect() }
+    }
+
     /// The strings.
     pub fn strings(&self) -> &[StringModel] {
         &self.strings
