@@ -115,6 +115,9 @@ pub(super) struct Bends {
     pub(super) least: Vec<f64>,
     pub(super) most: Vec<f64>,
     pub(super) largest: Vec<f64>,
+    /// Largest difference of slopes from those of the nodes of SOC beside, at the same temperature. Kinks along one SOC are
+    /// `rise` already; what is left of a mean over two nodes of SOC depends on this difference alone.
+    pub(super) across: Vec<f64>,
     /// Largest slopes over SOC `(cells of SOC, n_temperature)`.
     pub(super) over_soc: Vec<f64>,
 }
@@ -128,6 +131,7 @@ impl Bends {
             least: vec![0.0; columns],
             most: vec![0.0; columns],
             largest: vec![0.0; nodes],
+            across: vec![0.0; columns],
             over_soc: vec![0.0; nodes],
         }
     }
@@ -156,6 +160,7 @@ impl Bends {
                 let at = |i: usize| self.slope[i * columns + j];
                 self.least[i * columns + j] = at(before).min(at(i)).min(at(after));
                 self.most[i * columns + j] = at(before).max(at(i)).max(at(after));
+                self.across[i * columns + j] = (at(i) - at(before)).abs().max((at(i) - at(after)).abs());
             }
             for j in 1..columns {
                 let at = |i: usize| self.rise[i * n + j];
@@ -197,6 +202,13 @@ impl Bends {
         (bend / (image.high_c - image.low_c), (low, high))
     }
 
+    /// Largest difference of slopes over temperature between a node of SOC and those beside it, in an image.
+    #[inline]
+    pub(super) fn across(&self, kind: &Kind<'_>, i: usize, image: &Image) -> f64 {
+        let row = i * (kind.n_temperatures() - 1);
+        self.across[row + image.first - 1..row + image.last].iter().copied().fold(0.0, f64::max)
+    }
+
     /// Largest slope over SOC, at least 0, of a cell of SOC and `further` ones below, in an image.
     pub(super) fn steepest(&self, kind: &Kind<'_>, i: usize, further: usize, image: &Image) -> f64 {
         let n = kind.n_temperatures();
@@ -227,7 +239,8 @@ impl Kind<'_> {
                 if shape.least_request_w > cap_w {
                     continue;
                 }
-                let (bend, (least, most)) = bends.around(self, middle, &images.boxes[from + cell]);
+                let image = &images.boxes[from + cell];
+                let (bend, (least, most)) = bends.around(self, middle, image);
                 let of_cost = step.heat * shape.heat_below_w
                     + step.steepest[j] * shape.internal_w
                     + (step.bend[j].1 * shape.convex_w).max(-step.bend[j].0 * shape.concave_w).max(0.0)
@@ -235,7 +248,7 @@ impl Kind<'_> {
                     + step.tilt[j] * shape.power_range_w;
                 let of_value = (shape.heat_above_w * (-least).max(0.0))
                     .max(shape.heat_below_w * most.max(0.0))
-                    + 0.25 * shape.heat_range_w * (most - least);
+                    + 0.25 * shape.heat_range_w * bends.across(self, middle, image);
                 out[cell] = step.dt_h * of_cost + step.rise * of_value + bend;
             }
         }
