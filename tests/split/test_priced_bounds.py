@@ -53,7 +53,7 @@ def test_no_schedule_costs_less_than_its_bound(corner: str, n_steps: int, object
 
 
 @pytest.mark.parametrize("n_strings", [2, 32])
-def test_a_horizon_of_a_day_has_a_bound_within_a_quarter_and_many_strings_within_a_twentieth(n_strings: int):
+def test_a_horizon_of_a_day_has_a_bound_within_15_per_cent_and_many_strings_within_5(n_strings: int):
     n_steps = 96 if n_strings == 2 else 8
     rng = np.random.default_rng(n_strings)
     state = bess.State(rng.uniform(0.3, 0.7, n_strings), rng.uniform(15.0, 40.0, n_strings))
@@ -61,4 +61,4 @@ def test_a_horizon_of_a_day_has_a_bound_within_a_quarter_and_many_strings_within
     demand = sign * rng.uniform(0.1, 0.8, n_steps) * 92.0 * n_strings
     split = bess.split_power(bess.System.reference(n_strings), state, demand)
     assert split.groups[0].objective == 0.0
-    assert split.gap < (0.25 if n_strings == 2 else 0.05)
+    assert split.gap < (0.15 if n_strings == 2 else 0.05)

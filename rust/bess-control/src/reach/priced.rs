@@ -11,7 +11,7 @@ use crate::plan::{dual, proof, PlanProblem, Prices};
 /// Iterations of the prices.
 const PASSES: usize = 40;
 /// Cells of SOC.
-const SOC_CELLS: usize = 200;
+const SOC_CELLS: usize = 280;
 /// Multipliers of earlier groups, relative to the largest costs of both groups: tried in turn.
 const MULTIPLIERS: [f64; 3] = [0.05, 0.1, 0.2];
 /// The multiplier of a group that must not cost anything: any value is free.
