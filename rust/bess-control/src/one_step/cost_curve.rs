@@ -67,6 +67,31 @@ pub(crate) struct Response {
     pub shed_w: f64,
 }
 
+/// Cost of a string in a step over its request, as the Lagrangian sees it.
+pub(crate) trait StringCost {
+    /// Response of a string whose inverter is on.
+    fn on(&self, price: f64) -> Response;
+
+    /// Response of a string whose inverter is off.
+    fn off(&self, price: f64) -> Response;
+
+    /// Highest finite slope of the cost; a scale for prices.
+    fn steepest(&self) -> f64;
+
+    /// Largest request without shedding, of an inverter that is on (off).
+    fn largest_request(&self, on: bool) -> f64;
+
+    /// Whether larger requests are possible, but shed.
+    fn may_shed(&self) -> bool {
+        false
+    }
+
+    /// Whether the inverter is on in any case.
+    fn is_on(&self) -> bool {
+        false
+    }
+}
+
 /// One-step cost of a string. The request `u` splits into delivered `p`, derated `u - p - a` with
 /// `p + a = k u`, and shed `a`; the cost is `c_derating (u - p - a) + q(p) + c_shed a`. No convexity is
 /// assumed between segments: the Lagrangian depends on the convex envelope only.
@@ -212,28 +237,6 @@ impl CostCurve {
         }
     }
 
-    /// Highest finite slope of `q`; a scale for prices.
-    pub fn steepest(&self) -> f64 {
-        let finite = |s: f64| if s.is_finite() { s.abs() } else { 0.0 };
-        let ends = self.pieces.iter().map(|p| finite(p.slope0).max(finite(p.slope1)));
-        ends.fold(self.terms.costs.derating, f64::max)
-    }
-
-    /// Largest request without shedding, of an inverter that is on (off).
-    pub fn largest_request(&self, on: bool) -> f64 {
-        let OperatingTerms { limit_w, derating, min_power_w, .. } = self.terms;
-        let k = derating.low;
-        if k <= 0.0 {
-            return limit_w;
-        }
-        let delivered = match self.pieces.last() {
-            Some(piece) if on => piece.p1,
-            _ if k < 1.0 => min_power_w,
-            _ => 0.0,
-        };
-        (delivered / k).min(limit_w)
-    }
-
     /// Price above which it is cheaper to accept the whole request and shed it.
     #[inline]
     fn shed_price(&self) -> f64 {
@@ -242,70 +245,6 @@ impl CostCurve {
             c_derating + (self.terms.shed_cost - c_derating) * k
         } else {
             c_derating
-        }
-    }
-
-    /// Response of a string whose inverter is off.
-    #[inline]
-    pub fn off(&self, price: f64) -> Response {
-        let OperatingTerms { limit_w, derating, power_scale_w, scale_price, costs, min_power_w, .. } =
-            self.terms;
-        let idle = scale_price * power_scale_w.low;
-        let gain = self.shed_price() - price;
-        let mut best = if gain < 0.0 {
-            Response { value: idle + gain * limit_w, request_w: limit_w, shed_w: derating.low * limit_w }
-        } else {
-            Response { value: idle, request_w: 0.0, shed_w: 0.0 }
-        };
-        if derating.low < 1.0 && self.terms.shed_cost.is_infinite() {
-            // The remainder of these requests after derating may be below the minimum power; it is shed at no
-            // cost.
-            let most_w = self.largest_request(false);
-            for request_w in [(min_power_w / derating.high).min(most_w), most_w] {
-                let derated_w = (request_w - min_power_w).max((1.0 - derating.high) * request_w);
-                let value = idle + costs.derating * derated_w - price * request_w;
-                if value < best.value {
-                    best = Response { value, request_w, shed_w: 0.0 };
-                }
-            }
-        }
-        best
-    }
-
-    /// Response of a string whose inverter is on.
-    #[inline]
-    pub fn on(&self, price: f64) -> Response {
-        let OperatingTerms { limit_w, derating, shed_cost, costs, .. } = self.terms;
-        let c_derating = costs.derating;
-        if self.pieces.is_empty() {
-            return Response { value: f64::INFINITY, request_w: 0.0, shed_w: 0.0 };
-        }
-        if price <= c_derating {
-            // The smallest request for each delivered power.
-            let slope = (c_derating - price) / derating.high - c_derating;
-            let (value, p) = self.minimise(0..self.pieces.len(), slope);
-            return Response { value, request_w: (p / derating.high).min(limit_w), shed_w: 0.0 };
-        }
-        let whole = (c_derating - price) * limit_w;
-        let (above, _) = self.minimise(self.split..self.pieces.len(), -c_derating);
-        let above = Response { value: above + whole, request_w: limit_w, shed_w: 0.0 };
-        if self.split == 0 {
-            return above;
-        }
-        let below = if price <= self.shed_price() {
-            // The largest request for each delivered power without shedding.
-            let (value, p) = self.minimise(0..self.split, (c_derating - price) / derating.low - c_derating);
-            Response { value, request_w: (p / derating.low).min(limit_w), shed_w: 0.0 }
-        } else {
-            let (value, p) = self.minimise(0..self.split, -shed_cost);
-            let sure = derating.low * limit_w;
-            let value = value + whole + (shed_cost - c_derating) * sure;
-            Response { value, request_w: limit_w, shed_w: (sure - p).max(0.0) }
-        };
-        if above.value < below.value {
-            above
-        } else {
-            below
         }
     }
 
@@ -372,5 +311,93 @@ impl CostCurve {
         } else {
             off
         }
+    }
+}
+
+impl StringCost for CostCurve {
+    #[inline]
+    fn off(&self, price: f64) -> Response {
+        let OperatingTerms { limit_w, derating, power_scale_w, scale_price, costs, min_power_w, .. } =
+            self.terms;
+        let idle = scale_price * power_scale_w.low;
+        let gain = self.shed_price() - price;
+        let mut best = if gain < 0.0 {
+            Response { value: idle + gain * limit_w, request_w: limit_w, shed_w: derating.low * limit_w }
+        } else {
+            Response { value: idle, request_w: 0.0, shed_w: 0.0 }
+        };
+        if derating.low < 1.0 && self.terms.shed_cost.is_infinite() {
+            // The remainder of these requests after derating may be below the minimum power; it is shed at no
+            // cost.
+            let most_w = self.largest_request(false);
+            for request_w in [(min_power_w / derating.high).min(most_w), most_w] {
+                let derated_w = (request_w - min_power_w).max((1.0 - derating.high) * request_w);
+                let value = idle + costs.derating * derated_w - price * request_w;
+                if value < best.value {
+                    best = Response { value, request_w, shed_w: 0.0 };
+                }
+            }
+        }
+        best
+    }
+
+    #[inline]
+    fn on(&self, price: f64) -> Response {
+        let OperatingTerms { limit_w, derating, shed_cost, costs, .. } = self.terms;
+        let c_derating = costs.derating;
+        if self.pieces.is_empty() {
+            return Response { value: f64::INFINITY, request_w: 0.0, shed_w: 0.0 };
+        }
+        if price <= c_derating {
+            // The smallest request for each delivered power.
+            let slope = (c_derating - price) / derating.high - c_derating;
+            let (value, p) = self.minimise(0..self.pieces.len(), slope);
+            return Response { value, request_w: (p / derating.high).min(limit_w), shed_w: 0.0 };
+        }
+        let whole = (c_derating - price) * limit_w;
+        let (above, _) = self.minimise(self.split..self.pieces.len(), -c_derating);
+        let above = Response { value: above + whole, request_w: limit_w, shed_w: 0.0 };
+        if self.split == 0 {
+            return above;
+        }
+        let below = if price <= self.shed_price() {
+            // The largest request for each delivered power without shedding.
+            let (value, p) = self.minimise(0..self.split, (c_derating - price) / derating.low - c_derating);
+            Response { value, request_w: (p / derating.low).min(limit_w), shed_w: 0.0 }
+        } else {
+            let (value, p) = self.minimise(0..self.split, -shed_cost);
+            let sure = derating.low * limit_w;
+            let value = value + whole + (shed_cost - c_derating) * sure;
+            Response { value, request_w: limit_w, shed_w: (sure - p).max(0.0) }
+        };
+        if above.value < below.value {
+            above
+        } else {
+            below
+        }
+    }
+
+    fn steepest(&self) -> f64 {
+        let finite = |s: f64| if s.is_finite() { s.abs() } else { 0.0 };
+        let ends = self.pieces.iter().map(|p| finite(p.slope0).max(finite(p.slope1)));
+        ends.fold(self.terms.costs.derating, f64::max)
+    }
+
+    fn largest_request(&self, on: bool) -> f64 {
+        let OperatingTerms { limit_w, derating, min_power_w, .. } = self.terms;
+        let k = derating.low;
+        if k <= 0.0 {
+            return limit_w;
+        }
+        let delivered = match self.pieces.last() {
+            Some(piece) if on => piece.p1,
+            _ if k < 1.0 => min_power_w,
+            _ => 0.0,
+        };
+        (delivered / k).min(limit_w)
+    }
+
+    fn may_shed(&self) -> bool {
+        self.terms.shed_cost.is_finite()
     }
 }

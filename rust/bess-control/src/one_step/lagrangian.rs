@@ -1,7 +1,7 @@
 //! Lagrangian dual of the one-step problem: one price of the demand balance for all strings, which decouples
 //! the strings. Every price gives a lower bound; a [`Commitment`] fixes inverter states.
 
-use super::cost_curve::{CostCurve, Response};
+use super::cost_curve::{Response, StringCost};
 
 const MAX_PRICES: usize = 80;
 const GAP: f64 = 1e-12;
@@ -28,6 +28,12 @@ impl Commitment {
     /// Every string may be on or off.
     pub fn free(n_strings: usize) -> Self {
         Self { modes: vec![InverterMode::Free; n_strings], count: None }
+    }
+
+    /// Every string may be on or off, except those that are on in any case.
+    pub fn of(curves: &[impl StringCost]) -> Self {
+        let mode = |curve: &_| if StringCost::is_on(curve) { InverterMode::On } else { InverterMode::Free };
+        Self { modes: curves.iter().map(mode).collect(), count: None }
     }
 
     pub fn free_to_switch_on(&self) -> Option<usize> {
@@ -66,7 +72,7 @@ pub(crate) struct DualSolution {
 /// The Lagrangian at a price. `open` is a buffer: it returns the free strings, largest gain from switching on
 /// first. `visit` receives the response of each string.
 fn at_price(
-    curves: &[CostCurve],
+    curves: &[impl StringCost],
     commitment: &Commitment,
     demand_w: f64,
     price: f64,
@@ -98,11 +104,20 @@ fn at_price(
     DualPoint { price, bound: value + price * demand_w, total_w, shed_w }
 }
 
-/// Bounds at a price with 0, 1, ..., M strings on, `(M + 1,)`.
-pub(crate) fn bounds_by_count(curves: &[CostCurve], demand_w: f64, price: f64) -> Vec<f64> {
-    let mut open = Vec::new();
-    at_price(curves, &Commitment::free(curves.len()), demand_w, price, &mut open, |_, _, _| ());
-    let off: f64 = open.iter().map(|(_, _, off)| off.value).sum();
+/// Bounds at a price with 0, 1, ... free strings on.
+pub(crate) fn bounds_by_count(
+    curves: &[impl StringCost],
+    commitment: &Commitment,
+    demand_w: f64,
+    price: f64,
+) -> Vec<f64> {
+    let (mut open, mut fixed) = (Vec::new(), 0.0);
+    at_price(curves, commitment, demand_w, price, &mut open, |m, _, response| {
+        if commitment.modes[m] != InverterMode::Free {
+            fixed += response.value;
+        }
+    });
+    let off = fixed + open.iter().map(|(_, _, off)| off.value).sum::<f64>();
     let switched_on = open.iter().scan(off, |value, (_, on, off)| {
         *value += on.value - off.value;
         Some(*value)
@@ -111,7 +126,7 @@ pub(crate) fn bounds_by_count(curves: &[CostCurve], demand_w: f64, price: f64) -
 }
 
 /// Maximum total request of a commitment without shedding [W].
-fn capacity_w(curves: &[CostCurve], commitment: &Commitment) -> f64 {
+fn capacity_w(curves: &[impl StringCost], commitment: &Commitment) -> f64 {
     let mut free = Vec::new();
     let mut total = 0.0;
     for (curve, mode) in curves.iter().zip(&commitment.modes) {
@@ -135,12 +150,12 @@ fn capacity_w(curves: &[CostCurve], commitment: &Commitment) -> f64 {
 /// the total (exact for quadratic costs) alternate with intersections of supporting lines (exact for kinks). Every
 /// price gives a valid bound, so stopping early loses tightness, not validity.
 pub(crate) fn maximise(
-    curves: &[CostCurve],
+    curves: &[impl StringCost],
     commitment: &Commitment,
     demand_w: f64,
     guess: f64,
 ) -> DualSolution {
-    let must_serve = curves.iter().all(|c| c.terms.shed_cost.is_infinite());
+    let must_serve = !curves.iter().any(StringCost::may_shed);
     let possible = commitment
         .free_to_switch_on()
         .is_none_or(|n| n <= commitment.modes.iter().filter(|m| **m == InverterMode::Free).count());
@@ -154,7 +169,7 @@ pub(crate) fn maximise(
             n_on: 0,
         };
     }
-    let steepest = curves.iter().map(CostCurve::steepest).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
+    let steepest = curves.iter().map(StringCost::steepest).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
     let mut open = Vec::with_capacity(curves.len());
     let mut at = |price: f64| at_price(curves, commitment, demand_w, price, &mut open, |_, _, _| ());
     let first = at(guess);
@@ -207,7 +222,7 @@ pub(crate) fn maximise(
 
 /// The better bound, and the convex combination of both requests that meets the demand.
 fn close(
-    curves: &[CostCurve],
+    curves: &[impl StringCost],
     commitment: &Commitment,
     demand_w: f64,
     low: DualPoint,

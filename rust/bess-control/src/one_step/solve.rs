@@ -2,7 +2,7 @@
 
 use std::collections::BinaryHeap;
 
-use super::cost_curve::CostCurve;
+use super::cost_curve::StringCost;
 use super::lagrangian::{bounds_by_count, maximise, Commitment, DualSolution, InverterMode};
 
 /// Bounds closer than this (relative) count as equal.
@@ -50,22 +50,23 @@ impl Ord for Node {
 
 /// Solves the one-step problem. Branches first on the number of inverters that are on, which leaves no
 /// Lagrangian gap for identical strings, then on the string at the border.
-pub(crate) fn solve(curves: &[CostCurve], demand_w: f64) -> OneStepSolution {
+pub(crate) fn solve(curves: &[impl StringCost], demand_w: f64) -> OneStepSolution {
     solve_within(curves, demand_w, 60 + 8 * curves.len().min(MANY))
 }
 
 /// [`solve`] with at most this many nodes; with fewer nodes the bound is weaker, but valid.
-fn solve_within(curves: &[CostCurve], demand_w: f64, mut n_nodes: usize) -> OneStepSolution {
+fn solve_within(curves: &[impl StringCost], demand_w: f64, mut n_nodes: usize) -> OneStepSolution {
     let n = curves.len();
-    let free = Commitment::free(n);
+    let free = Commitment::of(curves);
+    let n_on = free.modes.iter().filter(|m| **m == InverterMode::On).count();
     let root = maximise(curves, &free, demand_w, 0.0);
     let mut best = OneStepSolution { bound: f64::INFINITY, request_w: root.request_w, shed_w: root.shed_w };
     if root.bound.is_infinite() {
         return best;
     }
     let mut heap = BinaryHeap::new();
-    for (count, bound) in bounds_by_count(curves, demand_w, root.price).into_iter().enumerate() {
-        let commitment = Commitment { count: Some(count), ..free.clone() };
+    for (count, bound) in bounds_by_count(curves, &free, demand_w, root.price).into_iter().enumerate() {
+        let commitment = Commitment { count: Some(n_on + count), ..free.clone() };
         let bound = bound.max(root.bound);
         heap.push(Node { bound, commitment, border: None, order: count });
     }
@@ -128,7 +129,7 @@ fn decided(commitment: &Commitment, dual: &DualSolution) -> Commitment {
 mod tests {
     use super::*;
     use crate::model::{heat_w, LossCurve, Losses, Range};
-    use crate::one_step::OperatingTerms;
+    use crate::one_step::{CostCurve, OperatingTerms};
     use bess_tables::{Direction, Lut};
 
     const N_STRINGS: usize = 4;

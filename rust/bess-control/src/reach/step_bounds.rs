@@ -3,7 +3,7 @@
 use crate::cores;
 use crate::error::{check_costs, check_length, check_range};
 use crate::model::{CoefficientRanges, ControlHorizon, CostsOf, Flow, Losses, Range, StateBox, StringState};
-use crate::one_step::{solve, CostCurve, OneStepSolution, OperatingTerms};
+use crate::one_step::{solve, CostCurve, OneStepSolution, OperatingTerms, StringCost};
 use crate::reach::{NarrowNode, Planes};
 use crate::ControlError;
 

@@ -1,28 +1,22 @@
-//! Selection of inverters for reactive power, and its allocation (docs/equations.md, R3).
+//! Reactive power at minimum loss (docs/equations.md, R3): the one-step problem, over apparent power.
 
 use bess_tables::Direction;
 
 use crate::error::{check_length, check_range};
-use crate::model::ControlModel;
-use crate::reactive::spread::{spread, Inverter};
+use crate::model::{ControlModel, LossCurve};
+use crate::one_step::{solve, Response, StringCost};
 use crate::ControlError;
 
-/// Minimum saving of another set of inverters, as a share of the losses.
-const WORTHWHILE: f64 = 1e-9;
+/// Share of the total below which a reactive power is a rounding error.
+const CRUMBS: f64 = 1e-9;
 
-/// Inverters that are on, their reactive powers, and their cost [W].
-#[derive(Debug, Clone)]
-struct Share {
-    on: Vec<bool>,
-    reactive_var: Vec<f64>,
-    cost_w: f64,
-}
-
-/// Reactive power to be allocated to inverters, with the cost of a start of each [W].
-struct Sharing<'a> {
-    inverters: Vec<Inverter<'a>>,
-    start_w: &'a [f64],
-    total_var: f64,
+/// An inverter in one step: its loss over apparent power, active power, reactive headroom, and the cost of a start [W].
+#[derive(Debug, Clone, Copy)]
+struct Inverter<'a> {
+    curve: &'a LossCurve,
+    active_w: f64,
+    room_var: f64,
+    start_w: f64,
 }
 
 impl ControlModel {
@@ -53,83 +47,156 @@ impl ControlModel {
             let string = &self.strings()[m];
             let (active_w, most_va) = (request_w[m].abs(), limit_va[m].min(string.nominal_w()));
             let room_var = (most_va * most_va - active_w * active_w).max(0.0).sqrt();
-            Inverter { curve: string.loss(Direction::of(request_w[m])), active_w, room_var }
+            let curve = string.loss(Direction::of(request_w[m]));
+            Inverter { curve, active_w, room_var, start_w: start_w[m] }
         };
         let inverters: Vec<_> = (0..n).map(inverter).collect();
         let room: f64 = inverters.iter().map(|i| i.room_var).sum();
-        Ok(Sharing { inverters, start_w, total_var: total_var.min(room) }.best().reactive_var)
+        Ok(share(&inverters, total_var.min(room)))
     }
 }
 
-impl Sharing<'_> {
-    /// Starts with the inverters that active power and the reactive headroom require. Then switches one
-    /// inverter or exchanges two while this saves.
-    fn best(&self) -> Share {
-        let n = self.inverters.len();
-        let mut on: Vec<bool> = self.inverters.iter().map(|i| i.active_w > 0.0).collect();
-        while !self.fits(&on) {
-            let off = (0..n).filter(|&m| !on[m] && self.inverters[m].room_var > 0.0);
-            // The first of equal inverters.
-            let room = |m: usize| self.inverters[m].room_var;
-            match off.reduce(|a, b| if room(b) > room(a) { b } else { a }) {
-                Some(m) => on[m] = true,
-                None => break,
-            }
+/// Reactive power of each inverter, in total `total_var`, which is at most their total headroom.
+fn share(inverters: &[Inverter<'_>], total_var: f64) -> Vec<f64> {
+    if total_var <= 0.0 {
+        return vec![0.0; inverters.len()];
+    }
+    let mut reactive_var = solve(inverters, total_var).request_w;
+    // A combination of two responses has rounding errors, which start no inverter and exceed no limit.
+    for (q, inverter) in reactive_var.iter_mut().zip(inverters) {
+        let is_rounding = inverter.active_w == 0.0 && *q < CRUMBS * total_var;
+        *q = if is_rounding { 0.0 } else { q.min(inverter.room_var) };
+    }
+    let mut rest_var = total_var - reactive_var.iter().sum::<f64>();
+    for (q, inverter) in reactive_var.iter_mut().zip(inverters) {
+        if inverter.active_w > 0.0 || *q > 0.0 {
+            let more = rest_var.min(inverter.room_var - *q).max(0.0);
+            *q += more;
+            rest_var -= more;
         }
-        let mut best = self.share(on);
-        loop {
-            let free: Vec<usize> = (0..n).filter(|&m| self.inverters[m].active_w == 0.0).collect();
-            let mut found: Option<Share> = None;
-            for (k, &a) in free.iter().enumerate() {
-                for &b in &free[k..] {
-                    if a != b && best.on[a] == best.on[b] {
-                        continue;
-                    }
-                    let mut on = best.on.clone();
-                    on[a] = !on[a];
-                    if a != b {
-                        on[b] = !on[b];
-                    }
-                    if !self.fits(&on) {
-                        continue;
-                    }
-                    let share = self.share(on);
-                    let least = found.as_ref().unwrap_or(&best).cost_w;
-                    if share.cost_w < least - WORTHWHILE * least {
-                        found = Some(share);
-                    }
+    }
+    if !inverters.iter().all(Inverter::is_convex) {
+        exchange(inverters, &mut reactive_var);
+    }
+    reactive_var
+}
+
+impl Inverter<'_> {
+    /// Loss with a reactive power [W].
+    fn loss_w(&self, reactive_var: f64) -> f64 {
+        self.curve.at(self.active_w.hypot(reactive_var)).0
+    }
+
+    /// Reactive power that minimises loss minus `price` times reactive power; the smallest of several minima.
+    ///
+    /// The curve is linear in apparent power between knots, with slope `b`: the minimum is at a knot, at an
+    /// end, or where the marginal loss `b q / S` equals the price.
+    fn best_at(&self, price: f64) -> Response {
+        let (p, most) = (self.active_w, self.active_w.hypot(self.room_var));
+        let mut best = (self.loss_w(0.0), 0.0);
+        let mut consider = |q: f64, loss: f64| {
+            if loss - price * q < best.0 {
+                best = (loss - price * q, q);
+            }
+        };
+        let (knots, losses) = (self.curve.power(), self.curve.loss());
+        for (s, w) in knots.windows(2).zip(losses.windows(2)) {
+            if s[1] <= p || s[0] >= most {
+                continue;
+            }
+            let slope = (w[1] - w[0]) / (s[1] - s[0]);
+            if price > 0.0 && price < slope {
+                let q = p * price / (slope * slope - price * price).sqrt();
+                let apparent = p.hypot(q);
+                if q < self.room_var && (s[0]..=s[1]).contains(&apparent) {
+                    consider(q, w[0] + slope * (apparent - s[0]));
                 }
             }
-            match found {
-                Some(share) => best = share,
-                None => return best,
+            if s[1] < most {
+                consider((s[1] * s[1] - p * p).sqrt(), w[1]);
             }
         }
+        consider(self.room_var, self.loss_w(self.room_var));
+        Response { value: best.0, request_w: best.1, shed_w: 0.0 }
     }
 
-    /// Whether these inverters can carry all reactive power.
-    fn fits(&self, on: &[bool]) -> bool {
-        let room: f64 = self.inverters.iter().zip(on).map(|(i, &on)| if on { i.room_var } else { 0.0 }).sum();
-        room >= self.total_var * (1.0 - 1e-12)
+    /// Slopes of the curve.
+    fn slopes(&self) -> impl Iterator<Item = f64> + '_ {
+        let (knots, losses) = (self.curve.power(), self.curve.loss());
+        knots.windows(2).zip(losses.windows(2)).map(|(s, w)| (w[1] - w[0]) / (s[1] - s[0]))
     }
 
-    /// The optimal allocation to the inverters that are on.
-    fn share(&self, on: Vec<bool>) -> Share {
-        let running: Vec<usize> = (0..on.len()).filter(|&m| on[m]).collect();
-        let inverters: Vec<_> = running.iter().map(|&m| self.inverters[m]).collect();
-        let (mut reactive_var, mut cost_w) = (vec![0.0; on.len()], 0.0);
-        for (&m, q) in running.iter().zip(spread(&inverters, self.total_var)) {
-            reactive_var[m] = q;
-            let inverter = &self.inverters[m];
-            cost_w += inverter.loss_w(q);
-            if inverter.active_w == 0.0 {
-                cost_w += self.start_w[m];
-            }
-        }
-        Share { on, reactive_var, cost_w }
+    /// Whether the loss is convex in reactive power, up to rounding of the curve.
+    fn is_convex(&self) -> bool {
+        let mut before = 0.0;
+        self.slopes().all(|slope| {
+            let rises = slope >= before - 1e-9;
+            before = slope;
+            rises
+        })
+    }
+
+    /// Zero, the reactive powers at the knots of the curve, and the maximum.
+    fn corners(&self) -> impl Iterator<Item = f64> + '_ {
+        let inside = self.curve.power().iter().filter(|&&s| s > self.active_w);
+        let at_knots = inside.map(|s| (s * s - self.active_w * self.active_w).sqrt());
+        at_knots.filter(|&q| q < self.room_var).chain([0.0, self.room_var])
     }
 }
 
+impl StringCost for Inverter<'_> {
+    fn on(&self, price: f64) -> Response {
+        let on = self.best_at(price);
+        Response { value: on.value + if self.active_w > 0.0 { 0.0 } else { self.start_w }, ..on }
+    }
+
+    fn off(&self, _price: f64) -> Response {
+        Response { value: 0.0, request_w: 0.0, shed_w: 0.0 }
+    }
+
+    fn steepest(&self) -> f64 {
+        self.slopes().map(f64::abs).fold(0.0, f64::max)
+    }
+
+    fn largest_request(&self, on: bool) -> f64 {
+        if on {
+            self.room_var
+        } else {
+            0.0
+        }
+    }
+
+    fn is_on(&self) -> bool {
+        self.active_w > 0.0
+    }
+}
+
+/// Moves reactive power between pairs of inverters that are on, one of each pair to a corner of its curve, while this
+/// saves: the one-step problem is exact for convex curves only.
+fn exchange(inverters: &[Inverter<'_>], shares_var: &mut [f64]) {
+    let is_on = |m: &usize| inverters[*m].active_w > 0.0 || shares_var[*m] > 0.0;
+    let on: Vec<usize> = (0..inverters.len()).filter(is_on).collect();
+    let mut saves = true;
+    while saves {
+        saves = false;
+        for (a, b) in on.iter().enumerate().flat_map(|(k, &a)| on[k + 1..].iter().map(move |&b| (a, b))) {
+            let (first, second, sum) = (&inverters[a], &inverters[b], shares_var[a] + shares_var[b]);
+            let cost = |q: f64| first.loss_w(q) + second.loss_w(sum - q);
+            let now = cost(shares_var[a]);
+            let best = first
+                .corners()
+                .chain(second.corners().map(|q| sum - q))
+                .filter(|&q| {
+                    (0.0..=first.room_var).contains(&q) && (0.0..=second.room_var).contains(&(sum - q))
+                })
+                .min_by(|x, y| cost(*x).total_cmp(&cost(*y)));
+            if let Some(q) = best.filter(|&q| cost(q) < now * (1.0 - 1e-9)) {
+                (shares_var[a], shares_var[b]) = (q, sum - q);
+                saves = true;
+            }
+        }
+    }
+}
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -150,13 +217,13 @@ mod tests {
         (NOMINAL_W * NOMINAL_W - active_w * active_w).sqrt()
     }
 
-    fn best(curves: &[LossCurve], active_w: &[f64], total_var: f64) -> Share {
-        let inverters: Vec<_> = curves
-            .iter()
-            .zip(active_w)
-            .map(|(curve, &active_w)| Inverter { curve, active_w, room_var: room(active_w) })
-            .collect();
-        Sharing { inverters, start_w: &vec![0.0; curves.len()], total_var }.best()
+    fn inverter(curve: &LossCurve, active_w: f64, start_w: f64) -> Inverter<'_> {
+        Inverter { curve, active_w, room_var: room(active_w), start_w }
+    }
+
+    fn best(curves: &[LossCurve], active_w: &[f64], total_var: f64) -> Vec<f64> {
+        let inverters: Vec<_> = curves.iter().zip(active_w).map(|(c, &p)| inverter(c, p, 0.0)).collect();
+        share(&inverters, total_var)
     }
 
     proptest! {
@@ -171,21 +238,22 @@ mod tests {
             let (curves, active_w) = ([curve(a, b, c), other], [powers.0, powers.1]);
             let total_var = part * (room(powers.0) + room(powers.1));
             let found = best(&curves, &active_w, total_var);
-            let sum: f64 = found.reactive_var.iter().sum();
+            let sum: f64 = found.iter().sum();
             prop_assert!((sum - total_var).abs() <= 1e-9 * (1.0 + total_var));
-            for (q, p) in found.reactive_var.iter().zip(active_w) {
+            for (q, p) in found.iter().zip(active_w) {
                 prop_assert!((0.0..=room(p)).contains(q));
             }
-            let cost = |q: f64| -> f64 {
+            let cost = |a: f64, b: f64| -> f64 {
                 let one = |curve: &LossCurve, p: f64, q: f64| {
                     if p == 0.0 && q == 0.0 { 0.0 } else { curve.at(p.hypot(q)).0 }
                 };
-                one(&curves[0], active_w[0], q) + one(&curves[1], active_w[1], total_var - q)
+                one(&curves[0], active_w[0], a) + one(&curves[1], active_w[1], b)
             };
+            let cost_w = cost(found[0], found[1]);
             for k in 0..=1000 {
                 let q = total_var * f64::from(k) / 1000.0;
                 if q <= room(powers.0) && total_var - q <= room(powers.1) {
-                    prop_assert!(found.cost_w <= cost(q) + 1e-9, "{q}: {} < {}", cost(q), found.cost_w);
+                    prop_assert!(cost_w <= cost(q, total_var - q) + 1e-9, "{q}: {cost_w}");
                 }
             }
         }
@@ -204,7 +272,7 @@ mod tests {
             let found = best(&curves, &powers, total_var);
             let marginal: Vec<f64> = powers
                 .iter()
-                .zip(&found.reactive_var)
+                .zip(&found)
                 .filter(|(&p, &q)| q < room(p) - 0.5)
                 .map(|(&p, &q)| (0.01 + 4e-4 * p.hypot(q)) * q / p.hypot(q))
                 .collect();
@@ -217,22 +285,37 @@ mod tests {
     #[test]
     fn only_as_many_idle_inverters_run_as_save_losses() {
         let curves = vec![curve(1.0, 1.0, 0.5); 4];
-        let on = |total_var| best(&curves, &[0.0; 4], total_var).on.iter().filter(|&&on| on).count();
+        let on = |total_var| best(&curves, &[0.0; 4], total_var).iter().filter(|&&q| q > 0.0).count();
         assert_eq!([0.0, 60.0, 100.0, 150.0, 390.0].map(on), [0, 1, 1, 2, 4]);
         let steep = vec![curve(0.1, 0.0, 3.0); 4];
-        assert_eq!(best(&steep, &[0.0; 4], 100.0).on, [true; 4]);
+        assert!(best(&steep, &[0.0; 4], 100.0).iter().all(|&q| q > 0.0));
+    }
+
+    #[test]
+    fn more_idle_inverters_never_cost_more_beside_those_that_run() {
+        let curve = curve(1.0, 1.0, 0.5);
+        let idle = |n: usize| vec![inverter(&curve, 0.0, 2.0); n];
+        let running =
+            [38.0, 7.5, 74.0, 60.0, 5.0, 53.0, 51.0].map(|active_w| inverter(&curve, active_w, 2.0));
+        let cost_w = |inverters: &[Inverter<'_>]| -> f64 {
+            let cost = |(q, i): (f64, &Inverter<'_>)| match (q > 0.0, i.active_w > 0.0) {
+                (_, true) => i.loss_w(q),
+                (true, false) => i.loss_w(q) + i.start_w,
+                (false, false) => 0.0,
+            };
+            share(inverters, 645.0).into_iter().zip(inverters).map(cost).sum()
+        };
+        let all_w = cost_w(&[running.to_vec(), idle(9)].concat());
+        for n in 2..9 {
+            assert!(all_w <= cost_w(&[running.to_vec(), idle(n)].concat()) + 1e-9, "{n}");
+        }
     }
 
     #[test]
     fn a_start_that_costs_more_than_it_saves_is_not_made() {
         let curves = [curve(0.1, 0.0, 3.0), curve(0.1, 0.0, 3.0)];
-        let inverters: Vec<_> = curves
-            .iter()
-            .zip([50.0, 0.0])
-            .map(|(curve, active_w)| Inverter { curve, active_w, room_var: room(active_w) })
-            .collect();
-        let runs = |start: f64| {
-            Sharing { inverters: inverters.clone(), start_w: &[0.0, start], total_var: 60.0 }.best().on[1]
+        let runs = |start_w: f64| {
+            share(&[inverter(&curves[0], 50.0, start_w), inverter(&curves[1], 0.0, start_w)], 60.0)[1] > 0.0
         };
         assert!(runs(0.0) && !runs(1.0));
     }

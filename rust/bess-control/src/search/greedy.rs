@@ -4,7 +4,7 @@ use super::descent::improve;
 use super::incremental_rollout::IncrementalRollout;
 use super::incumbent::Schedule;
 use crate::model::{ControlHorizon, Range, StringState};
-use crate::one_step::{solve, CostCurve, OperatingTerms};
+use crate::one_step::{solve, CostCurve, OperatingTerms, StringCost};
 
 /// Price of availability loss, relative to the steepest loss, if it must be minimised first.
 const SHED_FIRST: f64 = 1e3;
