@@ -155,6 +155,8 @@ RUST = [
     ("reach: least heat at the wrong end of the scale", f"{REACH}/cell.rs", "heat(g_low.min(0.25 * scale.high), scale.high) };", "heat(g_low.min(0.25 * scale.high), scale.low) };"),
     ("certificate: what may be shed is counted at the dearest string", f"{REACH}/step_bounds.rs", "map(|c| c.availability).fold(f64::INFINITY, f64::min)", "map(|c| c.availability).fold(0.0, f64::max)"),
     ("certificate: one step that sheds nothing is enough", f"{REACH}/certificate.rs", ".all(|flow| flow.availability_w <= 0.0)", ".any(|flow| flow.availability_w <= 0.0)"),
+    ("priced: earlier groups are priced at more than is conceded", f"{REACH}/priced.rs", "*total += multiplier * cost", "*total += 4.0 * multiplier * cost"),
+    ("priced: energies count as powers", f"{REACH}/priced.rs", "costs.map(|c| c / self.intervals[0].dt_h)", "costs.map(|c| c)"),
     ("lagrangian: strings that derate everything are left out", f"{ONE_STEP}/lagrangian.rs", "                total += off;\n", ""),
 ]
 # fmt: on

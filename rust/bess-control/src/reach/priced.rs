@@ -77,3 +77,39 @@ impl ControlHorizon {
 fn largest(costs: &[f64; 4]) -> f64 {
     costs.iter().copied().fold(0.0, f64::max)
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::model::ControlHorizon;
+    use crate::search::common;
+
+    const SIZE: usize = 12;
+    const SCHEDULES: usize = 400;
+    const FAR: f64 = 1e9;
+
+    fn schedules(horizon: &ControlHorizon) -> Vec<[f64; 2]> {
+        let wanted = |i: usize| common::uniform(i as u64) * common::NOMINAL_W;
+        let one = |n: usize| {
+            let request_w: Vec<f64> = (0..SIZE).map(|i| wanted(n * SIZE + i)).collect();
+            let costs = horizon.objectives(&horizon.fitted(&request_w));
+            [costs[0], costs[1]]
+        };
+        (0..SCHEDULES).map(one).collect()
+    }
+
+    #[test]
+    fn no_schedule_within_a_ceiling_costs_less_than_its_priced_bound_and_it_bounds_something() {
+        for soc in [0.06, 0.5, 0.95] {
+            let horizon = common::horizon(&common::reference(2), SIZE / 2, soc);
+            let all = schedules(&horizon);
+            let least = all.iter().map(|c| c[0]).fold(f64::INFINITY, f64::min);
+            for ceiling in [least, 1.1 * least + 1e-3] {
+                let within =
+                    all.iter().filter(|c| c[0] <= ceiling).map(|c| c[1]).fold(f64::INFINITY, f64::min);
+                let bound = horizon.priced_bound(&[ceiling], FAR);
+                assert!(bound <= within, "{bound} above {within} at {soc}");
+                assert!(bound > 0.7 * within, "{bound} of {within} at {soc}");
+            }
+        }
+    }
+}
