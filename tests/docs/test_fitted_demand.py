@@ -27,7 +27,6 @@ def test_most_statements_come_out_on_the_fitted_demand(kpis: fit_demand.Kpis) ->
 
 
 MISSING = [
-    "Peak of S2 below that of S1",
     "S2 over S1, battery efficiency",
     "S2 over S1, derating efficiency",
     "Availability of S2 not below that of S1",
