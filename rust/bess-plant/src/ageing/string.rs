@@ -189,7 +189,8 @@ impl StringAgeing {
         self.model.map_or(0.0, |model| {
             // A range that would leave the window is the same range inside it.
             let half = 0.5 * depth;
-            let middle = soc.clamp(half, (1.0 - half).max(half));
+            // Not `clamp`, which panics for a depth that is not a number.
+            let middle = soc.max(half).min((1.0 - half).max(half));
             let cycle = self.cycle((middle - half, middle + half), c_rate, temperature_c + ZERO_C_IN_K);
             model.cyclic.marginal(&cycle, cyclic)
         })
