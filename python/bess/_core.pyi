@@ -65,8 +65,6 @@ def water_fill(total_kw: float, weights: _Array, caps_kw: _Array) -> _Array: ...
 class System:
     def __new__(cls, document: str) -> System: ...
     def aged(self, soh_capacity: _Array, soh_resistance: _Array) -> System: ...
-    @property
-    def n_strings(self) -> int: ...
 
 @final
 class Ageing:
@@ -91,12 +89,8 @@ class Plant:
         derating_law: str,
         state: dict[str, _Array | NDArray[np.bool_]],
     ) -> Plant: ...
-    @property
-    def lanes(self) -> int: ...
-    @property
-    def max_nodes(self) -> int: ...
-    @property
-    def plant_step_s(self) -> float: ...
+    max_nodes: int
+    plant_step_s: float
     def state(self) -> dict[str, NDArray[Any]]: ...
     def set_state(self, state: dict[str, _Array | NDArray[np.bool_]]) -> None: ...
     def run(
@@ -121,20 +115,13 @@ class FlowArrays:
 
 @final
 class Plan:
-    @property
-    def request_kw(self) -> _Array: ...
-    @property
-    def cost(self) -> float: ...
-    @property
-    def rule_cost(self) -> float: ...
-    @property
-    def search_bound(self) -> float | None: ...
-    @property
-    def bound(self) -> float | None: ...
-    @property
-    def rollouts(self) -> int: ...
-    @property
-    def start_charge(self) -> float: ...
+    request_kw: _Array
+    cost: float
+    rule_cost: float
+    search_bound: float | None
+    bound: float | None
+    rollouts: int
+    start_charge: float
 
 @final
 class BestShares:
@@ -153,8 +140,8 @@ class ControlModel:
     def __new__(cls, system: System) -> ControlModel: ...
     def rollout(
         self,
-        soc0: _Array,
-        temperature0_c: _Array,
+        soc: _Array,
+        temperature_c: _Array,
         request_kw: _Array,
         ambient_c: _Array,
         dt_h: float,
@@ -162,8 +149,8 @@ class ControlModel:
     ) -> FlowArrays: ...
     def track_demand(
         self,
-        soc0: _Array,
-        temperature0_c: _Array,
+        soc: _Array,
+        temperature_c: _Array,
         demand_kw: _Array,
         ambient_c: _Array,
         dt_h: float,
@@ -172,7 +159,7 @@ class ControlModel:
     ) -> TrackedArrays: ...
     def coefficients(self, soc: _Array, temperature_c: _Array, discharge: bool) -> tuple[_Array, _Array]: ...
     def deliverable_kw(
-        self, soc0: _Array, temperature0_c: _Array, discharge: bool, dt_h: float
+        self, soc: _Array, temperature_c: _Array, discharge: bool, dt_h: float
     ) -> _Array: ...
     def set_points(self, request_kw: _Array, limit_kw: _Array) -> _Array: ...
     def share_reactive(
@@ -215,7 +202,6 @@ class SplitAnswer:
     incumbent: Incumbent
     flows: FlowArrays
     groups: list[GroupBounds]
-    search_bound: float | None
     rollouts: int
 
 @final
@@ -235,8 +221,8 @@ class ControlHorizon:
     def __new__(
         cls,
         model: ControlModel,
-        soc0: _Array,
-        temperature0_c: _Array,
+        soc: _Array,
+        temperature_c: _Array,
         demand_kw: _Array,
         ambient_c: _Array,
         dt_h: float,

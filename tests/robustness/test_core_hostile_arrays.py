@@ -35,8 +35,8 @@ def plant(state: dict[str, Any] | None = None) -> _core.Plant:
 
 def horizon(**changes: Any) -> _core.ControlHorizon:
     given_ = {
-        "soc0": SOC,
-        "temperature0_c": TEMPERATURE,
+        "soc": SOC,
+        "temperature_c": TEMPERATURE,
         "demand_kw": DEMAND,
         "ambient_c": AMBIENT,
         "dt_h": 0.25,
@@ -141,8 +141,8 @@ CALLS: dict[str, Callable[[Any], Any]] = {
     **{
         f"horizon {name}": _searched(name)
         for name in (
-            "soc0",
-            "temperature0_c",
+            "soc",
+            "temperature_c",
             "demand_kw",
             "ambient_c",
             "limit_kw",

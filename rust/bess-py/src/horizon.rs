@@ -49,8 +49,8 @@ impl ControlHorizon {
     #[allow(clippy::too_many_arguments)]
     fn new(
         model: &ControlModel,
-        soc0: GivenVector<'_>,
-        temperature0_c: GivenVector<'_>,
+        soc: GivenVector<'_>,
+        temperature_c: GivenVector<'_>,
         demand_kw: GivenVector<'_>,
         ambient_c: GivenVector<'_>,
         dt_h: f64,
@@ -66,8 +66,8 @@ impl ControlHorizon {
             check_shape("costs", &[tol_abs.len(), n_strings, 4], costs.shape())?;
         }
         let problem = SplitProblem {
-            soc: &numbers(&soc0),
-            temperature_c: &numbers(&temperature0_c),
+            soc: &numbers(&soc),
+            temperature_c: &numbers(&temperature_c),
             demand_w: &watts(&demand_kw),
             ambient_c: &numbers(&ambient_c),
             dt_h,

@@ -25,29 +25,19 @@ mod system;
 #[pymodule]
 mod _core {
     #[pymodule_export]
-    use crate::ageing::{ageing_models, rainflow, Ageing};
-    #[pymodule_export]
-    use crate::answers::{GroupBounds, Incumbent, SplitAnswer, StepBounds, TightenedBounds};
-    #[pymodule_export]
-    use crate::dispatch::Store;
-    #[pymodule_export]
-    use crate::explicit::Explicit;
-    #[pymodule_export]
-    use crate::flows::FlowArrays;
-    #[pymodule_export]
-    use crate::horizon::ControlHorizon;
-    #[pymodule_export]
-    use crate::model::{BestShares, ControlModel, TrackedArrays};
-    #[pymodule_export]
-    use crate::nodes::Node;
-    #[pymodule_export]
-    use crate::plan::{plan, Plan};
-    #[pymodule_export]
-    use crate::plant::{cooling_kinds, Plant};
-    #[pymodule_export]
-    use crate::rule::{water_fill, Rule};
-    #[pymodule_export]
-    use crate::states::StateBoxes;
-    #[pymodule_export]
-    use crate::system::System;
+    use crate::{
+        ageing::{ageing_models, rainflow, Ageing},
+        answers::{GroupBounds, Incumbent, SplitAnswer, StepBounds, TightenedBounds},
+        dispatch::Store,
+        explicit::Explicit,
+        flows::FlowArrays,
+        horizon::ControlHorizon,
+        model::{BestShares, ControlModel, TrackedArrays},
+        nodes::Node,
+        plan::{plan, Plan},
+        plant::{cooling_kinds, Plant},
+        rule::{water_fill, Rule},
+        states::StateBoxes,
+        system::System,
+    };
 }

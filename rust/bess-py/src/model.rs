@@ -47,13 +47,13 @@ impl ControlModel {
 
     /// Rolls out signed requests `(B, M, T)` [kW], with the coefficients at the start or the middle of each
     /// step.
-    #[pyo3(signature = (soc0, temperature0_c, request_kw, ambient_c, dt_h, midpoint=false))]
+    #[pyo3(signature = (soc, temperature_c, request_kw, ambient_c, dt_h, midpoint=false))]
     #[allow(clippy::too_many_arguments)]
     fn rollout(
         &self,
         py: Python<'_>,
-        soc0: GivenVector<'_>,
-        temperature0_c: GivenVector<'_>,
+        soc: GivenVector<'_>,
+        temperature_c: GivenVector<'_>,
         request_kw: GivenCube<'_>,
         ambient_c: GivenVector<'_>,
         dt_h: f64,
@@ -62,7 +62,7 @@ impl ControlModel {
         let coefficients = if midpoint { CoefficientsFrom::Middle } else { CoefficientsFrom::Start };
         let shape = [request_kw.shape()[0], self.inner.strings().len(), ambient_c.len()];
         check_shape("request", &shape, request_kw.shape())?;
-        let start = self.states(&soc0, &temperature0_c)?;
+        let start = self.states(&soc, &temperature_c)?;
         let (requests_w, ambient_c) = (watts(&request_kw), numbers(&ambient_c));
         let out = py
             .detach(|| self.inner.rollout(&start, &requests_w, &ambient_c, dt_h, coefficients))
@@ -75,15 +75,15 @@ impl ControlModel {
     fn track_demand(
         &self,
         py: Python<'_>,
-        soc0: GivenVector<'_>,
-        temperature0_c: GivenVector<'_>,
+        soc: GivenVector<'_>,
+        temperature_c: GivenVector<'_>,
         demand_kw: GivenVector<'_>,
         ambient_c: GivenVector<'_>,
         dt_h: f64,
         parts: usize,
         shares: &BestShares,
     ) -> PyResult<TrackedArrays> {
-        let start = self.states(&soc0, &temperature0_c)?;
+        let start = self.states(&soc, &temperature_c)?;
         let (demand_w, ambient_c) = (watts(&demand_kw), numbers(&ambient_c));
         let tracked = py
             .detach(|| self.inner.track_demand(&start, &demand_w, &ambient_c, dt_h, parts, &shares.inner))
@@ -117,12 +117,12 @@ impl ControlModel {
     fn deliverable_kw(
         &self,
         py: Python<'_>,
-        soc0: GivenVector<'_>,
-        temperature0_c: GivenVector<'_>,
+        soc: GivenVector<'_>,
+        temperature_c: GivenVector<'_>,
         discharge: bool,
         dt_h: f64,
     ) -> PyResult<Vector> {
-        let states = self.states(&soc0, &temperature0_c)?;
+        let states = self.states(&soc, &temperature_c)?;
         Ok(vector(py, kilowatts(self.inner.deliverable_w(&states, direction(discharge), dt_h))))
     }
 

@@ -90,12 +90,6 @@ impl Plant {
         Ok(Self { inner, system: system.inner.clone() })
     }
 
-    /// Strings times scenarios.
-    #[getter]
-    fn lanes(&self) -> usize {
-        self.inner.lanes()
-    }
-
     /// Maximum number of thermal nodes of a string.
     #[getter]
     fn max_nodes(&self) -> usize {

@@ -26,9 +26,4 @@ impl System {
         let inner = self.inner.aged(&numbers(&soh_capacity), &numbers(&soh_resistance)).map_err(refused)?;
         Ok(Self { inner: Arc::new(inner) })
     }
-
-    #[getter]
-    fn n_strings(&self) -> usize {
-        self.inner.strings.len()
-    }
 }
