@@ -5,7 +5,7 @@ import pytest
 
 import bess
 from bess.control.split import bounds, power_split
-from bess.control.split.bounds import certify
+from bess.control.split.bounds import Certificate
 from bess.control.split.relaxation.group import RelaxedGroup
 from bess.control.split.result import SplitStatus
 
@@ -126,10 +126,10 @@ def test_relaxations_count_what_is_bounded_and_hold_earlier_groups_under_their_c
     def last(constants, problem, control, answer, costs, *rest):
         asked.clear()
         certified.update(groups=answer.groups, costs=costs)
-        return certify(constants, problem, control, answer, costs, *rest)
+        return Certificate(constants, problem, control, answer, costs, *rest)
 
     monkeypatch.setattr(bounds, "RelaxedGroup", recorded)
-    monkeypatch.setattr(power_split, "certify", last)
+    monkeypatch.setattr(power_split, "Certificate", last)
     bess.PowerSplit(SYSTEM, 4, objectives, gap=1e-6)(bess.State([0.08, 0.3], [49.0, 40.0]), [150.0] * 4)
     groups, costs = certified["groups"], certified["costs"]
     assert not np.array_equal(costs.reported, costs.searched)

@@ -82,15 +82,15 @@ def test_nodes_lead_to_better_schedules(monkeypatch):
     """After a search that is cut short, a node's point, rounded, repaired and rolled out, sheds less."""
     monkeypatch.setattr(power_split, "ROLLOUTS", 1)
     monkeypatch.setattr(power_split, "SEARCHES", 1)
-    certify, known, found = power_split.certify, [], []
+    certified, known, found = power_split.Certificate, [], []
 
     def recorded(*given):
-        certificate = certify(*given)
+        certificate = certified(*given)
         known.append(given[3].incumbent.objectives)
         found.append(certificate.incumbent.objectives)
         return certificate
 
-    monkeypatch.setattr(power_split, "certify", recorded)
+    monkeypatch.setattr(power_split, "Certificate", recorded)
     state = bess.State([0.07669139, 0.18081985], [31.57424879, 28.88680946])
     bess.split_power(SYSTEM, state, [126.2069721544812, 123.80082615566097, 71.9142366013817], node_limit=200)
     assert np.all(found[0] < known[0] * 0.9995)

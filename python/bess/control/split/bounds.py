@@ -8,18 +8,17 @@ search. This module adds a relaxation over the whole horizon and a branch and bo
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 
 import numpy as np
 
 from bess import _core
 from bess.arrays import Array
 from bess.control.split import tree
-from bess.control.split.objectives import Costs
+from bess.control.split.objectives import NAMES, Costs
 from bess.control.split.problem import SplitProblem
 from bess.control.split.relaxation.data import PlantConstants
 from bess.control.split.relaxation.group import Cutoff, RelaxedGroup
-from bess.control.split.result import relative_gap
+from bess.control.split.result import GroupResult, relative_gap
 from bess.control.split.settings import SplitSettings
 from bess.control.split.tree import Closure
 
@@ -47,61 +46,8 @@ LARGEST_RELAXATION = 256
 """String-steps above which no relaxation is solved; prices and single steps bound as tightly."""
 
 
-@dataclass(frozen=True)
-class GroupCertificate:
-    """Lower bounds of one group, and how the search of the convexified program ended.
-
-    Attributes
-    ----------
-    objective, bound : float
-        Objective of the schedule in reported costs, and its lower bound in the nonlinear control model.
-    search_objective, search_bound : float
-        Objective of the schedule in search costs, and its lower bound in the convexified program.
-    is_proven : bool
-        Whether objective and bound are within the requested gap.
-    closure : Closure
-        Reason why the search of the convexified program ended.
-    """
-
-    objective: float
-    bound: float
-    search_objective: float
-    search_bound: float
-    is_proven: bool
-    closure: Closure
-
-
-@dataclass(frozen=True)
 class Certificate:
-    """Lower bounds of a schedule.
-
-    Attributes
-    ----------
-    groups : tuple of GroupCertificate
-    nodes : int
-        Number of solved relaxations.
-    failed : bool
-        Whether all relaxations of some group failed.
-    incumbent : _core.Incumbent
-        The schedule, or a better one from a relaxation.
-    """
-
-    groups: tuple[GroupCertificate, ...]
-    nodes: int
-    failed: bool
-    incumbent: _core.Incumbent
-
-
-def certify(
-    constants: PlantConstants,
-    problem: SplitProblem,
-    control: _core.ControlHorizon,
-    answer: _core.SplitAnswer,
-    costs: Costs,
-    settings: SplitSettings,
-    deadline: float | None,
-) -> Certificate:
-    """Bound every group, with relaxations if the bounds of the core leave a gap.
+    """Lower bounds of every group, with relaxations if the bounds of the core leave a gap.
 
     Parameters
     ----------
@@ -112,17 +58,23 @@ def certify(
     costs
         Costs of the losses.
     settings
-        Gap and node limit.
+        Objectives, gap and node limit.
     deadline
         Value of ``time.perf_counter()`` after which no relaxation starts.
+
+    Attributes
+    ----------
+    groups : tuple of GroupResult
+    closures : tuple of Closure or None
+        For each group, why the search of the convexified program ended; None if its rigorous gap is within
+        the requested one.
+    nodes : int
+        Number of solved relaxations.
+    failed : bool
+        Whether all relaxations of some group failed.
+    incumbent : _core.Incumbent
+        The schedule, or a better one from a relaxation.
     """
-    certifier = _Certifier(constants, problem, control, answer, costs, settings, deadline)
-    groups = tuple(certifier.certify(index) for index in range(len(answer.groups)))
-    return Certificate(groups, certifier.nodes, certifier.failed, certifier.incumbent)
-
-
-class _Certifier:
-    """Bounds the groups of one answer, counts relaxations and keeps the incumbent."""
 
     def __init__(
         self,
@@ -141,20 +93,24 @@ class _Certifier:
         self.incumbent = answer.incumbent
         self.nodes = 0
         self.failed = False
+        certified = [self._certified(index) for index in range(len(answer.groups))]
+        self.groups = tuple(group for group, _ in certified)
+        self.closures = tuple(closure for _, closure in certified)
 
-    def certify(self, index: int) -> GroupCertificate:
+    def _certified(self, index: int) -> tuple[GroupResult, Closure | None]:
         """Bound one group: rigorously, then in the convexified program."""
         group, before = self._answer.groups[index], self._answer.groups[:index]
         bound, search_bound = group.bound, group.search_bound
-        ended = None
+        ended = closure = None
         ceilings = [earlier.ceiling for earlier in before]
         if self._wants_prices(index):
             bound = max(bound, self._control.priced_bound(np.array(ceilings), group.objective))
         if self._wants_relaxation(index, bound):
             ended = self._relaxed(ceilings, self._costs.reported, bound, group.objective)
             bound = ended.bound
-        is_proven = self._is_closed(index, group.objective, bound)
-        if is_proven or self._is_closed(index, group.search_objective, search_bound):
+        if self._is_closed(index, group.objective, bound):
+            pass
+        elif self._is_closed(index, group.search_objective, search_bound):
             closure = Closure.GAP
         elif group.is_search_optimum:
             closure = Closure.TREE
@@ -169,9 +125,18 @@ class _Certifier:
             )
             search_bound = root.bound
             closure = root.closure if ended is None or root.closure is Closure.GAP else ended.closure
-        return GroupCertificate(
-            group.objective, bound, group.search_objective, search_bound, is_proven, closure
+        objectives = self._settings.objectives
+        members = objectives.groups[index]
+        result = GroupResult(
+            priority=objectives.members[members[0]].priority,
+            members=tuple(NAMES[i] for i in members),
+            objective=group.objective,
+            bound=bound,
+            search_bound=search_bound,
+            gap=relative_gap(group.objective, bound),
+            search_gap=relative_gap(group.search_objective, search_bound),
         )
+        return result, closure
 
     def _wants_prices(self, index: int) -> bool:
         """Whether prices are likely to raise the rigorous bound in time."""

@@ -16,13 +16,13 @@ from numpy.typing import ArrayLike
 from bess import _core
 from bess.arrays import Array, finite_array
 from bess.checkpoints import Checkpointed
-from bess.control.split.bounds import Certificate, certify
+from bess.control.split.bounds import Certificate
 from bess.control.split.carried import Carried
 from bess.control.split.normalisation import constant_scale, payoff_scale
-from bess.control.split.objectives import NAMES, Objectives
+from bess.control.split.objectives import Objectives
 from bess.control.split.problem import SplitProblem, check_horizon
 from bess.control.split.relaxation.data import PlantConstants
-from bess.control.split.result import GroupResult, Split, SplitStatus, relative_gap
+from bess.control.split.result import Split, SplitStatus
 from bess.control.split.rollout import Rollout
 from bess.control.split.settings import ROLLOUTS, SplitSettings
 from bess.control.split.tree import Closure
@@ -119,19 +119,15 @@ class PowerSplit(Checkpointed):
 
     def __getstate__(self) -> dict[str, Any]:
         """Settings and warm start; compiled data are rebuilt."""
-        settings = {
-            "system": self.system,
-            "horizon_steps": self.horizon_steps,
-            "objectives": self.objectives,
-            "dt_h": self.dt_h,
-            "gap": self.settings.gap,
-            "time_limit_s": self.settings.time_limit_s,
-            "node_limit": self.settings.node_limit,
-        }
+        given = self.settings
+        settings = (
+            *(self.system, self.horizon_steps, self.objectives, self.dt_h),
+            *(given.gap, given.time_limit_s, given.node_limit),
+        )
         return {"settings": settings, "state_dict": self.state_dict()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__init__(**state["settings"])  # type: ignore[misc]
+        self.__init__(*state["settings"])  # type: ignore[misc]
         self.load_state_dict(state["state_dict"])
 
     def _facts(self) -> dict[str, str]:
@@ -163,20 +159,12 @@ class PowerSplit(Checkpointed):
 
     def state_dict(self) -> dict[str, Any]:
         """Return the state that the next call depends on."""
-        carried = self._shifted
-        return {
-            "warm_start": self.warm_start,
-            "limit_kw": None if carried is None else carried.limit_kw,
-            "soc": None if carried is None else carried.soc,
-            "temperature_c": None if carried is None else carried.temperature_c,
-        }
+        return {"warm_start": None if self._shifted is None else vars(self._shifted)}
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Restore a state returned by :meth:`state_dict`."""
-        request_kw, *made_for = (
-            state_dict[name] for name in ("warm_start", "limit_kw", "soc", "temperature_c")
-        )
-        self._shifted = None if request_kw is None else Carried(request_kw, *made_for)
+        carried = state_dict["warm_start"]
+        self._shifted = None if carried is None else Carried(**carried)
 
     def __call__(
         self,
@@ -221,7 +209,9 @@ class PowerSplit(Checkpointed):
         for _ in range(SEARCHES):
             left_s = None if deadline is None else deadline - time.perf_counter()
             answer = control.split(start, ROLLOUTS, left_s, self.settings.gap)
-            certificate = certify(self._constants, problem, control, answer, costs, self.settings, deadline)
+            certificate = Certificate(
+                self._constants, problem, control, answer, costs, self.settings, deadline
+            )
             if certificate.incumbent is answer.incumbent:
                 break
             # A relaxation gave a better schedule: continue the search from it.
@@ -242,26 +232,11 @@ class PowerSplit(Checkpointed):
             low_soc=soc_start < self._switch_soc,
             saturated=result.availability_loss_kw > SATURATED_KW,
             rollout=result,
-            groups=self._groups(certificate),
+            groups=certificate.groups,
             unmet_kw=problem.unmet_kw,
             nodes=certificate.nodes,
             solve_time_s=time.perf_counter() - started,
             status=SplitStatus.NO_DEMAND if idle else _status(certificate),
-        )
-
-    def _groups(self, certificate: Certificate) -> tuple[GroupResult, ...]:
-        objectives = self.objectives
-        return tuple(
-            GroupResult(
-                priority=objectives.members[members[0]].priority,
-                members=tuple(NAMES[i] for i in members),
-                objective=group.objective,
-                bound=group.bound,
-                search_bound=group.search_bound,
-                gap=relative_gap(group.objective, group.bound),
-                search_gap=relative_gap(group.search_objective, group.search_bound),
-            )
-            for members, group in zip(objectives.groups, certificate.groups, strict=True)
         )
 
 
@@ -299,9 +274,7 @@ def split_power(
 
 def _status(certificate: Certificate) -> SplitStatus:
     """Return the strongest status that holds for every group; statuses are ordered by strength."""
-    order = list(SplitStatus)
     if certificate.failed:
         return SplitStatus.SOLVER_FAILED
-    if all(group.is_proven for group in certificate.groups):
-        return SplitStatus.OPTIMAL
-    return max((STATUS[group.closure] for group in certificate.groups), key=order.index)
+    statuses = [STATUS[closure] for closure in certificate.closures if closure is not None]
+    return max(statuses, key=list(SplitStatus).index, default=SplitStatus.OPTIMAL)
