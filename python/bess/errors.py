@@ -4,7 +4,8 @@ Every message gives the problem, the value with its unit, the allowed range, the
 Expected outcomes (a time limit, an infeasible node) are statuses, not exceptions.
 """
 
-from collections.abc import Iterator, Mapping
+import difflib
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Final, Literal
@@ -36,6 +37,13 @@ class InputError(BessError, ValueError):
 
 class StoppedEarly(BessError):  # noqa: N818 - an outcome, not a fault
     """A run was interrupted after its results so far were saved. Exit status 3; continue with ``resume``."""
+
+
+def nearest(name: str, allowed: Iterable[str], prefix: str = "") -> str:
+    """Return the remedy for an unknown name: the most similar allowed name (after ``prefix``), or all."""
+    names = list(allowed)
+    close = difflib.get_close_matches(name, names, 1)
+    return f"did you mean {prefix + close[0]!r}?" if close else f"allowed: {', '.join(names)}"
 
 
 def by_reason(problems: Mapping[str, str]) -> list[str]:

@@ -14,7 +14,7 @@ from bess.simulation.inputs import prepare
 from bess.study import bundled_studies, expand
 from bess.study.demands import DEMAND_KINDS
 from bess.study.demands.source import StepInputs
-from bess.study.keys import known_keys, parse_assignment
+from bess.study.keys import parse_assignment
 
 MINIMAL = '[demand]\nfile = "two-cycle-48h"\n'
 
@@ -59,7 +59,7 @@ def test_a_study_file_is_named_after_itself_and_its_paths_are_relative_to_it(tmp
 def test_a_kind_of_demand_has_the_name_of_the_registry_and_lists_keys_that_it_has(kind: str) -> None:
     section = DEMAND_KINDS[kind]
     assert section.model_fields["kind"].default == kind
-    assert section.files and set(section.files) <= set(known_keys(section))
+    assert section.files and {file.partition(".")[0] for file in section.files} <= set(section.model_fields)
 
 
 def test_paths_on_the_command_line_are_relative_to_the_working_folder(
@@ -97,7 +97,7 @@ def test_initial_values_are_one_for_all_strings_or_one_for_each() -> None:
             "policy.horizn_steps: unknown key; did you mean 'policy.horizon_steps'?",
         ),
         ({"run.dayz": 4}, "did you mean 'run.days'?"),
-        ({"policy.objectives.invertr": 1}, "did you mean 'policy.objectives.inverter.weight'?"),
+        ({"policy.objectives.invertr": 1}, "did you mean 'policy.objectives.inverter'?"),
         ({"run.days": -1.0}, "run.days = -1.0: must be in (0, 36525] days"),
         ({"run.days": float("nan")}, "run.days = nan"),
         ({"run.days": 0.3}, "whole number of steps of 15 min"),
@@ -152,10 +152,10 @@ def test_bad_values_are_refused_with_key_value_and_what_is_allowed(
         ("[demand]\nfle = 'x'\n", "demand.fle: unknown key; did you mean 'demand.file'?"),
         (
             "[demand]\nfile = 'x'\n[zz]\nqq = 1\n",
-            "zz.qq: unknown key; allowed: augmentation, budget, contract, demand",
+            "zz: unknown key; allowed: augmentation, budget, contract, demand",
         ),
         ("[demand]\nfile = 'x'\n[run]\nstart = 2024-01-01\n", "run.start = 2024-01-01: has no time zone"),
-        ("[demnd]\nfile = 'x'\n", "demnd.file: unknown key; did you mean 'demand.file'?"),
+        ("[demnd]\nfile = 'x'\n", "demnd: unknown key; did you mean 'demand'?"),
         ("", "demand: missing"),
         ("[demand\n", "not valid TOML"),
         (MINIMAL + "[[scenario]]\nname = 'a/b'\nset = {}\n", "scenario[0].name = 'a/b'"),

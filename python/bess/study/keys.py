@@ -1,62 +1,17 @@
-"""Dotted keys of a study: known keys, assignment and suggestions for typos."""
+"""Dotted keys of a study: their values and assignment, and names of bundled items."""
 
 from __future__ import annotations
 
 import copy
-import difflib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, get_args, get_origin
+from typing import Any
 
-from pydantic import BaseModel
-
-from bess.errors import InputError
+from bess.errors import InputError, nearest
 from bess.files import parse_toml
 
 Document = dict[str, Any]
-_ANY = "*"
 _DEEPEST = 12
-
-
-def known_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
-    """Return the dotted keys of ``model``; ``*`` stands for any name or index of a table."""
-    for name, field in model.model_fields.items():
-        key = prefix + name
-        parts = list(_parts(field.annotation))
-        sections = [part for part in parts if isinstance(part, type) and issubclass(part, BaseModel)]
-        if not sections or float in parts:
-            yield key
-        if not sections and dict in parts:
-            yield f"{key}.{_ANY}"
-        for section in sections:
-            yield from known_keys(section, f"{key}.{_ANY}." if tuple in parts else f"{key}.")
-
-
-def check_keys(document: Mapping[str, Any], model: type[BaseModel], place: str) -> None:
-    """Raise :class:`InputError` for the first unknown key of ``document``."""
-    known = sorted(set(known_keys(model)))
-    for key in _leaves(document, ""):
-        if not any(_matches(key, pattern) for pattern in known):
-            names = [pattern for pattern in known if _ANY not in pattern]
-            close = difflib.get_close_matches(key, names, n=1, cutoff=0.5)
-            raise InputError(f"{place}: {key}: unknown key; {nearest(key, close or _beside(key, known))}")
-
-
-def _beside(key: str, known: Iterable[str]) -> list[str]:
-    """Return the keys and tables in the deepest existing table of ``key``."""
-    names = [pattern.partition(f".{_ANY}")[0] for pattern in known]
-    path = key.split(".")[:-1]
-    while path and not any(name.startswith(".".join(path) + ".") for name in names):
-        path.pop()
-    depth = len(path)
-    inside = [name.split(".") for name in names if name.split(".")[:depth] == path]
-    return sorted({".".join(parts[: depth + 1]) for parts in inside})
-
-
-def nearest(name: str, names: list[str]) -> str:
-    """Return the suggestion of an error message: the closest name, or all names."""
-    close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
-    return f"did you mean {close[0]!r}?" if close else f"allowed: {', '.join(names)}"
 
 
 def check_bundled(key: str, name: str, bundled: Iterable[str]) -> None:
@@ -135,31 +90,3 @@ def _index(node: list[Any], part: str, key: str) -> int:
     if part.isdigit() and int(part) < len(node):
         return int(part)
     raise InputError(f"{key}: {part!r} is no index of a list of {len(node)} entries (from 0)")
-
-
-def _leaves(node: Any, prefix: str) -> Iterator[str]:
-    if isinstance(node, Mapping) and (node or not prefix):
-        for name, value in node.items():
-            yield from _leaves(value, f"{prefix}.{name}" if prefix else str(name))
-    elif isinstance(node, list) and node and all(isinstance(entry, Mapping) for entry in node):
-        for index, entry in enumerate(node):
-            yield from _leaves(entry, f"{prefix}.{index}")
-    else:
-        yield prefix
-
-
-def _matches(key: str, pattern: str) -> bool:
-    """Whether ``key`` is the pattern, a section above it, or below a free table."""
-    parts, wanted = key.split("."), pattern.split(".")
-    if wanted[-1] == _ANY and len(parts) >= len(wanted):
-        parts = parts[: len(wanted)]
-    return len(parts) <= len(wanted) and all(
-        want in (_ANY, part) for part, want in zip(parts, wanted, strict=False)
-    )
-
-
-def _parts(annotation: Any) -> Iterator[Any]:
-    """Yield an annotation, the generic type of it, and the same of its arguments."""
-    yield from (annotation, get_origin(annotation))
-    for argument in get_args(annotation):
-        yield from _parts(argument)

@@ -13,10 +13,10 @@ from typing import Any, Self
 from pydantic import ValidationError, model_validator
 
 from bess.display import as_table, one_line
-from bess.errors import InputError
+from bess.errors import InputError, nearest
 from bess.files import MissingFileError, missing, parse_toml
 from bess.study.demands import DEMAND_KINDS, TRADES, Demand, kind_of_demand
-from bess.study.keys import check_keys, nearest, value_at, with_value
+from bess.study.keys import value_at, with_value
 from bess.study.sections import (
     Axis,
     BudgetSection,
@@ -106,14 +106,11 @@ class Study(Section):
         InputError
             With place, key, value and allowed range.
         """
-        check_keys(document, cls, place)
         try:
             study = cls.model_validate(document)
         except ValidationError as error:
-            # The kind of demand is known from its keys; pydantic names it as if it were one.
-            kinds = "|".join(sorted(DEMAND_KINDS, key=len, reverse=True))
-            text = re.sub(rf"\bdemand\.({kinds})\b", "demand", describe(error.errors(), place))
-            raise InputError(text) from error
+            found = [{**each, "loc": _without_kind(each["loc"])} for each in error.errors()]
+            raise InputError(describe(found, place, model=cls)) from error
         try:
             study.to_toml().encode()
         except (TypeError, ValueError) as error:  # None; no UTF-8; thousands of digits
@@ -139,7 +136,6 @@ class Study(Section):
             if "." not in key and isinstance(value, Mapping):
                 raise InputError(f"{key}: give one key of this section, such as {key}.NAME = VALUE")
             document = with_value(document, key, value)
-            check_keys(with_value({}, key, value) if "." in key else {key: value}, type(self), self.name)
         document = _with_absolute_paths(document, Path.cwd())
         return self.from_document(document, self.name)
 
@@ -169,6 +165,11 @@ class Study(Section):
         import tomli_w
 
         return tomli_w.dumps(self.document())
+
+
+def _without_kind(loc: tuple[int | str, ...]) -> tuple[int | str, ...]:
+    """Return the place of an error without the kind of demand, which pydantic names as if it were a key."""
+    return loc[:1] + loc[2:] if loc[:1] == ("demand",) and set(loc[1:2]) & DEMAND_KINDS.keys() else loc
 
 
 def _with_kind(document: Any) -> Any:
@@ -225,7 +226,6 @@ def load_study(name: str | Path, values: Mapping[str, Any] | None = None) -> Stu
     except ValueError as error:  # also an integer of more digits than Python takes
         raise InputError(f"{name}: not valid TOML ({error})") from error
     document = {"name": stem, **document}
-    check_keys(document, Study, str(name))
     if folder is not None:
         document = _with_absolute_paths(document, folder)
     return Study.from_document(document, str(name)).with_values(values or {})

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import difflib
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import date
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from pydantic import BaseModel
 
-from bess.errors import InputError
+from bess.errors import InputError, nearest
 from bess.files import parse_toml, read_file
 
 _DEEPEST = 12
@@ -112,8 +111,8 @@ def describe(
 ) -> str:
     """Return one sentence for each validation error, joined by ``; ``: file, key, value, allowed values.
 
-    ``found`` is from ``ValidationError.errors()``. With ``model``, an unknown key is answered with the one of
-    that model that was probably meant.
+    ``found`` is from ``ValidationError.errors()``. With ``model``, the sentence of an unknown key names the
+    most similar key of the same table.
     """
     rename = rename or {}
     problems: dict[str, list[str]] = {}
@@ -130,7 +129,7 @@ def describe(
         message = _PLAIN_WORDS.get(problem["type"], message[:1].lower() + message[1:])
         message = message.replace("input should be", "must be", 1)
         if unknown and model is not None:
-            message += _meant(str(problem["loc"][-1]), model)
+            message += _remedy(problem["loc"], model, key)
         problems.setdefault(key + ("" if unknown else _shown(problem["input"])), []).append(message)
     sentences = [f"{key}: {' or '.join(messages)}".removeprefix(": ") for key, messages in problems.items()]
     if len(sentences) > _SHOWN_PROBLEMS:
@@ -139,12 +138,24 @@ def describe(
     return f"{name}: " + "; ".join(sentences)
 
 
-def _meant(key: str, model: type[BaseModel]) -> str:
-    tables = [made := model.model_json_schema(), *made.get("$defs", {}).values()]
-    close = difflib.get_close_matches(
-        key, {name for table in tables for name in table.get("properties", {})}, n=1
-    )
-    return f"; did you mean {close[0]!r}?" if close else ""
+def _remedy(loc: Sequence[str | int], model: type[BaseModel], shown: str) -> str:
+    """Return the allowed key of the same table that is most similar to an unknown one, or all of them."""
+    *tables, key = (part for part in loc if isinstance(part, str))
+    models = [model]
+    for table in tables:
+        fields = [each.model_fields[table] for each in models if table in each.model_fields]
+        models = [part for field in fields for part in _parts(field.annotation)]
+    allowed = sorted({name for each in models for name in each.model_fields})
+    # A key of another kind of demand is not a typing error.
+    return "" if key in allowed else f"; {nearest(key, allowed, shown.removesuffix(key))}"
+
+
+def _parts(annotation: Any) -> Iterator[type[BaseModel]]:
+    """Yield the models in an annotation."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for argument in get_args(annotation):
+        yield from _parts(argument)
 
 
 def _is_kind(part: str) -> bool:
