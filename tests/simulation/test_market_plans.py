@@ -7,7 +7,6 @@ import pytest
 
 import bess
 from bess.dispatch import DynamicProgramDispatch, PerfectForecast, PersistenceForecast
-from bess.dispatch.arbitrage import DispatchStart
 from bess.study.demands.arbitrage import AwarePlanner, MarketPlan
 from bess.study.demands.source import StepInputs
 from bess.system.terms import SettlementTerms
@@ -15,7 +14,6 @@ from bess.system.terms import SettlementTerms
 LOOK_AHEAD, COMPARE = 144, 12
 PRICES = 60.0 - 40.0 * np.cos(np.arange(480) * 0.25 * 2 * np.pi / 12.0)
 SYSTEM = bess.System.reference(2)
-NOTHING = DispatchStart(0.0, 0.0)
 
 
 def planner(
@@ -44,20 +42,20 @@ def as_planned(plan: MarketPlan, age: int) -> StepInputs:
     grid = np.linspace(0.0, 1.0, 2001)
     limit_kw = np.array([92.0, 92.0])
     energy = [dispatch.condition(bess.State([soc] * 2, [25.0] * 2), limit_kw)[0] for soc in grid]
-    soc = float(np.interp(plan.energy_kwh[age - 1], energy, grid))
-    return now(soc, float(plan.temperature_c[age - 1]))
+    soc = float(np.interp(plan.expected_energy_kwh[age - 1], energy, grid))
+    return now(soc, float(plan.expected_temperature_c[age - 1]))
 
 
 def test_a_plan_is_kept_while_all_comes_as_it_counted_on() -> None:
     aware = planner()
-    plan = aware.plan(0, now(), NOTHING)
+    plan = aware.plan(0, now(), 0.0, 0.0)
     assert not any(aware.is_due(age, as_planned(plan, age), plan) for age in (1, COMPARE - 1, COMPARE))
     assert aware.is_due(LOOK_AHEAD // 6, as_planned(plan, LOOK_AHEAD // 6), plan)
 
 
 def test_an_inverter_that_fails_or_returns_makes_a_new_plan_at_once() -> None:
     aware = planner()
-    plan = aware.plan(0, now(), NOTHING)
+    plan = aware.plan(0, now(), 0.0, 0.0)
     assert aware.is_due(1, now(limit_kw=(92.0, 0.0)), plan)
     assert aware.is_due(1, now(), replace(plan, limit_kw=np.array([92.0, 0.0])))
 
@@ -65,7 +63,7 @@ def test_an_inverter_that_fails_or_returns_makes_a_new_plan_at_once() -> None:
 @pytest.mark.parametrize("off", [{"soc": 0.1}, {"temperature_c": 5.0}])
 def test_a_plant_that_is_elsewhere_makes_a_new_plan_when_it_is_looked_at(off: dict[str, float]) -> None:
     aware = planner()
-    plan = aware.plan(0, now(), NOTHING)
+    plan = aware.plan(0, now(), 0.0, 0.0)
     there = as_planned(plan, COMPARE).state
     soc, temperature_c = float(there.soc[0]), float(there.temperature_c[0])
     soc += off.get("soc", 0.0) * (1.0 if soc < 0.5 else -1.0)
@@ -77,13 +75,13 @@ def test_a_plant_that_is_elsewhere_makes_a_new_plan_when_it_is_looked_at(off: di
 def test_prices_that_are_foreseen_otherwise_make_a_new_plan() -> None:
     prices = PRICES + 20.0 * (np.arange(480) >= 96)  # yesterday was another day
     aware = planner(prices, perfect=False)
-    plan = aware.plan(96, now(), NOTHING)
+    plan = aware.plan(96, now(), 0.0, 0.0)
     assert aware.is_due(96 + COMPARE, as_planned(plan, COMPARE), plan)
 
 
 def test_with_a_period_only_the_period_counts() -> None:
     aware = planner(replan_steps=4)
-    plan = aware.plan(0, now(), NOTHING)
+    plan = aware.plan(0, now(), 0.0, 0.0)
     assert [aware.is_due(step, now(0.9, 40.0, (92.0, 0.0)), plan) for step in (3, 4, 5, 8)] == [
         False, True, False, True,
     ]  # fmt: skip
@@ -92,5 +90,5 @@ def test_with_a_period_only_the_period_counts() -> None:
 def test_a_price_that_comes_otherwise_makes_a_new_plan_at_once() -> None:
     prices = np.round(PRICES) + 20.0 * (np.arange(480) == 98)
     aware = planner(prices, perfect=False)
-    plan = aware.plan(96, now(), NOTHING)
+    plan = aware.plan(96, now(), 0.0, 0.0)
     assert [aware.is_due(96 + age, now(), plan) for age in (1, 2, 3)] == [False, True, False]

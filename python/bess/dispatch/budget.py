@@ -156,6 +156,10 @@ class CycleBudget(Checkpointed):
         charge_kw *= discharge_kw > 0.0
         return np.asarray(np.clip(demand_kw, -charge_kw, discharge_kw))
 
+    def for_plan(self) -> dict[str, float]:
+        """Shadow price and remaining energy, as keywords of a plan."""
+        return {"budget_price_eur_mwh": self.price_eur_mwh, "remaining_kwh": self.remaining_kwh}
+
     def recorded(self) -> dict[str, float]:
         """Shadow price and use, by variable of the record."""
         return {"budget_price_eur_mwh": self.price_eur_mwh, "budget_cycles": self.cycles_used}

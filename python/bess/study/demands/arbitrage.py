@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
@@ -17,6 +17,7 @@ from bess.dispatch import (
     BandForecast,
     CycleBudget,
     DispatchInputs,
+    DispatchPlan,
     DynamicProgramDispatch,
     ExternalForecast,
     Forecast,
@@ -26,7 +27,7 @@ from bess.dispatch import (
     StorageEstimator,
     auction_positions,
 )
-from bess.dispatch.arbitrage import DispatchStart, calendar_days
+from bess.dispatch.arbitrage import calendar_days
 from bess.dispatch.forecast import price_ends_of, steps_in
 from bess.dispatch.markets import AuctionForecast
 from bess.errors import InputError
@@ -359,28 +360,15 @@ def _size(choice: ArbitrageDemand, system: System) -> tuple[float, float]:
     )
 
 
-@dataclass(frozen=True)
-class MarketPlan:
-    """A dispatch plan and its expected states; arrays over its steps.
+@dataclass(frozen=True, eq=False)
+class MarketPlan(DispatchPlan):
+    """A dispatch plan from ``step`` on, with ``limit_kw`` as the power of each inverter in service.
 
-    Attributes
-    ----------
-    step : int
-        First step of the plan.
-    demand_kw, delivered_kw : ndarray
-        Planned demand, and its expected delivery.
-    limit_kw : ndarray, shape (n_strings,)
-        Power of each inverter in service.
-    energy_kwh, temperature_c : ndarray
-        Expected stored energy and temperature of the plant at the end of each step; empty if not planned.
+    The expected energy and temperature of a linear plan are empty.
     """
 
     step: int
-    demand_kw: Array
-    delivered_kw: Array
     limit_kw: Array
-    energy_kwh: Array
-    temperature_c: Array
 
 
 class LinearPlanner:
@@ -401,16 +389,17 @@ class LinearPlanner:
         """Whether ``plan`` may be replaced at ``step`` with the same inverters in service."""
         return self._arbitrage.is_due(step)
 
-    def plan(self, step: int, now: StepInputs, start: DispatchStart) -> MarketPlan:
-        """Plan over the look-ahead; the plan depends on the arguments only."""
-        demand_kw = self._arbitrage.plan(
-            step,
-            start.energy_kwh,
-            start.discharged_kwh,
-            budget_price_eur_mwh=start.budget_price_eur_mwh,
-            remaining_kwh=start.remaining_kwh,
-        )
-        return MarketPlan(step, demand_kw, demand_kw, now.limit_kw, np.zeros(0), np.zeros(0))
+    def plan(
+        self, step: int, now: StepInputs, energy_kwh: float, discharged_kwh: float, **budget: float
+    ) -> MarketPlan:
+        """Plan over the look-ahead, from the stored energy and the energy discharged on this day so far.
+
+        ``budget`` is that of :meth:`bess.dispatch.CycleBudget.for_plan`. The plan depends on the arguments
+        only.
+        """
+        demand_kw = self._arbitrage.plan(step, energy_kwh, discharged_kwh, **budget)
+        none = np.zeros(0)
+        return MarketPlan(demand_kw, demand_kw, np.nan, none, none, step, now.limit_kw)
 
 
 class AwarePlanner:
@@ -467,33 +456,26 @@ class AwarePlanner:
         if not np.array_equal(before, self._prices.ahead(step, n_steps - age)):
             return False
         energy_kwh, capacity_kwh, temperature_c = self._dispatch.condition(now.state, now.limit_kw)
-        off_kwh = abs(energy_kwh - float(plan.energy_kwh[age - 1]))
-        off_k = abs(temperature_c - float(plan.temperature_c[age - 1]))
+        off_kwh = abs(energy_kwh - float(plan.expected_energy_kwh[age - 1]))
+        off_k = abs(temperature_c - float(plan.expected_temperature_c[age - 1]))
         return off_kwh <= ENERGY_TOLERANCE * capacity_kwh and off_k <= TEMPERATURE_TOLERANCE_K
 
-    def plan(self, step: int, now: StepInputs, start: DispatchStart) -> MarketPlan:
-        """See :class:`LinearPlanner`."""
-
+    def plan(
+        self, step: int, now: StepInputs, energy_kwh: float, discharged_kwh: float, **budget: float
+    ) -> MarketPlan:
+        """See :class:`LinearPlanner`; the stored energy follows from the state."""
         price = self._prices.ahead(step, self._look_ahead_steps)
         inputs = DispatchInputs(
             price,
             now.ambient_c[: price.size],
             self.days[step : step + price.size],
-            start.discharged_kwh,
+            discharged_kwh,
             is_last=step + price.size == self.days.size,
-            budget_price_eur_mwh=start.budget_price_eur_mwh,
-            remaining_kwh=start.remaining_kwh,
             bands=None if self._bands is None else self._bands.bands(step, self._look_ahead_steps),
+            **budget,
         )
         plan = self._dispatch.plan(inputs, now.state, limit_kw=now.limit_kw)
-        return MarketPlan(
-            step,
-            plan.demand_kw,
-            plan.expected_delivered_kw,
-            now.limit_kw,
-            plan.expected_energy_kwh,
-            plan.expected_temperature_c,
-        )
+        return MarketPlan(**vars(plan), step=step, limit_kw=now.limit_kw)
 
 
 class ArbitrageSource(KnownDemand):
@@ -527,12 +509,8 @@ class ArbitrageSource(KnownDemand):
         if self._connection is not None:
             self._connection.advance(step, now.delivered_kw)
         if self._plan is None or self._planner.is_due(step, now, self._plan):
-            start = DispatchStart(self._energy_kwh, self._discharged_kwh)
-            if budget is not None:
-                start = replace(
-                    start, budget_price_eur_mwh=budget.price_eur_mwh, remaining_kwh=budget.remaining_kwh
-                )
-            self._plan = self._planner.plan(step, now, start)
+            limits = {} if budget is None else budget.for_plan()
+            self._plan = self._planner.plan(step, now, self._energy_kwh, self._discharged_kwh, **limits)
         offset = step - self._plan.step
         demand_kw = padded(self._plan.demand_kw[offset : offset + horizon], horizon)
         if self._connection is not None:
@@ -568,7 +546,7 @@ class ArbitrageSource(KnownDemand):
     def planned(self, step: int) -> dict[str, float]:
         """See :class:`~bess.study.demands.source.DemandSource`."""
         assert self._plan is not None
-        row = {"expected_kw": float(self._plan.delivered_kw[step - self._plan.step])}
+        row = {"expected_kw": float(self._plan.expected_delivered_kw[step - self._plan.step])}
         return row if self._budget is None else row | self._budget.recorded()
 
     def state_dict(self) -> dict[str, Any]:

@@ -377,15 +377,8 @@ class ReserveSource(DemandSource):
             self._day, self._sold_kwh = day, 0.0
         self._plan = self._plan[1:]
         if self._trade.is_due(step):
-            budget = self._budget
-            price, left = (0.0, np.inf) if budget is None else (budget.price_eur_mwh, budget.remaining_kwh)
-            self._plan = self._trade.plan(
-                step,
-                stored_kwh - band.low_kwh,
-                self._sold_kwh,
-                budget_price_eur_mwh=price,
-                remaining_kwh=left,
-            )
+            budget = {} if self._budget is None else self._budget.for_plan()
+            self._plan = self._trade.plan(step, stored_kwh - band.low_kwh, self._sold_kwh, **budget)
         self._sold_kwh += max(0.0, float(self._plan[0])) * self._trade.dt_h / self._store.one_way_efficiency
         return self._plan
 
