@@ -6,10 +6,14 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bess.edge.serve.constraints import Envelope, envelope, share
+from bess.edge.serve.constraints import PowerCapability, SetPointRange, set_point_range, share
 
 POWER = st.floats(0.0, 100.0)
 SIGNED = st.floats(-100.0, 100.0)
+
+
+def free(n: int) -> PowerCapability:
+    return PowerCapability(np.full(n, 90.0), np.full(n, 90.0))
 
 
 @st.composite
@@ -31,17 +35,17 @@ def cases(draw: Any) -> dict[str, Any]:
     }
 
 
-def shared(case: dict[str, Any]) -> tuple[Envelope, Any]:
-    limits = envelope(case["charge"], case["discharge"], case["last"], case["ramp"])
+def shared(case: dict[str, Any]) -> tuple[SetPointRange, Any]:
+    limits = set_point_range(PowerCapability(case["charge"], case["discharge"]), case["last"], case["ramp"])
     return limits, share(case["demand"], case["wanted"], case["running"], limits, case["minimum"])
 
 
 @settings(max_examples=400, deadline=None)
 @given(cases())
 def test_no_set_point_is_beyond_a_limit_or_a_ramp(case: dict[str, Any]) -> None:
-    limits, request = shared(case)
-    assert (request >= limits.low_kw - 1e-9).all()
-    assert (request <= limits.high_kw + 1e-9).all()
+    (low_kw, high_kw), request = shared(case)
+    assert (request >= low_kw - 1e-9).all()
+    assert (request <= high_kw + 1e-9).all()
     assert (request >= -case["charge"] - 1e-9).all()
     assert (request <= case["discharge"] + 1e-9).all()
 
@@ -85,13 +89,13 @@ def test_a_demand_is_never_exceeded_unless_a_ramp_holds_a_string_up(case: dict[s
 
 
 def test_what_is_wanted_is_given_where_nothing_stands_against_it() -> None:
-    limits = envelope(np.full(3, 90.0), np.full(3, 90.0), np.zeros(3), None)
+    limits = set_point_range(free(3), np.zeros(3), None)
     request = share(60.0, np.array([40.0, 20.0, 0.0]), np.array([True, True, False]), limits, np.zeros(3))
     np.testing.assert_allclose(request, [40.0, 20.0, 0.0])
 
 
 def test_below_two_least_powers_one_string_takes_all() -> None:
-    limits = envelope(np.full(2, 90.0), np.full(2, 90.0), np.zeros(2), None)
+    limits = set_point_range(free(2), np.zeros(2), None)
     request = share(15.0, np.array([8.0, 7.0]), np.ones(2, bool), limits, np.full(2, 10.0))
     np.testing.assert_allclose(request, [15.0, 0.0])
 
@@ -100,7 +104,7 @@ def test_a_reversal_under_a_ramp_goes_through_zero_with_all_strings_on_one_side(
     last = np.array([50.0, 0.0])
     requests = []
     for _ in range(12):
-        limits = envelope(np.full(2, 90.0), np.full(2, 90.0), last, 20.0)
+        limits = set_point_range(free(2), last, 20.0)
         last = share(-60.0, np.array([30.0, 30.0]), np.ones(2, bool), limits, np.zeros(2))
         assert not ((last > 0.0).any() and (last < 0.0).any())
         requests.append(last.sum())

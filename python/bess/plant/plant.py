@@ -33,7 +33,7 @@ _WITHOUT_STRINGS = ("auxiliary_kw", "coolant_c")
 """Flows without a string axis."""
 
 
-class Controller(Protocol):
+class CoreController(Protocol):
     """A controller that the core runs over many steps."""
 
     def run(
@@ -337,7 +337,7 @@ class Plant(_Simulation):
 
     def run_controller(
         self,
-        controller: Controller,
+        controller: CoreController,
         ahead_kw: NDArray[np.float64],
         limit_kw: NDArray[np.float64],
         ambient_c: NDArray[np.float64],

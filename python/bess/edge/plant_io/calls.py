@@ -1,7 +1,8 @@
-"""Calls to a plant, with a deadline that holds even if the other end does not respond.
+"""Calls to a plant or a disk, with a deadline that holds even if the other end does not respond.
 
 A link is used by a thread that must not block, so its connections run in a separate event loop. The deadline
-cancels a call wherever it waits: for a name server, a handshake, or a slow response.
+cancels a call wherever it waits: for a name server, a handshake, or a slow response. Calls to a disk cannot
+be cancelled; they run in a separate thread.
 """
 
 from __future__ import annotations
@@ -11,7 +12,9 @@ import math
 import threading
 import time
 from collections.abc import Awaitable, Callable, Coroutine, Hashable, Sequence
+from concurrent.futures import Future
 from contextlib import suppress
+from queue import SimpleQueue
 from typing import Any, Final, Generic, TypeVar
 
 GRACE_S: Final = 0.5
@@ -129,3 +132,52 @@ class Rounds(Generic[K, T]):
         for error in unexpected:
             raise error
         return done, failed
+
+
+class Aside:
+    """Runs calls in sequence in a daemon thread.
+
+    Parameters
+    ----------
+    name
+        Name of the thread.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._calls: SimpleQueue[tuple[Future[Any], Callable[[], Any]] | None] = SimpleQueue()
+        self._last: Future[Any] | None = None
+        self._began_s = 0.0
+        threading.Thread(target=self._run, name=name, daemon=True).start()
+
+    @property
+    def busy_s(self) -> float:
+        """Running time of the last call [s]; 0 if it has ended."""
+        return 0.0 if self._last is None or self._last.done() else time.monotonic() - self._began_s
+
+    def __call__(self, call: Callable[[], T], within_s: float) -> T:
+        """Return the result of a call, or raise its exception.
+
+        Raises
+        ------
+        TimeoutError
+            The call has not ended in time and continues; or an earlier call has not ended and this call was
+            not started.
+        """
+        if self.busy_s > 0.0:
+            raise TimeoutError
+        future: Future[T] = Future()
+        self._last, self._began_s = future, time.monotonic()
+        self._calls.put((future, call))
+        return future.result(within_s)
+
+    def close(self) -> None:
+        """End the thread after its last call."""
+        self._calls.put(None)
+
+    def _run(self) -> None:
+        while (work := self._calls.get()) is not None:
+            future, call = work
+            try:
+                future.set_result(call())
+            except BaseException as error:
+                future.set_exception(error)

@@ -28,10 +28,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bess import __version__
+from bess.edge.plant_io.calls import Aside
 from bess.edge.plant_io.link import Measurements
 from bess.errors import InputError
 from bess.files import parse_json
-from bess.simulation.record.files import Aside, put_bytes
+from bess.simulation.record.files import put_bytes
 from bess.system import System
 
 if TYPE_CHECKING:

@@ -76,7 +76,7 @@ class Curves:
 
 
 @dataclass(frozen=True)
-class Task:
+class CommitmentProblem:
     """A demand in one direction (magnitude), with capability and losses of the ``usable`` strings in it.
 
     ``price`` is the cost of a kW of each string in addition to its loss [kW/kW], from the plan.
@@ -134,12 +134,12 @@ class Commitment(Checkpointed):
         # Age [s] and magnitude [kW] of demands above all later ones.
         self._peaks: list[tuple[float, float]] = []
 
-    def update(self, task: Task, *, elapsed_s: float, step_s: float) -> None:
+    def update(self, problem: CommitmentProblem, *, elapsed_s: float, step_s: float) -> None:
         """Decide for a step of ``step_s``, ``elapsed_s`` after the last decision."""
-        self.advance_time(task.usable, task.demand_kw, elapsed_s)
+        self.advance_time(problem.usable, problem.demand_kw, elapsed_s)
         first = True
         for _ in range(2 * self.running.size):
-            move = self._move(task, step_s, adds_up=first)
+            move = self._move(problem, step_s, adds_up=first)
             first = False
             if move is None:
                 break
@@ -174,10 +174,12 @@ class Commitment(Checkpointed):
         self._peaks = [(age, peak) for age, peak in kept if age <= self._minimum_off_s]
         self._peaks.append((0.0, demand_kw))
 
-    def _move(self, task: Task, step_s: float, *, adds_up: bool) -> tuple[Flags, Flags] | None:
+    def _move(
+        self, problem: CommitmentProblem, step_s: float, *, adds_up: bool
+    ) -> tuple[Flags, Flags] | None:
         """Next switching with a net saving: the string that stops, the string that starts."""
         n = self.running.size
-        from_, to = self._candidates(task.usable)
+        from_, to = self._candidates(problem.usable)
         if not from_.size:
             return None
         # Sets of running strings: the present one, then each candidate; the last column means no string.
@@ -187,9 +189,9 @@ class Commitment(Checkpointed):
         sets[index, from_] = False
         sets[index, to] = True
         sets = sets[:, :n]
-        loss = task.cost_kw(sets)
-        can = (task.most_kw * sets).sum(axis=1)
-        short = np.maximum(task.demand_kw - can, 0.0)
+        loss = problem.cost_kw(sets)
+        can = (problem.most_kw * sets).sum(axis=1)
+        short = np.maximum(problem.demand_kw - can, 0.0)
         extra = np.append(self._start_worth_kwh(), 0.0)
         if short[0] > POWER_TOLERANCE_KW and (short[1:] < short[0] - POWER_TOLERANCE_KW).any():
             # The capability is too small: the cheapest string starts now, its start cost spread over an hour.

@@ -102,27 +102,25 @@ def _each(name: str, value: float | tuple[float, ...], n_strings: int) -> Array:
     return np.array(np.broadcast_to(values, (n_strings,)))
 
 
-@dataclass(frozen=True)
-class Envelope:
-    """Signed range of each string's next set-point [kW]; ``low_kw <= high_kw``."""
-
-    low_kw: Array
-    high_kw: Array
+SetPointRange = tuple[Array, Array]
+"""Lowest and highest next set-point of each string, signed [kW]."""
 
 
-def envelope(charge_kw: Array, discharge_kw: Array, last_kw: Array, ramp_kw: float | None) -> Envelope:
-    """Range within power limits (magnitudes), and within ``ramp_kw`` of the last set-points.
+def set_point_range(able: PowerCapability, last_kw: Array, ramp_kw: float | None) -> SetPointRange:
+    """Range within the capability, and within ``ramp_kw`` of the last set-points.
 
     Limits have precedence: a set-point above a reduced limit falls to it at once.
     """
-    low, high = -charge_kw, discharge_kw
+    low, high = -able.charge_kw, able.discharge_kw
     if ramp_kw is None:
-        return Envelope(low, high)
+        return low, high
     nearest = np.clip(last_kw, low, high)
-    return Envelope(np.maximum(low, nearest - ramp_kw), np.minimum(high, nearest + ramp_kw))
+    return np.maximum(low, nearest - ramp_kw), np.minimum(high, nearest + ramp_kw)
 
 
-def share(demand_kw: float, wanted_kw: Array, running: Flags, limits: Envelope, minimum_kw: Array) -> Array:
+def share(
+    demand_kw: float, wanted_kw: Array, running: Flags, limits: SetPointRange, minimum_kw: Array
+) -> Array:
     """Set-points nearest to the wanted magnitudes, within all constraints, that sum to the demand (signed).
 
     Only ``running`` strings get power, and those that a ramp keeps above zero. All have the direction of the
@@ -130,8 +128,7 @@ def share(demand_kw: float, wanted_kw: Array, running: Flags, limits: Envelope, 
     powers require it, and above it only where a ramp does.
     """
     discharge = demand_kw >= 0.0
-    low = limits.low_kw if discharge else -limits.high_kw
-    high = limits.high_kw if discharge else -limits.low_kw
+    low, high = limits if discharge else (-limits[1], -limits[0])
     if (high < 0.0).any():
         # A ramp still keeps a string in the other direction: all go towards zero first.
         return np.asarray(np.clip(0.0, low, high) * (1.0 if discharge else -1.0))

@@ -24,10 +24,10 @@ from bess.edge.plant_io import Measurements
 from bess.edge.serve.ageing import Ageing
 from bess.edge.serve.answer import Answer, Counters, reasons, status, unmet
 from bess.edge.serve.calibration import Calibration
-from bess.edge.serve.commitment import Commitment, Curves, Task
-from bess.edge.serve.constraints import PowerCapability, SocLimits, envelope, share
+from bess.edge.serve.commitment import Commitment, CommitmentProblem, Curves
+from bess.edge.serve.constraints import PowerCapability, SocLimits, set_point_range, share
 from bess.edge.serve.measurement_validator import MeasurementValidator, ValidState
-from bess.edge.serve.plan import CarriedPlan, Forecast, PlanTracker, ahead, preferences
+from bess.edge.serve.plan import CarriedPlan, DemandForecast, PlanTracker, ahead, preferences
 from bess.errors import InputError
 from bess.study.sections import ServiceSection
 from bess.system import State, System
@@ -84,7 +84,7 @@ class Controller(Checkpointed):
         self.soc_limits = SocLimits(system, service, self.step_s)
         self.plan = CarriedPlan(system, policy, plan_s, plan_steps, background=background)
         self._following = PlanTracker(self.plan, self.step_s)
-        self._forecast = Forecast(self.step_s, plan_s, plan_steps)
+        self._forecast = DemandForecast(self.step_s, plan_s, plan_steps)
         self.ageing = Ageing(system)
         self._guard = MeasurementValidator(system, service, self.step_s, self.ageing)
         self.commitment = Commitment(
@@ -145,9 +145,8 @@ class Controller(Checkpointed):
         able_to_share = able.only(sharing)
 
         wanted = self._choose(valid, able_to_share, sharing, abs(rest_kw), discharge, now_s, elapsed_s)
-        limits = envelope(
-            able_to_share.charge_kw,
-            able_to_share.discharge_kw,
+        limits = set_point_range(
+            able_to_share,
             np.where(sharing, self.last_kw, 0.0),
             None if self.service.ramp_kw_per_s is None else self.service.ramp_kw_per_s * self.step_s,
         )
@@ -221,11 +220,11 @@ class Controller(Checkpointed):
         able = self.soc_limits.able(ValidState.without_doubt(state, self.system.nominal_kw))
         most = able.towards(discharge)
         curves = Curves.of(self.system, state, discharge)
-        task = Task(abs(demand_kw), most, most > 0.0, curves, np.zeros(self.n_strings))
+        problem = CommitmentProblem(abs(demand_kw), most, most > 0.0, curves, np.zeros(self.n_strings))
         chosen = Commitment(self.n_strings, start_kwh=0.0)
-        chosen.update(task, elapsed_s=0.0, step_s=self.plan.step_s)
-        limits = envelope(able.charge_kw, able.discharge_kw, self.last_kw, None)
-        wanted = task.best_shares(chosen.running)
+        chosen.update(problem, elapsed_s=0.0, step_s=self.plan.step_s)
+        limits = set_point_range(able, self.last_kw, None)
+        wanted = problem.best_shares(chosen.running)
         return share(demand_kw, wanted, chosen.running, limits, self.soc_limits.minimum_kw)
 
     def close(self) -> None:
@@ -265,6 +264,6 @@ class Controller(Checkpointed):
             self.commitment.set_commitment(followed > 0.0, usable & (most > 0.0))
             return followed
         curves = Curves.of(self.system, valid.worse(discharge), discharge)
-        task = Task(demand_kw, most, usable, curves, preferences(planned, curves, discharge))
-        self.commitment.update(task, elapsed_s=elapsed_s, step_s=self.step_s)
-        return task.best_shares(self.commitment.running)
+        problem = CommitmentProblem(demand_kw, most, usable, curves, preferences(planned, curves, discharge))
+        self.commitment.update(problem, elapsed_s=elapsed_s, step_s=self.step_s)
+        return problem.best_shares(self.commitment.running)

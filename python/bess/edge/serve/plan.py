@@ -35,7 +35,7 @@ STEEPEST: Final = 0.02
 """Maximum difference of marginal losses that is derived from a plan."""
 
 
-class Forecast(Checkpointed):
+class DemandForecast(Checkpointed):
     """Forecast by the mean demand of each step of the day before.
 
     ``step_s`` is the control step, ``plan_s`` the step of the plan [s], ``n_steps`` the plan's horizon.
@@ -96,8 +96,8 @@ def in_pool(pool: ThreadPoolExecutor | None, call: Callable[..., T], *arguments:
 
 
 @dataclass(frozen=True)
-class Plan:
-    """A plan.
+class ActivePlan:
+    """A plan of the policy.
 
     Attributes
     ----------
@@ -134,13 +134,13 @@ class CarriedPlan(Checkpointed):
         self._system, self._policy = system, policy
         self.step_s, self.n_steps = step_s, n_steps
         self._pool = ThreadPoolExecutor(1, "plan") if background else None
-        self._pending: Future[Plan] | None = None
+        self._pending: Future[ActivePlan] | None = None
         self._asked: tuple[int, Array, Array] | None = None
         self._asked_at_s = -np.inf
         # State of the policy before and after its plan of the present step.
         self._before: dict[str, Any] = policy.state_dict()
         self._after = self._before
-        self.current: Plan | None = None
+        self.current: ActivePlan | None = None
         self.error = ""
 
     def slot(self, now_s: float) -> int:
@@ -186,7 +186,7 @@ class CarriedPlan(Checkpointed):
         super().load_state_dict(state_dict)
         self._policy.load_state_dict(self._after)
         plan = state_dict["plan"]
-        self.current = None if plan is None else Plan(**plan)
+        self.current = None if plan is None else ActivePlan(**plan)
         if self.current is not None:
             self._asked = (self.current.slot, self.current.demand_kw, self.current.limit_kw)
 
@@ -218,7 +218,7 @@ class CarriedPlan(Checkpointed):
             self.error = str(error)
         self._pending = None
 
-    def _make(self, slot: int, gone: int, state: State, forecast_kw: Array, limit_kw: Array) -> Plan:
+    def _make(self, slot: int, gone: int, state: State, forecast_kw: Array, limit_kw: Array) -> ActivePlan:
         total = limit_kw.sum()
         served = np.clip(forecast_kw, -total, total)
         ambient = np.full(self.n_steps, self._system.reference_temperature_c)
@@ -232,7 +232,9 @@ class CarriedPlan(Checkpointed):
         plan_kw = decision.request_kw[:, None] if decision.plan_kw is None else decision.plan_kw
         request = np.array(plan_kw, dtype=np.float64)
         gap = float(decision.solver.gap)
-        return Plan(slot, request, served[: request.shape[1]], limit_kw, gap if np.isfinite(gap) else None)
+        return ActivePlan(
+            slot, request, served[: request.shape[1]], limit_kw, gap if np.isfinite(gap) else None
+        )
 
 
 class PlanTracker(Checkpointed):

@@ -20,9 +20,10 @@ from typing import Any, Final
 
 import numpy as np
 
+from bess.edge.plant_io.calls import Aside
 from bess.edge.serve.controller import Controller
 from bess.errors import BessError
-from bess.simulation.record.files import Aside, put_bytes, sealed, sha256_of, unsealed
+from bess.simulation.record.files import put_bytes, sealed, sha256_of, unsealed
 from bess.system import System
 
 MEMORY: Final = ("memory-0.json", "memory-1.json")

@@ -173,14 +173,14 @@ def _flow_rows(flow: analysis.EnergyFlow) -> list[tuple[str, float, float, str]]
     """Label, both ends and colour of each bar from the top: charging demand, storage, grid export."""
     charge, discharge = flow.charge, flow.discharge
 
-    def missing(of: analysis.Direction, string: str) -> list[tuple[str, float, str]]:
+    def missing(of: analysis.DirectionFlow, string: str) -> list[tuple[str, float, str]]:
         return [
             ("Unmet demand", of.unmet_kwh, style.BACKGROUND),
             ("Derating loss", of.derating_kwh, style.DERATING),
             (f"Availability loss ({string})", of.availability_kwh, style.AVAILABILITY),
         ]
 
-    def losses(of: analysis.Direction) -> list[tuple[str, float, str]]:
+    def losses(of: analysis.DirectionFlow) -> list[tuple[str, float, str]]:
         return [
             ("Inverters", of.inverter_kwh, style.INVERTER),
             ("Batteries", of.battery_kwh, style.BATTERY),

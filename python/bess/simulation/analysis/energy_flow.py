@@ -16,7 +16,7 @@ LOSSES: Final = ("inverter", "battery", "hysteresis")
 
 
 @dataclass(frozen=True)
-class Direction:
+class DirectionFlow:
     """Energy of one direction [kWh], summed over all steps and strings with power in this direction.
 
     Attributes
@@ -58,8 +58,8 @@ class EnergyFlow:
     :math:`P_{shift}` in docs/equations.md, with the total ``shift_kwh``.
     """
 
-    charge: Direction
-    discharge: Direction
+    charge: DirectionFlow
+    discharge: DirectionFlow
     standby_kwh: float
     auxiliary_kwh: float
 
@@ -93,9 +93,9 @@ def energy_flow(dataset: xr.Dataset) -> EnergyFlow:
     losses["inverter"] = losses["inverter"] - standby
     discharges = np.where(delivered != 0.0, delivered > 0.0, drawn > 0.0)
 
-    def direction(sign: float, flows: Array) -> Direction:
+    def direction(sign: float, flows: Array) -> DirectionFlow:
         asked, wanted = sign * demand > 0.0, sign * request > 0.0
-        return Direction(
+        return DirectionFlow(
             asked_kwh=float(np.abs(demand[asked]).sum()) * dt_h,
             unmet_kwh=float(power("unmet_kw")[asked].sum()) * dt_h,
             derating_kwh=float(power("derating_loss_kw")[wanted].sum()) * dt_h,
