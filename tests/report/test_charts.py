@@ -13,10 +13,11 @@ from synthetic import kpis, record
 
 import bess
 from bess.report import charts
-from bess.report.data import MAX_CURVES, POINTS_PER_SERIES, TimeAxis, daily, thin, with_initial
+from bess.report.data import MAX_CURVES, POINTS_PER_SERIES, TimeAxis, daily, thin
 from bess.report.drawing.chart import Chart
 from bess.report.drawing.interactive import bokeh_document, legend
 from bess.report.drawing.style import PALETTE, colours
+from bess.simulation.record.dataset import with_initial
 
 
 @pytest.fixture(scope="module")
@@ -265,7 +266,8 @@ def test_the_state_of_health_starts_where_the_strings_do_and_wear_adds_up() -> N
         "soh_resistance": (("time", "string"), 1.0 / left),
         "wear_eur": (("time", "string"), np.full((10, 2), 0.5)),
     }
-    chart = charts.state_of_health(data.assign(worn).assign_attrs(initial_soh_capacity=[1.0, 1.0]))
+    new = dict.fromkeys(("initial_soh_capacity", "initial_soh_resistance"), [1.0, 1.0])
+    chart = charts.state_of_health(data.assign(worn).assign_attrs(new))
     capacity, cost = (series(chart, panel, "string 1")[0] for panel in (0, 2))
     assert capacity.y[0] == 100.0 and capacity.y[-1] == pytest.approx(99.8)
     assert cost.y[0] == 0.0 and cost.y[-1] == 5.0

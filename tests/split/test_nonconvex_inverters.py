@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import bess
-from bess.convexity import Envelope
+from bess.convexity import convex_below
 from bess.system.components.registry import CELLS, INVERTERS
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -122,7 +122,7 @@ def excesses(system, referee_type=Referee):
 def envelope_distance(inverter):
     """Largest distance between a loss table and its convex envelope, as a fraction of nominal power."""
     return max(
-        Envelope.of_table(np.array(inverter.load), np.array(loss), len(loss)).largest_distance
+        (np.array(loss) - convex_below(np.array(inverter.load), np.array(loss))).max()
         for loss in (inverter.loss_charge, inverter.loss_discharge)
     )
 

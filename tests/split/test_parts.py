@@ -14,7 +14,7 @@ from bess.control.split.problem import SplitProblem
 from bess.control.split.relaxation import conic
 from bess.control.split.relaxation.conic import ConicProgram, NodeStatus, solve
 from bess.control.split.relaxation.equations import build, compiled
-from bess.convexity import Envelope
+from bess.convexity import convex_below
 
 
 def test_default_objectives_are_case_1():
@@ -59,42 +59,25 @@ def test_priority_must_be_an_integer(priority):
         Objective(1.0, priority)
 
 
-@pytest.mark.parametrize("seed", range(10))
-def test_envelope_is_below_and_chord_above_any_table(seed):
-    rng = np.random.default_rng(seed)
-    x = np.concatenate([[0.0], np.sort(rng.uniform(0.01, 0.99, 9)), [1.0]])
-    y = rng.uniform(0.1, 1.0, 11)
-    envelope = Envelope.of_table(x, y, 6)
-    below = np.max(envelope.slope * x[:, None] + envelope.intercept, axis=1)
-    assert np.all(below <= y + 1e-12)
-    assert np.max(y - below) == pytest.approx(envelope.largest_distance)
-    assert np.all(envelope.chord_slope * x + envelope.chord_intercept >= y - 1e-12)
-
-
-def test_envelope_of_a_convex_table_with_enough_pieces_is_the_table():
-    x = np.linspace(0.0, 1.0, 6)
-    envelope = Envelope.of_table(x, 0.1 + x**2, 5)
-    assert envelope.largest_distance == pytest.approx(0.0, abs=1e-12)
-
-
-def test_reference_inverter_is_convex_and_six_lines_miss_it_by_less_than_a_thousandth():
+def test_the_loss_of_the_reference_inverter_is_convex():
     inverter = bess.System.reference().strings[0].inverter
-    loss = np.array(inverter.loss_discharge) / inverter.loss_discharge[-1]
-    assert Envelope.of_table(np.array(inverter.load), loss, 6).largest_distance < 2e-3
+    loss = np.array(inverter.loss_discharge)
+    np.testing.assert_allclose(convex_below(np.array(inverter.load), loss), loss, atol=1e-12)
 
 
 def test_relaxation_is_dpp():
-    assert build(2, 4, 1).problem.is_dpp()
+    problem, _, _ = build(2, 4, 1)
+    assert problem.is_dpp()
 
 
 def test_compiled_map_gives_the_data_cvxpy_gives():
-    relaxation = build(2, 3, 1)
-    program = ConicProgram(relaxation.problem, relaxation.variables, relaxation.parameters)
+    problem, variables, parameters = build(2, 3, 1)
+    program = ConicProgram(problem, variables, parameters)
     rng = np.random.default_rng(0)
-    values = {name: rng.uniform(0.5, 1.5, p.shape) for name, p in relaxation.parameters.items()}
+    values = {name: rng.uniform(0.5, 1.5, p.shape) for name, p in parameters.items()}
     for name, value in values.items():
-        relaxation.parameters[name].value = value
-    data, _, _ = relaxation.problem.get_problem_data("CLARABEL", solver_opts={})
+        parameters[name].value = value
+    data, _, _ = problem.get_problem_data("CLARABEL", solver_opts={})
     ours = program.load(program.parameters(values))
     A = sp.coo_array((ours.values, (ours.pattern.rows, ours.pattern.columns)), shape=data["A"].shape)
     assert abs(A - data["A"]).max() < 1e-12
@@ -104,11 +87,11 @@ def test_compiled_map_gives_the_data_cvxpy_gives():
 
 @pytest.mark.parametrize("size", [(1, 1, 0), (1, 3, 1), (2, 1, 1), (2, 3, 0), (3, 2, 2), (5, 4, 1)])
 def test_a_program_repeated_for_each_string_is_the_one_cvxpy_compiles_to_the_last_bit(size):
-    relaxation = build(*size)
-    direct = ConicProgram(relaxation.problem, relaxation.variables, relaxation.parameters)
+    problem, variables, parameters = build(*size)
+    direct = ConicProgram(problem, variables, parameters)
     program = compiled(*size)
     rng = np.random.default_rng(0)
-    values = {name: rng.uniform(0.5, 1.5, p.shape) for name, p in relaxation.parameters.items()}
+    values = {name: rng.uniform(0.5, 1.5, p.shape) for name, p in parameters.items()}
     data, expected = (p.load(p.parameters(values)) for p in (program, direct))
     assert (program.slices, program.shapes) == (direct.slices, direct.shapes)
     assert (data.pattern.n_zero, data.pattern.n_nonneg) == (

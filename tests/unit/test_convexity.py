@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bess.convexity import chord_above, convex_below, lines_above, lines_below, lower_hull
+from bess.convexity import chord_above, convex_below, line_above, lines_above, lines_below, lower_hull
 
 
 def table(seed: int, size: int = 40) -> tuple[np.ndarray, np.ndarray]:
@@ -42,6 +42,15 @@ def test_a_raised_chord_touches_the_table_from_above(seed: int) -> None:
     intercept, slope = chord_above(x, y)
     assert slope == pytest.approx((y[-1] - y[0]) / (x[-1] - x[0]))
     assert (intercept + slope * x - y).min() == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_lowest_line_above_touches_the_left_end_and_another_point(seed: int) -> None:
+    x, y = table(seed)
+    intercept, slope = line_above(x, y)
+    above = intercept + slope * x - y
+    assert above[0] == pytest.approx(0.0, abs=1e-12) and above.min() >= -1e-12
+    assert above[1:].min() == pytest.approx(0.0, abs=1e-12)
 
 
 def test_a_table_of_one_point_has_that_value_as_its_bound() -> None:

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bess.arrays import real_numbers
+from bess.arrays import number_array
 from bess.errors import InputError
 
 
@@ -35,7 +35,7 @@ def numbers(name: str, values: ArrayLike, shape: tuple[int | str, ...], unit: st
     InputError
         The values are not numbers or have another shape.
     """
-    array = any_shape(name, values, unit)
+    array = number_array(f"plant: {name} [{unit}]", values)
     fits = array.shape == shape or (
         array.ndim == len(shape)
         and all(isinstance(want, str) or have == want for have, want in zip(array.shape, shape, strict=True))
@@ -53,20 +53,6 @@ def one_number(name: str, value: ArrayLike, unit: str) -> float:
     return float(numbers(name, value, (), unit))
 
 
-def any_shape(name: str, values: ArrayLike, unit: str) -> NDArray[np.float64]:
-    """Return ``values`` as float64.
-
-    Raises
-    ------
-    InputError
-        The values are not numbers.
-    """
-    try:
-        return real_numbers(values)
-    except ValueError as error:
-        raise InputError(f"plant: {name}: needs numbers [{unit}] ({error})") from error
-
-
 def ambient(values: ArrayLike | None, default_c: float, scenarios: int, steps: int) -> NDArray[np.float64]:
     """Return the air inlet temperature [degC], shape ``(steps, scenarios)``.
 
@@ -74,7 +60,7 @@ def ambient(values: ArrayLike | None, default_c: float, scenarios: int, steps: i
     """
     if values is None or isinstance(values, float):
         return np.full((steps, scenarios), default_c if values is None else values)
-    array = any_shape("ambient_c", values, "degC")
+    array = number_array("plant: ambient_c [degC]", values)
     if array.ndim == 2:
         return numbers("ambient_c", array, (scenarios, steps), "degC").T
     if array.ndim == 1:

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bess import _core
+from bess.arrays import number_array
 from bess.display import as_table, few, one_line
 from bess.errors import InputError
 from bess.plant.flows import Flows, PlantSnapshot
-from bess.plant.inputs import ambient, any_shape, numbers, one_number, refusals
+from bess.plant.inputs import ambient, numbers, one_number, refusals
 from bess.system import State, System
 
 _HEALTH = (4, 5, 3)
@@ -193,7 +194,7 @@ class _Simulation:
         given = {name: getattr(snapshot, name) for name in _SNAPSHOT_UNITS}
         optional = ("cooling_stages", "coolant")
         flat: dict[str, Any] = {
-            name: any_shape(f"snapshot: {name}", values, _SNAPSHOT_UNITS[name]).ravel()
+            name: number_array(f"plant: snapshot: {name} [{_SNAPSHOT_UNITS[name]}]", values).ravel()
             for name, values in given.items()
             if values is not None or name not in optional
         }

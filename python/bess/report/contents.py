@@ -56,14 +56,13 @@ def comparison(runs: Mapping[str, Run]) -> Iterator[FigureSpec]:
 
 
 def first_screen(run: Run) -> Iterator[FigureSpec]:
-    """The figure next to the summary of a run; missing for records of earlier versions."""
-    if "chemical_kw" in run.dataset:
-        yield FigureSpec(
-            "flow",
-            "Energy, grid to grid",
-            "Undelivered energy and losses of each direction; the axis begins at zero.",
-            partial(figures.energy_flow, run.dataset),
-        )
+    """The figure next to the summary of a run."""
+    yield FigureSpec(
+        "flow",
+        "Energy, grid to grid",
+        "Undelivered energy and losses of each direction; the axis begins at zero.",
+        partial(figures.energy_flow, run.dataset),
+    )
 
 
 def overview(run: Run) -> Iterator[FigureSpec]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping
 from datetime import UTC
-from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
 import numpy as np
 from matplotlib.colors import to_hex, to_rgb
@@ -22,16 +22,10 @@ from bess.report.drawing.style import INK, colours
 if TYPE_CHECKING:
     import xarray as xr
 
-
-class HasDataset(Protocol):
-    """Interface of the result of :func:`bess.run`."""
-
-    @property
-    def dataset(self) -> xr.Dataset:
-        """The record of the run."""
+    from bess.simulation import record
 
 
-Result: TypeAlias = "xr.Dataset | HasDataset"
+Result: TypeAlias = "xr.Dataset | record.Result"
 Results: TypeAlias = "Result | Mapping[str, Result]"
 
 _HOURS_UP_TO = 96.0
@@ -122,14 +116,6 @@ def event_spans(dataset: xr.Dataset, time: TimeAxis) -> tuple[Span, ...]:
         if low < high:
             spans.append(Span(low, high, f"string {event['string']} {what}"))
     return tuple(spans)
-
-
-def with_initial(dataset: xr.Dataset, variable: str) -> NDArray[np.float64]:
-    """State at the start and at the end of every step, shape ``(n + 1, n_strings)``."""
-    values = dataset[variable].values.astype(np.float64)
-    initial = dataset.attrs.get(f"initial_{variable}")
-    first = np.full(values.shape[1], np.nan) if initial is None else np.atleast_1d(initial).astype(np.float64)
-    return np.vstack([np.broadcast_to(first, values.shape[1]), values])
 
 
 POINTS_PER_SERIES: Final = 3000

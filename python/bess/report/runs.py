@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
 GAIN_RULE = "gain_rule"
 _KPIS = "kpis.json"
-_ALWAYS = frozenset(("demand_kwh", "charged_kwh", "undelivered_kwh", "lost_kwh"))
-"""KPIs of every record; if a run was saved before their introduction, its record supplies them."""
 
 
 @dataclass(frozen=True)
@@ -85,11 +83,11 @@ class Run:
                     for key, value in self._saved.items() if key != GAIN_RULE}  # fmt: skip
         except (ValueError, TypeError):  # damaged
             kpis = {}
-        if kpis.keys() >= _ALWAYS:
+        if kpis:
             return kpis
         from bess.simulation.analysis.kpis import kpis as compute
 
-        return kpis | compute(self.dataset)
+        return compute(self.dataset)
 
     @cached_property
     def _saved(self) -> dict[str, Any]:

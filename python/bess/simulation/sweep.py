@@ -61,8 +61,6 @@ def run_scenario(study: Study, directory: Path, *, flags: bool = False) -> Outco
     messages for the command line.
     """
     try:
-        from bess.simulation.runner import run
-
         skipped = (directory / RESULTS).exists()
         with command_line(flags):
             result = run(study, out=directory, resume=True, progress=False)

@@ -16,12 +16,13 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from bess.errors import InputError
-from bess.report.data import MAX_CURVES, Result, TimeAxis, daily, dataset_of, step_h, with_initial
+from bess.report.data import MAX_CURVES, Result, TimeAxis, daily, dataset_of, step_h
 from bess.report.drawing import style
 from bess.report.drawing.chart import Values
 from bess.report.drawing.style import colours, new_figure, styled
 from bess.simulation.analysis.catalogue import kpi
 from bess.simulation.analysis.settlement import COSTS, REVENUES, has_prices, ledger
+from bess.simulation.record.dataset import with_initial
 from bess.units import KWH_PER_MWH
 
 if TYPE_CHECKING:

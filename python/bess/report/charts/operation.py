@@ -22,12 +22,12 @@ from bess.report.data import (
     step_h,
     string_curves,
     thin,
-    with_initial,
 )
 from bess.report.drawing import style
 from bess.report.drawing.chart import Chart, Panel, Series, Values
 from bess.report.drawing.style import colours, told_apart
 from bess.simulation.analysis.services import draw_kw, is_reserve, is_site
+from bess.simulation.record.dataset import with_initial
 from bess.system import System
 
 

@@ -13,6 +13,7 @@ from bess.errors import InputError
 from bess.simulation.analysis.lifetime import budget_kpis, contract_kpis, wear_kpis
 from bess.simulation.analysis.services import is_reserve, is_site, service_kpis
 from bess.simulation.analysis.settlement import dispatch_kpis, has_prices, settlement_kpis
+from bess.simulation.record.dataset import with_initial
 from bess.units import KWH_PER_MWH, PERCENT
 
 if TYPE_CHECKING:
@@ -88,7 +89,6 @@ def _figures(dataset: xr.Dataset) -> Iterator[tuple[str, Any]]:
     delivered, unmet = energy_kwh("delivered_kw"), energy_kwh("unmet_kw")
     shed, derated = energy_kwh("availability_loss_kw"), energy_kwh("derating_loss_kw")
     inverter, battery = energy_kwh("inverter_loss_kw"), energy_kwh("battery_loss_kw")
-    of_cells = "chemical_kw" in dataset  # not in records of earlier versions
     yield "availability_pct", _left_pct(shed, demand)
     yield "derating_efficiency_pct", _left_pct(derated, request)
     yield "inverter_efficiency_pct", _left_pct(inverter, request)
@@ -99,8 +99,7 @@ def _figures(dataset: xr.Dataset) -> Iterator[tuple[str, Any]]:
     yield "auxiliary_kwh", auxiliary
     if "auxiliary_kw" in dataset:
         yield "system_efficiency_with_auxiliaries_pct", _left_pct(inverter + battery + auxiliary, request)
-    if of_cells:
-        yield from _round_trip(dataset)
+    yield from _round_trip(dataset)
     yield from _temperatures(dataset)
     yield from _operation(dataset)
     yield "demand_kwh", demand
@@ -114,8 +113,7 @@ def _figures(dataset: xr.Dataset) -> Iterator[tuple[str, Any]]:
     yield "derating_loss_kwh", derated
     yield "inverter_loss_kwh", inverter
     yield "battery_loss_kwh", battery
-    if of_cells:
-        yield "hysteresis_loss_kwh", energy_kwh("hysteresis_loss_kw")
+    yield "hysteresis_loss_kwh", energy_kwh("hysteresis_loss_kw")
     yield "undelivered_kwh", shed + derated
     yield "lost_kwh", shed + derated + inverter + battery
     if "reactive_kvar" in dataset:
@@ -150,7 +148,7 @@ def _round_trip(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
 
 
 def _temperatures(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
-    states = _with_initial(dataset, "temperature_c")
+    states = with_initial(dataset, "temperature_c")
     yield "peak_mean_temperature_c", states.mean(axis=1).max()
     yield "peak_string_temperature_c", states.max()
     yield "peak_node_temperature_c", dataset["node_max_c"].values.max()
@@ -159,7 +157,7 @@ def _temperatures(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
 
 
 def _operation(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
-    soc = _with_initial(dataset, "soc")
+    soc = with_initial(dataset, "soc")
     for moment, spread in _between_strings(soc):
         yield f"soc_spread_{moment}", spread
     yield "full_cycles", np.abs(np.diff(soc, axis=0)).sum(axis=0).mean() / 2.0
@@ -200,8 +198,3 @@ def _spread(name: str, values: Array) -> Iterator[tuple[str, float]]:
 
 def _left_pct(loss: float, total: float) -> float:
     return PERCENT if total == 0.0 else PERCENT * (1.0 - loss / total)
-
-
-def _with_initial(dataset: xr.Dataset, name: str) -> Array:
-    initial = np.atleast_1d(np.asarray(dataset.attrs[f"initial_{name}"], dtype=np.float64))
-    return np.concatenate([initial[None, :], dataset[name].values])

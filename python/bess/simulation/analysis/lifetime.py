@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bess.errors import InputError
 from bess.simulation.analysis.settlement import has_prices, ledger, recorded_terms
+from bess.simulation.record.dataset import with_initial
 from bess.study.grid import TimeGrid
 from bess.study.sections import BudgetSection
 from bess.units import DAYS_PER_YEAR, KWH_PER_MWH, PERCENT
@@ -155,8 +156,7 @@ def budget_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
     grid = TimeGrid.of_record(dataset)
     years = np.minimum(grid.years, grid.n_steps)
     part = np.diff(years) / np.diff(grid.years)
-    initial = np.atleast_1d(np.asarray(dataset.attrs["initial_soc"], dtype=np.float64))
-    change = np.diff(dataset["soc"].values, axis=0, prepend=initial[None])
+    change = np.diff(with_initial(dataset, "soc"), axis=0)
     charged, discharged = (
         np.add.reduceat(np.maximum(sign * change, 0.0).mean(axis=1), years[:-1]) for sign in (1.0, -1.0)
     )

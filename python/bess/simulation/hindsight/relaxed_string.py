@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 
 from bess.arrays import Array
-from bess.convexity import Envelope, Lines, chord_above, convex_below, lines_above, lines_below
+from bess.convexity import Lines, chord_above, convex_below, line_above, lines_above, lines_below
 from bess.system.battery import Battery
 from bess.system.parse import StringParameters
 
@@ -225,14 +225,14 @@ def optimist(
         base = convex_below(warm_c, resistance.min(axis=0))
         reached = warm_c <= ends_c[1]
         load, loss = np.array(inverter.load), np.array(losses)
-        (loss_0, loss_slope), most = lines_below(load, loss), Envelope.of_table(load, loss, load.size - 1)
+        (loss_0, loss_slope), (most_0, most_slope) = lines_below(load, loss), line_above(load, loss)
         directions[sign] = Direction(
             ratio=np.array(ratio),
             ratio_against=np.array(against),
             root=np.sqrt(1e3 * (resistance / base).min(axis=1)) / np.array(top_v),
             conductance=chord_above(warm_c[reached] - reference_c, 1.0 / base[reached]),
             loss=(inverter.nominal_kw * loss_0, loss_slope),
-            max_loss=(inverter.nominal_kw * most.chord_intercept, most.chord_slope),
+            max_loss=(inverter.nominal_kw * most_0, most_slope),
             max_heat=np.array(max_heat),
         )
 

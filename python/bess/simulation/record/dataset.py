@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,9 @@ from bess.simulation.record.store import Record
 from bess.study.grid import TimeGrid
 from bess.study.study import Study
 from bess.system import System
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 @dataclass(frozen=True)
@@ -268,6 +271,12 @@ def describe_frame(
         "statuses": {str(code): text for code, text in statuses.items()},
         "limit_flags": {str(int(limit)): str(limit.name).lower() for limit in Limit},
     }
+
+
+def with_initial(dataset: xr.Dataset, variable: str) -> NDArray[np.float64]:
+    """Return the state at the start and at the end of every step, shape ``(n_steps + 1, n_strings)``."""
+    initial = np.atleast_1d(np.asarray(dataset.attrs[f"initial_{variable}"], dtype=np.float64))
+    return np.concatenate([initial[None, :], dataset[variable].values])
 
 
 def frame_of(identity: Identity, n_steps: int | None = None) -> DatasetSpec:

@@ -16,7 +16,6 @@ nominal power (``w_N``, ``h_N``), and stored energy to the energy of one step at
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -38,17 +37,13 @@ INVERTER_LINES = 6
 """Number of lines below the inverter loss; tables with more knots are underestimated by fewer chords."""
 
 
-@dataclass(frozen=True)
-class Equations:
-    """The CVXPY problem with its variables and parameters by name."""
+def build(
+    n_strings: int, n_steps: int, n_caps: int
+) -> tuple[cp.Problem, dict[str, cp.Variable], dict[str, cp.Parameter]]:
+    """Return the relaxation with its variables and parameters by name.
 
-    problem: cp.Problem
-    variables: dict[str, cp.Variable]
-    parameters: dict[str, cp.Parameter]
-
-
-def build(n_strings: int, n_steps: int, n_caps: int) -> Equations:
-    """Return the relaxation, with caps on ``n_caps`` earlier objectives (lexicographic stages)."""
+    ``n_caps`` earlier objectives have caps (lexicographic stages).
+    """
     # CVXPY takes half a second to load, and most calls need no relaxation.
     import cvxpy as cp
 
@@ -137,7 +132,7 @@ def build(n_strings: int, n_steps: int, n_caps: int) -> Equations:
         total = sum(cp.sum(par(f"cap{cap}_{x}", (n_strings,)) @ variables[x]) for x in LOSSES)
         constraints.append(total <= par(f"cap{cap}", ()))
     objective = sum(cp.sum(par(f"cost_{x}", (n_strings,)) @ variables[x]) for x in LOSSES)
-    return Equations(cp.Problem(cp.Minimize(objective), constraints), variables, parameters)
+    return cp.Problem(cp.Minimize(objective), constraints), variables, parameters
 
 
 @lru_cache(maxsize=64)
@@ -152,5 +147,4 @@ def compiled(n_strings: int, n_steps: int, n_caps: int) -> ConicProgram:
 
 @lru_cache(maxsize=64)
 def _of_one_string(n_steps: int, n_caps: int) -> ConicProgram:
-    stated = build(1, n_steps, n_caps)
-    return ConicProgram(stated.problem, stated.variables, stated.parameters)
+    return ConicProgram(*build(1, n_steps, n_caps))
