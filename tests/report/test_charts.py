@@ -266,7 +266,7 @@ def test_the_state_of_health_starts_where_the_strings_do_and_wear_adds_up() -> N
         "soh_resistance": (("time", "string"), 1.0 / left),
         "wear_eur": (("time", "string"), np.full((10, 2), 0.5)),
     }
-    new = dict.fromkeys(("initial_soh_capacity", "initial_soh_resistance"), [1.0, 1.0])
+    new = {key: [1.0, 1.0] for key in ("initial_soh_capacity", "initial_soh_resistance")}
     chart = charts.state_of_health(data.assign(worn).assign_attrs(new))
     capacity, cost = (series(chart, panel, "string 1")[0] for panel in (0, 2))
     assert capacity.y[0] == 100.0 and capacity.y[-1] == pytest.approx(99.8)
