@@ -142,7 +142,7 @@ class CycleBudget(Checkpointed):
             self._update_price(step)
 
     def limited(self, demand_kw: Array, smallest_kwh: float) -> Array:
-        """Limit a demand to the remaining budget; ``smallest_kwh``: energy of the weakest string."""
+        """Limit a demand to the remaining budget; ``smallest_kwh`` is the lowest capacity of a string."""
         share, n_strings = self._share, 1 if self._soc is None else self._soc.size
         per_cycle_kwh = _MAX_STEP_SHARE * smallest_kwh * n_strings
         charge_kwh = per_cycle_kwh * (share * self._cycles - self._charged)

@@ -38,10 +38,10 @@ def auction_positions(
        = \sum_{k<K} s_k (\pi_k - \pi_{k+1}) + s_K \pi_K .
 
     The program over all markets therefore separates into one store program for each. With foresight, the
-    schedule of an auction maximises the income at the difference to the next price. Without foresight, the
-    next price is expected to equal the auction price, and the schedule maximises the income at the prices of
-    the day before (rolling intrinsic). Every schedule is feasible for the store, from the final stored energy
-    of the day before. The last market determines the dispatch of the plant, :math:`s_K`.
+    schedule of an auction maximises the income at its price less that of the next market. Without foresight,
+    the next price is expected to equal the auction price, and the schedule maximises the income at the prices
+    of the day before (rolling intrinsic). Every schedule is feasible for the store, from the final stored
+    energy of the day before. The last market determines the dispatch of the plant, :math:`s_K`.
 
     Parameters
     ----------

@@ -88,9 +88,9 @@ class EnergyWindow:
 class RechargeScheduler(Checkpointed):
     """Set-point shifts that restore the stored energy, scheduled in advance.
 
-    At the start of every slot the shift of the slot that begins ``lead_steps`` later is scheduled. It returns
-    the expected energy, with a mean response of zero, to the edge of the required band within that slot, with
-    at most ``power_kw``.
+    The shift of a slot is scheduled ``lead_steps`` before the slot begins, at the start of another slot. With
+    a mean response of zero and at most ``power_kw``, it returns the energy to the edge of the required band
+    within the slot.
 
     Parameters
     ----------

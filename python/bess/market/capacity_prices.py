@@ -37,7 +37,7 @@ def read_capacity_prices(
     country : str
         As in the columns of tender results; in a plain table of several columns, the name of a column.
     time_zone : str, optional
-        Clock of times without one in a plain table.
+        Time zone of time stamps without one in a plain table.
 
     Returns
     -------

@@ -38,7 +38,7 @@ def read_frequency(
     column : str, optional
         Name of the column; needed if there are several.
     time_zone : str, optional
-        Clock of times without one, such as ``"UTC"``.
+        Time zone of time stamps without one, such as ``"UTC"``.
     fill : {"previous", "interpolate", "previous_day"}, optional
         How to fill gaps longer than an hour, which are an error otherwise; shorter ones are bridged.
 

@@ -55,7 +55,8 @@ def read_prices(
         ``"ida1"``, ``"index"``, ``"average"``, ``"low"``, ``"high"``. By default day-ahead, else
         ID1, else auction.
     time_zone : str, optional
-        Clock of times without one in plain tables, such as ``"Europe/Berlin"``, ``"UTC"`` or ``"UTC+1"``.
+        Time zone of time stamps without one in plain tables, such as ``"Europe/Berlin"``, ``"UTC"`` or
+        ``"UTC+1"``.
         Exports are read with the clock of their platform unless it is given.
     fill : {"previous", "interpolate", "previous_day"}, optional
         How to fill gaps longer than an hour, which are an error otherwise.

@@ -46,8 +46,8 @@ def read_weather(
     column : str, optional
         Name of the temperature column; needed if its title is ambiguous.
     time_zone : str, optional
-        Clock of times without one, if the file does not name it. Weather services write UTC, which is assumed
-        (and reported) by default.
+        Time zone of time stamps without one, if the file does not name it. Weather services write UTC, which
+        is assumed (and reported) by default.
     fill : {"previous", "interpolate", "previous_day"}, optional
         How to fill gaps longer than an hour, which are an error otherwise.
 

@@ -55,7 +55,7 @@ def build_app(
         docs_url=None,
         redoc_url=None,
         dependencies=[Depends(HTTPBearer(scheme_name="token", auto_error=False))],
-        responses={"4XX": {"model": Refusal, "description": "What is refused, and why, in one sentence."}},
+        responses={"4XX": {"model": Refusal, "description": "Reason for the refusal, in one sentence."}},
     )
     app.add_middleware(Gate, service=service, token=token, names=names)
 
@@ -83,19 +83,19 @@ def build_app(
 
     to_plant = Depends(with_plant)
 
-    @app.post("/v1/split", dependencies=[Depends(without_plant)], summary="Share a demand among the strings")
+    @app.post("/v1/split", dependencies=[Depends(without_plant)], summary="Allocate a demand to the strings")
     async def split(message: SplitMessage) -> Response:
         measured = measurements_of(message, service.controller.system)
         answer = await service.split(measured, message.now_kw, message.forecast_kw)
         return JSONResponse(answer.document())
 
-    @app.post("/v1/openems-solver", summary="Shares in per cent, as OpenEMS asks a solver for them")
+    @app.post("/v1/openems-solver", summary="Shares in per cent, for the solver interface of OpenEMS")
     async def openems_solver(request: Request) -> Response:
         controller, body = service.controller, await request.json()
         split = controller.at_least_loss
         return JSONResponse(await service.call(openems_answer, body, controller.n_strings, split))
 
-    @app.post("/v1/demand", summary="Ask a driven plant for power")
+    @app.post("/v1/demand", summary="Set the demand of a controlled plant")
     async def demand(message: DemandMessage, request: Request, to: ControlLoop = to_plant) -> Response:
         by = "" if request.client is None else request.client.host
         to.demands.post(message.demand_kw, message.valid_for_s, service.clock(), by)
@@ -111,12 +111,12 @@ def build_app(
         await service.call(service.end_calibration)
         return JSONResponse({"calibrating": None})
 
-    @app.get(HEALTH, summary="Whether all is well; needs no token")
+    @app.get(HEALTH, summary="Health of the service; needs no token")
     async def health(request: Request) -> Response:
         of_plant = {} if loop is None else loop.health(request.state.holds_token)
         return JSONResponse(service.health() | of_plant)
 
-    @app.get("/v1/live", summary="What the page shows: plant, demand, strings, and the history of a span")
+    @app.get("/v1/live", summary="Data of the live page: plant, demand, strings, and the history of a span")
     async def live_document(span: Literal["2h", "day", "week"] = "day") -> Response:
         shown = live(service, span)
         if loop is not None:

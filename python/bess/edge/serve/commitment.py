@@ -3,7 +3,7 @@
 An inverter is switched when the energy that the switching would have saved reaches the cost of a start: the
 ski-rental rule [1]_, with savings accumulated by CUSUM [2]_. The commitment is therefore never much worse
 than the best one in hindsight, and noise in the demand starts no inverter. Only a demand above the capability
-of the running inverters starts one at once.
+of the running inverters starts another one immediately.
 
 References
 ----------

@@ -15,14 +15,14 @@ from bess.edge.serve.controller import Controller
 
 STRINGS: Final = {
     "request_kw": "Set-point; positive = discharge.",
-    "soc_ratio": "State of charge as it is acted upon.",
-    "temperature_celsius": "Temperature as it is acted upon.",
-    "running": "Whether the inverter runs.",
-    "in_service": "Whether the string may run.",
+    "soc_ratio": "State of charge, as validated.",
+    "temperature_celsius": "Temperature, as validated.",
+    "running": "Whether the inverter is on.",
+    "in_service": "Whether the string takes set-points.",
     "starts": "Starts of the inverter since the state began.",
     "charged_kwh": "Energy charged since the state began.",
     "discharged_kwh": "Energy discharged since the state began.",
-    "soh_capacity_ratio": "Capacity left, as estimated.",
+    "soh_capacity_ratio": "Estimated capacity relative to nominal.",
     "out_of_control_kw": "Power that a string out of service still gives.",
     "calibration_due_seconds": "When the string must be full again.",
 }
@@ -50,10 +50,10 @@ class Metrics:
             buckets=(0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0),
             registry=self.registry,
         )
-        self.fallbacks = counter("bess_fallbacks", "Answers that were shared by the energy left.")
+        self.fallbacks = counter("bess_fallbacks", "Fallback answers, allocated by stored energy.")
         self._demand = gauge("bess_demand_kw", "Demand of the last answer; positive = discharge.")
-        self._unmet = gauge("bess_unmet_kw", "What the last answer falls short of.")
-        self._plan_age = gauge("bess_plan_steps_old", "Steps since the plan was made.")
+        self._unmet = gauge("bess_unmet_kw", "Unmet demand of the last answer.")
+        self._plan_age = gauge("bess_plan_steps_old", "Age of the plan in steps.")
         self._strings = {name: gauge(f"bess_{name}", help_, ["string"]) for name, help_ in STRINGS.items()}
         self._cost = gauge("bess_calibration_cost_kwh", "Expected cost of the next calibration.")
         self.state_errors = gauge("bess_state_error", "1 while the state cannot be written.")

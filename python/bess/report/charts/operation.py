@@ -389,7 +389,7 @@ def solver_effort(result: Result, solve_time_s: ArrayLike | None = None) -> Char
     result
         Result of a policy that optimises.
     solve_time_s
-        Wall-clock time of each step [s], as in ``log.jsonl``; omitted: no panel of solve times.
+        Wall-clock time of each step [s], as in ``log.jsonl``; without it, there is no panel of solve times.
     """
     dataset = dataset_of(result)
     time = TimeAxis(dataset)

@@ -70,7 +70,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class Span:
-    """A stretch of the horizontal axis that is marked: an event."""
+    """A marked interval of the horizontal axis, such as an event."""
 
     start: Any
     end: Any
@@ -90,7 +90,7 @@ class Chart:
 
 
 def spans_label(chart: Chart) -> str:
-    """Labels of the marked stretches, in one line."""
+    """Labels of the marked intervals, in one line."""
     return "event: " + "; ".join(dict.fromkeys(span.label for span in chart.spans))
 
 

@@ -174,7 +174,7 @@ class SweepTable:
         )
 
     def _search_sentence(self, name: str) -> str:
-        """The best value of a search, and the cost of the ends of its range."""
+        """Best parameter value of a search, and what is lost at both ends of its range."""
         key = next(self._numeric_parameters())
         points = sorted((float(self.parameters[run][key]), row[name]) for run, row in self.kpis.items())
         values, found = np.array(points).T

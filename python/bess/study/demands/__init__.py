@@ -38,7 +38,7 @@ DEMAND_KINDS: dict[str, type[DemandSection]] = {
 """Sections by the name of their kind."""
 
 TRADES = tuple(kind for kind, section in DEMAND_KINDS.items() if section.trades)
-"""Kinds that buy and sell at prices that change."""
+"""Kinds of demand that trade at variable prices."""
 
 
 def kind_of_demand(demand: object) -> str | None:

@@ -41,7 +41,7 @@ class DemandSection(Section):
     files: ClassVar[tuple[str, ...]]
     """Keys that name a file; ``*`` stands for the entries of a list."""
     trades: ClassVar[bool] = False
-    """Whether it buys and sells at prices that change."""
+    """Whether it trades at variable prices."""
 
     @abstractmethod
     def build(self, setting: Setting) -> RunDemand:
