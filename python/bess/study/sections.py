@@ -243,9 +243,9 @@ class Axis(Section):
     """Table ``[[sweep]]``: one axis of a sweep; all axes are combined.
 
     Either ``key`` with ``values`` or with a range (``start``, ``stop``, ``count`` points), or ``simplex``:
-    keys whose values are all shares ``i / divisions`` that sum to 1. A study with one axis of numbers may
-    search it: ``maximise`` names a KPI, and ``refine`` times two runs are added, half-way between the best
-    value so far and its neighbours.
+    keys that share a total of 1, in every combination of multiples of ``1 / divisions``. A study with one
+    axis of numbers may search it: ``maximise`` names a KPI, and ``refine`` times two runs are added, half-way
+    between the best value so far and its neighbours.
     """
 
     key: str | None = None

@@ -144,7 +144,7 @@ class ControlLoop:
         return self.demands.at(self._service.clock(), self._service.controller.plan.n_steps)
 
     def health(self, with_details: bool) -> dict[str, Any]:
-        """State of the loop; the plant's address, and messages that may contain it, only ``with_details``."""
+        """State of the loop; ``with_details`` adds the plant's address and messages that may contain it."""
         age_s, period_s = self.age_s, self.period_s
         still = f"the control cycle, of {period_s:g} s, has stood still for {age_s:.0f} s"
         still = still if age_s > 2.0 * period_s else ""

@@ -55,8 +55,8 @@ def ledger(result: Result | xr.Dataset) -> xr.Dataset:
     - ``start_eur`` for each inverter start;
     - ``auxiliary_eur``: cost of grid import in addition to :math:`p` (cooling, and standby of inverters that
       are off), at the price and fee of charging;
-    - for services ``capacity_revenue_eur``, the revenue of a reserve or a lower peak, and ``penalty_eur`` for
-      insufficient reserve (:mod:`bess.simulation.analysis.services`);
+    - ``capacity_revenue_eur`` for a reserve or a lower peak, and ``penalty_eur`` for insufficient reserve, in
+      runs with services (:mod:`bess.simulation.analysis.services`);
     - ``position_revenue_eur``: auction positions at the auction price minus the price of the last market,
       which settles their repurchase and all delivered energy, imbalance included;
     - ``peak_charge_eur``: increase of the monthly peak charge due to the plant, in the steps that set a new
