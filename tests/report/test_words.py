@@ -251,7 +251,7 @@ def test_a_comparison_says_which_runs_were_planned_and_how_far(tmp_path: Path) -
 
 
 def test_the_best_of_each_row_is_marked_and_the_rest_are_behind() -> None:
-    rows = {row.label: row for group in kpi_groups(PAPER) for row in group.rows}
+    rows = {row.label: row for rows in kpi_groups(PAPER).values() for row in rows}
     inverter = rows["Inverter efficiency (%)"].cells
     assert [cell.best for cell in inverter] == [True, False, False]
     assert [cell.behind for cell in inverter] == ["", "-0.10", "-0.90"]
@@ -263,9 +263,9 @@ def test_the_best_of_each_row_is_marked_and_the_rest_are_behind() -> None:
 def test_every_figure_is_in_the_table_under_its_heading_and_details_are_marked() -> None:
     figures = {"unmet_kwh": 1200.0, "solver_gap_p95": float("nan"), "soc_spread_mean": 0.0123, "own": 2.0}
     rows = {
-        (group.heading, row.label): (row.cells[0].text, row.detail)
-        for group in kpi_groups({"": BASE | figures})
-        for row in group.rows
+        (heading, row.label): (row.cells[0].text, row.detail)
+        for heading, of_heading in kpi_groups({"": BASE | figures}).items()
+        for row in of_heading
     }
     assert len(rows) == len(BASE) + len(figures)
     assert rows["Losses", "Unmet demand (kWh)"] == ("1,200.0", False)

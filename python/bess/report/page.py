@@ -7,6 +7,7 @@ import hashlib
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -110,16 +111,16 @@ def write_comparison(runs: dict[str, Run], directory: Path) -> Path:
 def _run_page(
     directory: Path, run: Run, problems: dict[str, str], options: Options, within: str = ""
 ) -> Path:
-    folder = directory / FIGURES
     if options.rules or (options.rules is None and run.dataset.sizes["time"] <= _STEPS_WITH_RULES):
         try:
             run.run_rules()
         except BessError as error:
             problems = problems | {"the rules on the same demand": str(error)}
+    shown = partial(section, folder=directory / FIGURES, print_files=options.print_files)
     sections = [
-        section("overview", "Overview", overview(run), folder, print_files=options.print_files),
-        section("time", "Over time", over_time(run), folder, print_files=options.print_files),
-        section("optimiser", "Optimiser", optimiser(run), folder, print_files=options.print_files),
+        shown("overview", "Overview", overview(run)),
+        shown("time", "Over time", over_time(run)),
+        shown("optimiser", "Optimiser", optimiser(run)),
     ]
     one = {run.name: run}
     values = {
@@ -128,7 +129,7 @@ def _run_page(
         "subject": subject(one),
         "lead": gain_sentence(run),
         "limits": limit_sentences(run),
-        "beside": section("flow", "", first_screen(run), folder, print_files=options.print_files).figures,
+        "beside": shown("flow", "", first_screen(run)).figures,
         "summary": [
             *([_hindsight(run)] if options.hindsight else []),
             *summary(one, hindsight=options.hindsight),
@@ -158,18 +159,14 @@ def _comparison_page(
     options: Options,
     title: str = "",
 ) -> Path:
-    folder = directory / FIGURES
+    shown = partial(section, folder=directory / FIGURES, print_files=options.print_files)
     few = 1 < len(runs) <= MOST_COMPARED
     sections = []
     if sweep is not None:
         problems = problems | sweep.failed
-        sections.append(
-            section("front", "The sweep", sweep.exhibits(), folder, print_files=options.print_files)
-        )
+        sections.append(shown("front", "The sweep", sweep.exhibits()))
     if few:
-        sections.append(
-            section("comparison", "Side by side", comparison(runs), folder, print_files=options.print_files)
-        )
+        sections.append(shown("comparison", "Side by side", comparison(runs)))
     kpis = sweep.kpis if sweep is not None and sweep.kpis else {name: run.kpis for name, run in runs.items()}
     differing = unlike(runs)
     paper = comparisons(kpis) if is_case_2(runs) else []
@@ -185,7 +182,7 @@ def _comparison_page(
         "paper": paper,
         "reading": reading(paper) if paper else [],
         "sections": sections,
-        "groups": kpi_groups(kpis, alike=not differing) if len(kpis) <= MOST_COMPARED else [],
+        "groups": kpi_groups(kpis, alike=not differing) if len(kpis) <= MOST_COMPARED else {},
         "names": list(kpis),
         "alike": not differing,
         "table_beside": sweep is not None,

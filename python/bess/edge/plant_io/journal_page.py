@@ -54,7 +54,7 @@ def write_journal_report(directory: Path) -> Path:
         "tiles": list(_tiles(journal)),
         "warnings": list(_warnings(journal)),
         "sections": [section("time", "Over time", _figures(binned), directory / FIGURES)],
-        "groups": [],
+        "groups": {},
         "names": [""],
         "studies": {"The system": journal.attrs["system"]},
         "made_with": journal.attrs["bess_version"],

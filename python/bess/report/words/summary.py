@@ -33,7 +33,7 @@ def subject(runs: Mapping[str, Run], *, alike: bool = True) -> str:
     length = f"{hours:g} h" if hours < 24 * 14 else f"{hours / 24:.4g} days"
     n_strings = data.sizes["string"]
     start = np.datetime_as_string(data["time"].values[0], unit="m").replace("T", " ")
-    policies = dict.fromkeys(str(run.study.get("policy", {}).get("name", "")) for run in runs.values())
+    policies = dict.fromkeys(run.policy for run in runs.values())
     where = [f"{n_strings} string{'s' if n_strings > 1 else ''}", f"{length} from {start} UTC"]
     parts = [
         *(where if alike else []),

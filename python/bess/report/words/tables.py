@@ -54,14 +54,6 @@ class Row:
     cells: tuple[Cell, ...]
 
 
-@dataclass(frozen=True)
-class Group:
-    """KPIs under one heading."""
-
-    heading: str
-    rows: tuple[Row, ...]
-
-
 def decision_table(kpis: KpisByRun, *, alike: bool = True) -> list[Row]:
     """Main KPIs, as far as any run has them; the best values of comparable runs are marked."""
     return [
@@ -71,12 +63,12 @@ def decision_table(kpis: KpisByRun, *, alike: bool = True) -> list[Row]:
     ]
 
 
-def kpi_groups(kpis: KpisByRun, *, alike: bool = True) -> list[Group]:
+def kpi_groups(kpis: KpisByRun, *, alike: bool = True) -> dict[str, list[Row]]:
     """All KPIs under the headings of the catalogue; the best values of comparable runs are marked."""
-    return [
-        Group(heading, tuple(_row(kpi(name), _values(kpis, name), alike=alike) for name in names))
+    return {
+        heading: [_row(kpi(name), _values(kpis, name), alike=alike) for name in names]
         for heading, names in grouped(key for values in kpis.values() for key in values).items()
-    ]
+    }
 
 
 def _values(kpis: KpisByRun, name: str) -> list[float]:
