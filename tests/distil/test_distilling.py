@@ -50,8 +50,8 @@ def _using(study: bess.Study, file: Path, **values: object) -> bess.Study:
 def test_training_costs_less_than_what_it_began_with(
     study: bess.Study, distilled: ExplicitController
 ) -> None:
-    lessons = TrainingSet(TrainingCase.of(study), distilled)
-    before, after = lessons.costs(np.stack([first_weights(), np.array(distilled.weights)]))
+    training = TrainingSet(TrainingCase.of(study), distilled)
+    before, after = training.costs(np.stack([first_weights(), np.array(distilled.weights)]))
     assert after < before
 
 
@@ -90,11 +90,11 @@ def test_where_a_run_is_cut_makes_no_difference_to_a_bit(
         np.testing.assert_array_equal(parts[name], values, err_msg=str(name))
 
 
-def test_lessons_cost_what_a_run_costs(study: bess.Study, distilled: ExplicitController) -> None:
+def test_training_costs_what_a_run_costs(study: bess.Study, distilled: ExplicitController) -> None:
     from bess.edge.distil.training import Variation
 
-    lessons = TrainingSet(TrainingCase.of(study), distilled, (Variation(1.0),))
-    cost = lessons.costs(np.array([distilled.weights]))[0]
+    training = TrainingSet(TrainingCase.of(study), distilled, (Variation(1.0),))
+    cost = training.costs(np.array([distilled.weights]))[0]
     kpis = bess.run(study, policy=DistilledPolicy(distilled), progress=False).kpis
     missing = kpis["availability_loss_kwh"] + kpis["derating_loss_kwh"]
     assert cost == pytest.approx(

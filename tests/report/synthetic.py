@@ -52,6 +52,7 @@ def record(
             "battery_loss_kw": heat, "hysteresis_loss_kw": 0.002 * delivered,
             "chemical_kw": sign * delivered + inverter + heat + 0.002 * delivered, "standby_kw": 0.0 * heat,
             "current_a": sign * delivered / 0.7, "soc": soc,
+            "soh_capacity": np.ones(n_strings), "soh_resistance": np.ones(n_strings), "wear_eur": 0.0 * heat,
             "temperature_c": temperature, "node_max_c": temperature + 1.5, "derating_factor": factor,
             "limits": np.zeros(n_strings, dtype=int), "inverter_starts": (on & ~was_on).astype(int),
         }  # fmt: skip

@@ -154,24 +154,24 @@ def distil(
     refuse_reactive(
         "an explicit controller", "run the study with mpc or a rule", requested=study.reactive is not None
     )
-    course = TrainingCase.of(study)
-    strings = course.system.n_strings
+    case = TrainingCase.of(study)
+    strings = case.system.n_strings
     if strings > MOST_STRINGS:
         raise InputError(
             f"{study.name}: has {strings} strings; an explicit controller is made for {MOST_STRINGS} at most"
         )
     given = study.policy.objectives.shortfall
     shortfall = SHORTFALL if given is None else given
-    tables = Tables.of(course.system, course.ahead_kw.shape[1], course.dt_h, shortfall)
+    tables = Tables.of(case.system, case.ahead_kw.shape[1], case.dt_h, shortfall)
 
     def controller(weights: NDArray[np.float64]) -> ExplicitController:
         return ExplicitController(
-            study=study.name, system=course.system.name, weights=tuple(weights.tolist()), tables=tables
+            study=study.name, system=case.system.name, weights=tuple(weights.tolist()), tables=tables
         )
 
-    lessons = TrainingSet(course, controller(first_weights()))
+    training = TrainingSet(case, controller(first_weights()))
     with reporting(f"{study.name}: generations", generations, shown=progress) as update:
-        weights, _ = fit(lessons, generations, update)
+        weights, _ = fit(training, generations, update)
     return controller(weights)
 
 

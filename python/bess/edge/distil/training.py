@@ -98,47 +98,47 @@ class TrainingSet:
 
     def __init__(
         self,
-        course: TrainingCase,
+        case: TrainingCase,
         controller: ExplicitController,
         variations: tuple[Variation, ...] = VARIATIONS,
         seed: int = 0,
     ) -> None:
-        self._course = course
+        self._case = case
         self._law = controller.core
         self._shortfall = controller.tables.shortfall
         self._shares = np.array([each.weight for each in variations])
-        total_kw = course.limit_kw.sum(axis=1)[:, None]
-        scaled = [np.clip(each.scale * course.ahead_kw, -total_kw, total_kw) for each in variations]
+        total_kw = case.limit_kw.sum(axis=1)[:, None]
+        scaled = [np.clip(each.scale * case.ahead_kw, -total_kw, total_kw) for each in variations]
         self._demand_kw = np.stack([ahead[:, 0] for ahead in scaled], axis=1)
         self._features = np.stack(
             [self._law.demand_features(np.ascontiguousarray(ahead)) for ahead in scaled], axis=1
         )
         random = np.random.default_rng(seed)
-        self._starts = [_start(course.system, each, random) for each in variations]
+        self._starts = [_start(case.system, each, random) for each in variations]
 
     def costs(self, weights: Array) -> Array:
         """Cost of each controller [kWh], for weights of shape ``(n_controllers, n_weights)``.
 
         It is ``shortfall`` times undelivered energy, plus losses: the weighted mean over the variations.
         """
-        course, n_lessons = self._course, self._shares.size
+        case, n_variations = self._case, self._shares.size
         n_controllers = len(weights)
-        fleet = PlantEnsemble(course.system, self._starts * n_controllers)
+        fleet = PlantEnsemble(case.system, self._starts * n_controllers)
         flows = self._law.run(
             fleet.core,
-            np.repeat(weights, n_lessons, axis=0),
+            np.repeat(weights, n_variations, axis=0),
             np.tile(self._demand_kw, (1, n_controllers)),
             np.tile(self._features, (1, n_controllers, 1)),
-            course.limit_kw,
-            np.repeat(course.ambient_c[:, None], n_controllers * n_lessons, axis=1),
-            course.dt_h * 3600.0,
+            case.limit_kw,
+            np.repeat(case.ambient_c[:, None], n_controllers * n_variations, axis=1),
+            case.dt_h * 3600.0,
         )
         missing = flows["availability_loss_kw"] + flows["derating_loss_kw"]
         lost = flows["inverter_loss_kw"] + flows["battery_loss_kw"]
         by_step = (self._shortfall * missing + lost).reshape(
-            len(course.ambient_c), n_controllers, n_lessons, -1
+            len(case.ambient_c), n_controllers, n_variations, -1
         )
-        return np.asarray(by_step.sum(axis=(0, 3)) * course.dt_h @ self._shares)
+        return np.asarray(by_step.sum(axis=(0, 3)) * case.dt_h @ self._shares)
 
 
 def _start(system: System, variation: Variation, random: np.random.Generator) -> State:
@@ -174,7 +174,7 @@ def first_weights() -> Array:
     return weights
 
 
-def fit(lessons: TrainingSet, generations: int, update: Callable[[int], None]) -> tuple[Array, float]:
+def fit(training: TrainingSet, generations: int, update: Callable[[int], None]) -> tuple[Array, float]:
     """Find the best weights and their cost [kWh] by covariance matrix adaptation (CMA-ES) [1]_.
 
     The cost over weights is not smooth, since a small change can switch on another string and change all
@@ -189,13 +189,13 @@ def fit(lessons: TrainingSet, generations: int, update: Callable[[int], None]) -
         import cma
 
     best = first_weights()
-    least = float(lessons.costs(best[None])[0])
+    least = float(training.costs(best[None])[0])
     strategy = cma.CMAEvolutionStrategy(
         best, SPREAD, {"popsize": POPULATION, "seed": 1, "verbose": -9, "maxiter": generations}
     )
     for generation in range(generations):
         tried = np.array(strategy.ask())
-        costs = lessons.costs(tried)
+        costs = training.costs(tried)
         strategy.tell(list(tried), costs.tolist())
         if costs.min() < least:
             least, best = float(costs.min()), tried[costs.argmin()].copy()

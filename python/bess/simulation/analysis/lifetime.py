@@ -114,8 +114,6 @@ def net_present_value(amounts: ArrayLike, discount_rate: float) -> float:
 
 def wear_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
     """Yield the state of health at the end, days to the first end of life, and the net present value."""
-    if "soh_capacity" not in dataset:  # records made before strings could age
-        return
     capacity, resistance = (dataset[name].values[-1] for name in ("soh_capacity", "soh_resistance"))
     yield "soh_capacity_min", capacity.min()
     yield "soh_capacity_mean", capacity.mean()
@@ -125,7 +123,7 @@ def wear_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
         steps = np.flatnonzero(dataset["end_of_life"].values.any(axis=1))
         if steps.size:
             yield "end_of_life_days", (steps[0] + 1) * float(dataset.attrs["step_h"]) / 24.0
-    if "cyclic_loss" in dataset and "wear_eur_per_loss" in dataset.attrs:
+    if "cyclic_loss" in dataset:
         aged = np.maximum(np.diff(dataset["cyclic_loss"].values, axis=0), 0.0).sum(axis=0)
         discharged_kwh = np.maximum(dataset["delivered_kw"].values, 0.0).sum() * dataset.attrs["step_h"]
         if discharged_kwh > 0.0:
@@ -137,7 +135,7 @@ def wear_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
         if days > DAYS_PER_YEAR:
             rate = recorded_terms(dataset).discount_rate
             yield "npv_eur", net_present_value(ledger_by_year(dataset)["net_eur"], rate)
-            if "cyclic_loss" in dataset and "wear_eur_per_loss" in dataset.attrs:
+            if "cyclic_loss" in dataset:
                 yield "cash_npv_eur", net_present_value(cash_by_year(dataset)["cash_eur"], rate)
     else:
         yield "wear_eur", math.fsum(dataset["wear_eur"].values.ravel())

@@ -179,9 +179,8 @@ def gain_over_rules(replay: Replay, policy: str = "") -> dict[str, float | str]:
     gain: dict[str, float | str] = {
         "gain_rule": best,
         "gain_kwh": rules[best]["lost_kwh"] - own["lost_kwh"],
+        "gain_stored_kwh": (rules[best][_DRAWN_KW] - _drawn_kw(record)) * replay.inputs.grid.dt_h,
     }
-    if "chemical_kw" in record:  # not in records of earlier versions
-        gain["gain_stored_kwh"] = (rules[best][_DRAWN_KW] - _drawn_kw(record)) * replay.inputs.grid.dt_h
     if "net_eur" in own and not is_reserve(record):
         gain["gain_eur"] = own["net_eur"] - max(each["net_eur"] for each in rules.values())
     return gain
