@@ -223,6 +223,9 @@ def _group(
     flow = sign[:, None] * ratio * dt_h
     program.at_most(stored_kwh, (e[0], 1.0), (x[0], flow[0]))
     program.at_most(np.zeros((steps - 1, levels)), (e[1:], 1.0), (e[:-1], -1.0), (x[1:], flow[1:]))
+    # A string fills its levels from below.
+    share = 1.0 / hopes.energy_kwh
+    program.at_most(np.zeros((steps, levels - 1)), (e[:, 1:], share[1:]), (e[:, :-1], -share[:-1]))
     if not hopes.ages:
         # Upper limits of losses: stored energy cannot be discarded.
         flow = sign[:, None] * either(hopes.discharge.ratio_against, hopes.charge.ratio_against) * dt_h

@@ -29,7 +29,7 @@ _WARMEST_K = 500.0
 """Upper limit of the cell temperature above its surroundings [K]."""
 _MIN_HEALTH = 0.2
 """Minimum capacity of a string in use, as a share of its initial capacity."""
-_LEVELS = {True: ((0.15, 0.4, 1.0), 5), False: ((0.2, 1.0), 3)}
+_LEVELS = {True: ((0.15, 0.3, 0.5, 0.75, 1.0), 9), False: ((0.2, 1.0), 3)}
 """Level edges below the low-SOC switch, as shares of it, and number of edges above; fine or coarse."""
 
 
@@ -155,7 +155,7 @@ def optimist(
     law
         Derating law of the run.
     fine
-        Divide the charge into seven levels instead of four.
+        Divide the charge into thirteen levels instead of four.
     soh_capacity, soh_resistance
         State of health at the start; a string does not recover.
     """
