@@ -124,10 +124,10 @@ def each_step(name: str, values: ArrayLike, n_steps: int, limits: tuple[float, f
             f"{name} has shape {array.shape}; give one value, or one for each of {n_steps} steps"
         )
     low, high = limits
-    if np.any((array < low) | (array > high)):
+    if array.min() < low or array.max() > high:
         worst = array.ravel()[np.argmax(np.abs(array))]
         raise InputError(f"{name} {worst:g} {unit} is outside [{low:g}, {high:g}] {unit}")
-    return np.ascontiguousarray(np.broadcast_to(array, (n_steps,)))
+    return array if array.ndim else np.full(n_steps, array)
 
 
 def require_positive(place: str, **values: tuple[float | None, str]) -> None:

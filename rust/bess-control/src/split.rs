@@ -2,7 +2,7 @@
 
 use crate::model::{ControlHorizon, Flow};
 use crate::reach::GroupBounds;
-use crate::search::{Effort, Incumbent};
+use crate::search::{Effort, Incumbent, SearchResult};
 
 /// The best schedule found, and its bounds.
 #[derive(Debug, Clone)]
@@ -20,8 +20,8 @@ pub struct Split {
 impl ControlHorizon {
     /// Splits the demand: searches, from `warm_start_w` `(M, T)` if given, and bounds the result.
     pub fn split(&self, warm_start_w: Option<&[f64]>, effort: &Effort) -> Split {
-        let found = self.find(warm_start_w, effort);
-        let groups = self.bounds(&found.incumbent.schedule.request_w, &found.flows, &found.optima);
-        Split { incumbent: found.incumbent, flows: found.flows, groups, rollouts: found.rollouts }
+        let SearchResult { incumbent, rollouts, flows, optima, proof } = self.find(warm_start_w, effort);
+        let groups = self.bounds(&incumbent.schedule.request_w, &flows, &optima, proof);
+        Split { incumbent, flows, groups, rollouts }
     }
 }

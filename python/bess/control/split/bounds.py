@@ -102,12 +102,13 @@ class Certificate:
         group, before = self._answer.groups[index], self._answer.groups[:index]
         bound, search_bound = group.bound, group.search_bound
         ended = closure = None
-        ceilings = [earlier.ceiling for earlier in before]
-        if self._wants_prices(index):
-            bound = max(bound, self._control.priced_bound(np.array(ceilings), group.objective))
-        if self._wants_relaxation(index, bound):
-            ended = self._relaxed(ceilings, self._costs.reported, bound, group.objective)
-            bound = ended.bound
+        if not self._is_closed(index, group.objective, bound):
+            ceilings = [earlier.ceiling for earlier in before]
+            if self._wants_prices(index):
+                bound = max(bound, self._control.priced_bound(np.array(ceilings), group.objective))
+            if self._wants_relaxation(index, bound):
+                ended = self._relaxed(ceilings, self._costs.reported, bound, group.objective)
+                bound = ended.bound
         if self._is_closed(index, group.objective, bound):
             pass
         elif self._is_closed(index, group.search_objective, search_bound):
@@ -146,7 +147,6 @@ class Certificate:
         return (
             group.boxes is not None
             and relative_gap(group.objective, group.bound) > RELAXED_ABOVE
-            and not self._is_closed(index, group.objective, group.bound)
             and n_strings * n_steps > PRICED_SIZE
             and n_strings <= PRICED_STRINGS
             and not self._is_late(PRICED_S * n_steps * n_kinds)
@@ -180,7 +180,7 @@ class Certificate:
         index = len(ceilings)
         boxes = self._answer.groups[index].boxes
         assert boxes is not None
-        gap, abs_gap = self._settings.gap, float(self._abs_tol[index])
+        gap, abs_gap = self._settings.gap, self._abs_tol[index]
         # Schedules that improve the incumbent by less than the gap need no bound.
         cost_limit = objective - CUTOFF_SHARE * max(abs_gap, gap * abs(objective))
         relaxed = RelaxedGroup(
@@ -222,7 +222,7 @@ class Certificate:
 
     def _is_closed(self, index: int, objective: float, bound: float) -> bool:
         within = objective - bound <= self._abs_tol[index]
-        return bool(within or relative_gap(objective, bound) <= self._settings.gap)
+        return within or relative_gap(objective, bound) <= self._settings.gap
 
     def _is_late(self, needed_s: float = 0.0) -> bool:
         return self._deadline is not None and time.perf_counter() + needed_s >= self._deadline

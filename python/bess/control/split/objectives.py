@@ -215,14 +215,13 @@ class Objectives(Choice):
             tuple(i for i, o in enumerate(self.members) if o.priority == priority) for priority in priorities
         )
 
-    @property
-    def tolerances(self) -> tuple[Array, Array]:
-        """Absolute and relative tolerance of each group, each of shape ``(n_groups,)``."""
-        pairs = [
-            [min(getattr(self.members[i], name) for i in group) for group in self.groups]
+    @cached_property
+    def tolerances(self) -> tuple[tuple[float, ...], ...]:
+        """Absolute and relative tolerance of each group."""
+        return tuple(
+            tuple(min(getattr(self.members[i], name) for i in group) for group in self.groups)
             for name in ("abs_tol", "rel_tol")
-        ]
-        return np.array(pairs[0]), np.array(pairs[1])
+        )
 
     def costs(self, scale_per_kw: Array) -> Costs:
         """Cost of one kW of each loss in each group; ``scale_per_kw`` is the normalisation [1/kW], of shape

@@ -70,13 +70,11 @@ class SplitProblem:
                 "give one value for each step, or build a PowerSplit with that horizon"
             )
         around = system.reference_temperature_c if ambient_c is None else ambient_c
-        # Demand below the minimum power of an inverter is treated as zero.
-        min_power_kw = system.min_power_kw[:, None]
         limit = _limits(system, n_steps, limit_kw)
-        limit = np.where(limit < min_power_kw, 0.0, limit)
         largest = limit.sum(axis=0)
         asked = np.minimum(np.maximum(demand, -largest), largest)
-        asked = np.where(np.abs(asked) < min_power_kw.min(), 0.0, asked)
+        # Demand below the minimum power of an inverter is treated as zero.
+        asked[np.abs(asked) < system.min_power_kw.min()] = 0.0
         return cls(
             system=system,
             state=state,
@@ -87,8 +85,8 @@ class SplitProblem:
             dt_h=dt_h,
         )
 
-    def control(self, costs: Costs, abs_tol: Array, rel_tol: Array) -> _core.ControlHorizon:
-        """Return the control model over this horizon, with costs and tolerances ``(n_groups,)``."""
+    def control(self, costs: Costs, abs_tol: ArrayLike, rel_tol: ArrayLike) -> _core.ControlHorizon:
+        """Return the control model over this horizon, with costs and tolerances of each group."""
         return _core.ControlHorizon(
             self.system.control_at(self.state),
             self.state.soc,
@@ -99,8 +97,8 @@ class SplitProblem:
             self.limit_kw,
             costs.reported,
             costs.searched,
-            abs_tol,
-            rel_tol,
+            np.asarray(abs_tol),
+            np.asarray(rel_tol),
         )
 
 
@@ -130,9 +128,11 @@ def check_horizon(
 
 
 def _limits(system: System, n_steps: int, limit_kw: ArrayLike | None) -> Array:
-    """Return the maximum requests ``(n_strings, n_steps)`` [kW]."""
+    """Return the maximum requests ``(n_strings, n_steps)`` [kW], 0 if below the minimum power."""
     shape, nominal = (system.n_strings, n_steps), system.nominal_kw[:, None]
-    limit = system.nominal_kw if limit_kw is None else finite_array("limit_kw", limit_kw)
+    if limit_kw is None:
+        return nominal.repeat(n_steps, axis=1)
+    limit = finite_array("limit_kw", limit_kw)
     if limit.shape not in (shape[:1], shape):
         raise InputError(
             f"limit_kw has shape {limit.shape}; give one value for each string (and step), {shape}"
@@ -145,4 +145,5 @@ def _limits(system: System, n_steps: int, limit_kw: ArrayLike | None) -> Array:
             f"limit_kw of string {string} at step {step} is {limit[string, step]:g} kW, outside "
             f"[0, {nominal[string, 0]:g}] kW"
         )
-    return np.ascontiguousarray(np.broadcast_to(limit, shape))
+    limit = np.broadcast_to(limit, shape)
+    return np.where(limit < system.min_power_kw[:, None], 0.0, limit)

@@ -3,6 +3,7 @@
 use bess_tables::Direction;
 
 use super::control_model::{ControlModel, POWER_SLACK, TEMPERATURE_RANGE_C};
+use crate::cores;
 use crate::error::{check_length, check_range};
 use crate::model::{Interval, Losses, StringModel, StringState};
 use crate::ControlError;
@@ -11,6 +12,8 @@ use crate::ControlError;
 pub const MAX_GROUPS: usize = 4;
 /// Relative distance of the demand from the sum of the limits within which every string gets its limit.
 const FULL_POWER: f64 = 1e-12;
+/// String-steps from which work is shared among cores.
+const LARGE: usize = 64;
 
 /// Data of one split problem. Arrays over strings and steps are string-major, `(M, T)`.
 #[derive(Debug, Clone, Copy)]
@@ -131,6 +134,14 @@ impl ControlHorizon {
     /// String-steps in one roll-out of all strings.
     pub(crate) fn size(&self) -> usize {
         self.n_strings() * self.n_steps()
+    }
+
+    /// Results of `of` for every item, on all cores if the problem is large: starting threads takes as long as a small one.
+    pub(crate) fn map<I: Send, T: Send>(&self, items: Vec<I>, of: impl Fn(I) -> T + Sync) -> Vec<T> {
+        if self.size() < LARGE {
+            return items.into_iter().map(of).collect();
+        }
+        cores::map(items, of)
     }
 
     /// Number of groups.

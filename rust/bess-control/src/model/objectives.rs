@@ -38,22 +38,13 @@ impl ControlHorizon {
         }
     }
 
-    /// One step of one string; adds its costs.
+    /// Adds the costs of a flow of one string.
     #[inline]
-    pub(crate) fn advance(
-        &self,
-        m: usize,
-        t: usize,
-        state: StringState,
-        request_w: f64,
-        costs: &mut Objectives,
-    ) -> Flow {
-        let flow = self.string(m).step(state, request_w, &self.intervals[t]);
+    pub(crate) fn add_costs(&self, m: usize, flow: &Flow, costs: &mut Objectives) {
         let losses = flow.losses();
         for (total, c) in costs.iter_mut().zip(self.costs_of(m)) {
             *total += losses.cost(c);
         }
-        flow
     }
 
     /// Objectives of a schedule of requests `(M, T)` [W]: each string over time, then over the strings of each block,
@@ -63,8 +54,10 @@ impl ControlHorizon {
         let costs_of = |(m, requests): (usize, &[f64])| {
             let mut costs = [0.0; MAX_GROUPS];
             let mut state = self.start[m];
-            for (t, &request) in requests.iter().enumerate() {
-                state = self.advance(m, t, state, request, &mut costs).end;
+            for (&request, interval) in requests.iter().zip(&self.intervals) {
+                let flow = self.string(m).step(state, request, interval);
+                self.add_costs(m, &flow, &mut costs);
+                state = flow.end;
             }
             costs
         };

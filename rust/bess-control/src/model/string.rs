@@ -172,8 +172,22 @@ impl StringModel {
         if request_w <= 0.0 {
             return self.idle(state, 0.0, 0.0, interval);
         }
-        let curve = self.loss(interval.direction);
-        self.carry_out(curve, state, request_w, interval, &self.coefficients(interval.direction, state))
+        self.step_with(&self.coefficients(interval.direction, state), state, request_w, interval)
+    }
+
+    /// [`Self::step`] with the coefficients of `state`.
+    #[inline]
+    pub(crate) fn step_with(
+        &self,
+        c: &Coefficients,
+        state: StringState,
+        request_w: f64,
+        interval: &Interval,
+    ) -> Flow {
+        if request_w <= 0.0 {
+            return self.idle(state, 0.0, 0.0, interval);
+        }
+        self.carry_out(self.loss(interval.direction), state, request_w, interval, c)
     }
 
     #[inline]

@@ -254,7 +254,8 @@ impl CostCurve {
         let pieces = &self.pieces[range];
         if self.convex {
             let Some(last) = pieces.last() else { return (f64::INFINITY, 0.0) };
-            return match pieces.get(pieces.partition_point(|piece| piece.slope1 + slope < 0.0)) {
+            // Of few pieces, counting all is quicker than a search, whose every look waits for the one before.
+            return match pieces.get(pieces.iter().filter(|piece| piece.slope1 + slope < 0.0).count()) {
                 None => (last.q1 + slope * last.p1, last.p1),
                 Some(piece) if piece.slope0 + slope < 0.0 => self.stationary(piece, slope),
                 Some(piece) => (piece.q0 + slope * piece.p0, piece.p0),

@@ -25,11 +25,6 @@ pub(crate) struct Commitment {
 }
 
 impl Commitment {
-    /// Every string may be on or off.
-    pub fn free(n_strings: usize) -> Self {
-        Self { modes: vec![InverterMode::Free; n_strings], count: None }
-    }
-
     /// Every string may be on or off, except those that are on in any case.
     pub fn of(curves: &[impl StringCost]) -> Self {
         let mode = |curve: &_| if StringCost::is_on(curve) { InverterMode::On } else { InverterMode::Free };
@@ -231,23 +226,18 @@ fn close(
     let gap = high.total_w - low.total_w;
     let share = if gap > 0.0 { ((demand_w - low.total_w) / gap).clamp(0.0, 1.0) } else { 0.0 };
     let best = if high.bound > low.bound { high } else { low };
-    let mut request_w = vec![0.0; curves.len()];
+    let (mut request_w, mut order, mut n_on) = (vec![0.0; curves.len()], vec![], 0);
     let mut open = Vec::with_capacity(curves.len());
     for (point, weight) in [(low, 1.0 - share), (high, share)] {
-        at_price(curves, commitment, demand_w, point.price, &mut open, |m, _, response| {
+        let mut n_on_here = 0;
+        at_price(curves, commitment, demand_w, point.price, &mut open, |m, on, response| {
             request_w[m] += weight * response.request_w;
+            n_on_here += usize::from(on && commitment.modes[m] == InverterMode::Free);
         });
+        if point.price == best.price {
+            (order, n_on) = (open.iter().map(|(m, _, _)| *m).collect(), n_on_here);
+        }
     }
-    let mut n_on = 0;
-    at_price(curves, commitment, demand_w, best.price, &mut open, |m, on, _| {
-        n_on += usize::from(on && commitment.modes[m] == InverterMode::Free);
-    });
-    DualSolution {
-        bound: best.bound,
-        price: best.price,
-        request_w,
-        shed_w: low.shed_w + share * (high.shed_w - low.shed_w),
-        order: open.iter().map(|(m, _, _)| *m).collect(),
-        n_on,
-    }
+    let shed_w = low.shed_w + share * (high.shed_w - low.shed_w);
+    DualSolution { bound: best.bound, price: best.price, request_w, shed_w, order, n_on }
 }

@@ -9,5 +9,4 @@ mod lagrangian;
 mod solve;
 
 pub(crate) use cost_curve::{CostCurve, OperatingTerms, Response, StringCost};
-pub(crate) use lagrangian::{maximise, Commitment};
 pub(crate) use solve::{solve, OneStepSolution};

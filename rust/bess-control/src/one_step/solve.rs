@@ -20,6 +20,8 @@ pub(crate) struct OneStepSolution {
     pub request_w: Vec<f64>,
     /// Availability loss of these requests [W].
     pub shed_w: f64,
+    /// Price of the demand with every inverter free [1/W].
+    pub price: f64,
 }
 
 struct Node {
@@ -59,15 +61,15 @@ fn solve_within(curves: &[impl StringCost], demand_w: f64, mut n_nodes: usize) -
     let n = curves.len();
     let free = Commitment::of(curves);
     let n_on = free.modes.iter().filter(|m| **m == InverterMode::On).count();
-    let root = maximise(curves, &free, demand_w, 0.0);
-    let mut best = OneStepSolution { bound: f64::INFINITY, request_w: root.request_w, shed_w: root.shed_w };
-    if root.bound.is_infinite() {
+    let DualSolution { bound: least, price, request_w, shed_w, .. } = maximise(curves, &free, demand_w, 0.0);
+    let mut best = OneStepSolution { bound: f64::INFINITY, request_w, shed_w, price };
+    if least.is_infinite() {
         return best;
     }
     let mut heap = BinaryHeap::new();
-    for (count, bound) in bounds_by_count(curves, &free, demand_w, root.price).into_iter().enumerate() {
+    for (count, bound) in bounds_by_count(curves, &free, demand_w, price).into_iter().enumerate() {
         let commitment = Commitment { count: Some(n_on + count), ..free.clone() };
-        let bound = bound.max(root.bound);
+        let bound = bound.max(least);
         heap.push(Node { bound, commitment, border: None, order: count });
     }
     let mut order = n;
@@ -80,7 +82,7 @@ fn solve_within(curves: &[impl StringCost], demand_w: f64, mut n_nodes: usize) -
         }
         n_nodes -= 1;
         let Some(border) = node.border else {
-            let dual = maximise(curves, &node.commitment, demand_w, root.price);
+            let dual = maximise(curves, &node.commitment, demand_w, price);
             let bound = dual.bound.max(node.bound);
             let border = border_of(&node.commitment, &dual);
             let leaf = match border {
@@ -88,7 +90,8 @@ fn solve_within(curves: &[impl StringCost], demand_w: f64, mut n_nodes: usize) -
                 Some(_) => maximise(curves, &decided(&node.commitment, &dual), demand_w, dual.price),
             };
             if leaf.bound < best.bound {
-                best = OneStepSolution { bound: leaf.bound, request_w: leaf.request_w, shed_w: leaf.shed_w };
+                let DualSolution { bound, request_w, shed_w, .. } = leaf;
+                best = OneStepSolution { bound, request_w, shed_w, price };
             }
             if let (Some(_), true) = (border, bound.is_finite()) {
                 order += 1;
@@ -216,7 +219,7 @@ mod tests {
             let derated_w = 0.5 * hot.terms.limit_w;
             let curves = [CostCurve::new(&cool.loss, cool.terms), CostCurve::new(&hot.loss, hot.terms)];
             let cost = cool.cost(taken_w) + COSTS.derating * derated_w;
-            let one_runs = Commitment { count: Some(1), ..Commitment::free(2) };
+            let one_runs = Commitment { count: Some(1), ..Commitment::of(&curves) };
             let bound = maximise(&curves, &one_runs, taken_w + derated_w, 0.0).bound;
             assert!(bound <= cost * (1.0 + 1e-9), "{bound} above {cost}");
         }

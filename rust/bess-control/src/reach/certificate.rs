@@ -1,6 +1,7 @@
 //! Lower bounds of every group around the incumbent: for all schedules, and for the convexified program
 //! with coefficients frozen along the incumbent.
 
+use super::bound_tightening::TightenedBounds;
 use super::step_bounds::{cheapest_shed, least_cost, Shed, StepBounds};
 use crate::model::{ControlHorizon, CostsOf, Flow, Losses, StateBox};
 
@@ -26,10 +27,27 @@ pub struct GroupBounds {
     pub boxes: Vec<StateBox>,
 }
 
+/// Rigorous bounds around a schedule, group by group up to the first that leaves more than the requested gap.
+#[derive(Debug, Clone)]
+pub(crate) struct Proof {
+    request_w: Vec<f64>,
+    /// None for a group at zero.
+    groups: Vec<Option<TightenedBounds>>,
+    /// Whether no schedule improves any group by more than the gap.
+    pub is_complete: bool,
+}
+
 impl ControlHorizon {
     /// Bounds of every group around a rolled-out schedule `(M, T)` (magnitudes), with the one-step optima at its
-    /// states, or no optima if there is nothing to decide.
-    pub fn bounds(&self, request_w: &[f64], flows: &[Flow], optima: &[StepBounds]) -> Vec<GroupBounds> {
+    /// states, or no optima if there is nothing to decide. A `proof` of the same schedule has some of them.
+    pub(crate) fn bounds(
+        &self,
+        request_w: &[f64],
+        flows: &[Flow],
+        optima: &[StepBounds],
+        proof: Option<Proof>,
+    ) -> Vec<GroupBounds> {
+        let mut proof = proof.filter(|proof| proof.request_w == request_w);
         let (objectives, searched) = (self.report_objectives(flows), self.objectives(request_w));
         let mut budgets_w = [f64::INFINITY; 2];
         let mut out = Vec::with_capacity(self.n_groups());
@@ -48,7 +66,8 @@ impl ControlHorizon {
             };
             // Losses are non-negative, so a group at zero is optimal.
             if !optima.is_empty() && values != [0.0; 2] {
-                let tightened = self.tightened(request_w, flows, &costs[0], budgets_w[0]);
+                let proven = proof.as_mut().and_then(|proof| proof.groups.get_mut(group)?.take());
+                let tightened = proven.unwrap_or_else(|| self.tightened(flows, &costs[0], budgets_w[0]));
                 self.freeze(&mut bounds, &tightened.may_shed, flows, &optima[group], &costs[1], budgets_w[1]);
                 (bounds.bound, bounds.boxes) = (tightened.bound, tightened.boxes);
             }
@@ -61,19 +80,20 @@ impl ControlHorizon {
         out
     }
 
-    /// Whether the bounds prove that no schedule improves a group of `request_w` `(M, T)` by more than a relative `gap`.
-    pub(crate) fn is_proven(&self, request_w: &[f64], gap: f64) -> bool {
-        let flows = self.flows(request_w);
+    /// Tries to prove that no schedule improves a group of `request_w` `(M, T)` by more than a relative `gap`.
+    pub(crate) fn proof(&self, request_w: Vec<f64>, gap: f64) -> Proof {
+        let flows = self.flows(&request_w);
         let values = self.report_objectives(&flows);
-        let mut budget_w = f64::INFINITY;
-        (0..self.n_groups()).all(|group| {
+        let (mut groups, mut budget_w) = (vec![], f64::INFINITY);
+        let is_complete = (0..self.n_groups()).all(|group| {
             let (value, costs) = (values[group], self.group_costs(group, CostsOf::Report));
-            let reached = (1.0 - gap) * value;
-            let is_proven =
-                value == 0.0 || self.tightened(request_w, &flows, &costs, budget_w).bound >= reached;
+            let tightened = (value != 0.0).then(|| self.tightened(&flows, &costs, budget_w));
+            let is_proven = tightened.as_ref().is_none_or(|bounds| bounds.bound >= (1.0 - gap) * value);
+            groups.push(tightened);
             budget_w = within_ceiling(budget_w, self.ceiling(group, value), &costs);
             is_proven
-        })
+        });
+        Proof { request_w, groups, is_complete }
     }
 
     /// The bound of the convexified program from its one-step problems; `may_shed` `(M, T)` marks steps in which a schedule of
@@ -144,5 +164,19 @@ mod tests {
             assert_eq!((sheds(0), sheds(N_STEPS - 1)), (false, !is_optimum));
             assert_eq!(split.groups[0].is_search_optimum, is_optimum);
         }
+    }
+
+    #[test]
+    fn a_proof_of_the_schedule_replaces_its_bounds_and_one_of_another_does_not() {
+        let horizon = common::horizon(&common::reference(2), 4, 0.5);
+        let found = horizon.find(None, &Effort { rollouts: 300, deadline: None, gap: 1e-3 });
+        let request_w = found.incumbent.schedule.request_w;
+        let bounds = |proof| format!("{:?}", horizon.bounds(&request_w, &found.flows, &found.optima, proof));
+        let of = |request_w: Vec<f64>| horizon.proof(request_w, 1.0);
+        let (proof, other) = (of(request_w.clone()), of(horizon.fitted(&[1.0; 8])));
+        assert!(proof.is_complete && other.is_complete);
+        assert_ne!(proof.groups[1].as_ref().unwrap().bound, other.groups[1].as_ref().unwrap().bound);
+        assert_eq!(bounds(Some(proof)), bounds(None));
+        assert_eq!(bounds(Some(other)), bounds(None));
     }
 }

@@ -14,6 +14,7 @@ mod step_bounds;
 pub use bound_tightening::TightenedBounds;
 pub use cell::Cell;
 pub use certificate::GroupBounds;
+pub(crate) use certificate::Proof;
 pub use node::{NarrowNode, Node};
 pub use planes::Planes;
 pub use relaxed::{LossUnits, NAMES as RELAXED_NAMES};

@@ -1,6 +1,5 @@
 //! Step cuts: lower bounds of the cost of any decision of one step, over boxes of states.
 
-use crate::cores;
 use crate::error::{check_costs, check_length, check_range};
 use crate::model::{CoefficientRanges, ControlHorizon, CostsOf, Flow, Losses, Range, StateBox, StringState};
 use crate::one_step::{solve, CostCurve, OneStepSolution, OperatingTerms, StringCost};
@@ -168,9 +167,9 @@ impl ControlHorizon {
             step_bound(&mut curves, self.demand_w[t], budget_w[t])
         };
         let asked: Vec<usize> = (0..n_steps).filter(|&t| self.demand_w[t] > 0.0 && !no_losses).collect();
-        for (&t, (bound, request_w)) in asked.iter().zip(cores::map(asked.clone(), of_step)) {
+        for (&t, (bound, solution)) in asked.iter().zip(self.map(asked.clone(), of_step)) {
             out.bounds[t] = bound;
-            for (m, request) in request_w.into_iter().enumerate() {
+            for (m, request) in solution.request_w.into_iter().enumerate() {
                 out.request_w[m * n_steps + t] = request;
             }
         }
@@ -226,13 +225,18 @@ pub(crate) fn cheapest_shed(costs: &[Losses]) -> f64 {
 
 /// Step cut of curves whose shed cost is infinite; it is the slope of the cut afterwards. Where little may be shed, a
 /// slope that lets it be shed may be better than the steep one at which nothing is; without a budget there is none.
-/// Returns the best requests if nothing is shed, too.
-pub(crate) fn step_bound(curves: &mut [CostCurve], demand_w: f64, budget_w: f64) -> (StepBound, Vec<f64>) {
-    let OneStepSolution { bound: nothing_shed, request_w, .. } = solve(curves, demand_w);
+/// Returns the solution if nothing is shed, too.
+pub(crate) fn step_bound(
+    curves: &mut [CostCurve],
+    demand_w: f64,
+    budget_w: f64,
+) -> (StepBound, OneStepSolution) {
+    let solution = solve(curves, demand_w);
+    let nothing_shed = solution.bound;
     if budget_w == 0.0 {
         // Infinite if the demand cannot be met; then there is no cut.
         let phi = if nothing_shed.is_finite() { nothing_shed - ROUNDING * nothing_shed.abs() } else { 0.0 };
-        return (StepBound { phi, shed_slope: 0.0 }, request_w);
+        return (StepBound { phi, shed_slope: 0.0 }, solution);
     }
     let steepest = curves.iter().map(CostCurve::steepest).fold(0.0, f64::max);
     // Cost that shedding cannot save: the price of the scales.
@@ -272,7 +276,7 @@ pub(crate) fn step_bound(curves: &mut [CostCurve], demand_w: f64, budget_w: f64)
     for curve in curves.iter_mut() {
         curve.terms.shed_cost = best.shed_slope;
     }
-    (best, request_w)
+    (best, solution)
 }
 
 #[cfg(test)]

@@ -1,15 +1,19 @@
 //! A schedule with its states and costs, so that a change is evaluated from the changed step on and only
 //! for the affected strings.
 
-use crate::model::{total, ControlHorizon, Objectives, StringState, BLOCK, MAX_GROUPS};
+use crate::model::{
+    total, Coefficients, ControlHorizon, Interval, Objectives, StringState, BLOCK, MAX_GROUPS,
+};
 
 /// Relative distance from the deliverable power within which a request counts as equal to it (on its edge).
 const EDGE_WIDTH: f64 = 1e-9;
 
-/// State and cost of a string during a roll-out.
+/// State and cost of a string at the start of a step of a roll-out.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Progress {
-    pub state: StringState,
+    state: StringState,
+    /// Of the step that begins; many requests are tried from one state.
+    coefficients: Coefficients,
     pub costs: Objectives,
 }
 
@@ -45,15 +49,17 @@ impl<'a> IncrementalRollout<'a> {
     ) -> Self {
         let end = first + request_w.len() / horizon.n_strings();
         let n_steps = end - first;
-        let blank = Progress { state: start[0], costs: [0.0; MAX_GROUPS] };
-        let progress = vec![blank; start.len() * (n_steps + 1)];
+        let row = |(m, &state): (usize, &StringState)| {
+            let coefficients = horizon.string(m).coefficients(horizon.direction(first), state);
+            vec![Progress { state, coefficients, costs: [0.0; MAX_GROUPS] }; n_steps + 1]
+        };
         let on_edge = vec![false; request_w.len()];
         let mut tracked = Self {
             horizon,
             first,
             end,
             request_w,
-            progress,
+            progress: start.iter().enumerate().flat_map(row).collect(),
             blocks: vec![[0.0; MAX_GROUPS]; start.len().div_ceil(BLOCK)],
             on_edge,
             string_steps: 0.into(),
@@ -61,8 +67,7 @@ impl<'a> IncrementalRollout<'a> {
             last_change: vec![0; start.len()],
             passes_over: false,
         };
-        for (m, &state) in start.iter().enumerate() {
-            tracked.progress[m * (n_steps + 1)].state = state;
+        for m in 0..start.len() {
             tracked.roll(m, first);
         }
         tracked
@@ -94,11 +99,12 @@ impl<'a> IncrementalRollout<'a> {
         let base = m * (self.n_steps() + 1);
         for t in from..self.end {
             let mut next = self.progress[base + t - self.first];
-            let edge_w = self.edge(m, t, next.state);
+            let edge_w = self.edge(m, t, &next);
             let index = m * self.n_steps() + t - self.first;
             self.on_edge[index] =
                 edge_w > 0.0 && (self.request_w[index] - edge_w).abs() < EDGE_WIDTH * edge_w;
-            next.state = self.horizon.advance(m, t, next.state, self.request(m, t), &mut next.costs).end;
+            self.step(m, t, &mut next, self.request(m, t));
+            self.prepare(m, t + 1, &mut next);
             self.progress[base + t + 1 - self.first] = next;
         }
         self.blocks[m / BLOCK] = self.block_with(m / BLOCK, &[]);
@@ -135,26 +141,43 @@ impl<'a> IncrementalRollout<'a> {
         to: usize,
         request_w: f64,
     ) -> Progress {
-        let mut request = request_w;
-        for t in from..to {
-            progress.state = self.horizon.advance(m, t, progress.state, request, &mut progress.costs).end;
-            if t + 1 < to {
-                request = self.request(m, t + 1);
-            }
+        self.step(m, from, &mut progress, request_w);
+        for t in from + 1..to {
+            self.prepare(m, t, &mut progress);
+            self.step(m, t, &mut progress, self.request(m, t));
         }
+        self.prepare(m, to, &mut progress);
         self.count(to - from);
         progress
     }
 
-    /// Maximum request of a string in this state without availability loss.
-    pub fn edge(&self, m: usize, t: usize, state: StringState) -> f64 {
-        let interval = &self.horizon.intervals[t];
+    /// Advances a string by one step; the coefficients are stale until [`Self::prepare`].
+    #[inline]
+    fn step(&self, m: usize, t: usize, progress: &mut Progress, request_w: f64) {
+        let Progress { state, coefficients, costs } = progress;
         let string = self.horizon.string(m);
-        let c = string.coefficients(interval.direction, state);
+        let flow = string.step_with(coefficients, *state, request_w, &self.horizon.intervals[t]);
+        self.horizon.add_costs(m, &flow, costs);
+        *state = flow.end;
+    }
+
+    /// Coefficients of the step that begins, if any.
+    #[inline]
+    fn prepare(&self, m: usize, t: usize, progress: &mut Progress) {
+        if t < self.end {
+            let direction = self.horizon.direction(t);
+            progress.coefficients = self.horizon.string(m).coefficients(direction, progress.state);
+        }
+    }
+
+    /// Maximum request of a string in this state without availability loss.
+    pub fn edge(&self, m: usize, t: usize, progress: &Progress) -> f64 {
+        let Progress { state, coefficients: c, .. } = progress;
         if c.derating <= 0.0 {
             return 0.0;
         }
-        string.deliverable_w(&c, interval.direction, state.soc, interval.dt_h) / c.derating
+        let Interval { direction, dt_h, .. } = self.horizon.intervals[t];
+        self.horizon.string(m).deliverable_w(c, direction, state.soc, dt_h) / c.derating
     }
 
     /// Whether either string is on its edge after a step, so that [`Self::follow`] differs from [`Self::advance`].
@@ -177,14 +200,16 @@ impl<'a> IncrementalRollout<'a> {
         let mut request = first_w;
         for t in from..self.end {
             if t > from {
+                self.prepare(i, t, &mut a);
+                self.prepare(j, t, &mut b);
                 let (u, v) = (self.request(i, t), self.request(j, t));
                 let (low, high) =
                     ((u + v - self.horizon.limit(j, t)).max(0.0), self.horizon.limit(i, t).min(u + v));
                 let index = |m: usize| m * self.n_steps() + t - self.first;
                 let wanted = if self.on_edge[index(i)] {
-                    self.edge(i, t, a.state)
+                    self.edge(i, t, &a)
                 } else if self.on_edge[index(j)] {
-                    u + v - self.edge(j, t, b.state)
+                    u + v - self.edge(j, t, &b)
                 } else {
                     u
                 };
@@ -193,8 +218,8 @@ impl<'a> IncrementalRollout<'a> {
                 request = self.horizon.pair(t, (i, j), u + v, first);
             }
             visit(t, request);
-            a.state = self.horizon.advance(i, t, a.state, request.0, &mut a.costs).end;
-            b.state = self.horizon.advance(j, t, b.state, request.1, &mut b.costs).end;
+            self.step(i, t, &mut a, request.0);
+            self.step(j, t, &mut b, request.1);
         }
         self.count(2 * (self.end - from));
         (a.costs, b.costs)

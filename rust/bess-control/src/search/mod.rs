@@ -13,6 +13,7 @@ mod ranking;
 
 pub use incumbent::{Incumbent, Schedule};
 pub use multistart::Effort;
+pub(crate) use multistart::SearchResult;
 
 #[cfg(test)]
 #[path = "../../tests/common/mod.rs"]

@@ -80,7 +80,7 @@ impl Line {
     }
 
     fn candidates(&self, tracked: &IncrementalRollout<'_>) -> impl Iterator<Item = f64> {
-        let edge = |m: usize| tracked.edge(m, self.step, tracked.at(m, self.step).state);
+        let edge = |m: usize| tracked.edge(m, self.step, tracked.at(m, self.step));
         let special = [edge(self.strings.0), self.sum_w - edge(self.strings.1)];
         let (low, high) = (self.low_w, self.high_w);
         let inside = special.into_iter().filter(move |u| *u > low && *u < high);

@@ -6,7 +6,7 @@ use bess_tables::units::W_PER_KW;
 
 use super::incumbent::{Incumbent, Schedule};
 use crate::model::{ControlHorizon, CostsOf, Flow};
-use crate::reach::StepBounds;
+use crate::reach::{Proof, StepBounds};
 
 /// Maximum number of string swaps.
 const MOST_SWAPS: usize = 64;
@@ -40,6 +40,8 @@ pub struct SearchResult {
     pub flows: Vec<Flow>,
     /// One-step optima at the states of the schedule, for each group; empty if there is nothing to decide.
     pub(crate) optima: Vec<StepBounds>,
+    /// The last attempt to prove a schedule.
+    pub(crate) proof: Option<Proof>,
 }
 
 impl ControlHorizon {
@@ -57,13 +59,13 @@ impl ControlHorizon {
             if let Some(wanted) = warm_start_w {
                 search.offer(self.rated(self.fitted(wanted)));
             }
-            if self.heat_costs() || !self.is_proven(search.best(), EXACT) {
+            if self.heat_costs() || !search.is_proven(EXACT) {
                 search.explore(warm_start_w.is_none() && n_free > 1);
             }
         }
         let (flows, optima) = if n_free > 0 { search.settle() } else { search.without_choice() };
         let rollouts = (search.string_steps as usize).div_ceil(self.size());
-        SearchResult { incumbent: search.incumbent, rollouts, flows, optima }
+        SearchResult { incumbent: search.incumbent, rollouts, flows, optima, proof: search.proof }
     }
 
     /// Whether battery losses have a cost: steps then depend on each other away from limits, too, and their optima one by one are
@@ -105,11 +107,13 @@ pub(super) struct Search<'a> {
     pub(super) incumbent: Incumbent,
     /// String-steps rolled out by descents and samples.
     pub(super) string_steps: u64,
+    /// The last attempt to prove the incumbent.
+    proof: Option<Proof>,
 }
 
 impl<'a> Search<'a> {
     pub(super) fn new(horizon: &'a ControlHorizon, effort: &'a Effort, first: Schedule) -> Self {
-        Self { horizon, effort, incumbent: Incumbent::new(first), string_steps: 0 }
+        Self { horizon, effort, incumbent: Incumbent::new(first), string_steps: 0, proof: None }
     }
 
     pub(super) fn best(&self) -> &[f64] {
@@ -158,7 +162,7 @@ impl<'a> Search<'a> {
         if sheds(&flows) {
             self.improve(horizon.fitted(&horizon.limit_w));
         }
-        if may_go_far && horizon.is_scarce(&flows) && !horizon.is_proven(self.best(), self.effort.gap) {
+        if may_go_far && horizon.is_scarce(&flows) && !self.is_proven(self.effort.gap) {
             self.search_far();
         }
     }
@@ -173,11 +177,20 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Rounds requests so that their conversion to kW and back gives the same bits.
-    fn round(&mut self) {
+    /// Whether the bounds prove the incumbent within a relative gap.
+    fn is_proven(&mut self, gap: f64) -> bool {
+        let proof = self.proof.insert(self.horizon.proof(self.rounded(), gap));
+        proof.is_complete
+    }
+
+    /// Requests of the incumbent, rounded so that their conversion to kW and back gives the same bits.
+    fn rounded(&self) -> Vec<f64> {
         let there_and_back = |w: f64| w / W_PER_KW * W_PER_KW;
-        let request_w = self.best().iter().map(|&w| there_and_back(there_and_back(w))).collect();
-        self.incumbent.schedule = self.horizon.rated(request_w);
+        self.best().iter().map(|&w| there_and_back(there_and_back(w))).collect()
+    }
+
+    fn round(&mut self) {
+        self.incumbent.schedule = self.horizon.rated(self.rounded());
     }
 
     fn without_choice(&mut self) -> (Vec<Flow>, Vec<StepBounds>) {

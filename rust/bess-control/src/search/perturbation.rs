@@ -1,7 +1,6 @@
 //! Perturbations: schedules far from a given one, which a descent cannot reach with moves of one or two steps.
 
 use super::incumbent::Schedule;
-use crate::cores;
 use crate::model::{ControlHorizon, Flow};
 
 /// Minimum difference of exchanged powers, as a share of the largest limit.
@@ -30,7 +29,7 @@ impl ControlHorizon {
             }
             self.rated(self.fitted(&wanted))
         };
-        cores::map((0..n_swaps).step_by(n_swaps.div_ceil(most).max(1)).collect(), swap)
+        self.map((0..n_swaps).step_by(n_swaps.div_ceil(most).max(1)).collect(), swap)
     }
 
     /// A string exchanges its delivered powers of two steps; at most `most` exchanges, drawn at random.

@@ -6,7 +6,7 @@ use bess_tables::units::SECONDS_PER_HOUR;
 use bess_tables::Direction;
 
 use crate::model::{heat_w, CoefficientRanges, ControlHorizon, Losses, Range, StateBox, StringState};
-use crate::one_step::{maximise, Commitment, CostCurve, OperatingTerms};
+use crate::one_step::{CostCurve, OneStepSolution, OperatingTerms};
 use crate::reach::{step_bound, Planes, StepBound};
 
 /// Value of the state of a string at a step.
@@ -117,10 +117,9 @@ impl<'a> HorizonBound<'a> {
             let values: Vec<StateValues> = (0..n_strings).map(|m| values[m][t]).collect();
             let curve = |m: usize| horizon_bound.curve(m, t, &values[m], f64::INFINITY);
             let (mut curves, constants): (Vec<_>, Vec<_>) = (0..n_strings).map(curve).unzip();
-            let price = maximise(&curves, &Commitment::free(n_strings), demand_w, 0.0).price;
             let sheds = (0..n_strings).any(|m| operating.may_shed[operating.cell(m, t)]);
             let budget_w = if sheds { shed_budget_w } else { 0.0 };
-            let (mut bound, _) = step_bound(&mut curves, demand_w, budget_w);
+            let (mut bound, OneStepSolution { price, .. }) = step_bound(&mut curves, demand_w, budget_w);
             bound.phi += constants.iter().sum::<f64>();
             horizon_bound.bound += bound.phi;
             horizon_bound.steps.push(Some(PricedStep { values, curves, constants, bound, price }));

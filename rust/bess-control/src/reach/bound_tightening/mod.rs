@@ -61,17 +61,11 @@ impl ControlHorizon {
     ) -> Result<TightenedBounds, ControlError> {
         check_costs(costs, self.n_strings())?;
         check_range("shed_budget", &[shed_budget_w], (0.0, f64::INFINITY), " W")?;
-        Ok(self.tightened(request_w, &self.flows(request_w), costs, shed_budget_w))
+        Ok(self.tightened(&self.flows(request_w), costs, shed_budget_w))
     }
 
     /// [`Self::tighten`] without checks, of a schedule that was rolled out.
-    pub(crate) fn tightened(
-        &self,
-        request_w: &[f64],
-        flows: &[Flow],
-        costs: &[Losses],
-        shed_budget_w: f64,
-    ) -> TightenedBounds {
+    pub(crate) fn tightened(&self, flows: &[Flow], costs: &[Losses], shed_budget_w: f64) -> TightenedBounds {
         let mut best = TightenedBounds { bound: 0.0, boxes: self.reachable(), may_shed: vec![] };
         if !costs.iter().any(Losses::any_while_running) {
             // Only availability loss has a cost: all states have the same value.
@@ -81,8 +75,8 @@ impl ControlHorizon {
         let reference = self.reference(flows, costs);
         let cutoff = reference.cost;
         let cheapest_shed = costs.iter().map(|c| c.availability).fold(f64::INFINITY, f64::min);
-        let (mut last, mut priced) = (f64::INFINITY, false);
-        let no_prices = vec![0.0; request_w.len()];
+        let no_prices = vec![0.0; flows.len()];
+        let (mut last, mut priced) = (f64::INFINITY, reference.scale_price == no_prices);
         for _ in 0..ROUNDS {
             let boxes = std::mem::take(&mut best.boxes);
             let operating = OperatingRanges::new(self, &boxes, &reference.states);
