@@ -8,8 +8,8 @@ const ROUNDING: f64 = 1e-12;
 
 impl ControlModel {
     /// Requests `(M,)` [W] (magnitudes) of one step, each 0 or at least the minimum power of its inverter. Smaller
-    /// requests go to strings that are on, or switch one string on. They are dropped only if no
-    /// string has headroom, or if they are too small to switch one on.
+    /// requests go to strings that are on, or switch one string on, which takes all power if too little is left for two. They
+    /// are dropped only if no string has headroom, or if they are too small to switch one on.
     pub fn set_points(&self, request_w: &mut [f64], limit_w: &[f64]) {
         let min_w = |m: usize| self.strings()[m].min_power_w();
         let below = |m: usize, power_w: f64| power_w > 0.0 && power_w < min_w(m);
@@ -49,6 +49,11 @@ impl ControlModel {
                 let spare_w: Vec<f64> = (0..request_w.len()).map(spare).collect();
                 let share = (start_w - left_w) / spare_w.iter().sum::<f64>();
                 if share > 1.0 || share.is_nan() {
+                    if (min_w(next)..=limit_w[next]).contains(&total_w) {
+                        request_w.fill(0.0);
+                        request_w[next] = total_w;
+                        return;
+                    }
                     continue;
                 }
                 for (power_w, spare_w) in request_w.iter_mut().zip(spare_w) {
@@ -108,6 +113,11 @@ mod tests {
     fn where_those_that_run_are_at_their_limit_they_give_what_one_more_needs_to_start() {
         let given = settled([50.0, 0.25, 0.0, 0.0], [50.0, LIMIT_W, 0.0, 0.0]);
         assert_eq!(given, [49.25, 1.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn where_there_is_too_little_for_two_strings_one_takes_all() {
+        assert_eq!(settled([1.25, 0.5, 0.0, 0.0], [1.25, LIMIT_W, LIMIT_W, 0.0]), [0.0, 1.75, 0.0, 0.0]);
     }
 
     #[test]
