@@ -213,7 +213,7 @@ impl StringModel {
             delivered_w: Range { low: wanted.low.min(limit.low), high: wanted.high.min(limit.high) },
             may_be_off: is_none(wanted.low) || is_none(limit.low),
             shed_w: Range {
-                low: (wanted.low - limit.high).max(0.0),
+                low: if is_none(wanted.low) { 0.0 } else { (wanted.low - limit.high).max(0.0) },
                 high: (wanted.high - limit.low).max(0.0),
             },
             current_a: Range::point(0.0),
