@@ -99,7 +99,7 @@ impl StringModel {
         let fits = |cell: &Cell| {
             overlap(&cell.end.soc, &end.soc)
                 && overlap(&cell.end.temperature_c, &end.temperature_c)
-                && cell.shed_w.low <= most_shed_w.max(self.least_shed_w(cell)) + slack_w
+                && cell.shed_w.low <= most_shed_w + slack_w
         };
         let (mut all, mut soc, mut requests) = (Cell::NONE, Range::EMPTY, Range::EMPTY);
         for part in soc_parts(states) {
@@ -127,16 +127,6 @@ impl StringModel {
             }
         }
         (soc.low <= soc.high).then_some((all, soc, requests))
-    }
-
-    /// Availability loss that no binary stands for [W]: an inverter stays off if derating lowers a request below its minimum
-    /// power.
-    pub(super) fn least_shed_w(&self, cell: &Cell) -> f64 {
-        if cell.derating.low < 1.0 {
-            self.min_power_w()
-        } else {
-            0.0
-        }
     }
 
     /// Smallest and largest current that fills (empties) a string within a step [A].

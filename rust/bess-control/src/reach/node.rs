@@ -83,8 +83,9 @@ impl ControlHorizon {
                 let kept = cell.derating.low;
                 if kept > 0.0 {
                     let slack_w = REQUEST_ROUNDING * self.string(m).nominal_w();
-                    let shed_w = most_shed_w[i].max(self.string(m).least_shed_w(cell));
-                    let most_w = (cell.delivered_w.high.max(0.0) + shed_w) / kept + slack_w;
+                    let little_w = if kept < 1.0 { self.string(m).min_power_w() } else { 0.0 };
+                    let most_w =
+                        (cell.delivered_w.high.max(0.0) + most_shed_w[i].max(little_w)) / kept + slack_w;
                     let requests = &mut node.requests_w[i];
                     gain = gain.max((requests.high - most_w) / self.string(m).nominal_w());
                     requests.high = requests.high.min(most_w);
