@@ -65,6 +65,8 @@ class PriceBands(ByValue):
     @cached_property
     def probability(self) -> Array:
         """Probability of each level at each step, shape ``(n_levels, n_steps)``."""
+        if len(self.initial) == 1:
+            return np.ones_like(self.price_eur_mwh)
         probability = [self.initial]
         for new in self.is_new[1:]:
             probability.append(probability[-1] @ self.transition if new else probability[-1])

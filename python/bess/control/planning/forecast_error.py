@@ -71,10 +71,9 @@ class ForecastErrorTracker(Checkpointed):
             self._mean_kw += self._weight * (abs(now) - self._mean_kw)
         self._forecast_kw = float(demand_kw[1]) if demand_kw.size > 1 else None
         self._outage_share *= 1.0 - self._weight
-        changed = False
-        if known is not None and self.limit_kw is not None:
-            change_kw = float(np.abs(known - self.limit_kw).sum())
-            self._outage_share += change_kw / float(self._nominal_kw.sum())
-            changed = change_kw > 0.0
-        self.limit_kw = known
-        return changed
+        before, self.limit_kw = self.limit_kw, known
+        if limit_kw is None or before is None:
+            return False
+        change_kw = float(np.abs(limit_kw - before).sum())
+        self._outage_share += change_kw / float(self._nominal_kw.sum())
+        return change_kw > 0.0

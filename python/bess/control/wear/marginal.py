@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -99,16 +100,15 @@ class MarginalWear:
 
     def calendar_eur_day(self, soc: ArrayLike, temperature_c: ArrayLike) -> Array:
         """Return the wear cost of a day at a SOC and temperature [EUR/day]."""
-        rate = self.core.calendar_rate(self.calendar_loss, *self._points(soc, temperature_c))
-        return rate * self.prices.eur_per_loss[:, None]
+        return self._eur(self.core.calendar_rate, self.calendar_loss, soc, temperature_c)
 
     def _eur_per_cycle(
         self, depth: ArrayLike, temperature_c: ArrayLike, c_rate: ArrayLike, soc: ArrayLike
     ) -> Array:
-        points = self._points(depth, soc, c_rate, temperature_c)
-        return self.core.cyclic_rate(self.cyclic_loss, *points) * self.prices.eur_per_loss[:, None]
+        return self._eur(self.core.cyclic_rate, self.cyclic_loss, depth, soc, c_rate, temperature_c)
 
-    def _points(self, *values: ArrayLike) -> list[Array]:
+    def _eur(self, rate: Callable[..., Array], loss: Array, *values: ArrayLike) -> Array:
+        """Cost of a rate of capacity loss at given points."""
         points = [np.asarray(v, dtype=np.float64) for v in values]
         try:
             shape = np.broadcast(*points, np.empty((self.state.n_strings, 1))).shape
@@ -116,7 +116,10 @@ class MarginalWear:
             raise InputError(
                 f"wear: values must broadcast against ({self.state.n_strings} strings, points): {error}"
             ) from error
-        return [np.ascontiguousarray(np.broadcast_to(point, shape)) for point in points]
+        if not self.prices.eur_per_loss.any():  # no string has a cell model
+            return np.zeros(shape)
+        points = [np.ascontiguousarray(np.broadcast_to(point, shape)) for point in points]
+        return rate(loss, *points) * self.prices.eur_per_loss[:, None]
 
 
 def marginal(system: System, state: State) -> MarginalWear:

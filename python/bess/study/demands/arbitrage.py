@@ -41,6 +41,7 @@ from bess.study.demands.source import (
     Setting,
     StepInputs,
     padded,
+    windows,
 )
 from bess.study.grid import SampledSeries, TimeGrid
 from bess.study.sections import RunName
@@ -362,13 +363,15 @@ def _size(choice: ArbitrageDemand, system: System) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class MarketPlan(DispatchPlan):
-    """A dispatch plan from ``step`` on, with ``limit_kw`` as the power of each inverter in service.
+    """A dispatch plan from ``step`` on, at prices as forecast there.
 
-    The expected energy and temperature of a linear plan are empty.
+    ``limit_kw`` is the power of each inverter in service. The expected energy and temperature of a linear
+    plan are empty.
     """
 
     step: int
     limit_kw: Array
+    price_eur_mwh: Array
 
 
 class LinearPlanner:
@@ -399,7 +402,7 @@ class LinearPlanner:
         """
         demand_kw = self._arbitrage.plan(step, energy_kwh, discharged_kwh, **budget)
         none = np.zeros(0)
-        return MarketPlan(demand_kw, demand_kw, np.nan, none, none, step, now.limit_kw)
+        return MarketPlan(demand_kw, demand_kw, np.nan, none, none, step, now.limit_kw, none)
 
 
 class AwarePlanner:
@@ -446,14 +449,14 @@ class AwarePlanner:
     def _is_outdated(self, step: int, plan: MarketPlan) -> bool:
         """Whether the plan is too old, or the present price differs from that of the plan."""
         age = step - plan.step
-        new_price = self._prices.ahead(step, 1)[0] != self._prices.ahead(plan.step, age + 1)[age]
+        new_price = self._prices.ahead(step, 1)[0] != plan.price_eur_mwh[age]
         return bool(new_price) or age >= self._longest_steps
 
     def _came_true(self, step: int, now: StepInputs, plan: MarketPlan) -> bool:
         """Whether the price forecast is unchanged and the plant follows the plan."""
-        age, n_steps = step - plan.step, plan.demand_kw.size
-        before = self._prices.ahead(plan.step, n_steps)[age:]
-        if not np.array_equal(before, self._prices.ahead(step, n_steps - age)):
+        age = step - plan.step
+        before = plan.price_eur_mwh[age:]
+        if not np.array_equal(before, self._prices.ahead(step, before.size)):
             return False
         energy_kwh, capacity_kwh, temperature_c = self._dispatch.condition(now.state, now.limit_kw)
         off_kwh = abs(energy_kwh - float(plan.expected_energy_kwh[age - 1]))
@@ -475,7 +478,7 @@ class AwarePlanner:
             **budget,
         )
         plan = self._dispatch.plan(inputs, now.state, limit_kw=now.limit_kw)
-        return MarketPlan(**vars(plan), step=step, limit_kw=now.limit_kw)
+        return MarketPlan(**vars(plan), step=step, limit_kw=now.limit_kw, price_eur_mwh=price)
 
 
 class ArbitrageSource(KnownDemand):
@@ -522,16 +525,14 @@ class ArbitrageSource(KnownDemand):
 
     def block(self, step: int, most: int, horizon: int, now: StepInputs) -> Array:
         """See :class:`~bess.study.demands.source.KnownDemand`."""
-        rows = [self.ahead(step, horizon, now)]
-        plan = self._plan
+        now_kw, plan = self.ahead(step, horizon, now), self._plan
         assert plan is not None
-        if self._budget is None and self._connection is None:
-            for each in range(step + 1, min(step + most, plan.step + plan.demand_kw.size)):
-                if self._planner.may_be_due(each, plan):
-                    break
-                offset = each - plan.step
-                rows.append(padded(plan.demand_kw[offset : offset + horizon], horizon))
-        return np.array(rows)
+        if self._budget is not None or self._connection is not None:
+            return now_kw[None]
+        last = min(step + most, plan.step + plan.demand_kw.size)
+        due = (each for each in range(step + 1, last) if self._planner.may_be_due(each, plan))
+        left_kw = plan.demand_kw[step - plan.step :]
+        return windows(padded(left_kw, left_kw.size + horizon), next(due, last) - step, horizon)
 
     def measured(self, step: int, soc: Array, soh_capacity: Array) -> None:
         """Add the energy discharged in the previous step; a step that ends at midnight counts for its day."""

@@ -132,7 +132,7 @@ struct Program<'a> {
     levels: usize,
     shadow_eur: &'a [f64],
     allowed_kwh: &'a [f64],
-    /// Wear cost of each transition from each depth `(D, rows)`, by the number of steps.
+    /// Wear cost of each transition from each depth `(D, rows)`, by the number of steps; empty if there is none.
     wear_eur: BTreeMap<usize, Vec<f64>>,
 }
 
@@ -149,8 +149,9 @@ impl<'a> Program<'a> {
             store.grid.depth.iter().flat_map(rows).collect()
         };
         let used = |steps: &usize| problem.blocks.iter().any(|block| block.steps == *steps);
+        let has_wear = problem.wear_eur.y().iter().any(|&eur| eur != 0.0);
         let of_all = store.transitions.iter().filter(|(steps, _)| used(steps));
-        let wear_eur = of_all.map(|(&steps, transitions)| (steps, wear(transitions))).collect();
+        let wear_eur = of_all.map(|(&steps, of)| (steps, if has_wear { wear(of) } else { vec![] })).collect();
         Self { store, problem, levels, shadow_eur, allowed_kwh, wear_eur }
     }
 
@@ -266,15 +267,30 @@ impl<'a> Program<'a> {
     #[inline(always)]
     fn income_of_rows(&self, b: usize, income: &mut Vec<f64>) {
         let wear_eur = &self.wear_eur[&self.problem.blocks[b].steps];
-        let amounts = &self.transitions(b).amounts;
-        let n = amounts[0].len();
-        income.resize(wear_eur.len() * self.levels, 0.0);
+        let (transitions, energies) = (self.transitions(b), self.store.grid.energy_kwh.len());
+        let n = transitions.flows.len();
+        income.resize(self.store.grid.depth.len() * self.levels * n, 0.0);
+        income.fill(0.0);
         for (rows, income) in income.chunks_exact_mut(n).enumerate() {
             let eur = self.income(b, rows % self.levels);
-            let [sold, bought, derated, held] = amounts.each_ref().map(|amount| &amount[..n]);
-            let wear_eur = &wear_eur[rows / self.levels * n..][..n];
-            for i in 0..n {
-                income[i] = earned(&[sold[i], bought[i], derated[i], held[i]], eur) - wear_eur[i];
+            let by_power = income.chunks_exact_mut(energies).zip(&transitions.has_some);
+            for (power, (income, has_some)) in by_power.enumerate() {
+                let from = power * energies;
+                for ((amount, eur), some) in transitions.amounts.iter().zip(eur).zip(has_some) {
+                    // Most rows neither sell and buy nor lose by derating: what is zero is not added.
+                    if *some && *eur != 0.0 {
+                        let amount = &amount[from..][..energies];
+                        for i in 0..energies {
+                            income[i] += amount[i] * eur;
+                        }
+                    }
+                }
+                if !wear_eur.is_empty() {
+                    let wear_eur = &wear_eur[rows / self.levels * n + from..][..energies];
+                    for i in 0..energies {
+                        income[i] -= wear_eur[i];
+                    }
+                }
             }
         }
     }

@@ -109,6 +109,8 @@ pub(super) struct Transitions {
     pub flows: Vec<Flows>,
     /// Of each row what [`Settled`] has under these names.
     pub amounts: [Vec<f64>; 4],
+    /// Whether a row of each temperature and power has some of each amount `(K, P)`.
+    pub has_some: Vec<[bool; 4]>,
     pub drawn: Vec<f64>,
     pub cycled_kwh: Vec<f64>,
     /// Position of the end of each row in its cell, by energy and by temperature.
@@ -193,6 +195,10 @@ impl StoreGrid {
             out.drawn.push(settled.drawn);
             out.cycled_kwh.push(settled.cycled_kwh);
         }
+        let some = |from: usize| {
+            out.amounts.each_ref().map(|all| all[from..from + energies].iter().any(|&amount| amount != 0.0))
+        };
+        out.has_some = (0..out.flows.len()).step_by(energies).map(some).collect();
         for &depth in &self.depth {
             for (row, flows) in out.flows.iter().enumerate() {
                 let after = self.settle(flows, self.energy_kwh[row % energies], depth, hours).after;

@@ -12,14 +12,16 @@ impl StringModel {
     /// divided into [`LOW_SOC_PARTS`].
     #[inline]
     pub fn step_midpoint(&self, state: StringState, request_w: f64, interval: &Interval) -> Flow {
-        self.step_midpoint_with(self.loss(interval.direction), state, request_w, interval)
+        let c = || self.coefficients(interval.direction, state);
+        self.step_midpoint_with(self.loss(interval.direction), c, state, request_w, interval)
     }
 
-    /// Like [`Self::step_midpoint`], with another inverter loss curve.
+    /// Like [`Self::step_midpoint`], with another inverter loss curve and the coefficients of the start, read where needed.
     #[inline]
     pub(crate) fn step_midpoint_with(
         &self,
         curve: &LossCurve,
+        at_start: impl Fn() -> Coefficients,
         state: StringState,
         request_w: f64,
         interval: &Interval,
@@ -27,21 +29,22 @@ impl StringModel {
         if request_w <= 0.0 {
             return self.idle(state, 0.0, 0.0, interval);
         }
+        let c = at_start();
         if state.soc >= self.parameters.low_soc_switch {
-            let c = self.coefficients(interval.direction, state);
             let (middle, end_soc) = self.middle(curve, &c, state, request_w, interval);
             if end_soc >= self.parameters.low_soc_switch {
                 let c = self.coefficients(interval.direction, middle);
                 return self.carry_out(curve, state, request_w, interval, &c);
             }
         }
-        self.step_in_parts(curve, state, request_w, interval)
+        self.step_in_parts(curve, c, state, request_w, interval)
     }
 
     #[cold]
     fn step_in_parts(
         &self,
         curve: &LossCurve,
+        mut c: Coefficients,
         state: StringState,
         request_w: f64,
         interval: &Interval,
@@ -49,8 +52,10 @@ impl StringModel {
         let share = 1.0 / LOW_SOC_PARTS as f64;
         let part = Interval { dt_h: share * interval.dt_h, ..*interval };
         let mut whole = Flow { end: state, ..Flow::default() };
-        for _ in 0..LOW_SOC_PARTS {
-            let c = self.coefficients(part.direction, whole.end);
+        for number in 0..LOW_SOC_PARTS {
+            if number > 0 {
+                c = self.coefficients(part.direction, whole.end);
+            }
             let (middle, _) = self.middle(curve, &c, whole.end, request_w, &part);
             let flow = self.carry_out(
                 curve,

@@ -47,6 +47,12 @@ pub(crate) fn rearrange(paths: &mut Paths<'_>, pair: Pair, length: usize, offset
             }
             let change: Vec<_> =
                 (from..to).map(|t| kind.of(&pair.room(paths, t), paths.request(pair.second, t))).collect();
+            let present =
+                |k: usize| (paths.request(pair.first, from + k), paths.request(pair.second, from + k));
+            if change.iter().enumerate().all(|(k, both)| *both == present(k)) {
+                paths.work += 2 * (n_steps - from) as u64; // counts as a roll-out to the end
+                continue;
+            }
             let before = pair.cost(paths);
             if pair.cost_with(paths, &slopes, from, &change, f64::NEG_INFINITY, before)
                 < before - 1e-12 * before.abs()

@@ -16,10 +16,16 @@ pub(crate) struct CoStates {
 }
 
 impl CoStates {
+    /// Co-states of a schedule are computed once, but count as work whenever they are asked for.
     pub fn along(paths: &mut Paths<'_>, m: usize) -> Self {
         let n_steps = paths.problem.n_steps();
+        if let Some(known) = paths.co_states(m).clone() {
+            paths.work += 2 * n_steps as u64;
+            return known;
+        }
         let mut slopes = Self { soc: vec![0.0; n_steps + 1], temperature: vec![0.0; n_steps + 1] };
         slopes.renew(paths, m, 0);
+        *paths.co_states(m) = Some(slopes.clone());
         slopes
     }
 

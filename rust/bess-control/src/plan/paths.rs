@@ -2,6 +2,7 @@
 //! only for the strings that it touches.
 
 use crate::model::StringState;
+use crate::plan::co_states::CoStates;
 use crate::plan::problem::PlanProblem;
 
 /// A string at the start of a step: state, accumulated cost, inverter state.
@@ -21,6 +22,8 @@ struct Path {
     points: Vec<Point>,
     /// Cost, that of the end included.
     total: f64,
+    /// Along the present path, if known.
+    co_states: Option<CoStates>,
 }
 
 /// A schedule, rolled out.
@@ -66,7 +69,7 @@ impl<'a> Paths<'a> {
         let string = |m: usize| {
             let first = Point { state: problem.start[m], cost: 0.0, running: problem.running[m] };
             let request_w = request_w[m * n_steps..(m + 1) * n_steps].to_vec();
-            Path { request_w, points: vec![first; n_steps + 1], total: 0.0 }
+            Path { request_w, points: vec![first; n_steps + 1], total: 0.0, co_states: None }
         };
         Self { problem, strings: (0..problem.n_strings()).map(string).collect(), work: 0 }
     }
@@ -113,6 +116,11 @@ impl<'a> Paths<'a> {
         &self.strings[m].points[t]
     }
 
+    /// Co-states along the path of a string, if known.
+    pub fn co_states(&mut self, m: usize) -> &mut Option<CoStates> {
+        &mut self.strings[m].co_states
+    }
+
     /// Cost of one string.
     #[inline]
     pub fn total(&self, m: usize) -> f64 {
@@ -131,11 +139,22 @@ impl<'a> Paths<'a> {
         Point { state, cost: point.cost + cost, running: request_w > 0.0 }
     }
 
+    /// One step of a string from its present path, by the request: what depends on the state alone is computed once.
+    pub fn choices(&self, m: usize, t: usize) -> impl Fn(f64) -> Point + '_ {
+        let here = *self.at(m, t);
+        let c = self.problem.coefficients(m, t, here.state);
+        move |request_w| {
+            let (cost, state) = self.problem.step_from(|| c, (m, t), here.state, request_w, here.running);
+            Point { state, cost: here.cost + cost, running: request_w > 0.0 }
+        }
+    }
+
     /// Rolls a string out again from a step on.
     pub fn roll(&mut self, m: usize, from: usize) {
         let n_steps = self.problem.n_steps();
         (from..n_steps).for_each(|t| self.advance(m, t));
         self.close(m);
+        self.strings[m].co_states = None;
         self.work += (n_steps - from) as u64;
     }
 

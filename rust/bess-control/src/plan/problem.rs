@@ -6,7 +6,7 @@ use bess_tables::Direction;
 
 use crate::error::{check_length, check_range};
 use crate::model::{
-    ControlModel, Flow, Interval, LossCurve, Losses, Range, StringState, TEMPERATURE_RANGE_C,
+    Coefficients, ControlModel, Flow, Interval, LossCurve, Losses, Range, StringState, TEMPERATURE_RANGE_C,
 };
 use crate::reactive::curve_at_power_factor;
 use crate::ControlError;
@@ -251,8 +251,14 @@ impl<'a> PlanProblem<'a> {
     /// Flows of one string in one step.
     #[inline]
     pub(crate) fn flow(&self, m: usize, t: usize, state: StringState, request_w: f64) -> Flow {
-        let string = &self.model.strings()[m];
-        string.step_midpoint_with(self.curve(m, t), state, request_w, &self.intervals[t])
+        let c = || self.coefficients(m, t, state);
+        self.model.strings()[m].step_midpoint_with(self.curve(m, t), c, state, request_w, &self.intervals[t])
+    }
+
+    /// Coefficients of a string at the start of a step.
+    #[inline]
+    pub(crate) fn coefficients(&self, m: usize, t: usize, state: StringState) -> Coefficients {
+        self.model.strings()[m].coefficients(self.intervals[t].direction, state)
     }
 
     /// Number of strings.
@@ -275,8 +281,21 @@ impl<'a> PlanProblem<'a> {
         request_w: f64,
         running: bool,
     ) -> (f64, StringState) {
-        let interval = &self.intervals[t];
-        let flow = self.flow(m, t, state, request_w);
+        self.step_from(|| self.coefficients(m, t, state), (m, t), state, request_w, running)
+    }
+
+    /// Like [`Self::step`], with known coefficients of the start.
+    #[inline]
+    pub(crate) fn step_from(
+        &self,
+        at_start: impl Fn() -> Coefficients,
+        (m, t): (usize, usize),
+        state: StringState,
+        request_w: f64,
+        running: bool,
+    ) -> (f64, StringState) {
+        let (string, interval) = (&self.model.strings()[m], &self.intervals[t]);
+        let flow = string.step_midpoint_with(self.curve(m, t), at_start, state, request_w, interval);
         let p = &self.prices;
         let mut rate = flow.losses().cost(&p.losses[t]) + p.wear[m] * flow.current_a.abs();
         if p.balance > 0.0 {

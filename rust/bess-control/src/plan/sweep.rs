@@ -82,11 +82,12 @@ impl Sweep<'_, '_> {
         if !room.is_open() {
             return fork;
         }
-        let (a, b) = (*self.paths.at(first, t), *self.paths.at(second, t));
+        self.paths.work += 2 * (CELLS as u64 + 1);
+        let (by_first, by_second) = (self.paths.choices(first, t), self.paths.choices(second, t));
         let (a_next, b_next) = (*self.paths.at(first, t + 1), *self.paths.at(second, t + 1));
         for (k, choice) in fork.choices.iter_mut().enumerate() {
             let (u, v) = room.both(room.low_w + (room.high_w - room.low_w) * k as f64 / CELLS as f64);
-            let (p, q) = (self.paths.next(first, t, &a, u), self.paths.next(second, t, &b, v));
+            let (p, q) = (by_first(u), by_second(v));
             let warmer = self.slopes.0.temperature(t + 1)
                 * (p.state.temperature_c - a_next.state.temperature_c)
                 + self.slopes.1.temperature(t + 1) * (q.state.temperature_c - b_next.state.temperature_c);
@@ -96,7 +97,6 @@ impl Sweep<'_, '_> {
                 soc: (p.state.soc - a_next.state.soc, q.state.soc - b_next.state.soc),
             };
         }
-        self.paths.work += 2 * (CELLS as u64 + 1);
         fork
     }
 
