@@ -18,9 +18,10 @@ from bess.plant import Flows, Plant, PlantSnapshot
 from bess.simulation.inputs import Inputs
 from bess.simulation.record.dataset import AGEING_FLOWS, COOLING_FLOWS, ENTROPY_FLOWS, FLOWS, REACTIVE_FLOWS
 from bess.study.demands.source import KnownDemand, StepInputs
+from bess.system import State
 
-IDLE_STEPS = 12
-"""Steps in which idleness is looked for at first; results do not depend on it."""
+SKIPPED_STEPS = 12
+"""Steps that a policy is first asked to skip; results do not depend on it."""
 _TOLERANCE = 1e-9
 """Relative tolerance between the sum of set-points and the demand, for rounding only."""
 
@@ -60,12 +61,14 @@ class ClosedLoop:
         # The controller receives the temperature that its strings cool towards.
         self._surroundings_c = inputs.system.surroundings_c(inputs.ambient_c)
         self._delivered_kw = 0.0
-        self._idle_steps = IDLE_STEPS
+        self._skipped_steps = SKIPPED_STEPS
         self.step = 0
         self.policy_s = self.plant_s = 0.0
 
-    def advance(self, ahead_kw: Array | None = None) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-        """Run one control step, of a demand and forecast that are read here if not given.
+    def advance(
+        self, ahead_kw: Array | None = None, state: State | None = None
+    ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+        """Run one control step; its demand and forecast, and the measured state, are read here if not given.
 
         Returns
         -------
@@ -77,7 +80,8 @@ class ClosedLoop:
         step, inputs = self.step, self.inputs
         investment_eur = inputs.installations.install(step, self._plant)
         in_service = inputs.installations.in_service(step)
-        state = self._plant.state
+        if state is None:
+            state = self._plant.state
         limit_kw = np.where(in_service, inputs.limit_kw[step], 0.0)
         total_kw = float(limit_kw.sum())
         now = StepInputs(state, limit_kw, self._surroundings_c[step:], self._delivered_kw)
@@ -135,8 +139,8 @@ class ClosedLoop:
 
     @property
     def in_blocks(self) -> bool:
-        """Whether many steps can run in one call: by a controller of the core, or without demand."""
-        decides = getattr(self.policy, "controller", None) is not None or hasattr(self.policy, "idle")
+        """Whether many steps can run in one call: by a controller of the core, or without optimisation."""
+        decides = getattr(self.policy, "controller", None) is not None or hasattr(self.policy, "skip")
         return (
             decides
             and isinstance(self.inputs.demand, KnownDemand)
@@ -164,7 +168,7 @@ class ClosedLoop:
     def advance_block(self, most: int) -> tuple[dict[str, NDArray[Any]], list[dict[str, Any]]]:
         """Run up to ``most`` control steps in one call of the core; only where :attr:`in_blocks`.
 
-        A policy without controller decides step by step where there is a demand; its idle steps run together.
+        A policy without controller decides step by step; steps that it skips run together.
 
         Returns
         -------
@@ -184,7 +188,7 @@ class ClosedLoop:
         policy = cast(Any, self.policy)
         controller = getattr(policy, "controller", None)
         if controller is None:
-            most = min(most, self._idle_steps)
+            most = min(most, self._skipped_steps)
         state, limits_kw = self._plant.state, inputs.limit_kw[first : first + most]
         changes = np.append((limits_kw != limits_kw[0]).any(axis=1), True)
         now = StepInputs(state, limits_kw[0], self._surroundings_c[first:], self._delivered_kw)
@@ -193,11 +197,12 @@ class ClosedLoop:
         served_kw = self._served(ahead_kw, total_kw)
         n_steps = len(ahead_kw)
         if controller is None:
-            n_steps = int(np.argmax(np.append(served_kw[:, 0], 1.0) != 0.0))
-            # A longer idle time is likely after each idle block: fewer calls, and few rows that are not used.
-            self._idle_steps = 2 * most if n_steps == most else IDLE_STEPS
+            request_kw = policy.skip(served_kw, inputs.limit_kw[first : first + n_steps])
+            n_steps = len(request_kw)
+            # After each skipped block a longer one is likely: fewer calls, and few rows that are not used.
+            self._skipped_steps = 2 * most if n_steps == most else SKIPPED_STEPS
             if n_steps == 0:
-                record, log = self.advance(ahead_kw[0])
+                record, log = self.advance(ahead_kw[0], state)
                 return {name: np.asarray(value)[None] for name, value in record.items()}, log
             ahead_kw, served_kw, total_kw = ahead_kw[:n_steps], served_kw[:n_steps], total_kw[:n_steps]
         steps = slice(first, first + n_steps)
@@ -205,8 +210,6 @@ class ClosedLoop:
         step_s = float(inputs.grid.step_s)
         began = time.perf_counter()
         if controller is None:
-            policy.idle(served_kw)
-            request_kw = np.zeros(limit_kw.shape)
             flows = self._plant.run(request_kw, step_s, ambient_c=ambient_c)
         else:
             try:

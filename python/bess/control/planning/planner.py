@@ -133,7 +133,7 @@ class Planner(Checkpointed):
     Attributes
     ----------
     plan_kw : ndarray, shape (n_strings, n_steps), or None
-        Set-points of the last plan, shifted by the idle steps since.
+        Set-points of the last plan, shifted by the steps passed since.
 
     Raises
     ------
@@ -268,12 +268,12 @@ class Planner(Checkpointed):
             searched,
         )
 
-    def advance(self, demand_kw: ArrayLike) -> None:
-        """Advance one step of zero demand; ``demand_kw`` as in a call."""
+    def advance(self, demand_kw: ArrayLike, request_kw: ArrayLike = 0.0) -> None:
+        """Advance one step of known set-points ``(n_strings,)``; ``demand_kw`` as in a call."""
         self._forecast_error.compare(np.asarray(demand_kw, dtype=np.float64))
         self.plan_kw = self._shifted_plan()
         if self.plan_kw is not None:
-            self.plan_kw[:, 0] = 0.0
+            self.plan_kw[:, 0] = request_kw
 
     def _imbalance_price(self) -> float:
         """Price of SOC differences [kWh/Ah/h], converted from energy to charge with the mean voltage."""

@@ -51,10 +51,12 @@ class MpcPolicy(Checkpointed):
         )
         return Decision(split.request_kw[:, 0].copy(), report, plan_kw=split.request_kw)
 
-    def idle(self, demand_kw: Array) -> None:
+    def skip(self, demand_kw: Array, limit_kw: Array) -> Array:
         """Pass steps without demand, see :class:`bess.control.policies.Policy`."""
-        for _ in demand_kw:
+        n_steps = int(np.argmax(np.append(demand_kw[:, 0], 1.0) != 0.0))
+        for _ in range(n_steps):
             self._advance()
+        return np.zeros_like(limit_kw[:n_steps])
 
     def _advance(self) -> None:
         """Shift the warm start by one step, as a solve does."""

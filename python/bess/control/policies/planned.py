@@ -26,12 +26,15 @@ PLANNED: Final = 20
 NO_PRICES: Final = 'policy.objectives.kind = "money": this study has no prices; use "energy"'
 """Error message for objectives in EUR without prices."""
 
+FULL_POWER_TOLERANCE: Final = 1e-9
+"""Relative tolerance of a demand at the power of all inverters, for rounding only."""
+
 TYPICAL_DEPTH = 0.5
 """Cycle depth at which wear is priced."""
 
 
 class PlannedPolicy(Checkpointed):
-    """Calls one :class:`bess.control.planning.Planner` in every step with demand."""
+    """Calls one :class:`bess.control.planning.Planner` in every step that leaves a choice."""
 
     statuses: Mapping[int, str] = {
         NO_OPTIMISATION: "no optimisation needed",
@@ -53,13 +56,12 @@ class PlannedPolicy(Checkpointed):
         self._ran: NDArray[np.bool_] | None = None
 
     def __call__(self, inputs: PolicyInput) -> Decision:
-        """Plan the prediction horizon; an idle step needs no plan."""
+        """Plan the prediction horizon, unless this step leaves no choice."""
         started = time.perf_counter()
-        if inputs.demand_kw[0] == 0.0:
-            self._planner.advance(inputs.demand_kw)
-            request_kw = np.zeros_like(inputs.limit_kw)
-            reactive_kvar = self._reactive(inputs, request_kw)
-            return Decision(request_kw, reactive_kvar=reactive_kvar, plan_kw=self._planner.plan_kw)
+        skipped_kw = self.skip(inputs.demand_kw[None], inputs.limit_kw[None])
+        if skipped_kw.size:
+            reactive_kvar = self._reactive(inputs, skipped_kw[0])
+            return Decision(skipped_kw[0], reactive_kvar=reactive_kvar, plan_kw=self._planner.plan_kw)
         prices = self._prices(inputs)
         plan = self._planner(
             inputs.state,
@@ -74,10 +76,19 @@ class PlannedPolicy(Checkpointed):
         report = SolverReport(PLANNED, plan.gap, plan.search_gap, solve_time_s=time.perf_counter() - started)
         return Decision(request_kw, report, reactive_kvar, plan.request_kw)
 
-    def idle(self, demand_kw: Array) -> None:
-        """Pass steps without demand, see :class:`bess.control.policies.Policy`."""
-        for ahead_kw in demand_kw:
-            self._planner.advance(ahead_kw)
+    def skip(self, demand_kw: Array, limit_kw: Array) -> Array:
+        """Pass steps that leave no choice, see :class:`bess.control.policies.Policy`.
+
+        There is no demand, or it takes the power of all inverters in service.
+        """
+        total_kw = limit_kw.sum(axis=1)
+        share = np.divide(demand_kw[:, 0], total_kw, out=np.zeros_like(total_kw), where=total_kw > 0.0)
+        leaves_a_choice = (share != 0.0) & (np.abs(share) < 1.0 - FULL_POWER_TOLERANCE)
+        n_steps = int(np.argmax(np.append(leaves_a_choice, True)))
+        request_kw: Array = share[:n_steps, None] * limit_kw[:n_steps] + 0.0  # no -0
+        for ahead_kw, power_kw in zip(demand_kw, request_kw, strict=False):
+            self._planner.advance(ahead_kw, power_kw)
+        return request_kw
 
     def _reactive(self, inputs: PolicyInput, request_kw: Array) -> Array | None:
         """Return the reactive power of each string at minimum loss, if there is a demand.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from bess.system import State
 
 NO_OPTIMISATION: Final = 0
-"""Status code of a step without a solve: an idle step, or a policy without a solver."""
+"""Status code of a step without a solve: it leaves no choice, or the policy has no solver."""
 
 
 @dataclass(frozen=True)
@@ -81,8 +81,9 @@ class Policy(Protocol):
     The decision depends on the policy input and on :meth:`state_dict` only, so a run that continues from a
     checkpoint gives the same results.
 
-    A policy that requests nothing in steps without demand may have a method ``idle(demand_kw)``: it is called
-    instead, for several such steps at once, with the forecast of each ``(n_steps, horizon_steps)``.
+    A policy may have a method ``skip(demand_kw, limit_kw)``, with demand and forecast ``(n_steps,
+    horizon_steps)`` and limits ``(n_steps, n_strings)`` of the next steps. It returns the set-points ``(n,
+    n_strings)`` of the first ``n`` of them, which need no optimisation, and takes these steps as passed.
     """
 
     @property
