@@ -89,6 +89,7 @@ def _figures(dataset: xr.Dataset) -> Iterator[tuple[str, Any]]:
     delivered, unmet = energy_kwh("delivered_kw"), energy_kwh("unmet_kw")
     shed, derated = energy_kwh("availability_loss_kw"), energy_kwh("derating_loss_kw")
     inverter, battery = energy_kwh("inverter_loss_kw"), energy_kwh("battery_loss_kw")
+    of_cells = "chemical_kw" in dataset  # a dataset of one's own may not have it
     yield "availability_pct", _left_pct(shed, demand)
     yield "derating_efficiency_pct", _left_pct(derated, request)
     yield "inverter_efficiency_pct", _left_pct(inverter, request)
@@ -99,7 +100,8 @@ def _figures(dataset: xr.Dataset) -> Iterator[tuple[str, Any]]:
     yield "auxiliary_kwh", auxiliary
     if "auxiliary_kw" in dataset:
         yield "system_efficiency_with_auxiliaries_pct", _left_pct(inverter + battery + auxiliary, request)
-    yield from _round_trip(dataset)
+    if of_cells:
+        yield from _round_trip(dataset)
     yield from _temperatures(dataset)
     yield from _operation(dataset)
     yield "demand_kwh", demand
@@ -113,7 +115,8 @@ def _figures(dataset: xr.Dataset) -> Iterator[tuple[str, Any]]:
     yield "derating_loss_kwh", derated
     yield "inverter_loss_kwh", inverter
     yield "battery_loss_kwh", battery
-    yield "hysteresis_loss_kwh", energy_kwh("hysteresis_loss_kw")
+    if of_cells:
+        yield "hysteresis_loss_kwh", energy_kwh("hysteresis_loss_kw")
     yield "undelivered_kwh", shed + derated
     yield "lost_kwh", shed + derated + inverter + battery
     if "reactive_kvar" in dataset:

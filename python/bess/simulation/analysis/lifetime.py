@@ -114,6 +114,8 @@ def net_present_value(amounts: ArrayLike, discount_rate: float) -> float:
 
 def wear_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
     """Yield the state of health at the end, days to the first end of life, and the net present value."""
+    if "soh_capacity" not in dataset:  # a dataset of one's own may not have it
+        return
     capacity, resistance = (dataset[name].values[-1] for name in ("soh_capacity", "soh_resistance"))
     yield "soh_capacity_min", capacity.min()
     yield "soh_capacity_mean", capacity.mean()
