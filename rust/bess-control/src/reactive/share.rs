@@ -77,8 +77,26 @@ fn share(inverters: &[Inverter<'_>], total_var: f64) -> Vec<f64> {
     }
     if !inverters.iter().all(Inverter::is_convex) {
         exchange(inverters, &mut reactive_var);
+        // Where losses are not convex, one inverter alone may lose less.
+        for alone in (0..inverters.len()).filter(|&i| inverters[i].room_var >= total_var) {
+            let only = |i: usize| if i == alone { total_var } else { 0.0 };
+            let other_var: Vec<f64> = (0..inverters.len()).map(only).collect();
+            if loss_w(inverters, &other_var) < loss_w(inverters, &reactive_var) {
+                reactive_var = other_var;
+            }
+        }
     }
     reactive_var
+}
+
+/// Loss of all inverters that run, with their starts [W].
+fn loss_w(inverters: &[Inverter<'_>], reactive_var: &[f64]) -> f64 {
+    let of = |(inverter, &q): (&Inverter<'_>, &f64)| match (inverter.active_w > 0.0, q > 0.0) {
+        (true, _) => inverter.loss_w(q),
+        (false, true) => inverter.loss_w(q) + inverter.start_w,
+        (false, false) => 0.0,
+    };
+    inverters.iter().zip(reactive_var).map(of).sum()
 }
 
 impl Inverter<'_> {
