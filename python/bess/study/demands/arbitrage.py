@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from pydantic import model_validator
 
@@ -41,7 +42,6 @@ from bess.study.demands.source import (
     Setting,
     StepInputs,
     padded,
-    windows,
 )
 from bess.study.grid import SampledSeries, TimeGrid
 from bess.study.sections import RunName
@@ -532,7 +532,8 @@ class ArbitrageSource(KnownDemand):
         last = min(step + most, plan.step + plan.demand_kw.size)
         due = (each for each in range(step + 1, last) if self._planner.may_be_due(each, plan))
         left_kw = plan.demand_kw[step - plan.step :]
-        return windows(padded(left_kw, left_kw.size + horizon), next(due, last) - step, horizon)
+        ahead_kw = sliding_window_view(padded(left_kw, left_kw.size + horizon), horizon)
+        return ahead_kw[: next(due, last) - step].copy()
 
     def measured(self, step: int, soc: Array, soh_capacity: Array) -> None:
         """Add the energy discharged in the previous step; a step that ends at midnight counts for its day."""

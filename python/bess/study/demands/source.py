@@ -243,8 +243,3 @@ class KnownDemand(DemandSource):
 def padded(values: Array, horizon: int) -> Array:
     """Pad the series with zero demand."""
     return np.concatenate([values, np.zeros(horizon - values.size)])
-
-
-def windows(values: Array, n_steps: int, horizon: int) -> Array:
-    """Return the first windows of a series, ``(n_steps, horizon)``, each a step after the one before."""
-    return np.asarray(values[np.arange(n_steps)[:, None] + np.arange(horizon)])

@@ -21,7 +21,7 @@ impl StringModel {
     pub(crate) fn step_midpoint_with(
         &self,
         curve: &LossCurve,
-        at_start: impl Fn() -> Coefficients,
+        at_start: impl FnOnce() -> Coefficients,
         state: StringState,
         request_w: f64,
         interval: &Interval,

@@ -169,17 +169,14 @@ impl StringModel {
     /// Simulates a request `request_w >= 0` from `state`, with the coefficients of its start.
     #[inline]
     pub fn step(&self, state: StringState, request_w: f64, interval: &Interval) -> Flow {
-        if request_w <= 0.0 {
-            return self.idle(state, 0.0, 0.0, interval);
-        }
-        self.step_with(&self.coefficients(interval.direction, state), state, request_w, interval)
+        self.step_with(|| self.coefficients(interval.direction, state), state, request_w, interval)
     }
 
-    /// [`Self::step`] with the coefficients of `state`.
+    /// [`Self::step`] with the coefficients of `state`, read where needed.
     #[inline]
     pub(crate) fn step_with(
         &self,
-        c: &Coefficients,
+        at_start: impl FnOnce() -> Coefficients,
         state: StringState,
         request_w: f64,
         interval: &Interval,
@@ -187,7 +184,7 @@ impl StringModel {
         if request_w <= 0.0 {
             return self.idle(state, 0.0, 0.0, interval);
         }
-        self.carry_out(self.loss(interval.direction), state, request_w, interval, c)
+        self.carry_out(self.loss(interval.direction), state, request_w, interval, &at_start())
     }
 
     #[inline]

@@ -288,7 +288,7 @@ impl<'a> PlanProblem<'a> {
     #[inline]
     pub(crate) fn step_from(
         &self,
-        at_start: impl Fn() -> Coefficients,
+        at_start: impl FnOnce() -> Coefficients,
         (m, t): (usize, usize),
         state: StringState,
         request_w: f64,

@@ -77,32 +77,23 @@ fn share(inverters: &[Inverter<'_>], total_var: f64) -> Vec<f64> {
     }
     if !inverters.iter().all(Inverter::is_convex) {
         exchange(inverters, &mut reactive_var);
-        // Where losses are not convex, one inverter alone may lose less.
-        for alone in (0..inverters.len()).filter(|&i| inverters[i].room_var >= total_var) {
-            let only = |i: usize| if i == alone { total_var } else { 0.0 };
-            let other_var: Vec<f64> = (0..inverters.len()).map(only).collect();
-            if loss_w(inverters, &other_var) < loss_w(inverters, &reactive_var) {
-                reactive_var = other_var;
-            }
-        }
     }
     reactive_var
-}
-
-/// Loss of all inverters that run, with their starts [W].
-fn loss_w(inverters: &[Inverter<'_>], reactive_var: &[f64]) -> f64 {
-    let of = |(inverter, &q): (&Inverter<'_>, &f64)| match (inverter.active_w > 0.0, q > 0.0) {
-        (true, _) => inverter.loss_w(q),
-        (false, true) => inverter.loss_w(q) + inverter.start_w,
-        (false, false) => 0.0,
-    };
-    inverters.iter().zip(reactive_var).map(of).sum()
 }
 
 impl Inverter<'_> {
     /// Loss with a reactive power [W].
     fn loss_w(&self, reactive_var: f64) -> f64 {
         self.curve.at(self.active_w.hypot(reactive_var)).0
+    }
+
+    /// Cost of a reactive power [W]: loss and start, or nothing of an inverter that is off.
+    fn cost_w(&self, reactive_var: f64) -> f64 {
+        match (self.active_w > 0.0, reactive_var > 0.0) {
+            (true, _) => self.loss_w(reactive_var),
+            (false, true) => self.loss_w(reactive_var) + self.start_w,
+            (false, false) => 0.0,
+        }
     }
 
     /// Reactive power that minimises loss minus `price` times reactive power; the smallest of several minima.
@@ -189,17 +180,19 @@ impl StringCost for Inverter<'_> {
     }
 }
 
-/// Moves reactive power between pairs of inverters that are on, one of each pair to a corner of its curve, while this
-/// saves: the one-step problem is exact for convex curves only.
+/// Moves reactive power between pairs of inverters, one of each pair to a corner of its curve, while this saves: the
+/// one-step problem is exact for convex curves only.
 fn exchange(inverters: &[Inverter<'_>], shares_var: &mut [f64]) {
-    let is_on = |m: &usize| inverters[*m].active_w > 0.0 || shares_var[*m] > 0.0;
-    let on: Vec<usize> = (0..inverters.len()).filter(is_on).collect();
+    let pairs = || (0..inverters.len()).flat_map(|a| (0..a).map(move |b| (a, b)));
     let mut saves = true;
     while saves {
         saves = false;
-        for (a, b) in on.iter().enumerate().flat_map(|(k, &a)| on[k + 1..].iter().map(move |&b| (a, b))) {
+        for (a, b) in pairs() {
             let (first, second, sum) = (&inverters[a], &inverters[b], shares_var[a] + shares_var[b]);
-            let cost = |q: f64| first.loss_w(q) + second.loss_w(sum - q);
+            if sum <= 0.0 {
+                continue;
+            }
+            let cost = |q: f64| first.cost_w(q) + second.cost_w(sum - q);
             let now = cost(shares_var[a]);
             let best = first
                 .corners()
@@ -215,6 +208,7 @@ fn exchange(inverters: &[Inverter<'_>], shares_var: &mut [f64]) {
         }
     }
 }
+
 #[cfg(test)]
 mod tests {
     use super::*;

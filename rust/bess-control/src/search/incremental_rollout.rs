@@ -156,7 +156,7 @@ impl<'a> IncrementalRollout<'a> {
     fn step(&self, m: usize, t: usize, progress: &mut Progress, request_w: f64) {
         let Progress { state, coefficients, costs } = progress;
         let string = self.horizon.string(m);
-        let flow = string.step_with(coefficients, *state, request_w, &self.horizon.intervals[t]);
+        let flow = string.step_with(|| *coefficients, *state, request_w, &self.horizon.intervals[t]);
         self.horizon.add_costs(m, &flow, costs);
         *state = flow.end;
     }
