@@ -23,7 +23,7 @@ def rolled_out(seed: int) -> tuple[bess.System, Aggregate, bess.State, np.ndarra
     plant = Aggregate(system, DT_H, system.initial_state(), limit_kw)
     state = bess.State(rng.uniform(0.0, 1.0, n_strings), rng.uniform(10.0, 48.0, n_strings))
     demand_kw = rng.uniform(-1.2, 1.2, N_STEPS) * plant.power_kw * (rng.random(N_STEPS) > 0.2)
-    return system, plant, state, demand_kw, plant.roll_out(state, demand_kw, np.full(N_STEPS, 25.0))
+    return system, plant, state, demand_kw, plant.track_demand(state, demand_kw, np.full(N_STEPS, 25.0))
 
 
 @settings(max_examples=40, deadline=None)
@@ -31,12 +31,12 @@ def rolled_out(seed: int) -> tuple[bess.System, Aggregate, bess.State, np.ndarra
 def test_no_more_is_asked_than_was_demanded_and_little_that_is_not_delivered(seed: int) -> None:
     _, plant, _, demand_kw, rolled = rolled_out(seed)
     slack_kw = 1e-6 * plant.power_kw
-    assert np.all(rolled.demand_kw * demand_kw >= 0.0)
-    assert np.all(np.abs(rolled.demand_kw) <= np.abs(demand_kw) + slack_kw)
-    assert np.all(np.abs(rolled.delivered_kw) <= np.abs(rolled.demand_kw) + slack_kw)
+    assert np.all(rolled.asked_kw * demand_kw >= 0.0)
+    assert np.all(np.abs(rolled.asked_kw) <= np.abs(demand_kw) + slack_kw)
+    assert np.all(np.abs(rolled.delivered_kw) <= np.abs(rolled.asked_kw) + slack_kw)
     cool = rolled.temperature_c[:, 1:].max(axis=0) < 40.0  # below the start of derating
     within = np.abs(demand_kw) <= plant.power_kw
-    missing_kw = np.abs(rolled.demand_kw) - np.abs(rolled.delivered_kw)
+    missing_kw = np.abs(rolled.asked_kw) - np.abs(rolled.delivered_kw)
     assert np.all(missing_kw[cool & within] <= 0.02 * plant.power_kw)
 
 
@@ -59,7 +59,7 @@ def test_what_an_empty_string_cannot_give_the_full_one_does() -> None:
     system = bess.System.reference(2)
     plant = Aggregate(system, DT_H, system.initial_state(), system.nominal_kw)
     demand_kw = np.full(2, 0.8 * system.nominal_kw[0])
-    rolled = plant.roll_out(bess.State([0.0, 0.9], [25.0, 25.0]), demand_kw, np.full(2, 25.0))
+    rolled = plant.track_demand(bess.State([0.0, 0.9], [25.0, 25.0]), demand_kw, np.full(2, 25.0))
     np.testing.assert_allclose(rolled.delivered_kw, demand_kw, rtol=1e-9)
     assert rolled.soc[0, -1] == 0.0 and rolled.soc[1, -1] < 0.9
 
@@ -67,9 +67,9 @@ def test_what_an_empty_string_cannot_give_the_full_one_does() -> None:
 def test_what_no_string_can_take_is_not_asked_for() -> None:
     system = bess.System.reference(2)
     plant = Aggregate(system, DT_H, system.initial_state(), system.nominal_kw)
-    rolled = plant.roll_out(bess.State([1.0, 1.0], [25.0, 25.0]), np.full(4, -100.0), np.full(4, 25.0))
+    rolled = plant.track_demand(bess.State([1.0, 1.0], [25.0, 25.0]), np.full(4, -100.0), np.full(4, 25.0))
     # Inverters that are on take their own no-load losses.
     no_load_kw = sum(s.inverter.loss_charge[0] * s.inverter.nominal_kw for s in system.strings)
-    np.testing.assert_allclose(rolled.demand_kw, rolled.delivered_kw, atol=1e-6)
-    assert np.abs(rolled.demand_kw).max() < 1.1 * no_load_kw
+    np.testing.assert_allclose(rolled.asked_kw, rolled.delivered_kw, atol=1e-6)
+    assert np.abs(rolled.asked_kw).max() < 1.1 * no_load_kw
     assert np.all(rolled.soc == 1.0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -38,36 +37,6 @@ _SUBSTEP_H: Final = 1.0 / 12.0
 
 _TAPERED_SUBSTEP_H: Final = 1.0 / 60.0
 """The same for cells with a voltage limit, which cuts a constant power as the voltage rises."""
-
-
-@dataclass(frozen=True)
-class DispatchRollout:
-    """Response of the control model to a schedule; powers are means over the steps.
-
-    Attributes
-    ----------
-    demand_kw, delivered_kw : ndarray, shape (n_steps,)
-        Demand without the part that no string could take, and delivered power; signed.
-    request_kw : ndarray, shape (n_strings, n_steps)
-        Set-point of each string.
-    energy_kwh : ndarray, shape (n_steps + 1,)
-        Energy above the lower SOC limits: initial value, then the value at the end of each step.
-    soc, temperature_c : ndarray, shape (n_strings, n_steps + 1)
-        State of each string at the same times.
-    standby_kw : ndarray, shape (n_steps,)
-        Standby power of the inverters that are off.
-    starts : int
-        Starts of inverters after the first step.
-    """
-
-    demand_kw: Array
-    delivered_kw: Array
-    request_kw: Array
-    energy_kwh: Array
-    soc: Array
-    temperature_c: Array
-    standby_kw: Array
-    starts: int
 
 
 class StringEnergy:
@@ -124,7 +93,7 @@ class Aggregate:
         self._energy = StringEnergy(system, health.soh_capacity)
         self.string_energy_kwh = self._energy.kwh(self.soc_max)
         self.capacity_kwh = float(self.string_energy_kwh.sum())
-        self._off_kw = np.array([s.inverter.off_loss for s in system.strings]) * system.nominal_kw
+        self.off_kw = np.array([s.inverter.off_loss for s in system.strings]) * system.nominal_kw
         lumped = [string.thermal.lumped for string in system.strings]
         mass = np.array([1.0 / (WATTS_PER_KW * each.k1_k_per_j) for each in lumped])
         cooling = np.array([each.k2_per_s for each in lumped])
@@ -201,7 +170,7 @@ class Aggregate:
             request_kw=request,
             energies=self._energy.tables,
             mass_share=self._mass_share,
-            off_kw=self._off_kw,
+            off_kw=self.off_kw,
             capacity_kwh=self.capacity_kwh,
             dt_h=self.dt_h,
             parts=self._parts,
@@ -210,25 +179,21 @@ class Aggregate:
             by_throughput=by_throughput,
         )
 
-    def roll_out(self, state: State, demand_kw: Array, ambient_c: Array) -> DispatchRollout:
+    def track_demand(self, state: State, demand_kw: Array, ambient_c: Array) -> _core.TrackedArrays:
         """Return the response of the control model to a demand that is allocated at minimum loss.
 
         Power that a full or empty string cannot take is reallocated to the others up to their limits;
         the rest is removed from the demand.
+
+        Returns
+        -------
+        _core.TrackedArrays
+            ``asked_kw`` (the demand without this rest) and ``delivered_kw`` of each step, signed; set-points
+            ``request_kw``, ``(n_strings, n_steps)``; ``soc`` and ``temperature_c`` at the start and at the
+            end of each step, ``(n_strings, n_steps + 1)``. Powers are means over the steps.
         """
-        flows = self._model.track_demand(
+        return self._model.track_demand(
             state.soc, state.temperature_c, demand_kw, ambient_c, self.dt_h, self._parts, self._shares
-        )
-        request = flows.request_kw
-        return DispatchRollout(
-            demand_kw=flows.asked_kw,
-            delivered_kw=flows.delivered_kw,
-            request_kw=request,
-            energy_kwh=self.energy_kwh(flows.soc),
-            soc=flows.soc,
-            temperature_c=flows.temperature_c,
-            standby_kw=self._off_kw @ (request == 0.0),
-            starts=int(np.count_nonzero((request[:, 1:] != 0.0) & (request[:, :-1] == 0.0))),
         )
 
     @property

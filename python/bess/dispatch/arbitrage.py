@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -24,24 +23,6 @@ _TOLERANCE: Final = 1e-6
 
 _PAST_DAYS: Final = 7
 """Days before a plan that the choice of a monthly peak looks back on."""
-
-
-@dataclass(frozen=True)
-class DispatchStart:
-    """Initial values of a dispatch plan.
-
-    Attributes
-    ----------
-    energy_kwh, discharged_kwh : float
-        Stored energy above the lower SOC limits, and energy discharged on this trading day so far.
-    budget_price_eur_mwh, remaining_kwh : float
-        Shadow price of a budget per MWh discharged, and stored energy that may still be discharged.
-    """
-
-    energy_kwh: float
-    discharged_kwh: float = 0.0
-    budget_price_eur_mwh: float = 0.0
-    remaining_kwh: float = np.inf
 
 
 class Arbitrage:
@@ -210,18 +191,18 @@ class Arbitrage:
             )
         if self.connection is not None and self.connection.tariff is not None:
             self._choose_peak(self.connection, self.connection.tariff, step, price, energy_kwh)
-        start = DispatchStart(energy_kwh, discharged_today_kwh, budget_price_eur_mwh, remaining_kwh)
-        return self._solve(step, price, start)
+        limits = {"budget_price_eur_mwh": budget_price_eur_mwh, "remaining_kwh": remaining_kwh}
+        return self._solve(step, price, energy_kwh, discharged_today_kwh=discharged_today_kwh, **limits)
 
     def of_prices(self, price_eur_mwh: Array, step: int, energy_kwh: float) -> Array:
         """Return the demand [kW] of maximum income at these prices from ``step`` on, without a meter."""
-        return self._solve(step, price_eur_mwh, DispatchStart(energy_kwh))
+        return self._solve(step, price_eur_mwh, energy_kwh)
 
     def program(self, price_eur_mwh: Array, step: int, energy_kwh: float) -> StoreProgram:
         """Return the program from ``step`` on, in per unit of ``power_kw``; cost has the :meth:`weight`."""
         hours, free = np.full(price_eur_mwh.size, self.dt_h), np.ones(price_eur_mwh.size)
         days = self.days[step : step + price_eur_mwh.size]
-        return self._program(price_eur_mwh, hours, days, free, DispatchStart(energy_kwh))
+        return self._program(price_eur_mwh, hours, days, free, energy_kwh)
 
     def _choose_peak(
         self, connection: GridConnection, tariff: PeakTariff, step: int, price: Array, energy_kwh: float
@@ -241,8 +222,8 @@ class Arbitrage:
         connection.constrain(program, price, net_kw, month, self.power_kw, weight, share)
         connection.raise_peak(self.power_kw * float(program.solve().added[-1]))
 
-    def _solve(self, step: int, price: Array, start: DispatchStart) -> Array:
-        """Return the demand of an optimal schedule."""
+    def _solve(self, step: int, price: Array, energy_kwh: float, **limits: float) -> Array:
+        """Return the demand of an optimal schedule; ``limits`` are those of :meth:`_program`."""
         connection = self.connection
         days, free = self.days[step : step + price.size], self._free[step : step + price.size]
         blocks = Blocks.of(price, days, self.dt_h)
@@ -250,7 +231,7 @@ class Arbitrage:
             blocks = Blocks(np.arange(price.size), np.ones(price.size, np.int64))
         price, days = price[blocks.first], days[blocks.first]
         hours = np.asarray(blocks.count * self.dt_h, dtype=np.float64)
-        program = self._program(price, hours, days, free[blocks.first], start)
+        program = self._program(price, hours, days, free[blocks.first], energy_kwh, **limits)
         if connection is not None:
             net_kw, tariff = connection.net_kw(step, price.size), connection.tariff
             month = days if tariff is None else tariff.month[step : step + price.size]
@@ -275,28 +256,37 @@ class Arbitrage:
         return demand
 
     def _program(
-        self, price: Array, hours: Array, days: npt.NDArray[np.int64], free: Array, start: DispatchStart
+        self,
+        price: Array,
+        hours: Array,
+        days: npt.NDArray[np.int64],
+        free: Array,
+        energy_kwh: float,
+        *,
+        discharged_today_kwh: float = 0.0,
+        budget_price_eur_mwh: float = 0.0,
+        remaining_kwh: float = np.inf,
     ) -> StoreProgram:
         """Return the program in per unit: power over `power_kw`, energy over `power_kw` times 1 h."""
         per_unit = hours * self.weight(price)
         program = StoreProgram(
             hours,
             float(np.sqrt(self.efficiency)),
-            start.energy_kwh / self.power_kw,
-            cost=(per_unit * price, per_unit * (start.budget_price_eur_mwh - price)),
+            energy_kwh / self.power_kw,
+            cost=(per_unit * price, per_unit * (budget_price_eur_mwh - price)),
             max_power=(np.minimum(self._max_power[0], free), np.minimum(self._max_power[1], free)),
             capacity=self.energy_kwh / self.power_kw,
         )
         if self.cycles_per_plan is None:
             numbers, row = np.unique(days, return_inverse=True)
             max_kwh = np.full(numbers.size, self.cycles_per_day * self.energy_kwh)
-            max_kwh[0] = max(0.0, max_kwh[0] - start.discharged_kwh)
+            max_kwh[0] = max(0.0, max_kwh[0] - discharged_today_kwh)
             charged, discharged = 0.0 * hours, hours / np.sqrt(self.efficiency)
         else:
             row, max_kwh = np.zeros(days.size, np.int64), np.array([self.cycles_per_plan * self.energy_kwh])
             charged, discharged = 0.5 * hours, 0.5 * hours
         program.at_most(
-            np.minimum(max_kwh, start.remaining_kwh) / self.power_kw,
+            np.minimum(max_kwh, remaining_kwh) / self.power_kw,
             (row, program.charge, charged),
             (row, program.discharge, discharged),
         )

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from bess import _core
 from bess.arrays import Array, ByValue
 from bess.control.wear import WearRates
-from bess.dispatch.aggregate import Aggregate, DispatchRollout
+from bess.dispatch.aggregate import Aggregate
 from bess.dispatch.bands import PriceBands
 from bess.dispatch.blocks import Blocks
 from bess.dispatch.cycle_depth_cost import CycleDepthCost
@@ -242,13 +242,14 @@ class DynamicProgramDispatch:
         )
         demand_kw = np.repeat(power_kw, blocks.count)
         demand_kw[np.abs(demand_kw) < _MIN_POWER_SHARE * plant.power_kw] = 0.0
-        rolled = plant.roll_out(state, demand_kw, inputs.ambient_c)
+        tracked = plant.track_demand(state, demand_kw, inputs.ambient_c)
+        planned_kwh = plant.energy_kwh(tracked.soc)
         return DispatchPlan(
-            rolled.demand_kw,
-            rolled.delivered_kw,
-            self._net_eur(rolled, inputs.price_eur_mwh, depths),
-            rolled.energy_kwh[1:],
-            plant.mean_c(rolled.temperature_c[:, 1:]),
+            tracked.asked_kw,
+            tracked.delivered_kw,
+            self._net_eur(plant, tracked, planned_kwh, inputs.price_eur_mwh, depths),
+            planned_kwh[1:],
+            plant.mean_c(tracked.temperature_c[:, 1:]),
         )
 
     def condition(self, state: State, limit_kw: Array) -> tuple[float, float, float]:
@@ -272,19 +273,27 @@ class DynamicProgramDispatch:
             self._store[depth.size] = plant.store(grid_kwh, depth, power_kw, by_throughput=by_throughput)
         return self._store[depth.size]
 
-    def _net_eur(self, rolled: DispatchRollout, price: Array, depths: CycleDepthCost) -> float:
-        """Return the net income of a roll-out, wear included."""
+    def _net_eur(
+        self,
+        plant: Aggregate,
+        tracked: _core.TrackedArrays,
+        energy_kwh: Array,
+        price: Array,
+        depths: CycleDepthCost,
+    ) -> float:
+        """Return the net income of a tracked demand, wear included."""
         terms, dt_h = self._terms, self._dt_h
-        demand_kw, delivered_kw = rolled.demand_kw, rolled.delivered_kw
+        demand_kw, delivered_kw, is_on = tracked.asked_kw, tracked.delivered_kw, tracked.request_kw != 0.0
         sold_kw, bought_kw = np.maximum(delivered_kw, 0.0), np.maximum(-delivered_kw, 0.0)
         missing_kw = np.maximum(np.abs(demand_kw) - np.abs(delivered_kw), 0.0)
         eur_per_h = (
             sold_kw * terms.discharge_price_eur_mwh(price)
-            - (bought_kw + rolled.standby_kw) * terms.charge_price_eur_mwh(price)
+            - (bought_kw + plant.off_kw @ ~is_on) * terms.charge_price_eur_mwh(price)
             - missing_kw * terms.shortfall_price_eur_mwh(price)
         ) / KWH_PER_MWH
-        wear_eur = depths.cost_eur(sold_kw * dt_h, rolled.energy_kwh, dt_h)
-        return float(eur_per_h.sum()) * dt_h - wear_eur - terms.start_eur * rolled.starts
+        wear_eur = depths.cost_eur(sold_kw * dt_h, energy_kwh, dt_h)
+        starts = int(np.count_nonzero(is_on[:, 1:] & ~is_on[:, :-1]))  # after the first step
+        return float(eur_per_h.sum()) * dt_h - wear_eur - terms.start_eur * starts
 
 
 def _idle_plan(inputs: DispatchInputs, state: State) -> DispatchPlan:

@@ -11,7 +11,7 @@ from bess.arrays import Array
 from bess.control.policies.planned import NO_PRICES
 from bess.errors import InputError
 from bess.simulation.installations import Installations
-from bess.simulation.reactive import ReactiveSource, reactive_of
+from bess.simulation.reactive import ReactiveDemand, reactive_of
 from bess.study.demands.source import RunDemand, Setting
 from bess.study.grid import SampledSeries, TimeGrid, seconds_of
 from bess.study.plant_choice import build_system
@@ -40,7 +40,7 @@ class Inputs(RunDemand):
         Files of the study.
     notes : list of str
         Notes on these files, for display.
-    reactive : ReactiveSource or None
+    reactive : ReactiveDemand or None
         Reactive power demand, if the study has one.
     """
 
@@ -51,7 +51,7 @@ class Inputs(RunDemand):
     installations: Installations
     files: list[Path]
     notes: list[str]
-    reactive: ReactiveSource | None = None
+    reactive: ReactiveDemand | None = None
 
 
 def prepare(study: Study, system: System | None = None) -> Inputs:
@@ -72,7 +72,7 @@ def prepare(study: Study, system: System | None = None) -> Inputs:
         study.name,
         study.run,
         study.budget,
-        study.settlement.terms,
+        study.settlement,
         system,
         step_s,
         horizon=study.policy.steps_ahead(system.control),

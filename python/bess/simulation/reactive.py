@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,54 +13,46 @@ from bess.study.grid import TimeGrid
 from bess.study.sections import ReactiveSection
 
 
-class ReactiveSource(Protocol):
-    """Returns the reactive power demand of a step and its forecast; it has no state."""
+@dataclass(frozen=True)
+class ReactiveDemand:
+    """Reactive power of each step: a separate series, or in proportion to active power; without state.
+
+    Attributes
+    ----------
+    forecast : Forecast or None
+        The separate series [kvar]; None for reactive power in proportion to active power.
+    kvar_per_kw : float
+        Reactive power over active power, without a separate series.
+    """
+
+    forecast: Forecast | None = None
+    kvar_per_kw: float = 0.0
 
     def ahead(self, step: int, demand_kw: Array) -> Array:
         """Return the reactive power [kvar] of ``step`` (binding) and the forecast of the next ones.
 
         ``demand_kw`` is the active power of these steps, with the same length.
         """
+        if self.forecast is None:
+            return np.asarray(np.abs(demand_kw) * self.kvar_per_kw)
+        return padded(self.forecast.ahead(step, demand_kw.size), demand_kw.size)
 
 
-class AtPowerFactor:
-    """Reactive power in proportion to active power."""
-
-    def __init__(self, power_factor: float) -> None:
-        self._kvar_per_kw = np.sqrt(1.0 - power_factor**2) / power_factor
-
-    def ahead(self, step: int, demand_kw: Array) -> Array:
-        """See :class:`ReactiveSource`."""
-        return np.asarray(np.abs(demand_kw) * self._kvar_per_kw)
-
-
-class Foreseen:
-    """A separate series of reactive power."""
-
-    def __init__(self, forecast: Forecast) -> None:
-        self._forecast = forecast
-
-    def ahead(self, step: int, demand_kw: Array) -> Array:
-        """See :class:`ReactiveSource`."""
-        return padded(self._forecast.ahead(step, demand_kw.size), demand_kw.size)
-
-
-def reactive_of(choice: ReactiveSection, setting: Setting, grid: TimeGrid) -> ReactiveSource:
-    """Return the source of the section ``[reactive]``.
+def reactive_of(choice: ReactiveSection, setting: Setting, grid: TimeGrid) -> ReactiveDemand:
+    """Return the demand of the section ``[reactive]``.
 
     Raises
     ------
     InputError
         The file is invalid or does not cover the run.
     """
-
     if choice.power_factor is not None:
         setting.note(f"reactive power: at a power factor of {choice.power_factor:g}")
-        return AtPowerFactor(choice.power_factor)
+        return ReactiveDemand(kvar_per_kw=np.sqrt(1.0 - choice.power_factor**2) / choice.power_factor)
     wanted = grid.longer(setting.horizon)
     if choice.file is None:
         setting.note(f"reactive power: {choice.kvar:g} kvar")
-        return Foreseen(PerfectForecast(np.full(wanted.n_steps, choice.kvar)))
+        return ReactiveDemand(PerfectForecast(np.full(wanted.n_steps, choice.kvar)))
     read = read_profile(
         choice.file,
         column=choice.column,
@@ -74,4 +66,4 @@ def reactive_of(choice: ReactiveSection, setting: Setting, grid: TimeGrid) -> Re
     values = series.laid(grid, wanted, repeat=choice.repeat)
     asked = values[: grid.n_steps]
     setting.note(f"reactive power: {choice.file}, {asked.min():g} to {asked.max():g} kvar", series)
-    return Foreseen(forecast_of(choice.forecast, values, grid.dt_h))
+    return ReactiveDemand(forecast_of(choice.forecast, values, grid.dt_h))

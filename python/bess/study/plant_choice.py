@@ -94,7 +94,7 @@ def policy_settings(study: Study, system: System) -> Settings:
         plans=choice.plans,
         rollouts=choice.rollouts,
         model=choice.model,
-        terms=study.settlement.terms,
+        terms=study.settlement,
         file=choice.file,
         reactive=study.reactive is not None,
     )

@@ -27,7 +27,6 @@ from bess.system.quantities import (
 )
 from bess.system.section import Section
 from bess.system.sections import Control
-from bess.system.terms import SettlementTerms
 
 
 def _aware(value: datetime) -> datetime:
@@ -96,27 +95,6 @@ class RunSection(Section):
     days: Annotated[float, within(0.0, 36_525.0, "days", above=True)] | None = None
     plant_step_s: Positive | None = None
     derating_law: Literal["table", "pi"] = "table"
-
-
-class SettlementSection(Section):
-    """Section ``[settlement]``: settlement terms besides the energy price, for studies with prices.
-
-    Undelivered energy costs the magnitude of its price plus ``shortfall_eur_mwh``. Fees are per MWh charged
-    or discharged (AC), ``start_eur`` is per inverter start. Reserve sold but not available costs its price
-    times ``capacity_penalty``. ``discount_rate`` applies to the net present value of runs over years.
-    """
-
-    shortfall_eur_mwh: NonNegative = SettlementTerms.shortfall_eur_mwh
-    charge_fee_eur_mwh: NonNegative = SettlementTerms.charge_fee_eur_mwh
-    discharge_fee_eur_mwh: NonNegative = SettlementTerms.discharge_fee_eur_mwh
-    start_eur: NonNegative = SettlementTerms.start_eur
-    discount_rate: Annotated[float, within(0.0, 1.0, "per year")] = SettlementTerms.discount_rate
-    capacity_penalty: NonNegative = SettlementTerms.capacity_penalty
-
-    @property
-    def terms(self) -> SettlementTerms:
-        """Settlement terms for dispatch and settlement."""
-        return SettlementTerms(**self.model_dump())
 
 
 class WearSection(Section):

@@ -30,13 +30,13 @@ from bess.study.sections import (
     RunSection,
     Scenario,
     ServiceSection,
-    SettlementSection,
     SystemSection,
     WearSection,
     WeatherSection,
 )
 from bess.system.documents import describe, read_text
 from bess.system.section import Section
+from bess.system.terms import SettlementTerms
 
 _FILES = (
     "system.file",
@@ -63,7 +63,7 @@ class Study(Section):
     reactive: ReactiveSection | None = None
     weather: WeatherSection = WeatherSection()
     policy: PolicySection = PolicySection()
-    settlement: SettlementSection = SettlementSection()
+    settlement: SettlementTerms = SettlementTerms()
     wear: WearSection = WearSection()
     budget: BudgetSection = BudgetSection()
     contract: ContractSection = ContractSection()

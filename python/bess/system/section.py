@@ -2,13 +2,29 @@
 
 from typing import Any, ClassVar, Self
 
-from pydantic import BaseModel, ConfigDict, model_validator
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+
+from bess.errors import InputError
+from bess.system.documents import describe
 
 
 class Section(BaseModel):
     """Immutable section; rejects unknown keys, NaN and infinity."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Choice(Section):
+    """Section that Python users also build directly; invalid values then raise InputError."""
+
+    def __init__(self, **values: Any) -> None:
+        try:
+            super().__init__(**values)
+        except ValidationError as error:
+            raise InputError(describe(error.errors(), type(self).__name__)) from error
+
+    # Inside a file, pydantic fills the fields without this method: the error names the place in the file.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
 
 class Table(Section):

@@ -1,17 +1,20 @@
-"""Settlement terms in addition to the market price, used by both dispatch and settlement."""
+"""Section ``[settlement]``: terms in addition to the market price, used by both dispatch and settlement."""
 
-from dataclasses import dataclass
-from typing import TypeVar
+from __future__ import annotations
+
+from typing import Annotated, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
+from bess.system.quantities import NonNegative, within
+from bess.system.section import Choice
+
 Price = TypeVar("Price", float, npt.NDArray[np.float64])
 
 
-@dataclass(frozen=True)
-class SettlementTerms:
-    """Prices other than energy prices; the defaults are those of a study.
+class SettlementTerms(Choice):
+    """Prices other than energy prices: section ``[settlement]`` of a study with prices.
 
     Attributes
     ----------
@@ -21,19 +24,19 @@ class SettlementTerms:
         Fees and taxes on each MWh charged and discharged (AC).
     start_eur : float
         For each start of an inverter.
+    discount_rate : float
+        Discount rate per year, for the net present value of runs over years.
     capacity_penalty : float
         Penalty for reserve that is sold but not sustained, relative to its price: 2 cancels the revenue and
         costs the same amount again.
-    discount_rate : float
-        Discount rate per year.
     """
 
-    shortfall_eur_mwh: float = 50.0
-    charge_fee_eur_mwh: float = 0.0
-    discharge_fee_eur_mwh: float = 0.0
-    start_eur: float = 0.0
-    discount_rate: float = 0.05
-    capacity_penalty: float = 2.0
+    shortfall_eur_mwh: NonNegative = 50.0
+    charge_fee_eur_mwh: NonNegative = 0.0
+    discharge_fee_eur_mwh: NonNegative = 0.0
+    start_eur: NonNegative = 0.0
+    discount_rate: Annotated[float, within(0.0, 1.0, "per year")] = 0.05
+    capacity_penalty: NonNegative = 2.0
 
     def shortfall_price_eur_mwh(self, price_eur_mwh: Price) -> Price:
         """Return the cost of undelivered energy per MWh, in either direction."""

@@ -7,13 +7,11 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, NamedTuple, Self
 
 import numpy as np
-from pydantic import BeforeValidator, Field, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from bess.arrays import Array
-from bess.errors import InputError
-from bess.system.documents import describe
 from bess.system.quantities import NonNegative
-from bess.system.section import Section
+from bess.system.section import Choice
 
 NAMES: Final = ("availability", "derating", "inverter", "battery")
 TIE_BREAK_WEIGHT: Final = 2e-4
@@ -27,19 +25,6 @@ START_KWH: Final = 0.1
 
 Kind = Literal["paper", "energy", "money"]
 Normalisation = Literal["constant", "payoff", "energy"]
-
-
-class Choice(Section):
-    """Study section that Python users also build directly; invalid values then raise InputError."""
-
-    def __init__(self, **values: Any) -> None:
-        try:
-            super().__init__(**values)
-        except ValidationError as error:
-            raise InputError(describe(error.errors(), type(self).__name__)) from error
-
-    # Inside a study, pydantic fills the fields without this method: the error names the place in the file.
-    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
 
 class Objective(Choice):

@@ -10,8 +10,9 @@ from typing import Annotated, Final
 
 from pydantic import Field
 
-from bess.control.split.objectives import Choice, Objectives
+from bess.control.split.objectives import Objectives
 from bess.system.quantities import within
+from bess.system.section import Choice
 
 ROLLOUTS: Final = 2000
 """Effort of one descent of the search on the control model, in roll-outs."""

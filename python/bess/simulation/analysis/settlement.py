@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Iterator
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -19,7 +18,6 @@ from bess.simulation.analysis.services import (
     peak_charge_eur,
     site_saving_eur,
 )
-from bess.study.sections import SettlementSection
 from bess.system.terms import SettlementTerms
 from bess.units import KWH_PER_MWH
 
@@ -93,7 +91,7 @@ def ledger(result: Result | xr.Dataset) -> xr.Dataset:
     return xr.Dataset(
         {name: ("time", values, {"units": "EUR"}) for name, values in entries.items()},
         {"time": dataset["time"]},
-        asdict(terms),
+        terms.model_dump(),
     )
 
 
@@ -105,7 +103,7 @@ def has_prices(dataset: xr.Dataset) -> bool:
 def recorded_terms(dataset: xr.Dataset) -> SettlementTerms:
     """Return the settlement terms of a record."""
     study = tomllib.loads(dataset.attrs.get("study", ""))
-    return SettlementSection.model_validate(study.get("settlement", {})).terms
+    return SettlementTerms.model_validate(study.get("settlement", {}))
 
 
 def settlement_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:

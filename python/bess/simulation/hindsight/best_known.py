@@ -224,7 +224,7 @@ class _Value:
     def __init__(self, replay: Replay) -> None:
         price: Array | None = replay.inputs.price_eur_mwh
         assert price is not None
-        terms = replay.study.settlement.terms
+        terms = replay.study.settlement
         served_kw = replay.served_kw
         asked_kw: Array = replay.record["demand_kw"].values
         mwh_per_kw = replay.inputs.grid.dt_h / KWH_PER_MWH

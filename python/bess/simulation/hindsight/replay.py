@@ -21,7 +21,7 @@ from bess.simulation.analysis.services import is_reserve
 from bess.simulation.closed_loop import ClosedLoop
 from bess.simulation.inputs import Inputs, limits_of
 from bess.simulation.installations import Installations
-from bess.simulation.reactive import Foreseen
+from bess.simulation.reactive import ReactiveDemand
 from bess.simulation.record.dataset import VARIABLES
 from bess.study import Study
 from bess.study.demands.profile import ProfileSource
@@ -31,8 +31,6 @@ from bess.system import System
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from bess.system import System
 
 
 _AT_THE_METER = (
@@ -102,7 +100,7 @@ class Replay:
             notes=[],
             series={name: record[name].values for name in _AT_THE_METER if name in record},
             reactive=(
-                Foreseen(PerfectForecast(record["reactive_demand_kvar"].values))
+                ReactiveDemand(PerfectForecast(record["reactive_demand_kvar"].values))
                 if "reactive_demand_kvar" in record
                 else None
             ),

@@ -12,6 +12,7 @@ from bess.dispatch import (
     Arbitrage,
     CycleBudget,
     EnergyWindow,
+    ExternalForecast,
     Forecast,
     PerfectForecast,
     PersistenceForecast,
@@ -113,9 +114,10 @@ class FcrDemand(DemandSection):
                     foresight=self.choose_capacity == "perfect",
                 )
                 trade = _trade(self, grid, price, power_kw + capacity_kw, band, sold_kw)
-        response: Forecast = ZeroResponseForecast(sold_kw * share)
+        response_kw = sold_kw * share
+        response: Forecast = ExternalForecast(response_kw, np.zeros(grid.n_steps))  # its mean is zero
         if self.forecast == "persistence":
-            response = PersistenceForecast(sold_kw * share, grid.dt_h)
+            response = PersistenceForecast(response_kw, grid.dt_h)
         recharge = RechargeScheduler(
             recharge_kw,
             _steps(self.recharge_lead_min, "recharge_lead_min", grid, least=0),
@@ -288,25 +290,6 @@ def _steps(minutes: float, key: str, grid: TimeGrid, least: int) -> int:
             f"{grid.step_s / 60:g} min"
         )
     return max(least, int(np.ceil(steps - 1e-9)))
-
-
-class ZeroResponseForecast:
-    """Forecast of a frequency response: the measured value in this step, and zero (the mean) in later steps.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n_steps,)
-        Actual response [kW].
-    """
-
-    def __init__(self, values: Array) -> None:
-        self._values = values
-
-    def ahead(self, step: int, horizon: int) -> Array:
-        """See :class:`bess.dispatch.Forecast`."""
-        seen = np.zeros(min(horizon, self._values.size - step))
-        seen[0] = self._values[step]
-        return seen
 
 
 class ReserveSource(DemandSource):
