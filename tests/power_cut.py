@@ -17,18 +17,18 @@ class PowerCut(BaseException):
 
 def before_steps(patch: pytest.MonkeyPatch, act: Callable[[int], None]) -> None:
     """Call ``act`` with the number of control steps that the plant is about to take."""
-    step, follow = bess.Plant.step, bess.Plant.run_controller
+    run, follow = bess.Plant.run, bess.Plant.run_controller
 
-    def one(plant: bess.Plant, *arguments: Any, **options: Any) -> Any:
-        act(1)
-        return step(plant, *arguments, **options)
+    def known(plant: bess.Plant, request_kw: Any, *arguments: Any, **options: Any) -> Any:
+        act(len(request_kw))
+        return run(plant, request_kw, *arguments, **options)
 
-    def many(plant: bess.Plant, controller: Any, ahead_kw: Any, *arguments: Any) -> Any:
+    def controlled(plant: bess.Plant, controller: Any, ahead_kw: Any, *arguments: Any) -> Any:
         act(len(ahead_kw))
         return follow(plant, controller, ahead_kw, *arguments)
 
-    patch.setattr(bess.Plant, "step", one)
-    patch.setattr(bess.Plant, "run_controller", many)
+    patch.setattr(bess.Plant, "run", known)
+    patch.setattr(bess.Plant, "run_controller", controlled)
 
 
 def cut_off(study: Study, folder: Path, after: int, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ import xarray as xr
 from synthetic import kpis
 
 import bess
-from bess.simulation.record.dataset import frame_of, write_netcdf
+from bess.simulation.record.dataset import write_netcdf
 from bess.simulation.record.store import write_part
 
 
@@ -44,7 +44,7 @@ def write_run(
     (directory / "study.toml").write_text(f'name = "{name}"\n\n[policy]\nname = "mpc" # <&>\n')
     arrays = {str(key): dataset[key].values for key in dataset.data_vars}
     if done is None:
-        write_netcdf(directory / "results.nc", frame_of(identity), iter([(0, arrays)]))
+        write_netcdf(directory / "results.nc", identity["frame"], iter([(0, arrays)]))
         (directory / "kpis.json").write_text(json.dumps(kpis(dataset)))
     else:
         write_part(directory, 0, {key: values[:done] for key, values in arrays.items()}, {"step": done})

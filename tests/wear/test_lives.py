@@ -180,7 +180,7 @@ def test_a_run_continues_from_a_checkpoint_at_an_end_of_life(at_end: str) -> Non
     study = bess.load_study("case1", AGEING | {"wear.at_end_of_life": at_end})
     whole, steps = closed_loop(study, prepare(study)), 240
     rows = [whole.advance()[0] for _ in range(steps)]
-    end = int(np.argmax([row["end_of_life"][0] for row in rows]))
+    end = int(np.argmax([row["end_of_life"][0, 0] for row in rows]))
     first = closed_loop(study, prepare(study))
     for _ in range(end + 1):
         first.advance()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, cast
 
 import numpy as np
@@ -17,6 +17,7 @@ from bess.errors import BessError, InputError
 from bess.plant import Flows, Plant, PlantSnapshot
 from bess.simulation.inputs import Inputs
 from bess.simulation.record.dataset import AGEING_FLOWS, COOLING_FLOWS, ENTROPY_FLOWS, FLOWS, REACTIVE_FLOWS
+from bess.simulation.record.store import Record
 from bess.study.demands.source import KnownDemand, StepInputs
 from bess.system import State
 
@@ -65,17 +66,32 @@ class ClosedLoop:
         self.step = 0
         self.policy_s = self.plant_s = 0.0
 
+    def advance_part(
+        self, most: int, is_over: Callable[[int], bool] = lambda step: False
+    ) -> tuple[Record, list[dict[str, Any]]]:
+        """Run up to ``most`` steps, at least one, until ``is_over(step)``; see :meth:`advance`."""
+        parts: list[Record] = []
+        log: list[dict[str, Any]] = []
+        last = min(self.step + most, self.inputs.grid.n_steps)
+        whole = False
+        while not whole:
+            part, lines = self.advance_block(last - self.step) if self.in_blocks else self.advance()
+            parts.append(part)
+            log += lines
+            whole = is_over(self.step) or self.step == last
+        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}, log
+
     def advance(
         self, ahead_kw: Array | None = None, state: State | None = None
-    ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    ) -> tuple[Record, list[dict[str, Any]]]:
         """Run one control step; its demand and forecast, and the measured state, are read here if not given.
 
         Returns
         -------
-        record : dict
-            Values of this step by variable name.
+        record : dict of ndarray
+            Values by variable name, with the steps along the first axis.
         log : list of dict
-            Log line of this step; empty without a solve and without undelivered energy.
+            Log lines: one for each step with a solve or with undelivered energy.
         """
         step, inputs = self.step, self.inputs
         investment_eur = inputs.installations.install(step, self._plant)
@@ -87,10 +103,8 @@ class ClosedLoop:
         now = StepInputs(state, limit_kw, self._surroundings_c[step:], self._delivered_kw)
         if ahead_kw is None:
             ahead_kw = inputs.demand.ahead(step, inputs.horizon_steps, now)
-        demand_kw = float(ahead_kw[0])
         served_kw = self._served(ahead_kw, total_kw)
         asked_kvar = None if inputs.reactive is None else inputs.reactive.ahead(step, served_kw)
-        ambient_c = float(inputs.ambient_c[step])
         policy_input = PolicyInput(
             state=state,
             demand_kw=served_kw,
@@ -108,33 +122,29 @@ class ClosedLoop:
         decision = self._decide(policy_input, total_kw)
         request_kw = self._set_points(policy_input, decision)
         decided = time.perf_counter()
-        flows = self._plant.step(
-            request_kw,
-            step_s=float(inputs.grid.step_s),
-            ambient_c=ambient_c,
-            reactive_kvar=self._reactive(policy_input, decision, request_kw),
+        shares_kvar = self._reactive(policy_input, decision, request_kw)
+        flows = self._plant.run(
+            request_kw[None],
+            float(inputs.grid.step_s),
+            ambient_c=inputs.ambient_c[step : step + 1],
+            nodes="node_temperature_c" in self._flows,
+            reactive_kvar=None if shares_kvar is None else shares_kvar[None],
         )
         self.policy_s += decided - began
         self.plant_s += time.perf_counter() - decided
-        self._delivered_kw = float(flows.delivered_kw.sum())
-        beside = {} if asked_kvar is None else {"reactive_demand_kvar": asked_kvar[0]}
-        record = self._recorded(
-            step,
-            demand_kw,
-            float(served_kw[0]),
-            request_kw,
-            _solver_record(decision.solver),
-            beside | inputs.demand.planned(step),
+        record, log = self._recorded(
+            ahead_kw[:1],
+            served_kw[:1],
+            request_kw[None],
+            decision.solver,
             flows,
-            state.soh_capacity,
+            state,
             in_service,
+            None if asked_kvar is None else asked_kvar[:1],
         )
         if inputs.installations.any:
-            record["investment_eur"] = investment_eur
-        inputs.installations.count_ended(in_service, flows.soh_capacity)
-        start = str(np.datetime64(inputs.grid.start_s + step * inputs.grid.step_s, "s"))
-        log = self._logged(step, start, decision.solver, record["unmet_kw"])
-        self.step += 1
+            record["investment_eur"] = investment_eur[None]
+        inputs.installations.count_ended(in_service, flows.soh_capacity[0])
         return record, log
 
     @property
@@ -149,31 +159,11 @@ class ClosedLoop:
             and "node_temperature_c" not in self._flows
         )
 
-    def advance_part(
-        self, most: int, is_over: Callable[[int], bool] = lambda step: False
-    ) -> tuple[dict[str, NDArray[Any]], list[dict[str, Any]]]:
-        """Run up to ``most`` steps, at least one, until ``is_over(step)``; see :meth:`advance_block`."""
-        parts: list[dict[str, Any]] = []
-        log: list[dict[str, Any]] = []
-        last = min(self.step + most, self.inputs.grid.n_steps)
-        whole = False
-        while not whole:
-            part, lines = self.advance_block(last - self.step) if self.in_blocks else self.advance()
-            parts.append(part)
-            log += lines
-            whole = is_over(self.step) or self.step == last
-        join = np.concatenate if self.in_blocks else _stacked
-        return {name: join([part[name] for part in parts]) for name in parts[0]}, log
-
-    def advance_block(self, most: int) -> tuple[dict[str, NDArray[Any]], list[dict[str, Any]]]:
+    def advance_block(self, most: int) -> tuple[Record, list[dict[str, Any]]]:
         """Run up to ``most`` control steps in one call of the core; only where :attr:`in_blocks`.
 
-        A policy without controller decides step by step; steps that it skips run together.
-
-        Returns
-        -------
-        record, log
-            As for :meth:`advance`, with the steps along the first axis of the record.
+        A policy without controller decides step by step; steps that it skips run together. Returns as
+        :meth:`advance`.
 
         Raises
         ------
@@ -202,8 +192,7 @@ class ClosedLoop:
             # After each skipped block a longer one is likely: fewer calls, and few rows that are not used.
             self._skipped_steps = 2 * most if n_steps == most else SKIPPED_STEPS
             if n_steps == 0:
-                record, log = self.advance(ahead_kw[0], state)
-                return {name: np.asarray(value)[None] for name, value in record.items()}, log
+                return self.advance(ahead_kw[0], state)
             ahead_kw, served_kw, total_kw = ahead_kw[:n_steps], served_kw[:n_steps], total_kw[:n_steps]
         steps = slice(first, first + n_steps)
         limit_kw, ambient_c = inputs.limit_kw[steps], inputs.ambient_c[steps]
@@ -222,74 +211,66 @@ class ClosedLoop:
         missed_kw = np.abs(request_kw.sum(axis=1) - served_kw[:, 0])
         if (missed_kw > self._slack_kw(total_kw[:, 0])).any():
             raise BessError(f"{self._place}: set-points do not sum to the demand; please report this")
-        planned = [demand.planned(step) for step in range(first, first + n_steps)]
         for step in range(1, n_steps):
             demand.measured(first + step, flows.soc[step - 1], flows.soh_capacity[step - 1])
-        solver = SolverReport()
-        record = self._recorded(
-            steps,
-            ahead_kw[:, 0],
-            served_kw[:, 0],
-            request_kw,
-            {name: np.full(n_steps, value) for name, value in _solver_record(solver).items()},
-            {name: np.array([row[name] for row in planned]) for name in planned[0]},
-            flows,
-            np.concatenate([state.soh_capacity[None], flows.soh_capacity[:-1]]),
-            np.ones_like(limit_kw, dtype=np.bool_),
+        in_service = np.ones(request_kw.shape[1], dtype=np.bool_)
+        return self._recorded(
+            ahead_kw[:, 0], served_kw[:, 0], request_kw, SolverReport(), flows, state, in_service
         )
-        starts_s = inputs.grid.start_s + np.arange(first, first + n_steps) * inputs.grid.step_s
-        times = np.datetime_as_string(starts_s.astype("datetime64[s]"))
-        log = [
-            line
-            for index, (start, unmet_kw) in enumerate(zip(times, record["unmet_kw"].tolist(), strict=True))
-            for line in self._logged(first + index, str(start), solver, unmet_kw)
-        ]
-        self._delivered_kw = float(flows.delivered_kw[-1].sum())
-        self.step += n_steps
-        return record, log
 
     def _recorded(
         self,
-        at: int | slice,
-        demand_kw: ArrayLike,
-        served_kw: ArrayLike,
+        demand_kw: Array,
+        served_kw: Array,
         request_kw: Array,
-        solver: Mapping[str, Any],
-        beside: Mapping[str, Any],
+        solver: SolverReport,
         flows: Flows,
-        soh_capacity: Array,
+        state: State,
         in_service: NDArray[np.bool_],
-    ) -> dict[str, Any]:
-        """Record variables of a step, or of several steps along the first axis."""
-        inputs = self.inputs
-        record: dict[str, Any] = {
+        reactive_demand_kvar: Array | None = None,
+    ) -> tuple[Record, list[dict[str, Any]]]:
+        """Record and log of the steps of ``flows``, which began at ``state``; the next step follows them."""
+        inputs, first, n_steps = self.inputs, self.step, len(request_kw)
+        steps = slice(first, first + n_steps)
+        planned = [inputs.demand.planned(step) for step in range(first, first + n_steps)]
+        record: Record = {
             "demand_kw": demand_kw,
-            "unmet_kw": np.abs(np.subtract(demand_kw, served_kw)),
-            "ambient_c": inputs.ambient_c[at],
+            "unmet_kw": np.abs(demand_kw - served_kw),
+            "ambient_c": inputs.ambient_c[steps],
             "request_kw": request_kw,
-            **solver,
+            "solver_status": np.full(n_steps, solver.status),
+            "solver_gap": np.full(n_steps, solver.gap),
+            "solver_search_gap": np.full(n_steps, solver.search_gap),
+            "solver_nodes": np.full(n_steps, solver.nodes),
+            "fallback": np.full(n_steps, int(solver.fallback)),
         }
         if inputs.price_eur_mwh is not None:
-            record["price_eur_mwh"] = inputs.price_eur_mwh[at]
-        record |= beside
-        record |= {name: values[at] for name, values in inputs.series.items()}
+            record["price_eur_mwh"] = inputs.price_eur_mwh[steps]
+        if reactive_demand_kvar is not None:
+            record["reactive_demand_kvar"] = reactive_demand_kvar
+        record |= {name: np.array([row[name] for row in planned]) for name in planned[0]}
+        record |= {name: values[steps] for name, values in inputs.series.items()}
         record |= {name: getattr(flows, name) for name in self._flows}
         discharged_kwh = np.maximum(flows.delivered_kw, 0.0) * inputs.grid.dt_h
+        soh_capacity = np.concatenate([state.soh_capacity[None], flows.soh_capacity[:-1]])
         lost = np.where(in_service, soh_capacity - flows.soh_capacity, 0.0)
         record["wear_eur"] = self._prices.cost_eur(lost, discharged_kwh)
         if self._ages:
             limit = self._prices.end_of_life
             reached = in_service & (soh_capacity > limit) & (flows.soh_capacity <= limit)
             record["end_of_life"] = reached.astype(np.int32)
-        return record
+        log = list(self._logged(solver, record["unmet_kw"]))
+        self._delivered_kw = float(flows.delivered_kw[-1].sum())
+        self.step += n_steps
+        return record, log
 
-    def _logged(self, step: int, start: str, solver: SolverReport, unmet_kw: float) -> list[dict[str, Any]]:
-        """Log line of a step, if any; ``start`` is its time in UTC."""
-        solved = solver.status != NO_OPTIMISATION or solver.solve_time_s > 0.0
-        if not (solved or solver.fallback or unmet_kw > 0.0):
-            return []
-        return [
-            {
+    def _logged(self, solver: SolverReport, unmet_kw: Array) -> Iterator[dict[str, Any]]:
+        """Log lines of steps from the present one on."""
+        solved = solver.status != NO_OPTIMISATION or solver.solve_time_s > 0.0 or solver.fallback
+        for index in np.flatnonzero((unmet_kw > 0.0) | solved).tolist():
+            step = self.step + index
+            start = np.datetime64(self.inputs.grid.start_s + step * self.inputs.grid.step_s, "s")
+            yield {
                 "step": step,
                 "time": f"{start}Z",
                 "status": self.policy.statuses[solver.status],
@@ -297,10 +278,9 @@ class ClosedLoop:
                 "search_gap": solver.search_gap,
                 "nodes": solver.nodes,
                 "fallback": solver.fallback,
-                "unmet_kw": float(unmet_kw),
+                "unmet_kw": float(unmet_kw[index]),
                 "solve_time_s": solver.solve_time_s,
             }
-        ]
 
     def checkpoint(self) -> dict[str, Any]:
         """Return the state that the next step depends on."""
@@ -404,23 +384,6 @@ class ClosedLoop:
 def _rounding_kw(total_kw: ArrayLike) -> Array:
     """Tolerance between two powers that should be equal [kW]."""
     return np.asarray(_TOLERANCE * np.maximum(1.0, total_kw))
-
-
-def _solver_record(solver: SolverReport) -> dict[str, float]:
-    """Record variables of a policy's answer."""
-    return {
-        "solver_status": solver.status,
-        "solver_gap": solver.gap,
-        "solver_search_gap": solver.search_gap,
-        "solver_nodes": solver.nodes,
-        "fallback": int(solver.fallback),
-    }
-
-
-def _stacked(values: list[Any]) -> NDArray[Any]:
-    """Stack the values of the steps along a new first axis."""
-    shape = np.shape(values[0])
-    return np.concatenate(values).reshape(-1, *shape) if shape else np.array(values)
 
 
 def _ahead(values: Array, step: int, n_steps: int) -> Array:

@@ -20,7 +20,7 @@ from bess.simulation.analysis.kpis import kpis, solve_time_kpis
 from bess.simulation.closed_loop import ClosedLoop, check_finite
 from bess.simulation.inputs import Inputs, prepare
 from bess.simulation.progress import reporting, stop_requests
-from bess.simulation.record.dataset import describe_frame, frame_of, write_netcdf
+from bess.simulation.record.dataset import describe_frame, write_netcdf
 from bess.simulation.record.files import (
     TEMPORARY,
     make_folder,
@@ -248,7 +248,7 @@ def _save(
 
 def _assemble(directory: Path, identity: Identity) -> None:
     with replacing(directory / RESULTS) as temporary:
-        write_netcdf(temporary, frame_of(identity), records(directory))
+        write_netcdf(temporary, identity["frame"], records(directory))
         final = {name: directory / name for name in (IDENTITY, "study.toml", LOG)} | {RESULTS: temporary}
         write_checksums(directory, {name: sha256(path) for name, path in final.items()})
 

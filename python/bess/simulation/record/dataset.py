@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from bess import __version__
 from bess.control.wear import WearPrices
 from bess.plant import Flows, Limit
-from bess.simulation.record.provenance import Identity
 from bess.simulation.record.store import Record
 from bess.study.grid import TimeGrid
 from bess.study.study import Study
@@ -139,30 +138,15 @@ _CHUNK_STEPS = 960
 _BATCH_BYTES = 8_000_000
 _BOOK_KEEPING_BYTES = 1 << 18
 _ZEROS = bytes(1 << 20)
-_EPOCH = np.datetime64("1970-01-01T00:00:00", "s")
 
 
-@dataclass(frozen=True)
-class DatasetSpec:
-    """Coordinates and attributes that turn a record into a dataset.
-
-    Attributes
-    ----------
-    time : ndarray of datetime64[s], shape (n_steps,)
-        Start of each step, UTC.
-    attrs : dict
-        Attributes of the dataset.
-    variable_attrs : dict
-        Attributes of single variables, in addition to units and long name.
-    """
-
-    time: NDArray[np.datetime64]
-    attrs: Mapping[str, Any]
-    variable_attrs: Mapping[str, Mapping[str, Any]]
-
-
-def write_netcdf(path: Path, frame: DatasetSpec, records: Iterator[tuple[int, Record]]) -> None:
+def write_netcdf(
+    path: Path, frame: Mapping[str, Any], records: Iterator[tuple[int, Record]], n_steps: int | None = None
+) -> None:
     """Write ``records`` (first step and arrays of consecutive steps) one after the other.
+
+    ``frame`` is that of :func:`describe_frame`; ``n_steps`` is the number of its steps that are written, by
+    default all.
 
     Raises
     ------
@@ -173,19 +157,24 @@ def write_netcdf(path: Path, frame: DatasetSpec, records: Iterator[tuple[int, Re
 
     batches = _batches(records)
     first_batch = next(batches)
-    n_steps = frame.time.size
+    n_steps = frame["n_steps"] if n_steps is None else n_steps
+    more_attrs = {
+        "limits": _flags("flag_masks", frame["limit_flags"]),
+        "solver_status": _flags("flag_values", frame["statuses"]),
+    }
     # HDF5 crashes the process if a write fails, so the disk space is checked first.
     _try_size(path, _largest_size(first_batch[1], n_steps))
     with h5netcdf.File(path, "w") as file:
-        file.attrs.update(dict(frame.attrs))
+        attrs = frame["attrs"].items()
+        file.attrs.update({key: np.array(each) if isinstance(each, list) else each for key, each in attrs})
         file.dimensions = {"time": n_steps}
         time = file.create_variable("time", ("time",), np.int64)
         time.attrs.update({"units": "seconds since 1970-01-01", "calendar": "proleptic_gregorian"})
         time.attrs.update({"long_name": "start of the step (UTC)"})
-        time[:] = (frame.time - _EPOCH).astype(np.int64)
+        time[:] = frame["start_s"] + frame["step_s"] * np.arange(n_steps)
         # Looked up once, because every look-up in the file reopens the variable.
         variables = {
-            name: _create(file, name, values, n_steps, frame.variable_attrs.get(name, {}))
+            name: _create(file, name, values, n_steps, more_attrs.get(name, {}))
             for name, values in first_batch[1].items()
         }
         for first, record in itertools.chain([first_batch], batches):
@@ -277,24 +266,6 @@ def with_initial(dataset: xr.Dataset, variable: str) -> NDArray[np.float64]:
     """Return the state at the start and at the end of every step, shape ``(n_steps + 1, n_strings)``."""
     initial = np.atleast_1d(np.asarray(dataset.attrs[f"initial_{variable}"], dtype=np.float64))
     return np.concatenate([initial[None, :], dataset[variable].values])
-
-
-def frame_of(identity: Identity, n_steps: int | None = None) -> DatasetSpec:
-    """Return the coordinates and attributes of a run, or of its first ``n_steps``."""
-    frame = identity["frame"]
-    count = frame["n_steps"] if n_steps is None else n_steps
-    time = (frame["start_s"] + frame["step_s"] * np.arange(count)).astype("datetime64[s]")
-    attrs = {
-        key: np.array(value) if isinstance(value, list) else value for key, value in frame["attrs"].items()
-    }
-    return DatasetSpec(
-        time=time,
-        attrs=attrs,
-        variable_attrs={
-            "limits": _flags("flag_masks", frame["limit_flags"]),
-            "solver_status": _flags("flag_values", frame["statuses"]),
-        },
-    )
 
 
 def _flags(key: str, meanings: Mapping[str, str]) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from bess.display import as_table, one_line
 from bess.errors import InputError, option
 from bess.optional_dependencies import extra
-from bess.simulation.record.dataset import frame_of, write_netcdf
+from bess.simulation.record.dataset import write_netcdf
 from bess.simulation.record.files import check_file
 from bess.simulation.record.provenance import IDENTITY, read_identity
 from bess.simulation.record.store import parts, records
@@ -100,7 +100,7 @@ def open_result(directory: str | Path) -> xr.Dataset:
     n_steps = saved[-1].first_step + len(saved[-1].record()["demand_kw"])
     with tempfile.TemporaryDirectory(prefix="bess-") as scratch:
         path = Path(scratch) / RESULTS
-        write_netcdf(path, frame_of(identity, n_steps), records(directory))
+        write_netcdf(path, identity["frame"], records(directory), n_steps)
         with open_netcdf(path) as dataset:
             return dataset.load()
 

@@ -147,52 +147,37 @@ class Lock:
         self._lock.release()
 
 
-_TREE = "tree"
-_TABLE, _LIST, _ARRAY, _BYTES, _VALUE = "table", "list", "array", "bytes", "value"
-
-Arrays = Mapping[str, NDArray[Any]]
+_TREE, _ARRAY, _BYTES = "tree", "\0array", "\0bytes"
 
 
-def pack(document: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+def pack(document: Mapping[str, Any]) -> Record:
     """Flatten ``document``; its leaves are JSON values, ``bytes`` or arrays.
 
-    The tree is stored as JSON with nodes ``[kind, content]``.
+    The tree is stored as JSON, in which a table with one key stands for an array.
     """
-    arrays: dict[str, NDArray[Any]] = {}
-    tree = json.dumps(_encoded(document, arrays))
+    arrays: Record = {}
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, np.generic | Mapping):
+            return value.item() if isinstance(value, np.generic) else dict(value)
+        name, is_bytes = f"array{len(arrays)}", isinstance(value, bytes)
+        arrays[name] = np.frombuffer(value, dtype=np.uint8) if is_bytes else np.asarray(value)
+        return {_BYTES if is_bytes else _ARRAY: name}
+
+    tree = json.dumps(document, default=plain)
     return {_TREE: np.frombuffer(tree.encode(), dtype=np.uint8), **arrays}
 
 
-def unpack(arrays: Arrays) -> dict[str, Any]:
+def unpack(arrays: Record) -> dict[str, Any]:
     """Inverse of :func:`pack`; tuples become lists."""
-    document: dict[str, Any] = _decoded(json.loads(arrays[_TREE].tobytes()), arrays)
+
+    def restored(table: dict[str, Any]) -> Any:
+        if _ARRAY in table:
+            return arrays[table[_ARRAY]]
+        return arrays[table[_BYTES]].tobytes() if _BYTES in table else table
+
+    document: dict[str, Any] = json.loads(arrays[_TREE].tobytes(), object_hook=restored)
     return document
-
-
-def _encoded(value: Any, arrays: dict[str, NDArray[Any]]) -> list[Any]:
-    name = f"array{len(arrays)}"
-    if isinstance(value, np.ndarray):
-        arrays[name] = value
-        return [_ARRAY, name]
-    if isinstance(value, bytes):
-        arrays[name] = np.frombuffer(value, dtype=np.uint8)
-        return [_BYTES, name]
-    if isinstance(value, Mapping):
-        return [_TABLE, {key: _encoded(entry, arrays) for key, entry in value.items()}]
-    if isinstance(value, list | tuple):
-        return [_LIST, [_encoded(entry, arrays) for entry in value]]
-    return [_VALUE, value.item() if isinstance(value, np.generic) else value]
-
-
-def _decoded(node: list[Any], arrays: Arrays) -> Any:
-    kind, content = node
-    if kind == _TABLE:
-        return {key: _decoded(entry, arrays) for key, entry in content.items()}
-    if kind == _LIST:
-        return [_decoded(entry, arrays) for entry in content]
-    if kind == _ARRAY:
-        return arrays[content]
-    return arrays[content].tobytes() if kind == _BYTES else content
 
 
 LOG = "log.jsonl"

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +35,6 @@ class PlantConstants:
         """Collect the constants."""
         strings = system.strings
         _, battery_kw = system.control_at(system.initial_state()).nominal_loss_kw()
-        tables = [string.model_dump(exclude={"site"}) for string in strings]
         largest = np.array([max(*s.inverter.loss_charge, *s.inverter.loss_discharge) for s in strings])
         k1 = np.array([s.thermal.lumped.k1_k_per_j for s in strings])
         k2 = np.array([s.thermal.lumped.k2_per_s for s in strings])
@@ -47,7 +45,7 @@ class PlantConstants:
             battery_kw=battery_kw,
             keep=1.0 - k2 * seconds,
             kelvin_per_kw=k1 * seconds * WATTS_PER_KW,
-            alike=np.array([a == b for a, b in pairwise(tables)], dtype=bool),
+            alike=np.diff(system.kinds) == 0,
         )
 
     def at(self, state: State) -> PlantConstants:
