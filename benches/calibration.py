@@ -16,7 +16,6 @@ import numpy as np
 import bess
 from bess.arrays import Array
 from bess.control.policies import Settings, build_policy
-from bess.control.split.settings import SplitSettings
 from bess.edge.plant_io import Measurements
 from bess.edge.serve.controller import Controller
 from bess.study.sections import ServiceSection
@@ -34,7 +33,7 @@ def run(demand_kw: Array, start: int | None = None, *, planned: bool = False) ->
     """Cost of four days [kWh], and the cost by the plan."""
     system = bess.System.reference(n_strings=2)
     service = ServiceSection(control_step_s=STEP_S, calibration_days=10.0 if planned else None)
-    policy = build_policy("soc", system, Settings(0.25, DAY, SplitSettings(), plans=True))
+    policy = build_policy("soc", system, Settings(0.25, DAY))
     live = Controller(system, policy, service, DAY, background=False)
     plant = bess.Plant(system, system.initial_state())
     live.calibration.full_s = np.array([-9.0 * 86_400.0, 1e9])  # the first string is due after a day

@@ -20,8 +20,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 import bess
-from bess.control.policies import PolicyInput, Settings, build_policy
-from bess.control.split.settings import SplitSettings
+from bess.control.policies import PolicyInput, PolicySection, Settings, build_policy
 
 DT_H = 0.25
 MEASURED_UNITS = {"batt1": 0, "batt10": 9}  # name in the data: index in the system
@@ -56,7 +55,7 @@ class Replay:
 def replay(policy_name: str, demand_kw: Array, *, horizon_steps: int = 4) -> Replay:
     """Run the bundled system ``m5bat`` through the day; the forecast is perfect."""
     system = bess.load_system("m5bat")
-    policy = build_policy(policy_name, system, Settings(DT_H, horizon_steps, SplitSettings(node_limit=20)))
+    policy = build_policy(policy_name, system, Settings(DT_H, horizon_steps, PolicySection(node_limit=20)))
     plant = bess.Plant(system, system.initial_state())
     requests, flows, fallbacks = [], [], 0
     begin = time.perf_counter()

@@ -22,10 +22,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 import bess
-from bess.control.policies import Policy, PolicyInput, Settings, build_policy
+from bess.control.policies import Policy, PolicyInput, PolicySection, Settings, build_policy
 from bess.control.policies.rule import water_fill
 from bess.control.split.objectives import Objectives
-from bess.control.split.settings import SplitSettings
 from bess.edge.plant_io import Measurements
 from bess.edge.serve.controller import Controller
 from bess.study.sections import ServiceSection
@@ -87,8 +86,8 @@ def carried(system: bess.System, demand_kw: Array, step_s: float, decide: Decide
 
 def planner(system: bess.System) -> Policy:
     """Plans of a day in quarter hours."""
-    energy = SplitSettings(objectives=Objectives.energy())
-    return build_policy("mpc", system, Settings(PLAN_S / 3600.0, PLAN_STEPS, energy, plans=True))
+    plan = PolicySection(mode="plan", objectives=Objectives.energy())
+    return build_policy("mpc", system, Settings(PLAN_S / 3600.0, PLAN_STEPS, plan))
 
 
 def quarter_hours(system: bess.System, means_kw: Array) -> Day:

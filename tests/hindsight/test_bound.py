@@ -127,8 +127,8 @@ def test_the_bound_of_a_program_holds_however_badly_it_was_solved(monkeypatch: p
 
     def program() -> Program:
         built = Program()
-        a = built.variables((1,), 0.6, -2.0)
-        b = built.variables((1,), 3.0, -1.0)
+        a = built.add(1, upper=0.6, cost=-2.0)
+        b = built.add(1, upper=3.0, cost=-1.0)
         built.at_most(np.ones(1), (a, 1.0), (b, 1.0))
         return built
 

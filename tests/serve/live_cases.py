@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import bess
-from bess.control.policies import Settings, build_policy
+from bess.control.policies import PolicySection, Settings, build_policy
 from bess.control.split.objectives import Objectives
-from bess.control.split.settings import SplitSettings
 from bess.edge.plant_io import Measurements
 from bess.edge.serve.controller import Controller
 from bess.study.sections import ServiceSection
@@ -26,7 +25,8 @@ def controller(
 ) -> Controller:
     """A controller that plans two hours ahead, in the thread of the caller."""
     plant = bess.System.reference(n_strings) if system is None else system
-    settings = Settings(0.25, PLAN_STEPS, SplitSettings(objectives=Objectives.energy()), plans=True)
+    plan = PolicySection(mode="plan", objectives=Objectives.energy())
+    settings = Settings(0.25, PLAN_STEPS, plan)
     chosen = build_policy(policy, plant, settings)
     return Controller(plant, chosen, ServiceSection(**service), PLAN_STEPS, background=False)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import bess
-from bess.control.policies import Settings, build_policy
+from bess.control.policies import PolicySection, Settings, build_policy
 from bess.control.split.settings import SplitSettings
 
 SYSTEM = bess.System.reference(n_strings=2)
@@ -16,7 +16,7 @@ def test_defaults_are_the_same_from_a_study_from_python_and_for_a_policy():
     study = bess.load_study("case1").policy
     assert {name: getattr(study, name) for name in SplitSettings.model_fields} == dict(defaults)
     assert bess.PowerSplit(SYSTEM, 2).settings == defaults
-    assert Settings().split == defaults
+    assert Settings().policy == PolicySection(**dict(defaults))
     assert defaults.objectives == bess.Objectives() == bess.Objectives.paper()
 
 
@@ -24,7 +24,7 @@ def test_defaults_are_the_same_from_a_study_from_python_and_for_a_policy():
     ("limits", "node_limit"), [({}, 1), ({"node_limit": 30}, 30), ({"time_limit_s": 2.0}, None)]
 )
 def test_a_closed_loop_solves_the_roots_only_unless_a_limit_is_set(limits, node_limit):
-    splitter = build_policy("mpc", SYSTEM, Settings(0.25, 2, SplitSettings(**limits)))._splitter
+    splitter = build_policy("mpc", SYSTEM, Settings(0.25, 2, PolicySection(**limits)))._splitter
     assert splitter.settings.node_limit == node_limit
     if not limits:
         split = splitter(bess.State([0.02, 0.05], [30.0, 30.0]), [80.0, 60.0])

@@ -88,8 +88,7 @@ class Aggregate:
         self._health = health
         self._model = system.control_at(health)
         batteries = [string.battery for string in system.strings]
-        self.soc_min = np.array([battery.soc_min for battery in batteries])
-        self.soc_max = np.array([battery.soc_max for battery in batteries])
+        self.soc_min, self.soc_max = system.soc_window
         self._energy = StringEnergy(system, health.soh_capacity)
         self.string_energy_kwh = self._energy.kwh(self.soc_max)
         self.capacity_kwh = float(self.string_energy_kwh.sum())

@@ -287,8 +287,8 @@ class Arbitrage:
             charged, discharged = 0.5 * hours, 0.5 * hours
         program.at_most(
             np.minimum(max_kwh, remaining_kwh) / self.power_kw,
-            (row, program.charge, charged),
-            (row, program.discharge, discharged),
+            (program.charge, charged, row),
+            (program.discharge, discharged, row),
         )
         return program
 

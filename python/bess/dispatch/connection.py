@@ -133,14 +133,12 @@ class GridConnection(Checkpointed):
 
         ``share`` scales the monthly price. The last columns are the increases of the peaks, by month.
         """
-        net, row, cost = net_kw / power_kw, np.arange(net_kw.size), weight * self._dt_h
+        net, cost = net_kw / power_kw, weight * self._dt_h
         max_import, max_export = self._max_import_kw / power_kw, self._max_export_kw / power_kw
         imported = program.add(
             net.size, cost=cost * self._import_fee_eur_mwh, upper=np.maximum(max_import, net)
         )
-        program.at_most(
-            -net, (row, program.charge, 1.0), (row, program.discharge, -1.0), (row, imported, -1.0)
-        )
+        program.at_most(-net, (program.charge, 1.0), (program.discharge, -1.0), (imported, -1.0))
         if np.isfinite(max_export):
             curtailed = program.add(
                 net.size,
@@ -149,16 +147,16 @@ class GridConnection(Checkpointed):
             )
             program.at_most(
                 max_export + net,
-                (row, program.discharge, 1.0),
-                (row, program.charge, -1.0),
-                (row, curtailed, -1.0),
+                (program.discharge, 1.0),
+                (program.charge, -1.0),
+                (curtailed, -1.0),
             )
         if self.tariff is not None:
             numbers, period = np.unique(month, return_inverse=True)
             known = np.zeros(numbers.size)
             known[0] = max(self._peak_kw, self._chosen_kw) / power_kw
             higher = program.add(numbers.size, cost=weight * KWH_PER_MWH * share * self.tariff.eur_kw)
-            program.at_most(known[period], (row, imported, 1.0), (row, higher[period], -1.0))
+            program.at_most(known[period], (imported, 1.0), (higher[period], -1.0))
 
     def raise_peak(self, higher_kw: float) -> None:
         """Raise the chosen peak of the month."""

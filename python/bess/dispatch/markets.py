@@ -177,7 +177,7 @@ def reserve_blocks(
         income = np.bincount(block, weight * dt_h * capacity_price_eur_mw_h[known])
         sold = program.add(income.size, cost=-income, upper=max_reserve_kw / planner.power_kw)
         for power in (program.charge, program.discharge):
-            program.at_most(np.ones(row.size), (row, power, 1.0), (row, sold[block], 1.0))
+            program.at_most(np.ones(row.size), (power, 1.0), (sold[block], 1.0))
         best = program.solve()
         reserve_kw[begin:end] = planner.power_kw * best.added[block][: end - begin]
         stored_kwh = planner.power_kw * float(best.stored[end - begin - 1])

@@ -125,16 +125,15 @@ def min_peak_kw(
             f"demand.load: the largest load less generation is {net_kw.max():g} kW, so there is no peak to "
             "shave; give a load, or demand.limit_kw"
         )
-    n = np.arange(net_kw.size)
     program = StoreProgram(
-        np.full(n.size, dt_h),
+        np.full(net_kw.size, dt_h),
         one_way_efficiency,
         stored_kwh,
         cost=(0.0, 0.0),
         max_power=(power_kw, power_kw),
         capacity=capacity_kwh,
     )
-    numbers, period = np.unique(np.broadcast_to(month, n.size), return_inverse=True)
+    numbers, period = np.unique(np.broadcast_to(month, net_kw.size), return_inverse=True)
     limit = program.add(numbers.size, cost=1.0)
-    program.at_most(-net_kw, (n, program.charge, 1.0), (n, program.discharge, -1.0), (n, limit[period], -1.0))
+    program.at_most(-net_kw, (program.charge, 1.0), (program.discharge, -1.0), (limit[period], -1.0))
     return np.asarray(program.solve().added[period])

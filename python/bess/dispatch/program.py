@@ -1,7 +1,9 @@
-"""The linear program of one store: its energy balance, and the rows and columns that a dispatch adds."""
+"""Linear programs by rows and columns, and that of one store: its energy balance, solved by HiGHS."""
+
+from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -10,10 +12,63 @@ from bess.arrays import Array
 from bess.dispatch.silence import stdout_to_stderr
 from bess.errors import BessError
 
+if TYPE_CHECKING:
+    from scipy import sparse
+
 _GAP: Final = 1e-4
 """Relative gap at which the search over binaries stops."""
 
 Columns = npt.NDArray[np.int64]
+
+
+class LinearProgram:
+    """Minimise ``cost @ x`` subject to ``rows @ x <= limits`` and bounds on ``x``; built incrementally."""
+
+    def __init__(self) -> None:
+        self._columns: list[Array] = []
+        self._cells: list[Array] = []
+        self._limits: list[Array] = []
+
+    def add(
+        self, shape: int | tuple[int, ...], *, cost: Any = 0.0, lower: Any = 0.0, upper: Any = np.inf
+    ) -> Columns:
+        """Add columns with their cost and bounds, and return their numbers in ``shape``."""
+        first = sum(each.shape[1] for each in self._columns)
+        columns = np.stack([np.broadcast_to(each, shape).ravel() for each in (cost, lower, upper)])
+        self._columns.append(columns)
+        return np.arange(first, first + columns.shape[1]).reshape(shape)
+
+    def at_most(self, limit: npt.ArrayLike, *terms: tuple[Columns, Any] | tuple[Columns, Any, Any]) -> None:
+        """Add rows: the sum of value x column over all terms is at most ``limit``.
+
+        A term is columns and values that broadcast to the shape of the limits; if its columns have one more
+        axis at the end, it is summed over this axis. Otherwise its third entry is the row (from 0) of each
+        column.
+        """
+        limits = np.asarray(limit, dtype=np.float64)
+        first = sum(each.size for each in self._limits)
+        own = np.arange(limits.size).reshape(limits.shape)
+        for columns, value, *given in terms:
+            row = given[0] if given else own if columns.ndim == own.ndim else own[..., None]
+            cell = np.broadcast_arrays(first + row, columns, value)
+            self._cells.append(np.stack([np.ravel(each) for each in cell]).astype(np.float64))
+        self._limits.append(limits.ravel())
+
+    def data(self) -> tuple[Array, Array, Array]:
+        """Return cost, lower and upper bound of the columns."""
+        cost, lower, upper = np.concatenate(self._columns, axis=1)
+        return cost, lower, upper
+
+    def rows(self) -> tuple[sparse.coo_array, Array]:
+        """Return the rows and their limits."""
+        # Loaded here, because it takes half a second that runs without a market do not need.
+        from scipy import sparse
+
+        row, column, value = np.concatenate([np.zeros((3, 0)), *self._cells], axis=1)
+        limits = np.concatenate([np.zeros(0), *self._limits])
+        cells = value, (row.astype(np.int64), column.astype(np.int64))
+        size = sum(each.shape[1] for each in self._columns)
+        return sparse.coo_array(cells, shape=(limits.size, size)), limits
 
 
 @dataclass(frozen=True)
@@ -40,7 +95,7 @@ class StoreSchedule:
     duals: Array
 
 
-class StoreProgram:
+class StoreProgram(LinearProgram):
     r"""Minimise the cost of a store's schedule.
 
     With charging :math:`c`, discharging :math:`d` (AC), stored energy :math:`e`, steps of :math:`T_t` hours
@@ -49,7 +104,7 @@ class StoreProgram:
     .. math:: \min \sum_t a_t c_t + b_t d_t + \dots\quad\text{s. t.}\quad
        e_t = e_{t-1} + \eta c_t T_t - d_t T_t / \eta .
 
-    Columns and rows are added to it (:meth:`add`, :meth:`at_most`). Energies have the
+    Further columns and rows are added to it (:meth:`add`, :meth:`at_most`). Energies have the
     unit of powers times 1 h; values near 1 suit the tolerance of the solver (1e-7).
 
     Parameters
@@ -76,10 +131,8 @@ class StoreProgram:
         max_power: tuple[Any, Any],
         capacity: float,
     ):
+        super().__init__()
         self._hours, self._one_way_efficiency, self._initial = hours, one_way_efficiency, initial
-        self._columns: list[Array] = []
-        self._cells: list[Array] = []
-        self._limits: list[Array] = []
         self._binaries = 0
         n = hours.size
         self.charge, self.discharge = (
@@ -87,31 +140,13 @@ class StoreProgram:
         )
         self.stored = self.add(n, lower=min(0.0, initial), upper=max(capacity, initial))
 
-    def add(self, count: int, *, cost: Any = 0.0, lower: Any = 0.0, upper: Any = np.inf) -> Columns:
-        """Add columns with their cost and bounds, and return their numbers."""
-        first = sum(each.shape[1] for each in self._columns)
-        self._columns.append(np.stack([np.broadcast_to(each, count) for each in (cost, lower, upper)]))
-        return np.arange(first, first + count)
-
-    def at_most(self, limit: npt.ArrayLike, *cells: tuple[Any, Any, Any]) -> None:
-        """Add rows: the sum of value times column, over the cells of each, is at most ``limit``.
-
-        A cell is a row (from 0), a column and a value, or arrays of them, broadcast against each other.
-        """
-        first = sum(each.size for each in self._limits)
-        for row, column, value in cells:
-            cell = np.broadcast_arrays(np.add(first, row), column, value)
-            self._cells.append(np.stack([np.ravel(each) for each in cell]).astype(np.float64))
-        self._limits.append(np.atleast_1d(np.asarray(limit, dtype=np.float64)))
-
     def forbid_both_directions(self, steps: npt.NDArray[np.int64]) -> None:
         """Let the store only charge or only discharge in each of these steps, by a binary."""
         max_charge, max_discharge = self._columns[0][2, steps], self._columns[1][2, steps]
-        row = np.arange(steps.size)
         charges = self.add(steps.size, upper=1.0)
         self._binaries += steps.size
-        self.at_most(0.0 * max_charge, (row, self.charge[steps], 1.0), (row, charges, -max_charge))
-        self.at_most(max_discharge, (row, self.discharge[steps], 1.0), (row, charges, max_discharge))
+        self.at_most(0.0 * max_charge, (self.charge[steps], 1.0), (charges, -max_charge))
+        self.at_most(max_discharge, (self.discharge[steps], 1.0), (charges, max_discharge))
 
     def solve(self) -> StoreSchedule:
         """Return an optimal schedule, the same for the same program.
@@ -121,11 +156,10 @@ class StoreProgram:
         BessError
             The program has no solution.
         """
-        # Loaded here, because it takes half a second that runs without a market do not need.
         from scipy import sparse
         from scipy.optimize import linprog
 
-        cost, lower, upper = np.concatenate(self._columns, axis=1)
+        cost, lower, upper = self.data()
         n, size = self._hours.size, cost.size
         length, change = sparse.diags_array(self._hours), sparse.eye_array(n) - sparse.eye_array(n, k=-1)
         balance = [
@@ -134,18 +168,14 @@ class StoreProgram:
             change,
             sparse.csr_array((n, size - 3 * n)),
         ]
-        rows = {}
-        if self._limits:
-            row, column, value = np.concatenate(self._cells, axis=1)
-            limits = np.concatenate(self._limits)
-            cells = value, (row.astype(np.int64), column.astype(np.int64))
-            rows = {"A_ub": sparse.csr_array(cells, shape=(limits.size, size)), "b_ub": limits}
+        rows, limits = self.rows()
         start = np.zeros(n)
         start[0] = self._initial
         with stdout_to_stderr():
             answer = linprog(  # type: ignore[call-overload]  # stubs know no sparse rows
                 cost,
-                **rows,
+                A_ub=rows.tocsr(),
+                b_ub=limits,
                 A_eq=sparse.hstack(balance, format="csr"),
                 b_eq=start,
                 bounds=np.column_stack([lower, upper]),
@@ -156,5 +186,5 @@ class StoreProgram:
         if answer.x is None:
             raise BessError(f"the dispatch program has no solution; HiGHS says: {answer.message}")
         charge, discharge, stored, added = np.split(np.asarray(answer.x), [n, 2 * n, 3 * n])
-        duals = -np.asarray(answer.ineqlin.marginals) if rows else np.zeros(0)
+        duals = -np.asarray(answer.ineqlin.marginals)
         return StoreSchedule(float(answer.fun), charge, discharge, stored, added, duals)

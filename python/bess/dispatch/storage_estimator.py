@@ -22,8 +22,7 @@ class StorageEstimator(Checkpointed):
     _carried = ("_charged_kwh", "_discharged_kwh", "_increase_kwh", "_stored_kwh")
 
     def __init__(self, system: System, efficiency: float):
-        self._soc_min = np.array([string.battery.soc_min for string in system.strings])
-        self._soc_max = np.array([string.battery.soc_max for string in system.strings])
+        self._soc_min, self._soc_max = system.soc_window
         self._nominal_kwh = system.nominal_energy_kwh
         fresh = State(np.full(system.n_strings, 0.5), np.full(system.n_strings, 25.0))
         self._energy = StringEnergy(system, fresh.soh_capacity)

@@ -133,14 +133,14 @@ def store_value(
         capacity=capacity,
     )
     burns = np.flatnonzero(price < 0.0)
-    row, later = np.arange(burns.size), burns > 0
+    later = burns > 0
     program.at_most(
         np.where(later, 0.0, initial),
-        (row, program.discharge[burns], dt_h / one_way),
-        (row[later], program.stored[burns[later] - 1], -1.0),
+        (program.discharge[burns], dt_h / one_way),
+        (program.stored[burns[later] - 1], -1.0, np.flatnonzero(later)),
     )
     if cycles is not None:
-        program.at_most(cycles * capacity, (0, program.charge, one_way * dt_h))
+        program.at_most(cycles * capacity, (program.charge, one_way * dt_h))
     best = program.solve()
     return StoreValue(
         net_eur=-best.cost * power_kw / KWH_PER_MWH,

@@ -86,15 +86,10 @@ def _check_reach(document: Mapping[str, Any], parameters: Mapping[str, Any], nam
 
 def policy_settings(study: Study, system: System) -> Settings:
     """Return the settings of the study's policy for its system."""
-    choice = study.policy
     return Settings(
         dt_h=system.control.step_min / 60.0,
-        horizon_steps=choice.steps_ahead(system.control),
-        split=choice,
-        plans=choice.plans,
-        rollouts=choice.rollouts,
-        model=choice.model,
+        horizon_steps=study.policy.steps_ahead(system.control),
+        policy=study.policy,
         terms=study.settlement,
-        file=choice.file,
         reactive=study.reactive is not None,
     )

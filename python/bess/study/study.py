@@ -12,6 +12,7 @@ from typing import Any, Self
 
 from pydantic import ValidationError, model_validator
 
+from bess.control.policies.settings import PolicySection
 from bess.display import as_table, one_line
 from bess.errors import InputError, nearest
 from bess.files import MissingFileError, missing, parse_toml
@@ -24,7 +25,6 @@ from bess.study.sections import (
     Event,
     Installation,
     OutputSection,
-    PolicySection,
     ReactiveSection,
     RunName,
     RunSection,

@@ -98,11 +98,10 @@ class System:
             raise InputError(f"{self.name}: {error}") from error
 
     def _identified(self) -> Lumped:
-        windows = [(s.battery.soc_min, s.battery.soc_max) for s in self.strings]
         nodes = np.array([s.thermal.spatial.nodes for s in self.strings])
         steps_s = (60.0 * self.control.step_min, self.control.plant_step_s)
         try:
-            return identify(self.core, np.mean(windows, axis=1), self.nominal_kw, nodes, steps_s)
+            return identify(self.core, np.mean(self.soc_window, axis=0), self.nominal_kw, nodes, steps_s)
         except ValueError as error:
             raise InputError(f"{self.name}: {error}") from error
 
@@ -150,6 +149,12 @@ class System:
     def nominal_kw(self) -> NDArray[np.float64]:
         """Nominal AC power of each inverter [kW], shape ``(n_strings,)``."""
         return np.array([s.inverter.nominal_kw for s in self.strings])
+
+    @cached_property
+    def soc_window(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lower and upper SOC limits, shape ``(n_strings,)`` each."""
+        batteries = [string.battery for string in self.strings]
+        return np.array([each.soc_min for each in batteries]), np.array([each.soc_max for each in batteries])
 
     @cached_property
     def capacity_ah(self) -> NDArray[np.float64]:

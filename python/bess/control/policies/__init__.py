@@ -7,7 +7,7 @@ an object passed to :func:`bess.run`.
 from bess.control.policies.adapters import as_policy
 from bess.control.policies.policy import NO_OPTIMISATION, Decision, Policy, PolicyInput, SolverReport
 from bess.control.policies.registry import POLICIES, build_policy, plug_ins
-from bess.control.policies.settings import Settings
+from bess.control.policies.settings import PolicySection, Settings
 
 __all__ = [
     "NO_OPTIMISATION",
@@ -15,6 +15,7 @@ __all__ = [
     "Decision",
     "Policy",
     "PolicyInput",
+    "PolicySection",
     "Settings",
     "SolverReport",
     "as_policy",

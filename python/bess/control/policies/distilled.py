@@ -38,7 +38,7 @@ class DistilledPolicy(Checkpointed):
 
 
 def build(system: System, settings: Settings) -> DistilledPolicy:
-    """Return the controller of ``settings.file``, which must have been distilled for this plant.
+    """Return the controller of ``policy.file``, which must have been distilled for this plant.
 
     Raises
     ------
@@ -47,13 +47,14 @@ def build(system: System, settings: Settings) -> DistilledPolicy:
         prediction horizon.
     """
     refuse_reactive('policy.name = "distilled"', "use mpc or a rule", requested=settings.reactive)
-    if settings.file is None:
+    file = settings.policy.file
+    if file is None:
         raise InputError(
             'policy.name = "distilled" needs policy.file, the policy.json that bess distil writes'
         )
-    controller = ExplicitController.read(settings.file)
+    controller = ExplicitController.read(file)
     tables = controller.tables
-    given = f"policy.file = {settings.file}: distilled for"
+    given = f"policy.file = {file}: distilled for"
     if tables.step_h != settings.dt_h:
         raise InputError(f"{given} steps of {tables.step_h:g} h, this study has steps of {settings.dt_h:g} h")
     if tables.steps != settings.horizon_steps:

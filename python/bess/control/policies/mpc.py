@@ -71,10 +71,10 @@ def build(system: System, settings: Settings) -> MpcPolicy | PlannedPolicy:
     The split is compiled for the system; importing the optimiser takes 1 to 2 s. Without a limit, each step
     solves the root of its tree only: further nodes raise the bound but rarely improve the split.
     """
-    chosen = settings.split
-    system = simplified(system, settings.model)
-    if settings.plans:
-        planner = Planner(system, settings.horizon_steps, settings.dt_h, rollouts=settings.rollouts)
+    chosen = settings.policy
+    system = simplified(system, chosen.model)
+    if chosen.plans:
+        planner = Planner(system, settings.horizon_steps, settings.dt_h, rollouts=chosen.rollouts)
         return PlannedPolicy(planner, chosen.objectives, settings.terms)
 
     refuse_reactive(

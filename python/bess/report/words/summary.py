@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from bess.control.policies.planned import PLANNED
+from bess.control.policies.settings import DEFAULT_FORESIGHT_H
 from bess.errors import by_reason
 from bess.report.contents import MOST_COMPARED
 from bess.report.data import step_h
@@ -18,7 +19,6 @@ from bess.simulation.analysis.catalogue import kpi
 from bess.simulation.analysis.services import unprovable
 from bess.simulation.analysis.settlement import COSTS, REVENUES
 from bess.simulation.record.provenance import leaves
-from bess.study.sections import DEFAULT_FORESIGHT_H
 
 _LEDGER_TOLERANCE_KWH = 1e-6
 _LEDGER_TOLERANCE = 1e-9

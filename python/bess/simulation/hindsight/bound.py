@@ -8,7 +8,7 @@ Every operation of the plant satisfies all rows at no lower cost; ``docs/hindsig
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import clarabel
 import numpy as np
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from bess.arrays import Array
+from bess.dispatch.program import LinearProgram
 from bess.errors import InputError
 from bess.plant import PlantEnsemble
 from bess.simulation.hindsight.relaxed_string import CHARGE, DISCHARGE, Law, Optimist, optimist
@@ -146,10 +147,9 @@ def lower_bound(
 def _alike(system: System, state: State, limit_kw: Array) -> list[list[int]]:
     """Strings with equal parameters, health and limits, represented by one set of variables."""
     groups: dict[tuple[object, ...], list[int]] = {}
-    for index, string in enumerate(system.strings):
-        about = string.model_dump_json(exclude={"site"})
+    for index, kind in enumerate(system.kinds):
         health = (state.soh_capacity[index], state.soh_resistance[index])
-        groups.setdefault((about, health, limit_kw[:, index].tobytes()), []).append(index)
+        groups.setdefault((kind, health, limit_kw[:, index].tobytes()), []).append(index)
     return list(groups.values())
 
 
@@ -197,20 +197,20 @@ def _group(
     max_x = np.where(discharging[:, None], full_kwh / (ratio * dt_h), asked_kw[:, None])
     max_h = np.where(discharging, max_x.sum(axis=1), asked_kw)
     spared = np.where(discharging, standby * hopes.standby_kw, 0.0)
-    x = program.variables((steps, levels), max_x)
-    e = program.variables((steps, levels), full_kwh)
-    o = program.variables((steps,), np.where(largest_kw > 0.0, count, 0.0), -spared * dt_h)
-    q = program.variables((steps,), count * hopes.hottest_k)
-    s = program.variables((steps,), count * _WARMEST_K)
-    p = program.variables((steps,), np.minimum(count * largest_kw, asked_kw), -undelivered * dt_h)
-    w = program.variables((steps,), count * hopes.nominal_kw, loss * dt_h)
-    h = program.variables((steps,), max_h, loss * dt_h)
+    x = program.add((steps, levels), upper=max_x)
+    e = program.add((steps, levels), upper=full_kwh)
+    o = program.add(steps, upper=np.where(largest_kw > 0.0, count, 0.0), cost=-spared * dt_h)
+    q = program.add(steps, upper=count * hopes.hottest_k)
+    s = program.add(steps, upper=count * _WARMEST_K)
+    p = program.add(steps, upper=np.minimum(count * largest_kw, asked_kw), cost=-undelivered * dt_h)
+    w = program.add(steps, upper=count * hopes.nominal_kw, cost=loss * dt_h)
+    h = program.add(steps, upper=max_h, cost=loss * dt_h)
     # Strings charged with less than their inverter loss take power without storing it, and warm slightly.
     burnt_kw, burnt_heat_kw = (np.where(discharging, 0.0, count * most) for most in hopes.burnt_kw)
-    burnt = program.variables((steps,), np.minimum(burnt_kw, asked_kw), (loss - undelivered) * dt_h)
+    burnt = program.add(steps, upper=np.minimum(burnt_kw, asked_kw), cost=(loss - undelivered) * dt_h)
     drained_kw = burnt_kw + burnt_heat_kw
-    y = program.variables((steps, levels), drained_kw[:, None], (loss * dt_h)[:, None])
-    n = program.variables((steps,), burnt_heat_kw)
+    y = program.add((steps, levels), upper=drained_kw[:, None], cost=(loss * dt_h)[:, None])
+    n = program.add(steps, upper=burnt_heat_kw)
     program.at_most(drained_kw, (y, 1.0))
     program.at_most(np.zeros(steps), (n, 1.0), (y, -1.0))
 
@@ -333,9 +333,8 @@ class Cooling:
             )
         nodes = np.array([string.thermal.spatial.nodes for string in system.strings])
         count = int(nodes.max())
-        middle = [0.5 * (s.battery.soc_min + s.battery.soc_max) for s in system.strings]
         ambient_c = 20.0
-        state = State(middle, np.full(system.n_strings, ambient_c))
+        state = State(np.mean(system.soc_window, axis=0), np.full(system.n_strings, ambient_c))
         fleet = PlantEnsemble(system, [state] * count, ambient_c=ambient_c)
         snapshot = fleet.snapshot()
         pulses_c = np.array(snapshot.node_temperature_c)
@@ -357,46 +356,8 @@ class Cooling:
         return cls(np.minimum(keeps * (1.0 + 1e-9), 1.0), np.maximum(takes, 0.0) + 1e-9, np.array(heats))
 
 
-Indices = NDArray[np.intp]
-
-
-@dataclass
-class Program:
-    """Minimise ``cost @ x`` subject to ``rows @ x <= most`` and ``0 <= x <= upper``; built incrementally."""
-
-    cost: list[Array] = field(default_factory=list)
-    upper: list[Array] = field(default_factory=list)
-    _size: int = 0
-    _count: int = 0
-    _row: list[Indices] = field(default_factory=list)
-    _column: list[Indices] = field(default_factory=list)
-    _value: list[Array] = field(default_factory=list)
-    _most: list[Array] = field(default_factory=list)
-
-    def variables(self, shape: tuple[int, ...], upper: ArrayLike, cost: ArrayLike = 0.0) -> Indices:
-        """Add variables in ``[0, upper]``; return their indices in ``shape``."""
-        count = int(np.prod(shape))
-        self.upper.append(np.broadcast_to(np.asarray(upper, dtype=np.float64), shape).ravel())
-        self.cost.append(np.broadcast_to(np.asarray(cost, dtype=np.float64), shape).ravel())
-        numbers = self._size + np.arange(count).reshape(shape)
-        self._size += count
-        return numbers
-
-    def at_most(self, most: ArrayLike, *terms: tuple[Indices, ArrayLike]) -> None:
-        """Add rows ``sum of factor * variable <= most``; all arrays broadcast to the shape of the rows.
-
-        A term whose variables have one more axis at the end is summed over it.
-        """
-        most = np.asarray(most, dtype=np.float64)
-        rows = self._count + np.arange(most.size).reshape(most.shape)
-        for numbers, factor in terms:
-            own = rows if numbers.ndim == rows.ndim else rows[..., None]
-            shape = np.broadcast_shapes(own.shape, numbers.shape)
-            self._row.append(np.broadcast_to(own, shape).ravel())
-            self._column.append(np.broadcast_to(numbers, shape).ravel())
-            self._value.append(np.broadcast_to(np.asarray(factor, dtype=np.float64), shape).ravel())
-        self._most.append(most.ravel())
-        self._count += most.size
+class Program(LinearProgram):
+    """A linear program with variables in ``[0, upper]`` and a lower bound on its optimum."""
 
     def lower_bound(self) -> float:
         """Return a lower bound on the optimum, valid for any accuracy of the solver.
@@ -404,27 +365,27 @@ class Program:
         For row multipliers ``y >= 0``, every feasible point costs at least
         ``-y @ most + sum_j min(0, (cost + y @ rows)_j upper_j)``.
         """
-        cost, upper, most = (np.concatenate(parts) for parts in (self.cost, self.upper, self._most))
-        cells = (np.concatenate(self._value), (np.concatenate(self._row), np.concatenate(self._column)))
-        rows = sparse.csc_array(cells, shape=(self._count, self._size))
-        unit = sparse.eye_array(self._size, format="csc")
+        cost, _, upper = self.data()
+        cells, most = self.rows()
+        rows, size = cells.tocsc(), cost.size
+        unit = sparse.eye_array(size, format="csc")
         every = sparse.csc_matrix(sparse.vstack([rows, unit, -unit], format="csc"))
-        limits = np.concatenate([most, upper, np.zeros(self._size)])
+        limits = np.concatenate([most, upper, np.zeros(size)])
         settings = clarabel.DefaultSettings()
         settings.verbose = False
         # The bound is valid for any multipliers; these make it tight.
         settings.tol_gap_rel = 1e-6
         settings.max_threads = 1
         answer = clarabel.DefaultSolver(
-            sparse.csc_matrix((self._size, self._size)),
+            sparse.csc_matrix((size, size)),
             cost,
             every,
             limits,
             [clarabel.NonnegativeConeT(limits.size)],
             settings,
         ).solve()
-        multiplier = np.maximum(np.array(answer.z)[: self._count], 0.0)
+        multiplier = np.maximum(np.array(answer.z)[: most.size], 0.0)
         if not np.isfinite(multiplier).all():
-            multiplier = np.zeros(self._count)
+            multiplier = np.zeros(most.size)
         reduced = cost + rows.T @ multiplier
         return float(np.minimum(reduced * upper, 0.0).sum() - multiplier @ most)

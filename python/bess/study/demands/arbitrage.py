@@ -33,7 +33,7 @@ from bess.dispatch.forecast import price_ends_of, steps_in
 from bess.dispatch.markets import AuctionForecast
 from bess.errors import InputError
 from bess.files import Fill
-from bess.study.demands.site import MeterSection, Site, site_of
+from bess.study.demands.site import MeterSection, site_of
 from bess.study.demands.source import (
     DemandSection,
     Efficiency,
@@ -168,197 +168,176 @@ class ArbitrageDemand(DemandSection):
                 f"{setting.name}: demand.prices is not set: name a price file (SMARD, Energy-Charts or "
                 "ENTSO-E export), such as demand.prices = FILE.csv"
             )
-        read = _read(self, file, self.product)
+        read = self._read(file, self.product)
         sampled = given = setting.series_of(read, file, key)
         grid = setting.grid_of(given)
         if self.repeat:
             sampled = SampledSeries.from_pandas(extended(read, grid.end), file, key)
         price = sampled.on(grid)
-        forecast = _price_forecast(self, setting, grid, sampled)
+        forecast = self._price_forecast(setting, grid, sampled)
         span = f"{price.min():.2f} / {price.mean():.2f} / {price.max():.2f} EUR/MWh"
         setting.note(f"prices: {file}, min / mean / max of the run {span}", given)
         connection, fee_eur_mwh = None, 0.0
         series: dict[str, Array] = {}
         if self.meter is not None:
             site = site_of(self.meter, setting, 0, grid)
-            connection, fee_eur_mwh = _connection(self, self.meter, site), self.meter.import_fee_eur_mwh
+            fee_eur_mwh = self.meter.import_fee_eur_mwh
+            connection = GridConnection(
+                site.forecast,
+                grid.dt_h,
+                max_import_kw=self.max_import_kw or np.inf,
+                max_export_kw=self.max_export_kw or np.inf,
+                import_fee_eur_mwh=fee_eur_mwh,
+                tariff=site.tariff,
+            )
             series = site.series | {"export_price_eur_mwh": price}
             if self.max_export_kw is not None:
                 series["export_limit_kw"] = np.full(grid.n_steps, self.max_export_kw)
         if self.market:
-            series = _auctions(self, file, setting, grid, price)
+            series = self._auctions(file, setting, grid, price)
             if self.forecast == "persistence":
                 days = calendar_days(grid.index, self.market_time_zone)
                 auction = series["auction_price_eur_mwh"][:, -1]
                 forecast = AuctionForecast(price, auction, days, grid.dt_h)
-        planner = _planner(self, setting, grid, forecast, connection)
-        size = _size(self, setting.system)
+        planner = self._planner(setting, grid, forecast, connection)
+        size = self._size(setting.system)
         budget = setting.budget_of(grid, forecast, size, self.efficiency, self.look_ahead_h)
         source = ArbitrageSource(planner, setting.system, budget, connection)
         return RunDemand(grid, source, price + fee_eur_mwh, series)
 
+    def _read(self, file: str, product: str | None, zone: str | None = None) -> pd.Series[float]:
+        from bess.market import read_prices
 
-def _read(
-    choice: ArbitrageDemand, file: str, product: str | None, *, zone: str | None = None
-) -> pd.Series[float]:
-    from bess.market import read_prices
+        return read_prices(file, zone or self.zone, product, time_zone=self.time_zone, fill=self.fill)
 
-    return read_prices(file, zone or choice.zone, product, time_zone=choice.time_zone, fill=choice.fill)
-
-
-def _auctions(
-    choice: ArbitrageDemand, last_file: str, setting: Setting, grid: TimeGrid, price: Array
-) -> dict[str, Array]:
-    """Positions and prices of the auctions before the last market, as recorded series."""
-
-    prices, steps = [], []
-    for number, market in enumerate(choice.market):
-        key, file = f"demand.market.{number}", market.prices or last_file
-        read = _read(choice, file, market.product)
-        prices.append(setting.series_of(read, file, f"{key}.prices").on(grid))
-        steps.append(steps_in(market.step_min / 60.0, grid.dt_h, f"{key}.step_min"))
-    planner = _linear(
-        choice,
-        setting.system,
-        grid,
-        PerfectForecast(price),
-        max_import_kw=choice.max_import_kw,
-        max_export_kw=choice.max_export_kw,
-        replan_h=grid.dt_h,
-    )
-    stored_kwh = StorageEstimator(setting.system, choice.efficiency).stored_kwh(
-        setting.system.initial_state()
-    )
-    position_kw = auction_positions(
-        [*prices, price],
-        planner,
-        product_steps=steps,
-        stored_kwh=min(_size(choice, setting.system)[1], stored_kwh),
-        foresight=choice.forecast == "perfect",
-    )
-    return {"position_kw": position_kw, "auction_price_eur_mwh": np.stack(prices, axis=1)}
-
-
-def _connection(choice: ArbitrageDemand, meter: TradeMeterSection, site: Site) -> GridConnection:
-    return GridConnection(
-        site.forecast,
-        site.grid.dt_h,
-        max_import_kw=choice.max_import_kw or np.inf,
-        max_export_kw=choice.max_export_kw or np.inf,
-        import_fee_eur_mwh=meter.import_fee_eur_mwh,
-        tariff=site.tariff,
-    )
-
-
-def _price_forecast(
-    choice: ArbitrageDemand, setting: Setting, grid: TimeGrid, series: SampledSeries
-) -> Forecast:
-    """Return the price forecast to the end of the run."""
-
-    if choice.forecast == "perfect":
-        return PerfectForecast(series.on(grid))
-    file = choice.forecast_prices
-    if file is None:
-        # Prices of the file before the run are known.
-        before = max(
-            0, min((grid.start_s - series.start_s) // grid.step_s, round(HISTORY_DAYS * 24 / grid.dt_h))
-        )
-        price = series.on(grid.earlier(before))
-        kind = PersistenceForecast if choice.forecast == "persistence" else BandForecast
-        return kind(price, grid.dt_h, price_ends=price_ends_of(price, grid.dt_h), first=before)
-
-    def forecast_of(zone: str) -> Array:
-        return setting.series_of(
-            _read(choice, file, choice.product, zone=zone), file, "demand.forecast_prices"
-        ).on(grid)
-
-    price = series.on(grid)
-    ends = price_ends_of(price, grid.dt_h)
-    if choice.forecast == "file":
-        return ExternalForecast(price, forecast_of(choice.zone), price_ends=ends)
-    bands = np.stack([forecast_of(zone) for zone in QUANTILE_COLUMNS])
-    return BandForecast(price, grid.dt_h, bands, price_ends=ends)
-
-
-def _planner(
-    choice: ArbitrageDemand,
-    setting: Setting,
-    grid: TimeGrid,
-    forecast: Forecast,
-    connection: GridConnection | None,
-) -> LinearPlanner | AwarePlanner:
-    if choice.plan == "linear":
-        arbitrage = _linear(
-            choice,
+    def _auctions(self, last_file: str, setting: Setting, grid: TimeGrid, price: Array) -> dict[str, Array]:
+        """Positions and prices of the auctions before the last market, as recorded series."""
+        prices, steps = [], []
+        for number, market in enumerate(self.market):
+            key, file = f"demand.market.{number}", market.prices or last_file
+            read = self._read(file, market.product)
+            prices.append(setting.series_of(read, file, f"{key}.prices").on(grid))
+            steps.append(steps_in(market.step_min / 60.0, grid.dt_h, f"{key}.step_min"))
+        planner = self._linear(
             setting.system,
             grid,
-            forecast,
-            cycles_per_plan=choice.cycles_per_plan,
-            max_import_kw=choice.max_import_kw if connection is None else None,
-            max_export_kw=choice.max_export_kw if connection is None else None,
-            replan_h=COMPARE_H if choice.replan_h is None else choice.replan_h,
-            connection=connection,
+            PerfectForecast(price),
+            max_import_kw=self.max_import_kw,
+            max_export_kw=self.max_export_kw,
+            replan_h=grid.dt_h,
         )
-        return LinearPlanner(arbitrage)
-    look_ahead = steps_in(choice.look_ahead_h, grid.dt_h, "demand.look_ahead_h")
-    replan = None
-    if choice.replan_h is not None:
-        replan = steps_in(choice.replan_h, grid.dt_h, "demand.replan_h")
-        if choice.replan_h > choice.look_ahead_h:
-            raise InputError(
-                f"demand.replan_h {choice.replan_h:g} h must not exceed "
-                f"demand.look_ahead_h {choice.look_ahead_h:g} h"
+        stored_kwh = StorageEstimator(setting.system, self.efficiency).stored_kwh(
+            setting.system.initial_state()
+        )
+        position_kw = auction_positions(
+            [*prices, price],
+            planner,
+            product_steps=steps,
+            stored_kwh=min(self._size(setting.system)[1], stored_kwh),
+            foresight=self.forecast == "perfect",
+        )
+        return {"position_kw": position_kw, "auction_price_eur_mwh": np.stack(prices, axis=1)}
+
+    def _price_forecast(self, setting: Setting, grid: TimeGrid, series: SampledSeries) -> Forecast:
+        """Return the price forecast to the end of the run."""
+        if self.forecast == "perfect":
+            return PerfectForecast(series.on(grid))
+        file = self.forecast_prices
+        if file is None:
+            # Prices of the file before the run are known.
+            before = max(
+                0, min((grid.start_s - series.start_s) // grid.step_s, round(HISTORY_DAYS * 24 / grid.dt_h))
             )
-    dispatch = DynamicProgramDispatch(
-        setting.system,
-        grid.dt_h,
-        setting.terms,
-        max_power_kw=choice.max_power_kw,
-        max_energy_kwh=choice.max_energy_kwh,
-        max_import_kw=choice.max_import_kw,
-        max_export_kw=choice.max_export_kw,
-        cycles_per_day=choice.cycles_per_day,
-        cycles_per_plan=choice.cycles_per_plan,
-        end_price_eur_mwh=choice.end_price_eur_mwh,
-    )
-    return AwarePlanner(
-        dispatch,
-        forecast,
-        calendar_days(grid.index, choice.market_time_zone),
-        bands=forecast if choice.forecast == "bands" and isinstance(forecast, BandForecast) else None,
-        look_ahead_steps=look_ahead,
-        replan_steps=replan,
-        compare_steps=max(1, round(COMPARE_H / grid.dt_h)),
-        longest_steps=min(MAX_PLAN_AGE_FRACTION * look_ahead, LONGEST_H / grid.dt_h),
-    )
+            price = series.on(grid.earlier(before))
+            kind = PersistenceForecast if self.forecast == "persistence" else BandForecast
+            return kind(price, grid.dt_h, price_ends=price_ends_of(price, grid.dt_h), first=before)
 
+        def forecast_of(zone: str) -> Array:
+            return setting.series_of(self._read(file, self.product, zone), file, "demand.forecast_prices").on(
+                grid
+            )
 
-def _linear(
-    choice: ArbitrageDemand, system: System, grid: TimeGrid, prices: Forecast, **more: Any
-) -> Arbitrage:
-    """Return the linear dispatch of the section; ``more`` are further arguments of it."""
-    power_kw, energy_kwh = _size(choice, system)
-    return Arbitrage(
-        prices,
-        calendar_days(grid.index, choice.market_time_zone),
-        power_kw=power_kw,
-        energy_kwh=energy_kwh,
-        efficiency=choice.efficiency,
-        cycles_per_day=choice.cycles_per_day,
-        look_ahead_h=choice.look_ahead_h,
-        dt_h=grid.dt_h,
-        **more,
-    )
+        price = series.on(grid)
+        ends = price_ends_of(price, grid.dt_h)
+        if self.forecast == "file":
+            return ExternalForecast(price, forecast_of(self.zone), price_ends=ends)
+        bands = np.stack([forecast_of(zone) for zone in QUANTILE_COLUMNS])
+        return BandForecast(price, grid.dt_h, bands, price_ends=ends)
 
+    def _planner(
+        self,
+        setting: Setting,
+        grid: TimeGrid,
+        forecast: Forecast,
+        connection: GridConnection | None,
+    ) -> LinearPlanner | AwarePlanner:
+        if self.plan == "linear":
+            arbitrage = self._linear(
+                setting.system,
+                grid,
+                forecast,
+                cycles_per_plan=self.cycles_per_plan,
+                max_import_kw=self.max_import_kw if connection is None else None,
+                max_export_kw=self.max_export_kw if connection is None else None,
+                replan_h=COMPARE_H if self.replan_h is None else self.replan_h,
+                connection=connection,
+            )
+            return LinearPlanner(arbitrage)
+        look_ahead = steps_in(self.look_ahead_h, grid.dt_h, "demand.look_ahead_h")
+        replan = None
+        if self.replan_h is not None:
+            replan = steps_in(self.replan_h, grid.dt_h, "demand.replan_h")
+            if self.replan_h > self.look_ahead_h:
+                raise InputError(
+                    f"demand.replan_h {self.replan_h:g} h must not exceed "
+                    f"demand.look_ahead_h {self.look_ahead_h:g} h"
+                )
+        dispatch = DynamicProgramDispatch(
+            setting.system,
+            grid.dt_h,
+            setting.terms,
+            max_power_kw=self.max_power_kw,
+            max_energy_kwh=self.max_energy_kwh,
+            max_import_kw=self.max_import_kw,
+            max_export_kw=self.max_export_kw,
+            cycles_per_day=self.cycles_per_day,
+            cycles_per_plan=self.cycles_per_plan,
+            end_price_eur_mwh=self.end_price_eur_mwh,
+        )
+        return AwarePlanner(
+            dispatch,
+            forecast,
+            calendar_days(grid.index, self.market_time_zone),
+            bands=forecast if self.forecast == "bands" and isinstance(forecast, BandForecast) else None,
+            look_ahead_steps=look_ahead,
+            replan_steps=replan,
+            compare_steps=max(1, round(COMPARE_H / grid.dt_h)),
+            longest_steps=min(MAX_PLAN_AGE_FRACTION * look_ahead, LONGEST_H / grid.dt_h),
+        )
 
-def _size(choice: ArbitrageDemand, system: System) -> tuple[float, float]:
-    """Return the power [kW] and energy [kWh] available for trading."""
-    window = np.array([string.battery.soc_max - string.battery.soc_min for string in system.strings])
-    energy_kwh = float((system.nominal_energy_kwh * window).sum())
-    power_kw = float(system.nominal_kw.sum())
-    return min(power_kw, choice.max_power_kw or power_kw), min(
-        energy_kwh, choice.max_energy_kwh or energy_kwh
-    )
+    def _linear(self, system: System, grid: TimeGrid, prices: Forecast, **more: Any) -> Arbitrage:
+        """Return the linear dispatch of the section; ``more`` are further arguments of it."""
+        power_kw, energy_kwh = self._size(system)
+        return Arbitrage(
+            prices,
+            calendar_days(grid.index, self.market_time_zone),
+            power_kw=power_kw,
+            energy_kwh=energy_kwh,
+            efficiency=self.efficiency,
+            cycles_per_day=self.cycles_per_day,
+            look_ahead_h=self.look_ahead_h,
+            dt_h=grid.dt_h,
+            **more,
+        )
+
+    def _size(self, system: System) -> tuple[float, float]:
+        """Return the power [kW] and energy [kWh] available for trading."""
+        low, high = system.soc_window
+        energy_kwh = float((system.nominal_energy_kwh * (high - low)).sum())
+        power_kw = float(system.nominal_kw.sum())
+        return min(power_kw, self.max_power_kw or power_kw), min(
+            energy_kwh, self.max_energy_kwh or energy_kwh
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -495,7 +474,7 @@ class ArbitrageSource(KnownDemand):
     ) -> None:
         self._planner, self._budget, self._connection = planner, budget, connection
         self._dt_h = system.control.step_min / 60.0
-        self._soc_min = np.array([string.battery.soc_min for string in system.strings])
+        self._soc_min, _ = system.soc_window
         self._nominal_kwh = system.nominal_energy_kwh
         self._plan: MarketPlan | None = None
         self._day: int | None = None

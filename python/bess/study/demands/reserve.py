@@ -41,6 +41,13 @@ from bess.system import System
 from bess.system.quantities import Fraction, NonNegative, Positive, within
 from bess.units import PERCENT
 
+_FREQUENCY_STEP_S = 10
+_HOUR_S = 3600
+_BLOCK_H = 4.0
+_RECHARGE_SHARE = 0.25
+"""Recharge power, as a share of the reserve capacity; this part of the plant power is kept free for it."""
+_SECONDS_PER_MINUTE = 60.0
+
 
 class FcrDemand(DemandSection):
     """Section ``[demand]`` with ``kind = "fcr"``: frequency containment reserve.
@@ -88,32 +95,33 @@ class FcrDemand(DemandSection):
 
     def build(self, setting: Setting) -> RunDemand:
         """See :class:`~bess.study.demands.source.DemandSection`."""
-        series = _frequency(self, setting)
+        series = self._frequency(setting)
         grid, system = setting.grid_of(series), setting.system
-        capacity_kw, recharge_kw = _powers(self, float(system.nominal_kw.sum()))
+        capacity_kw, recharge_kw = self._powers(float(system.nominal_kw.sum()))
         store = StorageEstimator(system, self.efficiency)
-        band = _window(self, capacity_kw, store, system).narrowed(self.band)
-        share, averaging = _response(series, self, grid)
+        band = self._window(capacity_kw, store, system).narrowed(self.band)
+        share, averaging = self._response(series, grid)
         setting.note(f"reserve: {capacity_kw:g} kW, {averaging}")
-        price = _energy_price(self, setting, grid)
-        capacity_price = _capacity_price(self, setting, grid)
+        price = self._energy_price(setting, grid)
+        capacity_price = self._capacity_price(setting, grid)
         sold_kw = np.full(grid.n_steps, capacity_kw)
         trade = budget = None
         if isinstance(self, FcrArbitrageDemand):
             power_kw = float(system.nominal_kw.sum()) - capacity_kw - recharge_kw
-            trade = _trade(self, grid, price, power_kw, band)
+            trade = self.trade(grid, price, power_kw, band)
             size = power_kw, band.high_kwh - band.low_kwh
             budget = setting.budget_of(grid, PerfectForecast(price), size, self.efficiency, self.look_ahead_h)
             if self.choose_capacity is not None:
+                power_kw += capacity_kw
                 sold_kw = reserve_blocks(
                     capacity_price,
                     price,
-                    _trade(self, grid, price, power_kw + capacity_kw, band),
+                    self.trade(grid, price, power_kw, band),
                     max_reserve_kw=capacity_kw,
                     stored_kwh=max(0.0, store.stored_kwh(system.initial_state()) - band.low_kwh),
                     foresight=self.choose_capacity == "perfect",
                 )
-                trade = _trade(self, grid, price, power_kw + capacity_kw, band, sold_kw)
+                trade = self.trade(grid, price, power_kw, band, sold_kw)
         response_kw = sold_kw * share
         response: Forecast = ExternalForecast(response_kw, np.zeros(grid.n_steps))  # its mean is zero
         if self.forecast == "persistence":
@@ -128,6 +136,96 @@ class FcrDemand(DemandSection):
         source = ReserveSource(self, sold_kw, response, recharge, store, trade, budget)
         recorded = {"frequency_mhz": series.on(grid), "capacity_price_eur_mw_h": capacity_price}
         return RunDemand(grid, source, price, recorded)
+
+    def _powers(self, nominal_kw: float) -> tuple[float, float]:
+        """Capacity and recharge power [kW]."""
+        trades = self.trades
+        capacity_kw = self.capacity_kw or nominal_kw * (0.5 if trades else 1.0 / (1.0 + _RECHARGE_SHARE))
+        recharge_kw = _RECHARGE_SHARE * capacity_kw if self.recharge_kw is None else self.recharge_kw
+        together_kw = capacity_kw + recharge_kw
+        if together_kw > nominal_kw * (1.0 + 1e-9) or (trades and together_kw >= nominal_kw):
+            raise InputError(
+                f"demand.capacity_kw = {capacity_kw:g} kW and demand.recharge_kw = {recharge_kw:g} kW leave "
+                f"no power of the {nominal_kw:g} kW of the plant{' for trade' if trades else ''}; "
+                "reduce the reserve"
+            )
+        return capacity_kw, recharge_kw
+
+    def _window(self, capacity_kw: float, store: StorageEstimator, system: System) -> EnergyWindow:
+        """Return the energy window of the reserve, which must not be empty."""
+        capacity_kwh = store.capacity_kwh(system.initial_state())
+        window = EnergyWindow.of(capacity_kw, self.duration_min, capacity_kwh, store.one_way_efficiency)
+        if window.low_kwh >= window.high_kwh:
+            raise InputError(
+                f"demand.capacity_kw = {capacity_kw:g} kW for demand.duration_min = {self.duration_min:g} "
+                f"min in either direction needs more than the {capacity_kwh:.4g} kWh of the plant; reduce "
+                "the reserve"
+            )
+        return window
+
+    def _frequency(self, setting: Setting) -> SampledSeries:
+        """Return the frequency deviation; a repeated series starts at the start of the run."""
+        from bess.market import read_frequency
+
+        file = self.frequency
+        check_bundled("demand.frequency", file, [SYNTHETIC])
+        if file == SYNTHETIC:
+            values, step_s = frequency_deviation(), _FREQUENCY_STEP_S
+            setting.note("frequency: a bundled week")
+        else:
+            read = read_frequency(file, column=self.column, time_zone=self.time_zone, fill=self.fill)
+            given = setting.series_of(read, file, "demand.frequency")
+            setting.note(f"frequency: {file}", given)
+            if not self.repeat:
+                return given
+            values, step_s = given.values, given.step_s
+        period_days = values.size * step_s / 86_400.0
+        count = int(np.ceil((setting.run.days or period_days) / period_days))
+        start_s = seconds_of(setting.start)
+        return SampledSeries(np.tile(values, count), start_s, step_s, "frequency", "demand.frequency")
+
+    def _response(self, series: SampledSeries, grid: TimeGrid) -> tuple[Array, str]:
+        """Return the mean activation in each step, and a note on the effect of averaging."""
+        share = droop_response(series.values, self.droop_mhz, self.dead_band_mhz)
+        mean = replace(series, values=share).on(grid)
+        first = (grid.start_s - series.start_s) // series.step_s
+        count = -(-grid.n_steps * grid.step_s // series.step_s)
+        moved = float(np.abs(share[first : first + count]).mean())
+        kept = PERCENT * float(np.abs(mean).mean()) / moved if moved > 0.0 else PERCENT
+        return mean, (
+            f"response by means over {grid.step_s / 60:g} min, which move {kept:.0f} % of the energy of "
+            f"every {series.step_s} s"
+        )
+
+    def _energy_price(self, setting: Setting, grid: TimeGrid) -> Array:
+        """Return the price of energy in each step [EUR/MWh]."""
+        from bess.market import read_prices
+
+        file, key = self.prices, "demand.prices"
+        if file is None:
+            return np.full(grid.n_steps, self.energy_price_eur_mwh)
+        check_bundled(key, file, [SYNTHETIC])
+        if file == SYNTHETIC:
+            hours = grid.start_s // _HOUR_S + np.arange(-(-grid.n_steps * grid.step_s // _HOUR_S) + 1)
+            values = market_prices()[hours % market_prices().size]
+            first_s = grid.start_s // _HOUR_S * _HOUR_S
+            price = SampledSeries(values, first_s, _HOUR_S, "the bundled week of prices", key)
+        else:
+            price = setting.series_of(read_prices(file, self.zone), file, key)
+        setting.note(f"prices: {'a bundled week' if file == SYNTHETIC else file}", price)
+        return price.on(grid)
+
+    def _capacity_price(self, setting: Setting, grid: TimeGrid) -> Array:
+        """Return the price of reserve in each step [EUR/MW/h]."""
+        from bess.market import read_capacity_prices
+
+        file = self.capacity_prices
+        if file is None:
+            return np.full(grid.n_steps, self.capacity_price_eur_mw / _BLOCK_H)
+        setting.note(f"capacity prices: {file}")
+        return setting.series_of(read_capacity_prices(file, self.country), file, "demand.capacity_prices").on(
+            grid
+        )
 
 
 class FcrArbitrageDemand(FcrDemand):
@@ -152,133 +250,27 @@ class FcrArbitrageDemand(FcrDemand):
     look_ahead_h: Positive = 36.0
     replan_h: Positive = 1.0
 
-
-_FREQUENCY_STEP_S = 10
-_HOUR_S = 3600
-_BLOCK_H = 4.0
-_RECHARGE_SHARE = 0.25
-"""Recharge power, as a share of the reserve capacity; this part of the plant power is kept free for it."""
-_SECONDS_PER_MINUTE = 60.0
-
-
-def _powers(choice: FcrDemand, nominal_kw: float) -> tuple[float, float]:
-    """Capacity and recharge power [kW]."""
-    trades = choice.trades
-    capacity_kw = choice.capacity_kw or nominal_kw * (0.5 if trades else 1.0 / (1.0 + _RECHARGE_SHARE))
-    recharge_kw = _RECHARGE_SHARE * capacity_kw if choice.recharge_kw is None else choice.recharge_kw
-    together_kw = capacity_kw + recharge_kw
-    if together_kw > nominal_kw * (1.0 + 1e-9) or (trades and together_kw >= nominal_kw):
-        raise InputError(
-            f"demand.capacity_kw = {capacity_kw:g} kW and demand.recharge_kw = {recharge_kw:g} kW leave "
-            f"no power of the {nominal_kw:g} kW of the plant{' for trade' if trades else ''}; "
-            "reduce the reserve"
+    def trade(
+        self,
+        grid: TimeGrid,
+        price: Array,
+        power_kw: float,
+        band: EnergyWindow,
+        reserved_kw: Array | float = 0.0,
+    ) -> Arbitrage:
+        """Return the linear dispatch in a band of stored energy, with a part of the power sold as reserve."""
+        return Arbitrage(
+            PerfectForecast(price),
+            calendar_days(grid.index, self.market_time_zone),
+            power_kw=power_kw,
+            energy_kwh=band.high_kwh - band.low_kwh,
+            efficiency=self.efficiency,
+            cycles_per_day=self.cycles_per_day,
+            look_ahead_h=self.look_ahead_h,
+            replan_h=self.replan_h,
+            dt_h=grid.dt_h,
+            reserved_kw=reserved_kw,
         )
-    return capacity_kw, recharge_kw
-
-
-def _window(choice: FcrDemand, capacity_kw: float, store: StorageEstimator, system: System) -> EnergyWindow:
-    """Return the energy window of the reserve, which must not be empty."""
-
-    capacity_kwh = store.capacity_kwh(system.initial_state())
-    window = EnergyWindow.of(capacity_kw, choice.duration_min, capacity_kwh, store.one_way_efficiency)
-    if window.low_kwh >= window.high_kwh:
-        raise InputError(
-            f"demand.capacity_kw = {capacity_kw:g} kW for demand.duration_min = {choice.duration_min:g} min "
-            f"in either direction needs more than the {capacity_kwh:.4g} kWh of the plant; reduce the reserve"
-        )
-    return window
-
-
-def _frequency(choice: FcrDemand, setting: Setting) -> SampledSeries:
-    """Return the frequency deviation; a repeated series starts at the start of the run."""
-    from bess.market import read_frequency
-
-    file = choice.frequency
-    check_bundled("demand.frequency", file, [SYNTHETIC])
-    if file == SYNTHETIC:
-        values, step_s = frequency_deviation(), _FREQUENCY_STEP_S
-        setting.note("frequency: a bundled week")
-    else:
-        read = read_frequency(file, column=choice.column, time_zone=choice.time_zone, fill=choice.fill)
-        given = setting.series_of(read, file, "demand.frequency")
-        setting.note(f"frequency: {file}", given)
-        if not choice.repeat:
-            return given
-        values, step_s = given.values, given.step_s
-    period_days = values.size * step_s / 86_400.0
-    count = int(np.ceil((setting.run.days or period_days) / period_days))
-    start_s = seconds_of(setting.start)
-    return SampledSeries(np.tile(values, count), start_s, step_s, "frequency", "demand.frequency")
-
-
-def _response(series: SampledSeries, choice: FcrDemand, grid: TimeGrid) -> tuple[Array, str]:
-    """Return the mean activation in each step, and a note on the effect of averaging."""
-
-    share = droop_response(series.values, choice.droop_mhz, choice.dead_band_mhz)
-    mean = replace(series, values=share).on(grid)
-    first = (grid.start_s - series.start_s) // series.step_s
-    count = -(-grid.n_steps * grid.step_s // series.step_s)
-    moved = float(np.abs(share[first : first + count]).mean())
-    kept = PERCENT * float(np.abs(mean).mean()) / moved if moved > 0.0 else PERCENT
-    said = (
-        f"response by means over {grid.step_s / 60:g} min, which move {kept:.0f} % of the energy of every "
-        f"{series.step_s} s"
-    )
-    return mean, said
-
-
-def _energy_price(choice: FcrDemand, setting: Setting, grid: TimeGrid) -> Array:
-    """Return the price of energy in each step [EUR/MWh]."""
-    from bess.market import read_prices
-
-    file, key = choice.prices, "demand.prices"
-    if file is None:
-        return np.full(grid.n_steps, choice.energy_price_eur_mwh)
-    check_bundled(key, file, [SYNTHETIC])
-    if file == SYNTHETIC:
-        hours = grid.start_s // _HOUR_S + np.arange(-(-grid.n_steps * grid.step_s // _HOUR_S) + 1)
-        values = market_prices()[hours % market_prices().size]
-        first_s = grid.start_s // _HOUR_S * _HOUR_S
-        price = SampledSeries(values, first_s, _HOUR_S, "the bundled week of prices", key)
-    else:
-        price = setting.series_of(read_prices(file, choice.zone), file, key)
-    setting.note(f"prices: {'a bundled week' if file == SYNTHETIC else file}", price)
-    return price.on(grid)
-
-
-def _capacity_price(choice: FcrDemand, setting: Setting, grid: TimeGrid) -> Array:
-    """Return the price of reserve in each step [EUR/MW/h]."""
-    from bess.market import read_capacity_prices
-
-    file = choice.capacity_prices
-    if file is None:
-        return np.full(grid.n_steps, choice.capacity_price_eur_mw / _BLOCK_H)
-    setting.note(f"capacity prices: {file}")
-    return setting.series_of(read_capacity_prices(file, choice.country), file, "demand.capacity_prices").on(
-        grid
-    )
-
-
-def _trade(
-    choice: FcrArbitrageDemand,
-    grid: TimeGrid,
-    price: Array,
-    power_kw: float,
-    band: EnergyWindow,
-    reserved_kw: Array | float = 0.0,
-) -> Arbitrage:
-    return Arbitrage(
-        PerfectForecast(price),
-        calendar_days(grid.index, choice.market_time_zone),
-        power_kw=power_kw,
-        energy_kwh=band.high_kwh - band.low_kwh,
-        efficiency=choice.efficiency,
-        cycles_per_day=choice.cycles_per_day,
-        look_ahead_h=choice.look_ahead_h,
-        replan_h=choice.replan_h,
-        dt_h=grid.dt_h,
-        reserved_kw=reserved_kw,
-    )
 
 
 def _steps(minutes: float, key: str, grid: TimeGrid, least: int) -> int:
