@@ -7,8 +7,9 @@ import json
 import stat
 import tomllib
 from collections.abc import Callable
+from io import BufferedIOBase
 from pathlib import Path
-from typing import Any, Final, Literal, Protocol
+from typing import IO, Any, Final, Literal
 
 from bess.errors import InputError
 
@@ -100,11 +101,7 @@ def read_file(path: str | Path, largest: int = LARGEST_BYTES) -> bytes:
         raise InputError(f"{path}: cannot be read ({cause}); check the path and its permissions") from None
 
 
-class _Readable(Protocol):
-    def read(self, size: int, /) -> bytes: ...
-
-
-def limited(file: _Readable, path: str | Path, largest: int = LARGEST_BYTES) -> bytes:
+def limited(file: IO[bytes] | BufferedIOBase, path: str | Path, largest: int = LARGEST_BYTES) -> bytes:
     """Return the rest of an open file; raise InputError beyond ``largest`` bytes.
 
     Raises

@@ -225,7 +225,7 @@ def test_a_forecast_from_a_file_knows_the_present_only() -> None:
         ({"prices": np.r_[np.ones(143), np.nan]}, "prices at index 143 is nan"),
         ({"prices": pd.Series(np.ones(200))}, "time-zone aware index"),
         ({"hours": 0.1}, "hours"),
-        ({"ambient_c": [1.0, 2.0]}, "ambient_c: give one finite value, or one for each of 144 steps"),
+        ({"ambient_c": [1.0, 2.0]}, "give one value, or one for each of 144 steps"),
     ],
 )
 def test_bad_input_is_refused(arguments: dict[str, Any], match: str) -> None:

@@ -23,7 +23,7 @@ from hypothesis import strategies as st
 import bess
 import bess.simulation.record.provenance as identity_module
 import bess.simulation.runner as run_module
-from bess.simulation.record.store import Lock, pack, unpack
+from bess.simulation.record.store import locked, pack, unpack
 from bess.study import Study
 from power_cut import PowerCut, before_steps, cut_off
 
@@ -370,7 +370,7 @@ def test_a_folder_with_other_things_is_left_alone(short: Study, tmp_path: Path) 
 
 
 def test_two_runs_cannot_share_a_folder(short: Study, tmp_path: Path) -> None:
-    with Lock(tmp_path), pytest.raises(bess.InputError, match=rf"process {os.getpid()}\) writes there"):
+    with locked(tmp_path), pytest.raises(bess.InputError, match=rf"process {os.getpid()}\) writes there"):
         bess.run(short, progress=False, out=tmp_path)
 
 

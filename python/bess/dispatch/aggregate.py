@@ -53,9 +53,8 @@ class StringEnergy:
         capacity_ah = system.capacity_ah * soh_capacity
         for m, string in enumerate(system.strings):
             ocv = string.battery.ocv_v
-            row = int(np.argmin(np.abs(np.array(ocv.temperature_c) - 25.0)))
             soc = np.unique(np.r_[np.array(ocv.soc), np.linspace(ocv.soc[0], ocv.soc[-1], 101)])
-            volt = np.interp(soc, ocv.soc, ocv.discharge[row]) * string.battery.cells_series
+            volt = np.interp(soc, ocv.soc, ocv.discharge_v) * string.battery.cells_series
             energy = np.r_[0.0, np.cumsum(np.diff(soc) * 0.5 * (volt[1:] + volt[:-1]))]
             energy *= capacity_ah[m] / WATTS_PER_KW
             self.tables.append((soc, energy - np.interp(string.battery.soc_min, soc, energy)))

@@ -63,20 +63,12 @@ def prepare(study: Study, system: System | None = None) -> Inputs:
         A file is invalid, or the parts of the study do not fit each other.
     """
     system = build_system(study.system, study.run, study.wear, system)
-    step_s = system.control.step_min * 60.0
-    if step_s != round(step_s):
+    horizon = study.policy.steps_ahead(system.control)
+    setting = Setting(study.name, study.run, study.budget, study.settlement, system, horizon)
+    if setting.step_s != round(setting.step_s):
         raise InputError(
             f"{system.name}: control.step_min = {system.control.step_min:g}: must be whole seconds"
         )
-    setting = Setting(
-        study.name,
-        study.run,
-        study.budget,
-        study.settlement,
-        system,
-        step_s,
-        horizon=study.policy.steps_ahead(system.control),
-    )
     asked = study.demand.build(setting)
     if study.policy.name == "mpc" and study.policy.objectives.kind == "money" and asked.price_eur_mwh is None:
         raise InputError(f"{study.name}: {NO_PRICES}")

@@ -7,10 +7,8 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bess.control.policies import Policy, as_policy, build_policy
 from bess.control.policies.adapters import Function
@@ -43,8 +41,8 @@ from bess.simulation.record.store import (
     LOCK,
     LOG,
     OWNER,
-    Lock,
     StepLog,
+    locked,
     parts,
     records,
     remove_parts,
@@ -133,7 +131,7 @@ def _run_in(
     identity = identity_of(study, inputs.system, inputs.files)
     identity["frame"] = describe_frame(study, inputs.system, inputs.grid, loop.policy.statuses)
     make_folder(directory)
-    with Lock(directory):
+    with locked(directory):
         if not _is_finished(directory, identity, resume=resume):
             if progress:
                 for note in inputs.notes:
@@ -227,8 +225,10 @@ def _complete(directory: Path, study: Study, loop: ClosedLoop, *, progress: bool
 
             record, lines = loop.advance_part(PART_STEPS, is_over)
             began = time.perf_counter()
+            check_finite(first, record)
+            # The log first, so that it is never shorter than the length in the checkpoint.
             log.write(lines)
-            _save(directory, first, record, loop, log)
+            write_part(directory, first, record, {"loop": loop.checkpoint(), "log_bytes": log.sync()})
             files_s += time.perf_counter() - began
         if loop.step < n_steps:
             raise StoppedEarly(
@@ -236,14 +236,6 @@ def _complete(directory: Path, study: Study, loop: ClosedLoop, *, progress: bool
                 f"continue with {option('resume')}"
             )
     return files_s
-
-
-def _save(
-    directory: Path, first: int, record: dict[str, NDArray[Any]], loop: ClosedLoop, log: StepLog
-) -> None:
-    """Write the log first, so that it is never shorter than the length in the checkpoint."""
-    check_finite(first, record)
-    write_part(directory, first, record, {"loop": loop.checkpoint(), "log_bytes": log.sync()})
 
 
 def _assemble(directory: Path, identity: Identity) -> None:

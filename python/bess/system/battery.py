@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import Any, ClassVar, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import field_validator, model_validator
 
 from bess.system.quantities import (
@@ -50,6 +51,16 @@ class OcvTable(Table):
         if isinstance(value, list | tuple) and value and not isinstance(value[0], list | tuple):
             return (tuple(value),)
         return value
+
+    @property
+    def discharge_v(self) -> NDArray[np.float64]:
+        """Voltage over SOC of discharge at the temperature nearest to 25 degC."""
+        return np.array(self.discharge[int(np.argmin(np.abs(np.array(self.temperature_c) - 25.0)))])
+
+    @property
+    def mean_v(self) -> float:
+        """Mean of :attr:`discharge_v` over SOC."""
+        return float(np.trapezoid(self.discharge_v, self.soc) / (self.soc[-1] - self.soc[0]))
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -41,6 +41,12 @@ class StringParameters(Section):
     thermal: Thermal
     wear: Wear = Wear()
 
+    def table(self) -> dict[str, Any]:
+        """Return the sections as a ``[[string]]`` table."""
+        tables = self.model_dump(exclude_none=True)
+        site = tables.pop("site")
+        return {"system": {key: site[key] for key in PER_STRING_SITE}, **tables}
+
     def core_document(self) -> dict[str, Any]:
         """Return the parameters of a string for the compiled core."""
         ageing = {"model": self.wear.cell_model, "calendar_share": self.wear.calendar_share}

@@ -17,7 +17,7 @@ from bess.errors import InputError
 from bess.system.components.registry import SYSTEMS, system_document
 from bess.system.documents import plain, read_toml
 from bess.system.lumped import Lumped, identify
-from bess.system.parse import PER_STRING_SITE, StringParameters, parse_cooling, parse_strings
+from bess.system.parse import StringParameters, parse_cooling, parse_strings
 from bess.system.sections import LumpedThermal
 from bess.system.state import State
 
@@ -164,14 +164,8 @@ class System:
     @cached_property
     def nominal_energy_kwh(self) -> NDArray[np.float64]:
         """Capacity times the mean discharge OCV at 25 degC [kWh], shape ``(n_strings,)``."""
-        energies = []
-        for string in self.strings:
-            ocv = string.battery.ocv_v
-            row = int(np.argmin(np.abs(np.array(ocv.temperature_c) - 25.0)))
-            soc = np.array(ocv.soc)
-            mean_v = np.trapezoid(np.array(ocv.discharge[row]), soc) / (soc[-1] - soc[0])
-            energies.append(mean_v * string.battery.cells_series)
-        return np.array(energies) * self.capacity_ah / 1000.0
+        mean_v = [s.battery.ocv_v.mean_v * s.battery.cells_series for s in self.strings]
+        return np.array(mean_v) * self.capacity_ah / 1000.0
 
     @cached_property
     def kinds(self) -> tuple[int, ...]:
@@ -223,11 +217,7 @@ class System:
         """
         import tomli_w  # only this function needs it
 
-        sections = []
-        for string in self.strings:
-            tables = string.model_dump(exclude_none=True)
-            site = tables.pop("site")
-            sections.append({"system": {key: site[key] for key in PER_STRING_SITE}, **tables})
+        sections = [string.table() for string in self.strings]
         shared = {key: value for key, value in sections[0].items() if all(s[key] == value for s in sections)}
         site = {"n_strings": self.n_strings, "ambient_c": self.ambient_c}
         document = {

@@ -20,6 +20,26 @@ PROOF_CELLS = 320
 proven gap is 3 to 5 % without a price of starts (7 % with the price). Half as many cells give 7 to 10 %."""
 
 
+def planner_of_known_demand(
+    system: System,
+    n_steps: int,
+    dt_h: float,
+    bound_passes: int = BOUND_PASSES,
+    proof_cells: int = PROOF_CELLS,
+) -> Planner:
+    """Return a planner for one plan of a demand that is known; parameters as for :class:`Planner`."""
+    return Planner(
+        system,
+        n_steps,
+        dt_h,
+        rollouts=ROLLOUTS,
+        balance=0.0,
+        bound_passes=bound_passes,
+        proof_cells=proof_cells,
+        exact_forecast=True,
+    )
+
+
 def plan_power(
     system: System,
     state: State,
@@ -71,15 +91,6 @@ def plan_power(
             "one sum in kWh; use bess.Objectives.energy(), or bess.split_power for priorities"
         )
     n_steps = np.size(demand_kw)
-    planner = Planner(
-        system,
-        n_steps,
-        dt_h,
-        rollouts=ROLLOUTS,
-        balance=0.0,
-        bound_passes=BOUND_PASSES,
-        proof_cells=PROOF_CELLS,
-        exact_forecast=True,
-    )
+    planner = planner_of_known_demand(system, n_steps, dt_h)
     prices = PlanPrices.energy(goals, system.n_strings, n_steps)
     return planner(state, demand_kw, prices, ambient_c=ambient_c, limit_kw=limit_kw)

@@ -9,7 +9,7 @@ import numpy as np
 from bess.control.split.rollout import rollout
 from bess.convexity import convex_below
 from bess.system import State, System
-from bess.system.parse import PER_STRING_SITE, StringParameters
+from bess.system.parse import StringParameters
 
 Model = Literal["nonlinear", "convex", "linear"]
 
@@ -40,14 +40,8 @@ def simplified(system: System, model: Model) -> System:
     return System(document, name=f"{system.name}, {model} model")
 
 
-def _tables(string: StringParameters) -> dict[str, Any]:
-    tables = string.model_dump(exclude_none=True)
-    site = tables.pop("site")
-    return {"system": {key: site[key] for key in PER_STRING_SITE}, **tables}
-
-
 def _convex(string: StringParameters) -> dict[str, Any]:
-    tables = _tables(string)
+    tables = string.table()
     load = np.array(string.inverter.load)
     for key in ("loss_charge", "loss_discharge"):
         loss = np.array(tables["inverter"][key])
@@ -57,19 +51,16 @@ def _convex(string: StringParameters) -> dict[str, Any]:
 
 
 def _linear(string: StringParameters) -> dict[str, Any]:
-    tables = _tables(string)
+    tables = string.table()
     battery, inverter = string.battery, string.inverter
-    row = int(np.argmin(np.abs(np.array(battery.ocv_v.temperature_c) - 25.0)))
-    soc = np.array(battery.ocv_v.soc)
-    mean_v = float(np.trapezoid(np.array(battery.ocv_v.discharge[row]), soc) / (soc[-1] - soc[0]))
     heat = _heat_share(string)
     for key in ("loss_charge", "loss_discharge"):
         slope = getattr(inverter, key)[-1] + heat
         tables["inverter"][key] = [slope * load for load in inverter.load]
     tables["inverter"]["off_loss"] = 0.0
     tables["battery"]["r_scale"] = _NO_RESISTANCE
-    ends = [float(soc[0]), float(soc[-1])]
-    tables["battery"]["ocv_v"] = {"soc": ends, "charge": [mean_v] * 2, "discharge": [mean_v] * 2}
+    ocv, mean_v = battery.ocv_v, [battery.ocv_v.mean_v] * 2
+    tables["battery"]["ocv_v"] = {"soc": [ocv.soc[0], ocv.soc[-1]], "charge": mean_v, "discharge": mean_v}
     for key in ("cell_voltage_min_v", "cell_voltage_max_v"):
         tables["battery"].pop(key, None)
     tables["derating"]["factor"] = [1.0] * len(string.derating.factor)
@@ -78,7 +69,7 @@ def _linear(string: StringParameters) -> dict[str, Any]:
 
 def _heat_share(string: StringParameters) -> float:
     """Battery loss at nominal power, relative to this power."""
-    alone = System({"system": {"n_strings": 1}, "string": [_tables(string)]}, name="one string")
+    alone = System({"system": {"n_strings": 1}, "string": [string.table()]}, name="one string")
     state = State([_REFERENCE_SOC], [25.0])
     roll = rollout(alone, state, [[string.inverter.nominal_kw]], 1.0 / 3600.0)
     return float(roll.battery_loss_kw[0, 0] / string.inverter.nominal_kw)

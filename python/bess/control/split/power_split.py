@@ -117,19 +117,6 @@ class PowerSplit(Checkpointed):
         self._switch_soc = np.array([s.battery.low_soc_switch for s in system.strings])[:, None]
         self._shifted: Carried | None = None
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Settings and warm start; compiled data are rebuilt."""
-        given = self.settings
-        settings = (
-            *(self.system, self.horizon_steps, self.objectives, self.dt_h),
-            *(given.gap, given.time_limit_s, given.node_limit),
-        )
-        return {"settings": settings, "state_dict": self.state_dict()}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__init__(*state["settings"])  # type: ignore[misc]
-        self.load_state_dict(state["state_dict"])
-
     def _facts(self) -> dict[str, str]:
         return {
             "system": self.system.name,

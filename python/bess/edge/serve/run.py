@@ -27,7 +27,7 @@ from bess.edge.serve.control_loop import STEP_S, ControlLoop, Demands
 from bess.edge.serve.gate import BACKLOG, KEEP_ALIVE_S, Connection, Names, Rate, check_token, read_token
 from bess.edge.serve.service import LOG, Service
 from bess.errors import BessError, InputError
-from bess.simulation.record.store import Lock
+from bess.simulation.record.store import locked
 from bess.study import Study
 
 ENDS_S: Final = 9.0
@@ -141,7 +141,7 @@ def _held(folder: Path) -> Iterator[None]:
     with ExitStack() as stack:
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            stack.enter_context(Lock(folder))
+            stack.enter_context(locked(folder))
         except InputError:
             raise
         except (BessError, OSError, ValueError) as error:

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from bess.arrays import Array
-from bess.control.planning import Planner, PlanPrices
+from bess.control.planning import PlanPrices
 from bess.control.planning.planner import MAX_STEPS
-from bess.control.planning.power_plan import ROLLOUTS
+from bess.control.planning.power_plan import planner_of_known_demand
 from bess.control.policies import PolicyInput
 from bess.control.policies.adapters import FunctionPolicy
 from bess.control.split.objectives import Objectives
@@ -137,12 +137,13 @@ def benchmark(replay: Replay, effort: Effort = "quick") -> Hindsight:
     figures[f"a plan of {steps * dt_h:g} h"] = kpis(replay.under(plans, steps))
     found_by = min(figures, key=lambda name: figures[name]["lost_kwh"])
     money = {}
-    if replay.inputs.price_eur_mwh is not None and not (is_reserve(record) or is_site(record)):
-        value = _Value(replay)
+    price = replay.inputs.price_eur_mwh
+    if price is not None and not (is_reserve(record) or is_site(record)):
+        ideal_eur, wear_eur, worth = _value(replay, price)
         money = {
-            "lost_eur": value.ideal_eur - figures["this run"]["net_eur"],
-            "found_eur": value.ideal_eur - max(each["net_eur"] for each in figures.values()),
-            "bound_eur": value.wear_eur + _bound(replay, value.worth, fine),
+            "lost_eur": ideal_eur - figures["this run"]["net_eur"],
+            "found_eur": ideal_eur - max(each["net_eur"] for each in figures.values()),
+            "bound_eur": wear_eur + _bound(replay, worth, fine),
         }
     return Hindsight(
         lost_kwh=figures["this run"]["lost_kwh"],
@@ -157,17 +158,7 @@ class _Plans:
     """Plans of a known demand without a warm start, each followed for most of its length."""
 
     def __init__(self, system: System, n_steps: int, dt_h: float, bound_passes: int) -> None:
-        self._make = partial(
-            Planner,
-            system,
-            n_steps,
-            dt_h,
-            rollouts=ROLLOUTS,
-            balance=0.0,
-            bound_passes=bound_passes,
-            proof_cells=0,
-            exact_forecast=True,
-        )
+        self._make = partial(planner_of_known_demand, system, n_steps, dt_h, bound_passes, proof_cells=0)
         goals = Objectives.energy(shortfall=1.0, start_kwh=0.0)
         self._prices = PlanPrices.energy(goals, system.n_strings, n_steps)
         self._followed = max(1, int(_FOLLOWED * n_steps))
@@ -207,35 +198,30 @@ def _bound(replay: Replay, worth: LossWeights | None, fine: bool | None) -> floa
     )
 
 
-class _Value:
+def _value(replay: Replay, price: Array) -> tuple[float, float, LossWeights]:
     """Value of energy in each step of a run with prices, by its settlement terms.
 
-    Attributes
-    ----------
+    Returns
+    -------
     ideal_eur : float
         Net income of a plant that delivers all demand within its power without losses.
     wear_eur : float
         Wear cost of that delivery at a price per MWh discharged.
-    worth : Worth
+    worth : LossWeights
         Cost of the difference from that delivery. It excludes starts and the wear of cell models, which never
         reduce the cost.
     """
-
-    def __init__(self, replay: Replay) -> None:
-        price: Array | None = replay.inputs.price_eur_mwh
-        assert price is not None
-        terms = replay.study.settlement
-        served_kw = replay.served_kw
-        asked_kw: Array = replay.record["demand_kw"].values
-        mwh_per_kw = replay.inputs.grid.dt_h / KWH_PER_MWH
-        discharged = np.maximum(served_kw, 0.0) * mwh_per_kw
-        charged = np.maximum(-served_kw, 0.0) * mwh_per_kw
-        unmet = (np.abs(asked_kw) - np.abs(served_kw)) * mwh_per_kw
-        sells, buys = terms.discharge_price_eur_mwh(price), terms.charge_price_eur_mwh(price)
-        short = terms.shortfall_price_eur_mwh(price)
-        # A string without a throughput price could deliver all demand.
-        wear = float(WearPrices.of(replay.system).eur_per_kwh_discharged.min()) * KWH_PER_MWH
-        self.ideal_eur = float((discharged * sells - charged * buys - unmet * short).sum())
-        self.wear_eur = float(discharged.sum()) * wear
-        missing = short + np.where(served_kw > 0.0, sells - wear, -buys)
-        self.worth = LossWeights(missing / KWH_PER_MWH, np.zeros(price.size), buys / KWH_PER_MWH)
+    terms, served_kw = replay.study.settlement, replay.served_kw
+    asked_kw: Array = replay.record["demand_kw"].values
+    mwh_per_kw = replay.inputs.grid.dt_h / KWH_PER_MWH
+    discharged = np.maximum(served_kw, 0.0) * mwh_per_kw
+    charged = np.maximum(-served_kw, 0.0) * mwh_per_kw
+    unmet = (np.abs(asked_kw) - np.abs(served_kw)) * mwh_per_kw
+    sells, buys = terms.discharge_price_eur_mwh(price), terms.charge_price_eur_mwh(price)
+    short = terms.shortfall_price_eur_mwh(price)
+    # A string without a throughput price could deliver all demand.
+    wear = float(WearPrices.of(replay.system).eur_per_kwh_discharged.min()) * KWH_PER_MWH
+    ideal_eur = float((discharged * sells - charged * buys - unmet * short).sum())
+    missing = short + np.where(served_kw > 0.0, sells - wear, -buys)
+    worth = LossWeights(missing / KWH_PER_MWH, np.zeros(price.size), buys / KWH_PER_MWH)
+    return ideal_eur, float(discharged.sum()) * wear, worth

@@ -13,7 +13,7 @@ import json
 import os
 import shutil
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -112,39 +112,35 @@ def remove_parts(directory: Path) -> None:
     shutil.rmtree(directory / PARTS, ignore_errors=True)
 
 
-class Lock:
-    """Lock of a run directory against a second process; the system releases it even after ``kill -9``.
+@contextmanager
+def locked(directory: Path) -> Iterator[None]:
+    """Lock a run directory against a second process; the system releases the lock even after ``kill -9``.
 
     A second file names the owner, because some systems do not allow reading a locked file.
+
+    Raises
+    ------
+    InputError
+        Another process holds the lock.
     """
-
-    def __init__(self, directory: Path) -> None:
-        self._directory = directory
-        self._lock = FileLock(directory / LOCK)
-
-    def __enter__(self) -> Self:
-        with clear_errors(self._directory / LOCK):
-            try:
-                self._lock.acquire(timeout=0)
-            except Timeout as error:
-                raise InputError(
-                    f"{self._directory}: another run (process {self._owner()}) writes there; "
-                    f"wait or use another {option('out')}"
-                ) from error
-        with suppress(OSError):  # a full disk: the lock is still valid
-            (self._directory / OWNER).write_text(str(os.getpid()), encoding="ascii")
-        return self
-
-    def _owner(self) -> str:
+    lock, owner = FileLock(directory / LOCK), directory / OWNER
+    with clear_errors(directory / LOCK):
         try:
-            return (self._directory / OWNER).read_text(encoding="ascii").strip() or "unknown"
-        except (OSError, UnicodeDecodeError):
-            return "unknown"
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._lock.release()
+            lock.acquire(timeout=0)
+        except Timeout as error:
+            process = "unknown"
+            with suppress(OSError, UnicodeDecodeError):
+                process = owner.read_text(encoding="ascii").strip() or process
+            raise InputError(
+                f"{directory}: another run (process {process}) writes there; wait or use another "
+                f"{option('out')}"
+            ) from error
+    try:
+        with suppress(OSError):  # a full disk: the lock is still valid
+            owner.write_text(str(os.getpid()), encoding="ascii")
+        yield
+    finally:
+        lock.release()
 
 
 _TREE, _ARRAY, _BYTES = "tree", "\0array", "\0bytes"

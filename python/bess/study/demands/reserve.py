@@ -108,7 +108,7 @@ class FcrDemand(DemandSection):
         trade = budget = None
         if isinstance(self, FcrArbitrageDemand):
             power_kw = float(system.nominal_kw.sum()) - capacity_kw - recharge_kw
-            trade = self.trade(grid, price, power_kw, band)
+            trade = self._trade(grid, price, power_kw, band)
             size = power_kw, band.high_kwh - band.low_kwh
             budget = setting.budget_of(grid, PerfectForecast(price), size, self.efficiency, self.look_ahead_h)
             if self.choose_capacity is not None:
@@ -116,12 +116,12 @@ class FcrDemand(DemandSection):
                 sold_kw = reserve_blocks(
                     capacity_price,
                     price,
-                    self.trade(grid, price, power_kw, band),
+                    self._trade(grid, price, power_kw, band),
                     max_reserve_kw=capacity_kw,
                     stored_kwh=max(0.0, store.stored_kwh(system.initial_state()) - band.low_kwh),
                     foresight=self.choose_capacity == "perfect",
                 )
-                trade = self.trade(grid, price, power_kw, band, sold_kw)
+                trade = self._trade(grid, price, power_kw, band, sold_kw)
         response_kw = sold_kw * share
         response: Forecast = ExternalForecast(response_kw, np.zeros(grid.n_steps))  # its mean is zero
         if self.forecast == "persistence":
@@ -250,7 +250,7 @@ class FcrArbitrageDemand(FcrDemand):
     look_ahead_h: Positive = 36.0
     replan_h: Positive = 1.0
 
-    def trade(
+    def _trade(
         self,
         grid: TimeGrid,
         price: Array,

@@ -92,8 +92,6 @@ class Setting:
         Settlement terms.
     system : System
         The plant.
-    step_s : float
-        Control step.
     horizon : int
         Prediction horizon of the policy [steps].
     files : list of Path
@@ -107,10 +105,14 @@ class Setting:
     budget: BudgetSection
     terms: SettlementTerms
     system: System
-    step_s: float
     horizon: int
     files: list[Path] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+
+    @property
+    def step_s(self) -> float:
+        """Control step [s]."""
+        return self.system.control.step_min * 60.0
 
     @property
     def start(self) -> datetime:
