@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import bess
 from bess.control.policies import Decision, PolicyInput
-from bess.control.policies.reactive import share_at_minimum_loss, share_equally
+from bess.control.policies.reactive import share_equally
 from bess.errors import BessError, InputError, StoppedEarly
 from bess.report import charts
 from bess.simulation import closed_loop
@@ -101,9 +101,8 @@ def test_two_inverters_share_it_as_well_as_the_best_of_a_grid(
 
     # The curves of mixed-4 are measured ones, not all of them convex.
     slack = 1e-9 if name == "reference" else SLACK_NOT_CONVEX
-    found = share_at_minimum_loss(
-        system, system.initial_state(), request_kw, asked_kvar, limit_kva, np.zeros(n)
-    )
+    model = system.control_at(system.initial_state())
+    found = model.share_reactive(request_kw, asked_kvar, limit_kva, np.zeros(n))
     assert found.sum() == pytest.approx(asked_kvar, abs=1e-9)
     assert (np.hypot(request_kw, found) <= limit_kva + 1e-9).all()
     for first in np.linspace(0.0, asked_kvar, 201):

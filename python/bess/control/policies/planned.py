@@ -13,7 +13,6 @@ from bess.arrays import Array
 from bess.checkpoints import Checkpointed
 from bess.control.planning import Planner, PlanPrices
 from bess.control.policies.policy import NO_OPTIMISATION, Decision, PolicyInput, SolverReport
-from bess.control.policies.reactive import share_at_minimum_loss
 from bess.control.split.objectives import Objectives
 from bess.control.wear import WearRates
 from bess.errors import InputError
@@ -91,7 +90,7 @@ class PlannedPolicy(Checkpointed):
         return request_kw
 
     def _reactive(self, inputs: PolicyInput, request_kw: Array) -> Array | None:
-        """Return the reactive power of each string at minimum loss, if there is a demand.
+        """Return the reactive power of each string at minimum loss (docs/equations.md, R3), if asked for.
 
         In EUR, the price of an inverter start is converted to losses at the price of this step.
         """
@@ -102,14 +101,9 @@ class PlannedPolicy(Checkpointed):
         start_kw = np.full(request_kw.size, prices.start / loss if loss > 0.0 else 0.0)
         if self._ran is not None:
             start_kw[self._ran] = 0.0
-        shares_kvar = share_at_minimum_loss(
-            self._planner.system,
-            inputs.state,
-            request_kw,
-            float(inputs.reactive_kvar[0]),
-            inputs.limit_kw,
-            start_kw,
-        )
+        model = self._planner.system.control_at(inputs.state)
+        asked_kvar = float(inputs.reactive_kvar[0])
+        shares_kvar = model.share_reactive(request_kw, asked_kvar, inputs.limit_kw, start_kw)
         self._ran = (request_kw != 0.0) | (shares_kvar != 0.0)
         return shares_kvar
 

@@ -1,4 +1,4 @@
-"""Allocation of reactive power to the strings: by a rule, or at minimum loss."""
+"""Allocation of reactive power to the strings by a rule."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import numpy as np
 from bess.arrays import Array
 from bess.control.policies.rule import water_fill
 from bess.errors import InputError
-from bess.system import State, System
 
 
 def refuse_reactive(who: str, remedy: str, *, requested: bool) -> None:
@@ -43,31 +42,3 @@ def share_equally(request_kw: Array, reactive_kvar: float, limit_kva: Array) -> 
     if rest > 0.0:
         shares += water_fill(rest, equal, np.where(runs, 0.0, room))
     return np.copysign(shares, reactive_kvar)
-
-
-def share_at_minimum_loss(
-    system: System,
-    state: State,
-    request_kw: Array,
-    reactive_kvar: float,
-    limit_kva: Array,
-    start_kw: Array,
-) -> Array:
-    """Allocate reactive power at minimum inverter loss (docs/equations.md, R3).
-
-    Parameters
-    ----------
-    system, state
-        The plant and its state.
-    request_kw, reactive_kvar, limit_kva
-        As for :func:`share_equally`.
-    start_kw : ndarray, shape (n_strings,)
-        Cost of the start of each inverter [kW]; 0 for an inverter that is on.
-
-    Returns
-    -------
-    ndarray, shape (n_strings,)
-        Reactive power of each string [kvar].
-    """
-    model = system.control_at(state)
-    return np.asarray(model.share_reactive(request_kw, reactive_kvar, limit_kva, start_kw))
