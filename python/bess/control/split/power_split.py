@@ -7,8 +7,7 @@ algorithm.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -90,6 +89,9 @@ class PowerSplit(Checkpointed):
        Econometrica 28 (1960) 497, doi:10.2307/1910129.
     """
 
+    _carried = ("_warm_start",)
+    _classes: ClassVar = {"_warm_start": Carried}
+
     def __init__(
         self,
         system: System,
@@ -115,7 +117,7 @@ class PowerSplit(Checkpointed):
         self._scale_per_kw = constant_scale(system, horizon_steps, dt_h, self.objectives)
         self._costs = self.objectives.costs(self._scale_per_kw)
         self._switch_soc = np.array([s.battery.low_soc_switch for s in system.strings])[:, None]
-        self._shifted: Carried | None = None
+        self._warm_start: Carried | None = None
 
     def _facts(self) -> dict[str, str]:
         return {
@@ -131,27 +133,18 @@ class PowerSplit(Checkpointed):
     @property
     def warm_start(self) -> Array | None:
         """Requests from which the next call starts, see the class."""
-        return None if self._shifted is None else self._shifted.request_kw
+        return None if self._warm_start is None else self._warm_start.request_kw
 
     @warm_start.setter
     def warm_start(self, request_kw: ArrayLike | None) -> None:
         if request_kw is None:
-            self._shifted = None
+            self._warm_start = None
             return
         request = finite_array("warm_start", request_kw).copy()
         shape = (self.system.n_strings, self.horizon_steps)
         if request.shape != shape:
             raise InputError(f"warm_start must be of shape {shape}, not {request.shape}")
-        self._shifted = Carried(request)
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return the state that the next call depends on."""
-        return {"warm_start": None if self._shifted is None else vars(self._shifted)}
-
-    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        """Restore a state returned by :meth:`state_dict`."""
-        carried = state_dict["warm_start"]
-        self._shifted = None if carried is None else Carried(**carried)
+        self._warm_start = Carried(request)
 
     def __call__(
         self,
@@ -191,7 +184,7 @@ class PowerSplit(Checkpointed):
             costs = self.objectives.costs(payoff_scale(problem, self._scale_per_kw, self.objectives))
         control = problem.control(costs, *self.objectives.tolerances)
 
-        carried = self._shifted
+        carried = self._warm_start
         start = carried.request_kw if carried is not None and carried.continues_in(problem) else None
         for _ in range(SEARCHES):
             left_s = None if deadline is None else deadline - time.perf_counter()
@@ -211,7 +204,7 @@ class PowerSplit(Checkpointed):
         request = answer.incumbent.request_kw
         result = Rollout.of(answer.flows)
         soc_start = np.concatenate([problem.state.soc[:, None], result.soc[:, :-1]], axis=1)
-        self._shifted = Carried.after(problem, request, result)
+        self._warm_start = Carried.after(problem, request, result)
         idle = not problem.demand_kw.any()
         return Split(
             request_kw=request,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
@@ -463,7 +462,8 @@ class AwarePlanner:
 class ArbitrageSource(KnownDemand):
     """A dispatch plan that is re-optimised when due."""
 
-    _carried = ("_day", "_energy_kwh", "_discharged_kwh", "_budget", "_connection")
+    _carried = ("_day", "_energy_kwh", "_discharged_kwh", "_budget", "_connection", "_plan")
+    _classes: ClassVar = {"_plan": MarketPlan}
 
     def __init__(
         self,
@@ -529,12 +529,3 @@ class ArbitrageSource(KnownDemand):
         assert self._plan is not None
         row = {"expected_kw": float(self._plan.expected_delivered_kw[step - self._plan.step])}
         return row if self._budget is None else row | self._budget.recorded()
-
-    def state_dict(self) -> dict[str, Any]:
-        """See :class:`~bess.study.demands.source.DemandSource`."""
-        return super().state_dict() | {"plan": None if self._plan is None else vars(self._plan)}
-
-    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        """See :class:`~bess.study.demands.source.DemandSource`."""
-        super().load_state_dict(state_dict)
-        self._plan = None if state_dict["plan"] is None else MarketPlan(**state_dict["plan"])
