@@ -428,6 +428,11 @@ def same(first: Any, second: Any) -> bool:
     return type(first) is type(second) and bool(first == second or (first != first and second != second))
 
 
+def test_a_state_that_could_not_be_read_back_is_refused_when_it_is_saved() -> None:
+    with pytest.raises(TypeError, match="a checkpoint cannot hold set"):
+        pack({"policy": {"strings": {0, 1}}})
+
+
 @given(TREES)
 def test_a_checkpoint_comes_back_to_the_last_bit(tree: dict[str, Any]) -> None:
     assert same(unpack(pack(tree)), tree)

@@ -154,11 +154,18 @@ def pack(document: Mapping[str, Any]) -> Record:
     arrays: Record = {}
 
     def plain(value: Any) -> Any:
-        if isinstance(value, np.generic | Mapping):
-            return value.item() if isinstance(value, np.generic) else dict(value)
-        name, is_bytes = f"array{len(arrays)}", isinstance(value, bytes)
-        arrays[name] = np.frombuffer(value, dtype=np.uint8) if is_bytes else np.asarray(value)
-        return {_BYTES if is_bytes else _ARRAY: name}
+        name = f"array{len(arrays)}"
+        if isinstance(value, np.ndarray):
+            arrays[name] = value
+            return {_ARRAY: name}
+        if isinstance(value, bytes):
+            arrays[name] = np.frombuffer(value, dtype=np.uint8)
+            return {_BYTES: name}
+        if isinstance(value, Mapping):
+            return dict(value)
+        if isinstance(value, np.generic):
+            return value.item()
+        raise TypeError(f"a checkpoint cannot hold {type(value).__name__}")
 
     tree = json.dumps(document, default=plain)
     return {_TREE: np.frombuffer(tree.encode(), dtype=np.uint8), **arrays}
