@@ -12,7 +12,7 @@ from matplotlib.colors import to_rgb
 from synthetic import kpis, record
 
 import bess
-from bess.report import charts
+from bess.report.charts import kpi_figures, operation
 from bess.report.data import MAX_CURVES, POINTS_PER_SERIES, TimeAxis, daily, thin
 from bess.report.drawing.chart import Chart
 from bess.report.drawing.interactive import bokeh_document, legend
@@ -47,7 +47,7 @@ def ends(chart: Chart, panel: int):
 
 def test_the_height_of_the_power_stack_is_the_request() -> None:
     data = record(2, 192, concentrate=1.0)
-    chart = charts.power_split(data)
+    chart = operation.power_split(data)
     for string, panel in ((0, 0), (1, 2)):
         up, down = ends(chart, panel)
         np.testing.assert_allclose((up + down)[:-1], data["request_kw"].values[:, string], atol=1e-9)
@@ -56,7 +56,7 @@ def test_the_height_of_the_power_stack_is_the_request() -> None:
 
 def test_the_loss_stack_ends_at_inverter_battery_and_hysteresis_loss() -> None:
     data = record(3, 96)
-    top = series(charts.power_split(data), 1, "hysteresis loss")[0].y[:-1]
+    top = series(operation.power_split(data), 1, "hysteresis loss")[0].y[:-1]
     expected = (data["inverter_loss_kw"] + data["battery_loss_kw"] + data["hysteresis_loss_kw"]).values[:, 0]
     np.testing.assert_allclose(top, expected)
 
@@ -65,13 +65,13 @@ def test_a_string_that_is_asked_for_nothing_is_drawn_at_nothing() -> None:
     data = record(2, 96)
     for name in ("request_kw", "delivered_kw", "derating_loss_kw", "availability_loss_kw"):
         data[name].values[:, 1] = 0.0
-    (drawn,) = series(charts.power_split(data), 2)
+    (drawn,) = series(operation.power_split(data), 2)
     np.testing.assert_array_equal(drawn.y, 0.0)
 
 
 def test_charge_and_discharge_of_a_long_run_do_not_cancel() -> None:
     data = record(6, 40 * 96)
-    chart = charts.power_split(data)
+    chart = operation.power_split(data)
     up, down = ends(chart, 0)
     asked = np.abs(data["request_kw"].values).sum()
     assert 96 * (up[:-1].sum() - down[:-1].sum()) == pytest.approx(asked)
@@ -80,7 +80,7 @@ def test_charge_and_discharge_of_a_long_run_do_not_cancel() -> None:
 def test_states_start_with_the_initial_one() -> None:
     data = record(2, 10)
     assert with_initial(data, "soc").shape == (11, 2)
-    line = series(charts.strings(data), 0, "string 1")[0]
+    line = series(operation.strings(data), 0, "string 1")[0]
     assert line.y[0] == 0.5 and line.y[-1] == data["soc"].values[-1, 1]
     assert line.x[-1] == 2.5
 
@@ -96,7 +96,7 @@ def test_daily_bands_hold_every_value_and_daily_means_the_energy() -> None:
 
 
 @pytest.mark.parametrize(
-    "make", [charts.strings, charts.power_split, charts.solver_effort, charts.market_dispatch]
+    "make", [operation.strings, operation.power_split, operation.solver_effort, operation.market_dispatch]
 )
 def test_a_year_of_many_strings_is_light(make, year) -> None:
     chart = make(year)
@@ -110,7 +110,7 @@ def test_a_year_of_many_strings_is_light(make, year) -> None:
 def test_many_strings_are_drawn_as_their_spread_and_the_two_that_stand_out_by_name(steps: int) -> None:
     data = record(MAX_CURVES + 20, steps)
     data["soc"][:, 7] = 1.0
-    panel = charts.strings(data).panels[0]
+    panel = operation.strings(data).panels[0]
     spread, middle, median, high, low = panel.series
     assert len({entry.label for entry in panel.series}) == 5 and high.label == "string 7"
     assert spread.base is not None and middle.base is not None
@@ -122,11 +122,11 @@ def test_many_strings_are_drawn_as_their_spread_and_the_two_that_stand_out_by_na
 def test_what_was_planned_stands_beside_what_was_delivered() -> None:
     data = record(2, 40 * 96, price=True)
     data["expected_kw"] = data["delivered_kw"].sum("string") * 1.1
-    short = charts.market_dispatch(data).panels[2]
+    short = operation.market_dispatch(data).panels[2]
     assert short.y_label.startswith("Short of plan")
     delivered = np.abs(data["delivered_kw"].values.sum(axis=1)[:96]).sum()
     assert short.series[0].y[0] == pytest.approx(0.1 * 0.25 * delivered)
-    day = charts.market_dispatch(data.isel(time=slice(96)))
+    day = operation.market_dispatch(data.isel(time=slice(96)))
     (planned,) = series(day, 1, "planned to be delivered")
     np.testing.assert_allclose(planned.y[:-1], data["expected_kw"].values[:96])
 
@@ -142,7 +142,7 @@ def renderers(chart: Chart):
 
 @pytest.mark.parametrize("steps", [192, 40 * 96])
 def test_interactive_data_are_those_of_the_chart(steps: int) -> None:
-    chart = charts.strings(record(2, steps))
+    chart = operation.strings(record(2, steps))
     first, second = renderers(chart)
     line = series(chart, 0, "string 1")[0]
     np.testing.assert_allclose(dict(first)["string 1"]["string 1"], line.y, rtol=1e-6)
@@ -153,18 +153,18 @@ def test_interactive_data_are_those_of_the_chart(steps: int) -> None:
 def test_missing_numbers_become_gaps_not_zeros() -> None:
     data = record(1, 8)
     data["solver_gap"][3] = np.nan
-    *_, gaps = renderers(charts.solver_effort(data))
+    *_, gaps = renderers(operation.solver_effort(data))
     np.testing.assert_array_equal(np.isnan(dict(gaps)["rigorous gap"]["rigorous gap"]), np.arange(8) == 3)
 
 
 def test_the_same_chart_gives_the_same_document() -> None:
-    chart = charts.strings(record(2, 24))
+    chart = operation.strings(record(2, 24))
     assert bokeh_document(chart) == bokeh_document(chart)
 
 
 def test_duration_curves_are_the_sorted_record() -> None:
     data = record(2, 96)
-    power, temperature = charts.duration_curves(data).panels
+    power, temperature = operation.duration_curves(data).panels
     (delivered,) = (entry for entry in power.series if entry.label == "delivered")
     np.testing.assert_array_equal(delivered.y, np.sort(data["delivered_kw"].values.sum(axis=1))[::-1])
     assert np.all(np.diff(temperature.series[0].y) <= 0.0)
@@ -172,14 +172,14 @@ def test_duration_curves_are_the_sorted_record() -> None:
 
 
 def test_a_single_step_lasts_the_whole_time_of_its_duration_curve() -> None:
-    for panel in charts.duration_curves(record(2, 1)).panels:
+    for panel in operation.duration_curves(record(2, 1)).panels:
         for entry in panel.series:
             assert entry.x.tolist() == [0.0, 100.0] and len(set(entry.y.tolist())) == 1
 
 
 def test_runs_that_did_the_same_are_told_apart() -> None:
     runs = {"a": record(2, 24), "b": record(2, 24), "c": record(2, 24, concentrate=1.0)}
-    lines = charts.mean_temperature(runs).panels[0].series[:3]
+    lines = operation.mean_temperature(runs).panels[0].series[:3]
     assert [(line.label, line.dashed) for line in lines] == [("a", False), ("b (as a)", True), ("c", False)]
 
 
@@ -187,13 +187,13 @@ def test_events_are_marked_where_they_were_and_no_longer() -> None:
     data = record(2, 96)
     event = "[[event]]\nstring = 1\nstart = 2024-01-01T06:00:00+01:00\nend = 2024-01-05T00:00:00Z\n"
     data.attrs["study"] = event
-    (span,) = charts.strings(data).spans
+    (span,) = operation.strings(data).spans
     assert (span.start, span.end, span.label) == (5.0, 24.0, "string 1 out of service")
 
 
 def test_the_energy_of_a_day_is_that_of_its_steps() -> None:
     data = record(2, 40 * 96, price=True)
-    sold, bought = charts.market_dispatch(data).panels[1].series
+    sold, bought = operation.market_dispatch(data).panels[1].series
     delivered = data["delivered_kw"].values[:96]
     assert sold.y[0] == pytest.approx(0.25 * delivered[delivered > 0].sum())
     assert bought.y[0] == pytest.approx(0.25 * delivered[delivered < 0].sum())
@@ -201,12 +201,12 @@ def test_the_energy_of_a_day_is_that_of_its_steps() -> None:
 
 def test_steps_that_fell_back_are_marked() -> None:
     data = record(2, 192)
-    marked = series(charts.solver_effort(data), 0, "fell back")[0]
+    marked = series(operation.solver_effort(data), 0, "fell back")[0]
     assert len(marked.x) == int(data["fallback"].sum()) == 2
 
 
 def test_derating_gains_of_the_system_follow_its_table() -> None:
-    own = charts.derating_curves(bess.System.reference()).panels[0].series
+    own = operation.derating_curves(bess.System.reference()).panels[0].series
     law, table = own[1], own[-1]
     np.testing.assert_allclose(np.interp(table.x, law.x, law.y), table.y, atol=0.01)
     assert np.all(own[0].y >= law.y - 1e-12) and np.all(own[2].y <= law.y + 1e-12)
@@ -218,7 +218,7 @@ def test_the_front_is_drawn_without_dominated_points_and_with_its_knee() -> None
     named = {
         n: base | {"battery_efficiency_pct": x, "inverter_efficiency_pct": y} for n, (x, y) in points.items()
     }
-    chart = charts.pareto_front(named)
+    chart = kpi_figures.pareto_front(named)
     assert series(chart, 0, "front")[0].x.tolist() == [98.0, 98.8, 99.0]
     assert series(chart, 0, "dominated")[0].x.tolist() == [98.1]
     assert series(chart, 0, "knee: b")[0].y.tolist() == [97.8]
@@ -227,7 +227,7 @@ def test_the_front_is_drawn_without_dominated_points_and_with_its_knee() -> None
 def test_kpis_over_a_parameter_are_in_the_order_of_the_parameter() -> None:
     base = kpis(record(2, 8))
     named = {str(w): base | {"inverter_efficiency_pct": 97.0 + w} for w in (1.0, 0.0, 0.5)}
-    (panel,) = charts.kpi_lines(named, [1.0, 0.0, 0.5], "weight").panels
+    (panel,) = kpi_figures.kpi_lines(named, [1.0, 0.0, 0.5], "weight").panels
     assert panel.title == "Inverter efficiency", "the others do not change"
     line = panel.series[0]
     assert line.x.tolist() == [0.0, 0.5, 1.0] and line.y.tolist() == [97.0, 97.5, 98.0]
@@ -267,7 +267,7 @@ def test_the_state_of_health_starts_where_the_strings_do_and_wear_adds_up() -> N
         "wear_eur": (("time", "string"), np.full((10, 2), 0.5)),
     }
     new = {key: [1.0, 1.0] for key in ("initial_soh_capacity", "initial_soh_resistance")}
-    chart = charts.state_of_health(data.assign(worn).assign_attrs(new))
+    chart = operation.state_of_health(data.assign(worn).assign_attrs(new))
     capacity, cost = (series(chart, panel, "string 1")[0] for panel in (0, 2))
     assert capacity.y[0] == 100.0 and capacity.y[-1] == pytest.approx(99.8)
     assert cost.y[0] == 0.0 and cost.y[-1] == 5.0

@@ -25,16 +25,16 @@ def placement(demand_kw: list[float], soc: float = 0.6):  # type: ignore[no-unty
 
 def test_a_string_is_charged_while_the_others_are_not_needed() -> None:
     peak_first = placement([120.0] * 2 + [-30.0] * 12)
-    assert peak_first.start >= 2
+    assert peak_first[0] >= 2
     peak_last = placement([-30.0] * 12 + [120.0] * 2)
-    assert peak_last.start < 12
-    assert min(peak_first.cost_kwh, peak_last.cost_kwh) > 0.0
+    assert peak_last[0] < 12
+    assert min(peak_first[1], peak_last[1]) > 0.0
 
 
 def test_a_time_at_which_the_others_cannot_carry_the_load_is_not_taken() -> None:
-    assert placement([130.0] * 3 + [-60.0] * 7, soc=0.9).start >= 3
+    assert placement([130.0] * 3 + [-60.0] * 7, soc=0.9)[0] >= 3
     short = placement([150.0] * 2 + [-20.0] * 12)  # days on which energy is short anyway
-    assert short.cost_kwh > 20.0 * placement([20.0] * 6, soc=0.9).cost_kwh > 0.0
+    assert short[1] > 20.0 * placement([20.0] * 6, soc=0.9)[1] > 0.0
 
 
 def test_every_string_is_full_once_in_its_period(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -82,7 +82,7 @@ def test_after_a_search_that_fails_another_one_begins(monkeypatch: pytest.Monkey
     monkeypatch.setattr(calibration, "place", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         searched()
-    monkeypatch.setattr(calibration, "place", lambda *_: calibration.Placement(0, 1.0))
+    monkeypatch.setattr(calibration, "place", lambda *_: (0, 1.0))
     searched()
     assert plans.planned == [0, 2.0 * DAY_S, 1.0]
 

@@ -10,7 +10,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from bess.control.policies.planned import PLANNED
-from bess.report import charts, figures
+from bess.report import figures
+from bess.report.charts import operation
 from bess.report.charts.maps import SHORTEST_MAP_DAYS, days_of, months_of
 from bess.report.data import Results, TimeAxis
 from bess.report.drawing.chart import Chart, draw
@@ -97,7 +98,7 @@ def over_time(run: Run) -> Iterator[FigureSpec]:
             "Frequency, delivered power, and the state of charge within the required window."
             if is_reserve(data)
             else "Load and generation, grid import, and delivered power of the plant.",
-            partial(charts.service, data),
+            partial(operation.service, data),
         )
     elif "price_eur_mwh" in data:
         yield FigureSpec(
@@ -107,7 +108,7 @@ def over_time(run: Run) -> Iterator[FigureSpec]:
             "losses, mean state of charge."
             if daily
             else "Price, dispatch and mean state of charge.",
-            partial(charts.market_dispatch, data),
+            partial(operation.market_dispatch, data),
         )
     yield FigureSpec(
         "strings",
@@ -115,7 +116,7 @@ def over_time(run: Run) -> Iterator[FigureSpec]:
         "State of charge and temperature: daily mean of every string, daily range over all of them in grey."
         if daily
         else "State of charge and mean temperature of every string, demand behind.",
-        partial(charts.strings, data),
+        partial(operation.strings, data),
     )
     if days_of(data) < SHORTEST_MAP_DAYS:  # of longer runs the map shows power: stacks would be blocks
         yield FigureSpec(
@@ -123,7 +124,7 @@ def over_time(run: Run) -> Iterator[FigureSpec]:
             "Power of the strings",
             "Requested: delivered power, derating loss and availability loss (discharge upwards, charge "
             "downwards). Loss: in inverters and batteries.",
-            partial(charts.power_split, data),
+            partial(operation.power_split, data),
         )
     if "reactive_kvar" in data:
         yield FigureSpec(
@@ -131,7 +132,7 @@ def over_time(run: Run) -> Iterator[FigureSpec]:
             "Reactive power",
             "Reactive power of the plant (demand and delivered) and of every string, and apparent power of "
             "its inverter.",
-            partial(charts.reactive_power, data),
+            partial(operation.reactive_power, data),
         )
     if data.sizes["string"] > 1:
         yield FigureSpec(
@@ -147,7 +148,7 @@ def over_time(run: Run) -> Iterator[FigureSpec]:
             "health",
             "State of health",
             "Capacity and resistance over those of the system file, and the cost of the capacity lost.",
-            partial(charts.state_of_health, data),
+            partial(operation.state_of_health, data),
         )
     if "node_temperature_c" in data:
         yield FigureSpec(
@@ -168,7 +169,7 @@ def optimiser(run: Run) -> Iterator[FigureSpec]:
             "Effort of the optimiser",
             "Rigorous gap: to a bound on the nonlinear control model. Search gap: of the convexified "
             "program, on which the search stops. Gaps below 0.0001 % stand at the lower edge.",
-            partial(charts.solver_effort, data, run.solve_time_s),
+            partial(operation.solver_effort, data, run.solve_time_s),
         )
 
 
@@ -177,7 +178,7 @@ def _durations(results: Results) -> FigureSpec:
         "durations",
         "Duration curves",
         "Share of time with at least this plant power, or this temperature of the hottest string.",
-        partial(charts.duration_curves, results),
+        partial(operation.duration_curves, results),
     )
 
 
@@ -186,7 +187,7 @@ def _spread(results: Results) -> FigureSpec:
         "spread",
         "Differences between strings",
         "Largest minus smallest value over the strings.",
-        partial(charts.string_spread, results),
+        partial(operation.string_spread, results),
     )
 
 
@@ -197,7 +198,7 @@ def _mean_temperature(runs: Mapping[str, Run]) -> FigureSpec:
         "Mean temperature",
         "Mean over strings; derating begins at the broken line.",
         partial(
-            charts.mean_temperature,
+            operation.mean_temperature,
             {name: run.dataset for name, run in runs.items()},
             derating_start_c=first.system.strings[0].derating.start_c,
         ),

@@ -7,7 +7,7 @@ range: a year of cycles as one line would be a solid block of colour."""
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from datetime import UTC
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
@@ -54,6 +54,19 @@ def named(results: Results) -> dict[str, xr.Dataset]:
     return {"": dataset_of(results)}  # type: ignore[arg-type]
 
 
+def told_apart(results: Results) -> Iterator[tuple[str, xr.Dataset, str, bool]]:
+    """Yield name, dataset, colour, and whether lines are dashed, for each result.
+
+    Curves of runs with bit-identical delivered powers coincide: the later ones are dashed, so that the first
+    remains visible, and named after it.
+    """
+    seen: dict[bytes, str] = {}
+    datasets = named(results)
+    for (name, dataset), colour in zip(datasets.items(), colours(len(datasets)), strict=True):
+        first = seen.setdefault(dataset["delivered_kw"].values.tobytes(), name)
+        yield (name if first == name else f"{name} (as {first})"), dataset, colour, first != name
+
+
 def step_h(dataset: xr.Dataset) -> float:
     """Length of a step [h]."""
     times = dataset["time"].values
@@ -73,15 +86,16 @@ class TimeAxis:
         Start of each step, and the end of the last.
     label : str
         Axis label.
-    steps_per_day : int
-        Number of steps of a day, at least 1.
+    step_h, steps_per_day : float, int
+        Length of a step [h], and number of steps of a day, at least 1.
     daily : bool
         Whether the run is so long that days are drawn, not steps.
     """
 
     def __init__(self, dataset: xr.Dataset) -> None:
         times = dataset["time"].values.astype("datetime64[s]")
-        step = np.timedelta64(round(step_h(dataset) * 3600.0), "s")
+        self.step_h = step_h(dataset)
+        step = np.timedelta64(round(self.step_h * 3600.0), "s")
         edges: NDArray[Any] = np.append(times, times[-1] + step)
         hours = (edges - edges[0]) / np.timedelta64(3600, "s")
         if hours[-1] <= _HOURS_UP_TO:
@@ -92,7 +106,7 @@ class TimeAxis:
             self.label = "Time (UTC)"
         self._instants = edges
         self.start = self.edges[:-1]
-        self.steps_per_day = max(round(24.0 / step_h(dataset)), 1)
+        self.steps_per_day = max(round(24.0 / self.step_h), 1)
         self.daily = bool(hours[-1] > 24.0 * _DAILY_FROM_DAYS)
 
     def place(self, instant: np.datetime64) -> Any:
@@ -103,7 +117,7 @@ class TimeAxis:
         return (within - self._instants[0]) / np.timedelta64(3600, "s")
 
 
-def event_spans(dataset: xr.Dataset, time: TimeAxis) -> tuple[Span, ...]:
+def event_spans(dataset: xr.Dataset, time: TimeAxis) -> list[Span]:
     """Events of the study in a record, within its time span."""
     spans = []
     for event in tomllib.loads(dataset.attrs.get("study", "")).get("event", ()):
@@ -115,7 +129,7 @@ def event_spans(dataset: xr.Dataset, time: TimeAxis) -> tuple[Span, ...]:
         low, high = (time.place(instant) for instant in (start, end))
         if low < high:
             spans.append(Span(low, high, f"string {event['string']} {what}"))
-    return tuple(spans)
+    return spans
 
 
 POINTS_PER_SERIES: Final = 3000
@@ -163,8 +177,8 @@ def curve(
     return series
 
 
-def string_curves(time: TimeAxis, values: Values, among: int) -> list[Series]:
-    """Series of one quantity of every string, shape ``(n, n_strings)``; else as for :func:`curve`.
+def string_curves(time: TimeAxis, values: Values, quantities: int = 1) -> list[Series]:
+    """Series of one quantity of every string, shape ``(n, n_strings)``; ``quantities`` share the points.
 
     More than :data:`MAX_CURVES` strings are drawn as their range, the middle 80 %, the median, and by name
     the strings with the highest and the lowest mean.
@@ -172,8 +186,8 @@ def string_curves(time: TimeAxis, values: Values, among: int) -> list[Series]:
     n_strings = values.shape[1]
     if n_strings <= MAX_CURVES:
         each = [
-            curve(time, values[:, index], colour, f"string {index}", among=among, band=False)
-            for index, colour in enumerate(colours(n_strings))
+            curve(time, values[:, i], colour, f"string {i}", among=quantities * n_strings, band=False)
+            for i, colour in enumerate(colours(n_strings))
         ]
         return [line for lines in each for line in lines]
     edges = len(values) > len(time.start)

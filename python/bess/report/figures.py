@@ -15,8 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from bess.report import charts
-from bess.report.charts import kpi_figures, maps
+from bess.report.charts import kpi_figures, maps, operation
 from bess.report.drawing.chart import Chart, draw
 from bess.report.drawing.style import through_pyplot
 
@@ -38,19 +37,19 @@ def _drawn(chart: Callable[P, Chart]) -> Callable[P, Figure]:
     return figure
 
 
-duration_curves = _drawn(charts.duration_curves)
-strings = _drawn(charts.strings)
-string_spread = _drawn(charts.string_spread)
-mean_temperature = _drawn(charts.mean_temperature)
-derating_curves = _drawn(charts.derating_curves)
-power_split = _drawn(charts.power_split)
-reactive_power = _drawn(charts.reactive_power)
-solver_effort = _drawn(charts.solver_effort)
-state_of_health = _drawn(charts.state_of_health)
-market_dispatch = _drawn(charts.market_dispatch)
-service = _drawn(charts.service)
-kpi_lines = _drawn(charts.kpi_lines)
-pareto_front = _drawn(charts.pareto_front)
+duration_curves = _drawn(operation.duration_curves)
+strings = _drawn(operation.strings)
+string_spread = _drawn(operation.string_spread)
+mean_temperature = _drawn(operation.mean_temperature)
+derating_curves = _drawn(operation.derating_curves)
+power_split = _drawn(operation.power_split)
+reactive_power = _drawn(operation.reactive_power)
+solver_effort = _drawn(operation.solver_effort)
+state_of_health = _drawn(operation.state_of_health)
+market_dispatch = _drawn(operation.market_dispatch)
+service = _drawn(operation.service)
+kpi_lines = _drawn(kpi_figures.kpi_lines)
+pareto_front = _drawn(kpi_figures.pareto_front)
 
 energy_flow = kpi_figures.energy_flow
 kpi_bars = kpi_figures.kpi_bars

@@ -78,25 +78,18 @@ class Run:
     @cached_property
     def kpis(self) -> dict[str, float]:
         """Saved KPIs; for an unfinished run, KPIs of its saved part."""
-        try:
-            kpis = {key: math.nan if value is None else float(value)
-                    for key, value in self._saved.items() if key != GAIN_RULE}  # fmt: skip
-        except (ValueError, TypeError):  # damaged
-            kpis = {}
-        if kpis:
-            return kpis
-        from bess.simulation.analysis.kpis import kpis as compute
+        from bess.simulation.analysis.kpis import kpis
 
-        return compute(self.dataset)
+        saved = {key: value for key, value in self._saved.items() if key != GAIN_RULE}
+        try:
+            numbers = {key: math.nan if value is None else float(value) for key, value in saved.items()}
+        except (ValueError, TypeError):  # damaged
+            numbers = {}
+        return numbers or kpis(self.dataset)
 
     @cached_property
     def _saved(self) -> dict[str, Any]:
-        path = self.directory / _KPIS
-        try:
-            check_file(path)
-            return dict(parse_json(path.read_text(encoding="utf-8")))
-        except (OSError, ValueError, TypeError):  # absent, or damaged
-            return {}
+        return _saved_kpis(self.directory)
 
     @property
     def policy(self) -> str:
@@ -178,9 +171,15 @@ def runs_in(directory: Path) -> tuple[dict[str, Run], dict[str, str]]:
 
 def _order_in(directory: Path) -> Callable[[str], tuple[int, str]]:
     """Order of the study file, as in the summary of all runs; names not in it come last."""
-    try:
-        summary = list(parse_json((directory / _KPIS).read_text(encoding="utf-8")))
-    except (OSError, ValueError, TypeError):
-        summary = []
-    places = {name: index for index, name in enumerate(summary)}
+    places = {name: index for index, name in enumerate(_saved_kpis(directory))}
     return lambda name: (places.get(name, len(places)), name)
+
+
+def _saved_kpis(directory: Path) -> dict[str, Any]:
+    """KPIs in a folder; empty if they are absent or damaged."""
+    path = directory / _KPIS
+    try:
+        check_file(path)
+        return dict(parse_json(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError, TypeError):
+        return {}

@@ -70,9 +70,7 @@ def trials(study: Study, controller: ExplicitController) -> Iterator[Evaluation]
 
 def _score(study: Study, policy: DistilledPolicy | None, shortfall: float) -> tuple[float, float]:
     kpis = run(study, policy=policy, progress=False).kpis
-    missing = kpis["availability_loss_kwh"] + kpis["derating_loss_kwh"]
-    losses = kpis["inverter_loss_kwh"] + kpis["battery_loss_kwh"]
-    return missing + losses, shortfall * missing + losses
+    return kpis["lost_kwh"], kpis["lost_kwh"] + (shortfall - 1.0) * kpis["undelivered_kwh"]
 
 
 def report(study: Study, controller: ExplicitController, made: list[Evaluation]) -> str:

@@ -18,7 +18,7 @@ from bess.errors import InputError
 from bess.files import parse_toml
 from bess.report.contents import FigureSpec
 from bess.report.data import TimeAxis, curve, string_curves
-from bess.report.drawing.chart import Chart, Panel, Series
+from bess.report.drawing.chart import Chart, Panel
 from bess.report.drawing.style import AVAILABILITY, DISCHARGE, INK
 from bess.report.page import FIGURES, section, write_page
 from bess.report.words.headline import Tile
@@ -148,26 +148,21 @@ def _plant(binned: xr.Dataset) -> Chart:
     powers += curve(time, recommended, AVAILABILITY, "recommended", kind="step", dashed=True)
     powers += curve(time, demand, INK, "demand", kind="step", dashed=True)
     deviation = curve(time, did - demand, DISCHARGE, kind="step")
-    panels = (Panel("Power (kW)", tuple(powers)), Panel("Deviation from demand (kW)", tuple(deviation)))
-    return Chart(time.label, panels)
+    return Chart(time.label, [Panel("Power (kW)", powers), Panel("Deviation from demand (kW)", deviation)])
 
 
 def _split(binned: xr.Dataset) -> Chart:
     did, recommended = binned["power_kw"].values, binned["recommended_kw"].values
     rows = (("Did (kW)", did), ("Recommended (kW)", recommended), ("Difference (kW)", did - recommended))
     time = _time(binned)
-    return Chart(time.label, tuple(Panel(label, _strings(time, values)) for label, values in rows))
+    return Chart(time.label, [Panel(label, string_curves(time, values)) for label, values in rows])
 
 
 def _state(binned: xr.Dataset) -> Chart:
     time = _time(binned)
-    soc = Panel("SOC", _strings(time, binned["soc"].values), y_limits=(-0.02, 1.02))
-    temperature = Panel("Temperature (°C)", _strings(time, binned["temperature_c"].values))
-    return Chart(time.label, (soc, temperature))
-
-
-def _strings(time: TimeAxis, values: Array) -> tuple[Series, ...]:
-    return tuple(string_curves(time, values, among=values.shape[1]))
+    soc = Panel("SOC", string_curves(time, binned["soc"].values), y_limits=(-0.02, 1.02))
+    temperature = Panel("Temperature (°C)", string_curves(time, binned["temperature_c"].values))
+    return Chart(time.label, [soc, temperature])
 
 
 def _time(binned: xr.Dataset) -> TimeAxis:

@@ -277,28 +277,25 @@ class Link:
         try:
             rows = json.loads(answer)
             components: dict[str, _Channels] = {}
+            units: dict[tuple[str, str], object] = {}
             for row in rows if isinstance(rows, list) else [rows]:  # one channel comes without a list
                 name, _, channel = row["address"].partition("/")
                 components.setdefault(name, {})[channel] = row.get("value")
-                self._check_unit(name, channel, row.get("unit"))
+                units[name, channel] = row.get("unit")
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
             raise LinkError(
                 f"{self._url}: does not answer as the REST interface of OpenEMS does "
                 f"({type(error).__name__}: {error})"
             ) from error
+        used = (*(self._names or components), self._meter)
+        for (name, channel), unit in units.items():
+            if name in used and unit not in _UNITS.get(channel, (unit,)):
+                self._units_are_known = False
+                raise LinkError(
+                    f"{self._url}: {name}/{channel} is in {unit!r}, expected {' or '.join(_UNITS[channel])}; "
+                    "nothing is read or written until this is put right"
+                )
         return components
-
-    def _check_unit(self, name: str, channel: str, unit: object) -> None:
-        if (
-            channel in _UNITS
-            and unit not in _UNITS[channel]
-            and (name in (*self._names, self._meter) or not self._names)
-        ):
-            self._units_are_known = False
-            raise LinkError(
-                f"{self._url}: {name}/{channel} is in {unit!r}, expected {' or '.join(_UNITS[channel])}; "
-                "nothing is read or written until this is put right"
-            )
 
     def _check_units(self, strings: Sequence[_Channels]) -> None:
         """Require the channels of each present string, so that their units are known."""

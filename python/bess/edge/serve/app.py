@@ -130,7 +130,8 @@ def build_app(
         if loop is not None:
             service.metrics.cycle_age.set(loop.age_s)
             service.metrics.cycle_period.set(loop.period_s)
-        return Response(service.metrics_text(), media_type="text/plain; version=0.0.4; charset=utf-8")
+        text = service.metrics.text(service.last, service.controller)
+        return Response(text, media_type="text/plain; version=0.0.4; charset=utf-8")
 
     @app.get("/", summary="A page that shows the strings live")
     async def page() -> Response:

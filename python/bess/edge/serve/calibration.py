@@ -7,7 +7,7 @@ cost (:func:`place`) within the last day before it is due. A string that was ful
 from __future__ import annotations
 
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -33,14 +33,6 @@ SLACK: Final = 1.2
 _FULL: Final = 0.005
 """SOC below the target that counts as the target."""
 _DAY_S: Final = 86_400.0
-
-
-@dataclass(frozen=True)
-class Placement:
-    """Cheapest time of a calibration: step at which it starts, and its cost [kWh]."""
-
-    start: int
-    cost_kwh: float
 
 
 class Calibration(Checkpointed):
@@ -80,7 +72,7 @@ class Calibration(Checkpointed):
         self.target_soc = 1.0
         self.planned: list[float] | None = None
         self.full_s: Array = np.full(system.n_strings, np.nan)
-        self._pending: tuple[int, float, Future[Placement]] | None = None
+        self._pending: tuple[int, float, Future[tuple[int, float]]] | None = None
 
     def due_s(self) -> Array | None:
         """Time when each string must be full again; None without a period."""
@@ -132,8 +124,8 @@ class Calibration(Checkpointed):
             self._look_ahead(now_s, valid, day_kw, plan_s, self._period_s)
         elif self._pending[2].done():
             (string, began_s, search), self._pending = self._pending, None
-            placed = search.result()
-            self.planned = [string, began_s + placed.start * plan_s, placed.cost_kwh]
+            start, cost_kwh = search.result()
+            self.planned = [string, began_s + start * plan_s, cost_kwh]
 
     def is_done(self, valid: ValidState) -> bool:
         """Whether the string in calibration is full by both of its possible values."""
@@ -185,13 +177,13 @@ def place(
     dt_h: float,
     string: int,
     due: int,
-) -> Placement:
-    """Find the start of a calibration, before step ``due``, with the lowest cost of this day and the next.
+) -> tuple[int, float]:
+    """Return the step, before ``due``, at which a calibration has the lowest cost, and this cost [kWh].
 
-    For each candidate, the control model simulates two days with the same demand, from a valid state, with
-    steps of ``dt_h``; the demand minus the calibration is shared by stored energy or headroom. The cost is
-    ``SHORTFALL`` times undelivered energy, plus losses [kWh]; the cost of a calibration is the difference
-    from days without it.
+    For each candidate, the control model simulates this day and the next, with the same demand, from a valid
+    state, with steps of ``dt_h``; the demand minus the calibration is shared by stored energy or headroom.
+    The cost is ``SHORTFALL`` times undelivered energy, plus losses [kWh]; the cost of a calibration is the
+    difference from days without it.
     """
     limits = SocLimits(system, service, 3600.0 * dt_h)
     energy_kwh = system.nominal_energy_kwh * valid.state.soh_capacity
@@ -230,4 +222,4 @@ def place(
     costs = {start: days(start) for start in starts}
     in_time = [start for start in starts if costs[start][1] <= demand_kw.size] or starts
     best = min(in_time, key=lambda start: costs[start][0])
-    return Placement(best, costs[best][0] - days(demand_kw.size)[0])
+    return best, costs[best][0] - days(demand_kw.size)[0]

@@ -120,8 +120,7 @@ class MeasurementValidator(Checkpointed):
             reasons.append(reason)
             flow_kw = watch.flow_kw_of(measured, elapsed_s, out=out)
             limit_kw = 0.0 if out else np.inf if watch.cap_kw is None else watch.cap_kw
-            low, high = watch.soc_range()
-            soc = min(max(watch.soc if watch.soc is not None else 0.5, low), high)
+            soc, low, high = watch.possible_soc()
             temperature_c = self._system.ambient_c if watch.temperature_c is None else watch.temperature_c
             rows.append((soc, temperature_c, low, high, limit_kw, flow_kw))
             out_of_service.append(out)
@@ -207,11 +206,10 @@ class _StringMonitor(Checkpointed):
         self.other = False
         self.rest_s = 0.0
 
-    def soc_range(self) -> tuple[float, float]:
-        """Both possible values of the SOC, within its window."""
+    def possible_soc(self) -> Array:
+        """SOC, and the smaller and the larger of its possible values, within the window."""
         values = [v for v in (self.soc, self.other_soc) if v is not None] or [0.5]
-        low, high = self._window
-        return min(max(min(values), low), high), min(max(max(values), low), high)
+        return np.clip([values[0], min(values), max(values)], *self._window)
 
     def flow_kw_of(self, measured: Measurements, elapsed_s: float, *, out: bool) -> float:
         """Last known power of a string out of service, until its watchdog must have acted.

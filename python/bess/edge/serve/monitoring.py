@@ -61,17 +61,17 @@ class Metrics:
         self.cycle_period = gauge("bess_cycle_period_seconds", "Time from one control cycle to the next.")
         self.link_errors = counter("bess_link_errors", "Failed reads and writes of the plant.")
 
-    def text(self, demand_kw: float, answer: Answer | None, controller: Controller, slot: int) -> bytes:
-        """All metrics in the text format of Prometheus, with gauges of the last answer."""
-        if answer is not None:
-            self._update(demand_kw, answer, controller, slot)
+    def text(self, last: tuple[float, float, Answer] | None, controller: Controller) -> bytes:
+        """All metrics in the text format of Prometheus, with gauges of the last answer, if any."""
+        if last is not None:
+            self._update(*last, controller)
         return generate_latest(self.registry)
 
-    def _update(self, demand_kw: float, answer: Answer, controller: Controller, slot: int) -> None:
+    def _update(self, at_s: float, demand_kw: float, answer: Answer, controller: Controller) -> None:
         self._demand.set(demand_kw)
         self._unmet.set(answer.unmet_kw)
         plan = controller.plan.current
-        self._plan_age.set(-1 if plan is None else slot - plan.slot)
+        self._plan_age.set(-1 if plan is None else controller.plan.slot(at_s) - plan.slot)
         counters, valid, calibration = controller.counters, controller.valid, controller.calibration
         self._cost.set(np.nan if calibration.planned is None else calibration.planned[2])
         columns: dict[str, Any] = {

@@ -71,6 +71,12 @@ def reference_page(schema: dict[str, Any]) -> tuple[str, dict[str, str]]:
     return page, _headers(page)
 
 
+_SHOWN: Final = (
+    "request_kw", "unmet_kw", "status", "fallback", "flowing_kw", "running", "in_service", "reasons",
+)  # fmt: skip
+"""Entries of an answer on the live page."""
+
+
 def live(service: Service, span: str) -> dict[str, Any]:
     """Plant, demand and strings of the last answer, and the history of one of :data:`.monitoring.SPANS`."""
     controller, calibration = service.controller, service.controller.calibration
@@ -103,10 +109,8 @@ def _last(service: Service) -> dict[str, Any] | None:
     if service.last is None or valid is None:
         return None
     at_s, demand_kw, answer = service.last
-    in_service, energy_kwh = (
-        answer.in_service,
-        controller.system.nominal_energy_kwh * valid.state.soh_capacity,
-    )
+    in_service, state = answer.in_service, valid.state
+    energy_kwh = controller.system.nominal_energy_kwh * state.soh_capacity
 
     def left_kwh(discharge: bool) -> float:
         room = controller.soc_limits.room(valid.worse(discharge).soc, discharge)
@@ -114,15 +118,14 @@ def _last(service: Service) -> dict[str, Any] | None:
 
     said = answer.document()
     return {
-        **{name: said[name] for name in ("request_kw", "unmet_kw", "status", "fallback", "flowing_kw")},
-        **{name: said[name] for name in ("running", "in_service", "reasons")},
+        **{name: said[name] for name in _SHOWN},
         "time_s": at_s,
         "demand_kw": demand_kw,
         "measured_kw": None if np.isnan(service.measured_kw) else service.measured_kw,
         "because": grouped(answer.reasons, in_service),
-        "soc": valid.state.soc.tolist(),
-        "temperature_c": valid.state.temperature_c.tolist(),
-        "plant_soc": float(np.average(valid.state.soc, weights=energy_kwh)),
+        "soc": state.soc.tolist(),
+        "temperature_c": state.temperature_c.tolist(),
+        "plant_soc": float(np.average(state.soc, weights=energy_kwh)),
         "discharge_kwh": left_kwh(True),
         "charge_kwh": left_kwh(False),
         "discharge_kw": float(controller.able.discharge_kw.sum()),

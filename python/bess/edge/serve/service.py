@@ -121,11 +121,6 @@ class Service:
         self.controller.calibration.string = None
         self.memory.save(self.controller)
 
-    def metrics_text(self) -> bytes:
-        """Prometheus metrics."""
-        at_s, demand_kw, answer = self.last or (0.0, 0.0, None)
-        return self.metrics.text(demand_kw, answer, self.controller, self.controller.plan.slot(at_s))
-
     def health(self) -> dict[str, Any]:
         """Public document of ``/v1/health``."""
         unmet_kw, flowing_kw, out_of_service = 0.0, 0.0, []

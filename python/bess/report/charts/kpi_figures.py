@@ -284,10 +284,10 @@ def pareto_front(
     if not on_front.all():
         series.insert(0, dots(np.flatnonzero(~on_front), style.BACKGROUND, "dominated", "dots"))
     ends = {names[order[0]], names[order[-1]]} - {names[knee]}
-    notes = tuple((kpis[name][x], kpis[name][y], name) for name in sorted(ends))
+    notes = [(kpis[name][x], kpis[name][y], name) for name in sorted(ends)]
     return Chart(
         kpi(x).heading,
-        (Panel(kpi(y).heading, tuple(series), annotations=notes),),
+        [Panel(kpi(y).heading, series, annotations=notes)],
         panel_height_in=3.0,
         width_in=4.6,
     )
@@ -325,6 +325,6 @@ def kpi_lines(kpis: KpisByRun, values: Sequence[float], label: str, keys: Sequen
         raise InputError(f"kpi_lines: no key figure changes with {label}")
     for key, colour in zip(changing, colours(len(changing)), strict=True):
         y = np.array([entry[key] for entry in kpis.values()], dtype=float)[order]
-        line = (Series(x, y, colour), Series(x, y, colour, kind="dots"))
+        line = [Series(x, y, colour), Series(x, y, colour, kind="dots")]
         panels.append(Panel(kpi(key).unit, line, title=kpi(key).label))
-    return Chart(label, tuple(panels), columns=2, panel_height_in=1.3)
+    return Chart(label, panels, columns=2, panel_height_in=1.3)

@@ -118,6 +118,10 @@ def _draw_map(figure: Figure, axes: Axes, times: Values, shown: _Map) -> None:
     bar.ax.yaxis.set_major_locator(MaxNLocator(4))
 
 
+_Bars = tuple[str, list[tuple[str, str, Values]], Values | None]
+"""A panel: its label; name, colour and values of its bars; and a line over them."""
+
+
 @styled
 def monthly_bars(result: Result) -> Figure:
     """Bars for each month: money if there are prices, energy of both directions, losses, and full cycles."""
@@ -129,21 +133,15 @@ def monthly_bars(result: Result) -> Figure:
         return np.bincount(month, values, len(months))
 
     delivered = dataset["delivered_kw"].values
-    panels: list[tuple[str, list[tuple[str, str, Values]], Values | None]] = []
+    panels: list[_Bars] = []
     if has_prices(dataset):
         entries = ledger(dataset)
-        shades = dict(
-            zip(
-                (*REVENUES, *COSTS),
-                (style.DISCHARGE, style.BACKGROUND, *colours(len(REVENUES + COSTS) - 1)[1:]),
-                strict=True,
-            )
-        )
-        signed = [*((name, 1.0) for name in REVENUES), *((name, -1.0) for name in COSTS)]
+        signs = {**dict.fromkeys(REVENUES, 1.0), **dict.fromkeys(COSTS, -1.0)}
+        shades = (style.DISCHARGE, style.BACKGROUND, *colours(len(signs) - 1)[1:])
         bars = []
-        for name, sign in signed:
+        for (name, sign), shade in zip(signs.items(), shades, strict=True):
             if name in entries and np.abs(values := per_month(entries[name].values)).max() > 0.0:
-                bars.append((kpi(name).label, shades[name], sign * values))
+                bars.append((kpi(name).label, shade, sign * values))
         panels.append(("EUR", bars, per_month(entries["net_eur"].values)))
     energy = [
         ("Discharged", style.DISCHARGE, per_month(to_mwh * np.maximum(delivered, 0.0).sum(axis=1))),
@@ -161,13 +159,11 @@ def monthly_bars(result: Result) -> Figure:
     return _draw_months(months, panels)
 
 
-def _draw_months(
-    months: Values, panels: list[tuple[str, list[tuple[str, str, Values]], Values | None]]
-) -> Figure:
+def _draw_months(months: Values, panels: list[_Bars]) -> Figure:
     figure = new_figure(style.DOUBLE_COLUMN_IN, 1.45 * len(panels))
     rows = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     places = np.arange(len(months))
-    for axes, (label, bars, net) in zip(rows, panels, strict=True):
+    for axes, (unit, bars, net) in zip(rows, panels, strict=True):
         above, below = np.zeros(len(months)), np.zeros(len(months))
         for name, colour, values in bars:
             base = np.where(values >= 0.0, above, below)
@@ -175,17 +171,10 @@ def _draw_months(
             above += np.maximum(values, 0.0)
             below += np.minimum(values, 0.0)
         if net is not None:
-            axes.plot(
-                places,
-                net,
-                color=style.INK,
-                marker="o",
-                markersize=3.5,
-                linewidth=1.0,
-                label=kpi("net_eur").label,
-            )
+            label = kpi("net_eur").label
+            axes.plot(places, net, "o-", color=style.INK, markersize=3.5, linewidth=1.0, label=label)
         axes.axhline(0.0, color=style.INK, linewidth=0.6)
-        axes.set_ylabel(label)
+        axes.set_ylabel(unit)
         axes.grid(visible=False, axis="x")
         if len(bars) > 1:
             axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7)

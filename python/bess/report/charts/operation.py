@@ -18,14 +18,13 @@ from bess.report.data import (
     dataset_of,
     event_spans,
     held,
-    named,
-    step_h,
     string_curves,
     thin,
+    told_apart,
 )
 from bess.report.drawing import style
 from bess.report.drawing.chart import Chart, Panel, Series, Values
-from bess.report.drawing.style import colours, told_apart
+from bess.report.drawing.style import colours
 from bess.simulation.analysis.services import draw_kw, is_reserve, is_site
 from bess.simulation.record.dataset import with_initial
 from bess.system import System
@@ -54,43 +53,36 @@ def strings(result: Result) -> Chart:
             days, low, _, high = daily(time, states[1:])
             base = held(low.min(axis=1))
             lines.append(Series(days, held(high.max(axis=1)), "#DDDDDD", "daily range", "band", base))
-        lines += string_curves(time, states, among=2 * n_strings)
-        panels.append(Panel(label, tuple(lines), demand, "Demand (kW)", y_limits=limits))
-    return Chart(time.label, tuple(panels), panel_height_in=1.75, spans=event_spans(dataset, time))
+        lines += string_curves(time, states, quantities=2)
+        panels.append(Panel(label, lines, demand, "Demand (kW)", y_limits=limits))
+    return Chart(time.label, panels, panel_height_in=1.75, spans=event_spans(dataset, time))
 
 
 def string_spread(results: Results) -> Chart:
     """Largest difference between strings in SOC and in mean temperature, for one result or several."""
     soc: list[Series] = []
     temperature: list[Series] = []
-    datasets = named(results)
-    label = ""
-    for name, dataset, colour, dashed in told_apart(datasets):
+    for name, dataset, colour, dashed in told_apart(results):
         time = TimeAxis(dataset)
-        label = time.label
         for variable, lines, factor in (("soc", soc, 100.0), ("temperature_c", temperature, 1.0)):
             spread = factor * np.ptp(with_initial(dataset, variable), axis=1)
             lines += curve(time, spread, colour, name, dashed=dashed)
     return Chart(
-        label,
-        (Panel("SOC spread (points)", tuple(soc)), Panel("Temperature spread (K)", tuple(temperature))),
+        time.label,
+        (Panel("SOC spread (points)", soc), Panel("Temperature spread (K)", temperature)),
         panel_height_in=1.4,
     )
 
 
 def mean_temperature(results: Results, *, derating_start_c: float = 45.0) -> Chart:
     """Mean over strings of the temperature, for one result or several, with the start of derating [degC]."""
-    datasets = named(results)
     lines: list[Series] = []
-    label = ""
-    for name, dataset, colour, dashed in told_apart(datasets):
+    for name, dataset, colour, dashed in told_apart(results):
         time = TimeAxis(dataset)
-        label = time.label
         lines += curve(time, with_initial(dataset, "temperature_c").mean(axis=1), colour, name, dashed=dashed)
-        ends = time.edges[[0, -1]]
-    limit = np.full(2, derating_start_c)
+    ends, limit = time.edges[[0, -1]], np.full(2, derating_start_c)
     lines.append(Series(ends, limit, style.INK, f"derating starts, {derating_start_c:g} °C", dashed=True))
-    return Chart(label, (Panel("Mean temperature (°C)", tuple(lines)),), panel_height_in=2.4)
+    return Chart(time.label, (Panel("Mean temperature (°C)", lines),), panel_height_in=2.4)
 
 
 def derating_curves(
@@ -131,7 +123,7 @@ def derating_curves(
     lines.append(Series(np.array(law.temperature_c), np.array(law.factor), style.INK, "table in use", "dots"))
     return Chart(
         "String temperature (°C)",
-        (Panel("Derating factor", tuple(lines), y_limits=(-0.03, 1.05)),),
+        (Panel("Derating factor", lines, y_limits=(-0.03, 1.05)),),
         panel_height_in=2.5,
         width_in=style.SINGLE_COLUMN_IN,
     )
@@ -147,10 +139,8 @@ def state_of_health(result: Result) -> Chart:
         ("Resistance (%)", 100.0 * with_initial(dataset, "soh_resistance")),
         ("Wear so far (EUR)", cost_eur),
     )
-    panels = []
-    for label, states in rows:
-        panels.append(Panel(label, tuple(string_curves(time, states, among=states.shape[1]))))
-    return Chart(time.label, tuple(panels), panel_height_in=1.4, spans=event_spans(dataset, time))
+    panels = [Panel(label, string_curves(time, states)) for label, states in rows]
+    return Chart(time.label, panels, panel_height_in=1.4, spans=event_spans(dataset, time))
 
 
 _POINTS = 400
@@ -162,13 +152,13 @@ def duration_curves(results: Results) -> Chart:
     A point of a curve gives the share of the time in which the value was at least this high. For a single
     result the demand is drawn as well.
     """
-    datasets = named(results)
     power: list[Series] = []
     temperature: list[Series] = []
-    if len(datasets) == 1:
-        (dataset,) = datasets.values()
+    apart = list(told_apart(results))
+    if len(apart) == 1:
+        dataset = apart[0][1]
         power.append(Series(*_sorted(dataset["demand_kw"].values), style.INK, "demand", dashed=True))
-    for name, dataset, colour, dashed in told_apart(datasets):
+    for name, dataset, colour, dashed in apart:
         delivered = dataset["delivered_kw"].values.sum(axis=1)
         hottest = dataset["temperature_c"].values.max(axis=1)
         label = name or "delivered"
@@ -176,7 +166,7 @@ def duration_curves(results: Results) -> Chart:
         temperature.append(Series(*_sorted(hottest), colour, name, dashed=dashed))
     return Chart(
         "Share of the time (%)",
-        (Panel("Plant power (kW)", tuple(power)), Panel("Hottest string (°C)", tuple(temperature))),
+        (Panel("Plant power (kW)", power), Panel("Hottest string (°C)", temperature)),
         panel_height_in=1.7,
     )
 
@@ -232,10 +222,10 @@ def power_split(result: Result) -> Chart:
         losses = flows(_CONVERSION, np.ones_like(discharging), 1.0)
         nothing = curve(time, np.zeros(len(time.start)), style.INK, kind="step")
         panels += [
-            Panel("Requested (kW)", tuple(request or nothing), title=title),
-            Panel("Loss (kW)", tuple(losses or nothing), title=title),
+            Panel("Requested (kW)", request or nothing, title=title),
+            Panel("Loss (kW)", losses or nothing, title=title),
         ]
-    return Chart(time.label, tuple(panels), columns=2, panel_height_in=1.5, spans=event_spans(dataset, time))
+    return Chart(time.label, panels, columns=2, panel_height_in=1.5, spans=event_spans(dataset, time))
 
 
 def _stack(time: TimeAxis, powers: list[tuple[Values, str, str]]) -> list[Series]:
@@ -269,13 +259,10 @@ def reactive_power(result: Result) -> Chart:
     plant = curve(time, q_kvar.sum(axis=1), style.INK, "carried", kind="step")
     asked_kvar = dataset["reactive_demand_kvar"].values
     plant += curve(time, asked_kvar, style.AVAILABILITY, "asked", kind="step", dashed=True)
-    among = q_kvar.shape[1]
-    strings = string_curves(time, q_kvar, among)
-    loading = string_curves(time, apparent_kva, among)
     panels = (
-        Panel("Plant (kvar)", tuple(plant), y_limits=_with_zero(q_kvar.sum(axis=1), asked_kvar)),
-        Panel("Strings (kvar)", tuple(strings)),
-        Panel("Strings (kVA)", tuple(loading)),
+        Panel("Plant (kvar)", plant, y_limits=_with_zero(q_kvar.sum(axis=1), asked_kvar)),
+        Panel("Strings (kvar)", string_curves(time, q_kvar)),
+        Panel("Strings (kVA)", string_curves(time, apparent_kva)),
     )
     return Chart(time.label, panels, panel_height_in=1.35, spans=event_spans(dataset, time))
 
@@ -305,39 +292,31 @@ def market_dispatch(result: Result) -> Chart:
     planned = dataset["expected_kw"].values if "expected_kw" in dataset else None
     price = curve(time, dataset["price_eur_mwh"].values, style.INVERTER, kind="step")
     if time.daily:
-        power = Panel("Energy per day (kWh)", _days(time, dataset["delivered_kw"].values, step_h(dataset)))
+        strings_kw = dataset["delivered_kw"].values
+        sold = _per_day(time, np.maximum(strings_kw, 0.0).sum(axis=1), style.DISCHARGE, "sold")
+        bought = _per_day(time, np.minimum(strings_kw, 0.0).sum(axis=1), style.CHARGE, "bought")
+        power = Panel("Energy per day (kWh)", (sold, bought))
     else:
         lines = curve(time, delivered, style.DISCHARGE, "delivered, positive = sold", kind="step")
         lines += curve(time, dataset["demand_kw"].values, style.INK, "demand", kind="step", dashed=True)
         if planned is not None:
             lines += curve(time, planned, style.DERATING, "planned to be delivered", kind="step", dashed=True)
-        power = Panel("Power (kW)", tuple(lines))
+        power = Panel("Power (kW)", lines)
     soc = curve(time, with_initial(dataset, "soc").mean(axis=1), style.BATTERY)
-    panels = [Panel("Price (EUR/MWh)", tuple(price)), power]
+    panels = [Panel("Price (EUR/MWh)", price), power]
     if time.daily and planned is not None:
-        short = np.abs(planned) - np.abs(delivered)
-        panels.append(Panel("Short of plan (kWh/day)", (_shortfall(time, short, step_h(dataset)),)))
-    panels.append(Panel("Mean SOC", tuple(soc), y_limits=(-0.02, 1.02)))
-    return Chart(time.label, tuple(panels), panel_height_in=1.35)
+        # Planned minus delivered energy; negative if the plan was exceeded.
+        short_kw = np.abs(planned) - np.abs(delivered)
+        short = _per_day(time, short_kw, style.DERATING, "planned less delivered")
+        panels.append(Panel("Short of plan (kWh/day)", (short,)))
+    panels.append(Panel("Mean SOC", soc, y_limits=(-0.02, 1.02)))
+    return Chart(time.label, panels, panel_height_in=1.35)
 
 
-def _shortfall(time: TimeAxis, short_kw: Values, dt_h: float) -> Series:
-    """Dispatch deviation: planned minus delivered energy of each day; negative if the plan was exceeded."""
-    days, _, mean, _ = daily(time, short_kw)
-    return Series(
-        days, held(mean * time.steps_per_day * dt_h), style.DERATING, "planned less delivered", "band"
-    )
-
-
-def _days(time: TimeAxis, delivered_kw: Values, dt_h: float) -> tuple[Series, ...]:
-    """Sold upwards, bought downwards."""
-    bands = []
-    for sign, colour, label in ((1.0, style.DISCHARGE, "sold"), (-1.0, style.CHARGE, "bought")):
-        power = np.maximum(sign * delivered_kw, 0.0).sum(axis=1)
-        days, _, mean, _ = daily(time, power)
-        energy = sign * mean * time.steps_per_day * dt_h
-        bands.append(Series(days, held(energy), colour, label, "band"))
-    return tuple(bands)
+def _per_day(time: TimeAxis, power_kw: Values, colour: str, label: str) -> Series:
+    """Energy of each day."""
+    days, _, mean, _ = daily(time, power_kw)
+    return Series(days, held(mean * time.steps_per_day * time.step_h), colour, label, "band")
 
 
 def service(result: Result) -> Chart:
@@ -359,7 +338,7 @@ def service(result: Result) -> Chart:
         power += curve(time, dataset["schedule_kw"].values, style.AVAILABILITY, "agreed ahead", kind="step")
         for name, label in (("soc_low", "required window"), ("soc_high", "")):
             soc += curve(time, dataset[name].values, style.AVAILABILITY, label, kind="step", dashed=True)
-        first = Panel("Frequency (mHz from nominal)", tuple(frequency))
+        first = Panel("Frequency (mHz from nominal)", frequency)
     elif is_site(dataset):
         _, after, delivered = draw_kw(dataset)
         load = curve(time, dataset["load_kw"].values, style.BACKGROUND, "load", kind="step")
@@ -370,10 +349,10 @@ def service(result: Result) -> Chart:
             limit = dataset["grid_limit_kw"].values
             load += curve(time, limit, style.AVAILABILITY, "limit", kind="step", dashed=True)
         power = curve(time, delivered, style.DISCHARGE, "delivered", kind="step")
-        first = Panel("Site (kW)", tuple(load))
+        first = Panel("Site (kW)", load)
     else:
         raise InputError("the result has neither response_kw nor load_kw: it is not of a service")
-    panels = (first, Panel("Plant (kW)", tuple(power)), Panel("SOC", tuple(soc), y_limits=(-0.02, 1.02)))
+    panels = (first, Panel("Plant (kW)", power), Panel("SOC", soc, y_limits=(-0.02, 1.02)))
     return Chart(time.label, panels, panel_height_in=1.35)
 
 
@@ -408,15 +387,15 @@ def solver_effort(result: Result, solve_time_s: ArrayLike | None = None) -> Char
     fell_back = dataset["fallback"].values.astype(bool)
     if fell_back.any():
         effort.append(_dots(time.start[fell_back], nodes[fell_back], style.AVAILABILITY, "fell back"))
-    panels.append(Panel("Nodes", tuple(effort)))
-    shown = tuple(
+    panels.append(Panel("Nodes", effort))
+    shown = [
         _dots(time.start, np.maximum(gap, _SMALLEST_GAP_PCT), colour, label)
         for label, gap, colour in gaps
         if np.any(np.isfinite(gap))
-    )
+    ]
     if shown:
         panels.append(Panel("Gap (%)", shown, log=True))
-    return Chart(time.label, tuple(panels), panel_height_in=1.25)
+    return Chart(time.label, panels, panel_height_in=1.25)
 
 
 def _dots(x: Values, y: Values, colour: str, label: str = "") -> Series:

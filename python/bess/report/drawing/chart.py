@@ -4,6 +4,7 @@ Long series are already reduced, once for print and page (``bess.report.data``).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -12,8 +13,6 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
@@ -59,13 +58,13 @@ class Panel:
     """One pair of axes."""
 
     y_label: str
-    series: tuple[Series, ...]
+    series: Sequence[Series]
     background: Series | None = None
     background_label: str = ""
     log: bool = False
     y_limits: tuple[float, float] | None = None
     title: str = ""
-    annotations: tuple[tuple[float, float, str], ...] = ()
+    annotations: Sequence[tuple[float, float, str]] = ()
 
 
 @dataclass(frozen=True)
@@ -82,11 +81,11 @@ class Chart:
     """Panels one above the other (or in ``columns``) over one horizontal axis."""
 
     x_label: str
-    panels: tuple[Panel, ...]
+    panels: Sequence[Panel]
     columns: int = 1
     panel_height_in: float = 1.55
     width_in: float = 7.2
-    spans: tuple[Span, ...] = ()
+    spans: Sequence[Span] = ()
 
 
 def spans_label(chart: Chart) -> str:
@@ -107,8 +106,9 @@ def draw(chart: Chart) -> Figure:
     for index, panel in enumerate(chart.panels):
         place = axes[index // chart.columns, index % chart.columns]
         _panel(place, panel)
+        label = spans_label(chart) if panel is chart.panels[-1] else None  # the last entry of the legend
         for span in chart.spans:
-            place.axvspan(span.start, span.end, color=INK, alpha=0.07, linewidth=0)
+            place.axvspan(span.start, span.end, color=INK, alpha=0.07, linewidth=0, label=label)
     for unused in axes.ravel()[len(chart.panels) :]:
         unused.remove()
     for column in range(chart.columns):
@@ -126,8 +126,9 @@ def _panel(axes: Axes, panel: Panel) -> None:
         behind.tick_params(axis="y", colors="#6A6A6A")
         behind.set_ylabel(panel.background_label, color="#6A6A6A")
         grey = panel.background
+        values = grey.y.astype(float)
         behind.fill_between(
-            grey.x, grey.y.astype(float), step="post", color=BACKGROUND, alpha=0.28, linewidth=0
+            grey.x, values, step="post", color=BACKGROUND, alpha=0.28, linewidth=0, label=grey.label
         )
         reach = 1.15 * float(np.nanmax(np.abs(grey.y), initial=1e-9))
         behind.set_ylim(-reach, reach)
@@ -152,25 +153,24 @@ def _panel(axes: Axes, panel: Panel) -> None:
 
 def _series(axes: Axes, series: Series) -> None:
     x, y = series.x, series.y.astype(float)
-    dash: dict[str, Any] = {"linestyle": (0, (4, 2))} if series.dashed else {}
+    shown: dict[str, Any] = {"color": series.colour, "label": series.label or None}
+    dash: dict[str, Any] = {"linestyle": (0, (4, 2)) if series.dashed else "-"}
+    many = len(x) > _MOST_VECTOR_DOTS
     match series.kind:
         case "line":
-            axes.plot(x, y, color=series.colour, **dash)
+            axes.plot(x, y, **dash, **shown)
         case "step":
             turns = _turns(y)
-            axes.plot(x[turns], y[turns], color=series.colour, drawstyle="steps-post", **dash)
+            axes.plot(x[turns], y[turns], drawstyle="steps-post", **dash, **shown)
         case "dots":
-            many = len(x) > _MOST_VECTOR_DOTS
-            axes.plot(
-                x, y, color=series.colour, linestyle="none", marker=".", markersize=3 if many else 6,
-                rasterized=many,
-            )  # fmt: skip
+            axes.plot(x, y, ".", color=series.colour, markersize=3 if many else 6, rasterized=many)
+            axes.plot([], [], ".", **shown)  # the legend needs no small dots
         case "star":
-            axes.plot(x, y, color=series.colour, linestyle="none", marker="*", markersize=13, zorder=5)
+            axes.plot(x, y, "*", markersize=13, zorder=5, **shown)
         case "band":
             base = np.zeros_like(y) if series.base is None else series.base.astype(float)
             turns = _turns(y, base)
-            axes.fill_between(x[turns], base[turns], y[turns], step="post", color=series.colour, linewidth=0)
+            axes.fill_between(x[turns], base[turns], y[turns], step="post", linewidth=0, **shown)
 
 
 def _turns(*edges: Values) -> Values:
@@ -181,44 +181,21 @@ def _turns(*edges: Values) -> Values:
 
 
 def _legend(figure: Figure, axes: Any, chart: Chart) -> None:
-    entries: dict[str, Series] = {}
-    for panel in chart.panels:
-        for series in panel.series:
-            if series.label:
-                entries.setdefault(series.label, series)
-    strings = {label: entry for label, entry in entries.items() if label.startswith("string ")}
+    entries: dict[str, Any] = {}
+    for place in figure.axes:
+        for handle, label in zip(*place.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    strings = {label: handle for label, handle in entries.items() if label.startswith("string ")}
     if len(strings) > _MOST_LEGEND_ENTRIES:
         scale = ScalarMappable(
             BoundaryNorm(np.arange(len(strings) + 1) - 0.5, len(strings)),
-            ListedColormap([entry.colour for entry in strings.values()]),
+            ListedColormap([handle.get_color() for handle in strings.values()]),
         )
         ticks = np.arange(0, len(strings), -(-len(strings) // 10))
         bar = figure.colorbar(scale, ax=axes, location="top", aspect=60, pad=0.01, fraction=0.02, ticks=ticks)
         bar.set_label("string")
         bar.ax.minorticks_off()
-        entries = {label: entry for label, entry in entries.items() if label not in strings}
-    handles: list[Any] = [_handle(label, entry) for label, entry in entries.items()]
-    if any(panel.background is not None for panel in chart.panels):
-        label = next(p.background.label for p in chart.panels if p.background is not None)
-        handles.append(Patch(color=BACKGROUND, alpha=0.28, linewidth=0, label=label))
-    if chart.spans:
-        handles.append(Patch(color=INK, alpha=0.07, linewidth=0, label=spans_label(chart)))
-    if len(handles) > 1 or (handles and entries and not strings):
-        widest = max(len(handle.get_label()) for handle in handles)
-        fitting = max(int(chart.width_in * 11 / (widest + 5)), 1)
-        figure.legend(handles=handles, loc="outside upper center", ncols=min(len(handles), fitting))
-
-
-def _handle(label: str, series: Series) -> Any:
-    match series.kind:
-        case "band":
-            return Patch(color=series.colour, linewidth=0, label=label)
-        case "dots":
-            return Line2D([], [], color=series.colour, linestyle="none", marker=".", label=label)
-        case "star":
-            return Line2D(
-                [], [], color=series.colour, linestyle="none", marker="*", markersize=9, label=label
-            )
-        case _:
-            style: Any = (0, (4, 2)) if series.dashed else "-"
-            return Line2D([], [], color=series.colour, linestyle=style, label=label)
+        entries = {label: handle for label, handle in entries.items() if label not in strings}
+    if len(entries) > 1 or (entries and not strings):
+        fitting = max(int(chart.width_in * 11 / (max(map(len, entries)) + 5)), 1)
+        figure.legend(entries.values(), entries, loc="outside upper center", ncols=min(len(entries), fitting))

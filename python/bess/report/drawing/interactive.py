@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from typing import Any
@@ -98,7 +98,7 @@ _GREY = "#6A6A6A"
 _FONT_SIZE = "12px"
 
 
-def plot_of(panel: Panel, x_range: Any, height: int, spans: tuple[Span, ...], x_label: str | None) -> Any:
+def plot_of(panel: Panel, x_range: Any, height: int, spans: Sequence[Span], x_label: str | None) -> Any:
     """Return the plot of a panel; only one with ``x_label`` shows the axis that all share."""
     drawn = [series for series in panel.series if len(series.x)]
     dates = bool(drawn) and np.issubdtype(drawn[0].x.dtype, np.datetime64)

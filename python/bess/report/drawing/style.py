@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, ParamSpec
+from typing import Any, Final, ParamSpec
 
 from matplotlib import colormaps, rcParams
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-
-if TYPE_CHECKING:
-    import xarray as xr
-
 
 P = ParamSpec("P")
 
@@ -135,19 +131,6 @@ def through_pyplot() -> Iterator[None]:
         _FIGURE.reset(token)
 
 
-def told_apart(datasets: Mapping[str, xr.Dataset]) -> Iterator[tuple[str, xr.Dataset, str, bool]]:
-    """Yield name, record, colour, and whether lines are dashed, for each result.
-
-    Curves of runs with bit-identical delivered powers coincide: the later ones are dashed, so that the first
-    remains visible, and named after it.
-    """
-    seen: dict[bytes, str] = {}
-    shades = colours(len(datasets))
-    for (name, dataset), colour in zip(datasets.items(), shades, strict=True):
-        first = seen.setdefault(dataset["delivered_kw"].values.tobytes(), name)
-        yield (name if first == name else f"{name} (as {first})"), dataset, colour, first != name
-
-
 def save_figure(figure: Figure, path: str | Path, *, dpi: int = 200) -> tuple[Path, Path, Path]:
     """Save a figure as SVG, PNG and PDF; the same figure gives the same bytes.
 
@@ -193,6 +176,7 @@ def save_svg(figure: Figure, path: Path, *, dpi: int = 200) -> str:
 _COORDINATES: Final = re.compile(r'\b(?:x|y|points)="[^"]*"')
 _PATH: Final = re.compile(r'\bd="([^"]*)"')
 _MORE_DIGITS: Final = re.compile(r"(\.\d)\d+")
+_STEP: Final = re.compile(r"([MLz])(?:\s+([-\d.]+)\s+([-\d.]+))?")
 
 
 def shortened(svg: str) -> str:
@@ -209,20 +193,14 @@ def _rounded(text: str) -> str:
 
 
 def _short_path(path: str) -> str:
-    words = _rounded(path).split()
-    if not set("".join(words)) <= set("MLz0123456789.-"):
+    if not set(path) <= set("MLz0123456789.- \n"):
         return path  # curves are few, and small
     shown: list[str] = []
     last = ("", "")
-    place = 0
-    while place < len(words):
-        command = words[place]
+    for command, x, y in _STEP.findall(_rounded(path)):
         if command == "z":
             shown.append("z")
-            place += 1
             continue
-        x, y = words[place + 1 : place + 3]
-        place += 3
         if command == "M" or (x != last[0] and y != last[1]):
             shown.append(f"{command}{x} {y}")
         elif x != last[0]:

@@ -133,22 +133,14 @@ _PART_LOAD = 0.5
 """Mean load below which fewer inverters would have lower losses."""
 
 
-@dataclass(frozen=True)
-class _Cause:
-    kwh: float
-    text: str
-    remedy: str
-
-
 def limit_sentences(run: Run) -> list[str]:
     """Name the two largest parts of the loss, each with a remedy; and frequent starts."""
-    causes = sorted(_causes(run), key=lambda cause: -cause.kwh)
-    total = sum(cause.kwh for cause in causes)
+    causes = sorted(_causes(run), key=lambda cause: -cause[0])
+    total = sum(kwh for kwh, _, _ in causes)
     said = [
-        f"{cause.text}: {kpi('lost_kwh').quantity(cause.kwh)}, {100.0 * cause.kwh / total:.0f} % of the "
-        f"losses. {cause.remedy}"
-        for cause in causes[:2]
-        if cause.kwh > _WORTH_NAMING * total
+        f"{text}: {kpi('lost_kwh').quantity(kwh)}, {100.0 * kwh / total:.0f} % of the losses. {remedy}"
+        for kwh, text, remedy in causes[:2]
+        if kwh > _WORTH_NAMING * total
     ]
     starts = run.kpis["starts_per_day"] / run.dataset.sizes["string"]
     if starts > _MANY_STARTS_PER_DAY:
@@ -156,17 +148,15 @@ def limit_sentences(run: Run) -> list[str]:
     return said
 
 
-def _causes(run: Run) -> Iterator[_Cause]:
+def _causes(run: Run) -> Iterator[tuple[float, str, str]]:
+    """Energy [kWh], cause and remedy of each part of the loss."""
     data, kpis = run.dataset, run.kpis
     hours = step_h(data)
     discharge = data["demand_kw"].values > 0.0
     hot_kw, shed_kw = (data[name].values for name in ("derating_loss_kw", "availability_loss_kw"))
     above_h = np.count_nonzero(data["unmet_kw"].values > 0.0) * hours
-    yield _Cause(
-        kpis["unmet_kwh"],
-        f"Demand above the power in service in {above_h:,.0f} h",
-        "More inverter power would help.",
-    )
+    above = f"Demand above the power in service in {above_h:,.0f} h"
+    yield kpis["unmet_kwh"], above, "More inverter power would help."
     losses = (
         ("Derating of hot strings", hot_kw, "More cooling, or less power at a time,"),
         ("Empty strings", shed_kw * discharge[:, None], "More energy in store, or charging before,"),
@@ -175,19 +165,15 @@ def _causes(run: Run) -> Iterator[_Cause]:
     for text, lost_kw, remedy in losses:
         lost_h = np.count_nonzero(lost_kw.sum(axis=1) > 0.0) * hours
         split = _another_split(run, lost_kw.sum(axis=1), discharge)
-        yield _Cause(
-            float(lost_kw.sum()) * hours, f"{text} in {lost_h:,.0f} h", f"{remedy} would help.{split}"
-        )
+        yield float(lost_kw.sum()) * hours, f"{text} in {lost_h:,.0f} h", f"{remedy} would help.{split}"
     delivered_kw, nominal_kw = np.abs(data["delivered_kw"].values), run.system.nominal_kw
     load = delivered_kw.sum() / max(float(((delivered_kw > 0.0) * nominal_kw).sum()), 1e-9)
-    yield _Cause(
-        kpis["inverter_loss_kwh"],
-        f"Inverters, at {100.0 * load:.0f} % of nominal power while they run",
-        "Fewer inverters at a time would help." if load < _PART_LOAD else "Better inverters would help.",
-    )
+    inverters = f"Inverters, at {100.0 * load:.0f} % of nominal power while they run"
+    better = "Fewer inverters at a time" if load < _PART_LOAD else "Better inverters"
+    yield kpis["inverter_loss_kwh"], inverters, f"{better} would help."
     cells_kwh = kpis["battery_loss_kwh"] + kpis.get("hysteresis_loss_kwh", 0.0)
-    yield _Cause(cells_kwh, "Resistance and hysteresis of the cells", "Lower currents would help.")
-    yield _Cause(kpis["auxiliary_kwh"], "Cooling", "A higher temperature at which it starts would help.")
+    yield cells_kwh, "Resistance and hysteresis of the cells", "Lower currents would help."
+    yield kpis["auxiliary_kwh"], "Cooling", "A higher temperature at which it starts would help."
 
 
 def _another_split(run: Run, lost_kw: Array, discharge: NDArray[np.bool_]) -> str:

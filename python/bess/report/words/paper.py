@@ -11,7 +11,7 @@ from enum import StrEnum
 from typing import Final
 
 from bess.report.runs import Run
-from bess.simulation.analysis.catalogue import KpisByRun
+from bess.simulation.analysis.catalogue import KpisByRun, kpi
 
 _SAME_AVAILABILITY_PCT: Final = 0.05
 _WEIGHTS: Final = {"S1": (1.0, 0.0), "S2": (0.5, 0.5), "S3": (0.0, 1.0)}
@@ -45,18 +45,12 @@ def is_case_2(runs: Mapping[str, Run]) -> bool:
 def comparisons(kpis: KpisByRun) -> list[Comparison]:
     """Each statement of the paper on S1 to S3, checked against KPIs."""
     highest = [
-        _highest("inverter_efficiency_pct", "Highest inverter efficiency", "S1", kpis),
-        _highest("battery_efficiency_pct", "Highest battery efficiency", "S3", kpis),
-        _highest("derating_efficiency_pct", "Highest derating efficiency", "S3", kpis),
-        _highest("system_efficiency_pct", "Highest system efficiency", "S2", kpis),
+        _highest(f"{name}_efficiency_pct", f"Highest {name} efficiency", of, of, kpis)
+        for name, of in (("inverter", "S1"), ("battery", "S3"), ("derating", "S3"), ("system", "S2"))
     ]
-    peak = {name: entry["peak_mean_temperature_c"] for name, entry in kpis.items()}
-    hottest = Comparison(
-        "Highest peak of the mean temperature",
-        "S1, 51 °C",
-        _ranking(peak, "°C", 1),
-        _verdict(_top(peak) == "S1"),
-    )
+    peak_c = "peak_mean_temperature_c"
+    hottest = _highest(peak_c, "Highest peak of the mean temperature", "S1", "S1, 51 °C", kpis)
+    peak = {name: entry[peak_c] for name, entry in kpis.items()}
     differences = [
         _difference("Peak of S2 below that of S1", 5.0, "K", peak["S1"] - peak["S2"]),
         _gain("S2 over S1, battery efficiency", 1.0, "battery_efficiency_pct", "S1", kpis),
@@ -67,7 +61,7 @@ def comparisons(kpis: KpisByRun) -> list[Comparison]:
     sustained = Comparison(
         "Availability of S2 not below that of S1",
         "“maintaining higher availability”",
-        _ranking(availability, "%", 2),
+        _ranking("availability_pct", availability),
         _verdict(availability["S2"] >= availability["S1"] - _SAME_AVAILABILITY_PCT),
     )
     return [*highest, hottest, *differences, sustained]
@@ -102,9 +96,10 @@ def _weight(run: Run, objective: str) -> float | None:
     return None if weight is None else float(weight)
 
 
-def _highest(key: str, statement: str, expected: str, kpis: KpisByRun) -> Comparison:
+def _highest(key: str, statement: str, expected: str, paper: str, kpis: KpisByRun) -> Comparison:
     values = {name: entry[key] for name, entry in kpis.items()}
-    return Comparison(statement, expected, _ranking(values, "%", 2), _verdict(_top(values) == expected))
+    top = max(values, key=lambda name: values[name])
+    return Comparison(statement, paper, _ranking(key, values), _verdict(top == expected))
 
 
 def _gain(statement: str, paper: float, key: str, rival: str, kpis: KpisByRun) -> Comparison:
@@ -125,10 +120,6 @@ def _listed(statements: list[str]) -> str:
     return ", ".join(f"“{statement}”" for statement in statements)
 
 
-def _top(values: Mapping[str, float]) -> str:
-    return max(values, key=lambda name: values[name])
-
-
-def _ranking(values: Mapping[str, float], unit: str, decimals: int) -> str:
+def _ranking(key: str, values: Mapping[str, float]) -> str:
     ranked = sorted(values, key=lambda name: -values[name])
-    return ", ".join(f"{name}\u00a0{values[name]:.{decimals}f}\u00a0{unit}" for name in ranked)
+    return ", ".join(f"{name} {kpi(key).quantity(values[name])}".replace(" ", "\u00a0") for name in ranked)

@@ -165,22 +165,19 @@ def _plan_sentences(runs: Mapping[str, Run], *, hindsight: bool) -> Iterator[str
         who = f"{_listed(names)}: every" if len(runs) > 1 else "Every"
         yield (
             f"{who} step was planned over {hours:g} h."
-            + "".join(f" {_plan_gap(runs[name], name if len(runs) > 1 else '')}" for name in names)
-            + (
-                " bess report --hindsight adds the best known result and a lower bound."
-                * (provable and not hindsight)
-            )
+            + "".join(f" {_plan_gap(runs[name], f' of {name}' * (len(runs) > 1))}" for name in names)
+            + " bess report --hindsight adds the best known result and a lower bound."
+            * (provable and not hindsight)
         )
 
 
-def _plan_gap(run: Run, name: str) -> str:
+def _plan_gap(run: Run, of_run: str) -> str:
     """Optimality gap of the plans of a run."""
     gap = run.kpis.get("plan_search_gap_pct")
     if gap is None:
-        return "No plan has a bound." if not name else f"No plan of {name} has a bound."
-    who = "Plans" if not name else f"Plans of {name}"
+        return f"No plan{of_run} has a bound."
     return (
-        f"{who} are within {gap:.2g} % of the estimated lower bound and within "
+        f"Plans{of_run} are within {gap:.2g} % of the estimated lower bound and within "
         f"{run.kpis['plan_gap_pct']:.2g} % of the rigorous one (medians of the plans with a bound)."
     )
 
@@ -200,7 +197,8 @@ def warnings(runs: Mapping[str, Run], problems: Mapping[str, str]) -> list[str]:
         return found + list(_warnings_of_many(runs))
     for name, run in runs.items():
         place = f"{name}: " if len(runs) > 1 else ""
-        found += [_capital(f"{place}{sentence}") for sentence in _warnings_of(run)]
+        sentences = (f"{place}{sentence}" for sentence in _warnings_of(run))
+        found += [sentence[:1].upper() + sentence[1:] for sentence in sentences]
     return found
 
 
@@ -217,15 +215,10 @@ def _warnings_of_many(runs: Mapping[str, Run]) -> Iterator[str]:
         "ledger_residual_ratio": ("of the energy missing in the ledger", _LEDGER_TOLERANCE),
     }
     for key, (text, limit) in limits.items():
-        worst, count = _worst(runs, {name: run.kpis.get(key, 0.0) - limit for name, run in runs.items()})
-        if count:
-            most = f"most in {worst}, {runs[worst].kpis[key]:.4g}"
-            yield f"{count} of {len(runs)} scenarios: {text}; {most}."
-
-
-def _worst(runs: Mapping[str, Run], excess: Mapping[str, float]) -> tuple[str, int]:
-    """Scenario with the largest excess, and how many have any."""
-    return max(runs, key=lambda name: excess[name]), sum(value > 0.0 for value in excess.values())
+        values = {name: run.kpis.get(key, 0.0) for name, run in runs.items()}
+        if above := {name: value for name, value in values.items() if value > limit}:
+            worst, value = max(above.items(), key=lambda entry: entry[1])
+            yield f"{len(above)} of {len(runs)} scenarios: {text}; most in {worst}, {value:.4g}."
 
 
 def _warnings_of(run: Run) -> Iterator[str]:
@@ -247,10 +240,6 @@ def _warnings_of(run: Run) -> Iterator[str]:
     residual = float(np.abs(data["ledger_residual_kwh"]).max())
     if residual > _LEDGER_TOLERANCE_KWH:
         yield f"the energy ledger does not close: residual of up to {residual:.2g} kWh in a step."
-
-
-def _capital(sentence: str) -> str:
-    return sentence[:1].upper() + sentence[1:]
 
 
 _WORTH_A_SENTENCE = 0.01

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bess.errors import InputError
-from bess.report import charts
+from bess.report.charts import kpi_figures
 from bess.report.charts.kpi_figures import RADAR_KPIS, changing_kpis
 from bess.report.contents import FigureSpec
 from bess.simulation.analysis.catalogue import Kpi, KpisByRun, better, grouped, kpi
@@ -56,41 +56,33 @@ class Row:
 
 def decision_table(kpis: KpisByRun, *, alike: bool = True) -> list[Row]:
     """Main KPIs, as far as any run has them; the best values of comparable runs are marked."""
-    return [
-        _row(kpi(name), _values(kpis, name), alike=alike)
-        for name in DECISION
-        if any(name in row for row in kpis.values())
-    ]
+    return _rows(kpis, [name for name in DECISION if any(name in row for row in kpis.values())], alike)
 
 
 def kpi_groups(kpis: KpisByRun, *, alike: bool = True) -> dict[str, list[Row]]:
     """All KPIs under the headings of the catalogue; the best values of comparable runs are marked."""
-    return {
-        heading: [_row(kpi(name), _values(kpis, name), alike=alike) for name in names]
-        for heading, names in grouped(key for values in kpis.values() for key in values).items()
-    }
+    headings = grouped(key for values in kpis.values() for key in values)
+    return {heading: _rows(kpis, names, alike) for heading, names in headings.items()}
 
 
-def _values(kpis: KpisByRun, name: str) -> list[float]:
-    return [values.get(name, math.nan) for values in kpis.values()]
+def _rows(kpis: KpisByRun, names: Iterable[str], alike: bool) -> list[Row]:
+    return [
+        _row(kpi(name), [values.get(name, math.nan) for values in kpis.values()], alike) for name in names
+    ]
 
 
-def _row(entry: Kpi, values: list[float], *, alike: bool) -> Row:
-    texts = [entry.number(value) for value in values]
+def _row(entry: Kpi, values: list[float], alike: bool) -> Row:
     known = [value for value in values if not math.isnan(value)]
     differ = len({entry.number(value) for value in known}) > 1
     judged = alike and entry.better is not None and entry.decimals is not None and differ
     best = (max if entry.better == "max" else min)(known, default=math.nan)
     cells = []
-    for text, value in zip(texts, values, strict=True):
-        first = judged and text == entry.number(best)
-        behind = judged and not first and not math.isnan(value)
-        cells.append(Cell(text, first, _signed(entry, value - best) if behind else ""))
+    for value in values:
+        first = judged and entry.number(value) == entry.number(best)
+        sign = "+" if value > best else "-"
+        behind = f"{sign}{entry.number(abs(value - best))}" if judged and not first and value in known else ""
+        cells.append(Cell(entry.number(value), first, behind))
     return Row(entry.heading, entry.meaning, entry.detail, tuple(cells))
-
-
-def _signed(entry: Kpi, difference: float) -> str:
-    return ("+" if difference > 0.0 else "-") + entry.number(abs(difference))
 
 
 _X, _Y = "battery_efficiency_pct", "inverter_efficiency_pct"
@@ -128,7 +120,7 @@ class SweepTable:
             "Pareto front",
             "Inverter against battery efficiency of all scenarios; the knee is the point farthest from the "
             "chord between the ends of the front.",
-            partial(charts.pareto_front, self.kpis, x=_X, y=_Y),
+            partial(kpi_figures.pareto_front, self.kpis, x=_X, y=_Y),
         )
         for key in self._numeric_parameters():
             values = [float(row[key]) for row in self.parameters.values()]
@@ -138,14 +130,14 @@ class SweepTable:
                     "search",
                     f"{kpi(self.maximised).label} over {key}",
                     "One point for each run; later runs lie around the best value.",
-                    partial(charts.kpi_lines, self.kpis, values, key, shown),
+                    partial(kpi_figures.kpi_lines, self.kpis, values, key, shown),
                 )
             if len(set(values)) == len(values) and changing_kpis(self.kpis):
                 yield FigureSpec(
                     "kpis-over-parameter",
                     f"Key figures over {key}",
                     "One point for each scenario.",
-                    partial(charts.kpi_lines, self.kpis, values, key),
+                    partial(kpi_figures.kpi_lines, self.kpis, values, key),
                 )
                 return
 
