@@ -8,7 +8,7 @@ import pytest
 from plant_partners import STEP_S, Connecting, ManualClock, N, Partner, Rig, Watched
 
 import bess
-from bess.edge.plant_io import PlantLink, connect, journal, openems, sunspec
+from bess.edge.plant_io import PlantLink, calls, connect, openems, sunspec
 from bess.edge.plant_io.journal import Journal
 from bess.edge.plant_io.simulated import SimulatedPlant
 from bess.edge.plant_io.simulated_openems import SimulatedEdge
@@ -42,7 +42,7 @@ def _no_password_from_outside(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]
 
 @pytest.fixture(autouse=True)
 def _a_busy_disk_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(journal, "PATIENCE_S", 60.0)
+    monkeypatch.setattr(calls, "PATIENCE_S", 60.0)
 
 
 @pytest.fixture(params=["openems", "sunspec"])

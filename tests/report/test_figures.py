@@ -205,6 +205,7 @@ def test_a_map_has_every_step_in_its_day_and_hour() -> None:
         (lambda: figures.node_temperatures(record(1, 8)), "no node_temperature_c"),
         (lambda: figures.market_dispatch(record(1, 8)), "not a market study"),
         (lambda: figures.strings(record(1, 8).isel(time=slice(0))), "no time steps"),
+        (lambda: figures.string_spread({}), "no result"),
     ],
 )
 def test_what_cannot_be_drawn_is_said(call: Callable[[], Figure], message: str) -> None:

@@ -50,7 +50,14 @@ def comparison(runs: Mapping[str, Run]) -> Iterator[FigureSpec]:
     )
     together = _share_their_time(runs)
     if together:
-        yield _mean_temperature(runs)
+        first = next(iter(runs.values()))
+        derating_c = first.system.strings[0].derating.start_c
+        yield FigureSpec(
+            "mean-temperature",
+            "Mean temperature",
+            "Mean over strings; derating begins at the broken line.",
+            partial(operation.mean_temperature, results, derating_start_c=derating_c),
+        )
     yield _durations(results)
     if together and any(_spread_apart(run) for run in runs.values()):
         yield _spread(results)
@@ -188,20 +195,6 @@ def _spread(results: Results) -> FigureSpec:
         "Differences between strings",
         "Largest minus smallest value over the strings.",
         partial(operation.string_spread, results),
-    )
-
-
-def _mean_temperature(runs: Mapping[str, Run]) -> FigureSpec:
-    first = next(iter(runs.values()))
-    return FigureSpec(
-        "mean-temperature",
-        "Mean temperature",
-        "Mean over strings; derating begins at the broken line.",
-        partial(
-            operation.mean_temperature,
-            {name: run.dataset for name, run in runs.items()},
-            derating_start_c=first.system.strings[0].derating.start_c,
-        ),
     )
 
 

@@ -47,9 +47,17 @@ def dataset_of(result: Result) -> xr.Dataset:
 
 
 def named(results: Results) -> dict[str, xr.Dataset]:
-    """Return datasets by name; a single result gets the empty name."""
+    """Return datasets by name; a single result gets the empty name.
+
+    Raises
+    ------
+    InputError
+        There is no result, or one without steps.
+    """
     # A dataset is a mapping of its variables, so it has to be ruled out first.
     if isinstance(results, Mapping) and not hasattr(results, "sizes"):
+        if not results:
+            raise InputError("there is no result to draw")
         return {name: dataset_of(result) for name, result in results.items()}
     return {"": dataset_of(results)}  # type: ignore[arg-type]
 
@@ -124,12 +132,16 @@ def event_spans(dataset: xr.Dataset, time: TimeAxis) -> list[Span]:
         start, end = (
             np.datetime64(event[key].astimezone(UTC).replace(tzinfo=None), "s") for key in ("start", "end")
         )
-        limit_kw = float(event.get("limit_kw", 0.0))
-        what = f"limited to {limit_kw:g} kW" if limit_kw else "out of service"
         low, high = (time.place(instant) for instant in (start, end))
         if low < high:
-            spans.append(Span(low, high, f"string {event['string']} {what}"))
+            spans.append(Span(low, high, f"string {event['string']} {limit_of(event)}"))
     return spans
+
+
+def limit_of(event: Mapping[str, Any]) -> str:
+    """Effect of an event on its string."""
+    limit_kw = float(event.get("limit_kw", 0.0))
+    return f"limited to {limit_kw:g} kW" if limit_kw > 0.0 else "out of service"
 
 
 POINTS_PER_SERIES: Final = 3000

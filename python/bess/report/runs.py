@@ -15,17 +15,17 @@ from numpy.typing import NDArray
 
 from bess.errors import BessError, InputError
 from bess.files import parse_json
+from bess.simulation.analysis.kpis import kpis
 from bess.simulation.record.files import check_file, write_checked
 from bess.simulation.record.provenance import read_identity
 from bess.simulation.record.result import RESULTS, open_result, scenario_directories
 from bess.simulation.record.store import solve_times_s
+from bess.system import System
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from bess.simulation.hindsight.replay import Replay
-    from bess.system import System
-
 
 GAIN_RULE = "gain_rule"
 _KPIS = "kpis.json"
@@ -78,8 +78,6 @@ class Run:
     @cached_property
     def kpis(self) -> dict[str, float]:
         """Saved KPIs; for an unfinished run, KPIs of its saved part."""
-        from bess.simulation.analysis.kpis import kpis
-
         saved = {key: value for key, value in self._saved.items() if key != GAIN_RULE}
         try:
             numbers = {key: math.nan if value is None else float(value) for key, value in saved.items()}
@@ -128,8 +126,6 @@ class Run:
     @cached_property
     def system(self) -> System:
         """The plant that ran."""
-        from bess.system import System
-
         return System(self.identity["system"], name=self.name)
 
     @cached_property

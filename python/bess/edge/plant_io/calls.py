@@ -19,6 +19,8 @@ from typing import Any, Final, Generic, TypeVar
 
 GRACE_S: Final = 0.5
 """Time to close cancelled calls."""
+PATIENCE_S: Final = 1.0
+"""Time for which a disk may delay its caller."""
 
 K = TypeVar("K", bound=Hashable)
 T = TypeVar("T")
@@ -135,13 +137,7 @@ class Rounds(Generic[K, T]):
 
 
 class Aside:
-    """Runs calls in sequence in a daemon thread.
-
-    Parameters
-    ----------
-    name
-        Name of the thread.
-    """
+    """Runs calls in sequence in a daemon thread of this name."""
 
     def __init__(self, name: str) -> None:
         self._calls: SimpleQueue[tuple[Future[Any], Callable[[], Any]] | None] = SimpleQueue()
@@ -154,21 +150,21 @@ class Aside:
         """Running time of the last call [s]; 0 if it has ended."""
         return 0.0 if self._last is None or self._last.done() else time.monotonic() - self._began_s
 
-    def __call__(self, call: Callable[[], T], within_s: float) -> T:
+    def __call__(self, call: Callable[[], T]) -> T:
         """Return the result of a call, or raise its exception.
 
         Raises
         ------
         TimeoutError
-            The call has not ended in time and continues; or an earlier call has not ended and this call was
-            not started.
+            The call has not ended within :data:`PATIENCE_S` and continues; or an earlier call has not ended
+            and this call was not started.
         """
         if self.busy_s > 0.0:
             raise TimeoutError
         future: Future[T] = Future()
         self._last, self._began_s = future, time.monotonic()
         self._calls.put((future, call))
-        return future.result(within_s)
+        return future.result(PATIENCE_S)
 
     def close(self) -> None:
         """End the thread after its last call."""

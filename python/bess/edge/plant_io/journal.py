@@ -137,8 +137,6 @@ def _content(path: Path) -> bytes:
 HEADER: Final = "journal.json"
 RECORDS: Final = "journal"
 FORMAT: Final = 1
-PATIENCE_S: Final = 1.0
-"""Time for which one record may delay the control loop."""
 MOST_MB: Final = 2000.0
 """Size limit of earlier days: a year of ten strings, read every second."""
 
@@ -229,7 +227,7 @@ class Journal:
     def close(self) -> None:
         """Close the files."""
         with suppress(OSError):
-            self._aside(self._days.close, PATIENCE_S)
+            self._aside(self._days.close)
         self._aside.close()
 
     def _do(self, call: Callable[[], None]) -> None:
@@ -237,7 +235,7 @@ class Journal:
         if self._damage:
             return
         try:
-            self._aside(lambda: self._on_disk(call), PATIENCE_S)
+            self._aside(lambda: self._on_disk(call))
             self._gap = ""
         except OSError as error:
             why = "the disk does not answer" if isinstance(error, TimeoutError) else error.strerror

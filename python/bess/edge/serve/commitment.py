@@ -143,7 +143,7 @@ class Commitment(Checkpointed):
             first = False
             if move is None:
                 break
-            stop, start = move
+            stop, start = (np.arange(self.running.size) == string for string in move)
             self._saved_kwh[:] = 0.0
             self._switch(stop, on=False)
             self._switch(start, on=True)
@@ -174,10 +174,8 @@ class Commitment(Checkpointed):
         self._peaks = [(age, peak) for age, peak in kept if age <= self._minimum_off_s]
         self._peaks.append((0.0, demand_kw))
 
-    def _move(
-        self, problem: CommitmentProblem, step_s: float, *, adds_up: bool
-    ) -> tuple[Flags, Flags] | None:
-        """Next switching with a net saving: the string that stops, the string that starts."""
+    def _move(self, problem: CommitmentProblem, step_s: float, *, adds_up: bool) -> tuple[int, int] | None:
+        """Next switching with a net saving: the string that stops, the string that starts, as candidates."""
         n = self.running.size
         from_, to = self._candidates(problem.usable)
         if not from_.size:
@@ -198,7 +196,7 @@ class Commitment(Checkpointed):
             cost = loss[1:] + SHORTFALL * 100.0 * short[1:] + extra[to]
             cost[from_ != n] = np.inf
             if np.isfinite(cost).any():
-                return self._flags(n, int(to[int(np.argmin(cost))]))
+                return n, int(to[np.argmin(cost)])
         peak = max(p for _, p in self._peaks)
         allowed = can[1:] >= min(peak, can[0]) - POWER_TOLERANCE_KW
         saving = np.where(allowed, (loss[0] + SHORTFALL * short[0]) - (loss[1:] + SHORTFALL * short[1:]), 0.0)
@@ -209,7 +207,7 @@ class Commitment(Checkpointed):
         gain = np.where(allowed & (saving > 0.0), saved - worth, -np.inf)
         best = int(np.argmax(gain))
         if gain[best] > 0.0:
-            return self._flags(int(from_[best]), int(to[best]))
+            return int(from_[best]), int(to[best])
         if adds_up:
             self._saved_kwh[:] = 0.0
             self._saved_kwh[from_, to] = saved
@@ -223,10 +221,6 @@ class Commitment(Checkpointed):
         from_, to = (a.ravel() for a in np.meshgrid([*stop, n], [*start, n], indexing="ij"))
         moves = (from_ < n) | (to < n)
         return from_[moves], to[moves]
-
-    def _flags(self, stop: int, start: int) -> tuple[Flags, Flags]:
-        n = self.running.size
-        return np.arange(n) == stop, np.arange(n) == start
 
     def _start_worth_kwh(self) -> Array:
         """Cost of a start, smallest for the string with the fewest starts."""

@@ -130,27 +130,23 @@ class _Span:
 
     def __init__(self, every_s: float, most: int) -> None:
         self.every_s, self._most = every_s, most
-        self._rows: deque[Array] = deque(maxlen=most)
-        # Present step: its number, sums of the known values, and their counts.
-        self._open: tuple[int, Array, Array] | None = None
+        # Number of a step, sums of the known values, and their counts.
+        self._rows: deque[tuple[int, Array, Array]] = deque(maxlen=most + 1)
 
     def add(self, row: Array) -> None:
         step = int(row[0] // self.every_s)
-        known, values = np.isfinite(row).astype(np.float64), np.nan_to_num(row)
-        if self._open is not None and self._open[0] == step:
-            known, values = known + self._open[2], values + self._open[1]
-        elif self._open is not None:
-            self._rows.append(_mean(*self._open[1:]))
-        self._open = (step, values, known)
+        values, known = np.nan_to_num(row), np.isfinite(row).astype(np.float64)
+        if self._rows and self._rows[-1][0] == step:
+            _, total, count = self._rows[-1]
+            self._rows[-1] = (step, total + values, count + known)
+        else:
+            self._rows.append((step, values, known))
 
     def columns(self) -> list[list[float]]:
-        if (present := self._open) is None:
+        rows = list(self._rows)
+        if not rows:
             return [[] for _ in (*_PLANT, *QUANTILES)]
-        rows = [*self._rows, _mean(*present[1:])]
-        first_s = rows[-1][0] - self._most * self.every_s
-        kept: list[list[float]] = np.transpose([row for row in rows if row[0] > first_s]).tolist()
+        total, count = (np.array(column) for column in list(zip(*rows, strict=True))[1:])
+        means = np.where(count > 0.0, total / np.maximum(count, 1.0), np.nan)
+        kept: list[list[float]] = means[means[:, 0] > means[-1, 0] - self._most * self.every_s].T.tolist()
         return kept
-
-
-def _mean(total: Array, count: Array) -> Array:
-    return np.where(count > 0.0, total / np.maximum(count, 1.0), np.nan)

@@ -31,8 +31,6 @@ PLAN: Final = "plan.json"
 TRIAL: Final = "trial.json"
 """Written and removed at the start, to test the disk."""
 VERSION: Final = 3
-PATIENCE_S: Final = 1.0
-"""Time for which a write may delay an answer."""
 HANGS_S: Final = 5.0
 """Time after which a disk without response is an error."""
 _FLUSH_S: Final = 1.0
@@ -141,7 +139,7 @@ class StateStore:
     def _do(self, call: Callable[[], None]) -> None:
         """Run an operation on the disk and record its failure."""
         try:
-            self._aside(call, PATIENCE_S)
+            self._aside(call)
             self.error = ""
         except OSError as error:
             if not isinstance(error, TimeoutError):

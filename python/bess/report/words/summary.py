@@ -13,7 +13,7 @@ from bess.control.policies.planned import PLANNED
 from bess.control.policies.settings import DEFAULT_FORESIGHT_H
 from bess.errors import by_reason
 from bess.report.contents import MOST_COMPARED
-from bess.report.data import step_h
+from bess.report.data import limit_of, step_h
 from bess.report.runs import Run
 from bess.simulation.analysis.catalogue import kpi
 from bess.simulation.analysis.services import unprovable
@@ -250,9 +250,7 @@ def event_sentences(run: Run) -> Iterator[str]:
     """Which string was out of service or limited, and when."""
     for event in run.study.get("event", ()):
         start, end = (f"{datetime.fromisoformat(str(event[key])):%Y-%m-%d %H:%M}" for key in ("start", "end"))
-        limit_kw = event["limit_kw"]
-        what = f"limited to {limit_kw:g} kW" if limit_kw > 0.0 else "out of service"
-        yield f"String {event['string']} was {what} from {start} to {end} UTC."
+        yield f"String {event['string']} was {limit_of(event)} from {start} to {end} UTC."
     yield from _installations(run)
 
 
