@@ -362,12 +362,11 @@ class LinearPlanner:
         self._arbitrage = arbitrage
         self.days = arbitrage.days
 
-    def is_due(self, step: int, now: StepInputs, plan: MarketPlan) -> bool:
-        """Whether the last plan must be replaced."""
-        return self.may_be_due(step, plan)
+    def is_due(self, step: int, now: StepInputs | None, plan: MarketPlan) -> bool:
+        """Whether ``plan`` is replaced at ``step``; without ``now``, whether it may be.
 
-    def may_be_due(self, step: int, plan: MarketPlan) -> bool:
-        """Whether ``plan`` may be replaced at ``step`` with the same inverters in service."""
+        Without ``now``, the same inverters as in the plan are in service.
+        """
         return self._arbitrage.is_due(step)
 
     def plan(
@@ -407,22 +406,17 @@ class AwarePlanner:
         self._look_ahead_steps, self._replan_steps = look_ahead_steps, replan_steps
         self._compare_steps, self._longest_steps = compare_steps, longest_steps
 
-    def is_due(self, step: int, now: StepInputs, plan: MarketPlan) -> bool:
-        """See :class:`LinearPlanner`."""
-        if self._replan_steps is not None:
-            return self.may_be_due(step, plan)
-        if not np.array_equal(now.limit_kw, plan.limit_kw):
-            return True
-        if not self.may_be_due(step, plan):
-            return False
-        return self._is_outdated(step, plan) or not self._came_true(step, now, plan)
-
-    def may_be_due(self, step: int, plan: MarketPlan) -> bool:
+    def is_due(self, step: int, now: StepInputs | None, plan: MarketPlan) -> bool:
         """See :class:`LinearPlanner`."""
         if self._replan_steps is not None:
             return step % self._replan_steps == 0
+        if now is not None and not np.array_equal(now.limit_kw, plan.limit_kw):
+            return True
         age = step - plan.step
-        return self._is_outdated(step, plan) or (age > 0 and age % self._compare_steps == 0)
+        if self._is_outdated(step, plan):
+            return True
+        is_compared = age > 0 and age % self._compare_steps == 0
+        return is_compared and (now is None or not self._came_true(step, now, plan))
 
     def _is_outdated(self, step: int, plan: MarketPlan) -> bool:
         """Whether the plan is too old, or the present price differs from that of the plan."""
@@ -509,7 +503,7 @@ class ArbitrageSource(KnownDemand):
         if self._budget is not None or self._connection is not None:
             return now_kw[None]
         last = min(step + most, plan.step + plan.demand_kw.size)
-        due = (each for each in range(step + 1, last) if self._planner.may_be_due(each, plan))
+        due = (each for each in range(step + 1, last) if self._planner.is_due(each, None, plan))
         left_kw = plan.demand_kw[step - plan.step :]
         ahead_kw = sliding_window_view(padded(left_kw, left_kw.size + horizon), horizon)
         return ahead_kw[: next(due, last) - step].copy()
