@@ -176,6 +176,14 @@ class Battery(Section):
         return self
 
     @property
+    def resistance_axes(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """SOC and temperatures [degC] between which resistance is linear; it is constant outside."""
+        over_soc = self.resistance_table or self.resistance_soc
+        over_t = self.resistance_table or self.resistance_temperature
+        assert over_soc is not None and over_t is not None
+        return over_soc.soc, over_t.temperature_c
+
+    @property
     def voltage_min_v(self) -> float:
         """Lowest voltage of the string in discharge [V], 0 without a limit."""
         return (self.cell_voltage_min_v or 0.0) * self.cells_series

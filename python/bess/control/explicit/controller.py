@@ -123,7 +123,8 @@ class Tables(BaseModel):
         strings = system.strings
         batteries = [string.battery for string in strings]
         soc = np.array(sorted({value for battery in batteries for value in _soc_knots(battery)}))
-        temperature_c = np.array(sorted({t for battery in batteries for t in _temperature_knots(battery)}))
+        axes_c = ((*battery.ocv_v.temperature_c, *battery.resistance_axes[1]) for battery in batteries)
+        temperature_c = np.array(sorted({value for axis_c in axes_c for value in axis_c}))
         if temperature_c.size == 1:
             temperature_c = np.append(temperature_c, temperature_c[0] + 1.0)
         derating_knots = max(len(string.derating.factor) for string in strings)
@@ -178,17 +179,10 @@ class Tables(BaseModel):
 
 
 def _soc_knots(battery: Battery) -> set[float]:
-    if battery.resistance_table is not None:
-        return {*battery.ocv_v.soc, *battery.resistance_table.soc}
-    assert battery.resistance_soc is not None
-    low = {value for value in battery.resistance_soc.soc if value < battery.low_soc_switch}
-    return {*battery.ocv_v.soc, *low, battery.low_soc_switch}
-
-
-def _temperature_knots(battery: Battery) -> set[float]:
-    by_temperature = battery.resistance_table or battery.resistance_temperature
-    assert by_temperature is not None
-    return {*battery.ocv_v.temperature_c, *by_temperature.temperature_c}
+    soc, _ = battery.resistance_axes
+    if battery.resistance_table is None:  # resistance depends on SOC below the switch only
+        soc = (*(value for value in soc if value < battery.low_soc_switch), battery.low_soc_switch)
+    return {*battery.ocv_v.soc, *soc}
 
 
 def _circuit(system: System, soc: Array, temperature_c: Array) -> Iterator[tuple[Array, Array]]:

@@ -175,7 +175,7 @@ def optimist(
     # An aged string has less capacity, so its SOC changes more per step.
     min_ah = capacity_ah * (_MIN_HEALTH if string.wear.cell_model else 1.0)
     switch = battery.low_soc_switch
-    resistance_soc, resistance_c = map(np.array, _resistance_knots(battery))
+    resistance_soc, resistance_c = map(np.array, battery.resistance_axes)
     tables = np.unique([*soc, *resistance_soc, switch, np.nextafter(switch, 0.0)])
 
     def current_a(low: float, max_ohm: float) -> float:
@@ -273,14 +273,6 @@ def _edges(battery: Battery, fine: bool) -> Array:
 def _between(knots: Array, low: float, high: float) -> Array:
     """Ends and inner knots of an interval; between them a ratio of straight lines is monotone."""
     return np.unique([low, *knots[(knots > low) & (knots < high)], high])
-
-
-def _resistance_knots(battery: Battery) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """SOC and temperatures [degC] between which resistance is linear; it is constant outside."""
-    over_soc = battery.resistance_table or battery.resistance_soc
-    over_t = battery.resistance_table or battery.resistance_temperature
-    assert over_soc is not None and over_t is not None
-    return over_soc.soc, over_t.temperature_c
 
 
 def _ohm(battery: Battery, sign: int, soc: Array, temperature_c: Array, pick: _Pick) -> Array:
