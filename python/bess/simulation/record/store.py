@@ -150,10 +150,15 @@ def pack(document: Mapping[str, Any]) -> Record:
     """Flatten ``document``; its leaves are JSON values, ``bytes`` or arrays.
 
     The tree is stored as JSON, in which a table with one key stands for an array.
+
+    Raises
+    ------
+    TypeError
+        A leaf is of another type.
     """
     arrays: Record = {}
 
-    def plain(value: Any) -> Any:
+    def _plain(value: Any) -> Any:
         name = f"array{len(arrays)}"
         if isinstance(value, np.ndarray):
             arrays[name] = value
@@ -167,7 +172,7 @@ def pack(document: Mapping[str, Any]) -> Record:
             return value.item()
         raise TypeError(f"a checkpoint cannot hold {type(value).__name__}")
 
-    tree = json.dumps(document, default=plain)
+    tree = json.dumps(document, default=_plain)
     return {_TREE: np.frombuffer(tree.encode(), dtype=np.uint8), **arrays}
 
 
