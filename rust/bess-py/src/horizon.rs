@@ -183,14 +183,25 @@ impl ControlHorizon {
         TightenedBounds::new(py, self.inner.n_strings(), answer)
     }
 
-    /// Lower bound of the objective of the group after those with `ceilings`, from shadow prices of the balance; at most
-    /// the `objective` of a known schedule.
-    fn priced_bound(&self, py: Python<'_>, ceilings: GivenVector<'_>, objective: f64) -> PyResult<f64> {
+    /// Number of kinds of strings: strings of one kind are equal except for their states.
+    fn n_kinds(&self) -> usize {
+        self.inner.n_kinds()
+    }
+
+    /// Lower bound of the objective of the group after those with `ceilings`, from shadow prices of the balance, which ascend
+    /// on at most `sample` strings; at most the `objective` of a known schedule.
+    fn priced_bound(
+        &self,
+        py: Python<'_>,
+        ceilings: GivenVector<'_>,
+        objective: f64,
+        sample: usize,
+    ) -> PyResult<f64> {
         if ceilings.len() >= self.inner.n_groups() {
             return Err(PyValueError::new_err("ceilings: give those of earlier groups only"));
         }
         let ceilings = numbers(&ceilings);
-        Ok(py.detach(|| self.inner.priced_bound(&ceilings, objective)))
+        Ok(py.detach(|| self.inner.priced_bound(&ceilings, objective, sample)))
     }
 
     /// Coefficients over boxes of states; planes are tightest at the states `near`, which are points.

@@ -33,11 +33,14 @@ PRICED_SIZE = 32
 """String-steps above which shadow prices raise a bound first: they follow states over long horizons, and many
 strings of one kind cost little more than one. In small problems, a relaxation is tighter."""
 
-PRICED_STRINGS = 64
-"""Maximum number of strings for priced bounds: look-ahead time grows with its square."""
+PRICED_SAMPLE = 64
+"""Maximum number of strings on which prices ascend: the time for it grows with their square. The bound at
+these prices is that of all strings. It takes a dynamic program for each kind of string, and is left out for
+plants of more kinds than this."""
 
 PRICED_S = 0.02
-"""Seconds of a priced bound for each step and kind of string; it does not start if less time is left."""
+"""Seconds of a priced bound for each step and kind of string, and for each step and ten strings of the
+sample. It does not start if less time is left."""
 
 CUTOFF_SHARE = 0.9
 """Minimum improvement on the incumbent, as a share of the requested gap; other schedules are cut off."""
@@ -105,7 +108,8 @@ class Certificate:
         if not self._is_closed(index, group.objective, bound):
             ceilings = [earlier.ceiling for earlier in before]
             if self._wants_prices(index):
-                bound = max(bound, self._control.priced_bound(np.array(ceilings), group.objective))
+                priced = self._control.priced_bound(np.array(ceilings), group.objective, PRICED_SAMPLE)
+                bound = max(bound, priced)
             if self._wants_relaxation(index, bound):
                 ended = self._relaxed(ceilings, self._costs.reported, bound, group.objective)
                 bound = ended.bound
@@ -143,14 +147,15 @@ class Certificate:
         """Whether prices are likely to raise the rigorous bound in time."""
         group = self._answer.groups[index]
         n_strings, n_steps = self._problem.limit_kw.shape
-        n_kinds = n_strings - np.count_nonzero(self._constants.alike)
-        return (
-            group.boxes is not None
-            and relative_gap(group.objective, group.bound) > RELAXED_ABOVE
-            and n_strings * n_steps > PRICED_SIZE
-            and n_strings <= PRICED_STRINGS
-            and not self._is_late(PRICED_S * n_steps * n_kinds)
-        )
+        if (
+            group.boxes is None
+            or relative_gap(group.objective, group.bound) <= RELAXED_ABOVE
+            or n_strings * n_steps <= PRICED_SIZE
+        ):
+            return False
+        n_kinds = self._control.n_kinds()
+        needed_s = PRICED_S * n_steps * (n_kinds + min(n_strings, PRICED_SAMPLE) / 10)
+        return n_kinds <= PRICED_SAMPLE and not self._is_late(needed_s)
 
     def _wants_relaxation(self, index: int, bound: float) -> bool:
         """Whether branch and bound is requested, or a relaxation is likely to raise the rigorous bound."""

@@ -184,6 +184,28 @@ impl<'a> PlanProblem<'a> {
         coarse
     }
 
+    /// The problem with a sample of at most `n` strings in service, evenly drawn from each kind in order of SOC, whose demand is in
+    /// proportion to their limits; and this proportion.
+    pub(crate) fn sampled(&self, n: usize) -> (Self, f64) {
+        let mut strings: Vec<usize> = vec![];
+        for mut kind in self.kinds() {
+            kind.sort_by(|&a, &b| self.start[a].soc.total_cmp(&self.start[b].soc));
+            strings.extend(kind);
+        }
+        let mut sample = self.clone();
+        if strings.len() <= n {
+            return (sample, 1.0);
+        }
+        sample.limit_w.fill(0.0);
+        for k in 0..n {
+            let m = strings[(2 * k + 1) * strings.len() / (2 * n)];
+            sample.limit_w[m] = self.limit_w[m];
+        }
+        let share = sample.limit_w.iter().sum::<f64>() / self.limit_w.iter().sum::<f64>();
+        sample.demand_w.iter_mut().for_each(|demand_w| *demand_w *= share);
+        (sample, share)
+    }
+
     /// Number of steps in about `hours`, at least one.
     pub(crate) fn steps_of(&self, hours: f64) -> usize {
         self.intervals.first().map_or(1, |i| ((hours / i.dt_h).round() as usize).max(1))

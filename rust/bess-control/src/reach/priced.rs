@@ -21,8 +21,8 @@ const NOTHING: f64 = 1e-9;
 
 impl ControlHorizon {
     /// Lower bound of the objective of the group that follows those with `ceilings`, at most the `objective` of a known
-    /// schedule. 0 if prices bound nothing.
-    pub fn priced_bound(&self, ceilings: &[f64], objective: f64) -> f64 {
+    /// schedule. 0 if prices bound nothing. Prices ascend on a sample of at most `sample` strings; the bound is that of all strings.
+    pub fn priced_bound(&self, ceilings: &[f64], objective: f64, sample: usize) -> f64 {
         let own = self.least_costs(ceilings.len());
         let earlier: Vec<_> = ceilings.iter().enumerate().map(|(g, &c)| (self.least_costs(g), c)).collect();
         let free = earlier.iter().all(|(_, ceiling)| *ceiling <= NOTHING);
@@ -35,13 +35,26 @@ impl ControlHorizon {
                 costs.iter_mut().zip(before).for_each(|(total, cost)| *total += multiplier * cost);
                 conceded += multiplier * ceiling;
             }
-            Some(self.priced(costs, objective + conceded)? - conceded)
+            Some(self.priced(costs, objective + conceded, sample)? - conceded)
         });
         bounds.fold(0.0, f64::max).min(objective)
     }
 
+    /// Number of kinds of strings: strings of one kind are equal except for their states.
+    pub fn n_kinds(&self) -> usize {
+        self.plan_problem([0.0; 4]).map_or(0, |problem| problem.kinds().len())
+    }
+
     /// Lower bound of all schedules at costs of the losses [1/W], the same for all strings.
-    fn priced(&self, costs: [f64; 4], known_cost: f64) -> Option<f64> {
+    fn priced(&self, costs: [f64; 4], known_cost: f64, sample: usize) -> Option<f64> {
+        let problem = self.plan_problem(costs)?;
+        let (sample, share) = problem.sampled(sample);
+        let dual = dual::ascend(&sample, vec![0.0; self.n_steps()], share * known_cost, PASSES);
+        proof::bound(&problem, &dual.price, SOC_CELLS)
+    }
+
+    /// The problem of a plan at costs of the losses [1/W].
+    fn plan_problem(&self, costs: [f64; 4]) -> Option<PlanProblem<'_>> {
         let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
         let losses = Losses::from_array(costs.map(|c| c / self.intervals[0].dt_h));
         // Without the limits of single steps, more is possible.
@@ -62,9 +75,7 @@ impl ControlHorizon {
             (0..n_strings).map(limit).collect(),
             prices,
         );
-        let problem = problem.ok()?;
-        let dual = dual::ascend(&problem, vec![0.0; n_steps], known_cost, PASSES);
-        proof::bound(&problem, &dual.price, SOC_CELLS)
+        problem.ok()
     }
 
     /// Least costs of the losses of a group over all strings.
@@ -106,7 +117,7 @@ mod tests {
             for ceiling in [least, 1.1 * least + 1e-3] {
                 let within =
                     all.iter().filter(|c| c[0] <= ceiling).map(|c| c[1]).fold(f64::INFINITY, f64::min);
-                let bound = horizon.priced_bound(&[ceiling], FAR);
+                let bound = horizon.priced_bound(&[ceiling], FAR, 2);
                 assert!(bound <= within, "{bound} above {within} at {soc}");
                 assert!(bound > 0.7 * within, "{bound} of {within} at {soc}");
             }
