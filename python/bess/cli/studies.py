@@ -119,15 +119,11 @@ def listing(words: Sequence[str] = ()) -> str:
         )
     width = max(len(name) for entries in found.values() for name in entries)
     indent = "\n" + " " * (width + 4)
-    return "\n\n".join(
-        "\n".join(
-            [
-                kind,
-                *(f"  {name.ljust(width)}  {text}".replace("\n", indent) for name, text in entries.items()),
-            ]
-        )
-        for kind, entries in found.items()
-    )
+    blocks = []
+    for kind, entries in found.items():
+        lines = (f"  {name.ljust(width)}  {text}".replace("\n", indent) for name, text in entries.items())
+        blocks.append("\n".join([kind, *lines]))
+    return "\n\n".join(blocks)
 
 
 def _stem(word: str) -> str:

@@ -54,11 +54,9 @@ class Options:
 
 @dataclass(frozen=True)
 class PageFigure:
-    """A figure on the page."""
+    """A figure on the page: its description, drawing, and interactive chart (``spec``), if any."""
 
-    id: str
-    title: str
-    caption: str
+    about: FigureSpec
     svg: str
     spec: str
     legend: tuple[LegendEntry, ...]
@@ -206,9 +204,7 @@ def _show(exhibit: FigureSpec, folder: Path, print_files: bool) -> PageFigure:
     # "</" would end the script element that holds the data, "<!--" change how it is read.
     spec = "" if chart is None else bokeh_document(chart).replace("<", "\\u003c")
     return PageFigure(
-        id=exhibit.name,
-        title=exhibit.title,
-        caption=exhibit.caption,
+        about=exhibit,
         svg=_embedded(svg),
         spec=spec,
         legend=() if chart is None else tuple(legend(chart)),

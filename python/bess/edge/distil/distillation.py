@@ -12,10 +12,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bess.control.explicit import ExplicitController, Tables
+from bess.control.policies import POLICIES
 from bess.control.policies.distilled import DistilledPolicy
 from bess.control.policies.reactive import refuse_reactive
 from bess.control.split.objectives import SHORTFALL
-from bess.edge.distil.training import GENERATIONS, TrainingCase, TrainingSet, Variation, first_weights, fit
+from bess.edge.distil.training import GENERATIONS, TrainingCase, TrainingSet, first_weights, fit
 from bess.edge.distil.translate import exports
 from bess.errors import InputError, option
 from bess.simulation.progress import reporting
@@ -24,9 +25,9 @@ from bess.simulation.runner import run
 from bess.study import Study, expand
 from bess.study.study import as_study
 
-RULES: Final = ("equal", "priority", "soc", "temperature")
-UNSEEN: Final = (Variation(1.0, scale=0.93), Variation(1.0, scale=1.05))
-"""Evaluated in addition to the study, and not part of the training."""
+RULES: Final = tuple(name for name in POLICIES if name not in ("mpc", "distilled"))
+UNSEEN: Final = (0.93, 1.05)
+"""Factors on the demand that are evaluated in addition to the study, and not part of the training."""
 LITTLE: Final = 1e-3
 """Minimum savings of ``mpc``, relative to the ``lost_kwh`` of a rule, for a share of savings retained."""
 
@@ -55,7 +56,7 @@ class Evaluation:
 def trials(study: Study, controller: ExplicitController) -> Iterator[Evaluation]:
     """Evaluate the study and, if its demand is a profile, demands that were not part of the training."""
     shortfall = controller.tables.shortfall
-    for scale in (1.0, *(each.scale for each in UNSEEN if study.demand.kind == "profile")):
+    for scale in (1.0, *(UNSEEN if study.demand.kind == "profile" else ())):
         asked = study
         if study.demand.kind == "profile" and scale != 1.0:
             asked = study.with_values({"demand.scale": scale * study.demand.scale})
