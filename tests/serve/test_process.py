@@ -74,7 +74,7 @@ def test_a_service_that_is_killed_continues_with_its_plan_and_its_counters(
         server.kill()
     assert plan is not None
     # The same plan, or its successor if a quarter hour has passed meanwhile.
-    assert after["plan"]["slot"] != plan["plan"]["slot"] or after["plan"] == plan["plan"]
+    assert after["current"]["slot"] != plan["current"]["slot"] or after["current"] == plan["current"]
 
 
 def test_a_port_that_is_taken_is_bad_input(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

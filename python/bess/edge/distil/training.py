@@ -142,10 +142,10 @@ class TrainingSet:
 
 def _start(system: System, variation: Variation, random: np.random.Generator) -> State:
     state = system.initial_state()
-    window = np.array([(string.battery.soc_min, string.battery.soc_max) for string in system.strings])
-    moved = variation.spread * (window[:, 1] - window[:, 0]) * random.uniform(-1.0, 1.0, state.n_strings)
+    low, high = system.soc_window
+    moved = variation.spread * (high - low) * random.uniform(-1.0, 1.0, state.n_strings)
     return State(
-        np.clip(state.soc + moved, window[:, 0], window[:, 1]),
+        np.clip(state.soc + moved, low, high),
         state.temperature_c + variation.spread_k * random.uniform(-1.0, 1.0, state.n_strings),
         state.soh_capacity,
         state.soh_resistance,

@@ -51,9 +51,8 @@ class Curves:
     @classmethod
     def of(cls, system: System, state: State, discharge: bool) -> Curves:
         """Curves in a measured state."""
-        edges = [(s.battery.soc_min + _EDGE, s.battery.soc_max - _EDGE) for s in system.strings]
-        low, high = np.array(edges).T
-        soc, model = np.clip(state.soc, low, high), system.control_at(state)
+        low, high = system.soc_window
+        soc, model = np.clip(state.soc, low + _EDGE, high - _EDGE), system.control_at(state)
         able = model.deliverable_kw(soc, state.temperature_c, discharge, _SHORT_H)
         third = np.clip(able, 0.01 * system.nominal_kw, system.nominal_kw) / 3.0
         levels = np.stack([_NO_LOAD * third, third, 2.0 * third])[:, :, None]

@@ -58,7 +58,7 @@ class SocLimits:
     def __init__(self, system: System, service: ServiceSection, step_s: float) -> None:
         n = system.n_strings
         self._system, self._step_s = system, step_s
-        self.empty, self.full = np.array([(s.battery.soc_min, s.battery.soc_max) for s in system.strings]).T
+        self.empty, self.full = system.soc_window
         minimum_kw = _each("service.minimum_power_kw", service.minimum_power_kw, n)
         self.minimum_kw: Array = np.maximum(minimum_kw, system.min_power_kw)
         self.floor: Array = np.maximum(_each("service.soc_floor", service.soc_floor, n), self.empty)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures import TimeoutError as Late
 from dataclasses import dataclass
-from typing import Any, Final, TypeVar
+from typing import Any, ClassVar, Final, TypeVar
 
 import numpy as np
 
@@ -126,7 +126,8 @@ class CarriedPlan(Checkpointed):
     With ``background``, a separate thread computes the plans, so no answer waits longer than permitted.
     """
 
-    _carried = ("_before", "_after", "_asked_at_s")
+    _carried = ("_before", "_after", "_asked_at_s", "current")
+    _classes: ClassVar = {"current": ActivePlan}
 
     def __init__(
         self, system: System, policy: Policy, step_s: float, n_steps: int, *, background: bool
@@ -177,16 +178,10 @@ class CarriedPlan(Checkpointed):
             return None
         return plan.gap if np.allclose(request_kw, planned[:, 0], rtol=1e-6, atol=1e-6) else None
 
-    def state_dict(self) -> dict[str, Any]:
-        """The plan with the state of its policy, for another process."""
-        return super().state_dict() | {"plan": None if self.current is None else vars(self.current)}
-
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Restore the result of :meth:`state_dict`."""
         super().load_state_dict(state_dict)
         self._policy.load_state_dict(self._after)
-        plan = state_dict["plan"]
-        self.current = None if plan is None else ActivePlan(**plan)
         if self.current is not None:
             self._asked = (self.current.slot, self.current.demand_kw, self.current.limit_kw)
 

@@ -182,7 +182,7 @@ def _another_split(run: Run, lost_kw: Array, discharge: NDArray[np.bool_]) -> st
     if lost_kw.sum() <= 0.0 or run.study.get("event"):
         return ""
     soc = data["soc"].values
-    low, high = np.array([(each.battery.soc_min, each.battery.soc_max) for each in system.strings]).T
+    low, high = system.soc_window
     room = np.where(discharge[:, None], soc - low, high - soc)
     spare_kw = np.minimum(
         system.nominal_kw - np.abs(data["delivered_kw"].values),
