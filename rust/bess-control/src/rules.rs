@@ -1,13 +1,12 @@
 //! Rules: the demand of one step allocated without forecast, in closed loop and as starts of plans.
 
+use bess_tables::units::W_PER_KW;
 use bess_tables::{Direction, System};
 
 use crate::error::check_length;
 use crate::explicit::Measured;
 use crate::model::ControlModel;
 use crate::ControlError;
-
-const W_PER_KW: f64 = 1e3;
 
 /// Rule for the power of a step without forecast. The first four are the policies of these names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -186,7 +185,7 @@ impl RuleLaw {
         system: &System,
         fresh: &ControlModel,
         plant: &Measured<'_>,
-    ) -> Result<Option<ControlModel>, bess_tables::TableError> {
+    ) -> Result<Option<ControlModel>, bess_tables::InputError> {
         if plant.soh_capacity.iter().chain(plant.soh_resistance).all(|&factor| factor == 1.0) {
             return Ok(None);
         }

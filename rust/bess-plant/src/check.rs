@@ -1,16 +1,16 @@
 //! Checks of the arguments of a plant.
 
-use crate::PlantError;
+use bess_tables::InputError;
 
 /// Temperatures that a plant accepts [degC].
 pub(crate) const TEMPERATURE_C: (f64, f64) = (-60.0, 150.0);
 
 /// `values` has `expected` entries.
-pub(crate) fn check_all<T>(name: &str, values: &[T], expected: usize) -> Result<(), PlantError> {
+pub(crate) fn check_all<T>(name: &str, values: &[T], expected: usize) -> Result<(), InputError> {
     if values.len() == expected {
         Ok(())
     } else {
-        Err(PlantError::Invalid(format!("{name}: {} values, needs {expected}", values.len())))
+        Err(InputError(format!("{name}: {} values, needs {expected}", values.len())))
     }
 }
 
@@ -20,10 +20,10 @@ pub(crate) fn named<T>(
     name: &str,
     all: impl Iterator<Item = T> + Clone,
     name_of: impl Fn(&T) -> &'static str,
-) -> Result<T, PlantError> {
+) -> Result<T, InputError> {
     all.clone().find(|entry| name_of(entry) == name).ok_or_else(|| {
         let known = all.map(|entry| name_of(&entry)).collect::<Vec<_>>().join(", ");
-        PlantError::Invalid(format!("{what} '{name}' is unknown; there are {known}"))
+        InputError(format!("{what} '{name}' is unknown; there are {known}"))
     })
 }
 
@@ -34,10 +34,10 @@ pub(crate) fn check_range(
     unit: &str,
     limits: (f64, f64),
     place: impl Fn() -> String,
-) -> Result<(), PlantError> {
+) -> Result<(), InputError> {
     if (limits.0..=limits.1).contains(&value) {
         return Ok(());
     }
     let ((low, high), place) = (limits, place());
-    Err(PlantError::Invalid(format!("{place}{name} {value}{unit} is outside [{low}, {high}]{unit}")))
+    Err(InputError(format!("{place}{name} {value}{unit} is outside [{low}, {high}]{unit}")))
 }

@@ -29,7 +29,6 @@ mod block;
 mod check;
 pub mod cooling;
 mod electrical;
-mod error;
 mod lanes;
 mod line;
 mod measured_resistance;
@@ -41,6 +40,5 @@ mod totals;
 
 pub use block::DeratingLaw;
 pub use cooling::CoolingState;
-pub use error::PlantError;
 pub use plant::{starting_ageing, Plant, PlantState};
 pub use record::{Limits, Record};

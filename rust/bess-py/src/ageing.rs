@@ -1,7 +1,6 @@
 //! Rates of ageing for optimisers, and the count of cycles.
 
 use bess_plant::ageing::{models, Rainflow, StringAgeing};
-use bess_plant::PlantError;
 use numpy::ndarray::Array2;
 use numpy::IntoPyArray;
 use pyo3::exceptions::PyValueError;
@@ -48,7 +47,7 @@ impl Ageing {
 impl Ageing {
     #[new]
     fn new(system: &System) -> PyResult<Self> {
-        let strings = system.inner.strings.iter().map(StringAgeing::new).collect::<Result<_, PlantError>>();
+        let strings = system.inner.strings.iter().map(StringAgeing::new).collect::<Result<_, _>>();
         Ok(Self { strings: strings.map_err(refused)? })
     }
 

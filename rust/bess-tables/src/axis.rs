@@ -2,7 +2,7 @@
 
 use std::ops::Deref;
 
-use crate::TableError;
+use crate::InputError;
 
 /// Cells of the guide for each of the shortest segments: then no cell holds two knots.
 const CELLS_PER_SEGMENT: f64 = 2.0;
@@ -28,16 +28,16 @@ impl Axis {
     ///
     /// # Errors
     ///
-    /// [`TableError`] where there are none, they do not ascend, or one is not finite.
-    pub fn new(name: &str, knots: Vec<f64>) -> Result<Self, TableError> {
+    /// [`InputError`] where there are none, they do not ascend, or one is not finite.
+    pub fn new(name: &str, knots: Vec<f64>) -> Result<Self, InputError> {
         if knots.is_empty() {
-            return Err(TableError::table(name, "is empty"));
+            return Err(InputError::table(name, "is empty"));
         }
         if let Some(value) = knots.iter().find(|v| !v.is_finite()) {
-            return Err(TableError::table(name, format!("knot {value} is not finite")));
+            return Err(InputError::table(name, format!("knot {value} is not finite")));
         }
         if let Some(pair) = knots.windows(2).find(|pair| pair[1] <= pair[0]) {
-            return Err(TableError::table(
+            return Err(InputError::table(
                 name,
                 format!("knots must ascend, but {} follows {}", pair[1], pair[0]),
             ));

@@ -5,8 +5,8 @@ use serde::Deserialize;
 
 use crate::units::W_PER_KW;
 use crate::{
-    Ageing, Axis, Cooling, Derating, Grid, Inverter, LumpedThermal, Lut, Resistance, RestVoltage,
-    SpatialThermal, StringParameters, System, TableError,
+    Ageing, Axis, Cooling, Derating, Grid, InputError, Inverter, LumpedThermal, Lut, Resistance, RestVoltage,
+    SpatialThermal, StringParameters, System,
 };
 
 const OHM_PER_MILLIOHM: f64 = 1e-3;
@@ -18,11 +18,10 @@ impl System {
     ///
     /// # Errors
     ///
-    /// [`TableError::Document`] where the text is not such a description or has no string; a table's own error, with the
+    /// [`InputError`] where the text is not such a description or has no string; a table's own error, with the
     /// index of its string.
-    pub fn from_json(text: &str) -> Result<Self, TableError> {
-        let document: Document =
-            serde_json::from_str(text).map_err(|error| TableError::Document(error.to_string()))?;
+    pub fn from_json(text: &str) -> Result<Self, InputError> {
+        let document: Document = serde_json::from_str(text).map_err(InputError::document)?;
         let strings = document
             .strings
             .into_iter()
@@ -30,11 +29,11 @@ impl System {
             .map(|(index, string)| string.build(index))
             .collect::<Result<Vec<_>, _>>()?;
         if strings.is_empty() {
-            return Err(TableError::Document("a system needs at least one string".to_owned()));
+            return Err(InputError::document("a system needs at least one string"));
         }
         if let Some(cooling) = &document.cooling {
             if cooling.flow_steps.is_empty() {
-                return Err(TableError::Document("cooling.flow_steps needs at least one share".to_owned()));
+                return Err(InputError::document("cooling.flow_steps needs at least one share"));
             }
         }
         Ok(Self { strings, cooling: document.cooling })
@@ -160,7 +159,7 @@ struct ThermalDocument {
 }
 
 impl StringDocument {
-    fn build(self, index: usize) -> Result<StringParameters, TableError> {
+    fn build(self, index: usize) -> Result<StringParameters, InputError> {
         let series = f64::from(self.battery.cells_series);
         let parallel = f64::from(self.battery.cells_parallel);
         let ohm = OHM_PER_MILLIOHM * self.battery.r_scale * series / parallel;
@@ -227,7 +226,7 @@ impl StringDocument {
 }
 
 impl BatteryDocument {
-    fn resistance(&self, name: &impl Fn(&str) -> String, ohm: f64) -> Result<Resistance, TableError> {
+    fn resistance(&self, name: &impl Fn(&str) -> String, ohm: f64) -> Result<Resistance, InputError> {
         let scaled = |values: &[f64], factor: f64| values.iter().map(|v| v * factor).collect::<Vec<_>>();
         match (&self.resistance_temperature, &self.resistance_soc, &self.resistance_table) {
             (Some(temperature), Some(soc), None) => {
@@ -254,7 +253,7 @@ impl BatteryDocument {
             (None, None, Some(table)) => {
                 let grids = |label: &str, blocks: &[Vec<Vec<f64>>]| {
                     if blocks.len() != table.c_rate.len() {
-                        return Err(TableError::table(
+                        return Err(InputError::table(
                             &name(label),
                             format!("{} C-rates but {} tables", table.c_rate.len(), blocks.len()),
                         ));
@@ -274,7 +273,7 @@ impl BatteryDocument {
                     control_c_rate: table.control_c_rate,
                 })
             }
-            _ => Err(TableError::table(
+            _ => Err(InputError::table(
                 &name("battery"),
                 "give either resistance_temperature with resistance_soc, or resistance_table",
             )),
@@ -289,9 +288,9 @@ fn by_soc(
     temperature_c: &[f64],
     rows: &[Vec<f64>],
     factor: f64,
-) -> Result<Vec<f64>, TableError> {
+) -> Result<Vec<f64>, InputError> {
     if rows.len() != temperature_c.len() || rows.iter().any(|row| row.len() != soc.len()) {
-        return Err(TableError::table(
+        return Err(InputError::table(
             name,
             format!("needs {} rows (temperatures) of {} values (SOC)", temperature_c.len(), soc.len()),
         ));

@@ -1,25 +1,19 @@
-//! Why a table or a description of a plant is refused.
+//! Input errors of tables, systems and plants.
 
 use thiserror::Error;
 
-/// Invalid table or parameter. The message gives its name, its value and the allowed range.
+/// Invalid input: a sentence with its name, its value with unit, and the allowed range.
 #[derive(Debug, Clone, PartialEq, Error)]
-pub enum TableError {
-    /// A look-up table with a bad shape or bad values.
-    #[error("{name}: {reason}")]
-    Table {
-        /// Which table.
-        name: String,
-        /// Description of the problem.
-        reason: String,
-    },
-    /// The document does not have the expected structure.
-    #[error("system description: {0}")]
-    Document(String),
-}
+#[error("{0}")]
+pub struct InputError(pub String);
 
-impl TableError {
+impl InputError {
     pub(crate) fn table(name: &str, reason: impl Into<String>) -> Self {
-        Self::Table { name: name.to_owned(), reason: reason.into() }
+        Self(format!("{name}: {}", reason.into()))
+    }
+
+    /// The description of a system does not have the expected structure.
+    pub(crate) fn document(reason: impl std::fmt::Display) -> Self {
+        Self(format!("system description: {reason}"))
     }
 }

@@ -1,6 +1,6 @@
 //! Tables over two axes, bilinear.
 
-use crate::{Axis, TableError};
+use crate::{Axis, InputError};
 
 /// Bilinear table `z(x, y)` on a rectangular grid, clamped outside it. One row per `x`, one column per `y`.
 #[derive(Debug, Clone, PartialEq)]
@@ -15,16 +15,16 @@ impl Grid {
     ///
     /// # Errors
     ///
-    /// [`TableError`] where the knots of an axis do not ascend, the values are not as many as the knots of both axes make,
+    /// [`InputError`] where the knots of an axis do not ascend, the values are not as many as the knots of both axes make,
     /// or a number is not finite.
-    pub fn new(name: &str, x: Vec<f64>, y: Vec<f64>, z: Vec<f64>) -> Result<Self, TableError> {
+    pub fn new(name: &str, x: Vec<f64>, y: Vec<f64>, z: Vec<f64>) -> Result<Self, InputError> {
         let (x, y) = (Axis::new(name, x)?, Axis::new(name, y)?);
         let (rows, columns) = (x.len(), y.len());
         if z.len() != rows * columns {
-            return Err(TableError::table(name, format!("{rows} x {columns} knots but {} values", z.len())));
+            return Err(InputError::table(name, format!("{rows} x {columns} knots but {} values", z.len())));
         }
         if let Some(value) = z.iter().find(|v| !v.is_finite()) {
-            return Err(TableError::table(name, format!("value {value} is not finite")));
+            return Err(InputError::table(name, format!("value {value} is not finite")));
         }
         Ok(Self { x, y, z })
     }

@@ -24,7 +24,7 @@ pub mod units;
 pub use axis::Axis;
 pub use cooling::{CoolantLoop, Cooling};
 pub use direction::Direction;
-pub use error::TableError;
+pub use error::InputError;
 pub use grid::Grid;
 pub use lut::Lut;
 pub use parameters::{Ageing, Derating, Inverter, LumpedThermal, SpatialThermal, StringParameters, System};

@@ -1,6 +1,6 @@
 //! Tables over one axis, piecewise linear.
 
-use crate::{Axis, TableError};
+use crate::{Axis, InputError};
 
 /// Piecewise linear table `y(x)` with ascending knots, clamped to its end values outside them.
 ///
@@ -17,14 +17,14 @@ impl Lut {
     ///
     /// # Errors
     ///
-    /// [`TableError`] where the knots do not ascend, are not as many as the values, or a number is not finite.
-    pub fn new(name: &str, x: Vec<f64>, y: Vec<f64>) -> Result<Self, TableError> {
+    /// [`InputError`] where the knots do not ascend, are not as many as the values, or a number is not finite.
+    pub fn new(name: &str, x: Vec<f64>, y: Vec<f64>) -> Result<Self, InputError> {
         let x = Axis::new(name, x)?;
         if x.len() != y.len() {
-            return Err(TableError::table(name, format!("{} knots but {} values", x.len(), y.len())));
+            return Err(InputError::table(name, format!("{} knots but {} values", x.len(), y.len())));
         }
         if let Some(value) = y.iter().find(|v| !v.is_finite()) {
-            return Err(TableError::table(name, format!("value {value} is not finite")));
+            return Err(InputError::table(name, format!("value {value} is not finite")));
         }
         Ok(Self { x, y })
     }

@@ -2,7 +2,7 @@
 
 use serde::Deserialize;
 
-use crate::{Cooling, Direction, Grid, Lut, Resistance, RestVoltage, TableError};
+use crate::{Cooling, Direction, Grid, InputError, Lut, Resistance, RestVoltage};
 
 /// Everything that is known about a plant before it runs.
 #[derive(Debug, Clone, PartialEq)]
@@ -75,15 +75,15 @@ impl System {
     ///
     /// # Errors
     ///
-    /// [`TableError::Document`] where the factors are not one for each string, or one is not finite and above 0.
-    pub fn check_health(&self, capacity: &[f64], resistance: &[f64]) -> Result<(), TableError> {
+    /// [`InputError`] where the factors are not one for each string, or one is not finite and above 0.
+    pub fn check_health(&self, capacity: &[f64], resistance: &[f64]) -> Result<(), InputError> {
         for (name, factors) in [("soh_capacity", capacity), ("soh_resistance", resistance)] {
             if factors.len() != self.strings.len() {
                 let (found, needed) = (factors.len(), self.strings.len());
-                return Err(TableError::Document(format!("{name}: {found} values for {needed} strings")));
+                return Err(InputError::document(format!("{name}: {found} values for {needed} strings")));
             }
             if let Some(value) = factors.iter().find(|value| !(value.is_finite() && **value > 0.0)) {
-                return Err(TableError::Document(format!("{name} {value} is not finite and above 0")));
+                return Err(InputError::document(format!("{name} {value} is not finite and above 0")));
             }
         }
         Ok(())
@@ -94,7 +94,7 @@ impl System {
     /// # Errors
     ///
     /// As [`Self::check_health`].
-    pub fn aged(&self, capacity: &[f64], resistance: &[f64]) -> Result<Self, TableError> {
+    pub fn aged(&self, capacity: &[f64], resistance: &[f64]) -> Result<Self, InputError> {
         self.check_health(capacity, resistance)?;
         let mut strings = self.strings.clone();
         for ((string, capacity), resistance) in strings.iter_mut().zip(capacity).zip(resistance) {

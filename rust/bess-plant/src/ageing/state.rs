@@ -1,8 +1,9 @@
 //! Ageing state of a string, and its conversion to numbers.
 
+use bess_tables::InputError;
+
 use super::rainflow::{Point, Rainflow};
 use crate::check::check_range;
-use crate::PlantError;
 
 /// Losses and remaining state of health of a string.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -102,13 +103,13 @@ impl AgeingState {
     /// # Errors
     ///
     /// There are fewer numbers than the first one announces, or one is not finite.
-    pub fn from_numbers(numbers: &[f64]) -> Result<Self, PlantError> {
+    pub fn from_numbers(numbers: &[f64]) -> Result<Self, InputError> {
         let mut rest = numbers.iter().copied();
         let count = rest.next().filter(|&count| (0.0..1e6).contains(&count) && count.fract() == 0.0);
         let needed = count.map_or(HEADER, |count| HEADER + count as usize * PER_POINT);
         let found = numbers.len();
         if count.is_none() || found < needed {
-            return Err(PlantError::Invalid(format!("ageing: {found} values, needs {needed}")));
+            return Err(InputError(format!("ageing: {found} values, needs {needed}")));
         }
         for &value in &numbers[..needed] {
             check_range("ageing state", value, "", (f64::MIN, f64::MAX), String::new)?;

@@ -1,13 +1,12 @@
 //! Ageing of one string along its run.
 
 use bess_tables::units::{SECONDS_PER_DAY, SECONDS_PER_HOUR, ZERO_C_IN_K};
-use bess_tables::{Direction, StringParameters};
+use bess_tables::{Direction, InputError, StringParameters};
 
 use super::law::{Cycle, Knee, Model, Standing};
 use super::models::model;
 use super::rainflow::{Counted, Point, Rainflow};
 use super::state::{AgeingState, Damage, Gathered, Loss, Mark};
-use crate::PlantError;
 
 /// Capacity and resistance change once this much time has gathered, at the end of a control step [s].
 const BLOCK_S: f64 = 900.0;
@@ -35,7 +34,7 @@ impl StringAgeing {
     /// # Errors
     ///
     /// No model has the name.
-    pub fn new(parameters: &StringParameters) -> Result<Self, PlantError> {
+    pub fn new(parameters: &StringParameters) -> Result<Self, InputError> {
         let model = parameters.ageing.model.as_deref().map(model).transpose()?;
         Ok(Self { model, parameters: parameters.clone() })
     }

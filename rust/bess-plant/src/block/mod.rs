@@ -9,7 +9,7 @@ pub(crate) use any::{AnyBlock, Faces, LaneState};
 pub use derating::DeratingLaw;
 
 use bess_tables::units::SECONDS_PER_HOUR;
-use bess_tables::{Direction, Resistance, StringParameters};
+use bess_tables::{Direction, InputError, Resistance, StringParameters};
 
 use crate::ageing::{AgeingState, StringAgeing};
 use crate::lanes::Lanes;
@@ -19,7 +19,6 @@ use crate::record::{Limits, Record};
 use crate::schedule::Schedule;
 use crate::thermal::{AirPath, Coefficients};
 use crate::totals::Totals;
-use crate::PlantError;
 
 /// A control step: its requests, its initial state, and the flows so far.
 #[derive(Debug, Clone, Copy)]
@@ -87,7 +86,7 @@ impl<const W: usize> Block<W> {
         members: &[(usize, &StringParameters)],
         law: DeratingLaw,
         step_s: f64,
-    ) -> Result<Self, PlantError> {
+    ) -> Result<Self, InputError> {
         let strings: [StringParameters; W] =
             std::array::from_fn(|l| members[l.min(members.len() - 1)].1.clone());
         let nodes = strings[0].spatial.nodes;

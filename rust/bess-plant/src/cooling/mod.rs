@@ -25,13 +25,12 @@ pub use station::CoolingState;
 pub(crate) use station::Station;
 
 use bess_tables::units::ZERO_C_IN_K;
-use bess_tables::{Cooling, SpatialThermal};
+use bess_tables::{Cooling, InputError, SpatialThermal};
 
 use crate::check::named;
-use crate::PlantError;
 
 /// The kind of this name.
-pub(crate) fn kind(name: &str) -> Result<&'static Kind, PlantError> {
+pub(crate) fn kind(name: &str) -> Result<&'static Kind, InputError> {
     named("cooling kind", name, KINDS.into_iter(), |kind| kind.name)
 }
 

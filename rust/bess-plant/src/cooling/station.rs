@@ -1,7 +1,7 @@
 //! Flows, source and common loop of every scenario of a plant.
 
 use bess_tables::units::W_PER_KW;
-use bess_tables::{Cooling, StringParameters};
+use bess_tables::{Cooling, InputError, StringParameters};
 
 use super::kind::{Kind, Source, Supply};
 use super::thermostat::{most_stages, share, stages};
@@ -11,7 +11,6 @@ use crate::check::check_range;
 use crate::record::Record;
 use crate::schedule::Schedule;
 use crate::thermal::Coefficients;
-use crate::PlantError;
 
 /// Cooling state of a plant.
 #[derive(Debug, Clone, PartialEq)]
@@ -56,7 +55,7 @@ impl Station {
         strings: &[StringParameters],
         scenarios: usize,
         step_s: f64,
-    ) -> Result<Self, PlantError> {
+    ) -> Result<Self, InputError> {
         let units: Vec<Unit> = strings
             .iter()
             .map(|string| {

@@ -5,14 +5,13 @@ mod state;
 
 pub use state::{starting_ageing, PlantState};
 
-use bess_tables::{StringParameters, System};
+use bess_tables::{InputError, StringParameters, System};
 
 use crate::block::{AnyBlock, Block, DeratingLaw};
 use crate::check::check_range;
 use crate::cooling::{kind, with_coolant, Station};
 use crate::record::Record;
 use crate::thermal::Coefficients;
-use crate::PlantError;
 
 /// Values beyond a limit by no more than this share of it are rounding, not bad input.
 const ROUNDING: f64 = 1e-9;
@@ -37,7 +36,7 @@ impl Plant {
     ///
     /// # Errors
     ///
-    /// [`PlantError::Unstable`] with the largest stable step; a number of scenarios, nodes or a step that no plant has; as
+    /// An unstable plant step, with the largest stable one; a number of scenarios, nodes or a step that no plant has; as
     /// [`Self::set_state`] for the state.
     pub fn new(
         system: &System,
@@ -45,7 +44,7 @@ impl Plant {
         step_s: f64,
         law: DeratingLaw,
         state: &PlantState,
-    ) -> Result<Self, PlantError> {
+    ) -> Result<Self, InputError> {
         let mut strings = system.strings.clone();
         if let Some(cooling) = &system.cooling {
             let kind = kind(&cooling.kind)?;
@@ -63,7 +62,10 @@ impl Plant {
                 let nodes = parameters.spatial.nodes;
                 // Rounded down, so that the step named in the message is accepted.
                 let largest_s = (step_s / number * 1e4).floor() / 1e4;
-                return Err(PlantError::Unstable { string, step_s, nodes, number, largest_s });
+                return Err(InputError(format!(
+                    "string {string}: a plant step of {step_s} s is unstable for {nodes} thermal nodes (2 Fo + lateral = \
+                     {number:.4} > 1); use at most {largest_s:.4} s, or fewer nodes"
+                )));
             }
         }
         let mut lanes: Vec<_> =
@@ -117,7 +119,7 @@ impl Plant {
         ambient_c: &[f64],
         duration_s: f64,
         keep_nodes: bool,
-    ) -> Result<Record, PlantError> {
+    ) -> Result<Record, InputError> {
         self.run_with_reactive(request_w, None, ambient_c, duration_s, keep_nodes)
     }
 
@@ -134,7 +136,7 @@ impl Plant {
         ambient_c: &[f64],
         duration_s: f64,
         keep_nodes: bool,
-    ) -> Result<Record, PlantError> {
+    ) -> Result<Record, InputError> {
         let schedule = self.schedule(request_w, reactive_var, ambient_c, duration_s)?;
         let shape = (self.scenarios, schedule.lanes);
         let (nodes, reactive) = (self.max_nodes(), reactive_var.is_some());

@@ -1,11 +1,11 @@
 //! Checks of the requests of a plant.
 
 use bess_tables::units::W_PER_KW;
+use bess_tables::InputError;
 
 use super::{Plant, ROUNDING};
 use crate::check::{check_all, check_range, TEMPERATURE_C};
 use crate::schedule::Schedule;
-use crate::PlantError;
 
 /// Maximum control step [s]: one day.
 const CONTROL_STEP_S: f64 = 86_400.0;
@@ -21,7 +21,7 @@ impl Plant {
         reactive_var: Option<&'a [f64]>,
         ambient_c: &'a [f64],
         duration_s: f64,
-    ) -> Result<Schedule<'a>, PlantError> {
+    ) -> Result<Schedule<'a>, InputError> {
         let lanes = self.lanes();
         let steps = request_w.len() / lanes;
         check_all("request", request_w, steps * lanes)?;
@@ -38,7 +38,7 @@ impl Plant {
         let substeps = self.substeps(duration_s)?;
         let count = steps as u128 * substeps as u128 * lanes as u128;
         if count > MOST_PLANT_STEPS {
-            return Err(PlantError::Invalid(format!(
+            return Err(InputError(format!(
                 "{count} plant steps of strings in one call, at {} s each, are more than {MOST_PLANT_STEPS}; call with \
                  fewer control steps or scenarios at a time, or take a longer plant step",
                 self.step_s
@@ -49,7 +49,7 @@ impl Plant {
     }
 
     /// Powers of all lanes, step after step, are within the nominal powers of their strings.
-    fn check_powers(&self, name: &str, power_w: &[f64], unit: &str) -> Result<(), PlantError> {
+    fn check_powers(&self, name: &str, power_w: &[f64], unit: &str) -> Result<(), InputError> {
         let lanes = self.lanes();
         for (at, &value) in power_w.iter().enumerate() {
             let (step, string) = (at / lanes, at % lanes % self.strings.len());
@@ -65,14 +65,14 @@ impl Plant {
     }
 
     /// Plant steps in a control step of `duration_s`.
-    fn substeps(&self, duration_s: f64) -> Result<usize, PlantError> {
+    fn substeps(&self, duration_s: f64) -> Result<usize, InputError> {
         let (ratio, step_s) = (duration_s / self.step_s, self.step_s);
         check_range("control step", duration_s, " s", (step_s, CONTROL_STEP_S), String::new)?;
         let whole = ratio.round();
         if (ratio - whole).abs() <= ROUNDING * whole {
             Ok(whole as usize)
         } else {
-            Err(PlantError::Invalid(format!(
+            Err(InputError(format!(
                 "a plant step of {step_s} s does not divide a control step of {duration_s} s into a whole number of steps"
             )))
         }

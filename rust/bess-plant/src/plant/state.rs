@@ -1,13 +1,12 @@
 //! The state of a plant: set, get and checks.
 
-use bess_tables::System;
+use bess_tables::{InputError, System};
 
 use super::{Plant, ROUNDING};
 use crate::ageing::{AgeingState, StringAgeing};
 use crate::block::LaneState;
 use crate::check::{check_all, check_range, TEMPERATURE_C};
 use crate::cooling::CoolingState;
-use crate::PlantError;
 
 /// Factors on capacity and on resistance that a plant accepts.
 const SOH_CAPACITY: (f64, f64) = (0.01, 1.5);
@@ -68,7 +67,7 @@ pub fn starting_ageing(
     system: &System,
     soh_capacity: &[f64],
     soh_resistance: &[f64],
-) -> Result<Vec<AgeingState>, PlantError> {
+) -> Result<Vec<AgeingState>, InputError> {
     check_all("soh_resistance", soh_resistance, soh_capacity.len())?;
     let mut out = Vec::with_capacity(soh_capacity.len());
     for (lane, (&capacity, &resistance)) in soh_capacity.iter().zip(soh_resistance).enumerate() {
@@ -108,7 +107,7 @@ impl Plant {
     /// # Errors
     ///
     /// Where an array has not one value for each lane (and node), or a value is outside its range.
-    pub fn set_state(&mut self, state: &PlantState) -> Result<(), PlantError> {
+    pub fn set_state(&mut self, state: &PlantState) -> Result<(), InputError> {
         let lanes = self.lane_states(state)?;
         let cooling = self.cooling_state(state, &lanes)?;
         if let (Some(station), Some(cooling)) = (&mut self.station, cooling) {
@@ -126,7 +125,7 @@ impl Plant {
         &self,
         state: &PlantState,
         lanes: &[LaneState],
-    ) -> Result<Option<CoolingState>, PlantError> {
+    ) -> Result<Option<CoolingState>, InputError> {
         let Some(station) = &self.station else { return Ok(None) };
         let Some(cooling) = &state.cooling else {
             let mean_c = |lane: &LaneState| {
@@ -153,7 +152,7 @@ impl Plant {
     }
 
     /// States of all lanes, checked.
-    fn lane_states(&self, state: &PlantState) -> Result<Vec<LaneState>, PlantError> {
+    fn lane_states(&self, state: &PlantState) -> Result<Vec<LaneState>, InputError> {
         let (lanes, nodes) = (self.lanes(), self.max_nodes());
         check_all("soc", &state.soc, lanes)?;
         check_all("node temperature", &state.node_temperature_c, lanes * nodes)?;

@@ -5,9 +5,10 @@ mod naumann_lfp;
 mod nmc_a_75ah;
 mod schmalstieg;
 
+use bess_tables::InputError;
+
 use super::law::Model;
 use crate::check::named;
-use crate::PlantError;
 
 /// All models. A new one is a file here and a line below.
 pub const MODELS: [&Model; 4] =
@@ -18,7 +19,7 @@ pub const MODELS: [&Model; 4] =
 /// # Errors
 ///
 /// No model has the name.
-pub fn model(name: &str) -> Result<&'static Model, PlantError> {
+pub fn model(name: &str) -> Result<&'static Model, InputError> {
     named("ageing model", name, MODELS.into_iter(), |model| model.name)
 }
 
