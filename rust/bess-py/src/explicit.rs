@@ -1,7 +1,6 @@
 //! Law of an explicit controller: single steps, and closed loops over the plant.
 
-use bess_control::{ControlError, ExplicitLaw, Measured, Tables, DECISION, N_FEATURES, N_WEIGHTS};
-use bess_plant::PlantState;
+use bess_control::{ExplicitLaw, Measured, Tables, DECISION, N_FEATURES, N_WEIGHTS};
 use numpy::PyUntypedArrayMethods;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -11,7 +10,7 @@ use crate::arrays::{
     check_shape, matrix, numbers, refused, vector, GivenCube, GivenMatrix, GivenVector, Matrix, Vector,
 };
 use crate::plant::Plant;
-use crate::rule::{closed_loop, health};
+use crate::rule::closed_loop;
 
 /// The law of an explicit controller, without its weights.
 #[pyclass(frozen, module = "bess._core")]
@@ -76,10 +75,8 @@ impl Explicit {
             soh_resistance: &numbers(&soh_resistance),
             limit_kw: &numbers(&limit_kw),
         };
-        let mut request_kw = vec![0.0; self.inner.n_strings()];
-        let shared = self.inner.split(&numbers(&weights), &measured, ahead_kw[0], &features, &mut request_kw);
-        shared.map_err(refused)?;
-        Ok(vector(py, request_kw))
+        let request_kw = self.inner.split(&numbers(&weights), &measured, ahead_kw[0], &features);
+        Ok(vector(py, request_kw.map_err(refused)?))
     }
 
     /// Runs the closed loop over `plant` with one set of weights for each of its scenarios `(S, weights)`.
@@ -105,51 +102,16 @@ impl Explicit {
         check_shape("features", &[steps, scenarios, N_FEATURES], features.shape())?;
         check_shape("limit", &[steps, n_strings], limit_kw.shape())?;
         check_shape("ambient_c", &[steps, scenarios], ambient_c.shape())?;
-        let asked = Asked {
-            scenarios,
-            weights: numbers(&weights),
-            demand_kw: numbers(&demand_kw),
-            features: numbers(&features),
-            limit_kw: numbers(&limit_kw),
-        };
-        let request_kw =
-            |state: &PlantState, t: usize| asked.request_kw(&self.inner, state, t).map_err(refused);
-        closed_loop(py, plant, &numbers(&ambient_c), scenarios, duration_s, request_kw)
-    }
-}
-
-/// Inputs of closed loops, flat in the order (step, scenario).
-struct Asked {
-    scenarios: usize,
-    weights: Vec<f64>,
-    demand_kw: Vec<f64>,
-    features: Vec<f64>,
-    limit_kw: Vec<f64>,
-}
-
-impl Asked {
-    /// Set-points of all lanes in step `t` [kW].
-    fn request_kw(&self, law: &ExplicitLaw, state: &PlantState, t: usize) -> Result<Vec<f64>, ControlError> {
-        let n = law.n_strings();
-        let temperature_c = state.mean_temperature_c();
-        let (soh_capacity, soh_resistance) = health(state);
-        let mut request_kw = vec![0.0; self.scenarios * n];
-        for (s, request_kw) in request_kw.chunks_exact_mut(n).enumerate() {
-            let (at, own) = (t * self.scenarios + s, s * n..(s + 1) * n);
-            if self.demand_kw[at] == 0.0 {
-                continue;
+        let (weights, demand_kw, features) = (numbers(&weights), numbers(&demand_kw), numbers(&features));
+        let split = |measured: &Measured<'_>, t: usize, s: usize| {
+            let at = t * scenarios + s;
+            if demand_kw[at] == 0.0 {
+                return Ok(vec![0.0; n_strings]);
             }
-            let measured = Measured {
-                soc: &state.soc[own.clone()],
-                temperature_c: &temperature_c[own.clone()],
-                soh_capacity: &soh_capacity[own.clone()],
-                soh_resistance: &soh_resistance[own],
-                limit_kw: &self.limit_kw[t * n..(t + 1) * n],
-            };
-            let weights = &self.weights[s * N_WEIGHTS..][..N_WEIGHTS];
-            let features = self.features[at * N_FEATURES..][..N_FEATURES].try_into().expect("its length");
-            law.split(weights, &measured, self.demand_kw[at], features, request_kw)?;
-        }
-        Ok(request_kw)
+            let weights = &weights[s * N_WEIGHTS..][..N_WEIGHTS];
+            let features = features[at * N_FEATURES..][..N_FEATURES].try_into().expect("its length");
+            self.inner.split(weights, measured, demand_kw[at], features).map_err(refused)
+        };
+        closed_loop(py, plant, scenarios, &numbers(&limit_kw), &numbers(&ambient_c), duration_s, split)
     }
 }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use bess_control::{Measured, Rule as Kind, RuleLaw};
-use bess_plant::{PlantState, Record};
+use bess_plant::Record;
 use bess_tables::units::W_PER_KW;
 use numpy::PyUntypedArrayMethods;
 use pyo3::exceptions::PyValueError;
@@ -104,19 +104,9 @@ impl Rule {
         check_shape("lanes of the plant", &[n], &[plant.inner.lanes()])?;
         check_shape("limit", &[demand_kw.len(), n], limit_kw.shape())?;
         check_shape("ambient_c", &[demand_kw.len()], ambient_c.shape())?;
-        let (demand_kw, limit_kw) = (numbers(&demand_kw), numbers(&limit_kw));
-        let request_kw = |state: &PlantState, t: usize| {
-            let (soh_capacity, soh_resistance) = health(state);
-            let measured = Measured {
-                soc: &state.soc,
-                temperature_c: &state.mean_temperature_c(),
-                soh_capacity: &soh_capacity,
-                soh_resistance: &soh_resistance,
-                limit_kw: &limit_kw[t * n..][..n],
-            };
-            self.request_kw(&measured, demand_kw[t])
-        };
-        closed_loop(py, plant, &numbers(&ambient_c), 1, duration_s, request_kw)
+        let demand_kw = numbers(&demand_kw);
+        let split = |measured: &Measured<'_>, t: usize, _| self.request_kw(measured, demand_kw[t]);
+        closed_loop(py, plant, 1, &numbers(&limit_kw), &numbers(&ambient_c), duration_s, split)
     }
 }
 
@@ -127,31 +117,41 @@ impl Rule {
     }
 }
 
-/// State of health (capacity, resistance) of all lanes.
-pub(crate) fn health(state: &PlantState) -> (Vec<f64>, Vec<f64>) {
-    let losses = state.ageing.iter().map(|ageing| ageing.loss());
-    losses.map(|loss| (loss.soh_capacity, loss.soh_resistance)).unzip()
-}
-
-/// Runs a plant step by step. `request_kw` returns the set-points of all lanes `(S * M,)` [kW] from the state
-/// at the start of a step, so the results do not depend on where a run is interrupted.
+/// Runs a plant step by step, with `limit_kw` `(T, M)` and `ambient_c` `(T, S)`. `split` returns the set-points `(M,)`
+/// [kW] of a step and a scenario from the state at its start, so the results do not depend on where a run is interrupted.
 pub(crate) fn closed_loop<'py>(
     py: Python<'py>,
     plant: &mut Plant,
-    ambient_c: &[f64],
     scenarios: usize,
+    limit_kw: &[f64],
+    ambient_c: &[f64],
     duration_s: f64,
-    request_kw: impl Fn(&PlantState, usize) -> PyResult<Vec<f64>> + Sync,
+    split: impl Fn(&Measured<'_>, usize, usize) -> PyResult<Vec<f64>> + Sync,
 ) -> PyResult<Bound<'py, PyDict>> {
     let (cooled, plant) = (plant.inner.is_cooled(), &mut plant.inner);
+    let n = plant.lanes() / scenarios.max(1);
     let run = || -> PyResult<(Option<Record>, Vec<f64>)> {
         let mut record: Option<Record> = None;
         let mut requests_kw = Vec::new();
         for (t, ambient_c) in ambient_c.chunks_exact(scenarios.max(1)).enumerate() {
-            let request_kw = request_kw(&plant.state(), t)?;
-            let request_w: Vec<f64> = request_kw.iter().map(|p| p * W_PER_KW).collect();
+            let state = plant.state();
+            let temperature_c = state.mean_temperature_c();
+            let losses = state.ageing.iter().map(|ageing| ageing.loss());
+            let (soh_capacity, soh_resistance): (Vec<f64>, Vec<f64>) =
+                losses.map(|loss| (loss.soh_capacity, loss.soh_resistance)).unzip();
+            for s in 0..scenarios {
+                let measured = Measured {
+                    soc: &state.soc[s * n..][..n],
+                    temperature_c: &temperature_c[s * n..][..n],
+                    soh_capacity: &soh_capacity[s * n..][..n],
+                    soh_resistance: &soh_resistance[s * n..][..n],
+                    limit_kw: &limit_kw[t * n..][..n],
+                };
+                requests_kw.extend(split(&measured, t, s)?);
+            }
+            let request_w: Vec<f64> =
+                requests_kw[requests_kw.len() - scenarios * n..].iter().map(|p| p * W_PER_KW).collect();
             let step = plant.run(&request_w, ambient_c, duration_s, false).map_err(refused)?;
-            requests_kw.extend(request_kw);
             match &mut record {
                 Some(record) => record.append(step),
                 None => record = Some(step),

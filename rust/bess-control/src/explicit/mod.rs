@@ -156,7 +156,7 @@ impl ExplicitLaw {
         Ok(features)
     }
 
-    /// Set-points `(M,)` [kW], signed as the demand, into `request_kw`, with [`N_WEIGHTS`] weights and the features that
+    /// Set-points `(M,)` [kW], signed as the demand, with [`N_WEIGHTS`] weights and the features that
     /// [`Self::demand_features`] gives.
     ///
     /// # Errors
@@ -168,8 +168,7 @@ impl ExplicitLaw {
         plant: &Measured<'_>,
         demand_kw: f64,
         features: &[f64; N_FEATURES],
-        request_kw: &mut [f64],
-    ) -> Result<(), ControlError> {
+    ) -> Result<Vec<f64>, ControlError> {
         let n = self.tables.strings;
         check_length("weights", weights, N_WEIGHTS)?;
         check_length("soc", plant.soc, n)?;
@@ -177,7 +176,7 @@ impl ExplicitLaw {
         check_length("soh_capacity", plant.soh_capacity, n)?;
         check_length("soh_resistance", plant.soh_resistance, n)?;
         check_length("limit_kw", plant.limit_kw, n)?;
-        check_length("request_kw", request_kw, n)?;
+        let mut request_kw = vec![0.0; n];
         decision::split(
             &self.tables,
             weights,
@@ -188,9 +187,9 @@ impl ExplicitLaw {
             plant.limit_kw,
             demand_kw,
             features,
-            request_kw,
+            &mut request_kw,
         );
-        Ok(())
+        Ok(request_kw)
     }
 }
 
