@@ -77,8 +77,7 @@ STATES = _core.StateBoxes(*BOX)
 def _box(index: int) -> Callable[[Any], Any]:
     def call(value: Any) -> Any:
         boxes = _core.StateBoxes(*(value if i == index else each for i, each in enumerate(BOX)))
-        cuts = horizon().step_bounds(boxes, np.ones((N, 4)), np.full(STEPS, np.inf))
-        return cuts, horizon().coefficients(boxes, boxes)
+        return horizon().step_bounds(boxes, np.ones((N, 4)), np.full(STEPS, np.inf))
 
     return call
 

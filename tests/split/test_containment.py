@@ -118,10 +118,12 @@ def points_of_relaxation(schedules: Schedules, constants: PlantConstants) -> dic
     roll, nominal = schedules.roll, constants.nominal_kw[:, None]
     sign = np.where(schedules.problem.demand_kw >= 0.0, 1.0, -1.0)
     scale_kw, volt = np.empty(roll.soc.shape), np.empty(roll.soc.shape)
+    model = _core.ControlModel(schedules.problem.system.core)
     for n, (soc, temperature_c) in enumerate(zip(schedules.soc, schedules.temperature_c, strict=True)):
-        at = points(soc, temperature_c)
-        over = schedules.case.horizon.coefficients(at, at)
-        scale_kw[n], volt[n] = over["power_scale_low_kw"], over["voltage_low_v"]
+        at = (np.ascontiguousarray(soc[:, :-1]), np.ascontiguousarray(temperature_c[:, :-1]))
+        ways = zip(model.coefficients(*at, True), model.coefficients(*at, False), strict=True)
+        volt[n], ohm = (np.where(sign > 0.0, *each) for each in ways)
+        scale_kw[n] = volt[n] ** 2 / ohm / 1e3
     on = (roll.delivered_kw != 0.0).astype(float)
     battery = constants.battery_kw[:, None]
     switch = np.array([s.battery.low_soc_switch for s in schedules.problem.system.strings])[:, None]

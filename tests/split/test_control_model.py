@@ -93,10 +93,8 @@ def test_derating_takes_its_share_of_the_request(system: bess.System) -> None:
 
 
 def test_resistance_jumps_by_its_soc_factor_at_the_switch_and_not_above_it(system: bess.System) -> None:
-    horizon = _horizon(system, bess.State([0.05, 0.10], [45.0, 45.0]), [50.0])
     soc, temperature = np.array([[0.05], [0.10]]), np.full((2, 1), 45.0)
-    states = _core.StateBoxes(soc, soc, temperature, temperature)
-    resistance = horizon.coefficients(states, states)["resistance_low_ohm"]
+    _, resistance = _core.ControlModel(system.core).coefficients(soc, temperature, True)
     hot = 1.538e-3 * 192 / 4
     np.testing.assert_allclose(resistance[:, 0], [hot * 10.0 / 2.5, hot], rtol=1e-12)
 
@@ -195,10 +193,9 @@ def test_requests_against_the_demand_or_above_a_limit_are_refused_by_the_core(sy
 
 
 def _core_coefficients(system: bess.System, soc: float) -> tuple[float, float]:
-    horizon = _horizon(system, bess.State([soc, soc], [25.0, 25.0]), [50.0])
-    states = _core.StateBoxes(*(np.full((2, 1), value) for value in (soc, soc, 25.0, 25.0)))
-    at = horizon.coefficients(states, states)
-    return float(at["voltage_low_v"][0, 0]), float(at["resistance_low_ohm"][0, 0])
+    states = np.full((2, 1), soc), np.full((2, 1), 25.0)
+    voltage_v, resistance_ohm = _core.ControlModel(system.core).coefficients(*states, True)
+    return float(voltage_v[0, 0]), float(resistance_ohm[0, 0])
 
 
 def _horizon(

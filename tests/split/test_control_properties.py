@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from control_cases import AMBIENT_C, CORNERS, DT_H, Case, box, case, points, sheds
+from control_cases import AMBIENT_C, CORNERS, DT_H, case, points, sheds
 from control_oracle import rollout as oracle
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -84,67 +84,6 @@ def test_reachable_boxes_contain_every_rollout(corner: str, seed: int) -> None:
     assert np.all((roll.soc >= states.soc_low[:, 1:]) & (roll.soc <= states.soc_high[:, 1:]))
     assert np.all(roll.temperature_c >= states.temperature_low_c[:, 1:])
     assert np.all(roll.temperature_c <= states.temperature_high_c[:, 1:])
-
-
-def coefficients_at(
-    problem: Case, soc: np.ndarray, temperature: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """``k``, ``V`` and ``R`` at states."""
-    at = problem.horizon.coefficients(points(soc, temperature), points(soc, temperature))
-    return at["derating_low"], at["voltage_low_v"], at["resistance_low_ohm"]
-
-
-@corners
-@settings(max_examples=30, deadline=None)
-@given(seed=SEEDS, spread=st.sampled_from([0.0, 0.01, 0.1]))
-def test_ranges_contain_the_coefficients_of_every_state_in_a_box(
-    corner: str, seed: int, spread: float
-) -> None:
-    problem = case(seed, corner, n_strings=3, n_steps=4)
-    rng = np.random.default_rng(seed)
-    low = np.minimum(np.repeat(problem.state.soc[:, None], 4, axis=1), 1.0 - spread)
-    cool = np.repeat(problem.state.temperature_c[:, None], 4, axis=1)
-    warm = cool + 50.0 * spread
-    over = problem.horizon.coefficients(box(low, low + spread, cool, warm), points(low, cool))
-    for _ in range(20):
-        soc, temperature = low + spread * rng.random(low.shape), cool + (warm - cool) * rng.random(cool.shape)
-        k, v, r = coefficients_at(problem, soc, temperature)
-        ends = [
-            (over["derating_low"], k, over["derating_high"]),
-            (over["voltage_low_v"], v, over["voltage_high_v"]),
-            (over["resistance_low_ohm"], r, over["resistance_high_ohm"]),
-            (over["power_scale_low_kw"], v**2 / r / 1e3, over["power_scale_high_kw"]),
-        ]
-        for lowest, value, highest in ends:
-            assert np.all(value >= lowest * (1 - 1e-12))
-            assert np.all(value <= highest * (1 + 1e-12))
-
-
-@corners
-@pytest.mark.parametrize("like", [True, False])
-@settings(max_examples=25, deadline=None)
-@given(seed=SEEDS)
-def test_planes_hold_over_the_box_and_touch_at_a_point(corner: str, like: bool, seed: int) -> None:
-    problem = case(seed, corner, n_strings=3, n_steps=4, like=like)
-    rng = np.random.default_rng(seed)
-    reachable = problem.horizon.reachable()
-    low, high = reachable.soc_low[:, :-1], reachable.soc_high[:, :-1]
-    cool, warm = reachable.temperature_low_c[:, :-1], reachable.temperature_high_c[:, :-1]
-
-    def states() -> tuple[np.ndarray, np.ndarray]:
-        return low + (high - low) * rng.random(low.shape), cool + (warm - cool) * rng.random(cool.shape)
-
-    near = states()
-    over = problem.horizon.coefficients(box(low, high, cool, warm), points(*near))
-    for soc, temperature in [near, *(states() for _ in range(20))]:
-        k, v, r = coefficients_at(problem, soc, temperature)
-        y = v**2 / r / 1e3
-        plane = over["plane_kw"] + over["plane_per_soc_kw"] * soc + over["plane_per_k_kw"] * temperature
-        assert np.all(plane >= y * (1 - 1e-12))
-        assert np.all(over["derated"] + over["derated_per_k"] * temperature <= 1.0 - k + 1e-12)
-        point = problem.horizon.coefficients(points(soc, temperature), points(soc, temperature))
-        touches = point["plane_kw"] + point["plane_per_soc_kw"] * soc + point["plane_per_k_kw"] * temperature
-        np.testing.assert_allclose(touches, y, rtol=1e-9)
 
 
 @corners

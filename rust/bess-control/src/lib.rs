@@ -33,15 +33,12 @@ pub use dispatch::{DispatchBlock, DispatchProblem, Store, StoreGrid, StoreState}
 pub use error::ControlError;
 pub use explicit::{ExplicitLaw, Measured, Tables, DECISION, N_FEATURES, N_WEIGHTS};
 pub use model::{
-    BestShares, CoefficientRanges, Coefficients, CoefficientsFrom, ControlHorizon, ControlModel, CostsOf,
-    Flow, Interval, Losses, Objectives, Range, Rollout, SplitProblem, StateBox, StringModel, StringState,
-    TrackedDemand, MAX_GROUPS,
+    BestShares, Coefficients, CoefficientsFrom, ControlHorizon, ControlModel, CostsOf, Flow, Interval,
+    Losses, Objectives, Range, Rollout, SplitProblem, StateBox, StringModel, StringState, TrackedDemand,
+    MAX_GROUPS,
 };
 pub use plan::{Groups, Plan, PlanEffort, PlanProblem, Prices};
-pub use reach::{
-    Cell, GroupBounds, LossUnits, NarrowNode, Node, Planes, StepBound, StepBounds, TightenedBounds,
-    RELAXED_NAMES,
-};
+pub use reach::{Cell, GroupBounds, LossUnits, NarrowNode, Node, StepBound, StepBounds, TightenedBounds};
 pub use rules::{water_fill, Rule, RuleLaw};
 pub use search::{Effort, Incumbent, Schedule};
 pub use split::Split;

@@ -1,8 +1,6 @@
 //! Results of a split problem, as arrays in kW.
 
-use std::collections::BTreeMap;
-
-use bess_control::{CoefficientRanges, ControlHorizon, Planes, Split};
+use bess_control::{ControlHorizon, Split};
 use bess_tables::units::W_PER_KW;
 use pyo3::prelude::*;
 
@@ -132,35 +130,6 @@ impl StepBounds {
             request_kw: signed_kw(py, horizon, &of.request_w),
         }
     }
-}
-
-/// Coefficients over boxes of states by name, each `(M, T)`, in the direction of the step: ranges of the
-/// derating factor, `V`, `R` and `V^2 / R`;
-/// `V^2 / R <= plane_kw + plane_per_soc_kw soc + plane_per_k_kw tau`; and
-/// `1 - k >= derated + derated_per_k tau`.
-pub(crate) fn coefficient_ranges(
-    py: Python<'_>,
-    n_strings: usize,
-    ranges: &[CoefficientRanges],
-    planes: &[Planes],
-) -> BTreeMap<&'static str, Matrix> {
-    let range = |of: fn(&CoefficientRanges) -> f64| matrix(py, n_strings, ranges.iter().map(of).collect());
-    let plane = |of: fn(&Planes) -> f64| matrix(py, n_strings, planes.iter().map(of).collect());
-    BTreeMap::from([
-        ("derating_low", range(|r| r.derating.low)),
-        ("derating_high", range(|r| r.derating.high)),
-        ("voltage_low_v", range(|r| r.voltage_v.low)),
-        ("voltage_high_v", range(|r| r.voltage_v.high)),
-        ("resistance_low_ohm", range(|r| r.resistance_ohm.low)),
-        ("resistance_high_ohm", range(|r| r.resistance_ohm.high)),
-        ("power_scale_low_kw", range(|r| r.power_scale_w.low / W_PER_KW)),
-        ("power_scale_high_kw", range(|r| r.power_scale_w.high / W_PER_KW)),
-        ("plane_kw", plane(|p| p.power_scale_w / W_PER_KW)),
-        ("plane_per_soc_kw", plane(|p| p.power_scale_per_soc / W_PER_KW)),
-        ("plane_per_k_kw", plane(|p| p.power_scale_per_k / W_PER_KW)),
-        ("derated", plane(|p| p.derated)),
-        ("derated_per_k", plane(|p| p.derated_per_k)),
-    ])
 }
 
 /// Magnitudes `(M, T)` [W] as signed requests [kW].

@@ -3,17 +3,16 @@
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use bess_control::{Effort, LossUnits, Losses, SplitProblem, RELAXED_NAMES};
+use bess_control::{Effort, LossUnits, Losses, SplitProblem};
 use bess_tables::units::W_PER_KW;
 use numpy::ndarray::Dimension;
 use numpy::PyUntypedArrayMethods;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::answers::{coefficient_ranges, signed_kw, Incumbent, SplitAnswer, StepBounds, TightenedBounds};
+use crate::answers::{signed_kw, Incumbent, SplitAnswer, StepBounds, TightenedBounds};
 use crate::arrays::{
-    check_shape, matrix, numbers, refused, scaled, shaped, watts, Given, GivenCube, GivenMatrix, GivenVector,
-    Matrix, Numbers,
+    check_shape, matrix, numbers, refused, scaled, watts, Given, GivenCube, GivenMatrix, GivenVector, Matrix,
 };
 use crate::flows::FlowArrays;
 use crate::model::ControlModel;
@@ -204,20 +203,6 @@ impl ControlHorizon {
         Ok(py.detach(|| self.inner.priced_bound(&ceilings, objective, sample)))
     }
 
-    /// Coefficients over boxes of states; planes are tightest at the states `near`, which are points.
-    fn coefficients(
-        &self,
-        py: Python<'_>,
-        boxes: &StateBoxes,
-        near: &StateBoxes,
-    ) -> PyResult<BTreeMap<&'static str, Matrix>> {
-        let (n_strings, n_steps) = (self.inner.n_strings(), self.inner.n_steps());
-        let boxes = boxes.at_starts(n_strings, n_steps)?;
-        let near = near.points(n_strings, n_steps)?;
-        let (ranges, planes) = (self.inner.ranges(&boxes), self.inner.planes(&boxes, &near));
-        Ok(coefficient_ranges(py, n_strings, &ranges, &planes))
-    }
-
     /// Node of all schedules with states in these boxes `(M, T + 1)`.
     fn root(&self, boxes: &StateBoxes) -> PyResult<Node> {
         let n_strings = self.inner.n_strings();
@@ -247,8 +232,7 @@ impl ControlHorizon {
         Ok(StepBounds::new(py, &self.inner, &answer))
     }
 
-    /// Coefficients of the relaxation over a narrowed node, one `(M, T)` for each of [`RELAXED_NAMES`].
-    /// Planes are tightest at the states `near`, which are points; if `frozen`, the coefficients of battery
+    /// Coefficients of the relaxation over a narrowed node by name, each `(M, T)`. Planes are tightest at the states `near`, which are points; if `frozen`, the coefficients of battery
     /// and derating are those of these states. `units_kw` `(M, 2)` are the nominal losses of inverter and
     /// battery.
     fn relaxed(
@@ -258,7 +242,7 @@ impl ControlHorizon {
         near: &StateBoxes,
         frozen: bool,
         units_kw: GivenMatrix<'_>,
-    ) -> PyResult<Numbers> {
+    ) -> PyResult<BTreeMap<&'static str, Matrix>> {
         let (n_strings, n_steps) = (self.inner.n_strings(), self.inner.n_steps());
         let narrowed = node.narrowed.as_ref().ok_or_else(|| PyValueError::new_err("node: not narrowed"))?;
         check_shape("units", &[n_strings, 2], units_kw.shape())?;
@@ -268,7 +252,7 @@ impl ControlHorizon {
             .collect();
         let near = near.points(n_strings, n_steps)?;
         let values = py.detach(|| self.inner.relaxed(narrowed, &near, frozen, &units));
-        Ok(shaped(py, &[RELAXED_NAMES.len(), n_strings, n_steps], values))
+        Ok(values.into_iter().map(|(name, row)| (name, matrix(py, n_strings, row))).collect())
     }
 
     /// Flows of single steps, from states `(M, T)`, which are points, with requests `(M, T)` [kW],
@@ -285,11 +269,5 @@ impl ControlHorizon {
         let flows = self.inner.flows_from(&states, &watts(&request_kw));
         let directions: Vec<_> = (0..n_steps).map(|t| self.inner.direction(t)).collect();
         Ok(FlowArrays::new(py, &[n_strings, n_steps], &flows, &directions))
-    }
-
-    /// Names of the coefficients of [`Self::relaxed`].
-    #[staticmethod]
-    fn relaxed_names() -> Vec<&'static str> {
-        RELAXED_NAMES.to_vec()
     }
 }

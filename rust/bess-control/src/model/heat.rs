@@ -7,11 +7,7 @@ use bess_tables::Direction;
 /// limit.
 #[inline]
 pub(crate) fn heat_share(x: f64, direction: Direction) -> f64 {
-    let root = match direction {
-        Direction::Charge => (1.0 + 4.0 * x).max(0.0).sqrt(),
-        Direction::Discharge => (1.0 - 4.0 * x).max(0.0).sqrt(),
-    };
-    2.0 * x / (1.0 + root)
+    2.0 * x / (1.0 + (1.0 - direction.sign() * (4.0 * x)).max(0.0).sqrt())
 }
 
 /// Battery heat at an internal power `g` and scale `y = V^2 / R` [W], `y (R I / V)^2`. Convex in `g` and `y`

@@ -2,6 +2,8 @@
 
 use bess_tables::{Axis, Direction, Lut};
 
+use super::ranges::Range;
+
 /// Inverter loss of one direction over delivered AC power, with data for its inversion.
 ///
 /// The battery's internal power is `g(p) = p - w(p)` in charge and `p + w(p)` in discharge. A table whose slope
@@ -106,21 +108,16 @@ impl LossCurve {
     }
 
     /// Smallest and largest `g` over the delivered powers `[low, high]` of an inverter that is on [W].
-    pub fn internal_range(&self, low: f64, high: f64) -> (f64, f64) {
+    pub fn internal_range(&self, low: f64, high: f64) -> Range {
         let g = |p: f64| self.internal_w(p, self.at(p).0);
         let inside = self.power.iter().copied().filter(|&p| p > low && p < high).map(g);
-        inside
-            .chain([g(low), g(high)])
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), g| (a.min(g), b.max(g)))
+        inside.chain([g(low), g(high)]).collect()
     }
 }
 
 #[inline]
 fn internal_w(direction: Direction, power_w: f64, loss_w: f64) -> f64 {
-    match direction {
-        Direction::Charge => power_w - loss_w,
-        Direction::Discharge => power_w + loss_w,
-    }
+    power_w + direction.sign() * loss_w
 }
 
 #[cfg(test)]

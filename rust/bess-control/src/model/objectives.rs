@@ -53,12 +53,7 @@ impl ControlHorizon {
     pub fn objectives(&self, request_w: &[f64]) -> Objectives {
         let costs_of = |(m, requests): (usize, &[f64])| {
             let mut costs = [0.0; MAX_GROUPS];
-            let mut state = self.start[m];
-            for (&request, interval) in requests.iter().zip(&self.intervals) {
-                let flow = self.string(m).step(state, request, interval);
-                self.add_costs(m, &flow, &mut costs);
-                state = flow.end;
-            }
+            self.flows_of(m, requests).for_each(|flow| self.add_costs(m, &flow, &mut costs));
             costs
         };
         let costs: Vec<Objectives> =
@@ -91,16 +86,17 @@ impl ControlHorizon {
 
     /// Flows of all strings in all steps of a schedule, `(M, T)`.
     pub fn flows(&self, request_w: &[f64]) -> Vec<Flow> {
-        let mut flows = Vec::with_capacity(request_w.len());
-        for (m, requests) in request_w.chunks_exact(self.n_steps()).enumerate() {
-            let mut state = self.start[m];
-            for (&request_w, interval) in requests.iter().zip(&self.intervals) {
-                let flow = self.string(m).step(state, request_w, interval);
-                state = flow.end;
-                flows.push(flow);
-            }
-        }
-        flows
+        let rows = request_w.chunks_exact(self.n_steps()).enumerate();
+        rows.flat_map(|(m, requests)| self.flows_of(m, requests)).collect()
+    }
+
+    /// Flows of one string with these requests `(T,)` [W].
+    fn flows_of<'a>(&'a self, m: usize, request_w: &'a [f64]) -> impl Iterator<Item = Flow> + 'a {
+        request_w.iter().zip(&self.intervals).scan(self.start[m], move |state, (&request_w, interval)| {
+            let flow = self.string(m).step(*state, request_w, interval);
+            *state = flow.end;
+            Some(flow)
+        })
     }
 
     /// Flows of single steps, from states `(M, T)` and with requests `(M, T)` [W].

@@ -2,7 +2,7 @@
 
 use bess_tables::{Direction, Lut, Resistance};
 
-use crate::model::StringModel;
+use crate::model::{StringModel, StringState};
 
 /// A closed interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,9 +32,19 @@ impl Range {
     /// The empty interval.
     pub(crate) const EMPTY: Self = Self { low: f64::INFINITY, high: f64::NEG_INFINITY };
 
+    #[inline]
     pub(crate) fn include(&mut self, value: f64) {
         self.low = self.low.min(value);
         self.high = self.high.max(value);
+    }
+}
+
+impl FromIterator<f64> for Range {
+    /// The smallest interval that contains all values.
+    fn from_iter<I: IntoIterator<Item = f64>>(values: I) -> Self {
+        let mut range = Self::EMPTY;
+        values.into_iter().for_each(|value| range.include(value));
+        range
     }
 }
 
@@ -54,6 +64,13 @@ impl StateBox {
             soc: self.soc.intersection(&other.soc),
             temperature_c: self.temperature_c.intersection(&other.temperature_c),
         }
+    }
+}
+
+impl From<StringState> for StateBox {
+    /// The box of one state.
+    fn from(state: StringState) -> Self {
+        Self { soc: Range::point(state.soc), temperature_c: Range::point(state.temperature_c) }
     }
 }
 
@@ -102,17 +119,11 @@ impl StringModel {
             power_scale_w: Range::EMPTY,
         };
         for piece in self.pieces(direction, states) {
-            let (mut v, mut r) = (Range::EMPTY, Range::EMPTY);
-            for corner in self.corners(direction, &piece) {
-                v.include(corner.voltage_v);
-                r.include(corner.resistance_ohm);
-            }
-            for value in [v.low, v.high] {
-                out.voltage_v.include(value);
-            }
-            for value in [r.low, r.high] {
-                out.resistance_ohm.include(value);
-            }
+            let corners = self.corners(direction, &piece);
+            let v: Range = corners.iter().map(|corner| corner.voltage_v).collect();
+            let r: Range = corners.iter().map(|corner| corner.resistance_ohm).collect();
+            out.voltage_v = out.voltage_v.union(&v);
+            out.resistance_ohm = out.resistance_ohm.union(&r);
             out.power_scale_w.include(v.low * v.low / r.high);
             out.power_scale_w.include(v.high * v.high / r.low);
         }
@@ -194,13 +205,6 @@ impl StringModel {
 
 /// Range of a piecewise linear table over an interval of its argument.
 fn lut_range(lut: &Lut, x: &Range) -> Range {
-    let mut range = Range::EMPTY;
-    range.include(lut.at(x.low));
-    range.include(lut.at(x.high));
-    for (&knot, &value) in lut.x().iter().zip(lut.y()) {
-        if knot > x.low && knot < x.high {
-            range.include(value);
-        }
-    }
-    range
+    let inside = lut.x().iter().zip(lut.y()).filter(|(knot, _)| **knot > x.low && **knot < x.high);
+    inside.map(|(_, value)| *value).chain([lut.at(x.low), lut.at(x.high)]).collect()
 }

@@ -247,11 +247,7 @@ impl StringModel {
 
     #[inline]
     pub(super) fn soc_after(&self, soc: f64, current_a: f64, interval: &Interval) -> f64 {
-        let charge = current_a * interval.dt_h / self.parameters.capacity_ah;
-        match interval.direction {
-            Direction::Charge => soc + charge,
-            Direction::Discharge => soc - charge,
-        }
+        soc - interval.direction.sign() * (current_a * interval.dt_h / self.parameters.capacity_ah)
     }
 
     #[inline]
@@ -279,9 +275,6 @@ impl StringModel {
 #[inline]
 pub(super) fn small_root(c: &Coefficients, direction: Direction, internal_w: f64) -> (f64, bool) {
     let (v, product) = (c.voltage_v, 4.0 * c.resistance_ohm * internal_w);
-    let square = match direction {
-        Direction::Charge => v * v + product,
-        Direction::Discharge => v * v - product,
-    };
+    let square = v * v - direction.sign() * product;
     (2.0 * internal_w / (v + square.max(0.0).sqrt()), square >= 0.0)
 }

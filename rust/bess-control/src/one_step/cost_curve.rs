@@ -157,11 +157,8 @@ impl CostCurve {
     /// Internal powers between which the cheapest `V^2 / R` lies inside its range [W].
     fn following(&self) -> [f64; 2] {
         let s = self.balanced_share();
-        let per_scale = match self.terms.direction {
-            _ if s.is_infinite() => f64::INFINITY,
-            Direction::Charge => s * (1.0 + s),
-            Direction::Discharge => s * (1.0 - s),
-        };
+        let per_scale =
+            if s.is_infinite() { f64::INFINITY } else { s * (1.0 - self.terms.direction.sign() * s) };
         let Range { low, high } = self.terms.power_scale_w;
         [low * per_scale, high * per_scale]
     }
@@ -222,19 +219,13 @@ impl CostCurve {
     /// `dh/dg` at a share `R I / V`.
     #[inline]
     fn heat_slope(&self, share: f64) -> f64 {
-        match self.terms.direction {
-            Direction::Charge => 2.0 * share / (1.0 + 2.0 * share),
-            Direction::Discharge => 2.0 * share / (1.0 - 2.0 * share),
-        }
+        2.0 * share / (1.0 - self.terms.direction.sign() * (2.0 * share))
     }
 
     /// `dg/dp` on a segment.
     #[inline]
     fn through(&self, loss_slope: f64) -> f64 {
-        match self.terms.direction {
-            Direction::Charge => 1.0 - loss_slope,
-            Direction::Discharge => 1.0 + loss_slope,
-        }
+        1.0 + self.terms.direction.sign() * loss_slope
     }
 
     /// Price above which it is cheaper to accept the whole request and shed it.

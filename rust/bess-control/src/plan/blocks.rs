@@ -6,31 +6,13 @@ use crate::plan::paths::Paths;
 /// Lengths of blocks [steps], used in turn from call to call.
 pub(crate) const LENGTHS: [usize; 5] = [2, 4, 8, 16, 32];
 
-/// Change of a block.
-#[derive(Debug, Clone, Copy)]
-enum Change {
-    /// The strings exchange their requests.
-    Swap,
-    /// The first string takes its maximum.
-    First,
-    /// The second string takes its maximum.
-    Second,
-    /// Each string takes half.
-    Halves,
-}
-
-impl Change {
-    const ALL: [Self; 4] = [Self::Swap, Self::First, Self::Second, Self::Halves];
-
-    fn of(self, room: &Room, second_w: f64) -> (f64, f64) {
-        room.both(match self {
-            Self::Swap => second_w,
-            Self::First => room.high_w,
-            Self::Second => room.low_w,
-            Self::Halves => 0.5 * room.sum_w,
-        })
-    }
-}
+/// Changes of a block: new requests of the first string, from the range of the pair and the request of the second.
+const CHANGES: [fn(&Room, f64) -> f64; 4] = [
+    |_, second_w| second_w,     // The strings exchange their requests,
+    |room, _| room.high_w,      // the first takes its maximum,
+    |room, _| room.low_w,       // the second does,
+    |room, _| 0.5 * room.sum_w, // or each takes half.
+];
 
 /// Tries all changes on each block in turn; the first block starts at `offset`.
 pub(crate) fn rearrange(paths: &mut Paths<'_>, pair: Pair, length: usize, offset: usize, budget: u64) {
@@ -41,12 +23,15 @@ pub(crate) fn rearrange(paths: &mut Paths<'_>, pair: Pair, length: usize, offset
         if !(from..to).any(|t| pair.room(paths, t).is_open()) {
             continue;
         }
-        for kind in Change::ALL {
+        for first_w in CHANGES {
             if paths.work >= budget {
                 return;
             }
-            let change: Vec<_> =
-                (from..to).map(|t| kind.of(&pair.room(paths, t), paths.request(pair.second, t))).collect();
+            let both = |t: usize| {
+                let room = pair.room(paths, t);
+                room.both(first_w(&room, paths.request(pair.second, t)))
+            };
+            let change: Vec<_> = (from..to).map(both).collect();
             let present =
                 |k: usize| (paths.request(pair.first, from + k), paths.request(pair.second, from + k));
             if change.iter().enumerate().all(|(k, both)| *both == present(k)) {

@@ -118,10 +118,7 @@ impl Grid {
                     let volt = mean(start.voltage_v, middle.voltage_v, end.voltage_v);
                     let ohm = mean(start.resistance_ohm, middle.resistance_ohm, end.resistance_ohm);
                     let heat_w = ohm * current_a * current_a;
-                    let internal_w = match direction {
-                        Direction::Charge => volt * current_a + heat_w,
-                        Direction::Discharge => volt * current_a - heat_w,
-                    };
+                    let internal_w = volt * current_a - direction.sign() * heat_w;
                     let has_root = direction == Direction::Charge || 2.0 * ohm * current_a <= volt;
                     let allowed = p.voltage_allows(direction, volt, ohm * current_a);
                     if has_root && allowed && internal_w <= highest && middle.derating > 0.0 {

@@ -233,10 +233,8 @@ impl<'a> PlanProblem<'a> {
 
     /// Initial temperatures of the strings and their ambient temperatures over the plan [degC].
     pub(crate) fn temperatures_c(&self, strings: impl IntoIterator<Item = usize>) -> Range {
-        let mut range = Range::EMPTY;
-        self.intervals.iter().for_each(|interval| range.include(interval.ambient_c));
-        strings.into_iter().for_each(|m| range.include(self.start[m].temperature_c));
-        range
+        let ambient_c = self.intervals.iter().map(|interval| interval.ambient_c);
+        ambient_c.chain(strings.into_iter().map(|m| self.start[m].temperature_c)).collect()
     }
 
     /// SOC change of a half-full string in a step at full power.

@@ -220,11 +220,10 @@ impl StringModel {
             cell.shed_soc = states.soc;
         } else {
             let Range { low: p_low, high: p_high } = cell.delivered_w;
-            let (g_low, g_high) = curve.internal_range(p_low, p_high);
-            let root = |g: f64, v: f64, r: f64| match direction {
-                Direction::Charge => 2.0 * g / (v + (v * v + 4.0 * r * g).max(0.0).sqrt()),
-                Direction::Discharge => 2.0 * g / (v + (v * v - 4.0 * r * g).max(0.0).sqrt()),
-            };
+            let Range { low: g_low, high: g_high } = curve.internal_range(p_low, p_high);
+            let sign = direction.sign();
+            let root =
+                |g: f64, v: f64, r: f64| 2.0 * g / (v + (v * v - sign * (4.0 * r * g)).max(0.0).sqrt());
             let (low, high) = match direction {
                 // Current falls with V and R, but for a negative one, whose magnitude rises with R.
                 Direction::Charge => {
@@ -295,7 +294,9 @@ impl StringModel {
     /// Final states of a step.
     fn end(&self, states: &StateBox, cell: &Cell, sure_soc: Option<f64>, interval: &Interval) -> StateBox {
         let p = &self.parameters;
-        let gained = gained(interval.direction, &cell.current_a, interval.dt_h / p.capacity_ah);
+        let per_ampere = -interval.direction.sign() * (interval.dt_h / p.capacity_ah);
+        let gained: Range =
+            [cell.current_a.low, cell.current_a.high].map(|a| per_ampere * a).into_iter().collect();
         let (low, high) = match sure_soc {
             Some(soc) => (soc, soc),
             None => (states.soc.low + gained.low, states.soc.high + gained.high),
@@ -322,16 +323,6 @@ impl StringModel {
 const SLICES: usize = 4;
 /// Outward rounding of requests, relative to the nominal power.
 pub(super) const REQUEST_ROUNDING: f64 = 1e-9;
-
-/// SOC gained with a current.
-fn gained(direction: Direction, current_a: &Range, per_ampere: f64) -> Range {
-    match direction {
-        Direction::Charge => Range { low: per_ampere * current_a.low, high: per_ampere * current_a.high },
-        Direction::Discharge => {
-            Range { low: -per_ampere * current_a.high, high: -per_ampere * current_a.low }
-        }
-    }
-}
 
 fn overlap(a: &Range, b: &Range) -> bool {
     a.low <= b.high && b.low <= a.high

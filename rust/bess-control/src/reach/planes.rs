@@ -89,3 +89,66 @@ fn hull_slope(points: &[(f64, f64)], at: f64) -> f64 {
     }
     slope
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::Range;
+    use crate::search::common;
+    use bess_tables::Grid;
+
+    /// The reference string, and one whose open-circuit voltage depends on temperature.
+    fn strings() -> [StringModel; 2] {
+        let reference = common::reference(1).strings.remove(0);
+        let mut differing = reference.clone();
+        for table in [&mut differing.ocv_charge, &mut differing.ocv_discharge] {
+            let voltage_v = table.z().iter().flat_map(|v| [*v, v + 2.0]).collect();
+            *table = Grid::new("ocv", table.x().to_vec(), vec![0.0, 50.0], voltage_v).unwrap();
+        }
+        [reference, differing].map(StringModel::new)
+    }
+
+    #[test]
+    fn ranges_and_planes_hold_for_every_state_of_a_box_and_planes_touch_at_a_point() {
+        let (strings, mut random) = (strings(), fastrand::Rng::with_seed(9));
+        for case in 0..2000 {
+            let (string, direction) =
+                (&strings[case % 2], [Direction::Charge, Direction::Discharge][case / 2 % 2]);
+            let width = [0.0, 0.01, 0.1, 0.5][case / 4 % 4];
+            let mut range = |low: f64, high: f64, width: f64| {
+                let low = low + (high - low - width) * random.f64();
+                Range { low, high: low + width }
+            };
+            let states =
+                StateBox { soc: range(0.0, 1.0, width), temperature_c: range(-10.0, 62.0, 50.0 * width) };
+            let mut inside = |range: &Range| range.low + (range.high - range.low) * random.f64();
+            let mut state =
+                || StringState { soc: inside(&states.soc), temperature_c: inside(&states.temperature_c) };
+            let ranges = string.ranges(direction, &states);
+            let planes = string.planes(direction, &states, state());
+            for state in (0..20).map(|_| state()) {
+                let c = string.coefficients(direction, state);
+                let scale_w = c.voltage_v * c.voltage_v / c.resistance_ohm;
+                for (range, value) in [
+                    (ranges.derating, c.derating),
+                    (ranges.voltage_v, c.voltage_v),
+                    (ranges.resistance_ohm, c.resistance_ohm),
+                    (ranges.power_scale_w, scale_w),
+                ] {
+                    let slack = 1e-12 * value;
+                    assert!(range.low <= value + slack && value <= range.high + slack, "{range:?}: {value}");
+                }
+                let plane_w = |p: &Planes| {
+                    p.power_scale_w
+                        + p.power_scale_per_soc * state.soc
+                        + p.power_scale_per_k * state.temperature_c
+                };
+                assert!(plane_w(&planes) >= scale_w * (1.0 - 1e-12), "{planes:?} at {state:?}");
+                let derated = planes.derated + planes.derated_per_k * state.temperature_c;
+                assert!(derated <= 1.0 - c.derating + 1e-12, "{planes:?} at {state:?}");
+                let touches_w = plane_w(&string.planes(direction, &state.into(), state));
+                assert!((touches_w - scale_w).abs() <= 1e-9 * scale_w, "{touches_w} {scale_w}");
+            }
+        }
+    }
+}

@@ -9,9 +9,7 @@ impl ControlHorizon {
         let n_steps = self.n_steps();
         let mut boxes = Vec::with_capacity(self.n_strings() * (n_steps + 1));
         for m in 0..self.n_strings() {
-            let start = self.start[m];
-            let mut states =
-                StateBox { soc: Range::point(start.soc), temperature_c: Range::point(start.temperature_c) };
+            let mut states = StateBox::from(self.start[m]);
             boxes.push(states);
             for (t, interval) in self.intervals.iter().enumerate() {
                 states = self.string(m).cell(&states, &self.request_range(m, t), interval).end;

@@ -14,68 +14,14 @@ const N_LINES: usize = 6;
 /// Outward shift of lines and bounds, per unit: no two opposite rows coincide.
 const MARGIN: f64 = 1e-8;
 
-/// Names of the coefficients, in the order in which [`ControlHorizon::relaxed`] gives them.
-pub const NAMES: [&str; 60] = [
-    "u_lo",
-    "u_hi",
-    "p_lo",
-    "p_hi",
-    "a_hi",
-    "a_off",
-    "derating_lo",
-    "derating_hi",
-    "derating_theta",
-    "derating_0",
-    "derated_theta",
-    "derated_0",
-    "full_0",
-    "full_slack",
-    "inverter_slope_0",
-    "inverter_slope_1",
-    "inverter_slope_2",
-    "inverter_slope_3",
-    "inverter_slope_4",
-    "inverter_slope_5",
-    "inverter_0_0",
-    "inverter_0_1",
-    "inverter_0_2",
-    "inverter_0_3",
-    "inverter_0_4",
-    "inverter_0_5",
-    "inverter_chord_slope",
-    "inverter_chord_0",
-    "heat_chord",
-    "heat_0",
-    "y_lo",
-    "y_hi",
-    "y_soc",
-    "y_theta",
-    "y_0",
-    "y_above",
-    "y_below",
-    "switch_lo",
-    "switch_0",
-    "switch_hi",
-    "switch_1",
-    "current",
-    "current_range",
-    "current_0",
-    "potential",
-    "potential_range",
-    "potential_0",
-    "soc_lo",
-    "soc_hi",
-    "stored_hi_soc",
-    "stored_hi_0",
-    "stored_lo_soc_0",
-    "stored_lo_0_0",
-    "stored_lo_soc_1",
-    "stored_lo_0_1",
-    "may_run",
-    "must_run",
-    "may_shed",
-    "may_be_low",
-    "must_be_low",
+/// Names of their slopes and intercepts.
+const LINES: [(&str, &str); N_LINES] = [
+    ("inverter_slope_0", "inverter_0_0"),
+    ("inverter_slope_1", "inverter_0_1"),
+    ("inverter_slope_2", "inverter_0_2"),
+    ("inverter_slope_3", "inverter_0_3"),
+    ("inverter_slope_4", "inverter_0_4"),
+    ("inverter_slope_5", "inverter_0_5"),
 ];
 
 /// Nominal losses of a string: units of the inverter and the battery loss [W].
@@ -135,15 +81,12 @@ impl Potential {
     /// Range of the voltage.
     fn voltages(&self, soc: &Range) -> Range {
         let knots = self.soc.iter().zip(&self.voltage_v).filter(|(s, _)| **s > soc.low && **s < soc.high);
-        knots.fold(
-            Range::point(self.voltage(soc.low)).union(&Range::point(self.voltage(soc.high))),
-            |r, (_, v)| r.union(&Range::point(*v)),
-        )
+        knots.map(|(_, v)| *v).chain([self.voltage(soc.low), self.voltage(soc.high)]).collect()
     }
 
     /// Range of the slope of the voltage.
     fn slopes(&self, soc: &Range) -> Range {
-        self.segments(soc).fold(Range::EMPTY, |r, i| r.union(&Range::point(self.slope(i))))
+        self.segments(soc).map(|i| self.slope(i)).collect()
     }
 
     /// Range of the integral less a line with this slope.
@@ -155,23 +98,22 @@ impl Potential {
             (rise != 0.0).then(|| self.soc[i] + (slope - self.voltage_v[i]) / rise)
         });
         let places = self.soc.iter().copied().chain(stationary).filter(inside).chain([soc.low, soc.high]);
-        places.fold(Range::EMPTY, |r, s| r.union(&Range::point(value(s))))
+        places.map(value).collect()
     }
 }
 
 impl ControlHorizon {
-    /// Coefficients over a narrowed node, `(60, M, T)`; planes are closest at the states `near` `(M, T)`. Those of the
-    /// battery and the derating are taken at these states themselves if `frozen`.
+    /// Coefficients over a narrowed node by name, each `(M, T)`; planes are closest at the states `near` `(M, T)`. Those
+    /// of the battery and the derating are taken at these states themselves if `frozen`.
     pub fn relaxed(
         &self,
         of: &NarrowNode,
         near: &[StringState],
         frozen: bool,
         units: &[LossUnits],
-    ) -> Vec<f64> {
+    ) -> Vec<(&'static str, Vec<f64>)> {
         let n_steps = self.n_steps();
-        let size = of.cells.len();
-        let mut out = vec![0.0; NAMES.len() * size];
+        let mut out: Vec<(_, Vec<f64>)> = vec![];
         for (m, units) in units.iter().enumerate().take(self.n_strings()) {
             // With the direction of the first step that moves something; the others differ by a hysteresis.
             let first = (0..n_steps).find(|&t| self.demand_w[t] > 0.0).unwrap_or(0);
@@ -180,9 +122,10 @@ impl ControlHorizon {
             for t in 0..n_steps {
                 let i = m * n_steps + t;
                 let values = self.relaxed_cell(of, &potential, (m, t), near[i], frozen, *units);
-                for (k, value) in values.into_iter().enumerate() {
-                    out[k * size + i] = value;
+                if out.is_empty() {
+                    out.extend(values.iter().map(|(name, _)| (*name, vec![])));
                 }
+                out.iter_mut().zip(values).for_each(|((_, row), (_, value))| row.push(value));
             }
         }
         out
@@ -196,7 +139,7 @@ impl ControlHorizon {
         near: StringState,
         frozen: bool,
         units: LossUnits,
-    ) -> [f64; NAMES.len()] {
+    ) -> Vec<(&'static str, f64)> {
         let n_steps = self.n_steps();
         let (i, b) = (m * n_steps + t, m * (n_steps + 1) + t);
         let (string, interval, cell) = (self.string(m), &self.intervals[t], &of.cells[i]);
@@ -205,11 +148,7 @@ impl ControlHorizon {
         let sign = direction.sign();
         let unit_w = string.nominal_w();
         let (states, end) = (&of.node.boxes[b], &of.node.boxes[b + 1]);
-        let taken_from = if frozen {
-            StateBox { soc: Range::point(near.soc), temperature_c: Range::point(near.temperature_c) }
-        } else {
-            *states
-        };
+        let taken_from = if frozen { StateBox::from(near) } else { *states };
         let c = string.ranges(direction, &taken_from);
         let planes = string.planes(direction, &taken_from, near);
         let u = of.node.requests_w[i];
@@ -237,7 +176,7 @@ impl ControlHorizon {
         let (g_theta, g_0) =
             (planes.derated_per_k * THETA_UNIT_K, planes.derated + planes.derated_per_k * THETA_ZERO_C);
 
-        let (slope, intercept, chord) = inverter_lines(string.loss(direction), &p, unit_w, units.inverter_w);
+        let (inverter, chord) = inverter_lines(string.loss(direction), &p, unit_w, units.inverter_w);
 
         let full = if discharges {
             let edge = cell.shed_soc.high.min(end.soc.high) + SOC_MARGIN;
@@ -305,63 +244,59 @@ impl ControlHorizon {
         let lines = [secant, potential.voltage(end.soc.low), potential.voltage(end.soc.high)].map(line);
 
         let flag = |is: bool| f64::from(u8::from(is));
-        let mut out = [0.0; NAMES.len()];
-        let head = [
-            u_lo,
-            u_hi,
-            p.low / unit_w,
-            p.high / unit_w,
-            shed_w.max(0.0) / unit_w,
-            if c.derating.low < 1.0 { (string.min_power_w() / unit_w).min(u_hi) } else { 0.0 },
-            g_lo,
-            g_hi,
-            u_hi * g_theta,
-            u_hi * (g_0 - g_hi),
-            u_lo * g_theta,
-            u_lo * (g_0 - g_lo),
-            full.0 + full.1,
-            full.1,
-        ];
-        let tail = [
-            chord.0,
-            chord.1,
-            heat.0,
-            heat.1,
-            y.low,
-            y.high,
-            planes.power_scale_per_soc * y_unit,
-            planes.power_scale_per_k * THETA_UNIT_K * y_unit,
-            (planes.power_scale_w + planes.power_scale_per_k * THETA_ZERO_C) * y_unit - y.low,
-            y_above,
-            y_below - y_above,
+        let mut out = vec![
+            ("u_lo", u_lo),
+            ("u_hi", u_hi),
+            ("p_lo", p.low / unit_w),
+            ("p_hi", p.high / unit_w),
+            ("a_hi", shed_w.max(0.0) / unit_w),
+            ("a_off", if c.derating.low < 1.0 { (string.min_power_w() / unit_w).min(u_hi) } else { 0.0 }),
+            ("derating_lo", g_lo),
+            ("derating_hi", g_hi),
+            ("derating_theta", u_hi * g_theta),
+            ("derating_0", u_hi * (g_0 - g_hi)),
+            ("derated_theta", u_lo * g_theta),
+            ("derated_0", u_lo * (g_0 - g_lo)),
+            ("full_0", full.0 + full.1),
+            ("full_slack", full.1),
+            ("inverter_chord_slope", chord.0),
+            ("inverter_chord_0", chord.1),
+            ("heat_chord", heat.0),
+            ("heat_0", heat.1),
+            ("y_lo", y.low),
+            ("y_hi", y.high),
+            ("y_soc", planes.power_scale_per_soc * y_unit),
+            ("y_theta", planes.power_scale_per_k * THETA_UNIT_K * y_unit),
+            ("y_0", (planes.power_scale_w + planes.power_scale_per_k * THETA_ZERO_C) * y_unit - y.low),
+            ("y_above", y_above),
+            ("y_below", y_below - y_above),
             // soc >= switch - (switch - lo) low, soc <= hi - (hi - switch) low.
-            switch,
-            (switch - states.soc.low).max(0.0),
-            states.soc.high,
-            (states.soc.high - switch).max(0.0),
-            0.5 * (current.low + current.high),
-            0.5 * (current.high - current.low),
-            (current.high - current.low) * reverse,
-            sign * 0.5 * (beyond.low + beyond.high),
-            sign * potential_range,
-            potential_0 + MARGIN,
-            end.soc.low,
-            end.soc.high,
-            lines[0].0,
-            lines[0].2,
-            lines[1].0,
-            lines[1].1,
-            lines[2].0,
-            lines[2].1,
-            flag(may_run),
-            flag(must_run),
-            flag(may_shed),
-            flag(may_be_low),
-            flag(must_be_low),
+            ("switch_lo", switch),
+            ("switch_0", (switch - states.soc.low).max(0.0)),
+            ("switch_hi", states.soc.high),
+            ("switch_1", (states.soc.high - switch).max(0.0)),
+            ("current", 0.5 * (current.low + current.high)),
+            ("current_range", 0.5 * (current.high - current.low)),
+            ("current_0", (current.high - current.low) * reverse),
+            ("potential", sign * 0.5 * (beyond.low + beyond.high)),
+            ("potential_range", sign * potential_range),
+            ("potential_0", potential_0 + MARGIN),
+            ("soc_lo", end.soc.low),
+            ("soc_hi", end.soc.high),
+            ("stored_hi_soc", lines[0].0),
+            ("stored_hi_0", lines[0].2),
+            ("stored_lo_soc_0", lines[1].0),
+            ("stored_lo_0_0", lines[1].1),
+            ("stored_lo_soc_1", lines[2].0),
+            ("stored_lo_0_1", lines[2].1),
+            ("may_run", flag(may_run)),
+            ("must_run", flag(must_run)),
+            ("may_shed", flag(may_shed)),
+            ("may_be_low", flag(may_be_low)),
+            ("must_be_low", flag(must_be_low)),
         ];
-        let values = head.into_iter().chain(slope).chain(intercept).chain(tail);
-        for (place, value) in out.iter_mut().zip(values) {
-            *place = value;
+        for ((slope_name, name), (slope, intercept)) in LINES.into_iter().zip(inverter) {
+            out.extend([(slope_name, slope), (name, intercept)]);
         }
         out
     }
@@ -390,13 +325,10 @@ impl StringModel {
             knots.chain([range.low, range.high]).collect()
         };
         let (socs, temperatures) = (inside(&states.soc, table.x()), inside(&states.temperature_c, table.y()));
-        let mut apart = Range::EMPTY;
-        for &soc in &socs {
-            for &temperature_c in &temperatures {
-                let v = self.parameters.ocv(direction, soc, temperature_c) - potential.voltage(soc);
-                apart = apart.union(&Range::point(v));
-            }
-        }
+        let states = socs.iter().flat_map(|&soc| temperatures.iter().map(move |&at_c| (soc, at_c)));
+        let apart: Range = states
+            .map(|(soc, at_c)| self.parameters.ocv(direction, soc, at_c) - potential.voltage(soc))
+            .collect();
         // Half the voltage that the charge moved in the step makes up for; downhill it is more than the mean of the step.
         let slopes = potential.slopes(&path);
         let sign = direction.sign();
@@ -406,13 +338,13 @@ impl StringModel {
             slopes.high * moved.low,
             slopes.high * moved.high,
         ];
-        let half = ends.iter().fold(Range::EMPTY, |r, e| r.union(&Range::point(0.5 * sign * e)));
+        let half: Range = ends.iter().map(|e| 0.5 * sign * e).collect();
         Range { low: apart.low + half.low, high: apart.high + half.high }
     }
 
     /// Range of `V I` over delivered powers, at the smallest and the largest `V^2 / R` [W].
     fn battery_range(&self, c: &CoefficientRanges, direction: Direction, p: &Range) -> Range {
-        let (g_low, g_high) = self.loss(direction).internal_range(p.low, p.high);
+        let Range { low: g_low, high: g_high } = self.loss(direction).internal_range(p.low, p.high);
         let heat = |g: f64, y: f64| crate::model::heat_w(g, y, direction);
         let (low, high) = (c.power_scale_w.low, c.power_scale_w.high);
         match direction {
@@ -436,7 +368,7 @@ fn inverter_lines(
     p: &Range,
     unit_w: f64,
     loss_unit_w: f64,
-) -> ([f64; N_LINES], [f64; N_LINES], (f64, f64)) {
+) -> ([(f64, f64); N_LINES], (f64, f64)) {
     let mut knots: Vec<(f64, f64)> = vec![];
     let inside = curve.power().iter().copied().filter(|x| *x > p.low && *x < p.high);
     for x in [p.low].into_iter().chain(inside).chain([p.high]) {
@@ -459,8 +391,7 @@ fn inverter_lines(
         let slope = rise(hull[k], hull[k + 1]);
         (slope, hull[k].1 - slope * hull[k].0)
     };
-    let lines: [(f64, f64); N_LINES] = std::array::from_fn(line);
     let chord = rise(knots[0], knots[knots.len() - 1]);
     let above = knots.iter().map(|(x, w)| w - chord * x).fold(f64::NEG_INFINITY, f64::max);
-    (lines.map(|l| l.0), lines.map(|l| l.1), (chord, above + MARGIN))
+    (std::array::from_fn(line), (chord, above + MARGIN))
 }

@@ -1,9 +1,9 @@
 //! Step cuts: lower bounds of the cost of any decision of one step, over boxes of states.
 
 use crate::error::{check_costs, check_length, check_range};
-use crate::model::{CoefficientRanges, ControlHorizon, CostsOf, Flow, Losses, Range, StateBox, StringState};
+use crate::model::{ControlHorizon, CostsOf, Flow, Losses, StateBox};
 use crate::one_step::{solve, CostCurve, OneStepSolution, OperatingTerms, StringCost};
-use crate::reach::{NarrowNode, Planes};
+use crate::reach::NarrowNode;
 use crate::ControlError;
 
 /// Safety margin for the rounding of a bound.
@@ -44,22 +44,6 @@ pub struct StepBounds {
 }
 
 impl ControlHorizon {
-    /// Ranges of the coefficients over boxes of states `(M, T)`, each in the direction of its step.
-    pub fn ranges(&self, boxes: &[StateBox]) -> Vec<CoefficientRanges> {
-        let n_steps = self.n_steps();
-        let at = |(i, states)| self.string(i / n_steps).ranges(self.direction(i % n_steps), states);
-        boxes.iter().enumerate().map(at).collect()
-    }
-
-    /// Planes over boxes of states `(M, T)`, each in the direction of its step, closest at the states `at`.
-    pub fn planes(&self, boxes: &[StateBox], at: &[StringState]) -> Vec<Planes> {
-        let n_steps = self.n_steps();
-        let plane = |(i, (states, at)): (usize, (&StateBox, &StringState))| {
-            self.string(i / n_steps).planes(self.direction(i % n_steps), states, *at)
-        };
-        boxes.iter().zip(at).enumerate().map(plane).collect()
-    }
-
     /// Step cuts of one objective, `(T,)`, over boxes of the states at the start of each step, `(M, T)`. `costs` are
     /// those of the losses, `(M,)`; a cut does not include the cost of availability loss.
     ///
@@ -192,11 +176,7 @@ impl ControlHorizon {
     pub(crate) fn states_along(&self, flows: &[Flow]) -> Vec<StateBox> {
         let n_steps = self.n_steps();
         let state = |i: usize| if i % n_steps == 0 { self.start[i / n_steps] } else { flows[i - 1].end };
-        let point = |s: StringState| StateBox {
-            soc: Range::point(s.soc),
-            temperature_c: Range::point(s.temperature_c),
-        };
-        (0..flows.len()).map(state).map(point).collect()
+        (0..flows.len()).map(|i| state(i).into()).collect()
     }
 }
 

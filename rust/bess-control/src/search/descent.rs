@@ -74,72 +74,48 @@ fn minimise(tracked: &mut IncrementalRollout<'_>, ranking: &Ranking, budget: u64
 
 /// Passes over single steps while they gain, then over pairs of steps; restarts after any gain.
 fn descend(tracked: &mut IncrementalRollout<'_>, ranking: &Ranking, budget: u64) {
-    let n_steps = tracked.end - tracked.first;
-    let (mut single, mut pairs) = (vec![0; n_steps], vec![0; n_steps * n_steps]);
-    loop {
-        while gains(tracked, ranking, budget, single_steps, &mut single) {}
-        if !gains(tracked, ranking, budget, pairs_of_steps, &mut pairs) {
-            return;
-        }
-    }
-}
-
-/// Whether a pass gained enough for another one.
-fn gains(
-    tracked: &mut IncrementalRollout<'_>,
-    ranking: &Ranking,
-    budget: u64,
-    pass: Pass,
-    looked_at: &mut [u64],
-) -> bool {
-    let before = tracked.objectives();
-    pass(tracked, ranking, budget, looked_at);
-    tracked.string_steps.get() < budget && ranking.better_by(&tracked.objectives(), &before, WORTHWHILE)
-}
-
-/// A pass over steps or pairs of steps, which records the change counter of the last visit of each.
-type Pass = fn(&mut IncrementalRollout<'_>, &Ranking, u64, &mut [u64]);
-
-fn single_steps(tracked: &mut IncrementalRollout<'_>, ranking: &Ranking, budget: u64, looked_at: &mut [u64]) {
-    for (step, looked_at) in (tracked.first..tracked.end).zip(looked_at) {
-        let before = std::mem::replace(looked_at, tracked.changes);
-        for strings in pairs(tracked, step) {
-            if tracked.string_steps.get() >= budget {
-                return;
-            }
-            if !tracked.deserves_a_look(strings, before) {
-                continue;
-            }
-            if let Some(line) = Line::new(tracked, step, strings) {
-                line.search(tracked, ranking);
-            }
-        }
-    }
-}
-
-fn pairs_of_steps(
-    tracked: &mut IncrementalRollout<'_>,
-    ranking: &Ranking,
-    budget: u64,
-    looked_at: &mut [u64],
-) {
-    let n_steps = tracked.end - tracked.first;
-    for distance in 1..tracked.end - tracked.first {
-        for first in tracked.first..tracked.end - distance {
-            let second = first + distance;
-            let place = (first - tracked.first) * n_steps + second - tracked.first;
-            let before = std::mem::replace(&mut looked_at[place], tracked.changes);
-            for strings in pairs(tracked, first) {
-                if tracked.string_steps.get() >= budget {
-                    return;
-                }
-                if !tracked.deserves_a_look(strings, before) {
-                    continue;
-                }
+    let (first, end) = (tracked.first, tracked.end);
+    let singles: Vec<_> = (first..end).map(|step| (step, step)).collect();
+    let apart = |distance| (first..end - distance).map(move |step| (step, step + distance));
+    let pairs: Vec<_> = (1..end - first).flat_map(apart).collect();
+    let (mut looked_at_singles, mut looked_at_pairs) = (vec![0; singles.len()], vec![0; pairs.len()]);
+    let mut gains = |in_pairs: bool| {
+        let before = tracked.objectives();
+        if in_pairs {
+            pass(tracked, budget, &pairs, &mut looked_at_pairs, |tracked, (first, second), strings| {
                 let lines = (Line::new(tracked, first, strings), Line::new(tracked, second, strings));
                 if let (Some(first), Some(second)) = lines {
                     Plane { first, second }.search(tracked, ranking);
                 }
+            });
+        } else {
+            pass(tracked, budget, &singles, &mut looked_at_singles, |tracked, (step, _), strings| {
+                if let Some(line) = Line::new(tracked, step, strings) {
+                    line.search(tracked, ranking);
+                }
+            });
+        }
+        tracked.string_steps.get() < budget && ranking.better_by(&tracked.objectives(), &before, WORTHWHILE)
+    };
+    while gains(false) || gains(true) {}
+}
+
+/// Applies `search` to each pair of strings that has changed since the last look at these steps, within the budget.
+fn pass<'a>(
+    tracked: &mut IncrementalRollout<'a>,
+    budget: u64,
+    steps: &[(usize, usize)],
+    looked_at: &mut [u64],
+    search: impl Fn(&mut IncrementalRollout<'a>, (usize, usize), (usize, usize)),
+) {
+    for (&steps, looked_at) in steps.iter().zip(looked_at) {
+        let before = std::mem::replace(looked_at, tracked.changes);
+        for strings in pairs(tracked, steps.0) {
+            if tracked.string_steps.get() >= budget {
+                return;
+            }
+            if tracked.deserves_a_look(strings, before) {
+                search(tracked, steps, strings);
             }
         }
     }
@@ -149,23 +125,18 @@ fn pairs_of_steps(
 fn polish(tracked: &mut IncrementalRollout<'_>, ranking: &Ranking, budget: u64) {
     let nominal = |m: usize| tracked.horizon.string(m).nominal_w();
     let largest = (0..tracked.horizon.n_strings()).map(nominal).fold(0.0, f64::max);
+    let steps: Vec<_> = (tracked.first..tracked.end).map(|step| (step, step)).collect();
+    let mut looked_at = vec![0; steps.len()];
     let mut share = 1e-2;
-    let mut looked_at = vec![0; tracked.end - tracked.first];
     while share > FINEST {
         let before = tracked.objectives();
-        for (step, looked_at) in (tracked.first..tracked.end).zip(&mut looked_at) {
-            let before = std::mem::replace(looked_at, tracked.changes);
-            for strings in pairs(tracked, step) {
-                if tracked.string_steps.get() >= budget {
-                    return;
-                }
-                if !tracked.deserves_a_look(strings, before) {
-                    continue;
-                }
-                if let Some(line) = Line::new(tracked, step, strings) {
-                    line.nudge(tracked, ranking, share * largest);
-                }
+        pass(tracked, budget, &steps, &mut looked_at, |tracked, (step, _), strings| {
+            if let Some(line) = Line::new(tracked, step, strings) {
+                line.nudge(tracked, ranking, share * largest);
             }
+        });
+        if tracked.string_steps.get() >= budget {
+            return;
         }
         if !ranking.better_by(&tracked.objectives(), &before, NOTICEABLE) {
             share *= 0.25;
@@ -190,11 +161,11 @@ fn pairs(tracked: &IncrementalRollout<'_>, step: usize) -> Vec<(usize, usize)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::search::test_horizon;
+    use crate::search::common;
 
     #[test]
     fn a_descent_leaves_alone_the_strings_that_do_as_in_a_settled_schedule() {
-        let horizon = test_horizon(9, &[200e3, 300e3]);
+        let horizon = common::one_objective(9, &[200e3, 300e3]);
         let start_w = horizon.fitted(&[80e3; 18]);
         let mut ranking = Ranking::new(1);
         ranking.group = 0;

@@ -22,12 +22,8 @@ impl ControlHorizon {
         let n_swaps = (n_strings - 1) * n_steps;
         let swap = |index: usize| {
             let (pair, from) = (index / n_steps, index % n_steps);
-            let (one, other) = (order[pair] * n_steps, order[pair + 1] * n_steps);
-            let mut wanted = request_w.to_vec();
-            for t in from..n_steps {
-                wanted.swap(one + t, other + t);
-            }
-            self.rated(self.fitted(&wanted))
+            let swapped_w = self.swapped(request_w, (order[pair], order[pair + 1]), from..n_steps);
+            self.rated(self.fitted(&swapped_w))
         };
         self.map((0..n_swaps).step_by(n_swaps.div_ceil(most).max(1)).collect(), swap)
     }
@@ -129,13 +125,17 @@ impl ControlHorizon {
         let mut swaps: Vec<_> = pairs.into_iter().flat_map(windows).collect();
         random.shuffle(&mut swaps);
         let swapped = |(i, j, a, b): (usize, usize, usize, usize)| {
-            let mut wanted = request_w.to_vec();
-            for t in a..b {
-                wanted.swap(i * n_steps + t, j * n_steps + t);
-            }
-            (wanted != request_w).then(|| self.rated(self.fitted(&wanted)))
+            let swapped_w = self.swapped(request_w, (i, j), a..b);
+            (swapped_w != request_w).then(|| self.rated(self.fitted(&swapped_w)))
         };
         swaps.into_iter().filter_map(swapped).take(most).collect()
+    }
+
+    /// Requests with those of two strings in some steps exchanged.
+    fn swapped(&self, request_w: &[f64], (i, j): (usize, usize), steps: std::ops::Range<usize>) -> Vec<f64> {
+        let mut swapped_w = request_w.to_vec();
+        steps.for_each(|t| swapped_w.swap(i * self.n_steps() + t, j * self.n_steps() + t));
+        swapped_w
     }
 
     /// `n` schedules, each with a random allocation of one step.
@@ -182,7 +182,7 @@ mod tests {
 
     /// Two strings of 92 kW with this total demand.
     fn horizon(demand_w: &[f64]) -> ControlHorizon {
-        crate::search::test_horizon(2, demand_w)
+        crate::search::common::one_objective(2, demand_w)
     }
 
     const DEMAND_W: [f64; 4] = [30e3, 90e3, 80e3, 60e3];

@@ -93,3 +93,21 @@ pub fn horizon(system: &System, n_steps: usize, soc: f64) -> ControlHorizon {
     };
     ControlHorizon::new(model, &problem).unwrap()
 }
+
+/// Identical strings, each half full with a limit of 92 kW and one objective.
+pub fn one_objective(n_strings: usize, demand_w: &[f64]) -> ControlHorizon {
+    let costs = vec![1e-5; n_strings * 4];
+    let problem = SplitProblem {
+        soc: &vec![0.5; n_strings],
+        temperature_c: &vec![25.0; n_strings],
+        demand_w,
+        ambient_c: &vec![25.0; demand_w.len()],
+        dt_h: DT_H,
+        limit_w: &vec![NOMINAL_W; n_strings * demand_w.len()],
+        costs: &costs,
+        search_costs: &costs,
+        tolerance_abs: &[1e-6],
+        tolerance_rel: &[1e-4],
+    };
+    ControlHorizon::new(ControlModel::new(&reference(n_strings)), &problem).unwrap()
+}

@@ -112,10 +112,6 @@ class RelaxedGroup:
         self._shed_budget_kw = min(shed_budgets_kw)
         self.program = compiled(*problem.limit_kw.shape, n_before)
         self._theta = self.program.parameters(static)
-        self._names = {name: i for i, name in enumerate(control.relaxed_names())}
-        in_program = [name for name in self._names if name in self.program.places]
-        self._rows = np.array([self._names[name] for name in in_program])
-        self._places = np.stack([self.program.places[name] for name in in_program])
         self._units_kw = np.stack([constants.inverter_kw, constants.battery_kw], axis=1)
         self._columns = {
             name: np.arange(s.start, s.stop).reshape(self.program.shapes[name], order="F")
@@ -155,27 +151,28 @@ class RelaxedGroup:
             self._propose(p + a + d, on)
         return Solved(bound, self._branches(narrowed, bound, cells, answer.x) if bound < cutoff else None)
 
-    def cells(self, node: _core.Node) -> Array:
-        """Coefficients over a tightened node, ``(n_strings, n_steps)`` for each name of the core."""
+    def cells(self, node: _core.Node) -> dict[str, Array]:
+        """Coefficients over a tightened node by name, each ``(n_strings, n_steps)``."""
         return self._control.relaxed(node, self._near, self._frozen, self._units_kw)
 
     def instance(
-        self, node: _core.Node, cells: Array, budget_kw: float
+        self, node: _core.Node, cells: dict[str, Array], budget_kw: float
     ) -> tuple[conic.ConicData, NDArray[np.bool_], Array]:
         """Program of a tightened node with a limit on the total availability loss, with its fixed variables
         and their values."""
         theta = self._theta.copy()
-        theta[self._places] = cells[self._rows]
-        shed_kw = cells[self._names["a_hi"]] * self._constants.nominal_kw[:, None]
+        for name in cells.keys() & self.program.places.keys():
+            theta[self.program.places[name]] = cells[name]
+        shed_kw = cells["a_hi"] * self._constants.nominal_kw[:, None]
         self._cut(theta, node, np.minimum(shed_kw.sum(axis=0), budget_kw))
         return self.program.load(theta), *self._settled(cells)
 
-    def _settled(self, cells: Array) -> tuple[NDArray[np.bool_], Array]:
+    def _settled(self, cells: dict[str, Array]) -> tuple[NDArray[np.bool_], Array]:
         """Variables fixed by the ranges of a node, and their values."""
         fixed, values = self._fixed.copy(), self._values.copy()
 
         def flag(name: str) -> NDArray[np.bool_]:
-            return np.asarray(cells[self._names[name]] > 0.0)
+            return np.asarray(cells[name] > 0.0)
 
         runs, sheds = flag("may_run"), flag("may_shed")
         settled = {
@@ -189,8 +186,8 @@ class RelaxedGroup:
             fixed[self._columns[name][settled[name]]] = True
         for name in ("p", "w", "h", "z", "P", "s", "r"):
             fixed[self._columns[name][~runs]] = True
-        fixed[self._columns["a"][~sheds & (cells[self._names["a_off"]] == 0.0)]] = True
-        fixed[self._columns["d"][cells[self._names["derating_hi"]] <= 0.0]] = True
+        fixed[self._columns["a"][~sheds & (cells["a_off"] == 0.0)]] = True
+        fixed[self._columns["d"][cells["derating_hi"] <= 0.0]] = True
         return fixed, values
 
     def _cut(self, theta: Array, node: _core.Node, shed_kw: Array) -> None:
@@ -209,13 +206,13 @@ class RelaxedGroup:
         theta[places["cut_0"]] = np.where(useful, cuts.phi, 0.0) / self._cut_unit
 
     def _branches(
-        self, node: _core.Node, bound: float, cells: Array, x: Array | None
+        self, node: _core.Node, bound: float, cells: dict[str, Array], x: Array | None
     ) -> Branches[_core.Node] | None:
         """Return the branching of a node; None if its point is a schedule of the control model."""
         point = NodePoint.middle(node) if x is None else self._point(node, x)
         if point is None:
             return None
-        otherwise = cells[self._names["full_slack"]] > SMALLEST_SOC
+        otherwise = cells["full_slack"] > SMALLEST_SOC
         cuts = point.cuts(node, self._constants.nominal_kw, otherwise)
         return (lambda is_over: self._branching.best(node, bound, cuts, is_over)) if cuts else None
 

@@ -30,10 +30,8 @@ impl Delivered {
             / (self.internal_w[segment + 1] - self.internal_w[segment])
     }
 
-    pub(super) fn slopes(&self) -> (f64, f64) {
-        (0..self.power_w.len() - 1)
-            .map(|s| self.slope(s))
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), s| (low.min(s), high.max(s)))
+    pub(super) fn slopes(&self) -> Range {
+        (0..self.power_w.len() - 1).map(|s| self.slope(s)).collect()
     }
 
     pub(super) fn at(&self, internal_w: f64) -> f64 {

@@ -1,7 +1,6 @@
 //! Largest amounts by which cost and value in boxes of states and currents are below linear interpolation between the corners.
 
 use bess_tables::units::SECONDS_PER_HOUR;
-use bess_tables::Direction;
 
 use super::images::{Image, Images};
 use super::moves::{Corner, Moves};
@@ -78,20 +77,14 @@ impl StepPrices {
             drawing: vec![],
         };
         let Some(moves) = moves else { return out };
-        let sign = if moves.direction == Direction::Charge { 1.0 } else { -1.0 };
+        let sign = -moves.direction.sign();
         for (power, per_power) in out.power.windows(2).zip(per_power.windows(2)) {
             let (low, high) = (power[0].min(power[1]), power[0].max(power[1]));
             let bend = (low + sign * costs.inverter, high + sign * costs.inverter);
             let slope = |bend: f64, of_power: f64| (bend * of_power - sign * costs.inverter).abs();
-            let steepest = [
-                (bend.0, moves.slopes.0),
-                (bend.0, moves.slopes.1),
-                (bend.1, moves.slopes.0),
-                (bend.1, moves.slopes.1),
-            ]
-            .into_iter()
-            .map(|(bend, of_power)| slope(bend, of_power))
-            .fold(0.0, f64::max);
+            let slopes = [moves.slopes.low, moves.slopes.high];
+            let steepest =
+                slopes.map(|s| slope(bend.0, s).max(slope(bend.1, s))).into_iter().fold(0.0, f64::max);
             out.bend.push(bend);
             out.steepest.push(steepest);
             out.uneven.push(margin.max(0.0) * (per_power[1].sqrt() - per_power[0].sqrt()).powi(2));

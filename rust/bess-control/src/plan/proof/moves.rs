@@ -51,7 +51,7 @@ pub(super) struct Moves {
     pub(super) corners: Vec<Corner>,
     pub(super) shapes: Vec<Shape>,
     /// Smallest and largest slope of delivered over internal power.
-    pub(super) slopes: (f64, f64),
+    pub(super) slopes: Range,
     pub(super) drawing: Drawing,
     /// Largest SOC and heat that are drawn, for each cell.
     pub(super) drawn: Vec<(f64, f64)>,
@@ -129,7 +129,7 @@ impl Kind<'_> {
             let drawn_a = 2.0 * most_drawn_w / (v * (1.0 + root));
             (drawn_a * dt_h / p.capacity_ah, r * drawn_a * drawn_a)
         });
-        let sign = if direction == Direction::Charge { 1.0 } else { -1.0 };
+        let sign = -direction.sign();
         let mut out = Moves {
             direction,
             current_a,
@@ -176,8 +176,7 @@ impl Kind<'_> {
                     for (i, k) in self.used(direction, i, k) {
                         let (v, r) = at[i * n_temperatures + j];
                         let current_a = current_a * k as f64;
-                        let internal_w = internal_w((v, r), current_a);
-                        g.include(internal_w);
+                        g.include(internal_w((v, r), current_a));
                         heat_w.include(r * current_a * current_a);
                     }
                     heat_range_w = heat_range_w.max(heat_w.high - heat_w.low);
@@ -198,7 +197,7 @@ impl Kind<'_> {
                     + off.voltage_off_v * to_a
                     + heat_below_w.max(heat_above_w);
                 let (convex_w, concave_w) = delivered.bends(&g);
-                let most_power_w = delivered.at(g.high) + out.slopes.1 * internal_w;
+                let most_power_w = delivered.at(g.high) + out.slopes.high * internal_w;
                 out.shapes.push(Shape {
                     heat_below_w,
                     heat_above_w,

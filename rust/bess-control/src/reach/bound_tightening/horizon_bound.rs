@@ -180,7 +180,7 @@ impl<'a> HorizonBound<'a> {
         }
         if direction == Direction::Charge && gained != 0.0 {
             // Where an inverter draws from the battery, the other end of the voltage counts.
-            let (lowest, _) = loss.internal_range(0.0, limit_w);
+            let lowest = loss.internal_range(0.0, limit_w).low;
             let drawn = -lowest.min(0.0) + heat_w(lowest.min(0.0), ranges.power_scale_w.low, direction);
             constant -= (gained / usual - gained / other).abs() * drawn;
         }
@@ -220,7 +220,7 @@ impl<'a> HorizonBound<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::search::test_horizon;
+    use crate::search::common;
 
     const DEMAND_W: f64 = 150e3;
     /// Both strings cost the same.
@@ -243,7 +243,7 @@ mod tests {
         let mut worth_more_than_it_costs = 0;
         for case in 0..40 {
             let sign = if case % 2 == 0 { 1.0 } else { -1.0 };
-            let horizon = test_horizon(2, &[sign * DEMAND_W; 2]);
+            let horizon = common::one_objective(2, &[sign * DEMAND_W; 2]);
             let boxes = horizon.reachable();
             let near: Vec<_> = (0..4).map(|i| horizon.start[i / 2]).collect();
             let operating = OperatingRanges::new(&horizon, &boxes, &near);

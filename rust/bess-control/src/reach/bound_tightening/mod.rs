@@ -10,8 +10,6 @@
 mod horizon_bound;
 mod tightening;
 
-use bess_tables::Direction;
-
 use crate::error::{check_costs, check_range};
 use crate::model::{ControlHorizon, Flow, Losses, StateBox, StringState};
 use crate::ControlError;
@@ -124,8 +122,8 @@ impl ControlHorizon {
             let c = self.string(m).coefficients(self.direction(t), state);
             reference.cost += flow.losses().cost(&costs[m]);
             let share = (flow.current_a * c.resistance_ohm / c.voltage_v).max(0.0);
-            let sign = if self.direction(t) == Direction::Charge { 1.0 } else { -1.0 };
-            let price = costs[m].battery * share * share / (1.0 + 2.0 * sign * share).max(0.1);
+            let price =
+                costs[m].battery * share * share / (1.0 - 2.0 * self.direction(t).sign() * share).max(0.1);
             reference.scale_price.push(price);
             reference.states.push(state);
         }

@@ -146,13 +146,11 @@ impl<'a> Tightening<'a> {
         let (range, factor) = match target {
             Target::Charge(sign) => {
                 let per_ampere = horizon.intervals[t].dt_h / horizon.string(m).parameters.capacity_ah;
-                let toward = if horizon.direction(t) == Direction::Charge { sign } else { -sign };
-                (operating.current_a[cell], toward * per_ampere)
+                (operating.current_a[cell], -horizon.direction(t).sign() * sign * per_ampere)
             }
             Target::Warmth(sign) => (operating.heat_w[cell], sign * operating.kelvin_per_w(m, t)),
         };
-        let (a, b) = (factor * range.low, factor * range.high);
-        Range { low: a.min(b), high: a.max(b) }
+        [factor * range.low, factor * range.high].into_iter().collect()
     }
 
     /// A reward of the target, in costs per unit of it.
