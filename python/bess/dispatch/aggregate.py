@@ -83,8 +83,9 @@ class Aggregate:
         self.system, self.dt_h = system, dt_h
         self.limit_kw = np.minimum(limit_kw, system.nominal_kw)
         self.power_kw = float(self.limit_kw.sum())
-        health = _rounded(state)
-        self._health = health
+        strings = np.ones(system.n_strings)
+        self._health = _rounded(state)
+        health = State(_REFERENCE_SOC * strings, _REFERENCE_C * strings, *self._health)
         self._model = system.control_at(health)
         batteries = [string.battery for string in system.strings]
         self.soc_min, self.soc_max = system.soc_window
@@ -106,11 +107,8 @@ class Aggregate:
 
     def fits(self, state: State, limit_kw: Array) -> bool:
         """Whether the tables apply to this state of health and these inverters in service."""
-        health = _rounded(state)
-        return (
-            np.array_equal(self.limit_kw, np.minimum(limit_kw, self.system.nominal_kw))
-            and np.array_equal(self._health.soh_capacity, health.soh_capacity)
-            and np.array_equal(self._health.soh_resistance, health.soh_resistance)
+        return np.array_equal(self.limit_kw, np.minimum(limit_kw, self.system.nominal_kw)) and all(
+            np.array_equal(*pair) for pair in zip(self._health, _rounded(state), strict=True)
         )
 
     def energy_kwh(self, soc: Array) -> Array:
@@ -216,11 +214,9 @@ class Aggregate:
         return share
 
 
-def _rounded(state: State) -> State:
-    """State of health rounded to a thousandth, the resolution at which tables are rebuilt."""
-    return State(
-        np.full(state.n_strings, _REFERENCE_SOC),
-        np.full(state.n_strings, _REFERENCE_C),
+def _rounded(state: State) -> tuple[Array, Array]:
+    """Capacity and resistance rounded to a thousandth, the resolution at which tables are rebuilt."""
+    return (
         np.clip(np.round(state.soh_capacity, 3), 0.01, None),
         np.clip(np.round(state.soh_resistance, 3), 0.1, None),
     )

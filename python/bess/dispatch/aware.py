@@ -173,6 +173,7 @@ class DynamicProgramDispatch:
         self._wear = WearRates(system)
         self._plant: Aggregate | None = None
         self._store: dict[int, _core.Store] = {}
+        self._depths: CycleDepthCost | None = None
 
     def plan(self, inputs: DispatchInputs, state: State, *, limit_kw: Array | None = None) -> DispatchPlan:
         """Return the best plan found.
@@ -190,7 +191,9 @@ class DynamicProgramDispatch:
         if not limit.any():
             return _idle_plan(inputs, state)
         plant = self._aggregate(state, limit)
-        depths = CycleDepthCost.of(plant, self._wear.at(state))
+        if self._depths is None or self._wear.depend_on_state:
+            self._depths = CycleDepthCost.of(plant, self._wear.at(state))
+        depths = self._depths
         bands = PriceBands.certain(inputs.price_eur_mwh) if inputs.bands is None else inputs.bands.reduced
         blocks = Blocks.of(bands.price_eur_mwh, inputs.day, self._dt_h, first_h=_FINE_H, step_h=_FINE_STEP_H)
         energy_kwh = min(self._max_energy_kwh, plant.capacity_kwh)
@@ -222,7 +225,7 @@ class DynamicProgramDispatch:
         else:
             wear_eur = depths.marginal_eur_kwh.mean()
             end_eur_kwh = _value_of_store(
-                *(np.repeat(each[-1], blocks.count) for each in (buy, sell - wear_eur))
+                np.repeat(np.stack([buy[-1], sell[-1] - wear_eur]), blocks.count, axis=1)
             )
         stored_kwh = float(plant.energy_kwh(state.soc))
         empty = max(0.0, 1.0 - stored_kwh / plant.capacity_kwh)
@@ -261,7 +264,8 @@ class DynamicProgramDispatch:
     def _aggregate(self, state: State, limit_kw: Array) -> Aggregate:
         """Return the aggregate store, rebuilt when inverters fail or capacity changes by a thousandth."""
         if self._plant is None or not self._plant.fits(state, limit_kw):
-            self._plant, self._store = Aggregate(self._system, self._dt_h, state, limit_kw), {}
+            self._plant = Aggregate(self._system, self._dt_h, state, limit_kw)
+            self._store, self._depths = {}, None
         return self._plant
 
     def _store_of(self, plant: Aggregate, energy_kwh: float, depth: Array) -> _core.Store:
@@ -301,6 +305,7 @@ def _idle_plan(inputs: DispatchInputs, state: State) -> DispatchPlan:
     return DispatchPlan(nothing, nothing, 0.0, nothing, nothing + state.temperature_c.mean())
 
 
-def _value_of_store(buy_eur_kwh: Array, sell_eur_kwh: Array) -> float:
+def _value_of_store(buy_sell_eur_kwh: Array) -> float:
     """Return the terminal value per kWh: the lower of its purchase cost and its revenue."""
-    return max(0.0, min(float(np.quantile(buy_eur_kwh, 0.5)), float(np.quantile(sell_eur_kwh, 0.9))))
+    median, high = np.quantile(buy_sell_eur_kwh, [0.5, 0.9], axis=1)
+    return max(0.0, min(float(median[0]), float(high[1])))

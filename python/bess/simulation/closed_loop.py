@@ -19,7 +19,6 @@ from bess.simulation.inputs import Inputs
 from bess.simulation.record.dataset import AGEING_FLOWS, COOLING_FLOWS, ENTROPY_FLOWS, FLOWS, REACTIVE_FLOWS
 from bess.simulation.record.store import Record
 from bess.study.demands.source import KnownDemand, StepInputs
-from bess.system import State
 
 SKIPPED_STEPS = 12
 """Steps that a policy is first asked to skip; results do not depend on it."""
@@ -63,6 +62,9 @@ class ClosedLoop:
         self._surroundings_c = inputs.system.surroundings_c(inputs.ambient_c)
         self._delivered_kw = 0.0
         self._skipped_steps = SKIPPED_STEPS
+        # Demand and forecast of the next steps as far as known, a row for each; capacities at their start.
+        self._ahead_kw = np.zeros((0, inputs.horizon_steps))
+        self._soh_capacity = np.zeros(0)
         self.step = 0
         self.policy_s = self.plant_s = 0.0
 
@@ -81,10 +83,8 @@ class ClosedLoop:
             whole = is_over(self.step) or self.step == last
         return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}, log
 
-    def advance(
-        self, ahead_kw: Array | None = None, state: State | None = None
-    ) -> tuple[Record, list[dict[str, Any]]]:
-        """Run one control step; its demand and forecast, and the measured state, are read here if not given.
+    def advance(self, ahead_kw: Array | None = None) -> tuple[Record, list[dict[str, Any]]]:
+        """Run one control step; its demand and forecast are read here if not given.
 
         Returns
         -------
@@ -96,8 +96,7 @@ class ClosedLoop:
         step, inputs = self.step, self.inputs
         investment_eur = inputs.installations.install(step, self._plant)
         in_service = inputs.installations.in_service(step)
-        if state is None:
-            state = self._plant.state
+        state = self._plant.state
         limit_kw = np.where(in_service, inputs.limit_kw[step], 0.0)
         total_kw = float(limit_kw.sum())
         now = StepInputs(state, limit_kw, self._surroundings_c[step:], self._delivered_kw)
@@ -138,7 +137,7 @@ class ClosedLoop:
             request_kw[None],
             decision.solver,
             flows,
-            state,
+            state.soh_capacity,
             in_service,
             None if asked_kvar is None else asked_kvar[:1],
         )
@@ -177,25 +176,25 @@ class ClosedLoop:
         assert isinstance(demand, KnownDemand)
         policy = cast(Any, self.policy)
         controller = getattr(policy, "controller", None)
-        if controller is None:
-            most = min(most, self._skipped_steps)
-        state, limits_kw = self._plant.state, inputs.limit_kw[first : first + most]
-        changes = np.append((limits_kw != limits_kw[0]).any(axis=1), True)
-        now = StepInputs(state, limits_kw[0], self._surroundings_c[first:], self._delivered_kw)
-        ahead_kw = demand.block(first, int(np.argmax(changes)), inputs.horizon_steps, now)
-        total_kw = inputs.limit_kw[first : first + len(ahead_kw)].sum(axis=1, keepdims=True)
-        served_kw = self._served(ahead_kw, total_kw)
+        if not len(self._ahead_kw):
+            state, limits_kw = self._plant.state, inputs.limit_kw[first : first + most]
+            changes = np.append((limits_kw != limits_kw[0]).any(axis=1), True)
+            now = StepInputs(state, limits_kw[0], self._surroundings_c[first:], self._delivered_kw)
+            self._ahead_kw = demand.block(first, int(np.argmax(changes)), inputs.horizon_steps, now)
+            self._soh_capacity = state.soh_capacity
+        ahead_kw = self._ahead_kw[: most if controller is not None else self._skipped_steps]
         n_steps = len(ahead_kw)
+        limit_kw = inputs.limit_kw[first : first + n_steps]
+        served_kw = self._served(ahead_kw, limit_kw.sum(axis=1, keepdims=True))
         if controller is None:
-            request_kw = policy.skip(served_kw, inputs.limit_kw[first : first + n_steps])
-            n_steps = len(request_kw)
+            request_kw = policy.skip(served_kw, limit_kw)
             # After each skipped block a longer one is likely: fewer calls, and few rows that are not used.
-            self._skipped_steps = 2 * most if n_steps == most else SKIPPED_STEPS
+            self._skipped_steps = 2 * n_steps if len(request_kw) == n_steps else SKIPPED_STEPS
+            n_steps = len(request_kw)
             if n_steps == 0:
-                return self.advance(ahead_kw[0], state)
-            ahead_kw, served_kw, total_kw = ahead_kw[:n_steps], served_kw[:n_steps], total_kw[:n_steps]
-        steps = slice(first, first + n_steps)
-        limit_kw, ambient_c = inputs.limit_kw[steps], inputs.ambient_c[steps]
+                return self._passed(*self.advance(ahead_kw[0]))
+            ahead_kw, served_kw, limit_kw = ahead_kw[:n_steps], served_kw[:n_steps], limit_kw[:n_steps]
+        ambient_c = inputs.ambient_c[first : first + n_steps]
         step_s = float(inputs.grid.step_s)
         began = time.perf_counter()
         if controller is None:
@@ -209,14 +208,29 @@ class ClosedLoop:
                 raise InputError(f"{self._place}: {error}") from error
         self.plant_s += time.perf_counter() - began
         missed_kw = np.abs(request_kw.sum(axis=1) - served_kw[:, 0])
-        if (missed_kw > self._slack_kw(total_kw[:, 0])).any():
+        if (missed_kw > self._slack_kw(limit_kw.sum(axis=1))).any():
             raise BessError(f"{self._place}: set-points do not sum to the demand; please report this")
-        for step in range(1, n_steps):
-            demand.measured(first + step, flows.soc[step - 1], flows.soh_capacity[step - 1])
         in_service = np.ones(request_kw.shape[1], dtype=np.bool_)
-        return self._recorded(
-            ahead_kw[:, 0], served_kw[:, 0], request_kw, SolverReport(), flows, state, in_service
+        return self._passed(
+            *self._recorded(
+                ahead_kw[:, 0],
+                served_kw[:, 0],
+                request_kw,
+                SolverReport(),
+                flows,
+                self._soh_capacity,
+                in_service,
+            )
         )
+
+    def _passed(self, record: Record, log: list[dict[str, Any]]) -> tuple[Record, list[dict[str, Any]]]:
+        """Pass the rows of the steps of a block; the demand measures the starts of later steps."""
+        soc, soh_capacity = record["soc"], record["soh_capacity"]
+        first = self.step - len(soc)
+        self._ahead_kw, self._soh_capacity = self._ahead_kw[len(soc) :], soh_capacity[-1]
+        for index in range(len(soc) if len(self._ahead_kw) else len(soc) - 1):
+            cast(KnownDemand, self.inputs.demand).measured(first + index + 1, soc[index], soh_capacity[index])
+        return record, log
 
     def _recorded(
         self,
@@ -225,11 +239,11 @@ class ClosedLoop:
         request_kw: Array,
         solver: SolverReport,
         flows: Flows,
-        state: State,
+        soh_capacity: Array,
         in_service: NDArray[np.bool_],
         reactive_demand_kvar: Array | None = None,
     ) -> tuple[Record, list[dict[str, Any]]]:
-        """Record and log of the steps of ``flows``, which began at ``state``; the next step follows them."""
+        """Record and log of the steps of ``flows``, from these capacities on; the next step follows them."""
         inputs, first, n_steps = self.inputs, self.step, len(request_kw)
         steps = slice(first, first + n_steps)
         planned = [inputs.demand.planned(step) for step in range(first, first + n_steps)]
@@ -252,7 +266,7 @@ class ClosedLoop:
         record |= {name: values[steps] for name, values in inputs.series.items()}
         record |= {name: getattr(flows, name) for name in self._flows}
         discharged_kwh = np.maximum(flows.delivered_kw, 0.0) * inputs.grid.dt_h
-        soh_capacity = np.concatenate([state.soh_capacity[None], flows.soh_capacity[:-1]])
+        soh_capacity = np.concatenate([soh_capacity[None], flows.soh_capacity[:-1]])
         lost = np.where(in_service, soh_capacity - flows.soh_capacity, 0.0)
         record["wear_eur"] = self._prices.cost_eur(lost, discharged_kwh)
         if self._ages:
@@ -301,6 +315,7 @@ class ClosedLoop:
         self.inputs.demand.load_state_dict(checkpoint["demand"])
         self.inputs.installations.load_state_dict(checkpoint["installations"])
         self._delivered_kw = checkpoint["delivered_kw"]
+        self._ahead_kw = self._ahead_kw[:0]
 
     def _decide(self, policy_input: PolicyInput, total_kw: float) -> Decision:
         try:

@@ -53,22 +53,20 @@ impl Grid {
     #[inline]
     pub fn at(&self, x: f64, y: f64) -> f64 {
         let (row, share) = self.x.locate(x);
-        let low = self.row_at(row, y);
+        let (column, part) = self.y.locate(y);
+        let columns = self.y.len();
+        let along = |row: usize| {
+            let values = &self.z[row * columns..(row + 1) * columns];
+            if columns == 1 {
+                return values[0];
+            }
+            values[column] + part * (values[column + 1] - values[column])
+        };
+        let low = along(row);
         if self.x.len() == 1 {
             return low;
         }
-        low + share * (self.row_at(row + 1, y) - low)
-    }
-
-    #[inline]
-    fn row_at(&self, row: usize, y: f64) -> f64 {
-        let columns = self.y.len();
-        let values = &self.z[row * columns..(row + 1) * columns];
-        if columns == 1 {
-            return values[0];
-        }
-        let (column, share) = self.y.locate(y);
-        values[column] + share * (values[column + 1] - values[column])
+        low + share * (along(row + 1) - low)
     }
 }
 

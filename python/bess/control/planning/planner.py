@@ -290,7 +290,9 @@ class Planner(Checkpointed):
         rate_per_h = 1.0 / SHORTFALL_DISCOUNT_TIME_H + error / FORECAST_ERROR_DISCOUNT_TIME_H
         shortfall = np.exp(-hours * rate_per_h)
         shortfall[0] *= FIRST_STEP_WEIGHT + FORECAST_ERROR_FIRST_STEP_WEIGHT * error
-        return np.stack([shortfall, shortfall, *2 * [np.ones(self.horizon_steps)]], axis=1)
+        weights = np.ones((self.horizon_steps, 4))
+        weights[:, :2] = shortfall[:, None]
+        return weights
 
     def _shifted_plan(self) -> Array | None:
         """Shifted warm start: the last plan from its second step on, with zero power in the new last step."""

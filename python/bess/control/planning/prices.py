@@ -91,7 +91,8 @@ class PlanPrices:
         missing = terms.shortfall_price_eur_mwh(price_eur_mwh) / KWH_PER_MWH
         again = _bought_again_eur_mwh(terms.charge_price_eur_mwh(price_eur_mwh), demand_kw)
         lost = np.maximum(again / KWH_PER_MWH, MIN_LOSS_EUR_KWH)
-        losses = np.stack([missing, missing, lost, lost], axis=1)
+        losses = np.empty((price_eur_mwh.size, 4))
+        losses[:, :2], losses[:, 2:] = missing[:, None], lost[:, None]
         weights = np.array([objective.weight for objective in objectives.members])
         return cls(losses * weights, wear_eur_ah, terms.start_eur)
 

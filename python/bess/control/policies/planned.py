@@ -52,6 +52,7 @@ class PlannedPolicy(Checkpointed):
         self._objectives = objectives
         self._terms = terms
         self._wear = WearRates(planner.system)
+        self._new_wear_eur_ah: Array | None = None
         self._ran: NDArray[np.bool_] | None = None
 
     def __call__(self, inputs: PolicyInput) -> Decision:
@@ -80,6 +81,9 @@ class PlannedPolicy(Checkpointed):
 
         There is no demand, or it takes the power of all inverters in service.
         """
+        first_kw, most_kw = abs(float(demand_kw[0, 0])), float(limit_kw[0].sum())
+        if 0.0 < first_kw < (1.0 - FULL_POWER_TOLERANCE) * most_kw:
+            return limit_kw[:0]
         total_kw = limit_kw.sum(axis=1)
         share = np.divide(demand_kw[:, 0], total_kw, out=np.zeros_like(total_kw), where=total_kw > 0.0)
         leaves_a_choice = (share != 0.0) & (np.abs(share) < 1.0 - FULL_POWER_TOLERANCE)
@@ -123,5 +127,11 @@ class PlannedPolicy(Checkpointed):
 
     def _wear_eur_ah(self, state: State) -> NDArray[np.float64]:
         """Wear price of charge throughput in each string [EUR/Ah], at its temperature."""
+        constant = state.is_fresh and not self._wear.depend_on_state
+        if constant and self._new_wear_eur_ah is not None:
+            return self._new_wear_eur_ah
         by_string = self._wear.at(state).cycling_eur_ah(TYPICAL_DEPTH, state.temperature_c[:, None])
-        return np.ascontiguousarray(by_string[:, 0])
+        price = np.ascontiguousarray(by_string[:, 0])
+        if constant:
+            self._new_wear_eur_ah = price
+        return price

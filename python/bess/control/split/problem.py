@@ -145,5 +145,5 @@ def _limits(system: System, n_steps: int, limit_kw: ArrayLike | None) -> Array:
             f"limit_kw of string {string} at step {step} is {limit[string, step]:g} kW, outside "
             f"[0, {nominal[string, 0]:g}] kW"
         )
-    limit = np.broadcast_to(limit, shape)
-    return np.where(limit < system.min_power_kw[:, None], 0.0, limit)
+    limit = np.where(limit < system.min_power_kw[:, None], 0.0, limit)
+    return limit if limit.shape == shape else limit.repeat(n_steps, axis=1)

@@ -161,13 +161,17 @@ def marginal(system: System, state: State) -> MarginalWear:
 
 
 class WearRates:
-    """Computes the marginal wear of one plant at successive states."""
+    """Computes the marginal wear of one plant at successive states.
+
+    ``depend_on_state``: whether a string has a cell model; other prices of energy are constant.
+    """
 
     def __init__(self, system: System) -> None:
         self._system = system
         self._prices = WearPrices.of(system)
         self._share = np.array([string.wear.calendar_share for string in system.strings])
         self._core = _core.Ageing(system.core)
+        self.depend_on_state = bool(self._prices.eur_per_loss.any())
 
     def at(self, state: State) -> MarginalWear:
         """Return the rates at ``state``; see :func:`marginal`."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bess.errors import InputError
-from bess.simulation.analysis.settlement import has_prices, ledger, recorded_terms
+from bess.simulation.analysis.settlement import has_prices, recorded_terms, settled
 from bess.simulation.record.dataset import with_initial
 from bess.study.grid import TimeGrid
 from bess.study.sections import BudgetSection
@@ -47,10 +47,9 @@ def ledger_by_year(result: Result | xr.Dataset) -> pd.DataFrame:
     import pandas as pd
 
     dataset: Any = getattr(result, "dataset", result)
-    entries, grid = ledger(dataset), TimeGrid.of_record(dataset)
+    entries, grid = settled(dataset), TimeGrid.of_record(dataset)
     years = np.searchsorted(grid.years, np.arange(grid.n_steps), side="right")
-    frame = pd.DataFrame({str(name): entries[name].values for name in entries.data_vars})
-    return frame.groupby(pd.Index(years, name="year")).sum()
+    return pd.DataFrame(entries).groupby(pd.Index(years, name="year")).sum()
 
 
 def cash_by_year(result: Result | xr.Dataset) -> pd.DataFrame:

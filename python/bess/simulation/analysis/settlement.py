@@ -82,17 +82,26 @@ def ledger(result: Result | xr.Dataset) -> xr.Dataset:
     import xarray as xr
 
     dataset: Any = getattr(result, "dataset", result)
+    return xr.Dataset(
+        {name: ("time", values, {"units": "EUR"}) for name, values in settled(dataset).items()},
+        {"time": dataset["time"]},
+        recorded_terms(dataset).model_dump(),
+    )
+
+
+def settled(dataset: xr.Dataset) -> dict[str, Array]:
+    """Return the entries of :func:`ledger` as plain arrays: to build a dataset, xarray imports Dask.
+
+    Raises
+    ------
+    InputError
+        The record has no prices.
+    """
     if not has_prices(dataset):
         raise InputError("settlement: the record has no prices (price_eur_mwh), as market studies have them")
-    terms = recorded_terms(dataset)
-    entries = dict(_entries(dataset, terms))
+    entries = dict(_entries(dataset, recorded_terms(dataset)))
     revenue, costs = ([entries[name] for name in names if name in entries] for names in (REVENUES, COSTS))
-    entries["net_eur"] = sum(revenue[1:], revenue[0]) - sum(costs[1:], costs[0])
-    return xr.Dataset(
-        {name: ("time", values, {"units": "EUR"}) for name, values in entries.items()},
-        {"time": dataset["time"]},
-        terms.model_dump(),
-    )
+    return entries | {"net_eur": sum(revenue[1:], revenue[0]) - sum(costs[1:], costs[0])}
 
 
 def has_prices(dataset: xr.Dataset) -> bool:
@@ -108,10 +117,9 @@ def recorded_terms(dataset: xr.Dataset) -> SettlementTerms:
 
 def settlement_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
     """Yield ``net_eur`` and the sums that form it, each with a single rounding."""
-    entries = ledger(dataset)
+    entries = settled(dataset)
     revenues_eur, costs_eur = (
-        {name: math.fsum(entries[name].values) for name in names if name in entries}
-        for names in (REVENUES, COSTS)
+        {name: math.fsum(entries[name]) for name in names if name in entries} for names in (REVENUES, COSTS)
     )
     yield "net_eur", math.fsum(revenues_eur.values()) - math.fsum(costs_eur.values())
     yield from revenues_eur.items()

@@ -11,6 +11,7 @@ mod tests;
 mod transitions;
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use bess_tables::Lut;
 
@@ -22,6 +23,8 @@ pub use transitions::{StoreGrid, StoreState};
 
 /// Cycled energy that a resting plant may show by rounding [kWh].
 const ROUNDING_KWH: f64 = 1e-6;
+/// Rounding of interpolated temperatures [K].
+const ROUNDING_K: f64 = 1e-9;
 
 /// Control steps of one price on one day.
 #[derive(Debug, Clone, Copy)]
@@ -98,6 +101,38 @@ impl Store {
         }
         Ok(Program::new(self, problem, levels, &problem.ladder_eur_kwh, &problem.allowed_kwh).solved().0)
     }
+
+    /// Transitions of a block.
+    fn of(&self, block: &DispatchBlock) -> &Transitions {
+        &self.transitions[&block.steps]
+    }
+
+    /// How much warmer the plant is after a block than by its transition, in its ambient temperature [K].
+    fn warmer_k(&self, block: &DispatchBlock) -> f64 {
+        self.of(block).cooled * (block.ambient_c - self.grid.ambient_c)
+    }
+}
+
+/// Temperatures of the grid on which the powers depend, see [`Program::reached`].
+///
+/// A temperature is a mean of the ends of rows. Values there, and at these ends, are read between two points of the grid.
+fn reached(store: &Store, problem: &DispatchProblem) -> Vec<Range<usize>> {
+    let points = &store.grid.temperature_c;
+    let below = |temperature_c: f64| around(points, temperature_c).0;
+    let first = below(problem.start.temperature_c);
+    let mut rows = first..first + 2;
+    let mut all = vec![rows.clone()];
+    for block in &problem.blocks {
+        let ends_c = &store.of(block).ends_c[rows.clone()];
+        let lowest = below(ends_c.iter().fold(f64::INFINITY, |low, end| low.min(end.0)));
+        let highest = below(ends_c.iter().fold(f64::NEG_INFINITY, |high, end| high.max(end.1))) + 1;
+        let shift_k = store.warmer_k(block);
+        let moved =
+            below(points[lowest] + shift_k - ROUNDING_K)..below(points[highest] + shift_k + ROUNDING_K) + 2;
+        rows = rows.start.min(lowest).min(moved.start)..rows.end.max(highest + 1).max(moved.end);
+        all.push(rows.clone());
+    }
+    all
 }
 
 impl DispatchProblem {
@@ -134,6 +169,9 @@ struct Program<'a> {
     allowed_kwh: &'a [f64],
     /// Wear cost of each transition from each depth `(D, rows)`, by the number of steps; empty if there is none.
     wear_eur: BTreeMap<usize, Vec<f64>>,
+    /// Temperatures of the grid before each block and at the end `(B + 1,)` on which the powers depend; those of later blocks
+    /// include those of earlier ones.
+    reached: Vec<Range<usize>>,
 }
 
 impl<'a> Program<'a> {
@@ -152,7 +190,8 @@ impl<'a> Program<'a> {
         let has_wear = problem.wear_eur.y().iter().any(|&eur| eur != 0.0);
         let of_all = store.transitions.iter().filter(|(steps, _)| used(steps));
         let wear_eur = of_all.map(|(&steps, of)| (steps, if has_wear { wear(of) } else { vec![] })).collect();
-        Self { store, problem, levels, shadow_eur, allowed_kwh, wear_eur }
+        let reached = reached(store, problem);
+        Self { store, problem, levels, shadow_eur, allowed_kwh, wear_eur, reached }
     }
 
     /// Power of each block, and cycled energy of each period.
@@ -161,7 +200,7 @@ impl<'a> Program<'a> {
     }
 
     fn transitions(&self, b: usize) -> &'a Transitions {
-        &self.store.transitions[&self.problem.blocks[b].steps]
+        self.store.of(&self.problem.blocks[b])
     }
 
     /// Income of a level in a block; the level after the last is the expected price.
@@ -186,8 +225,12 @@ impl<'a> Program<'a> {
             if self.continues(b) {
                 self.in_ambient(b, &later[..size], &mut moved);
             } else {
-                for (out, later) in after.chunks_exact_mut(columns).zip(later.chunks_exact(columns)) {
-                    self.after(b, later, out);
+                let row = grid.energy_kwh.len() * columns;
+                let rows = after.chunks_exact_mut(row).zip(later.chunks_exact(row));
+                for (_, (out, later)) in self.of_reached(b + 1, rows) {
+                    for (out, later) in out.chunks_exact_mut(columns).zip(later.chunks_exact(columns)) {
+                        self.after(b, later, out);
+                    }
                 }
                 self.in_ambient(b, &after, &mut moved);
             }
@@ -248,8 +291,8 @@ impl<'a> Program<'a> {
         let warmer_k = self.warmer_k(b);
         let row = grid.energy_kwh.len() * self.levels * self.shadow_eur.len();
         let depths = row * grid.temperature_c.len();
-        for (t, temperature_c) in grid.temperature_c.iter().enumerate() {
-            let (low, share) = around(&grid.temperature_c, temperature_c + warmer_k);
+        for t in self.reached[b + 1].clone() {
+            let (low, share) = around(&grid.temperature_c, grid.temperature_c[t] + warmer_k);
             for (after, moved) in after.chunks_exact(depths).zip(moved.chunks_exact_mut(depths)) {
                 let (cool, warm) = after[low * row..][..2 * row].split_at(row);
                 for ((out, cool), warm) in moved[t * row..][..row].iter_mut().zip(cool).zip(warm) {
@@ -260,7 +303,13 @@ impl<'a> Program<'a> {
     }
 
     fn warmer_k(&self, b: usize) -> f64 {
-        self.transitions(b).cooled * (self.problem.blocks[b].ambient_c - self.store.grid.ambient_c)
+        self.store.warmer_k(&self.problem.blocks[b])
+    }
+
+    /// Those of the items of each depth and temperature `(D, K)` at which the temperature is reached before block `b`.
+    fn of_reached<T>(&self, b: usize, items: impl Iterator<Item = T>) -> impl Iterator<Item = (usize, T)> {
+        let (rows, temperatures) = (self.reached[b].clone(), self.store.grid.temperature_c.len());
+        items.enumerate().filter(move |(i, _)| rows.contains(&(i % temperatures)))
     }
 
     /// Income of each transition from each depth at each level `(D, L, rows)`, without the shadow price.
@@ -270,12 +319,16 @@ impl<'a> Program<'a> {
         let (transitions, energies) = (self.transitions(b), self.store.grid.energy_kwh.len());
         let n = transitions.flows.len();
         income.resize(self.store.grid.depth.len() * self.levels * n, 0.0);
-        income.fill(0.0);
+        // The income of a block is kept for blocks before it, which reach no other temperature.
+        let Range { start, end } = self.reached[b];
+        let powers = self.store.grid.power_kw.len();
         for (rows, income) in income.chunks_exact_mut(n).enumerate() {
             let eur = self.income(b, rows % self.levels);
-            let by_power = income.chunks_exact_mut(energies).zip(&transitions.has_some);
-            for (power, (income, has_some)) in by_power.enumerate() {
+            for power in start * powers..end * powers {
+                let has_some = &transitions.has_some[power];
                 let from = power * energies;
+                let income = &mut income[from..][..energies];
+                income.fill(0.0);
                 for ((amount, eur), some) in transitions.amounts.iter().zip(eur).zip(has_some) {
                     // Most rows neither sell and buy nor lose by derating: what is zero is not added.
                     if *some && *eur != 0.0 {
@@ -324,9 +377,9 @@ impl<'a> Program<'a> {
         if self.settles_otherwise(b) {
             self.income_of_rows(b, income);
         }
-        before.fill(f64::NEG_INFINITY);
         let of_states = before.chunks_exact_mut(energies * columns).zip(&transitions.runs);
-        for (i, (best, runs)) in of_states.enumerate() {
+        for (i, (best, runs)) in self.of_reached(b, of_states) {
+            best.fill(f64::NEG_INFINITY);
             let depth = i / grid.temperature_c.len();
             let income = &income[depth * self.levels * all_rows..][..self.levels * all_rows];
             for run in runs {

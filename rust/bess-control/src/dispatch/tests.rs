@@ -115,7 +115,8 @@ fn values_are_those_of_the_best_of_all_schedules() {
         let (mut store, problem) = (store(&depths), problem(levels));
         store.dispatch(&problem).unwrap();
         let shadow_eur = &problem.ladder_eur_kwh[..ladder];
-        let program = Program::new(&store, &problem, levels, shadow_eur, &problem.allowed_kwh);
+        let mut program = Program::new(&store, &problem, levels, shadow_eur, &problem.allowed_kwh);
+        program.reached = vec![0..3; problem.blocks.len() + 1];
         let values = program.values();
         let mut of_all = values.chunks_exact(levels * ladder);
         // Later blocks are enumerated with the first one.
@@ -129,6 +130,21 @@ fn values_are_those_of_the_best_of_all_schedules() {
                 }
             }
         }
+    }
+}
+
+#[test]
+fn temperatures_out_of_reach_change_no_power() {
+    for (temperature_c, levels, ladder) in [(18.0, 1, 1), (30.0, 2, 1), (44.0, 1, 2), (70.0, 1, 1)] {
+        let (mut store, mut problem) = (store(&[0.0, 1.0]), problem(levels));
+        problem.start.temperature_c = temperature_c;
+        store.dispatch(&problem).unwrap();
+        let shadow_eur = &problem.ladder_eur_kwh[..ladder];
+        let mut program = Program::new(&store, &problem, levels, shadow_eur, &problem.allowed_kwh);
+        assert!(program.reached[0].len() < 3, "{temperature_c}");
+        let within_reach = program.solved();
+        program.reached = vec![0..3; problem.blocks.len() + 1];
+        assert_eq!(within_reach, program.solved(), "{temperature_c}");
     }
 }
 

@@ -107,6 +107,8 @@ pub(super) struct Transitions {
     /// Share of a difference in ambient temperature that the plant adopts.
     pub cooled: f64,
     pub flows: Vec<Flows>,
+    /// Lowest and highest temperature at the end, from each temperature `(K,)`.
+    pub ends_c: Vec<(f64, f64)>,
     /// Of each row what [`Settled`] has under these names.
     pub amounts: [Vec<f64>; 4],
     /// Whether a row of each temperature and power has some of each amount `(K, P)`.
@@ -183,6 +185,13 @@ impl StoreGrid {
                 out.flows.extend((0..energies).map(|e| self.flows(model, e, temperature_c, p, steps)));
             }
         }
+        let of_temperature = out.flows.chunks_exact(energies * self.power_kw.len());
+        let include = |(low, high): (f64, f64), flows: &Flows| {
+            (low.min(flows.temperature_c), high.max(flows.temperature_c))
+        };
+        out.ends_c = of_temperature
+            .map(|flows| flows.iter().fold((f64::INFINITY, f64::NEG_INFINITY), include))
+            .collect();
         let mut cells = Vec::with_capacity(out.flows.len());
         for (row, flows) in out.flows.iter().enumerate() {
             let (low, energy) = around(&self.energy_kwh, flows.energy_kwh);
