@@ -12,8 +12,9 @@ use crate::plan::{dual, proof, PlanProblem, Prices};
 const PASSES: usize = 40;
 /// Cells of SOC.
 const SOC_CELLS: usize = 280;
-/// Multipliers of earlier groups, relative to the largest costs of both groups: tried in turn.
-const MULTIPLIERS: [f64; 3] = [0.05, 0.1, 0.2];
+/// Multipliers of earlier groups, relative to the largest costs of both groups. The bound is concave over them: after the two in
+/// the middle, the one beyond the better.
+const MULTIPLIERS: [f64; 4] = [0.05, 0.1, 0.2, 0.4];
 /// The multiplier of a group that must not cost anything: any value is free.
 const FREE_MULTIPLIER: f64 = 1.0;
 /// Ceilings up to here do not allow any cost.
@@ -26,8 +27,7 @@ impl ControlHorizon {
         let own = self.least_costs(ceilings.len());
         let earlier: Vec<_> = ceilings.iter().enumerate().map(|(g, &c)| (self.least_costs(g), c)).collect();
         let free = earlier.iter().all(|(_, ceiling)| *ceiling <= NOTHING);
-        let multipliers = if free { &[FREE_MULTIPLIER][..] } else { &MULTIPLIERS[..] };
-        let bounds = multipliers.iter().filter_map(|scale| {
+        let bound = |scale: f64| {
             let (mut costs, mut conceded) = (own, 0.0);
             for (before, ceiling) in &earlier {
                 let multiplier =
@@ -35,9 +35,16 @@ impl ControlHorizon {
                 costs.iter_mut().zip(before).for_each(|(total, cost)| *total += multiplier * cost);
                 conceded += multiplier * ceiling;
             }
-            Some(self.priced(costs, objective + conceded, sample)? - conceded)
-        });
-        bounds.fold(0.0, f64::max).min(objective)
+            self.priced(costs, objective + conceded, sample).map_or(0.0, |bound| bound - conceded)
+        };
+        let best = if free {
+            bound(FREE_MULTIPLIER)
+        } else {
+            let [least, less, more, most] = MULTIPLIERS;
+            let (below, above) = (bound(less), bound(more));
+            below.max(above).max(bound(if above > below { most } else { least }))
+        };
+        best.clamp(0.0, objective)
     }
 
     /// Number of kinds of strings: strings of one kind are equal except for their states.
