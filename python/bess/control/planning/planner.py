@@ -35,7 +35,7 @@ PROOF_CELLS = 160
 TERMINAL_VALUE_FACTOR = 0.1
 """Value of stored charge at the end of a plan, as a share of its value at the start. A larger share
 over-values stored energy, because future scarcity is uncertain."""
-SOC_BALANCING_PER_H = 0.01
+SOC_BALANCING_PER_H = 0.001
 """Price of SOC differences [1/h], see :class:`Planner`. Without it the SOC of the strings diverges, and a
 failed string or a forecast error leaves too little power."""
 SHORTFALL_DISCOUNT_TIME_H = 300.0
