@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import bess
-from bess.report import charts
+from bess.report.charts import operation
 from bess.report.contents import comparison
 from bess.report.runs import Run, runs_in
 from bess.report.words.summary import summary
@@ -143,7 +143,7 @@ def test_kpis_of_the_spread_are_those_of_the_record(result: Result) -> None:
 
 
 def test_the_report_draws_the_spread_of_every_policy_over_one_another(rules: dict[str, Result]) -> None:
-    chart = charts.string_spread({name: result.dataset for name, result in rules.items()})
+    chart = operation.string_spread({name: result.dataset for name, result in rules.items()})
     for panel, start, end, factor in (
         (chart.panels[0], "soc_spread_start", "soc_spread_end", 100.0),
         (chart.panels[1], "temperature_spread_start_k", "temperature_spread_end_k", 1.0),

@@ -15,7 +15,7 @@ import bess
 from bess.control.policies import Decision, PolicyInput
 from bess.control.policies.reactive import share_equally
 from bess.errors import BessError, InputError, StoppedEarly
-from bess.report import charts
+from bess.report.charts import operation
 from bess.simulation import closed_loop
 
 RULES = ("equal", "priority", "soc", "temperature")
@@ -126,7 +126,7 @@ def test_a_power_factor_asks_in_proportion_to_active_power() -> None:
     np.testing.assert_allclose(record.reactive_demand_kvar, 0.75 * np.abs(record.demand_kw))
     figures = bess.kpis(record)
     assert figures["reactive_kvarh"] == pytest.approx(figures["reactive_demand_kvarh"], rel=1e-9)
-    chart = charts.reactive_power(record)
+    chart = operation.reactive_power(record)
     assert [panel.y_label for panel in chart.panels] == ["Plant (kvar)", "Strings (kvar)", "Strings (kVA)"]
     low, high = chart.panels[0].y_limits or (0.0, 0.0)
     assert low < 0.0 and high > float(record.reactive_kvar.sum("string").max())

@@ -21,7 +21,7 @@ from bess.dispatch import (
 )
 from bess.errors import InputError
 from bess.market import read_capacity_prices, read_frequency
-from bess.report import charts
+from bess.report.charts import operation
 from bess.simulation.analysis.settlement import COSTS
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
@@ -393,12 +393,12 @@ def test_the_bundled_profile_of_48_h_is_no_load() -> None:
 
 def test_a_report_shows_what_a_service_asked_and_whether_it_was_kept() -> None:
     site_result = outcome("peak-shaving", policy__name="equal", run__days=1.0)
-    panels = charts.service(site_result).panels
+    panels = operation.service(site_result).panels
     drawn = {entry.label: entry.y for panel in panels for entry in panel.series}
     _, draw, _ = site(site_result)
     np.testing.assert_allclose(drawn["drawn from the grid"][:-1], draw)
     assert set(drawn) == {"load", "drawn from the grid", "limit", "delivered", "mean over the strings"}
-    reserve = charts.service(outcome("fcr", policy__name="equal", run__days=1.0)).panels
+    reserve = operation.service(outcome("fcr", policy__name="equal", run__days=1.0)).panels
     assert [panel.y_label for panel in reserve] == ["Frequency (mHz from nominal)", "Plant (kW)", "SOC"]
     with pytest.raises(InputError, match="not of a service"):
-        charts.service(outcome("case1", policy__name="equal", run__days=0.5))
+        operation.service(outcome("case1", policy__name="equal", run__days=0.5))
