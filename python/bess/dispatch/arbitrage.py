@@ -191,8 +191,14 @@ class Arbitrage:
             )
         if self.connection is not None and self.connection.tariff is not None:
             self._choose_peak(self.connection, self.connection.tariff, step, price, energy_kwh)
-        limits = {"budget_price_eur_mwh": budget_price_eur_mwh, "remaining_kwh": remaining_kwh}
-        return self._solve(step, price, energy_kwh, discharged_today_kwh=discharged_today_kwh, **limits)
+        return self._solve(
+            step,
+            price,
+            energy_kwh,
+            discharged_today_kwh=discharged_today_kwh,
+            budget_price_eur_mwh=budget_price_eur_mwh,
+            remaining_kwh=remaining_kwh,
+        )
 
     def of_prices(self, price_eur_mwh: Array, step: int, energy_kwh: float) -> Array:
         """Return the demand [kW] of maximum income at these prices from ``step`` on, without a meter."""

@@ -232,9 +232,9 @@ impl ControlHorizon {
         Ok(StepBounds::new(py, &self.inner, &answer))
     }
 
-    /// Coefficients of the relaxation over a narrowed node by name, each `(M, T)`. Planes are tightest at the states `near`, which are points; if `frozen`, the coefficients of battery
-    /// and derating are those of these states. `units_kw` `(M, 2)` are the nominal losses of inverter and
-    /// battery.
+    /// Coefficients of the relaxation over a narrowed node by name, each `(M, T)`. Planes are tightest at the states
+    /// `near`, which are points; if `frozen`, the coefficients of battery and derating are those of these states.
+    /// `units_kw` `(M, 2)` are the nominal losses of inverter and battery.
     fn relaxed(
         &self,
         py: Python<'_>,

@@ -52,7 +52,6 @@ class PlannedPolicy(Checkpointed):
         self._objectives = objectives
         self._terms = terms
         self._wear = WearRates(planner.system)
-        self._new_wear_eur_ah: Array | None = None
         self._ran: NDArray[np.bool_] | None = None
 
     def __call__(self, inputs: PolicyInput) -> Decision:
@@ -127,11 +126,5 @@ class PlannedPolicy(Checkpointed):
 
     def _wear_eur_ah(self, state: State) -> NDArray[np.float64]:
         """Wear price of charge throughput in each string [EUR/Ah], at its temperature."""
-        constant = state.is_fresh and not self._wear.depend_on_state
-        if constant and self._new_wear_eur_ah is not None:
-            return self._new_wear_eur_ah
         by_string = self._wear.at(state).cycling_eur_ah(TYPICAL_DEPTH, state.temperature_c[:, None])
-        price = np.ascontiguousarray(by_string[:, 0])
-        if constant:
-            self._new_wear_eur_ah = price
-        return price
+        return np.ascontiguousarray(by_string[:, 0])

@@ -23,14 +23,16 @@ def _rule(name: str) -> Factory:
     return lambda system, settings: RulePolicy(system, settings.dt_h, name)
 
 
+RULES: Final = {
+    "equal": "equal power in every string",
+    "priority": "fill one string, then the next",
+    "soc": "in proportion to stored energy or headroom",
+    "temperature": "in proportion to nominal power and the distance from derating",
+}
+"""Rules of the core by name, with their descriptions."""
+
 POLICIES: dict[str, tuple[Factory, str]] = {
-    "equal": (_rule("equal"), "equal power in every string"),
-    "priority": (_rule("priority"), "fill one string, then the next"),
-    "soc": (_rule("soc"), "in proportion to stored energy or headroom"),
-    "temperature": (
-        _rule("temperature"),
-        "in proportion to nominal power and the distance from derating",
-    ),
+    **{name: (_rule(name), text) for name, text in RULES.items()},
     "mpc": (mpc.build, "a plan of a day, or a certified mixed-integer split of the next steps"),
     "distilled": (distilled.build, "controller from bess distil (policy.file), without a solver"),
 }

@@ -12,9 +12,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bess.control.explicit import ExplicitController, Tables
-from bess.control.policies import POLICIES
 from bess.control.policies.distilled import DistilledPolicy
 from bess.control.policies.reactive import refuse_reactive
+from bess.control.policies.registry import RULES
 from bess.control.split.objectives import SHORTFALL
 from bess.edge.distil.training import GENERATIONS, TrainingCase, TrainingSet, first_weights, fit
 from bess.edge.distil.translate import exports
@@ -25,7 +25,6 @@ from bess.simulation.runner import run
 from bess.study import Study, expand
 from bess.study.study import as_study
 
-RULES: Final = tuple(name for name in POLICIES if name not in ("mpc", "distilled"))
 UNSEEN: Final = (0.93, 1.05)
 """Factors on the demand that are evaluated in addition to the study, and not part of the training."""
 LITTLE: Final = 1e-3

@@ -76,12 +76,15 @@ def _row(entry: Kpi, values: list[float], alike: bool) -> Row:
     differ = len({entry.number(value) for value in known}) > 1
     judged = alike and entry.better is not None and entry.decimals is not None and differ
     best = (max if entry.better == "max" else min)(known, default=math.nan)
+    of_best = entry.number(best)
     cells = []
     for value in values:
-        first = judged and entry.number(value) == entry.number(best)
-        sign = "+" if value > best else "-"
-        behind = f"{sign}{entry.number(abs(value - best))}" if judged and not first and value in known else ""
-        cells.append(Cell(entry.number(value), first, behind))
+        text = entry.number(value)
+        first = judged and text == of_best
+        behind = ""
+        if judged and not first and not math.isnan(value):
+            behind = ("+" if value > best else "-") + entry.number(abs(value - best))
+        cells.append(Cell(text, first, behind))
     return Row(entry.heading, entry.meaning, entry.detail, tuple(cells))
 
 

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bess.arrays import Array
-from bess.control.policies import POLICIES, Policy, Settings, build_policy
+from bess.control.policies import Policy
+from bess.control.policies.registry import RULES
 from bess.control.policies.rule import RulePolicy
 from bess.dispatch import PerfectForecast
 from bess.errors import InputError
@@ -143,12 +144,8 @@ class Replay:
 
 def rules_of(replay: Replay) -> Iterator[tuple[str, RulePolicy]]:
     """Yield the name and policy of every rule of the registry, for the plant of a replay."""
-    settings = Settings(dt_h=replay.inputs.grid.dt_h, horizon_steps=1)
-    for name in POLICIES:
-        if name not in ("mpc", "distilled"):
-            policy = build_policy(name, replay.system, settings)
-            if isinstance(policy, RulePolicy):
-                yield name, policy
+    for name in RULES:
+        yield name, RulePolicy(replay.system, replay.inputs.grid.dt_h, name)
 
 
 def gain_over_rules(replay: Replay, policy: str = "") -> dict[str, float | str]:
