@@ -137,7 +137,8 @@ impl PlanProblem<'_> {
 
     /// A plan without a proven bound, and the prices of its dual bound, if computed.
     fn priced(&mut self, previous: Option<&[f64]>, effort: PlanEffort) -> (Plan, Option<Vec<f64>>) {
-        let size = self.n_strings() * self.n_steps();
+        let n_steps = self.n_steps();
+        let size = self.n_strings() * n_steps;
         let carried = previous.map(|request_w| starts::carried_on(self, request_w));
         self.aim_for_balance(carried.as_deref());
         let problem: &Self = self;
@@ -172,11 +173,12 @@ impl PlanProblem<'_> {
                 let first_price = ahead.price.chunks(per).map(mean).collect();
                 let dual =
                     dual::ascend(&problem.coarsened(per), first_price, best.cost(), effort.bound_passes);
-                if per == 1 {
-                    best = cheaper(best, polish(dual.request_w));
-                }
+                let blocks = n_steps.div_ceil(per);
+                let of_block = |k: usize| dual.request_w[k / n_steps * blocks + k % n_steps / per];
+                let by_price = starts::carried_on(problem, &(0..size).map(of_block).collect::<Vec<_>>());
+                best = cheaper(best, polish(by_price));
                 search_bound = Some(dual.bound);
-                price = Some((0..problem.n_steps()).map(|t| dual.price[t / per]).collect());
+                price = Some((0..n_steps).map(|t| dual.price[t / per]).collect());
             }
         }
         let plan = Plan {
