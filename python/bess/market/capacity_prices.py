@@ -27,8 +27,8 @@ def read_capacity_prices(
     """Read the capacity price of reserve per MW and hour.
 
     Tender results of regelleistung.net (``NEGPOS_00_04`` and the like) give a price for each block of four
-    hours of the German clock; on the days on which that changes, the block over the change has three or
-    five hours. The price of a block is paid for the block, so an hour of it earns its share.
+    hours of German local time; the block that contains the change to or from summer time has three or five
+    hours. The price of a block is paid for the block, so an hour of it earns its share.
 
     Parameters
     ----------

@@ -45,7 +45,7 @@ class Within:
         raise ValueError(f"must be in {left}{self.low:g}, {self.high:g}{right}{unit}")
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Check after the type of the field."""
+        """Return a schema that checks the type of the field first, then its range."""
         return core_schema.no_info_after_validator_function(self, handler(source))
 
     def __get_pydantic_json_schema__(self, made: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:

@@ -56,7 +56,7 @@ impl Coefficients {
         (2.0 * self.fourier).max(self.fourier + self.end) + self.lateral
     }
 
-    /// The same at a share of the flow; nothing goes to air that stands, which is as warm as the cells.
+    /// The same at a share of the air flow. Standing air is as warm as the cells and takes no heat.
     pub(crate) fn at_flow(self, share: f64) -> Self {
         Self { ntu: self.ntu / share, ..self }
     }

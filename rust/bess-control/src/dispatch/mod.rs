@@ -475,7 +475,7 @@ impl<'a> Program<'a> {
     }
 }
 
-/// The cells in which a run of rows ends, and the position of each end in its cell.
+/// Grid cells that contain the end states of a run of rows, and the position of each end state in its cell.
 struct Cells<'a> {
     /// Values from the lower corner of the first cell on.
     after: &'a [f64],
@@ -576,7 +576,7 @@ fn mix(share: f64, low: f64, high: f64) -> f64 {
     low + share * (high - low)
 }
 
-/// Value of the cycles that are left, at their shadow price; none where they have none, without limit too.
+/// Value of the remaining throughput at its shadow price. Zero without a price, even if the throughput is unlimited.
 fn worth(shadow_eur: f64, left_kwh: f64) -> f64 {
     if shadow_eur == 0.0 {
         0.0

@@ -8,7 +8,7 @@ use crate::model::LossCurve;
 const STEP: f64 = 1e-6;
 
 /// Loss over active power, up to `most_w`, of an inverter that carries `factor` times as much apparent power.
-/// Identical inverters, which are on for this purpose only, carry apparent power above its nominal power.
+/// Apparent power above its nominal power is carried by identical inverters, which are on for this purpose only.
 pub(crate) fn curve_at_power_factor(
     curve: &LossCurve,
     nominal_w: f64,

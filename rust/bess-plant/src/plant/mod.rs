@@ -36,8 +36,8 @@ impl Plant {
     ///
     /// # Errors
     ///
-    /// An unstable plant step, with the largest stable one; a number of scenarios, nodes or a step that no plant has; as
-    /// [`Self::set_state`] for the state.
+    /// The plant step is unstable (the message names the largest stable one); the plant step, the number of scenarios or
+    /// the number of nodes is out of range; or the state is invalid, see [`Self::set_state`].
     pub fn new(
         system: &System,
         scenarios: usize,
