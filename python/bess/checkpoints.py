@@ -1,7 +1,11 @@
-"""State that is carried from step to step, for checkpoints."""
+"""State that is carried from step to step, and its text in checkpoints."""
 
+import json
+from base64 import b64decode, b64encode
 from collections.abc import Mapping
 from typing import Any, ClassVar
+
+import numpy as np
 
 
 class Checkpointed:
@@ -36,3 +40,49 @@ class Checkpointed:
                 setattr(self, name, self._classes[name](**value))
             else:
                 setattr(self, name, value)
+
+
+_ARRAY, _BYTES = "\0array", "\0bytes"
+
+
+def to_json(state: Mapping[str, Any]) -> str:
+    """Return the text of a state; its leaves are JSON values, ``bytes`` or arrays.
+
+    Raises
+    ------
+    TypeError
+        A leaf is of another type.
+    """
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, np.ndarray) and value.dtype.kind not in "OV":
+            content = b64encode(value.tobytes()).decode()
+            return {_ARRAY: content, "dtype": value.dtype.str, "shape": value.shape}
+        if isinstance(value, bytes):
+            return {_BYTES: b64encode(value).decode()}
+        if isinstance(value, Mapping):
+            return dict(value)
+        if isinstance(value, np.generic):
+            return value.item()
+        raise TypeError(f"a checkpoint cannot hold {type(value).__name__}")
+
+    return json.dumps(state, default=plain)
+
+
+def from_json(text: str | bytes) -> dict[str, Any]:
+    """Return the state of a text, to the last bit; tuples become lists.
+
+    Raises
+    ------
+    ValueError
+        The text is not JSON.
+    """
+
+    def restored(table: dict[str, Any]) -> Any:
+        if _ARRAY in table:
+            values = np.frombuffer(b64decode(table[_ARRAY]), table["dtype"])
+            return values.reshape(table["shape"]).copy()
+        return b64decode(table[_BYTES]) if _BYTES in table else table
+
+    state: dict[str, Any] = json.loads(text, object_hook=restored)
+    return state

@@ -15,10 +15,11 @@ with warnings.catch_warnings():  # it prefers a successor of httpx
     warnings.simplefilter("ignore")
     from fastapi.testclient import TestClient
 
+from bess.checkpoints import to_json
 from bess.edge.serve.app import build_app
 from bess.edge.serve.gate import LARGEST_BODY
 from bess.edge.serve.service import Service
-from bess.edge.serve.state_store import MEMORY, to_json
+from bess.edge.serve.state_store import MEMORY
 from bess.study import load_study
 
 JSON = {"Content-Type": "application/json"}

@@ -5,11 +5,11 @@ import pytest
 from live_cases import controller, measured
 
 import bess
+from bess.checkpoints import from_json, to_json
 from bess.edge.serve import calibration
 from bess.edge.serve.calibration import Calibration, place
 from bess.edge.serve.constraints import SocLimits
 from bess.edge.serve.measurement_validator import ValidState
-from bess.edge.serve.state_store import from_json, to_json
 from bess.errors import InputError
 from bess.study.sections import ServiceSection
 

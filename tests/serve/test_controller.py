@@ -5,7 +5,7 @@ import pytest
 from live_cases import controller, measured
 
 import bess
-from bess.edge.serve.state_store import from_json, to_json
+from bess.checkpoints import from_json, to_json
 from bess.errors import InputError
 
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from live_cases import controller, measured
 
-from bess.edge.serve.state_store import to_json
+from bess.checkpoints import to_json
 
 
 def reasons_of(answer, string):  # type: ignore[no-untyped-def]

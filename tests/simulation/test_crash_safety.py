@@ -23,7 +23,8 @@ from hypothesis import strategies as st
 import bess
 import bess.simulation.record.provenance as identity_module
 import bess.simulation.runner as run_module
-from bess.simulation.record.store import locked, pack, unpack
+from bess.checkpoints import from_json, to_json
+from bess.simulation.record.store import locked
 from bess.study import Study
 from power_cut import PowerCut, before_steps, cut_off
 
@@ -430,9 +431,9 @@ def same(first: Any, second: Any) -> bool:
 
 def test_a_state_that_could_not_be_read_back_is_refused_when_it_is_saved() -> None:
     with pytest.raises(TypeError, match="a checkpoint cannot hold set"):
-        pack({"policy": {"strings": {0, 1}}})
+        to_json({"policy": {"strings": {0, 1}}})
 
 
 @given(TREES)
 def test_a_checkpoint_comes_back_to_the_last_bit(tree: dict[str, Any]) -> None:
-    assert same(unpack(pack(tree)), tree)
+    assert same(from_json(to_json(tree)), tree)

@@ -18,8 +18,7 @@ from io import FileIO
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-
+from bess.checkpoints import from_json, to_json
 from bess.edge.plant_io.calls import Aside
 from bess.edge.serve.controller import Controller
 from bess.errors import BessError
@@ -30,7 +29,7 @@ MEMORY: Final = ("memory-0.json", "memory-1.json")
 PLAN: Final = "plan.json"
 TRIAL: Final = "trial.json"
 """Written and removed at the start, to test the disk."""
-VERSION: Final = 4
+VERSION: Final = 5
 HANGS_S: Final = 5.0
 """Time after which a disk without response is an error."""
 _FLUSH_S: Final = 1.0
@@ -38,36 +37,6 @@ _FLUSH_S: Final = 1.0
 
 def _made_if_missing(path: str, flags: int) -> int:
     return os.open(path, flags | os.O_CREAT, 0o600)
-
-
-def to_json(document: Mapping[str, Any]) -> str:
-    """JSON of a state; arrays are objects with their type, and NaN in them is null."""
-
-    def plain(value: Any) -> Any:
-        if not isinstance(value, np.ndarray):
-            return value.item()
-        entries = value.astype(object)
-        entries[value != value] = None
-        return {"array": entries.tolist(), "dtype": str(value.dtype)}
-
-    return json.dumps(document, default=plain)
-
-
-def from_json(text: str | bytes) -> dict[str, Any]:
-    """Inverse of :func:`to_json`.
-
-    Raises
-    ------
-    ValueError
-        The text is not JSON.
-    """
-
-    def restored(entry: dict[str, Any]) -> Any:
-        is_array = entry.keys() == {"array", "dtype"}
-        return np.array(entry["array"], dtype=entry["dtype"]) if is_array else entry
-
-    document: dict[str, Any] = json.loads(text, object_hook=restored)
-    return document
 
 
 class StateStore:

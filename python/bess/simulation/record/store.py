@@ -23,6 +23,7 @@ import numpy as np
 from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 
+from bess.checkpoints import from_json, to_json
 from bess.errors import InputError, option
 from bess.files import parse_json
 from bess.simulation.record.files import check_file, clear_errors, sealed, unsealed, write_bytes
@@ -31,7 +32,7 @@ PARTS = "parts"
 LOCK = ".lock"
 OWNER = ".lock-owner"
 _RECORD = "record/"
-_CHECKPOINT = "checkpoint/"
+_CHECKPOINT = "checkpoint"
 
 Record = dict[str, NDArray[Any]]
 
@@ -49,20 +50,17 @@ class Part:
 
     def record(self) -> Record:
         """Arrays with the steps along the first axis."""
-        return self._read(_RECORD)
+        arrays = self._read()
+        return {name.removeprefix(_RECORD): arrays[name] for name in arrays if name.startswith(_RECORD)}
 
     def checkpoint(self) -> dict[str, Any]:
         """State of the closed loop after its last step."""
-        return unpack(self._read(_CHECKPOINT))
+        return from_json(self._read()[_CHECKPOINT].tobytes())
 
-    def _read(self, prefix: str) -> Record:
+    def _read(self) -> Record:
         try:
             with np.load(io.BytesIO(unsealed(self.path.read_bytes())), allow_pickle=False) as archive:
-                return {
-                    name.removeprefix(prefix): archive[name]
-                    for name in archive.files
-                    if name.startswith(prefix)
-                }
+                return dict(archive)
         except (OSError, ValueError, MemoryError) as error:
             raise InputError(
                 f"{self.path}: damaged ({error}); delete it and all later parts, then {option('resume')}"
@@ -72,7 +70,7 @@ class Part:
 def write_part(directory: Path, first_step: int, record: Record, checkpoint: Mapping[str, Any]) -> None:
     """Save steps from ``first_step`` on, and the state after them, with one atomic write."""
     arrays = {_RECORD + name: array for name, array in record.items()}
-    arrays |= {_CHECKPOINT + name: array for name, array in pack(checkpoint).items()}
+    arrays[_CHECKPOINT] = np.frombuffer(to_json(checkpoint).encode(), dtype=np.uint8)
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)  # type: ignore[arg-type]
     with clear_errors(directory):
@@ -141,51 +139,6 @@ def locked(directory: Path) -> Iterator[None]:
         yield
     finally:
         lock.release()
-
-
-_TREE, _ARRAY, _BYTES = "tree", "\0array", "\0bytes"
-
-
-def pack(document: Mapping[str, Any]) -> Record:
-    """Flatten ``document``; its leaves are JSON values, ``bytes`` or arrays.
-
-    The tree is stored as JSON, in which a table with one key stands for an array.
-
-    Raises
-    ------
-    TypeError
-        A leaf is of another type.
-    """
-    arrays: Record = {}
-
-    def _plain(value: Any) -> Any:
-        name = f"array{len(arrays)}"
-        if isinstance(value, np.ndarray):
-            arrays[name] = value
-            return {_ARRAY: name}
-        if isinstance(value, bytes):
-            arrays[name] = np.frombuffer(value, dtype=np.uint8)
-            return {_BYTES: name}
-        if isinstance(value, Mapping):
-            return dict(value)
-        if isinstance(value, np.generic):
-            return value.item()
-        raise TypeError(f"a checkpoint cannot hold {type(value).__name__}")
-
-    tree = json.dumps(document, default=_plain)
-    return {_TREE: np.frombuffer(tree.encode(), dtype=np.uint8), **arrays}
-
-
-def unpack(arrays: Record) -> dict[str, Any]:
-    """Inverse of :func:`pack`; tuples become lists."""
-
-    def restored(table: dict[str, Any]) -> Any:
-        if _ARRAY in table:
-            return arrays[table[_ARRAY]]
-        return arrays[table[_BYTES]].tobytes() if _BYTES in table else table
-
-    document: dict[str, Any] = json.loads(arrays[_TREE].tobytes(), object_hook=restored)
-    return document
 
 
 LOG = "log.jsonl"
