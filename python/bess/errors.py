@@ -5,17 +5,10 @@ Expected outcomes (a time limit, an infeasible node) are statuses, not exception
 """
 
 import difflib
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
-from contextvars import ContextVar
-from typing import Final, Literal
+from collections.abc import Iterable, Mapping
 
 _LONGEST = 2000
 """Characters of a message."""
-
-_on_command_line: ContextVar[bool] = ContextVar("on_command_line", default=False)
-_OPTIONS: Final = {"out": ("out=...", "--out"), "resume": ("resume=True", "--resume")}
-"""Names of arguments in messages: in Python, and on the command line."""
 
 
 class BessError(Exception):
@@ -55,23 +48,3 @@ def by_reason(problems: Mapping[str, str]) -> list[str]:
         f"{shared[0]}{f' and {len(shared) - 1} more' if len(shared) > 1 else ''}: {reason}"
         for reason, shared in names.items()
     ]
-
-
-@contextmanager
-def command_line(active: bool = True) -> Iterator[None]:
-    """Use command-line options in messages, also in worker processes."""
-    token = _on_command_line.set(active)
-    try:
-        yield
-    finally:
-        _on_command_line.reset(token)
-
-
-def on_command_line() -> bool:
-    """Whether messages use command-line options."""
-    return _on_command_line.get()
-
-
-def option(name: Literal["out", "resume"]) -> str:
-    """Return the name of an argument for a message: the Python keyword or the command-line option."""
-    return _OPTIONS[name][on_command_line()]

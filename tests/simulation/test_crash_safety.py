@@ -221,7 +221,7 @@ def test_a_stop_saves_exits_with_3_and_can_be_continued(number: signal.Signals, 
     said = process.communicate(timeout=60)[1]
     assert process.returncode == 3, said
     message = said.strip().splitlines()[-1]
-    assert "all is saved in" in message and "--resume" in message
+    assert "all is saved in" in message and "continue with resume" in message
     saved = bess.open_result(directory)
     assert 0 < saved.sizes["time"] < 300 * 96
     # What was saved is what the run would have had there.
@@ -260,7 +260,7 @@ def test_a_full_disk_is_one_clear_error_and_nothing_is_lost(
 
     with monkeypatch.context() as patch:
         patch.setattr(Path, "write_bytes", full)
-        with pytest.raises(bess.BessError, match=r"the disk is full, make room.*resume=True"):
+        with pytest.raises(bess.BessError, match=r"the disk is full, make room.*resume"):
             bess.run(short, progress=False, out=directory)
     assert bess.open_result(directory).sizes["time"] == 16
     bess.run(short, progress=False, out=directory, resume=True)
@@ -352,7 +352,7 @@ def test_an_unfinished_run_needs_resume_and_a_finished_one_is_opened(
 ) -> None:
     directory = tmp_path / "run"
     begun(short, directory, monkeypatch)
-    with pytest.raises(bess.InputError, match="unfinished; continue with resume=True"):
+    with pytest.raises(bess.InputError, match="unfinished; continue with resume"):
         bess.run(short, progress=False, out=directory)
     first = bess.run(short, progress=False, out=directory, resume=True)
     stamp = (directory / "results.nc").stat().st_mtime_ns

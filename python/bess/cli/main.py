@@ -10,7 +10,7 @@ from typing import Final
 import typer
 
 from bess.cli.app import app
-from bess.errors import BessError, InputError, StoppedEarly, command_line
+from bess.errors import BessError, InputError, StoppedEarly
 
 DONE: Final = 0
 FAILED: Final = 1
@@ -32,8 +32,7 @@ def main() -> None:
 
 def _status() -> int:
     try:
-        with command_line():
-            return app(prog_name="bess", standalone_mode=False) or DONE
+        return app(prog_name="bess", standalone_mode=False) or DONE
     except InputError as error:
         return _say(str(error), BAD_INPUT)
     except StoppedEarly as error:

@@ -14,7 +14,7 @@ from typing import Any
 from urllib.parse import quote
 
 from bess import __version__
-from bess.errors import BessError, InputError, option
+from bess.errors import BessError, InputError
 from bess.files import parse_toml
 from bess.report.contents import (
     MOST_COMPARED,
@@ -101,7 +101,7 @@ def write_comparison(runs: dict[str, Run], directory: Path) -> Path:
         The folder contains a run, or cannot be created.
     """
     if (directory / IDENTITY).exists():
-        raise InputError(f"{directory}: holds a run itself; use another {option('out')} for the comparison")
+        raise InputError(f"{directory}: holds a run itself; use another output folder for the comparison")
     make_folder(directory)
     return _comparison_page(directory, runs, {}, None, Options(), title="Comparison of " + ", ".join(runs))
 

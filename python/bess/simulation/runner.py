@@ -12,7 +12,7 @@ import numpy as np
 
 from bess.control.policies import Policy, as_policy, build_policy
 from bess.control.policies.adapters import Function
-from bess.errors import InputError, StoppedEarly, option
+from bess.errors import InputError, StoppedEarly
 from bess.plant import Plant
 from bess.simulation.analysis.kpis import kpis, solve_time_kpis
 from bess.simulation.closed_loop import ClosedLoop, check_finite
@@ -152,20 +152,18 @@ def _is_finished(directory: Path, identity: Identity, *, resume: bool) -> bool:
     if old is None:
         own = {LOCK, OWNER, IDENTITY + TEMPORARY}
         if others := sorted({path.name for path in directory.iterdir()} - own):
-            raise InputError(
-                f"{directory}: holds {others[0]!r} but no run; use a new or empty folder for {option('out')}"
-            )
+            raise InputError(f"{directory}: holds {others[0]!r} but no run; use a new or empty folder")
         write_identity(directory, identity)
         return False
     if changed := differences(old, identity):
         shown = "; ".join(changed[:5]) + (f"; and {len(changed) - 5} more" if len(changed) > 5 else "")
         raise InputError(
-            f"{directory}: holds another run ({shown}); use another {option('out')}, or delete the folder"
+            f"{directory}: holds another run ({shown}); use another output folder, or delete the folder"
         )
     finished = (directory / RESULTS).exists()
     if not finished and not resume:
         raise InputError(
-            f"{directory}: holds this run, unfinished; continue with {option('resume')}, or delete the folder"
+            f"{directory}: holds this run, unfinished; continue with resume, or delete the folder"
         )
     return finished
 
@@ -233,7 +231,7 @@ def _complete(directory: Path, study: Study, loop: ClosedLoop, *, progress: bool
         if loop.step < n_steps:
             raise StoppedEarly(
                 f"{study.name}: stopped after step {loop.step} of {n_steps}; all is saved in {directory}; "
-                f"continue with {option('resume')}"
+                f"continue with resume"
             )
     return files_s
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from bess.display import as_table, one_line
-from bess.errors import BessError, InputError, StoppedEarly, command_line, on_command_line, option
+from bess.errors import BessError, InputError, StoppedEarly
 from bess.optional_dependencies import extra
 from bess.simulation.progress import progress_bar
 from bess.simulation.record.files import folder_in, make_folder, write_bytes
@@ -54,16 +54,14 @@ class Outcome:
     skipped: bool = False
 
 
-def run_scenario(study: Study, directory: Path, *, flags: bool = False) -> Outcome:
+def run_scenario(study: Study, directory: Path) -> Outcome:
     """Start or continue a scenario in its folder, or skip a finished one.
 
-    It raises no exception, so that the failure of one scenario does not end the others. ``flags`` selects
-    messages for the command line.
+    It raises no exception, so that the failure of one scenario does not end the others.
     """
     try:
         skipped = (directory / RESULTS).exists()
-        with command_line(flags):
-            result = run(study, out=directory, resume=True, progress=False)
+        result = run(study, out=directory, resume=True, progress=False)
         result.dataset.close()
         return Outcome("done", kpis=result.kpis, skipped=skipped)
     except BessError as error:
@@ -244,7 +242,7 @@ def prepare_folder(folder: Path, study: Study) -> None:
     """
     make_folder(folder)
     if (folder / IDENTITY).exists():
-        raise InputError(f"{folder}: holds a single run; use another {option('out')}")
+        raise InputError(f"{folder}: holds a single run; use another output folder")
     write_bytes(folder / "study.toml", study.to_toml().encode())
 
 
@@ -371,14 +369,7 @@ def _outcomes(client: Client, studies: Mapping[str, Study], directory: Path) -> 
     from distributed import as_completed
 
     futures = {
-        client.submit(
-            run_scenario,
-            study,
-            folder_in(directory, name),
-            flags=on_command_line(),
-            pure=False,
-            retries=_RETRIES,
-        ): name
+        client.submit(run_scenario, study, folder_in(directory, name), pure=False, retries=_RETRIES): name
         for name, study in studies.items()
     }
     try:

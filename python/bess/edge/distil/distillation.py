@@ -18,7 +18,7 @@ from bess.control.policies.registry import RULES
 from bess.control.split.objectives import SHORTFALL
 from bess.edge.distil.training import GENERATIONS, TrainingCase, TrainingSet, first_weights, fit
 from bess.edge.distil.translate import exports
-from bess.errors import InputError, option
+from bess.errors import InputError
 from bess.simulation.progress import reporting
 from bess.simulation.record.files import folder_in, make_folder, write_bytes
 from bess.simulation.runner import run
@@ -200,8 +200,7 @@ def distil_runs(
     for inside in folders.values():
         if others := sorted(make_folder(inside) - FILES):
             raise InputError(
-                f"{inside}: holds {others[0]!r}, which is none of distil's files; use a new or empty folder "
-                f"for {option('out')}"
+                f"{inside}: holds {others[0]!r}, which is none of distil's files; use a new or empty folder"
             )
     for name, each in runs.items():
         controller = distil(each, generations=generations, progress=progress)

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-from bess.errors import BessError, InputError, option
+from bess.errors import BessError, InputError
 
 TEMPORARY = ".tmp"
 """Suffix of a file name during writing."""
@@ -37,7 +37,7 @@ def clear_errors(path: Path) -> Iterator[None]:
         full = code in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         cause = "the disk is full, make room" if full else f"cannot be written ({error.strerror or error})"
         raise BessError(
-            f"{path}: {cause}; everything saved before is intact, continue with {option('resume')}"
+            f"{path}: {cause}; everything saved before is intact, continue with resume"
         ) from error
 
 
@@ -94,7 +94,7 @@ def make_folder(folder: Path) -> set[str]:
     except (OSError, ValueError) as error:  # a NUL in the path is a ValueError
         reason = getattr(error, "strerror", None) or error
         raise InputError(
-            f"{folder}: is not a results folder ({reason}); use another {option('out')}"
+            f"{folder}: is not a results folder ({reason}); use another output folder"
         ) from error
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import bess
 from bess import __version__
-from bess.errors import InputError, option
+from bess.errors import InputError
 from bess.files import parse_json
 from bess.simulation.record.files import check_file, sha256, write_bytes
 from bess.study.study import Study
@@ -58,10 +58,10 @@ def read_identity(directory: Path) -> Identity | None:
         return None
     except (OSError, ValueError) as error:
         raise InputError(
-            f"{directory / IDENTITY}: is damaged ({error}); use another {option('out')}"
+            f"{directory / IDENTITY}: is damaged ({error}); use another output folder"
         ) from error
     if not isinstance(identity, dict) or not {"study", "system", "frame"} <= identity.keys():
-        raise InputError(f"{directory / IDENTITY}: is damaged; use another {option('out')}")
+        raise InputError(f"{directory / IDENTITY}: is damaged; use another output folder")
     return identity
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bess.display import as_table, one_line
-from bess.errors import InputError, option
+from bess.errors import InputError
 from bess.optional_dependencies import extra
 from bess.simulation.record.dataset import write_netcdf
 from bess.simulation.record.files import check_file
@@ -96,7 +96,7 @@ def open_result(directory: str | Path) -> xr.Dataset:
         raise InputError(f"{directory}: {_what_else(directory)}")
     saved = parts(directory)
     if not saved:
-        raise InputError(f"{directory}: nothing has been saved yet; continue the run with {option('resume')}")
+        raise InputError(f"{directory}: nothing has been saved yet; continue the run with resume")
     n_steps = saved[-1].first_step + len(saved[-1].record()["demand_kw"])
     with tempfile.TemporaryDirectory(prefix="bess-") as scratch:
         path = Path(scratch) / RESULTS

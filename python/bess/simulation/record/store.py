@@ -24,7 +24,7 @@ from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 
 from bess.checkpoints import from_json, to_json
-from bess.errors import InputError, option
+from bess.errors import InputError
 from bess.files import parse_json
 from bess.simulation.record.files import check_file, clear_errors, sealed, unsealed, write_bytes
 
@@ -63,7 +63,7 @@ class Part:
                 return dict(archive)
         except (OSError, ValueError, MemoryError) as error:
             raise InputError(
-                f"{self.path}: damaged ({error}); delete it and all later parts, then {option('resume')}"
+                f"{self.path}: damaged ({error}); delete it and all later parts, then resume"
             ) from error
 
 
@@ -96,7 +96,7 @@ def records(directory: Path) -> Iterator[tuple[int, Record]]:
         if part.first_step != step:
             raise InputError(
                 f"{part.path}: the part before it, from step {step} on, is missing; delete it and all later "
-                f"parts, then {option('resume')}"
+                f"parts, then resume"
             )
         record = part.record()
         yield step, record
@@ -131,7 +131,7 @@ def locked(directory: Path) -> Iterator[None]:
                 process = owner.read_text(encoding="ascii").strip() or process
             raise InputError(
                 f"{directory}: another run (process {process}) writes there; wait or use another "
-                f"{option('out')}"
+                "output folder"
             ) from error
     try:
         with suppress(OSError):  # a full disk: the lock is still valid
