@@ -7,7 +7,8 @@ import pytest
 import xarray as xr
 
 import bess
-from bess.simulation.hindsight.replay import Replay, gain_over_rules, rules_of
+from bess.control.policies.rule import RulePolicy
+from bess.simulation.hindsight.replay import Replay, gain_over_rules
 
 UNLIKE = {"system.initial_soc": [0.3, 0.7], "run.days": 1.0}
 RULES = ("equal", "priority", "soc", "temperature")
@@ -39,7 +40,7 @@ def test_the_gain_is_what_runs_under_each_rule_give(policy: str, by_rule: dict[s
 
 def replayed(record: xr.Dataset, rule: str) -> dict[str, float]:
     replay = Replay.of(record)
-    return bess.kpis(replay.under(dict(rules_of(replay))[rule]))
+    return bess.kpis(replay.under(RulePolicy(replay.system, replay.inputs.grid.dt_h, rule)))
 
 
 @pytest.mark.parametrize("study", ["case1", "self-consumption", "fcr"])

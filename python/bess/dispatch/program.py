@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import ctypes
+import os
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -9,7 +15,6 @@ import numpy as np
 import numpy.typing as npt
 
 from bess.arrays import Array
-from bess.dispatch.silence import stdout_to_stderr
 from bess.errors import BessError
 
 if TYPE_CHECKING:
@@ -171,7 +176,7 @@ class StoreProgram(LinearProgram):
         rows, limits = self.rows()
         start = np.zeros(n)
         start[0] = self._initial
-        with stdout_to_stderr():
+        with _stdout_to_stderr():
             answer = linprog(  # type: ignore[call-overload]  # stubs know no sparse rows
                 cost,
                 A_ub=rows.tocsr(),
@@ -188,3 +193,37 @@ class StoreProgram(LinearProgram):
         charge, discharge, stored, added = np.split(np.asarray(answer.x), [n, 2 * n, 3 * n])
         duals = -np.asarray(answer.ineqlin.marginals)
         return StoreSchedule(float(answer.fun), charge, discharge, stored, added, duals)
+
+
+_STDOUT = 1
+_STDERR = 2
+_alone = threading.Lock()
+"""File descriptors belong to the whole process."""
+
+
+@contextmanager
+def _stdout_to_stderr() -> Iterator[None]:
+    """Redirect the standard output of compiled code, which is reserved for results, to standard error.
+
+    Some messages of HiGHS cannot be switched off. The C library buffers them; it is flushed before and after.
+    """
+    with _alone:
+        try:
+            kept = os.dup(_STDOUT)
+        except OSError:  # no standard output at all
+            yield
+            return
+        try:
+            _flush()
+            os.dup2(_STDERR, _STDOUT)
+            yield
+        finally:
+            _flush()
+            os.dup2(kept, _STDOUT)
+            os.close(kept)
+
+
+def _flush() -> None:
+    if sys.stdout is not None:
+        sys.stdout.flush()
+    ctypes.CDLL(None).fflush(None)

@@ -18,7 +18,7 @@ from bess.plant import Flows, Plant, PlantSnapshot
 from bess.simulation.inputs import Inputs
 from bess.simulation.record.dataset import AGEING_FLOWS, COOLING_FLOWS, ENTROPY_FLOWS, FLOWS, REACTIVE_FLOWS
 from bess.simulation.record.store import Record
-from bess.study.demands.source import KnownDemand, StepInputs
+from bess.study.demands.source import StepInputs
 
 SKIPPED_STEPS = 12
 """Steps that a policy is first asked to skip; results do not depend on it."""
@@ -103,7 +103,7 @@ class ClosedLoop:
         if ahead_kw is None:
             ahead_kw = inputs.demand.ahead(step, inputs.horizon_steps, now)
         served_kw = self._served(ahead_kw, total_kw)
-        asked_kvar = None if inputs.reactive is None else inputs.reactive.ahead(step, served_kw)
+        asked_kvar = None if inputs.reactive is None else inputs.reactive(step, served_kw)
         policy_input = PolicyInput(
             state=state,
             demand_kw=served_kw,
@@ -152,7 +152,6 @@ class ClosedLoop:
         decides = getattr(self.policy, "controller", None) is not None or hasattr(self.policy, "skip")
         return (
             decides
-            and isinstance(self.inputs.demand, KnownDemand)
             and self.inputs.reactive is None
             and not self.inputs.installations.any
             and "node_temperature_c" not in self._flows
@@ -172,15 +171,13 @@ class ClosedLoop:
             The set-points do not sum to the demand.
         """
         inputs, first = self.inputs, self.step
-        demand = inputs.demand
-        assert isinstance(demand, KnownDemand)
         policy = cast(Any, self.policy)
         controller = getattr(policy, "controller", None)
         if not len(self._ahead_kw):
             state, limits_kw = self._plant.state, inputs.limit_kw[first : first + most]
             changes = np.append((limits_kw != limits_kw[0]).any(axis=1), True)
             now = StepInputs(state, limits_kw[0], self._surroundings_c[first:], self._delivered_kw)
-            self._ahead_kw = demand.block(first, int(np.argmax(changes)), inputs.horizon_steps, now)
+            self._ahead_kw = inputs.demand.block(first, int(np.argmax(changes)), inputs.horizon_steps, now)
             self._soh_capacity = state.soh_capacity
         ahead_kw = self._ahead_kw[: most if controller is not None else self._skipped_steps]
         n_steps = len(ahead_kw)
@@ -229,7 +226,7 @@ class ClosedLoop:
         first = self.step - len(soc)
         self._ahead_kw, self._soh_capacity = self._ahead_kw[len(soc) :], soh_capacity[-1]
         for index in range(len(soc) if len(self._ahead_kw) else len(soc) - 1):
-            cast(KnownDemand, self.inputs.demand).measured(first + index + 1, soc[index], soh_capacity[index])
+            self.inputs.demand.measured(first + index + 1, soc[index], soh_capacity[index])
         return record, log
 
     def _recorded(

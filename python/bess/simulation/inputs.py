@@ -1,7 +1,8 @@
-"""Inputs of a closed loop from a study: system, steps, demand, ambient temperature, limits."""
+"""Inputs of a closed loop from a study: system, steps, demand, reactive power, weather and limits."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,15 +10,18 @@ import numpy as np
 
 from bess.arrays import Array
 from bess.control.policies.planned import NO_PRICES
+from bess.dispatch import Forecast, PerfectForecast, read_profile
 from bess.errors import InputError
 from bess.simulation.installations import Installations
-from bess.simulation.reactive import ReactiveDemand, reactive_of
-from bess.study.demands.source import RunDemand, Setting
+from bess.study.demands.source import RunDemand, Setting, forecast_of, padded
 from bess.study.grid import SampledSeries, TimeGrid, seconds_of
 from bess.study.plant_choice import build_system
-from bess.study.sections import Event, WeatherSection
+from bess.study.sections import Event, ReactiveSection, WeatherSection
 from bess.study.study import Study
 from bess.system import System
+
+ReactiveDemand = Callable[[int, Array], Array]
+"""Reactive power [kvar] of a step (binding) and forecast of the next ones, from their active power [kW]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +80,7 @@ def prepare(study: Study, system: System | None = None) -> Inputs:
     ambient = np.full(grid.n_steps, system.ambient_c)
     if study.weather.file is not None:
         ambient = _ambient(study.weather, study.weather.file, setting, grid)
-    reactive = None if study.reactive is None else reactive_of(study.reactive, setting, grid)
+    reactive = None if study.reactive is None else _reactive_of(study.reactive, setting, grid)
     files = setting.files
     if study.policy.name == "distilled" and study.policy.file is not None:
         files.append(Path(study.policy.file))
@@ -134,3 +138,34 @@ def limits_of(events: tuple[Event, ...], system: System, grid: TimeGrid) -> Arra
         steps = slice(max(0, int(np.floor(first))), int(np.ceil(last)))
         limit[steps, event.string] = np.minimum(limit[steps, event.string], event.limit_kw)
     return limit
+
+
+def known_reactive(forecast: Forecast) -> ReactiveDemand:
+    """Return the reactive power of a separate series."""
+    return lambda step, demand_kw: padded(forecast.ahead(step, demand_kw.size), demand_kw.size)
+
+
+def _reactive_of(choice: ReactiveSection, setting: Setting, grid: TimeGrid) -> ReactiveDemand:
+    """Return the demand of the section ``[reactive]``."""
+    if choice.power_factor is not None:
+        setting.note(f"reactive power: at a power factor of {choice.power_factor:g}")
+        kvar_per_kw = np.sqrt(1.0 - choice.power_factor**2) / choice.power_factor
+        return lambda step, demand_kw: np.asarray(np.abs(demand_kw) * kvar_per_kw)
+    wanted = grid.longer(setting.horizon)
+    if choice.file is None:
+        setting.note(f"reactive power: {choice.kvar:g} kvar")
+        return known_reactive(PerfectForecast(np.full(wanted.n_steps, choice.kvar)))
+    read = read_profile(
+        choice.file,
+        column=choice.column,
+        unit=choice.unit,
+        scale=choice.scale,
+        dt_h=grid.dt_h,
+        time_zone=choice.time_zone,
+        fill=choice.fill,
+    )
+    series = setting.series_of(read, choice.file, "reactive.file")
+    values = series.laid(grid, wanted, repeat=choice.repeat)
+    asked = values[: grid.n_steps]
+    setting.note(f"reactive power: {choice.file}, {asked.min():g} to {asked.max():g} kvar", series)
+    return known_reactive(forecast_of(choice.forecast, values, grid.dt_h))

@@ -10,14 +10,14 @@ import numpy as np
 
 from bess.arrays import Array
 from bess.control.explicit import N_WEIGHTS, ExplicitController
-from bess.control.policies import Decision, PolicyInput, build_policy
+from bess.control.policies import Decision, PolicyInput
+from bess.control.policies.rule import RulePolicy
 from bess.edge.distil.translate import places
 from bess.optional_dependencies import extra
 from bess.plant import PlantEnsemble
 from bess.simulation.inputs import prepare
 from bess.simulation.runner import run
 from bess.study import Study
-from bess.study.plant_choice import policy_settings
 from bess.system import State, System
 
 
@@ -73,7 +73,7 @@ class TrainingCase:
         recorded.
         """
         inputs = prepare(study)
-        rule = build_policy("soc", inputs.system, policy_settings(study, inputs.system))
+        rule = RulePolicy(inputs.system, inputs.grid.dt_h, "soc")
         told: list[PolicyInput] = []
 
         def listen(inputs: PolicyInput) -> Decision:

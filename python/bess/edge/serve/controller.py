@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 
@@ -27,10 +28,15 @@ from bess.edge.serve.calibration import Calibration
 from bess.edge.serve.commitment import Commitment, CommitmentProblem, Curves
 from bess.edge.serve.constraints import PowerCapability, SocLimits, set_point_range, share
 from bess.edge.serve.measurement_validator import MeasurementValidator, ValidState
-from bess.edge.serve.plan import CarriedPlan, DemandForecast, PlanTracker, ahead, preferences
+from bess.edge.serve.plan import CarriedPlan, DemandForecast, ahead, preferences
 from bess.errors import InputError
 from bess.study.sections import ServiceSection
 from bess.system import State, System
+
+NEAR: Final = 0.1
+"""Relative deviation from the demand of the plan up to which its shares are used."""
+NEAR_S: Final = 60.0
+"""Time for which the demand must stay this near."""
 
 
 class Controller(Checkpointed):
@@ -60,7 +66,7 @@ class Controller(Checkpointed):
     """
 
     _carried = (
-        "_last_s", "last_kw", "commitment", "_guard", "ageing", "calibration", "_forecast", "_following",
+        "_last_s", "last_kw", "commitment", "_guard", "ageing", "calibration", "_forecast", "_near_s",
         "counters",
     )  # fmt: skip
 
@@ -83,7 +89,7 @@ class Controller(Checkpointed):
             )
         self.soc_limits = SocLimits(system, service, self.step_s)
         self.plan = CarriedPlan(system, policy, plan_s, plan_steps, background=background)
-        self._following = PlanTracker(self.plan, self.step_s)
+        self._near_s = 0.0
         self._forecast = DemandForecast(self.step_s, plan_s, plan_steps)
         self.ageing = Ageing(system)
         self._guard = MeasurementValidator(system, service, self.step_s, self.ageing)
@@ -258,7 +264,7 @@ class Controller(Checkpointed):
         coming = self.plan.from_now(now_s)
         planned = None if coming is None else coming[:, 0]
         signed_kw = demand_kw if discharge else -demand_kw
-        followed = self._following.shares(planned, signed_kw, most, elapsed_s)
+        followed = self._planned_shares(planned, signed_kw, most, elapsed_s)
         if followed is not None:
             self.commitment.advance_time(usable, demand_kw, elapsed_s)
             self.commitment.set_commitment(followed > 0.0, usable & (most > 0.0))
@@ -267,3 +273,20 @@ class Controller(Checkpointed):
         problem = CommitmentProblem(demand_kw, most, usable, curves, preferences(planned, curves, discharge))
         self.commitment.update(problem, elapsed_s=elapsed_s, step_s=self.step_s)
         return problem.best_shares(self.commitment.running)
+
+    def _planned_shares(
+        self, planned_kw: Array | None, demand_kw: float, most_kw: Array, elapsed_s: float
+    ) -> Array | None:
+        """Magnitudes in the proportions of the plan; None if the plan is not to be followed now.
+
+        A demand that only crosses that of the plan must not switch inverters, so it has to stay near for a
+        while. ``planned_kw`` are the plan's present set-points, ``demand_kw`` is signed, and ``most_kw`` is
+        the capability of each string in its direction.
+        """
+        plan_kw = 0.0 if planned_kw is None else float(planned_kw.sum())
+        is_near = abs(demand_kw - plan_kw) <= NEAR * abs(plan_kw)
+        self._near_s = self._near_s + elapsed_s if is_near else 0.0
+        if planned_kw is None or not is_near or self._near_s + self.step_s < min(NEAR_S, self.plan.step_s):
+            return None
+        wanted = np.abs(planned_kw) * (abs(demand_kw) / abs(plan_kw) if plan_kw else 0.0)
+        return wanted if (wanted <= most_kw * (1.0 + 1e-9)).all() else None

@@ -27,10 +27,6 @@ REPLAN_S: Final = 30.0
 """Minimum time between two plans of the same step."""
 NOT_PLANNED: Final = 0.005
 """Additional cost of a kWh through a string that the plan does not use, in kWh of losses."""
-NEAR: Final = 0.1
-"""Relative deviation from the demand of the plan up to which its shares are used."""
-NEAR_S: Final = 60.0
-"""Time for which the demand must stay this near."""
 STEEPEST: Final = 0.02
 """Maximum difference of marginal losses that is derived from a plan."""
 
@@ -230,35 +226,6 @@ class CarriedPlan(Checkpointed):
         return ActivePlan(
             slot, request, served[: request.shape[1]], limit_kw, gap if np.isfinite(gap) else None
         )
-
-
-class PlanTracker(Checkpointed):
-    """Uses the shares of a plan while the demand stays near that of the plan.
-
-    A demand that only crosses that of the plan must not switch inverters, so it has to stay near for a while.
-    """
-
-    _carried = ("near_s",)
-
-    def __init__(self, plan: CarriedPlan, step_s: float) -> None:
-        self._plan, self._step_s = plan, step_s
-        self.near_s = 0.0
-
-    def shares(
-        self, planned_kw: Array | None, demand_kw: float, most_kw: Array, elapsed_s: float
-    ) -> Array | None:
-        """Magnitudes in the proportions of the plan; None if the plan is not to be followed now.
-
-        ``planned_kw`` are the plan's present set-points, ``demand_kw`` is signed, and ``most_kw`` is the
-        capability of each string in its direction.
-        """
-        plan_kw = 0.0 if planned_kw is None else float(planned_kw.sum())
-        is_near = abs(demand_kw - plan_kw) <= NEAR * abs(plan_kw)
-        self.near_s = self.near_s + elapsed_s if is_near else 0.0
-        if planned_kw is None or not is_near or self.near_s + self._step_s < min(NEAR_S, self._plan.step_s):
-            return None
-        wanted = np.abs(planned_kw) * (abs(demand_kw) / abs(plan_kw) if plan_kw else 0.0)
-        return wanted if (wanted <= most_kw * (1.0 + 1e-9)).all() else None
 
 
 def preferences(planned_kw: Array | None, curves: Curves, discharge: bool) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -49,17 +50,6 @@ def build_controller(study: Study, *, background: bool = True) -> tuple[Controll
     return Controller(system, policy, study.service, settings.horizon_steps, background=background), notes
 
 
-class Clock:
-    """Seconds since 1970, taken from the system clock once and then counted by the monotonic clock."""
-
-    def __init__(self) -> None:
-        self._offset_s = time.time() - time.monotonic()
-
-    def __call__(self) -> float:
-        """Time now [s]."""
-        return time.monotonic() + self._offset_s
-
-
 @dataclass(frozen=True)
 class ControlRequest:
     """Input of one control step, and when it was received [s of the monotonic clock]."""
@@ -79,7 +69,9 @@ class Service:
     def __init__(self, study: Study, folder: Path) -> None:
         self.name = study.name
         self.controller, self.notes = build_controller(study)
-        self.clock = Clock()
+        offset_s = time.time() - time.monotonic()
+        # Seconds since 1970 of a clock that never goes back.
+        self.clock: Callable[[], float] = lambda: time.monotonic() + offset_s
         self.memory = StateStore(folder, self.controller.system)
         self.notes.append(self.memory.load(self.controller, self.clock()))
         self.history = History()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -20,9 +19,8 @@ from bess.plant import Plant
 from bess.simulation.analysis.kpis import kpis
 from bess.simulation.analysis.services import is_reserve
 from bess.simulation.closed_loop import ClosedLoop
-from bess.simulation.inputs import Inputs, limits_of
+from bess.simulation.inputs import Inputs, known_reactive, limits_of
 from bess.simulation.installations import Installations
-from bess.simulation.reactive import ReactiveDemand
 from bess.simulation.record.dataset import VARIABLES
 from bess.study import Study
 from bess.study.demands.profile import ProfileSource
@@ -101,7 +99,7 @@ class Replay:
             notes=[],
             series={name: record[name].values for name in _AT_THE_METER if name in record},
             reactive=(
-                ReactiveDemand(PerfectForecast(record["reactive_demand_kvar"].values))
+                known_reactive(PerfectForecast(record["reactive_demand_kvar"].values))
                 if "reactive_demand_kvar" in record
                 else None
             ),
@@ -124,8 +122,8 @@ class Replay:
     def rules(self) -> dict[str, dict[str, float]]:
         """KPIs of every rule on this demand, by its name, and the power drawn from the cells."""
         figures = {}
-        for name, rule in rules_of(self):
-            record = self.under(rule)
+        for name in RULES:
+            record = self.under(RulePolicy(self.system, self.inputs.grid.dt_h, name))
             figures[name] = kpis(record) | {_DRAWN_KW: _drawn_kw(record)}
         return figures
 
@@ -140,12 +138,6 @@ class Replay:
         run, _ = loop.advance_part(inputs.grid.n_steps)
         variables = {name: (VARIABLES[name].dims, values) for name, values in run.items()}
         return xr.Dataset(variables, {"time": self.record["time"]}, self.record.attrs)
-
-
-def rules_of(replay: Replay) -> Iterator[tuple[str, RulePolicy]]:
-    """Yield the name and policy of every rule of the registry, for the plant of a replay."""
-    for name in RULES:
-        yield name, RulePolicy(replay.system, replay.inputs.grid.dt_h, name)
 
 
 def gain_over_rules(replay: Replay, policy: str = "") -> dict[str, float | str]:

@@ -35,8 +35,8 @@ from bess.files import Fill
 from bess.study.demands.site import MeterSection, site_of
 from bess.study.demands.source import (
     DemandSection,
+    DemandSource,
     Efficiency,
-    KnownDemand,
     RunDemand,
     Setting,
     StepInputs,
@@ -453,7 +453,7 @@ class AwarePlanner:
         return MarketPlan(**vars(plan), step=step, limit_kw=now.limit_kw, price_eur_mwh=price)
 
 
-class ArbitrageSource(KnownDemand):
+class ArbitrageSource(DemandSource):
     """A dispatch plan that is re-optimised when due."""
 
     _carried = ("_day", "_energy_kwh", "_discharged_kwh", "_budget", "_connection", "_plan")
@@ -497,7 +497,7 @@ class ArbitrageSource(KnownDemand):
         return budget.limited(demand_kw, float((self._nominal_kwh * state.soh_capacity).min()))
 
     def block(self, step: int, most: int, horizon: int, now: StepInputs) -> Array:
-        """See :class:`~bess.study.demands.source.KnownDemand`."""
+        """See :class:`~bess.study.demands.source.DemandSource`."""
         now_kw, plan = self.ahead(step, horizon, now), self._plan
         assert plan is not None
         if self._budget is not None or self._connection is not None:

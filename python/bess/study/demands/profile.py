@@ -11,7 +11,7 @@ from bess.dispatch import PROFILES, Forecast
 from bess.files import Fill
 from bess.study.demands.source import (
     DemandSection,
-    KnownDemand,
+    DemandSource,
     RunDemand,
     Setting,
     StepInputs,
@@ -65,7 +65,7 @@ class ProfileDemand(DemandSection):
         return RunDemand(grid, ProfileSource(forecast_of(self.forecast, values, grid.dt_h)))
 
 
-class ProfileSource(KnownDemand):
+class ProfileSource(DemandSource):
     """A known series; the demand after its end is zero."""
 
     def __init__(self, forecast: Forecast) -> None:
@@ -76,5 +76,5 @@ class ProfileSource(KnownDemand):
         return padded(self._forecast.ahead(step, horizon), horizon)
 
     def block(self, step: int, most: int, horizon: int, now: StepInputs) -> Array:
-        """See :class:`~bess.study.demands.source.KnownDemand`."""
+        """See :class:`~bess.study.demands.source.DemandSource`."""
         return np.array([self.ahead(each, horizon, now) for each in range(step, step + most)])

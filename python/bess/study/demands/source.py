@@ -226,17 +226,13 @@ class DemandSource(Checkpointed, ABC):
         """Return planned values of ``step`` by record name, after :meth:`ahead`; empty without a plan."""
         return {}
 
-
-class KnownDemand(DemandSource):
-    """Demand of several steps that does not depend on measurements within them."""
-
-    @abstractmethod
     def block(self, step: int, most: int, horizon: int, now: StepInputs) -> Array:
         """Return :meth:`ahead` of ``step`` and the next ones, ``(n_steps, horizon)``.
 
         It covers at most ``most`` steps that do not depend on measurements after ``now``, with the same
         inverters in service.
         """
+        return self.ahead(step, horizon, now)[None]
 
     def measured(self, step: int, soc: Array, soh_capacity: Array) -> None:
         """Record the states at the start of ``step``, a later step of the last :meth:`block`."""
