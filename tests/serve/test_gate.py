@@ -94,7 +94,7 @@ FOREIGN: dict[str, dict[str, str]] = {
 def test_pages_of_other_origins_are_refused_on_every_path(
     client: TestClient, closed: TestClient, service: Service, headers: dict[str, str]
 ) -> None:
-    answers = service.controller.counters.answers
+    answers = service.controller.answers
     for path in POSTS:
         assert client.post(path, json=GOOD, headers=headers).status_code == 403, path
         assert closed.post(path, json=GOOD, headers=headers | BEARER).status_code == 403, path
@@ -102,7 +102,7 @@ def test_pages_of_other_origins_are_refused_on_every_path(
         assert client.get(path, headers=headers).status_code == 403, path
     assert client.delete("/v1/calibration", headers=headers).status_code == 403
     assert client.options("/v1/demand", headers=headers).status_code == 403
-    assert service.controller.counters.answers == answers
+    assert service.controller.answers == answers
 
 
 def test_of_two_origins_both_must_be_ours(client: TestClient) -> None:

@@ -155,7 +155,7 @@ def test_a_service_on_a_full_disk_starts_controls_says_so_and_saves_once_there_i
         process.kill()
         process.wait()
     saved = [json.loads(path.read_bytes().split(b"\n")[1]) for path in folder.glob("memory-*.json")]
-    assert max(document["counters"]["answers"] for document in saved) == answers + 4
+    assert max(document["answers"] for document in saved) == answers + 4
 
 
 def test_a_service_whose_log_nobody_reads_goes_on_and_ends_when_told(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The answer of one control step: set-points, status and reasons; and totals of all answers."""
+"""The answer of one control step: set-points, status and reasons."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from typing import Any, Final
 import numpy as np
 
 from bess.arrays import Array, Flags
-from bess.checkpoints import Checkpointed
 from bess.edge.serve.calibration import Calibration
 from bess.edge.serve.constraints import POWER_TOLERANCE_KW, PowerCapability
 from bess.edge.serve.measurement_validator import ValidState
@@ -73,23 +72,6 @@ def unmet(demand_kw: float, request_kw: Array) -> float:
     """Magnitude of the deviation of set-points from the demand [kW]; 0 within rounding."""
     off_kw = abs(demand_kw - float(request_kw.sum()))
     return 0.0 if off_kw <= 1e-9 * max(1.0, abs(demand_kw)) else off_kw
-
-
-class Counters(Checkpointed):
-    """Totals since the state began: answers, and energy requested of each string ``>= 0``."""
-
-    _carried = ("answers", "fallbacks", "charged_kwh", "discharged_kwh")
-
-    def __init__(self, n_strings: int) -> None:
-        self.answers = self.fallbacks = 0
-        self.charged_kwh: Array = np.zeros(n_strings)
-        self.discharged_kwh: Array = np.zeros(n_strings)
-
-    def carry(self, request_kw: Array, held_s: float) -> None:
-        """Add the energy of set-points over a time."""
-        hours = held_s / 3600.0
-        self.charged_kwh = self.charged_kwh + np.maximum(-request_kw, 0.0) * hours
-        self.discharged_kwh = self.discharged_kwh + np.maximum(request_kw, 0.0) * hours
 
 
 def status(unmet_kw: float, demand_kw: float, has_plan: bool, plan_error: str) -> str:

@@ -23,7 +23,7 @@ from bess.control.policies import Policy
 from bess.control.policies.rule import water_fill
 from bess.edge.plant_io import Measurements
 from bess.edge.serve.ageing import Ageing
-from bess.edge.serve.answer import Answer, Counters, reasons, status, unmet
+from bess.edge.serve.answer import Answer, reasons, status, unmet
 from bess.edge.serve.calibration import Calibration
 from bess.edge.serve.commitment import Commitment, CommitmentProblem, Curves
 from bess.edge.serve.constraints import PowerCapability, SocLimits, set_point_range, share
@@ -58,6 +58,8 @@ class Controller(Checkpointed):
         Whether the set-points reach the plant; strings are then expected to follow them.
     valid, able, ahead_kw
         Validated state, capability, and forecast (present step first) of the last step.
+    answers, fallbacks, charged_kwh, discharged_kwh
+        Totals since the state began: answers, and energy requested of each string ``>= 0``.
 
     Raises
     ------
@@ -67,7 +69,7 @@ class Controller(Checkpointed):
 
     _carried = (
         "_last_s", "last_kw", "commitment", "_guard", "ageing", "calibration", "_forecast", "_near_s",
-        "counters",
+        "answers", "fallbacks", "charged_kwh", "discharged_kwh",
     )  # fmt: skip
 
     def __init__(
@@ -99,7 +101,9 @@ class Controller(Checkpointed):
             minimum_on_s=service.minimum_on_s,
             minimum_off_s=service.minimum_off_s,
         )
-        self.counters = Counters(n)
+        self.answers = self.fallbacks = 0
+        self.charged_kwh: Array = np.zeros(n)
+        self.discharged_kwh: Array = np.zeros(n)
         self.drives = True
         self.calibration = Calibration(system, service, self.soc_limits, background=background)
         self.last_kw: Array = np.zeros(n)
@@ -161,7 +165,7 @@ class Controller(Checkpointed):
 
         unmet_kw = unmet(asked_kw, request)
         self.last_kw, self.valid, self.able, self.ahead_kw = request, valid, able, forecast
-        self.counters.answers += 1
+        self.answers += 1
         return Answer(
             request_kw=request,
             plan_kw=ahead(self.plan, request, forecast_kw, now_s, valid.limit_kw),
@@ -215,7 +219,7 @@ class Controller(Checkpointed):
         """Record that a fallback replaced the last answer of :meth:`step`."""
         self.last_kw = fallback.request_kw
         self.commitment.set_commitment(fallback.running, np.ones(self.n_strings, dtype=bool))
-        self.counters.fallbacks += 1
+        self.fallbacks += 1
 
     def at_least_loss(self, demand_kw: float, soc: Array) -> Array:
         """Set-points [kW] at minimum loss for these SOC and the last measured temperatures; stateless."""
@@ -241,7 +245,9 @@ class Controller(Checkpointed):
         """Validate the measurements; count energy and ageing since the last step."""
         # Set-points expire.
         held_s = min(elapsed_s, self.step_s)
-        self.counters.carry(self.last_kw, held_s)
+        held_h = held_s / 3600.0
+        self.charged_kwh = self.charged_kwh + np.maximum(-self.last_kw, 0.0) * held_h
+        self.discharged_kwh = self.discharged_kwh + np.maximum(self.last_kw, 0.0) * held_h
         # In shadow mode the plant follows another controller.
         asked_kw = self.last_kw if self.drives else np.nan_to_num(measured.power_kw)
         valid = self._guard(measured, asked_kw, elapsed_s, drives=self.drives)

@@ -72,15 +72,15 @@ class Metrics:
         self._unmet.set(answer.unmet_kw)
         plan = controller.plan.current
         self._plan_age.set(-1 if plan is None else controller.plan.slot(at_s) - plan.slot)
-        counters, valid, calibration = controller.counters, controller.valid, controller.calibration
+        valid, calibration = controller.valid, controller.calibration
         self._cost.set(np.nan if calibration.planned is None else calibration.planned[2])
         columns: dict[str, Any] = {
             "request_kw": answer.request_kw,
             "running": answer.running,
             "out_of_control_kw": answer.flowing_kw,
             "starts": controller.commitment.starts,
-            "charged_kwh": counters.charged_kwh,
-            "discharged_kwh": counters.discharged_kwh,
+            "charged_kwh": controller.charged_kwh,
+            "discharged_kwh": controller.discharged_kwh,
             "soh_capacity_ratio": controller.ageing.soh_capacity,
         }
         if (due_s := calibration.due_s()) is not None:

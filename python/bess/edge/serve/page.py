@@ -89,8 +89,8 @@ def live(service: Service, span: str) -> dict[str, Any]:
         "nominal_kw": controller.system.nominal_kw.tolist(),
         "derating_c": min(string.derating.start_c for string in controller.system.strings),
         "starts": controller.commitment.starts.tolist(),
-        "answers": controller.counters.answers,
-        "fallbacks": controller.counters.fallbacks,
+        "answers": controller.answers,
+        "fallbacks": controller.fallbacks,
         "notes": [note for note in (*service.notes, service.memory.error) if note],
         "calibration": {
             "string": calibration.string,

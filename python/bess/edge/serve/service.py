@@ -125,7 +125,7 @@ class Service:
             "status": "impaired" if self.memory.error else "degraded" if degraded else "ok",
             "study": self.name,
             "n_strings": self.controller.n_strings,
-            "answers": self.controller.counters.answers,
+            "answers": self.controller.answers,
             "last_answer_s": None if self.last is None else round(self.clock() - self.last[0], 3),
             "planned": self.controller.plan.current is not None,
             "unmet_kw": unmet_kw,
