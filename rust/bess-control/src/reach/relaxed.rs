@@ -222,8 +222,6 @@ impl ControlHorizon {
         };
         let beyond = string.beyond_potential(potential, direction, (states, end), &c, frozen, &moved);
         let beyond = Range { low: beyond.low / per_unit, high: beyond.high / per_unit };
-        let potential_range = 0.5 * (beyond.high - beyond.low);
-        let potential_0 = 2.0 * potential_range * (-moved.low).max(0.0);
 
         // The stored energy between lines over the box at the end.
         let start = potential.at(self.start[m].soc);
@@ -275,12 +273,12 @@ impl ControlHorizon {
             ("switch_0", (switch - states.soc.low).max(0.0)),
             ("switch_hi", states.soc.high),
             ("switch_1", (states.soc.high - switch).max(0.0)),
-            ("current", 0.5 * (current.low + current.high)),
-            ("current_range", 0.5 * (current.high - current.low)),
-            ("current_0", (current.high - current.low) * reverse),
-            ("potential", sign * 0.5 * (beyond.low + beyond.high)),
-            ("potential_range", sign * potential_range),
-            ("potential_0", potential_0 + MARGIN),
+            ("current_lo", current.low),
+            ("current_hi", current.high),
+            ("current_0", (current.high - current.low) * reverse + MARGIN),
+            ("potential_lo", sign * beyond.low),
+            ("potential_hi", sign * beyond.high),
+            ("potential_0", (beyond.high - beyond.low) * (-moved.low).max(0.0) + MARGIN),
             ("soc_lo", end.soc.low),
             ("soc_hi", end.soc.high),
             ("stored_hi_soc", lines[0].0),

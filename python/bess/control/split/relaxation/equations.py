@@ -69,10 +69,6 @@ def build(
     P, z = var("P"), var("z")  # internal power V I; V^2/R of a string that runs, 0 of one that is off
     # At step boundaries, the first of them measured: SOC, temperature, stored energy.
     soc, theta, e = (var(name, n_steps + 1) for name in ("soc", "theta", "e"))
-    s, r = (
-        var("s"),
-        var("r"),
-    )  # slack of the charge and energy balances within the voltage range
     u = p + a + d  # the request
     before, after = slice(None, -1), slice(1, None)
     moved = soc[:, before] - soc[:, after]
@@ -110,14 +106,12 @@ def build(
         soc[:, before] >= par("switch_lo") - times("switch_0", low),
         soc[:, before] <= par("switch_hi") - times("switch_1", low),
         # Charge balance, with the voltage in its range.
-        times("sign", moved) == times("current", P) + s,
-        s <= times("current_range", P) + par("current_0"),
-        -s <= times("current_range", P) + par("current_0"),
+        times("sign", moved) <= times("current_hi", P) + par("current_0"),
+        times("sign", moved) >= times("current_lo", P) - par("current_0"),
         soc[:, after] >= par("soc_lo"), soc[:, after] <= par("soc_hi"),
         # Energy balance: a string delivers the decrease of its stored energy, and more as its voltage falls.
-        times("sign", e[:, before] - e[:, after]) + times("potential", moved) + r == P,
-        r <= times("potential_range", moved) + par("potential_0"),
-        -r <= times("potential_range", moved) + par("potential_0"),
+        times("sign", e[:, before] - e[:, after]) + times("potential_hi", moved) + par("potential_0") >= P,
+        times("sign", e[:, before] - e[:, after]) + times("potential_lo", moved) - par("potential_0") <= P,
         e[:, after] <= times("stored_hi_soc", soc[:, after]) + par("stored_hi_0"),
         *(e[:, after] >= times(f"stored_lo_soc_{j}", soc[:, after]) + par(f"stored_lo_0_{j}")
           for j in (0, 1)),

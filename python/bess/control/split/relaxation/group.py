@@ -184,7 +184,7 @@ class RelaxedGroup:
         values[self._columns["low"]] = flag("must_be_low")
         for name in BINARIES:
             fixed[self._columns[name][settled[name]]] = True
-        for name in ("p", "w", "h", "z", "P", "s", "r"):
+        for name in ("p", "w", "h", "z", "P"):
             fixed[self._columns[name][~runs]] = True
         fixed[self._columns["a"][~sheds & (cells["a_off"] == 0.0)]] = True
         fixed[self._columns["d"][cells["derating_hi"] <= 0.0]] = True
