@@ -88,7 +88,7 @@ PYTHON = [
     ("strings are alike whatever their states", DATA, "alike = alike & (np.diff(values) == 0.0)", "alike = alike"),
     ("strings are alike whatever their limits", GROUP, " & _equal_rows(problem.limit_kw)", ""),
     ("frozen strings are exchanged", GROUP, " & (not frozen)", ""),
-    ("a part is left out", TREE, "for part in branches(is_over):", "for part in branches(is_over)[:1]:"),
+    ("a part is left out", TREE, "for part in branches():", "for part in branches()[:1]:"),
     ("a node without schedules has no bound at the cutoff", GROUP, "bound = min(answer.bound * self.unit, cutoff)", "bound = answer.bound * self.unit"),
     ("a string that has to run is off", GROUP, 'values[self._columns["on"]] = flag("must_run")', 'values[self._columns["on"]] = 0.0'),
     ("what may be shed is held at zero", GROUP, 'fixed[self._columns["a"][~sheds & (cells', 'fixed[self._columns["a"][True | (cells'),

@@ -103,6 +103,14 @@ def test_the_default_budget_closes_what_its_root_leaves_open():
     assert default.status is SplitStatus.OPTIMAL
 
 
+def test_few_nodes_close_most_of_what_is_open_over_eight_steps():
+    """The cuts that matter are known before a node is solved for them."""
+    state, demand = bess.State([0.05, 0.12], [30.0, 33.0]), [70.0, 110.0, 40.0, 90.0, 60.0, 30.0, 80.0, 50.0]
+    root, few = (bess.split_power(SYSTEM, state, demand, node_limit=n) for n in (1, 30))
+    assert root.groups[0].gap > 0.1
+    assert few.groups[0].gap < 0.1 * root.groups[0].gap
+
+
 @pytest.mark.parametrize(("node_limit", "solves"), [(None, False), (1, False), (2, True)])
 def test_only_a_limit_above_1_solves_relaxations_where_the_gap_is_small(node_limit, solves):
     state, demand = bess.State([0.5, 0.6], [30.0, 31.0]), [90.0, 70.0, 120.0]

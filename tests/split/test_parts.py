@@ -12,7 +12,7 @@ from bess.control.split.normalisation import constant_scale, payoff_scale
 from bess.control.split.objectives import NAMES, Objective, Objectives
 from bess.control.split.problem import SplitProblem
 from bess.control.split.relaxation import conic
-from bess.control.split.relaxation.conic import ConicProgram, NodeStatus, solve
+from bess.control.split.relaxation.conic import ConicProgram, NodeStatus, lagrangian, solve
 from bess.control.split.relaxation.equations import build, compiled
 from bess.convexity import convex_below
 
@@ -201,10 +201,23 @@ def test_the_bound_of_a_node_is_its_dual_objective_and_a_margin_below_the_optimu
 def test_the_bound_of_a_node_comes_from_its_dual_not_from_its_primal_objective(monkeypatch):
     program = _norm_program()
     data = program.load(program.parameters({"limit": np.array([1.0, 1.0, 0.0])}))
-    solved = SimpleNamespace(status="Solved", x=[0.0] * 4, z=[0.0] * 4, obj_val_dual=0.5, obj_val=2.0)
+    solved = SimpleNamespace(status="Solved", x=[0.0] * 4, z=[0.0] * 9, obj_val_dual=0.5, obj_val=2.0)
     monkeypatch.setattr(conic.clarabel, "DefaultSolver", lambda *_: SimpleNamespace(solve=lambda: solved))
     answer = solve(data, np.zeros(program.n_columns, dtype=bool), np.zeros(program.n_columns))
     assert answer.bound <= 0.5
+
+
+def test_shadow_prices_tell_what_a_tighter_limit_costs_before_it_is_solved():
+    """To first order: at the point and the prices of a program that was solved."""
+    program = _norm_program()
+    none, zeros = np.zeros(program.n_columns, dtype=bool), np.zeros(program.n_columns)
+    loose, tight = (
+        program.load(program.parameters({"limit": np.array([1.0, limit, 0.0])})) for limit in (0.8, 0.78)
+    )
+    at, costs = solve(loose, none, zeros), solve(tight, none, zeros).bound
+    assert lagrangian(loose, none, zeros, at) == pytest.approx(at.bound, abs=1e-5)
+    gain = lagrangian(tight, none, zeros, at) - lagrangian(loose, none, zeros, at)
+    assert 0.0 < gain == pytest.approx(costs - at.bound, rel=0.1)
 
 
 def test_a_variable_that_is_held_costs_what_it_costs():

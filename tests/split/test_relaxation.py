@@ -51,9 +51,10 @@ def objective_and_bounds(
             lambda request_pu, on: None,
             frozen=frozen,
         )
-        root = control.root(control.reachable())
+        root = relaxed.solve(control.root(control.reachable()))
         limit = 1 if frozen else NODES
-        bounds.append(tree.search(relaxed, root, lambda: np.inf, gap=1e-6, node_limit=limit).bound)
+        found = tree.search(root, lambda r=relaxed: r.nodes, lambda: np.inf, gap=1e-6, node_limit=limit)
+        bounds.append(found.bound)
     return float(answer.incumbent.objectives[0]), bounds[0], bounds[1]
 
 

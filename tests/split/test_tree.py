@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bess.control.split import tree
-from bess.control.split.tree import Closure, Part, Solved
+from bess.control.split.tree import Closure, Solved
 
 pytestmark = pytest.mark.exhaustive
 
@@ -37,7 +37,7 @@ class Binaries:
             return Solved(answer.bound)
         index = int(np.argmin(np.where(free, np.abs(x - 0.5), np.inf)))
         return Solved(
-            answer.bound, lambda is_over: [Part(self.settled(node, index, value)) for value in (0, 1)]
+            answer.bound, lambda: [self.solve(self.settled(node, index, value)) for value in (0, 1)]
         )
 
     @staticmethod
@@ -48,7 +48,9 @@ class Binaries:
 
 
 def search(problem, lower, upper, **limits):
-    return tree.search(Binaries(problem), (lower, upper), problem.incumbent, **limits)
+    binaries = Binaries(problem)
+    root = binaries.solve((lower, upper))
+    return tree.search(root, lambda: binaries.nodes, problem.incumbent, **limits)
 
 
 class Knapsack:

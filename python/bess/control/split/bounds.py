@@ -199,8 +199,8 @@ class Certificate:
             frozen=frozen,
         )
         ended = tree.search(
-            relaxed,
-            self._control.root(boxes),
+            relaxed.solve(self._control.root(boxes)),
+            lambda: relaxed.nodes,
             lambda: objective,
             gap=gap,
             abs_gap=abs_gap,

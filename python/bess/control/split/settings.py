@@ -18,9 +18,9 @@ ROLLOUTS: Final = 2000
 """Effort of one descent of the search on the control model, in roll-outs."""
 
 STEPS_OF_STRINGS: Final = 2400
-"""Default string-steps (strings x steps) in all nodes of one priority: half a second."""
+"""Default string-steps (strings x steps) in all nodes of one priority, up to half a second."""
 
-LARGE: Final = 16
+LARGE: Final = 8
 """String-steps above which the default solves fewer nodes: each node costs more and gains less."""
 
 
@@ -38,7 +38,7 @@ class SplitSettings(Choice):
         may find a better split. With 1, the root is solved if the rigorous gap exceeds 3 %; with a larger
         limit, nodes are solved while the rigorous gap exceeds ``gap``. By default, nodes are solved if the
         rigorous gap exceeds 3 %: as many as make :data:`STEPS_OF_STRINGS` string-steps (300 for two strings
-        and four steps, 150 for two strings and eight steps; for larger problems fewer, with the square of the
+        and four steps, 75 for two strings and eight steps: for larger problems fewer, with the square of the
         size), or as fit into ``time_limit_s`` if given. The policy ``mpc`` of a closed loop uses 1 unless a
         limit is given.
     time_limit_s : float or None

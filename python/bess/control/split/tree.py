@@ -1,8 +1,7 @@
-"""Best-first branch and bound, for any relaxation that can solve and branch nodes.
+"""Best-first branch and bound, over nodes that know their bound and their branches.
 
-The relaxation implements :class:`Relaxation`: it solves a node and returns a bound and the branches. A node
-whose solve failed keeps the bound of its parent and is branched. The relaxation manages incumbents; the
-search receives only the best objective known.
+A node whose solve failed keeps the bound of its parent and is branched. The relaxation manages incumbents;
+the search receives only the best objective known.
 """
 
 from __future__ import annotations
@@ -13,11 +12,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from itertools import count
-from typing import Generic, Protocol, TypeVar
 
 import numpy as np
-
-N = TypeVar("N")
 
 
 class Closure(Enum):
@@ -31,20 +27,12 @@ class Closure(Enum):
     INFEASIBLE = "no feasible point exists"
 
 
-@dataclass(frozen=True)
-class Part(Generic[N]):
-    """A part of a node, with its solution if strong branching has already solved it."""
-
-    node: N
-    solved: Solved[N] | None = None
-
-
-Branches = Callable[[Callable[[], bool]], Sequence[Part[N]]]
-"""Returns the parts of a node; its argument reports whether the search is over, so that it can stop early."""
+Branches = Callable[[], Sequence["Solved"]]
+"""Branches a node and returns its parts, solved."""
 
 
 @dataclass(frozen=True)
-class Solved(Generic[N]):
+class Solved:
     """Solution of a node.
 
     Attributes
@@ -56,18 +44,7 @@ class Solved(Generic[N]):
     """
 
     bound: float
-    branches: Branches[N] | None = None
-
-
-class Relaxation(Protocol[N]):
-    """Interface between the search and a problem."""
-
-    @property
-    def nodes(self) -> int:
-        """Nodes solved so far, and the number of them solved by strong branching only."""
-
-    def solve(self, node: N) -> Solved[N]:
-        """Solve the relaxation of a node."""
+    branches: Branches | None = None
 
 
 @dataclass(frozen=True)
@@ -80,8 +57,8 @@ class TreeResult:
 
 
 def search(
-    relaxation: Relaxation[N],
-    root: N,
+    root: Solved,
+    nodes: Callable[[], int],
     incumbent: Callable[[], float],
     *,
     gap: float,
@@ -94,10 +71,10 @@ def search(
 
     Parameters
     ----------
-    relaxation
-        Problem.
     root
         Root node.
+    nodes
+        Function that returns the number of nodes solved so far.
     incumbent
         Function that returns the objective of the incumbent, ``inf`` if none.
     gap, abs_gap
@@ -111,38 +88,31 @@ def search(
     """
     order = count()
     closed = np.inf  # smallest bound of the closed nodes
-    heap: list[tuple[float, int, Branches[N]]] = []
+    heap: list[tuple[float, int, Branches]] = []
 
-    def is_late() -> bool:
-        return deadline is not None and time.perf_counter() >= deadline
-
-    def is_over() -> bool:
-        return relaxation.nodes >= node_limit or is_late()
-
-    def visit(part: Part[N], inherited: float) -> None:
+    def visit(solved: Solved, inherited: float) -> None:
         nonlocal closed
-        solved = part.solved or relaxation.solve(part.node)
         bound = max(solved.bound, inherited)
         if solved.branches is None or bound == np.inf:
             closed = min(closed, bound)
             return
         heapq.heappush(heap, (bound, next(order), solved.branches))
 
-    visit(Part(root), start_bound)
+    visit(root, start_bound)
     while True:
         best = incumbent()
         target = best - max(abs_gap, gap * abs(best)) if np.isfinite(best) else np.inf
         bound = min(closed, heap[0][0] if heap else np.inf)
         if bound >= target:
             closure = Closure.GAP if np.isfinite(best) else Closure.INFEASIBLE
-            return TreeResult(closure, min(bound, best), relaxation.nodes)
+            return TreeResult(closure, min(bound, best), nodes())
         if not heap or closed <= heap[0][0]:
             # The bound cannot rise any more: a leaf limits it.
-            return TreeResult(Closure.TREE, bound, relaxation.nodes)
-        if relaxation.nodes >= node_limit:
-            return TreeResult(Closure.NODE_LIMIT, bound, relaxation.nodes)
-        if is_late():
-            return TreeResult(Closure.TIME_LIMIT, bound, relaxation.nodes)
+            return TreeResult(Closure.TREE, bound, nodes())
+        if nodes() >= node_limit:
+            return TreeResult(Closure.NODE_LIMIT, bound, nodes())
+        if deadline is not None and time.perf_counter() >= deadline:
+            return TreeResult(Closure.TIME_LIMIT, bound, nodes())
         inherited, _, branches = heapq.heappop(heap)
-        for part in branches(is_over):
+        for part in branches():
             visit(part, inherited)

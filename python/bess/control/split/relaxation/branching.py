@@ -1,13 +1,16 @@
 """Branching of the branch and bound: at a request, at an SOC, or on the availability loss of a string.
 
-The best branching raises the bounds of both parts most. The first branching of each kind, string and step is
-evaluated (strong branching). The gain of later ones is estimated from earlier gains per width (pseudo-costs).
+The best branching raises the bounds of both parts most. The gain of a branching of one kind, string and step
+is first estimated from the shadow prices of the node; the mean gain per width of solved parts (pseudo-cost)
+then replaces the estimate.
 """
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
+from statistics import fmean
 from typing import Literal
 
 import numpy as np
@@ -15,7 +18,7 @@ from numpy.typing import NDArray
 
 from bess import _core
 from bess.arrays import Array
-from bess.control.split.tree import Part, Solved
+from bess.control.split.tree import Solved
 from bess.units import WATTS_PER_KW
 
 LEAST_KW = 1.0 / WATTS_PER_KW
@@ -39,6 +42,13 @@ LOW_SOC = 0.05
 SMALLEST_GAIN = 1e-6
 """Minimum rated gain of a part, as a share of the bound: a cut that closes the other part then rates well."""
 
+MOST_ESTIMATES = 64
+"""Maximum number of cuts of a node with estimated gains, the widest first; two estimates take a third of a
+solve."""
+
+Place = tuple[str, int, int]
+"""Kind, string and step of a cut."""
+
 
 @dataclass(frozen=True)
 class Cut:
@@ -61,6 +71,11 @@ class Cut:
     step: int
     at: float
     width: float
+
+    @property
+    def place(self) -> Place:
+        """Key of its gain."""
+        return self.kind, self.string, self.step
 
     def parts(self, node: _core.Node) -> tuple[_core.Node, _core.Node]:
         """Cut a node."""
@@ -131,27 +146,35 @@ class NodePoint:
 class Branching:
     """Choice of the best cut, with the gains of earlier cuts."""
 
-    def __init__(self, solve: Callable[[_core.Node], Solved[_core.Node]]) -> None:
+    def __init__(self, solve: Callable[[_core.Node], Solved]) -> None:
         self._solve = solve
-        self._gain_per_width: dict[tuple[str, int, int], float] = {}
+        self._estimated: dict[Place, float] = {}
+        self._gained: dict[Place, list[float]] = defaultdict(list)
 
     def best(
-        self, node: _core.Node, bound: float, cuts: list[Cut], is_over: Callable[[], bool]
-    ) -> list[Part[_core.Node]]:
-        """Branch a node with this bound; parts solved by strong branching include their answers."""
-        best_gain, best, parts = -1.0, cuts[0], None
-        for cut in cuts:
-            place = (cut.kind, cut.string, cut.step)
-            tried = None
-            if place not in self._gain_per_width and not is_over():
-                tried = [Part(part, self._solve(part)) for part in cut.parts(node)]
-                floor = SMALLEST_GAIN * abs(bound)
-                gains = [max(part.solved.bound - bound, floor) for part in tried if part.solved]
-                self._gain_per_width[place] = float(np.sqrt(np.prod(gains))) / cut.width
-            gain = self._gain_per_width.get(place, 0.0) * cut.width
-            if gain > best_gain:
-                best_gain, best, parts = gain, cut, tried
-        return parts if parts is not None else [Part(part) for part in best.parts(node)]
+        self, node: _core.Node, bound: float, cuts: list[Cut], estimate: Callable[[_core.Node], float]
+    ) -> list[Solved]:
+        """Branch a node with this bound; ``estimate`` estimates the bound of a part."""
+        for cut in sorted(cuts, key=lambda cut: -cut.width)[:MOST_ESTIMATES]:
+            if cut.place not in self._estimated:
+                bounds = [estimate(part) for part in cut.parts(node)]
+                self._estimated[cut.place] = _gain_per_width(cut, bound, bounds)
+        best = max(cuts, key=self._rated)
+        parts = [self._solve(part) for part in best.parts(node)]
+        self._gained[best.place].append(_gain_per_width(best, bound, [part.bound for part in parts]))
+        return parts
+
+    def _rated(self, cut: Cut) -> float:
+        gained = self._gained[cut.place] or [self._estimated.get(cut.place, 0.0)]
+        return fmean(gained) * cut.width
+
+
+def _gain_per_width(cut: Cut, bound: float, bounds: list[float]) -> float:
+    """Geometric mean of the gains of both parts of a cut; 0 if the node has no bound."""
+    if not np.isfinite(bound):
+        return 0.0
+    gains = np.maximum(np.array(bounds) - bound, SMALLEST_GAIN * abs(bound))
+    return float(np.sqrt(np.prod(gains))) / cut.width
 
 
 def _inside(at: float, low: float, high: float) -> float:

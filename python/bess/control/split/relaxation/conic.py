@@ -44,11 +44,21 @@ class NodeStatus(Enum):
 
 @dataclass(frozen=True)
 class ConicSolution:
-    """Outcome of one node: ``bound`` is a lower bound of its optimum (-inf if the solver failed)."""
+    """Outcome of one node.
+
+    Attributes
+    ----------
+    status : NodeStatus
+    bound : float
+        Lower bound of its optimum (-inf if the solver failed).
+    x, prices : ndarray or None
+        Optimum, and shadow prices of all rows.
+    """
 
     status: NodeStatus
     bound: float
-    x: Array | None
+    x: Array | None = None
+    prices: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -232,7 +242,7 @@ def solve(data: ConicData, fixed: NDArray[np.bool_], x_fixed: Array) -> ConicSol
         or np.any(b[zero_end:cone_start][empty[zero_end:cone_start]] < -FEASIBILITY_TOLERANCE)
         or _outside_cone(b[cone_start:].reshape(-1, 3)[~cones_used])
     ):
-        return ConicSolution(NodeStatus.INFEASIBLE, np.inf, None)
+        return ConicSolution(NodeStatus.INFEASIBLE, np.inf)
 
     free = np.flatnonzero(~fixed)
     row_of = np.cumsum(used) - 1
@@ -252,18 +262,27 @@ def solve(data: ConicData, fixed: NDArray[np.bool_], x_fixed: Array) -> ConicSol
         answer = clarabel.DefaultSolver(P, data.q[free], A, b[used], cones, _settings(refine)).solve()
         status = str(answer.status)
         if status in ("Solved", "AlmostSolved"):
-            x = held.copy()
-            x[free] = answer.x
+            x, prices = held.copy(), np.zeros(used.size)
+            x[free], prices[used] = answer.x, answer.z
             bound = answer.obj_val_dual + offset
             bound -= BOUND_MARGIN * (1.0 + abs(bound))
             if status == "AlmostSolved":
                 # The remaining residual is usually primal. The dual point still gives a bound, less the
                 # largest contribution of its residual q + A'z over all points of the program.
-                bound -= LARGEST_VALUE * float(np.abs(data.q[free] + A.T @ np.array(answer.z)).sum())
-            return ConicSolution(NodeStatus.SOLVED, bound, x)
+                bound -= LARGEST_VALUE * float(np.abs(data.q[free] + A.T @ prices[used]).sum())
+            return ConicSolution(NodeStatus.SOLVED, bound, x, prices)
         if status == "PrimalInfeasible":
-            return ConicSolution(NodeStatus.INFEASIBLE, np.inf, None)
-    return ConicSolution(NodeStatus.UNKNOWN, -np.inf, None)
+            return ConicSolution(NodeStatus.INFEASIBLE, np.inf)
+    return ConicSolution(NodeStatus.UNKNOWN, -np.inf)
+
+
+def lagrangian(data: ConicData, fixed: NDArray[np.bool_], x_fixed: Array, at: ConicSolution) -> float:
+    """Objective of an instance with its rows priced, at a solution of another one; 0 without a solution."""
+    if at.x is None or at.prices is None:
+        return 0.0
+    pattern, x = data.pattern, np.where(fixed, x_fixed, at.x)
+    rows = np.bincount(pattern.rows, data.values * x[pattern.columns], minlength=data.b.size)
+    return float(data.q @ x) + data.offset + float(at.prices @ (rows - data.b))
 
 
 def _outside_cone(rows: Array) -> bool:

@@ -16,11 +16,11 @@ from bess import _core
 from bess.arrays import Array
 from bess.control.split.problem import SplitProblem
 from bess.control.split.relaxation import conic
-from bess.control.split.relaxation.branching import SMALLEST_SOC, Branching, NodePoint
+from bess.control.split.relaxation.branching import SMALLEST_SOC, Branching, Cut, NodePoint
 from bess.control.split.relaxation.conic import NodeStatus
 from bess.control.split.relaxation.data import THETA_UNIT_K, THETA_ZERO_C, PlantConstants, costs
 from bess.control.split.relaxation.equations import BINARIES, LOSSES, compiled
-from bess.control.split.tree import Branches, Solved
+from bess.control.split.tree import Solved
 
 STEEPEST_CUT = 1e4
 """Maximum coefficient of the availability loss in a step cut, per unit."""
@@ -33,6 +33,9 @@ SAME_KW, SAME_SOC = 1e-4, 1e-6
 
 Propose = Callable[[Array, Array], None]
 """Receives the requests (relative to nominal power) and the strings that are on in a node's optimum."""
+
+Instance = tuple[conic.ConicData, NDArray[np.bool_], Array]
+"""A program, its fixed variables and their values."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +131,7 @@ class RelaxedGroup:
         self.nodes = 0
         self._branching = Branching(self.solve)
 
-    def solve(self, node: _core.Node) -> Solved[_core.Node]:
+    def solve(self, node: _core.Node) -> Solved:
         """Tighten the bounds of a node and solve it; its bound has the unit of the group's objective.
 
         The node excludes schedules that cost more than the cutoff, so no bound exceeds it.
@@ -137,11 +140,11 @@ class RelaxedGroup:
         budget_kw = self._shed_budget_kw
         if self._cost[:, 0].min() > 0.0:
             budget_kw = min(budget_kw, cutoff / self._cost[:, 0].min())
-        narrowed = self._control.narrowed(node, budget_kw)
-        if narrowed is None:
+        program = self._program(node, budget_kw)
+        if program is None:
             return Solved(cutoff)
-        cells = self.cells(narrowed)
-        answer = conic.solve(*self.instance(narrowed, cells, budget_kw))
+        narrowed, cells, instance = program
+        answer = conic.solve(*instance)
         self.nodes += 1
         if answer.status is NodeStatus.UNKNOWN:
             self.failures += 1
@@ -149,15 +152,35 @@ class RelaxedGroup:
         if answer.x is not None:
             p, a, d, on = (self.program.value(answer.x, name) for name in ("p", "a", "d", "on"))
             self._propose(p + a + d, on)
-        return Solved(bound, self._branches(narrowed, bound, cells, answer.x) if bound < cutoff else None)
+        cuts = self._cuts(narrowed, cells, answer.x) if bound < cutoff else []
+        if not cuts:
+            return Solved(bound)
+
+        def estimate(part: _core.Node) -> float:
+            """Bound of a part at the shadow prices of this node, to first order."""
+            program = self._program(part, budget_kw)
+            if program is None:
+                return cutoff
+            gain = conic.lagrangian(*program[2], answer) - conic.lagrangian(*instance, answer)
+            return min(bound + gain * self.unit, cutoff)
+
+        return Solved(bound, lambda: self._branching.best(narrowed, bound, cuts, estimate))
+
+    def _program(
+        self, node: _core.Node, budget_kw: float
+    ) -> tuple[_core.Node, dict[str, Array], Instance] | None:
+        """Tightened node, its coefficients and its program; None if the node is empty."""
+        narrowed = self._control.narrowed(node, budget_kw)
+        if narrowed is None:
+            return None
+        cells = self.cells(narrowed)
+        return narrowed, cells, self.instance(narrowed, cells, budget_kw)
 
     def cells(self, node: _core.Node) -> dict[str, Array]:
         """Coefficients over a tightened node by name, each ``(n_strings, n_steps)``."""
         return self._control.relaxed(node, self._near, self._frozen, self._units_kw)
 
-    def instance(
-        self, node: _core.Node, cells: dict[str, Array], budget_kw: float
-    ) -> tuple[conic.ConicData, NDArray[np.bool_], Array]:
+    def instance(self, node: _core.Node, cells: dict[str, Array], budget_kw: float) -> Instance:
         """Program of a tightened node with a limit on the total availability loss, with its fixed variables
         and their values."""
         theta = self._theta.copy()
@@ -205,16 +228,12 @@ class RelaxedGroup:
         theta[places["cut_a"]] = slope * nominal[:, None]
         theta[places["cut_0"]] = np.where(useful, cuts.phi, 0.0) / self._cut_unit
 
-    def _branches(
-        self, node: _core.Node, bound: float, cells: dict[str, Array], x: Array | None
-    ) -> Branches[_core.Node] | None:
-        """Return the branching of a node; None if its point is a schedule of the control model."""
+    def _cuts(self, node: _core.Node, cells: dict[str, Array], x: Array | None) -> list[Cut]:
+        """Cuts of a node; none if its point is a schedule of the control model."""
         point = NodePoint.middle(node) if x is None else self._point(node, x)
         if point is None:
-            return None
-        otherwise = cells["full_slack"] > SMALLEST_SOC
-        cuts = point.cuts(node, self._constants.nominal_kw, otherwise)
-        return (lambda is_over: self._branching.best(node, bound, cuts, is_over)) if cuts else None
+            return []
+        return point.cuts(node, self._constants.nominal_kw, cells["full_slack"] > SMALLEST_SOC)
 
     def _point(self, node: _core.Node, x: Array) -> NodePoint | None:
         """Optimum of a relaxation within its node; None if it is a schedule of the control model."""
