@@ -1,33 +1,26 @@
-//! Input errors of the control model, and their checks.
+//! Checks of the input of the control model.
 
-use thiserror::Error;
+use bess_tables::InputError;
 
 use crate::model::Losses;
 
-/// Invalid input of the control model: a sentence with name, value and allowed range.
-#[derive(Debug, Clone, PartialEq, Error)]
-#[error("{0}")]
-pub struct ControlError(pub(crate) String);
-
-impl ControlError {
-    /// A number at a flat position of an array is outside its range; the unit begins with a space.
-    pub(crate) fn range(
-        name: &str,
-        position: usize,
-        value: f64,
-        (low, high): (f64, f64),
-        unit: &str,
-    ) -> Self {
-        Self(format!("{name}: {value} at position {position} is outside [{low}, {high}]{unit}"))
-    }
+/// A number at a flat position of an array is outside its range; the unit begins with a space.
+pub(crate) fn out_of_range(
+    name: &str,
+    position: usize,
+    value: f64,
+    (low, high): (f64, f64),
+    unit: &str,
+) -> InputError {
+    InputError(format!("{name}: {value} at position {position} is outside [{low}, {high}]{unit}"))
 }
 
 /// Checks the length of an array.
-pub(crate) fn check_length<T>(name: &'static str, values: &[T], expected: usize) -> Result<(), ControlError> {
+pub(crate) fn check_length<T>(name: &'static str, values: &[T], expected: usize) -> Result<(), InputError> {
     if values.len() == expected {
         return Ok(());
     }
-    Err(ControlError(format!("{name}: needs {expected} values, has {}", values.len())))
+    Err(InputError(format!("{name}: needs {expected} values, has {}", values.len())))
 }
 
 /// Checks that every value lies in `[low, high]`; NaN does not.
@@ -36,15 +29,15 @@ pub(crate) fn check_range(
     values: &[f64],
     (low, high): (f64, f64),
     unit: &'static str,
-) -> Result<(), ControlError> {
+) -> Result<(), InputError> {
     match values.iter().position(|v| !(low..=high).contains(v)) {
         None => Ok(()),
-        Some(position) => Err(ControlError::range(name, position, values[position], (low, high), unit)),
+        Some(position) => Err(out_of_range(name, position, values[position], (low, high), unit)),
     }
 }
 
 /// Checks costs of the losses of each string [1/W].
-pub(crate) fn check_costs(costs: &[Losses], n_strings: usize) -> Result<(), ControlError> {
+pub(crate) fn check_costs(costs: &[Losses], n_strings: usize) -> Result<(), InputError> {
     check_length("costs", costs, n_strings)?;
     let flat: Vec<f64> = costs.iter().flat_map(|c| c.to_array()).collect();
     check_range("costs", &flat, (0.0, f64::MAX), " 1/W")

@@ -30,7 +30,6 @@ mod search;
 mod split;
 
 pub use dispatch::{DispatchBlock, DispatchProblem, Store, StoreGrid, StoreState};
-pub use error::ControlError;
 pub use explicit::{ExplicitLaw, Measured, Tables, DECISION, N_FEATURES, N_WEIGHTS};
 pub use model::{
     BestShares, Coefficients, CoefficientsFrom, ControlHorizon, ControlModel, CostsOf, Flow, Interval,

@@ -1,12 +1,11 @@
 //! Rules: the demand of one step allocated without forecast, in closed loop and as starts of plans.
 
 use bess_tables::units::W_PER_KW;
-use bess_tables::{Direction, System};
+use bess_tables::{Direction, InputError, System};
 
 use crate::error::check_length;
 use crate::explicit::Measured;
 use crate::model::ControlModel;
-use crate::ControlError;
 
 /// Rule for the power of a step without forecast. The first four are the policies of these names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -126,7 +125,7 @@ impl RuleLaw {
     /// # Errors
     ///
     /// An array of another length.
-    pub fn check(&self, n_strings: usize) -> Result<(), ControlError> {
+    pub fn check(&self, n_strings: usize) -> Result<(), InputError> {
         check_length("nominal", &self.nominal_kw, n_strings)?;
         check_length("nominal energy", &self.nominal_energy_kwh, n_strings)?;
         check_length("stop", &self.stop_c, n_strings)
@@ -143,7 +142,7 @@ impl RuleLaw {
         model: &ControlModel,
         plant: &Measured<'_>,
         demand_kw: f64,
-    ) -> Result<Vec<f64>, ControlError> {
+    ) -> Result<Vec<f64>, InputError> {
         let n = self.nominal_kw.len();
         check_length("limit_kw", plant.limit_kw, n)?;
         check_length("soh_capacity", plant.soh_capacity, n)?;

@@ -106,7 +106,7 @@ pub fn plan(
                 None => Ok(problem.plan(previous_w.as_deref(), effort)),
             }
         })
-        .map_err(|error: bess_control::ControlError| refused(error))?;
+        .map_err(|error: bess_tables::InputError| refused(error))?;
     let signed = plan.request_w.iter().enumerate().map(|(i, power)| signs[i % n_steps] * power).collect();
     Ok(Plan {
         request_kw: matrix(py, n_strings, signed),

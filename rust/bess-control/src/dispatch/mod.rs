@@ -13,11 +13,10 @@ mod transitions;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use bess_tables::Lut;
+use bess_tables::{InputError, Lut};
 
 use crate::error::{check_length, check_range};
 use crate::model::ControlModel;
-use crate::ControlError;
 use transitions::{around, weights, Transitions};
 pub use transitions::{StoreGrid, StoreState};
 
@@ -77,7 +76,7 @@ impl Store {
     /// # Errors
     ///
     /// As [`StoreGrid::check`].
-    pub fn new(model: ControlModel, grid: StoreGrid) -> Result<Self, ControlError> {
+    pub fn new(model: ControlModel, grid: StoreGrid) -> Result<Self, InputError> {
         grid.check(&model)?;
         Ok(Self { model, grid, transitions: BTreeMap::new() })
     }
@@ -88,7 +87,7 @@ impl Store {
     /// # Errors
     ///
     /// Lengths do not agree.
-    pub fn dispatch(&mut self, problem: &DispatchProblem) -> Result<Vec<f64>, ControlError> {
+    pub fn dispatch(&mut self, problem: &DispatchProblem) -> Result<Vec<f64>, InputError> {
         let levels = problem.check()?;
         for block in &problem.blocks {
             let build = || self.grid.transitions(&self.model, block.steps);
@@ -145,7 +144,7 @@ impl DispatchProblem {
     }
 
     /// Number of price levels, if all lengths agree.
-    fn check(&self) -> Result<usize, ControlError> {
+    fn check(&self) -> Result<usize, InputError> {
         let blocks = self.blocks.len();
         let levels = self.share.len() / blocks.max(1);
         check_length("share", &self.share, levels.max(1) * blocks.max(1))?;

@@ -1,10 +1,9 @@
 //! Response of the whole plant, as one store, to each of several powers held over some control steps.
 
-use bess_tables::{Direction, Lut};
+use bess_tables::{Direction, InputError, Lut};
 
 use crate::error::{check_length, check_range};
 use crate::model::{ControlModel, Interval, StringState};
-use crate::ControlError;
 
 const NOTHING: f64 = 1e-12;
 
@@ -148,7 +147,7 @@ impl StoreGrid {
     /// # Errors
     ///
     /// Lengths do not agree, a grid has fewer points than it needs, or a number is not finite.
-    pub fn check(&self, model: &ControlModel) -> Result<(), ControlError> {
+    pub fn check(&self, model: &ControlModel) -> Result<(), InputError> {
         let n_strings = model.strings().len();
         for (name, points, least) in [
             ("energy", &self.energy_kwh, 2),

@@ -2,8 +2,9 @@
 //!
 //! `decision` is the control law, in kW and degC as its translations; this module holds its data.
 
+use bess_tables::InputError;
+
 use crate::error::check_length;
-use crate::ControlError;
 
 #[allow(
     clippy::assign_op_pattern,
@@ -149,7 +150,7 @@ impl ExplicitLaw {
     /// # Errors
     ///
     /// A schedule of another length.
-    pub fn demand_features(&self, ahead_kw: &[f64]) -> Result<[f64; N_FEATURES], ControlError> {
+    pub fn demand_features(&self, ahead_kw: &[f64]) -> Result<[f64; N_FEATURES], InputError> {
         check_length("demand", ahead_kw, self.tables.steps)?;
         let mut features = [0.0; N_FEATURES];
         decision::demand_features(&self.tables, ahead_kw, &mut features);
@@ -168,7 +169,7 @@ impl ExplicitLaw {
         plant: &Measured<'_>,
         demand_kw: f64,
         features: &[f64; N_FEATURES],
-    ) -> Result<Vec<f64>, ControlError> {
+    ) -> Result<Vec<f64>, InputError> {
         let n = self.tables.strings;
         check_length("weights", weights, N_WEIGHTS)?;
         check_length("soc", plant.soc, n)?;

@@ -2,11 +2,10 @@
 
 use std::sync::Arc;
 
-use bess_tables::{Direction, System};
+use bess_tables::{Direction, InputError, System};
 
-use crate::error::{check_length, check_range};
+use crate::error::{check_length, check_range, out_of_range};
 use crate::model::{StringModel, StringState};
-use crate::ControlError;
 
 const SOC_SLACK: f64 = 1e-9;
 /// Relative tolerance of a power above its limit, for rounding only.
@@ -48,14 +47,14 @@ impl ControlModel {
     ///
     /// The number of values differs from the number of strings, an SOC is outside its window by more than rounding,
     /// or a temperature is outside the valid range.
-    pub fn states(&self, soc: &[f64], temperature_c: &[f64]) -> Result<Vec<StringState>, ControlError> {
+    pub fn states(&self, soc: &[f64], temperature_c: &[f64]) -> Result<Vec<StringState>, InputError> {
         check_length("soc", soc, self.strings.len())?;
         check_length("temperature_c", temperature_c, self.strings.len())?;
         check_range("temperature_c", temperature_c, TEMPERATURE_RANGE_C, " degC")?;
         for (position, (string, &value)) in self.strings.iter().zip(soc).enumerate() {
             let (low, high) = (string.parameters.soc_min, string.parameters.soc_max);
             if !(low - SOC_SLACK..=high + SOC_SLACK).contains(&value) {
-                return Err(ControlError::range("soc", position, value, (low, high), ""));
+                return Err(out_of_range("soc", position, value, (low, high), ""));
             }
         }
         let clamped = self
@@ -74,7 +73,7 @@ impl ControlModel {
     /// # Errors
     ///
     /// A request is above the nominal power of its string, or the requests of a step have both signs.
-    pub fn directions(&self, request_w: &[f64], n_steps: usize) -> Result<Vec<Direction>, ControlError> {
+    pub fn directions(&self, request_w: &[f64], n_steps: usize) -> Result<Vec<Direction>, InputError> {
         let mut directions = vec![Direction::Discharge; n_steps];
         for (step, direction) in directions.iter_mut().enumerate() {
             let mut sign = 0.0;
@@ -83,10 +82,10 @@ impl ControlModel {
                 let nominal = model.nominal_w();
                 if value.is_nan() || value.abs() > nominal * (1.0 + POWER_SLACK) {
                     let position = string * n_steps + step;
-                    return Err(ControlError::range("request", position, value, (-nominal, nominal), " W"));
+                    return Err(out_of_range("request", position, value, (-nominal, nominal), " W"));
                 }
                 if value * sign < 0.0 {
-                    return Err(ControlError(format!(
+                    return Err(InputError(format!(
                         "step {step}: requests of both signs (string {string} asks for {value} W against the others)"
                     )));
                 }

@@ -1,12 +1,11 @@
 //! The data of one split problem: strings, measured state, demand, limits, costs; and the sign of its requests.
 
-use bess_tables::Direction;
+use bess_tables::{Direction, InputError};
 
 use super::control_model::{ControlModel, POWER_SLACK, TEMPERATURE_RANGE_C};
 use crate::cores;
-use crate::error::{check_length, check_range};
+use crate::error::{check_length, check_range, out_of_range};
 use crate::model::{Interval, Losses, StringModel, StringState};
-use crate::ControlError;
 
 /// Maximum number of groups of objectives.
 pub const MAX_GROUPS: usize = 4;
@@ -71,7 +70,7 @@ impl ControlHorizon {
     ///
     /// Lengths do not agree, a number is outside its range (both are in the message), or the demand
     /// of a step exceeds the sum of its limits.
-    pub fn new(model: ControlModel, problem: &SplitProblem<'_>) -> Result<Self, ControlError> {
+    pub fn new(model: ControlModel, problem: &SplitProblem<'_>) -> Result<Self, InputError> {
         let (n_strings, n_steps) = (model.strings().len(), problem.demand_w.len());
         let n_groups = problem.tolerance_abs.len();
         let start = model.states(problem.soc, problem.temperature_c)?;
@@ -95,7 +94,7 @@ impl ControlHorizon {
         let total_limit_w: Vec<f64> = (0..n_steps).map(total).collect();
         for (step, (demand, &limit_w)) in problem.demand_w.iter().zip(&total_limit_w).enumerate() {
             if demand.abs() > limit_w * (1.0 + POWER_SLACK) {
-                return Err(ControlError(format!(
+                return Err(InputError(format!(
                     "step {step}: demand of {demand} W is above the sum of the limits, {limit_w} W"
                 )));
             }
@@ -186,7 +185,7 @@ impl ControlHorizon {
     /// # Errors
     ///
     /// A request, with its position, that is outside its range beyond the rounding error of an optimiser.
-    pub fn magnitudes(&self, requests_w: &[f64]) -> Result<Vec<f64>, ControlError> {
+    pub fn magnitudes(&self, requests_w: &[f64]) -> Result<Vec<f64>, InputError> {
         let bounds: Vec<(f64, f64)> = (0..self.n_strings() * self.n_steps())
             .map(|i| {
                 let t = i % self.n_steps();
@@ -204,7 +203,7 @@ impl ControlHorizon {
         for schedule in requests_w.chunks_exact(bounds.len().max(1)) {
             for (&value, &(low, high)) in schedule.iter().zip(&bounds) {
                 if !(low - slack..=high + slack).contains(&value) {
-                    return Err(ControlError::range("request", magnitudes.len(), value, (low, high), " W"));
+                    return Err(out_of_range("request", magnitudes.len(), value, (low, high), " W"));
                 }
                 magnitudes.push(value.clamp(low, high).abs());
             }

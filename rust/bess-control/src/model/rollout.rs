@@ -1,9 +1,8 @@
 //! Roll-outs of given schedules on the strings of a plant.
 
-use bess_tables::Direction;
+use bess_tables::{Direction, InputError};
 
 use crate::model::{ControlModel, Flow, Interval, StringModel, StringState};
-use crate::ControlError;
 
 /// Point of a step at which the coefficients of the control model are evaluated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,7 +35,7 @@ impl ControlModel {
         ambient_c: &[f64],
         dt_h: f64,
         coefficients: CoefficientsFrom,
-    ) -> Result<Rollout, ControlError> {
+    ) -> Result<Rollout, InputError> {
         let n_steps = ambient_c.len();
         let step = match coefficients {
             CoefficientsFrom::Start => StringModel::step,

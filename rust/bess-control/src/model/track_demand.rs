@@ -1,12 +1,11 @@
 //! Tracking of a demand on the whole plant: allocated at minimum loss; undeliverable power of full or empty strings is
 //! reallocated to the others, and the remainder is unmet.
 
-use bess_tables::Direction;
+use bess_tables::{Direction, InputError};
 
 use super::control_model::ControlModel;
 use super::string::{Interval, StringState};
 use crate::error::{check_length, check_range};
-use crate::ControlError;
 
 /// Maximum number of reallocations of undeliverable power in a step; each leaves a small remainder.
 const ROUNDS: usize = 8;
@@ -54,7 +53,7 @@ impl BestShares {
     /// # Errors
     ///
     /// Lengths do not agree, there are fewer than two powers, or a number is not finite or negative.
-    pub fn new(charge_w: Vec<f64>, discharge_w: Vec<f64>, limit_w: Vec<f64>) -> Result<Self, ControlError> {
+    pub fn new(charge_w: Vec<f64>, discharge_w: Vec<f64>, limit_w: Vec<f64>) -> Result<Self, InputError> {
         let needed = (charge_w.len() / limit_w.len().max(1)).max(2) * limit_w.len();
         for (name, powers) in [("charge", &charge_w), ("discharge", &discharge_w), ("limit", &limit_w)] {
             check_range(name, powers, (0.0, f64::MAX), " W")?;
@@ -122,7 +121,7 @@ impl ControlModel {
         dt_h: f64,
         parts: usize,
         shares: &BestShares,
-    ) -> Result<TrackedDemand, ControlError> {
+    ) -> Result<TrackedDemand, InputError> {
         let (n_strings, n_steps) = (self.strings().len(), demand_w.len());
         check_length("shares", &shares.limit_w, n_strings)?;
         check_length("ambient_c", ambient_c, n_steps)?;

@@ -1,14 +1,14 @@
 //! Plans of many strings: a group of similar strings in similar states is planned as one string, whose power is then allocated.
 
-use bess_tables::{Direction, System};
+use bess_tables::{Direction, InputError, System};
 
+use crate::cores;
 use crate::error::check_length;
 use crate::model::{ControlModel, StringState};
 use crate::plan::paths::Paths;
 use crate::plan::problem::{PlanProblem, Prices};
 use crate::plan::starts::{deliverable_w, CRUMBS};
 use crate::rules::water_fill;
-use crate::{cores, ControlError};
 
 /// Preference for inverters that are on in the order of a group, as a share of the SOC window.
 const INERTIA: f64 = 0.02;
@@ -26,9 +26,9 @@ impl Groups {
     /// # Errors
     ///
     /// A group is empty, or the number of values differs from the number of strings.
-    pub fn new(of_string: &[Option<usize>], n_strings: usize) -> Result<Self, ControlError> {
+    pub fn new(of_string: &[Option<usize>], n_strings: usize) -> Result<Self, InputError> {
         check_length("groups", of_string, n_strings)?;
-        let empty = |group: usize| ControlError(format!("groups: no string is in group {group}"));
+        let empty = |group: usize| InputError(format!("groups: no string is in group {group}"));
         let n_groups = of_string.iter().flatten().max().map_or(0, |most| most + 1);
         let mut members = vec![vec![]; n_groups.min(n_strings)];
         for (m, group) in of_string.iter().enumerate().filter_map(|(m, group)| group.map(|g| (m, g))) {
@@ -65,7 +65,7 @@ impl Groups {
         &self,
         problem: &PlanProblem<'_>,
         model: &'a ControlModel,
-    ) -> Result<PlanProblem<'a>, ControlError> {
+    ) -> Result<PlanProblem<'a>, InputError> {
         let mean = |members: &[usize], of: &dyn Fn(usize) -> f64| {
             let capacity: f64 = members.iter().map(|&m| problem.capacity_ah(m)).sum();
             members.iter().map(|&m| problem.capacity_ah(m) * of(m)).sum::<f64>() / capacity

@@ -29,14 +29,16 @@ mod sweep;
 pub use groups::Groups;
 pub use problem::{PlanProblem, Prices};
 
+use bess_tables::InputError;
+
 use co_states::CoStates;
 use look_ahead::look_ahead;
 use pair::Pair;
 use pairs::PairValues;
 use paths::Paths;
 
+use crate::cores;
 use crate::rules::Rule;
-use crate::{cores, ControlError};
 
 /// Minimum gain of a round of moves, as a share of the cost, for another round.
 const WORTHWHILE: f64 = 2e-4;
@@ -111,7 +113,7 @@ impl PlanProblem<'_> {
         groups: &Groups,
         previous: Option<&[f64]>,
         effort: PlanEffort,
-    ) -> Result<Plan, ControlError> {
+    ) -> Result<Plan, InputError> {
         let carried = previous.map(|request_w| starts::carried_on(self, request_w));
         self.aim_for_balance(carried.as_deref());
         let problem: &Self = self;

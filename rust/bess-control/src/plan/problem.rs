@@ -2,14 +2,13 @@
 
 use std::ops;
 
-use bess_tables::Direction;
+use bess_tables::{Direction, InputError};
 
 use crate::error::{check_length, check_range};
 use crate::model::{
     Coefficients, ControlModel, Flow, Interval, LossCurve, Losses, Range, StringState, TEMPERATURE_RANGE_C,
 };
 use crate::reactive::curve_at_power_factor;
-use crate::ControlError;
 
 /// Prices of a plan.
 #[derive(Debug, Clone, PartialEq)]
@@ -71,7 +70,7 @@ impl<'a> PlanProblem<'a> {
         intervals: Vec<Interval>,
         limit_w: Vec<f64>,
         prices: Prices,
-    ) -> Result<Self, ControlError> {
+    ) -> Result<Self, InputError> {
         let (n_strings, n_steps) = (model.strings().len(), demand_w.len());
         check_length("start", &start, n_strings)?;
         check_length("running", &running, n_strings)?;
@@ -122,7 +121,7 @@ impl<'a> PlanProblem<'a> {
     /// # Errors
     ///
     /// The length differs from that of the demand, or a number is not finite or negative.
-    pub fn with_reactive(mut self, reactive_var: &[f64]) -> Result<Self, ControlError> {
+    pub fn with_reactive(mut self, reactive_var: &[f64]) -> Result<Self, InputError> {
         let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
         check_length("reactive power", reactive_var, n_steps)?;
         check_range("reactive power", reactive_var, (0.0, f64::MAX), " var")?;

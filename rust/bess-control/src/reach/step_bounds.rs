@@ -1,10 +1,11 @@
 //! Step cuts: lower bounds of the cost of any decision of one step, over boxes of states.
 
+use bess_tables::InputError;
+
 use crate::error::{check_costs, check_length, check_range};
 use crate::model::{ControlHorizon, CostsOf, Flow, Losses, StateBox};
 use crate::one_step::{solve, CostCurve, OneStepSolution, OperatingTerms, StringCost};
 use crate::reach::NarrowNode;
-use crate::ControlError;
 
 /// Safety margin for the rounding of a bound.
 const ROUNDING: f64 = 1e-11;
@@ -60,7 +61,7 @@ impl ControlHorizon {
         boxes: &[StateBox],
         costs: &[Losses],
         budget_w: &[f64],
-    ) -> Result<StepBounds, ControlError> {
+    ) -> Result<StepBounds, InputError> {
         check_costs(costs, self.n_strings())?;
         check_length("boxes", boxes, self.n_strings() * self.n_steps())?;
         check_length("budget", budget_w, self.n_steps())?;
@@ -97,7 +98,7 @@ impl ControlHorizon {
         of: &NarrowNode,
         costs: &[Losses],
         budget_w: &[f64],
-    ) -> Result<StepBounds, ControlError> {
+    ) -> Result<StepBounds, InputError> {
         check_costs(costs, self.n_strings())?;
         check_length("budget", budget_w, self.n_steps())?;
         check_range("budget", budget_w, (0.0, f64::INFINITY), " W")?;

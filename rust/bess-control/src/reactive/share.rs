@@ -1,11 +1,10 @@
 //! Reactive power at minimum loss (docs/equations.md, R3): the one-step problem, over apparent power.
 
-use bess_tables::Direction;
+use bess_tables::{Direction, InputError};
 
 use crate::error::{check_length, check_range};
 use crate::model::{ControlModel, LossCurve};
 use crate::one_step::{solve, Response, StringCost};
-use crate::ControlError;
 
 /// Share of the total below which a reactive power is a rounding error.
 const CRUMBS: f64 = 1e-9;
@@ -34,7 +33,7 @@ impl ControlModel {
         total_var: f64,
         limit_va: &[f64],
         start_w: &[f64],
-    ) -> Result<Vec<f64>, ControlError> {
+    ) -> Result<Vec<f64>, InputError> {
         let n = self.strings().len();
         for (name, values) in [("request", request_w), ("limit", limit_va), ("start", start_w)] {
             check_length(name, values, n)?;

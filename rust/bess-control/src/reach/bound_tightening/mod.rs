@@ -10,9 +10,10 @@
 mod horizon_bound;
 mod tightening;
 
+use bess_tables::InputError;
+
 use crate::error::{check_costs, check_range};
 use crate::model::{ControlHorizon, Flow, Losses, StateBox, StringState};
-use crate::ControlError;
 use horizon_bound::{HorizonBound, OperatingRanges};
 use tightening::Tightening;
 
@@ -56,7 +57,7 @@ impl ControlHorizon {
         request_w: &[f64],
         costs: &[Losses],
         shed_budget_w: f64,
-    ) -> Result<TightenedBounds, ControlError> {
+    ) -> Result<TightenedBounds, InputError> {
         check_costs(costs, self.n_strings())?;
         check_range("shed_budget", &[shed_budget_w], (0.0, f64::INFINITY), " W")?;
         Ok(self.tightened(&self.flows(request_w), costs, shed_budget_w))
