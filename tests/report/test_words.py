@@ -119,6 +119,7 @@ def test_a_reserve_leads_with_what_was_sold_not_sustained_and_earned_for_each_mw
 def test_years_lead_with_present_value_years_to_the_end_of_life_and_the_budget(tmp_path: Path) -> None:
     year = record(1, 2_192)
     year["time"] = year["time"].values[0] + 4 * np.timedelta64(1, "h") * np.arange(2_192)
+    year.attrs["step_h"] = np.float64(4.0)
     write_run(tmp_path / "run", year)
     (run,) = runs_in(tmp_path / "run")[0].values()
     end = run.system.strings[0].wear.end_of_life

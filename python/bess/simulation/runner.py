@@ -6,6 +6,7 @@ import json
 import sys
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -121,7 +122,7 @@ def run(
         except StoppedEarly:
             raise StoppedEarly(f"{study.name}: stopped; results not saved: no output folder (out)") from None
         with result.dataset as dataset:
-            return Result(dataset.load(), result.kpis, None, result.solve_time_s)
+            return replace(result, dataset=dataset.load(), directory=None)
 
 
 def _run_in(
@@ -143,7 +144,7 @@ def _run_in(
             if progress:
                 files_s += time.perf_counter() - simulated
                 print(_spent(study.name, loop, files_s, time.perf_counter() - began), file=sys.stderr)
-        return _finish(directory)
+        return _finish(directory, inputs.system)
 
 
 def _is_finished(directory: Path, identity: Identity, *, resume: bool) -> bool:
@@ -243,11 +244,11 @@ def _assemble(directory: Path, identity: Identity) -> None:
         write_checksums(directory, {name: sha256(path) for name, path in final.items()})
 
 
-def _finish(directory: Path) -> Result:
+def _finish(directory: Path, system: System) -> Result:
     """Compute the KPIs from the record, then delete the parts; repeated after a crash in between."""
     dataset = open_netcdf(directory / RESULTS)
     times = np.array(list(solve_times_s(directory).values()), dtype=np.float64)
     values = kpis(dataset) | solve_time_kpis(times)
     write_checked(directory / "kpis.json", json.dumps(values, indent=1).encode())
     remove_parts(directory)
-    return Result(dataset, values, directory, times)
+    return Result(dataset, values, directory, times, system)

@@ -312,7 +312,8 @@ CATALOGUE: Final[dict[str, Kpi]] = {
         "Curtailment", "kWh", "min", 1, "Generation above the limit of the grid export.", "service"
     ),
     "self_consumption_pct": Kpi(
-        "Self-consumption", "%", "max", 2, "Share of the generation that is not exported.", "service"
+        "Self-consumption", "%", "max", 2,
+        "Share of the generation that is neither exported nor curtailed.", "service",
     ),
     "self_sufficiency_pct": Kpi(
         "Self-sufficiency", "%", "max", 2, "Share of the load that is not imported.", "service"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -13,13 +13,20 @@ from bess.errors import InputError
 from bess.simulation.analysis.lifetime import budget_kpis, contract_kpis, wear_kpis
 from bess.simulation.analysis.services import is_reserve, is_site, service_kpis
 from bess.simulation.analysis.settlement import dispatch_kpis, has_prices, settlement_kpis
-from bess.simulation.record.dataset import with_initial
+from bess.simulation.record.dataset import check_record, with_initial
 from bess.units import KWH_PER_MWH, PERCENT
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from bess.simulation.record import Result
+
+
+_NEEDED: Final = (
+    *("demand_kw", "unmet_kw", "request_kw", "delivered_kw", "availability_loss_kw", "derating_loss_kw"),
+    *("inverter_loss_kw", "battery_loss_kw", "soc", "temperature_c", "node_max_c", "inverter_starts"),
+    *("ledger_residual_kwh", "solver_status", "solver_gap", "solver_search_gap", "solver_nodes", "fallback"),
+)
 
 
 def kpis(result: Result | xr.Dataset) -> dict[str, float]:
@@ -41,7 +48,8 @@ def kpis(result: Result | xr.Dataset) -> dict[str, float]:
     - ``round_trip_efficiency_pct`` grid export over grid import at the plant's meter: delivered power minus
       standby and auxiliaries, summed over the strings. If initial and final chemical energy differ, the ratio
       is corrected to ``(given / drawn) (stored / taken)``. Omitted without import or export;
-    - peak temperatures and spreads include the initial state, except ``peak_node_temperature_c``;
+    - peak temperatures and spreads include the initial state, except ``peak_node_temperature_c``; that of a
+      part of a run, such as ``dataset.sel(time="2024-03")``, is the state at the end of its first step;
     - ``ledger_residual_ratio``, the sum of absolute residuals over the delivered energy;
     - median, 95th percentile and maximum of gaps and nodes over the steps with a certified split. A
       :class:`bess.Result` adds the wall-clock ``solve_time_s_*``.
@@ -49,7 +57,7 @@ def kpis(result: Result | xr.Dataset) -> dict[str, float]:
     Raises
     ------
     InputError
-        The argument is neither a result nor its dataset.
+        The argument is neither a result nor its dataset, or lacks variables, strings or steps.
 
     References
     ----------
@@ -61,6 +69,7 @@ def kpis(result: Result | xr.Dataset) -> dict[str, float]:
         raise InputError(
             f"kpis needs a result of bess.run or bess.open_result, or its dataset, not {_described(result)}"
         )
+    check_record(dataset, _NEEDED, "kpis")
     values = {name: float(value) for name, value in _figures(dataset)}
     values |= {name: float(value) for name, value in contract_kpis(dataset, values)}
     times = getattr(result, "solve_time_s", None)

@@ -9,6 +9,7 @@ import numpy as np
 
 from bess.arrays import Array
 from bess.dispatch.connection import QUARTER_S, PeakTariff, monthly_peaks_kw
+from bess.simulation.record.dataset import seconds
 from bess.system.terms import SettlementTerms
 from bess.units import PERCENT
 
@@ -97,9 +98,8 @@ def peak_charge_eur(dataset: xr.Dataset) -> Array:
     The charge increases in each step that sets a new highest quarter-hour mean of the import, with the plant
     or without it.
     """
-    seconds = dataset["time"].values.astype("datetime64[s]").astype(np.int64)
     month, price = dataset["billing_month"].values, dataset["peak_price_eur_kw"].values
-    tariff = PeakTariff(float(price[0]), month, seconds // QUARTER_S)
+    tariff = PeakTariff(float(price[0]), month, seconds(dataset) // QUARTER_S)
     before, after, _ = draw_kw(dataset)
     more_kw = monthly_peaks_kw(after, tariff) - monthly_peaks_kw(before, tariff)
     first = np.diff(month, prepend=month[0] - 1) != 0
@@ -143,7 +143,8 @@ def _site_kpis(dataset: xr.Dataset, dt_h: float) -> Iterator[tuple[str, Any]]:
     yield "export_kwh", exported
     load, generated = (float(dataset[name].values.sum()) * dt_h for name in ("load_kw", "generation_kw"))
     if generated > 0.0:
-        yield "self_consumption_pct", PERCENT * (1.0 - exported / generated)
+        surplus = np.maximum(-after, 0.0).sum() * dt_h
+        yield "self_consumption_pct", PERCENT * (1.0 - surplus / generated)
         yield "self_sufficiency_pct", PERCENT * (1.0 - imported / load) if load > 0.0 else PERCENT
 
 

@@ -18,6 +18,7 @@ from bess.simulation.analysis.services import (
     peak_charge_eur,
     site_saving_eur,
 )
+from bess.simulation.record.dataset import check_record
 from bess.system.terms import SettlementTerms
 from bess.units import KWH_PER_MWH
 
@@ -97,8 +98,9 @@ def settled(dataset: xr.Dataset) -> dict[str, Array]:
     InputError
         The record has no prices.
     """
-    if not has_prices(dataset):
+    if not hasattr(dataset, "data_vars") or not has_prices(dataset):
         raise InputError("settlement: the record has no prices (price_eur_mwh), as market studies have them")
+    check_record(dataset, ("demand_kw", "delivered_kw", "inverter_starts"), "settlement")
     entries = dict(_entries(dataset, recorded_terms(dataset)))
     revenue, costs = ([entries[name] for name in names if name in entries] for names in (REVENUES, COSTS))
     return entries | {"net_eur": sum(revenue[1:], revenue[0]) - sum(costs[1:], costs[0])}

@@ -103,7 +103,8 @@ def hindsight(result: Result | xr.Dataset, effort: Effort = "quick") -> Hindsigh
     Raises
     ------
     InputError
-        The record does not contain its study.
+        The record does not contain its study or the start of its run, or, without a result, the run had
+        another system than its study names.
     """
     if effort not in ("quick", "thorough"):
         raise InputError(f'hindsight: effort = {effort!r}: must be "quick" or "thorough"')
@@ -113,7 +114,7 @@ def hindsight(result: Result | xr.Dataset, effort: Effort = "quick") -> Hindsigh
             "hindsight needs a result of bess.run or bess.open_result, or its dataset, not "
             f"{type(result).__name__}"
         )
-    return benchmark(Replay.of(record), effort)
+    return benchmark(Replay.of(record, getattr(result, "system", None)), effort)
 
 
 def benchmark(replay: Replay, effort: Effort = "quick") -> Hindsight:

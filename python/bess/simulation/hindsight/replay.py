@@ -21,7 +21,7 @@ from bess.simulation.analysis.services import is_reserve
 from bess.simulation.closed_loop import ClosedLoop
 from bess.simulation.inputs import Inputs, known_reactive, limits_of
 from bess.simulation.installations import Installations
-from bess.simulation.record.dataset import VARIABLES
+from bess.simulation.record.dataset import VARIABLES, begins_with_run, check_record, fingerprint
 from bess.study import Study
 from bess.study.demands.profile import ProfileSource
 from bess.study.grid import TimeGrid
@@ -75,15 +75,27 @@ class Replay:
         Raises
         ------
         InputError
-            The record does not contain its study, or its system is not given and cannot be read.
+            The record does not contain its study or the start of its run, or its system is not given and
+            cannot be read or has changed.
         """
         text = record.attrs.get("study")
         if not text:
             raise InputError(
                 "hindsight: the record has no study in its attributes, as results of bess.run have"
             )
+        check_record(record, ("demand_kw", "ambient_c", "chemical_kw"), "hindsight")
+        if not begins_with_run(record):
+            raise InputError(
+                "hindsight: the record is a later part of a run; give the record from its start on"
+            )
         study = Study.from_document(tomllib.loads(str(text)), "study of the record")
-        system = system or build_system(study.system, study.run, study.wear)
+        if system is None:
+            system = build_system(study.system, study.run, study.wear)
+            if record.attrs.get("system_sha256", fingerprint(system)) != fingerprint(system):
+                raise InputError(
+                    f"hindsight: the run had another system than system.file = {study.system.file!r} is now; "
+                    "give the result of bess.run, or use bess report DIR --hindsight"
+                )
         grid = TimeGrid.of_record(record)
         price: Array | None = record["price_eur_mwh"].values if "price_eur_mwh" in record else None
         inputs = Inputs(

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
-from collections.abc import Iterator, Mapping
+import json
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +15,7 @@ from numpy.typing import NDArray
 
 from bess import __version__
 from bess.control.wear import WearPrices
+from bess.errors import InputError
 from bess.plant import Flows, Limit
 from bess.simulation.record.store import Record
 from bess.study.grid import TimeGrid
@@ -247,7 +250,9 @@ def describe_frame(
             "scenario": study.name,
             "study": study.to_toml(),
             "bess_version": __version__,
+            "system_sha256": fingerprint(system),
             "time_zone": "UTC",
+            "start_s": grid.start_s,
             "step_h": grid.dt_h,
             "initial_soc": initial.soc.tolist(),
             "initial_temperature_c": initial.temperature_c.tolist(),
@@ -262,10 +267,59 @@ def describe_frame(
     }
 
 
+def fingerprint(system: System) -> str:
+    """Hash of every number of a system."""
+    return hashlib.sha256(json.dumps(system.document, sort_keys=True, default=str).encode()).hexdigest()
+
+
 def with_initial(dataset: xr.Dataset, variable: str) -> NDArray[np.float64]:
-    """Return the state at the start and at the end of every step, shape ``(n_steps + 1, n_strings)``."""
+    """Return the state at the start and at the end of every step, shape ``(n_steps + 1, n_strings)``.
+
+    A later part of a run does not contain its initial state: the state after its first step replaces it.
+    """
+    states: NDArray[np.float64] = dataset[variable].values
+    if not begins_with_run(dataset):
+        return np.concatenate([states[:1], states])
     initial = np.atleast_1d(np.asarray(dataset.attrs[f"initial_{variable}"], dtype=np.float64))
-    return np.concatenate([initial[None, :], dataset[variable].values])
+    return np.concatenate([initial[None, :], states])
+
+
+def begins_with_run(dataset: xr.Dataset) -> bool:
+    """Whether a record begins with its run, as one without a start or times is assumed to do."""
+    start_s = dataset.attrs.get("start_s")
+    return start_s is None or "time" not in dataset.coords or seconds(dataset)[0] == int(start_s)
+
+
+def seconds(dataset: xr.Dataset) -> NDArray[np.int64]:
+    """Return the start of each step of a record [s since 1970]."""
+    return np.asarray(dataset["time"].values.astype("datetime64[s]").astype(np.int64))
+
+
+def check_record(dataset: xr.Dataset, needed: Iterable[str], place: str) -> None:
+    """Check a record, which may be a selection of a run or a dataset of the user.
+
+    Raises
+    ------
+    InputError
+        It lacks a variable or the length of its steps, has no steps, not all strings, or not all steps of
+        its period.
+    """
+    missing = [name for name in needed if name not in dataset]
+    if missing or "step_h" not in dataset.attrs:
+        raise InputError(f"{place}: the record has no {', '.join(missing) or 'attribute step_h [h]'}")
+    if dataset.sizes.get("time", 0) == 0:
+        raise InputError(f"{place}: the record has no steps")
+    strings, every = dataset.sizes.get("string", 0), np.size(dataset.attrs.get("initial_soc", ()))
+    if every not in (0, strings):
+        raise InputError(
+            f"{place}: the record has {strings} of {every} strings; keep all, the demand is theirs in total"
+        )
+    step_s = round(3600.0 * float(dataset.attrs["step_h"]))
+    if dataset["time"].dtype.kind == "M" and (np.diff(seconds(dataset)) != step_s).any():
+        raise InputError(
+            f"{place}: the times of the record are not {step_s} s apart, as its attribute step_h says; "
+            "select whole periods, such as dataset.sel(time=slice(start, end))"
+        )
 
 
 def _flags(key: str, meanings: Mapping[str, str]) -> dict[str, Any]:

@@ -24,6 +24,8 @@ from bess.simulation.record.store import parts, records
 if TYPE_CHECKING:
     import xarray as xr
 
+    from bess.system import System
+
 RESULTS = "results.nc"
 
 
@@ -41,12 +43,15 @@ class Result:
         Folder of the run.
     solve_time_s : ndarray
         Wall-clock time of each solve [s]; not reproducible.
+    system : System or None
+        The simulated system.
     """
 
     dataset: xr.Dataset
     kpis: dict[str, float]
     directory: Path | None
     solve_time_s: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    system: System | None = None
 
     @cached_property
     def plot(self) -> Any:
