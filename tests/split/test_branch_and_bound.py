@@ -111,6 +111,14 @@ def test_few_nodes_close_most_of_what_is_open_over_eight_steps():
     assert few.groups[0].gap < 0.1 * root.groups[0].gap
 
 
+def test_strings_that_must_end_full_do_not_stall_the_solver():
+    """Nearly every node was solved twice, and hundreds of them closed nothing."""
+    state = bess.State([0.9394, 0.9665], [31.313, 35.853])
+    split = bess.split_power(SYSTEM, state, [-122.79, -155.73, -68.74])
+    assert split.nodes < 60
+    assert max(group.gap for group in split.groups) < 5e-3
+
+
 @pytest.mark.parametrize(("node_limit", "solves"), [(None, False), (1, False), (2, True)])
 def test_only_a_limit_above_1_solves_relaxations_where_the_gap_is_small(node_limit, solves):
     state, demand = bess.State([0.5, 0.6], [30.0, 31.0]), [90.0, 70.0, 120.0]

@@ -294,5 +294,7 @@ def _settings(refine: bool) -> clarabel.DefaultSettings:
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.presolve_enable = False
+    # The default, 1e-8, stalls where a string must end full and little room is left in a balance.
+    settings.static_regularization_constant = 1e-9
     settings.iterative_refinement_enable = refine
     return settings
