@@ -130,8 +130,16 @@ def each_step(name: str, values: ArrayLike, n_steps: int, limits: tuple[float, f
     return array if array.ndim else np.full(n_steps, array)
 
 
+def one_number(name: str, value: ArrayLike) -> float:
+    """Return one finite number; raise InputError for any other value."""
+    array = finite_array(name, value)
+    if array.ndim:
+        raise InputError(f"{name} has shape {array.shape}; give one number")
+    return float(array)
+
+
 def require_positive(place: str, **values: tuple[float | None, str]) -> None:
-    """Raise InputError for numbers that are not finite and positive; each has a unit; None is accepted.
+    """Raise InputError for values that are not finite, positive numbers; each has a unit; None is accepted.
 
     Raises
     ------
@@ -139,5 +147,8 @@ def require_positive(place: str, **values: tuple[float | None, str]) -> None:
         With ``place``, the name of the first such number and its value.
     """
     for name, (value, unit) in values.items():
-        if value is not None and not (np.isfinite(value) and value > 0.0):
+        if value is None:
+            continue
+        number = number_array(f"{place}: {name}", value)
+        if number.ndim or not (np.isfinite(number) and number > 0.0):
             raise InputError(f"{place}: {name} {value}{unit} must be finite and above 0{unit}")

@@ -16,6 +16,8 @@ from bess.errors import InputError
 from bess.units import HOURS_PER_DAY
 
 if TYPE_CHECKING:
+    from datetime import tzinfo
+
     import pandas as pd
 
 _TOLERANCE: Final = 1e-6
@@ -303,7 +305,7 @@ class Arbitrage:
         return 1.0 / (self.dt_h * max(1.0, float(np.abs(price).max())))
 
 
-def calendar_days(index: pd.DatetimeIndex, time_zone: str) -> npt.NDArray[np.int64]:
+def calendar_days(index: pd.DatetimeIndex, time_zone: str | tzinfo) -> npt.NDArray[np.int64]:
     """Return the number of the local calendar day of each time, ascending; index is time-zone aware."""
     local = index.tz_convert(time_zone).tz_localize(None)
     return local.normalize().to_numpy().astype("datetime64[D]").astype(np.int64)

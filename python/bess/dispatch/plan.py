@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from bess.arrays import each_step
+from bess.arrays import each_step, one_number, require_positive
 from bess.dispatch.arbitrage import calendar_days
 from bess.dispatch.aware import DispatchInputs, DispatchPlan, DynamicProgramDispatch
 from bess.dispatch.forecast import steps_in
@@ -86,9 +86,14 @@ def plan_dispatch(
     >>> bool(plan.demand_kw[:24].sum() < 0 < plan.demand_kw[24:48].sum())
     True
     """
+    if not isinstance(system, System):
+        raise InputError(f"system must be a bess.System, not {type(system).__name__}")
+    if not isinstance(terms, SettlementTerms | None):
+        raise InputError(f"terms must be bess.system.terms.SettlementTerms, not {type(terms).__name__}")
     system.check_state(state)
+    require_positive("plan_dispatch", cycles_per_day=(cycles_per_day, ""))
     dt_h = system.control.step_min / 60.0
-    steps = steps_in(hours, dt_h, "hours")
+    steps = steps_in(one_number("hours", hours), dt_h, "hours")
     values, days = _on_steps(prices, steps, dt_h, market_time_zone)
     around = system.reference_temperature_c if ambient_c is None else ambient_c
     ambient = each_step("ambient_c", around, steps, TEMPERATURE_RANGE_C, "degC")
@@ -102,6 +107,8 @@ def _on_steps(
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
     import pandas as pd
 
+    from bess.market.times import clock_of
+
     known, step_h = price_steps(prices.iloc[:steps] if isinstance(prices, pd.Series) else prices, dt_h)
     values = known.repeat(steps_in(step_h, dt_h, "prices: their step"))[:steps]
     if values.size < steps:
@@ -113,4 +120,4 @@ def _on_steps(
     if not isinstance(prices.index, pd.DatetimeIndex) or prices.index.tz is None:
         raise InputError("prices: the series needs a time-zone aware index")
     times = pd.date_range(prices.index[0], periods=steps, freq=pd.Timedelta(hours=dt_h))
-    return values, calendar_days(times, time_zone)
+    return values, calendar_days(times, clock_of(time_zone))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from bess.arrays import Array, ByValue, finite_array, require_positive
+from bess.arrays import Array, ByValue, finite_array, one_number, require_positive
 from bess.dispatch.program import StoreProgram
 from bess.display import as_table, one_line
 from bess.errors import InputError
@@ -109,6 +109,13 @@ def store_value(
     >>> round(value.net_eur, 2), round(value.cycle_price_eur, 2)
     (142.34, 71.17)
     """
+    energy_kwh, power_kw, round_trip, initial_kwh, dt_h = (
+        one_number(f"store_value: {name}", value)
+        for name, value in (
+            *(("energy_kwh", energy_kwh), ("power_kw", power_kw), ("round_trip", round_trip)),
+            *(("initial_kwh", initial_kwh), ("dt_h", dt_h)),
+        )
+    )
     require_positive(
         "store_value",
         energy_kwh=(energy_kwh, " kWh"),

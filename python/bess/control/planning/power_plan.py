@@ -85,6 +85,10 @@ def plan_power(
         An argument does not fit the system, or the objectives are not of kind ``energy``.
     """
     goals = Objectives.energy() if objectives is None else objectives
+    if not isinstance(goals, Objectives):
+        raise InputError(f"objectives must be bess.Objectives, not {type(goals).__name__}")
+    if np.ndim(demand_kw) == 0:
+        raise InputError("demand_kw is a single value; give one for each step, such as [78.0] * 96")
     if goals.kind != "energy" or len(goals.groups) > 1:
         raise InputError(
             f'objectives of kind "{goals.kind}" with {len(goals.groups)} priorities: plan_power minimises '

@@ -117,7 +117,9 @@ def check_horizon(
     whole = isinstance(horizon_steps, int | np.integer) and not isinstance(horizon_steps, bool)
     if not whole or not 1 <= horizon_steps <= max_steps:
         raise InputError(f"horizon_steps {horizon_steps!r} must be an integer from 1 to {max_steps}")
-    number = isinstance(dt_h, int | float | np.integer | np.floating) and not isinstance(dt_h, bool)
+    number = isinstance(dt_h, int | float | np.integer | np.floating) and not isinstance(
+        dt_h, bool | np.timedelta64
+    )
     if not number or not 0.0 < dt_h <= 24.0:
         raise InputError(f"dt_h {dt_h!r} h must be a number in (0, 24] h")
     fastest = max(s.thermal.lumped.k2_per_s for s in system.strings) * dt_h * 3600.0

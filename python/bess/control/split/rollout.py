@@ -118,8 +118,8 @@ def rollout(
     .. [1] Tanjavooru, V. T., Pant, P., Hamacher, T., Hesse, H.: Multi-objective nonlinear power split control
        for BESS with real-time simulation feedback. 2025, arXiv:2507.04800.
     """
-    if not isinstance(state, State):
-        raise InputError(f"state must be a bess.State, not {type(state).__name__}")
+    if not isinstance(system, System):
+        raise InputError(f"system must be a bess.System, not {type(system).__name__}")
     system.check_state(state)
     request = finite_array("request_kw", request_kw)
     if request.ndim < 2 or request.shape[-2] != system.n_strings or request.shape[-1] == 0:
