@@ -139,5 +139,10 @@ def test_compare_sets_runs_of_two_folders_side_by_side(result: Path, tmp_path: P
     assert "Comparison of equal, priority" in page
     assert (tmp_path / "both" / "figures" / "losses.svg").exists()
     assert not (tmp_path / "both" / "figures" / "mean-temperature.svg").exists(), "they differ in length"
-    with pytest.raises(bess.InputError, match="needs at least two runs"):
-        run("compare", str(result))
+    for same in (
+        [str(result)],
+        [str(result), f"{result}/"],
+        [str(result), str(result / "..") + f"/{result.name}"],
+    ):
+        with pytest.raises(bess.InputError, match="needs at least two runs"):
+            run("compare", *same)

@@ -30,7 +30,7 @@ def runs_of(directories: Iterable[Path]) -> dict[str, Run]:
     found = [
         (directory, name, run) for directory in directories for name, run in runs_in(directory)[0].items()
     ]
-    if len(found) < 2:
+    if len({run.directory.resolve() for *_, run in found}) < 2:
         raise InputError(
             "bess compare needs at least two runs: specify two folders, or one folder with several scenarios"
         )
