@@ -131,7 +131,13 @@ def each_step(name: str, values: ArrayLike, n_steps: int, limits: tuple[float, f
 
 
 def one_number(name: str, value: ArrayLike) -> float:
-    """Return one finite number; raise InputError for any other value."""
+    """Return one finite number.
+
+    Raises
+    ------
+    InputError
+        For any other value.
+    """
     array = finite_array(name, value)
     if array.ndim:
         raise InputError(f"{name} has shape {array.shape}; give one number")

@@ -54,7 +54,7 @@ def to_json(state: Mapping[str, Any]) -> str:
         A leaf is of another type.
     """
 
-    def plain(value: Any) -> Any:
+    def _plain(value: Any) -> Any:
         if isinstance(value, np.ndarray) and value.dtype.kind not in "OV":
             content = b64encode(value.tobytes()).decode()
             return {_ARRAY: content, "dtype": value.dtype.str, "shape": value.shape}
@@ -66,7 +66,7 @@ def to_json(state: Mapping[str, Any]) -> str:
             return value.item()
         raise TypeError(f"a checkpoint cannot hold {type(value).__name__}")
 
-    return json.dumps(state, default=plain)
+    return json.dumps(state, default=_plain)
 
 
 def from_json(text: str | bytes) -> dict[str, Any]:
