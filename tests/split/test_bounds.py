@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mutations import PYTHON, RUST, applies
 
 import bess
 from bess.control.split import bounds, power_split
@@ -141,3 +142,8 @@ def test_relaxations_count_what_is_bounded_and_hold_earlier_groups_under_their_c
         if any(g.ceiling > g.bound and g.search_ceiling > g.search_bound for g in earlier):
             later.add(is_rigorous)
     assert later == {True, False}
+
+
+@pytest.mark.parametrize("mutation", PYTHON + RUST, ids=lambda mutation: mutation[0])
+def test_the_list_of_mutations_follows_the_code(mutation):
+    assert applies(mutation)

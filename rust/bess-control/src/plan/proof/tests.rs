@@ -1,0 +1,348 @@
+//! Claims about the proven bound: on whole problems, on single steps, and box by box.
+
+use super::*;
+use crate::model::{ControlModel, Interval, Losses};
+use crate::plan::{dual, Prices};
+use crate::search::common;
+
+const COARSE: Fineness = Fineness { soc_cells: 40, temperature_k: 4.0 };
+
+/// Kilowatts asked of each string, positive in discharge; states; ambient; limits.
+struct Given {
+    demand_kw: Vec<f64>,
+    dt_h: f64,
+    soc: Vec<f64>,
+    temperature_c: f64,
+    ambient_c: f64,
+    limit_kw: Vec<f64>,
+    derating: f64,
+}
+
+impl Given {
+    fn new(demand_kw: Vec<f64>, soc: Vec<f64>, temperature_c: f64) -> Self {
+        let limit_kw = vec![92.0; soc.len()];
+        let (dt_h, ambient_c, derating) = (0.25, temperature_c, 3e-3);
+        Self { demand_kw, dt_h, soc, temperature_c, ambient_c, limit_kw, derating }
+    }
+
+    fn problem<'a>(&self, model: &'a ControlModel) -> PlanProblem<'a> {
+        let demand_w: Vec<f64> = self.demand_kw.iter().map(|kw| kw * 1e3 * self.soc.len() as f64).collect();
+        let interval =
+            |&w: &f64| Interval { direction: Direction::of(w), ambient_c: self.ambient_c, dt_h: self.dt_h };
+        let losses = |t: usize| Losses {
+            availability: 3e-3 * 0.99_f64.powi(t as i32),
+            derating: self.derating,
+            inverter: 1e-3,
+            battery: 1e-3,
+        };
+        let prices = Prices {
+            losses: (0..demand_w.len()).map(losses).collect(),
+            wear: vec![1e-4; self.soc.len()],
+            start: 0.1,
+            balance: 0.0,
+            end_charge: -1e-3,
+        };
+        let start = self.soc.iter().map(|&soc| StringState { soc, temperature_c: self.temperature_c });
+        let intervals = demand_w.iter().map(interval).collect();
+        let demand_w: Vec<f64> = demand_w.iter().map(|w| w.abs()).collect();
+        let limit_w = self.limit_kw.iter().map(|kw| kw * 1e3).collect();
+        let running = vec![false; self.soc.len()];
+        PlanProblem::new(model, start.collect(), running, &demand_w, intervals, limit_w, prices).unwrap()
+    }
+}
+
+/// Hours of charge and discharge [kW].
+fn steps(blocks: &[(usize, f64)]) -> Vec<f64> {
+    blocks.iter().flat_map(|&(n, kw)| vec![kw; n]).collect()
+}
+
+fn prices(problem: &PlanProblem<'_>) -> Vec<f64> {
+    let known = problem.n_strings() as f64 * 50.0;
+    dual::ascend(problem, vec![5e-5; problem.n_steps()], known, 8).price
+}
+
+/// Cost and end state of a string in a step of the control model with the coefficients of its start.
+fn paid(
+    problem: &PlanProblem<'_>,
+    m: usize,
+    t: usize,
+    state: StringState,
+    request_w: f64,
+) -> (f64, StringState) {
+    let interval = &problem.intervals[t];
+    let flow = problem.model.strings()[m].step(state, request_w, interval);
+    let p = &problem.prices;
+    let rate = flow.losses().cost(&p.losses[t]) + p.wear[m] * flow.current_a.abs();
+    (rate * interval.dt_h, flow.end)
+}
+
+/// Of random steps, states and requests, how many pay less than the values say, for a share of the errors.
+fn violations(given: &Given, share: f64, tries: usize) -> usize {
+    let model = ControlModel::new(&common::reference(given.soc.len()));
+    let problem = given.problem(&model);
+    let price: Vec<f64> = prices(&problem).iter().map(|l| l.min(1.5e-3)).collect();
+    let mut kind = Kind::new(&problem, &[0, 1], COARSE).unwrap();
+    kind.share = share;
+    let mut values = vec![vec![]; problem.n_steps() + 1];
+    kind.backwards(&price, |t, v| values[t] = v.to_vec());
+    let mut random = fastrand::Rng::with_seed(3);
+    let (coolest, warmest) = (kind.temperature_c[0], kind.temperature_c[kind.n_temperatures() - 1]);
+    let mut found = 0;
+    for _ in 0..tries {
+        let t = random.usize(0..problem.n_steps());
+        let soc = match random.u8(0..8) {
+            0 => 0.0,
+            1 => 1.0,
+            2 => 0.05 * random.f64(),
+            _ => random.f64(),
+        };
+        let state = StringState { soc, temperature_c: coolest + (warmest - coolest) * random.f64() };
+        let largest_w = problem.demand_w[t].min(problem.limit_w[0]);
+        let request_w = match random.u8(0..8) {
+            0 => largest_w,
+            1 => 2e3 * random.f64(),
+            _ => largest_w * random.f64(),
+        };
+        let (cost, end) = paid(&problem, 0, t, state, request_w.min(largest_w));
+        let reached = cost - price[t] * request_w.min(largest_w) * given.dt_h + kind.at(&values[t + 1], end);
+        found += usize::from(kind.at(&values[t], state) > reached + 1e-9);
+    }
+    found
+}
+
+#[test]
+fn no_step_of_the_control_model_pays_less_than_the_values_say_and_half_the_errors_would_not_do() {
+    let mild = steps(&[(4, -39.0), (2, -5.0), (2, 0.0), (6, 60.0), (2, 10.0)]);
+    let hot = steps(&[(6, 85.0), (1, 0.0), (6, -85.0)]);
+    let hot = |derating: f64| Given { derating, ..Given::new(hot.clone(), vec![0.3; 2], 47.0) };
+    for given in [Given::new(mild, vec![0.5; 2], 25.0), hot(3e-3), hot(6e-4), hot(0.0)] {
+        assert_eq!(violations(&given, 1.0, 150_000), 0);
+        let seen = violations(&given, 0.5, 150_000);
+        assert!(seen > 100, "{seen} with derating at {}", given.derating);
+    }
+}
+
+/// Each demand shared in a random way, and over time in the same way or not; costs are those of a roll-out.
+fn cheapest(problem: &PlanProblem<'_>, tries: usize) -> f64 {
+    let mut random = fastrand::Rng::with_seed(5);
+    let n = problem.n_strings();
+    let mut best = f64::INFINITY;
+    for try_ in 0..tries {
+        let keep = random.f64();
+        let mut weights: Vec<f64> = vec![1.0; n];
+        let mut states = problem.start.clone();
+        let mut cost = 0.0;
+        for t in 0..problem.n_steps() {
+            if try_ > 0 && random.f64() > keep {
+                let even = random.bool();
+                weights.iter_mut().for_each(|w| *w = if even { 1.0 } else { random.f64().powi(6) });
+            }
+            let mut left_w = problem.demand_w[t];
+            let mut order: Vec<usize> = (0..n).collect();
+            order.sort_by(|&a, &b| weights[b].total_cmp(&weights[a]));
+            for (place, &m) in order.iter().enumerate() {
+                let weight: f64 = order[place..].iter().map(|&m| weights[m]).sum();
+                let later_w: f64 = order[place + 1..].iter().map(|&m| problem.limit_w[m]).sum();
+                let share_w = left_w * weights[m] / weight;
+                let request_w =
+                    share_w.min(problem.limit_w[m]).max(left_w - later_w).clamp(0.0, problem.limit_w[m]);
+                left_w -= request_w;
+                let (paid, end) = paid(problem, m, t, states[m], request_w);
+                cost += paid;
+                states[m] = end;
+            }
+            assert!(left_w.abs() < 1e-6 * problem.demand_w[t].max(1.0));
+        }
+        cost += (0..n).map(|m| problem.end_cost(m, states[m])).sum::<f64>();
+        best = best.min(cost);
+    }
+    best
+}
+
+#[test]
+fn no_schedule_costs_less_than_the_bound() {
+    let day = steps(&[(6, -39.0), (2, 0.0), (8, 39.0), (2, 12.0), (4, -70.0)]);
+    let mut cases = vec![
+        Given::new(day.clone(), vec![0.5, 0.5], 25.0),
+        Given::new(day.clone(), vec![0.4, 0.6, 0.9], -5.0),
+        Given::new(day.clone(), vec![0.5, 0.2], 44.0),
+        Given::new(steps(&[(12, 80.0)]), vec![0.05, 0.3], 25.0),
+        Given::new(steps(&[(12, -80.0)]), vec![0.99, 0.7], 25.0),
+        Given::new(vec![39.0], vec![0.5, 0.5], 25.0),
+        Given::new(vec![0.001, -0.001, 0.0005], vec![0.5, 0.5], 25.0),
+        Given::new(vec![0.0; 3], vec![0.5, 0.5], 25.0),
+        // An inverter needs more than it is asked for, and takes the rest from the battery.
+        Given::new(vec![-0.45], vec![0.5, 0.5], 25.0),
+    ];
+    cases[1].limit_kw[2] = 0.0;
+    cases[2].limit_kw[0] = 60.0;
+    cases.push(Given { dt_h: 1.0 / 60.0, ..Given::new(day.repeat(3), vec![0.5, 0.5], 25.0) });
+    cases.push(Given { ambient_c: 45.0, ..Given::new(day.clone(), vec![0.5, 0.5], 30.0) });
+    // Derated requests that cost less than the demand is worth.
+    for (derating, temperature_c) in [(1e-5, 25.0), (0.0, 44.0), (1e-5, 52.0), (0.0, 57.0)] {
+        cases.push(Given { derating, ..Given::new(day.clone(), vec![0.5, 0.2], temperature_c) });
+    }
+    for (case, given) in cases.iter().enumerate() {
+        let mut system = common::reference(given.soc.len());
+        if case % 2 == 1 {
+            system = system
+                .aged(&vec![1.0, 0.8, 0.9][..given.soc.len()], &vec![1.0, 1.5, 1.2][..given.soc.len()])
+                .unwrap();
+        }
+        let model = ControlModel::new(&system);
+        let problem = given.problem(&model);
+        let price = prices(&problem);
+        let cost = cheapest(&problem, 400);
+        for factor in [1.0, 0.3, 1.5, 3.0, 20.0, 1e3, -1.0] {
+            let price: Vec<f64> = price.iter().map(|l| l * factor).collect();
+            let bound = proven(&problem, &price, &problem.kinds(), |_| COARSE).unwrap();
+            assert!(bound <= cost, "case {case}: a bound of {bound}, a schedule of {cost}");
+        }
+    }
+}
+
+#[test]
+fn at_rated_demand_a_proof_takes_less_than_a_tenth_off_the_bound_of_the_grid() {
+    let day = steps(&[(10, -39.0), (2, -15.0), (2, 0.0), (19, 39.0), (3, 15.0), (2, 0.0), (10, -39.0)]);
+    let model = ControlModel::new(&common::reference(2));
+    let mut problem = Given::new(day, vec![0.5; 2], 25.0).problem(&model);
+    (problem.prices.end_charge, problem.prices.wear, problem.prices.start) = (0.0, vec![0.0; 2], 0.0);
+    let dual = dual::ascend(&problem, vec![4e-5; problem.n_steps()], 30.0, 40);
+    let bound = bound(&problem, &dual.price, 160).unwrap();
+    assert!(0.9 * dual.bound < bound && bound < dual.bound, "{bound} of {}", dual.bound);
+}
+
+/// A point within a box: where in its cell of SOC and temperature, and between its currents.
+struct Inside {
+    soc: f64,
+    temperature: f64,
+    current: f64,
+}
+
+impl Inside {
+    /// Corners of the triangle around the point with their weights, as steps over SOC and current: triangles are cut along
+    /// the line on which the final SOC is that of a node.
+    fn triangle(&self, direction: Direction) -> [(usize, usize, f64); 3] {
+        let (a, c) = (self.soc, self.current);
+        match direction {
+            Direction::Charge if a + c <= 1.0 => [(0, 0, 1.0 - a - c), (1, 0, a), (0, 1, c)],
+            Direction::Charge => [(1, 1, a + c - 1.0), (1, 0, 1.0 - c), (0, 1, 1.0 - a)],
+            Direction::Discharge if a >= c => [(0, 0, 1.0 - a), (1, 0, a - c), (1, 1, c)],
+            Direction::Discharge => [(0, 0, 1.0 - c), (0, 1, c - a), (1, 1, a)],
+        }
+    }
+}
+
+/// Values after a step that stress one part of the errors each.
+fn some_values(kind: &Kind<'_>, random: &mut fastrand::Rng) -> Vec<f64> {
+    let flat = random.bool();
+    let mut uneven = |scale: f64| -> Vec<f64> {
+        (0..kind.soc.len).map(|_| if flat { 0.0 } else { scale * (random.f64() - 0.5) }).collect()
+    };
+    // Steps over SOC, and another slope over temperature at each node of SOC.
+    let (level, slope) = (uneven(1e-3), uneven(1e-2));
+    let node = |x: usize| {
+        let (i, j) = (x / kind.n_temperatures(), x % kind.n_temperatures());
+        level[i] + slope[i] * (kind.temperature_c[j] - kind.temperature_c[0])
+    };
+    (0..kind.n_nodes()).map(node).collect()
+}
+
+/// By how much a point within a box costs less than its errors allow, at random prices and values; None where none ends there.
+fn excess(problem: &mut PlanProblem<'_>, random: &mut fastrand::Rng) -> Option<f64> {
+    let mut maybe = |scale: f64| if random.bool() { scale * random.f64() } else { 0.0 };
+    let (battery, inverter, derating, price) = (maybe(1e-3), maybe(1e-3), maybe(3e-3), maybe(3e-3));
+    problem.prices.losses[0] = Losses { availability: 3e-3, derating, inverter, battery };
+    let problem: &PlanProblem<'_> = problem;
+    let interval = &problem.intervals[0];
+    let kind = Kind::new(problem, &[0, 1], COARSE)?;
+    let moves = kind.moves[which(interval.direction)].as_ref()?;
+    let images = kind.images(interval, Some(moves));
+    let step = StepPrices::new(&kind, 0, price, Some(moves));
+    let values = some_values(&kind, random);
+    let mut bends = Bends::new(&kind);
+    bends.of(&kind, &values);
+    let cap_w = kind.cap_w(0);
+    let string = kind.string();
+    let delivered = delivered::Delivered::new(string.loss(interval.direction))?;
+    let n = kind.n_temperatures();
+    let mut most = None;
+    let mut errors = vec![0.0; kind.n_cells()];
+    for k in 0..moves.n_boxes_within(cap_w) {
+        kind.box_errors((moves, &images), &bends, &step, (k, cap_w), &mut errors);
+        for _ in 0..400 {
+            let (i, j) = (random.usize(0..kind.soc.len - 1), random.usize(0..n - 1));
+            let error = errors[i * (n - 1) + j];
+            let inside = Inside { soc: random.f64(), temperature: random.f64(), current: random.f64() };
+            let triangle = inside.triangle(interval.direction);
+            let leads = |&(di, dk, _): &(usize, usize, f64)| {
+                kind.soc.after(interval.direction, i + di, k + dk).is_some()
+            };
+            let between = |j: usize| {
+                kind.temperature_c[j]
+                    + inside.temperature * (kind.temperature_c[j + 1] - kind.temperature_c[j])
+            };
+            let state = StringState { soc: kind.soc.at(i as f64 + inside.soc), temperature_c: between(j) };
+            let factor = string.parameters.derating.factor.at(state.temperature_c);
+            let current_a = moves.current_a * (k as f64 + inside.current);
+            let c = string.coefficients(interval.direction, state);
+            let heat_w = c.resistance_ohm * current_a * current_a;
+            let internal_w = c.voltage_v * current_a - interval.direction.sign() * heat_w;
+            let power_w = delivered.at(internal_w);
+            let request_w = power_w / factor;
+            if error == f64::NEG_INFINITY
+                || !triangle.iter().all(leads)
+                || factor < LEAST_FACTOR
+                || power_w < 0.0
+                || request_w > cap_w
+            {
+                continue;
+            }
+            let losses = Losses {
+                availability: 0.0,
+                derating: request_w - power_w,
+                inverter: delivered.loss_w(internal_w, power_w),
+                battery: heat_w,
+            };
+            let rate = losses.cost(&problem.prices.losses[0]) - price * request_w + step.wear * current_a;
+            let soc = state.soc
+                - interval.direction.sign() * current_a * interval.dt_h / string.parameters.capacity_ah;
+            let end =
+                StringState { soc, temperature_c: string.warmed(state.temperature_c, heat_w, interval) };
+            let paid = rate * interval.dt_h + kind.at(&values, end);
+            let corner = |&(di, dk, weight): &(usize, usize, f64)| {
+                let to = kind.soc.after(interval.direction, i + di, k + dk).expect("leads to a node");
+                let wear = step.dt_h * step.wear * moves.current_a * (k + dk) as f64;
+                let at = |j: usize| {
+                    let x = (k + dk) * kind.n_nodes() + (i + di) * n + j;
+                    let (cell, share) = images.corners[x];
+                    step.cost(&moves.corners[x], j) + wear + lerp(&values[to * n..], cell, share)
+                };
+                weight * ((1.0 - inside.temperature) * at(j) + inside.temperature * at(j + 1))
+            };
+            let expected: f64 = triangle.iter().map(corner).sum();
+            let excess = expected - error - paid;
+            most = Some(f64::max(most.unwrap_or(f64::NEG_INFINITY), excess));
+        }
+    }
+    most
+}
+
+#[test]
+fn within_every_box_no_point_costs_less_than_the_corners_and_the_errors_say() {
+    let model = ControlModel::new(&common::reference(2));
+    let mut random = fastrand::Rng::with_seed(7);
+    for demand_kw in [60.0, -60.0, 92.0, -92.0] {
+        for temperature_c in [5.0, 25.0, 46.0] {
+            let given = Given { derating: 0.0, ..Given::new(vec![demand_kw], vec![0.5; 2], temperature_c) };
+            let mut problem = given.problem(&model);
+            let mut found = 0;
+            for _ in 0..40 {
+                let Some(excess) = excess(&mut problem, &mut random) else { continue };
+                found += 1;
+                assert!(excess <= 1e-9, "{demand_kw} kW at {temperature_c} degC: {excess}");
+            }
+            assert!(found > 30, "{found}");
+        }
+    }
+}
