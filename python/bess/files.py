@@ -88,8 +88,9 @@ def read_file(path: str | Path, largest: int = LARGEST_BYTES) -> bytes:
     """
     try:
         kind = Path(path).stat().st_mode
-        if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
-            raise InputError(f"{path}: cannot be read (a pipe or a device, not a file); give a file")
+        if not stat.S_ISREG(kind):
+            found = "folder" if stat.S_ISDIR(kind) else "pipe or a device"
+            raise InputError(f"{path}: cannot be read (a {found}, not a file); give a file")
         with Path(path).open("rb") as file:
             return limited(file, path, largest)
     except InputError:

@@ -161,7 +161,7 @@ def runs_in(directory: Path) -> tuple[dict[str, Run], dict[str, str]]:
             runs[name] = run
     if not runs:
         reason = next(iter(problems.values()), f"{directory}: holds no run")
-        raise InputError(f"{reason}; bess report needs the folder that bess run or bess sweep wrote")
+        raise InputError(f"{reason}; give a folder that bess run or bess sweep wrote")
     return runs, problems
 
 

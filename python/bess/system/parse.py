@@ -17,7 +17,14 @@ from bess.system.sections import About, Control, Derating, Inverter, SystemDefau
 
 _T = TypeVar("_T", bound=Section)
 
-_OVERRIDABLE = ("system", "battery", "inverter", "derating", "thermal", "wear")
+_OVERRIDABLE: dict[str, type[Section]] = {
+    "system": SystemDefaults,
+    "battery": Battery,
+    "inverter": Inverter,
+    "derating": Derating,
+    "thermal": Thermal,
+    "wear": Wear,
+}
 PER_STRING_SITE = (
     "initial_soc",
     "initial_temperature_c",
@@ -114,7 +121,9 @@ def check_layout(document: object, name: str) -> None:
         raise InputError(f"{name}: a system is a table of sections, not {type(document).__name__}")
     known = {*_OVERRIDABLE, "about", "control", "cooling", "string"}
     if unknown := sorted(set(document) - known):
-        raise InputError(f"{name}: unknown section {unknown[0]!r}; allowed: {', '.join(sorted(known))}")
+        homes = [section for section, model in _OVERRIDABLE.items() if unknown[0] in model.model_fields]
+        remedy = f"it is a key of section {homes[0]!r}" if homes else f"allowed: {', '.join(sorted(known))}"
+        raise InputError(f"{name}: unknown section {unknown[0]!r}; {remedy}")
     overrides = document.get("string", [])
     if not isinstance(overrides, list) or not all(isinstance(entry, Mapping) for entry in overrides):
         raise InputError(f"{name}: string: write one [[string]] table for each string")
