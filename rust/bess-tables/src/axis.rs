@@ -1,6 +1,7 @@
 //! Knots of a table, and where a value lies among them.
 
 use std::ops::Deref;
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use crate::InputError;
 
@@ -21,6 +22,24 @@ pub struct Axis {
     cells_per_unit: f64,
     /// Of each cell, the last knot before it.
     guide: Vec<u32>,
+    last: Last,
+}
+
+/// The knot found last. Values of a simulation often follow each other in a segment: the processor then goes on with it while it
+/// still compares. Results do not depend on it.
+#[derive(Debug, Default)]
+struct Last(AtomicU32);
+
+impl Clone for Last {
+    fn clone(&self) -> Self {
+        Self::default()
+    }
+}
+
+impl PartialEq for Last {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
 }
 
 impl Axis {
@@ -52,7 +71,7 @@ impl Axis {
         let shortest = knots.windows(2).map(|pair| pair[1] - pair[0]).fold(span, f64::min);
         let cells = if span > 0.0 { (CELLS_PER_SEGMENT * span / shortest).min(MOST_CELLS) } else { 0.0 };
         let cells_per_unit = if span > 0.0 { cells / span } else { 0.0 };
-        let mut axis = Self { knots, next, cells_per_unit, guide: vec![] };
+        let mut axis = Self { knots, next, cells_per_unit, guide: vec![], last: Last::default() };
         // Cells ascend with values to the last bit, so a knot in an earlier cell is below all values of a later one.
         let before = |cell: usize| axis.knots[1..].partition_point(|&knot| axis.cell(knot) < cell) as u32;
         axis.guide = (0..=cells as usize + 1).map(before).collect();
@@ -65,19 +84,29 @@ impl Axis {
     }
 
     /// The last knot at or below a value; the first one for values below it.
-    #[inline]
+    #[inline(always)]
     pub fn below(&self, x: f64) -> usize {
+        let last = self.last.0.load(Relaxed) as usize;
+        if x >= self.knots[last] && x < self.next[last] {
+            return last;
+        }
+        self.search(x)
+    }
+
+    #[inline(never)]
+    fn search(&self, x: f64) -> usize {
         let mut knot = self.guide[self.cell(x).min(self.guide.len() - 1)] as usize;
         // Adding the comparison has no branch to mispredict; the loop goes on only where knots are very close.
         knot += usize::from(x >= self.next[knot]);
         while x >= self.next[knot] {
             knot += 1;
         }
+        self.last.0.store(knot as u32, Relaxed);
         knot
     }
 
     /// Segment and share in `[0, 1]` of a value, clamped at both ends.
-    #[inline]
+    #[inline(always)]
     pub fn locate(&self, x: f64) -> (usize, f64) {
         let last = self.knots.len() - 1;
         if last == 0 || x <= self.knots[0] {
@@ -87,7 +116,7 @@ impl Axis {
             return (last - 1, 1.0);
         }
         let segment = self.below(x);
-        (segment, (x - self.knots[segment]) / (self.knots[segment + 1] - self.knots[segment]))
+        (segment, (x - self.knots[segment]) / (self.next[segment] - self.knots[segment]))
     }
 }
 

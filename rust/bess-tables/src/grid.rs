@@ -50,23 +50,21 @@ impl Grid {
     }
 
     /// Value at `(x, y)`, clamped outside the grid.
-    #[inline]
+    #[inline(always)]
     pub fn at(&self, x: f64, y: f64) -> f64 {
         let (row, share) = self.x.locate(x);
-        let (column, part) = self.y.locate(y);
         let columns = self.y.len();
+        let upper = (row + 1).min(self.x.len() - 1);
+        if columns == 1 {
+            return self.z[row] + share * (self.z[upper] - self.z[row]);
+        }
+        let (column, part) = self.y.locate(y);
         let along = |row: usize| {
-            let values = &self.z[row * columns..(row + 1) * columns];
-            if columns == 1 {
-                return values[0];
-            }
-            values[column] + part * (values[column + 1] - values[column])
+            let values = &self.z[row * columns + column..][..2];
+            values[0] + part * (values[1] - values[0])
         };
         let low = along(row);
-        if self.x.len() == 1 {
-            return low;
-        }
-        low + share * (along(row + 1) - low)
+        low + share * (along(upper) - low)
     }
 }
 

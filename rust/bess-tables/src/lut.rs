@@ -51,7 +51,7 @@ impl Lut {
     }
 
     /// Value at `x`, clamped outside the knots.
-    #[inline]
+    #[inline(always)]
     pub fn at(&self, x: f64) -> f64 {
         let (segment, share) = self.x.locate(x);
         if self.y.len() == 1 {

@@ -39,7 +39,7 @@ impl Resistance {
     }
 
     /// Resistance [Ohm] at a state and C-rate.
-    #[inline]
+    #[inline(always)]
     pub fn at(&self, direction: Direction, soc: f64, temperature_c: f64, c_rate: f64) -> f64 {
         match self {
             Self::Switched { temperature, soc_factor, low_soc_switch } => {
@@ -66,7 +66,7 @@ impl Resistance {
     }
 
     /// Resistance [Ohm] as the controller sees it: no dependence on the current of the interval.
-    #[inline]
+    #[inline(always)]
     pub fn control_at(&self, direction: Direction, soc: f64, temperature_c: f64) -> f64 {
         let c_rate = match self {
             Self::Switched { .. } => 0.0,

@@ -123,12 +123,16 @@ fn reached(store: &Store, problem: &DispatchProblem) -> Vec<Range<usize>> {
     let mut all = vec![rows.clone()];
     for block in &problem.blocks {
         let ends_c = &store.of(block).ends_c[rows.clone()];
-        let lowest = below(ends_c.iter().fold(f64::INFINITY, |low, end| low.min(end.0)));
-        let highest = below(ends_c.iter().fold(f64::NEG_INFINITY, |high, end| high.max(end.1))) + 1;
+        let lowest_c = ends_c.iter().fold(f64::INFINITY, |low, end| low.min(end.0));
+        let highest_c = ends_c.iter().fold(f64::NEG_INFINITY, |high, end| high.max(end.1));
+        let (lowest, highest) = (below(lowest_c - ROUNDING_K), below(highest_c + ROUNDING_K) + 1);
+        rows = rows.start.min(lowest)..rows.end.max(highest + 1);
+        // In the ambient temperature of the transitions, values are those of the points themselves.
         let shift_k = store.warmer_k(block);
-        let moved =
-            below(points[lowest] + shift_k - ROUNDING_K)..below(points[highest] + shift_k + ROUNDING_K) + 2;
-        rows = rows.start.min(lowest).min(moved.start)..rows.end.max(highest + 1).max(moved.end);
+        if shift_k != 0.0 {
+            let [cool, warm] = [points[lowest] - ROUNDING_K, points[highest] + ROUNDING_K];
+            rows = rows.start.min(below(cool + shift_k))..rows.end.max(below(warm + shift_k) + 2);
+        }
         all.push(rows.clone());
     }
     all

@@ -135,9 +135,13 @@ fn values_are_those_of_the_best_of_all_schedules() {
 
 #[test]
 fn temperatures_out_of_reach_change_no_power() {
-    for (temperature_c, levels, ladder) in [(18.0, 1, 1), (30.0, 2, 1), (44.0, 1, 2), (70.0, 1, 1)] {
+    let starts = [(18.0, 1, 1), (30.0, 2, 1), (44.0, 1, 2), (70.0, 1, 1)];
+    for ((temperature_c, levels, ladder), ambient_c) in
+        starts.into_iter().flat_map(|s| [(s, 28.0), (s, 25.0)])
+    {
         let (mut store, mut problem) = (store(&[0.0, 1.0]), problem(levels));
         problem.start.temperature_c = temperature_c;
+        problem.blocks.iter_mut().for_each(|block| block.ambient_c = ambient_c);
         store.dispatch(&problem).unwrap();
         let shadow_eur = &problem.ladder_eur_kwh[..ladder];
         let mut program = Program::new(&store, &problem, levels, shadow_eur, &problem.allowed_kwh);
