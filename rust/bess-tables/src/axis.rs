@@ -5,23 +5,12 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use crate::InputError;
 
-/// Cells of the guide for each of the shortest segments: then no cell holds two knots.
-const CELLS_PER_SEGMENT: f64 = 2.0;
-/// Most cells of a guide; a table with a segment shorter than they can tell apart is searched on from there.
-const MOST_CELLS: f64 = 1024.0;
-
-/// Ascending knots of a table, with a guide to the segment of a value.
-///
-/// Equal cells lie over the knots, and each knows the last knot before it. So a value is placed by one product and one
-/// comparison, however many knots there are.
+/// Ascending knots of a table. A value is first sought in the segment found last.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Axis {
     knots: Vec<f64>,
     /// The knot after each, infinity after the last.
     next: Vec<f64>,
-    cells_per_unit: f64,
-    /// Of each cell, the last knot before it.
-    guide: Vec<u32>,
     last: Last,
 }
 
@@ -67,20 +56,7 @@ impl Axis {
     /// Of knots, at least one, that are known to ascend.
     pub fn ascending(knots: Vec<f64>) -> Self {
         let next = knots[1..].iter().copied().chain([f64::INFINITY]).collect();
-        let span = knots[knots.len() - 1] - knots[0];
-        let shortest = knots.windows(2).map(|pair| pair[1] - pair[0]).fold(span, f64::min);
-        let cells = if span > 0.0 { (CELLS_PER_SEGMENT * span / shortest).min(MOST_CELLS) } else { 0.0 };
-        let cells_per_unit = if span > 0.0 { cells / span } else { 0.0 };
-        let mut axis = Self { knots, next, cells_per_unit, guide: vec![], last: Last::default() };
-        // Cells ascend with values to the last bit, so a knot in an earlier cell is below all values of a later one.
-        let before = |cell: usize| axis.knots[1..].partition_point(|&knot| axis.cell(knot) < cell) as u32;
-        axis.guide = (0..=cells as usize + 1).map(before).collect();
-        axis
-    }
-
-    #[inline]
-    fn cell(&self, x: f64) -> usize {
-        ((x - self.knots[0]) * self.cells_per_unit) as u32 as usize
+        Self { knots, next, last: Last::default() }
     }
 
     /// The last knot at or below a value; the first one for values below it.
@@ -95,12 +71,7 @@ impl Axis {
 
     #[inline(never)]
     fn search(&self, x: f64) -> usize {
-        let mut knot = self.guide[self.cell(x).min(self.guide.len() - 1)] as usize;
-        // Adding the comparison has no branch to mispredict; the loop goes on only where knots are very close.
-        knot += usize::from(x >= self.next[knot]);
-        while x >= self.next[knot] {
-            knot += 1;
-        }
+        let knot = self.knots[1..].partition_point(|&knot| knot <= x);
         self.last.0.store(knot as u32, Relaxed);
         knot
     }
