@@ -159,3 +159,46 @@ def test_a_service_ends_within_10_s_whatever_its_edge_does(folder: Path, piece: 
             assert process.wait(10.0) == 0, (folder / "log").read_text(encoding="utf-8")[-3000:]
         stop.set()
         edge.shutdown()
+
+
+SWALLOWED = """
+import signal
+import uvicorn
+from bess.cli.main import main
+
+run = uvicorn.Server.run
+
+def interrupted(self, **options):
+    try:
+        signal.raise_signal(signal.SIGTERM)
+    except BaseException:
+        pass  # as in the callback of a weak reference, where Python prints an exception and goes on
+    run(self, **options)
+
+uvicorn.Server.run = interrupted
+main()
+"""
+
+
+def test_a_signal_while_the_service_starts_is_not_lost(folder: Path) -> None:
+    (folder / "swallowed.py").write_text(SWALLOWED, encoding="utf-8")
+    plant = SimulatedPlant(bess.System.reference(n_strings=2))
+    with SimulatedEdge(plant) as edge, (folder / "log").open("wb") as log:
+        serve = (
+            "serve",
+            "study.toml",
+            "--plant",
+            edge.address,
+            "--token-file",
+            "token",
+            "--port",
+            str(_free_port()),
+        )
+        process = subprocess.Popen(
+            [sys.executable, "swallowed.py", *serve], cwd=folder, stdout=log, stderr=log
+        )
+        try:
+            assert process.wait(60.0) == 0, (folder / "log").read_text(encoding="utf-8")[-3000:]
+        finally:
+            process.kill()
+            process.wait()

@@ -84,42 +84,50 @@ def serve(
             named = f"{address.kind} at {address.url}"
             loop = ControlLoop(service, link, demands, journal, address=named, shadow=shadow)
             thread = threading.Thread(target=loop.run, name="cycle", daemon=True)
-        try:
-            # uvicorn raises a handled signal again.
-            with suppress(KeyboardInterrupt):
+        config = uvicorn.Config(
+            build_app(service, token, loop, names),
+            http=Connection,
+            ws="none",
+            log_config=None,
+            access_log=False,
+            server_header=False,
+            proxy_headers=False,
+            backlog=BACKLOG,
+            timeout_keep_alive=KEEP_ALIVE_S,
+            timeout_graceful_shutdown=2,
+            limit_concurrency=1000,
+        )
+        server = _Server(config, loop)
+        # Before the thread starts, as an exception raised wherever Python happens to be may be lost;
+        # a signal that was handled is raised again at the end.
+        with suppress(KeyboardInterrupt), server.capture_signals():
+            try:
                 if thread is not None:
                     thread.start()
-                config = uvicorn.Config(
-                    build_app(service, token, loop, names),
-                    http=Connection,
-                    ws="none",
-                    log_config=None,
-                    access_log=False,
-                    server_header=False,
-                    proxy_headers=False,
-                    backlog=BACKLOG,
-                    timeout_keep_alive=KEEP_ALIVE_S,
-                    timeout_graceful_shutdown=2,
-                    limit_concurrency=1000,
-                )
-                server = uvicorn.Server(config)
-                handle_exit = server.handle_exit
-
-                def end(number: int, frame: FrameType | None) -> None:
-                    if loop is not None:
-                        loop.stop()
-                    last = threading.Timer(ENDS_S, _end_process)
-                    last.daemon = True
-                    last.start()
-                    handle_exit(number, frame)
-
-                server.handle_exit = end  # type: ignore[method-assign, assignment]
                 server.run(sockets=[listener])
-        finally:
-            if loop is not None and thread is not None and thread.is_alive():
-                loop.stop()
-                thread.join()
-            service.close()
+            finally:
+                if loop is not None and thread is not None and thread.is_alive():
+                    loop.stop()
+                    thread.join()
+                service.close()
+
+
+class _Server(uvicorn.Server):
+    """Stops the control loop on a signal, and ends the process after :data:`ENDS_S`."""
+
+    def __init__(self, config: uvicorn.Config, loop: ControlLoop | None) -> None:
+        super().__init__(config)
+        self._control_loop = loop
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Handle a signal, each further one as uvicorn does."""
+        if not self.should_exit:
+            if self._control_loop is not None:
+                self._control_loop.stop()
+            last = threading.Timer(ENDS_S, _end_process)
+            last.daemon = True
+            last.start()
+        super().handle_exit(sig, frame)
 
 
 def _end_process() -> None:
