@@ -169,13 +169,15 @@ impl StringModel {
     /// Simulates a request `request_w >= 0` from `state`, with the coefficients of its start.
     #[inline]
     pub fn step(&self, state: StringState, request_w: f64, interval: &Interval) -> Flow {
-        self.step_with(|| self.coefficients(interval.direction, state), state, request_w, interval)
+        let c = || self.coefficients(interval.direction, state);
+        self.step_with(self.loss(interval.direction), c, state, request_w, interval)
     }
 
-    /// [`Self::step`] with the coefficients of `state`, read where needed.
+    /// [`Self::step`] with another inverter loss curve and the coefficients of `state`, read where needed.
     #[inline]
     pub(crate) fn step_with(
         &self,
+        curve: &LossCurve,
         at_start: impl FnOnce() -> Coefficients,
         state: StringState,
         request_w: f64,
@@ -184,7 +186,7 @@ impl StringModel {
         if request_w <= 0.0 {
             return self.idle(state, 0.0, 0.0, interval);
         }
-        self.carry_out(self.loss(interval.direction), state, request_w, interval, &at_start())
+        self.carry_out(curve, state, request_w, interval, &at_start())
     }
 
     #[inline]

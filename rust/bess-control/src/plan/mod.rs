@@ -49,8 +49,9 @@ const TIGHT: f64 = 0.15;
 /// Remaining price factor of harmless SOC differences: equal SOCs simplify planning.
 const SLACK: f64 = 0.1;
 
-/// Step of the dynamic program of pairs [h]; shorter steps take more time without a gain.
+/// Step of the dynamic program of pairs [h]; shorter steps take more time without a gain, unless there are few of them.
 const PAIRS_STEP_H: f64 = 0.5;
+const FEW_STEPS: usize = 16;
 
 /// Minimum step of the bound [h].
 const BOUND_STEP_H: f64 = 0.25;
@@ -155,33 +156,13 @@ impl PlanProblem<'_> {
             Some(carried) if carried.cost() <= rule_cost => carried,
             _ => rules[0].clone(),
         };
-        let every_pair = pair::rounds(self.n_strings());
-        improve(&mut best, effort.rollouts * size, effort.turn, every_pair);
+        improve(&mut best, effort.rollouts * size, effort.turn, pair::rounds(self.n_strings()));
         let (mut search_bound, mut price) = (None, None);
         if effort.fresh_rollouts > 0 {
-            let every_move = every_pair.max(blocks::LENGTHS.len());
-            let polish = |request_w: Vec<f64>| {
-                let mut fresh = Paths::new(problem, request_w);
-                improve(&mut fresh, effort.fresh_rollouts * size, effort.turn, every_move);
-                fresh
-            };
-            best = cores::map(rules, |rule| polish(rule.request_w())).into_iter().fold(best, cheaper);
-            if effort.bound_passes > 0 {
-                let pairs = PairValues::solve(&problem.coarsened(problem.steps_of(PAIRS_STEP_H)));
-                let ahead = look_ahead(problem, &pairs);
-                best = cheaper(best, polish(ahead.request_w));
-                let per = problem.steps_of(BOUND_STEP_H);
-                let mean = |prices: &[f64]| prices.iter().sum::<f64>() / prices.len() as f64;
-                let first_price = ahead.price.chunks(per).map(mean).collect();
-                let dual =
-                    dual::ascend(&problem.coarsened(per), first_price, best.cost(), effort.bound_passes);
-                let blocks = n_steps.div_ceil(per);
-                let of_block = |k: usize| dual.request_w[k / n_steps * blocks + k % n_steps / per];
-                let by_price = starts::carried_on(problem, &(0..size).map(of_block).collect::<Vec<_>>());
-                best = cheaper(best, polish(by_price));
-                search_bound = Some(dual.bound);
-                price = Some((0..n_steps).map(|t| dual.price[t / per]).collect());
-            }
+            let (starts, dual) = problem.fresh(rules, best.cost(), effort);
+            best = starts.into_iter().fold(best, cheaper);
+            search_bound = dual.as_ref().map(|dual| dual.bound);
+            price = dual.map(|dual| dual.price);
         }
         let plan = Plan {
             cost: best.cost(),
@@ -193,6 +174,50 @@ impl PlanProblem<'_> {
             request_w: best.request_w(),
         };
         (plan, price)
+    }
+
+    /// Improved schedules without a predecessor: from those of `rules` and, if a bound is asked for, from the schedules of the
+    /// dynamic programs of pairs and of single strings. With the dual bound, its prices in the steps of the problem.
+    fn fresh<'p>(
+        &'p self,
+        rules: Vec<Paths<'p>>,
+        best_cost: f64,
+        effort: PlanEffort,
+    ) -> (Vec<Paths<'p>>, Option<dual::Dual>) {
+        let (n_steps, size) = (self.n_steps(), self.n_strings() * self.n_steps());
+        let every_move = pair::rounds(self.n_strings()).max(blocks::LENGTHS.len());
+        let polish = |request_w: Vec<f64>| {
+            let mut fresh = Paths::new(self, request_w);
+            improve(&mut fresh, effort.fresh_rollouts * size, effort.turn, every_move);
+            fresh
+        };
+        let mut found = cores::map(rules, |rule| polish(rule.request_w()));
+        if effort.bound_passes == 0 {
+            return (found, None);
+        }
+        let per = self.steps_of(PAIRS_STEP_H).min((n_steps / FEW_STEPS).max(1));
+        let pairs = PairValues::solve(&self.coarsened(per));
+        let ahead = look_ahead(self, &pairs);
+        found.push(polish(ahead.request_w));
+        let known = found.iter().map(Paths::cost).fold(best_cost, f64::min);
+        let per = self.steps_of(BOUND_STEP_H);
+        let mean = |prices: &[f64]| prices.iter().sum::<f64>() / prices.len() as f64;
+        let first_price = ahead.price.chunks(per).map(mean).collect();
+        let mut dual = dual::ascend(&self.coarsened(per), first_price, known, effort.bound_passes);
+        let blocks = n_steps.div_ceil(per);
+        let of_block = |k: usize| dual.request_w[k / n_steps * blocks + k % n_steps / per];
+        found.push(polish(starts::carried_on(self, &(0..size).map(of_block).collect::<Vec<_>>())));
+        dual.price = (0..n_steps).map(|t| dual.price[t / per]).collect();
+        (found, Some(dual))
+    }
+
+    /// Schedules of several plans, each from another start `(M, T)`.
+    pub(crate) fn schedules(&self, effort: PlanEffort) -> Vec<Vec<f64>> {
+        let rules = Rule::ALL.iter().map(|&rule| starts::of_rule(rule, self)).collect();
+        let (found, _) = self.fresh(rules, f64::INFINITY, effort);
+        let mut found: Vec<Vec<f64>> = found.iter().map(Paths::request_w).collect();
+        found.dedup();
+        found
     }
 
     /// SOC differences are measured from the fill of the plant along this plan, and count while the plant will still be

@@ -60,8 +60,9 @@ impl Grid {
         let stop = factor.x().iter().copied().find(|&c| factor.at(c) < LEAST_DERATING);
         let high = stop.unwrap_or(warmest + WARMING_K).max(warmest + TEMPERATURE_STEP_K);
         let nodes = ((high - low) / TEMPERATURE_STEP_K).ceil() as usize + 1;
+        let soc = problem.soc_range(m);
         Self {
-            soc: Axis { low: p.soc_min, high: p.soc_max, nodes: SOC_NODES },
+            soc: Axis { low: soc.low, high: soc.high, nodes: SOC_NODES },
             temperature_c: Axis { low, high, nodes },
         }
     }

@@ -6,7 +6,8 @@ use bess_tables::{Direction, InputError};
 
 use crate::error::{check_length, check_range};
 use crate::model::{
-    Coefficients, ControlModel, Flow, Interval, LossCurve, Losses, Range, StringState, TEMPERATURE_RANGE_C,
+    Coefficients, CoefficientsFrom, ControlModel, Flow, Interval, LossCurve, Losses, Range, StringState,
+    TEMPERATURE_RANGE_C,
 };
 use crate::reactive::curve_at_power_factor;
 
@@ -41,6 +42,8 @@ pub struct PlanProblem<'a> {
     /// Maximum requests, constant over all steps `(M,)` [W].
     pub(crate) limit_w: Vec<f64>,
     pub(crate) prices: Prices,
+    /// Point of a step at which the coefficients are evaluated.
+    coefficients_from: CoefficientsFrom,
     /// Fill of the plant at the end of each step `(T,)`, the reference of SOC differences.
     pub(crate) fill: Vec<f64>,
     /// Weight of SOC differences in each step `(T,)`: 1 if the plant will still be nearly empty or full, otherwise small.
@@ -103,12 +106,19 @@ impl<'a> PlanProblem<'a> {
             intervals,
             limit_w,
             prices,
+            coefficients_from: CoefficientsFrom::Middle,
             fill,
             tightness,
             reactive_var: vec![],
             curves: vec![],
             inverters: vec![],
         })
+    }
+
+    /// The problem on another form of the control model.
+    pub(crate) fn with_coefficients_from(mut self, coefficients_from: CoefficientsFrom) -> Self {
+        self.coefficients_from = coefficients_from;
+        self
     }
 
     /// Adds a reactive power demand, magnitudes `(T,)` [var]; reactive power above the remaining inverter power
@@ -245,6 +255,21 @@ impl<'a> PlanProblem<'a> {
         string.nominal_w() / volt * self.intervals[0].dt_h / p.capacity_ah
     }
 
+    /// SOC that strings like `m` may reach, by full power in all steps and a margin for lower voltages.
+    pub(crate) fn soc_range(&self, m: usize) -> Range {
+        let p = &self.model.strings()[m].parameters;
+        let full_step = 1.5 * self.soc_of_full_step(m);
+        let steps = |direction: Direction| {
+            let in_it = |t: &usize| self.intervals[*t].direction == direction && self.demand_w[*t] > 0.0;
+            (0..self.n_steps()).filter(in_it).count() as f64
+        };
+        let starts: Range =
+            (0..self.n_strings()).filter(|&k| self.alike(k, m)).map(|k| self.start[k].soc).collect();
+        let low = (starts.low - steps(Direction::Discharge) * full_step).max(p.soc_min);
+        let high = (starts.high + steps(Direction::Charge) * full_step).min(p.soc_max);
+        Range { low, high: high.max(low + 1e-3) }
+    }
+
     /// Whether two steps are equal for every string.
     pub(crate) fn same_step(&self, s: usize, t: usize) -> bool {
         self.curves.is_empty()
@@ -270,8 +295,25 @@ impl<'a> PlanProblem<'a> {
     /// Flows of one string in one step.
     #[inline]
     pub(crate) fn flow(&self, m: usize, t: usize, state: StringState, request_w: f64) -> Flow {
-        let c = || self.coefficients(m, t, state);
-        self.model.strings()[m].step_midpoint_with(self.curve(m, t), c, state, request_w, &self.intervals[t])
+        self.flow_from(|| self.coefficients(m, t, state), (m, t), state, request_w)
+    }
+
+    /// Like [`Self::flow`], with known coefficients of the start.
+    #[inline]
+    fn flow_from(
+        &self,
+        at_start: impl FnOnce() -> Coefficients,
+        (m, t): (usize, usize),
+        state: StringState,
+        request_w: f64,
+    ) -> Flow {
+        let (string, curve, interval) = (&self.model.strings()[m], self.curve(m, t), &self.intervals[t]);
+        match self.coefficients_from {
+            CoefficientsFrom::Start => string.step_with(curve, at_start, state, request_w, interval),
+            CoefficientsFrom::Middle => {
+                string.step_midpoint_with(curve, at_start, state, request_w, interval)
+            }
+        }
     }
 
     /// Coefficients of a string at the start of a step.
@@ -313,9 +355,8 @@ impl<'a> PlanProblem<'a> {
         request_w: f64,
         running: bool,
     ) -> (f64, StringState) {
-        let (string, interval) = (&self.model.strings()[m], &self.intervals[t]);
-        let flow = string.step_midpoint_with(self.curve(m, t), at_start, state, request_w, interval);
-        let p = &self.prices;
+        let flow = self.flow_from(at_start, (m, t), state, request_w);
+        let (interval, p) = (&self.intervals[t], &self.prices);
         let mut rate = flow.losses().cost(&p.losses[t]) + p.wear[m] * flow.current_a.abs();
         if p.balance > 0.0 {
             let off = self.fill_of(m, flow.end) - self.fill[t];

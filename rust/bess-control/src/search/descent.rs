@@ -18,18 +18,9 @@ const ALL_PAIRS: usize = 6;
 impl ControlHorizon {
     /// Minimises one group from a schedule `(M, T)` (magnitudes) in the order of a ranking: if the start is above a
     /// ceiling, the excess is reduced first. `budget` limits the work, in string-steps; returns the used part of
-    /// it. Strings with the requests of an already minimised (`settled`) schedule are moved only against others.
-    pub(crate) fn descend(
-        &self,
-        start_w: &[f64],
-        ranking: &Ranking,
-        budget: u64,
-        settled_w: Option<&[f64]>,
-    ) -> (Schedule, u64) {
+    /// it.
+    pub(crate) fn descend(&self, start_w: &[f64], ranking: &Ranking, budget: u64) -> (Schedule, u64) {
         let mut tracked = IncrementalRollout::new(self, 0, &self.start, start_w.to_vec());
-        if let Some(settled_w) = settled_w {
-            tracked.settle(settled_w);
-        }
         minimise(&mut tracked, ranking, budget);
         let used = tracked.string_steps.get();
         (Schedule { objectives: tracked.objectives(), request_w: tracked.request_w }, used)
@@ -78,18 +69,17 @@ fn descend(tracked: &mut IncrementalRollout<'_>, ranking: &Ranking, budget: u64)
     let singles: Vec<_> = (first..end).map(|step| (step, step)).collect();
     let apart = |distance| (first..end - distance).map(move |step| (step, step + distance));
     let pairs: Vec<_> = (1..end - first).flat_map(apart).collect();
-    let (mut looked_at_singles, mut looked_at_pairs) = (vec![0; singles.len()], vec![0; pairs.len()]);
     let mut gains = |in_pairs: bool| {
         let before = tracked.objectives();
         if in_pairs {
-            pass(tracked, budget, &pairs, &mut looked_at_pairs, |tracked, (first, second), strings| {
+            pass(tracked, budget, &pairs, |tracked, (first, second), strings| {
                 let lines = (Line::new(tracked, first, strings), Line::new(tracked, second, strings));
                 if let (Some(first), Some(second)) = lines {
                     Plane { first, second }.search(tracked, ranking);
                 }
             });
         } else {
-            pass(tracked, budget, &singles, &mut looked_at_singles, |tracked, (step, _), strings| {
+            pass(tracked, budget, &singles, |tracked, (step, _), strings| {
                 if let Some(line) = Line::new(tracked, step, strings) {
                     line.search(tracked, ranking);
                 }
@@ -100,23 +90,19 @@ fn descend(tracked: &mut IncrementalRollout<'_>, ranking: &Ranking, budget: u64)
     while gains(false) || gains(true) {}
 }
 
-/// Applies `search` to each pair of strings that has changed since the last look at these steps, within the budget.
+/// Applies `search` to each pair of strings in each of the steps, within the budget.
 fn pass<'a>(
     tracked: &mut IncrementalRollout<'a>,
     budget: u64,
     steps: &[(usize, usize)],
-    looked_at: &mut [u64],
     search: impl Fn(&mut IncrementalRollout<'a>, (usize, usize), (usize, usize)),
 ) {
-    for (&steps, looked_at) in steps.iter().zip(looked_at) {
-        let before = std::mem::replace(looked_at, tracked.changes);
+    for &steps in steps {
         for strings in pairs(tracked, steps.0) {
             if tracked.string_steps.get() >= budget {
                 return;
             }
-            if tracked.deserves_a_look(strings, before) {
-                search(tracked, steps, strings);
-            }
+            search(tracked, steps, strings);
         }
     }
 }
@@ -126,11 +112,10 @@ fn polish(tracked: &mut IncrementalRollout<'_>, ranking: &Ranking, budget: u64) 
     let nominal = |m: usize| tracked.horizon.string(m).nominal_w();
     let largest = (0..tracked.horizon.n_strings()).map(nominal).fold(0.0, f64::max);
     let steps: Vec<_> = (tracked.first..tracked.end).map(|step| (step, step)).collect();
-    let mut looked_at = vec![0; steps.len()];
     let mut share = 1e-2;
     while share > FINEST {
         let before = tracked.objectives();
-        pass(tracked, budget, &steps, &mut looked_at, |tracked, (step, _), strings| {
+        pass(tracked, budget, &steps, |tracked, (step, _), strings| {
             if let Some(line) = Line::new(tracked, step, strings) {
                 line.nudge(tracked, ranking, share * largest);
             }
@@ -140,7 +125,6 @@ fn polish(tracked: &mut IncrementalRollout<'_>, ranking: &Ranking, budget: u64) 
         }
         if !ranking.better_by(&tracked.objectives(), &before, NOTICEABLE) {
             share *= 0.25;
-            looked_at.fill(0);
         }
     }
 }
@@ -156,30 +140,4 @@ fn pairs(tracked: &IncrementalRollout<'_>, step: usize) -> Vec<(usize, usize)> {
     order.sort_by(|&a, &b| tracked.request(b, step).total_cmp(&tracked.request(a, step)));
     let ends = (order[0], order[n - 1]);
     order.windows(2).map(|w| (w[0], w[1])).chain([ends]).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::search::common;
-
-    #[test]
-    fn a_descent_leaves_alone_the_strings_that_do_as_in_a_settled_schedule() {
-        let horizon = common::one_objective(9, &[200e3, 300e3]);
-        let start_w = horizon.fitted(&[80e3; 18]);
-        let mut ranking = Ranking::new(1);
-        ranking.group = 0;
-        let (free, _) = horizon.descend(&start_w, &ranking, 1_000_000, None);
-        assert!(free.objectives[0] < horizon.objectives(&start_w)[0]);
-        let (settled, _) = horizon.descend(&start_w, &ranking, 1_000_000, Some(&start_w));
-        assert_eq!(settled.request_w, start_w);
-
-        // One string has a smaller request: it is paired with its neighbours only.
-        let mut moved_w = start_w.clone();
-        moved_w[16] -= 10e3;
-        moved_w[14] += 10e3;
-        let (_, all) = horizon.descend(&moved_w, &ranking, 3_000, None);
-        let (near, few) = horizon.descend(&moved_w, &ranking, 1_000_000, Some(&start_w));
-        assert!(near.objectives[0] < horizon.objectives(&moved_w)[0] && all >= 3_000 && few > 0);
-    }
 }

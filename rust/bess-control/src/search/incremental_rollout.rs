@@ -33,11 +33,6 @@ pub(crate) struct IncrementalRollout<'a> {
     on_edge: Vec<bool>,
     /// String-steps computed so far.
     pub string_steps: std::cell::Cell<u64>,
-    /// Change counter of single strings, and its value at the last change of each string `(M,)`.
-    pub changes: u64,
-    last_change: Vec<u64>,
-    /// Whether unchanged strings are skipped.
-    passes_over: bool,
 }
 
 impl<'a> IncrementalRollout<'a> {
@@ -63,9 +58,6 @@ impl<'a> IncrementalRollout<'a> {
             blocks: vec![[0.0; MAX_GROUPS]; start.len().div_ceil(BLOCK)],
             on_edge,
             string_steps: 0.into(),
-            changes: 0,
-            last_change: vec![0; start.len()],
-            passes_over: false,
         };
         for m in 0..start.len() {
             tracked.roll(m, first);
@@ -109,26 +101,6 @@ impl<'a> IncrementalRollout<'a> {
         }
         self.blocks[m / BLOCK] = self.block_with(m / BLOCK, &[]);
         self.count(self.end - from);
-        self.changes += 1;
-        self.last_change[m] = self.changes;
-    }
-
-    /// Whether to visit two strings again: if one has changed since the change counter of their last visit,
-    /// or if no strings are skipped.
-    #[inline]
-    pub fn deserves_a_look(&self, (i, j): (usize, usize), changes: u64) -> bool {
-        !self.passes_over || self.last_change[i].max(self.last_change[j]) > changes
-    }
-
-    /// From now on skips unchanged strings, including those with the requests of another schedule.
-    pub fn settle(&mut self, like_w: &[f64]) {
-        self.passes_over = true;
-        let rows = self.request_w.chunks_exact(self.n_steps()).zip(like_w.chunks_exact(self.n_steps()));
-        for (last_change, (row, like)) in self.last_change.iter_mut().zip(rows) {
-            if row == like {
-                *last_change = 0;
-            }
-        }
     }
 
     /// Advances a string from step `from` to the start of step `to`, with `request_w` in the first step.
@@ -156,7 +128,9 @@ impl<'a> IncrementalRollout<'a> {
     fn step(&self, m: usize, t: usize, progress: &mut Progress, request_w: f64) {
         let Progress { state, coefficients, costs } = progress;
         let string = self.horizon.string(m);
-        let flow = string.step_with(|| *coefficients, *state, request_w, &self.horizon.intervals[t]);
+        let interval = &self.horizon.intervals[t];
+        let curve = string.loss(interval.direction);
+        let flow = string.step_with(curve, || *coefficients, *state, request_w, interval);
         self.horizon.add_costs(m, &flow, costs);
         *state = flow.end;
     }

@@ -45,14 +45,6 @@ impl Incumbent {
         Ranking::under(horizon, group, &self.lowest)
     }
 
-    /// Smallest value of each group, and for the last group the value of the incumbent.
-    pub(crate) fn standing(&self, horizon: &ControlHorizon) -> Objectives {
-        let last = horizon.n_groups() - 1;
-        let mut standing = self.lowest;
-        standing[last] = self.schedule.objectives[last];
-        standing
-    }
-
     /// Replaces the incumbent by a better schedule; returns whether it did.
     pub fn offer(&mut self, horizon: &ControlHorizon, schedule: Schedule) -> bool {
         let objectives = &schedule.objectives;

@@ -1,5 +1,4 @@
-//! The search for a good schedule: starts, descents by local moves over incremental roll-outs, and
-//! perturbations.
+//! The search for a good schedule: starts, and descents by local moves over incremental roll-outs.
 
 mod descent;
 mod greedy;
@@ -9,6 +8,7 @@ mod iterated_local_search;
 mod moves;
 mod multistart;
 mod perturbation;
+mod planned;
 mod ranking;
 
 pub use incumbent::{Incumbent, Schedule};

@@ -49,7 +49,7 @@ impl ControlHorizon {
     /// `warm_start_w` `(M, T)`. It uses more starts if the plant is or will soon be full or empty.
     ///
     /// Steps that share a scarce SOC cause local optima. A closed loop has a good warm start in every step; a
-    /// search without warm start uses samples and exchanges, unless the bounds prove its schedule.
+    /// search without warm start uses plans and exchanges, unless the bounds prove its schedule.
     pub fn find(&self, warm_start_w: Option<&[f64]>, effort: &Effort) -> SearchResult {
         let proportional = self.rated(self.fitted(&self.limit_w));
         let mut search = Search::new(self, effort, proportional);
@@ -105,14 +105,14 @@ pub(super) struct Search<'a> {
     pub(super) horizon: &'a ControlHorizon,
     pub(super) effort: &'a Effort,
     pub(super) incumbent: Incumbent,
-    /// String-steps rolled out by descents and samples.
+    /// String-steps rolled out by descents.
     pub(super) string_steps: u64,
     /// The last attempt to prove the incumbent.
     proof: Option<Proof>,
 }
 
 impl<'a> Search<'a> {
-    pub(super) fn new(horizon: &'a ControlHorizon, effort: &'a Effort, first: Schedule) -> Self {
+    fn new(horizon: &'a ControlHorizon, effort: &'a Effort, first: Schedule) -> Self {
         Self { horizon, effort, incumbent: Incumbent::new(first), string_steps: 0, proof: None }
     }
 
@@ -134,7 +134,7 @@ impl<'a> Search<'a> {
             if self.late() {
                 return;
             }
-            let schedule = self.descend(&request_w, group);
+            let schedule = self.descend(&request_w, group, self.effort.rollouts);
             let ranking = self.incumbent.ranking(self.horizon, self.horizon.n_groups() - 1);
             if group < ranking.group && schedule.objectives[group] > ranking.ceilings[group] {
                 return;
@@ -144,16 +144,16 @@ impl<'a> Search<'a> {
     }
 
     /// Minimises one group under the ceilings of earlier groups.
-    fn descend(&mut self, start_w: &[f64], group: usize) -> Schedule {
+    pub(super) fn descend(&mut self, start_w: &[f64], group: usize, rollouts: usize) -> Schedule {
         let ranking = self.incumbent.ranking(self.horizon, group);
-        let budget = (self.effort.rollouts * self.horizon.size()) as u64;
-        let (schedule, used) = self.horizon.descend(start_w, &ranking, budget, None);
+        let budget = (rollouts * self.horizon.size()) as u64;
+        let (schedule, used) = self.horizon.descend(start_w, &ranking, budget);
         self.string_steps += used;
         self.offer(schedule.clone());
         schedule
     }
 
-    /// Descends from the incumbent and, if `may_go_far` and the plant is or will soon be full or empty, from distant starts.
+    /// Descends from the incumbent and, if it `may_go_far` and the plant is or will soon be full or empty, from distant starts.
     fn explore(&mut self, may_go_far: bool) {
         let horizon = self.horizon;
         self.improve(self.best().to_vec());

@@ -1,34 +1,36 @@
 //! Perturbations: schedules far from a given one, which a descent cannot reach with moves of one or two steps.
 
+use std::ops::Range;
+
 use super::incumbent::Schedule;
 use crate::model::{ControlHorizon, Flow};
 
 /// Minimum difference of exchanged powers, as a share of the largest limit.
 const ALIKE: f64 = 1e-3;
-/// Maximum number of pairs of strings whose exchanges are drawn from.
-const MOST_PAIRS: usize = 512;
 
 impl ControlHorizon {
-    /// Two strings exchange their requests from one step onwards; the pairs are neighbours in the order of
-    /// total requests.
+    /// Two strings exchange their requests between two steps; the pairs are neighbours in the order of total requests. Of more
+    /// than `most` of them, every second, third, ... is returned.
     ///
-    /// Which of two strings is used first is a decision for the whole horizon: schedules with exchanged strings
-    /// are all far from each other. Of more than `most` of them, every second, third, ... is returned.
+    /// Which of two strings is used first is a decision for many steps: schedules with exchanged strings are far from each
+    /// other.
     pub(crate) fn with_strings_swapped(&self, request_w: &[f64], most: usize) -> Vec<Schedule> {
         let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
         let total = |m: usize| request_w[m * n_steps..(m + 1) * n_steps].iter().sum::<f64>();
         let mut order: Vec<usize> = (0..n_strings).collect();
         order.sort_by(|&a, &b| total(b).total_cmp(&total(a)));
-        let n_swaps = (n_strings - 1) * n_steps;
-        let swap = |index: usize| {
-            let (pair, from) = (index / n_steps, index % n_steps);
-            let swapped_w = self.swapped(request_w, (order[pair], order[pair + 1]), from..n_steps);
+        let windows = (1..=n_steps).rev().flat_map(|end| (0..end).map(move |from| from..end));
+        let swaps: Vec<_> =
+            windows.flat_map(|window| order.windows(2).map(move |pair| (pair, window.clone()))).collect();
+        let swapped = |(pair, window): (&[usize], Range<usize>)| {
+            let mut swapped_w = request_w.to_vec();
+            window.for_each(|t| swapped_w.swap(pair[0] * n_steps + t, pair[1] * n_steps + t));
             self.rated(self.fitted(&swapped_w))
         };
-        self.map((0..n_swaps).step_by(n_swaps.div_ceil(most).max(1)).collect(), swap)
+        self.map(at_most(most, swaps), swapped)
     }
 
-    /// A string exchanges its delivered powers of two steps; at most `most` exchanges, drawn at random.
+    /// A string exchanges its delivered powers of two steps; of more than `most` exchanges, every second, third, ...
     ///
     /// A string that is full or empty for part of the horizon delivers about the same energy in different steps:
     /// distant schedules have almost equal availability loss, and no descent connects them. The undelivered request of a
@@ -37,7 +39,6 @@ impl ControlHorizon {
         &self,
         request_w: &[f64],
         flows: &[Flow],
-        random: &mut fastrand::Rng,
         most: usize,
     ) -> Vec<Schedule> {
         let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
@@ -54,8 +55,6 @@ impl ControlHorizon {
                 }
             }
         }
-        random.shuffle(&mut exchanges);
-        exchanges.truncate(most);
         let exchanged = |(m, first, second): (usize, usize, usize)| {
             let mut row: Vec<f64> = (0..n_steps).map(|t| delivered(m, t)).collect();
             row.swap(first, second);
@@ -77,85 +76,14 @@ impl ControlHorizon {
             }
             self.rated(out)
         };
-        exchanges.into_iter().map(exchanged).collect()
+        self.map(at_most(most, exchanges), exchanged)
     }
+}
 
-    /// Random schedules: each step is allocated at random, nearly equally, or to one string; in every second
-    /// schedule all steps have the same shares.
-    pub(crate) fn at_random(&self, random: &mut fastrand::Rng, alike: bool) -> Schedule {
-        let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
-        let mut wanted = vec![0.0; n_strings * n_steps];
-        let mut shares = self.random_shares(random);
-        for t in 0..n_steps {
-            if !alike {
-                shares = self.random_shares(random);
-            }
-            for (m, share) in shares.iter().enumerate() {
-                wanted[m * n_steps + t] = share * self.limit(m, t);
-            }
-        }
-        self.rated(self.fitted(&wanted))
-    }
-
-    /// Shares of the strings in one step: one of several random patterns.
-    fn random_shares(&self, random: &mut fastrand::Rng) -> Vec<f64> {
-        let n = self.n_strings();
-        let (n_on, exponent) = (random.usize(1..=n), random.choice([0.0, 0.3, 1.0]).expect("three of them"));
-        let mut shares: Vec<f64> =
-            (0..n).map(|m| if m < n_on { random.f64().powf(exponent) } else { 0.0 }).collect();
-        random.shuffle(&mut shares);
-        shares
-    }
-
-    /// Two strings exchange their requests between two steps; at most `most` exchanges, drawn at random.
-    pub(crate) fn with_windows_swapped(
-        &self,
-        request_w: &[f64],
-        random: &mut fastrand::Rng,
-        most: usize,
-    ) -> Vec<Schedule> {
-        let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
-        let mut pairs: Vec<_> =
-            (0..n_strings).flat_map(|i| (i + 1..n_strings).map(move |j| (i, j))).collect();
-        if pairs.len() > MOST_PAIRS {
-            random.shuffle(&mut pairs);
-            pairs.truncate(MOST_PAIRS);
-        }
-        let windows = |(i, j)| (0..n_steps).flat_map(move |a| (a + 1..=n_steps).map(move |b| (i, j, a, b)));
-        let mut swaps: Vec<_> = pairs.into_iter().flat_map(windows).collect();
-        random.shuffle(&mut swaps);
-        let swapped = |(i, j, a, b): (usize, usize, usize, usize)| {
-            let swapped_w = self.swapped(request_w, (i, j), a..b);
-            (swapped_w != request_w).then(|| self.rated(self.fitted(&swapped_w)))
-        };
-        swaps.into_iter().filter_map(swapped).take(most).collect()
-    }
-
-    /// Requests with those of two strings in some steps exchanged.
-    fn swapped(&self, request_w: &[f64], (i, j): (usize, usize), steps: std::ops::Range<usize>) -> Vec<f64> {
-        let mut swapped_w = request_w.to_vec();
-        steps.for_each(|t| swapped_w.swap(i * self.n_steps() + t, j * self.n_steps() + t));
-        swapped_w
-    }
-
-    /// `n` schedules, each with a random allocation of one step.
-    pub(crate) fn with_a_step_shared_anew(
-        &self,
-        request_w: &[f64],
-        random: &mut fastrand::Rng,
-        n: usize,
-    ) -> Vec<Schedule> {
-        let n_steps = self.n_steps();
-        let shared = |_| {
-            let (t, shares) = (random.usize(..n_steps), self.random_shares(random));
-            let mut wanted = request_w.to_vec();
-            for (m, share) in shares.iter().enumerate() {
-                wanted[m * n_steps + t] = share * self.limit(m, t);
-            }
-            self.rated(self.fitted(&wanted))
-        };
-        (0..n).map(shared).collect()
-    }
+/// `most` of the items or fewer, evenly spaced.
+fn at_most<T>(most: usize, items: Vec<T>) -> Vec<T> {
+    let every = items.len().div_ceil(most).max(1);
+    items.into_iter().step_by(every).collect()
 }
 
 #[cfg(test)]
@@ -193,8 +121,7 @@ mod tests {
     fn a_string_does_in_one_step_what_it_did_in_another_and_the_other_takes_the_rest() {
         let horizon = horizon(&DEMAND_W);
         let flows: Vec<Flow> = DELIVERED_W.map(flow).to_vec();
-        let mut random = fastrand::Rng::with_seed(1);
-        let found = horizon.with_steps_exchanged(&REQUEST_W, &flows, &mut random, 100);
+        let found = horizon.with_steps_exchanged(&REQUEST_W, &flows, 100);
         // Steps 2 and 3 of the first string are alike, steps 1, 2 and 3 of the second: 5 + 3 pairs are left.
         assert_eq!(found.len(), 8);
         let rows: Vec<&[f64]> = found.iter().map(|s| &s.request_w[..4]).collect();
@@ -209,38 +136,13 @@ mod tests {
     }
 
     #[test]
-    fn a_swap_exchanges_two_strings_from_every_step_on() {
+    fn a_swap_exchanges_two_strings_between_any_two_steps() {
         let horizon = horizon(&DEMAND_W);
         let found = horizon.with_strings_swapped(&REQUEST_W, 100);
-        assert_eq!(found.len(), 4);
+        assert_eq!(found.len(), 10);
         assert_eq!(found[0].request_w[..4], REQUEST_W[4..]);
         assert_eq!(found[2].request_w[..4], [0.0, 60e3, 75e3, 58e3]);
-        assert_eq!(horizon.with_strings_swapped(&REQUEST_W, 2).len(), 2);
-    }
-
-    #[test]
-    fn windows_are_swapped_once_each_and_nothing_that_stays_as_it_is() {
-        let horizon = horizon(&DEMAND_W);
-        let mut random = fastrand::Rng::with_seed(1);
-        let mut found = horizon.with_windows_swapped(&REQUEST_W, &mut random, 100);
-        assert_eq!(found.len(), 10);
         assert!(found.iter().any(|s| s.request_w[..4] == [0.0, 30e3, 75e3, 2e3]));
-        found.retain(|s| s.request_w == REQUEST_W);
-        assert!(found.is_empty());
-    }
-
-    #[test]
-    fn a_step_shared_anew_leaves_the_others_and_meets_the_demand() {
-        let horizon = horizon(&DEMAND_W);
-        let mut random = fastrand::Rng::with_seed(1);
-        let found = horizon.with_a_step_shared_anew(&REQUEST_W, &mut random, 20);
-        assert_eq!(found.len(), 20);
-        for schedule in &found {
-            let changed = (0..4).filter(|&t| (schedule.request_w[t] - REQUEST_W[t]).abs() > 1e-6).count();
-            assert!(changed <= 1);
-            for (total, demand) in totals(&horizon, &schedule.request_w).iter().zip(DEMAND_W) {
-                assert!((total - demand).abs() < 1e-6);
-            }
-        }
+        assert_eq!(horizon.with_strings_swapped(&REQUEST_W, 3).len(), 3);
     }
 }

@@ -1,0 +1,56 @@
+//! The start from a plan over the horizon.
+
+use crate::model::{CoefficientsFrom, ControlHorizon, CostsOf, Losses};
+use crate::plan::{PlanEffort, PlanProblem, Prices};
+
+/// Price of a group of objectives in the sum of a plan, relative to the next group.
+const FIRST: f64 = 1e3;
+/// String-steps of the moves from each of the plan's starts.
+const POLISHED_STEPS: usize = 200_000;
+/// Iterations of the dual bound, whose schedule is one of these starts.
+const BOUND_PASSES: usize = 20;
+
+impl ControlHorizon {
+    /// Requests `(M, T)` of plans that minimise one sum of all groups: dynamic programs place scarce charge and coolness in
+    /// the steps that need them most, where descents from the other starts end in local optima. Empty if it cannot be planned.
+    pub(crate) fn planned(&self) -> Vec<Vec<f64>> {
+        let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
+        let mut blended = [0.0; 4];
+        for group in 0..self.n_groups() {
+            blended = blended.map(|cost| FIRST * cost);
+            for costs in self.group_costs(group, CostsOf::Search) {
+                blended.iter_mut().zip(costs.to_array()).for_each(|(sum, c)| *sum += c / n_strings as f64);
+            }
+        }
+        let prices = Prices {
+            losses: vec![Losses::from_array(blended); n_steps],
+            wear: vec![0.0; n_strings],
+            start: 0.0,
+            balance: 0.0,
+            end_charge: 0.0,
+        };
+        let limit_w = self.limit_w.chunks_exact(n_steps).zip(self.model.strings());
+        let limit_w =
+            limit_w.map(|(row, string)| row.iter().fold(0.0, |a, &b| b.max(a)).min(string.nominal_w()));
+        let problem = PlanProblem::new(
+            &self.model,
+            self.start.clone(),
+            vec![false; n_strings],
+            &self.demand_w,
+            self.intervals.clone(),
+            limit_w.collect(),
+            prices,
+        );
+        let rollouts = POLISHED_STEPS.div_ceil(self.size());
+        let effort = PlanEffort {
+            rollouts,
+            fresh_rollouts: rollouts,
+            bound_passes: BOUND_PASSES,
+            proof_cells: 0,
+            turn: 0,
+        };
+        problem.map_or(vec![], |problem| {
+            problem.with_coefficients_from(CoefficientsFrom::Start).schedules(effort)
+        })
+    }
+}
