@@ -14,7 +14,7 @@ const EQUAL: f64 = 1e-5;
 /// Minimum relative gain of a round for another one, and the maximum number of rounds.
 const WORTHWHILE: f64 = 1e-6;
 const MOST_ROUNDS: usize = 3;
-/// String-steps after which no race starts.
+/// String-steps after which no descent of a race starts.
 const MOST_STEPS: u64 = 5_000_000;
 
 impl Search<'_> {
@@ -33,10 +33,7 @@ impl Search<'_> {
             let mut moved = horizon.with_strings_swapped(self.best(), most);
             moved.extend(horizon.with_steps_exchanged(self.best(), &flows, most));
             for group in 0..horizon.n_groups() {
-                if self.string_steps >= last {
-                    return;
-                }
-                self.successive_halving(moved.clone(), group);
+                self.successive_halving(moved.clone(), group, last);
             }
             let after = self.incumbent.schedule.objectives;
             if (0..horizon.n_groups()).all(|g| after[g] >= before[g] * (1.0 - WORTHWHILE)) {
@@ -48,10 +45,10 @@ impl Search<'_> {
 
     /// Descents in one group, under the ceilings of the incumbent: short ones from all starts, longer ones from the best, each
     /// optimum once, and full ones from the best of these.
-    fn successive_halving(&mut self, mut starts: Vec<Schedule>, group: usize) {
+    fn successive_halving(&mut self, mut starts: Vec<Schedule>, group: usize, last: u64) {
         for (rollouts, one_of) in HEATS {
             for start in &mut starts {
-                if self.late() {
+                if self.late() || self.string_steps >= last {
                     return;
                 }
                 *start = self.descend(&start.request_w, group, rollouts.min(self.effort.rollouts));

@@ -9,6 +9,8 @@ const FIRST: f64 = 1e3;
 const POLISHED_STEPS: usize = 200_000;
 /// Iterations of the dual bound, whose schedule is one of these starts.
 const BOUND_PASSES: usize = 20;
+/// Number of strings above which plans start from rules only: the time for dynamic programs grows with its square.
+const MANY_STRINGS: usize = 32;
 
 impl ControlHorizon {
     /// Requests `(M, T)` of plans that minimise one sum of all groups: dynamic programs place scarce charge and coolness in
@@ -45,7 +47,7 @@ impl ControlHorizon {
         let effort = PlanEffort {
             rollouts,
             fresh_rollouts: rollouts,
-            bound_passes: BOUND_PASSES,
+            bound_passes: if n_strings > MANY_STRINGS { 0 } else { BOUND_PASSES },
             proof_cells: 0,
             turn: 0,
         };
