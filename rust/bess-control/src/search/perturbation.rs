@@ -1,7 +1,5 @@
 //! Perturbations: schedules far from a given one, which a descent cannot reach with moves of one or two steps.
 
-use std::ops::Range;
-
 use super::incumbent::Schedule;
 use crate::model::{ControlHorizon, Flow};
 
@@ -19,15 +17,16 @@ impl ControlHorizon {
         let total = |m: usize| request_w[m * n_steps..(m + 1) * n_steps].iter().sum::<f64>();
         let mut order: Vec<usize> = (0..n_strings).collect();
         order.sort_by(|&a, &b| total(b).total_cmp(&total(a)));
-        let windows = (1..=n_steps).rev().flat_map(|end| (0..end).map(move |from| from..end));
-        let swaps: Vec<_> =
-            windows.flat_map(|window| order.windows(2).map(move |pair| (pair, window.clone()))).collect();
-        let swapped = |(pair, window): (&[usize], Range<usize>)| {
+        let windows: Vec<_> =
+            (1..=n_steps).rev().flat_map(|end| (0..end).map(move |from| from..end)).collect();
+        let n_swaps = windows.len() * (n_strings - 1);
+        let swapped = |index: usize| {
+            let (window, pair) = (windows[index / (n_strings - 1)].clone(), index % (n_strings - 1));
             let mut swapped_w = request_w.to_vec();
-            window.for_each(|t| swapped_w.swap(pair[0] * n_steps + t, pair[1] * n_steps + t));
+            window.for_each(|t| swapped_w.swap(order[pair] * n_steps + t, order[pair + 1] * n_steps + t));
             self.rated(self.fitted(&swapped_w))
         };
-        self.map(at_most(most, swaps), swapped)
+        self.map((0..n_swaps).step_by(n_swaps.div_ceil(most).max(1)).collect(), swapped)
     }
 
     /// A string exchanges its delivered powers of two steps; of more than `most` exchanges, every second, third, ...
@@ -76,14 +75,9 @@ impl ControlHorizon {
             }
             self.rated(out)
         };
-        self.map(at_most(most, exchanges), exchanged)
+        let every = exchanges.len().div_ceil(most).max(1);
+        self.map(exchanges.into_iter().step_by(every).collect(), exchanged)
     }
-}
-
-/// `most` of the items or fewer, evenly spaced.
-fn at_most<T>(most: usize, items: Vec<T>) -> Vec<T> {
-    let every = items.len().div_ceil(most).max(1);
-    items.into_iter().step_by(every).collect()
 }
 
 #[cfg(test)]
