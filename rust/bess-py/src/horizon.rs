@@ -81,7 +81,7 @@ impl ControlHorizon {
 
     /// Searches for the best schedule, from requests `(M, T)` [kW, of any sign] if given, and bounds the result.
     /// `rollouts` is the effort of one descent; after `time_limit_s` the best known is returned. A schedule
-    /// within the relative `gap` of its bounds needs no random starts.
+    /// within the relative `gap` of its bounds needs no distant starts.
     #[pyo3(signature = (warm_start_kw, rollouts, time_limit_s=None, gap=0.0))]
     fn split(
         &self,
