@@ -87,3 +87,8 @@ def test_the_step_is_that_of_the_times() -> None:
 def test_what_cannot_be_valued_is_refused(arguments: dict[str, object], match: str) -> None:
     with pytest.raises(bess.InputError, match=match):
         bess.store_value(**({"prices": PRICES} | arguments))
+
+
+def test_a_step_in_seconds_is_no_step_in_hours() -> None:
+    with pytest.raises(bess.InputError, match="steps of 900 h are longer than 24 h; give dt_h in hours"):
+        bess.store_value(PRICES, dt_h=900)
