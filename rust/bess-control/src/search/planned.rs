@@ -10,7 +10,7 @@ const POLISHED_STEPS: usize = 200_000;
 /// Iterations of the dual bound, whose schedule is one of these starts.
 const BOUND_PASSES: usize = 20;
 /// Number of strings above which plans start from rules only: the time for dynamic programs grows with its square.
-const MANY_STRINGS: usize = 32;
+const MANY_STRINGS: usize = 64;
 
 impl ControlHorizon {
     /// Requests `(M, T)` of plans that minimise one sum of all groups: dynamic programs place scarce charge and coolness in
