@@ -251,11 +251,3 @@ def test_a_run_ends_with_where_its_time_went(capfd: pytest.CaptureFixture[str]) 
         "case1: _, of which policy _, plant _, files _, demand and closed loop _"
     )
     assert sum(parts) == pytest.approx(total, abs=0.3)
-
-
-@pytest.mark.parametrize(
-    "key", ["run.days", "policy.rollouts", "policy.objectives.shortfall", "settlement.shortfall_eur_mwh"]
-)
-def test_true_is_no_number(key):
-    with pytest.raises(bess.InputError, match=f"{key.rsplit('.', 1)[1]} = true: must not be true or false"):
-        bess.load_study("case1", {key: True})

@@ -1,6 +1,6 @@
 """Bases of the sections of a system file."""
 
-from typing import Any, ClassVar, Self, get_args
+from typing import Any, ClassVar, Self
 
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
@@ -9,23 +9,9 @@ from bess.system.documents import describe
 
 
 class Section(BaseModel):
-    """Immutable section; rejects unknown keys, NaN, infinity, and booleans in place of numbers."""
+    """Immutable section; rejects unknown keys, NaN and infinity."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _check_booleans(cls, values: Any) -> Any:
-        """Reject true and false as numbers, which Python takes as 1 and 0."""
-        for name, value in values.items() if isinstance(values, dict) else ():
-            field = cls.model_fields.get(name)
-            if isinstance(value, bool) and field and not _takes_boolean(field.annotation):
-                raise ValueError(f"{name} = {str(value).lower()}: must not be true or false")
-        return values
-
-
-def _takes_boolean(annotation: Any) -> bool:
-    return annotation in (bool, Any) or any(_takes_boolean(part) for part in get_args(annotation))
 
 
 class Choice(Section):
