@@ -42,10 +42,17 @@ def _free_port() -> int:
         return int(probe.getsockname()[1])
 
 
+def _serve(address: str, *options: str) -> tuple[str, ...]:
+    drive = ("serve", "study.toml", "--plant", address, "--token-file", "token")
+    return (*drive, *options, "--port", str(_free_port()))
+
+
 @contextmanager
-def _bess(folder: Path, *arguments: str) -> Iterator[subprocess.Popen[bytes]]:
+def _bess(
+    folder: Path, *arguments: str, program: tuple[str, ...] = ("-m", "bess")
+) -> Iterator[subprocess.Popen[bytes]]:
     with (folder / "log").open("ab") as log:
-        command = [sys.executable, "-m", "bess", *arguments]
+        command = [sys.executable, *program, *arguments]
         process = subprocess.Popen(command, cwd=folder, stdout=log, stderr=log)
         try:
             yield process
@@ -84,18 +91,7 @@ def test_a_service_that_is_killed_drives_on_when_it_is_back_and_lets_go_when_tol
         return [plant.holds(string) for string in range(2)]
 
     with SimulatedEdge(plant) as edge:
-        serve = (
-            "serve",
-            "study.toml",
-            "--plant",
-            edge.address,
-            "--token-file",
-            "token",
-            "--state",
-            "state",
-            "--port",
-            str(_free_port()),
-        )
+        serve = _serve(edge.address, "--state", "state")
         with _bess(folder, *serve) as process:
             _until(lambda: total_kw() == pytest.approx(DEMAND_KW, abs=0.01), 60.0, folder / "log")
             process.send_signal(signal.SIGKILL)
@@ -143,17 +139,7 @@ def test_a_service_ends_within_10_s_whatever_its_edge_does(folder: Path, piece: 
         edge.daemon_threads = True
         threading.Thread(target=edge.serve_forever, args=(0.05,), daemon=True).start()
         address = f"openems=http://127.0.0.1:{edge.server_address[1]}?ess=ess0,ess1"
-        serve = (
-            "serve",
-            "study.toml",
-            "--plant",
-            address,
-            "--token-file",
-            "token",
-            "--port",
-            str(_free_port()),
-        )
-        with _bess(folder, *serve) as process:
+        with _bess(folder, *_serve(address)) as process:
             assert asked.wait(60.0)
             process.send_signal(signal.SIGTERM)
             assert process.wait(10.0) == 0, (folder / "log").read_text(encoding="utf-8")[-3000:]
@@ -183,22 +169,8 @@ main()
 def test_a_signal_while_the_service_starts_is_not_lost(folder: Path) -> None:
     (folder / "swallowed.py").write_text(SWALLOWED, encoding="utf-8")
     plant = SimulatedPlant(bess.System.reference(n_strings=2))
-    with SimulatedEdge(plant) as edge, (folder / "log").open("wb") as log:
-        serve = (
-            "serve",
-            "study.toml",
-            "--plant",
-            edge.address,
-            "--token-file",
-            "token",
-            "--port",
-            str(_free_port()),
-        )
-        process = subprocess.Popen(
-            [sys.executable, "swallowed.py", *serve], cwd=folder, stdout=log, stderr=log
-        )
-        try:
-            assert process.wait(60.0) == 0, (folder / "log").read_text(encoding="utf-8")[-3000:]
-        finally:
-            process.kill()
-            process.wait()
+    with (
+        SimulatedEdge(plant) as edge,
+        _bess(folder, *_serve(edge.address), program=("swallowed.py",)) as process,
+    ):
+        assert process.wait(60.0) == 0, (folder / "log").read_text(encoding="utf-8")[-3000:]

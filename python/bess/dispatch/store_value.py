@@ -127,9 +127,9 @@ def store_value(
         raise InputError(f"store_value: round_trip {round_trip} is outside (0, 1]")
     if not 0.0 <= initial_kwh <= energy_kwh:
         raise InputError(f"store_value: initial_kwh {initial_kwh:g} kWh is outside [0, {energy_kwh:g}] kWh")
-    price, dt_h = price_steps(prices, dt_h)
     if dt_h > 24.0:
         raise InputError(f"store_value: steps of {dt_h:g} h are longer than 24 h; give dt_h in hours")
+    price, dt_h = price_steps(prices, dt_h)
     # In per unit: power over power_kw, energy over power_kw times 1 h.
     one_way, capacity, initial = float(np.sqrt(round_trip)), energy_kwh / power_kw, initial_kwh / power_kw
     eur = price * dt_h

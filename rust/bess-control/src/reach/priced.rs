@@ -49,21 +49,20 @@ impl ControlHorizon {
 
     /// Number of kinds of strings: strings of one kind are equal except for their states.
     pub fn n_kinds(&self) -> usize {
-        self.plan_problem([0.0; 4]).map_or(0, |problem| problem.kinds().len())
+        self.plan_problem(Losses::default()).map_or(0, |problem| problem.kinds().len())
     }
 
     /// Lower bound of all schedules at costs of the losses [1/W], the same for all strings.
     fn priced(&self, costs: [f64; 4], known_cost: f64, sample: usize) -> Option<f64> {
-        let problem = self.plan_problem(costs)?;
+        let problem = self.plan_problem(Losses::from_array(costs.map(|c| c / self.intervals[0].dt_h)))?;
         let (sample, share) = problem.sampled(sample);
         let dual = dual::ascend(&sample, vec![0.0; self.n_steps()], share * known_cost, PASSES);
         proof::bound(&problem, &dual.price, SOC_CELLS)
     }
 
-    /// The problem of a plan at costs of the losses [1/W].
-    fn plan_problem(&self, costs: [f64; 4]) -> Option<PlanProblem<'_>> {
+    /// The problem of a plan at prices of the losses, the same for all strings and steps; nothing else has a price.
+    pub(crate) fn plan_problem(&self, losses: Losses) -> Option<PlanProblem<'_>> {
         let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
-        let losses = Losses::from_array(costs.map(|c| c / self.intervals[0].dt_h));
         // Without the limits of single steps, more is possible.
         let limit = |m: usize| (0..n_steps).map(|t| self.limit(m, t)).fold(0.0, f64::max);
         let prices = Prices {

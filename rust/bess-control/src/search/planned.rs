@@ -1,7 +1,7 @@
 //! The start from a plan over the horizon.
 
 use crate::model::{CoefficientsFrom, ControlHorizon, CostsOf, Losses};
-use crate::plan::{PlanEffort, PlanProblem, Prices};
+use crate::plan::PlanEffort;
 
 /// Price of a group of objectives in the sum of a plan, relative to the next group.
 const FIRST: f64 = 1e3;
@@ -16,7 +16,7 @@ impl ControlHorizon {
     /// Requests `(M, T)` of plans that minimise one sum of all groups: dynamic programs place scarce charge and coolness in
     /// the steps that need them most, where descents from the other starts end in local optima. Empty if it cannot be planned.
     pub(crate) fn planned(&self) -> Vec<Vec<f64>> {
-        let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
+        let n_strings = self.n_strings();
         let mut blended = [0.0; 4];
         for group in 0..self.n_groups() {
             blended = blended.map(|cost| FIRST * cost);
@@ -24,34 +24,14 @@ impl ControlHorizon {
                 blended.iter_mut().zip(costs.to_array()).for_each(|(sum, c)| *sum += c / n_strings as f64);
             }
         }
-        let prices = Prices {
-            losses: vec![Losses::from_array(blended); n_steps],
-            wear: vec![0.0; n_strings],
-            start: 0.0,
-            balance: 0.0,
-            end_charge: 0.0,
-        };
-        let limit_w = self.limit_w.chunks_exact(n_steps).zip(self.model.strings());
-        let limit_w =
-            limit_w.map(|(row, string)| row.iter().fold(0.0, |a, &b| b.max(a)).min(string.nominal_w()));
-        let problem = PlanProblem::new(
-            &self.model,
-            self.start.clone(),
-            vec![false; n_strings],
-            &self.demand_w,
-            self.intervals.clone(),
-            limit_w.collect(),
-            prices,
-        );
-        let rollouts = POLISHED_STEPS.div_ceil(self.size());
         let effort = PlanEffort {
-            rollouts,
-            fresh_rollouts: rollouts,
+            rollouts: 0,
+            fresh_rollouts: POLISHED_STEPS.div_ceil(self.size()),
             bound_passes: if n_strings > MANY_STRINGS { 0 } else { BOUND_PASSES },
             proof_cells: 0,
             turn: 0,
         };
-        problem.map_or(vec![], |problem| {
+        self.plan_problem(Losses::from_array(blended)).map_or(vec![], |problem| {
             problem.with_coefficients_from(CoefficientsFrom::Start).schedules(effort)
         })
     }
