@@ -1,4 +1,4 @@
-"""Planning functions answer wrong arguments with one sentence, not with an error of NumPy or a plan."""
+"""Public functions answer wrong arguments with one sentence, not with an error of NumPy or a plan."""
 
 import numpy as np
 import pandas as pd
@@ -15,8 +15,9 @@ PRICES = [50.0, 80.0] * 48
     ("change", "message"),
     [
         ({"cycles_per_day": -1.0}, "cycles_per_day -1.0 must be finite and above 0"),
-        ({"cycles_per_day": float("nan")}, "cycles_per_day nan must be finite"),
+        ({"cycles_per_day": float("nan")}, "cycles_per_day is nan; every value must be finite"),
         ({"cycles_per_day": "two"}, "cycles_per_day must be .*texts"),
+        ({"cycles_per_day": None}, "cycles_per_day must be .*NoneType"),
         ({"hours": None}, "hours must be .*NoneType"),
         ({"hours": "24"}, "hours must be .*texts"),
         ({"terms": "cheap"}, r"terms must be bess\.system\.terms\.SettlementTerms, not str"),
@@ -51,3 +52,39 @@ def test_splits_plans_and_roll_outs():
         bess.rollout("reference", STATE, [[1.0], [1.0]])
     with pytest.raises(bess.InputError, match=r"state must be a bess\.State"):
         bess.rollout(SYSTEM, None, [[1.0], [1.0]])
+
+
+@pytest.mark.parametrize(
+    "key",
+    ["run.days", "policy.rollouts", "system.n_strings", "settlement.shortfall_eur_mwh", "system.ambient_c"],
+)
+def test_true_is_no_number_of_a_study(key):
+    """``run.days = true`` was a run of one day."""
+    with pytest.raises(bess.InputError, match=rf"{key} = True: must be a (whole )?number"):
+        bess.load_study("case1", {key: True})
+
+
+def test_studies_and_runs():
+    with pytest.raises(bess.InputError, match="values must be a table of keys, not str"):
+        bess.load_study("case1", "run.days = 2")
+    with pytest.raises(
+        bess.InputError, match=r"system must be a bess\.System, not str; see bess\.load_system"
+    ):
+        bess.run("case1", system="m5bat")
+
+
+@pytest.mark.parametrize(("name", "value"), [("zone", None), ("product", ["id1"])])
+def test_prices(tmp_path, name, value):
+    with pytest.raises(
+        bess.InputError, match=f"read_prices: {name} must be a text, not {type(value).__name__}"
+    ):
+        bess.read_prices(tmp_path / "prices.csv", **{name: value})
+
+
+def test_inverters():
+    for value in (None, "90", 10**400):
+        with pytest.raises(bess.InputError, match="nominal_kw must be an array of numbers"):
+            bess.inverter_from_efficiency([0.1, 1.0], discharge=[0.9, 0.97], nominal_kw=value)
+    coefficients = dict.fromkeys(("paco_w", "pdco_w", "vdco_v", "pso_w", "c0_per_w", "c1_per_v"), 1.0)
+    with pytest.raises(bess.InputError, match=r"Sandia coefficients: C2 must be .*NoneType"):
+        bess.inverter_from_sandia(**coefficients, c2_per_v=None, c3_per_v=0.0)

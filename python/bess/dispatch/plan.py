@@ -91,6 +91,7 @@ def plan_dispatch(
     if not isinstance(terms, SettlementTerms | None):
         raise InputError(f"terms must be bess.system.terms.SettlementTerms, not {type(terms).__name__}")
     system.check_state(state)
+    cycles_per_day = one_number("cycles_per_day", cycles_per_day)
     require_positive("plan_dispatch", cycles_per_day=(cycles_per_day, ""))
     dt_h = system.control.step_min / 60.0
     steps = steps_in(one_number("hours", hours), dt_h, "hours")

@@ -6,6 +6,7 @@ from typing import Final
 
 import pandas as pd
 
+from bess.errors import InputError
 from bess.files import Fill
 from bess.market import energy_charts, entsoe, smard
 from bess.market.columns import Columns, parquet_columns, refuse_end, table_columns, without_unit
@@ -80,6 +81,9 @@ def read_prices(
     InputError
         The file does not contain such prices; one sentence gives file, line and remedy.
     """
+    for name, value in (("zone", zone), ("product", "" if product is None else product)):
+        if not isinstance(value, str):
+            raise InputError(f"read_prices: {name} must be a text, not {type(value).__name__}")
     with reading(path) as (raw, repairs):
         prices = _prices(raw, zone, product, time_zone, repairs)
         series = regular(prices.rows, fill, repairs).rename("price_eur_mwh")

@@ -28,6 +28,8 @@ def build_system(
     InputError
         From the system file, or if the number of initial values differs from the number of strings.
     """
+    if not isinstance(given, System | None):
+        raise InputError(f"system must be a bess.System, not {type(given).__name__}; see bess.load_system")
     name = choice.file if given is None else given.name
     document = _document(choice.file) if given is None else copy.deepcopy(given.document)
     check_layout(document, name)

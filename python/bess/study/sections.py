@@ -61,7 +61,7 @@ class SystemSection(Section):
     """
 
     file: str = "reference"
-    n_strings: Annotated[int, Field(ge=1, le=1000)] | None = None
+    n_strings: Annotated[int, Field(strict=True, ge=1, le=1000)] | None = None
     ambient_c: Temperature | None = None
     initial_soc: Fraction | tuple[Fraction, ...] | None = None
     initial_temperature_c: Temperature | tuple[Temperature, ...] | None = None
@@ -183,7 +183,7 @@ class Event(Section):
     about an event before it begins.
     """
 
-    string: Annotated[int, Field(ge=0)]
+    string: Annotated[int, Field(strict=True, ge=0)]
     start: Instant
     end: Instant
     limit_kw: NonNegative = 0.0
@@ -202,7 +202,7 @@ class Installation(Section):
     life. The battery costs ``eur_kwh`` per kWh of nominal energy, by default ``wear.replacement_eur_kwh``.
     """
 
-    string: Annotated[int, Field(ge=0)]
+    string: Annotated[int, Field(strict=True, ge=0)]
     date: Instant
     eur_kwh: NonNegative | None = None
 
@@ -227,7 +227,7 @@ class Axis(Section):
     values: tuple[Any, ...] | None = None
     start: float | None = None
     stop: float | None = None
-    count: Annotated[int, Field(ge=2)] | None = None
+    count: Annotated[int, Field(strict=True, ge=2)] | None = None
     simplex: Annotated[tuple[str, ...], Field(min_length=2)] | None = None
     divisions: Count | None = None
     maximise: str | None = None

@@ -125,6 +125,8 @@ class Study(Section):
         InputError
             An unknown key, a whole section in place of one key, or a value out of range.
         """
+        if not isinstance(values, Mapping):
+            raise InputError(f"values must be a table of keys, not {type(values).__name__}")
         if not values:
             return self
         document = self.model_dump(exclude_unset=True, exclude_none=True)

@@ -16,8 +16,6 @@ from pydantic_core import CoreSchema, core_schema
 from bess._core import ageing_models
 from bess.system.state import SOH_CAPACITY_RANGE, SOH_RESISTANCE_RANGE
 
-_STRICT = Field(strict=True)
-
 
 @dataclass(frozen=True)
 class Within:
@@ -45,8 +43,8 @@ class Within:
         raise ValueError(f"must be in {left}{self.low:g}, {self.high:g}{right}{unit}")
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Return a schema that checks the type of the field first, then its range."""
-        return core_schema.no_info_after_validator_function(self, handler(source))
+        """Return a schema that checks the type of the field, without conversion, and its range."""
+        return core_schema.no_info_after_validator_function(self, {**handler(source), "strict": True})
 
     def __get_pydantic_json_schema__(self, made: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         """Return the range as JSON schema."""
@@ -62,23 +60,24 @@ def within(low: float, high: float, unit: str = "", *, above: bool = False, belo
     return Within(low, high, unit, above, below)
 
 
-Count = Annotated[int, _STRICT, within(1, 10_000)]
-Fraction = Annotated[float, _STRICT, within(0.0, 1.0)]
-Loss = Annotated[float, _STRICT, within(0.0, 1.0, "of nominal power", below=True)]
-Ratio = Annotated[float, _STRICT, within(0.0, 100.0, above=True)]
-Temperature = Annotated[float, _STRICT, within(-60.0, 150.0, "degC")]
-CellVoltage = Annotated[float, _STRICT, within(0.0, 10.0, "V", above=True)]
-CellResistance = Annotated[float, _STRICT, within(0.0, 1e6, "mOhm", above=True)]
-CellCapacity = Annotated[float, _STRICT, within(0.0, 1e5, "Ah", above=True)]
-CellMass = Annotated[float, _STRICT, within(0.0, 1e4, "kg", above=True)]
-EntropyCoefficient = Annotated[float, _STRICT, within(-5.0, 5.0, "mV/K")]
-Power = Annotated[float, _STRICT, within(0.0, 1e6, "kW", above=True)]
-Positive = Annotated[float, _STRICT, within(0.0, 1e6, above=True)]
-NonNegative = Annotated[float, _STRICT, within(0.0, 1e6)]
+Count = Annotated[int, within(1, 10_000)]
+Fraction = Annotated[float, within(0.0, 1.0)]
+Loss = Annotated[float, within(0.0, 1.0, "of nominal power", below=True)]
+Ratio = Annotated[float, within(0.0, 100.0, above=True)]
+Temperature = Annotated[float, within(-60.0, 150.0, "degC")]
+CellVoltage = Annotated[float, within(0.0, 10.0, "V", above=True)]
+CellResistance = Annotated[float, within(0.0, 1e6, "mOhm", above=True)]
+CellCapacity = Annotated[float, within(0.0, 1e5, "Ah", above=True)]
+CellMass = Annotated[float, within(0.0, 1e4, "kg", above=True)]
+EntropyCoefficient = Annotated[float, within(-5.0, 5.0, "mV/K")]
+Power = Annotated[float, within(0.0, 1e6, "kW", above=True)]
+Positive = Annotated[float, within(0.0, 1e6, above=True)]
+NonNegative = Annotated[float, within(0.0, 1e6)]
+Price = Annotated[float, within(-1e6, 1e6, "EUR/MWh")]
 
-EndOfLife = Annotated[float, _STRICT, within(0.0, 1.0, below=True)]
-SohCapacity = Annotated[float, _STRICT, within(*SOH_CAPACITY_RANGE)]
-SohResistance = Annotated[float, _STRICT, within(*SOH_RESISTANCE_RANGE)]
+EndOfLife = Annotated[float, within(0.0, 1.0, below=True)]
+SohCapacity = Annotated[float, within(*SOH_CAPACITY_RANGE)]
+SohResistance = Annotated[float, within(*SOH_RESISTANCE_RANGE)]
 
 
 def ascending(values: tuple[float, ...]) -> tuple[float, ...]:

@@ -36,9 +36,9 @@ class PolicySection(SplitSettings):
     mode: Literal["plan", "certified"] | None = None
     file: str | None = None
     foresight_h: Annotated[float, within(0.0, 48.0, "h")] | None = None
-    rollouts: Annotated[int, Field(ge=0, le=1_000_000)] = ROLLOUTS
+    rollouts: Annotated[int, Field(strict=True, ge=0, le=1_000_000)] = ROLLOUTS
     model: Model = "nonlinear"
-    horizon_steps: Annotated[int, Field(ge=1, le=96)] | None = None
+    horizon_steps: Annotated[int, Field(strict=True, ge=1, le=96)] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -21,8 +21,8 @@ LONGEST_FORECAST: Final = 192
 """Values: two days of quarter hours."""
 LARGEST_KW: Final = 1e6
 
-Power = Annotated[float, Field(strict=True), within(-LARGEST_KW, LARGEST_KW, "kW")]
-Limit = Annotated[float, Field(strict=True), within(0.0, LARGEST_KW, "kW")]
+Power = Annotated[float, within(-LARGEST_KW, LARGEST_KW, "kW")]
+Limit = Annotated[float, within(0.0, LARGEST_KW, "kW")]
 
 
 Demand = Power | Annotated[list[Power], Field(min_length=1, max_length=LONGEST_FORECAST)]
@@ -40,10 +40,10 @@ class Message(BaseModel):
 class StringMessage(Message):
     """Measurements of one string."""
 
-    soc: Annotated[float, Field(strict=True), within(0.0, 1.0)] | None = Field(
+    soc: Annotated[float, within(0.0, 1.0)] | None = Field(
         None, description="State of charge, 0 to 1; may be left out of a string that is not available."
     )
-    temperature_c: Annotated[float, Field(strict=True), within(COLDEST_C, HOTTEST_C, "degC")] | None = Field(
+    temperature_c: Annotated[float, within(COLDEST_C, HOTTEST_C, "degC")] | None = Field(
         None, description="Mean temperature [degC]; that of the surroundings if left out."
     )
     limit_kw: Limit | None = Field(
@@ -80,7 +80,7 @@ class DemandMessage(Message):
     """A demand on a plant that the service controls."""
 
     demand_kw: Demand = Field(description=_DEMAND)
-    valid_for_s: Annotated[float, Field(strict=True), within(1.0, 86_400.0, "s")] = Field(
+    valid_for_s: Annotated[float, within(1.0, 86_400.0, "s")] = Field(
         900.0, description="How long it holds [s]; after that the plant is let go."
     )
 
@@ -89,7 +89,7 @@ class CalibrationMessage(Message):
     """One string to be charged to full."""
 
     string: Annotated[int, Field(strict=True, ge=0)] = Field(description="Number of the string, from 0.")
-    target_soc: Annotated[float, Field(strict=True), within(0.0, 1.0)] = Field(
+    target_soc: Annotated[float, within(0.0, 1.0)] = Field(
         1.0, description="State of charge at which it ends."
     )
 

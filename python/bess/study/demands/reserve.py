@@ -38,7 +38,7 @@ from bess.study.demands.source import (
 from bess.study.grid import SampledSeries, TimeGrid, seconds_of
 from bess.study.keys import check_bundled
 from bess.system import System
-from bess.system.quantities import Fraction, NonNegative, Positive, within
+from bess.system.quantities import Fraction, NonNegative, Positive, Price, within
 from bess.units import PERCENT
 
 _FREQUENCY_STEP_S = 10
@@ -90,7 +90,7 @@ class FcrDemand(DemandSection):
     capacity_price_eur_mw: NonNegative = 65.0
     prices: str | None = None
     zone: str = "DE-LU"
-    energy_price_eur_mwh: float = 80.0
+    energy_price_eur_mwh: Price = 80.0
     forecast: Literal["expected", "persistence"] = "expected"
 
     def build(self, setting: Setting) -> RunDemand:

@@ -24,7 +24,7 @@ from bess.study.demands.source import (
     padded,
 )
 from bess.study.grid import TimeGrid
-from bess.system.quantities import Fraction, NonNegative, Positive
+from bess.system.quantities import Fraction, NonNegative, Positive, Price
 from bess.system.section import Section
 
 _MIN_SHARE = 0.03
@@ -70,8 +70,8 @@ class SiteDemand(MeterSection, DemandSection):
     load: str
     efficiency: Efficiency = 0.9
     ready_soc: Fraction = 1.0
-    price_eur_mwh: float = 250.0
-    export_price_eur_mwh: float = 80.0
+    price_eur_mwh: Price = 250.0
+    export_price_eur_mwh: Price = 80.0
 
     def build(self, setting: Setting) -> RunDemand:
         """See :class:`~bess.study.demands.source.DemandSection`."""

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bess.arrays import ByValue
+from bess.arrays import ByValue, one_number
 from bess.errors import InputError
 from bess.system.components.knots import reduced_knots
 
@@ -58,7 +58,7 @@ class LossTable(ByValue):
 
 def check_nominal(nominal_kw: float) -> None:
     """Raise :class:`InputError` unless ``nominal_kw`` is a power that an inverter can have."""
-    if not 0.0 < nominal_kw <= _LARGEST_KW:
+    if not 0.0 < one_number("nominal_kw", nominal_kw) <= _LARGEST_KW:
         raise InputError(f"nominal_kw {nominal_kw:g} kW must be in (0, {_LARGEST_KW:g}] kW")
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from bess.arrays import one_number
 from bess.errors import InputError
 from bess.system.components.loss_table import LossTable, table_from_curves
 
@@ -56,6 +57,10 @@ def inverter_from_sandia(
     .. [1] King, D., Gonzalez, S., Galbraith, G., Boyson, W.: Performance model for grid-connected
        photovoltaic inverters. Sandia National Laboratories, SAND2007-5036.
     """
+    given = {"Paco": paco_w, "Pdco": pdco_w, "Vdco": vdco_v, "Pso": pso_w, "Pnt": pnt_w}
+    given |= {"C0": c0_per_w, "C1": c1_per_v, "C2": c2_per_v, "C3": c3_per_v}
+    for name, value in given.items():
+        one_number(f"Sandia coefficients: {name}", value)
     if not 0.0 <= pnt_w < 0.1 * paco_w:
         raise InputError(f"Sandia coefficients: Pnt {pnt_w:g} W must be at least 0 and below 10 % of Paco")
     excess_v = 0.0 if vdc_v is None else vdc_v - vdco_v
