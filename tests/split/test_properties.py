@@ -193,7 +193,7 @@ def test_a_failing_solver_is_flagged_and_the_split_still_meets_the_demand(monkey
 
     state, demand = bess.State([0.05, 0.08], [30.0, 30.0]), [90.0, 80.0, 150.0]
     solved = bess.split_power(REFERENCE, state, demand)
-    failed = conic.ConicSolution(conic.NodeStatus.UNKNOWN, -np.inf, None)
+    failed = conic.ConicSolution(-np.inf)
     monkeypatch.setattr(conic, "solve", lambda *_: failed)
     split = bess.split_power(REFERENCE, state, demand)
     assert split.status is bess.SplitStatus.SOLVER_FAILED

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from copy import copy
 from dataclasses import dataclass
-from enum import Enum
 from typing import TYPE_CHECKING, Any
 
 import clarabel
@@ -34,28 +33,18 @@ LARGEST_VALUE = 200.0
 """Upper bound of all variables of the per-unit program; it limits the effect of a dual residual."""
 
 
-class NodeStatus(Enum):
-    """Outcome of the solution of a node."""
-
-    SOLVED = "solved"
-    INFEASIBLE = "certified infeasible"
-    UNKNOWN = "not solved"
-
-
 @dataclass(frozen=True)
 class ConicSolution:
     """Outcome of one node.
 
     Attributes
     ----------
-    status : NodeStatus
     bound : float
-        Lower bound of its optimum (-inf if the solver failed).
+        Lower bound of its optimum; ``inf`` if certified infeasible, ``-inf`` if the solver failed.
     x, prices : ndarray or None
         Optimum, and shadow prices of all rows.
     """
 
-    status: NodeStatus
     bound: float
     x: Array | None = None
     prices: Array | None = None
@@ -111,8 +100,7 @@ class ConicProgram:
         self._n_parameters = program.total_param_size
 
         # vec([A | b]), column-major, is affine in the parameters; rows of the tensor that are not empty are
-        # the
-        # pattern. CVXPY keeps constraints as A x + b in K, Clarabel wants A x + s = b.
+        # the pattern. CVXPY keeps constraints as A x + b in K, Clarabel wants A x + s = b.
         tensor = sp.csr_array(program.A)
         used = np.flatnonzero(np.diff(tensor.indptr))
         entries = used[used < n_rows * self.n_columns]
@@ -242,7 +230,7 @@ def solve(data: ConicData, fixed: NDArray[np.bool_], x_fixed: Array) -> ConicSol
         or np.any(b[zero_end:cone_start][empty[zero_end:cone_start]] < -FEASIBILITY_TOLERANCE)
         or _outside_cone(b[cone_start:].reshape(-1, 3)[~cones_used])
     ):
-        return ConicSolution(NodeStatus.INFEASIBLE, np.inf)
+        return ConicSolution(np.inf)
 
     free = np.flatnonzero(~fixed)
     row_of = np.cumsum(used) - 1
@@ -270,10 +258,10 @@ def solve(data: ConicData, fixed: NDArray[np.bool_], x_fixed: Array) -> ConicSol
                 # The remaining residual is usually primal. The dual point still gives a bound, less the
                 # largest contribution of its residual q + A'z over all points of the program.
                 bound -= LARGEST_VALUE * float(np.abs(data.q[free] + A.T @ prices[used]).sum())
-            return ConicSolution(NodeStatus.SOLVED, bound, x, prices)
+            return ConicSolution(bound, x, prices)
         if status == "PrimalInfeasible":
-            return ConicSolution(NodeStatus.INFEASIBLE, np.inf)
-    return ConicSolution(NodeStatus.UNKNOWN, -np.inf)
+            return ConicSolution(np.inf)
+    return ConicSolution(-np.inf)
 
 
 def lagrangian(data: ConicData, fixed: NDArray[np.bool_], x_fixed: Array, at: ConicSolution) -> float:

@@ -17,7 +17,6 @@ from bess.arrays import Array
 from bess.control.split.problem import SplitProblem
 from bess.control.split.relaxation import conic
 from bess.control.split.relaxation.branching import SMALLEST_SOC, Branching, Cut, NodePoint
-from bess.control.split.relaxation.conic import NodeStatus
 from bess.control.split.relaxation.data import THETA_UNIT_K, THETA_ZERO_C, PlantConstants, costs
 from bess.control.split.relaxation.equations import BINARIES, LOSSES, compiled
 from bess.control.split.tree import Solved
@@ -146,8 +145,7 @@ class RelaxedGroup:
         narrowed, cells, instance = program
         answer = conic.solve(*instance)
         self.nodes += 1
-        if answer.status is NodeStatus.UNKNOWN:
-            self.failures += 1
+        self.failures += answer.bound == -np.inf
         bound = min(answer.bound * self.unit, cutoff)
         if answer.x is not None:
             p, a, d, on = (self.program.value(answer.x, name) for name in ("p", "a", "d", "on"))
