@@ -297,7 +297,7 @@ class Store:
         wear: tuple[_Array, _Array],
         end_eur_kwh: float,
         allowed_kwh: _Array,
-        ladder_eur_kwh: _Array,
+        shadow_prices_eur_kwh: _Array,
     ) -> _Array: ...
 
 @final

@@ -241,7 +241,7 @@ class DynamicProgramDispatch:
             wear=depths.curve_eur,
             end_eur_kwh=end_eur_kwh,
             allowed_kwh=allowed_kwh,
-            ladder_eur_kwh=np.array(_CYCLE_PRICES) * float(np.abs(inputs.price_eur_mwh).max()) / KWH_PER_MWH,
+            shadow_prices_eur_kwh=np.array(_CYCLE_PRICES) * float(np.abs(inputs.price_eur_mwh).max()) / KWH_PER_MWH,
         )
         demand_kw = np.repeat(power_kw, blocks.count)
         demand_kw[np.abs(demand_kw) < _MIN_POWER_SHARE * plant.power_kw] = 0.0

@@ -71,7 +71,7 @@ impl Store {
     /// `share` `(B, L)` and `chance` `(L, L)` of the levels; `wear` cost [EUR] over depth; `allowed_kwh` of each period, and
     /// shadow prices of cycling [EUR/kWh] where it binds.
     #[pyo3(signature = (state, *, steps, period, ambient_c, is_new, income_eur, share, chance, wear, end_eur_kwh, allowed_kwh,
-                        ladder_eur_kwh))]
+                        shadow_prices_eur_kwh))]
     #[allow(clippy::too_many_arguments)]
     fn dispatch(
         &mut self,
@@ -87,7 +87,7 @@ impl Store {
         wear: (Vec<f64>, Vec<f64>),
         end_eur_kwh: f64,
         allowed_kwh: GivenVector<'_>,
-        ladder_eur_kwh: GivenVector<'_>,
+        shadow_prices_eur_kwh: GivenVector<'_>,
     ) -> PyResult<Vector> {
         let (blocks, levels) = (steps.len(), chance.shape()[0]);
         for (name, array) in
@@ -111,7 +111,7 @@ impl Store {
             wear_eur: Lut::new("wear", wear.0, wear.1).map_err(refused)?,
             end_eur_kwh,
             allowed_kwh: numbers(&allowed_kwh),
-            ladder_eur_kwh: numbers(&ladder_eur_kwh),
+            shadow_prices_eur_kwh: numbers(&shadow_prices_eur_kwh),
             start: StoreState { energy_kwh: state.0, temperature_c: state.1, depth: state.2 },
         };
         let power_kw = py.detach(|| self.inner.dispatch(&problem)).map_err(refused)?;

@@ -2,8 +2,9 @@
 
 use bess_tables::Lut;
 
-use super::transitions::around;
 use super::*;
+use crate::dispatch::StoreGrid;
+use crate::model::ControlModel;
 use crate::search::common;
 
 /// Two strings on a grid of five energies, three temperatures and `depths`, with five powers.
@@ -50,14 +51,14 @@ fn problem(levels: usize) -> DispatchProblem {
         wear_eur: Lut::new("wear", vec![0.0, 0.5, 2.0], vec![0.0, 2.0, 20.0]).unwrap(),
         end_eur_kwh: 0.08,
         allowed_kwh: vec![150.0, 60.0],
-        ladder_eur_kwh: vec![0.0, 0.05],
+        shadow_prices_eur_kwh: vec![0.0, 0.05],
         start: StoreState { energy_kwh: 100.0, temperature_c: 30.0, depth: 0.2 },
         blocks,
     }
 }
 
 /// Value of a state at a level and a shadow price before block `b`, by its definition: all powers and all that follows.
-fn enumerated(program: &Program<'_>, b: usize, [d, t, e]: [usize; 3], l: usize, s: usize) -> f64 {
+fn enumerated(program: &DynamicProgram<'_>, b: usize, [d, t, e]: [usize; 3], l: usize, s: usize) -> f64 {
     let (grid, problem) = (&program.store.grid, program.problem);
     let Some(block) = problem.blocks.get(b) else { return problem.end_eur_kwh * grid.energy_kwh[e] };
     let transitions = program.transitions(b);
@@ -85,13 +86,14 @@ fn enumerated(program: &Program<'_>, b: usize, [d, t, e]: [usize; 3], l: usize, 
         let (low, energy) = around(&grid.energy_kwh, settled.after.energy_kwh);
         let (cool, warm) = around(&grid.temperature_c, settled.after.temperature_c);
         let (shallow, deep) = around(&grid.depth, settled.after.depth);
-        let mut value = earned(&settled.amounts, program.income(b, l))
+        let mut value = income_of(&settled.amounts, program.income(b, l))
             - problem.wear_eur(grid.depth[d], settled.drawn)
             - settled.cycled_kwh * program.shadow_eur[s];
         for (depth, of_depth) in [(shallow, 1.0 - deep), (shallow + 1, deep)] {
             for (node, of_node) in [(cool, 1.0 - warm), (cool + 1, warm)] {
                 // The block ends in its own ambient temperature.
-                let (cold, hot) = around(&grid.temperature_c, grid.temperature_c[node] + program.warmer_k(b));
+                let (cold, hot) =
+                    around(&grid.temperature_c, grid.temperature_c[node] + program.ambient_shift_k(b));
                 for (node, of_ambient) in [(cold, 1.0 - hot), (cold + 1, hot)] {
                     for (energy, of_energy) in [(low, 1.0 - energy), (low + 1, energy)] {
                         let weight = of_depth * of_node * of_ambient * of_energy;
@@ -114,10 +116,10 @@ fn values_are_those_of_the_best_of_all_schedules() {
     {
         let (mut store, problem) = (store(&depths), problem(levels));
         store.dispatch(&problem).unwrap();
-        let shadow_eur = &problem.ladder_eur_kwh[..ladder];
-        let mut program = Program::new(&store, &problem, levels, shadow_eur, &problem.allowed_kwh);
-        program.reached = vec![0..3; problem.blocks.len() + 1];
-        let values = program.values();
+        let shadow_eur = &problem.shadow_prices_eur_kwh[..ladder];
+        let mut program = DynamicProgram::new(&store, &problem, levels, shadow_eur, &problem.allowed_kwh);
+        program.reachable_rows = vec![0..3; problem.blocks.len() + 1];
+        let values = program.value_function();
         let mut of_all = values.chunks_exact(levels * ladder);
         // Later blocks are enumerated with the first one.
         for d in 0..depths.len() {
@@ -143,12 +145,12 @@ fn temperatures_out_of_reach_change_no_power() {
         problem.start.temperature_c = temperature_c;
         problem.blocks.iter_mut().for_each(|block| block.ambient_c = ambient_c);
         store.dispatch(&problem).unwrap();
-        let shadow_eur = &problem.ladder_eur_kwh[..ladder];
-        let mut program = Program::new(&store, &problem, levels, shadow_eur, &problem.allowed_kwh);
-        assert!(program.reached[0].len() < 3, "{temperature_c}");
-        let within_reach = program.solved();
-        program.reached = vec![0..3; problem.blocks.len() + 1];
-        assert_eq!(within_reach, program.solved(), "{temperature_c}");
+        let shadow_eur = &problem.shadow_prices_eur_kwh[..ladder];
+        let mut program = DynamicProgram::new(&store, &problem, levels, shadow_eur, &problem.allowed_kwh);
+        assert!(program.reachable_rows[0].len() < 3, "{temperature_c}");
+        let within_reach = program.solve();
+        program.reachable_rows = vec![0..3; problem.blocks.len() + 1];
+        assert_eq!(within_reach, program.solve(), "{temperature_c}");
     }
 }
 
@@ -156,11 +158,11 @@ fn temperatures_out_of_reach_change_no_power() {
 fn wider_instructions_change_no_bit() {
     let (mut store, problem) = (store(&[0.0, 0.5, 1.0]), problem(1));
     store.dispatch(&problem).unwrap();
-    let program = Program::new(&store, &problem, 1, &[0.0], &problem.allowed_kwh);
+    let program = DynamicProgram::new(&store, &problem, 1, &[0.0], &problem.allowed_kwh);
     let moved: Vec<f64> = (0..store.grid.n_states()).map(|i| common::uniform(i as u64)).collect();
     let [mut any, mut widest] = [vec![0.0; moved.len()], vec![0.0; moved.len()]];
-    program.best_anywhere(3, &moved, &mut Vec::new(), &mut any);
-    program.best(3, &moved, &mut Vec::new(), &mut widest);
+    program.bellman_step_portable(3, &moved, &mut Vec::new(), &mut any);
+    program.bellman_step(3, &moved, &mut Vec::new(), &mut widest);
     assert_eq!(any, widest);
 }
 

@@ -1,0 +1,390 @@
+//! The dynamic program at given shadow prices: a backward pass for the value function, and a forward pass for the powers.
+
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use super::bellman::Cells;
+use super::transitions::{around, weights, StoreState, Transitions};
+use super::{DispatchBlock, DispatchProblem, Store};
+
+/// Cycled energy that a resting plant may show by rounding [kWh].
+const ROUNDING_KWH: f64 = 1e-6;
+/// Rounding of interpolated temperatures [K].
+const ROUNDING_K: f64 = 1e-9;
+
+/// One backward and one forward pass at given shadow prices.
+///
+/// Values have the order (depth, temperature, energy, level, shadow price).
+pub(super) struct DynamicProgram<'a> {
+    store: &'a Store,
+    problem: &'a DispatchProblem,
+    levels: usize,
+    shadow_eur: &'a [f64],
+    allowed_kwh: &'a [f64],
+    /// Wear cost of each transition from each depth `(D, rows)`, by the number of steps; empty if there is none.
+    wear_eur: BTreeMap<usize, Vec<f64>>,
+    /// Temperatures of the grid before each block and at the end `(B + 1,)` on which the powers depend; those of later blocks
+    /// include those of earlier ones.
+    reachable_rows: Vec<Range<usize>>,
+}
+
+impl<'a> DynamicProgram<'a> {
+    pub fn new(
+        store: &'a Store,
+        problem: &'a DispatchProblem,
+        levels: usize,
+        shadow_eur: &'a [f64],
+        allowed_kwh: &'a [f64],
+    ) -> Self {
+        let wear = |of: &Transitions| -> Vec<f64> {
+            let rows = |&depth: &f64| of.drawn.iter().map(move |&drawn| problem.wear_eur(depth, drawn));
+            store.grid.depth.iter().flat_map(rows).collect()
+        };
+        let used = |steps: &usize| problem.blocks.iter().any(|block| block.steps == *steps);
+        let has_wear = problem.wear_eur.y().iter().any(|&eur| eur != 0.0);
+        let of_all = store.transitions.iter().filter(|(steps, _)| used(steps));
+        let wear_eur = of_all.map(|(&steps, of)| (steps, if has_wear { wear(of) } else { vec![] })).collect();
+        let reachable_rows = reachable_temperatures(store, problem);
+        Self { store, problem, levels, shadow_eur, allowed_kwh, wear_eur, reachable_rows }
+    }
+
+    /// Power of each block, and cycled energy of each period.
+    pub fn solve(&self) -> (Vec<f64>, Vec<f64>) {
+        self.forward_pass(&self.value_function())
+    }
+
+    fn transitions(&self, b: usize) -> &'a Transitions {
+        self.store.of(&self.problem.blocks[b])
+    }
+
+    /// Income of a level in a block; the level after the last is the expected price.
+    fn income(&self, b: usize, level: usize) -> &[f64; 4] {
+        &self.problem.income_eur[b * (self.levels + 1) + level]
+    }
+
+    /// Values of the states before each block and at the end `(B + 1, states, L, S)`.
+    fn value_function(&self) -> Vec<f64> {
+        let (grid, n_blocks) = (&self.store.grid, self.problem.blocks.len());
+        let columns = self.levels * self.shadow_eur.len();
+        let size = grid.n_states() * columns;
+        let mut values = vec![0.0; (n_blocks + 1) * size];
+        for (state, value) in values[n_blocks * size..].chunks_exact_mut(columns).enumerate() {
+            let energy_kwh = grid.energy_kwh[state % grid.energy_kwh.len()];
+            value.fill(self.problem.end_eur_kwh * energy_kwh);
+        }
+        let (mut after, mut moved) = (vec![0.0; size], vec![0.0; size]);
+        let mut income = Vec::new();
+        for b in (0..n_blocks).rev() {
+            let (before, later) = values[b * size..].split_at_mut(size);
+            if self.next_is_certain(b) {
+                self.at_ambient(b, &later[..size], &mut moved);
+            } else {
+                let row = grid.energy_kwh.len() * columns;
+                let rows = after.chunks_exact_mut(row).zip(later.chunks_exact(row));
+                for (_, (out, later)) in self.reachable(b + 1, rows) {
+                    for (out, later) in out.chunks_exact_mut(columns).zip(later.chunks_exact(columns)) {
+                        self.expected_after(b, later, out);
+                    }
+                }
+                self.at_ambient(b, &after, &mut moved);
+            }
+            self.bellman_step(b, &moved, &mut income, before);
+        }
+        values
+    }
+
+    /// Whether a block has other transitions or incomes than the next one.
+    fn differs_from_next(&self, b: usize) -> bool {
+        if b + 1 == self.problem.blocks.len() {
+            return true;
+        }
+        let here = |b: usize| &self.problem.income_eur[b * (self.levels + 1)..][..self.levels];
+        self.problem.blocks[b].steps != self.problem.blocks[b + 1].steps || here(b) != here(b + 1)
+    }
+
+    /// Whether values after a block are those before the next one.
+    fn next_is_certain(&self, b: usize) -> bool {
+        let known = |next: &DispatchBlock| !next.is_new || self.levels == 1;
+        let next = self.problem.blocks.get(b + 1);
+        next.is_none_or(|next| known(next) && next.period == self.problem.blocks[b].period)
+    }
+
+    /// Values of a state after a block by its level `(L, S)`: the expectation over the next level. Before another period,
+    /// at the shadow price that uses its limit: where the dual value, an upper bound, is least.
+    fn expected_after(&self, b: usize, later: &[f64], out: &mut [f64]) {
+        let shadows = self.shadow_eur.len();
+        out.copy_from_slice(later);
+        if self.next_is_certain(b) {
+            return;
+        }
+        let next = &self.problem.blocks[b + 1];
+        if next.period != self.problem.blocks[b].period {
+            let allowed_kwh = self.allowed_kwh[next.period];
+            for row in out.chunks_exact_mut(shadows) {
+                let bounds = row.iter().zip(self.shadow_eur);
+                let least = bounds.map(|(value, shadow)| value + budget_value(*shadow, allowed_kwh));
+                let least = least.fold(f64::INFINITY, f64::min);
+                row.fill(least);
+            }
+        }
+        if next.is_new {
+            let known = out.to_vec();
+            for (out, chance) in
+                out.chunks_exact_mut(shadows).zip(self.problem.chance.chunks_exact(self.levels))
+            {
+                for (s, out) in out.iter_mut().enumerate() {
+                    *out = expectation(chance, &known, s, shadows);
+                }
+            }
+        }
+    }
+
+    /// Values at the temperatures that a block reaches in its ambient temperature instead of that of the transitions.
+    fn at_ambient(&self, b: usize, after: &[f64], moved: &mut [f64]) {
+        let grid = &self.store.grid;
+        let ambient_shift_k = self.ambient_shift_k(b);
+        let row = grid.energy_kwh.len() * self.levels * self.shadow_eur.len();
+        let depths = row * grid.temperature_c.len();
+        for t in self.reachable_rows[b + 1].clone() {
+            let (low, share) = around(&grid.temperature_c, grid.temperature_c[t] + ambient_shift_k);
+            for (after, moved) in after.chunks_exact(depths).zip(moved.chunks_exact_mut(depths)) {
+                let (cool, warm) = after[low * row..][..2 * row].split_at(row);
+                for ((out, cool), warm) in moved[t * row..][..row].iter_mut().zip(cool).zip(warm) {
+                    *out = (1.0 - share) * cool + share * warm;
+                }
+            }
+        }
+    }
+
+    fn ambient_shift_k(&self, b: usize) -> f64 {
+        self.store.ambient_shift_k(&self.problem.blocks[b])
+    }
+
+    /// Those of the items of each depth and temperature `(D, K)` at which the temperature is reachable_rows before block `b`.
+    fn reachable<T>(&self, b: usize, items: impl Iterator<Item = T>) -> impl Iterator<Item = (usize, T)> {
+        let (rows, temperatures) = (self.reachable_rows[b].clone(), self.store.grid.temperature_c.len());
+        items.enumerate().filter(move |(i, _)| rows.contains(&(i % temperatures)))
+    }
+
+    /// Income of each transition from each depth at each level `(D, L, rows)`, without the shadow price.
+    #[inline(always)]
+    fn transition_income(&self, b: usize, income: &mut Vec<f64>) {
+        let wear_eur = &self.wear_eur[&self.problem.blocks[b].steps];
+        let (transitions, energies) = (self.transitions(b), self.store.grid.energy_kwh.len());
+        let n = transitions.flows.len();
+        income.resize(self.store.grid.depth.len() * self.levels * n, 0.0);
+        // The income of a block is kept for blocks before it, which reach no other temperature.
+        let Range { start, end } = self.reachable_rows[b];
+        let powers = self.store.grid.power_kw.len();
+        for (rows, income) in income.chunks_exact_mut(n).enumerate() {
+            let eur = self.income(b, rows % self.levels);
+            for power in start * powers..end * powers {
+                let has_some = &transitions.has_some[power];
+                let from = power * energies;
+                let income = &mut income[from..][..energies];
+                income.fill(0.0);
+                for ((amount, eur), some) in transitions.amounts.iter().zip(eur).zip(has_some) {
+                    // Most rows neither sell and buy nor lose by derating: what is zero is not added.
+                    if *some && *eur != 0.0 {
+                        let amount = &amount[from..][..energies];
+                        for i in 0..energies {
+                            income[i] += amount[i] * eur;
+                        }
+                    }
+                }
+                if !wear_eur.is_empty() {
+                    let wear_eur = &wear_eur[rows / self.levels * n + from..][..energies];
+                    for i in 0..energies {
+                        income[i] -= wear_eur[i];
+                    }
+                }
+            }
+        }
+    }
+
+    /// Values of the grid before a block: those of the best transition. Keeps the `income` of the block after it where that
+    /// is the same.
+    #[allow(unsafe_code)]
+    fn bellman_step(&self, b: usize, moved: &[f64], income: &mut Vec<f64>, before: &mut [f64]) {
+        #[cfg(target_arch = "x86_64")]
+        if std::arch::is_x86_feature_detected!("avx2") {
+            // SAFETY: the processor has these instructions. They add and multiply as others do, so results are the same.
+            return unsafe { self.bellman_step_avx2(b, moved, income, before) };
+        }
+        self.bellman_step_portable(b, moved, income, before);
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    #[allow(unsafe_code)]
+    unsafe fn bellman_step_avx2(&self, b: usize, moved: &[f64], income: &mut Vec<f64>, before: &mut [f64]) {
+        self.bellman_step_portable(b, moved, income, before);
+    }
+
+    #[inline(always)]
+    fn bellman_step_portable(&self, b: usize, moved: &[f64], income: &mut Vec<f64>, before: &mut [f64]) {
+        let (grid, transitions) = (&self.store.grid, self.transitions(b));
+        let energies = grid.energy_kwh.len();
+        let (all_rows, columns) = (transitions.flows.len(), self.levels * self.shadow_eur.len());
+        // Where there is one depth only, no state is deeper.
+        let deeper = if grid.depth.len() > 1 { grid.temperature_c.len() * energies * columns } else { 0 };
+        if self.differs_from_next(b) {
+            self.transition_income(b, income);
+        }
+        let of_states = before.chunks_exact_mut(energies * columns).zip(&transitions.runs);
+        for (i, (best, runs)) in self.reachable(b, of_states) {
+            best.fill(f64::NEG_INFINITY);
+            let depth = i / grid.temperature_c.len();
+            let income = &income[depth * self.levels * all_rows..][..self.levels * all_rows];
+            for run in runs {
+                let rows = run.row..run.row + run.rows;
+                let best = &mut best[run.row % energies * columns..][..run.rows * columns];
+                let cells = Cells {
+                    after: &moved[run.place * columns..],
+                    warmer: energies * columns,
+                    deeper,
+                    stride: run.stride,
+                    energy: &transitions.energy[rows.clone()],
+                    temperature: &transitions.temperature[rows.clone()],
+                    depth: &transitions.depth[depth * all_rows..][rows.clone()],
+                };
+                match (columns, deeper) {
+                    (1, 0) => cells.maximise::<false>(&income[rows], best),
+                    (1, _) => cells.maximise::<true>(&income[rows], best),
+                    _ => {
+                        let income = |level: usize| &income[level * all_rows..][rows.clone()];
+                        let cycled_kwh = &transitions.cycled_kwh[rows.clone()];
+                        cells.maximise_columns(income, cycled_kwh, self.shadow_eur, best);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Powers chosen in order, before the level of the price is known, which every value after a block takes as known.
+    fn forward_pass(&self, values: &[f64]) -> (Vec<f64>, Vec<f64>) {
+        let (problem, shadows) = (self.problem, self.shadow_eur.len());
+        let columns = self.levels * shadows;
+        let size = values.len() / (problem.blocks.len() + 1);
+        let mut now = problem.start;
+        let mut cycled_kwh = vec![0.0; problem.allowed_kwh.len()];
+        let mut power_kw = Vec::with_capacity(problem.blocks.len());
+        let mut after = vec![0.0; columns];
+        for (b, block) in problem.blocks.iter().enumerate() {
+            let left_kwh = (self.allowed_kwh[block.period] - cycled_kwh[block.period]).max(0.0);
+            let share = &problem.share[b * self.levels..][..self.levels];
+            let here = &values[b * size..][..size];
+            let later = &values[(b + 1) * size..][..size];
+            let dual = |s: usize| {
+                self.interpolate(&now, |state| {
+                    expectation(share, &here[state * columns..][..columns], s, shadows)
+                }) + budget_value(self.shadow_eur[s], left_kwh)
+            };
+            let s = argmin((0..shadows).map(dual));
+            let mut best: Option<(f64, f64, f64, StoreState)> = None;
+            for p in 0..self.store.grid.power_kw.len() {
+                let flows = self.transitions(b).between(&self.store.grid, &now, p);
+                let settled =
+                    self.store.grid.settle(&flows, now.energy_kwh, now.depth, self.transitions(b).hours);
+                if settled.cycled_kwh > left_kwh + ROUNDING_KWH {
+                    continue;
+                }
+                let mut end = settled.after;
+                end.temperature_c += self.ambient_shift_k(b);
+                let value = income_of(&settled.amounts, self.income(b, self.levels))
+                    - problem.wear_eur(now.depth, settled.drawn)
+                    + self.interpolate(&end, |state| {
+                        self.expected_after(b, &later[state * columns..][..columns], &mut after);
+                        expectation(share, &after, s, shadows)
+                    })
+                    - settled.cycled_kwh * self.shadow_eur[s];
+                if best.as_ref().is_none_or(|best| value > best.0) {
+                    best = Some((value, flows.request_kw, settled.cycled_kwh, end));
+                }
+            }
+            let (_, request_kw, cycled, end) = best.unwrap_or((0.0, 0.0, 0.0, now));
+            power_kw.push(request_kw);
+            cycled_kwh[block.period] += cycled;
+            now = end;
+        }
+        (power_kw, cycled_kwh)
+    }
+
+    /// Interpolates a value of the grid points at a state.
+    fn interpolate(&self, state: &StoreState, mut of: impl FnMut(usize) -> f64) -> f64 {
+        let grid = &self.store.grid;
+        let (energies, temperatures) = (grid.energy_kwh.len(), grid.temperature_c.len());
+        let (e, energy) = around(&grid.energy_kwh, state.energy_kwh);
+        let (t, temperature) = around(&grid.temperature_c, state.temperature_c);
+        let (d, depth) = around(&grid.depth, state.depth);
+        let below = (d * temperatures + t) * energies + e;
+        let places = [0, 1, energies, energies + 1];
+        let mut value = 0.0;
+        let deeper = temperatures * energies;
+        for (deeper, share) in [(0, 1.0 - depth), (deeper, depth)].into_iter().take(grid.depth.len().min(2)) {
+            for (weight, place) in weights(energy, temperature).into_iter().zip(places) {
+                value += weight * share * of(below + place + deeper);
+            }
+        }
+        value
+    }
+}
+
+/// Temperatures of the grid on which the powers depend, see [`DynamicProgram::reachable_rows`].
+///
+/// A temperature is a mean of the ends of rows. Values there, and at these ends, are read between two points of the grid.
+fn reachable_temperatures(store: &Store, problem: &DispatchProblem) -> Vec<Range<usize>> {
+    let points = &store.grid.temperature_c;
+    let below = |temperature_c: f64| around(points, temperature_c).0;
+    let first = below(problem.start.temperature_c);
+    let mut rows = first..first + 2;
+    let mut all = vec![rows.clone()];
+    for block in &problem.blocks {
+        let ends_c = &store.of(block).ends_c[rows.clone()];
+        let lowest_c = ends_c.iter().fold(f64::INFINITY, |low, end| low.min(end.0));
+        let highest_c = ends_c.iter().fold(f64::NEG_INFINITY, |high, end| high.max(end.1));
+        let (lowest, highest) = (below(lowest_c - ROUNDING_K), below(highest_c + ROUNDING_K) + 1);
+        rows = rows.start.min(lowest)..rows.end.max(highest + 1);
+        // In the ambient temperature of the transitions, values are those of the points themselves.
+        let shift_k = store.ambient_shift_k(block);
+        if shift_k != 0.0 {
+            let [cool, warm] = [points[lowest] - ROUNDING_K, points[highest] + ROUNDING_K];
+            rows = rows.start.min(below(cool + shift_k))..rows.end.max(below(warm + shift_k) + 2);
+        }
+        all.push(rows.clone());
+    }
+    all
+}
+
+/// Value of the remaining throughput at its shadow price. Zero without a price, even if the throughput is unlimited.
+fn budget_value(shadow_eur: f64, left_kwh: f64) -> f64 {
+    if shadow_eur == 0.0 {
+        0.0
+    } else {
+        shadow_eur * left_kwh
+    }
+}
+
+#[inline]
+fn income_of(amounts: &[f64; 4], eur: &[f64; 4]) -> f64 {
+    amounts[0] * eur[0] + amounts[1] * eur[1] + amounts[2] * eur[2] + amounts[3] * eur[3]
+}
+
+/// Expectation over the levels of values `(L, S)` at shadow price `s`.
+fn expectation(share: &[f64], values: &[f64], s: usize, shadows: usize) -> f64 {
+    share.iter().zip(values.iter().skip(s).step_by(shadows)).map(|(p, value)| p * value).sum()
+}
+
+/// Position of the least value, the first of equal ones.
+fn argmin(values: impl Iterator<Item = f64>) -> usize {
+    let mut least = (0, f64::INFINITY);
+    for (i, value) in values.enumerate() {
+        if value < least.1 {
+            least = (i, value);
+        }
+    }
+    least.0
+}
