@@ -78,18 +78,21 @@ struct BatteryDocument {
     #[serde(default)]
     hysteresis_heat: bool,
     ocv_v: OcvDocument,
-    resistance_temperature: Option<ResistanceTemperatureDocument>,
-    resistance_soc: Option<ResistanceSocDocument>,
+    resistance_temperature: Option<CurveDocument>,
+    resistance_soc: Option<CurveDocument>,
     resistance_table: Option<ResistanceTableDocument>,
     #[serde(default)]
-    entropy: Option<EntropyDocument>,
+    entropy: Option<CurveDocument>,
 }
 
+/// Values over one axis, by the names of the quantities.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct EntropyDocument {
-    soc: Vec<f64>,
-    du_dt_mv_k: Vec<f64>,
+struct CurveDocument {
+    #[serde(alias = "soc", alias = "temperature_c")]
+    knots: Vec<f64>,
+    #[serde(alias = "resistance_mohm", alias = "du_dt_mv_k")]
+    values: Vec<f64>,
 }
 
 #[derive(Deserialize)]
@@ -100,20 +103,6 @@ struct OcvDocument {
     /// One row per temperature.
     charge: Vec<Vec<f64>>,
     discharge: Vec<Vec<f64>>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct ResistanceTemperatureDocument {
-    temperature_c: Vec<f64>,
-    resistance_mohm: Vec<f64>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct ResistanceSocDocument {
-    soc: Vec<f64>,
-    resistance_mohm: Vec<f64>,
 }
 
 #[derive(Deserialize)]
@@ -166,19 +155,15 @@ impl StringDocument {
         let name = |table: &str| format!("string {index}: {table}");
 
         let ocv = |label: &str, rows: &[Vec<f64>], document: &OcvDocument| {
-            let z = by_soc(&name(label), &document.soc, &document.temperature_c, rows, series)?;
-            Grid::new(&name(label), document.soc.clone(), document.temperature_c.clone(), z)
+            grid(&name(label), &document.soc, &document.temperature_c, rows, series)
         };
         let ocv_charge = ocv("battery.ocv_v.charge", &self.battery.ocv_v.charge, &self.battery.ocv_v)?;
         let ocv_discharge =
             ocv("battery.ocv_v.discharge", &self.battery.ocv_v.discharge, &self.battery.ocv_v)?;
 
         let resistance = self.battery.resistance(&name, ohm)?;
-        let entropy = self.battery.entropy.map(|table| {
-            let volts_k = table.du_dt_mv_k.iter().map(|mv_k| 1e-3 * mv_k * series).collect();
-            Lut::new(&name("battery.entropy"), table.soc, volts_k)
-        });
-        let entropy = entropy.transpose()?;
+        let volts_k = |mv_k: f64| 1e-3 * mv_k * series;
+        let entropy = self.battery.entropy.map(|table| table.lut(&name("battery.entropy"), volts_k));
         let nominal_w = self.inverter.nominal_kw * W_PER_KW;
         let loss = |label: &str, loss: &[f64]| {
             Lut::new(
@@ -200,7 +185,7 @@ impl StringDocument {
             ocv_charge,
             ocv_discharge,
             resistance,
-            entropy,
+            entropy: entropy.transpose()?,
             inverter: Inverter {
                 nominal_w,
                 loss_charge: loss("inverter.loss_charge", &self.inverter.loss_charge)?,
@@ -227,26 +212,14 @@ impl StringDocument {
 
 impl BatteryDocument {
     fn resistance(&self, name: &impl Fn(&str) -> String, ohm: f64) -> Result<Resistance, InputError> {
-        let scaled = |values: &[f64], factor: f64| values.iter().map(|v| v * factor).collect::<Vec<_>>();
         match (&self.resistance_temperature, &self.resistance_soc, &self.resistance_table) {
             (Some(temperature), Some(soc), None) => {
-                let f_t = Lut::new(
-                    &name("battery.resistance_temperature"),
-                    temperature.temperature_c.clone(),
-                    temperature.resistance_mohm.clone(),
-                )?;
+                let of_temperature = name("battery.resistance_temperature");
+                let f_t = temperature.lut(&of_temperature, |mohm| mohm)?;
                 let factor = 1.0 / f_t.at(REFERENCE_TEMPERATURE_C);
                 Ok(Resistance::Switched {
-                    temperature: Lut::new(
-                        &name("battery.resistance_temperature"),
-                        temperature.temperature_c.clone(),
-                        scaled(&temperature.resistance_mohm, ohm),
-                    )?,
-                    soc_factor: Lut::new(
-                        &name("battery.resistance_soc"),
-                        soc.soc.clone(),
-                        scaled(&soc.resistance_mohm, factor),
-                    )?,
+                    temperature: temperature.lut(&of_temperature, |mohm| mohm * ohm)?,
+                    soc_factor: soc.lut(&name("battery.resistance_soc"), |mohm| mohm * factor)?,
                     low_soc_switch: self.low_soc_switch,
                 })
             }
@@ -260,10 +233,7 @@ impl BatteryDocument {
                     }
                     blocks
                         .iter()
-                        .map(|rows| {
-                            let z = by_soc(&name(label), &table.soc, &table.temperature_c, rows, ohm)?;
-                            Grid::new(&name(label), table.soc.clone(), table.temperature_c.clone(), z)
-                        })
+                        .map(|rows| grid(&name(label), &table.soc, &table.temperature_c, rows, ohm))
                         .collect::<Result<Vec<_>, _>>()
                 };
                 Ok(Resistance::Measured {
@@ -281,19 +251,26 @@ impl BatteryDocument {
     }
 }
 
-/// Rows per temperature (as files have them) to row-major values with SOC as the first axis, scaled.
-fn by_soc(
+impl CurveDocument {
+    fn lut(&self, name: &str, of_value: impl Fn(f64) -> f64) -> Result<Lut, InputError> {
+        Lut::new(name, self.knots.clone(), self.values.iter().map(|&value| of_value(value)).collect())
+    }
+}
+
+/// Table with SOC as the first axis from rows per temperature, as files have them; values are scaled.
+fn grid(
     name: &str,
     soc: &[f64],
     temperature_c: &[f64],
     rows: &[Vec<f64>],
     factor: f64,
-) -> Result<Vec<f64>, InputError> {
+) -> Result<Grid, InputError> {
     if rows.len() != temperature_c.len() || rows.iter().any(|row| row.len() != soc.len()) {
         return Err(InputError::table(
             name,
             format!("needs {} rows (temperatures) of {} values (SOC)", temperature_c.len(), soc.len()),
         ));
     }
-    Ok((0..soc.len()).flat_map(|i| rows.iter().map(move |row| row[i] * factor)).collect())
+    let z = (0..soc.len()).flat_map(|i| rows.iter().map(move |row| row[i] * factor)).collect();
+    Grid::new(name, soc.to_vec(), temperature_c.to_vec(), z)
 }

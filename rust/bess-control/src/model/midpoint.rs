@@ -7,29 +7,16 @@ use super::string::{small_root, Coefficients, Flow, Interval, StringModel, Strin
 const LOW_SOC_PARTS: u32 = 4;
 
 impl StringModel {
-    /// Like [`Self::step`] with the coefficients of the middle of the interval (explicit midpoint rule). If
-    /// the string is or falls below its low-SOC switch, where resistance rises steeply, the interval is
-    /// divided into [`LOW_SOC_PARTS`].
+    /// [`Self::step_midpoint`] of a positive request, with the coefficients `c` of the start.
     #[inline]
-    pub fn step_midpoint(&self, state: StringState, request_w: f64, interval: &Interval) -> Flow {
-        let c = || self.coefficients(interval.direction, state);
-        self.step_midpoint_with(self.loss(interval.direction), c, state, request_w, interval)
-    }
-
-    /// Like [`Self::step_midpoint`], with another inverter loss curve and the coefficients of the start, read where needed.
-    #[inline]
-    pub(crate) fn step_midpoint_with(
+    pub(super) fn midpoint(
         &self,
         curve: &LossCurve,
-        at_start: impl FnOnce() -> Coefficients,
+        c: Coefficients,
         state: StringState,
         request_w: f64,
         interval: &Interval,
     ) -> Flow {
-        if request_w <= 0.0 {
-            return self.idle(state, 0.0, 0.0, interval);
-        }
-        let c = at_start();
         if state.soc >= self.parameters.low_soc_switch {
             let (middle, end_soc) = self.middle(curve, &c, state, request_w, interval);
             if end_soc >= self.parameters.low_soc_switch {

@@ -31,6 +31,6 @@ pub(crate) use objectives::{total, BLOCK};
 pub use objectives::{CostsOf, Objectives};
 pub use ranges::{CoefficientRanges, Range, StateBox};
 pub(crate) use ranges::{Corner, Piece};
-pub use rollout::{CoefficientsFrom, Rollout};
-pub use string::{Coefficients, Flow, Interval, StringModel, StringState};
+pub use rollout::Rollout;
+pub use string::{Coefficients, CoefficientsFrom, Flow, Interval, StringModel, StringState};
 pub use track_demand::{BestShares, TrackedDemand};

@@ -2,16 +2,7 @@
 
 use bess_tables::{Direction, InputError};
 
-use crate::model::{ControlModel, Flow, Interval, StringModel, StringState};
-
-/// Point of a step at which the coefficients of the control model are evaluated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum CoefficientsFrom {
-    /// Its start: the model of the certified split ([`StringModel::step`]).
-    Start,
-    /// Its middle: the model of plans ([`StringModel::step_midpoint`]).
-    Middle,
-}
+use crate::model::{CoefficientsFrom, ControlModel, Flow, Interval, StringState};
 
 /// Flows of a batch of schedules.
 #[derive(Debug, Clone, Default)]
@@ -37,10 +28,6 @@ impl ControlModel {
         coefficients: CoefficientsFrom,
     ) -> Result<Rollout, InputError> {
         let n_steps = ambient_c.len();
-        let step = match coefficients {
-            CoefficientsFrom::Start => StringModel::step,
-            CoefficientsFrom::Middle => StringModel::step_midpoint,
-        };
         let mut out = Rollout::default();
         for request_w in requests_w.chunks_exact((start.len() * n_steps).max(1)) {
             let directions = self.directions(request_w, n_steps)?;
@@ -49,7 +36,7 @@ impl ControlModel {
                 for (t, (&direction, &ambient_c)) in directions.iter().zip(ambient_c).enumerate() {
                     let interval = Interval { direction, ambient_c, dt_h };
                     let request_w = request_w[m * n_steps + t].abs().min(string.nominal_w());
-                    let flow = step(string, state, request_w, &interval);
+                    let flow = string.step_from(coefficients, state, request_w, &interval);
                     state = flow.end;
                     out.flows.push(flow);
                 }

@@ -58,6 +58,15 @@ impl Flow {
     }
 }
 
+/// Point of a step at which the coefficients of the control model are evaluated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CoefficientsFrom {
+    /// Its start: the model of the certified split ([`StringModel::step`]).
+    Start,
+    /// Its middle: the model of plans ([`StringModel::step_midpoint`]).
+    Middle,
+}
+
 /// Direction, ambient temperature and length of an interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Interval {
@@ -169,14 +178,34 @@ impl StringModel {
     /// Simulates a request `request_w >= 0` from `state`, with the coefficients of its start.
     #[inline]
     pub fn step(&self, state: StringState, request_w: f64, interval: &Interval) -> Flow {
-        let c = || self.coefficients(interval.direction, state);
-        self.step_with(self.loss(interval.direction), c, state, request_w, interval)
+        self.step_from(CoefficientsFrom::Start, state, request_w, interval)
     }
 
-    /// [`Self::step`] with another inverter loss curve and the coefficients of `state`, read where needed.
+    /// Like [`Self::step`] with the coefficients of the middle of the interval (explicit midpoint rule). If
+    /// the string is or falls below its low-SOC switch, where resistance rises steeply, the interval is
+    /// divided into parts.
+    #[inline]
+    pub fn step_midpoint(&self, state: StringState, request_w: f64, interval: &Interval) -> Flow {
+        self.step_from(CoefficientsFrom::Middle, state, request_w, interval)
+    }
+
+    #[inline]
+    pub(super) fn step_from(
+        &self,
+        from: CoefficientsFrom,
+        state: StringState,
+        request_w: f64,
+        interval: &Interval,
+    ) -> Flow {
+        let c = || self.coefficients(interval.direction, state);
+        self.step_with(from, self.loss(interval.direction), c, state, request_w, interval)
+    }
+
+    /// A step with another inverter loss curve and the coefficients of `state`, read where needed.
     #[inline]
     pub(crate) fn step_with(
         &self,
+        from: CoefficientsFrom,
         curve: &LossCurve,
         at_start: impl FnOnce() -> Coefficients,
         state: StringState,
@@ -186,7 +215,10 @@ impl StringModel {
         if request_w <= 0.0 {
             return self.idle(state, 0.0, 0.0, interval);
         }
-        self.carry_out(curve, state, request_w, interval, &at_start())
+        match from {
+            CoefficientsFrom::Start => self.carry_out(curve, state, request_w, interval, &at_start()),
+            CoefficientsFrom::Middle => self.midpoint(curve, at_start(), state, request_w, interval),
+        }
     }
 
     #[inline]

@@ -1,7 +1,5 @@
 //! Solution of the one-step problem by branch and bound on the Lagrangian.
 
-use std::collections::BinaryHeap;
-
 use super::cost_curve::StringCost;
 use super::lagrangian::{bounds_by_count, maximise, Commitment, DualSolution, InverterMode};
 
@@ -29,25 +27,6 @@ struct Node {
     commitment: Commitment,
     /// Branching string of a solved node, at the border between on and off; None before the solution.
     border: Option<usize>,
-    order: usize,
-}
-
-impl PartialEq for Node {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other).is_eq()
-    }
-}
-impl Eq for Node {}
-impl PartialOrd for Node {
-    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
-        Some(self.cmp(other))
-    }
-}
-impl Ord for Node {
-    /// Lowest bound on top of the heap, then the older node.
-    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        other.bound.total_cmp(&self.bound).then(other.order.cmp(&self.order))
-    }
 }
 
 /// Solves the one-step problem. Branches first on the number of inverters that are on, which leaves no
@@ -58,7 +37,6 @@ pub(crate) fn solve(curves: &[impl StringCost], demand_w: f64) -> OneStepSolutio
 
 /// [`solve`] with at most this many nodes; with fewer nodes the bound is weaker, but valid.
 fn solve_within(curves: &[impl StringCost], demand_w: f64, mut n_nodes: usize) -> OneStepSolution {
-    let n = curves.len();
     let free = Commitment::of(curves);
     let n_on = free.modes.iter().filter(|m| **m == InverterMode::On).count();
     let DualSolution { bound: least, price, request_w, shed_w, .. } = maximise(curves, &free, demand_w, 0.0);
@@ -66,16 +44,16 @@ fn solve_within(curves: &[impl StringCost], demand_w: f64, mut n_nodes: usize) -
     if least.is_infinite() {
         return best;
     }
-    let mut heap = BinaryHeap::new();
+    let mut open = Vec::new();
     for (count, bound) in bounds_by_count(curves, &free, demand_w, price).into_iter().enumerate() {
         let commitment = Commitment { count: Some(n_on + count), ..free.clone() };
-        let bound = bound.max(least);
-        heap.push(Node { bound, commitment, border: None, order: count });
+        open.push(Node { bound: bound.max(least), commitment, border: None });
     }
-    let mut order = n;
     // Bounds of nodes that are not solved: within rounding of the best leaf, or beyond the limit of nodes.
     let mut floor = f64::INFINITY;
-    while let Some(node) = heap.pop() {
+    // The lowest bound next, the oldest of equal ones.
+    while let Some(next) = (0..open.len()).min_by(|&a, &b| open[a].bound.total_cmp(&open[b].bound)) {
+        let node = open.remove(next);
         if node.bound >= best.bound - GAP * best.bound.abs() || n_nodes == 0 {
             floor = floor.min(node.bound);
             break;
@@ -94,16 +72,14 @@ fn solve_within(curves: &[impl StringCost], demand_w: f64, mut n_nodes: usize) -
                 best = OneStepSolution { bound, request_w, shed_w, price };
             }
             if let (Some(_), true) = (border, bound.is_finite()) {
-                order += 1;
-                heap.push(Node { bound, commitment: node.commitment, border, order });
+                open.push(Node { bound, commitment: node.commitment, border });
             }
             continue;
         };
         for mode in [InverterMode::On, InverterMode::Off] {
             let mut commitment = node.commitment.clone();
             commitment.modes[border] = mode;
-            order += 1;
-            heap.push(Node { bound: node.bound, commitment, border: None, order });
+            open.push(Node { bound: node.bound, commitment, border: None });
         }
     }
     best.bound = best.bound.min(floor);

@@ -11,8 +11,8 @@ const TEMPERATURE_SHIFT_K: f64 = 0.1;
 /// pass of difference quotients along its schedule.
 #[derive(Debug, Clone)]
 pub(crate) struct CoStates {
-    soc: Vec<f64>,
-    temperature: Vec<f64>,
+    pub soc: Vec<f64>,
+    pub temperature: Vec<f64>,
 }
 
 impl CoStates {
@@ -51,18 +51,6 @@ impl CoStates {
             self.temperature[t] = by_temperature;
         }
         paths.work += 2 * (n_steps - from) as u64;
-    }
-
-    /// Derivative with respect to SOC at the start of a step.
-    #[inline]
-    pub fn soc(&self, t: usize) -> f64 {
-        self.soc[t]
-    }
-
-    /// Derivative with respect to temperature at the start of a step.
-    #[inline]
-    pub fn temperature(&self, t: usize) -> f64 {
-        self.temperature[t]
     }
 
     /// First-order cost of the state `other` instead of `here` at the start of step `t`.

@@ -9,8 +9,7 @@ use bess_tables::Direction;
 use crate::cores;
 use crate::model::{Losses, Range, StringModel, StringState};
 use crate::plan::look_ahead::{look_ahead, CostToGo, Group};
-use crate::plan::paths::Paths;
-use crate::plan::problem::PlanProblem;
+use crate::plan::problem::{kinds, PlanProblem};
 use crate::plan::soc_nodes::SocNodes;
 
 /// SOC change of a step at full power [nodes].
@@ -202,18 +201,11 @@ struct StringValues<'a> {
 
 impl<'a> StringValues<'a> {
     fn new(problem: &'a PlanProblem<'a>) -> Self {
-        let mut out =
-            Self { problem, groups: vec![], kinds: vec![], grids: vec![], members: vec![], values: vec![] };
-        for m in (0..problem.n_strings()).filter(|&m| problem.limit_w[m] > 0.0) {
-            let kind = out.members.iter().position(|&other| problem.alike(other, m));
-            out.kinds.push(kind.unwrap_or(out.grids.len()));
-            out.groups.push(Group { first: m, second: None });
-            if kind.is_none() {
-                out.grids.push(Grid::new(problem, m));
-                out.members.push(m);
-            }
-        }
-        out
+        let in_service = (0..problem.n_strings()).filter(|&m| problem.limit_w[m] > 0.0);
+        let (kinds, members) = kinds(in_service.clone(), |a, b| problem.alike(a, b));
+        let groups = in_service.map(|first| Group { first, second: None }).collect();
+        let grids = members.iter().map(|&m| Grid::new(problem, m)).collect();
+        Self { problem, groups, kinds, grids, members, values: vec![] }
     }
 
     /// Solves every kind of string backwards at prices `(T,)` [cost/Wh].
@@ -327,22 +319,13 @@ impl<'a> StringValues<'a> {
         let dt_h = |t: usize| problem.intervals[t].dt_h;
         let mut slope: Vec<f64> = (0..n_steps).map(|t| problem.demand_w[t] * dt_h(t)).collect();
         // Strings of one kind in one state have one path.
-        let mut distinct: Vec<usize> = vec![];
-        let path_of: Vec<usize> = (0..self.groups.len())
-            .map(|index| {
-                let m = self.groups[index].first;
-                let same = |&other: &usize| {
-                    let o = self.groups[other].first;
-                    self.kinds[other] == self.kinds[index]
-                        && problem.start[o] == problem.start[m]
-                        && problem.running[o] == problem.running[m]
-                };
-                distinct.iter().position(same).unwrap_or_else(|| {
-                    distinct.push(index);
-                    distinct.len() - 1
-                })
-            })
-            .collect();
+        let alike = |a: usize, b: usize| {
+            let (m, n) = (self.groups[a].first, self.groups[b].first);
+            self.kinds[a] == self.kinds[b]
+                && problem.start[m] == problem.start[n]
+                && problem.running[m] == problem.running[n]
+        };
+        let (path_of, distinct) = kinds(0..self.groups.len(), alike);
         let paths = cores::map(distinct, |index| self.best_path(index, price));
         for path in path_of {
             for (t, power_w) in paths[path].iter().enumerate() {
@@ -411,8 +394,7 @@ pub(crate) fn ascend(problem: &PlanProblem<'_>, price: Vec<f64>, known_cost: f64
     for pass in 0..passes {
         values.solve(&price);
         let bound = values.bound(&price);
-        let ahead = look_ahead(problem, &values);
-        let rolled = Paths::new(problem, ahead.request_w);
+        let (rolled, clearing_price) = look_ahead(problem, &values);
         if rolled.cost() < cost {
             (cost, request_w) = (rolled.cost(), rolled.request_w());
         }
@@ -422,7 +404,10 @@ pub(crate) fn ascend(problem: &PlanProblem<'_>, price: Vec<f64>, known_cost: f64
             best_price.clone_from(&price);
         }
         if pass < clearing {
-            price.iter_mut().zip(&ahead.price).for_each(|(p, clear)| *p += TOWARDS_CLEARING * (clear - *p));
+            price
+                .iter_mut()
+                .zip(&clearing_price)
+                .for_each(|(p, clear)| *p += TOWARDS_CLEARING * (clear - *p));
             continue;
         }
         if pass == clearing || since > PATIENCE {

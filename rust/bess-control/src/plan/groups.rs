@@ -5,7 +5,7 @@ use bess_tables::{Direction, InputError, System};
 use crate::cores;
 use crate::error::check_length;
 use crate::model::{ControlModel, StringState};
-use crate::plan::paths::Paths;
+use crate::plan::paths::{Paths, Point};
 use crate::plan::problem::{PlanProblem, Prices};
 use crate::plan::starts::{deliverable_w, CRUMBS};
 use crate::rules::water_fill;
@@ -121,12 +121,11 @@ impl Groups {
 
     fn shared_on<'a>(&self, problem: &'a PlanProblem<'a>, request_w: &[f64], fewer: bool) -> Paths<'a> {
         let n_steps = problem.n_steps();
-        let mut running = problem.running.clone();
-        Paths::shared(problem, |t, states| {
-            let mut power = vec![0.0; states.len()];
+        Paths::shared(problem, |t, points| {
+            let mut power = vec![0.0; points.len()];
             if problem.demand_w[t] > 0.0 {
-                let caps = deliverable_w(problem, t, states);
-                let step = Step { problem, t, states, running: &running, caps: &caps };
+                let caps = deliverable_w(problem, t, points);
+                let step = Step { problem, t, points, caps: &caps };
                 for (g, members) in self.members.iter().enumerate() {
                     let total_w = request_w[g * n_steps + t];
                     if total_w > 0.0 {
@@ -135,7 +134,6 @@ impl Groups {
                 }
                 problem.model.set_points(&mut power, &problem.limit_w);
             }
-            running.iter_mut().zip(&power).for_each(|(on, &p)| *on = p > 0.0);
             power
         })
     }
@@ -145,8 +143,7 @@ impl Groups {
 struct Step<'s> {
     problem: &'s PlanProblem<'s>,
     t: usize,
-    states: &'s [StringState],
-    running: &'s [bool],
+    points: &'s [Point],
     /// Deliverable power of each string `(M,)` [W].
     caps: &'s [f64],
 }
@@ -154,7 +151,7 @@ struct Step<'s> {
 impl Step<'_> {
     /// Usable share of the SOC window of a string in the direction of power.
     fn left(&self, m: usize) -> f64 {
-        let fill = self.problem.fill_of(m, self.states[m]);
+        let fill = self.problem.fill_of(m, self.points[m].state);
         match self.problem.intervals[self.t].direction {
             Direction::Discharge => fill.max(0.0),
             Direction::Charge => (1.0 - fill).max(0.0),
@@ -167,7 +164,7 @@ impl Step<'_> {
     fn share(&self, members: &[usize], total_w: f64, fewer: bool, power: &mut [f64]) {
         let mut order = members.to_vec();
         if fewer {
-            let rank = |m: usize| self.left(m) + if self.running[m] { INERTIA } else { 0.0 };
+            let rank = |m: usize| self.left(m) + if self.points[m].running { INERTIA } else { 0.0 };
             order.sort_by(|&a, &b| rank(b).total_cmp(&rank(a)));
             order.truncate(self.number_to_run(&order, total_w));
         }
@@ -196,10 +193,10 @@ impl Step<'_> {
         });
         let Some(fewest) = enough.map(|index| index + 1) else { return order.len() };
         let mean = |of: &dyn Fn(&StringState) -> f64| {
-            order.iter().map(|&m| of(&self.states[m])).sum::<f64>() / order.len() as f64
+            order.iter().map(|&m| of(&self.points[m].state)).sum::<f64>() / order.len() as f64
         };
         let state = StringState { soc: mean(&|s| s.soc), temperature_c: mean(&|s| s.temperature_c) };
-        let on_already = order.iter().filter(|&&m| self.running[m]).count();
+        let on_already = order.iter().filter(|&&m| self.points[m].running).count();
         let cost = |n: usize| {
             let flow = problem.flow(first, t, state, total_w / n as f64);
             let rate = flow.losses().cost(&problem.prices.losses[t])

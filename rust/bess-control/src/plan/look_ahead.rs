@@ -1,8 +1,9 @@
 //! One-step look-ahead: the power of a step is allocated at minimum cost of the step plus cost to go.
 
 use crate::model::StringState;
+use crate::plan::paths::{Paths, Point};
 use crate::plan::problem::PlanProblem;
-use crate::rules::water_fill;
+use crate::plan::starts::fill_up;
 
 /// Power units per limit of the largest inverter.
 const PARTS: usize = 24;
@@ -29,36 +30,24 @@ pub(crate) trait CostToGo {
     fn cost(&self, group: usize, first: Self::End, second: Option<Self::End>, hours: f64) -> f64;
 }
 
-/// A schedule from successive look-aheads.
-pub(crate) struct LookedAhead {
-    /// Requests `(M, T)` [W].
-    pub request_w: Vec<f64>,
-    /// Marginal cost of the demand in each step, with convex combinations of groups [cost/Wh].
-    pub price: Vec<f64>,
-}
-
 /// Minimum cost of a group over its power in units, and the units of the first string.
 type Table = Vec<(f64, usize)>;
 
-/// Rolls out the strings, with one look-ahead per step.
-pub(crate) fn look_ahead<V: CostToGo>(problem: &PlanProblem<'_>, values: &V) -> LookedAhead {
-    let (n_strings, n_steps) = (problem.n_strings(), problem.n_steps());
-    let (mut states, mut running) = (problem.start.clone(), problem.running.clone());
-    let mut out = LookedAhead { request_w: vec![0.0; n_strings * n_steps], price: vec![0.0; n_steps] };
+/// The schedule from successive look-aheads, and the marginal cost of the demand in each step, with convex combinations of
+/// groups [cost/Wh].
+pub(crate) fn look_ahead<'a, V: CostToGo>(problem: &'a PlanProblem<'a>, values: &V) -> (Paths<'a>, Vec<f64>) {
+    let mut price = vec![0.0; problem.n_steps()];
     let mut hours = 0.0;
-    for t in 0..n_steps {
+    let paths = Paths::shared(problem, |t, points| {
         hours += problem.intervals[t].dt_h;
-        let mut share = vec![0.0; n_strings];
-        if problem.demand_w[t] > 0.0 {
-            (share, out.price[t]) = share_step(problem, values, t, hours, &states, &running);
+        if problem.demand_w[t] <= 0.0 {
+            return vec![0.0; points.len()];
         }
-        for (m, request_w) in share.into_iter().enumerate() {
-            states[m] = problem.step(m, t, states[m], request_w, running[m]).1;
-            running[m] = request_w > 0.0;
-            out.request_w[m * n_steps + t] = request_w;
-        }
-    }
-    out
+        let (share, marginal) = share_step(problem, values, t, hours, points);
+        price[t] = marginal;
+        share
+    });
+    (paths, price)
 }
 
 /// Requests of a step `(M,)` [W], and its marginal cost. Power is in units; the allocation is a knapsack over the groups.
@@ -67,8 +56,7 @@ fn share_step<V: CostToGo>(
     values: &V,
     t: usize,
     hours: f64,
-    states: &[StringState],
-    running: &[bool],
+    points: &[Point],
 ) -> (Vec<f64>, f64) {
     let demand_w = problem.demand_w[t];
     let limit_w = &problem.limit_w;
@@ -80,7 +68,8 @@ fn share_step<V: CostToGo>(
         let most = ((limit_w[m] / unit_w * (1.0 + 1e-9)) as usize).min(units);
         (0..=most)
             .map(|k| {
-                let (cost, state) = problem.step(m, t, states[m], power_w(m, k), running[m]);
+                let Point { state, running, .. } = points[m];
+                let (cost, state) = problem.step(m, t, state, power_w(m, k), running);
                 (cost, values.end(group, m, state, k > 0, hours))
             })
             .collect()
@@ -113,17 +102,8 @@ fn share_step<V: CostToGo>(
             share[second] = power_w(second, k - first);
         }
     }
-    // The remainder of limits that are not whole units goes to strings that are on, then to all strings.
-    for running_only in [true, false] {
-        let rest = demand_w - share.iter().sum::<f64>();
-        if rest > 1e-9 * demand_w {
-            let room = |m: usize| if running_only && share[m] == 0.0 { 0.0 } else { limit_w[m] - share[m] };
-            let rooms: Vec<f64> = (0..share.len()).map(room).collect();
-            for (power, more) in share.iter_mut().zip(water_fill(rest, &rooms, &rooms)) {
-                *power += more;
-            }
-        }
-    }
+    // Limits are not whole units.
+    fill_up(&mut share, demand_w, limit_w);
     let cheapest_shed = problem.prices.losses[t].availability.max(problem.prices.losses[t].derating);
     let price = clearing_price(&tables, units) / (unit_w * problem.intervals[t].dt_h);
     (share, price.min(cheapest_shed))

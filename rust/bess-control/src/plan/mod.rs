@@ -186,27 +186,27 @@ impl PlanProblem<'_> {
     ) -> (Vec<Paths<'p>>, Option<dual::Dual>) {
         let (n_steps, size) = (self.n_steps(), self.n_strings() * self.n_steps());
         let every_move = pair::rounds(self.n_strings()).max(blocks::LENGTHS.len());
-        let polish = |request_w: Vec<f64>| {
-            let mut fresh = Paths::new(self, request_w);
+        let polish = |mut fresh: Paths<'p>| {
             improve(&mut fresh, effort.fresh_rollouts * size, effort.turn, every_move);
             fresh
         };
-        let mut found = cores::map(rules, |rule| polish(rule.request_w()));
+        let mut found = cores::map(rules, polish);
         if effort.bound_passes == 0 {
             return (found, None);
         }
         let per = self.steps_of(PAIRS_STEP_H).min((n_steps / FEW_STEPS).max(1));
         let pairs = PairValues::solve(&self.coarsened(per));
-        let ahead = look_ahead(self, &pairs);
-        found.push(polish(ahead.request_w));
+        let (ahead, price) = look_ahead(self, &pairs);
+        found.push(polish(ahead));
         let known = found.iter().map(Paths::cost).fold(best_cost, f64::min);
         let per = self.steps_of(BOUND_STEP_H);
         let mean = |prices: &[f64]| prices.iter().sum::<f64>() / prices.len() as f64;
-        let first_price = ahead.price.chunks(per).map(mean).collect();
+        let first_price = price.chunks(per).map(mean).collect();
         let mut dual = dual::ascend(&self.coarsened(per), first_price, known, effort.bound_passes);
         let blocks = n_steps.div_ceil(per);
         let of_block = |k: usize| dual.request_w[k / n_steps * blocks + k % n_steps / per];
-        found.push(polish(starts::carried_on(self, &(0..size).map(of_block).collect::<Vec<_>>())));
+        let request_w: Vec<_> = (0..size).map(of_block).collect();
+        found.push(polish(Paths::new(self, starts::carried_on(self, &request_w))));
         dual.price = (0..n_steps).map(|t| dual.price[t / per]).collect();
         (found, Some(dual))
     }
@@ -260,7 +260,7 @@ fn cheaper<'a>(best: Paths<'a>, other: Paths<'a>) -> Paths<'a> {
 fn start_charge(paths: &mut Paths<'_>) -> f64 {
     let (mut slope, mut capacity) = (0.0, 0.0);
     for m in 0..paths.problem.n_strings() {
-        slope += CoStates::along(paths, m).soc(0);
+        slope += CoStates::along(paths, m).soc[0];
         capacity += paths.problem.capacity_ah(m);
     }
     slope / capacity

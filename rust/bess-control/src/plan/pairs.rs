@@ -7,7 +7,7 @@
 use crate::cores;
 use crate::model::{Range, StringState};
 use crate::plan::look_ahead::{CostToGo, Group};
-use crate::plan::problem::PlanProblem;
+use crate::plan::problem::{kinds, PlanProblem};
 use crate::rules::water_fill;
 
 /// Number of SOC nodes. A plan for seven days of two reference strings costs 1.5 % more with 25, and the same with 41.
@@ -112,31 +112,18 @@ pub(crate) struct PairValues {
 impl PairValues {
     /// Solves all pairs over a problem with steps of equal length.
     pub fn solve(problem: &PlanProblem<'_>) -> Self {
-        let mut out = Self {
-            groups: vec![],
-            kinds: vec![],
-            values: vec![],
-            dt_h: problem.intervals.first().map_or(1.0, |i| i.dt_h),
+        let pair = |pair: &[usize]| Group { first: pair[0], second: pair.get(1).copied() };
+        let groups: Vec<Group> = in_pairs(problem).chunks(2).map(pair).collect();
+        let alike = |a: Group, b: Group| {
+            problem.alike(a.first, b.first)
+                && match (a.second, b.second) {
+                    (Some(a), Some(b)) => problem.alike(a, b),
+                    (a, b) => a == b,
+                }
         };
-        let mut distinct = vec![];
-        for pair in in_pairs(problem).chunks(2) {
-            let group = Group { first: pair[0], second: pair.get(1).copied() };
-            let alike = |other: &Group| {
-                problem.alike(other.first, group.first)
-                    && match (other.second, group.second) {
-                        (Some(a), Some(b)) => problem.alike(a, b),
-                        (a, b) => a == b,
-                    }
-            };
-            let kind = out.groups.iter().position(alike).map(|index| out.kinds[index]);
-            out.kinds.push(kind.unwrap_or(distinct.len()));
-            out.groups.push(group);
-            if kind.is_none() {
-                distinct.push(group);
-            }
-        }
-        out.values = cores::map(distinct, |group| solve(problem, group));
-        out
+        let (kinds, distinct) = kinds(groups.iter().copied(), alike);
+        let values = cores::map(distinct, |group| solve(problem, group));
+        Self { groups, kinds, values, dt_h: problem.intervals.first().map_or(1.0, |i| i.dt_h) }
     }
 
     /// Planes before and after a time, and its relative position between them.

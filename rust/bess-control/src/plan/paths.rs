@@ -45,16 +45,13 @@ impl<'a> Paths<'a> {
         paths
     }
 
-    /// The plan whose requests of a step `share` gives, by its number and where the strings stand [W].
-    pub fn shared(
-        problem: &'a PlanProblem<'a>,
-        mut share: impl FnMut(usize, &[StringState]) -> Vec<f64>,
-    ) -> Self {
+    /// The plan whose requests of a step `share` gives, by its index and where the strings stand [W].
+    pub fn shared(problem: &'a PlanProblem<'a>, mut share: impl FnMut(usize, &[Point]) -> Vec<f64>) -> Self {
         let (n_strings, n_steps) = (problem.n_strings(), problem.n_steps());
         let mut paths = Self::at_start(problem, &vec![0.0; n_strings * n_steps]);
         for t in 0..n_steps {
-            let states: Vec<_> = (0..n_strings).map(|m| paths.at(m, t).state).collect();
-            for (m, request_w) in share(t, &states).into_iter().enumerate() {
+            let points: Vec<_> = (0..n_strings).map(|m| *paths.at(m, t)).collect();
+            for (m, request_w) in share(t, &points).into_iter().enumerate() {
                 paths.set(m, t, request_w);
                 paths.advance(m, t);
             }

@@ -56,6 +56,21 @@ pub struct PlanProblem<'a> {
     inverters: Vec<usize>,
 }
 
+/// The kind of each item, and the first item of each kind.
+pub(crate) fn kinds<T: Copy>(
+    items: impl IntoIterator<Item = T>,
+    alike: impl Fn(T, T) -> bool,
+) -> (Vec<usize>, Vec<T>) {
+    let mut firsts: Vec<T> = vec![];
+    let mut kind = |item: T| {
+        firsts.iter().position(|&first| alike(first, item)).unwrap_or_else(|| {
+            firsts.push(item);
+            firsts.len() - 1
+        })
+    };
+    (items.into_iter().map(&mut kind).collect(), firsts)
+}
+
 impl<'a> PlanProblem<'a> {
     /// Checks a problem.
     ///
@@ -143,15 +158,10 @@ impl<'a> PlanProblem<'a> {
             .map(|(&p, q)| if p > 0.0 { p.hypot(*q).min(total).max(p) / p } else { 1.0 })
             .collect();
         let strings = self.model.strings();
-        let mut kinds: Vec<usize> = vec![];
-        for m in 0..n_strings {
-            let alike = |&k: &usize| strings[k].parameters.inverter == strings[m].parameters.inverter;
-            let kind = kinds.iter().position(alike).unwrap_or(kinds.len());
-            self.inverters.push(kind);
-            if kind == kinds.len() {
-                kinds.push(m);
-            }
-        }
+        let of_inverter =
+            |a: usize, b: usize| strings[a].parameters.inverter == strings[b].parameters.inverter;
+        let (inverters, kinds) = kinds(0..n_strings, of_inverter);
+        self.inverters = inverters;
         for m in kinds {
             for (t, &factor) in factors.iter().enumerate() {
                 let curve = strings[m].loss(self.intervals[t].direction);
@@ -308,12 +318,7 @@ impl<'a> PlanProblem<'a> {
         request_w: f64,
     ) -> Flow {
         let (string, curve, interval) = (&self.model.strings()[m], self.curve(m, t), &self.intervals[t]);
-        match self.coefficients_from {
-            CoefficientsFrom::Start => string.step_with(curve, at_start, state, request_w, interval),
-            CoefficientsFrom::Middle => {
-                string.step_midpoint_with(curve, at_start, state, request_w, interval)
-            }
-        }
+        string.step_with(self.coefficients_from, curve, at_start, state, request_w, interval)
     }
 
     /// Coefficients of a string at the start of a step.

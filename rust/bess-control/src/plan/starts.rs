@@ -2,8 +2,7 @@
 
 use bess_tables::Direction;
 
-use crate::model::StringState;
-use crate::plan::paths::Paths;
+use crate::plan::paths::{Paths, Point};
 use crate::plan::problem::PlanProblem;
 use crate::rules::{water_fill, Rule};
 
@@ -12,48 +11,47 @@ pub(crate) const CRUMBS: f64 = 1e-9;
 
 /// Schedule of a rule over all steps.
 pub(crate) fn of_rule<'a>(rule: Rule, problem: &'a PlanProblem<'a>) -> Paths<'a> {
-    Paths::shared(problem, |t, states| powers(rule, problem, t, states))
+    Paths::shared(problem, |t, points| powers(rule, problem, t, points))
 }
 
 /// Powers of one step. Demand above the total capability is requested within the free inverter power.
-fn powers(rule: Rule, problem: &PlanProblem<'_>, t: usize, states: &[StringState]) -> Vec<f64> {
+fn powers(rule: Rule, problem: &PlanProblem<'_>, t: usize, points: &[Point]) -> Vec<f64> {
     let demand_w = problem.demand_w[t];
     if demand_w == 0.0 {
-        return vec![0.0; states.len()];
+        return vec![0.0; points.len()];
     }
     let strings = problem.model.strings();
     let left = |m: usize| {
         let p = &strings[m].parameters;
         let left = match problem.intervals[t].direction {
-            Direction::Charge => p.soc_max - states[m].soc,
-            Direction::Discharge => states[m].soc - p.soc_min,
+            Direction::Charge => p.soc_max - points[m].state.soc,
+            Direction::Discharge => points[m].state.soc - p.soc_min,
         };
         p.capacity_ah * left.max(0.0)
     };
     let cool = |m: usize| {
         let stop_c = strings[m].parameters.derating.factor.x().last().copied().unwrap_or(f64::INFINITY);
-        strings[m].nominal_w() * (stop_c - states[m].temperature_c).max(0.0)
+        strings[m].nominal_w() * (stop_c - points[m].state.temperature_c).max(0.0)
     };
-    let caps = deliverable_w(problem, t, states);
+    let caps = deliverable_w(problem, t, points);
     rule.allocate(demand_w, (&caps, &problem.limit_w), left, cool, t, CRUMBS)
 }
 
 /// Maximum deliverable power of each string in a step, within its limit [W].
-pub(crate) fn deliverable_w(problem: &PlanProblem<'_>, t: usize, states: &[StringState]) -> Vec<f64> {
+pub(crate) fn deliverable_w(problem: &PlanProblem<'_>, t: usize, points: &[Point]) -> Vec<f64> {
     let interval = &problem.intervals[t];
-    let cap = |(m, state): (usize, &StringState)| {
+    let cap = |(m, &Point { state, .. }): (usize, &Point)| {
         let string = &problem.model.strings()[m];
-        let c = string.coefficients(interval.direction, *state);
+        let c = string.coefficients(interval.direction, state);
         let curve = problem.curve(m, t);
         string
             .deliverable_with(curve, &c, interval.direction, state.soc, interval.dt_h)
             .min(problem.limit_w[m])
     };
-    states.iter().enumerate().map(cap).collect()
+    points.iter().enumerate().map(cap).collect()
 }
 
-/// The requests `(M, T)` [W] of an earlier plan, adapted to demand and limits: excess power goes first to strings that
-/// are on, in proportion to their headroom, then to the others.
+/// The requests `(M, T)` [W] of an earlier plan, adapted to demand and limits.
 pub(crate) fn carried_on(problem: &PlanProblem<'_>, request_w: &[f64]) -> Vec<f64> {
     let (n_strings, n_steps) = (problem.n_strings(), problem.n_steps());
     let mut out = vec![0.0; request_w.len()];
@@ -65,21 +63,25 @@ pub(crate) fn carried_on(problem: &PlanProblem<'_>, request_w: &[f64]) -> Vec<f6
         if sum > demand {
             power.iter_mut().for_each(|p| *p *= demand / sum);
         }
-        for running in [true, false] {
-            let rest = demand - power.iter().sum::<f64>();
-            if rest <= CRUMBS * demand {
-                break;
-            }
-            let room =
-                |m: usize| if (power[m] > 0.0) == running { problem.limit_w[m] - power[m] } else { 0.0 };
-            let rooms: Vec<f64> = (0..n_strings).map(room).collect();
-            for (p, more) in power.iter_mut().zip(water_fill(rest, &rooms, &rooms)) {
-                *p += more;
-            }
-        }
+        fill_up(&mut power, demand, &problem.limit_w);
         for (m, p) in power.into_iter().enumerate() {
             out[m * n_steps + t] = p;
         }
     }
     out
+}
+
+/// Adds what is missing of the demand: first to strings that are on, in proportion to their headroom, then to the others.
+pub(crate) fn fill_up(power: &mut [f64], demand_w: f64, limit_w: &[f64]) {
+    for running in [true, false] {
+        let rest = demand_w - power.iter().sum::<f64>();
+        if rest <= CRUMBS * demand_w {
+            return;
+        }
+        let room = |m: usize| if (power[m] > 0.0) == running { limit_w[m] - power[m] } else { 0.0 };
+        let rooms: Vec<f64> = (0..power.len()).map(room).collect();
+        for (p, more) in power.iter_mut().zip(water_fill(rest, &rooms, &rooms)) {
+            *p += more;
+        }
+    }
 }

@@ -88,9 +88,9 @@ impl Sweep<'_, '_> {
         for (k, choice) in fork.choices.iter_mut().enumerate() {
             let (u, v) = room.both(room.low_w + (room.high_w - room.low_w) * k as f64 / CELLS as f64);
             let (p, q) = (by_first(u), by_second(v));
-            let warmer = self.slopes.0.temperature(t + 1)
+            let warmer = self.slopes.0.temperature[t + 1]
                 * (p.state.temperature_c - a_next.state.temperature_c)
-                + self.slopes.1.temperature(t + 1) * (q.state.temperature_c - b_next.state.temperature_c);
+                + self.slopes.1.temperature[t + 1] * (q.state.temperature_c - b_next.state.temperature_c);
             *choice = Choice {
                 first_w: u,
                 cost: p.cost - a_next.cost + q.cost - b_next.cost + warmer,
@@ -106,7 +106,7 @@ impl Sweep<'_, '_> {
         let here_w = self.paths.request(self.pair.first, t);
         let before = self.pair.cost(self.paths);
         let mut best = (before, Vec::new());
-        let (by_first, by_second) = (self.slopes.0.soc(t + 1), self.slopes.1.soc(t + 1));
+        let (by_first, by_second) = (self.slopes.0.soc[t + 1], self.slopes.1.soc[t + 1]);
         let promise = |c: &Choice| c.cost + by_first * c.soc.0 + by_second * c.soc.1;
         let single = fork.choices.iter().min_by(|x, y| promise(x).total_cmp(&promise(y))).expect("cells");
         if promise(single) < -least {
@@ -174,7 +174,7 @@ impl Sweep<'_, '_> {
                     break;
                 }
                 let Some(back) = self.forks[later].where_soc_changes_by(-choice.soc.0) else { continue };
-                let (by_first, by_second) = (self.slopes.0.soc(later + 1), self.slopes.1.soc(later + 1));
+                let (by_first, by_second) = (self.slopes.0.soc[later + 1], self.slopes.1.soc[later + 1]);
                 let to_come = back.cost + by_first * back.soc.0 + by_second * back.soc.1;
                 let promise = choice.cost + by_first * choice.soc.0 + by_second * choice.soc.1 + to_come;
                 if promise < -least {

@@ -2,7 +2,8 @@
 //! for the affected strings.
 
 use crate::model::{
-    total, Coefficients, ControlHorizon, Interval, Objectives, StringState, BLOCK, MAX_GROUPS,
+    total, Coefficients, CoefficientsFrom, ControlHorizon, Interval, Objectives, StringState, BLOCK,
+    MAX_GROUPS,
 };
 
 /// Relative distance from the deliverable power within which a request counts as equal to it (on its edge).
@@ -129,8 +130,8 @@ impl<'a> IncrementalRollout<'a> {
         let Progress { state, coefficients, costs } = progress;
         let string = self.horizon.string(m);
         let interval = &self.horizon.intervals[t];
-        let curve = string.loss(interval.direction);
-        let flow = string.step_with(curve, || *coefficients, *state, request_w, interval);
+        let (from, curve) = (CoefficientsFrom::Start, string.loss(interval.direction));
+        let flow = string.step_with(from, curve, || *coefficients, *state, request_w, interval);
         self.horizon.add_costs(m, &flow, costs);
         *state = flow.end;
     }
