@@ -15,7 +15,6 @@ pub(crate) fn out_of_range(
     InputError(format!("{name}: {value} at position {position} is outside [{low}, {high}]{unit}"))
 }
 
-/// Checks the length of an array.
 pub(crate) fn check_length<T>(name: &'static str, values: &[T], expected: usize) -> Result<(), InputError> {
     if values.len() == expected {
         return Ok(());
@@ -36,7 +35,6 @@ pub(crate) fn check_range(
     }
 }
 
-/// Checks costs of the losses of each string [1/W].
 pub(crate) fn check_costs(costs: &[Losses], n_strings: usize) -> Result<(), InputError> {
     check_length("costs", costs, n_strings)?;
     let flat: Vec<f64> = costs.iter().flat_map(|c| c.to_array()).collect();

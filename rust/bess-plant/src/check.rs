@@ -5,7 +5,6 @@ use bess_tables::InputError;
 /// Temperatures that a plant accepts [degC].
 pub(crate) const TEMPERATURE_C: (f64, f64) = (-60.0, 150.0);
 
-/// `values` has `expected` entries.
 pub(crate) fn check_all<T>(name: &str, values: &[T], expected: usize) -> Result<(), InputError> {
     if values.len() == expected {
         Ok(())

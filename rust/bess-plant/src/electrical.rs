@@ -9,24 +9,20 @@ use bess_tables::{Direction, StringParameters};
 
 use crate::record::Limits;
 
-/// Request and state of one string.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Demand {
     pub(crate) direction: Direction,
     /// AC power after derating, magnitude, 0 or at least the least power of the inverter [W].
     pub(crate) wanted_w: f64,
-    /// Reactive power, magnitude [var].
     pub(crate) reactive_var: f64,
     pub(crate) soc: f64,
     /// Open-circuit voltage of each direction [V].
     pub(crate) charge_v: f64,
     pub(crate) discharge_v: f64,
     pub(crate) step_s: f64,
-    /// Present capacity of the string [Ah].
     pub(crate) capacity_ah: f64,
 }
 
-/// Operating point of one string.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Operation {
     /// Delivered AC power, magnitude [W].

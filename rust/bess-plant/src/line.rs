@@ -55,7 +55,6 @@ impl Line {
     }
 }
 
-/// One line for each lane.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Lines<const W: usize> {
     low: Lanes<W>,
@@ -86,7 +85,6 @@ impl<const W: usize> Lines<W> {
         Margin { low: x - self.low, high: self.high - x }
     }
 
-    /// Slopes of the cached lines.
     #[inline(always)]
     pub(crate) fn slope(&self) -> Lanes<W> {
         self.slope

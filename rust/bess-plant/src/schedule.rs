@@ -1,6 +1,5 @@
 //! Checked requests of one call, read by blocks and cooling.
 
-/// Requests and ambient of a run.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Schedule<'a> {
     /// Control steps.

@@ -61,7 +61,6 @@ impl Coefficients {
         Self { ntu: self.ntu / share, ..self }
     }
 
-    /// `exp(-ntu)`.
     fn air_decay(&self) -> f64 {
         (-self.ntu).exp()
     }
@@ -85,7 +84,6 @@ pub(crate) struct AirPath<const W: usize> {
     to_air: Lanes<W>,
     air_decay: Lanes<W>,
     air_gain: Lanes<W>,
-    /// Node temperatures [degC].
     pub(crate) temperature: Vec<Lanes<W>>,
     /// Resistance of the string, were all of it at the temperature of the node [Ohm].
     pub(crate) resistance: Vec<Lanes<W>>,
@@ -113,7 +111,6 @@ impl<const W: usize> AirPath<W> {
         }
     }
 
-    /// Changes the air flow of one lane.
     pub(crate) fn set_flow(&mut self, lane: usize, coefficients: &Coefficients) {
         self.to_air.0[lane] = coefficients.lateral * coefficients.mean_air_share();
         self.air_decay.0[lane] = coefficients.air_decay();
@@ -143,7 +140,6 @@ impl<const W: usize> AirPath<W> {
         hottest
     }
 
-    /// Mean temperature [degC].
     #[inline(always)]
     pub(crate) fn mean_temperature(&self) -> Lanes<W> {
         self.temperature_sum * self.per_node
@@ -225,7 +221,6 @@ impl<const W: usize> AirPath<W> {
     }
 }
 
-/// Over the nodes.
 struct Sums<const W: usize> {
     temperature: Lanes<W>,
     resistance: Lanes<W>,

@@ -44,7 +44,6 @@ impl Grid {
         &self.z
     }
 
-    /// Multiplies every value by `factor`.
     pub(crate) fn scale(&mut self, factor: f64) {
         self.z.iter_mut().for_each(|value| *value *= factor);
     }

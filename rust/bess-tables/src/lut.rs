@@ -39,7 +39,6 @@ impl Lut {
         &self.y
     }
 
-    /// Multiplies every value by `factor`.
     pub(crate) fn scale(&mut self, factor: f64) {
         self.y.iter_mut().for_each(|value| *value *= factor);
     }

@@ -98,7 +98,6 @@ impl Store {
         Ok(solve(&problem.shadow_prices_eur_kwh, &problem.allowed_kwh).0)
     }
 
-    /// Transitions of a block.
     fn of(&self, block: &DispatchBlock) -> &Transitions {
         &self.transitions[&block.steps]
     }

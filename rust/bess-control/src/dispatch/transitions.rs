@@ -168,12 +168,10 @@ impl StoreGrid {
         self.request_w.chunks_exact(n_strings.max(1)).try_for_each(|row| model.directions(row, 1).map(|_| ()))
     }
 
-    /// Number of grid points.
     pub(super) fn n_states(&self) -> usize {
         self.energy_kwh.len() * self.temperature_c.len() * self.depth.len()
     }
 
-    /// Transitions over a number of control steps.
     pub(super) fn transitions(&self, model: &ControlModel, steps: usize) -> Transitions {
         let (energies, temperatures) = (self.energy_kwh.len(), self.temperature_c.len());
         let hours = steps as f64 * self.dt_h;
@@ -269,7 +267,6 @@ impl StoreGrid {
         out
     }
 
-    /// Settles flows from a stored energy and a depth.
     pub(super) fn settle(&self, flows: &Flows, held_kwh: f64, depth: f64, hours: f64) -> Settled {
         let (sold, bought) = (flows.delivered_kw.max(0.0), (-flows.delivered_kw).max(0.0));
         let change = (flows.energy_kwh - held_kwh) / self.capacity_kwh;

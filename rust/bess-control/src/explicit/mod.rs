@@ -18,7 +18,6 @@ mod decision;
 /// Source text of the control law, for translations.
 pub const DECISION: &str = include_str!("decision.rs");
 
-/// Maximum number of strings of a plant.
 const MOST_STRINGS: usize = 32;
 
 /// Numbers that [`ExplicitLaw::demand_features`] makes of a schedule.

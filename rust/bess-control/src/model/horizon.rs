@@ -153,12 +153,10 @@ impl ControlHorizon {
         self.intervals[step].direction
     }
 
-    /// Strings of the plant.
     pub(crate) fn string(&self, m: usize) -> &StringModel {
         &self.model.strings()[m]
     }
 
-    /// Limit of one request [W].
     #[inline]
     pub(crate) fn limit(&self, m: usize, t: usize) -> f64 {
         self.limit_w[m * self.n_steps() + t]

@@ -29,7 +29,6 @@ impl Range {
         Self { low: self.low.max(other.low), high: self.high.min(other.high) }
     }
 
-    /// The empty interval.
     pub(crate) const EMPTY: Self = Self { low: f64::INFINITY, high: f64::NEG_INFINITY };
 
     #[inline]
@@ -40,7 +39,6 @@ impl Range {
 }
 
 impl FromIterator<f64> for Range {
-    /// The smallest interval that contains all values.
     fn from_iter<I: IntoIterator<Item = f64>>(values: I) -> Self {
         let mut range = Self::EMPTY;
         values.into_iter().for_each(|value| range.include(value));
@@ -68,7 +66,6 @@ impl StateBox {
 }
 
 impl From<StringState> for StateBox {
-    /// The box of one state.
     fn from(state: StringState) -> Self {
         Self { soc: Range::point(state.soc), temperature_c: Range::point(state.temperature_c) }
     }
@@ -95,7 +92,6 @@ pub(crate) struct Piece {
     pub below_switch: bool,
 }
 
-/// Coefficients at one state.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Corner {
     pub soc: f64,

@@ -101,13 +101,11 @@ impl StringModel {
         self.parameters.inverter.nominal_w
     }
 
-    /// SOC window.
     #[inline]
     pub(crate) fn soc_window(&self) -> (f64, f64) {
         (self.parameters.soc_min, self.parameters.soc_max)
     }
 
-    /// Minimum AC power of its inverter [W].
     #[inline]
     pub(crate) fn min_power_w(&self) -> f64 {
         self.parameters.inverter.min_power_w

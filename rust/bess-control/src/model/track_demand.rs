@@ -180,7 +180,6 @@ impl ControlModel {
         }
     }
 
-    /// Simulates one step of all strings.
     fn carry_out(
         &self,
         states: &[StringState],

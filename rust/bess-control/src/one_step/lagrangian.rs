@@ -9,7 +9,6 @@ const GAP: f64 = 1e-12;
 /// it.
 const ROUNDING: f64 = 1e-12;
 
-/// State of a string's inverter in a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum InverterMode {
     Free,

@@ -9,7 +9,6 @@ const GAP: f64 = 1e-10;
 /// Number of strings above which no further nodes are solved: the Lagrangian gap falls with their number.
 const MANY: usize = 32;
 
-/// Solution of the one-step problem.
 #[derive(Debug, Clone)]
 pub(crate) struct OneStepSolution {
     /// Lower bound of the cost (infinite if the demand cannot be met).

@@ -16,7 +16,6 @@ use crate::plan::soc_nodes::SocNodes;
 const NODES_PER_STEP: f64 = 10.0;
 /// Minimum and maximum number of SOC nodes.
 const SOC_NODES: (usize, usize) = (40, 400);
-/// Number of temperature nodes.
 const TEMPERATURE_NODES: usize = 14;
 /// Margin of the grid above the hottest string without derating [K].
 const WARMING_K: f64 = 35.0;
@@ -38,7 +37,6 @@ const CLOSED: f64 = 2e-3;
 /// Number of candidate powers of a string at its prices.
 const CHOICES: usize = 24;
 
-/// Result of an ascent.
 pub(crate) struct Dual {
     /// Lower bound of the cost of every schedule, on the grid.
     pub bound: f64,

@@ -139,7 +139,6 @@ impl Groups {
     }
 }
 
-/// The strings at the start of a step.
 struct Step<'s> {
     problem: &'s PlanProblem<'s>,
     t: usize,

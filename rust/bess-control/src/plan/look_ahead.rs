@@ -26,7 +26,6 @@ pub(crate) trait CostToGo {
     /// End state of one string after a step, `hours` after the start of the problem.
     fn end(&self, group: usize, string: usize, state: StringState, running: bool, hours: f64) -> Self::End;
 
-    /// Cost to go of a group.
     fn cost(&self, group: usize, first: Self::End, second: Option<Self::End>, hours: f64) -> f64;
 }
 

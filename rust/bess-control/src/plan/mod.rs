@@ -53,7 +53,6 @@ const SLACK: f64 = 0.1;
 const PAIRS_STEP_H: f64 = 0.5;
 const FEW_STEPS: usize = 16;
 
-/// Minimum step of the bound [h].
 const BOUND_STEP_H: f64 = 0.25;
 
 /// Effort of a plan, in roll-outs of all strings over all steps, so that results do not depend on the

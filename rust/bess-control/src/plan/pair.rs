@@ -3,7 +3,6 @@
 use crate::plan::co_states::CoStates;
 use crate::plan::paths::Paths;
 
-/// Two strings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Pair {
     pub first: usize,

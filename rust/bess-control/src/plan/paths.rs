@@ -13,7 +13,6 @@ pub(crate) struct Point {
     pub running: bool,
 }
 
-/// Schedule of one string.
 #[derive(Debug, Clone, Default)]
 struct Path {
     /// `(T,)` [W].
@@ -155,7 +154,6 @@ impl<'a> Paths<'a> {
         self.work += (n_steps - from) as u64;
     }
 
-    /// Where a string stands after a step.
     #[inline]
     fn advance(&mut self, m: usize, t: usize) {
         let after = self.next(m, t, self.at(m, t), self.request(m, t));

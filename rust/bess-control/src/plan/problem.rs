@@ -42,7 +42,6 @@ pub struct PlanProblem<'a> {
     /// Maximum requests, constant over all steps `(M,)` [W].
     pub(crate) limit_w: Vec<f64>,
     pub(crate) prices: Prices,
-    /// Point of a step at which the coefficients are evaluated.
     coefficients_from: CoefficientsFrom,
     /// Fill of the plant at the end of each step `(T,)`, the reference of SOC differences.
     pub(crate) fill: Vec<f64>,
@@ -130,7 +129,6 @@ impl<'a> PlanProblem<'a> {
         })
     }
 
-    /// The problem on another form of the control model.
     pub(crate) fn with_coefficients_from(mut self, coefficients_from: CoefficientsFrom) -> Self {
         self.coefficients_from = coefficients_from;
         self
@@ -288,7 +286,6 @@ impl<'a> PlanProblem<'a> {
             && self.prices.losses[s] == self.prices.losses[t]
     }
 
-    /// Whether inverters carry reactive power.
     pub(crate) fn has_reactive(&self) -> bool {
         !self.curves.is_empty()
     }
@@ -302,7 +299,6 @@ impl<'a> PlanProblem<'a> {
         &self.curves[self.inverters[m] * self.n_steps() + t]
     }
 
-    /// Flows of one string in one step.
     #[inline]
     pub(crate) fn flow(&self, m: usize, t: usize, state: StringState, request_w: f64) -> Flow {
         self.flow_from(|| self.coefficients(m, t, state), (m, t), state, request_w)
@@ -321,7 +317,6 @@ impl<'a> PlanProblem<'a> {
         string.step_with(self.coefficients_from, curve, at_start, state, request_w, interval)
     }
 
-    /// Coefficients of a string at the start of a step.
     #[inline]
     pub(crate) fn coefficients(&self, m: usize, t: usize, state: StringState) -> Coefficients {
         self.model.strings()[m].coefficients(self.intervals[t].direction, state)
@@ -337,7 +332,6 @@ impl<'a> PlanProblem<'a> {
         self.demand_w.len()
     }
 
-    /// Cost and end state of one step of one string.
     #[inline]
     pub(crate) fn step(
         &self,

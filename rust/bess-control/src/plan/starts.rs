@@ -9,7 +9,6 @@ use crate::rules::{water_fill, Rule};
 /// Relative remainder of an allocated power that counts as rounding and switches no inverter on.
 pub(crate) const CRUMBS: f64 = 1e-9;
 
-/// Schedule of a rule over all steps.
 pub(crate) fn of_rule<'a>(rule: Rule, problem: &'a PlanProblem<'a>) -> Paths<'a> {
     Paths::shared(problem, |t, points| powers(rule, problem, t, points))
 }

@@ -81,7 +81,6 @@ fn share(inverters: &[Inverter<'_>], total_var: f64) -> Vec<f64> {
 }
 
 impl Inverter<'_> {
-    /// Loss with a reactive power [W].
     fn loss_w(&self, reactive_var: f64) -> f64 {
         self.curve.at(self.active_w.hypot(reactive_var)).0
     }
@@ -128,7 +127,6 @@ impl Inverter<'_> {
         Response { value: best.0, request_w: best.1, shed_w: 0.0 }
     }
 
-    /// Slopes of the curve.
     fn slopes(&self) -> impl Iterator<Item = f64> + '_ {
         let (knots, losses) = (self.curve.power(), self.curve.loss());
         knots.windows(2).zip(losses.windows(2)).map(|(s, w)| (w[1] - w[0]) / (s[1] - s[0]))

@@ -49,7 +49,6 @@ pub(crate) fn improve(tracked: &mut IncrementalRollout<'_>, budget: u64) {
     }
 }
 
-/// Minimises the group of a ranking.
 fn minimise(tracked: &mut IncrementalRollout<'_>, ranking: &Ranking, budget: u64) {
     let costs = tracked.objectives();
     // Costs are non-negative: a group at zero is optimal.

@@ -8,7 +8,6 @@ use super::incumbent::{Incumbent, Schedule};
 use crate::model::{ControlHorizon, CostsOf, Flow};
 use crate::reach::{Proof, StepBounds};
 
-/// Maximum number of string swaps.
 const MOST_SWAPS: usize = 64;
 /// Maximum number of descents after a gain from the one-step optima along the incumbent.
 const SETTLING_ROUNDS: usize = 3;
@@ -100,7 +99,6 @@ fn sheds(flows: &[Flow]) -> bool {
     flows.iter().any(|flow| flow.availability_w > 0.0)
 }
 
-/// State of a search.
 pub(super) struct Search<'a> {
     pub(super) horizon: &'a ControlHorizon,
     pub(super) effort: &'a Effort,

@@ -48,7 +48,6 @@ impl<P: Copy> Rainflow<P> {
         &self.points
     }
 
-    /// Marks of the points may change.
     pub(crate) fn points_mut(&mut self) -> &mut [Point<P>] {
         &mut self.points
     }

@@ -51,9 +51,7 @@ pub(super) struct Mark {
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Gathered {
     pub(super) elapsed_s: f64,
-    /// SOC times time [s].
     pub(super) soc_s: f64,
-    /// Temperature times time [K s].
     pub(super) kelvin_s: f64,
 }
 
@@ -63,7 +61,6 @@ pub struct AgeingState {
     /// Capacity and resistance at the start of life, as factors on the nameplate.
     pub(super) base_capacity: f64,
     pub(super) base_resistance: f64,
-    /// Damage by calendar ageing.
     pub(super) calendar: Damage,
     /// Damage by counted cycles.
     pub(super) cyclic: Damage,

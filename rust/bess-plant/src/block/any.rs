@@ -8,7 +8,6 @@ use crate::lanes::Lanes;
 use crate::record::Record;
 use crate::schedule::Schedule;
 
-/// State of one lane.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct LaneState {
     pub(crate) soc: f64,
@@ -37,14 +36,11 @@ pub(crate) struct Faces {
 pub(crate) trait AnyBlock: Debug + Send + Sync {
     /// Lane numbers, in order.
     fn ids(&self) -> &[usize];
-    /// Number and state of each lane.
     fn states(&self) -> Vec<(usize, LaneState)>;
     /// Replaces the state: one for each lane of `ids`.
     fn set_state(&mut self, states: &[&LaneState]);
-    /// Runs the schedule.
     fn run(&mut self, schedule: &Schedule, record: &mut Record);
 
-    /// Begins a control step.
     fn begin(&mut self, schedule: &Schedule, step: usize);
     /// Writes the mean temperature of every lane [degC].
     fn means_c(&self, means_c: &mut [f64]);
@@ -54,7 +50,6 @@ pub(crate) trait AnyBlock: Debug + Send + Sync {
     fn outlet_c(&self, id: usize, inlet_c: f64) -> Option<f64>;
     /// One plant step with the inlets of `faces`; writes the outlets and the surface temperatures that the coolant met.
     fn cooled_step(&mut self, faces: &mut Faces);
-    /// Ends the control step.
     fn finish(&mut self, schedule: &Schedule, step: usize, record: &mut Record);
 }
 

@@ -34,7 +34,6 @@ struct ControlStep<const W: usize> {
     soc: Lanes<W>,
     temperature_c: Lanes<W>,
     totals: Totals<W>,
-    /// Limits that were active.
     limits: [Limits; W],
 }
 

@@ -11,7 +11,6 @@ use crate::measured_resistance;
 use crate::record::Limits;
 use crate::totals::Totals;
 
-/// Flows of one plant step.
 struct Drawn<const W: usize> {
     delivered_w: Lanes<W>,
     loss_w: Lanes<W>,

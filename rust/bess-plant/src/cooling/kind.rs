@@ -9,11 +9,9 @@ pub(crate) enum Source {
     Ambient,
     /// The ambient through a heat exchanger, past the chiller.
     Free,
-    /// A chiller.
     Chiller,
 }
 
-/// Set-point of the coolant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Supply {
     pub(crate) temperature_c: f64,

@@ -29,7 +29,6 @@ use bess_tables::{Cooling, InputError, SpatialThermal};
 
 use crate::check::named;
 
-/// The kind of this name.
 pub(crate) fn kind(name: &str) -> Result<&'static Kind, InputError> {
     named("cooling kind", name, KINDS.into_iter(), |kind| kind.name)
 }

@@ -101,7 +101,6 @@ impl Station {
         })
     }
 
-    /// Stages of flow that there are.
     pub(crate) fn most_stages(&self) -> usize {
         most_stages(&self.cooling)
     }

@@ -2,7 +2,6 @@
 
 use bess_tables::Cooling;
 
-/// Number of flow stages.
 pub(super) fn most_stages(cooling: &Cooling) -> usize {
     if cooling.variable_flow {
         1
@@ -26,7 +25,6 @@ pub(super) fn stages(cooling: &Cooling, before: u8, mean_c: f64) -> u8 {
     on
 }
 
-/// Share of the full flow.
 pub(super) fn share(cooling: &Cooling, stages: u8, mean_c: f64) -> f64 {
     let steps = &cooling.flow_steps;
     match (stages, cooling.start_c) {

@@ -16,7 +16,6 @@ use crate::thermal::Coefficients;
 /// Values beyond a limit by no more than this share of it are rounding, not bad input.
 const ROUNDING: f64 = 1e-9;
 
-/// Valid plant steps [s].
 const STEP_S: (f64, f64) = (1e-3, 86_400.0);
 
 /// Strings in one or more independent scenarios, simulated in parallel.

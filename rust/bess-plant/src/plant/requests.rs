@@ -7,7 +7,6 @@ use super::{Plant, ROUNDING};
 use crate::check::{check_all, check_range, TEMPERATURE_C};
 use crate::schedule::Schedule;
 
-/// Maximum control step [s]: one day.
 const CONTROL_STEP_S: f64 = 86_400.0;
 
 /// Maximum plant steps x strings in one call: some minutes of work, a century of eight strings at 10 s.
@@ -64,7 +63,6 @@ impl Plant {
         Ok(())
     }
 
-    /// Plant steps in a control step of `duration_s`.
     fn substeps(&self, duration_s: f64) -> Result<usize, InputError> {
         let (ratio, step_s) = (duration_s / self.step_s, self.step_s);
         check_range("control step", duration_s, " s", (step_s, CONTROL_STEP_S), String::new)?;
