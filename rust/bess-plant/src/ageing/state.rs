@@ -6,7 +6,7 @@ use super::rainflow::{Point, Rainflow};
 use crate::check::check_range;
 
 /// Losses and remaining state of health of a string.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Loss {
     /// Capacity loss by calendar ageing, relative to the nameplate.
     pub calendar: f64,
@@ -56,7 +56,7 @@ pub(super) struct Gathered {
 }
 
 /// Complete ageing state of a string.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct AgeingState {
     /// Capacity and resistance at the start of life, as factors on the nameplate.
     pub(super) base_capacity: f64,

@@ -3,21 +3,10 @@
 use std::fmt::Debug;
 
 use super::Block;
-use crate::ageing::AgeingState;
 use crate::lanes::Lanes;
+use crate::plant::PlantState;
 use crate::record::Record;
 use crate::schedule::Schedule;
-
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct LaneState {
-    pub(crate) soc: f64,
-    /// Of its own nodes [degC].
-    pub(crate) node_temperature_c: Vec<f64>,
-    /// Integral of the PI law of derating [K x 15 min].
-    pub(crate) integral_k: f64,
-    pub(crate) inverter_on: bool,
-    pub(crate) ageing: AgeingState,
-}
 
 /// Temperatures along the coolant path in a plant step, by lane [degC].
 #[derive(Debug, Clone, Default)]
@@ -34,11 +23,10 @@ pub(crate) struct Faces {
 /// A plant whose strings share no coolant calls [`Self::run`]. Where they share one, cooling steps all blocks in turn:
 /// `begin`, then for each plant step the flows and `cooled_step`, then `finish`.
 pub(crate) trait AnyBlock: Debug + Send + Sync {
-    /// Lane numbers, in order.
-    fn ids(&self) -> &[usize];
-    fn states(&self) -> Vec<(usize, LaneState)>;
-    /// Replaces the state: one for each lane of `ids`.
-    fn set_state(&mut self, states: &[&LaneState]);
+    /// Writes the state of the lanes.
+    fn write_state(&self, out: &mut PlantState);
+    /// Takes the state of the lanes; SOC beyond its window by rounding is put on the limit.
+    fn set_state(&mut self, state: &PlantState);
     fn run(&mut self, schedule: &Schedule, record: &mut Record);
 
     fn begin(&mut self, schedule: &Schedule, step: usize);
@@ -54,33 +42,33 @@ pub(crate) trait AnyBlock: Debug + Send + Sync {
 }
 
 impl<const W: usize> AnyBlock for Block<W> {
-    fn ids(&self) -> &[usize] {
-        &self.ids
+    fn write_state(&self, out: &mut PlantState) {
+        let nodes = out.nodes();
+        for (lane, &id) in self.ids.iter().enumerate() {
+            out.soc[id] = self.soc.0[lane];
+            for (node, value) in self.air_path.temperature.iter().enumerate() {
+                out.node_temperature_c[id * nodes + node] = value.0[lane];
+            }
+            out.derating_integral_k[id] = self.integral_k.0[lane];
+            out.inverter_on[id] = self.on.0[lane] != 0.0;
+            out.ageing[id] = self.aged[lane].clone();
+        }
     }
 
-    fn states(&self) -> Vec<(usize, LaneState)> {
-        let state = |lane: usize| LaneState {
-            soc: self.soc.0[lane],
-            node_temperature_c: self.air_path.temperature.iter().map(|node| node.0[lane]).collect(),
-            integral_k: self.integral_k.0[lane],
-            inverter_on: self.on.0[lane] != 0.0,
-            ageing: self.aged[lane].clone(),
-        };
-        self.ids.iter().enumerate().map(|(lane, &id)| (id, state(lane))).collect()
-    }
-
-    fn set_state(&mut self, states: &[&LaneState]) {
+    fn set_state(&mut self, state: &PlantState) {
+        let nodes = state.nodes();
         for lane in 0..W {
-            let state = states[lane.min(states.len() - 1)];
-            self.soc.0[lane] = state.soc;
-            self.integral_k.0[lane] = state.integral_k;
-            self.on.0[lane] = f64::from(u8::from(state.inverter_on));
-            for (node, &value) in self.air_path.temperature.iter_mut().zip(&state.node_temperature_c) {
+            let id = self.ids[lane.min(self.ids.len() - 1)];
+            self.soc.0[lane] = state.soc[id].clamp(self.soc_min.0[lane], self.soc_max.0[lane]);
+            self.integral_k.0[lane] = state.derating_integral_k[id];
+            self.on.0[lane] = f64::from(u8::from(state.inverter_on[id]));
+            let node_c = &state.node_temperature_c[id * nodes..];
+            for (node, &value) in self.air_path.temperature.iter_mut().zip(node_c) {
                 node.0[lane] = value;
             }
         }
         self.air_path.look_up(&std::array::from_fn(|l| &self.strings[l].resistance));
-        self.aged = states.iter().map(|state| state.ageing.clone()).collect();
+        self.aged = self.ids.iter().map(|&id| state.ageing[id].clone()).collect();
         self.follow_ageing();
     }
 

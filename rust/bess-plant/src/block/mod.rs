@@ -5,7 +5,7 @@ mod any;
 mod derating;
 mod step;
 
-pub(crate) use any::{AnyBlock, Faces, LaneState};
+pub(crate) use any::{AnyBlock, Faces};
 pub use derating::DeratingLaw;
 
 use bess_tables::units::SECONDS_PER_HOUR;
@@ -195,6 +195,7 @@ impl<const W: usize> Block<W> {
 mod tests {
     use super::*;
     use crate::common;
+    use crate::plant::{starting_ageing, PlantState};
 
     /// Eight strings through all regimes: full, empty, hot, idle.
     fn record<const W: usize>(
@@ -204,18 +205,16 @@ mod tests {
         let system = common::reference(W);
         let members: Vec<_> = system.strings.iter().enumerate().collect();
         let mut block = Block::<W>::new(&members, DeratingLaw::Pi, 10.0).unwrap();
-        let states: Vec<_> = (0..W)
-            .map(|l| LaneState {
-                soc: l as f64 / (W - 1) as f64,
-                node_temperature_c: (0..40)
-                    .map(|node| 20.0 + 5.0 * l as f64 + 0.1 * f64::from(node))
-                    .collect(),
-                integral_k: 0.3,
-                inverter_on: false,
-                ageing: StringAgeing::new(&system.strings[l]).unwrap().starting(1.0, 1.0),
-            })
-            .collect();
-        block.set_state(&states.iter().collect::<Vec<_>>());
+        let node_c = |at: usize| 20.0 + 5.0 * (at / 40) as f64 + 0.1 * (at % 40) as f64;
+        let ones = [1.0; W];
+        block.set_state(&PlantState {
+            soc: (0..W).map(|l| l as f64 / (W - 1) as f64).collect(),
+            node_temperature_c: (0..40 * W).map(node_c).collect(),
+            derating_integral_k: vec![0.3; W],
+            inverter_on: vec![false; W],
+            ageing: starting_ageing(&system, &ones, &ones).unwrap(),
+            cooling: None,
+        });
         let (steps, substeps) = (30, 90);
         let request_w: Vec<f64> = (0..steps * W).map(|at| 92e3 * (0.37 * at as f64).sin()).collect();
         let ambient_c = vec![25.0; steps];

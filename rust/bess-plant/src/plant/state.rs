@@ -4,7 +4,6 @@ use bess_tables::{InputError, System};
 
 use super::{Plant, ROUNDING};
 use crate::ageing::{AgeingState, StringAgeing};
-use crate::block::LaneState;
 use crate::check::{check_all, check_range, TEMPERATURE_C};
 use crate::cooling::CoolingState;
 
@@ -32,15 +31,19 @@ pub struct PlantState {
 }
 
 impl PlantState {
+    /// Node temperatures for each lane.
+    pub(crate) fn nodes(&self) -> usize {
+        self.node_temperature_c.len() / self.soc.len().max(1)
+    }
+
     /// Mean temperature of each lane [degC], of a state as [`Plant::state`] gives it: nodes that a string does not have are
     /// NaN.
     pub fn mean_temperature_c(&self) -> Vec<f64> {
-        let nodes = self.node_temperature_c.len() / self.soc.len().max(1);
         let mean = |own: &[f64]| {
             let real = own.iter().take_while(|t| !t.is_nan()).count();
             sum(&own[..real]) / real as f64
         };
-        self.node_temperature_c.chunks_exact(nodes.max(1)).map(mean).collect()
+        self.node_temperature_c.chunks_exact(self.nodes().max(1)).map(mean).collect()
     }
 }
 
@@ -83,23 +86,17 @@ pub fn starting_ageing(
 impl Plant {
     /// The whole state.
     pub fn state(&self) -> PlantState {
-        let mut lanes: Vec<(usize, LaneState)> =
-            self.blocks.iter().flat_map(|block| block.states()).collect();
-        lanes.sort_by_key(|(id, _)| *id);
-        let nodes = self.max_nodes();
-        let node_c = |(_, lane): &(usize, LaneState)| {
-            let mut own = lane.node_temperature_c.clone();
-            own.resize(nodes, f64::NAN);
-            own
-        };
-        PlantState {
-            soc: lanes.iter().map(|(_, lane)| lane.soc).collect(),
-            node_temperature_c: lanes.iter().flat_map(node_c).collect(),
-            derating_integral_k: lanes.iter().map(|(_, lane)| lane.integral_k).collect(),
-            inverter_on: lanes.iter().map(|(_, lane)| lane.inverter_on).collect(),
-            ageing: lanes.into_iter().map(|(_, lane)| lane.ageing).collect(),
+        let lanes = self.lanes();
+        let mut out = PlantState {
+            soc: vec![0.0; lanes],
+            node_temperature_c: vec![f64::NAN; lanes * self.max_nodes()],
+            derating_integral_k: vec![0.0; lanes],
+            inverter_on: vec![false; lanes],
+            ageing: vec![AgeingState::default(); lanes],
             cooling: self.station.as_ref().map(|station| station.state.clone()),
-        }
+        };
+        self.blocks.iter().for_each(|block| block.write_state(&mut out));
+        out
     }
 
     /// Replaces the state; nothing changes if it is refused. SOC beyond its window by rounding is put on the limit.
@@ -108,37 +105,34 @@ impl Plant {
     ///
     /// Where an array has not one value for each lane (and node), or a value is outside its range.
     pub fn set_state(&mut self, state: &PlantState) -> Result<(), InputError> {
-        let lanes = self.lane_states(state)?;
-        let cooling = self.cooling_state(state, &lanes)?;
+        self.check_lanes(state)?;
+        let cooling = self.cooling_state(state)?;
         if let (Some(station), Some(cooling)) = (&mut self.station, cooling) {
             station.state = cooling;
         }
-        for block in &mut self.blocks {
-            let own: Vec<_> = block.ids().iter().map(|&id| &lanes[id]).collect();
-            block.set_state(&own);
-        }
+        self.blocks.iter_mut().for_each(|block| block.set_state(state));
         Ok(())
     }
 
     /// Initial state of the cooling: nothing runs, and the loop has the temperature of its strings.
-    fn cooling_state(
-        &self,
-        state: &PlantState,
-        lanes: &[LaneState],
-    ) -> Result<Option<CoolingState>, InputError> {
+    fn cooling_state(&self, state: &PlantState) -> Result<Option<CoolingState>, InputError> {
+        let lanes = self.lanes();
         let Some(station) = &self.station else { return Ok(None) };
         let Some(cooling) = &state.cooling else {
-            let mean_c = |lane: &LaneState| {
-                lane.node_temperature_c.iter().sum::<f64>() / lane.node_temperature_c.len() as f64
+            let strings = self.strings.len();
+            let mean_c = |id: usize| {
+                let own = self.own_nodes(state, id);
+                own.iter().sum::<f64>() / own.len() as f64
             };
-            let of_strings = |own: &[LaneState]| own.iter().map(mean_c).sum::<f64>() / own.len() as f64;
+            let of_strings =
+                |s: usize| (s * strings..(s + 1) * strings).map(mean_c).sum::<f64>() / strings as f64;
             return Ok(Some(CoolingState {
-                stages: vec![0; lanes.len()],
+                stages: vec![0; lanes],
                 chilling: vec![false; self.scenarios],
-                loop_c: lanes.chunks(self.strings.len()).map(of_strings).collect(),
+                loop_c: (0..self.scenarios).map(of_strings).collect(),
             }));
         };
-        check_all("cooling stages", &cooling.stages, lanes.len())?;
+        check_all("cooling stages", &cooling.stages, lanes)?;
         check_all("chilling", &cooling.chilling, self.scenarios)?;
         check_all("loop temperature", &cooling.loop_c, self.scenarios)?;
         for &stages in &cooling.stages {
@@ -151,15 +145,18 @@ impl Plant {
         Ok(Some(cooling.clone()))
     }
 
-    /// States of all lanes, checked.
-    fn lane_states(&self, state: &PlantState) -> Result<Vec<LaneState>, InputError> {
+    /// Temperatures of the nodes that a lane has.
+    fn own_nodes<'s>(&self, state: &'s PlantState, id: usize) -> &'s [f64] {
+        &state.node_temperature_c[id * state.nodes()..][..self.strings[id % self.strings.len()].spatial.nodes]
+    }
+
+    fn check_lanes(&self, state: &PlantState) -> Result<(), InputError> {
         let (lanes, nodes) = (self.lanes(), self.max_nodes());
         check_all("soc", &state.soc, lanes)?;
         check_all("node temperature", &state.node_temperature_c, lanes * nodes)?;
         check_all("derating integral", &state.derating_integral_k, lanes)?;
         check_all("inverter state", &state.inverter_on, lanes)?;
         check_all("ageing", &state.ageing, lanes)?;
-        let mut out = Vec::with_capacity(lanes);
         for id in 0..lanes {
             let string = id % self.strings.len();
             let parameters = &self.strings[string];
@@ -169,24 +166,14 @@ impl Plant {
             if !(tolerant.0..=tolerant.1).contains(&state.soc[id]) {
                 check_range("soc", state.soc[id], "", window, place)?;
             }
-            let first = id * nodes;
-            let own = &state.node_temperature_c[first..first + parameters.spatial.nodes];
-            for &value in own {
+            for &value in self.own_nodes(state, id) {
                 check_range("node temperature", value, " degC", TEMPERATURE_C, place)?;
             }
-            let integral_k = state.derating_integral_k[id];
-            check_range("derating integral", integral_k, " K", (0.0, f64::MAX), place)?;
+            check_range("derating integral", state.derating_integral_k[id], " K", (0.0, f64::MAX), place)?;
             let loss = state.ageing[id].loss();
             check_range("soh_capacity", loss.soh_capacity, "", SOH_CAPACITY, place)?;
             check_range("soh_resistance", loss.soh_resistance, "", SOH_RESISTANCE, place)?;
-            out.push(LaneState {
-                soc: state.soc[id].clamp(window.0, window.1),
-                node_temperature_c: own.to_vec(),
-                integral_k,
-                inverter_on: state.inverter_on[id],
-                ageing: state.ageing[id].clone(),
-            });
         }
-        Ok(out)
+        Ok(())
     }
 }
