@@ -133,7 +133,7 @@ RUST = [
     ("certificate: the budget of the first group is its bound", f"{REACH}/certificate.rs", "budget_w.min(ceiling / cheapest)", "budget_w.min(0.0 * ceiling / cheapest)"),
     ("one step: pruned too early", f"{ONE_STEP}/solve.rs", "best.bound - GAP * best.bound.abs() || n_nodes == 0", "0.9 * best.bound || n_nodes == 0"),
     ("one step: what is set aside has no bound", f"{ONE_STEP}/solve.rs", "best.bound = best.bound.min(floor);", ""),
-    ("one step: the number that runs is fixed", f"{ONE_STEP}/solve.rs", ".into_iter().enumerate() {", ".into_iter().enumerate().skip(n) {"),
+    ("one step: the number that runs is fixed", f"{ONE_STEP}/solve.rs", ".into_iter().enumerate() {", ".into_iter().enumerate().skip(curves.len()) {"),
     ("lagrangian: the demand is priced too high", f"{ONE_STEP}/lagrangian.rs", "bound: value + price * demand_w", "bound: value + 1.001 * price * demand_w"),
     ("curve: the scale is the dearest", f"{ONE_STEP}/cost_curve.rs", "(Scale::At(high), 0.0)\n        } else if middle < 0.0", "(Scale::At(low), 0.0)\n        } else if middle < 0.0"),
     ("curve: derating at its worst", f"{ONE_STEP}/cost_curve.rs", "(c_derating - price) / derating.high - c_derating;", "(c_derating - price) / derating.low.max(1e-3) - c_derating;"),

@@ -160,10 +160,7 @@ impl RuleLaw {
         let total_kw = demand_kw.abs();
         let left = |m: usize| {
             let (low, high) = model.strings()[m].soc_window();
-            let left = match direction {
-                Direction::Charge => (high - plant.soc[m]).max(0.0),
-                Direction::Discharge => (plant.soc[m] - low).max(0.0),
-            };
+            let left = direction.pick(high - plant.soc[m], plant.soc[m] - low).max(0.0);
             left * self.nominal_energy_kwh[m] * plant.soh_capacity[m]
         };
         let cool = |m: usize| self.nominal_kw[m] * (self.stop_c[m] - plant.temperature_c[m]).max(0.0);

@@ -48,10 +48,7 @@ pub(crate) fn rint_current(voltage_v: f64, resistance_ohm: f64, power_w: f64) ->
 impl Demand {
     /// Current if nothing limits it, and the voltage it flows at.
     fn unlimited(&self, delivered_w: f64, loss_w: f64, resistance_ohm: f64) -> (f64, f64) {
-        let power_w = match self.direction {
-            Direction::Discharge => delivered_w + loss_w,
-            Direction::Charge => loss_w - delivered_w,
-        };
+        let power_w = self.direction.pick(loss_w - delivered_w, delivered_w + loss_w);
         // Charging with less than the inverter loses takes the rest from the battery.
         let voltage_v = if power_w > 0.0 { self.discharge_v } else { self.charge_v };
         (voltage_v, rint_current(voltage_v, resistance_ohm, power_w))

@@ -34,7 +34,6 @@ impl Explicit {
         Ok(Self { inner: ExplicitLaw::new(tables).map_err(refused)? })
     }
 
-    /// Number of weights.
     #[classattr]
     const N_WEIGHTS: usize = N_WEIGHTS;
 

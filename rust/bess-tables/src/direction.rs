@@ -23,9 +23,15 @@ impl Direction {
     /// Sign of its powers: 1 in discharge, -1 in charge.
     #[inline]
     pub fn sign(self) -> f64 {
+        self.pick(-1.0, 1.0)
+    }
+
+    /// The one of two values that holds in this direction.
+    #[inline(always)]
+    pub fn pick<T>(self, charge: T, discharge: T) -> T {
         match self {
-            Self::Charge => -1.0,
-            Self::Discharge => 1.0,
+            Self::Charge => charge,
+            Self::Discharge => discharge,
         }
     }
 }

@@ -216,10 +216,7 @@ impl StringParameters {
     /// Table of the open-circuit voltage [V] of a direction.
     #[inline]
     pub fn ocv_table(&self, direction: Direction) -> &Grid {
-        match direction {
-            Direction::Charge => &self.ocv_charge,
-            Direction::Discharge => &self.ocv_discharge,
-        }
+        direction.pick(&self.ocv_charge, &self.ocv_discharge)
     }
 
     /// Open-circuit voltage [V] of the string.
@@ -233,9 +230,6 @@ impl Inverter {
     /// Loss table of a direction.
     #[inline]
     pub fn loss(&self, direction: Direction) -> &Lut {
-        match direction {
-            Direction::Charge => &self.loss_charge,
-            Direction::Discharge => &self.loss_discharge,
-        }
+        direction.pick(&self.loss_charge, &self.loss_discharge)
     }
 }

@@ -51,10 +51,7 @@ impl Resistance {
                 }
             }
             Self::Measured { c_rate: axis, charge, discharge, .. } => {
-                let grids = match direction {
-                    Direction::Charge => charge,
-                    Direction::Discharge => discharge,
-                };
+                let grids = direction.pick(charge, discharge);
                 let (segment, share) = axis.locate(c_rate);
                 let low = grids[segment].at(soc, temperature_c);
                 if grids.len() == 1 || share == 0.0 {

@@ -187,11 +187,8 @@ impl ControlHorizon {
         let bounds: Vec<(f64, f64)> = (0..self.n_strings() * self.n_steps())
             .map(|i| {
                 let t = i % self.n_steps();
-                match self.direction(t) {
-                    _ if self.demand_w[t] == 0.0 => (0.0, 0.0),
-                    Direction::Charge => (-self.limit_w[i], 0.0),
-                    Direction::Discharge => (0.0, self.limit_w[i]),
-                }
+                let most_w = if self.demand_w[t] == 0.0 { 0.0 } else { self.limit_w[i] };
+                self.direction(t).pick((-most_w, 0.0), (0.0, most_w))
             })
             .collect();
         // Only rounding errors of an external optimiser are accepted.

@@ -54,7 +54,6 @@ impl LossCurve {
         internal_w(self.direction, power_w, loss_w)
     }
 
-    /// Direction of the power.
     pub fn direction(&self) -> Direction {
         self.direction
     }

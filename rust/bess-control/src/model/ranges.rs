@@ -146,8 +146,7 @@ impl StringModel {
                 switch = *low_soc_switch;
             }
             Resistance::Measured { charge, discharge, .. } => {
-                let grids = if direction == Direction::Charge { charge } else { discharge };
-                for grid in grids {
+                for grid in direction.pick(charge, discharge) {
                     socs.extend(inside(grid.x(), &states.soc));
                     temperatures.extend(inside(grid.y(), &states.temperature_c));
                 }

@@ -113,10 +113,7 @@ impl StringModel {
 
     #[inline]
     pub(crate) fn loss(&self, direction: Direction) -> &LossCurve {
-        match direction {
-            Direction::Charge => &self.charge,
-            Direction::Discharge => &self.discharge,
-        }
+        direction.pick(&self.charge, &self.discharge)
     }
 
     /// `k`, `V`, `R` at a state.

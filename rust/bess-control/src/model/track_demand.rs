@@ -67,10 +67,7 @@ impl BestShares {
     /// Powers of the strings for a power of the plant.
     fn of(&self, direction: Direction, power_w: f64) -> Vec<f64> {
         let n = self.limit_w.len();
-        let table = match direction {
-            Direction::Charge => &self.charge_w,
-            Direction::Discharge => &self.discharge_w,
-        };
+        let table = direction.pick(&self.charge_w, &self.discharge_w);
         if power_w <= 0.0 {
             return vec![0.0; n];
         }

@@ -227,10 +227,7 @@ impl<'a> StringValues<'a> {
         let mut above = vec![f64::INFINITY; size];
         for t in (0..n_steps).rev() {
             let interval = &problem.intervals[t];
-            let (which, moves) = match interval.direction {
-                Direction::Charge => (0, &grid.charge),
-                Direction::Discharge => (1, &grid.discharge),
-            };
+            let (which, moves) = interval.direction.pick((0, &grid.charge), (1, &grid.discharge));
             let after = |temperature_c: f64, heat_w: f64| {
                 grid.stencil(string.warmed(temperature_c, heat_w, interval))
             };

@@ -151,10 +151,7 @@ impl Step<'_> {
     /// Usable share of the SOC window of a string in the direction of power.
     fn left(&self, m: usize) -> f64 {
         let fill = self.problem.fill_of(m, self.points[m].state);
-        match self.problem.intervals[self.t].direction {
-            Direction::Discharge => fill.max(0.0),
-            Direction::Charge => (1.0 - fill).max(0.0),
-        }
+        self.problem.intervals[self.t].direction.pick(1.0 - fill, fill).max(0.0)
     }
 
     /// Allocates the power of a group to all inverters, or to `fewer`: first those that are on and have the largest usable

@@ -40,7 +40,6 @@ impl Room {
 }
 
 impl Pair {
-    /// Indices of both strings.
     pub fn strings(&self) -> [usize; 2] {
         [self.first, self.second]
     }
@@ -51,7 +50,6 @@ impl Pair {
         Room::of(sum_w, limit[self.first], limit[self.second])
     }
 
-    /// Cost of both strings.
     pub fn cost(&self, paths: &Paths<'_>) -> f64 {
         paths.total(self.first) + paths.total(self.second)
     }
@@ -90,7 +88,6 @@ impl Pair {
         }
     }
 
-    /// Co-states along both strings.
     pub fn slopes(&self, paths: &mut Paths<'_>) -> (CoStates, CoStates) {
         (CoStates::along(paths, self.first), CoStates::along(paths, self.second))
     }

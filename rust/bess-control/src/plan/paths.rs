@@ -123,7 +123,6 @@ impl<'a> Paths<'a> {
         self.strings[m].total
     }
 
-    /// Cost of the plan.
     pub fn cost(&self) -> f64 {
         self.strings.iter().map(|string| string.total).sum()
     }
@@ -145,7 +144,6 @@ impl<'a> Paths<'a> {
         }
     }
 
-    /// Rolls a string out again from a step on.
     pub fn roll(&mut self, m: usize, from: usize) {
         let n_steps = self.problem.n_steps();
         (from..n_steps).for_each(|t| self.advance(m, t));

@@ -1,7 +1,5 @@
 //! Initial schedules: all rules, and the shifted warm start.
 
-use bess_tables::Direction;
-
 use crate::plan::paths::{Paths, Point};
 use crate::plan::problem::PlanProblem;
 use crate::rules::{water_fill, Rule};
@@ -22,11 +20,8 @@ fn powers(rule: Rule, problem: &PlanProblem<'_>, t: usize, points: &[Point]) -> 
     let strings = problem.model.strings();
     let left = |m: usize| {
         let p = &strings[m].parameters;
-        let left = match problem.intervals[t].direction {
-            Direction::Charge => p.soc_max - points[m].state.soc,
-            Direction::Discharge => points[m].state.soc - p.soc_min,
-        };
-        p.capacity_ah * left.max(0.0)
+        let soc = points[m].state.soc;
+        p.capacity_ah * problem.intervals[t].direction.pick(p.soc_max - soc, soc - p.soc_min).max(0.0)
     };
     let cool = |m: usize| {
         let stop_c = strings[m].parameters.derating.factor.x().last().copied().unwrap_or(f64::INFINITY);

@@ -28,12 +28,9 @@ pub struct Effort {
     pub gap: f64,
 }
 
-/// Result of a search.
 #[derive(Debug, Clone)]
 pub struct SearchResult {
-    /// The best schedule.
     pub incumbent: Incumbent,
-    /// Number of roll-outs.
     pub rollouts: usize,
     /// Flows of the strings under this schedule, `(M, T)`.
     pub flows: Vec<Flow>,

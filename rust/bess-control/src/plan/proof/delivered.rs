@@ -41,10 +41,7 @@ impl Delivered {
     }
 
     pub(super) fn loss_w(&self, internal_w: f64, power_w: f64) -> f64 {
-        match self.direction {
-            Direction::Charge => power_w - internal_w,
-            Direction::Discharge => internal_w - power_w,
-        }
+        self.direction.pick(power_w - internal_w, internal_w - power_w)
     }
 
     /// How far the curve may be below, and above, a mean of its values in a range.

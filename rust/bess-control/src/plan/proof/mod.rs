@@ -87,10 +87,7 @@ struct Kind<'a> {
 }
 
 fn which(direction: Direction) -> usize {
-    match direction {
-        Direction::Charge => 0,
-        Direction::Discharge => 1,
-    }
+    direction.pick(0, 1)
 }
 
 impl<'a> Kind<'a> {

@@ -156,11 +156,7 @@ impl Kind<'_> {
             let mut any = false;
             for (&(i, j), off) in cells.iter().zip(&off) {
                 let lowest_v = off.voltage_v.low;
-                let lowest_r = if direction == Direction::Charge {
-                    off.resistance_ohm.low
-                } else {
-                    off.resistance_ohm.high
-                };
+                let lowest_r = direction.pick(off.resistance_ohm.low, off.resistance_ohm.high);
                 let least_w = delivered.at(internal_w((lowest_v, lowest_r), from_a)).max(0.0);
                 let least_request_w = least_w / self.factor[j].high;
                 let possible = least_request_w <= most_w && self.middle(direction, i, k).is_some();
