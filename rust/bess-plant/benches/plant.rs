@@ -32,7 +32,7 @@ fn measured(criterion: &mut Criterion, name: &str, ageing: Option<&str>) {
         group.throughput(Throughput::Elements((strings * nodes * STEPS * SUBSTEPS) as u64));
         group.bench_function(BenchmarkId::from_parameter(format!("{strings} strings")), |bencher| {
             let mut plant = Plant::new(&system, 1, 10.0, DeratingLaw::Table, &state).unwrap();
-            bencher.iter(|| plant.run(&request_w, &ambient_c, 900.0, false).unwrap());
+            bencher.iter(|| plant.run(&request_w, None, &ambient_c, 900.0, false).unwrap());
         });
     }
     group.finish();

@@ -90,9 +90,10 @@ impl MeasuredResistance {
 
 /// The measured tables of a direction; nothing for strings with switched tables.
 pub(crate) fn tables(resistance: &Resistance, direction: Direction) -> Option<(&Axis, &[Grid])> {
-    match (resistance, direction) {
-        (Resistance::Switched { .. }, _) => None,
-        (Resistance::Measured { c_rate, charge, .. }, Direction::Charge) => Some((c_rate, charge)),
-        (Resistance::Measured { c_rate, discharge, .. }, Direction::Discharge) => Some((c_rate, discharge)),
+    match resistance {
+        Resistance::Switched { .. } => None,
+        Resistance::Measured { c_rate, charge, discharge, .. } => {
+            Some((c_rate, direction.pick(charge, discharge)))
+        }
     }
 }

@@ -20,7 +20,7 @@ fn plant(model: Option<&str>, state: Option<PlantState>) -> Plant {
 }
 
 fn run(plant: &mut Plant, request_w: &[f64], duration_s: f64) -> Record {
-    plant.run(request_w, &vec![25.0; request_w.len() / 2], duration_s, false).unwrap()
+    plant.run(request_w, None, &vec![25.0; request_w.len() / 2], duration_s, false).unwrap()
 }
 
 #[test]
@@ -129,7 +129,7 @@ proptest! {
             let own: Vec<f64> = request_w[..96].chunks(2).map(|pair| pair[0]).collect();
             let state = common::uniform_state(&system, 1, 0.5, 30.0);
             let mut alone = Plant::new(&system, 1, 10.0, DeratingLaw::Table, &state).unwrap();
-            let alone = alone.run(&own, &vec![25.0; own.len()], 900.0, false).unwrap();
+            let alone = alone.run(&own, None, &vec![25.0; own.len()], 900.0, false).unwrap();
             let first: Vec<f64> = together.soh_capacity.chunks(2).map(|pair| pair[0]).collect();
             prop_assert_eq!(first, alone.soh_capacity);
         }

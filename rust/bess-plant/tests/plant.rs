@@ -13,13 +13,13 @@ const CONTROL_S: f64 = 900.0;
 fn run(system: &System, scenarios: usize, state: &PlantState, request_w: &[f64]) -> Record {
     let mut plant = Plant::new(system, scenarios, STEP_S, DeratingLaw::Table, state).unwrap();
     let steps = request_w.len() / plant.lanes();
-    plant.run(request_w, &vec![25.0; steps * scenarios], CONTROL_S, true).unwrap()
+    plant.run(request_w, None, &vec![25.0; steps * scenarios], CONTROL_S, true).unwrap()
 }
 
 fn run_reactive(system: &System, state: &PlantState, request_w: &[f64], asked_var: &[f64]) -> Record {
     let mut plant = Plant::new(system, 1, STEP_S, DeratingLaw::Table, state).unwrap();
     let steps = request_w.len() / plant.lanes();
-    plant.run_with_reactive(request_w, Some(asked_var), &vec![25.0; steps], CONTROL_S, true).unwrap()
+    plant.run(request_w, Some(asked_var), &vec![25.0; steps], CONTROL_S, true).unwrap()
 }
 
 fn spread_state(system: &System, soc: &[f64], temperature_c: &[f64]) -> PlantState {
@@ -131,9 +131,9 @@ fn a_plant_that_is_given_its_state_continues_bit_by_bit() {
     let start = common::uniform_state(&system, 1, 0.5, 44.0);
     let whole = run(&system, 1, &start, &request);
     let mut first = Plant::new(&system, 1, STEP_S, DeratingLaw::Table, &start).unwrap();
-    first.run(&request[..60], &[25.0; 20], CONTROL_S, false).unwrap();
+    first.run(&request[..60], None, &[25.0; 20], CONTROL_S, false).unwrap();
     let mut second = Plant::new(&system, 1, STEP_S, DeratingLaw::Table, &first.state()).unwrap();
-    let rest = second.run(&request[60..], &[25.0; 20], CONTROL_S, false).unwrap();
+    let rest = second.run(&request[60..], None, &[25.0; 20], CONTROL_S, false).unwrap();
     assert_eq!(rest.temperature_c, whole.temperature_c[60..]);
     assert_eq!(rest.soc, whole.soc[60..]);
     assert_eq!(rest.inverter_starts, whole.inverter_starts[60..]);
@@ -159,7 +159,7 @@ fn bad_input_is_refused_and_names_place_value_and_range() {
     let state = common::uniform_state(&system, 1, 0.5, 25.0);
     let mut plant = Plant::new(&system, 1, STEP_S, DeratingLaw::Table, &state).unwrap();
     let mut refused = |request: &[f64], ambient: &[f64], duration: f64| {
-        plant.run(request, ambient, duration, false).unwrap_err().to_string()
+        plant.run(request, None, ambient, duration, false).unwrap_err().to_string()
     };
     assert_eq!(
         refused(&[0.0, 0.0, 0.0, -95e3], &[25.0; 2], 900.0),
@@ -223,9 +223,8 @@ fn reactive_power_above_the_inverter_is_refused_with_its_place() {
     let system = common::reference(2);
     let state = common::uniform_state(&system, 1, 0.5, 25.0);
     let mut plant = Plant::new(&system, 1, STEP_S, DeratingLaw::Table, &state).unwrap();
-    let mut refused = |asked: &[f64]| {
-        plant.run_with_reactive(&[0.0, 0.0], Some(asked), &[25.0], 900.0, false).unwrap_err().to_string()
-    };
+    let mut refused =
+        |asked: &[f64]| plant.run(&[0.0, 0.0], Some(asked), &[25.0], 900.0, false).unwrap_err().to_string();
     let said = refused(&[0.0, 93e3]);
     assert_eq!(said, "step 0, string 1: reactive power 93 kvar is outside [-92, 92] kvar");
     assert!(refused(&[0.0]).contains("reactive power: 1 values, needs 2"));

@@ -144,10 +144,7 @@ impl Plant {
         let reactive_var = reactive_kvar.map(|values| watts(&values));
         let inner = &mut self.inner;
         let mut record = py
-            .detach(|| {
-                let reactive_var = reactive_var.as_deref();
-                inner.run_with_reactive(&request_w, reactive_var, &ambient_c, duration_s, keep_nodes)
-            })
+            .detach(|| inner.run(&request_w, reactive_var.as_deref(), &ambient_c, duration_s, keep_nodes))
             .map_err(refused)?;
         let carried_var = std::mem::take(&mut record.reactive_var);
         let out = to_dict(py, record, inner.is_cooled())?;

@@ -151,7 +151,7 @@ pub(crate) fn closed_loop<'py>(
             }
             let request_w: Vec<f64> =
                 requests_kw[requests_kw.len() - scenarios * n..].iter().map(|p| p * W_PER_KW).collect();
-            let step = plant.run(&request_w, ambient_c, duration_s, false).map_err(refused)?;
+            let step = plant.run(&request_w, None, ambient_c, duration_s, false).map_err(refused)?;
             match &mut record {
                 Some(record) => record.append(step),
                 None => record = Some(step),

@@ -181,11 +181,6 @@ fn along(row: &[f64], (base, w): &Stencil) -> f64 {
     w[0] * r[0] + w[1] * r[1] + w[2] * r[2] + w[3] * r[3]
 }
 
-/// Cost to go of identical strings, `(T + 1, off or on, soc, n_temperature)`.
-struct StringValue {
-    planes: Vec<f64>,
-}
-
 /// Costs to go of all strings at prices of the balance.
 struct StringValues<'a> {
     problem: &'a PlanProblem<'a>,
@@ -194,7 +189,8 @@ struct StringValues<'a> {
     grids: Vec<Grid>,
     /// One string of each kind.
     members: Vec<usize>,
-    values: Vec<StringValue>,
+    /// Costs to go of each kind, `(T + 1, off or on, soc, n_temperature)`.
+    values: Vec<Vec<f64>>,
 }
 
 impl<'a> StringValues<'a> {
@@ -212,7 +208,7 @@ impl<'a> StringValues<'a> {
         self.values = cores::map(kinds, |kind| self.backwards(kind, price));
     }
 
-    fn backwards(&self, kind: usize, price: &[f64]) -> StringValue {
+    fn backwards(&self, kind: usize, price: &[f64]) -> Vec<f64> {
         let (problem, grid, m) = (self.problem, &self.grids[kind], self.members[kind]);
         let (n_steps, size) = (problem.n_steps(), grid.size());
         let string = &problem.model.strings()[m];
@@ -280,7 +276,7 @@ impl<'a> StringValues<'a> {
                 now_on[node] = off.min(now_on[node]);
             }
         }
-        StringValue { planes }
+        planes
     }
 
     /// Cost to go of a string at the start of a step.
@@ -288,7 +284,7 @@ impl<'a> StringValues<'a> {
         let grid = &self.grids[self.kinds[group]];
         let (i, share) = grid.soc.locate(state.soc);
         let stencil = grid.stencil(state.temperature_c);
-        let plane = &self.values[self.kinds[group]].planes[(2 * t + usize::from(running)) * grid.size()..];
+        let plane = &self.values[self.kinds[group]][(2 * t + usize::from(running)) * grid.size()..];
         let row = |i: usize| along(&plane[i * TEMPERATURE_NODES..(i + 1) * TEMPERATURE_NODES], &stencil);
         (1.0 - share) * row(i) + share * row(i + 1)
     }

@@ -106,29 +106,15 @@ impl Plant {
     /// Advances by `request_w.len() / lanes` control steps of `duration_s`.
     ///
     /// `request_w[step * lanes + lane]` [W] is positive in discharge; `ambient_c[step * scenarios + scenario]`
-    /// [degC] is the air inlet temperature. Nothing changes if the input is refused.
+    /// [degC] is the air inlet temperature. Reactive power, if any, is in the order of the requests [var]; its sign is kept.
+    /// It is limited to the apparent power that active power leaves of the nominal power of its inverter. Nothing changes
+    /// if the input is refused.
     ///
     /// # Errors
     ///
-    /// Where arrays do not fit the lanes and scenarios, a request is above the nominal power of its string, a temperature is
-    /// outside its range, or the duration is no multiple of the plant step.
+    /// Where arrays do not fit the lanes and scenarios, a request or a reactive power is above the nominal power of its
+    /// string, a temperature is outside its range, or the duration is no multiple of the plant step.
     pub fn run(
-        &mut self,
-        request_w: &[f64],
-        ambient_c: &[f64],
-        duration_s: f64,
-        keep_nodes: bool,
-    ) -> Result<Record, InputError> {
-        self.run_with_reactive(request_w, None, ambient_c, duration_s, keep_nodes)
-    }
-
-    /// Like [`Self::run`], with reactive power for each request, in their order [var]; its sign is kept. It is limited to the
-    /// apparent power that active power leaves of the nominal power of its inverter.
-    ///
-    /// # Errors
-    ///
-    /// As [`Self::run`], and where a reactive power is above the nominal power of its string.
-    pub fn run_with_reactive(
         &mut self,
         request_w: &[f64],
         reactive_var: Option<&[f64]>,

@@ -13,7 +13,7 @@ const CONTROL_STEP_S: f64 = 86_400.0;
 const MOST_PLANT_STEPS: u128 = 10_000_000_000;
 
 impl Plant {
-    /// Checks the arguments of [`Self::run_with_reactive`].
+    /// Checks the arguments of [`Self::run`].
     pub(super) fn schedule<'a>(
         &self,
         request_w: &'a [f64],
