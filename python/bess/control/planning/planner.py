@@ -296,11 +296,7 @@ class Planner(Checkpointed):
 
     def _shifted_plan(self) -> Array | None:
         """Shifted warm start: the last plan from its second step on, with zero power in the new last step."""
-        if self.plan_kw is None:
-            return None
-        moved = np.zeros_like(self.plan_kw)
-        moved[:, :-1] = self.plan_kw[:, 1:]
-        return moved
+        return None if self.plan_kw is None else np.pad(self.plan_kw[:, 1:], ((0, 0), (0, 1)))
 
     def _running(self) -> NDArray[np.bool_]:
         """Inverters that were on in the first step of the previous plan."""

@@ -283,7 +283,8 @@ impl<'a> DynamicProgram<'a> {
                     expectation(share, &here[state * columns..][..columns], s, shadows)
                 }) + budget_value(self.shadow_eur[s], left_kwh)
             };
-            let s = argmin((0..shadows).map(dual));
+            let duals: Vec<f64> = (0..shadows).map(dual).collect();
+            let s = (0..shadows).min_by(|&a, &b| duals[a].total_cmp(&duals[b])).unwrap_or(0);
             let mut best: Option<(f64, f64, f64, StoreState)> = None;
             for p in 0..self.store.grid.power_kw.len() {
                 let flows = self.transitions(b).between(&self.store.grid, &now, p);
@@ -376,15 +377,4 @@ fn income_of(amounts: &[f64; 4], eur: &[f64; 4]) -> f64 {
 /// Expectation over the levels of values `(L, S)` at shadow price `s`.
 fn expectation(share: &[f64], values: &[f64], s: usize, shadows: usize) -> f64 {
     share.iter().zip(values.iter().skip(s).step_by(shadows)).map(|(p, value)| p * value).sum()
-}
-
-/// Position of the least value, the first of equal ones.
-fn argmin(values: impl Iterator<Item = f64>) -> usize {
-    let mut least = (0, f64::INFINITY);
-    for (i, value) in values.enumerate() {
-        if value < least.1 {
-            least = (i, value);
-        }
-    }
-    least.0
 }
