@@ -227,6 +227,7 @@ class DynamicProgramDispatch:
             end_eur_kwh = _value_of_store(
                 np.repeat(np.stack([buy[-1], sell[-1] - wear_eur]), blocks.count, axis=1)
             )
+        max_eur_kwh = float(np.abs(inputs.price_eur_mwh).max()) / KWH_PER_MWH
         stored_kwh = float(plant.energy_kwh(state.soc))
         empty = max(0.0, 1.0 - stored_kwh / plant.capacity_kwh)
         power_kw = self._store_of(plant, energy_kwh, depths.points).dispatch(
@@ -241,7 +242,7 @@ class DynamicProgramDispatch:
             wear=depths.curve_eur,
             end_eur_kwh=end_eur_kwh,
             allowed_kwh=allowed_kwh,
-            shadow_prices_eur_kwh=np.array(_CYCLE_PRICES) * float(np.abs(inputs.price_eur_mwh).max()) / KWH_PER_MWH,
+            shadow_prices_eur_kwh=np.array(_CYCLE_PRICES) * max_eur_kwh,
         )
         demand_kw = np.repeat(power_kw, blocks.count)
         demand_kw[np.abs(demand_kw) < _MIN_POWER_SHARE * plant.power_kw] = 0.0
