@@ -42,8 +42,8 @@ LONGEST: Final = 36
 """Quarters of an hour of one block."""
 TURN: Final = 7
 FIRST_TURN: Final = (80, 75, 10, 0, 70, 10, 0)
-LEAST_TURN: Final = (40, 20, 1, 0, 20, 1, 0)
-MOST_TURN: Final = (180, 92, 20, 6, 92, 20, 6)
+MIN_TURN: Final = (40, 20, 1, 0, 20, 1, 0)
+MAX_TURN: Final = (180, 92, 20, 6, 92, 20, 6)
 PARENTS: Final = 24
 NEARLY_EMPTY: Final = 0.1
 """SOC below which resistance climbs."""
@@ -219,7 +219,7 @@ def child(one: Demand, other: Demand, random: np.random.Generator) -> Demand:
         place = int(random.integers(TURN))
         spread = 3.0 if place in (0, 1, 4) else 1.0
         turn[place] += round(random.normal(0.0, spread))
-        turn = np.clip(turn, LEAST_TURN, MOST_TURN).tolist()
+        turn = np.clip(turn, MIN_TURN, MAX_TURN).tolist()
     return Demand((levels[0], levels[1], levels[2], levels[3]), tuple(quarters), start, tuple(turn))
 
 

@@ -123,7 +123,7 @@ def splits(bench: Bench, states: int, steps: int) -> None:
             worse = [ours[key]["objective"] / theirs[key]["objective"] - 1.0 for key in both]
             summary = {
                 "geometric_mean_ratio": float(np.exp(np.mean(np.log(ratio)))),
-                "smallest_ratio": float(min(ratio)),
+                "min_ratio": float(min(ratio)),
                 "our_objective_worse_by_at_most": float(max(worse)),
                 "our_objective_better_by_at_most": float(-min(worse)),
                 "to_the_gap": len(finished),

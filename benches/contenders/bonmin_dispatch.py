@@ -16,7 +16,7 @@ import numpy as np
 from market_day import CYCLES, ENERGY_KWH, STEPS, earned_eur, prices, state
 
 POWER_KW, SERIES, PARALLEL, CELL_AH, CELL_OHM = 180.0, 260, 2, 94.0, 0.819e-3
-LEAST_V, MOST_V, MOST_C, EFFICIENCY, COULOMB = 2.7, 4.15, 2.0, 0.973, 0.9999
+MIN_V, MAX_V, MAX_C, EFFICIENCY, COULOMB = 2.7, 4.15, 2.0, 0.973, 0.9999
 QUIET = {f"{log}_log_level": 0 for log in ("bb", "nlp", "fp", "milp")}
 
 
@@ -61,8 +61,8 @@ def main(plans: int, minutes: int) -> None:
     """Print the CPU of a plan [s], what all plans earn in the plant [EUR], and how many Bonmin solved."""
     dt_h, steps = minutes / 60.0, STEPS * 15 // minutes
     solver = planner(steps, dt_h)
-    most_a = np.full(2 * steps, MOST_C * CELL_AH * PARALLEL)
-    upper = [np.full(2 * steps, 1000.0 * POWER_KW), most_a, np.full(steps, MOST_V * SERIES), np.ones(steps)]
+    max_a = np.full(2 * steps, MAX_C * CELL_AH * PARALLEL)
+    upper = [np.full(2 * steps, 1000.0 * POWER_KW), max_a, np.full(steps, MAX_V * SERIES), np.ones(steps)]
     cpu_s, earned, solved = 0.0, 0.0, 0
     for seed in range(plans):
         soc = float(state(seed).soc[0])
@@ -71,7 +71,7 @@ def main(plans: int, minutes: int) -> None:
         answer = solver(
             x0=0.0,  # as there, for the first plan
             p=np.r_[soc, price],
-            lbx=np.r_[np.zeros(4 * steps), np.full(steps, LEAST_V * SERIES), np.zeros(steps)],
+            lbx=np.r_[np.zeros(4 * steps), np.full(steps, MIN_V * SERIES), np.zeros(steps)],
             ubx=np.concatenate(upper),
             lbg=np.zeros(3 * steps + 2),
             ubg=np.r_[np.zeros(3 * steps + 1), CYCLES],

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from html import escape
 from typing import Protocol
 
-_MOST_NUMBERS = 6
+_MAX_NUMBERS = 6
 
 
 class HasFacts(Protocol):
@@ -38,6 +38,6 @@ def as_table(self: HasFacts) -> str:
 def few(values: Iterable[float], digits: str = ".3g", unit: str = "") -> str:
     """Return all of a few numbers, or the first and last of many."""
     texts = [format(value, digits) for value in values]
-    if len(texts) > _MOST_NUMBERS:
+    if len(texts) > _MAX_NUMBERS:
         texts = [*texts[:3], "…", *texts[-2:]]
     return f"{', '.join(texts)} {unit}".rstrip()

@@ -7,7 +7,7 @@ Expected outcomes (a time limit, an infeasible node) are statuses, not exception
 import difflib
 from collections.abc import Iterable, Mapping
 
-_LONGEST = 2000
+_MAX_LENGTH = 2000
 """Characters of a message."""
 
 
@@ -23,8 +23,8 @@ class InputError(BessError, ValueError):
 
     def __init__(self, message: str) -> None:
         line = message.replace("\r", " ").replace("\n", " ")
-        if len(line) > _LONGEST:
-            line = f"{line[: _LONGEST // 2]} ... {line[-_LONGEST // 2 :]}"
+        if len(line) > _MAX_LENGTH:
+            line = f"{line[: _MAX_LENGTH // 2]} ... {line[-_MAX_LENGTH // 2 :]}"
         super().__init__(line)
 
 

@@ -16,10 +16,10 @@ from bess.errors import InputError
 Fill = Literal["previous", "interpolate", "previous_day"]
 """How gaps of more than an hour are filled: last value, straight line, values of the day before."""
 
-LARGEST_BYTES: Final = 200 * 2**20
+MAX_BYTES: Final = 200 * 2**20
 """Maximum size of a file, packed or unpacked: about 50 years of quarter hours."""
 
-_DEEPEST: Final = 64
+_MAX_DEPTH: Final = 64
 """Maximum nesting of tables and lists; no file of the package comes near it."""
 
 
@@ -69,15 +69,15 @@ def _parsed(parse: Callable[[Any], Any], text: str | bytes) -> Any:
     except RecursionError:
         raise ValueError("is nested too deeply") from None
     level = [[document]]
-    for _ in range(_DEEPEST):
+    for _ in range(_MAX_DEPTH):
         nodes = [entry for entries in level for entry in entries if isinstance(entry, dict | list)]
         if not nodes:
             return document
         level = [list(node.values()) if isinstance(node, dict) else node for node in nodes]
-    raise ValueError(f"is nested deeper than {_DEEPEST} levels")
+    raise ValueError(f"is nested deeper than {_MAX_DEPTH} levels")
 
 
-def read_file(path: str | Path, largest: int = LARGEST_BYTES) -> bytes:
+def read_file(path: str | Path, largest: int = MAX_BYTES) -> bytes:
     """Return the content of a file.
 
     Raises
@@ -102,7 +102,7 @@ def read_file(path: str | Path, largest: int = LARGEST_BYTES) -> bytes:
         raise InputError(f"{path}: cannot be read ({cause}); check the path and its permissions") from None
 
 
-def limited(file: IO[bytes] | BufferedIOBase, path: str | Path, largest: int = LARGEST_BYTES) -> bytes:
+def limited(file: IO[bytes] | BufferedIOBase, path: str | Path, largest: int = MAX_BYTES) -> bytes:
     """Return the rest of an open file; raise InputError beyond ``largest`` bytes.
 
     Raises

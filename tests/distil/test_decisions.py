@@ -28,9 +28,9 @@ def test_without_prices_of_the_state_what_can_be_delivered_is_delivered(name: st
     for case in cases(system, 300, 8):
         demand_kw = case.ahead_kw[0]
         state = bess.State(case.state.soc, np.minimum(case.state.temperature_c, 40.0))
-        most_kw = np.minimum(system.control_at(state).deliverable_kw(
+        max_kw = np.minimum(system.control_at(state).deliverable_kw(
             state.soc, state.temperature_c, bool(demand_kw > 0.0), 0.25), case.limit_kw)  # fmt: skip
-        if most_kw.sum() < abs(demand_kw):
+        if max_kw.sum() < abs(demand_kw):
             continue
         request_kw = law.split(state, case.ahead_kw, case.limit_kw)
         asked = bess.rollout(system, state, request_kw[:, None])

@@ -84,7 +84,7 @@ def test_where_a_run_is_cut_makes_no_difference_to_a_bit(
     study: bess.Study, file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = bess.run(_using(study, file), progress=False).dataset
-    monkeypatch.setattr(runner, "PART_STEPS", 7)
+    monkeypatch.setattr(runner, "MAX_PART_STEPS", 7)
     parts = bess.run(_using(study, file), progress=False).dataset
     for name, values in whole.data_vars.items():
         np.testing.assert_array_equal(parts[name], values, err_msg=str(name))

@@ -12,7 +12,7 @@ import pytest
 import bess
 from bess.cli.studies import findings
 from bess.control.policies import POLICIES
-from bess.simulation.runner import PART_SECONDS, PART_STEPS
+from bess.simulation.runner import MAX_PART_S, MAX_PART_STEPS
 from bess.study.study import Study
 
 ROOT = Path(__file__).parents[2]
@@ -94,7 +94,7 @@ def test_toml_of_a_page_is_a_study_with_nothing_wrong_or_part_of_a_system(page: 
 
 def test_the_page_on_long_runs_says_how_much_a_crash_can_cost() -> None:
     text = (ROOT / "docs" / "howto" / "long-runs.md").read_text(encoding="utf-8")
-    assert f"every {PART_STEPS} steps or every {PART_SECONDS:g} s" in text
+    assert f"every {MAX_PART_STEPS} steps or every {MAX_PART_S:g} s" in text
 
 
 @pytest.mark.parametrize("page", having("sh"))

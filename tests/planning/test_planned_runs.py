@@ -30,7 +30,7 @@ def test_a_planned_run_continues_to_the_same_bits(
     study = bess.load_study("case1", {"run.days": 1, "policy.foresight_h": 8, **PLANNED_CASE})
     reference = bess.run(study, progress=False)
     assert (reference.dataset.solver_status == PLANNED).sum() > 60
-    monkeypatch.setattr(run_module, "PART_STEPS", 16)
+    monkeypatch.setattr(run_module, "MAX_PART_STEPS", 16)
     cut_off(study, tmp_path / "run", after, monkeypatch)
     bess.run(study, progress=False, out=tmp_path / "run", resume=True)
     assert bess.open_result(tmp_path / "run").identical(reference.dataset)

@@ -42,7 +42,7 @@ def _no_password_from_outside(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]
 
 @pytest.fixture(autouse=True)
 def _a_busy_disk_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(calls, "PATIENCE_S", 60.0)
+    monkeypatch.setattr(calls, "DISK_DELAY_S", 60.0)
 
 
 @pytest.fixture(params=["openems", "sunspec"])

@@ -110,14 +110,14 @@ def test_a_folder_that_vanished_is_an_error_that_passes(tmp_path: Path) -> None:
 
 
 def test_days_take_no_more_than_they_may_and_what_is_left_is_read(tmp_path: Path) -> None:
-    most_mb, n_days, day_s = 0.02, 150, 86_400.0
-    with Journal(tmp_path, SYSTEM, "", most_mb) as journal:
+    max_mb, n_days, day_s = 0.02, 150, 86_400.0
+    with Journal(tmp_path, SYSTEM, "", max_mb) as journal:
         for day in range(n_days):
             for second in range(10):
                 journal.append(_said(day * day_s + 10.0 + second), float(day), [0.0, 0.0])
         assert journal.error == ""
     files = sorted((tmp_path / "journal").iterdir())
-    assert sum(file.stat().st_size for file in files[:-1]) <= 1e6 * most_mb
+    assert sum(file.stat().st_size for file in files[:-1]) <= 1e6 * max_mb
     assert [file.suffix for file in files] == [".gz"] * (len(files) - 1) + [".bin"]
     data = open_journal(tmp_path)
     days = np.unique(data["demand_kw"].values)

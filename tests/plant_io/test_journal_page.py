@@ -11,7 +11,7 @@ import pytest
 import bess
 from bess.edge.plant_io import Measurements
 from bess.edge.plant_io.journal import Journal, open_journal
-from bess.edge.plant_io.journal_page import MOST_BINS, in_bins, modelled_losses, write_journal_report
+from bess.edge.plant_io.journal_page import MAX_BINS, in_bins, modelled_losses, write_journal_report
 
 SYSTEM = bess.System.reference(n_strings=2)
 START = datetime(2026, 11, 21, tzinfo=UTC)
@@ -43,7 +43,7 @@ def folder(tmp_path: Path) -> Path:
 
 def test_bins_are_means_and_leave_gaps_open(folder: Path) -> None:
     binned = in_bins(open_journal(folder))
-    assert binned.sizes["time"] <= MOST_BINS
+    assert binned.sizes["time"] <= MAX_BINS
     steps = np.diff(binned["time"].values)
     assert (steps == steps[0]).all()
     seconds = (binned["time"].values - binned["time"].values[0]) / np.timedelta64(1, "s")
@@ -59,7 +59,7 @@ def test_a_day_of_seconds_becomes_few_bins_with_the_same_mean(tmp_path: Path) ->
             _append(journal, second, [float(second % 50), 0.0], [0.0, 0.0])
     journal_ = open_journal(tmp_path)
     binned = in_bins(journal_)
-    assert 0.3 * MOST_BINS < binned.sizes["time"] <= MOST_BINS
+    assert 0.3 * MAX_BINS < binned.sizes["time"] <= MAX_BINS
     assert binned["power_kw"].values[:, 0].mean() == pytest.approx(24.5, abs=0.2)
 
 

@@ -229,7 +229,7 @@ def test_an_answer_that_never_ends_is_cut_off_in_time(
 def test_an_answer_that_is_too_long_is_cut_off(
     connecting: Connecting, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(openems, "_LONGEST_ANSWER", 1000)
+    monkeypatch.setattr(openems, "_MAX_ANSWER", 1000)
     with _server(lambda request: (request.wfile.write(_http(b" " * 5000)), None)[1]) as address:
         link = connecting(address)
         with pytest.raises(LinkError, match="more than 1000 bytes"):

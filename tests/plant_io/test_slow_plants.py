@@ -19,7 +19,7 @@ from bess.edge.plant_io.simulated_sunspec import SimulatedDevices
 
 MANY = 32
 CALL_S = 0.12
-ENDS_S = 4.0
+MAX_SHUTDOWN_S = 4.0
 """Longer than any call here may take, shorter than what the partners below would like."""
 
 
@@ -60,7 +60,7 @@ def _ends(call: Callable[[], object]) -> str:
 
     thread = threading.Thread(target=run, daemon=True)
     thread.start()
-    thread.join(ENDS_S)
+    thread.join(MAX_SHUTDOWN_S)
     assert not thread.is_alive()
     return said[0]
 

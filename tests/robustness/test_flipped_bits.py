@@ -34,7 +34,7 @@ def finished(tmp_path_factory):
 def under_way(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs") / "cut"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bess.simulation.runner.PART_STEPS", 16)
+        patch.setattr("bess.simulation.runner.MAX_PART_STEPS", 16)
         cut_off(bess.load_study("case1", QUICK), folder, 40, patch)
     return folder
 

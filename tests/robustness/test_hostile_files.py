@@ -143,7 +143,7 @@ def small_limit(monkeypatch):
 
     monkeypatch.setattr(files.limited, "__defaults__", (2**20,))
     monkeypatch.setattr(files.read_file, "__defaults__", (2**20,))
-    monkeypatch.setattr(market_files, "LARGEST_BYTES", 2**20)
+    monkeypatch.setattr(market_files, "MAX_BYTES", 2**20)
 
 
 def test_archives_that_unpack_to_more_than_the_limit_are_refused(small_limit, tmp_path):
@@ -160,7 +160,7 @@ def test_archives_that_unpack_to_more_than_the_limit_are_refused(small_limit, tm
 
 
 def test_the_limit_is_above_what_people_have():
-    assert 100 * 2**20 < files.LARGEST_BYTES < 2**30
+    assert 100 * 2**20 < files.MAX_BYTES < 2**30
 
 
 def test_an_archive_with_a_password_is_refused(tmp_path):

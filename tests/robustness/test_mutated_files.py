@@ -189,7 +189,7 @@ def record_without_checksums(folder: Path) -> None:
 
 def run_under_way(folder: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bess.simulation.runner.PART_STEPS", 8)
+        patch.setattr("bess.simulation.runner.MAX_PART_STEPS", 8)
         cut_off(bess.load_study("case1", SHORT), folder, 20, patch)
 
 

@@ -195,7 +195,7 @@ def test_a_part_of_a_giant_shape_is_damaged(tmp_path, monkeypatch):
     from power_cut import cut_off
 
     study = bess.load_study("case1", QUICK)
-    monkeypatch.setattr("bess.simulation.runner.PART_STEPS", 8)
+    monkeypatch.setattr("bess.simulation.runner.MAX_PART_STEPS", 8)
     cut_off(study, tmp_path / "run", 20, monkeypatch)
     (path, *_) = sorted((tmp_path / "run/parts").glob("*.npz"))
     out = io.BytesIO()

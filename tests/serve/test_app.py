@@ -17,7 +17,7 @@ with warnings.catch_warnings():  # it prefers a successor of httpx
 
 from bess.checkpoints import to_json
 from bess.edge.serve.app import build_app
-from bess.edge.serve.gate import LARGEST_BODY
+from bess.edge.serve.gate import MAX_BODY
 from bess.edge.serve.service import Service
 from bess.edge.serve.state_store import MEMORY
 from bess.study import load_study
@@ -114,7 +114,7 @@ def test_bad_values_are_refused_in_one_sentence(client: TestClient, body: str) -
 
 
 def test_a_long_body_is_not_read_to_its_end(client: TestClient) -> None:
-    answer = client.post("/v1/split", content=b" " * (LARGEST_BODY + 1), headers=JSON)
+    answer = client.post("/v1/split", content=b" " * (MAX_BODY + 1), headers=JSON)
     assert answer.status_code == 413
     assert answer.json()["detail"] == "POST /v1/split: the body is longer than 65536 bytes"
 

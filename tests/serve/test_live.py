@@ -7,7 +7,7 @@ import pytest
 from live_cases import measured
 
 from bess.edge.serve.answer import grouped
-from bess.edge.serve.monitoring import MOST_LINES, SPANS, History
+from bess.edge.serve.monitoring import MAX_LINES, SPANS, History
 from bess.edge.serve.page import live
 from bess.edge.serve.service import Service
 from bess.study import load_study
@@ -21,7 +21,7 @@ def test_strings_of_one_reason_stand_together_those_out_of_service_first() -> No
     ]
 
 
-@pytest.mark.parametrize("n", [2, MOST_LINES + 1])
+@pytest.mark.parametrize("n", [2, MAX_LINES + 1])
 def test_a_history_keeps_means_of_each_span_and_no_more(n: int) -> None:
     history = History()
     unknown = {"foreseen_kw": np.nan, "measured_kw": np.nan, "starts": 1.0, "hottest_c": 30.0}
@@ -36,7 +36,7 @@ def test_a_history_keeps_means_of_each_span_and_no_more(n: int) -> None:
         assert said["time_s"][-1] - said["time_s"][0] == pytest.approx(every_s * most, abs=2.0 * every_s)
         assert said["foreseen_kw"][0] is None
         assert [column[0] for column in said["soc"]] == pytest.approx([0.2, 0.26, 0.5, 0.74, 0.8], abs=1e-4)
-        assert len(said["string_soc"]) == len(said["string_kw"]) == (n if n <= MOST_LINES else 0)
+        assert len(said["string_soc"]) == len(said["string_kw"]) == (n if n <= MAX_LINES else 0)
     assert np.mean(history.document("week")["demand_kw"]) == pytest.approx(0.5, abs=0.01)
 
 

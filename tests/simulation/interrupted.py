@@ -19,7 +19,7 @@ def continued(study: bess.Study, folder: Path, monkeypatch: pytest.MonkeyPatch) 
         yield lambda: next(stops, True)
 
     with monkeypatch.context() as patched:
-        patched.setattr(runner, "PART_STEPS", 7)
+        patched.setattr(runner, "MAX_PART_STEPS", 7)
         patched.setattr(runner, "stop_requests", stopping)
         with pytest.raises(bess.StoppedEarly):
             bess.run(study, progress=False, out=folder)

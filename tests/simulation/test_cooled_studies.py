@@ -48,7 +48,7 @@ def test_the_round_trip_pays_for_cooling(result: bess.Result) -> None:
 def test_a_cooled_run_is_resumed_to_the_same_bits(
     result: bess.Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(run_module, "PART_STEPS", 8)
+    monkeypatch.setattr(run_module, "MAX_PART_STEPS", 8)
     study = bess.load_study("case1", COOLED)
     cut_off(study, tmp_path / "run", 20, monkeypatch)
     resumed = bess.run(study, progress=False, out=tmp_path / "run", resume=True).dataset

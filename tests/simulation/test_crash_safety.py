@@ -48,7 +48,7 @@ def short() -> Study:
 
 @pytest.fixture
 def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run_module, "PART_STEPS", 16)
+    monkeypatch.setattr(run_module, "MAX_PART_STEPS", 16)
 
 
 def assert_same(directory: Path, reference: bess.Result) -> None:
@@ -171,14 +171,14 @@ def test_kill_9_in_mid_run_and_resume_give_the_uninterrupted_result(tmp_path: Pa
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("policy", "longest_s"), [("mpc", 0.1), ("temperature", 0.005)])
-def test_twenty_kills_of_a_run_of_two_weeks(policy: str, longest_s: float, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("policy", "max_s"), [("mpc", 0.1), ("temperature", 0.005)])
+def test_twenty_kills_of_a_run_of_two_weeks(policy: str, max_s: float, tmp_path: Path) -> None:
     """Each kill strikes at a random moment after the next part of 16 steps; each time the run is resumed."""
     values = {**LONG, "run.days": 14, "policy.name": policy, "output.node_temperatures": True}
     generator = random.Random(20240101)
     directory = tmp_path / "run"
-    pauses = iter(lambda: generator.uniform(0.0, longest_s), None)
-    small = "import runpy, bess.simulation.runner as r; r.PART_STEPS = 16; runpy.run_module('bess')"
+    pauses = iter(lambda: generator.uniform(0.0, max_s), None)
+    small = "import runpy, bess.simulation.runner as r; r.MAX_PART_STEPS = 16; runpy.run_module('bess')"
     words = [sys.executable, "-c", small, *command(directory, values)[len(BESS) :]]
     assert kill_until_done(words, directory, 20, pauses) == 20
     assert_same(directory, bess.run(bess.load_study("case1", values), progress=False))

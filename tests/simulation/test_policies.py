@@ -49,10 +49,10 @@ def test_requests_sum_to_the_demand_in_one_direction_within_the_limits(name: str
     request_kw = build_policy(name, SYSTEMS[case.state.n_strings], Settings(DT_H))(case).request_kw
     system = SYSTEMS[case.state.n_strings]
     # No set-point is below the least power, so no demand can be met that is.
-    least_kw = system.min_power_kw.max()
-    met = case.demand_kw[0] if abs(case.demand_kw[0]) >= least_kw else 0.0
+    min_kw = system.min_power_kw.max()
+    met = case.demand_kw[0] if abs(case.demand_kw[0]) >= min_kw else 0.0
     assert request_kw.sum() == pytest.approx(met, abs=1e-9)
-    assert ((request_kw == 0.0) | (np.abs(request_kw) >= least_kw)).all()
+    assert ((request_kw == 0.0) | (np.abs(request_kw) >= min_kw)).all()
     assert (np.abs(request_kw) <= case.limit_kw).all()
     assert (request_kw * case.demand_kw[0] >= 0.0).all()
 

@@ -178,7 +178,7 @@ def test_an_interrupted_run_goes_on_bit_by_bit(tmp_path: Path, monkeypatch: pyte
         return advance(self)
 
     monkeypatch.setattr(closed_loop.ClosedLoop, "advance", interrupted)
-    monkeypatch.setattr("bess.simulation.runner.PART_STEPS", 10)
+    monkeypatch.setattr("bess.simulation.runner.MAX_PART_STEPS", 10)
     with pytest.raises((StoppedEarly, KeyboardInterrupt)):
         bess.run(study, out=tmp_path, progress=False)
     monkeypatch.setattr(closed_loop.ClosedLoop, "advance", advance)

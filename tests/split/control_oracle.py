@@ -97,10 +97,10 @@ def step(
             return False
         terminal_v = v + (r if charge else -r) * current
         limits = battery.cell_voltage_min_v, battery.cell_voltage_max_v
-        least_v, most_v = (None if each is None else each * battery.cells_series for each in limits)
-        if charge and most_v is not None and current > 0.0 and terminal_v > most_v * (1.0 + 1e-15):
+        min_v, max_v = (None if each is None else each * battery.cells_series for each in limits)
+        if charge and max_v is not None and current > 0.0 and terminal_v > max_v * (1.0 + 1e-15):
             return False
-        if not charge and least_v is not None and terminal_v < least_v * (1.0 - 1e-15):
+        if not charge and min_v is not None and terminal_v < min_v * (1.0 - 1e-15):
             return False
         end = soc + (current if charge else -current) * dt_h / capacity_ah
         return end <= battery.soc_max + 1e-15 if charge else end >= battery.soc_min - 1e-15

@@ -63,7 +63,7 @@ def test_a_plant_and_a_horizon_too_large_for_the_relaxation_have_an_answer_and_a
 
 
 def test_a_problem_too_large_to_relax_says_so_and_not_that_a_limit_was_reached(monkeypatch):
-    monkeypatch.setattr(bounds, "LARGEST_RELAXATION", 5)
+    monkeypatch.setattr(bounds, "MAX_RELAXATION", 5)
     split = bess.PowerSplit(SYSTEM, 3)(bess.State([0.05, 0.08], [30.0, 30.0]), [90.0, 80.0, 150.0])
     assert (split.status, split.nodes) == (SplitStatus.TOO_LARGE, 0)
     assert "too large to relax" in split.statement

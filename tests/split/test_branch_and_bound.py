@@ -81,7 +81,7 @@ def test_nodes_raise_bounds_that_the_root_leaves_low():
 def test_nodes_lead_to_better_schedules(monkeypatch):
     """After a search that is cut short, a node's point, rounded, repaired and rolled out, sheds less."""
     monkeypatch.setattr(power_split, "ROLLOUTS", 1)
-    monkeypatch.setattr(power_split, "SEARCHES", 1)
+    monkeypatch.setattr(power_split, "MAX_SEARCHES", 1)
     certified, known, found = power_split.Certificate, [], []
 
     def recorded(*given):

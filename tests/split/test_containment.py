@@ -19,7 +19,7 @@ import bess
 from bess import _core
 from bess.control.split.objectives import Costs
 from bess.control.split.problem import SplitProblem
-from bess.control.split.relaxation.branching import LEAST_KW
+from bess.control.split.relaxation.branching import MIN_KW
 from bess.control.split.relaxation.data import THETA_UNIT_K, THETA_ZERO_C, PlantConstants
 from bess.control.split.relaxation.group import Cutoff, RelaxedGroup
 
@@ -177,7 +177,7 @@ def random_part(
             node = narrowed.branch_on_full(m, t)[int(schedules.sheds[known, m, t])]
         elif kind < 0.6:
             own, low, high = magnitude[m, t], node.request_low_kw[m, t], node.request_high_kw[m, t]
-            at = float(rng.choice([own, low + rng.random() * (high - low), LEAST_KW]))
+            at = float(rng.choice([own, low + rng.random() * (high - low), MIN_KW]))
             node = node.branch_on_request(m, t, at)[0 if own <= at else 1]
         else:
             own, low, high = schedules.soc[known, m, t], node.boxes.soc_low[m, t], node.boxes.soc_high[m, t]

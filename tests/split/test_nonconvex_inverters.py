@@ -107,13 +107,13 @@ def excesses(system, referee_type=Referee):
             splitter.warm_start = None
             split = splitter(state, demand_kw)
             referee = referee_type(system, state, demand_kw)
-            least_kw, best = referee.best(weights)
+            min_kw, best = referee.best(weights)
             losses = referee.follow(np.abs(split.request_kw)[None])
 
             np.testing.assert_allclose(split.request_kw.sum(axis=0), demand_kw, atol=1e-6, err_msg=where)
             assert losses[0, 0] == pytest.approx(split.availability_loss_kw, abs=1e-6), where
             assert referee.objective(losses, weights)[0] == pytest.approx(split.objective, rel=1e-9), where
-            assert split.availability_loss_kw <= least_kw + 0.05, where
+            assert split.availability_loss_kw <= min_kw + 0.05, where
             assert split.bound <= min(best, split.objective) * (1.0 + 1e-9), where
             found.append(split.objective / best - 1.0)
     return np.array(found)

@@ -73,7 +73,7 @@ def check(system, splitters, kind, seed, missed=0.0):
         splitters[name].warm_start = None
         split = splitters[name](state, demand)
         where = f"{kind} {seed} {name}"
-        least_kw, best = referee.best(weights, ceiling_kw=split.availability_loss_kw)
+        min_kw, best = referee.best(weights, ceiling_kw=split.availability_loss_kw)
 
         np.testing.assert_allclose(split.request_kw.sum(axis=0), demand, atol=1e-6, err_msg=where)
         losses = referee.follow(np.abs(split.request_kw)[None])[:, 0]
@@ -82,8 +82,8 @@ def check(system, splitters, kind, seed, missed=0.0):
             split.objective, rel=1e-9, abs=1e-12
         ), where
 
-        assert split.availability_loss_kw <= (1.0 + missed) * least_kw + 2.0 * TOLERANCE_KW, where
-        assert split.groups[0].bound * STEPS * 2 * 92.0 <= least_kw + 1e-6, where
+        assert split.availability_loss_kw <= (1.0 + missed) * min_kw + 2.0 * TOLERANCE_KW, where
+        assert split.groups[0].bound * STEPS * 2 * 92.0 <= min_kw + 1e-6, where
         assert split.bound <= min(best, split.objective) * (1.0 + 1e-9) + 1e-12, where
         excesses.append(split.objective / max(best, 1e-12) - 1.0 if best > 0.0 else split.objective)
     return excesses

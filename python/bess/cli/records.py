@@ -46,7 +46,7 @@ def runs_of(directories: Iterable[Path]) -> dict[str, Run]:
     return runs
 
 
-_WIDEST = 100_000
+_CONSOLE_WIDTH = 100_000
 
 
 def kpi_table(kpis: KpisByRun) -> str:
@@ -64,7 +64,7 @@ def kpi_table(kpis: KpisByRun) -> str:
             numbers = (entry.number(values.get(name, math.nan)) for values in kpis.values())
             table.add_row(*(Text(cell) for cell in (f"  {entry.label}", entry.unit, *numbers)))
     # Full width: a terminal may wrap the lines, a file keeps them.
-    console = Console(file=io.StringIO(), width=_WIDEST, color_system=None)
+    console = Console(file=io.StringIO(), width=_CONSOLE_WIDTH, color_system=None)
     with console.capture() as capture:
         console.print(table)
     return "\n".join(line.rstrip() for line in capture.get().splitlines())

@@ -12,7 +12,7 @@ from typing import Final, NoReturn
 import pandas as pd
 
 from bess.errors import InputError
-from bess.files import LARGEST_BYTES, limited, read_file
+from bess.files import MAX_BYTES, limited, read_file
 from bess.market.repairs import Repairs
 
 _UTF16_MARKS: Final = (b"\xff\xfe", b"\xfe\xff")
@@ -107,10 +107,8 @@ def _unzip(raw: bytes) -> bytes:
     with zipfile.ZipFile(io.BytesIO(raw)) as archive:
         members = [m for m in archive.namelist() if not m.endswith("/") and not m.startswith("__MACOSX")]
         if "[Content_Types].xml" in members:
-            if sum(entry.file_size for entry in archive.infolist()) > LARGEST_BYTES:
-                fail(
-                    None, f"the workbook holds more than {LARGEST_BYTES // 2**20} MiB; save the sheet as CSV"
-                )
+            if sum(entry.file_size for entry in archive.infolist()) > MAX_BYTES:
+                fail(None, f"the workbook holds more than {MAX_BYTES // 2**20} MiB; save the sheet as CSV")
             return raw
         station = [m for m in members if m.rpartition("/")[2].startswith(_STATION)]
         members = station if len(station) == 1 else members

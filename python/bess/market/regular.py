@@ -16,7 +16,7 @@ _DAY: Final = 24 * _HOUR
 _RUN: Final = 3
 """Rows in a row that make another step a change of step, not a gap."""
 _SHARE: Final = 0.05
-_OFTEN: Final = 8
+_MIN_ROWS_OF_A_STEP: Final = 8
 """A finer step is one that occurs in this share, or this number, of rows."""
 
 Counts = npt.NDArray[np.int64]
@@ -80,7 +80,7 @@ def _tell_a_step(known: pd.DataFrame, every: pd.DataFrame) -> bool:
     """
     gaps = np.diff(_seconds(known))
     step = _usual(gaps)
-    return step <= _usual(np.diff(_seconds(every))) or int((gaps == step).sum()) >= _OFTEN
+    return step <= _usual(np.diff(_seconds(every))) or int((gaps == step).sum()) >= _MIN_ROWS_OF_A_STEP
 
 
 def _usual(gaps: Counts) -> int:
@@ -111,7 +111,7 @@ def _step(rows: pd.DataFrame, gaps: Counts, max_step_s: int, bridged_s: int) -> 
     """Return the step [s] and how many steps each row covers (1, or more in a part with a coarser step)."""
     sizes, counts = np.unique(gaps, return_counts=True)
     usual = _usual(gaps)
-    often = counts >= min(_OFTEN, max(_RUN, _SHARE * gaps.size))
+    often = counts >= min(_MIN_ROWS_OF_A_STEP, max(_RUN, _SHARE * gaps.size))
     step = int(min([usual, *(size for size in sizes[often] if usual % size == 0)]))
     odd = gaps % step != 0
     if odd.any():

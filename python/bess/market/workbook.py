@@ -8,7 +8,7 @@ from typing import Any, Final
 import pandas as pd
 
 from bess.errors import InputError
-from bess.files import LARGEST_BYTES
+from bess.files import MAX_BYTES
 from bess.market.files import fail
 from bess.optional_dependencies import extra
 
@@ -46,8 +46,8 @@ def _rows(sheet: Any) -> list[tuple[int, list[str]]]:
         cells = [_cell(value) for value in row]
         rows.append((line, cells))
         size += sum(map(len, cells)) + len(cells)
-        if size > LARGEST_BYTES:
-            fail(None, f"the sheet holds more than {LARGEST_BYTES // 2**20} MiB; cut it down")
+        if size > MAX_BYTES:
+            fail(None, f"the sheet holds more than {MAX_BYTES // 2**20} MiB; cut it down")
     return rows
 
 

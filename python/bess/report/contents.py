@@ -12,16 +12,16 @@ from matplotlib.figure import Figure
 from bess.control.policies.planned import PLANNED
 from bess.report import figures
 from bess.report.charts import operation
-from bess.report.charts.maps import SHORTEST_MAP_DAYS, days_of, months_of
+from bess.report.charts.maps import MIN_MAP_DAYS, days_of, months_of
 from bess.report.data import Results, TimeAxis
 from bess.report.drawing.chart import Chart, draw
 from bess.report.runs import Run
 from bess.simulation.analysis.services import is_reserve, is_site
 
-MOST_COMPARED = 8
+MAX_COMPARED_RUNS = 8
 """Maximum number of scenarios shown side by side; more are shown as a table and a front."""
-_FEWEST_MONTHS = 3
-_SPREAD_WORTH_DRAWING = 0.005
+_MIN_MONTHS = 3
+_MIN_DRAWN_SPREAD = 0.005
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def first_screen(run: Run) -> Iterator[FigureSpec]:
 
 def overview(run: Run) -> Iterator[FigureSpec]:
     """Figures of one run as a whole."""
-    if months_of(run.dataset) >= _FEWEST_MONTHS:
+    if months_of(run.dataset) >= _MIN_MONTHS:
         yield FigureSpec(
             "months",
             "Month by month",
@@ -84,7 +84,7 @@ def overview(run: Run) -> Iterator[FigureSpec]:
             else "Energy of both directions, losses, and full cycles.",
             partial(figures.monthly_bars, run.dataset),
         )
-    if days_of(run.dataset) >= SHORTEST_MAP_DAYS:
+    if days_of(run.dataset) >= MIN_MAP_DAYS:
         yield FigureSpec(
             "map",
             "Hour by hour, day by day",
@@ -125,7 +125,7 @@ def over_time(run: Run) -> Iterator[FigureSpec]:
         else "State of charge and mean temperature of every string, demand behind.",
         partial(operation.strings, data),
     )
-    if days_of(data) < SHORTEST_MAP_DAYS:  # of longer runs the map shows power: stacks would be blocks
+    if days_of(data) < MIN_MAP_DAYS:  # of longer runs the map shows power: stacks would be blocks
         yield FigureSpec(
             "power",
             "Power of the strings",
@@ -206,4 +206,4 @@ def _share_their_time(runs: Mapping[str, Run]) -> bool:
 
 def _spread_apart(run: Run) -> bool:
     """Whether the SOC differences of the strings were ever visible."""
-    return bool(np.ptp(run.dataset["soc"].values, axis=1).max() > _SPREAD_WORTH_DRAWING)
+    return bool(np.ptp(run.dataset["soc"].values, axis=1).max() > _MIN_DRAWN_SPREAD)

@@ -17,7 +17,7 @@ from bess import __version__
 from bess.errors import BessError, InputError
 from bess.files import parse_toml
 from bess.report.contents import (
-    MOST_COMPARED,
+    MAX_COMPARED_RUNS,
     FigureSpec,
     comparison,
     first_screen,
@@ -79,7 +79,7 @@ def write_pages(directory: Path, options: Options) -> Path:
         (run,) = runs.values()
         return _run_page(directory, run, problems, options)
     sweep = read_sweep(directory)
-    if len(runs) <= MOST_COMPARED:
+    if len(runs) <= MAX_COMPARED_RUNS:
         for run in runs.values():
             _run_page(run.directory, run, {}, options, within=_title(directory))
     return _comparison_page(directory, runs, problems, sweep, options)
@@ -158,7 +158,7 @@ def _comparison_page(
     title: str = "",
 ) -> Path:
     shown = partial(section, folder=directory / FIGURES, print_files=options.print_files)
-    few = 1 < len(runs) <= MOST_COMPARED
+    few = 1 < len(runs) <= MAX_COMPARED_RUNS
     sections = []
     if sweep is not None:
         problems = problems | sweep.failed
@@ -180,7 +180,7 @@ def _comparison_page(
         "paper": paper,
         "reading": reading(paper) if paper else [],
         "sections": sections,
-        "groups": kpi_groups(kpis, alike=not differing) if len(kpis) <= MOST_COMPARED else {},
+        "groups": kpi_groups(kpis, alike=not differing) if len(kpis) <= MAX_COMPARED_RUNS else {},
         "names": list(kpis),
         "alike": not differing,
         "table_beside": sweep is not None,
@@ -271,7 +271,7 @@ def _studies(directory: Path, runs: dict[str, Run]) -> dict[str, str]:
     path = directory / "study.toml"
     if path.exists():
         return {"The study of all scenarios": path.read_text(encoding="utf-8", errors="replace")}
-    return {name: run.study_toml for name, run in list(runs.items())[:MOST_COMPARED]}
+    return {name: run.study_toml for name, run in list(runs.items())[:MAX_COMPARED_RUNS]}
 
 
 def content_policy(scripts: Iterable[str]) -> str:

@@ -360,8 +360,8 @@ class ClosedLoop:
 
     def _slack_kw(self, total_kw: ArrayLike) -> Array:
         """Tolerance of the sum of set-points: rounding and the minimum powers of the inverters."""
-        least_kw = float(self.inputs.system.min_power_kw.sum())
-        return _rounding_kw(total_kw) + least_kw
+        min_kw = float(self.inputs.system.min_power_kw.sum())
+        return _rounding_kw(total_kw) + min_kw
 
     def _reactive(self, policy_input: PolicyInput, decision: Decision, request_kw: Array) -> Array | None:
         """Reactive power of each string, allocated by the policy or, if it does not, in equal parts."""

@@ -54,9 +54,9 @@ from bess.study.plant_choice import policy_settings
 from bess.study.study import Study, as_study
 from bess.system import System
 
-PART_STEPS = 960
+MAX_PART_STEPS = 960
 """Maximum number of steps of a part, which is held in memory."""
-PART_SECONDS = 5.0
+MAX_PART_S = 5.0
 """Maximum time between saves [s]: the computing time that a crash can cost."""
 
 
@@ -216,13 +216,13 @@ def _complete(directory: Path, study: Study, loop: ClosedLoop, *, progress: bool
         stop_requests() as stop_asked,
     ):
         while loop.step < n_steps and not stop_asked():
-            first, deadline = loop.step, time.monotonic() + PART_SECONDS
+            first, deadline = loop.step, time.monotonic() + MAX_PART_S
 
             def is_over(step: int, deadline: float = deadline) -> bool:
                 update(step)
                 return stop_asked() or time.monotonic() > deadline
 
-            record, lines = loop.advance_part(PART_STEPS, is_over)
+            record, lines = loop.advance_part(MAX_PART_STEPS, is_over)
             began = time.perf_counter()
             check_finite(first, record)
             # The log first, so that it is never shorter than the length in the checkpoint.

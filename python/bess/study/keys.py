@@ -11,7 +11,7 @@ from bess.errors import InputError, nearest
 from bess.files import parse_toml
 
 Document = dict[str, Any]
-_DEEPEST = 12
+_MAX_DEPTH = 12
 
 
 def check_bundled(key: str, name: str, bundled: Iterable[str]) -> None:
@@ -46,8 +46,8 @@ def with_value(document: Mapping[str, Any], key: str, value: Any) -> Document:
     changed = copy.deepcopy(dict(document))
     node: Any = changed
     *path, last = key.split(".")
-    if len(path) > _DEEPEST:
-        raise InputError(f"{key[:80]}...: unknown key; no key has more than {_DEEPEST} dots")
+    if len(path) > _MAX_DEPTH:
+        raise InputError(f"{key[:80]}...: unknown key; no key has more than {_MAX_DEPTH} dots")
     for part in path:
         node = _child(node, part, key)
     if isinstance(node, list):

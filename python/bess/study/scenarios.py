@@ -13,7 +13,7 @@ from bess.study.keys import value_at
 from bess.study.sections import Axis
 from bess.study.study import Study
 
-_LARGEST = 100_000
+_MAX_RUNS = 100_000
 
 
 def expand(study: Study) -> dict[str, Study]:
@@ -32,10 +32,10 @@ def expand(study: Study) -> dict[str, Study]:
         return {study.name: plain}
     named: list[tuple[str, Mapping[str, Any]]] = [(s.name, s.set) for s in study.scenario] or [("", {})]
     count = len(named) * math.prod(axis.size for axis in study.sweep)
-    if count > _LARGEST:
+    if count > _MAX_RUNS:
         many = str(count) if count < 10**15 else "its"
         raise InputError(
-            f"{study.name}: sweep: {many} runs exceed the maximum of {_LARGEST}; reduce the axes"
+            f"{study.name}: sweep: {many} runs exceed the maximum of {_MAX_RUNS}; reduce the axes"
         )
     axes = [list(_points(axis)) for axis in study.sweep]
     runs: dict[str, Study] = {}

@@ -32,13 +32,13 @@ def _aware(value: datetime) -> datetime:
     return value.astimezone(UTC)
 
 
-_LONGEST_NAME = 200
+_MAX_NAME_LENGTH = 200
 """Characters; file systems allow 255 bytes."""
 
 
 def _folder_name(value: str) -> str:
-    if len(value) > _LONGEST_NAME:
-        raise ValueError(f"has {len(value)} characters, at most {_LONGEST_NAME} are allowed")
+    if len(value) > _MAX_NAME_LENGTH:
+        raise ValueError(f"has {len(value)} characters, at most {_MAX_NAME_LENGTH} are allowed")
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._=+-]*", value):
         raise ValueError(
             "names a folder, so it must begin with a letter or a digit and hold only these and . _ = + -"

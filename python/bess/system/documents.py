@@ -14,8 +14,8 @@ from pydantic import BaseModel
 from bess.errors import InputError, nearest
 from bess.files import parse_toml, read_file
 
-_DEEPEST = 12
-_LARGEST_BYTES = 20 * 2**20
+_MAX_DEPTH = 12
+_MAX_BYTES = 20 * 2**20
 _SHOWN_PROBLEMS = 4
 _PLAIN_WORDS = {
     "extra_forbidden": "unknown key",
@@ -43,7 +43,7 @@ def read_text(path: Path) -> str:
     InputError
         The file does not exist (:class:`bess.files.MissingFileError`), or is not a text.
     """
-    raw = read_file(path, _LARGEST_BYTES)
+    raw = read_file(path, _MAX_BYTES)
     try:
         return raw.decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
@@ -74,8 +74,8 @@ def plain(value: object, name: str, place: str = "", depth: int = 0) -> Any:
     InputError
         A value of another type, with its key, or nesting that is too deep.
     """
-    if depth > _DEEPEST:
-        raise InputError(f"{name}: {place[:80]}...: nested deeper than {_DEEPEST} levels")
+    if depth > _MAX_DEPTH:
+        raise InputError(f"{name}: {place[:80]}...: nested deeper than {_MAX_DEPTH} levels")
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, Mapping):

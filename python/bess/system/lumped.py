@@ -22,7 +22,7 @@ _STARTS_C = (20.0, 35.0)
 _STEPS = 288
 _PERIOD = 20
 _SHARE = 0.5
-_SLOWEST_PER_S = 1e-9
+_MIN_RATE_PER_S = 1e-9
 
 
 @dataclass(frozen=True)
@@ -105,6 +105,6 @@ def _regress(cooling_k_s: Array, before_c: Array, ambient_c: Array) -> tuple[flo
     around = np.broadcast_to(ambient_c, before_c.shape)
     matrix = np.stack([before_c.ravel(), around.ravel(), np.ones(before_c.size)], axis=1)
     (k2, k3, constant), *_ = np.linalg.lstsq(matrix, cooling_k_s.ravel(), rcond=None)
-    if k2 < _SLOWEST_PER_S:  # a string that nothing cools
+    if k2 < _MIN_RATE_PER_S:  # a string that nothing cools
         return 0.0, 1.0, 0.0
     return float(k2), float(-k3 / k2), float(-constant / k2)

@@ -9,7 +9,7 @@ thread_local! {
 }
 
 /// Maximum number of threads: `OMP_NUM_THREADS` if set, or the cores that the process may use.
-fn most_threads() -> usize {
+fn max_threads() -> usize {
     static CORES: OnceLock<usize> = OnceLock::new();
     let wanted = std::env::var("OMP_NUM_THREADS").ok();
     // A list gives one number for each level of nesting.
@@ -21,7 +21,7 @@ fn most_threads() -> usize {
 
 /// Results of `of` for every item, in order.
 pub(crate) fn map<I: Send, T: Send>(items: Vec<I>, of: impl Fn(I) -> T + Sync) -> Vec<T> {
-    let n_threads = if items.len() < 2 || AT_WORK.get() { 1 } else { most_threads().min(items.len()) };
+    let n_threads = if items.len() < 2 || AT_WORK.get() { 1 } else { max_threads().min(items.len()) };
     if n_threads < 2 {
         return items.into_iter().map(of).collect();
     }

@@ -117,7 +117,8 @@ pub(crate) struct Margin<const W: usize> {
 }
 
 impl<const W: usize> Margin<W> {
-    pub(crate) const WIDE: Self = Self { low: Lanes([f64::INFINITY; W]), high: Lanes([f64::INFINITY; W]) };
+    pub(crate) const UNLIMITED: Self =
+        Self { low: Lanes([f64::INFINITY; W]), high: Lanes([f64::INFINITY; W]) };
 
     /// The smaller distance of both.
     #[inline(always)]

@@ -166,7 +166,7 @@ impl<const W: usize> AirPath<W> {
         let mut here = self.temperature[0];
         let mut inflow = self.end * (inlet - here);
         let mut sums =
-            Sums { temperature: Lanes::ZERO, resistance: Lanes::ZERO, hottest, margin: Margin::WIDE };
+            Sums { temperature: Lanes::ZERO, resistance: Lanes::ZERO, hottest, margin: Margin::UNLIMITED };
         for node in 0..last {
             let next = self.temperature[node + 1];
             let outflow = self.fourier * (here - next);

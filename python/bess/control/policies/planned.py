@@ -80,8 +80,8 @@ class PlannedPolicy(Checkpointed):
 
         There is no demand, or it takes the power of all inverters in service.
         """
-        first_kw, most_kw = abs(float(demand_kw[0, 0])), float(limit_kw[0].sum())
-        if 0.0 < first_kw < (1.0 - FULL_POWER_TOLERANCE) * most_kw:
+        first_kw, max_kw = abs(float(demand_kw[0, 0])), float(limit_kw[0].sum())
+        if 0.0 < first_kw < (1.0 - FULL_POWER_TOLERANCE) * max_kw:
             return limit_kw[:0]
         total_kw = limit_kw.sum(axis=1)
         share = np.divide(demand_kw[:, 0], total_kw, out=np.zeros_like(total_kw), where=total_kw > 0.0)

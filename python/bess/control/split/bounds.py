@@ -45,7 +45,7 @@ sample. It does not start if less time is left."""
 CUTOFF_SHARE = 0.9
 """Minimum improvement on the incumbent, as a share of the requested gap; other schedules are cut off."""
 
-LARGEST_RELAXATION = 256
+MAX_RELAXATION = 256
 """String-steps above which no relaxation is solved; prices and single steps bound as tightly."""
 
 
@@ -121,7 +121,7 @@ class Certificate:
             closure = Closure.TREE
         elif self._is_late():
             closure = Closure.TIME_LIMIT
-        elif self._problem.limit_kw.size > LARGEST_RELAXATION:
+        elif self._problem.limit_kw.size > MAX_RELAXATION:
             closure = Closure.TOO_LARGE
         else:
             ceilings = [earlier.search_ceiling for earlier in before]
@@ -167,7 +167,7 @@ class Certificate:
             group.boxes is not None
             and not self._is_closed(index, group.objective, bound)
             and (pays or (self._settings.node_limit or 1) > 1)
-            and n_strings * n_steps <= LARGEST_RELAXATION
+            and n_strings * n_steps <= MAX_RELAXATION
             and not self._is_late()
         )
 

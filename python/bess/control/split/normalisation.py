@@ -10,7 +10,7 @@ from bess.control.split.problem import SplitProblem
 from bess.control.split.settings import ROLLOUTS
 from bess.system import System
 
-SMALLEST_RANGE = 1e-6
+MIN_RANGE = 1e-6
 """A loss with a smaller range does not depend on the split and keeps its constant normalisation."""
 
 
@@ -54,4 +54,4 @@ def payoff_scale(problem: SplitProblem, scale_per_kw: Array, objectives: Objecti
     none = np.zeros(n_losses)
     every = problem.control(Costs(single, single), none, none)
     spread = np.ptp(every.evaluate(np.stack(rows)), axis=0)
-    return scale_per_kw / np.where(spread < SMALLEST_RANGE, 1.0, spread)
+    return scale_per_kw / np.where(spread < MIN_RANGE, 1.0, spread)

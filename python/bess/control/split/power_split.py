@@ -32,7 +32,7 @@ from bess.system import State, System
 SATURATED_KW = 1e-9
 """Availability loss above which a string counts as saturated."""
 
-SEARCHES = 2
+MAX_SEARCHES = 2
 """Maximum searches of a call: a better schedule from a relaxation is improved by one further search."""
 
 DEFAULTS = SplitSettings()
@@ -186,7 +186,7 @@ class PowerSplit(Checkpointed):
 
         carried = self._warm_start
         start = carried.request_kw if carried is not None and carried.continues_in(problem) else None
-        for _ in range(SEARCHES):
+        for _ in range(MAX_SEARCHES):
             left_s = None if deadline is None else deadline - time.perf_counter()
             answer = control.split(start, ROLLOUTS, left_s, self.settings.gap)
             certificate = Certificate(

@@ -25,9 +25,9 @@ from bess.simulation.runner import run
 from bess.study import Study, expand
 from bess.study.study import as_study
 
-UNSEEN: Final = (0.93, 1.05)
+UNTRAINED_DEMANDS: Final = (0.93, 1.05)
 """Factors on the demand that are evaluated in addition to the study, and not part of the training."""
-LITTLE: Final = 1e-3
+MIN_RELATIVE_SAVINGS: Final = 1e-3
 """Minimum savings of ``mpc``, relative to the ``lost_kwh`` of a rule, for a share of savings retained."""
 
 
@@ -49,13 +49,15 @@ class Evaluation:
     def kept(self, measure: str) -> float | None:
         """Share of the savings of ``mpc`` over the best rule; None if these are negligible."""
         rule, planned, own = self.scores.loc[[self.best_rule(measure), "mpc", "distilled"], measure].tolist()
-        return None if rule - planned < LITTLE * rule else float((rule - own) / (rule - planned))
+        return (
+            None if rule - planned < MIN_RELATIVE_SAVINGS * rule else float((rule - own) / (rule - planned))
+        )
 
 
 def trials(study: Study, controller: ExplicitController) -> Iterator[Evaluation]:
     """Evaluate the study and, if its demand is a profile, demands that were not part of the training."""
     shortfall = controller.tables.shortfall
-    for scale in (1.0, *(UNSEEN if study.demand.kind == "profile" else ())):
+    for scale in (1.0, *(UNTRAINED_DEMANDS if study.demand.kind == "profile" else ())):
         asked = study
         if study.demand.kind == "profile" and scale != 1.0:
             asked = study.with_values({"demand.scale": scale * study.demand.scale})
@@ -117,7 +119,7 @@ def report(study: Study, controller: ExplicitController, made: list[Evaluation])
     )
 
 
-MOST_STRINGS: Final = 16
+MAX_STRINGS: Final = 16
 REPORT: Final = "report.md"
 FILES: Final = {"policy.json", "split.c", "split.h", "split.st", "study.toml", REPORT}
 
@@ -154,9 +156,9 @@ def distil(
     )
     case = TrainingCase.of(study)
     strings = case.system.n_strings
-    if strings > MOST_STRINGS:
+    if strings > MAX_STRINGS:
         raise InputError(
-            f"{study.name}: has {strings} strings; an explicit controller is made for {MOST_STRINGS} at most"
+            f"{study.name}: has {strings} strings; an explicit controller is made for {MAX_STRINGS} at most"
         )
     given = study.policy.objectives.shortfall
     shortfall = SHORTFALL if given is None else given

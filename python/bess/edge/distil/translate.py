@@ -42,7 +42,7 @@ class Function:
 @cache
 def _source() -> str:
     """The law without comments; tables and weights are constants in capitals."""
-    text = re.sub(r"//.*|\bf64::", "", _core.Explicit.DECISION).replace("MOST_STRINGS", "STRINGS")
+    text = re.sub(r"//.*|\bf64::", "", _core.Explicit.DECISION).replace("MAX_STRINGS", "STRINGS")
     text = re.sub(r"\[(0\.0|false); ([^]]*)\]", r"array(\1, \2)", text)
     return re.sub(r"\bt\.(\w+)|\bweights(?=\[)", lambda found: (found[1] or "weights").upper(), text)
 

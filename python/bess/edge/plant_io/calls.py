@@ -17,9 +17,9 @@ from contextlib import suppress
 from queue import SimpleQueue
 from typing import Any, Final, Generic, TypeVar
 
-GRACE_S: Final = 0.5
+CLOSING_TIME_S: Final = 0.5
 """Time to close cancelled calls."""
-PATIENCE_S: Final = 1.0
+DISK_DELAY_S: Final = 1.0
 """Time for which a disk may delay its caller."""
 
 K = TypeVar("K", bound=Hashable)
@@ -53,7 +53,7 @@ class Calls:
         """
         future = asyncio.run_coroutine_threadsafe(asyncio.wait_for(call, within_s), self._loop)
         try:
-            return future.result(within_s + GRACE_S)
+            return future.result(within_s + CLOSING_TIME_S)
         except TimeoutError:
             future.cancel()
             raise
@@ -65,9 +65,9 @@ class Calls:
             return
         self._closed = True
         with suppress(Exception):
-            self(last, GRACE_S)
+            self(last, CLOSING_TIME_S)
         self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join(GRACE_S)
+        self._thread.join(CLOSING_TIME_S)
 
     def _run(self) -> None:
         with asyncio.Runner(loop_factory=lambda: self._loop) as runner:
@@ -156,7 +156,7 @@ class Aside:
         Raises
         ------
         TimeoutError
-            The call has not ended within :data:`PATIENCE_S` and continues; or an earlier call has not ended
+            The call has not ended within :data:`DISK_DELAY_S` and continues; or an earlier call has not ended
             and this call was not started.
         """
         if self.busy_s > 0.0:
@@ -164,7 +164,7 @@ class Aside:
         future: Future[T] = Future()
         self._last, self._began_s = future, time.monotonic()
         self._calls.put((future, call))
-        return future.result(PATIENCE_S)
+        return future.result(DISK_DELAY_S)
 
     def close(self) -> None:
         """End the thread after its last call."""

@@ -46,8 +46,8 @@ _OPEN, _FULL, _PACKED, _PART = ".bin", ".full", ".gz", ".part"
 class DayFiles:
     """Appends records to the file of a day; ``error`` is the last failure to compress earlier days."""
 
-    def __init__(self, directory: Path, record_bytes: int, most_bytes: float) -> None:
-        self._directory, self._record_bytes, self._most_bytes = directory, record_bytes, most_bytes
+    def __init__(self, directory: Path, record_bytes: int, max_bytes: float) -> None:
+        self._directory, self._record_bytes, self._max_bytes = directory, record_bytes, max_bytes
         self.error = ""
         self._file: BinaryIO | None = None
         self._path = directory
@@ -115,7 +115,7 @@ class DayFiles:
         sizes = [path.stat().st_size for path in over]
         total = sum(sizes)
         for path, size in zip(over, sizes, strict=True):
-            if total > self._most_bytes:
+            if total > self._max_bytes:
                 path.unlink(missing_ok=True)
                 total -= size
 
@@ -137,7 +137,7 @@ def _content(path: Path) -> bytes:
 HEADER: Final = "journal.json"
 RECORDS: Final = "journal"
 FORMAT: Final = 1
-MOST_MB: Final = 2000.0
+MAX_MB: Final = 2000.0
 """Size limit of earlier days: a year of ten strings, read every second."""
 
 _OF_PLANT: Final = {
@@ -159,7 +159,7 @@ class Journal:
     """Appends to the journal of a plant, a new or an existing one, in a folder that may hold other files.
 
     A disk failure neither stops the caller nor delays it for more than a moment: :attr:`error` reports it,
-    and the next :meth:`append` tries again. ``title`` is the title of the report. Beyond ``most_mb``, the
+    and the next :meth:`append` tries again. ``title`` is the title of the report. Beyond ``max_mb``, the
     oldest days before today are removed.
 
     Raises
@@ -168,7 +168,7 @@ class Journal:
         The folder holds the journal of another number of strings.
     """
 
-    def __init__(self, directory: Path, system: System, title: str, most_mb: float = MOST_MB) -> None:
+    def __init__(self, directory: Path, system: System, title: str, max_mb: float = MAX_MB) -> None:
         self._directory, self._records = directory, directory / RECORDS
         self._layout = _layout(system.n_strings)
         self._aside = Aside("journal")
@@ -182,7 +182,7 @@ class Journal:
             },
             indent=1,
         ).encode()
-        self._days = DayFiles(self._records, self._layout.itemsize, 1e6 * most_mb)
+        self._days = DayFiles(self._records, self._layout.itemsize, 1e6 * max_mb)
         self._has_header = False
         self._gap = self._damage = ""
         try:

@@ -24,7 +24,7 @@ from bess.report.page import FIGURES, section, write_page
 from bess.report.words.headline import Tile
 from bess.system import State, System
 
-MOST_BINS: Final = 1500
+MAX_BINS: Final = 1500
 _BIN_S: Final = (1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14_400, 86_400)
 _GAP: Final = 3.0
 """Minimum length of a gap between readings, relative to their usual interval."""
@@ -63,9 +63,9 @@ def write_journal_report(directory: Path) -> Path:
 
 
 def in_bins(journal: xr.Dataset) -> xr.Dataset:
-    """Return means over equal bins of time, at most :data:`MOST_BINS`; NaN without readings."""
+    """Return means over equal bins of time, at most :data:`MAX_BINS`; NaN without readings."""
     times_s, _, usual_s = _intervals(journal)
-    needed_s = max((times_s[-1] - times_s[0]) / (MOST_BINS - 1), usual_s or 1.0)
+    needed_s = max((times_s[-1] - times_s[0]) / (MAX_BINS - 1), usual_s or 1.0)
     width_s = next((width for width in _BIN_S if width >= needed_s), _BIN_S[-1])
     return journal.astype(np.float64).resample(time=f"{width_s}s", origin="epoch").mean(keep_attrs=True)
 

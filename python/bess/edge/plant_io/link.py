@@ -119,7 +119,7 @@ class PlantLink(Protocol):
         ...
 
 
-_HAIR_W = 1e-6
+_ROUNDING_W = 1e-6
 """Tolerance for the rounding errors of whole W given in kW [W]."""
 
 
@@ -144,13 +144,13 @@ def whole_watts(power_kw: NDArray[np.float64]) -> list[int | None]:
     first, so that the sum is the total of ``power_kw``, truncated once. Less than 1 W is zero.
     """
     exact = 1000.0 * np.nan_to_num(power_kw)
-    exact += np.copysign(_HAIR_W, exact)
+    exact += np.copysign(_ROUNDING_W, exact)
     whole = np.trunc(exact)
     lost = np.where(whole == 0.0, 0.0, exact - whole)
     missing = math.trunc(exact.sum()) - int(whole.sum())
     sign = math.copysign(1.0, missing)
     order = np.argsort(-sign * lost, kind="stable")[: abs(missing)]
-    whole[order] += sign * (sign * lost[order] > 2.0 * _HAIR_W)
+    whole[order] += sign * (sign * lost[order] > 2.0 * _ROUNDING_W)
     return [None if math.isnan(kw) else int(w) for kw, w in zip(power_kw, whole, strict=True)]
 
 

@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bess.edge.plant_io.address import Address
-from bess.edge.plant_io.calls import GRACE_S, Calls, NotReached, Rounds, Stalled
+from bess.edge.plant_io.calls import CLOSING_TIME_S, Calls, NotReached, Rounds, Stalled
 from bess.edge.plant_io.link import LinkError, Measurements, checked_setpoints, number, whole_watts
 from bess.errors import InputError
 
@@ -79,7 +79,7 @@ USER, PASSWORD = "BESS_PLANT_USER", "BESS_PLANT_PASSWORD"
 
 REFRESH_S: Final = 20.0
 """A third of ``apiTimeout``, so that two consecutive writes may be lost."""
-FORGETS_S: Final = 65.0
+SETPOINT_TIMEOUT_S: Final = 65.0
 """Slightly more than the default of ``apiTimeout``."""
 CLOCK: Final = time.monotonic
 ANSWER_S: Final = 3.0
@@ -101,7 +101,7 @@ _UNITS: Final[Mapping[str, tuple[str, ...]]] = {
 }
 _FAULT: Final = 3
 _OFF_GRID: Final = (2, 3)
-_LONGEST_ANSWER: Final = 8 * 2**20
+_MAX_ANSWER: Final = 8 * 2**20
 """Bytes; the answer of an edge with dozens of batteries has about 100 kB."""
 
 _Channels = dict[str, Any]
@@ -157,7 +157,7 @@ class Link:
             verify=ssl.create_default_context() if address.scheme == "https" else False,
         )
         self._units_are_known = False
-        self._watchdog = SharedWatchdog(REFRESH_S, FORGETS_S, CLOCK)
+        self._watchdog = SharedWatchdog(REFRESH_S, SETPOINT_TIMEOUT_S, CLOCK)
 
     def read(self) -> Measurements:
         """Return the present measurements."""
@@ -247,7 +247,7 @@ class Link:
         try:
             written, failed = self._within(
                 self._rounds(list(values), post, lambda name: turn, ANSWER_S, lambda n: values[n] is None),
-                ANSWER_S + GRACE_S,
+                ANSWER_S + CLOSING_TIME_S,
             )
         finally:
             refused = [name for name, error in failed.items() if isinstance(error, _RefusedError)]
@@ -327,8 +327,8 @@ class Link:
             async with self._client.stream(method, path, json=body) as response:
                 async for chunk in response.aiter_raw():
                     answer += chunk
-                    if len(answer) > _LONGEST_ANSWER:
-                        raise LinkError(f"{where}: an answer of more than {_LONGEST_ANSWER} bytes")
+                    if len(answer) > _MAX_ANSWER:
+                        raise LinkError(f"{where}: an answer of more than {_MAX_ANSWER} bytes")
                 status = response.status_code
         except (httpx.HTTPError, OSError) as error:
             raise LinkError(f"{where}: cannot be reached ({error or type(error).__name__})") from error

@@ -23,7 +23,7 @@ from bess.system import System
 
 PLANT_STEP_S: Final = 1.0
 """Inner step [s]: a set-point acts within a second, as with a real inverter."""
-_LONGEST_STEP_S: Final = 86_400.0
+_MAX_STEP_S: Final = 86_400.0
 
 Clock = Callable[[], float]
 
@@ -231,7 +231,7 @@ class SimulatedPlant:
     def _run_until(self, clock_s: float) -> None:
         whole_s = PLANT_STEP_S * np.floor(self._speed * (clock_s - self._clock_s) / PLANT_STEP_S)
         while whole_s > 0.0:
-            step_s = min(whole_s, _LONGEST_STEP_S)
+            step_s = min(whole_s, _MAX_STEP_S)
             nodes_c = np.asarray(self._plant.step(self._request_kw(), step_s).node_temperature_c)
             self._cells_c = np.stack([np.nanmin(nodes_c, axis=1), np.nanmax(nodes_c, axis=1)])
             self._clock_s += step_s / self._speed

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bess.edge.plant_io.address import PORTS, Address
-from bess.edge.plant_io.calls import GRACE_S, Calls, Rounds
+from bess.edge.plant_io.calls import CLOSING_TIME_S, Calls, Rounds
 from bess.edge.plant_io.link import LinkError, Measurements, checked_setpoints, whole_watts
 from bess.edge.plant_io.sunspec_device import REVERT_S, Device, DeviceReadings, Gateway, NoResponseError
 from bess.errors import InputError
@@ -151,7 +151,7 @@ class Link:
         """Call all strings, in parallel for several addresses; return results and failures."""
         round_ = rounds(list(strings), call, lambda i: self._devices[i].gateway.turn, ALL_S, first)
         try:
-            done, failed = self._calls(round_, ALL_S + GRACE_S)
+            done, failed = self._calls(round_, ALL_S + CLOSING_TIME_S)
         except TimeoutError:
             raise LinkError(f"no answer within {ALL_S:g} s") from None
         late = f"is too slow: not done within {ALL_S:g} s"

@@ -92,7 +92,7 @@ def offset(model_id: int, name: str) -> int:
     return int(Model(model_id).points[name].offset)
 
 
-STILL_S: Final = 10.0
+HEARTBEAT_TIMEOUT_S: Final = 10.0
 """Time without a beat after which a device that counts seconds is lost."""
 
 
@@ -115,7 +115,7 @@ class Heartbeat:
     def doubt(self) -> str:
         """A sentence if the heartbeat has stopped; otherwise empty."""
         still_s = 0.0 if self._moved_at_s is None else self._clock() - self._moved_at_s
-        if still_s < STILL_S:
+        if still_s < HEARTBEAT_TIMEOUT_S:
             return ""
         return f"its heartbeat has stood at {self._count:.0f} for {still_s:.0f} s; it counts as lost"
 
@@ -128,10 +128,10 @@ ANSWER_S: Final = 1.0
 # Failures are raised as errors here; the log lines of the Modbus library would repeat them.
 logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
 
-_MOST_REGISTERS: Final = 120
-_MOST_MODELS: Final = 100
+_MAX_REGISTERS: Final = 120
+_MAX_MODELS: Final = 100
 _NO_VALUE: Final = 0xFFFF
-_MOST_STEPS: Final = 2**31 - 1
+_MAX_STEPS: Final = 2**31 - 1
 _ON, _OFF, _WATTS = 1, 0, 1
 _OUT_OF_SERVICE: Final[Mapping[tuple[int, str], tuple[int, ...]]] = {
     (701, "St"): (0,),  # off
@@ -305,7 +305,7 @@ class Device:
         except LinkError as error:
             raise LinkError(f"{self.name}: {error}") from error
         steps = math.trunc(power_w / step_w)
-        if abs(steps) > _MOST_STEPS:
+        if abs(steps) > _MAX_STEPS:
             raise LinkError(f"{self.name}: WSet in steps of {step_w:g} W is too fine for {power_w} W")
         return steps
 
@@ -330,7 +330,7 @@ class Device:
     async def _walk(self, base: int) -> dict[int, tuple[int, int]]:
         models: dict[int, tuple[int, int]] = {}
         address = base + len(MARK)
-        for _ in range(_MOST_MODELS):
+        for _ in range(_MAX_MODELS):
             model_id, length = await self._registers(address, 2)
             if model_id == END:
                 break
@@ -349,7 +349,7 @@ class Device:
         address, count = self._models[model_id]
         registers: list[int] = []
         while len(registers) < count:
-            piece = min(count - len(registers), _MOST_REGISTERS)
+            piece = min(count - len(registers), _MAX_REGISTERS)
             registers += await self._registers(address + len(registers), piece)
         if registers[0] != model_id:
             self._models = {}

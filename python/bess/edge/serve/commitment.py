@@ -28,11 +28,11 @@ SHORTFALL: Final = 3.0
 """Cost of an undelivered kWh, in kWh of losses; as in ``Objectives.energy``."""
 ROTATION: Final = 0.02
 """Additional cost of a start for each start of the string above the smallest number of a string."""
-_NARROWEST: Final = 1e-7
+_MIN_CURVATURE: Final = 1e-7
 _NO_LOAD: Final = 1e-3  # of a third: small, and above the minimum power of an inverter
 _EDGE: Final = 0.02
-_SHORT_H: Final = 10.0 / 3600.0
-_LONG_S: Final = 1e9
+_STEP_H: Final = 10.0 / 3600.0
+_NO_LIMIT_S: Final = 1e9
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Curves:
         """Curves in a measured state."""
         low, high = system.soc_window
         soc, model = np.clip(state.soc, low + _EDGE, high - _EDGE), system.control_at(state)
-        able = model.deliverable_kw(soc, state.temperature_c, discharge, _SHORT_H)
+        able = model.deliverable_kw(soc, state.temperature_c, discharge, _STEP_H)
         third = np.clip(able, 0.01 * system.nominal_kw, system.nominal_kw) / 3.0
         levels = np.stack([_NO_LOAD * third, third, 2.0 * third])[:, :, None]
         flows = model.rollout(
@@ -61,12 +61,12 @@ class Curves:
             state.temperature_c,
             np.ascontiguousarray(levels if discharge else -levels),
             np.array([system.reference_temperature_c]),
-            _SHORT_H,
+            _STEP_H,
         )
         loss = flows.inverter_loss_kw + flows.battery_loss_kw
         loss = loss + SHORTFALL * (flows.derating_loss_kw + flows.availability_loss_kw)
         idle, first, second = loss[:, :, 0]
-        bend = np.maximum((second - 2.0 * first + idle) / (2.0 * third**2), _NARROWEST)
+        bend = np.maximum((second - 2.0 * first + idle) / (2.0 * third**2), _MIN_CURVATURE)
         return cls(idle, np.maximum((first - idle) / third - bend * third, 0.0), bend)
 
     def marginal(self, power_kw: Array) -> Array:
@@ -82,14 +82,14 @@ class CommitmentProblem:
     """
 
     demand_kw: float
-    most_kw: Array
+    max_kw: Array
     usable: Flags
     curves: Curves
     price: Array
 
     def best_shares(self, sets: Flags) -> Array:
         """Powers at equal marginal cost within sets ``(n_sets, n_strings)`` or one set ``(n_strings,)``."""
-        within, most = np.atleast_2d(sets), self.most_kw
+        within, most = np.atleast_2d(sets), self.max_kw
         slope, twice = self.curves.slope + self.price, 2.0 * self.curves.bend
         # A set's power is piecewise linear in the marginal cost, with knots where a string begins or is full.
         knots = np.sort(np.concatenate([slope, slope + twice * most]))
@@ -125,7 +125,7 @@ class Commitment(Checkpointed):
         self._start_kwh = start_kwh
         self._minimum_on_s, self._minimum_off_s = minimum_on_s, minimum_off_s
         self.running: Flags = np.zeros(n_strings, dtype=bool)
-        self.since_s: Array = np.full(n_strings, _LONG_S)
+        self.since_s: Array = np.full(n_strings, _NO_LIMIT_S)
         self.starts: NDArray[np.int64] = np.zeros(n_strings, dtype=np.int64)
         # Accumulated saving of each exchange of a string (row) for another (column); the last means no
         # string.
@@ -187,7 +187,7 @@ class Commitment(Checkpointed):
         sets[index, to] = True
         sets = sets[:, :n]
         loss = problem.cost_kw(sets)
-        can = (problem.most_kw * sets).sum(axis=1)
+        can = (problem.max_kw * sets).sum(axis=1)
         short = np.maximum(problem.demand_kw - can, 0.0)
         extra = np.append(self._start_worth_kwh(), 0.0)
         if short[0] > POWER_TOLERANCE_KW and (short[1:] < short[0] - POWER_TOLERANCE_KW).any():

@@ -33,9 +33,9 @@ from bess.errors import InputError
 from bess.study.sections import ServiceSection
 from bess.system import State, System
 
-NEAR: Final = 0.1
+PLAN_DEVIATION: Final = 0.1
 """Relative deviation from the demand of the plan up to which its shares are used."""
-NEAR_S: Final = 60.0
+PLAN_DEVIATION_S: Final = 60.0
 """Time for which the demand must stay this near."""
 
 
@@ -281,18 +281,22 @@ class Controller(Checkpointed):
         return problem.best_shares(self.commitment.running)
 
     def _planned_shares(
-        self, planned_kw: Array | None, demand_kw: float, most_kw: Array, elapsed_s: float
+        self, planned_kw: Array | None, demand_kw: float, max_kw: Array, elapsed_s: float
     ) -> Array | None:
         """Magnitudes in the proportions of the plan; None if the plan is not to be followed now.
 
         A demand that only crosses that of the plan must not switch inverters, so it has to stay near for a
-        while. ``planned_kw`` are the plan's present set-points, ``demand_kw`` is signed, and ``most_kw`` is
+        while. ``planned_kw`` are the plan's present set-points, ``demand_kw`` is signed, and ``max_kw`` is
         the capability of each string in its direction.
         """
         plan_kw = 0.0 if planned_kw is None else float(planned_kw.sum())
-        is_near = abs(demand_kw - plan_kw) <= NEAR * abs(plan_kw)
+        is_near = abs(demand_kw - plan_kw) <= PLAN_DEVIATION * abs(plan_kw)
         self._near_s = self._near_s + elapsed_s if is_near else 0.0
-        if planned_kw is None or not is_near or self._near_s + self.step_s < min(NEAR_S, self.plan.step_s):
+        if (
+            planned_kw is None
+            or not is_near
+            or self._near_s + self.step_s < min(PLAN_DEVIATION_S, self.plan.step_s)
+        ):
             return None
         wanted = np.abs(planned_kw) * (abs(demand_kw) / abs(plan_kw) if plan_kw else 0.0)
-        return wanted if (wanted <= most_kw * (1.0 + 1e-9)).all() else None
+        return wanted if (wanted <= max_kw * (1.0 + 1e-9)).all() else None

@@ -29,15 +29,15 @@ REFUSALS: Final = LOG.getChild("requests")
 HEALTH: Final = "/v1/health"
 """The one path that needs no token."""
 _PAGES: Final = {"/", "/docs"}
-LARGEST_BODY: Final = 64 * 1024
+MAX_BODY: Final = 64 * 1024
 """Maximum size of a request body [bytes]."""
 _READ_S: Final = 10.0
 """Time limit for receiving a body."""
 _OPEN_PER_S: Final = 100.0
 """Rate of requests without the token; those with it have their own rate."""
 _BURST_S: Final = 2.0
-_SHORTEST_TOKEN: Final = 16
-_LONGEST_TOKEN: Final = 4096
+_MIN_TOKEN_LENGTH: Final = 16
+_MAX_TOKEN_LENGTH: Final = 4096
 _HEADERS: Final = {
     "Cache-Control": "no-store",
     "X-Content-Type-Options": "nosniff",
@@ -47,13 +47,13 @@ _HEADERS: Final = {
 _CLOSE: Final = {"Connection": "close"}
 """For an incomplete body."""
 
-HEAD_S: Final = 10.0
+HEADER_TIMEOUT_S: Final = 10.0
 """Time limit for receiving the head of a request."""
 KEEP_ALIVE_S: Final = 30
 """Maximum idle time of a connection between two requests."""
-OF_A_PEER: Final = 256
+MAX_UNADMITTED_PER_ADDRESS: Final = 256
 """Maximum connections of one address without an admitted request; one more ends the oldest of them."""
-IN_ALL: Final = 512
+MAX_UNADMITTED: Final = 512
 """Maximum of such connections of all addresses."""
 BACKLOG: Final = 64
 """Connections accepted at once: few enough that their data are read before they can be ended."""
@@ -69,12 +69,12 @@ def read_token(path: Path) -> str:
     """
     try:
         with path.open("rb") as file:
-            token = file.read(_LONGEST_TOKEN + 1).decode("ascii").strip()
+            token = file.read(_MAX_TOKEN_LENGTH + 1).decode("ascii").strip()
     except (OSError, ValueError) as error:
         raise InputError(f"--token-file {path}: cannot be read ({error})") from error
-    if not _SHORTEST_TOKEN <= len(token) <= _LONGEST_TOKEN or not token.isprintable() or " " in token:
+    if not _MIN_TOKEN_LENGTH <= len(token) <= _MAX_TOKEN_LENGTH or not token.isprintable() or " " in token:
         raise InputError(
-            f"--token-file {path}: needs one line of {_SHORTEST_TOKEN} to {_LONGEST_TOKEN} characters "
+            f"--token-file {path}: needs one line of {_MIN_TOKEN_LENGTH} to {_MAX_TOKEN_LENGTH} characters "
             "without spaces; openssl rand -hex 32 makes one"
         )
     return token
@@ -327,8 +327,8 @@ def _limited(request: Request) -> Receive:
             async with asyncio.timeout(_READ_S):
                 async for part in request.stream():
                     body += part
-                    if len(body) > LARGEST_BODY:
-                        raise HTTPException(413, f"the body is longer than {LARGEST_BODY} bytes", _CLOSE)
+                    if len(body) > MAX_BODY:
+                        raise HTTPException(413, f"the body is longer than {MAX_BODY} bytes", _CLOSE)
             read_json(body)
         except ClientDisconnect:
             raise HTTPException(400, "the caller has gone before the body was complete") from None
@@ -366,7 +366,7 @@ class Connection(H11Protocol):
         self._wait()
         strangers = [each for each in self.connections if isinstance(each, Connection) and each._is_stranger]
         of_peer = [each for each in strangers if each._peer == self._peer]
-        for connections, most in ((of_peer, OF_A_PEER), (strangers, IN_ALL)):
+        for connections, most in ((of_peer, MAX_UNADMITTED_PER_ADDRESS), (strangers, MAX_UNADMITTED)):
             if len(connections) > most:
                 oldest = min(connections, key=lambda each: each._made_s)
                 self.connections.discard(oldest)
@@ -390,7 +390,7 @@ class Connection(H11Protocol):
         super().connection_lost(exc)
 
     def _wait(self) -> None:
-        self._late = self.loop.call_later(HEAD_S, self.transport.abort)
+        self._late = self.loop.call_later(HEADER_TIMEOUT_S, self.transport.abort)
 
     def _stop_waiting(self) -> None:
         if self._late is not None:

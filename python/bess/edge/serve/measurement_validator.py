@@ -15,17 +15,17 @@ from bess.edge.serve.ageing import Ageing
 from bess.study.sections import ServiceSection
 from bess.system import State, System
 
-HOTTEST_C: Final = 90.0
-COLDEST_C: Final = -40.0
+MAX_READING_C: Final = 90.0
+MIN_READING_C: Final = -40.0
 """A sensor is faulty outside this range."""
 SOC_SLACK: Final = 0.03
 """Permitted deviation of a reading from its expected value, for errors of an intact sensor."""
-FASTEST_C_PER_S: Final = 0.2
+MAX_COOLING_C_PER_S: Final = 0.2
 TEMPERATURE_SLACK_K: Final = 5.0
-AGREEING: Final = 3
+CONSISTENT_READINGS: Final = 3
 """Number of consistent readings after a jump until they are accepted."""
-COARSEST_SOC: Final = 0.01
-FINEST_SOC: Final = 0.001
+MAX_SOC_RESOLUTION: Final = 0.01
+MIN_SOC_RESOLUTION: Final = 0.001
 """Resolution of SOC readings: one per cent until a smaller change is observed."""
 FOLLOWS_WITHIN: Final = 0.1
 """Permitted deviation of a string from its set-point, as a share of nominal power."""
@@ -33,7 +33,7 @@ NOT_FOLLOWING: Final = 2
 """Number of consecutive readings off the set-point."""
 READ_BACK_WITHIN: Final = 0.02
 """Permitted rounding of a set-point by a device, as a share of nominal power."""
-REMEMBERED: Final = 6
+RECENT_SETPOINTS: Final = 6
 """Number of recent set-points; the power of a string in transition is between them."""
 
 
@@ -157,8 +157,8 @@ class MeasurementValidator(Checkpointed):
         readings = np.append(measured.power_kw[in_service], measured.plant_kw)  # NaN without a meter
         if np.isfinite(readings).all():
             missing_kw = measured.plant_kw - measured.power_kw[in_service].sum() - flow_kw.sum()
-            most_kw = 2.0 * (1.0 + FOLLOWS_WITHIN) * nominal_kw.sum()  # full power one way, to the other
-            if READ_BACK_WITHIN * nominal_kw.sum() < abs(missing_kw) <= most_kw:
+            max_kw = 2.0 * (1.0 + FOLLOWS_WITHIN) * nominal_kw.sum()  # full power one way, to the other
+            if READ_BACK_WITHIN * nominal_kw.sum() < abs(missing_kw) <= max_kw:
                 flow_kw = flow_kw + missing_kw * nominal_kw / nominal_kw.sum()
         return np.where(np.abs(flow_kw) > READ_BACK_WITHIN * self._system.nominal_kw, flow_kw, 0.0)
 
@@ -191,7 +191,7 @@ class _StringMonitor(Checkpointed):
         self.other_soc: float | None = None
         self.agreeing = self.unchanged = 0
         self.moved = 0.0
-        self.resolution = COARSEST_SOC
+        self.resolution = MAX_SOC_RESOLUTION
         self.last_reading: float | None = None
         self.last_power_kw: float | None = None
         self.flow_kw = self.flow_s = 0.0
@@ -252,7 +252,7 @@ class _StringMonitor(Checkpointed):
         self.missing_s = 0.0
         if not -0.005 <= soc <= 1.005:
             return f"its state of charge of {100.0 * soc:.4g} % is implausible", True
-        if np.isfinite(temperature) and not COLDEST_C <= temperature <= HOTTEST_C:
+        if np.isfinite(temperature) and not MIN_READING_C <= temperature <= MAX_READING_C:
             return f"its temperature of {temperature:.4g} °C is implausible", True
         soc = min(max(soc, 0.0), 1.0)
         doubt = self._take_soc(soc, expected, elapsed_s)
@@ -291,13 +291,13 @@ class _StringMonitor(Checkpointed):
         before = self.soc
         if before is None or abs(soc - before - expected) <= reach:
             if before is not None and 0.0 < abs(soc - before) < self.resolution:
-                self.resolution = max(abs(soc - before), FINEST_SOC)
+                self.resolution = max(abs(soc - before), MIN_SOC_RESOLUTION)
             self.soc, self.other_soc, self.agreeing = soc, None, 0
             return ""
         agrees = self.other_soc is not None and abs(soc - self.other_soc - expected) <= reach
         self.agreeing = self.agreeing + 1 if agrees else 1
         jump = f"its state of charge jumped from {100.0 * before:.4g} % to {100.0 * soc:.4g} %"
-        if self.agreeing >= AGREEING:
+        if self.agreeing >= CONSISTENT_READINGS:
             self.soc, self.other_soc, self.agreeing = soc, None, 0
             return f"{jump} and stays"
         self.soc = min(max(before + expected, 0.0), 1.0)
@@ -308,7 +308,7 @@ class _StringMonitor(Checkpointed):
         before = self.temperature_c
         if not np.isfinite(temperature_c):
             return "its temperature is unknown" if before is None else ""
-        reach = TEMPERATURE_SLACK_K + FASTEST_C_PER_S * max(elapsed_s, self._step_s)
+        reach = TEMPERATURE_SLACK_K + MAX_COOLING_C_PER_S * max(elapsed_s, self._step_s)
         if before is None or before - temperature_c <= reach:
             # A sudden rise is accepted at once, which is safe.
             self.temperature_c = temperature_c
@@ -339,7 +339,7 @@ class _StringMonitor(Checkpointed):
 
         A string that ramps or limits its power is between its last set-points and zero.
         """
-        self.asked_kw = [*self.asked_kw, asked_kw][-REMEMBERED:]
+        self.asked_kw = [*self.asked_kw, asked_kw][-RECENT_SETPOINTS:]
         who = f"another controller writes to string {self._i}"
         # A device that has restarted holds zero.
         if min(abs(held_kw), abs(held_kw - asked_kw)) > READ_BACK_WITHIN * self._nominal_kw:

@@ -11,21 +11,21 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from bess.edge.plant_io import Measurements
-from bess.edge.serve.measurement_validator import COLDEST_C, HOTTEST_C
+from bess.edge.serve.measurement_validator import MAX_READING_C, MIN_READING_C
 from bess.errors import InputError
 from bess.system import System
 from bess.system.documents import describe
 from bess.system.quantities import within
 
-LONGEST_FORECAST: Final = 192
+MAX_FORECAST: Final = 192
 """Values: two days of quarter hours."""
-LARGEST_KW: Final = 1e6
+MAX_KW: Final = 1e6
 
-Power = Annotated[float, within(-LARGEST_KW, LARGEST_KW, "kW")]
-Limit = Annotated[float, within(0.0, LARGEST_KW, "kW")]
+Power = Annotated[float, within(-MAX_KW, MAX_KW, "kW")]
+Limit = Annotated[float, within(0.0, MAX_KW, "kW")]
 
 
-Demand = Power | Annotated[list[Power], Field(min_length=1, max_length=LONGEST_FORECAST)]
+Demand = Power | Annotated[list[Power], Field(min_length=1, max_length=MAX_FORECAST)]
 _DEMAND: Final = (
     "Demand now [kW], positive = discharge; or a list: now, and the mean of each later step of the plan."
 )
@@ -43,7 +43,7 @@ class StringMessage(Message):
     soc: Annotated[float, within(0.0, 1.0)] | None = Field(
         None, description="State of charge, 0 to 1; may be left out of a string that is not available."
     )
-    temperature_c: Annotated[float, within(COLDEST_C, HOTTEST_C, "degC")] | None = Field(
+    temperature_c: Annotated[float, within(MIN_READING_C, MAX_READING_C, "degC")] | None = Field(
         None, description="Mean temperature [degC]; that of the surroundings if left out."
     )
     limit_kw: Limit | None = Field(

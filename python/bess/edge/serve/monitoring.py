@@ -30,7 +30,7 @@ STRINGS: Final = {
 SPANS: Final = {"2h": (60.0, 120), "day": (300.0, 288), "week": (1800.0, 336)}
 """Spans of the history: length of a step [s], and number of steps."""
 QUANTILES: Final = (0.0, 0.1, 0.5, 0.9, 1.0)
-MOST_LINES: Final = 8
+MAX_LINES: Final = 8
 """Maximum number of strings recorded individually; larger plants are recorded by quantiles only."""
 _PLANT: Final = ("time_s", "demand_kw", "request_kw", "measured_kw", "foreseen_kw", "starts", "hottest_c")
 _DIGITS: Final = 4
@@ -103,7 +103,7 @@ class History:
 
     def add(self, plant: dict[str, float], soc: Array, request_kw: Array) -> None:
         """Add one control step: values of the plant (NaN where unknown), SOC and set-points [kW]."""
-        each = (soc, request_kw) if soc.size <= MOST_LINES else ()
+        each = (soc, request_kw) if soc.size <= MAX_LINES else ()
         self._now_s = plant["time_s"]
         self._began_s = self._now_s if np.isnan(self._began_s) else self._began_s
         row = np.concatenate([[plant[name] for name in _PLANT], np.quantile(soc, QUANTILES), *each])

@@ -27,7 +27,7 @@ REPLAN_S: Final = 30.0
 """Minimum time between two plans of the same step."""
 NOT_PLANNED: Final = 0.005
 """Additional cost of a kWh through a string that the plan does not use, in kWh of losses."""
-STEEPEST: Final = 0.02
+MAX_MARGINAL_LOSS: Final = 0.02
 """Maximum difference of marginal losses that is derived from a plan."""
 
 
@@ -238,7 +238,7 @@ def preferences(planned_kw: Array | None, curves: Curves, discharge: bool) -> Ar
     power = np.abs(planned_kw)
     marginal = curves.marginal(power)
     mean = float((marginal * power).sum() / power.sum())
-    price = np.clip(mean - marginal, -STEEPEST, STEEPEST)
+    price = np.clip(mean - marginal, -MAX_MARGINAL_LOSS, MAX_MARGINAL_LOSS)
     if (float(planned_kw.sum()) > 0.0) != discharge:
         price = -price  # a string preferred in one direction is to be spared in the other
     return np.where(power > 0.0, price, NOT_PLANNED)

@@ -30,7 +30,7 @@ from bess.errors import BessError, InputError
 from bess.simulation.record.store import locked
 from bess.study import Study
 
-ENDS_S: Final = 9.0
+MAX_SHUTDOWN_S: Final = 9.0
 """Maximum time from the signal to the end of the process, even if a plant or a disk does not respond."""
 _NO_FOLDER: Final = (errno.ENOTDIR, errno.EEXIST, errno.EACCES, errno.EPERM, errno.ENAMETOOLONG, errno.ELOOP)
 """Errors that are not those of a full or a failed disk."""
@@ -113,7 +113,7 @@ def serve(
 
 
 class _Server(uvicorn.Server):
-    """Stops the control loop on a signal, and ends the process after :data:`ENDS_S`."""
+    """Stops the control loop on a signal, and ends the process after :data:`MAX_SHUTDOWN_S`."""
 
     def __init__(self, config: uvicorn.Config, loop: ControlLoop | None) -> None:
         super().__init__(config)
@@ -124,7 +124,7 @@ class _Server(uvicorn.Server):
         if not self.should_exit:
             if self._control_loop is not None:
                 self._control_loop.stop()
-            last = threading.Timer(ENDS_S, _end_process)
+            last = threading.Timer(MAX_SHUTDOWN_S, _end_process)
             last.daemon = True
             last.start()
         super().handle_exit(sig, frame)
@@ -132,7 +132,7 @@ class _Server(uvicorn.Server):
 
 def _end_process() -> None:
     """End the process although a thread still waits for a plant, a disk or a name server."""
-    LOG.error(f"not done {ENDS_S:g} s after the signal; what the plant was given lapses")
+    LOG.error(f"not done {MAX_SHUTDOWN_S:g} s after the signal; what the plant was given lapses")
     logging.shutdown()
     os._exit(1)
 

@@ -30,7 +30,7 @@ PLAN: Final = "plan.json"
 TRIAL: Final = "trial.json"
 """Written and removed at the start, to test the disk."""
 VERSION: Final = 5
-HANGS_S: Final = 5.0
+DISK_TIMEOUT_S: Final = 5.0
 """Time after which a disk without response is an error."""
 _FLUSH_S: Final = 1.0
 
@@ -113,7 +113,7 @@ class StateStore:
         except OSError as error:
             if not isinstance(error, TimeoutError):
                 self.error = f"{self.folder}: the state cannot be written ({error.strerror or error})"
-            elif self._aside.busy_s > HANGS_S:
+            elif self._aside.busy_s > DISK_TIMEOUT_S:
                 self.error = (
                     f"{self.folder}: the disk has not answered for {self._aside.busy_s:.0f} s; "
                     "the state is not written"

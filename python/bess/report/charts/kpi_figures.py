@@ -29,7 +29,7 @@ EFFICIENCIES: Final = (
 RADAR_KPIS: Final = (*EFFICIENCIES, "peak_mean_temperature_c")
 
 _INNERMOST = 0.25
-_MOST_LABELLED_BARS = 15
+_MAX_LABELLED_BARS = 15
 
 
 @styled
@@ -52,7 +52,7 @@ def kpi_bars(kpis: KpisByRun) -> Figure:
     for index, (row, colour) in enumerate(zip(values, colours(count), strict=True)):
         place = np.arange(len(EFFICIENCIES)) + (index - (count - 1) / 2) * width
         bars = axes.bar(place, row - floor, width * 0.94, bottom=floor, color=colour)
-        if values.size <= _MOST_LABELLED_BARS:
+        if values.size <= _MAX_LABELLED_BARS:
             axes.bar_label(bars, [f"{value:.1f}" for value in row], padding=1.5, fontsize=7)
     axes.set_xticks(
         range(len(EFFICIENCIES)), [CATALOGUE[key].label.replace(" ", "\n") for key in EFFICIENCIES]
@@ -133,7 +133,7 @@ def check_drawable(kpis: KpisByRun, needed: Iterable[str]) -> None:
 
 
 _NOT_IN_EVERY_RUN = ("hysteresis_loss_kwh", "auxiliary_kwh")
-_NOTHING_KWH = 0.05
+_NEGLIGIBLE_KWH = 0.05
 _FLOW_IN, _FLOW_ROW_IN = 4.6, 0.19
 _WIDTH_IN = 5.6
 _ROW_IN = 0.29
@@ -204,7 +204,7 @@ def _flow_rows(flow: analysis.EnergyFlow) -> list[tuple[str, float, float, str]]
         rows.append((label, 0.0, total, colour))
         left = total
         for name, size, shade in parts:
-            if size > _NOTHING_KWH:
+            if size > _NEGLIGIBLE_KWH:
                 rows.append((name, left - size, left, shade))
             left -= size
     return rows
@@ -224,7 +224,7 @@ def losses_compared(kpis: KpisByRun) -> Figure:
     parts = {
         part: colour
         for part, colour in every.items()
-        if any(entry.get(part, 0.0) > _NOTHING_KWH for entry in kpis.values())
+        if any(entry.get(part, 0.0) > _NEGLIGIBLE_KWH for entry in kpis.values())
     }
     figure = new_figure(_WIDTH_IN, 1.0 + _ROW_IN * len(kpis))
     axes = figure.subplots()
@@ -241,7 +241,7 @@ def losses_compared(kpis: KpisByRun) -> Figure:
         )  # fmt: skip
     axes.set_yticks(places, list(kpis))
     axes.invert_yaxis()
-    axes.set_xlim(0.0, 1.13 * max(float(ends.max()), _NOTHING_KWH))
+    axes.set_xlim(0.0, 1.13 * max(float(ends.max()), _NEGLIGIBLE_KWH))
     axes.set_xlabel("Undelivered energy and losses (kWh)")
     axes.grid(visible=False, axis="y")
     handles = [Patch(color=colour, label=kpi(part).label) for part, colour in parts.items()]

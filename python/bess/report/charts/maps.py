@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-SHORTEST_MAP_DAYS = 14
+MIN_MAP_DAYS = 14
 _SHADES = 24
 """More shades are not distinguishable and enlarge the figure of a year several times."""
 

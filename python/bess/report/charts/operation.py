@@ -179,7 +179,7 @@ def _sorted(values: Values) -> tuple[Values, Values]:
     return 100.0 * (shown + 0.5) / len(falling), falling[shown]
 
 
-_MOST_STRINGS = 4
+_MAX_STRINGS = 4
 
 _REQUEST = (
     ("delivered_kw", "delivered", style.DISCHARGE),
@@ -203,7 +203,7 @@ def power_split(result: Result) -> Chart:
     dataset = dataset_of(result)
     time = TimeAxis(dataset)
     n_strings = dataset.sizes["string"]
-    apart = n_strings <= _MOST_STRINGS
+    apart = n_strings <= _MAX_STRINGS
     groups = [[index] for index in range(n_strings)] if apart else [list(range(n_strings))]
     discharging = dataset["request_kw"].values > 0.0
     panels = []
@@ -356,8 +356,8 @@ def service(result: Result) -> Chart:
     return Chart(time.label, panels, panel_height_in=1.35)
 
 
-_SMALLEST_GAP_PCT = 1e-4
-_MOST_DOTS = 800
+_MIN_GAP_PCT = 1e-4
+_MAX_DOTS = 800
 
 
 def solver_effort(result: Result, solve_time_s: ArrayLike | None = None) -> Chart:
@@ -389,7 +389,7 @@ def solver_effort(result: Result, solve_time_s: ArrayLike | None = None) -> Char
         effort.append(_dots(time.start[fell_back], nodes[fell_back], style.AVAILABILITY, "fell back"))
     panels.append(Panel("Nodes", effort))
     shown = [
-        _dots(time.start, np.maximum(gap, _SMALLEST_GAP_PCT), colour, label)
+        _dots(time.start, np.maximum(gap, _MIN_GAP_PCT), colour, label)
         for label, gap, colour in gaps
         if np.any(np.isfinite(gap))
     ]
@@ -399,4 +399,4 @@ def solver_effort(result: Result, solve_time_s: ArrayLike | None = None) -> Char
 
 
 def _dots(x: Values, y: Values, colour: str, label: str = "") -> Series:
-    return Series(*thin(x, y, _MOST_DOTS), colour, label, "dots")
+    return Series(*thin(x, y, _MAX_DOTS), colour, label, "dots")

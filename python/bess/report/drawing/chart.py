@@ -93,8 +93,8 @@ def spans_label(chart: Chart) -> str:
     return "event: " + "; ".join(dict.fromkeys(span.label for span in chart.spans))
 
 
-_MOST_LEGEND_ENTRIES = 8
-_MOST_VECTOR_DOTS = 100
+_MAX_LEGEND_ENTRIES = 8
+_MAX_VECTOR_DOTS = 100
 
 
 @styled
@@ -155,7 +155,7 @@ def _series(axes: Axes, series: Series) -> None:
     x, y = series.x, series.y.astype(float)
     shown: dict[str, Any] = {"color": series.colour, "label": series.label or None}
     dash: dict[str, Any] = {"linestyle": (0, (4, 2)) if series.dashed else "-"}
-    many = len(x) > _MOST_VECTOR_DOTS
+    many = len(x) > _MAX_VECTOR_DOTS
     match series.kind:
         case "line":
             axes.plot(x, y, **dash, **shown)
@@ -186,7 +186,7 @@ def _legend(figure: Figure, axes: Any, chart: Chart) -> None:
         for handle, label in zip(*place.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
     strings = {label: handle for label, handle in entries.items() if label.startswith("string ")}
-    if len(strings) > _MOST_LEGEND_ENTRIES:
+    if len(strings) > _MAX_LEGEND_ENTRIES:
         scale = ScalarMappable(
             BoundaryNorm(np.arange(len(strings) + 1) - 0.5, len(strings)),
             ListedColormap([handle.get_color() for handle in strings.values()]),

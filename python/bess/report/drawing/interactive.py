@@ -34,7 +34,7 @@ from bess.report.drawing.style import BACKGROUND, INK
 _ALONE_PX = 300
 _PANEL_PX = 190
 _SMALL_PANEL_PX = 130
-_MOST_TALL_PANELS = 4
+_MAX_TALL_PANELS = 4
 _ID = re.compile(r'"p[0-9]{4,}"')
 
 
@@ -72,7 +72,7 @@ def bokeh_document(chart: Chart) -> str:
     Panels that are side by side in the printed figure are stacked, too, for narrow screens.
     """
     count = len(chart.panels)
-    height = _ALONE_PX if count == 1 else (_PANEL_PX if count <= _MOST_TALL_PANELS else _SMALL_PANEL_PX)
+    height = _ALONE_PX if count == 1 else (_PANEL_PX if count <= _MAX_TALL_PANELS else _SMALL_PANEL_PX)
     x_range = DataRange1d(range_padding=0.01)
     plots = [
         plot_of(panel, x_range, height, chart.spans, chart.x_label if index == count - 1 else None)
@@ -91,7 +91,7 @@ def _renumbered(text: str) -> str:
 AXIS_PX = 46
 """Height of the horizontal axis, which the last panel has."""
 TITLE_PX = 22
-_MOST_READ_AT_ONCE = 6
+_MAX_READ_AT_ONCE = 6
 _FEW_DOTS = 100
 _BEHIND = "behind"
 _GREY = "#6A6A6A"
@@ -167,7 +167,7 @@ def _reader(read: list[GlyphRenderer[Any]], panel: Panel, *, dates: bool) -> Hov
         renderers=read,
         tooltips=[("", "@point"), ("", f"{when}, {value}")] if named else [("$name", value), ("", when)],
         formatters={"@x": "datetime"} if dates else {},
-        mode="vline" if len(read) <= _MOST_READ_AT_ONCE and not named else "mouse",
+        mode="vline" if len(read) <= _MAX_READ_AT_ONCE and not named else "mouse",
         point_policy="follow_mouse",
     )
 

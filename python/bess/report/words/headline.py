@@ -126,7 +126,7 @@ def _whole(value: float) -> str:
     return f"{value + 0.0:,.0f}"
 
 
-_WORTH_NAMING = 0.15
+_MIN_NAMED_SHARE = 0.15
 """Share of the loss from which a cause is named."""
 _MANY_STARTS_PER_DAY = 12.0
 _PART_LOAD = 0.5
@@ -140,7 +140,7 @@ def limit_sentences(run: Run) -> list[str]:
     said = [
         f"{text}: {kpi('lost_kwh').quantity(kwh)}, {100.0 * kwh / total:.0f} % of the losses. {remedy}"
         for kwh, text, remedy in causes[:2]
-        if kwh > _WORTH_NAMING * total
+        if kwh > _MIN_NAMED_SHARE * total
     ]
     starts = run.kpis["starts_per_day"] / run.dataset.sizes["string"]
     if starts > _MANY_STARTS_PER_DAY:
@@ -191,7 +191,7 @@ def _another_split(run: Run, lost_kw: Array, discharge: NDArray[np.bool_]) -> st
     bound = data["limits"].values.astype(int) & sum(Limit) > 0
     free_kw = np.where(bound, 0.0, np.maximum(spare_kw, 0.0)).sum(axis=1)
     share = np.minimum(free_kw, lost_kw).sum() / lost_kw.sum()
-    if share < _WORTH_NAMING:
+    if share < _MIN_NAMED_SHARE:
         return ""
     return (
         f" For {100.0 * share:.0f} % of it other strings had power and energy left: another split may help."

@@ -12,7 +12,7 @@ import numpy as np
 from bess.control.policies.planned import PLANNED
 from bess.control.policies.settings import DEFAULT_FORESIGHT_H
 from bess.errors import by_reason
-from bess.report.contents import MOST_COMPARED
+from bess.report.contents import MAX_COMPARED_RUNS
 from bess.report.data import limit_of, step_h
 from bess.report.runs import Run
 from bess.simulation.analysis.catalogue import kpi
@@ -22,7 +22,7 @@ from bess.simulation.record.provenance import leaves
 
 _LEDGER_TOLERANCE_KWH = 1e-6
 _LEDGER_TOLERANCE = 1e-9
-_WORTH_SAYING_KWH = 0.05
+_MIN_MENTIONED_KWH = 0.05
 
 
 def subject(runs: Mapping[str, Run], *, alike: bool = True) -> str:
@@ -60,7 +60,7 @@ def gain_sentence(run: Run) -> str:
     if not run.gain_rule:
         return f"{lost}."
     said = f"{lost}{_against_rule(run)}"
-    if abs(stored := kpis.get("gain_stored_kwh", 0.0)) >= _WORTH_SAYING_KWH:
+    if abs(stored := kpis.get("gain_stored_kwh", 0.0)) >= _MIN_MENTIONED_KWH:
         said += f"; {_kwh(abs(stored))} {'more' if stored > 0.0 else 'less'} stored at the end"
     if (gain := kpis.get("gain_eur")) is None:
         return f"{said}."
@@ -76,7 +76,7 @@ def _against_rule(run: Run) -> str:
     share = f" ({100.0 * abs(gain) / of_rule:.0f} %)" if of_rule > 0.0 else ""
     if run.gain_rule == run.policy:
         return ", the best rule for this demand"
-    if abs(gain) < _WORTH_SAYING_KWH:
+    if abs(gain) < _MIN_MENTIONED_KWH:
         return f", as much as the best rule, {run.gain_rule}"
     return (
         f", {_kwh(abs(gain))}{share} {'less' if gain > 0.0 else 'more'} than the best rule, {run.gain_rule}"
@@ -193,7 +193,7 @@ def _kwh(value: float) -> str:
 def warnings(runs: Mapping[str, Run], problems: Mapping[str, str]) -> list[str]:
     """Warnings on the validity of the results, a sentence each, with a remedy."""
     found = [f"Missing: {sentence}" for sentence in by_reason(problems)]
-    if len(runs) > MOST_COMPARED:
+    if len(runs) > MAX_COMPARED_RUNS:
         return found + list(_warnings_of_many(runs))
     for name, run in runs.items():
         place = f"{name}: " if len(runs) > 1 else ""
@@ -242,8 +242,8 @@ def _warnings_of(run: Run) -> Iterator[str]:
         yield f"the energy ledger does not close: residual of up to {residual:.2g} kWh in a step."
 
 
-_WORTH_A_SENTENCE = 0.01
-_MOST_INSTALLATIONS = 6
+_MIN_MENTIONED = 0.01
+_MAX_INSTALLATIONS = 6
 
 
 def event_sentences(run: Run) -> Iterator[str]:
@@ -260,21 +260,21 @@ def _installations(run: Run) -> Iterator[str]:
     if "investment_eur" not in data:
         return
     places = np.argwhere(data["investment_eur"].values > 0.0)
-    for step, string in places[:_MOST_INSTALLATIONS]:
+    for step, string in places[:_MAX_INSTALLATIONS]:
         day, eur = str(data["time"].values[step])[:10], data["investment_eur"].values[step, string]
         before, after = data["soh_capacity"].values[step - 1 : step + 1, string]
         yield (
             f"String {string} got a new battery on {day} for {eur:,.0f} EUR; its capacity rose "
             f"from {100.0 * before:.1f} to {100.0 * after:.1f} % of nominal."
         )
-    if len(places) > _MOST_INSTALLATIONS:
-        yield f"{len(places) - _MOST_INSTALLATIONS} more batteries were installed."
+    if len(places) > _MAX_INSTALLATIONS:
+        yield f"{len(places) - _MAX_INSTALLATIONS} more batteries were installed."
 
 
 def spread_sentences(runs: Mapping[str, Run]) -> Iterator[str]:
     """SOC differences of the strings at the start, and at the end under each policy."""
     starts = [run.kpis.get("soc_spread_start", 0.0) for run in runs.values()]
-    if max(starts) < _WORTH_A_SENTENCE:
+    if max(starts) < _MIN_MENTIONED:
         return
     ends = (
         f"{name} {100.0 * start:.1f} to {100.0 * run.kpis['soc_spread_end']:.1f}"
@@ -293,7 +293,7 @@ _CHOICES_OF_DEMAND: Final = frozenset(
      "recharge_kw", "recharge_slot_min", "recharge_lead_min", "limit_kw", "ready_soc")
 )  # fmt: skip
 """Keys of ``[demand]`` with the settings of dispatch planning."""
-_MOST_KEYS: Final = 6
+_MAX_KEYS: Final = 6
 
 
 def unlike(runs: Mapping[str, Run]) -> str:
@@ -322,10 +322,10 @@ def _differing(of_each: list[dict[str, tuple[str, str]]]) -> str:
         values = dict(each.get(key, ("", "not set")) for each in of_each)
         if len(values) > 1:
             shown = list(dict.fromkeys(values.values()))
-            listed = "; ".join([*shown[:_MOST_KEYS], *(["..."] if len(shown) > _MOST_KEYS else [])])
+            listed = "; ".join([*shown[:_MAX_KEYS], *(["..."] if len(shown) > _MAX_KEYS else [])])
             found.append(f"{key} ({listed})" if len(shown) > 1 else f"{key} ({listed}, not the same)")
-    more = f" and {len(found) - _MOST_KEYS} more" if len(found) > _MOST_KEYS else ""
-    return f"{', '.join(found[:_MOST_KEYS])}{more}"
+    more = f" and {len(found) - _MAX_KEYS} more" if len(found) > _MAX_KEYS else ""
+    return f"{', '.join(found[:_MAX_KEYS])}{more}"
 
 
 def _circumstances(run: Run) -> dict[str, tuple[str, str]]:

@@ -89,11 +89,11 @@ def _row(entry: Kpi, values: list[float], alike: bool) -> Row:
 
 
 _X, _Y = "battery_efficiency_pct", "inverter_efficiency_pct"
-_FEWEST_POINTS = 3
+_MIN_POINTS = 3
 _DEPRECIATION = "cycle_wear_eur_mwh"
 _OF_A_LIFE = ("discharged_kwh", "end_of_life_days", _DEPRECIATION, "investment_eur")
 """KPIs shown in addition to that of a search."""
-_WORTH_A_LOOK = {
+_ATTENTION = {
     "net_eur": "largest net income",
     "lost_kwh": "least lost",
     "peak_string_temperature_c": "coolest",
@@ -112,7 +112,7 @@ class SweepTable:
     @property
     def has_front(self) -> bool:
         """Whether a number was swept: a handful of named scenarios is compared, but forms no front."""
-        return len(self.kpis) >= _FEWEST_POINTS and any(True for _ in self._numeric_parameters())
+        return len(self.kpis) >= _MIN_POINTS and any(True for _ in self._numeric_parameters())
 
     def exhibits(self) -> Iterator[FigureSpec]:
         """Front of inverter and battery efficiency, and KPIs over the parameter if one number was swept."""
@@ -193,7 +193,7 @@ class SweepTable:
             return None
         names = list(self.kpis)
         reasons = {self._knee(): ["knee of the front"]}
-        for key, reason in _WORTH_A_LOOK.items():
+        for key, reason in _ATTENTION.items():
             values = {name: row.get(key, math.nan) for name, row in self.kpis.items()}
             known = {name: value for name, value in values.items() if math.isfinite(value)}
             if len({kpi(key).number(value) for value in known.values()}) > 1:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 _PER_MEGA: Final = 1000.0
-_HELD: Final = 1.0 - 1e-9
+_MIN_SUSTAINED_SHARE: Final = 1.0 - 1e-9
 """Minimum share of the reserve that counts as sustained."""
 
 
@@ -112,7 +112,7 @@ def short_kw(dataset: xr.Dataset) -> Array:
     lacking = capacity - dataset["capacity_able_kw"].values
     missed = np.abs(dataset["demand_kw"].values - dataset["delivered_kw"].values.sum(axis=1))
     # The delivered powers sum to the demand except for rounding.
-    missed[missed < (1.0 - _HELD) * capacity] = 0.0
+    missed[missed < (1.0 - _MIN_SUSTAINED_SHARE) * capacity] = 0.0
     short: Array = np.minimum(np.maximum(lacking, missed), capacity)
     return short
 
@@ -121,7 +121,7 @@ def service_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, Any]]:
     """Yield the compliance KPIs of a service; none for runs without one."""
     dt_h = float(dataset.attrs["step_h"])
     if is_reserve(dataset):
-        sustained = dataset["capacity_able_kw"].values >= _HELD * dataset["capacity_kw"].values
+        sustained = dataset["capacity_able_kw"].values >= _MIN_SUSTAINED_SHARE * dataset["capacity_kw"].values
         yield "outside_window_h", (~sustained).sum() * dt_h
         yield "response_kwh", np.abs(dataset["response_kw"].values).sum() * dt_h
     if is_site(dataset):

@@ -28,7 +28,7 @@ _TYPICAL_K = 15.0
 """Temperature excess of these tangents [K]."""
 _MAX_FINE = 2
 """Maximum number of kinds of strings for which fine levels take only seconds."""
-_WARMEST_K = 500.0
+_MAX_TEMPERATURE_K = 500.0
 """Upper limit of the temperature excess [K]: a box for a variable that other rows already bound."""
 _ROUNDING = 1e-9
 """Margin for rounding errors of the plant, relative to the demanded energy."""
@@ -180,7 +180,7 @@ def _group(
     discharging = common.demand_kw > 0.0
     sign = np.where(discharging, 1.0, -1.0)
     asked_kw = np.abs(common.demand_kw)
-    largest_kw = np.minimum(np.minimum(hopes.nominal_kw, limit_kw), asked_kw)
+    max_kw = np.minimum(np.minimum(hopes.nominal_kw, limit_kw), asked_kw)
     undelivered, loss, standby = (
         values[active] for values in (common.worth.undelivered, common.worth.loss, common.worth.standby)
     )
@@ -199,10 +199,10 @@ def _group(
     spared = np.where(discharging, standby * hopes.standby_kw, 0.0)
     x = program.add((steps, levels), upper=max_x)
     e = program.add((steps, levels), upper=full_kwh)
-    o = program.add(steps, upper=np.where(largest_kw > 0.0, count, 0.0), cost=-spared * dt_h)
+    o = program.add(steps, upper=np.where(max_kw > 0.0, count, 0.0), cost=-spared * dt_h)
     q = program.add(steps, upper=count * hopes.hottest_k)
-    s = program.add(steps, upper=count * _WARMEST_K)
-    p = program.add(steps, upper=np.minimum(count * largest_kw, asked_kw), cost=-undelivered * dt_h)
+    s = program.add(steps, upper=count * _MAX_TEMPERATURE_K)
+    p = program.add(steps, upper=np.minimum(count * max_kw, asked_kw), cost=-undelivered * dt_h)
     w = program.add(steps, upper=count * hopes.nominal_kw, cost=loss * dt_h)
     h = program.add(steps, upper=max_h, cost=loss * dt_h)
     # Strings charged with less than their inverter loss take power without storing it, and warm slightly.
@@ -238,9 +238,9 @@ def _group(
         first, more = np.moveaxis(either(hopes.discharge.max_loss, hopes.charge.max_loss), 1, 0)
         program.at_most(zero, (w, 1.0), (o, -first), (p, -more))
     # Delivered power: limited by demand, inverter and temperature of the strings that are on.
-    program.at_most(zero, (p, 1.0), (o, -largest_kw))
+    program.at_most(zero, (p, 1.0), (o, -max_kw))
     for intercept, slope in zip(*hopes.derating, strict=True):
-        program.at_most(zero, (p, 1.0), (o, -intercept * largest_kw), (q, -slope * largest_kw))
+        program.at_most(zero, (p, 1.0), (o, -intercept * max_kw), (q, -slope * max_kw))
     # Inverter loss.
     for sense, table in ((DISCHARGE, hopes.discharge.loss), (CHARGE, hopes.charge.loss)):
         here = np.flatnonzero(sign == sense)
@@ -248,7 +248,7 @@ def _group(
             program.at_most(zero[here], (p[here], slope), (o[here], intercept), (w[here], -1.0))
     # Heat: tangents below (root x)^2 / G, with the conductance G of the strings that are on.
     for level in _HEAT_LEVELS:
-        touch = level * largest_kw * root[:, levels // 2] / (cold_s + warm_s * _TYPICAL_K)
+        touch = level * max_kw * root[:, levels // 2] / (cold_s + warm_s * _TYPICAL_K)
         program.at_most(
             zero,
             (x, 2.0 * touch[:, None] * root),

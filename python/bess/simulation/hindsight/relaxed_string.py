@@ -25,7 +25,7 @@ Law = Literal["table", "pi"]
 
 DISCHARGE, CHARGE = 1, -1
 
-_WARMEST_K = 500.0
+_MAX_TEMPERATURE_K = 500.0
 """Upper limit of the cell temperature above its surroundings [K]."""
 _MIN_HEALTH = 0.2
 """Minimum capacity of a string in use, as a share of its initial capacity."""
@@ -169,7 +169,7 @@ def optimist(
     capacity_ah = battery.cell_capacity_ah * battery.cells_parallel * soh_capacity
     store = _Store(soc, highest[DISCHARGE], capacity_ah)
 
-    largest_kw = inverter.nominal_kw * (1.0 + max(*inverter.loss_charge, *inverter.loss_discharge))
+    max_kw = inverter.nominal_kw * (1.0 + max(*inverter.loss_charge, *inverter.loss_discharge))
     lowest_v = {sign: rows.min(axis=0) for sign, rows in volts.items()}
     min_v = np.minimum(lowest_v[DISCHARGE], lowest_v[CHARGE])
     # An aged string has less capacity, so its SOC changes more per step.
@@ -181,8 +181,8 @@ def optimist(
     def current_a(low: float, max_ohm: float) -> float:
         """Maximum current [A] above a SOC and below a resistance."""
         volt = float(np.interp(low, soc, min_v))
-        root = math.sqrt(max(volt**2 - 4e3 * max_ohm * largest_kw, 0.0))
-        return 2e3 * largest_kw / (volt + root)
+        root = math.sqrt(max(volt**2 - 4e3 * max_ohm * max_kw, 0.0))
+        return 2e3 * max_kw / (volt + root)
 
     def travel(low: float, max_ohm: float) -> float:
         """Maximum SOC change of a plant step that starts above ``low``, at a resistance up to ``max_ohm``."""
@@ -192,8 +192,8 @@ def optimist(
     reference_c = max(coldest_c, min(resistance_c[0], derating_c[0]))
     cold_k = reference_c - min(coldest_c, reference_c)
     stop_c = _stop_c(derating_c, factor)
-    hottest_k = _WARMEST_K if stop_c is None else max(stop_c - reference_c, 1e-6)
-    ends_c = [reference_c, reference_c + hottest_k + cold_k, reference_c + 2.0 * _WARMEST_K]
+    hottest_k = _MAX_TEMPERATURE_K if stop_c is None else max(stop_c - reference_c, 1e-6)
+    ends_c = [reference_c, reference_c + hottest_k + cold_k, reference_c + 2.0 * _MAX_TEMPERATURE_K]
     warm_c = np.unique([*ends_c, *resistance_c[resistance_c > reference_c]])
 
     edges = _edges(battery, fine)
@@ -225,14 +225,14 @@ def optimist(
         base = convex_below(warm_c, resistance.min(axis=0))
         reached = warm_c <= ends_c[1]
         load, loss = np.array(inverter.load), np.array(losses)
-        (loss_0, loss_slope), (most_0, most_slope) = lines_below(load, loss), line_above(load, loss)
+        (loss_0, loss_slope), (max_0, max_slope) = lines_below(load, loss), line_above(load, loss)
         directions[sign] = Direction(
             ratio=np.array(ratio),
             ratio_against=np.array(against),
             root=np.sqrt(1e3 * (resistance / base).min(axis=1)) / np.array(top_v),
             conductance=chord_above(warm_c[reached] - reference_c, 1.0 / base[reached]),
             loss=(inverter.nominal_kw * loss_0, loss_slope),
-            max_loss=(inverter.nominal_kw * most_0, most_slope),
+            max_loss=(inverter.nominal_kw * max_0, max_slope),
             max_heat=np.array(max_heat),
         )
 

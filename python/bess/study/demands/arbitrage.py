@@ -56,7 +56,7 @@ COMPARE_H = 3.0
 """Interval between comparisons of the measured state with a dispatch plan [h]."""
 MAX_PLAN_AGE_FRACTION = 1.0 / 6.0
 """Maximum age of a plan as a share of its length: a new plan includes steps beyond the end of the old one."""
-LONGEST_H = 6.0
+MAX_H = 6.0
 """Maximum age of a plan [h]: its later hours have a coarser resolution."""
 ENERGY_TOLERANCE = 0.02
 """Deviation of the stored energy from the plan, relative to plant capacity, that triggers a new plan."""
@@ -311,7 +311,7 @@ class ArbitrageDemand(DemandSection):
             look_ahead_steps=look_ahead,
             replan_steps=replan,
             compare_steps=max(1, round(COMPARE_H / grid.dt_h)),
-            longest_steps=min(MAX_PLAN_AGE_FRACTION * look_ahead, LONGEST_H / grid.dt_h),
+            longest_steps=min(MAX_PLAN_AGE_FRACTION * look_ahead, MAX_H / grid.dt_h),
         )
 
     def _linear(self, system: System, grid: TimeGrid, prices: Forecast, **more: Any) -> Arbitrage:

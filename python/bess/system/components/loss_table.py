@@ -15,8 +15,8 @@ from bess.system.components.knots import reduced_knots
 Curve = tuple[NDArray[np.float64], NDArray[np.float64]]
 """AC power and loss of one direction, as fractions of nominal AC power."""
 
-_LONGEST_EXTRAPOLATION = 0.1
-_LARGEST_KW = 1e6
+_MAX_EXTRAPOLATION = 0.1
+_MAX_KW = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +58,8 @@ class LossTable(ByValue):
 
 def check_nominal(nominal_kw: float) -> None:
     """Raise :class:`InputError` unless ``nominal_kw`` is a power that an inverter can have."""
-    if not 0.0 < one_number("nominal_kw", nominal_kw) <= _LARGEST_KW:
-        raise InputError(f"nominal_kw {nominal_kw:g} kW must be in (0, {_LARGEST_KW:g}] kW")
+    if not 0.0 < one_number("nominal_kw", nominal_kw) <= _MAX_KW:
+        raise InputError(f"nominal_kw {nominal_kw:g} kW must be in (0, {_MAX_KW:g}] kW")
 
 
 def check_losses(load: ArrayLike, loss: ArrayLike, direction: Literal["charge", "discharge"]) -> None:
@@ -122,10 +122,10 @@ def _completed(curve: Curve) -> Curve:
         raise InputError(
             f"inverter table: two rows give the same AC power, {load[repeated[0]]:.6g} of nominal"
         )
-    if load[-1] < 1.0 - _LONGEST_EXTRAPOLATION:
+    if load[-1] < 1.0 - _MAX_EXTRAPOLATION:
         raise InputError(
             f"inverter table: ends at an AC power of {load[-1]:.3g} of nominal, must reach at least "
-            f"{1.0 - _LONGEST_EXTRAPOLATION:g}; give a smaller nominal_kw or the missing rows"
+            f"{1.0 - _MAX_EXTRAPOLATION:g}; give a smaller nominal_kw or the missing rows"
         )
     if load[0] > 0.0:
         at_zero = loss[0] - load[0] * (loss[1] - loss[0]) / (load[1] - load[0])

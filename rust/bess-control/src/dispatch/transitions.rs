@@ -5,7 +5,7 @@ use bess_tables::{Direction, InputError, Lut};
 use crate::error::{check_length, check_range};
 use crate::model::{ControlModel, Interval, StringState};
 
-const NOTHING: f64 = 1e-12;
+const NEGLIGIBLE_KWH: f64 = 1e-12;
 
 /// State of the plant as one store.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -273,7 +273,7 @@ impl StoreGrid {
         let (drawn, filled, held) = ((-change).max(0.0), change.max(0.0), held_kwh / self.capacity_kwh);
         // Charged energy lies above the stored energy: the mean depth of the whole is that of both.
         let after = if filled > 0.0 {
-            (depth - filled).max(0.0) * held / (held + filled).max(NOTHING)
+            (depth - filled).max(0.0) * held / (held + filled).max(NEGLIGIBLE_KWH)
         } else {
             depth + drawn
         };

@@ -6,7 +6,7 @@
 //! variable states its type. Structured text has no short-circuit evaluation and ignores case, so conditions do not
 //! rely on it and names differ in more than case.
 
-use super::{larger, smaller, Tables, MOST_STRINGS};
+use super::{larger, smaller, Tables, MAX_STRINGS};
 
 // Indices of the demand features .
 pub(crate) const FEATURE_DISCHARGE_KWH: usize = 0;
@@ -82,15 +82,15 @@ pub(crate) fn split(
     features: &[f64],
     request_kw: &mut [f64],
 ) {
-    let mut top_kw = [0.0; MOST_STRINGS + 1];
-    let mut c0 = [0.0; MOST_STRINGS + 1];
-    let mut c1 = [0.0; MOST_STRINGS + 1];
-    let mut c2 = [0.0; MOST_STRINGS + 1];
-    let mut u_kw = [0.0; MOST_STRINGS + 1];
-    let mut filled = [0.0; MOST_STRINGS];
+    let mut top_kw = [0.0; MAX_STRINGS + 1];
+    let mut c0 = [0.0; MAX_STRINGS + 1];
+    let mut c1 = [0.0; MAX_STRINGS + 1];
+    let mut c2 = [0.0; MAX_STRINGS + 1];
+    let mut u_kw = [0.0; MAX_STRINGS + 1];
+    let mut filled = [0.0; MAX_STRINGS];
     let mut cost_kw = [0.0; 3];
-    let mut runs = [false; MOST_STRINGS];
-    let mut open_ = [false; MOST_STRINGS + 1];
+    let mut runs = [false; MAX_STRINGS];
+    let mut open_ = [false; MAX_STRINGS + 1];
     let need_kw: f64 = f64::abs(demand_kw);
     let mut side: usize = 0;
     let mut sign: f64 = 1.0;
@@ -215,16 +215,16 @@ pub(crate) fn split(
                 }
                 below = t.power_kw[power_at + j] - sign * t.loss_kw[loss_at + j];
                 above = t.power_kw[power_at + j + 1] - sign * t.loss_kw[loss_at + j + 1];
-                let mut most_kw: f64 = 0.0;
+                let mut max_kw: f64 = 0.0;
                 if above <= inner_kw {
-                    most_kw = t.power_kw[power_at + j + 1];
+                    max_kw = t.power_kw[power_at + j + 1];
                 } else if below <= inner_kw {
-                    most_kw = t.power_kw[power_at + j + 1] - t.power_kw[power_at + j];
-                    most_kw = t.power_kw[power_at + j] + (inner_kw - below) / (above - below) * most_kw;
+                    max_kw = t.power_kw[power_at + j + 1] - t.power_kw[power_at + j];
+                    max_kw = t.power_kw[power_at + j] + (inner_kw - below) / (above - below) * max_kw;
                 }
                 top_kw[m] = limit_kw[m];
-                if k * limit_kw[m] > most_kw {
-                    top_kw[m] = most_kw / k;
+                if k * limit_kw[m] > max_kw {
+                    top_kw[m] = max_kw / k;
                 }
                 if limit_kw[m] - top_kw[m] > spare_kw {
                     spare_kw = limit_kw[m] - top_kw[m];

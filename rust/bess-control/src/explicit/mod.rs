@@ -18,7 +18,7 @@ mod decision;
 /// Source text of the control law, for translations.
 pub const DECISION: &str = include_str!("decision.rs");
 
-const MOST_STRINGS: usize = 32;
+const MAX_STRINGS: usize = 32;
 
 /// Numbers that [`ExplicitLaw::demand_features`] makes of a schedule.
 pub const N_FEATURES: usize = decision::N_FEATURES;
@@ -111,7 +111,7 @@ impl ExplicitLaw {
     pub fn new(tables: Tables) -> Result<Self, String> {
         let t = &tables;
         let small = [
-            ("strings", t.strings, 1, MOST_STRINGS),
+            ("strings", t.strings, 1, MAX_STRINGS),
             ("soc_knots", t.soc_knots, 2, 10_000),
             ("temperature_knots", t.temperature_knots, 2, 10_000),
             ("derating_knots", t.derating_knots, 2, 10_000),

@@ -12,7 +12,7 @@ pub const MAX_GROUPS: usize = 4;
 /// Relative distance of the demand from the sum of the limits within which every string gets its limit.
 const FULL_POWER: f64 = 1e-12;
 /// String-steps from which work is shared among cores.
-const LARGE: usize = 64;
+const MIN_PARALLEL_STRING_STEPS: usize = 64;
 
 /// Data of one split problem. Arrays over strings and steps are string-major, `(M, T)`.
 #[derive(Debug, Clone, Copy)]
@@ -137,7 +137,7 @@ impl ControlHorizon {
 
     /// Results of `of` for every item, on all cores if the problem is large: starting threads takes as long as a small one.
     pub(crate) fn map<I: Send, T: Send>(&self, items: Vec<I>, of: impl Fn(I) -> T + Sync) -> Vec<T> {
-        if self.size() < LARGE {
+        if self.size() < MIN_PARALLEL_STRING_STEPS {
             return items.into_iter().map(of).collect();
         }
         cores::map(items, of)
@@ -187,8 +187,8 @@ impl ControlHorizon {
         let bounds: Vec<(f64, f64)> = (0..self.n_strings() * self.n_steps())
             .map(|i| {
                 let t = i % self.n_steps();
-                let most_w = if self.demand_w[t] == 0.0 { 0.0 } else { self.limit_w[i] };
-                self.direction(t).pick((-most_w, 0.0), (0.0, most_w))
+                let max_w = if self.demand_w[t] == 0.0 { 0.0 } else { self.limit_w[i] };
+                self.direction(t).pick((-max_w, 0.0), (0.0, max_w))
             })
             .collect();
         // Only rounding errors of an external optimiser are accepted.

@@ -94,7 +94,7 @@ impl LossCurve {
 
     /// AC power above which `g` is not negative [W]: in charge, the inverter then draws nothing from the
     /// battery.
-    pub fn largest_drawing_w(&self) -> f64 {
+    pub fn max_drawing_w(&self) -> f64 {
         let g: Vec<f64> = self.power.iter().zip(&self.loss).map(|(&p, &w)| self.internal_w(p, w)).collect();
         let Some(last) = g.iter().rposition(|g| *g < 0.0) else { return 0.0 };
         match g.get(last + 1) {

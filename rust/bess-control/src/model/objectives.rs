@@ -4,7 +4,7 @@ use super::horizon::{ControlHorizon, MAX_GROUPS};
 use crate::model::{Flow, Losses, StringState};
 
 /// Objective below which only rounding errors remain.
-const NOTHING: f64 = 1e-14;
+const NEGLIGIBLE: f64 = 1e-14;
 
 /// Strings whose costs are summed first: a change of two strings then costs two blocks, not all strings.
 pub(crate) const BLOCK: usize = 32;
@@ -77,8 +77,8 @@ impl ControlHorizon {
     /// Ceiling of a group while later groups are minimised,
     /// `F* + max(eps_abs, eps_rel |F*|)`; a group with `F* = 0` stays at 0.
     pub(crate) fn ceiling(&self, group: usize, best: f64) -> f64 {
-        if best <= NOTHING {
-            NOTHING
+        if best <= NEGLIGIBLE {
+            NEGLIGIBLE
         } else {
             best + self.tolerance_abs[group].max(self.tolerance_rel[group] * best)
         }

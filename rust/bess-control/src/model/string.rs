@@ -162,11 +162,11 @@ impl StringModel {
         soc: f64,
         dt_h: f64,
     ) -> f64 {
-        let most_w = curve.largest_power(self.internal_limit_w(c, direction, soc, dt_h));
-        if most_w < self.min_power_w() {
+        let max_w = curve.largest_power(self.internal_limit_w(c, direction, soc, dt_h));
+        if max_w < self.min_power_w() {
             0.0
         } else {
-            most_w
+            max_w
         }
     }
 

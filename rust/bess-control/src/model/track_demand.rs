@@ -10,7 +10,7 @@ use crate::error::{check_length, check_range};
 /// Maximum number of reallocations of undeliverable power in a step; each leaves a small remainder.
 const ROUNDS: usize = 8;
 /// Negligible power, as a share of the plant's power.
-const LEAST: f64 = 1e-6;
+const NEGLIGIBLE_POWER: f64 = 1e-6;
 
 /// Allocation of each power of the plant to the strings, in each direction.
 #[derive(Debug, Clone)]
@@ -81,8 +81,8 @@ impl BestShares {
     /// Requests with the availability loss reallocated to strings without one, in proportion to their
     /// headroom; None if there is no loss or no headroom.
     fn moved(&self, done: &CarriedOut) -> Option<Vec<f64>> {
-        let least_w = LEAST * self.total_w;
-        let lost: Vec<f64> = done.shed_w.iter().map(|&s| if s > least_w { s } else { 0.0 }).collect();
+        let min_w = NEGLIGIBLE_POWER * self.total_w;
+        let lost: Vec<f64> = done.shed_w.iter().map(|&s| if s > min_w { s } else { 0.0 }).collect();
         let room = |((&lost, &limit), &request): ((&f64, &f64), &f64)| {
             if lost > 0.0 {
                 0.0
@@ -93,7 +93,7 @@ impl BestShares {
         let room: Vec<f64> = lost.iter().zip(&self.limit_w).zip(&done.request_w).map(room).collect();
         let (lost_w, room_w): (f64, f64) = (lost.iter().sum(), room.iter().sum());
         let amount = lost_w.min(room_w);
-        if amount < least_w {
+        if amount < min_w {
             return None;
         }
         let after = |m: usize| {

@@ -321,8 +321,8 @@ impl StringCost for CostCurve {
         if derating.low < 1.0 && self.terms.shed_cost.is_infinite() {
             // The remainder of these requests after derating may be below the minimum power; it is shed at no
             // cost.
-            let most_w = self.largest_request(false);
-            for request_w in [(min_power_w / derating.high).min(most_w), most_w] {
+            let max_w = self.largest_request(false);
+            for request_w in [(min_power_w / derating.high).min(max_w), max_w] {
                 let derated_w = (request_w - min_power_w).max((1.0 - derating.high) * request_w);
                 let value = idle + costs.derating * derated_w - price * request_w;
                 if value < best.value {

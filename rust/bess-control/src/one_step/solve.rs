@@ -7,7 +7,7 @@ use super::lagrangian::{bounds_by_count, maximise, Commitment, DualSolution, Inv
 const GAP: f64 = 1e-10;
 
 /// Number of strings above which no further nodes are solved: the Lagrangian gap falls with their number.
-const MANY: usize = 32;
+const MAX_STRINGS_WITH_NODES: usize = 32;
 
 #[derive(Debug, Clone)]
 pub(crate) struct OneStepSolution {
@@ -31,7 +31,7 @@ struct Node {
 /// Solves the one-step problem. Branches first on the number of inverters that are on, which leaves no
 /// Lagrangian gap for identical strings, then on the string at the border.
 pub(crate) fn solve(curves: &[impl StringCost], demand_w: f64) -> OneStepSolution {
-    solve_within(curves, demand_w, 60 + 8 * curves.len().min(MANY))
+    solve_within(curves, demand_w, 60 + 8 * curves.len().min(MAX_STRINGS_WITH_NODES))
 }
 
 /// [`solve`] with at most this many nodes; with fewer nodes the bound is weaker, but valid.

@@ -25,15 +25,15 @@ const CLEARING: f64 = 0.25;
 /// Step of the prices in one of these iterations.
 const TOWARDS_CLEARING: f64 = 0.5;
 /// Iterations without a better bound, after which the ascent returns to the best prices with a smaller step.
-const PATIENCE: usize = 8;
+const MAX_ITERATIONS_WITHOUT_GAIN: usize = 8;
 /// Length of the first ascent steps, as a share of the Polyak step.
-const ASCENT: f64 = 0.5;
+const INITIAL_STEP: f64 = 0.5;
 /// Reduction factor of the step length.
-const SHORTER: f64 = 0.6;
+const STEP_REDUCTION: f64 = 0.6;
 /// Weight of the newest direction; earlier directions have the remaining weight, which damps oscillation.
-const NEWEST: f64 = 0.6;
+const NEWEST_DIRECTION_WEIGHT: f64 = 0.6;
 /// The ascent stops at a gap below this share of the cost.
-const CLOSED: f64 = 2e-3;
+const MIN_RELATIVE_GAP: f64 = 2e-3;
 /// Number of candidate powers of a string at its prices.
 const CHOICES: usize = 24;
 
@@ -379,7 +379,7 @@ pub(crate) fn ascend(problem: &PlanProblem<'_>, price: Vec<f64>, known_cost: f64
     let mut price = price;
     let (mut best_price, mut best_bound) = (price.clone(), f64::NEG_INFINITY);
     let (mut request_w, mut cost) = (vec![], f64::INFINITY);
-    let (mut length, mut since) = (ASCENT, 0);
+    let (mut length, mut since) = (INITIAL_STEP, 0);
     let mut slope = vec![0.0; problem.n_steps()];
     let clearing = (CLEARING * passes as f64).ceil() as usize;
     for pass in 0..passes {
@@ -401,9 +401,9 @@ pub(crate) fn ascend(problem: &PlanProblem<'_>, price: Vec<f64>, known_cost: f64
                 .for_each(|(p, clear)| *p += TOWARDS_CLEARING * (clear - *p));
             continue;
         }
-        if pass == clearing || since > PATIENCE {
-            if since > PATIENCE {
-                length *= SHORTER;
+        if pass == clearing || since > MAX_ITERATIONS_WITHOUT_GAIN {
+            if since > MAX_ITERATIONS_WITHOUT_GAIN {
+                length *= STEP_REDUCTION;
             }
             since = 0;
             price.clone_from(&best_price);
@@ -411,9 +411,11 @@ pub(crate) fn ascend(problem: &PlanProblem<'_>, price: Vec<f64>, known_cost: f64
             values.solve(&price);
         }
         let newest = values.direction(&price);
-        slope.iter_mut().zip(newest).for_each(|(old, new)| *old = NEWEST * new + (1.0 - NEWEST) * *old);
+        slope.iter_mut().zip(newest).for_each(|(old, new)| {
+            *old = NEWEST_DIRECTION_WEIGHT * new + (1.0 - NEWEST_DIRECTION_WEIGHT) * *old
+        });
         let norm: f64 = slope.iter().map(|g| g * g).sum();
-        let gap = (known_cost.min(cost) - best_bound).max(CLOSED * known_cost.abs());
+        let gap = (known_cost.min(cost) - best_bound).max(MIN_RELATIVE_GAP * known_cost.abs());
         let step = if norm > 0.0 { length * gap / norm } else { 0.0 };
         for (t, price) in price.iter_mut().enumerate() {
             let losses = &problem.prices.losses[t];

@@ -7,11 +7,11 @@ use crate::error::check_length;
 use crate::model::{ControlModel, StringState};
 use crate::plan::paths::{Paths, Point};
 use crate::plan::problem::{PlanProblem, Prices};
-use crate::plan::starts::{deliverable_w, CRUMBS};
+use crate::plan::starts::{deliverable_w, ROUNDING_SHARE};
 use crate::rules::water_fill;
 
 /// Preference for inverters that are on in the order of a group, as a share of the SOC window.
-const INERTIA: f64 = 0.02;
+const SWITCHING_HYSTERESIS: f64 = 0.02;
 
 /// The strings of each group; strings out of service belong to no group.
 #[derive(Debug, Clone, PartialEq)]
@@ -160,7 +160,8 @@ impl Step<'_> {
     fn share(&self, members: &[usize], total_w: f64, fewer: bool, power: &mut [f64]) {
         let mut order = members.to_vec();
         if fewer {
-            let rank = |m: usize| self.left(m) + if self.points[m].running { INERTIA } else { 0.0 };
+            let rank =
+                |m: usize| self.left(m) + if self.points[m].running { SWITCHING_HYSTERESIS } else { 0.0 };
             order.sort_by(|&a, &b| rank(b).total_cmp(&rank(a)));
             order.truncate(self.number_to_run(&order, total_w));
         }
@@ -170,7 +171,7 @@ impl Step<'_> {
             power[m] = share_w;
         }
         let rest = total_w - members.iter().map(|&m| power[m]).sum::<f64>();
-        if rest > CRUMBS * total_w {
+        if rest > ROUNDING_SHARE * total_w {
             let limit_w = &self.problem.limit_w;
             let free: Vec<f64> = members.iter().map(|&m| (limit_w[m] - power[m]).max(0.0)).collect();
             for (&m, more) in members.iter().zip(water_fill(rest, &free, &free)) {

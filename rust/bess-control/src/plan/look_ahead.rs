@@ -59,8 +59,8 @@ fn share_step<V: CostToGo>(
 ) -> (Vec<f64>, f64) {
     let demand_w = problem.demand_w[t];
     let limit_w = &problem.limit_w;
-    let largest_w = limit_w.iter().copied().fold(0.0, f64::max);
-    let units = ((demand_w / largest_w * PARTS as f64).ceil() as usize).max(PARTS);
+    let max_w = limit_w.iter().copied().fold(0.0, f64::max);
+    let units = ((demand_w / max_w * PARTS as f64).ceil() as usize).max(PARTS);
     let unit_w = demand_w / units as f64;
     let power_w = |m: usize, k: usize| (k as f64 * unit_w).min(limit_w[m]);
     let ends = |group: usize, m: usize| -> Vec<(f64, V::End)> {

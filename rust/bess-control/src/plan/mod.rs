@@ -41,17 +41,17 @@ use crate::cores;
 use crate::rules::Rule;
 
 /// Minimum gain of a round of moves, as a share of the cost, for another round.
-const WORTHWHILE: f64 = 2e-4;
+const MIN_RELATIVE_GAIN: f64 = 2e-4;
 
 /// Distance of the plant's fill from empty and full, above which SOC differences are harmless, and below which they count fully.
-const ROOMY: f64 = 0.3;
-const TIGHT: f64 = 0.15;
+const HARMLESS_MARGIN: f64 = 0.3;
+const HARMFUL_MARGIN: f64 = 0.15;
 /// Remaining price factor of harmless SOC differences: equal SOCs simplify planning.
 const SLACK: f64 = 0.1;
 
 /// Step of the dynamic program of pairs [h]; shorter steps take more time without a gain, unless there are few of them.
 const PAIRS_STEP_H: f64 = 0.5;
-const FEW_STEPS: usize = 16;
+const MAX_STEPS_AT_FINE_STEP: usize = 16;
 
 const BOUND_STEP_H: f64 = 0.25;
 
@@ -193,7 +193,7 @@ impl PlanProblem<'_> {
         if effort.bound_passes == 0 {
             return (found, None);
         }
-        let per = self.steps_of(PAIRS_STEP_H).min((n_steps / FEW_STEPS).max(1));
+        let per = self.steps_of(PAIRS_STEP_H).min((n_steps / MAX_STEPS_AT_FINE_STEP).max(1));
         let pairs = PairValues::solve(&self.coarsened(per));
         let (ahead, price) = look_ahead(self, &pairs);
         found.push(polish(ahead));
@@ -241,7 +241,8 @@ impl PlanProblem<'_> {
         let mut tightness = SLACK;
         for t in (0..self.n_steps()).rev() {
             let margin = self.fill[t].min(1.0 - self.fill[t]);
-            tightness = tightness.max(((ROOMY - margin) / (ROOMY - TIGHT)).clamp(0.0, 1.0));
+            tightness = tightness
+                .max(((HARMLESS_MARGIN - margin) / (HARMLESS_MARGIN - HARMFUL_MARGIN)).clamp(0.0, 1.0));
             self.tightness[t] = tightness;
         }
     }
@@ -303,7 +304,7 @@ fn improve(paths: &mut Paths<'_>, budget: usize, turn: usize, cycle: usize) {
         }
         if (round + 1 - turn) % cycle == 0 {
             let cost = paths.cost();
-            if cost > at_start - WORTHWHILE * at_start.abs() {
+            if cost > at_start - MIN_RELATIVE_GAIN * at_start.abs() {
                 return;
             }
             at_start = cost;

@@ -17,7 +17,7 @@ const TEMPERATURE_STEP_K: f64 = 4.9;
 /// Number of power shares of two strings in a step.
 const SHARES: usize = 12;
 /// Derating factor at which the grid ends: plans do not use hotter strings.
-const LEAST_DERATING: f64 = 0.25;
+const MIN_DERATING: f64 = 0.25;
 /// Margin of the grid above the hottest string without derating [K].
 const WARMING_K: f64 = 35.0;
 
@@ -57,7 +57,7 @@ impl Grid {
         let p = &problem.model.strings()[m].parameters;
         let Range { low, high: warmest } = problem.temperatures_c(0..problem.n_strings());
         let factor = &p.derating.factor;
-        let stop = factor.x().iter().copied().find(|&c| factor.at(c) < LEAST_DERATING);
+        let stop = factor.x().iter().copied().find(|&c| factor.at(c) < MIN_DERATING);
         let high = stop.unwrap_or(warmest + WARMING_K).max(warmest + TEMPERATURE_STEP_K);
         let nodes = ((high - low) / TEMPERATURE_STEP_K).ceil() as usize + 1;
         let soc = problem.soc_range(m);

@@ -5,7 +5,7 @@ use crate::plan::problem::PlanProblem;
 use crate::rules::{water_fill, Rule};
 
 /// Relative remainder of an allocated power that counts as rounding and switches no inverter on.
-pub(crate) const CRUMBS: f64 = 1e-9;
+pub(crate) const ROUNDING_SHARE: f64 = 1e-9;
 
 pub(crate) fn of_rule<'a>(rule: Rule, problem: &'a PlanProblem<'a>) -> Paths<'a> {
     Paths::shared(problem, |t, points| powers(rule, problem, t, points))
@@ -28,7 +28,7 @@ fn powers(rule: Rule, problem: &PlanProblem<'_>, t: usize, points: &[Point]) -> 
         strings[m].nominal_w() * (stop_c - points[m].state.temperature_c).max(0.0)
     };
     let caps = deliverable_w(problem, t, points);
-    rule.allocate(demand_w, (&caps, &problem.limit_w), left, cool, t, CRUMBS)
+    rule.allocate(demand_w, (&caps, &problem.limit_w), left, cool, t, ROUNDING_SHARE)
 }
 
 /// Maximum deliverable power of each string in a step, within its limit [W].
@@ -69,7 +69,7 @@ pub(crate) fn carried_on(problem: &PlanProblem<'_>, request_w: &[f64]) -> Vec<f6
 pub(crate) fn fill_up(power: &mut [f64], demand_w: f64, limit_w: &[f64]) {
     for running in [true, false] {
         let rest = demand_w - power.iter().sum::<f64>();
-        if rest <= CRUMBS * demand_w {
+        if rest <= ROUNDING_SHARE * demand_w {
             return;
         }
         let room = |m: usize| if (power[m] > 0.0) == running { limit_w[m] - power[m] } else { 0.0 };

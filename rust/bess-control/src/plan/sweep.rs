@@ -10,11 +10,11 @@ const CELLS: usize = 12;
 /// Cells with a compensating move in a later step: the ends, the middle, the quarters.
 const EXCHANGED: [usize; 5] = [0, CELLS / 4, CELLS / 2, 3 * CELLS / 4, CELLS];
 /// Maximum number of exchanges rolled out at each step, by predicted gain.
-const TRIED: usize = 3;
+const MAX_TRIALS: usize = 3;
 /// Minimum predicted gain, as a share of the cost of the plan.
-const PROMISING: f64 = 1e-6;
+const MIN_RELATIVE_GAIN: f64 = 1e-6;
 /// Distance from an end, as a share of the cell, within which an exchange switches an inverter off.
-const SNAP: f64 = 0.4;
+const SWITCH_OFF_DISTANCE: f64 = 0.4;
 
 /// A request of the first string in one step, with the remainder in the second: change of the cost of both strings, without
 /// the value of their charge, and of their SOC.
@@ -53,7 +53,7 @@ struct Exchange {
 
 /// One pass over all steps of a plan of this cost.
 pub(crate) fn sweep(paths: &mut Paths<'_>, pair: Pair, cost: f64, budget: u64) {
-    let least = PROMISING * cost;
+    let least = MIN_RELATIVE_GAIN * cost;
     let slopes = pair.slopes(paths);
     let mut sweep = Sweep { paths, pair, slopes, forks: vec![] };
     let n_steps = sweep.paths.problem.n_steps();
@@ -152,8 +152,8 @@ impl Sweep<'_, '_> {
     }
 
     /// The best predicted exchanges of a step with later steps, with opposite changes of the first string.
-    fn exchanges(&self, t: usize, least: f64) -> [Option<Exchange>; TRIED] {
-        let mut found = [None; TRIED];
+    fn exchanges(&self, t: usize, least: f64) -> [Option<Exchange>; MAX_TRIALS] {
+        let mut found = [None; MAX_TRIALS];
         let window = |m: usize| {
             let p = &self.paths.problem.model.strings()[m].parameters;
             (p.soc_min - 1e-9, p.soc_max + 1e-9)
@@ -188,7 +188,7 @@ impl Sweep<'_, '_> {
 }
 
 /// Keeps the best predicted moves, in order.
-fn keep(found: &mut [Option<Exchange>; TRIED], mut exchange: Exchange) {
+fn keep(found: &mut [Option<Exchange>; MAX_TRIALS], mut exchange: Exchange) {
     for place in found {
         match place {
             Some(held) if held.promise <= exchange.promise => (),
@@ -216,9 +216,9 @@ impl Fork {
         let place = (share * CELLS as f64).clamp(0.0, CELLS as f64);
         let cell = (place as usize).min(CELLS - 1);
         let mut part = place - cell as f64;
-        if cell == 0 && part < SNAP {
+        if cell == 0 && part < SWITCH_OFF_DISTANCE {
             part = 0.0;
-        } else if cell == CELLS - 1 && part > 1.0 - SNAP {
+        } else if cell == CELLS - 1 && part > 1.0 - SWITCH_OFF_DISTANCE {
             part = 1.0;
         }
         let (x, y) = (&self.choices[cell], &self.choices[cell + 1]);

@@ -10,7 +10,7 @@ pub(super) const SOC_ROUNDING: f64 = 1e-12;
 const TEMPERATURE_ROUNDING_K: f64 = 1e-9;
 /// Boxes are divided at these SOC: voltage and resistance change most at low SOC, and the behaviour of a nearly empty
 /// string should not be bounded with values of a higher SOC.
-const BORDERS_SOC: [f64; 5] = [0.02, 0.05, 0.1, 0.15, 0.25];
+const SOC_BORDERS: [f64; 5] = [0.02, 0.05, 0.1, 0.15, 0.25];
 
 /// Operating ranges of a string in a step.
 #[derive(Debug, Clone, Copy)]
@@ -87,25 +87,25 @@ impl StringModel {
     }
 
     /// [`Self::cell`] of the parts of the box and of the requests that lead to `end` with an availability loss of at most
-    /// `most_shed_w`, with these parts. None if there are none.
+    /// `max_shed_w`, with these parts. None if there are none.
     pub(super) fn cell_towards(
         &self,
         (states, requests_w): (&StateBox, &Range),
         interval: &Interval,
         end: &StateBox,
-        most_shed_w: f64,
+        max_shed_w: f64,
     ) -> Option<(Cell, Range, Range)> {
         let slack_w = REQUEST_ROUNDING * self.nominal_w();
         let fits = |cell: &Cell| {
             overlap(&cell.end.soc, &end.soc)
                 && overlap(&cell.end.temperature_c, &end.temperature_c)
-                && cell.shed_w.low <= most_shed_w + slack_w
+                && cell.shed_w.low <= max_shed_w + slack_w
         };
         let (mut all, mut soc, mut requests) = (Cell::NONE, Range::EMPTY, Range::EMPTY);
         for part in soc_parts(states) {
             let ranges = self.ranges(interval.direction, &part);
             let whole = self.cell_of_part(&part, &ranges, requests_w, interval);
-            let within = whole.shed_w.high <= most_shed_w
+            let within = whole.shed_w.high <= max_shed_w
                 && contains(&end.soc, &whole.end.soc)
                 && contains(&end.temperature_c, &whole.end.temperature_c);
             if within {
@@ -242,7 +242,7 @@ impl StringModel {
             let drained = low < 0.0 && states.soc.low + per_ampere * low < p.soc_min + SOC_ROUNDING;
             if drained {
                 cell.may_be_off = true;
-                cell.shed_w.high = cell.shed_w.high.max(wanted.high.min(curve.largest_drawing_w()));
+                cell.shed_w.high = cell.shed_w.high.max(wanted.high.min(curve.max_drawing_w()));
                 let high = states.soc.high.min(p.soc_min - per_ampere * low);
                 cell.shed_soc = Range { low: states.soc.low, high: high.max(states.soc.low) };
             }
@@ -255,8 +255,8 @@ impl StringModel {
             }
             if cell.may_shed() {
                 // Charge that a string cannot deliver, because the power is below the minimum power.
-                let (_, least_w) = curve.at(self.min_power_w());
-                let stranded = 2.0 * per_ampere * least_w.max(0.0) / v.low;
+                let (_, min_w) = curve.at(self.min_power_w());
+                let stranded = 2.0 * per_ampere * min_w.max(0.0) / v.low;
                 if room.low <= strongest.high {
                     let toward = if direction == Direction::Charge { -stranded } else { stranded };
                     let end = Range::point(edge).union(&Range::point(edge + toward));
@@ -335,7 +335,7 @@ fn contains(outer: &Range, inner: &Range) -> bool {
 /// Parts of a box divided at the borders.
 fn soc_parts(states: &StateBox) -> impl Iterator<Item = StateBox> + '_ {
     let Range { low, high } = states.soc;
-    let inside = BORDERS_SOC.into_iter().filter(move |b| *b > low && *b < high).chain([high]);
+    let inside = SOC_BORDERS.into_iter().filter(move |b| *b > low && *b < high).chain([high]);
     inside.scan(low, move |from, to| {
         let part = StateBox { soc: Range { low: *from, high: to }, ..*states };
         *from = to;

@@ -110,12 +110,12 @@ impl ControlHorizon {
         let n_steps = self.n_steps();
         let sheds = |t: usize| (0..self.n_strings()).any(|m| may_shed[m * n_steps + t]);
         if (0..n_steps).any(sheds) {
-            let most_w: Vec<f64> =
+            let max_w: Vec<f64> =
                 (0..n_steps).map(|t| if sheds(t) { self.demand_w[t] } else { 0.0 }).collect();
-            let budgets_w: Vec<f64> = most_w.iter().map(|most| most.min(budget_w)).collect();
+            let budgets_w: Vec<f64> = max_w.iter().map(|most| most.min(budget_w)).collect();
             let steps =
                 self.step_bounds_over(&self.states_along(flows), costs, &budgets_w, Shed::OnlyAtLimits);
-            bounds.search_bound = least_cost(&steps.bounds, cheapest_shed(costs), &most_w, budget_w);
+            bounds.search_bound = least_cost(&steps.bounds, cheapest_shed(costs), &max_w, budget_w);
         } else {
             bounds.search_bound = optimum.bounds.iter().map(|step| step.phi).sum();
         }

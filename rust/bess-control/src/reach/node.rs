@@ -6,7 +6,7 @@ use crate::model::{ControlHorizon, Range, StateBox};
 /// Maximum number of passes over all strings and steps, alternately forward and backward.
 const PASSES: usize = 4;
 /// Minimum tightening of a request range (share of nominal power) or an SOC range for another pass.
-const WORTHWHILE: f64 = 0.01;
+const MIN_TIGHTENING: f64 = 0.01;
 /// Relative safety margin of a limit of the availability loss, for the rounding of sums.
 const BUDGET_ROUNDING: f64 = 1e-9;
 /// Maximum distance from the SOC limit at the end of a step with availability loss.
@@ -31,7 +31,7 @@ pub struct NarrowNode {
     /// `(M, T)`
     pub cells: Vec<Cell>,
     /// Maximum availability loss of each string in a step, `(M, T)` [W].
-    pub most_shed_w: Vec<f64>,
+    pub max_shed_w: Vec<f64>,
 }
 
 impl ControlHorizon {
@@ -42,7 +42,7 @@ impl ControlHorizon {
         let mut node = node.clone();
         let mut cells: Vec<Option<Cell>> = vec![None; n_strings * n_steps];
         let most = |may_shed: &bool| if *may_shed { budget_w } else { 0.0 };
-        let mut most_shed_w: Vec<f64> = node.may_shed.iter().map(most).collect();
+        let mut max_shed_w: Vec<f64> = node.may_shed.iter().map(most).collect();
         for pass in 0..PASSES {
             let mut gain = 0.0_f64;
             for t in 0..n_steps {
@@ -56,7 +56,7 @@ impl ControlHorizon {
                     let interval = &self.intervals[t];
                     let from = (&node.boxes[b], &node.requests_w[i]);
                     let (cell, soc, requests_w) =
-                        string.cell_towards(from, interval, &node.boxes[b + 1], most_shed_w[i])?;
+                        string.cell_towards(from, interval, &node.boxes[b + 1], max_shed_w[i])?;
                     gain = gain.max(width(&node.boxes[b].soc) - width(&soc));
                     gain = gain.max((width(&node.requests_w[i]) - width(&requests_w)) / limit_w);
                     node.boxes[b].soc = soc;
@@ -70,28 +70,28 @@ impl ControlHorizon {
                     cells[i] = Some(cell);
                 }
             }
-            let least_w: f64 = cells.iter().flatten().map(|cell| cell.shed_w.low).sum();
-            if least_w > budget_w + REQUEST_ROUNDING * self.string(0).nominal_w() {
+            let min_w: f64 = cells.iter().flatten().map(|cell| cell.shed_w.low).sum();
+            if min_w > budget_w + REQUEST_ROUNDING * self.string(0).nominal_w() {
                 return None;
             }
             for (i, cell) in cells.iter().enumerate() {
                 let m = i / n_steps;
                 let cell = cell.as_ref()?;
-                let others_w = least_w - cell.shed_w.low;
-                most_shed_w[i] = most_shed_w[i].min(budget_w - others_w).min(cell.shed_w.high).max(0.0);
+                let others_w = min_w - cell.shed_w.low;
+                max_shed_w[i] = max_shed_w[i].min(budget_w - others_w).min(cell.shed_w.high).max(0.0);
                 // A request is the sum of delivered power, derating loss and availability loss.
                 let kept = cell.derating.low;
                 if kept > 0.0 {
                     let slack_w = REQUEST_ROUNDING * self.string(m).nominal_w();
                     let little_w = if kept < 1.0 { self.string(m).min_power_w() } else { 0.0 };
-                    let most_w =
-                        (cell.delivered_w.high.max(0.0) + most_shed_w[i].max(little_w)) / kept + slack_w;
+                    let max_w =
+                        (cell.delivered_w.high.max(0.0) + max_shed_w[i].max(little_w)) / kept + slack_w;
                     let requests = &mut node.requests_w[i];
-                    gain = gain.max((requests.high - most_w) / self.string(m).nominal_w());
-                    requests.high = requests.high.min(most_w);
+                    gain = gain.max((requests.high - max_w) / self.string(m).nominal_w());
+                    requests.high = requests.high.min(max_w);
                 }
             }
-            if gain < WORTHWHILE {
+            if gain < MIN_TIGHTENING {
                 break;
             }
         }
@@ -99,7 +99,7 @@ impl ControlHorizon {
             self.balance(&mut node.requests_w, t)?;
         }
         let cells = cells.into_iter().collect::<Option<Vec<_>>>()?;
-        Some(NarrowNode { node, cells, most_shed_w })
+        Some(NarrowNode { node, cells, max_shed_w })
     }
 
     /// Tightens the requests of a step to the demand minus the ranges of the other strings; None if infeasible.

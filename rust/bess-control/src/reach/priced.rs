@@ -18,7 +18,7 @@ const MULTIPLIERS: [f64; 4] = [0.05, 0.1, 0.2, 0.4];
 /// The multiplier of a group that must not cost anything: any value is free.
 const FREE_MULTIPLIER: f64 = 1.0;
 /// Ceilings up to here do not allow any cost.
-const NOTHING: f64 = 1e-9;
+const NEGLIGIBLE_CEILING: f64 = 1e-9;
 
 impl ControlHorizon {
     /// Lower bound of the objective of the group that follows those with `ceilings`, at most the `objective` of a known
@@ -26,7 +26,7 @@ impl ControlHorizon {
     pub fn priced_bound(&self, ceilings: &[f64], objective: f64, sample: usize) -> f64 {
         let own = self.least_costs(ceilings.len());
         let earlier: Vec<_> = ceilings.iter().enumerate().map(|(g, &c)| (self.least_costs(g), c)).collect();
-        let free = earlier.iter().all(|(_, ceiling)| *ceiling <= NOTHING);
+        let free = earlier.iter().all(|(_, ceiling)| *ceiling <= NEGLIGIBLE_CEILING);
         let bound = |scale: f64| {
             let (mut costs, mut conceded) = (own, 0.0);
             for (before, ceiling) in &earlier {

@@ -168,7 +168,7 @@ impl ControlHorizon {
             cell.battery_w
         };
         let must_run = !frozen && may_run && !cell.may_be_off;
-        let shed_w = if frozen { cell.shed_w.high.min(u.high) } else { of.most_shed_w[i] };
+        let shed_w = if frozen { cell.shed_w.high.min(u.high) } else { of.max_shed_w[i] };
         let may_shed = cell.may_shed() && shed_w > 0.0;
 
         // Derating: 1 - k >= derated + derated_per_k tau.

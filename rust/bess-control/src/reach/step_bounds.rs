@@ -15,7 +15,7 @@ const GAP_OF_SLOPE: f64 = 1e-7;
 /// Relative margin of slopes above the required value, so that few iterations are needed.
 const MARGIN_OF_SLOPE: f64 = 1e-2;
 /// Highest slope, in units of the steepest marginal cost.
-const HIGHEST_SLOPE: f64 = 2e3;
+const MAX_SLOPE: f64 = 2e3;
 
 /// Availability loss that a cut does not count.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -107,8 +107,8 @@ impl ControlHorizon {
             of.node.boxes.chunks_exact(n_steps + 1).flat_map(|row| row[..n_steps].to_vec()).collect();
         let most = |m: usize, t: usize| {
             let i = m * n_steps + t;
-            let largest_w = of.node.requests_w[i].high.max(0.0);
-            (largest_w, of.cells[i].delivered_w.high.max(0.0), self.string(m).min_power_w())
+            let max_w = of.node.requests_w[i].high.max(0.0);
+            (max_w, of.cells[i].delivered_w.high.max(0.0), self.string(m).min_power_w())
         };
         Ok(self.step_bounds_within(&boxes, costs, budget_w, most))
     }
@@ -181,10 +181,10 @@ impl ControlHorizon {
     }
 }
 
-/// Least sum over the steps of `max(phi - shed_slope a, 0) + shed_cost a`, with `a <= most_w` in each step and
+/// Least sum over the steps of `max(phi - shed_slope a, 0) + shed_cost a`, with `a <= max_w` in each step and
 /// `sum a <= budget_w`: bound of a horizon from step cuts alone. The steepest step is shed first, each until its cut is
 /// used up.
-pub(crate) fn least_cost(bounds: &[StepBound], shed_cost: f64, most_w: &[f64], budget_w: f64) -> f64 {
+pub(crate) fn least_cost(bounds: &[StepBound], shed_cost: f64, max_w: &[f64], budget_w: f64) -> f64 {
     let mut order: Vec<usize> = (0..bounds.len()).collect();
     order.sort_by(|&a, &b| bounds[b].shed_slope.total_cmp(&bounds[a].shed_slope));
     let (mut left_w, mut cost) = (budget_w, 0.0);
@@ -192,7 +192,7 @@ pub(crate) fn least_cost(bounds: &[StepBound], shed_cost: f64, most_w: &[f64], b
         let StepBound { phi, shed_slope } = bounds[t];
         let saved = (shed_slope - shed_cost).max(0.0);
         let used_up_w = if saved > 0.0 { phi / shed_slope } else { 0.0 };
-        let shed_w = used_up_w.min(most_w[t]).min(left_w);
+        let shed_w = used_up_w.min(max_w[t]).min(left_w);
         cost += phi - saved * shed_w;
         left_w -= shed_w;
     }
@@ -224,15 +224,15 @@ pub(crate) fn step_bound(
     let idle: f64 = curves.iter().map(|c| c.terms.scale_price * c.terms.power_scale_w.low).sum();
     let saved = if nothing_shed.is_finite() { (nothing_shed - idle) / demand_w } else { 2.0 * steepest };
     // A demand just above the limit of fewer strings would need an unlimited slope, because shedding saves a no-load loss.
-    let highest = HIGHEST_SLOPE * steepest.max(saved);
+    let highest = MAX_SLOPE * steepest.max(saved);
     let mut slope = curves.iter().map(|c| c.terms.costs.derating).fold(0.0, f64::max);
     // Shedding the whole demand saves all cost: no smaller slope is valid.
     slope = slope.max(saved);
     let mut best = StepBound::default();
     // A vanishing demand has no slope.
     let tries = if highest.is_finite() { MAX_SLOPES } else { 0 };
-    let most_w = if budget_w < demand_w { budget_w } else { 0.0 };
-    let worth = |bound: &StepBound| bound.phi - bound.shed_slope * most_w;
+    let max_w = if budget_w < demand_w { budget_w } else { 0.0 };
+    let worth = |bound: &StepBound| bound.phi - bound.shed_slope * max_w;
     for attempt in 0..tries {
         for curve in curves.iter_mut() {
             curve.terms.shed_cost = slope;
@@ -269,13 +269,13 @@ mod tests {
     }
 
     /// Minimum over a grid of the shed power in each step.
-    fn least_on_a_grid(cuts: &[StepBound], price: f64, most_w: [f64; 3], budget_w: f64) -> f64 {
+    fn least_on_a_grid(cuts: &[StepBound], price: f64, max_w: [f64; 3], budget_w: f64) -> f64 {
         let shares = || (0..=40).map(|i| f64::from(i) / 40.0);
         let mut least = f64::INFINITY;
         for a in shares() {
             for b in shares() {
                 for c in shares() {
-                    let shed = [a * most_w[0], b * most_w[1], c * most_w[2]];
+                    let shed = [a * max_w[0], b * max_w[1], c * max_w[2]];
                     if shed.iter().sum::<f64>() <= budget_w {
                         let cost = |(cut, shed): (&StepBound, &f64)| {
                             (cut.phi - cut.shed_slope * shed).max(0.0) + price * shed
@@ -293,13 +293,13 @@ mod tests {
         let mut random = fastrand::Rng::with_seed(3);
         for round in 0..12 {
             let mut three = |low: f64, high: f64| [0; 3].map(|_| low + (high - low) * random.f64());
-            let (phi, slope, most_w) = (three(0.0, 2.0), three(0.1, 3.0), three(0.0, 1.0));
+            let (phi, slope, max_w) = (three(0.0, 2.0), three(0.1, 3.0), three(0.0, 1.0));
             let (price, budget_w) = (if round % 2 == 0 { 0.0 } else { 0.7 }, three(0.0, 2.0)[0]);
             let cuts = cuts(phi, slope);
-            let least = least_cost(&cuts, price, &most_w, budget_w);
-            let on_grid = least_on_a_grid(&cuts, price, most_w, budget_w);
+            let least = least_cost(&cuts, price, &max_w, budget_w);
+            let on_grid = least_on_a_grid(&cuts, price, max_w, budget_w);
             assert!(least <= on_grid + 1e-12);
-            let spacing = most_w.iter().zip(slope).map(|(most, slope)| most * slope / 40.0).sum::<f64>();
+            let spacing = max_w.iter().zip(slope).map(|(most, slope)| most * slope / 40.0).sum::<f64>();
             assert!(least >= on_grid - 2.0 * spacing, "{least} against {on_grid}");
         }
     }

@@ -7,21 +7,16 @@ use crate::model::LossCurve;
 /// Width of the step to another inverter, as a share of the nominal power.
 const STEP: f64 = 1e-6;
 
-/// Loss over active power, up to `most_w`, of an inverter that carries `factor` times as much apparent power.
+/// Loss over active power, up to `max_w`, of an inverter that carries `factor` times as much apparent power.
 /// Apparent power above its nominal power is carried by identical inverters, which are on for this purpose only.
-pub(crate) fn curve_at_power_factor(
-    curve: &LossCurve,
-    nominal_w: f64,
-    factor: f64,
-    most_w: f64,
-) -> LossCurve {
+pub(crate) fn curve_at_power_factor(curve: &LossCurve, nominal_w: f64, factor: f64, max_w: f64) -> LossCurve {
     if factor == 1.0 {
         return curve.clone();
     }
     let full_w = curve.at(nominal_w).0;
     let (mut x, mut y) = (vec![], vec![]);
     let mut others = 0.0;
-    while x.is_empty() || others * nominal_w < factor * most_w {
+    while x.is_empty() || others * nominal_w < factor * max_w {
         for (&knot, &loss) in curve.power().iter().zip(curve.loss()) {
             let knot = if others > 0.0 { knot.max(STEP * nominal_w) } else { knot };
             x.push((others * nominal_w + knot) / factor);

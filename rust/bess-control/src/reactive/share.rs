@@ -7,7 +7,7 @@ use crate::model::{ControlModel, LossCurve};
 use crate::one_step::{solve, Response, StringCost};
 
 /// Share of the total below which a reactive power is a rounding error.
-const CRUMBS: f64 = 1e-9;
+const ROUNDING_SHARE: f64 = 1e-9;
 
 /// An inverter in one step: its loss over apparent power, active power, reactive headroom, and the cost of a start [W].
 #[derive(Debug, Clone, Copy)]
@@ -44,8 +44,8 @@ impl ControlModel {
         check_range("start", start_w, (0.0, f64::MAX), " W")?;
         let inverter = |m: usize| {
             let string = &self.strings()[m];
-            let (active_w, most_va) = (request_w[m].abs(), limit_va[m].min(string.nominal_w()));
-            let room_var = (most_va * most_va - active_w * active_w).max(0.0).sqrt();
+            let (active_w, max_va) = (request_w[m].abs(), limit_va[m].min(string.nominal_w()));
+            let room_var = (max_va * max_va - active_w * active_w).max(0.0).sqrt();
             let curve = string.loss(Direction::of(request_w[m]));
             Inverter { curve, active_w, room_var, start_w: start_w[m] }
         };
@@ -63,7 +63,7 @@ fn share(inverters: &[Inverter<'_>], total_var: f64) -> Vec<f64> {
     let mut reactive_var = solve(inverters, total_var).request_w;
     // A combination of two responses has rounding errors, which start no inverter and exceed no limit.
     for (q, inverter) in reactive_var.iter_mut().zip(inverters) {
-        let is_rounding = inverter.active_w == 0.0 && *q < CRUMBS * total_var;
+        let is_rounding = inverter.active_w == 0.0 && *q < ROUNDING_SHARE * total_var;
         *q = if is_rounding { 0.0 } else { q.min(inverter.room_var) };
     }
     let mut rest_var = total_var - reactive_var.iter().sum::<f64>();

@@ -7,11 +7,11 @@ use super::ranking::Ranking;
 use crate::model::ControlHorizon;
 
 /// Smallest shift of the polish, as a share of nominal power.
-const FINEST: f64 = 1e-7;
+const MIN_STEP: f64 = 1e-7;
 /// Minimum relative gain of a pass for another pass.
-const WORTHWHILE: f64 = 1e-6;
+const MIN_RELATIVE_GAIN: f64 = 1e-6;
 /// Minimum relative gain of a polish pass for another one.
-const NOTICEABLE: f64 = 1e-9;
+const MIN_RELATIVE_POLISH_GAIN: f64 = 1e-9;
 /// Above this number of strings, each string is paired only with its neighbours in the order of requests.
 const ALL_PAIRS: usize = 6;
 
@@ -84,7 +84,8 @@ fn descend(tracked: &mut IncrementalRollout<'_>, ranking: &Ranking, budget: u64)
                 }
             });
         }
-        tracked.string_steps.get() < budget && ranking.better_by(&tracked.objectives(), &before, WORTHWHILE)
+        tracked.string_steps.get() < budget
+            && ranking.better_by(&tracked.objectives(), &before, MIN_RELATIVE_GAIN)
     };
     while gains(false) || gains(true) {}
 }
@@ -112,7 +113,7 @@ fn polish(tracked: &mut IncrementalRollout<'_>, ranking: &Ranking, budget: u64) 
     let largest = (0..tracked.horizon.n_strings()).map(nominal).fold(0.0, f64::max);
     let steps: Vec<_> = (tracked.first..tracked.end).map(|step| (step, step)).collect();
     let mut share = 1e-2;
-    while share > FINEST {
+    while share > MIN_STEP {
         let before = tracked.objectives();
         pass(tracked, budget, &steps, |tracked, (step, _), strings| {
             if let Some(line) = Line::new(tracked, step, strings) {
@@ -122,7 +123,7 @@ fn polish(tracked: &mut IncrementalRollout<'_>, ranking: &Ranking, budget: u64) 
         if tracked.string_steps.get() >= budget {
             return;
         }
-        if !ranking.better_by(&tracked.objectives(), &before, NOTICEABLE) {
+        if !ranking.better_by(&tracked.objectives(), &before, MIN_RELATIVE_POLISH_GAIN) {
             share *= 0.25;
         }
     }

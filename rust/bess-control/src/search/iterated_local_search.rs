@@ -5,17 +5,17 @@ use super::incumbent::Schedule;
 use super::multistart::Search;
 
 /// String-steps of the perturbations of a kind in a round, and their minimum and maximum number.
-const MOVED_STEPS: usize = 480;
+const PERTURBED_STRING_STEPS: usize = 480;
 const MOVES: (usize, usize) = (12, 48);
 /// Stages of successive halving: roll-outs of a descent, and the reduction factor.
 const HEATS: [(usize, usize); 3] = [(100, 4), (400, 3), (2000, 1)];
 /// Relative difference of objectives below which descents have ended in the same optimum.
-const EQUAL: f64 = 1e-5;
+const SAME_OPTIMUM: f64 = 1e-5;
 /// Minimum relative gain of a round for another one, and the maximum number of rounds.
-const WORTHWHILE: f64 = 1e-6;
-const MOST_ROUNDS: usize = 3;
+const MIN_RELATIVE_GAIN: f64 = 1e-6;
+const MAX_ROUNDS: usize = 3;
 /// String-steps after which no descent of a race starts.
-const MOST_STEPS: u64 = 5_000_000;
+const MAX_STEPS: u64 = 5_000_000;
 
 impl Search<'_> {
     /// Searches from plans and perturbations, even if every step is optimal at its own states, because other states may be
@@ -25,9 +25,9 @@ impl Search<'_> {
         for planned_w in horizon.planned() {
             self.improve(horizon.fitted(&planned_w));
         }
-        let last = self.string_steps + MOST_STEPS;
-        let most = (MOVED_STEPS / horizon.size()).clamp(MOVES.0, MOVES.1);
-        for _ in 0..MOST_ROUNDS {
+        let last = self.string_steps + MAX_STEPS;
+        let most = (PERTURBED_STRING_STEPS / horizon.size()).clamp(MOVES.0, MOVES.1);
+        for _ in 0..MAX_ROUNDS {
             let before = self.incumbent.schedule.objectives;
             let flows = horizon.flows(self.best());
             let mut moved = horizon.with_strings_swapped(self.best(), most);
@@ -36,7 +36,7 @@ impl Search<'_> {
                 self.successive_halving(moved.clone(), group, last);
             }
             let after = self.incumbent.schedule.objectives;
-            if (0..horizon.n_groups()).all(|g| after[g] >= before[g] * (1.0 - WORTHWHILE)) {
+            if (0..horizon.n_groups()).all(|g| after[g] >= before[g] * (1.0 - MIN_RELATIVE_GAIN)) {
                 return;
             }
             self.improve(self.best().to_vec());
@@ -55,7 +55,7 @@ impl Search<'_> {
             }
             let ranking = self.incumbent.ranking(self.horizon, group);
             starts.sort_by(|a, b| ranking.order(&a.objectives, &b.objectives));
-            let equal = |(a, b): (&f64, &f64)| (a - b).abs() <= EQUAL * a.abs().max(b.abs());
+            let equal = |(a, b): (&f64, &f64)| (a - b).abs() <= SAME_OPTIMUM * a.abs().max(b.abs());
             starts.dedup_by(|a, b| a.objectives.iter().zip(&b.objectives).all(equal));
             starts.truncate(starts.len().div_ceil(one_of));
         }

@@ -11,7 +11,7 @@ const SHARES: usize = 25;
 const SHARES_OF_PAIR: usize = 9;
 
 /// Maximum number of refinements of a two-step search.
-const CLOSING_MOVES: usize = 15;
+const MAX_REFINEMENTS: usize = 15;
 
 /// Evaluations to find the intersection with a ceiling.
 const CROSSING: usize = 4;
@@ -188,7 +188,7 @@ impl Plane {
             self.try_row(tracked, ranking, first_w, &seconds, &mut best);
         }
         let mut step = 0.5 / (SHARES_OF_PAIR - 1) as f64;
-        for _ in 0..CLOSING_MOVES {
+        for _ in 0..MAX_REFINEMENTS {
             if step < 1e-3 {
                 break;
             }

@@ -8,14 +8,14 @@ use super::incumbent::{Incumbent, Schedule};
 use crate::model::{ControlHorizon, CostsOf, Flow};
 use crate::reach::{Proof, StepBounds};
 
-const MOST_SWAPS: usize = 64;
+const MAX_SWAPS: usize = 64;
 /// Maximum number of descents after a gain from the one-step optima along the incumbent.
-const SETTLING_ROUNDS: usize = 3;
+const MAX_FINAL_DESCENTS: usize = 3;
 /// Relative gap at which a start is optimal but for rounding: descents gain nothing.
 const EXACT: f64 = 1e-8;
 
 /// Maximum number of rounds: rounding to kW can cancel the gain of an optimum again and again.
-const MOST_ROUNDS: usize = 50;
+const MAX_ROUNDS: usize = 50;
 
 /// Limits of a search.
 #[derive(Debug, Clone, Copy)]
@@ -164,7 +164,7 @@ impl<'a> Search<'a> {
 
     fn swap_strings(&mut self) {
         let mut gained = false;
-        for schedule in self.horizon.with_strings_swapped(self.best(), MOST_SWAPS) {
+        for schedule in self.horizon.with_strings_swapped(self.best(), MAX_SWAPS) {
             gained |= self.offer(schedule);
         }
         if gained {
@@ -201,7 +201,7 @@ impl<'a> Search<'a> {
             self.round();
             let flows = self.horizon.flows(self.best());
             let optima = self.horizon.one_step_optima(&flows);
-            if round > MOST_ROUNDS {
+            if round > MAX_ROUNDS {
                 return (flows, optima);
             }
             let mut gained = false;
@@ -211,7 +211,7 @@ impl<'a> Search<'a> {
             if !gained {
                 return (flows, optima);
             }
-            if round < SETTLING_ROUNDS {
+            if round < MAX_FINAL_DESCENTS {
                 self.improve(self.best().to_vec());
             }
             round += 1;

@@ -4,7 +4,7 @@ use super::incumbent::Schedule;
 use crate::model::{ControlHorizon, Flow};
 
 /// Minimum difference of exchanged powers, as a share of the largest limit.
-const ALIKE: f64 = 1e-3;
+const MIN_POWER_DIFFERENCE: f64 = 1e-3;
 
 impl ControlHorizon {
     /// Two strings exchange their requests between two steps; the pairs are neighbours in the order of total requests. Of more
@@ -42,13 +42,13 @@ impl ControlHorizon {
     ) -> Vec<Schedule> {
         let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
         let several = |t: usize| (0..n_strings).filter(|&m| self.limit(m, t) > 0.0).count() > 1;
-        let largest_w = self.limit_w.iter().copied().fold(0.0, f64::max);
+        let max_w = self.limit_w.iter().copied().fold(0.0, f64::max);
         let delivered = |m: usize, t: usize| flows[m * n_steps + t].delivered_w;
         let mut exchanges = vec![];
         for m in 0..n_strings {
             for first in (0..n_steps).filter(|&t| several(t)) {
                 for second in (first + 1..n_steps).filter(|&t| several(t)) {
-                    if (delivered(m, first) - delivered(m, second)).abs() > ALIKE * largest_w {
+                    if (delivered(m, first) - delivered(m, second)).abs() > MIN_POWER_DIFFERENCE * max_w {
                         exchanges.push((m, first, second));
                     }
                 }
@@ -62,8 +62,8 @@ impl ControlHorizon {
             for (t, &wanted) in row.iter().enumerate() {
                 let demand_w = self.demand_w[t];
                 let room: f64 = others.iter().map(|&other| self.limit(other, t)).sum();
-                let most_w = self.limit(m, t).min(demand_w);
-                let taken = wanted.max(demand_w - room).clamp(0.0, most_w);
+                let max_w = self.limit(m, t).min(demand_w);
+                let taken = wanted.max(demand_w - room).clamp(0.0, max_w);
                 out[m * n_steps + t] = taken;
                 self.share_out(
                     t,

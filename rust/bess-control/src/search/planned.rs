@@ -4,13 +4,13 @@ use crate::model::{CoefficientsFrom, ControlHorizon, CostsOf, Losses};
 use crate::plan::PlanEffort;
 
 /// Price of a group of objectives in the sum of a plan, relative to the next group.
-const FIRST: f64 = 1e3;
+const PRICE_OF_FIRST_GROUP: f64 = 1e3;
 /// String-steps of the moves from each of the plan's starts.
-const POLISHED_STEPS: usize = 200_000;
+const STRING_STEPS_OF_MOVES: usize = 200_000;
 /// Iterations of the dual bound, whose schedule is one of these starts.
 const BOUND_PASSES: usize = 20;
 /// Number of strings above which plans start from rules only: the time for dynamic programs grows with its square.
-const MANY_STRINGS: usize = 64;
+const MAX_STRINGS_WITH_DYNAMIC_PROGRAMS: usize = 64;
 
 impl ControlHorizon {
     /// Requests `(M, T)` of plans that minimise one sum of all groups: dynamic programs place scarce charge and coolness in
@@ -19,15 +19,15 @@ impl ControlHorizon {
         let n_strings = self.n_strings();
         let mut blended = [0.0; 4];
         for group in 0..self.n_groups() {
-            blended = blended.map(|cost| FIRST * cost);
+            blended = blended.map(|cost| PRICE_OF_FIRST_GROUP * cost);
             for costs in self.group_costs(group, CostsOf::Search) {
                 blended.iter_mut().zip(costs.to_array()).for_each(|(sum, c)| *sum += c / n_strings as f64);
             }
         }
         let effort = PlanEffort {
             rollouts: 0,
-            fresh_rollouts: POLISHED_STEPS.div_ceil(self.size()),
-            bound_passes: if n_strings > MANY_STRINGS { 0 } else { BOUND_PASSES },
+            fresh_rollouts: STRING_STEPS_OF_MOVES.div_ceil(self.size()),
+            bound_passes: if n_strings > MAX_STRINGS_WITH_DYNAMIC_PROGRAMS { 0 } else { BOUND_PASSES },
             proof_cells: 0,
             turn: 0,
         };

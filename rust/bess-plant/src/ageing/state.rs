@@ -103,7 +103,7 @@ impl AgeingState {
     pub fn from_numbers(numbers: &[f64]) -> Result<Self, InputError> {
         let mut rest = numbers.iter().copied();
         let count = rest.next().filter(|&count| (0.0..1e6).contains(&count) && count.fract() == 0.0);
-        let needed = count.map_or(HEADER, |count| HEADER + count as usize * PER_POINT);
+        let needed = count.map_or(HEADER, |count| HEADER + count as usize * NUMBERS_OF_A_POINT);
         let found = numbers.len();
         if count.is_none() || found < needed {
             return Err(InputError(format!("ageing: {found} values, needs {needed}")));
@@ -128,12 +128,12 @@ impl AgeingState {
 }
 
 /// Numbers of a state without open cycles, and of each point.
-const HEADER: usize = 2 + 4 + 2 + 2 + 3 + 3 + MARK;
-const PER_POINT: usize = 2 + MARK;
-const MARK: usize = 6;
+const HEADER: usize = 2 + 4 + 2 + 2 + 3 + 3 + NUMBERS_OF_A_MARK;
+const NUMBERS_OF_A_POINT: usize = 2 + NUMBERS_OF_A_MARK;
+const NUMBERS_OF_A_MARK: usize = 6;
 
 impl Mark {
-    fn numbers(&self) -> [f64; MARK] {
+    fn numbers(&self) -> [f64; NUMBERS_OF_A_MARK] {
         let Damage { capacity, resistance, sites } = self.damage;
         [self.travel, self.kelvin_travel, self.moving_h, capacity, resistance, sites]
     }

@@ -12,11 +12,11 @@ use super::state::{AgeingState, Damage, Gathered, Loss, Mark};
 const BLOCK_S: f64 = 900.0;
 
 /// Minimum capacity, as a share of the nameplate.
-const LEAST_CAPACITY: f64 = 0.05;
+const MIN_CAPACITY: f64 = 0.05;
 
 /// SOC travelled below which a range ages nothing: its mean temperature is a difference of sums over the life, which
 /// cancel to rounding.
-const LEAST_TRAVEL: f64 = 1e-9;
+const MIN_TRAVEL: f64 = 1e-9;
 
 /// Temperature at which cell voltages are read where a model wants them [degC].
 const VOLTAGE_C: f64 = 25.0;
@@ -139,7 +139,7 @@ impl StringAgeing {
         state.loss = Loss {
             calendar,
             cyclic: cycled,
-            soh_capacity: left.max(LEAST_CAPACITY * state.base_capacity),
+            soh_capacity: left.max(MIN_CAPACITY * state.base_capacity),
             soh_resistance: state.base_resistance + resistance_gain(model, &state.calendar, &cyclic),
         };
     }
@@ -147,7 +147,7 @@ impl StringAgeing {
     /// Damage of the half cycle between two points.
     fn damage(&self, model: &Model, from: &Point<Mark>, to: &Point<Mark>) -> Damage {
         let travel = to.mark.travel - from.mark.travel;
-        if travel < LEAST_TRAVEL {
+        if travel < MIN_TRAVEL {
             return Damage::default();
         }
         let (low, high) = (from.value.min(to.value), from.value.max(to.value));

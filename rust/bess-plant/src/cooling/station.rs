@@ -4,7 +4,7 @@ use bess_tables::units::W_PER_KW;
 use bess_tables::{Cooling, InputError, StringParameters};
 
 use super::kind::{Kind, Source, Supply};
-use super::thermostat::{most_stages, share, stages};
+use super::thermostat::{max_stages, share, stages};
 use super::{cop, kind};
 use crate::block::{AnyBlock, Faces};
 use crate::check::check_range;
@@ -72,8 +72,8 @@ impl Station {
             .collect();
         if let Some(common) = &cooling.common {
             // Strings may give up at most what flows through them or reaches their ends, so the loop overshoots no string.
-            let most_w_k: f64 = units.iter().map(|unit| unit.flow_w_k + 2.0 * unit.end_w_k).sum();
-            let rate = step_s * (most_w_k + common.wall_w_k) / W_PER_KW;
+            let max_w_k: f64 = units.iter().map(|unit| unit.flow_w_k + 2.0 * unit.end_w_k).sum();
+            let rate = step_s * (max_w_k + common.wall_w_k) / W_PER_KW;
             let place = || format!("cooling.loop, with a plant step of {step_s} s: ");
             check_range("heat_capacity_kj_k", common.heat_capacity_kj_k, " kJ/K", (rate, f64::MAX), place)?;
         }
@@ -101,8 +101,8 @@ impl Station {
         })
     }
 
-    pub(crate) fn most_stages(&self) -> usize {
-        most_stages(&self.cooling)
+    pub(crate) fn max_stages(&self) -> usize {
+        max_stages(&self.cooling)
     }
 
     /// Runs a schedule: all blocks one plant step after the other, with the coolant between them.
@@ -232,8 +232,8 @@ impl Station {
             let loop_c = self.state.loop_c[scenario];
             let net_w = taken_w + common.wall_w_k * (ambient_c - loop_c);
             taken_w = net_w + capacity_j_k / self.step_s * (loop_c - supply.temperature_c);
-            let most_w = common.source_kw.map_or(f64::INFINITY, |kw| W_PER_KW * kw);
-            taken_w = if supply.source == Source::Ambient { 0.0 } else { taken_w.clamp(0.0, most_w) };
+            let max_w = common.source_kw.map_or(f64::INFINITY, |kw| W_PER_KW * kw);
+            taken_w = if supply.source == Source::Ambient { 0.0 } else { taken_w.clamp(0.0, max_w) };
             self.state.loop_c[scenario] = loop_c + self.step_s / capacity_j_k * (net_w - taken_w);
         }
         let source_w = match supply.source {

@@ -2,7 +2,7 @@
 
 use bess_tables::Cooling;
 
-pub(super) fn most_stages(cooling: &Cooling) -> usize {
+pub(super) fn max_stages(cooling: &Cooling) -> usize {
     if cooling.variable_flow {
         1
     } else {
@@ -12,7 +12,7 @@ pub(super) fn most_stages(cooling: &Cooling) -> usize {
 
 /// Stages of flow that are on, from those that were: stage `i` begins at `start + i step` and ends a dead band below.
 pub(super) fn stages(cooling: &Cooling, before: u8, mean_c: f64) -> u8 {
-    let most = most_stages(cooling) as u8;
+    let most = max_stages(cooling) as u8;
     let Some(start_c) = cooling.start_c else { return most };
     let begins_c = |stage: u8| start_c + f64::from(stage) * cooling.step_k;
     let mut on = before.min(most);

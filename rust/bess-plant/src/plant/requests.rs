@@ -10,7 +10,7 @@ use crate::schedule::Schedule;
 const CONTROL_STEP_S: f64 = 86_400.0;
 
 /// Maximum plant steps x strings in one call: some minutes of work, a century of eight strings at 10 s.
-const MOST_PLANT_STEPS: u128 = 10_000_000_000;
+const MAX_PLANT_STEPS: u128 = 10_000_000_000;
 
 impl Plant {
     /// Checks the arguments of [`Self::run`].
@@ -36,9 +36,9 @@ impl Plant {
         }
         let substeps = self.substeps(duration_s)?;
         let count = steps as u128 * substeps as u128 * lanes as u128;
-        if count > MOST_PLANT_STEPS {
+        if count > MAX_PLANT_STEPS {
             return Err(InputError(format!(
-                "{count} plant steps of strings in one call, at {} s each, are more than {MOST_PLANT_STEPS}; call with \
+                "{count} plant steps of strings in one call, at {} s each, are more than {MAX_PLANT_STEPS}; call with \
                  fewer control steps or scenarios at a time, or take a longer plant step",
                 self.step_s
             )));

@@ -136,7 +136,7 @@ impl Plant {
         check_all("chilling", &cooling.chilling, self.scenarios)?;
         check_all("loop temperature", &cooling.loop_c, self.scenarios)?;
         for &stages in &cooling.stages {
-            let most = station.most_stages() as f64;
+            let most = station.max_stages() as f64;
             check_range("cooling stages", f64::from(stages), "", (0.0, most), String::new)?;
         }
         for &value in &cooling.loop_c {

@@ -21,7 +21,7 @@ from bess.arrays import Array
 from bess.control.split.tree import Solved
 from bess.units import WATTS_PER_KW
 
-LEAST_KW = 1.0 / WATTS_PER_KW
+MIN_KW = 1.0 / WATTS_PER_KW
 """Request that separates a node with the inverter off from a node with the inverter on [kW]."""
 
 INNER_SHARE = 0.2
@@ -30,19 +30,19 @@ INNER_SHARE = 0.2
 FRACTIONAL = 1e-2
 """A binary within this distance of 0 or 1 is fixed."""
 
-SMALLEST_WIDTH = 1e-3
+MIN_WIDTH = 1e-3
 """Minimum width of a request range, relative to nominal power."""
 
-SMALLEST_SOC = 1e-4
+MIN_SOC = 1e-4
 """Minimum width of an SOC range."""
 
 LOW_SOC = 0.05
 """SOC widths are relative to the SOC, or to this value at a lower SOC, where the resistance rises."""
 
-SMALLEST_GAIN = 1e-6
+MIN_GAIN = 1e-6
 """Minimum rated gain of a part, as a share of the bound: a cut that closes the other part then rates well."""
 
-MOST_ESTIMATES = 64
+MAX_ESTIMATES = 64
 """Maximum number of cuts of a node with estimated gains, the widest first; two estimates take a third of a
 solve."""
 
@@ -128,16 +128,16 @@ class NodePoint:
             place = (string, step)
             low, high = float(low_kw[place]), float(high_kw[place])
             width = (high - low) / float(nominal_kw[string])
-            if width > SMALLEST_WIDTH and low < LEAST_KW < high and self.on[place] < 1.0 - FRACTIONAL:
-                cuts.append(Cut("switch", string, step, LEAST_KW, width))
-            elif width > SMALLEST_WIDTH:
+            if width > MIN_WIDTH and low < MIN_KW < high and self.on[place] < 1.0 - FRACTIONAL:
+                cuts.append(Cut("switch", string, step, MIN_KW, width))
+            elif width > MIN_WIDTH:
                 cuts.append(
                     Cut("request", string, step, _inside(float(self.request_kw[place]), low, high), width)
                 )
             if may_end_otherwise[place] and FRACTIONAL < self.full[place] < 1.0 - FRACTIONAL:
                 cuts.append(Cut("full", string, step, np.nan, 1.0))
             low, high = float(soc_low[place]), float(soc_high[place])
-            if high - low > SMALLEST_SOC:
+            if high - low > MIN_SOC:
                 width = (high - low) / max(float(self.soc[place]), LOW_SOC)
                 cuts.append(Cut("soc", string, step, _inside(float(self.soc[place]), low, high), width))
         return cuts
@@ -155,7 +155,7 @@ class Branching:
         self, node: _core.Node, bound: float, cuts: list[Cut], estimate: Callable[[_core.Node], float]
     ) -> list[Solved]:
         """Branch a node with this bound; ``estimate`` estimates the bound of a part."""
-        for cut in sorted(cuts, key=lambda cut: -cut.width)[:MOST_ESTIMATES]:
+        for cut in sorted(cuts, key=lambda cut: -cut.width)[:MAX_ESTIMATES]:
             if cut.place not in self._estimated:
                 bounds = [estimate(part) for part in cut.parts(node)]
                 self._estimated[cut.place] = _gain_per_width(cut, bound, bounds)
@@ -173,7 +173,7 @@ def _gain_per_width(cut: Cut, bound: float, bounds: list[float]) -> float:
     """Geometric mean of the gains of both parts of a cut; 0 if the node has no bound."""
     if not np.isfinite(bound):
         return 0.0
-    gains = np.maximum(np.array(bounds) - bound, SMALLEST_GAIN * abs(bound))
+    gains = np.maximum(np.array(bounds) - bound, MIN_GAIN * abs(bound))
     return float(np.sqrt(np.prod(gains))) / cut.width
 
 

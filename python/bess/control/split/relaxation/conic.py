@@ -29,7 +29,7 @@ FEASIBILITY_TOLERANCE = 1e-6
 BOUND_MARGIN = 1e-6
 """Relative reduction of a dual objective, to cover the dual residual of Clarabel."""
 
-LARGEST_VALUE = 200.0
+MAX_VALUE = 200.0
 """Upper bound of all variables of the per-unit program; it limits the effect of a dual residual."""
 
 
@@ -257,7 +257,7 @@ def solve(data: ConicData, fixed: NDArray[np.bool_], x_fixed: Array) -> ConicSol
             if status == "AlmostSolved":
                 # The remaining residual is usually primal. The dual point still gives a bound, less the
                 # largest contribution of its residual q + A'z over all points of the program.
-                bound -= LARGEST_VALUE * float(np.abs(data.q[free] + A.T @ prices[used]).sum())
+                bound -= MAX_VALUE * float(np.abs(data.q[free] + A.T @ prices[used]).sum())
             return ConicSolution(bound, x, prices)
         if status == "PrimalInfeasible":
             return ConicSolution(np.inf)

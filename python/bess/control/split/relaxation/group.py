@@ -16,12 +16,12 @@ from bess import _core
 from bess.arrays import Array
 from bess.control.split.problem import SplitProblem
 from bess.control.split.relaxation import conic
-from bess.control.split.relaxation.branching import SMALLEST_SOC, Branching, Cut, NodePoint
+from bess.control.split.relaxation.branching import MIN_SOC, Branching, Cut, NodePoint
 from bess.control.split.relaxation.data import THETA_UNIT_K, THETA_ZERO_C, PlantConstants, costs
 from bess.control.split.relaxation.equations import BINARIES, LOSSES, compiled
 from bess.control.split.tree import Solved
 
-STEEPEST_CUT = 1e4
+MAX_CUT_SLOPE = 1e4
 """Maximum coefficient of the availability loss in a step cut, per unit."""
 
 IN_KW = np.array([0.0, 0.0, 1.0, 1.0])
@@ -220,7 +220,7 @@ class RelaxedGroup:
         else:
             cuts = self._control.step_bounds_of(node, self._cut_cost, shed_kw)
         # The slope grows without limit as the demand vanishes; such a cut is redundant and badly scaled.
-        useful = cuts.shed_slope < STEEPEST_CUT * self._cut_unit / nominal.max()
+        useful = cuts.shed_slope < MAX_CUT_SLOPE * self._cut_unit / nominal.max()
         places = self.program.places
         slope = np.where(useful, cuts.shed_slope, 0.0) / self._cut_unit
         theta[places["cut_a"]] = slope * nominal[:, None]
@@ -231,7 +231,7 @@ class RelaxedGroup:
         point = NodePoint.middle(node) if x is None else self._point(node, x)
         if point is None:
             return []
-        return point.cuts(node, self._constants.nominal_kw, cells["full_slack"] > SMALLEST_SOC)
+        return point.cuts(node, self._constants.nominal_kw, cells["full_slack"] > MIN_SOC)
 
     def _point(self, node: _core.Node, x: Array) -> NodePoint | None:
         """Optimum of a relaxation within its node; None if it is a schedule of the control model."""

@@ -4,7 +4,7 @@ use bess_tables::units::SECONDS_PER_HOUR;
 
 use super::images::{Image, Images};
 use super::moves::{Corner, Moves};
-use super::{Kind, LEAST_FACTOR};
+use super::{Kind, MIN_FACTOR};
 use crate::model::Range;
 
 /// Prices of a step, and the resulting error terms of each temperature cell.
@@ -52,9 +52,9 @@ impl StepPrices {
         let margin = costs.derating - price;
         let per_power = &kind.requests_per_power;
         let power: Vec<f64> = per_power.iter().map(|k| margin * k - costs.derating).collect();
-        // Per request: least share `k` of a cell, or none where the price of power ends at [`LEAST_FACTOR`].
+        // Per request: least share `k` of a cell, or none where the price of power ends at [`MIN_FACTOR`].
         let dumped = |k: &Range| {
-            let k = if k.low < LEAST_FACTOR { 0.0 } else { k.low };
+            let k = if k.low < MIN_FACTOR { 0.0 } else { k.low };
             (-margin - k * (costs.availability - costs.derating).max(0.0)).max(0.0)
         };
         let dumped: Vec<f64> = kind.factor.iter().map(dumped).collect();
@@ -90,9 +90,8 @@ impl StepPrices {
             out.uneven.push(margin.max(0.0) * (per_power[1].sqrt() - per_power[0].sqrt()).powi(2));
             out.tilt.push(0.25 * margin.abs() * (per_power[1] - per_power[0]).abs());
             let drawing = &moves.drawing;
-            out.drawing.push(
-                dt_h * ((-low).max(0.0) * drawing.most_power_w - costs.inverter * drawing.least_loss_w),
-            );
+            out.drawing
+                .push(dt_h * ((-low).max(0.0) * drawing.max_power_w - costs.inverter * drawing.min_loss_w));
         }
         out
     }
@@ -229,7 +228,7 @@ impl Kind<'_> {
             for j in 0..n_columns {
                 let cell = i * n_columns + j;
                 let shape = &moves.shapes[from + cell];
-                if shape.least_request_w > cap_w {
+                if shape.min_request_w > cap_w {
                     continue;
                 }
                 let image = &images.boxes[from + cell];
@@ -237,7 +236,7 @@ impl Kind<'_> {
                 let of_cost = step.heat * shape.heat_below_w
                     + step.steepest[j] * shape.internal_w
                     + (step.bend[j].1 * shape.convex_w).max(-step.bend[j].0 * shape.concave_w).max(0.0)
-                    + step.uneven[j] * shape.most_power_w
+                    + step.uneven[j] * shape.max_power_w
                     + step.tilt[j] * shape.power_range_w;
                 let of_value = (shape.heat_above_w * (-least).max(0.0))
                     .max(shape.heat_below_w * most.max(0.0))

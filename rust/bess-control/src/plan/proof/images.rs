@@ -65,7 +65,7 @@ impl Kind<'_> {
         out.corners = warmed.iter().map(|&c| self.place(c)).collect();
         out.boxes.reserve(moves.shapes.len());
         for (x, shape) in moves.shapes.iter().enumerate() {
-            if shape.least_request_w == f64::INFINITY {
+            if shape.min_request_w == f64::INFINITY {
                 out.boxes.push(Image::default());
                 continue;
             }

@@ -35,21 +35,21 @@ use temperatures::temperatures;
 
 /// Smallest derating factor considered: below it, undelivered energy costs far more than delivered energy, and a smaller factor
 /// would only make the cells uneven.
-const LEAST_FACTOR: f64 = 0.4;
+const MIN_FACTOR: f64 = 0.4;
 /// Cells of temperature where strings derate, for one elsewhere.
 const DERATING_CELLS: f64 = 2.0;
 /// Most that values bend below the plain ones, against the mean bend of these. Half as much, or twice, lowers the bound of a day
 /// at rated demand by 1 %.
-const MOST_BEND: f64 = 10.0;
+const MAX_BEND: f64 = 10.0;
 /// Cells of temperature grow finer with those of SOC: at so many of these they are 1 K wide.
 const SOC_CELLS_AT_1_K: f64 = 240.0;
 /// Full power passes at most this share of them in a step: in long steps fewer do.
-const MOST_SHARE_OF_CELLS: f64 = 0.1;
+const MAX_SHARE_OF_CELLS: f64 = 0.1;
 /// Fewer prove nothing, and more take gigabytes.
-const FEWEST_CELLS: usize = 20;
-const MOST_CELLS: usize = 1000;
+const MIN_CELLS: usize = 20;
+const MAX_CELLS: usize = 1000;
 /// Cells that are not saved where there are many kinds of strings.
-const NEEDED_CELLS: f64 = 160.0;
+const MIN_CELLS_OF_A_KIND: f64 = 160.0;
 /// Rounding: share of the sums that is taken off the bound.
 const ROUNDING: f64 = 1e-9;
 
@@ -65,7 +65,7 @@ impl Fineness {
     fn of(problem: &PlanProblem<'_>, m: usize, soc_cells: f64) -> Self {
         let p = &problem.model.strings()[m].parameters;
         let window = p.soc_max - p.soc_min;
-        let most = MOST_SHARE_OF_CELLS * soc_cells * window / problem.soc_of_full_step(m).min(window);
+        let most = MAX_SHARE_OF_CELLS * soc_cells * window / problem.soc_of_full_step(m).min(window);
         Self { soc_cells: soc_cells.min(most).ceil() as usize, temperature_k: SOC_CELLS_AT_1_K / soc_cells }
     }
 }
@@ -102,7 +102,7 @@ impl<'a> Kind<'a> {
             problem,
             member,
             soc: SocNodes::of(string, fineness.soc_cells),
-            requests_per_power: factors.iter().map(|k| 1.0 / k.max(LEAST_FACTOR)).collect(),
+            requests_per_power: factors.iter().map(|k| 1.0 / k.max(MIN_FACTOR)).collect(),
             factor: factors.windows(2).map(|k| Range::point(k[0]).union(&Range::point(k[1]))).collect(),
             temperature_c,
             moves: [None, None],
@@ -110,9 +110,9 @@ impl<'a> Kind<'a> {
         };
         for direction in [Direction::Charge, Direction::Discharge] {
             let asked = |t: &usize| problem.intervals[*t].direction == direction && kind.cap_w(*t) > 0.0;
-            let most_w = (0..problem.n_steps()).filter(asked).map(|t| kind.cap_w(t)).fold(0.0, f64::max);
-            if most_w > 0.0 {
-                kind.moves[which(direction)] = Some(kind.moves(direction, most_w)?);
+            let max_w = (0..problem.n_steps()).filter(asked).map(|t| kind.cap_w(t)).fold(0.0, f64::max);
+            if max_w > 0.0 {
+                kind.moves[which(direction)] = Some(kind.moves(direction, max_w)?);
             }
         }
         Some(kind)
@@ -262,7 +262,7 @@ impl<'a> Kind<'a> {
         };
         let inner = 1..n - 1;
         let bends: f64 = plain.chunks_exact(n).flat_map(|row| inner.clone().map(|j| bend_at(row, j))).sum();
-        let most = MOST_BEND * bends / (self.soc.len * inner.len().max(1)) as f64;
+        let most = MAX_BEND * bends / (self.soc.len * inner.len().max(1)) as f64;
         let mut below = vec![0.0; n];
         for (values, plain) in values.chunks_exact_mut(n).zip(plain.chunks_exact(n)) {
             below.iter_mut().zip(plain.iter().zip(values.iter())).for_each(|(b, (p, v))| *b = p - v);
@@ -300,8 +300,8 @@ fn lerp(row: &[f64], cell: usize, share: f64) -> f64 {
 /// internal power of an inverter does not increase with its delivered power.
 pub(crate) fn bound(problem: &PlanProblem<'_>, price: &[f64], soc_cells: usize) -> Option<f64> {
     let kinds = problem.kinds();
-    let cells = soc_cells.clamp(FEWEST_CELLS, MOST_CELLS) as f64;
-    let cells = cells.min((cells / (kinds.len() as f64).cbrt()).max(NEEDED_CELLS));
+    let cells = soc_cells.clamp(MIN_CELLS, MAX_CELLS) as f64;
+    let cells = cells.min((cells / (kinds.len() as f64).cbrt()).max(MIN_CELLS_OF_A_KIND));
     proven(problem, price, &kinds, |m| Fineness::of(problem, m, cells))
 }
 

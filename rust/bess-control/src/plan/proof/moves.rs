@@ -29,15 +29,15 @@ pub(super) struct Shape {
     pub(super) heat_range_w: f64,
     pub(super) power_range_w: f64,
     /// Least request that leads into the box, and most that is delivered in it [W].
-    pub(super) least_request_w: f64,
-    pub(super) most_power_w: f64,
+    pub(super) min_request_w: f64,
+    pub(super) max_power_w: f64,
 }
 
 /// An inverter that runs below its own no-load loss: it charges nothing and discharges the battery.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Drawing {
-    pub(super) most_power_w: f64,
-    pub(super) least_loss_w: f64,
+    pub(super) max_power_w: f64,
+    pub(super) min_loss_w: f64,
 }
 
 /// Everything about one direction that does not depend on prices. Corners are `(step of SOC, node)`, boxes
@@ -47,7 +47,7 @@ pub(super) struct Moves {
     /// Current of one step of SOC [A].
     pub(super) current_a: f64,
     /// Least request of each box.
-    least_requests_w: Vec<f64>,
+    min_requests_w: Vec<f64>,
     pub(super) corners: Vec<Corner>,
     pub(super) shapes: Vec<Shape>,
     /// Smallest and largest slope of delivered over internal power.
@@ -71,7 +71,7 @@ pub(super) struct Off {
 impl Moves {
     /// Number of boxes up to the last that a request of at most `cap_w` reaches.
     pub(super) fn n_boxes_within(&self, cap_w: f64) -> usize {
-        self.least_requests_w.iter().rposition(|least_w| *least_w <= cap_w).map_or(0, |k| k + 1)
+        self.min_requests_w.iter().rposition(|min_w| *min_w <= cap_w).map_or(0, |k| k + 1)
     }
 }
 
@@ -96,7 +96,7 @@ impl Kind<'_> {
             .filter(move |&(i, k)| self.soc.after(direction, i, k).is_some())
     }
 
-    pub(super) fn moves(&self, direction: Direction, most_w: f64) -> Option<Moves> {
+    pub(super) fn moves(&self, direction: Direction, max_w: f64) -> Option<Moves> {
         let string = self.string();
         let p = &string.parameters;
         let dt_h = self.problem.intervals[0].dt_h;
@@ -119,21 +119,21 @@ impl Kind<'_> {
             (0..self.soc.len - 1).flat_map(|i| (0..n_temperatures - 1).map(move |j| (i, j))).collect();
         let off: Vec<Off> = cells.iter().map(|&(i, j)| self.off(direction, i, j, &at)).collect();
         let drawing = Drawing {
-            most_power_w: curve.largest_drawing_w(),
-            least_loss_w: curve.loss().iter().copied().fold(f64::INFINITY, f64::min).max(0.0),
+            max_power_w: curve.max_drawing_w(),
+            min_loss_w: curve.loss().iter().copied().fold(f64::INFINITY, f64::min).max(0.0),
         };
-        let most_drawn_w = (-delivered.internal_w[0]).max(0.0);
+        let max_drawn_w = (-delivered.internal_w[0]).max(0.0);
         let drawn = off.iter().map(|off| {
             let (v, r) = (off.voltage_v.low, off.resistance_ohm.high);
-            let root = (1.0 - 4.0 * r * most_drawn_w / (v * v)).max(0.0).sqrt();
-            let drawn_a = 2.0 * most_drawn_w / (v * (1.0 + root));
+            let root = (1.0 - 4.0 * r * max_drawn_w / (v * v)).max(0.0).sqrt();
+            let drawn_a = 2.0 * max_drawn_w / (v * (1.0 + root));
             (drawn_a * dt_h / p.capacity_ah, r * drawn_a * drawn_a)
         });
         let sign = -direction.sign();
         let mut out = Moves {
             direction,
             current_a,
-            least_requests_w: vec![],
+            min_requests_w: vec![],
             corners: vec![],
             shapes: vec![],
             slopes: delivered.slopes(),
@@ -157,11 +157,11 @@ impl Kind<'_> {
             for (&(i, j), off) in cells.iter().zip(&off) {
                 let lowest_v = off.voltage_v.low;
                 let lowest_r = direction.pick(off.resistance_ohm.low, off.resistance_ohm.high);
-                let least_w = delivered.at(internal_w((lowest_v, lowest_r), from_a)).max(0.0);
-                let least_request_w = least_w / self.factor[j].high;
-                let possible = least_request_w <= most_w && self.middle(direction, i, k).is_some();
+                let min_w = delivered.at(internal_w((lowest_v, lowest_r), from_a)).max(0.0);
+                let min_request_w = min_w / self.factor[j].high;
+                let possible = min_request_w <= max_w && self.middle(direction, i, k).is_some();
                 if !possible {
-                    out.shapes.push(Shape { least_request_w: f64::INFINITY, ..Shape::default() });
+                    out.shapes.push(Shape { min_request_w: f64::INFINITY, ..Shape::default() });
                     continue;
                 }
                 any = true;
@@ -193,7 +193,7 @@ impl Kind<'_> {
                     + off.voltage_off_v * to_a
                     + heat_below_w.max(heat_above_w);
                 let (convex_w, concave_w) = delivered.bends(&g);
-                let most_power_w = delivered.at(g.high) + out.slopes.high * internal_w;
+                let max_power_w = delivered.at(g.high) + out.slopes.high * internal_w;
                 out.shapes.push(Shape {
                     heat_below_w,
                     heat_above_w,
@@ -202,16 +202,16 @@ impl Kind<'_> {
                     concave_w,
                     heat_range_w,
                     power_range_w,
-                    least_request_w,
-                    most_power_w: most_power_w.max(0.0),
+                    min_request_w,
+                    max_power_w: max_power_w.max(0.0),
                 });
             }
             if !any {
                 out.shapes.truncate(k * self.n_cells());
                 break;
             }
-            let least_w = out.shapes[k * self.n_cells()..].iter().map(|shape| shape.least_request_w);
-            out.least_requests_w.push(least_w.fold(f64::INFINITY, f64::min));
+            let min_w = out.shapes[k * self.n_cells()..].iter().map(|shape| shape.min_request_w);
+            out.min_requests_w.push(min_w.fold(f64::INFINITY, f64::min));
             add_corners(&mut out.corners, k + 1);
         }
         Some(out)

@@ -2,7 +2,7 @@
 
 use bess_tables::Direction;
 
-use super::{DERATING_CELLS, LEAST_FACTOR};
+use super::{DERATING_CELLS, MIN_FACTOR};
 use crate::model::{Interval, Range, StateBox};
 use crate::plan::problem::PlanProblem;
 
@@ -16,7 +16,7 @@ pub(super) fn temperatures(problem: &PlanProblem<'_>, members: &[usize], widest_
     let knots = || factor.x().iter().copied();
     // What the strings can warm to in one step more, in parts in which the derating factor is nearly one.
     let soc = Range { low: p.soc_min, high: p.soc_max };
-    let most_w = problem.demand_w.iter().copied().fold(0.0, f64::max).min(problem.limit_w[members[0]]);
+    let max_w = problem.demand_w.iter().copied().fold(0.0, f64::max).min(problem.limit_w[members[0]]);
     let mut reached = (low, high);
     let mut top = high;
     for _ in 0..problem.n_steps() {
@@ -28,7 +28,7 @@ pub(super) fn temperatures(problem: &PlanProblem<'_>, members: &[usize], widest_
             let states = StateBox { soc, temperature_c: Range { low: border[0], high: border[1] } };
             for direction in [Direction::Charge, Direction::Discharge] {
                 let interval = Interval { direction, ambient_c: hottest_c, ..problem.intervals[0] };
-                let requests = Range { low: 0.0, high: most_w };
+                let requests = Range { low: 0.0, high: max_w };
                 warmest = warmest.max(string.cell(&states, &requests, &interval).end.temperature_c.high);
             }
         }
@@ -45,7 +45,7 @@ pub(super) fn temperatures(problem: &PlanProblem<'_>, members: &[usize], widest_
     borders.dedup();
     let mut out = vec![low];
     for border in borders.windows(2) {
-        let derates = factor.at(border[1]) < 1.0 && factor.at(border[0]) > LEAST_FACTOR;
+        let derates = factor.at(border[1]) < 1.0 && factor.at(border[0]) > MIN_FACTOR;
         let widest_k = if derates { widest_k / DERATING_CELLS } else { widest_k };
         let n = ((border[1] - border[0]) / widest_k).ceil().max(1.0);
         out.extend((1..=n as usize).map(|k| border[0] + (border[1] - border[0]) * k as f64 / n));

@@ -97,14 +97,14 @@ fn violations(given: &Given, share: f64, tries: usize) -> usize {
             _ => random.f64(),
         };
         let state = StringState { soc, temperature_c: coolest + (warmest - coolest) * random.f64() };
-        let largest_w = problem.demand_w[t].min(problem.limit_w[0]);
+        let max_w = problem.demand_w[t].min(problem.limit_w[0]);
         let request_w = match random.u8(0..8) {
-            0 => largest_w,
+            0 => max_w,
             1 => 2e3 * random.f64(),
-            _ => largest_w * random.f64(),
+            _ => max_w * random.f64(),
         };
-        let (cost, end) = paid(&problem, 0, t, state, request_w.min(largest_w));
-        let reached = cost - price[t] * request_w.min(largest_w) * given.dt_h + kind.at(&values[t + 1], end);
+        let (cost, end) = paid(&problem, 0, t, state, request_w.min(max_w));
+        let reached = cost - price[t] * request_w.min(max_w) * given.dt_h + kind.at(&values[t + 1], end);
         found += usize::from(kind.at(&values[t], state) > reached + 1e-9);
     }
     found
@@ -292,7 +292,7 @@ fn excess(problem: &mut PlanProblem<'_>, random: &mut fastrand::Rng) -> Option<f
             let request_w = power_w / factor;
             if error == f64::NEG_INFINITY
                 || !triangle.iter().all(leads)
-                || factor < LEAST_FACTOR
+                || factor < MIN_FACTOR
                 || power_w < 0.0
                 || request_w > cap_w
             {

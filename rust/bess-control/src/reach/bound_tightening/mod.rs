@@ -20,9 +20,9 @@ use tightening::Tightening;
 /// Maximum number of rounds of bounding and tightening.
 const ROUNDS: usize = 8;
 /// If more than this share of the slack remains after a round, the iteration ends.
-const WORTHWHILE: f64 = 0.75;
+const MAX_REMAINING_SLACK: f64 = 0.75;
 /// A slack below this share of the cost is small enough.
-const CLOSED: f64 = 2e-4;
+const MIN_RELATIVE_SLACK: f64 = 2e-4;
 /// Safety margin for rounding, relative to the cost.
 const ROUNDING: f64 = 1e-9;
 
@@ -95,7 +95,7 @@ impl ControlHorizon {
             let (bound, horizon_bound) = held;
             best.bound = best.bound.max(bound - ROUNDING * cutoff).min(cutoff);
             let slack = cutoff - bound + ROUNDING * cutoff;
-            if slack <= CLOSED * cutoff || slack > WORTHWHILE * last {
+            if slack <= MIN_RELATIVE_SLACK * cutoff || slack > MAX_REMAINING_SLACK * last {
                 best.may_shed = operating.may_shed.clone();
                 best.boxes = boxes;
                 return best;
