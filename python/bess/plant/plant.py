@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +16,10 @@ from bess.errors import InputError
 from bess.plant.flows import Flows, PlantSnapshot
 from bess.plant.inputs import ambient, numbers, one_number, refusals
 from bess.system import State, System
+
+if TYPE_CHECKING:
+    from bess.control.explicit import ExplicitController
+    from bess.control.policies.rule import RulePolicy
 
 _HEALTH = (4, 5, 3)
 """Columns of ``PlantSnapshot.ageing``: factors of capacity and resistance, and loss by cycle ageing."""
@@ -32,20 +36,6 @@ _SNAPSHOT_UNITS = {
 
 _WITHOUT_STRINGS = ("auxiliary_kw", "coolant_c")
 """Flows without a string axis."""
-
-
-class CoreController(Protocol):
-    """A controller that the core runs over many steps."""
-
-    def run(
-        self,
-        plant: _core.Plant,
-        ahead_kw: NDArray[np.float64],
-        limit_kw: NDArray[np.float64],
-        ambient_c: NDArray[np.float64],
-        step_s: float,
-    ) -> dict[str, NDArray[Any]]:
-        """Advance the plant; return its record and ``request_kw``, as flat arrays."""
 
 
 class _Simulation:
@@ -68,9 +58,8 @@ class _Simulation:
             raise InputError(f"plant: derating_law must be a name, not {type(derating_law).__name__}")
         self.system = system
         self._lead, self._shape, self._scenarios = lead, (*lead, system.n_strings), len(states)
-        self._ambient_c = (
-            system.ambient_c if ambient_c is None else one_number("ambient_c", ambient_c, "degC")
-        )
+        ambient_c = system.ambient_c if ambient_c is None else ambient_c
+        self._ambient_c = one_number("ambient_c", ambient_c, "degC")
         self._nodes = np.array([string.thermal.spatial.nodes for string in system.strings])
         nodes = int(self._nodes.max())
         # Strings with fewer nodes than others are padded with NaN.
@@ -85,9 +74,8 @@ class _Simulation:
             "soh_resistance": np.array([state.soh_resistance for state in states]).ravel(),
         }
         self._derating_law = derating_law
-        step_s = system.control.plant_step_s
-        if plant_step_s is not None:
-            step_s = one_number("plant_step_s", plant_step_s, "s")
+        plant_step_s = system.control.plant_step_s if plant_step_s is None else plant_step_s
+        step_s = one_number("plant_step_s", plant_step_s, "s")
         with refusals():
             self.core = _core.Plant(system.core, len(states), step_s, derating_law, start)
 
@@ -117,10 +105,7 @@ class _Simulation:
         reactive_kvar: ArrayLike | None = None,
     ) -> Flows:
         """Advance by one control step: :meth:`run` without the axis of steps, node temperatures included."""
-        request = numbers("request_kw", request_kw, self._shape, "kW")
-        reactive = self._reactive(reactive_kvar, request.shape)
-        air_c = ambient(ambient_c, self._ambient_c, self._scenarios, 1)
-        return self._advance(request, reactive, air_c, step_s, nodes=True)
+        return self._advance(self._shape, request_kw, reactive_kvar, ambient_c, step_s, nodes=True)
 
     def run(
         self,
@@ -159,26 +144,15 @@ class _Simulation:
             Wrong shape, NaN, a request or reactive power above nominal power, a step that is not a multiple
             of the plant step, or more than 1e10 plant steps x strings. The state is then unchanged.
         """
-        request = numbers("request_kw", request_kw, (*self._lead, "n_steps", self._shape[-1]), "kW")
-        reactive = self._reactive(reactive_kvar, request.shape)
-        air_c = ambient(ambient_c, self._ambient_c, self._scenarios, request.shape[-2])
-        if not self._lead:
-            return self._advance(request, reactive, air_c, step_s, nodes=nodes)
-        # The core has the step first, then the scenario.
-        reactive = None if reactive is None else reactive.swapaxes(0, 1)
-        flows = self._advance(request.swapaxes(0, 1), reactive, air_c, step_s, nodes=nodes)
-        return flows.map(lambda values: values.swapaxes(0, 1))
+        shape: tuple[int | str, ...] = (*self._lead, "n_steps", self._shape[-1])
+        return self._advance(shape, request_kw, reactive_kvar, ambient_c, step_s, nodes=nodes)
 
     def snapshot(self) -> PlantSnapshot:
         """Return the complete state, for :meth:`restore`."""
+        several, shapes = (*self._shape, -1), {"coolant": (*self._lead, -1)}
+        shapes |= {"node_temperature_c": several, "ageing": several}
         flat = self.core.state()
-        by_string = {
-            name: values.reshape(*self._shape, -1) for name, values in flat.items() if name != "coolant"
-        }
-        one_each = ("soc", "derating_integral_k", "inverter_on", "cooling_stages")
-        arrays = {name: each[..., 0] if name in one_each else each for name, each in by_string.items()}
-        if "coolant" in flat:
-            arrays["coolant"] = flat["coolant"].reshape(*self._lead, -1)
+        arrays = {name: values.reshape(shapes.get(name, self._shape)) for name, values in flat.items()}
         return PlantSnapshot(**arrays)
 
     def restore(self, snapshot: PlantSnapshot) -> None:
@@ -191,12 +165,11 @@ class _Simulation:
         """
         if not isinstance(snapshot, PlantSnapshot):
             raise InputError(f"plant: snapshot must be a PlantSnapshot, not {type(snapshot).__name__}")
-        given = {name: getattr(snapshot, name) for name in _SNAPSHOT_UNITS}
         optional = ("cooling_stages", "coolant")
         flat: dict[str, Any] = {
-            name: number_array(f"plant: snapshot: {name} [{_SNAPSHOT_UNITS[name]}]", values).ravel()
-            for name, values in given.items()
-            if values is not None or name not in optional
+            name: number_array(f"plant: snapshot: {name} [{unit}]", values).ravel()
+            for name, unit in _SNAPSHOT_UNITS.items()
+            if (values := getattr(snapshot, name)) is not None or name not in optional
         }
         flat["inverter_on"] = np.asarray(snapshot.inverter_on, dtype=np.bool_).ravel()
         with refusals():
@@ -211,40 +184,45 @@ class _Simulation:
         health = (rows[..., place] for place in _HEALTH)
         return [State(*each) for each in zip(flat["soc"].reshape(shape), mean_c, *health, strict=True)]
 
-    def _reactive(
-        self, reactive_kvar: ArrayLike | None, shape: tuple[int, ...]
-    ) -> NDArray[np.float64] | None:
-        return None if reactive_kvar is None else numbers("reactive_kvar", reactive_kvar, shape, "kvar")
-
     def _advance(
         self,
-        request_kw: NDArray[np.float64],
-        reactive_kvar: NDArray[np.float64] | None,
-        air_c: NDArray[np.float64],
+        shape: tuple[int | str, ...],
+        request_kw: ArrayLike,
+        reactive_kvar: ArrayLike | None,
+        ambient_c: ArrayLike | None,
         step_s: float,
         *,
         nodes: bool,
     ) -> Flows:
-        """Call the core with requests, reactive power and air in its order: step, scenario, string."""
+        """Call the core with requests of ``shape``."""
+        request = numbers("request_kw", request_kw, shape, "kW")
+        reactive = (
+            None if reactive_kvar is None else numbers("reactive_kvar", reactive_kvar, request.shape, "kvar")
+        )
+        n_steps = request.shape[-2] if len(shape) > len(self._shape) else 1
+        air_c = ambient(ambient_c, self._ambient_c, self._scenarios, n_steps)
         step_s = one_number("control step", step_s, "s")
-        reactive = None if reactive_kvar is None else reactive_kvar.ravel()
+
+        def swapped(values: NDArray[Any]) -> NDArray[Any]:
+            # The core has the step first, then the scenario.
+            return values.swapaxes(0, 1) if len(shape) == 3 else values
+
+        flat = None if reactive is None else swapped(reactive).ravel()
         with refusals():
-            array = self.core.run(request_kw.ravel(), air_c.ravel(), step_s, nodes, reactive)
-        return self._flows(array, request_kw.shape, nodes=nodes)
+            array = self.core.run(swapped(request).ravel(), air_c.ravel(), step_s, nodes, flat)
+        return self._flows(array, swapped(request).shape, nodes=nodes).map(swapped)
 
     def _flows(self, array: dict[str, NDArray[Any]], shape: tuple[int, ...], *, nodes: bool = False) -> Flows:
         """Convert the flat arrays of the core to flows of ``shape``."""
         node_c = array.pop("node_temperature_c")
-        shared = {name: array.pop(name).reshape(shape[:-1]) for name in _WITHOUT_STRINGS if name in array}
-        if len(shape) > 1:
-            array = {name: values.reshape(shape) for name, values in array.items()}
-        array["inverter_starts"] = array["inverter_starts"].astype(np.int64)
-        array["ledger_residual_kwh"] = array["ledger_residual_kwh"].sum(axis=-1)
-        return Flows(
-            **array,
-            **shared,
-            node_temperature_c=node_c.reshape(*shape, self.core.max_nodes) if nodes else None,
-        )
+        flows: dict[str, Any] = {
+            name: values.reshape(shape[:-1] if name in _WITHOUT_STRINGS else shape)
+            for name, values in array.items()
+        }
+        flows["inverter_starts"] = flows["inverter_starts"].astype(np.int64)
+        flows["ledger_residual_kwh"] = flows["ledger_residual_kwh"].sum(axis=-1)
+        flows["node_temperature_c"] = node_c.reshape(*shape, self.core.max_nodes) if nodes else None
+        return Flows(**flows)
 
 
 class Plant(_Simulation):
@@ -338,7 +316,7 @@ class Plant(_Simulation):
 
     def run_controller(
         self,
-        controller: CoreController,
+        controller: ExplicitController | RulePolicy,
         ahead_kw: NDArray[np.float64],
         limit_kw: NDArray[np.float64],
         ambient_c: NDArray[np.float64],
@@ -387,7 +365,7 @@ class Plant(_Simulation):
             The strings whose state of health becomes 1 and whose past cycles are forgotten.
         """
         state, old = self.state, self.snapshot()
-        new = PlantEnsemble(self.system, [State(state.soc, state.temperature_c)]).snapshot().ageing[0]
+        new = Plant(self.system, State(state.soc, state.temperature_c)).snapshot().ageing
         rows = np.zeros((new.shape[0], max(new.shape[1], old.ageing.shape[1])))
         for each, chosen in ((old.ageing, ~strings), (new, strings)):
             rows[chosen, : each.shape[1]] = each[chosen]
