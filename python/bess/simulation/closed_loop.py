@@ -16,8 +16,8 @@ from bess.control.wear import WearPrices
 from bess.errors import BessError, InputError
 from bess.plant import Flows, Plant, PlantSnapshot
 from bess.simulation.inputs import Inputs
-from bess.simulation.record.dataset import AGEING_FLOWS, COOLING_FLOWS, ENTROPY_FLOWS, FLOWS, REACTIVE_FLOWS
-from bess.simulation.record.store import Record
+from bess.simulation.record.dataset import FLOWS, OPTIONAL_FLOWS
+from bess.simulation.record.store import Record, joined
 from bess.study.demands.source import StepInputs
 
 SKIPPED_STEPS = 12
@@ -49,14 +49,17 @@ class ClosedLoop:
         self._plant = plant
         strings = inputs.system.strings
         self._ages = any(string.wear.cell_model for string in strings)
-        self._flows = (
+        has = {
+            "ageing": self._ages,
+            "entropy": any(string.battery.entropy for string in strings),
+            "reactive": inputs.reactive is not None,
+            "cooling": inputs.system.cooling is not None,
+            "nodes": node_temperatures,
+        }
+        self._flows = [
             *FLOWS,
-            *(AGEING_FLOWS if self._ages else ()),
-            *(ENTROPY_FLOWS if any(string.battery.entropy for string in strings) else ()),
-            *(REACTIVE_FLOWS if inputs.reactive is not None else ()),
-            *(COOLING_FLOWS if inputs.system.cooling is not None else ()),
-            *(("node_temperature_c",) if node_temperatures else ()),
-        )
+            *(name for kind, names in OPTIONAL_FLOWS.items() if has[kind] for name in names),
+        ]
         self._prices = WearPrices.of(inputs.system)
         # The controller receives the temperature that its strings cool towards.
         self._surroundings_c = inputs.system.surroundings_c(inputs.ambient_c)
@@ -81,7 +84,7 @@ class ClosedLoop:
             parts.append(part)
             log += lines
             whole = is_over(self.step) or self.step == last
-        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}, log
+        return joined(parts), log
 
     def advance(self, ahead_kw: Array | None = None) -> tuple[Record, list[dict[str, Any]]]:
         """Run one control step; its demand and forecast are read here if not given.
@@ -104,16 +107,13 @@ class ClosedLoop:
             ahead_kw = inputs.demand.ahead(step, inputs.horizon_steps, now)
         served_kw = self._served(ahead_kw, total_kw)
         asked_kvar = None if inputs.reactive is None else inputs.reactive(step, served_kw)
+        price = inputs.price_eur_mwh
         policy_input = PolicyInput(
             state=state,
             demand_kw=served_kw,
             ambient_c=_ahead(self._surroundings_c, step, inputs.horizon_steps),
             limit_kw=limit_kw,
-            price_eur_mwh=(
-                None
-                if inputs.price_eur_mwh is None
-                else _ahead(inputs.price_eur_mwh, step, inputs.horizon_steps)
-            ),
+            price_eur_mwh=None if price is None else _ahead(price, step, inputs.horizon_steps),
             demand_depends_on_soc=inputs.demand.demand_depends_on_soc,
             reactive_kvar=asked_kvar,
         )
@@ -318,12 +318,10 @@ class ClosedLoop:
         try:
             decision = self.policy(policy_input)
             request_kw = real_numbers(decision.request_kw)
-        except InputError as error:
-            raise InputError(f"{self._place}: {error}") from error
-        except BessError as error:
-            raise BessError(f"{self._place}: {error}") from error
         except Exception as error:
-            raise BessError(f"{self._place}: {type(error).__name__}: {error}") from error
+            kind = "" if isinstance(error, BessError) else f"{type(error).__name__}: "
+            raised = InputError if isinstance(error, InputError) else BessError
+            raise raised(f"{self._place}: {kind}{error}") from error
         if request_kw.shape != policy_input.limit_kw.shape:
             raise BessError(
                 f"{self._place}: returned set-points of shape {request_kw.shape}, needs "
@@ -400,22 +398,8 @@ def _rounding_kw(total_kw: ArrayLike) -> Array:
 
 def _ahead(values: Array, step: int, n_steps: int) -> Array:
     """Values from a step on; the last value is repeated after the end of the run."""
-    ahead = values[step : step + n_steps]
-    missing = n_steps - ahead.size
-    return np.concatenate([ahead, np.full(missing, ahead[-1])]) if missing else ahead
+    return values[np.minimum(np.arange(step, step + n_steps), values.size - 1)]
 
 
 def _listed(values: Array) -> str:
     return "[" + ", ".join(f"{value:g}" for value in values[:8]) + (", ...]" if values.size > 8 else "]")
-
-
-def check_finite(first_step: int, record: Mapping[str, NDArray[Any]]) -> None:
-    """Raise BessError if the plant returned non-finite numbers; steps are along the first axis."""
-    for name in FLOWS:
-        finite = np.isfinite(record[name].reshape(len(record[name]), -1)).all(axis=1)
-        if not finite.all():
-            step = int(np.argmin(finite))
-            raise BessError(
-                f"step {first_step + step}: the plant returned {name} = {record[name][step]}; "
-                "please report this"
-            )

@@ -13,13 +13,13 @@ import numpy as np
 
 from bess.control.policies import Policy, as_policy, build_policy
 from bess.control.policies.adapters import Function
-from bess.errors import InputError, StoppedEarly
+from bess.errors import BessError, InputError, StoppedEarly
 from bess.plant import Plant
 from bess.simulation.analysis.kpis import kpis, solve_time_kpis
-from bess.simulation.closed_loop import ClosedLoop, check_finite
+from bess.simulation.closed_loop import ClosedLoop
 from bess.simulation.inputs import Inputs, prepare
 from bess.simulation.progress import reporting, stop_requests
-from bess.simulation.record.dataset import describe_frame, write_netcdf
+from bess.simulation.record.dataset import FLOWS, describe_frame, write_netcdf
 from bess.simulation.record.files import (
     TEMPORARY,
     make_folder,
@@ -35,13 +35,13 @@ from bess.simulation.record.provenance import (
     differences,
     identity_of,
     read_identity,
-    write_identity,
 )
 from bess.simulation.record.result import RESULTS, Result, open_netcdf
 from bess.simulation.record.store import (
     LOCK,
     LOG,
     OWNER,
+    Record,
     StepLog,
     locked,
     parts,
@@ -154,7 +154,7 @@ def _is_finished(directory: Path, identity: Identity, *, resume: bool) -> bool:
         own = {LOCK, OWNER, IDENTITY + TEMPORARY}
         if others := sorted({path.name for path in directory.iterdir()} - own):
             raise InputError(f"{directory}: holds {others[0]!r} but no run; use a new or empty folder")
-        write_identity(directory, identity)
+        write_bytes(directory / IDENTITY, json.dumps(identity, indent=1).encode())
         return False
     if changed := differences(old, identity):
         shown = "; ".join(changed[:5]) + (f"; and {len(changed) - 5} more" if len(changed) > 5 else "")
@@ -224,7 +224,7 @@ def _complete(directory: Path, study: Study, loop: ClosedLoop, *, progress: bool
 
             record, lines = loop.advance_part(MAX_PART_STEPS, is_over)
             began = time.perf_counter()
-            check_finite(first, record)
+            _check_finite(first, record)
             # The log first, so that it is never shorter than the length in the checkpoint.
             log.write(lines)
             write_part(directory, first, record, {"loop": loop.checkpoint(), "log_bytes": log.sync()})
@@ -235,6 +235,18 @@ def _complete(directory: Path, study: Study, loop: ClosedLoop, *, progress: bool
                 f"continue with resume"
             )
     return files_s
+
+
+def _check_finite(first_step: int, record: Record) -> None:
+    """Raise BessError if the plant returned non-finite numbers; steps are along the first axis."""
+    for name in FLOWS:
+        finite = np.isfinite(record[name].reshape(len(record[name]), -1)).all(axis=1)
+        if not finite.all():
+            step = int(np.argmin(finite))
+            raise BessError(
+                f"step {first_step + step}: the plant returned {name} = {record[name][step]}; "
+                "please report this"
+            )
 
 
 def _assemble(directory: Path, identity: Identity) -> None:

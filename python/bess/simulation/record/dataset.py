@@ -17,7 +17,7 @@ from bess import __version__
 from bess.control.wear import WearPrices
 from bess.errors import InputError
 from bess.plant import Flows, Limit
-from bess.simulation.record.store import Record
+from bess.simulation.record.store import Record, joined
 from bess.study.grid import TimeGrid
 from bess.study.study import Study
 from bess.system import System
@@ -116,23 +116,20 @@ VARIABLES: dict[str, Variable] = {
     "fallback": Variable(_T, "1", "1 if a fallback replaced the result of the optimiser", "i4"),
 }
 
-COOLING_FLOWS = ("auxiliary_kw", "cooling_kw", "coolant_c")
-"""Plant variables of systems with a section ``[cooling]`` only."""
-
-ENTROPY_FLOWS = ("reversible_heat_kw",)
-"""Plant variables of systems with a table of entropy only."""
-
-REACTIVE_FLOWS = ("reactive_kvar",)
-"""Plant variables of studies with reactive power only."""
-
-AGEING_FLOWS = ("calendar_loss", "cyclic_loss", "aged_charge_ah")
-"""Plant variables of systems with an ageing model of the cells only."""
+OPTIONAL_FLOWS = {
+    "ageing": ("calendar_loss", "cyclic_loss", "aged_charge_ah"),
+    "entropy": ("reversible_heat_kw",),
+    "reactive": ("reactive_kvar",),
+    "cooling": ("auxiliary_kw", "cooling_kw", "coolant_c"),
+    "nodes": ("node_temperature_c",),
+}
+"""Plant variables of some runs only: with an ageing model of the cells, a table of entropy, reactive power, a
+section ``[cooling]``, and with ``output.node_temperatures``."""
 
 FLOWS = tuple(
     name
     for name in VARIABLES
-    if name in {field.name for field in fields(Flows)} - {"node_temperature_c"}
-    and name not in (*COOLING_FLOWS, *ENTROPY_FLOWS, *REACTIVE_FLOWS, *AGEING_FLOWS)
+    if name in {field.name for field in fields(Flows)}.difference(*OPTIONAL_FLOWS.values())
 )
 """Variables taken directly from the plant, of every run."""
 
@@ -173,7 +170,7 @@ def write_netcdf(
         file.dimensions = {"time": n_steps}
         time = file.create_variable("time", ("time",), np.int64)
         time.attrs.update({"units": "seconds since 1970-01-01", "calendar": "proleptic_gregorian"})
-        time.attrs.update({"long_name": "start of the step (UTC)"})
+        time.attrs["long_name"] = "start of the step (UTC)"
         time[:] = frame["start_s"] + frame["step_s"] * np.arange(n_steps)
         # Looked up once, because every look-up in the file reopens the variable.
         variables = {
@@ -194,14 +191,10 @@ def _batches(records: Iterator[tuple[int, Record]]) -> Iterator[tuple[int, Recor
         steps += len(record["demand_kw"])
         size += sum(values.nbytes for values in record.values())
         if steps >= _CHUNK_STEPS and size >= _BATCH_BYTES:
-            yield first, _joined(waiting)
+            yield first, joined(waiting)
             first, steps, size, waiting = first + steps, 0, 0, []
     if waiting:
-        yield first, _joined(waiting)
-
-
-def _joined(records: list[Record]) -> Record:
-    return {name: np.concatenate([record[name] for record in records]) for name in records[0]}
+        yield first, joined(waiting)
 
 
 def _largest_size(record: Record, n_steps: int) -> int:

@@ -11,7 +11,7 @@ import bess
 from bess import __version__
 from bess.errors import InputError
 from bess.files import parse_json
-from bess.simulation.record.files import check_file, sha256, write_bytes
+from bess.simulation.record.files import check_file, sha256
 from bess.study.study import Study
 from bess.system import System
 
@@ -36,11 +36,6 @@ def identity_of(study: Study, system: System, files: list[Path]) -> Identity:
     }
     plain: Identity = json.loads(json.dumps(identity, default=str))
     return plain
-
-
-def write_identity(directory: Path, identity: Identity) -> None:
-    """Write the provenance of a run before its first step."""
-    write_bytes(directory / IDENTITY, json.dumps(identity, indent=1).encode())
 
 
 def read_identity(directory: Path) -> Identity | None:

@@ -12,12 +12,11 @@ import io
 import json
 import os
 import shutil
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from filelock import FileLock, Timeout
@@ -35,6 +34,11 @@ _RECORD = "record/"
 _CHECKPOINT = "checkpoint"
 
 Record = dict[str, NDArray[Any]]
+
+
+def joined(records: Sequence[Record]) -> Record:
+    """Return the arrays of consecutive records as one record."""
+    return {name: np.concatenate([record[name] for record in records]) for name in records[0]}
 
 
 @dataclass(frozen=True)
@@ -144,7 +148,7 @@ def locked(directory: Path) -> Iterator[None]:
 LOG = "log.jsonl"
 
 
-class StepLog:
+class StepLog(AbstractContextManager["StepLog"]):
     """Appends to the log of a run directory from a byte offset."""
 
     def __init__(self, directory: Path, offset: int) -> None:
@@ -169,12 +173,7 @@ class StepLog:
             os.fsync(self._file.fileno())
         return self._path.stat().st_size
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         with clear_errors(self._path):
             self._file.close()
 
