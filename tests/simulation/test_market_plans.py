@@ -7,8 +7,9 @@ import pytest
 
 import bess
 from bess.dispatch import DynamicProgramDispatch, PerfectForecast, PersistenceForecast
-from bess.study.demands.arbitrage import AwarePlanner, MarketPlan
+from bess.study.demands.planners import AwarePlanner, MarketPlan
 from bess.study.demands.source import StepInputs
+from bess.study.study import Study
 from bess.system.terms import SettlementTerms
 
 LOOK_AHEAD, COMPARE = 144, 12
@@ -23,10 +24,9 @@ def planner(
         DynamicProgramDispatch(SYSTEM, 0.25, SettlementTerms()),
         PerfectForecast(prices) if perfect else PersistenceForecast(prices),
         np.arange(prices.size) // 96,
+        0.25,
         look_ahead_steps=LOOK_AHEAD,
         replan_steps=replan_steps,
-        compare_steps=COMPARE,
-        longest_steps=LOOK_AHEAD / 6,
     )
 
 
@@ -92,3 +92,10 @@ def test_a_price_that_comes_otherwise_makes_a_new_plan_at_once() -> None:
     aware = planner(prices, perfect=False)
     plan = aware.plan(96, now(), 0.0, 0.0)
     assert [aware.is_due(96 + age, now(), plan) for age in (1, 2, 3)] == [False, True, False]
+
+
+@pytest.mark.parametrize("plan", ["aware", "linear"])
+def test_a_period_longer_than_its_plans_is_refused_when_the_study_is_read(plan: str) -> None:
+    values = {"demand": {"prices": "p.csv", "plan": plan, "replan_h": 48.0}}
+    with pytest.raises(bess.InputError, match="replan_h 48 h must not exceed look_ahead_h 36 h"):
+        Study.from_document({"name": "s", **values}, "s.toml")

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 from pydantic import model_validator
 
 from bess.arrays import Array
@@ -16,8 +14,6 @@ from bess.dispatch import (
     Arbitrage,
     BandForecast,
     CycleBudget,
-    DispatchInputs,
-    DispatchPlan,
     DynamicProgramDispatch,
     ExternalForecast,
     Forecast,
@@ -32,6 +28,7 @@ from bess.dispatch.forecast import price_ends_of, steps_in
 from bess.dispatch.markets import AuctionForecast
 from bess.errors import InputError
 from bess.files import Fill
+from bess.study.demands.planners import COMPARE_H, AwarePlanner, LinearPlanner, MarketPlan
 from bess.study.demands.site import MeterSection, site_of
 from bess.study.demands.source import (
     DemandSection,
@@ -52,16 +49,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-COMPARE_H = 3.0
-"""Interval between comparisons of the measured state with a dispatch plan [h]."""
-MAX_PLAN_AGE_FRACTION = 1.0 / 6.0
-"""Maximum age of a plan as a share of its length: a new plan includes steps beyond the end of the old one."""
-MAX_H = 6.0
-"""Maximum age of a plan [h]: its later hours have a coarser resolution."""
-ENERGY_TOLERANCE = 0.02
-"""Deviation of the stored energy from the plan, relative to plant capacity, that triggers a new plan."""
-TEMPERATURE_TOLERANCE_K = 3.0
-"""Deviation of the mean temperature from the plan [K] that triggers a new plan."""
 QUANTILE_COLUMNS = ("p10", "p50", "p90")
 """Columns of a file of price bands."""
 HISTORY_DAYS = 30
@@ -149,6 +136,10 @@ class ArbitrageDemand(DemandSection):
             raise ValueError("market: a later auction must not have longer products than an earlier one")
         if self.meter is not None and self.plan != "linear":
             raise ValueError('meter: only plan = "linear" knows of a meter with load and generation')
+        if self.replan_h is not None and self.replan_h > self.look_ahead_h:
+            raise ValueError(
+                f"replan_h {self.replan_h:g} h must not exceed look_ahead_h {self.look_ahead_h:g} h"
+            )
         return self
 
     def build(self, setting: Setting) -> RunDemand:
@@ -278,19 +269,10 @@ class ArbitrageDemand(DemandSection):
                 cycles_per_plan=self.cycles_per_plan,
                 max_import_kw=self.max_import_kw if connection is None else None,
                 max_export_kw=self.max_export_kw if connection is None else None,
-                replan_h=COMPARE_H if self.replan_h is None else self.replan_h,
+                replan_h=self.replan_h or COMPARE_H,
                 connection=connection,
             )
             return LinearPlanner(arbitrage)
-        look_ahead = steps_in(self.look_ahead_h, grid.dt_h, "demand.look_ahead_h")
-        replan = None
-        if self.replan_h is not None:
-            replan = steps_in(self.replan_h, grid.dt_h, "demand.replan_h")
-            if self.replan_h > self.look_ahead_h:
-                raise InputError(
-                    f"demand.replan_h {self.replan_h:g} h must not exceed "
-                    f"demand.look_ahead_h {self.look_ahead_h:g} h"
-                )
         dispatch = DynamicProgramDispatch(
             setting.system,
             grid.dt_h,
@@ -303,15 +285,17 @@ class ArbitrageDemand(DemandSection):
             cycles_per_plan=self.cycles_per_plan,
             end_price_eur_mwh=self.end_price_eur_mwh,
         )
+        replan_steps = None
+        if self.replan_h is not None:
+            replan_steps = steps_in(self.replan_h, grid.dt_h, "demand.replan_h")
         return AwarePlanner(
             dispatch,
             forecast,
             calendar_days(grid.index, self.market_time_zone),
+            grid.dt_h,
+            look_ahead_steps=steps_in(self.look_ahead_h, grid.dt_h, "demand.look_ahead_h"),
+            replan_steps=replan_steps,
             bands=forecast if self.forecast == "bands" and isinstance(forecast, BandForecast) else None,
-            look_ahead_steps=look_ahead,
-            replan_steps=replan,
-            compare_steps=max(1, round(COMPARE_H / grid.dt_h)),
-            longest_steps=min(MAX_PLAN_AGE_FRACTION * look_ahead, MAX_H / grid.dt_h),
         )
 
     def _linear(self, system: System, grid: TimeGrid, prices: Forecast, **more: Any) -> Arbitrage:
@@ -337,120 +321,6 @@ class ArbitrageDemand(DemandSection):
         return min(power_kw, self.max_power_kw or power_kw), min(
             energy_kwh, self.max_energy_kwh or energy_kwh
         )
-
-
-@dataclass(frozen=True, eq=False)
-class MarketPlan(DispatchPlan):
-    """A dispatch plan from ``step`` on, at prices as forecast there.
-
-    ``limit_kw`` is the power of each inverter in service. The expected energy and temperature of a linear
-    plan are empty.
-    """
-
-    step: int
-    limit_kw: Array
-    price_eur_mwh: Array
-
-
-class LinearPlanner:
-    """The arbitrage program with a constant efficiency, which assumes full delivery.
-
-    ``days`` is the number of the trading day of each step.
-    """
-
-    def __init__(self, arbitrage: Arbitrage) -> None:
-        self._arbitrage = arbitrage
-        self.days = arbitrage.days
-
-    def is_due(self, step: int, now: StepInputs | None, plan: MarketPlan) -> bool:
-        """Whether ``plan`` is replaced at ``step``; without ``now``, whether it may be.
-
-        Without ``now``, the same inverters as in the plan are in service.
-        """
-        return self._arbitrage.is_due(step)
-
-    def plan(
-        self, step: int, now: StepInputs, energy_kwh: float, discharged_kwh: float, **budget: float
-    ) -> MarketPlan:
-        """Plan over the look-ahead, from the stored energy and the energy discharged on this day so far.
-
-        ``budget`` is that of :meth:`bess.dispatch.CycleBudget.for_plan`. The plan depends on the arguments
-        only.
-        """
-        demand_kw = self._arbitrage.plan(step, energy_kwh, discharged_kwh, **budget)
-        none = np.zeros(0)
-        return MarketPlan(demand_kw, demand_kw, np.nan, none, none, step, now.limit_kw, none)
-
-
-class AwarePlanner:
-    """Plans by dynamic programming on the plant model.
-
-    With ``replan_steps``, a plan is re-optimised after this number of steps. Otherwise it is re-optimised
-    when prices or states deviate from it, and after ``longest_steps``. With ``bands``, future prices move
-    between their levels, with mean ``prices``; otherwise ``prices`` are taken as certain.
-    """
-
-    def __init__(
-        self,
-        dispatch: DynamicProgramDispatch,
-        prices: Forecast,
-        days: NDArray[np.int64],
-        *,
-        look_ahead_steps: int,
-        replan_steps: int | None,
-        compare_steps: int,
-        longest_steps: float,
-        bands: BandForecast | None = None,
-    ) -> None:
-        self._dispatch, self._prices, self._bands, self.days = dispatch, prices, bands, days
-        self._look_ahead_steps, self._replan_steps = look_ahead_steps, replan_steps
-        self._compare_steps, self._longest_steps = compare_steps, longest_steps
-
-    def is_due(self, step: int, now: StepInputs | None, plan: MarketPlan) -> bool:
-        """See :class:`LinearPlanner`."""
-        if self._replan_steps is not None:
-            return step % self._replan_steps == 0
-        if now is not None and not np.array_equal(now.limit_kw, plan.limit_kw):
-            return True
-        age = step - plan.step
-        if self._is_outdated(step, plan):
-            return True
-        is_compared = age > 0 and age % self._compare_steps == 0
-        return is_compared and (now is None or not self._came_true(step, now, plan))
-
-    def _is_outdated(self, step: int, plan: MarketPlan) -> bool:
-        """Whether the plan is too old, or the present price differs from that of the plan."""
-        age = step - plan.step
-        new_price = self._prices.ahead(step, 1)[0] != plan.price_eur_mwh[age]
-        return bool(new_price) or age >= self._longest_steps
-
-    def _came_true(self, step: int, now: StepInputs, plan: MarketPlan) -> bool:
-        """Whether the price forecast is unchanged and the plant follows the plan."""
-        age = step - plan.step
-        before = plan.price_eur_mwh[age:]
-        if not np.array_equal(before, self._prices.ahead(step, before.size)):
-            return False
-        energy_kwh, capacity_kwh, temperature_c = self._dispatch.condition(now.state, now.limit_kw)
-        off_kwh = abs(energy_kwh - float(plan.expected_energy_kwh[age - 1]))
-        off_k = abs(temperature_c - float(plan.expected_temperature_c[age - 1]))
-        return off_kwh <= ENERGY_TOLERANCE * capacity_kwh and off_k <= TEMPERATURE_TOLERANCE_K
-
-    def plan(
-        self, step: int, now: StepInputs, energy_kwh: float, discharged_kwh: float, **budget: float
-    ) -> MarketPlan:
-        """See :class:`LinearPlanner`; the stored energy follows from the state."""
-        price = self._prices.ahead(step, self._look_ahead_steps)
-        inputs = DispatchInputs(
-            price,
-            now.ambient_c[: price.size],
-            self.days[step : step + price.size],
-            discharged_kwh,
-            is_last=step + price.size == self.days.size,
-            bands=None if self._bands is None else self._bands.bands(step, self._look_ahead_steps),
-            **budget,
-        )
-        plan = self._dispatch.plan(inputs, now.state, limit_kw=now.limit_kw)
-        return MarketPlan(**vars(plan), step=step, limit_kw=now.limit_kw, price_eur_mwh=price)
 
 
 class ArbitrageSource(DemandSource):

@@ -1,0 +1,138 @@
+"""Dispatch plans of a demand at market prices, and when they are replaced."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bess.arrays import Array
+from bess.dispatch import (
+    Arbitrage,
+    BandForecast,
+    DispatchInputs,
+    DispatchPlan,
+    DynamicProgramDispatch,
+    Forecast,
+)
+from bess.study.demands.source import StepInputs
+
+COMPARE_H = 3.0
+"""Interval between comparisons of the measured state with a dispatch plan [h]."""
+MAX_PLAN_AGE_FRACTION = 1.0 / 6.0
+"""Maximum age of a plan as a share of its length: a new plan includes steps beyond the end of the old one."""
+MAX_H = 6.0
+"""Maximum age of a plan [h]: its later hours have a coarser resolution."""
+ENERGY_TOLERANCE = 0.02
+"""Deviation of the stored energy from the plan, relative to plant capacity, that triggers a new plan."""
+TEMPERATURE_TOLERANCE_K = 3.0
+"""Deviation of the mean temperature from the plan [K] that triggers a new plan."""
+
+
+@dataclass(frozen=True, eq=False)
+class MarketPlan(DispatchPlan):
+    """A dispatch plan from ``step`` on, at prices as forecast there.
+
+    ``limit_kw`` is the power of each inverter in service. The expected energy and temperature of a linear
+    plan are empty.
+    """
+
+    step: int
+    limit_kw: Array
+    price_eur_mwh: Array
+
+
+class LinearPlanner:
+    """The arbitrage program with a constant efficiency, which assumes full delivery.
+
+    ``days`` is the number of the trading day of each step.
+    """
+
+    def __init__(self, arbitrage: Arbitrage) -> None:
+        self._arbitrage = arbitrage
+        self.days = arbitrage.days
+
+    def is_due(self, step: int, now: StepInputs | None, plan: MarketPlan) -> bool:
+        """Whether ``plan`` is replaced at ``step``; without ``now``, whether it may be.
+
+        Without ``now``, the same inverters as in the plan are in service.
+        """
+        return self._arbitrage.is_due(step)
+
+    def plan(
+        self, step: int, now: StepInputs, energy_kwh: float, discharged_kwh: float, **budget: float
+    ) -> MarketPlan:
+        """Plan over the look-ahead, from the stored energy and the energy discharged on this day so far.
+
+        ``budget`` is that of :meth:`bess.dispatch.CycleBudget.for_plan`. The plan depends on the arguments
+        only.
+        """
+        demand_kw = self._arbitrage.plan(step, energy_kwh, discharged_kwh, **budget)
+        none = np.zeros(0)
+        return MarketPlan(demand_kw, demand_kw, np.nan, none, none, step, now.limit_kw, none)
+
+
+class AwarePlanner:
+    """Plans by dynamic programming on the plant model.
+
+    With ``replan_steps``, a plan is re-optimised after this number of steps. Otherwise it is re-optimised
+    when prices or states deviate from it, and at its maximum age. With ``bands``, future prices move
+    between their levels, with mean ``prices``; otherwise ``prices`` are taken as certain.
+    """
+
+    def __init__(
+        self,
+        dispatch: DynamicProgramDispatch,
+        prices: Forecast,
+        days: NDArray[np.int64],
+        dt_h: float,
+        *,
+        look_ahead_steps: int,
+        replan_steps: int | None = None,
+        bands: BandForecast | None = None,
+    ) -> None:
+        self._dispatch, self._prices, self._bands, self.days = dispatch, prices, bands, days
+        self._look_ahead_steps, self._replan_steps = look_ahead_steps, replan_steps
+        self._compare_steps = max(1, round(COMPARE_H / dt_h))
+        self._max_steps = min(MAX_PLAN_AGE_FRACTION * look_ahead_steps, MAX_H / dt_h)
+
+    def is_due(self, step: int, now: StepInputs | None, plan: MarketPlan) -> bool:
+        """See :class:`LinearPlanner`."""
+        if self._replan_steps is not None:
+            return step % self._replan_steps == 0
+        if now is not None and not np.array_equal(now.limit_kw, plan.limit_kw):
+            return True
+        age = step - plan.step
+        if age >= self._max_steps or self._prices.ahead(step, 1)[0] != plan.price_eur_mwh[age]:
+            return True
+        is_compared = age > 0 and age % self._compare_steps == 0
+        return is_compared and (now is None or not self._came_true(step, now, plan))
+
+    def _came_true(self, step: int, now: StepInputs, plan: MarketPlan) -> bool:
+        """Whether the price forecast is unchanged and the plant follows the plan."""
+        age = step - plan.step
+        before = plan.price_eur_mwh[age:]
+        if not np.array_equal(before, self._prices.ahead(step, before.size)):
+            return False
+        energy_kwh, capacity_kwh, temperature_c = self._dispatch.condition(now.state, now.limit_kw)
+        off_kwh = abs(energy_kwh - float(plan.expected_energy_kwh[age - 1]))
+        off_k = abs(temperature_c - float(plan.expected_temperature_c[age - 1]))
+        return off_kwh <= ENERGY_TOLERANCE * capacity_kwh and off_k <= TEMPERATURE_TOLERANCE_K
+
+    def plan(
+        self, step: int, now: StepInputs, energy_kwh: float, discharged_kwh: float, **budget: float
+    ) -> MarketPlan:
+        """See :class:`LinearPlanner`; the stored energy follows from the state."""
+        price = self._prices.ahead(step, self._look_ahead_steps)
+        inputs = DispatchInputs(
+            price,
+            now.ambient_c[: price.size],
+            self.days[step : step + price.size],
+            discharged_kwh,
+            is_last=step + price.size == self.days.size,
+            bands=None if self._bands is None else self._bands.bands(step, self._look_ahead_steps),
+            **budget,
+        )
+        plan = self._dispatch.plan(inputs, now.state, limit_kw=now.limit_kw)
+        return MarketPlan(**vars(plan), step=step, limit_kw=now.limit_kw, price_eur_mwh=price)
