@@ -60,20 +60,18 @@ class StringParameters(Section):
         return {**self.model_dump(exclude={"site", "wear"}), "ageing": ageing}
 
 
-class _Plant(Section):
+class PlantSections(Section):
     """Sections of the whole plant."""
 
+    about: About | None = None
+    control: Control = Control()
     cooling: Cooling | None = None
 
 
-def parse_cooling(document: Mapping[str, Any], name: str) -> Cooling | None:
-    """Validate the section ``[cooling]``; None without this section."""
-    table = {"cooling": document["cooling"]} if "cooling" in document else {}
-    return _validated(_Plant, table, name, "").cooling
-
-
-def parse_strings(document: Mapping[str, Any], name: str) -> tuple[tuple[StringParameters, ...], Control]:
-    """Validate a document; return the sections of every string and the control section.
+def parse_system(
+    document: Mapping[str, Any], name: str
+) -> tuple[tuple[StringParameters, ...], PlantSections]:
+    """Validate a document; return the sections of every string and those of the whole plant.
 
     Raises
     ------
@@ -83,9 +81,8 @@ def parse_strings(document: Mapping[str, Any], name: str) -> tuple[tuple[StringP
     check_layout(document, name)
     overrides = document.get("string", [])
     site = document.get("system", {})
-    if "about" in document:
-        _validated(About, document["about"], name, "about.")
-    control = _validated(Control, document.get("control", {}), name, "control.")
+    whole = {key: document[key] for key in PlantSections.model_fields if key in document}
+    plant = _validated(PlantSections, whole, name, "")
     n_strings = string_count(document, name)
     whole_site = {**site, "n_strings": n_strings}
     if len(overrides) > n_strings:
@@ -112,14 +109,14 @@ def parse_strings(document: Mapping[str, Any], name: str) -> tuple[tuple[StringP
                 f"allowed: {', '.join(PER_STRING_SITE)}"
             )
         strings.append(_string(base, override, name, place))
-    return tuple(strings), control
+    return tuple(strings), plant
 
 
 def check_layout(document: object, name: str) -> None:
     """Raise :class:`InputError` unless ``document`` consists of sections of a system file."""
     if not isinstance(document, Mapping):
         raise InputError(f"{name}: a system is a table of sections, not {type(document).__name__}")
-    known = {*_OVERRIDABLE, "about", "control", "cooling", "string"}
+    known = {*_OVERRIDABLE, *PlantSections.model_fields, "string"}
     if unknown := sorted(set(document) - known):
         homes = [section for section, model in _OVERRIDABLE.items() if unknown[0] in model.model_fields]
         remedy = f"it is a key of section {homes[0]!r}" if homes else f"allowed: {', '.join(sorted(known))}"
@@ -128,7 +125,7 @@ def check_layout(document: object, name: str) -> None:
     if not isinstance(overrides, list) or not all(isinstance(entry, Mapping) for entry in overrides):
         raise InputError(f"{name}: string: write one [[string]] table for each string")
     _check_single(document, f"{name}: ")
-    for section in (*_OVERRIDABLE, "cooling"):
+    for section in (*_OVERRIDABLE, *PlantSections.model_fields):
         if not isinstance(document.get(section, {}), Mapping):
             raise InputError(f"{name}: {section}: must be a table")
 

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from bess import _core
 from bess.display import as_table
 from bess.errors import InputError
+from bess.files import MissingFileError
 from bess.system.components.registry import SYSTEMS, system_document
 from bess.system.documents import plain, read_toml
 from bess.system.lumped import Lumped, identify
-from bess.system.parse import StringParameters, parse_cooling, parse_strings
+from bess.system.parse import StringParameters, parse_system
 from bess.system.sections import LumpedThermal
 from bess.system.state import State
 
@@ -52,8 +53,8 @@ class System:
     def __init__(self, document: Mapping[str, Any], *, name: str = "system") -> None:
         self.name = name
         self.document: dict[str, Any] = plain(document, name)
-        strings, self.control = parse_strings(self.document, name)
-        self.cooling = parse_cooling(self.document, name)
+        strings, plant = parse_system(self.document, name)
+        self.control, self.cooling = plant.control, plant.cooling
         self.strings: tuple[StringParameters, ...] = strings
         self.ambient_c: float = strings[0].site.ambient_c
         self.core = self._tables()
@@ -274,9 +275,7 @@ def load_system(path: str | Path) -> System:
     if not isinstance(path, str | Path):
         raise InputError(f"a system is a bundled name or a path, not {type(path).__name__}")
     try:
-        absent = not Path(path).exists()
-    except (OSError, ValueError):  # too long, or with a NUL in it
-        absent = True
-    if absent:
-        raise InputError(f"{path}: no such system file; bundled systems are {', '.join(SYSTEMS)}")
-    return System(read_toml(Path(path)), name=str(path))
+        document = read_toml(Path(path))
+    except MissingFileError:
+        raise InputError(f"{path}: no such system file; bundled systems are {', '.join(SYSTEMS)}") from None
+    return System(document, name=str(path))
