@@ -178,11 +178,13 @@ class SampledSeries:
             Whether a series that ends before the grid is an error; otherwise the result is shorter.
         """
         end_s = self.start_s + self.step_s * self.values.size
-        if self.start_s > grid.start_s or grid.start_s >= end_s:
-            self._refuse(grid)
         n_steps = min(grid.n_steps, (end_s - grid.start_s) // grid.step_s)
-        if n_steps < grid.n_steps and whole:
-            self._refuse(grid)
+        if not self.start_s <= grid.start_s < end_s or (whole and n_steps < grid.n_steps):
+            need = _span(grid.start_s, grid.start_s + grid.step_s * grid.n_steps)
+            raise InputError(
+                f"{self.key}: {self.what} covers {_span(self.start_s, end_s)}, the run needs {need}; "
+                f"set run.start and run.days, or {self.key.partition('.')[0]}.repeat = true"
+            )
         # The integral of a held series is piecewise linear: its differences are exact means for any steps.
         knots = self.start_s + self.step_s * np.arange(self.values.size + 1)
         edges = grid.start_s + grid.step_s * np.arange(n_steps + 1)
@@ -207,14 +209,6 @@ class SampledSeries:
             return period[(first + np.arange(longer.n_steps)) % period.size]
         self.on(grid)
         return self.on(longer, whole=False)
-
-    def _refuse(self, grid: TimeGrid) -> None:
-        have = (self.start_s, self.start_s + self.step_s * self.values.size)
-        need = (grid.start_s, grid.start_s + grid.step_s * grid.n_steps)
-        raise InputError(
-            f"{self.key}: {self.what} covers {_span(*have)}, the run needs {_span(*need)}; "
-            f"set run.start and run.days, or {self.key.partition('.')[0]}.repeat = true"
-        )
 
 
 def _span(first_s: int, last_s: int) -> str:

@@ -8,6 +8,8 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+import numpy as np
+
 from bess.errors import InputError
 from bess.study.keys import value_at
 from bess.study.sections import Axis
@@ -105,27 +107,19 @@ def _plain(value: float) -> float:
 def _points(axis: Axis) -> Iterator[dict[str, Any]]:
     if axis.simplex is not None:
         assert axis.divisions is not None
-        for shares in _compositions(axis.divisions, len(axis.simplex)):
-            yield {key: share / axis.divisions for key, share in zip(axis.simplex, shares, strict=True)}
+        # Bars between the keys separate the parts of the total.
+        end = axis.divisions + len(axis.simplex) - 1
+        for bars in itertools.combinations(range(end), len(axis.simplex) - 1):
+            parts = [after - before - 1 for before, after in itertools.pairwise((-1, *bars, end))]
+            yield {key: part / axis.divisions for key, part in zip(axis.simplex, parts, strict=True)}
         return
     assert axis.key is not None
     if axis.values is not None:
         yield from ({axis.key: value} for value in axis.values)
         return
     assert axis.start is not None and axis.stop is not None and axis.count is not None
-    step = (axis.stop - axis.start) / (axis.count - 1)
-    for index in range(axis.count):
-        value = axis.stop if index == axis.count - 1 else axis.start + index * step
-        yield {axis.key: _plain(value)}
-
-
-def _compositions(total: int, parts: int) -> Iterator[tuple[int, ...]]:
-    """All tuples of ``parts`` non-negative integers that sum to ``total``."""
-    if parts == 1:
-        yield (total,)
-        return
-    for first in range(total + 1):
-        yield from ((first, *rest) for rest in _compositions(total - first, parts - 1))
+    values = np.linspace(axis.start, axis.stop, axis.count).tolist()
+    yield from ({axis.key: _plain(value)} for value in values)
 
 
 def _label(key: str, value: Any) -> str:
