@@ -189,7 +189,8 @@ class DynamicProgramDispatch:
         """
         limit = self._system.nominal_kw if limit_kw is None else limit_kw
         if not limit.any():
-            return _idle_plan(inputs, state)
+            nothing = np.zeros(inputs.price_eur_mwh.size)
+            return DispatchPlan(nothing, nothing, 0.0, nothing, nothing + state.temperature_c.mean())
         plant = self._aggregate(state, limit)
         if self._depths is None or self._wear.depend_on_state:
             self._depths = CycleDepthCost.of(plant, self._wear.at(state))
@@ -299,11 +300,6 @@ class DynamicProgramDispatch:
         wear_eur = depths.cost_eur(sold_kw * dt_h, energy_kwh, dt_h)
         starts = int(np.count_nonzero(is_on[:, 1:] & ~is_on[:, :-1]))  # after the first step
         return float(eur_per_h.sum()) * dt_h - wear_eur - terms.start_eur * starts
-
-
-def _idle_plan(inputs: DispatchInputs, state: State) -> DispatchPlan:
-    nothing = np.zeros(inputs.price_eur_mwh.size)
-    return DispatchPlan(nothing, nothing, 0.0, nothing, nothing + state.temperature_c.mean())
 
 
 def _value_of_store(buy_sell_eur_kwh: Array) -> float:

@@ -7,7 +7,7 @@ from typing import Final
 import pandas as pd
 
 from bess.files import Fill
-from bess.market.columns import Columns, read_columns
+from bess.market.columns import read_columns
 from bess.market.files import fail, first_line, reading
 from bess.market.regular import regular
 from bess.market.units import check_temperature_unit
@@ -69,7 +69,8 @@ def read_weather(
         if time_zone is None and columns.clock is None and times["offset_h"].isna().all():
             repairs.add("assumed-utc", "took times without a zone as UTC", len(times), times.index[0])
             time_zone = "UTC"
-        chosen = _temperature(columns) if column is None else columns.choose(column, "temperature")
+        named = [name for name in columns.names if _NAMES.fullmatch(name.strip())]
+        chosen = columns.choose(named[0] if column is None and len(named) == 1 else column, "temperature")
         check_temperature_unit(chosen)
         rows = columns.rows(chosen, time_zone, repairs).replace({"value": _MISSING_C}, float("nan"))
         degrees = rows["value"]
@@ -82,8 +83,3 @@ def read_weather(
         series = regular(rows, fill, repairs, max_step_s=_MAX_STEP_S).rename("temperature_c")
     series.attrs = {"units": "degC", "repairs": repairs, "typical_year": is_typical}
     return series
-
-
-def _temperature(columns: Columns) -> str:
-    named = [name for name in columns.names if _NAMES.fullmatch(name.strip())]
-    return named[0] if len(named) == 1 else columns.choose(None, "temperature")

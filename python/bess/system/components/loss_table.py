@@ -111,11 +111,7 @@ def _completed(curve: Curve) -> Curve:
     load, loss = curve[0][order], curve[1][order]
     # Rows that deliver nothing: the largest of their losses is the no-load loss of an inverter that is on.
     first = int(np.searchsorted(load, 0.0, side="right")) - 1
-    load, loss = (
-        (load, loss)
-        if first < 1
-        else (np.delete(load, range(1, first + 1)), np.delete(loss, range(1, first + 1)))
-    )
+    load, loss = (np.delete(each, slice(1, first + 1)) for each in (load, loss))
     if load.size < 2:
         raise InputError(f"inverter table: {load.size} rows with power are too few; give at least 2")
     if (repeated := np.flatnonzero(np.diff(load) <= 0.0)).size:
