@@ -79,17 +79,15 @@ class _Simulation:
         with refusals():
             self.core = _core.Plant(system.core, len(states), step_s, derating_law, start)
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> tuple[tuple[Any, ...], PlantSnapshot]:
         """Parameters and state; the core is rebuilt."""
         settings = self.plant_step_s, self._derating_law, self._ambient_c
-        return {
-            "parameters": (self.system, self._states(), self._lead, *settings),
-            "snapshot": self.snapshot(),
-        }
+        return (self.system, self._states(), self._lead, *settings), self.snapshot()
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        _Simulation.__init__(self, *state["parameters"])
-        self.restore(state["snapshot"])
+    def __setstate__(self, state: tuple[tuple[Any, ...], PlantSnapshot]) -> None:
+        parameters, snapshot = state
+        _Simulation.__init__(self, *parameters)
+        self.restore(snapshot)
 
     @property
     def plant_step_s(self) -> float:

@@ -6,7 +6,6 @@ range: a year of cycles as one line would be a solid block of colour."""
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator, Mapping
 from datetime import UTC
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from bess.errors import InputError
 from bess.report.drawing.chart import Series, Span, Values
 from bess.report.drawing.style import INK, colours
+from bess.simulation.record.dataset import study_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -128,7 +128,7 @@ class TimeAxis:
 def event_spans(dataset: xr.Dataset, time: TimeAxis) -> list[Span]:
     """Events of the study in a record, within its time span."""
     spans = []
-    for event in tomllib.loads(dataset.attrs.get("study", "")).get("event", ()):
+    for event in study_of(dataset).get("event", ()):
         start, end = (
             np.datetime64(event[key].astimezone(UTC).replace(tzinfo=None), "s") for key in ("start", "end")
         )

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from bess.arrays import Array, real_numbers
 from bess.control.policies import NO_OPTIMISATION, Decision, Policy, PolicyInput, SolverReport
@@ -138,7 +138,6 @@ class ClosedLoop:
             decision.solver,
             flows,
             state.soh_capacity,
-            in_service,
             None if asked_kvar is None else asked_kvar[:1],
         )
         if inputs.installations.any:
@@ -207,17 +206,9 @@ class ClosedLoop:
         missed_kw = np.abs(request_kw.sum(axis=1) - served_kw[:, 0])
         if (missed_kw > self._slack_kw(limit_kw.sum(axis=1))).any():
             raise BessError(f"{self._place}: set-points do not sum to the demand; please report this")
-        in_service = np.ones(request_kw.shape[1], dtype=np.bool_)
+        demand_kw, served_kw = ahead_kw[:, 0], served_kw[:, 0]
         return self._passed(
-            *self._recorded(
-                ahead_kw[:, 0],
-                served_kw[:, 0],
-                request_kw,
-                SolverReport(),
-                flows,
-                self._soh_capacity,
-                in_service,
-            )
+            *self._recorded(demand_kw, served_kw, request_kw, SolverReport(), flows, self._soh_capacity)
         )
 
     def _passed(self, record: Record, log: list[dict[str, Any]]) -> tuple[Record, list[dict[str, Any]]]:
@@ -237,12 +228,12 @@ class ClosedLoop:
         solver: SolverReport,
         flows: Flows,
         soh_capacity: Array,
-        in_service: NDArray[np.bool_],
         reactive_demand_kvar: Array | None = None,
     ) -> tuple[Record, list[dict[str, Any]]]:
         """Record and log of the steps of ``flows``, from these capacities on; the next step follows them."""
         inputs, first, n_steps = self.inputs, self.step, len(request_kw)
         steps = slice(first, first + n_steps)
+        in_service = inputs.installations.in_service(first)
         planned = [inputs.demand.planned(step) for step in range(first, first + n_steps)]
         record: Record = {
             "demand_kw": demand_kw,

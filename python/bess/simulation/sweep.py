@@ -210,26 +210,34 @@ def run_scenarios(
         Results by run name, which is also the folder in ``out``. Finished runs are opened, not repeated.
     """
     study = as_study(study)
-    runs = expand(study)
+    studies = expand(study)
     folder = None if out is None else Path(out)
     if folder is not None:
-        for name in runs:
+        for name in studies:
             folder_in(folder, name)
         prepare_folder(folder, study)
     results: dict[str, Result] = {}
-    for further in range(1 + study.refinements):
-        if further:
-            runs |= refined(study, runs, {name: result.kpis for name, result in results.items()})
-        for name, each in runs.items():
-            if name not in results:
-                place = None if folder is None else folder_in(folder, name)
-                results[name] = run(each, progress=progress, out=place, resume=resume)
+    for left in _rounds(study, studies, results):
+        for name, each in left.items():
+            place = None if folder is None else folder_in(folder, name)
+            results[name] = run(each, progress=progress, out=place, resume=resume)
     if folder is not None:
         write_summary(folder, {name: result.kpis for name, result in results.items()})
         if study.sweep:
             done = {name: Outcome("done", kpis=result.kpis) for name, result in results.items()}
-            write_table(folder, swept_keys(study), runs, done)
+            write_table(folder, swept_keys(study), studies, done)
     return results
+
+
+def _rounds(
+    study: Study, studies: dict[str, Study], done: Mapping[str, Result | Outcome]
+) -> Iterator[dict[str, Study]]:
+    """Yield the runs of a study, then the runs of each refinement, which are added to ``studies``."""
+    yield studies
+    for _ in range(study.refinements):
+        new = refined(study, studies, {name: each.kpis for name, each in done.items() if each.kpis})
+        studies |= new
+        yield {name: each for name, each in new.items() if name not in done}
 
 
 def prepare_folder(folder: Path, study: Study) -> None:
@@ -340,16 +348,11 @@ def run_sweep(
     for name in studies:
         folder_in(directory, name)
     prepare_folder(directory, study)
-    keys = swept_keys(study)
     outcomes: dict[str, Outcome] = {}
     try:
         most = len(studies) + 2 * study.refinements
         with workers_for(workers, scheduler) as client, _bar(most, progress) as advance:
-            for further in range(1 + study.refinements):
-                if further:
-                    done = {name: each.kpis for name, each in outcomes.items() if each.kpis}
-                    studies |= refined(study, studies, done)
-                left = {name: each for name, each in studies.items() if name not in outcomes}
+            for left in _rounds(study, studies, outcomes):
                 for name, outcome in _outcomes(client, left, directory):
                     outcomes[name] = outcome
                     advance(name, outcome)
@@ -359,7 +362,7 @@ def run_sweep(
             "run the same sweep again to continue"
         ) from None
     finally:
-        write_table(directory, keys, studies, outcomes)
+        write_table(directory, swept_keys(study), studies, outcomes)
         done = {name: outcomes[name].kpis for name in studies if name in outcomes and outcomes[name].kpis}
         write_summary(directory, done)
     return SweepResult(directory, {name: outcomes[name] for name in studies})

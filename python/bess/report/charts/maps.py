@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -22,7 +21,7 @@ from bess.report.drawing.chart import Values
 from bess.report.drawing.style import colours, new_figure, styled
 from bess.simulation.analysis.catalogue import kpi
 from bess.simulation.analysis.settlement import COSTS, REVENUES, has_prices, ledger
-from bess.simulation.record.dataset import with_initial
+from bess.simulation.record.dataset import study_of, with_initial
 from bess.units import KWH_PER_MWH
 
 if TYPE_CHECKING:
@@ -56,8 +55,7 @@ def _months(dataset: xr.Dataset) -> Values:
     """Month of each step, in the time zone of the market if there is one, whose months begin at midnight."""
     import pandas as pd
 
-    study = tomllib.loads(dataset.attrs.get("study", ""))
-    zone = study.get("demand", {}).get("market_time_zone", "UTC")
+    zone = study_of(dataset).get("demand", {}).get("market_time_zone", "UTC")
     local = pd.DatetimeIndex(dataset["time"].values, tz="UTC").tz_convert(zone).tz_localize(None)
     return local.to_numpy().astype("datetime64[M]")
 

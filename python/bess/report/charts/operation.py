@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -60,18 +61,18 @@ def strings(result: Result) -> Chart:
 
 def string_spread(results: Results) -> Chart:
     """Largest difference between strings in SOC and in mean temperature, for one result or several."""
-    soc: list[Series] = []
-    temperature: list[Series] = []
-    for name, dataset, colour, dashed in told_apart(results):
-        time = TimeAxis(dataset)
-        for variable, lines, factor in (("soc", soc, 100.0), ("temperature_c", temperature, 1.0)):
+    panels = []
+    for variable, label, factor in (
+        ("soc", "SOC spread (points)", 100.0),
+        ("temperature_c", "Temperature spread (K)", 1.0),
+    ):
+        lines: list[Series] = []
+        for name, dataset, colour, dashed in told_apart(results):
+            time = TimeAxis(dataset)
             spread = factor * np.ptp(with_initial(dataset, variable), axis=1)
             lines += curve(time, spread, colour, name, dashed=dashed)
-    return Chart(
-        time.label,
-        (Panel("SOC spread (points)", soc), Panel("Temperature spread (K)", temperature)),
-        panel_height_in=1.4,
-    )
+        panels.append(Panel(label, lines))
+    return Chart(time.label, panels, panel_height_in=1.4)
 
 
 def mean_temperature(results: Results, *, derating_start_c: float = 45.0) -> Chart:
@@ -256,11 +257,11 @@ def reactive_power(result: Result) -> Chart:
     time = TimeAxis(dataset)
     q_kvar = dataset["reactive_kvar"].values
     apparent_kva = np.hypot(dataset["delivered_kw"].values, q_kvar)
-    plant = curve(time, q_kvar.sum(axis=1), style.INK, "carried", kind="step")
-    asked_kvar = dataset["reactive_demand_kvar"].values
+    carried_kvar, asked_kvar = q_kvar.sum(axis=1), dataset["reactive_demand_kvar"].values
+    plant = curve(time, carried_kvar, style.INK, "carried", kind="step")
     plant += curve(time, asked_kvar, style.AVAILABILITY, "asked", kind="step", dashed=True)
     panels = (
-        Panel("Plant (kvar)", plant, y_limits=_with_zero(q_kvar.sum(axis=1), asked_kvar)),
+        Panel("Plant (kvar)", plant, y_limits=_with_zero(carried_kvar, asked_kvar)),
         Panel("Strings (kvar)", string_curves(time, q_kvar)),
         Panel("Strings (kVA)", string_curves(time, apparent_kva)),
     )
@@ -288,27 +289,27 @@ def market_dispatch(result: Result) -> Chart:
     if "price_eur_mwh" not in dataset:
         raise InputError("the result has no price_eur_mwh: it is not a market study")
     time = TimeAxis(dataset)
-    delivered = dataset["delivered_kw"].values.sum(axis=1)
+    strings_kw = dataset["delivered_kw"].values
+    delivered = strings_kw.sum(axis=1)
     planned = dataset["expected_kw"].values if "expected_kw" in dataset else None
-    price = curve(time, dataset["price_eur_mwh"].values, style.INVERTER, kind="step")
+    steps = partial(curve, time, kind="step")
+    panels = [Panel("Price (EUR/MWh)", steps(dataset["price_eur_mwh"].values, style.INVERTER))]
     if time.daily:
-        strings_kw = dataset["delivered_kw"].values
         sold = _per_day(time, np.maximum(strings_kw, 0.0).sum(axis=1), style.DISCHARGE, "sold")
         bought = _per_day(time, np.minimum(strings_kw, 0.0).sum(axis=1), style.CHARGE, "bought")
-        power = Panel("Energy per day (kWh)", (sold, bought))
-    else:
-        lines = curve(time, delivered, style.DISCHARGE, "delivered, positive = sold", kind="step")
-        lines += curve(time, dataset["demand_kw"].values, style.INK, "demand", kind="step", dashed=True)
+        panels.append(Panel("Energy per day (kWh)", (sold, bought)))
         if planned is not None:
-            lines += curve(time, planned, style.DERATING, "planned to be delivered", kind="step", dashed=True)
-        power = Panel("Power (kW)", lines)
+            # Planned minus delivered energy; negative if the plan was exceeded.
+            short_kw = np.abs(planned) - np.abs(delivered)
+            short = _per_day(time, short_kw, style.DERATING, "planned less delivered")
+            panels.append(Panel("Short of plan (kWh/day)", (short,)))
+    else:
+        lines = steps(delivered, style.DISCHARGE, "delivered, positive = sold")
+        lines += steps(dataset["demand_kw"].values, style.INK, "demand", dashed=True)
+        if planned is not None:
+            lines += steps(planned, style.DERATING, "planned to be delivered", dashed=True)
+        panels.append(Panel("Power (kW)", lines))
     soc = curve(time, with_initial(dataset, "soc").mean(axis=1), style.BATTERY)
-    panels = [Panel("Price (EUR/MWh)", price), power]
-    if time.daily and planned is not None:
-        # Planned minus delivered energy; negative if the plan was exceeded.
-        short_kw = np.abs(planned) - np.abs(delivered)
-        short = _per_day(time, short_kw, style.DERATING, "planned less delivered")
-        panels.append(Panel("Short of plan (kWh/day)", (short,)))
     panels.append(Panel("Mean SOC", soc, y_limits=(-0.02, 1.02)))
     return Chart(time.label, panels, panel_height_in=1.35)
 
@@ -330,25 +331,20 @@ def service(result: Result) -> Chart:
     dataset = dataset_of(result)
     time = TimeAxis(dataset)
     soc = curve(time, with_initial(dataset, "soc").mean(axis=1), style.BATTERY, "mean over the strings")
+    steps = partial(curve, time, kind="step")
+    power = steps(dataset["delivered_kw"].values.sum(axis=1), style.DISCHARGE, "delivered")
     if is_reserve(dataset):
-        frequency = curve(time, dataset["frequency_mhz"].values, style.INK, kind="step")
-        power = curve(
-            time, dataset["delivered_kw"].values.sum(axis=1), style.DISCHARGE, "delivered", kind="step"
-        )
-        power += curve(time, dataset["schedule_kw"].values, style.AVAILABILITY, "agreed ahead", kind="step")
+        power += steps(dataset["schedule_kw"].values, style.AVAILABILITY, "agreed ahead")
         for name, label in (("soc_low", "required window"), ("soc_high", "")):
-            soc += curve(time, dataset[name].values, style.AVAILABILITY, label, kind="step", dashed=True)
-        first = Panel("Frequency (mHz from nominal)", frequency)
+            soc += steps(dataset[name].values, style.AVAILABILITY, label, dashed=True)
+        first = Panel("Frequency (mHz from nominal)", steps(dataset["frequency_mhz"].values, style.INK))
     elif is_site(dataset):
-        _, after, delivered = draw_kw(dataset)
-        load = curve(time, dataset["load_kw"].values, style.BACKGROUND, "load", kind="step")
+        load = steps(dataset["load_kw"].values, style.BACKGROUND, "load")
         if np.any(dataset["generation_kw"].values > 0.0):
-            load += curve(time, dataset["generation_kw"].values, style.CHARGE, "generation", kind="step")
-        load += curve(time, after, style.INK, "drawn from the grid", kind="step")
+            load += steps(dataset["generation_kw"].values, style.CHARGE, "generation")
+        load += steps(draw_kw(dataset)[1], style.INK, "drawn from the grid")
         if "grid_limit_kw" in dataset:
-            limit = dataset["grid_limit_kw"].values
-            load += curve(time, limit, style.AVAILABILITY, "limit", kind="step", dashed=True)
-        power = curve(time, delivered, style.DISCHARGE, "delivered", kind="step")
+            load += steps(dataset["grid_limit_kw"].values, style.AVAILABILITY, "limit", dashed=True)
         first = Panel("Site (kW)", load)
     else:
         raise InputError("the result has neither response_kw nor load_kw: it is not of a service")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bess.errors import InputError
 from bess.simulation.analysis.settlement import has_prices, recorded_terms, settled
-from bess.simulation.record.dataset import with_initial
+from bess.simulation.record.dataset import study_of, with_initial
 from bess.study.grid import TimeGrid
 from bess.study.sections import BudgetSection
 from bess.units import DAYS_PER_YEAR, KWH_PER_MWH, PERCENT
@@ -150,7 +149,7 @@ def budget_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
     """
     if "budget_cycles" not in dataset:
         return
-    limits = BudgetSection.model_validate(tomllib.loads(dataset.attrs["study"])["budget"])
+    limits = BudgetSection.model_validate(study_of(dataset)["budget"])
     step_h = float(dataset.attrs["step_h"])
     grid = TimeGrid.of_record(dataset)
     years = np.minimum(grid.years, grid.n_steps)
@@ -177,7 +176,7 @@ _MARGINS = {"round_trip_efficiency_pct": "round_trip_efficiency_pct", "availabil
 
 def contract_kpis(dataset: xr.Dataset, kpis: Mapping[str, float]) -> Iterator[tuple[str, float]]:
     """Yield the margins of a run over its guarantees, and the remaining throughput of the contract."""
-    contract = tomllib.loads(dataset.attrs.get("study", "")).get("contract", {})
+    contract = study_of(dataset).get("contract", {})
     for key, name in _MARGINS.items():
         if key in contract and name in kpis:
             yield f"contract_{key.removesuffix('_pct')}_margin", kpis[name] - contract[key]

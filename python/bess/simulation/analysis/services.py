@@ -148,26 +148,18 @@ def _site_kpis(dataset: xr.Dataset, dt_h: float) -> Iterator[tuple[str, Any]]:
         yield "self_sufficiency_pct", PERCENT * (1.0 - imported / load) if load > 0.0 else PERCENT
 
 
-def unprovable(dataset: xr.Dataset) -> str | None:
-    """Return the reason why :func:`bess.hindsight` does not support a record; None if it does.
+_UNPROVABLE: Final = {
+    "reactive_kvar": "this run carried reactive power, which hindsight does not support; leave out "
+    "[reactive] of its study",
+    "auxiliary_kw": "the plant of this run has a section [cooling], and the lower bound supports ambient-air "
+    "cooling only",
+    "investment_eur": "strings of this run are added, replaced or retired, which hindsight does not support",
+    "reversible_heat_kw": "the cells of this run have reversible heat, and the lower bound supports ohmic "
+    "heat only",
+}
+"""Reasons why hindsight does not support a record, by a variable that only such records have."""
 
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        Record of a run.
-    """
-    if "reactive_kvar" in dataset:
-        return (
-            "this run carried reactive power, which hindsight does not support; "
-            "leave out [reactive] of its study"
-        )
-    if "auxiliary_kw" in dataset:
-        return (
-            "the plant of this run has a section [cooling], and the lower bound supports ambient-air cooling "
-            "only"
-        )
-    if "investment_eur" in dataset:
-        return "strings of this run are added, replaced or retired, which hindsight does not support"
-    if "reversible_heat_kw" in dataset:
-        return "the cells of this run have reversible heat, and the lower bound supports ohmic heat only"
-    return None
+
+def unprovable(dataset: xr.Dataset) -> str | None:
+    """Return the reason why :func:`bess.hindsight` does not support a record; None if it does."""
+    return next((reason for name, reason in _UNPROVABLE.items() if name in dataset), None)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final
 
@@ -18,7 +17,7 @@ from bess.simulation.analysis.services import (
     peak_charge_eur,
     site_saving_eur,
 )
-from bess.simulation.record.dataset import check_record
+from bess.simulation.record.dataset import check_record, study_of
 from bess.system.terms import SettlementTerms
 from bess.units import KWH_PER_MWH
 
@@ -113,8 +112,7 @@ def has_prices(dataset: xr.Dataset) -> bool:
 
 def recorded_terms(dataset: xr.Dataset) -> SettlementTerms:
     """Return the settlement terms of a record."""
-    study = tomllib.loads(dataset.attrs.get("study", ""))
-    return SettlementTerms.model_validate(study.get("settlement", {}))
+    return SettlementTerms.model_validate(study_of(dataset).get("settlement", {}))
 
 
 def settlement_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:

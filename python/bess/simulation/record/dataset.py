@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
+import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -275,6 +276,11 @@ def with_initial(dataset: xr.Dataset, variable: str) -> NDArray[np.float64]:
         return np.concatenate([states[:1], states])
     initial = np.atleast_1d(np.asarray(dataset.attrs[f"initial_{variable}"], dtype=np.float64))
     return np.concatenate([initial[None, :], states])
+
+
+def study_of(dataset: xr.Dataset) -> dict[str, Any]:
+    """Return the study of a record as nested tables; empty without one."""
+    return tomllib.loads(dataset.attrs.get("study", ""))
 
 
 def begins_with_run(dataset: xr.Dataset) -> bool:
