@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import wraps
-from typing import TYPE_CHECKING, Any, ParamSpec
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 
 P = ParamSpec("P")
+T = TypeVar("T")
 
 
 def _drawn(chart: Callable[P, Chart]) -> Callable[P, Figure]:
@@ -67,22 +68,18 @@ Panels = NDArray[Any]
 
 def _panels(make: Callable[..., Figure]) -> Callable[[Plot], Panels]:
     """Return a method that draws a figure of several axes."""
-
-    def method(self: Plot) -> Panels:
-        with through_pyplot():
-            return np.array(make(self.result).axes, dtype=object)
-
-    method.__name__, method.__doc__ = make.__name__, make.__doc__
-    return method
+    return _method(make, lambda axes: np.array(axes, dtype=object))
 
 
 def _axes(make: Callable[..., Figure]) -> Callable[[Plot], Axes]:
     """Return a method that draws a figure of one pair of axes."""
-    panels = _panels(make)
+    return _method(make, lambda axes: axes[0])
 
-    def method(self: Plot) -> Axes:
-        axes: Axes = panels(self)[0]
-        return axes
+
+def _method(make: Callable[..., Figure], shown: Callable[[list[Axes]], T]) -> Callable[[Plot], T]:
+    def method(self: Plot) -> T:
+        with through_pyplot():
+            return shown(make(self.result).axes)
 
     method.__name__, method.__doc__ = make.__name__, make.__doc__
     return method

@@ -19,37 +19,9 @@ from bess.simulation.analysis.kpis import kpis, solve_time_kpis
 from bess.simulation.closed_loop import ClosedLoop
 from bess.simulation.inputs import Inputs, prepare
 from bess.simulation.progress import reporting, stop_requests
+from bess.simulation.record import files, provenance, store
 from bess.simulation.record.dataset import FLOWS, describe_frame, write_netcdf
-from bess.simulation.record.files import (
-    TEMPORARY,
-    make_folder,
-    replacing,
-    sha256,
-    write_bytes,
-    write_checked,
-    write_checksums,
-)
-from bess.simulation.record.provenance import (
-    IDENTITY,
-    Identity,
-    differences,
-    identity_of,
-    read_identity,
-)
 from bess.simulation.record.result import RESULTS, Result, open_netcdf
-from bess.simulation.record.store import (
-    LOCK,
-    LOG,
-    OWNER,
-    Record,
-    StepLog,
-    locked,
-    parts,
-    records,
-    remove_parts,
-    solve_times_s,
-    write_part,
-)
 from bess.study.plant_choice import policy_settings
 from bess.study.study import Study, as_study
 from bess.system import System
@@ -129,10 +101,10 @@ def _run_in(
     directory: Path, study: Study, inputs: Inputs, own: Policy | None, *, progress: bool, resume: bool
 ) -> Result:
     loop = closed_loop(study, inputs, own)  # refuses before there is a folder
-    identity = identity_of(study, inputs.system, inputs.files)
+    identity = provenance.identity_of(study, inputs.system, inputs.files)
     identity["frame"] = describe_frame(study, inputs.system, inputs.grid, loop.policy.statuses)
-    make_folder(directory)
-    with locked(directory):
+    files.make_folder(directory)
+    with store.locked(directory):
         if not _is_finished(directory, identity, resume=resume):
             if progress:
                 for note in inputs.notes:
@@ -147,16 +119,16 @@ def _run_in(
         return _finish(directory, inputs.system)
 
 
-def _is_finished(directory: Path, identity: Identity, *, resume: bool) -> bool:
+def _is_finished(directory: Path, identity: provenance.Identity, *, resume: bool) -> bool:
     """Check the content of the folder; write the provenance of a new run into an empty folder."""
-    old = read_identity(directory)
+    old = provenance.read_identity(directory)
     if old is None:
-        own = {LOCK, OWNER, IDENTITY + TEMPORARY}
+        own = {store.LOCK, store.OWNER, provenance.IDENTITY + files.TEMPORARY}
         if others := sorted({path.name for path in directory.iterdir()} - own):
             raise InputError(f"{directory}: holds {others[0]!r} but no run; use a new or empty folder")
-        write_bytes(directory / IDENTITY, json.dumps(identity, indent=1).encode())
+        files.write_bytes(directory / provenance.IDENTITY, json.dumps(identity, indent=1).encode())
         return False
-    if changed := differences(old, identity):
+    if changed := provenance.differences(old, identity):
         shown = "; ".join(changed[:5]) + (f"; and {len(changed) - 5} more" if len(changed) > 5 else "")
         raise InputError(
             f"{directory}: holds another run ({shown}); use another output folder, or delete the folder"
@@ -202,16 +174,16 @@ def _complete(directory: Path, study: Study, loop: ClosedLoop, *, progress: bool
     float
         Wall-clock time spent on files [s].
     """
-    write_bytes(directory / "study.toml", study.to_toml().encode())
+    files.write_bytes(directory / "study.toml", study.to_toml().encode())
     log_bytes = 0
-    if saved := parts(directory):
+    if saved := store.parts(directory):
         checkpoint = saved[-1].checkpoint()
         loop.restore(checkpoint["loop"])
         log_bytes = checkpoint["log_bytes"]
     n_steps = loop.inputs.grid.n_steps
     files_s = 0.0
     with (
-        StepLog(directory, log_bytes) as log,
+        store.StepLog(directory, log_bytes) as log,
         reporting(study.name, n_steps, shown=progress) as update,
         stop_requests() as stop_asked,
     ):
@@ -227,7 +199,7 @@ def _complete(directory: Path, study: Study, loop: ClosedLoop, *, progress: bool
             _check_finite(first, record)
             # The log first, so that it is never shorter than the length in the checkpoint.
             log.write(lines)
-            write_part(directory, first, record, {"loop": loop.checkpoint(), "log_bytes": log.sync()})
+            store.write_part(directory, first, record, {"loop": loop.checkpoint(), "log_bytes": log.sync()})
             files_s += time.perf_counter() - began
         if loop.step < n_steps:
             raise StoppedEarly(
@@ -237,7 +209,7 @@ def _complete(directory: Path, study: Study, loop: ClosedLoop, *, progress: bool
     return files_s
 
 
-def _check_finite(first_step: int, record: Record) -> None:
+def _check_finite(first_step: int, record: store.Record) -> None:
     """Raise BessError if the plant returned non-finite numbers; steps are along the first axis."""
     for name in FLOWS:
         finite = np.isfinite(record[name].reshape(len(record[name]), -1)).all(axis=1)
@@ -249,18 +221,19 @@ def _check_finite(first_step: int, record: Record) -> None:
             )
 
 
-def _assemble(directory: Path, identity: Identity) -> None:
-    with replacing(directory / RESULTS) as temporary:
-        write_netcdf(temporary, identity["frame"], records(directory))
-        final = {name: directory / name for name in (IDENTITY, "study.toml", LOG)} | {RESULTS: temporary}
-        write_checksums(directory, {name: sha256(path) for name, path in final.items()})
+def _assemble(directory: Path, identity: provenance.Identity) -> None:
+    with files.replacing(directory / RESULTS) as temporary:
+        write_netcdf(temporary, identity["frame"], store.records(directory))
+        kept = (provenance.IDENTITY, "study.toml", store.LOG)
+        final = {name: directory / name for name in kept} | {RESULTS: temporary}
+        files.write_checksums(directory, {name: files.sha256(path) for name, path in final.items()})
 
 
 def _finish(directory: Path, system: System) -> Result:
     """Compute the KPIs from the record, then delete the parts; repeated after a crash in between."""
     dataset = open_netcdf(directory / RESULTS)
-    times = np.array(list(solve_times_s(directory).values()), dtype=np.float64)
+    times = np.array(list(store.solve_times_s(directory).values()), dtype=np.float64)
     values = kpis(dataset) | solve_time_kpis(times)
-    write_checked(directory / "kpis.json", json.dumps(values, indent=1).encode())
-    remove_parts(directory)
+    files.write_checked(directory / "kpis.json", json.dumps(values, indent=1).encode())
+    store.remove_parts(directory)
     return Result(dataset, values, directory, times, system)

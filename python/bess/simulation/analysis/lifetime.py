@@ -118,14 +118,15 @@ def wear_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
     yield "soh_capacity_min", capacity.min()
     yield "soh_capacity_mean", capacity.mean()
     yield "soh_resistance_max", resistance.max()
-    days = dataset.sizes["time"] * float(dataset.attrs["step_h"]) / 24.0
+    step_h = float(dataset.attrs["step_h"])
+    days = dataset.sizes["time"] * step_h / 24.0
     if "end_of_life" in dataset:
         steps = np.flatnonzero(dataset["end_of_life"].values.any(axis=1))
         if steps.size:
-            yield "end_of_life_days", (steps[0] + 1) * float(dataset.attrs["step_h"]) / 24.0
+            yield "end_of_life_days", (steps[0] + 1) * step_h / 24.0
     if "cyclic_loss" in dataset:
         aged = np.maximum(np.diff(dataset["cyclic_loss"].values, axis=0), 0.0).sum(axis=0)
-        discharged_kwh = np.maximum(dataset["delivered_kw"].values, 0.0).sum() * dataset.attrs["step_h"]
+        discharged_kwh = np.maximum(dataset["delivered_kw"].values, 0.0).sum() * step_h
         if discharged_kwh > 0.0:
             wear_eur = float(aged @ np.ravel(dataset.attrs["wear_eur_per_loss"]))
             yield "cycle_wear_eur_mwh", wear_eur * KWH_PER_MWH / discharged_kwh

@@ -11,13 +11,12 @@ from bess.arrays import Array
 from bess.dispatch.connection import QUARTER_S, PeakTariff, monthly_peaks_kw
 from bess.simulation.record.dataset import seconds
 from bess.system.terms import SettlementTerms
-from bess.units import PERCENT
+from bess.units import KWH_PER_MWH, PERCENT
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
-_PER_MEGA: Final = 1000.0
 _MIN_SUSTAINED_SHARE: Final = 1.0 - 1e-9
 """Minimum share of the reserve that counts as sustained."""
 
@@ -51,7 +50,7 @@ def site_saving_eur(dataset: xr.Dataset, terms: SettlementTerms) -> Array:
     Grid import costs ``price_eur_mwh``, grid export earns ``export_price_eur_mwh``; fees apply to charged and
     discharged energy of the plant. Export above its limit is curtailed and earns nothing.
     """
-    step_mwh_per_kw = float(dataset.attrs["step_h"]) / _PER_MEGA
+    step_mwh_per_kw = float(dataset.attrs["step_h"]) / KWH_PER_MWH
     before, after, delivered = draw_kw(dataset)
     drawn, given = dataset["price_eur_mwh"].values, dataset["export_price_eur_mwh"].values
 
@@ -83,7 +82,7 @@ def capacity_entries(dataset: xr.Dataset, terms: SettlementTerms) -> Iterator[tu
     """
     dt_h = float(dataset.attrs["step_h"])
     if is_reserve(dataset):
-        eur_per_kw = dataset["capacity_price_eur_mw_h"].values * (dt_h / _PER_MEGA)
+        eur_per_kw = dataset["capacity_price_eur_mw_h"].values * (dt_h / KWH_PER_MWH)
         yield "capacity_revenue_eur", dataset["capacity_kw"].values * eur_per_kw
         yield "penalty_eur", terms.capacity_penalty * short_kw(dataset) * eur_per_kw
     elif "demand_charge_eur_kw_h" in dataset:
