@@ -15,7 +15,7 @@ from pydantic import ValidationError, model_validator
 from bess.control.policies.settings import PolicySection
 from bess.display import as_table, one_line
 from bess.errors import InputError, nearest
-from bess.files import MissingFileError, missing, parse_toml
+from bess.files import MissingFileError, missing
 from bess.study.demands import DEMAND_KINDS, TRADES, Demand, kind_of_demand
 from bess.study.keys import value_at, with_value
 from bess.study.sections import (
@@ -34,7 +34,7 @@ from bess.study.sections import (
     WearSection,
     WeatherSection,
 )
-from bess.system.documents import describe, read_text
+from bess.system.documents import describe, read_toml
 from bess.system.section import Section
 from bess.system.terms import SettlementTerms
 
@@ -193,11 +193,13 @@ def _with_kind(document: Any) -> Any:
 
 def bundled_studies() -> dict[str, str]:
     """Return the names of the bundled studies with their titles."""
-    names = {}
-    for entry in sorted(resources.files("bess.data.studies").iterdir(), key=lambda entry: entry.name):
-        if entry.name.endswith(".toml"):
-            names[entry.name.removesuffix(".toml")] = tomllib.loads(entry.read_text("utf-8")).get("title", "")
-    return names
+    return {name: document.get("title", "") for name, document in _bundled().items()}
+
+
+def _bundled() -> dict[str, dict[str, Any]]:
+    entries = sorted(resources.files("bess.data.studies").iterdir(), key=lambda entry: entry.name)
+    files = [entry for entry in entries if entry.name.endswith(".toml")]
+    return {each.name.removesuffix(".toml"): tomllib.loads(each.read_text("utf-8")) for each in files}
 
 
 def load_study(name: str | Path, values: Mapping[str, Any] | None = None) -> Study:
@@ -215,21 +217,16 @@ def load_study(name: str | Path, values: Mapping[str, Any] | None = None) -> Stu
     InputError
         File not found, not TOML, an unknown key (with the nearest one), or a value out of range.
     """
-    path = Path(name)
-    bundled = bundled_studies()
+    path, bundled = Path(name), _bundled()
     if str(name) in bundled:
-        text = resources.files("bess.data.studies").joinpath(f"{name}.toml").read_text("utf-8")
-        stem, folder = str(name), None
+        document = {"name": str(name), **bundled[str(name)]}
     else:
-        text = _read(path, list(bundled))
-        stem, folder = _name_from(path), path.resolve().parent
-    try:
-        document = parse_toml(text)
-    except ValueError as error:  # also an integer of more digits than Python takes
-        raise InputError(f"{name}: not valid TOML ({error})") from error
-    document = {"name": stem, **document}
-    if folder is not None:
-        document = _with_absolute_paths(document, folder)
+        try:
+            document = {"name": _name_from(path), **read_toml(path)}
+        except MissingFileError:
+            hint = nearest(path.name, bundled) if not path.suffix else missing(path)
+            raise InputError(f"{path}: no such study; {hint}") from None
+        document = _with_absolute_paths(document, path.resolve().parent)
     return Study.from_document(document, str(name)).with_values(values or {})
 
 
@@ -252,14 +249,6 @@ def _name_from(path: Path) -> str:
     """Return the default name of a study: its file name with characters valid for a folder."""
     letters = unicodedata.normalize("NFKD", path.stem).encode("ascii", "ignore").decode()
     return re.sub(r"[^A-Za-z0-9._=+-]+", "-", letters).strip("-._=+")[:100] or "study"
-
-
-def _read(path: Path, bundled: list[str]) -> str:
-    try:
-        return read_text(path)
-    except MissingFileError:
-        hint = nearest(path.name, bundled) if not path.suffix else missing(path)
-        raise InputError(f"{path}: no such study; {hint}") from None
 
 
 def _with_absolute_paths(document: dict[str, Any], folder: Path) -> dict[str, Any]:

@@ -35,33 +35,18 @@ _PLAIN_WORDS = {
 }
 
 
-def read_text(path: Path) -> str:
-    """Return the text of a TOML file, with or without a byte-order mark.
+def read_toml(path: Path) -> dict[str, Any]:
+    """Parse a TOML file, with or without a byte-order mark; every failure is an InputError with the path.
 
     Raises
     ------
     InputError
-        The file does not exist (:class:`bess.files.MissingFileError`), or is not a text.
+        The file does not exist (:class:`bess.files.MissingFileError`), is not a text, or is not TOML.
     """
     raw = read_file(path, _MAX_BYTES)
     try:
-        return raw.decode("utf-8-sig").replace("\r\n", "\n")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: cannot be read ({error})") from error
-
-
-def read_toml(path: Path) -> dict[str, Any]:
-    """Parse a TOML file; every failure is an :class:`InputError` with the path.
-
-    Raises
-    ------
-    InputError
-        The file does not exist, or is not TOML.
-    """
-    text = read_text(path)
-    try:
-        return parse_toml(text)
-    except ValueError as error:
+        return parse_toml(raw.decode("utf-8-sig").replace("\r\n", "\n"))
+    except ValueError as error:  # also an integer of more digits than Python takes
         what = "not valid TOML" if isinstance(error, tomllib.TOMLDecodeError) else "cannot be read"
         raise InputError(f"{path}: {what} ({error})") from error
 
