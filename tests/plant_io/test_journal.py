@@ -132,7 +132,7 @@ def test_days_that_a_killed_process_left_unpacked_are_read_and_packed(tmp_path: 
     folder = tmp_path / "journal"
     (file,) = folder.iterdir()
     full = file.rename(folder / "2026-11-21.0.full")
-    (folder / "2026-11-21.0.part").write_bytes(b"half")
+    (folder / "2026-11-21.0.gz.tmp").write_bytes(b"half")
     assert open_journal(tmp_path).sizes["time"] == 1
     with Journal(tmp_path, SYSTEM, "") as journal:
         journal.append(_said(5), 2.0, [0.0, 0.0])  # the clock was set back to that day

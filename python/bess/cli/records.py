@@ -51,9 +51,7 @@ _CONSOLE_WIDTH = 100_000
 
 def kpi_table(kpis: KpisByRun) -> str:
     """Return a table with one column per run and grouped rows, without missing KPIs and details."""
-    table = Table(box=None, pad_edge=False)
-    for heading in ("", ""):
-        table.add_column(heading)
+    table = Table("", "", box=None, pad_edge=False)
     for run in kpis:
         table.add_column(Text(run), justify="right", header_style="")
     shown = (name for values in kpis.values() for name in values if not kpi(name).detail)

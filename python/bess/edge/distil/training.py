@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -144,11 +144,9 @@ def _start(system: System, variation: Variation, random: np.random.Generator) ->
     state = system.initial_state()
     low, high = system.soc_window
     moved = variation.spread * (high - low) * random.uniform(-1.0, 1.0, state.n_strings)
-    return State(
-        np.clip(state.soc + moved, low, high),
-        state.temperature_c + variation.spread_k * random.uniform(-1.0, 1.0, state.n_strings),
-        state.soh_capacity,
-        state.soh_resistance,
+    moved_k = variation.spread_k * random.uniform(-1.0, 1.0, state.n_strings)
+    return replace(
+        state, soc=np.clip(state.soc + moved, low, high), temperature_c=state.temperature_c + moved_k
     )
 
 

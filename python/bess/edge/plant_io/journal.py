@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 SYNC_S: Final = 10.0
 """Maximum period of records lost in a power failure; a killed process loses none."""
-_OPEN, _FULL, _PACKED, _PART = ".bin", ".full", ".gz", ".part"
+_OPEN, _FULL, _PACKED = ".bin", ".full", ".gz"
 
 
 class DayFiles:
@@ -101,12 +101,7 @@ class DayFiles:
         """Pack earlier days, and remove the oldest beyond the limit of size."""
         try:
             for path in sorted(self._directory.glob(f"*{_FULL}")):
-                part = path.with_suffix(_PART)
-                with part.open("wb") as file:
-                    file.write(gzip.compress(path.read_bytes(), 6))
-                    file.flush()
-                    os.fsync(file.fileno())
-                part.replace(path.with_suffix(_PACKED))
+                put_bytes(path.with_suffix(_PACKED), gzip.compress(path.read_bytes(), 6))
                 path.unlink()
             self.error = ""
         except OSError as error:

@@ -21,11 +21,10 @@ from numpy.typing import NDArray
 
 from bess.arrays import Array, Flags
 from bess.checkpoints import Checkpointed
+from bess.control.split.objectives import SHORTFALL
 from bess.edge.serve.constraints import POWER_TOLERANCE_KW
 from bess.system import State, System
 
-SHORTFALL: Final = 3.0
-"""Cost of an undelivered kWh, in kWh of losses; as in ``Objectives.energy``."""
 ROTATION: Final = 0.02
 """Additional cost of a start for each start of the string above the smallest number of a string."""
 _MIN_CURVATURE: Final = 1e-7
@@ -40,7 +39,7 @@ class Curves:
     """Loss of each string over its power in one direction, ``idle + slope p + bend p^2`` [kW].
 
     A parabola through three points of the control model: no load, and a third and two thirds of the maximum
-    power by voltage, near which the loss rises faster than a parabola. Derating loss counts :data:`SHORTFALL`
+    power by voltage, near which the loss rises faster than a parabola. Derating loss counts ``SHORTFALL``
     times.
     """
 
@@ -136,10 +135,8 @@ class Commitment(Checkpointed):
     def update(self, problem: CommitmentProblem, *, elapsed_s: float, step_s: float) -> None:
         """Decide for a step of ``step_s``, ``elapsed_s`` after the last decision."""
         self.advance_time(problem.usable, problem.demand_kw, elapsed_s)
-        first = True
-        for _ in range(2 * self.running.size):
-            move = self._move(problem, step_s, adds_up=first)
-            first = False
+        for k in range(2 * self.running.size):
+            move = self._move(problem, step_s, adds_up=k == 0)
             if move is None:
                 break
             stop, start = (np.arange(self.running.size) == string for string in move)

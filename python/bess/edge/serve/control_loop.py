@@ -53,7 +53,7 @@ class Demands:
 
     def __init__(self, study: Study, plan_s: float) -> None:
         self._plan_s = plan_s
-        self._posted: tuple[list[float], bool, float, float, str] | None = None
+        self._posted: tuple[float | list[float], float, float, str] | None = None
         self._profile: Array | None = None
         if not study.service.follow_profile:
             return
@@ -74,20 +74,18 @@ class Demands:
 
     def post(self, demand_kw: float | list[float], valid_for_s: float, now_s: float, by: str = "") -> None:
         """Accept a demand, or a forecast that begins now, from a client's address."""
-        is_list = isinstance(demand_kw, list)
-        values = list(demand_kw) if isinstance(demand_kw, list) else [demand_kw]
-        self._posted = (values, is_list, now_s, now_s + valid_for_s, by)
+        self._posted = (demand_kw, now_s, now_s + valid_for_s, by)
 
     def at(self, now_s: float, n_steps: int) -> ActiveDemand | None:
         """The demand at a time with its forecast of up to ``n_steps``; None if there is none."""
         posted = self._posted
-        if posted is not None and now_s < posted[3]:
-            values, is_list, began_s, until_s, by = posted
-            gone = int(now_s // self._plan_s) - int(began_s // self._plan_s) if is_list else 0
-            if gone < len(values):
-                left = values[gone:]
+        if posted is not None and now_s < posted[2]:
+            demand_kw, began_s, until_s, by = posted
+            gone = int(now_s // self._plan_s) - int(began_s // self._plan_s)
+            left = demand_kw[gone:] if isinstance(demand_kw, list) else [demand_kw]
+            if left:
                 source = f"posted{by and f' by {by}'}, valid for another {until_s - now_s:.0f} s"
-                return ActiveDemand(left[0], left if is_list else None, source)
+                return ActiveDemand(left[0], left if isinstance(demand_kw, list) else None, source)
         if self._profile is None:
             return None
         first = int((now_s - self._start_s) // self._step_s)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -31,7 +32,7 @@ from bess.edge.serve.measurement_validator import MeasurementValidator, ValidSta
 from bess.edge.serve.plan import CarriedPlan, DemandForecast, ahead, preferences
 from bess.errors import InputError
 from bess.study.sections import ServiceSection
-from bess.system import State, System
+from bess.system import System
 
 PLAN_DEVIATION: Final = 0.1
 """Relative deviation from the demand of the plan up to which its shares are used."""
@@ -225,8 +226,7 @@ class Controller(Checkpointed):
         """Set-points [kW] at minimum loss for these SOC and the last measured temperatures; stateless."""
         discharge = demand_kw >= 0.0
         last = self.system.initial_state() if self.valid is None else self.valid.state
-        within = np.clip(soc, self.soc_limits.empty, self.soc_limits.full)
-        state = State(within, last.temperature_c, last.soh_capacity, last.soh_resistance)
+        state = replace(last, soc=np.clip(soc, self.soc_limits.empty, self.soc_limits.full))
         able = self.soc_limits.able(ValidState.without_doubt(state, self.system.nominal_kw))
         most = able.towards(discharge)
         curves = Curves.of(self.system, state, discharge)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -83,8 +83,7 @@ class ValidState:
 
     def worse(self, discharge: bool) -> State:
         """The possible state with the smaller capability in one direction."""
-        state, soc = self.state, self.soc_low if discharge else self.soc_high
-        return State(soc, state.temperature_c, state.soh_capacity, state.soh_resistance)
+        return replace(self.state, soc=self.soc_low if discharge else self.soc_high)
 
 
 class MeasurementValidator(Checkpointed):
