@@ -42,8 +42,8 @@ StudyName = Annotated[
         autocompletion=_names_of_studies,
     ),
 ]
-Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Output folder.")]
-Days = Annotated[float | None, typer.Option("--days", help="Length of the run; sets run.days.")]
+Out = Annotated[Path | None, typer.Option(metavar="DIR", help="Output folder.")]
+Days = Annotated[float | None, typer.Option(help="Length of the run; sets run.days.")]
 Assignments = Annotated[
     list[str] | None,
     typer.Option(
@@ -160,36 +160,27 @@ def report(
 @app.command()
 def serve(
     study: StudyName,
-    host: Annotated[str, typer.Option("--host", help="Address to listen on.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option("--port", min=1, max=65535, help="Port to listen on.")] = 8080,
+    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Port to listen on.")] = 8080,
     token_file: Annotated[
         Path | None,
         typer.Option(
-            "--token-file",
-            metavar="FILE",
-            help="Require the token in FILE from callers; mandatory to control a plant.",
+            metavar="FILE", help="Require the token in FILE from callers; mandatory to control a plant."
         ),
     ] = None,
     state: Annotated[
         Path | None,
-        typer.Option(
-            "--state", metavar="DIR", help="Folder for persistent state; default: results/NAME-service."
-        ),
+        typer.Option(metavar="DIR", help="Folder for persistent state; default: results/NAME-service."),
     ] = None,
     plant: Annotated[
-        str | None,
-        typer.Option("--plant", metavar="openems=URL|sunspec=HOST", help="Control this plant directly."),
+        str | None, typer.Option(metavar="openems=URL|sunspec=HOST", help="Control this plant directly.")
     ] = None,
     shadow: Annotated[
         bool, typer.Option("--shadow", help="Shadow mode: log set-points, do not write them.")
     ] = False,
     allowed_host: Annotated[
         list[str] | None,
-        typer.Option(
-            "--allowed-host",
-            metavar="NAME",
-            help="Additional accepted host name, such as of a proxy; repeatable.",
-        ),
+        typer.Option(metavar="NAME", help="Additional accepted host name, such as of a proxy; repeatable."),
     ] = None,
     assignments: Assignments = None,
 ) -> None:
@@ -219,9 +210,7 @@ def compare(
         list[Path],
         typer.Argument(metavar="DIR DIR...", help="Folders of runs, or one folder with several runs."),
     ],
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the page.")] = Path(
-        "comparison"
-    ),
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the page.")] = Path("comparison"),
 ) -> None:
     """Compare runs: print their KPIs and write an HTML page with figures."""
     from bess.cli.records import kpi_table, runs_of
@@ -307,7 +296,7 @@ def schema(
 @app.command()
 def distil(
     study: StudyName,
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the controller.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the controller.")],
     generations: Annotated[
         int | None, typer.Option(min=0, help="Number of generations of the search; default: 150.")
     ] = None,
