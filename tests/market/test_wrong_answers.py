@@ -262,3 +262,10 @@ def test_hours_among_quarter_hours_are_held_in_prices(tmp_path):
     series = bess.read_prices(write(tmp_path, table(values, times=times)))
     assert series.tolist() == [4.0 * i for i in range(24)]
     assert pd.read_csv(io.StringIO(table(values, times=times))).shape == (96, 2)
+
+
+@pytest.mark.parametrize("broken", ["2024-01-30T12\x0100Z", "2024-01-30T1\u0662:00Z"])
+def test_a_time_with_a_broken_character_is_an_error_and_not_a_warning(broken, tmp_path):
+    text = table(DEGREES, "temperature_c").replace("2024-01-30T12:00Z", broken)
+    with pytest.raises(bess.InputError, match="line 14"):
+        bess.read_weather(write(tmp_path, text))

@@ -21,7 +21,8 @@ TOLERANCE_KW = 2e-5 * 2 * STEPS * 92.0
 KINDS = ("regular", "hot", "full", "empty", "mixed")
 
 NODES = 10
-"""Answers and bounds of nodes are looked at too; a whole tree takes a second for each problem."""
+"""Answers and bounds of nodes are looked at too; a whole tree takes a second for each problem, and is only
+grown where ten nodes miss the least availability loss."""
 
 
 @pytest.fixture(scope="module")
@@ -29,14 +30,23 @@ def system():
     return bess.System.reference(n_strings=2)
 
 
-@pytest.fixture(scope="module")
-def splitters(system):
+def splitters_of(system, **settings):
     return {
         name: bess.PowerSplit(
-            system, STEPS, bess.Objectives(derating=w[0], inverter=w[1], battery=w[2]), node_limit=NODES
+            system, STEPS, bess.Objectives(derating=w[0], inverter=w[1], battery=w[2]), **settings
         )
         for name, w in WEIGHTS.items()
     }
+
+
+@pytest.fixture(scope="module")
+def splitters(system):
+    return splitters_of(system, node_limit=NODES)
+
+
+@pytest.fixture(scope="module")
+def whole_trees(system):
+    return splitters_of(system)
 
 
 def case(kind, seed):
@@ -61,10 +71,10 @@ def case(kind, seed):
     return state, demand
 
 
-def check(system, splitters, kind, seed, missed=0.0):
+def check(system, splitters, kind, seed, whole_trees=None):
     """Check one state under all weightings; return by how much each objective exceeds the best, relative.
 
-    Availability loss may exceed the least by ``missed``, relative.
+    A split that misses the least availability loss is repeated with ``whole_trees``.
     """
     state, demand = case(kind, seed)
     referee = Referee(system, state, demand)
@@ -74,6 +84,10 @@ def check(system, splitters, kind, seed, missed=0.0):
         split = splitters[name](state, demand)
         where = f"{kind} {seed} {name}"
         min_kw, best = referee.best(weights, ceiling_kw=split.availability_loss_kw)
+        if whole_trees and split.availability_loss_kw > min_kw + 2.0 * TOLERANCE_KW:
+            whole_trees[name].warm_start = None
+            split = whole_trees[name](state, demand)
+            min_kw, best = referee.best(weights, ceiling_kw=split.availability_loss_kw)
 
         np.testing.assert_allclose(split.request_kw.sum(axis=0), demand, atol=1e-6, err_msg=where)
         losses = referee.follow(np.abs(split.request_kw)[None])[:, 0]
@@ -82,7 +96,7 @@ def check(system, splitters, kind, seed, missed=0.0):
             split.objective, rel=1e-9, abs=1e-12
         ), where
 
-        assert split.availability_loss_kw <= (1.0 + missed) * min_kw + 2.0 * TOLERANCE_KW, where
+        assert split.availability_loss_kw <= min_kw + 2.0 * TOLERANCE_KW, where
         assert split.groups[0].bound * STEPS * 2 * 92.0 <= min_kw + 1e-6, where
         assert split.bound <= min(best, split.objective) * (1.0 + 1e-9) + 1e-12, where
         excesses.append(split.objective / max(best, 1e-12) - 1.0 if best > 0.0 else split.objective)
@@ -106,22 +120,14 @@ def limited_system():
 @pytest.mark.parametrize("kind", ["full", "empty"])
 @pytest.mark.parametrize("seed", range(4))
 def test_voltage_limits_are_part_of_the_split(limited_system, kind, seed):
-    splitters = {
-        name: bess.PowerSplit(
-            limited_system,
-            STEPS,
-            bess.Objectives(derating=w[0], inverter=w[1], battery=w[2]),
-            node_limit=NODES,
-        )
-        for name, w in WEIGHTS.items()
-    }
+    splitters = splitters_of(limited_system, node_limit=NODES)
     assert max(check(limited_system, splitters, kind, seed)) <= 1e-3
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-def test_split_is_that_of_exhaustive_search_on_thousands_of_states(system, splitters, kind):
-    excesses = [e for seed in range(1000, 1400) for e in check(system, splitters, kind, seed, 1e-3)]
+def test_split_is_that_of_exhaustive_search_on_thousands_of_states(system, splitters, whole_trees, kind):
+    excesses = [e for seed in range(1000, 1400) for e in check(system, splitters, kind, seed, whole_trees)]
     share = 0.995 if kind in ("full", "empty") else 0.999
     assert np.quantile(excesses, share) <= 1e-3
 

@@ -35,7 +35,7 @@ _TIME: Final = re.compile(
     r"(\d{1,4}[-./]\d\d?[-./]\d{1,4}|\d{8}|[A-Za-z]{3} \d\d?, \d{4})"
     r"(?:(?:T|:|,? )(\d\d?):?(\d\d)(?::(\d\d(?:\.\d+)?))?(?: ?([AaPp])[Mm])?(?: ?" + _LABEL + ")?)?"
 )
-_ISO: Final = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d)?) ?" + _LABEL + "?")
+_ISO: Final = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d)?) ?" + _LABEL + "?", re.ASCII)
 _NAMED: Final = {"Z": 0.0, "UTC": 0.0, "GMT": 0.0, "CET": 1.0, "CEST": 2.0}
 _FIXED: Final = re.compile(r"(?:UTC|GMT)?([+-])(\d{1,2})(?::?(\d\d))?", re.IGNORECASE)
 
@@ -151,7 +151,8 @@ def _iso(cells: pd.Series) -> pd.DataFrame | None:
     if match is None:
         return None
     length, end = match.end(1), first[match.end(1) :]
-    if not all(len(cell) == len(first) and cell.endswith(end) and cell.isascii() for cell in cells):
+    matches = map(_ISO.fullmatch, cells)
+    if not all(each and each.end(1) == length and each.string[length:] == end for each in matches):
         return None
     try:
         wall = np.array([cell[:length] for cell in cells], dtype="datetime64[s]")
