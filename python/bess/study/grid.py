@@ -176,6 +176,11 @@ class SampledSeries:
         ----------
         whole
             Whether a series that ends before the grid is an error; otherwise the result is shorter.
+
+        Raises
+        ------
+        InputError
+            The series does not cover the first step of the grid, or, if ``whole``, all of them.
         """
         end_s = self.start_s + self.step_s * self.values.size
         n_steps = min(grid.n_steps, (end_s - grid.start_s) // grid.step_s)

@@ -22,7 +22,7 @@ COMPARE_H = 3.0
 """Interval between comparisons of the measured state with a dispatch plan [h]."""
 MAX_PLAN_AGE_FRACTION = 1.0 / 6.0
 """Maximum age of a plan as a share of its length: a new plan includes steps beyond the end of the old one."""
-MAX_H = 6.0
+MAX_PLAN_AGE_H = 6.0
 """Maximum age of a plan [h]: its later hours have a coarser resolution."""
 ENERGY_TOLERANCE = 0.02
 """Deviation of the stored energy from the plan, relative to plant capacity, that triggers a new plan."""
@@ -95,7 +95,7 @@ class AwarePlanner:
         self._dispatch, self._prices, self._bands, self.days = dispatch, prices, bands, days
         self._look_ahead_steps, self._replan_steps = look_ahead_steps, replan_steps
         self._compare_steps = max(1, round(COMPARE_H / dt_h))
-        self._max_steps = min(MAX_PLAN_AGE_FRACTION * look_ahead_steps, MAX_H / dt_h)
+        self._max_steps = min(MAX_PLAN_AGE_FRACTION * look_ahead_steps, MAX_PLAN_AGE_H / dt_h)
 
     def is_due(self, step: int, now: StepInputs | None, plan: MarketPlan) -> bool:
         """See :class:`LinearPlanner`."""
