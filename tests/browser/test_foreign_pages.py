@@ -122,7 +122,7 @@ def test_the_page_of_the_service_itself_may_ask(browser: Any, demands: tuple[Dem
     for own in (page, page.replace("127.0.0.1", "localhost")):
         browser.get(own)
         assert browser.execute_async_script(ASK, json.dumps(BODY)) == 200
-        assert asked_kw(posted) == [-180.0]
+        assert asked_kw(posted) == -180.0
         posted.post(0.0, 1.0, 0.0)
 
 
