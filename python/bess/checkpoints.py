@@ -46,7 +46,7 @@ _ARRAY, _BYTES = "\0array", "\0bytes"
 
 
 def to_json(state: Mapping[str, Any]) -> str:
-    """Return the text of a state; its leaves are JSON values, ``bytes`` or arrays.
+    """Return the text of a state; its leaves are JSON values, ``bytes`` or arrays, its keys have no NUL.
 
     Raises
     ------

@@ -416,8 +416,9 @@ LEAVES = st.one_of(
     st.binary(),
     st.lists(st.floats(), max_size=5).map(lambda values: np.array(values, dtype=np.float64)),
 )
+NAMES = st.text(st.characters(exclude_characters="\0"))
 TREES = st.dictionaries(
-    st.text(), st.recursive(LEAVES, lambda inner: st.dictionaries(st.text(), inner), max_leaves=8)
+    NAMES, st.recursive(LEAVES, lambda inner: st.dictionaries(NAMES, inner), max_leaves=8)
 )
 
 
