@@ -58,6 +58,11 @@ def ambient(values: ArrayLike | None, default_c: float, scenarios: int, steps: i
 
     ``values`` is one value, one per step, or ``(scenarios, steps)``.
     """
-    array = number_array("plant: ambient_c [degC]", default_c if values is None else values)
-    shape = {1: (steps,), 2: (scenarios, steps)}.get(array.ndim, ())
-    return np.broadcast_to(numbers("ambient_c", array, shape, "degC"), (scenarios, steps)).T
+    if values is None or isinstance(values, float):
+        return np.full((steps, scenarios), default_c if values is None else values)
+    array = number_array("plant: ambient_c [degC]", values)
+    if array.ndim == 2:
+        return numbers("ambient_c", array, (scenarios, steps), "degC").T
+    if array.ndim == 1:
+        return np.repeat(numbers("ambient_c", array, (steps,), "degC")[:, None], scenarios, axis=1)
+    return np.full((steps, scenarios), numbers("ambient_c", array, (), "degC"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,10 +16,6 @@ from bess.errors import InputError
 from bess.plant.flows import Flows, PlantSnapshot
 from bess.plant.inputs import ambient, numbers, one_number, refusals
 from bess.system import State, System
-
-if TYPE_CHECKING:
-    from bess.control.explicit import ExplicitController
-    from bess.control.policies.rule import RulePolicy
 
 _HEALTH = (4, 5, 3)
 """Columns of ``PlantSnapshot.ageing``: factors of capacity and resistance, and loss by cycle ageing."""
@@ -36,6 +32,20 @@ _SNAPSHOT_UNITS = {
 
 _WITHOUT_STRINGS = ("auxiliary_kw", "coolant_c")
 """Flows without a string axis."""
+
+
+class CoreController(Protocol):
+    """A controller that the core runs over many steps."""
+
+    def run(
+        self,
+        plant: _core.Plant,
+        ahead_kw: NDArray[np.float64],
+        limit_kw: NDArray[np.float64],
+        ambient_c: NDArray[np.float64],
+        step_s: float,
+    ) -> dict[str, NDArray[Any]]:
+        """Advance the plant; return its record and ``request_kw``, as flat arrays."""
 
 
 class _Simulation:
@@ -103,7 +113,10 @@ class _Simulation:
         reactive_kvar: ArrayLike | None = None,
     ) -> Flows:
         """Advance by one control step: :meth:`run` without the axis of steps, node temperatures included."""
-        return self._advance(self._shape, request_kw, reactive_kvar, ambient_c, step_s, nodes=True)
+        request = numbers("request_kw", request_kw, self._shape, "kW")
+        reactive = self._reactive(reactive_kvar, request.shape)
+        air_c = ambient(ambient_c, self._ambient_c, self._scenarios, 1)
+        return self._advance(request, reactive, air_c, step_s, nodes=True)
 
     def run(
         self,
@@ -142,8 +155,15 @@ class _Simulation:
             Wrong shape, NaN, a request or reactive power above nominal power, a step that is not a multiple
             of the plant step, or more than 1e10 plant steps x strings. The state is then unchanged.
         """
-        shape: tuple[int | str, ...] = (*self._lead, "n_steps", self._shape[-1])
-        return self._advance(shape, request_kw, reactive_kvar, ambient_c, step_s, nodes=nodes)
+        request = numbers("request_kw", request_kw, (*self._lead, "n_steps", self._shape[-1]), "kW")
+        reactive = self._reactive(reactive_kvar, request.shape)
+        air_c = ambient(ambient_c, self._ambient_c, self._scenarios, request.shape[-2])
+        if not self._lead:
+            return self._advance(request, reactive, air_c, step_s, nodes=nodes)
+        # The core has the step first, then the scenario.
+        reactive = None if reactive is None else reactive.swapaxes(0, 1)
+        flows = self._advance(request.swapaxes(0, 1), reactive, air_c, step_s, nodes=nodes)
+        return flows.map(lambda values: values.swapaxes(0, 1))
 
     def snapshot(self) -> PlantSnapshot:
         """Return the complete state, for :meth:`restore`."""
@@ -182,45 +202,40 @@ class _Simulation:
         health = (rows[..., place] for place in _HEALTH)
         return [State(*each) for each in zip(flat["soc"].reshape(shape), mean_c, *health, strict=True)]
 
+    def _reactive(
+        self, reactive_kvar: ArrayLike | None, shape: tuple[int, ...]
+    ) -> NDArray[np.float64] | None:
+        return None if reactive_kvar is None else numbers("reactive_kvar", reactive_kvar, shape, "kvar")
+
     def _advance(
         self,
-        shape: tuple[int | str, ...],
-        request_kw: ArrayLike,
-        reactive_kvar: ArrayLike | None,
-        ambient_c: ArrayLike | None,
+        request_kw: NDArray[np.float64],
+        reactive_kvar: NDArray[np.float64] | None,
+        air_c: NDArray[np.float64],
         step_s: float,
         *,
         nodes: bool,
     ) -> Flows:
-        """Call the core with requests of ``shape``."""
-        request = numbers("request_kw", request_kw, shape, "kW")
-        reactive = (
-            None if reactive_kvar is None else numbers("reactive_kvar", reactive_kvar, request.shape, "kvar")
-        )
-        n_steps = request.shape[-2] if len(shape) > len(self._shape) else 1
-        air_c = ambient(ambient_c, self._ambient_c, self._scenarios, n_steps)
+        """Call the core with requests, reactive power and air in its order: step, scenario, string."""
         step_s = one_number("control step", step_s, "s")
-
-        def swapped(values: NDArray[Any]) -> NDArray[Any]:
-            # The core has the step first, then the scenario.
-            return values.swapaxes(0, 1) if len(shape) == 3 else values
-
-        flat = None if reactive is None else swapped(reactive).ravel()
+        reactive = None if reactive_kvar is None else reactive_kvar.ravel()
         with refusals():
-            array = self.core.run(swapped(request).ravel(), air_c.ravel(), step_s, nodes, flat)
-        return self._flows(array, swapped(request).shape, nodes=nodes).map(swapped)
+            array = self.core.run(request_kw.ravel(), air_c.ravel(), step_s, nodes, reactive)
+        return self._flows(array, request_kw.shape, nodes=nodes)
 
     def _flows(self, array: dict[str, NDArray[Any]], shape: tuple[int, ...], *, nodes: bool = False) -> Flows:
         """Convert the flat arrays of the core to flows of ``shape``."""
         node_c = array.pop("node_temperature_c")
-        flows: dict[str, Any] = {
-            name: values.reshape(shape[:-1] if name in _WITHOUT_STRINGS else shape)
-            for name, values in array.items()
-        }
-        flows["inverter_starts"] = flows["inverter_starts"].astype(np.int64)
-        flows["ledger_residual_kwh"] = flows["ledger_residual_kwh"].sum(axis=-1)
-        flows["node_temperature_c"] = node_c.reshape(*shape, self.core.max_nodes) if nodes else None
-        return Flows(**flows)
+        shared = {name: array.pop(name).reshape(shape[:-1]) for name in _WITHOUT_STRINGS if name in array}
+        if len(shape) > 1:
+            array = {name: values.reshape(shape) for name, values in array.items()}
+        array["inverter_starts"] = array["inverter_starts"].astype(np.int64)
+        array["ledger_residual_kwh"] = array["ledger_residual_kwh"].sum(axis=-1)
+        return Flows(
+            **array,
+            **shared,
+            node_temperature_c=node_c.reshape(*shape, self.core.max_nodes) if nodes else None,
+        )
 
 
 class Plant(_Simulation):
@@ -314,7 +329,7 @@ class Plant(_Simulation):
 
     def run_controller(
         self,
-        controller: ExplicitController | RulePolicy,
+        controller: CoreController,
         ahead_kw: NDArray[np.float64],
         limit_kw: NDArray[np.float64],
         ambient_c: NDArray[np.float64],

@@ -389,7 +389,9 @@ def _rounding_kw(total_kw: ArrayLike) -> Array:
 
 def _ahead(values: Array, step: int, n_steps: int) -> Array:
     """Values from a step on; the last value is repeated after the end of the run."""
-    return values[np.minimum(np.arange(step, step + n_steps), values.size - 1)]
+    ahead = values[step : step + n_steps]
+    missing = n_steps - ahead.size
+    return np.concatenate([ahead, np.full(missing, ahead[-1])]) if missing else ahead
 
 
 def _listed(values: Array) -> str:

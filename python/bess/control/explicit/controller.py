@@ -266,7 +266,7 @@ class ExplicitController(BaseModel):
     def run(
         self, plant: _core.Plant, ahead_kw: Array, limit_kw: Array, ambient_c: Array, step_s: float
     ) -> dict[str, Array]:
-        """Advance the plant; return its record and ``request_kw``, as flat arrays."""
+        """See :class:`bess.plant.plant.CoreController`."""
         weights, features = np.array([self.weights]), self.core.demand_features(ahead_kw)[:, None, :]
         demand_kw = np.ascontiguousarray(ahead_kw[:, :1])
         return self.core.run(plant, weights, demand_kw, features, limit_kw, ambient_c[:, None], step_s)

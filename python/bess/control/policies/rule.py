@@ -77,7 +77,7 @@ class RulePolicy(Checkpointed):
     def run(
         self, plant: _core.Plant, ahead_kw: Array, limit_kw: Array, ambient_c: Array, step_s: float
     ) -> dict[str, Array]:
-        """Advance the plant; return its record and ``request_kw``, as flat arrays."""
+        """See :class:`bess.plant.plant.CoreController`."""
         assert self._law is not None
         return self._law.run(plant, ahead_kw[:, 0].copy(), limit_kw, ambient_c, step_s)
 

@@ -19,7 +19,14 @@ from bess.arrays import Array
 from bess.dispatch.program import LinearProgram
 from bess.errors import InputError
 from bess.plant import PlantEnsemble
-from bess.simulation.hindsight.relaxed_string import CHARGE, DISCHARGE, Law, Optimist, optimist
+from bess.simulation.hindsight.relaxed_string import (
+    CHARGE,
+    DISCHARGE,
+    MAX_TEMPERATURE_K,
+    Law,
+    Optimist,
+    optimist,
+)
 from bess.system import State, System
 
 _HEAT_LEVELS = np.array([0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95, 1.1, 1.5, 2.2])
@@ -28,8 +35,6 @@ _TYPICAL_K = 15.0
 """Temperature excess of these tangents [K]."""
 _MAX_FINE = 2
 """Maximum number of kinds of strings for which fine levels take only seconds."""
-_MAX_TEMPERATURE_K = 500.0
-"""Upper limit of the temperature excess [K]: a box for a variable that other rows already bound."""
 _ROUNDING = 1e-9
 """Margin for rounding errors of the plant, relative to the demanded energy."""
 
@@ -201,7 +206,7 @@ def _group(
     e = program.add((steps, levels), upper=full_kwh)
     o = program.add(steps, upper=np.where(max_kw > 0.0, count, 0.0), cost=-spared * dt_h)
     q = program.add(steps, upper=count * hopes.hottest_k)
-    s = program.add(steps, upper=count * _MAX_TEMPERATURE_K)
+    s = program.add(steps, upper=count * MAX_TEMPERATURE_K)
     p = program.add(steps, upper=np.minimum(count * max_kw, asked_kw), cost=-undelivered * dt_h)
     w = program.add(steps, upper=count * hopes.nominal_kw, cost=loss * dt_h)
     h = program.add(steps, upper=max_h, cost=loss * dt_h)

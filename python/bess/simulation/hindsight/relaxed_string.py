@@ -25,7 +25,7 @@ Law = Literal["table", "pi"]
 
 DISCHARGE, CHARGE = 1, -1
 
-_MAX_TEMPERATURE_K = 500.0
+MAX_TEMPERATURE_K = 500.0
 """Upper limit of the cell temperature above its surroundings [K]."""
 _MIN_HEALTH = 0.2
 """Minimum capacity of a string in use, as a share of its initial capacity."""
@@ -192,8 +192,8 @@ def optimist(
     reference_c = max(coldest_c, min(resistance_c[0], derating_c[0]))
     cold_k = reference_c - min(coldest_c, reference_c)
     stop_c = _stop_c(derating_c, factor)
-    hottest_k = _MAX_TEMPERATURE_K if stop_c is None else max(stop_c - reference_c, 1e-6)
-    ends_c = [reference_c, reference_c + hottest_k + cold_k, reference_c + 2.0 * _MAX_TEMPERATURE_K]
+    hottest_k = MAX_TEMPERATURE_K if stop_c is None else max(stop_c - reference_c, 1e-6)
+    ends_c = [reference_c, reference_c + hottest_k + cold_k, reference_c + 2.0 * MAX_TEMPERATURE_K]
     warm_c = np.unique([*ends_c, *resistance_c[resistance_c > reference_c]])
 
     edges = _edges(battery, fine)
