@@ -46,13 +46,14 @@ _ARRAY, _BYTES = "\0array", "\0bytes"
 
 
 def to_json(state: Mapping[str, Any]) -> str:
-    """Return the text of a state; its leaves are JSON values, ``bytes`` or arrays, its keys have no NUL.
+    """Return the text of a state; its leaves are JSON values, ``bytes`` or arrays.
 
     Raises
     ------
     TypeError
-        A leaf is of another type.
+        A leaf is of another type, or a key is a mark of arrays or bytes.
     """
+    _check_keys(state)
 
     def _plain(value: Any) -> Any:
         if isinstance(value, np.ndarray) and value.dtype.kind not in "OV":
@@ -67,6 +68,17 @@ def to_json(state: Mapping[str, Any]) -> str:
         raise TypeError(f"a checkpoint cannot hold {type(value).__name__}")
 
     return json.dumps(state, default=_plain)
+
+
+def _check_keys(value: Any) -> None:
+    if isinstance(value, Mapping):
+        if marks := {_ARRAY, _BYTES} & value.keys():
+            raise TypeError(f"a checkpoint cannot hold the key {marks.pop()!r}")
+        value = value.values()
+    elif not isinstance(value, list | tuple):
+        return
+    for each in value:
+        _check_keys(each)
 
 
 def from_json(text: str | bytes) -> dict[str, Any]:
