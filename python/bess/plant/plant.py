@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, Literal, Protocol
 
@@ -14,21 +15,10 @@ from bess.arrays import number_array
 from bess.display import as_table, few, one_line
 from bess.errors import InputError
 from bess.plant.flows import Flows, PlantSnapshot
-from bess.plant.inputs import ambient, numbers, one_number, refusals
 from bess.system import State, System
 
 _HEALTH = (4, 5, 3)
 """Columns of ``PlantSnapshot.ageing``: factors of capacity and resistance, and loss by cycle ageing."""
-
-_SNAPSHOT_UNITS = {
-    "soc": "1",
-    "node_temperature_c": "degC",
-    "derating_integral_k": "K",
-    "ageing": "1",
-    "cooling_stages": "1",
-    "coolant": "1",
-}
-"""Numbers of a snapshot with their units; the last two only of plants with cooling."""
 
 _WITHOUT_STRINGS = ("auxiliary_kw", "coolant_c")
 """Flows without a string axis."""
@@ -46,6 +36,31 @@ class CoreController(Protocol):
         step_s: float,
     ) -> dict[str, NDArray[Any]]:
         """Advance the plant; return its record and ``request_kw``, as flat arrays."""
+
+
+@contextmanager
+def _refusals() -> Iterator[None]:
+    """Convert a ``ValueError`` of the core to :class:`InputError`."""
+    try:
+        yield
+    except ValueError as error:
+        raise InputError(f"plant: {error}") from error
+
+
+def _numbers(name: str, values: ArrayLike, shape: tuple[int | str, ...], unit: str) -> NDArray[np.float64]:
+    """Return ``values`` as float64 of the given shape; a text in the shape stands for any length."""
+    array = number_array(f"plant: {name} [{unit}]", values)
+    fits = array.ndim == len(shape) and all(
+        isinstance(want, str) or have == want for have, want in zip(array.shape, shape, strict=True)
+    )
+    if not fits:
+        wanted = f", needs {shape}".replace("'", "") if shape else "; give one number"
+        raise InputError(f"plant: {name} [{unit}] has shape {array.shape}{wanted}")
+    return array
+
+
+def _number(name: str, value: ArrayLike, unit: str) -> float:
+    return float(_numbers(name, value, (), unit))
 
 
 class _Simulation:
@@ -69,7 +84,7 @@ class _Simulation:
         self.system = system
         self._lead, self._shape, self._scenarios = lead, (*lead, system.n_strings), len(states)
         ambient_c = system.ambient_c if ambient_c is None else ambient_c
-        self._ambient_c = one_number("ambient_c", ambient_c, "degC")
+        self._ambient_c = _number("ambient_c", ambient_c, "degC")
         self._nodes = np.array([string.thermal.spatial.nodes for string in system.strings])
         nodes = int(self._nodes.max())
         # Strings with fewer nodes than others are padded with NaN.
@@ -85,8 +100,8 @@ class _Simulation:
         }
         self._derating_law = derating_law
         plant_step_s = system.control.plant_step_s if plant_step_s is None else plant_step_s
-        step_s = one_number("plant_step_s", plant_step_s, "s")
-        with refusals():
+        step_s = _number("plant_step_s", plant_step_s, "s")
+        with _refusals():
             self.core = _core.Plant(system.core, len(states), step_s, derating_law, start)
 
     def __getstate__(self) -> tuple[tuple[Any, ...], PlantSnapshot]:
@@ -113,9 +128,9 @@ class _Simulation:
         reactive_kvar: ArrayLike | None = None,
     ) -> Flows:
         """Advance by one control step: :meth:`run` without the axis of steps, node temperatures included."""
-        request = numbers("request_kw", request_kw, self._shape, "kW")
+        request = _numbers("request_kw", request_kw, self._shape, "kW")
         reactive = self._reactive(reactive_kvar, request.shape)
-        air_c = ambient(ambient_c, self._ambient_c, self._scenarios, 1)
+        air_c = self._air_c(ambient_c, 1)
         return self._advance(request, reactive, air_c, step_s, nodes=True)
 
     def run(
@@ -155,9 +170,9 @@ class _Simulation:
             Wrong shape, NaN, a request or reactive power above nominal power, a step that is not a multiple
             of the plant step, or more than 1e10 plant steps x strings. The state is then unchanged.
         """
-        request = numbers("request_kw", request_kw, (*self._lead, "n_steps", self._shape[-1]), "kW")
+        request = _numbers("request_kw", request_kw, (*self._lead, "n_steps", self._shape[-1]), "kW")
         reactive = self._reactive(reactive_kvar, request.shape)
-        air_c = ambient(ambient_c, self._ambient_c, self._scenarios, request.shape[-2])
+        air_c = self._air_c(ambient_c, request.shape[-2])
         if not self._lead:
             return self._advance(request, reactive, air_c, step_s, nodes=nodes)
         # The core has the step first, then the scenario.
@@ -183,14 +198,12 @@ class _Simulation:
         """
         if not isinstance(snapshot, PlantSnapshot):
             raise InputError(f"plant: snapshot must be a PlantSnapshot, not {type(snapshot).__name__}")
-        optional = ("cooling_stages", "coolant")
-        flat: dict[str, Any] = {
-            name: number_array(f"plant: snapshot: {name} [{unit}]", values).ravel()
-            for name, unit in _SNAPSHOT_UNITS.items()
-            if (values := getattr(snapshot, name)) is not None or name not in optional
-        }
-        flat["inverter_on"] = np.asarray(snapshot.inverter_on, dtype=np.bool_).ravel()
-        with refusals():
+        arrays = vars(snapshot).copy()
+        flat: dict[str, Any] = {"inverter_on": np.ravel(arrays.pop("inverter_on")).astype(np.bool_)}
+        for name, values in arrays.items():
+            if values is not None or name not in ("cooling_stages", "coolant"):
+                flat[name] = number_array(f"plant: snapshot: {name}", values).ravel()
+        with _refusals():
             self.core.set_state(flat)
 
     def _states(self) -> list[State]:
@@ -205,7 +218,15 @@ class _Simulation:
     def _reactive(
         self, reactive_kvar: ArrayLike | None, shape: tuple[int, ...]
     ) -> NDArray[np.float64] | None:
-        return None if reactive_kvar is None else numbers("reactive_kvar", reactive_kvar, shape, "kvar")
+        return None if reactive_kvar is None else _numbers("reactive_kvar", reactive_kvar, shape, "kvar")
+
+    def _air_c(self, ambient_c: ArrayLike | None, n_steps: int) -> NDArray[np.float64]:
+        """Air inlet temperature [degC], shape ``(n_steps, n_scenarios)``."""
+        given = number_array("plant: ambient_c [degC]", self._ambient_c if ambient_c is None else ambient_c)
+        shape = ((), (n_steps,), (self._scenarios, n_steps))[min(given.ndim, 2)]
+        air_c = np.empty((self._scenarios, n_steps))
+        air_c[:] = _numbers("ambient_c", given, shape, "degC")
+        return air_c.T
 
     def _advance(
         self,
@@ -217,9 +238,9 @@ class _Simulation:
         nodes: bool,
     ) -> Flows:
         """Call the core with requests, reactive power and air in its order: step, scenario, string."""
-        step_s = one_number("control step", step_s, "s")
+        step_s = _number("control step", step_s, "s")
         reactive = None if reactive_kvar is None else reactive_kvar.ravel()
-        with refusals():
+        with _refusals():
             array = self.core.run(request_kw.ravel(), air_c.ravel(), step_s, nodes, reactive)
         return self._flows(array, request_kw.shape, nodes=nodes)
 
@@ -364,7 +385,7 @@ class Plant(_Simulation):
         """
         shape = limit_kw.shape
         inputs = np.ascontiguousarray(ahead_kw), np.ascontiguousarray(limit_kw), ambient_c, step_s
-        with refusals():
+        with _refusals():
             array = controller.run(self.core, *inputs)
         request_kw = array.pop("request_kw").reshape(shape)
         return request_kw, self._flows(array, shape)
