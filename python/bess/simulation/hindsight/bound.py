@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import clarabel
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy import sparse
 
 from bess.arrays import Array
@@ -24,8 +24,8 @@ from bess.simulation.hindsight.relaxed_string import (
     DISCHARGE,
     MAX_TEMPERATURE_K,
     Law,
-    Optimist,
-    optimist,
+    RelaxedString,
+    relaxed_string,
 )
 from bess.system import State, System
 
@@ -124,7 +124,7 @@ def lower_bound(
     groups = _alike(system, state, limit_kw)
     for members in groups:
         first = members[0]
-        hopes = optimist(
+        relaxed = relaxed_string(
             strings[first],
             coldest_c=coldest_c,
             plant_step_s=system.control.plant_step_s,
@@ -136,7 +136,7 @@ def lower_bound(
         delivered += _group(
             program,
             common,
-            hopes,
+            relaxed,
             cooling[first].tolist(),
             state.soc[members],
             state.temperature_c[members],
@@ -172,7 +172,7 @@ class _Common:
 def _group(
     program: Program,
     common: _Common,
-    hopes: Optimist,
+    string: RelaxedString,
     cooling: list[float],
     soc: Array,
     temperature_c: Array,
@@ -180,38 +180,33 @@ def _group(
 ) -> list[NDArray[np.intp]]:
     """Add variables and rows of identical strings; return the variables of delivered power."""
     active, dt_h = common.active, common.dt_h
-    count, steps, levels = soc.size, active.size, hopes.energy_kwh.size
+    count, steps, levels = soc.size, active.size, string.energy_kwh.size
     keeps, takes, heats = cooling
     discharging = common.demand_kw > 0.0
+    direction = np.where(discharging, DISCHARGE, CHARGE)
     sign = np.where(discharging, 1.0, -1.0)
     asked_kw = np.abs(common.demand_kw)
-    max_kw = np.minimum(np.minimum(hopes.nominal_kw, limit_kw), asked_kw)
+    max_kw = np.minimum(np.minimum(string.nominal_kw, limit_kw), asked_kw)
     undelivered, loss, standby = (
         values[active] for values in (common.worth.undelivered, common.worth.loss, common.worth.standby)
     )
 
-    def either(discharge: ArrayLike, charge: ArrayLike) -> Array:
-        pair = np.array([charge, discharge], dtype=np.float64)
-        return np.asarray(pair[discharging.astype(np.intp)])
-
-    ratio = either(hopes.discharge.ratio, hopes.charge.ratio)
-    root = either(hopes.discharge.root, hopes.charge.root)
-    cold_s, warm_s = np.moveaxis(either(hopes.discharge.conductance, hopes.charge.conductance), 1, 0)
-
-    full_kwh = count * hopes.energy_kwh
+    ratio, root = string.ratio[direction], string.root[direction]
+    cold_s, warm_s = string.conductance[direction].T
+    full_kwh = count * string.energy_kwh
     max_x = np.where(discharging[:, None], full_kwh / (ratio * dt_h), asked_kw[:, None])
     max_h = np.where(discharging, max_x.sum(axis=1), asked_kw)
-    spared = np.where(discharging, standby * hopes.standby_kw, 0.0)
+    spared = np.where(discharging, standby * string.standby_kw, 0.0)
     x = program.add((steps, levels), upper=max_x)
     e = program.add((steps, levels), upper=full_kwh)
     o = program.add(steps, upper=np.where(max_kw > 0.0, count, 0.0), cost=-spared * dt_h)
-    q = program.add(steps, upper=count * hopes.hottest_k)
+    q = program.add(steps, upper=count * string.hottest_k)
     s = program.add(steps, upper=count * MAX_TEMPERATURE_K)
     p = program.add(steps, upper=np.minimum(count * max_kw, asked_kw), cost=-undelivered * dt_h)
-    w = program.add(steps, upper=count * hopes.nominal_kw, cost=loss * dt_h)
+    w = program.add(steps, upper=count * string.nominal_kw, cost=loss * dt_h)
     h = program.add(steps, upper=max_h, cost=loss * dt_h)
     # Strings charged with less than their inverter loss take power without storing it, and warm slightly.
-    burnt_kw, burnt_heat_kw = (np.where(discharging, 0.0, count * most) for most in hopes.burnt_kw)
+    burnt_kw, burnt_heat_kw = (np.where(discharging, 0.0, count * most) for most in string.burnt_kw)
     burnt = program.add(steps, upper=np.minimum(burnt_kw, asked_kw), cost=(loss - undelivered) * dt_h)
     drained_kw = burnt_kw + burnt_heat_kw
     y = program.add((steps, levels), upper=drained_kw[:, None], cost=(loss * dt_h)[:, None])
@@ -224,32 +219,32 @@ def _group(
     program.at_most(zero, (p, sign), (w, 1.0), (h, 1.0), (x, -sign[:, None]))
     program.at_most(zero, (p, -sign), (w, -1.0), (h, -1.0), (x, sign[:, None]))
     # Energy of each level.
-    stored_kwh = np.sum([hopes.stored_kwh(value) for value in soc], axis=0)
+    stored_kwh = np.sum([string.stored_kwh(value) for value in soc], axis=0)
     flow = sign[:, None] * ratio * dt_h
     program.at_most(stored_kwh, (e[0], 1.0), (x[0], flow[0]))
     program.at_most(np.zeros((steps - 1, levels)), (e[1:], 1.0), (e[:-1], -1.0), (x[1:], flow[1:]))
     # A string fills its levels from below.
-    share = 1.0 / hopes.energy_kwh
+    share = 1.0 / string.energy_kwh
     program.at_most(np.zeros((steps, levels - 1)), (e[:, 1:], share[1:]), (e[:, :-1], -share[:-1]))
-    if not hopes.ages:
+    if not string.ages:
         # Upper limits of losses: stored energy cannot be discarded.
-        flow = sign[:, None] * either(hopes.discharge.ratio_against, hopes.charge.ratio_against) * dt_h
-        spill = dt_h * hopes.discharge.ratio_against
+        flow = sign[:, None] * string.ratio_against[direction] * dt_h
+        spill = dt_h * string.ratio_against[DISCHARGE]
         program.at_most(-stored_kwh, (e[0], -1.0), (x[0], -flow[0]), (y[0], -spill))
         program.at_most(
             np.zeros((steps - 1, levels)), (e[1:], -1.0), (e[:-1], 1.0), (x[1:], -flow[1:]), (y[1:], -spill)
         )
-        program.at_most(zero, (h, 1.0), (x, -either(hopes.discharge.max_heat, hopes.charge.max_heat)))
-        first, more = np.moveaxis(either(hopes.discharge.max_loss, hopes.charge.max_loss), 1, 0)
+        program.at_most(zero, (h, 1.0), (x, -string.max_heat[direction]))
+        first, more = string.max_loss[direction].T
         program.at_most(zero, (w, 1.0), (o, -first), (p, -more))
     # Delivered power: limited by demand, inverter and temperature of the strings that are on.
     program.at_most(zero, (p, 1.0), (o, -max_kw))
-    for intercept, slope in zip(*hopes.derating, strict=True):
+    for intercept, slope in zip(*string.derating, strict=True):
         program.at_most(zero, (p, 1.0), (o, -intercept * max_kw), (q, -slope * max_kw))
     # Inverter loss.
-    for sense, table in ((DISCHARGE, hopes.discharge.loss), (CHARGE, hopes.charge.loss)):
-        here = np.flatnonzero(sign == sense)
-        for intercept, slope in zip(*table, strict=True):
+    for way in (DISCHARGE, CHARGE):
+        here = np.flatnonzero(direction == way)
+        for intercept, slope in zip(*string.loss[way], strict=True):
             program.at_most(zero[here], (p[here], slope), (o[here], intercept), (w[here], -1.0))
     # Heat: tangents below (root x)^2 / G, with the conductance G of the strings that are on.
     for level in _HEAT_LEVELS:
@@ -262,11 +257,11 @@ def _group(
             (h, -1.0),
         )
     # Temperature excess: q <= s; s = decayed excess + contribution of the air + contribution of heat.
-    program.at_most(zero, (q, 1.0), (o, -hopes.hottest_k))
-    air_k = count * takes * np.maximum(common.ambient_c - hopes.reference_c, 0.0)
+    program.at_most(zero, (q, 1.0), (o, -string.hottest_k))
+    air_k = count * takes * np.maximum(common.ambient_c - string.reference_c, 0.0)
     idle_keeps = keeps ** (np.diff(active, prepend=-1) - 1.0)
     idle_k = _idle(air_k, keeps, active)
-    idle_k[0] += idle_keeps[0] * float(np.maximum(temperature_c - hopes.reference_c, 0.0).sum())
+    idle_k[0] += idle_keeps[0] * float(np.maximum(temperature_c - string.reference_c, 0.0).sum())
     for of, left in ((q, 1.0), (s, keeps)):
         max_k = left * idle_k + air_k[active]
         program.at_most(max_k[:1], (of[:1], 1.0), (h[:1], -heats), (n[:1], -heats))

@@ -23,7 +23,8 @@ from bess.system.parse import StringParameters
 _Pick = Callable[..., Any]
 Law = Literal["table", "pi"]
 
-DISCHARGE, CHARGE = 1, -1
+CHARGE, DISCHARGE = 0, 1
+"""Rows of the coefficients of both directions of power."""
 
 MAX_TEMPERATURE_K = 500.0
 """Upper limit of the cell temperature above its surroundings [K]."""
@@ -34,61 +35,8 @@ _LEVELS = {True: ((0.15, 0.3, 0.5, 0.75, 1.0), 9), False: ((0.2, 1.0), 3)}
 
 
 @dataclass(frozen=True)
-class Direction:
-    """Coefficients in one direction of power.
-
-    Attributes
-    ----------
-    ratio : ndarray, shape (n_levels,)
-        Change of stored energy per chemical energy ``V I dt`` [kWh/kWh]: minimum in discharge, maximum in
-        charge.
-    ratio_against : ndarray, shape (n_levels,)
-        The opposite limits of this ratio: maximum in discharge, minimum in charge.
-    root : ndarray, shape (n_levels,)
-        Heat [kW] is at least ``(sum_l root_l x_l)^2 / G`` for chemical powers ``x_l`` [kW] and conductance
-        ``G``.
-    conductance : (float, float)
-        ``G <= first + second * theta`` for a string whose mean temperature exceeds the reference by
-        ``theta``.
-    loss : Lines
-        Lower bounds of the loss of an inverter that is on [kW]: lines over delivered power [kW].
-    max_loss : (float, float)
-        Intercept and slope of the upper bound of this loss.
-    max_heat : ndarray, shape (n_levels,)
-        Upper bound of the heat, as a share of the chemical power.
-    """
-
-    ratio: Array
-    ratio_against: Array
-    root: Array
-    conductance: tuple[float, float]
-    loss: Lines
-    max_loss: tuple[float, float]
-    max_heat: Array
-
-
-@dataclass(frozen=True)
-class _Store:
-    """Energy over SOC, with the maximum discharge voltage at each SOC."""
-
-    soc: Array
-    voltage_v: Array
-    capacity_ah: float
-
-    def voltage(self, at: Array) -> Array:
-        return np.interp(at, self.soc, self.voltage_v)
-
-    def energy_kwh(self, at: Array) -> Array:
-        """Energy [kWh] from the first to each SOC of ``at``; voltage is linear between its knots."""
-        fine = np.unique([*at, *self.soc[(self.soc > at[0]) & (self.soc < at.max())]])
-        steps = np.diff(fine) * (self.voltage(fine[1:]) + self.voltage(fine[:-1])) / 2.0
-        whole = np.concatenate([[0.0], np.cumsum(steps)]) * self.capacity_ah / 1e3
-        return np.interp(at, fine, whole)
-
-
-@dataclass(frozen=True)
-class Optimist:
-    """A string, or several identical strings.
+class RelaxedString:
+    """A string, or several identical strings; coefficients have a row for charge and one for discharge.
 
     Attributes
     ----------
@@ -99,10 +47,23 @@ class Optimist:
         over the nodes of a string of their temperature excess over it.
     edges : ndarray, shape (n_levels + 1,)
         SOC at the edges of the levels.
-    energy_kwh : ndarray, shape (n_levels,)
-        Energy of a level, with the maximum discharge voltage at each SOC.
-    discharge, charge : Direction
-        Coefficients.
+    ratio : ndarray, shape (2, n_levels)
+        Change of stored energy per chemical energy ``V I dt`` [kWh/kWh]: minimum in discharge, maximum in
+        charge.
+    ratio_against : ndarray, shape (2, n_levels)
+        The opposite limits of this ratio: maximum in discharge, minimum in charge.
+    root : ndarray, shape (2, n_levels)
+        Heat [kW] is at least ``(sum_l root_l x_l)^2 / G`` for chemical powers ``x_l`` [kW] and conductance
+        ``G``.
+    conductance : ndarray, shape (2, 2)
+        ``G <= first + second * theta`` for a string whose mean temperature exceeds the reference by
+        ``theta``.
+    loss : list of Lines
+        Lower bounds of the loss of an inverter that is on [kW]: lines over delivered power [kW].
+    max_loss : ndarray, shape (2, 2)
+        Intercept and slope of the upper bound of this loss.
+    max_heat : ndarray, shape (2, n_levels)
+        Upper bound of the heat, as a share of the chemical power.
     derating : Lines
         Upper bounds of the derating factor: lines over ``theta`` [K].
     hottest_k : float
@@ -112,27 +73,47 @@ class Optimist:
     burnt_kw : (float, float)
         Maximum charging power without stored energy, because the inverter loss exceeds it, and the maximum
         heat of this power in the cells [kW].
+    voltage_v : (ndarray, ndarray)
+        SOC, and the maximum discharge voltage at each, which defines the stored energy.
+    capacity_ah : float
+        Capacity at the start.
     """
 
     nominal_kw: float
     standby_kw: float
     reference_c: float
     edges: Array
-    energy_kwh: Array
-    discharge: Direction
-    charge: Direction
+    ratio: Array
+    ratio_against: Array
+    root: Array
+    conductance: Array
+    loss: list[Lines]
+    max_loss: Array
+    max_heat: Array
     derating: Lines
     hottest_k: float
     ages: bool
     burnt_kw: tuple[float, float]
-    _store: _Store
+    voltage_v: tuple[Array, Array]
+    capacity_ah: float
+
+    @property
+    def energy_kwh(self) -> Array:
+        """Energy of every level, shape ``(n_levels,)``."""
+        return self.stored_kwh(self.edges[-1])
 
     def stored_kwh(self, soc: float) -> Array:
         """Energy in every level of a string at ``soc``, shape ``(n_levels,)``."""
-        return np.diff(self._store.energy_kwh(np.minimum(self.edges, max(soc, self.edges[0]))))
+        at = np.minimum(self.edges, max(soc, self.edges[0]))
+        knots = self.voltage_v[0]
+        fine = np.unique([*at, *knots[(knots > at[0]) & (knots < at.max())]])
+        voltage_v = np.interp(fine, *self.voltage_v)
+        steps = np.diff(fine) * (voltage_v[1:] + voltage_v[:-1]) / 2.0
+        energy_kwh = np.concatenate([[0.0], np.cumsum(steps)]) * self.capacity_ah / 1e3
+        return np.diff(np.interp(at, fine, energy_kwh))
 
 
-def optimist(
+def relaxed_string(
     string: StringParameters,
     *,
     coldest_c: float,
@@ -141,7 +122,7 @@ def optimist(
     fine: bool = True,
     soh_capacity: float = 1.0,
     soh_resistance: float = 1.0,
-) -> Optimist:
+) -> RelaxedString:
     """Return the coefficients of minimum loss from the tables of a string.
 
     Parameters
@@ -161,17 +142,13 @@ def optimist(
     """
     battery, inverter = string.battery, string.inverter
     soc = np.array(battery.ocv_v.soc)
-    volts = {
-        DISCHARGE: np.array(battery.ocv_v.discharge) * battery.cells_series,
-        CHARGE: np.array(battery.ocv_v.charge) * battery.cells_series,
-    }
-    highest = {sign: rows.max(axis=0) for sign, rows in volts.items()}
+    volts = [
+        np.array(rows) * battery.cells_series for rows in (battery.ocv_v.charge, battery.ocv_v.discharge)
+    ]
+    highest_v, lowest_v = [rows.max(axis=0) for rows in volts], [rows.min(axis=0) for rows in volts]
+    min_v = np.minimum(*lowest_v)
     capacity_ah = battery.cell_capacity_ah * battery.cells_parallel * soh_capacity
-    store = _Store(soc, highest[DISCHARGE], capacity_ah)
-
     max_kw = inverter.nominal_kw * (1.0 + max(*inverter.loss_charge, *inverter.loss_discharge))
-    lowest_v = {sign: rows.min(axis=0) for sign, rows in volts.items()}
-    min_v = np.minimum(lowest_v[DISCHARGE], lowest_v[CHARGE])
     # An aged string has less capacity, so its SOC changes more per step.
     min_ah = capacity_ah * (_MIN_HEALTH if string.wear.cell_model else 1.0)
     switch = battery.low_soc_switch
@@ -197,65 +174,79 @@ def optimist(
     warm_c = np.unique([*ends_c, *resistance_c[resistance_c > reference_c]])
 
     edges = _edges(battery, fine)
-    directions = {}
-    for sign, losses in ((DISCHARGE, inverter.loss_discharge), (CHARGE, inverter.loss_charge)):
-        ratio, against, top_v, ohm, max_heat = [], [], [], [], []
+    wide = battery.soc_min, battery.soc_max
+    furthest = travel(wide[0], np.inf)
+    rows = []
+    for direction, sign, losses, favourable_v, adverse_v, best, worst in (
+        (CHARGE, -1, inverter.loss_charge, lowest_v, highest_v, np.max, np.min),
+        (DISCHARGE, 1, inverter.loss_discharge, highest_v, lowest_v, np.min, np.max),
+    ):
+        limits, ohm = [], []
         for low, high in pairwise(edges.tolist()):
             # Within a plant step, voltage and resistance keep their values at its start.
-            wide = battery.soc_min, battery.soc_max
-            furthest = travel(wide[0], np.inf)
             near = max(low - furthest, wide[0]), min(high + furthest, wide[1])
-            max_ohm = _ohm(battery, sign, _between(tables, *near), warm_c, np.max).max() * soh_resistance
-            shift = furthest if string.wear.cell_model else travel(near[0], max_ohm)
-            if sign == DISCHARGE:
-                within = _between(np.concatenate([tables, tables - shift]), low, high)
-                ratio.append((store.voltage(within) / store.voltage(within + shift)).min())
-                against.append((store.voltage(within) / np.interp(within, soc, lowest_v[sign])).max())
-                began = _between(tables, low, min(high + shift, wide[1]))
-            else:
-                within = _between(np.concatenate([tables, tables + shift]), low, high)
-                ratio.append((store.voltage(within) / np.interp(within - shift, soc, lowest_v[sign])).max())
-                against.append((store.voltage(within) / np.interp(within, soc, highest[sign])).min())
-                began = _between(tables, max(low - shift, wide[0]), high)
-            top_v.append(np.interp(began, soc, highest[sign]).max())
-            share = max_ohm * current_a(near[0], max_ohm) / float(np.interp(near[0], soc, min_v))
-            max_heat.append(share)
-            ohm.append(_ohm(battery, sign, began, warm_c, np.min) * soh_resistance)
+            max_ohm = _ohm(battery, direction, _between(tables, *near), warm_c, np.max).max() * soh_resistance
+            shift = sign * (furthest if string.wear.cell_model else travel(near[0], max_ohm))
+            within = _between(np.concatenate([tables, tables - shift]), low, high)
+            stored_v = np.interp(within, soc, highest_v[DISCHARGE])
+            began = _between(
+                tables, max(low + min(shift, 0.0), wide[0]), min(high + max(shift, 0.0), wide[1])
+            )
+            ohm.append(_ohm(battery, direction, began, warm_c, np.min) * soh_resistance)
+            limits.append(
+                (
+                    best(stored_v / np.interp(within + shift, soc, favourable_v[direction])),
+                    worst(stored_v / np.interp(within, soc, adverse_v[direction])),
+                    np.interp(began, soc, highest_v[direction]).max(),
+                    max_ohm * current_a(near[0], max_ohm) / float(np.interp(near[0], soc, min_v)),
+                )
+            )
+        ratio, ratio_against, top_v, max_heat = np.array(limits).T
         resistance = np.array(ohm)
         base = convex_below(warm_c, resistance.min(axis=0))
         reached = warm_c <= ends_c[1]
         load, loss = np.array(inverter.load), np.array(losses)
-        (loss_0, loss_slope), (max_0, max_slope) = lines_below(load, loss), line_above(load, loss)
-        directions[sign] = Direction(
-            ratio=np.array(ratio),
-            ratio_against=np.array(against),
-            root=np.sqrt(1e3 * (resistance / base).min(axis=1)) / np.array(top_v),
-            conductance=chord_above(warm_c[reached] - reference_c, 1.0 / base[reached]),
-            loss=(inverter.nominal_kw * loss_0, loss_slope),
-            max_loss=(inverter.nominal_kw * max_0, max_slope),
-            max_heat=np.array(max_heat),
+        loss_0, loss_slope = lines_below(load, loss)
+        max_0, max_slope = line_above(load, loss)
+        rows.append(
+            (
+                ratio,
+                ratio_against,
+                np.sqrt(1e3 * (resistance / base).min(axis=1)) / top_v,
+                chord_above(warm_c[reached] - reference_c, 1.0 / base[reached]),
+                (inverter.nominal_kw * max_0, max_slope),
+                max_heat,
+                (inverter.nominal_kw * loss_0, loss_slope),
+            )
         )
+    *coefficients, loss_lines = zip(*rows, strict=True)
+    ratio, ratio_against, root, conductance, max_loss, max_heat = map(np.array, coefficients)
 
     burnt_kw = inverter.nominal_kw * max(inverter.loss_charge)
     everywhere = _between(tables, battery.soc_min, battery.soc_max)
     worst_ohm = _ohm(battery, CHARGE, everywhere, warm_c, np.max).max() * soh_resistance
     derated_c = np.unique([reference_c, reference_c + hottest_k, *derating_c])
     derated_c = derated_c[(derated_c >= reference_c) & (derated_c <= reference_c + hottest_k)]
-    return Optimist(
+    return RelaxedString(
         nominal_kw=inverter.nominal_kw,
         standby_kw=inverter.off_loss * inverter.nominal_kw,
         reference_c=reference_c,
         edges=edges,
-        energy_kwh=np.diff(store.energy_kwh(edges)),
-        discharge=directions[DISCHARGE],
-        charge=directions[CHARGE],
+        ratio=ratio,
+        ratio_against=ratio_against,
+        root=root,
+        conductance=conductance,
+        loss=list(loss_lines),
+        max_loss=max_loss,
+        max_heat=max_heat,
         derating=_colder(
             lines_above(derated_c - reference_c, np.interp(derated_c, derating_c, factor)), cold_k
         ),
         hottest_k=hottest_k + cold_k,
         ages=string.wear.cell_model is not None,
         burnt_kw=(burnt_kw, 1e-3 * worst_ohm * (2e3 * burnt_kw / min_v.min()) ** 2),
-        _store=store,
+        voltage_v=(soc, highest_v[DISCHARGE]),
+        capacity_ah=capacity_ah,
     )
 
 
@@ -275,7 +266,7 @@ def _between(knots: Array, low: float, high: float) -> Array:
     return np.unique([low, *knots[(knots > low) & (knots < high)], high])
 
 
-def _ohm(battery: Battery, sign: int, soc: Array, temperature_c: Array, pick: _Pick) -> Array:
+def _ohm(battery: Battery, direction: int, soc: Array, temperature_c: Array, pick: _Pick) -> Array:
     """Minimum (or maximum) resistance of a string [Ohm] over SOC and C-rate at each temperature.
 
     Between these temperatures the minimum lies above the straight line, because it is linear for each SOC.
@@ -283,7 +274,7 @@ def _ohm(battery: Battery, sign: int, soc: Array, temperature_c: Array, pick: _P
     ohm = 1e-3 * battery.r_scale * battery.cells_series / battery.cells_parallel
     table = battery.resistance_table
     if table is not None:
-        blocks = np.array(table.discharge_mohm if sign == DISCHARGE else table.charge_mohm)
+        blocks = np.array(table.discharge_mohm if direction == DISCHARGE else table.charge_mohm)
         rows = [[pick(np.interp(soc, table.soc, row)) for row in rows] for rows in blocks]
         return ohm * np.interp(temperature_c, table.temperature_c, pick(np.array(rows), axis=0))
     over_t, over_soc = battery.resistance_temperature, battery.resistance_soc
