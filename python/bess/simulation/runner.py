@@ -180,13 +180,11 @@ def _complete(directory: Path, study: Study, loop: ClosedLoop, *, progress: bool
         checkpoint = saved[-1].checkpoint()
         loop.restore(checkpoint["loop"])
         log_bytes = checkpoint["log_bytes"]
+    # Lines of steps that were not saved are written again.
+    store.append_log(directory, log_bytes, ())
     n_steps = loop.inputs.grid.n_steps
     files_s = 0.0
-    with (
-        store.StepLog(directory, log_bytes) as log,
-        reporting(study.name, n_steps, shown=progress) as update,
-        stop_requests() as stop_asked,
-    ):
+    with reporting(study.name, n_steps, shown=progress) as update, stop_requests() as stop_asked:
         while loop.step < n_steps and not stop_asked():
             first, deadline = loop.step, time.monotonic() + MAX_PART_S
 
@@ -198,8 +196,8 @@ def _complete(directory: Path, study: Study, loop: ClosedLoop, *, progress: bool
             began = time.perf_counter()
             _check_finite(first, record)
             # The log first, so that it is never shorter than the length in the checkpoint.
-            log.write(lines)
-            store.write_part(directory, first, record, {"loop": loop.checkpoint(), "log_bytes": log.sync()})
+            log_bytes = store.append_log(directory, log_bytes, lines)
+            store.write_part(directory, first, record, {"loop": loop.checkpoint(), "log_bytes": log_bytes})
             files_s += time.perf_counter() - began
         if loop.step < n_steps:
             raise StoppedEarly(
@@ -222,7 +220,8 @@ def _check_finite(first_step: int, record: store.Record) -> None:
 
 
 def _assemble(directory: Path, identity: provenance.Identity) -> None:
-    with files.replacing(directory / RESULTS) as temporary:
+    path = directory / RESULTS
+    with files.clear_errors(path), files.replacing(path) as temporary:
         write_netcdf(temporary, identity["frame"], store.records(directory))
         kept = (provenance.IDENTITY, "study.toml", store.LOG)
         final = {name: directory / name for name in kept} | {RESULTS: temporary}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import json
 import tomllib
@@ -18,6 +17,7 @@ from bess import __version__
 from bess.control.wear import WearPrices
 from bess.errors import InputError
 from bess.plant import Flows, Limit
+from bess.simulation.record.files import sha256_of
 from bess.simulation.record.store import Record, joined
 from bess.study.grid import TimeGrid
 from bess.study.study import Study
@@ -263,7 +263,7 @@ def describe_frame(
 
 def fingerprint(system: System) -> str:
     """Hash of every number of a system."""
-    return hashlib.sha256(json.dumps(system.document, sort_keys=True, default=str).encode()).hexdigest()
+    return sha256_of(json.dumps(system.document, sort_keys=True, default=str).encode())
 
 
 def with_initial(dataset: xr.Dataset, variable: str) -> NDArray[np.float64]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import hashlib
 import os
+import re
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -29,7 +30,9 @@ def clear_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        code = error.errno if error.errno is not None else _errno_in(str(error))
+        # HDF5 reports the number of the operating system's error in its text only.
+        found = re.search(r"errno = (\d+)", str(error))
+        code = int(found[1]) if error.errno is None and found else error.errno
         if code in (errno.EACCES, errno.EPERM, errno.EROFS):
             raise BessError(
                 f"{path}: cannot be written ({error.strerror or error}); use another folder"
@@ -43,20 +46,25 @@ def clear_errors(path: Path) -> Iterator[None]:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Yield a temporary path; on success it is flushed to the disk and replaces ``path``."""
-    with clear_errors(path), _replacing(path) as temporary:
-        yield temporary
+    """Yield a temporary path; on success it is flushed to the disk and replaces ``path``.
 
-
-@contextmanager
-def _replacing(path: Path) -> Iterator[Path]:
+    Raises
+    ------
+    OSError
+        The file cannot be written; an earlier file is unchanged.
+    """
     temporary = path.with_name(path.name + TEMPORARY)
     try:
         yield temporary
         with temporary.open("rb+") as file:
             os.fsync(file.fileno())
         temporary.replace(path)
-        sync_directory(path.parent)
+        if sys.platform != "win32":  # which needs no flush of the names, and cannot open folders
+            descriptor = os.open(path.parent, os.O_RDONLY)
+            try:
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)
     except OSError:
         temporary.unlink(missing_ok=True)
         raise
@@ -69,14 +77,8 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 
 def put_bytes(path: Path, content: bytes) -> None:
-    """As :func:`write_bytes`, for callers that continue without the file.
-
-    Raises
-    ------
-    OSError
-        The file cannot be written; an earlier file is unchanged.
-    """
-    with _replacing(path) as temporary:
+    """As :func:`write_bytes`, with the ``OSError``, for callers that continue without the file."""
+    with replacing(path) as temporary:
         temporary.write_bytes(content)
 
 
@@ -114,24 +116,6 @@ def folder_in(folder: Path, name: str) -> Path:
     if Path(name).name != name or name in ("", ".", "..") or elsewhere:
         raise InputError(f"{folder}: results of {name!r} would be written outside; give another name")
     return inside
-
-
-def sync_directory(path: Path) -> None:
-    """Flush the names in a directory to the disk; Windows needs no flush and cannot open directories."""
-    if sys.platform == "win32":
-        return
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
-def _errno_in(message: str) -> int | None:
-    """Return the operating system's error number, which HDF5 reports in its text only."""
-    _, found, rest = message.partition("errno = ")
-    digits = rest.split(",")[0].strip()
-    return int(digits) if found and digits.isdigit() else None
 
 
 CHECKSUMS: Final = "SHA256SUMS"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
@@ -98,7 +97,10 @@ def open_result(directory: str | Path) -> xr.Dataset:
         return open_netcdf(directory / RESULTS)
     identity = read_identity(directory)
     if identity is None:
-        raise InputError(f"{directory}: {_what_else(directory)}")
+        names = list(scenario_directories(directory))
+        others = f"several runs; open one of {', '.join(names[:8])}{', ...' * (len(names) > 8)}"
+        held = f"holds {others if names else 'no run'}" if directory.is_dir() else "no such folder"
+        raise InputError(f"{directory}: {held}")
     saved = parts(directory)
     if not saved:
         raise InputError(f"{directory}: nothing has been saved yet; continue the run with resume")
@@ -115,7 +117,7 @@ def scenario_directories(directory: str | Path) -> dict[str, Path]:
     directory = Path(directory)
     if (identity := read_identity(directory)) is not None:
         return {identity["study"]["name"]: directory}
-    return {path.name: path for path in _runs_in(directory)}
+    return {path.parent.name: path.parent for path in sorted(directory.glob(f"*/{IDENTITY}"))}
 
 
 def open_netcdf(path: Path) -> xr.Dataset:
@@ -134,15 +136,3 @@ def open_netcdf(path: Path) -> xr.Dataset:
     except (OSError, ValueError, KeyError, RuntimeError, TypeError) as error:
         what = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError(f"{path}: is damaged ({what}); delete the folder and run the study again") from error
-
-
-def _runs_in(directory: Path) -> Iterator[Path]:
-    if directory.is_dir():
-        yield from sorted(path.parent for path in directory.glob(f"*/{IDENTITY}"))
-
-
-def _what_else(directory: Path) -> str:
-    names = [path.name for path in _runs_in(directory)]
-    if names:
-        return f"holds several runs; open one of {', '.join(names[:8])}{', ...' if len(names) > 8 else ''}"
-    return "holds no run" if directory.is_dir() else "no such folder"

@@ -13,7 +13,7 @@ import json
 import os
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -148,34 +148,19 @@ def locked(directory: Path) -> Iterator[None]:
 LOG = "log.jsonl"
 
 
-class StepLog(AbstractContextManager["StepLog"]):
-    """Appends to the log of a run directory from a byte offset."""
-
-    def __init__(self, directory: Path, offset: int) -> None:
-        self._path = directory / LOG
-        with clear_errors(self._path):
-            self._file = self._path.open("ab")
-            self._file.truncate(offset)
-
-    def write(self, lines: Iterable[Mapping[str, Any]]) -> None:
-        """Append lines; NaN becomes ``null``."""
-        text = "".join(
-            json.dumps({key: None if value != value else value for key, value in line.items()}) + "\n"
-            for line in lines
-        )
-        with clear_errors(self._path):
-            self._file.write(text.encode())
-
-    def sync(self) -> int:
-        """Flush all lines to the disk and return the length of the file [bytes]."""
-        with clear_errors(self._path):
-            self._file.flush()
-            os.fsync(self._file.fileno())
-        return self._path.stat().st_size
-
-    def __exit__(self, *error: object) -> None:
-        with clear_errors(self._path):
-            self._file.close()
+def append_log(directory: Path, offset: int, lines: Iterable[Mapping[str, Any]]) -> int:
+    """Replace the log from a byte offset on by lines; NaN becomes ``null``. Return its length [bytes]."""
+    text = "".join(
+        json.dumps({key: None if value != value else value for key, value in line.items()}) + "\n"
+        for line in lines
+    )
+    path = directory / LOG
+    with clear_errors(path), path.open("ab") as file:
+        file.truncate(offset)
+        file.write(text.encode())
+        file.flush()
+        os.fsync(file.fileno())
+        return os.fstat(file.fileno()).st_size
 
 
 def solve_times_s(directory: Path) -> dict[int, float]:
