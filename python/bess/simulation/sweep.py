@@ -39,7 +39,7 @@ class Outcome:
     Attributes
     ----------
     status : str
-        ``done`` (also by an earlier sweep) or ``failed``.
+        ``done`` (also by an earlier sweep), ``failed``, or ``open`` in the table of an interrupted sweep.
     error : str
         One sentence, if the scenario failed.
     kpis : dict
@@ -48,7 +48,7 @@ class Outcome:
         Whether an earlier sweep had finished the scenario.
     """
 
-    status: Literal["done", "failed"]
+    status: Literal["done", "failed", "open"]
     error: str = ""
     kpis: dict[str, float] = field(default_factory=dict)
     skipped: bool = False
@@ -108,16 +108,13 @@ def write_table(
     documents = [study.document() for study in studies.values()]
     columns = [dict(_columns(document, keys)) for document in documents]
     constant = {key for key in columns[0] if key not in keys and len({row.get(key) for row in columns}) == 1}
-    rows: list[dict[str, Any]] = []
+    rows = []
     for name, parameters in zip(studies, columns, strict=True):
-        outcome = outcomes.get(name)
-        row = {
-            "name": name,
-            "status": outcome.status if outcome else "open",
-            "error": outcome.error if outcome else "",
-            **{key: value for key, value in parameters.items() if key not in constant},
-        }
-        rows.append(row | (outcome.kpis if outcome else {}))
+        outcome = outcomes.get(name, Outcome("open"))
+        varied = {key: value for key, value in parameters.items() if key not in constant}
+        rows.append(
+            {"name": name, "status": outcome.status, "error": outcome.error, **varied, **outcome.kpis}
+        )
     frame = pd.DataFrame(rows)
     write_bytes(directory / SWEEP_CSV, frame.to_csv(index=False).encode())
     buffer = io.BytesIO()
@@ -165,12 +162,11 @@ def workers_for(workers: int | None, scheduler: str | None) -> Iterator[Client]:
         with client:
             yield client
         return
-    count = workers if workers is not None else os.cpu_count() or 1
-    if count < 1:
-        raise InputError(f"--workers {count}: needs at least 1")
+    if workers is not None and workers < 1:
+        raise InputError(f"--workers {workers}: needs at least 1")
     with _interrupts_blocked():
         cluster = LocalCluster(
-            n_workers=count,
+            n_workers=os.cpu_count() if workers is None else workers,
             threads_per_worker=1,
             processes=True,
             dashboard_address=":0",
@@ -210,12 +206,8 @@ def run_scenarios(
         Results by run name, which is also the folder in ``out``. Finished runs are opened, not repeated.
     """
     study = as_study(study)
-    studies = expand(study)
     folder = None if out is None else Path(out)
-    if folder is not None:
-        for name in studies:
-            folder_in(folder, name)
-        prepare_folder(folder, study)
+    studies = expand(study) if folder is None else prepare_folder(folder, study)
     results: dict[str, Result] = {}
     for left in _rounds(study, studies, results):
         for name, each in left.items():
@@ -240,18 +232,22 @@ def _rounds(
         yield {name: each for name, each in new.items() if name not in done}
 
 
-def prepare_folder(folder: Path, study: Study) -> None:
-    """Create the folder with one sub-folder for each run, and save the resolved study.
+def prepare_folder(folder: Path, study: Study) -> dict[str, Study]:
+    """Create the folder of a study of several runs and save the resolved study; return its runs by name.
 
     Raises
     ------
     InputError
-        The folder contains a single run, or cannot be created.
+        The folder contains a single run, cannot be created, or would not contain the sub-folder of each run.
     """
+    studies = expand(study)
+    for name in studies:
+        folder_in(folder, name)
     make_folder(folder)
     if (folder / IDENTITY).exists():
         raise InputError(f"{folder}: holds a single run; use another output folder")
     write_bytes(folder / "study.toml", study.to_toml().encode())
+    return studies
 
 
 def write_summary(folder: Path, kpis: dict[str, dict[str, float]]) -> None:
@@ -278,11 +274,8 @@ class SweepResult:
     outcomes: Mapping[str, Outcome]
 
     def _facts(self) -> dict[str, str]:
-        return {
-            "folder": str(self.directory),
-            "runs": str(len(self.outcomes)),
-            "failed": str(len(self.failed)),
-        }
+        runs, failed = len(self.outcomes), len(self.failed)
+        return {"folder": str(self.directory), "runs": str(runs), "failed": str(failed)}
 
     __repr__ = one_line
 
@@ -343,11 +336,8 @@ def run_sweep(
         import distributed  # noqa: F401 - before a folder is made
         import pyarrow  # noqa: F401
     study = as_study(study)
-    studies = expand(study)
     directory = Path(out).absolute()
-    for name in studies:
-        folder_in(directory, name)
-    prepare_folder(directory, study)
+    studies = prepare_folder(directory, study)
     outcomes: dict[str, Outcome] = {}
     try:
         most = len(studies) + 2 * study.refinements
