@@ -53,6 +53,18 @@ def test_a_closed_loop_needs_none_of_the_extras(tmp_path: Path) -> None:
     assert "Demand fulfilment" in ended.stdout
 
 
+def test_a_sweep_in_sequence_needs_none_of_the_extras(tmp_path: Path) -> None:
+    import bess
+
+    axis = {"key": "policy.name", "values": ["equal", "soc"]}
+    study = bess.load_study("case1", {"run.days": 0.125, "sweep": [axis]})
+    (tmp_path / "study.toml").write_text(study.to_toml())
+    out = tmp_path / "out"
+    ended = run_without("distributed dask pyarrow", "run", str(tmp_path / "study.toml"), "--out", str(out))
+    assert ended.returncode == 0, ended.stderr
+    assert (out / "sweep.csv").exists() and not (out / "sweep.parquet").exists()
+
+
 @pytest.mark.parametrize(
     "module", ["bess", "bess.report", "bess.cli.records", "bess.edge.plant_io", "bess.simulation.record"]
 )

@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -251,3 +252,11 @@ def test_a_run_ends_with_where_its_time_went(capfd: pytest.CaptureFixture[str]) 
         "case1: _, of which policy _, plant _, files _, demand and closed loop _"
     )
     assert sum(parts) == pytest.approx(total, abs=0.3)
+
+
+@pytest.mark.parametrize("days", [(2, 3), (3, 2)])
+def test_a_string_serves_from_the_first_of_its_augmentations_on(days: tuple[int, int]) -> None:
+    tables = [{"string": 1, "date": datetime(2024, 1, day, tzinfo=UTC)} for day in days]
+    values = {"run.start": datetime(2024, 1, 1, tzinfo=UTC), "run.days": 4, "augmentation": tables}
+    installations = prepare(bess.load_study("case1", values)).installations
+    assert [bool(installations.in_service(step)[1]) for step in (95, 96, 192)] == [False, True, True]

@@ -69,7 +69,8 @@ class Installations(Checkpointed):
                 cost_eur = float(eur_kwh * system.nominal_energy_kwh[table.string])
                 self._dated.setdefault(step, {})[table.string] = cost_eur
                 if name == "augmentation":
-                    self._first_step[table.string] = step
+                    earlier = self._first_step[table.string]
+                    self._first_step[table.string] = min(step, earlier or step)
         self.any = bool(self._dated or (ages & (self._replaces | self._retires)).any())
         self._ended = np.zeros(system.n_strings, dtype=np.bool_)
 

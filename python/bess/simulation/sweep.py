@@ -10,7 +10,7 @@ import signal
 import sys
 import traceback
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
@@ -97,7 +97,7 @@ def swept_keys(study: Study) -> list[str]:
 def write_table(
     directory: Path, keys: Iterable[str], studies: Mapping[str, Study], outcomes: Mapping[str, Outcome]
 ) -> None:
-    """Write ``sweep.csv`` and ``sweep.parquet``; scenarios without an outcome are ``open``.
+    """Write ``sweep.csv`` and, with pyarrow, ``sweep.parquet``; scenarios without an outcome are ``open``.
 
     The table has a column for each of ``keys``. Priorities and tolerances of an objective get columns of
     their own if they differ between scenarios.
@@ -118,8 +118,9 @@ def write_table(
     frame = pd.DataFrame(rows)
     write_bytes(directory / SWEEP_CSV, frame.to_csv(index=False).encode())
     buffer = io.BytesIO()
-    frame.to_parquet(buffer, index=False)
-    write_bytes(directory / SWEEP_PARQUET, buffer.getvalue())
+    with suppress(ImportError):
+        frame.to_parquet(buffer, index=False)
+        write_bytes(directory / SWEEP_PARQUET, buffer.getvalue())
 
 
 def _columns(document: Mapping[str, Any], keys: Iterable[str]) -> Iterator[tuple[str, Any]]:
