@@ -34,14 +34,14 @@ def _same(one: object, other: object) -> bool:
     return type(one) is type(other) and one == other
 
 
-def real_numbers(values: ArrayLike) -> NDArray[np.float64]:
+def real_numbers(values: ArrayLike) -> Array:
     """Return ``values`` as float64, of any shape; NaN and infinity pass.
 
     Raises
     ------
     ValueError
         For texts, truth values, complex numbers, times, masked values, integers beyond the range of floats,
-        and lists of unequal length. They would be converted without a word, or end in another exception.
+        and lists of unequal length. NumPy would convert them silently, or raise another exception.
     """
     if isinstance(values, np.ma.MaskedArray) and np.ma.is_masked(values):
         raise ValueError("some values are masked")
@@ -49,23 +49,14 @@ def real_numbers(values: ArrayLike) -> NDArray[np.float64]:
     if array.dtype == np.float64:
         return array
     if array.dtype.kind in "iuf":
-        with np.errstate(over="ignore"):  # of a long double; infinity, as 1e400 is
+        with np.errstate(over="ignore"):  # a long double above the range becomes infinity, as 1e400 does
             return array.astype(np.float64)
     if array.dtype.kind == "O":
         return np.array([_real(value) for value in array.ravel()], dtype=np.float64).reshape(array.shape)
     if array.size == 0:
         return array.astype(np.float64)
-    raise ValueError(f"{_KINDS.get(array.dtype.kind, str(array.dtype))} are not numbers")
-
-
-_KINDS = {
-    "U": "texts",
-    "S": "texts",
-    "b": "truth values",
-    "c": "complex numbers",
-    "M": "times",
-    "m": "durations",
-}
+    kinds = {"U": "texts", "S": "texts", "b": "truth values", "c": "complex numbers", "M": "times"}
+    raise ValueError(f"{kinds.get(array.dtype.kind, array.dtype)} are not numbers")
 
 
 def _real(value: object) -> float:

@@ -13,7 +13,7 @@ Lines = tuple[Array, Array]
 def lower_hull(x: Array, y: Array) -> list[int]:
     """Return the indices of the knots on the lower convex hull (Andrew's monotone chain), ends included.
 
-    Between them runs the largest convex function that is nowhere above the table, whose ``x`` ascend.
+    The lines between them are the largest convex function nowhere above the table; ``x`` must ascend.
     """
     hull: list[int] = []
     for i in range(x.size):
@@ -49,8 +49,7 @@ def line_above(x: Array, y: Array) -> tuple[float, float]:
 
 
 def chord_above(x: Array, y: Array) -> tuple[float, float]:
-    """Return intercept and slope of the chord between the ends of a table, raised until it is above all of
-    it."""
+    """Return intercept and slope of the chord between the ends of a table, raised above all its values."""
     slope = float((y[-1] - y[0]) / (x[-1] - x[0])) if x.size > 1 else 0.0
     return float((y - slope * x).max()), slope
 

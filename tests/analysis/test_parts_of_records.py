@@ -56,7 +56,7 @@ def test_kpis_without_the_length_of_a_step_say_so(result):
     with pytest.raises(bess.InputError, match="no attribute step_h"):
         bess.ledger(priced().drop_attrs())
     for value in (None, 3, "results"):
-        with pytest.raises(bess.InputError, match="has no prices"):
+        with pytest.raises(bess.InputError, match="ledger needs a result"):
             bess.ledger(value)
 
 

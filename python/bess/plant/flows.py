@@ -10,10 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bess.arrays import ByValue
+from bess.arrays import Array, ByValue, Flags
 from bess.display import as_table, few, one_line
-
-Floats = NDArray[np.float64]
 
 
 class Limit(IntFlag):
@@ -104,34 +102,34 @@ class Flows(ByValue):
         Reactive power [kvar], positive = supplied by the inverter; None without reactive requests.
     """
 
-    delivered_kw: Floats
-    availability_loss_kw: Floats
-    derating_loss_kw: Floats
-    inverter_loss_kw: Floats
-    standby_kw: Floats
-    battery_loss_kw: Floats
-    hysteresis_loss_kw: Floats
-    reversible_heat_kw: Floats
-    chemical_kw: Floats
-    ocv_shift_kw: Floats
-    current_a: Floats
-    soc: Floats
-    temperature_c: Floats
-    node_max_c: Floats
-    derating_factor: Floats
+    delivered_kw: Array
+    availability_loss_kw: Array
+    derating_loss_kw: Array
+    inverter_loss_kw: Array
+    standby_kw: Array
+    battery_loss_kw: Array
+    hysteresis_loss_kw: Array
+    reversible_heat_kw: Array
+    chemical_kw: Array
+    ocv_shift_kw: Array
+    current_a: Array
+    soc: Array
+    temperature_c: Array
+    node_max_c: Array
+    derating_factor: Array
     limits: NDArray[np.uint8]
     inverter_starts: NDArray[np.int64]
-    soh_capacity: Floats
-    soh_resistance: Floats
-    calendar_loss: Floats
-    cyclic_loss: Floats
-    aged_charge_ah: Floats
-    ledger_residual_kwh: Floats
-    auxiliary_kw: Floats
-    node_temperature_c: Floats | None
-    cooling_kw: Floats | None = None
-    coolant_c: Floats | None = None
-    reactive_kvar: Floats | None = None
+    soh_capacity: Array
+    soh_resistance: Array
+    calendar_loss: Array
+    cyclic_loss: Array
+    aged_charge_ah: Array
+    ledger_residual_kwh: Array
+    auxiliary_kw: Array
+    node_temperature_c: Array | None
+    cooling_kw: Array | None = None
+    coolant_c: Array | None = None
+    reactive_kvar: Array | None = None
 
     def _facts(self) -> dict[str, str]:
         *_, strings = self.delivered_kw.shape
@@ -182,10 +180,10 @@ class PlantSnapshot(ByValue):
         1 if the chiller may run, else 0, and the temperature of the common loop [degC].
     """
 
-    soc: NDArray[np.float64]
-    node_temperature_c: NDArray[np.float64]
-    derating_integral_k: NDArray[np.float64]
-    inverter_on: NDArray[np.bool_]
-    ageing: NDArray[np.float64]
-    cooling_stages: NDArray[np.float64] | None = None
-    coolant: NDArray[np.float64] | None = None
+    soc: Array
+    node_temperature_c: Array
+    derating_integral_k: Array
+    inverter_on: Flags
+    ageing: Array
+    cooling_stages: Array | None = None
+    coolant: Array | None = None

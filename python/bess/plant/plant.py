@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bess import _core
-from bess.arrays import number_array
+from bess.arrays import Array, Flags, number_array
 from bess.display import as_table, few, one_line
 from bess.errors import InputError
 from bess.plant.flows import Flows, PlantSnapshot
@@ -30,9 +30,9 @@ class CoreController(Protocol):
     def run(
         self,
         plant: _core.Plant,
-        ahead_kw: NDArray[np.float64],
-        limit_kw: NDArray[np.float64],
-        ambient_c: NDArray[np.float64],
+        ahead_kw: Array,
+        limit_kw: Array,
+        ambient_c: Array,
         step_s: float,
     ) -> dict[str, NDArray[Any]]:
         """Advance the plant; return its record and ``request_kw``, as flat arrays."""
@@ -47,7 +47,7 @@ def _refusals() -> Iterator[None]:
         raise InputError(f"plant: {error}") from error
 
 
-def _numbers(name: str, values: ArrayLike, shape: tuple[int | str, ...], unit: str) -> NDArray[np.float64]:
+def _numbers(name: str, values: ArrayLike, shape: tuple[int | str, ...], unit: str) -> Array:
     """Return ``values`` as float64 of the given shape; a text in the shape stands for any length."""
     array = number_array(f"plant: {name} [{unit}]", values)
     fits = array.ndim == len(shape) and all(
@@ -215,12 +215,10 @@ class _Simulation:
         health = (rows[..., place] for place in _HEALTH)
         return [State(*each) for each in zip(flat["soc"].reshape(shape), mean_c, *health, strict=True)]
 
-    def _reactive(
-        self, reactive_kvar: ArrayLike | None, shape: tuple[int, ...]
-    ) -> NDArray[np.float64] | None:
+    def _reactive(self, reactive_kvar: ArrayLike | None, shape: tuple[int, ...]) -> Array | None:
         return None if reactive_kvar is None else _numbers("reactive_kvar", reactive_kvar, shape, "kvar")
 
-    def _air_c(self, ambient_c: ArrayLike | None, n_steps: int) -> NDArray[np.float64]:
+    def _air_c(self, ambient_c: ArrayLike | None, n_steps: int) -> Array:
         """Air inlet temperature [degC], shape ``(n_steps, n_scenarios)``."""
         given = number_array("plant: ambient_c [degC]", self._ambient_c if ambient_c is None else ambient_c)
         shape = ((), (n_steps,), (self._scenarios, n_steps))[min(given.ndim, 2)]
@@ -230,9 +228,9 @@ class _Simulation:
 
     def _advance(
         self,
-        request_kw: NDArray[np.float64],
-        reactive_kvar: NDArray[np.float64] | None,
-        air_c: NDArray[np.float64],
+        request_kw: Array,
+        reactive_kvar: Array | None,
+        air_c: Array,
         step_s: float,
         *,
         nodes: bool,
@@ -351,11 +349,11 @@ class Plant(_Simulation):
     def run_controller(
         self,
         controller: CoreController,
-        ahead_kw: NDArray[np.float64],
-        limit_kw: NDArray[np.float64],
-        ambient_c: NDArray[np.float64],
+        ahead_kw: Array,
+        limit_kw: Array,
+        ambient_c: Array,
         step_s: float,
-    ) -> tuple[NDArray[np.float64], Flows]:
+    ) -> tuple[Array, Flows]:
         """Advance in closed loop with a controller of the core, in one call.
 
         Parameters
@@ -390,7 +388,7 @@ class Plant(_Simulation):
         request_kw = array.pop("request_kw").reshape(shape)
         return request_kw, self._flows(array, shape)
 
-    def renew(self, strings: NDArray[np.bool_]) -> None:
+    def renew(self, strings: Flags) -> None:
         """Replace the batteries of some strings by new ones, at their SOC and temperature.
 
         Parameters

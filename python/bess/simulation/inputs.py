@@ -73,10 +73,14 @@ def prepare(study: Study, system: System | None = None) -> Inputs:
         raise InputError(
             f"{system.name}: control.step_min = {system.control.step_min:g}: must be whole seconds"
         )
-    asked = study.demand.build(setting)
-    if study.policy.name == "mpc" and study.policy.objectives.kind == "money" and asked.price_eur_mwh is None:
+    demand = study.demand.build(setting)
+    if (
+        study.policy.name == "mpc"
+        and study.policy.objectives.kind == "money"
+        and demand.price_eur_mwh is None
+    ):
         raise InputError(f"{study.name}: {NO_PRICES}")
-    grid = asked.grid
+    grid = demand.grid
     ambient = np.full(grid.n_steps, system.ambient_c)
     if study.weather.file is not None:
         ambient = _ambient(study.weather, study.weather.file, setting, grid)
@@ -85,7 +89,7 @@ def prepare(study: Study, system: System | None = None) -> Inputs:
     if study.policy.name == "distilled" and study.policy.file is not None:
         files.append(Path(study.policy.file))
     return Inputs(
-        **vars(asked),
+        **vars(demand),
         system=system,
         horizon_steps=setting.horizon,
         ambient_c=ambient,
@@ -166,6 +170,6 @@ def _reactive_of(choice: ReactiveSection, setting: Setting, grid: TimeGrid) -> R
     )
     series = setting.series_of(read, choice.file, "reactive.file")
     values = series.laid(grid, wanted, repeat=choice.repeat)
-    asked = values[: grid.n_steps]
-    setting.note(f"reactive power: {choice.file}, {asked.min():g} to {asked.max():g} kvar", series)
+    in_run = values[: grid.n_steps]
+    setting.note(f"reactive power: {choice.file}, {in_run.min():g} to {in_run.max():g} kvar", series)
     return known_reactive(forecast_of(choice.forecast, values, grid.dt_h))

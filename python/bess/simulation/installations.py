@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bess.arrays import Array
+from bess.arrays import Array, Flags
 from bess.checkpoints import Checkpointed
 from bess.errors import InputError
 from bess.plant import Plant
@@ -76,8 +75,8 @@ class Installations(Checkpointed):
 
     def install(self, step: int, plant: Plant) -> Array:
         """Install the batteries of a step; return their cost [EUR], shape ``(n_strings,)``."""
-        cost_eur = np.where(self._ended & self._replaces, self._cost_eur, 0.0)
         new = self._ended & self._replaces
+        cost_eur = np.where(new, self._cost_eur, 0.0)
         for string, eur in self._dated.get(step, {}).items():
             new[string], cost_eur[string] = True, eur
         if new.any():
@@ -85,11 +84,11 @@ class Installations(Checkpointed):
             self._ended = self._ended & ~new
         return cost_eur
 
-    def in_service(self, step: int) -> NDArray[np.bool_]:
+    def in_service(self, step: int) -> Flags:
         """Whether each string is installed and not retired, after :meth:`install`."""
         return (step >= self._first_step) & ~self._ended
 
-    def count_ended(self, in_service: NDArray[np.bool_], soh_capacity: Array) -> None:
-        """Note the strings in service that are at their end of life after a step."""
+    def count_ended(self, in_service: Flags, soh_capacity: Array) -> None:
+        """Record the strings in service that reached their end of life in a step."""
         ends = self._replaces | self._retires
         self._ended = self._ended | (in_service & ends & (soh_capacity <= self._end_of_life))

@@ -91,22 +91,22 @@ def stop_requests() -> Iterator[Callable[[], bool]]:
     Signals reach the main thread only. In other threads no handler is installed and the function returns
     False.
     """
-    asked = False
+    requested = False
     if threading.current_thread() is not threading.main_thread():
         yield lambda: False
         return
     previous = {number: signal.getsignal(number) for number in _SIGNALS}
 
     def note(number: int, frame: FrameType | None) -> None:
-        nonlocal asked
-        asked = True
+        nonlocal requested
+        requested = True
         for each, handler in previous.items():
             signal.signal(each, handler)
 
     for number in _SIGNALS:
         signal.signal(number, note)
     try:
-        yield lambda: asked
+        yield lambda: requested
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)

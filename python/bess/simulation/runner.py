@@ -100,7 +100,7 @@ def run(
 def _run_in(
     directory: Path, study: Study, inputs: Inputs, own: Policy | None, *, progress: bool, resume: bool
 ) -> Result:
-    loop = closed_loop(study, inputs, own)  # refuses before there is a folder
+    loop = closed_loop(study, inputs, own)  # raises before the folder is created
     identity = provenance.identity_of(study, inputs.system, inputs.files)
     identity["frame"] = describe_frame(study, inputs.system, inputs.grid, loop.policy.statuses)
     files.make_folder(directory)
@@ -167,17 +167,11 @@ def _spent(name: str, loop: ClosedLoop, files_s: float, total_s: float) -> str:
 
 
 def _complete(directory: Path, study: Study, loop: ClosedLoop, *, progress: bool) -> float:
-    """Simulate from the last checkpoint, or from the first step, to the end.
-
-    Returns
-    -------
-    float
-        Wall-clock time spent on files [s].
-    """
+    """Simulate from the last checkpoint, or the first step, to the end; return the time for files [s]."""
     files.write_bytes(directory / "study.toml", study.to_toml().encode())
     log_bytes = 0
     if saved := store.parts(directory):
-        checkpoint = saved[-1].checkpoint()
+        _, checkpoint = store.read_part(saved[-1])
         loop.restore(checkpoint["loop"])
         log_bytes = checkpoint["log_bytes"]
     # Lines of steps that were not saved are written again.

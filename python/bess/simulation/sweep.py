@@ -341,8 +341,8 @@ def run_sweep(
     studies = prepare_folder(directory, study)
     outcomes: dict[str, Outcome] = {}
     try:
-        most = len(studies) + 2 * study.refinements
-        with workers_for(workers, scheduler) as client, _bar(most, progress) as advance:
+        max_runs = len(studies) + 2 * study.refinements
+        with workers_for(workers, scheduler) as client, _bar(max_runs, progress) as advance:
             for left in _rounds(study, studies, outcomes):
                 for name, outcome in _outcomes(client, left, directory):
                     outcomes[name] = outcome
@@ -378,13 +378,13 @@ def _outcomes(client: Client, studies: Mapping[str, Study], directory: Path) -> 
 
 @contextmanager
 def _bar(total: int, visible: bool) -> Iterator[Any]:
-    said: set[str] = set()
+    shown: set[str] = set()
     with progress_bar("scenarios", total, shown=visible) as (bar, task):
 
         def advance(name: str, outcome: Outcome) -> None:
             bar.advance(task)
-            if outcome.status == "failed" and outcome.error not in said:
-                said.add(outcome.error)
+            if outcome.status == "failed" and outcome.error not in shown:
+                shown.add(outcome.error)
                 bar.console.print(f"{name} failed: {outcome.error}", markup=False, soft_wrap=True)
 
         yield advance

@@ -43,11 +43,6 @@ class DirectionFlow:
     hysteresis_kwh: float
     store_kwh: float
 
-    @property
-    def losses_kwh(self) -> float:
-        """Sum of the losses between grid and stored energy."""
-        return self.inverter_kwh + self.battery_kwh + self.hysteresis_kwh
-
 
 @dataclass(frozen=True)
 class EnergyFlow:
@@ -55,7 +50,7 @@ class EnergyFlow:
 
     Grid import is ``charge.grid_kwh + standby_kwh + auxiliary_kwh``, grid export ``discharge.grid_kwh``. In
     each direction, grid and stored energy differ by the losses and by the work of the open-circuit voltage,
-    :math:`P_{shift}` in docs/equations.md, with the total ``shift_kwh``.
+    :math:`P_{shift}` in docs/equations.md.
     """
 
     charge: DirectionFlow
@@ -67,17 +62,6 @@ class EnergyFlow:
     def taken_kwh(self) -> float:
         """Grid import."""
         return self.charge.grid_kwh + self.standby_kwh + self.auxiliary_kwh
-
-    @property
-    def stored_kwh(self) -> float:
-        """Increase of the stored chemical energy."""
-        return self.charge.store_kwh - self.discharge.store_kwh
-
-    @property
-    def shift_kwh(self) -> float:
-        """Residual of the energy balance: import minus export, losses and change of stored energy."""
-        came = self.charge.grid_kwh - self.discharge.grid_kwh
-        return came - self.charge.losses_kwh - self.discharge.losses_kwh - self.stored_kwh
 
 
 def energy_flow(dataset: xr.Dataset) -> EnergyFlow:

@@ -9,17 +9,15 @@ import numpy as np
 
 from bess.arrays import Array
 from bess.control.policies.planned import PLANNED
-from bess.errors import InputError
 from bess.simulation.analysis.lifetime import budget_kpis, contract_kpis, wear_kpis
 from bess.simulation.analysis.services import is_reserve, is_site, service_kpis
 from bess.simulation.analysis.settlement import dispatch_kpis, has_prices, settlement_kpis
 from bess.simulation.record.dataset import check_record, with_initial
+from bess.simulation.record.result import Result, record_of
 from bess.units import KWH_PER_MWH, PERCENT
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from bess.simulation.record import Result
 
 
 _NEEDED: Final = (
@@ -64,23 +62,12 @@ def kpis(result: Result | xr.Dataset) -> dict[str, float]:
     .. [1] Tanjavooru, V. T., Pant, P., Hamacher, T., Hesse, H.: Multi-objective nonlinear power split control
        for BESS with real-time simulation feedback. 2025, arXiv:2507.04800.
     """
-    dataset: Any = getattr(result, "dataset", result)
-    if not hasattr(dataset, "data_vars") or not {"demand_kw", "soc"} <= set(dataset.data_vars):
-        raise InputError(
-            f"kpis needs a result of bess.run or bess.open_result, or its dataset, not {_described(result)}"
-        )
+    dataset = record_of(result, "kpis")
     check_record(dataset, _NEEDED, "kpis")
     values = {name: float(value) for name, value in _figures(dataset)}
     values |= {name: float(value) for name, value in contract_kpis(dataset, values)}
     times = getattr(result, "solve_time_s", None)
     return values if times is None else values | solve_time_kpis(times)
-
-
-def _described(value: object) -> str:
-    """Type of a value and, for a dataset, its variables, for messages."""
-    variables = getattr(value, "data_vars", None)
-    held = "" if variables is None else f" of {', '.join(map(str, list(variables)[:5])) or 'nothing'}"
-    return type(value).__name__ + held
 
 
 def solve_time_kpis(solve_time_s: Array) -> dict[str, float]:
@@ -98,7 +85,7 @@ def _figures(dataset: xr.Dataset) -> Iterator[tuple[str, Any]]:
     delivered, unmet = energy_kwh("delivered_kw"), energy_kwh("unmet_kw")
     shed, derated = energy_kwh("availability_loss_kw"), energy_kwh("derating_loss_kw")
     inverter, battery = energy_kwh("inverter_loss_kw"), energy_kwh("battery_loss_kw")
-    of_cells = "chemical_kw" in dataset  # a dataset of one's own may not have it
+    of_cells = "chemical_kw" in dataset  # which a dataset of the user may lack
     yield "availability_pct", _left_pct(shed, demand)
     yield "derating_efficiency_pct", _left_pct(derated, request)
     yield "inverter_efficiency_pct", _left_pct(inverter, request)

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from bess.arrays import Array
 from bess.errors import InputError
 from bess.simulation.analysis.settlement import has_prices, recorded_terms, settled
 from bess.simulation.record.dataset import study_of, with_initial
+from bess.simulation.record.result import Result, record_of
 from bess.study.grid import TimeGrid
 from bess.study.sections import BudgetSection
 from bess.units import DAYS_PER_YEAR, KWH_PER_MWH, PERCENT
@@ -19,8 +21,6 @@ from bess.units import DAYS_PER_YEAR, KWH_PER_MWH, PERCENT
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
-
-    from bess.simulation.record import Result
 
 
 def ledger_by_year(result: Result | xr.Dataset) -> pd.DataFrame:
@@ -45,7 +45,7 @@ def ledger_by_year(result: Result | xr.Dataset) -> pd.DataFrame:
     """
     import pandas as pd
 
-    dataset: Any = getattr(result, "dataset", result)
+    dataset = record_of(result, "ledger_by_year")
     entries, grid = settled(dataset), TimeGrid.of_record(dataset)
     years = np.searchsorted(grid.years, np.arange(grid.n_steps), side="right")
     return pd.DataFrame(entries).groupby(pd.Index(years, name="year")).sum()
@@ -76,7 +76,7 @@ def cash_by_year(result: Result | xr.Dataset) -> pd.DataFrame:
     """
     import pandas as pd
 
-    dataset: Any = getattr(result, "dataset", result)
+    dataset = record_of(result, "cash_by_year")
     ledger = ledger_by_year(dataset)
     left = dataset["soh_capacity"].values[-1] - np.ravel(dataset.attrs["end_of_life_soh"])
     residual = np.maximum(left, 0.0) * np.ravel(dataset.attrs["residual_eur_per_soh"])
@@ -102,7 +102,7 @@ def net_present_value(amounts: ArrayLike, discount_rate: float) -> float:
     InputError
         If the rate is -1 or less, or an amount is not finite.
     """
-    values: NDArray[np.float64] = np.asarray(amounts, dtype=np.float64).ravel()
+    values: Array = np.asarray(amounts, dtype=np.float64).ravel()
     if not (discount_rate > -1.0 and math.isfinite(discount_rate) and np.isfinite(values).all()):
         raise InputError(
             f"discount_rate {discount_rate:g}: must be finite and above -1, and all amounts finite"
@@ -112,7 +112,7 @@ def net_present_value(amounts: ArrayLike, discount_rate: float) -> float:
 
 def wear_kpis(dataset: xr.Dataset) -> Iterator[tuple[str, float]]:
     """Yield the state of health at the end, days to the first end of life, and the net present value."""
-    if "soh_capacity" not in dataset:  # a dataset of one's own may not have it
+    if "soh_capacity" not in dataset:  # as in a dataset of the user
         return
     capacity, resistance = (dataset[name].values[-1] for name in ("soh_capacity", "soh_resistance"))
     yield "soh_capacity_min", capacity.min()

@@ -11,15 +11,15 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from bess.arrays import Array, Flags
 from bess.errors import InputError
 
 Direction = Literal["min", "max"]
-Points = NDArray[np.float64]
 
 
-def non_dominated(points: ArrayLike, directions: Sequence[Direction] | None = None) -> NDArray[np.bool_]:
+def non_dominated(points: ArrayLike, directions: Sequence[Direction] | None = None) -> Flags:
     """Return a mask of the non-dominated points.
 
     A point dominates another if it is no worse in every objective and better in one. Equal points do not
@@ -53,7 +53,7 @@ def hypervolume(
 ) -> float:
     """Return the volume that the points dominate, bounded by ``reference``; exact in any dimension.
 
-    Points that do not dominate the reference add nothing. The unit is the product of the objectives' units.
+    Array that do not dominate the reference add nothing. The unit is the product of the objectives' units.
 
     Parameters
     ----------
@@ -111,8 +111,8 @@ def knee_point(points: ArrayLike, directions: Sequence[Direction] | None = None)
     return int(front[np.argmin(((costs[front] - low) / span).sum(axis=1))])
 
 
-def _as_costs(points: ArrayLike, directions: Sequence[Direction] | None) -> Points:
-    costs: Points = np.array(points, dtype=np.float64)
+def _as_costs(points: ArrayLike, directions: Sequence[Direction] | None) -> Array:
+    costs: Array = np.array(points, dtype=np.float64)
     if costs.ndim != 2 or costs.shape[1] == 0:
         raise InputError(f"points must have shape (n_points, n_objectives), not {costs.shape}")
     if not np.all(np.isfinite(costs)):
@@ -126,11 +126,11 @@ def _as_costs(points: ArrayLike, directions: Sequence[Direction] | None) -> Poin
         raise InputError(f"{len(directions)} directions for {costs.shape[1]} objectives; give one for each")
     if unknown := [direction for direction in directions if direction not in ("min", "max")]:
         raise InputError(f"direction {unknown[0]!r} is neither 'min' nor 'max'")
-    signs: Points = np.array([1.0 if direction == "min" else -1.0 for direction in directions])
+    signs: Array = np.array([1.0 if direction == "min" else -1.0 for direction in directions])
     return costs * signs
 
 
-def _dominated_volume(costs: Points, bound: Points) -> float:
+def _dominated_volume(costs: Array, bound: Array) -> float:
     """Volume between ``bound`` and costs that are all strictly below it."""
     if len(costs) == 0:
         return 0.0

@@ -54,10 +54,10 @@ def site_saving_eur(dataset: xr.Dataset, terms: SettlementTerms) -> Array:
     before, after, delivered = draw_kw(dataset)
     drawn, given = dataset["price_eur_mwh"].values, dataset["export_price_eur_mwh"].values
 
-    most = dataset["export_limit_kw"].values if "export_limit_kw" in dataset else np.inf
+    max_export_kw = dataset["export_limit_kw"].values if "export_limit_kw" in dataset else np.inf
 
     def bill(kw: Array) -> Array:
-        return np.asarray(np.where(kw > 0.0, kw * drawn, np.maximum(kw, -most) * given))
+        return np.asarray(np.where(kw > 0.0, kw * drawn, np.maximum(kw, -max_export_kw) * given))
 
     fees = np.where(
         delivered > 0.0, delivered * terms.discharge_fee_eur_mwh, -delivered * terms.charge_fee_eur_mwh
@@ -134,10 +134,10 @@ def _site_kpis(dataset: xr.Dataset, dt_h: float) -> Iterator[tuple[str, Any]]:
     if "grid_limit_kw" in dataset:
         above = np.maximum(after - dataset["grid_limit_kw"].values, 0.0)
         yield "above_limit_kwh", above.sum() * dt_h
-    most = dataset["export_limit_kw"].values if "export_limit_kw" in dataset else np.inf
-    imported, exported = np.maximum(after, 0.0).sum() * dt_h, np.clip(-after, 0.0, most).sum() * dt_h
+    max_export_kw = dataset["export_limit_kw"].values if "export_limit_kw" in dataset else np.inf
+    imported, exported = np.maximum(after, 0.0).sum() * dt_h, np.clip(-after, 0.0, max_export_kw).sum() * dt_h
     if "export_limit_kw" in dataset:
-        yield "curtailed_kwh", np.maximum(-after - most, 0.0).sum() * dt_h
+        yield "curtailed_kwh", np.maximum(-after - max_export_kw, 0.0).sum() * dt_h
     yield "import_kwh", imported
     yield "export_kwh", exported
     load, generated = (float(dataset[name].values.sum()) * dt_h for name in ("load_kw", "generation_kw"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -18,13 +18,12 @@ from bess.simulation.analysis.services import (
     site_saving_eur,
 )
 from bess.simulation.record.dataset import check_record, study_of
+from bess.simulation.record.result import Result, record_of
 from bess.system.terms import SettlementTerms
 from bess.units import KWH_PER_MWH
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from bess.simulation.record import Result
 
 
 REVENUES: Final = ("discharge_revenue_eur", "capacity_revenue_eur", "position_revenue_eur")
@@ -81,7 +80,7 @@ def ledger(result: Result | xr.Dataset) -> xr.Dataset:
     """
     import xarray as xr
 
-    dataset: Any = getattr(result, "dataset", result)
+    dataset = record_of(result, "ledger")
     return xr.Dataset(
         {name: ("time", values, {"units": "EUR"}) for name, values in settled(dataset).items()},
         {"time": dataset["time"]},
@@ -97,7 +96,7 @@ def settled(dataset: xr.Dataset) -> dict[str, Array]:
     InputError
         The record has no prices.
     """
-    if not hasattr(dataset, "data_vars") or not has_prices(dataset):
+    if not has_prices(dataset):
         raise InputError("settlement: the record has no prices (price_eur_mwh), as market studies have them")
     check_record(dataset, ("demand_kw", "delivered_kw", "inverter_starts"), "settlement")
     entries = dict(_entries(dataset, recorded_terms(dataset)))

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -23,13 +23,12 @@ from bess.simulation.analysis.kpis import kpis
 from bess.simulation.analysis.services import is_reserve, is_site, unprovable
 from bess.simulation.hindsight.bound import LossWeights, lower_bound
 from bess.simulation.hindsight.replay import Replay
+from bess.simulation.record.result import Result, record_of
 from bess.system import System
 from bess.units import KWH_PER_MWH
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from bess.simulation.record import Result
 
 Effort = Literal["quick", "thorough"]
 
@@ -108,12 +107,7 @@ def hindsight(result: Result | xr.Dataset, effort: Effort = "quick") -> Hindsigh
     """
     if effort not in ("quick", "thorough"):
         raise InputError(f'hindsight: effort = {effort!r}: must be "quick" or "thorough"')
-    record: Any = getattr(result, "dataset", result)
-    if not hasattr(record, "data_vars"):
-        raise InputError(
-            "hindsight needs a result of bess.run or bess.open_result, or its dataset, not "
-            f"{type(result).__name__}"
-        )
+    record = record_of(result, "hindsight")
     return benchmark(Replay.of(record, getattr(result, "system", None)), effort)
 
 
@@ -128,23 +122,34 @@ def benchmark(replay: Replay, effort: Effort = "quick") -> Hindsight:
     record = replay.record
     if reason := unprovable(record):
         raise InputError(f"hindsight: {reason}")
-    fine = True if effort == "thorough" else None
-    bound_kwh = _bound(replay, None, fine)
-    dt_h = replay.inputs.grid.dt_h
+    inputs = replay.inputs
+    bound = partial(
+        lower_bound,
+        replay.system,
+        replay.system.initial_state(),
+        replay.served_kw,
+        inputs.limit_kw,
+        inputs.ambient_c,
+        step_s=inputs.grid.step_s,
+        law=replay.study.run.derating_law,
+        fine=True if effort == "thorough" else None,
+    )
+    bound_kwh = bound()
+    dt_h = inputs.grid.dt_h
     hours, passes = _SEARCH[effort]
-    steps = max(1, min(round(hours / dt_h), replay.inputs.grid.n_steps, MAX_STEPS))
+    steps = max(1, min(round(hours / dt_h), inputs.grid.n_steps, MAX_STEPS))
     plans = FunctionPolicy(_Plans(replay.system, steps, dt_h, passes))
     figures = {"this run": kpis(record), **replay.rules}
     figures[f"a plan of {steps * dt_h:g} h"] = kpis(replay.under(plans, steps))
     found_by = min(figures, key=lambda name: figures[name]["lost_kwh"])
     money = {}
-    price = replay.inputs.price_eur_mwh
+    price = inputs.price_eur_mwh
     if price is not None and not (is_reserve(record) or is_site(record)):
         ideal_eur, wear_eur, worth = _value(replay, price)
         money = {
             "lost_eur": ideal_eur - figures["this run"]["net_eur"],
             "found_eur": ideal_eur - max(each["net_eur"] for each in figures.values()),
-            "bound_eur": wear_eur + _bound(replay, worth, fine),
+            "bound_eur": wear_eur + bound(worth=worth),
         }
     return Hindsight(
         lost_kwh=figures["this run"]["lost_kwh"],
@@ -164,12 +169,12 @@ class _Plans:
         self._prices = PlanPrices.energy(goals, system.n_strings, n_steps)
         self._followed = max(1, int(_FOLLOWED * n_steps))
         self._requests: Iterator[Array] = iter(())
-        self._limit_kw: Array | None = None
+        self._limit_kw = np.zeros(0)
 
     def __call__(self, inputs: PolicyInput) -> Array:
         """Set-points of the next step [kW]."""
-        same = self._limit_kw is not None and np.array_equal(self._limit_kw, inputs.limit_kw)
-        request_kw = next(self._requests, None) if same else None
+        same_limits = np.array_equal(self._limit_kw, inputs.limit_kw)
+        request_kw = next(self._requests, None) if same_limits else None
         if request_kw is None:
             plan = self._make()(
                 inputs.state,
@@ -184,33 +189,11 @@ class _Plans:
         return request_kw.copy()
 
 
-def _bound(replay: Replay, worth: LossWeights | None, fine: bool | None) -> float:
-    inputs = replay.inputs
-    return lower_bound(
-        replay.system,
-        replay.system.initial_state(),
-        replay.served_kw,
-        inputs.limit_kw,
-        inputs.ambient_c,
-        step_s=inputs.grid.step_s,
-        law=replay.study.run.derating_law,
-        worth=worth,
-        fine=fine,
-    )
-
-
 def _value(replay: Replay, price: Array) -> tuple[float, float, LossWeights]:
-    """Value of energy in each step of a run with prices, by its settlement terms.
+    """Return the net income of a plant that delivers all demand within its power without losses [EUR].
 
-    Returns
-    -------
-    ideal_eur : float
-        Net income of a plant that delivers all demand within its power without losses.
-    wear_eur : float
-        Wear cost of that delivery at a price per MWh discharged.
-    worth : LossWeights
-        Cost of the difference from that delivery. It excludes starts and the wear of cell models, which never
-        reduce the cost.
+    Also its wear cost at a price per MWh discharged, and the costs of any difference from this delivery, by
+    the settlement terms; without starts and the wear of cell models, which never reduce the cost.
     """
     terms, served_kw = replay.study.settlement, replay.served_kw
     asked_kw: Array = replay.record["demand_kw"].values

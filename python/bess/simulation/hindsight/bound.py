@@ -3,6 +3,7 @@
 The variables are means over control steps, summed over identical strings: delivered power ``p``, inverter
 loss ``w``, heat ``h``, number ``o`` of inverters that are on, sum ``q`` of their temperature excesses
 ``theta``, sum ``s`` of all excesses, and, for each level of charge, chemical power ``x`` and energy ``e``.
+Charging below the inverter loss takes the power ``burnt``, discharges each level by ``y`` and heats by ``n``.
 Every operation of the plant satisfies all rows at no lower cost; ``docs/hindsight.md`` has the proof.
 """
 
@@ -196,17 +197,17 @@ def _group(
     full_kwh = count * string.energy_kwh
     max_x = np.where(discharging[:, None], full_kwh / (ratio * dt_h), asked_kw[:, None])
     max_h = np.where(discharging, max_x.sum(axis=1), asked_kw)
-    spared = np.where(discharging, standby * string.standby_kw, 0.0)
+    saved_standby = np.where(discharging, standby * string.standby_kw, 0.0)
     x = program.add((steps, levels), upper=max_x)
     e = program.add((steps, levels), upper=full_kwh)
-    o = program.add(steps, upper=np.where(max_kw > 0.0, count, 0.0), cost=-spared * dt_h)
+    o = program.add(steps, upper=np.where(max_kw > 0.0, count, 0.0), cost=-saved_standby * dt_h)
     q = program.add(steps, upper=count * string.hottest_k)
     s = program.add(steps, upper=count * MAX_TEMPERATURE_K)
     p = program.add(steps, upper=np.minimum(count * max_kw, asked_kw), cost=-undelivered * dt_h)
     w = program.add(steps, upper=count * string.nominal_kw, cost=loss * dt_h)
     h = program.add(steps, upper=max_h, cost=loss * dt_h)
     # Strings charged with less than their inverter loss take power without storing it, and warm slightly.
-    burnt_kw, burnt_heat_kw = (np.where(discharging, 0.0, count * most) for most in string.burnt_kw)
+    burnt_kw, burnt_heat_kw = (np.where(discharging, 0.0, count * power_kw) for power_kw in string.burnt_kw)
     burnt = program.add(steps, upper=np.minimum(burnt_kw, asked_kw), cost=(loss - undelivered) * dt_h)
     drained_kw = burnt_kw + burnt_heat_kw
     y = program.add((steps, levels), upper=drained_kw[:, None], cost=(loss * dt_h)[:, None])
@@ -290,23 +291,13 @@ _PULSE_K = 10.0
 
 
 def _cooling(system: System, step_s: float) -> Array:
-    """Identify bounds on the temperature excess ``theta`` of each string, the mean over its nodes.
+    """Identify the rates ``keeps``, ``takes`` and ``heats`` [K/kW] of each string, ``(n_strings, 3)``.
 
-    Over one control step, ``theta' <= keeps theta + takes (ambient excess) + heats heat``. An idle plant
-    shows the rates: warm one node at a time and simulate a step. Strings do not exchange heat, so each node
-    number is tested on all strings at once.
-
-    Returns
-    -------
-    ndarray, shape (n_strings, 3)
-        ``keeps``: maximum remaining share of ``theta`` after a control step, for any node; ``takes``: share
-        of the ambient's excess; ``heats``: increase of ``theta`` per heat over the step [K/kW].
-
-    Raises
-    ------
-    InputError
-        The system has a section ``[cooling]``, for which the response is not linear. Or it has heat other
-        than ``R I^2``, which warms the cells and lowers the resistance below the assumed value.
+    Over one control step, ``theta' <= keeps theta + takes (ambient excess) + heats heat`` for the temperature
+    excess ``theta``, the mean over the nodes of a string. An idle plant shows the rates: warm one node at a
+    time and simulate a step. Strings do not exchange heat, so each node number is tested on all strings at
+    once. Cooling with a control is not linear, and other heat than ``R I^2`` warms the cells and lowers the
+    resistance below the assumed value; both are refused.
     """
     if system.cooling is not None:
         raise InputError(
@@ -322,12 +313,12 @@ def _cooling(system: System, step_s: float) -> Array:
     count = int(nodes.max())
     ambient_c = 20.0
     state = State(np.mean(system.soc_window, axis=0), np.full(system.n_strings, ambient_c))
-    fleet = PlantEnsemble(system, [state] * count, ambient_c=ambient_c)
-    snapshot = fleet.snapshot()
+    ensemble = PlantEnsemble(system, [state] * count, ambient_c=ambient_c)
+    snapshot = ensemble.snapshot()
     pulses_c = np.array(snapshot.node_temperature_c)
     pulses_c[np.arange(count), :, np.arange(count)] += _PULSE_K
-    fleet.restore(replace(snapshot, node_temperature_c=pulses_c))
-    flows = fleet.step(np.zeros((count, system.n_strings)), step_s)
+    ensemble.restore(replace(snapshot, node_temperature_c=pulses_c))
+    flows = ensemble.step(np.zeros((count, system.n_strings)), step_s)
     assert flows.node_temperature_c is not None
     # left[i, m, j]: share of the excess of node i of string m that is in node j after the step.
     left = np.nan_to_num((flows.node_temperature_c - ambient_c) / _PULSE_K)
@@ -351,14 +342,14 @@ class Program(LinearProgram):
         """Return a lower bound on the optimum, valid for any accuracy of the solver.
 
         For row multipliers ``y >= 0``, every feasible point costs at least
-        ``-y @ most + sum_j min(0, (cost + y @ rows)_j upper_j)``.
+        ``-y @ row_limits + sum_j min(0, (cost + y @ rows)_j upper_j)``.
         """
         cost, _, upper = self.data()
-        cells, most = self.rows()
+        cells, row_limits = self.rows()
         rows, size = cells.tocsc(), cost.size
         unit = sparse.eye_array(size, format="csc")
         every = sparse.csc_matrix(sparse.vstack([rows, unit, -unit], format="csc"))
-        limits = np.concatenate([most, upper, np.zeros(size)])
+        limits = np.concatenate([row_limits, upper, np.zeros(size)])
         settings = clarabel.DefaultSettings()
         settings.verbose = False
         # The bound is valid for any multipliers; these make it tight.
@@ -372,8 +363,8 @@ class Program(LinearProgram):
             [clarabel.NonnegativeConeT(limits.size)],
             settings,
         ).solve()
-        multiplier = np.maximum(np.array(answer.z)[: most.size], 0.0)
+        multiplier = np.maximum(np.array(answer.z)[: row_limits.size], 0.0)
         if not np.isfinite(multiplier).all():
-            multiplier = np.zeros(most.size)
+            multiplier = np.zeros(row_limits.size)
         reduced = cost + rows.T @ multiplier
-        return float(np.minimum(reduced * upper, 0.0).sum() - multiplier @ most)
+        return float(np.minimum(reduced * upper, 0.0).sum() - multiplier @ row_limits)

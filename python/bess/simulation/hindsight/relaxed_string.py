@@ -119,9 +119,9 @@ def relaxed_string(
     coldest_c: float,
     plant_step_s: float,
     law: Law,
-    fine: bool = True,
-    soh_capacity: float = 1.0,
-    soh_resistance: float = 1.0,
+    fine: bool,
+    soh_capacity: float,
+    soh_resistance: float,
 ) -> RelaxedString:
     """Return the coefficients of minimum loss from the tables of a string.
 

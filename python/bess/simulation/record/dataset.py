@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bess import __version__
+from bess.arrays import Array
 from bess.control.wear import WearPrices
 from bess.errors import InputError
 from bess.plant import Flows, Limit
@@ -141,13 +142,8 @@ _BOOK_KEEPING_BYTES = 1 << 18
 _ZEROS = bytes(1 << 20)
 
 
-def write_netcdf(
-    path: Path, frame: Mapping[str, Any], records: Iterator[tuple[int, Record]], n_steps: int | None = None
-) -> None:
-    """Write ``records`` (first step and arrays of consecutive steps) one after the other.
-
-    ``frame`` is that of :func:`describe_frame`; ``n_steps`` is the number of its steps that are written, by
-    default all.
+def write_netcdf(path: Path, frame: Mapping[str, Any], records: Iterator[tuple[int, Record]]) -> None:
+    """Write ``records`` (first step and arrays of consecutive steps) in a frame of :func:`describe_frame`.
 
     Raises
     ------
@@ -158,7 +154,7 @@ def write_netcdf(
 
     batches = _batches(records)
     first_batch = next(batches)
-    n_steps = frame["n_steps"] if n_steps is None else n_steps
+    n_steps = frame["n_steps"]
     more_attrs = {
         "limits": _flags("flag_masks", frame["limit_flags"]),
         "solver_status": _flags("flag_values", frame["statuses"]),
@@ -233,7 +229,7 @@ def describe_frame(
     study: Study, system: System, grid: TimeGrid, statuses: Mapping[int, str]
 ) -> dict[str, Any]:
     """Plain values, saved with the parts so that a record can be opened without the files of its study."""
-    stays = [string.wear.at_end_of_life != "retire" for string in system.strings]
+    has_residual = [string.wear.at_end_of_life != "retire" for string in system.strings]
     initial, prices = system.initial_state(), WearPrices.of(system)
     return {
         "start_s": grid.start_s,
@@ -253,7 +249,7 @@ def describe_frame(
             "initial_soh_capacity": initial.soh_capacity.tolist(),
             "initial_soh_resistance": initial.soh_resistance.tolist(),
             "wear_eur_per_loss": prices.eur_per_loss.tolist(),
-            "residual_eur_per_soh": np.where(stays, prices.eur_per_loss, 0.0).tolist(),
+            "residual_eur_per_soh": np.where(has_residual, prices.eur_per_loss, 0.0).tolist(),
             "end_of_life_soh": prices.end_of_life.tolist(),
         },
         "statuses": {str(code): text for code, text in statuses.items()},
@@ -266,12 +262,12 @@ def fingerprint(system: System) -> str:
     return sha256_of(json.dumps(system.document, sort_keys=True, default=str).encode())
 
 
-def with_initial(dataset: xr.Dataset, variable: str) -> NDArray[np.float64]:
+def with_initial(dataset: xr.Dataset, variable: str) -> Array:
     """Return the state at the start and at the end of every step, shape ``(n_steps + 1, n_strings)``.
 
     A later part of a run does not contain its initial state: the state after its first step replaces it.
     """
-    states: NDArray[np.float64] = dataset[variable].values
+    states: Array = dataset[variable].values
     if not begins_with_run(dataset):
         return np.concatenate([states[:1], states])
     initial = np.atleast_1d(np.asarray(dataset.attrs[f"initial_{variable}"], dtype=np.float64))
@@ -284,7 +280,7 @@ def study_of(dataset: xr.Dataset) -> dict[str, Any]:
 
 
 def begins_with_run(dataset: xr.Dataset) -> bool:
-    """Whether a record begins with its run, as one without a start or times is assumed to do."""
+    """Whether a record contains the first step of its run; assumed of a record without start or times."""
     start_s = dataset.attrs.get("start_s")
     return start_s is None or "time" not in dataset.coords or seconds(dataset)[0] == int(start_s)
 
@@ -311,7 +307,7 @@ def check_record(dataset: xr.Dataset, needed: Iterable[str], place: str) -> None
     strings, every = dataset.sizes.get("string", 0), np.size(dataset.attrs.get("initial_soc", ()))
     if every not in (0, strings):
         raise InputError(
-            f"{place}: the record has {strings} of {every} strings; keep all, the demand is theirs in total"
+            f"{place}: the record has {strings} of {every} strings; keep all; the demand is for all strings"
         )
     step_s = round(3600.0 * float(dataset.attrs["step_h"]))
     if dataset["time"].dtype.kind == "M" and (np.diff(seconds(dataset)) != step_s).any():

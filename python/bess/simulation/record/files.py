@@ -127,13 +127,7 @@ def sha256_of(content: bytes) -> str:
 
 
 def sha256(path: Path) -> str:
-    """Return the checksum of a file.
-
-    Raises
-    ------
-    OSError
-        As :func:`open` does.
-    """
+    """Return the checksum of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -181,7 +175,7 @@ def check_file(path: Path) -> None:
     """
     checksums = read_checksums(path.parent)
     if checksums and sha256(path) != checksums.get(path.name):
-        raise ValueError(f"is not what was written, by its checksum in {CHECKSUMS}")
+        raise ValueError(f"its content differs from its checksum in {CHECKSUMS}")
 
 
 def sealed(body: bytes) -> bytes:
@@ -199,5 +193,5 @@ def unsealed(content: bytes) -> bytes:
     """
     checksum, _, body = content.partition(b"\n")
     if sha256_of(body).encode() != checksum:
-        raise ValueError("is not what was written, by its checksum")
+        raise ValueError("its content differs from its checksum")
     return body

@@ -10,15 +10,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bess.arrays import Array
 from bess.display import as_table, one_line
 from bess.errors import InputError
 from bess.optional_dependencies import extra
 from bess.simulation.record.dataset import write_netcdf
 from bess.simulation.record.files import check_file
 from bess.simulation.record.provenance import IDENTITY, read_identity
-from bess.simulation.record.store import parts, records
+from bess.simulation.record.store import records
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -49,7 +49,7 @@ class Result:
     dataset: xr.Dataset
     kpis: dict[str, float]
     directory: Path | None
-    solve_time_s: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    solve_time_s: Array = field(default_factory=lambda: np.zeros(0))
     system: System | None = None
 
     @cached_property
@@ -74,6 +74,23 @@ class Result:
 
     __repr__ = one_line
     _repr_html_ = as_table
+
+
+def record_of(result: Result | xr.Dataset, place: str) -> xr.Dataset:
+    """Return the record of a result, or the dataset given.
+
+    Raises
+    ------
+    InputError
+        The argument is neither, or has no demand.
+    """
+    dataset: Any = getattr(result, "dataset", result)
+    if "demand_kw" not in getattr(dataset, "data_vars", ()):
+        raise InputError(
+            f"{place} needs a result of bess.run or bess.open_result, or its dataset with demand_kw, not "
+            f"{type(result).__name__}"
+        )
+    return dataset  # type: ignore[no-any-return]
 
 
 def open_result(directory: str | Path) -> xr.Dataset:
@@ -101,13 +118,14 @@ def open_result(directory: str | Path) -> xr.Dataset:
         others = f"several runs; open one of {', '.join(names[:8])}{', ...' * (len(names) > 8)}"
         held = f"holds {others if names else 'no run'}" if directory.is_dir() else "no such folder"
         raise InputError(f"{directory}: {held}")
-    saved = parts(directory)
+    saved = list(records(directory))
     if not saved:
         raise InputError(f"{directory}: nothing has been saved yet; continue the run with resume")
-    n_steps = saved[-1].first_step + len(saved[-1].record()["demand_kw"])
+    first, last = saved[-1]
+    frame = identity["frame"] | {"n_steps": first + len(last["demand_kw"])}
     with tempfile.TemporaryDirectory(prefix="bess-") as scratch:
         path = Path(scratch) / RESULTS
-        write_netcdf(path, identity["frame"], records(directory), n_steps)
+        write_netcdf(path, frame, iter(saved))
         with open_netcdf(path) as dataset:
             return dataset.load()
 

@@ -14,7 +14,6 @@ import os
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -41,36 +40,6 @@ def joined(records: Sequence[Record]) -> Record:
     return {name: np.concatenate([record[name] for record in records]) for name in records[0]}
 
 
-@dataclass(frozen=True)
-class Part:
-    """Some consecutive steps of the record."""
-
-    path: Path
-
-    @property
-    def first_step(self) -> int:
-        """Index of its first step; the file is named after it."""
-        return int(self.path.stem)
-
-    def record(self) -> Record:
-        """Arrays with the steps along the first axis."""
-        arrays = self._read()
-        return {name.removeprefix(_RECORD): arrays[name] for name in arrays if name.startswith(_RECORD)}
-
-    def checkpoint(self) -> dict[str, Any]:
-        """State of the closed loop after its last step."""
-        return from_json(self._read()[_CHECKPOINT].tobytes())
-
-    def _read(self) -> Record:
-        try:
-            with np.load(io.BytesIO(unsealed(self.path.read_bytes())), allow_pickle=False) as archive:
-                return dict(archive)
-        except (OSError, ValueError, MemoryError) as error:
-            raise InputError(
-                f"{self.path}: damaged ({error}); delete it and all later parts, then resume"
-            ) from error
-
-
 def write_part(directory: Path, first_step: int, record: Record, checkpoint: Mapping[str, Any]) -> None:
     """Save steps from ``first_step`` on, and the state after them, with one atomic write."""
     arrays = {_RECORD + name: array for name, array in record.items()}
@@ -82,9 +51,26 @@ def write_part(directory: Path, first_step: int, record: Record, checkpoint: Map
     write_bytes(directory / PARTS / f"{first_step:08d}.npz", sealed(buffer.getvalue()))
 
 
-def parts(directory: Path) -> list[Part]:
-    """Parts in the order of their steps."""
-    return [Part(path) for path in sorted((directory / PARTS).glob("*.npz"))]
+def parts(directory: Path) -> list[Path]:
+    """Files of the parts in the order of their steps; each is named after its first step."""
+    return sorted((directory / PARTS).glob("*.npz"))
+
+
+def read_part(path: Path) -> tuple[Record, dict[str, Any]]:
+    """Return the arrays of a part, with the steps along the first axis, and the checkpoint after them.
+
+    Raises
+    ------
+    InputError
+        The file is damaged.
+    """
+    try:
+        with np.load(io.BytesIO(unsealed(path.read_bytes())), allow_pickle=False) as archive:
+            arrays = dict(archive)
+    except (OSError, ValueError, MemoryError) as error:
+        raise InputError(f"{path}: damaged ({error}); delete it and all later parts, then resume") from error
+    checkpoint = from_json(arrays.pop(_CHECKPOINT).tobytes())
+    return {name.removeprefix(_RECORD): values for name, values in arrays.items()}, checkpoint
 
 
 def records(directory: Path) -> Iterator[tuple[int, Record]]:
@@ -96,21 +82,21 @@ def records(directory: Path) -> Iterator[tuple[int, Record]]:
         A part is damaged or missing.
     """
     step = 0
-    for part in parts(directory):
-        if part.first_step != step:
+    for path in parts(directory):
+        if int(path.stem) != step:
             raise InputError(
-                f"{part.path}: the part before it, from step {step} on, is missing; delete it and all later "
+                f"{path}: the part before it, from step {step} on, is missing; delete it and all later "
                 f"parts, then resume"
             )
-        record = part.record()
+        record, _ = read_part(path)
         yield step, record
         step += len(record["demand_kw"])
 
 
 def remove_parts(directory: Path) -> None:
     """Delete the parts, newest first, so that the record remains gap-free after a crash."""
-    for part in reversed(parts(directory)):
-        part.path.unlink()
+    for path in reversed(parts(directory)):
+        path.unlink()
     shutil.rmtree(directory / PARTS, ignore_errors=True)
 
 
