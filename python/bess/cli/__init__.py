@@ -1,4 +1,4 @@
-"""The command line: ``bess run``, ``sweep``, ``report``, ``check``, ``list``."""
+"""The command line ``bess``."""
 
 from bess.cli.main import main
 

@@ -29,13 +29,7 @@ _PAGE_AFTER_S: Final = 2.0
 
 
 def demo_plant(study: Study, kind: PlantKind, port: int | None, speed: float) -> None:
-    """Serve the plant of a study on the loopback interface and print its state every few seconds.
-
-    Raises
-    ------
-    InputError
-        For a port in use, an invalid speed or a missing extra.
-    """
+    """Serve the plant of a study on the loopback interface and print its state every few seconds."""
     plant = _plant(study, speed)
     with _listening(plant, kind, port) as address:
         print(f"Simulated plant with {plant.n_strings} strings at {speed:g} times real time. Control it with")
@@ -50,13 +44,7 @@ def demo_plant(study: Study, kind: PlantKind, port: int | None, speed: float) ->
 
 
 def serve_demo(study: Study, kind: PlantKind, port: int | None, speed: float, folder: Path) -> None:
-    """Serve the plant of a study and control it in the same process; open the live page.
-
-    Raises
-    ------
-    InputError
-        As :func:`demo_plant`, or from the service.
-    """
+    """Serve the plant of a study and control it in the same process; open the live page."""
     with extra("plant", "a simulated plant"):
         from bess.edge.serve.run import serve
 

@@ -46,9 +46,6 @@ def runs_of(directories: Iterable[Path]) -> dict[str, Run]:
     return runs
 
 
-_CONSOLE_WIDTH = 100_000
-
-
 def kpi_table(kpis: KpisByRun) -> str:
     """Return a table with one column per run and grouped rows, without missing KPIs and details."""
     table = Table("", "", box=None, pad_edge=False)
@@ -62,10 +59,9 @@ def kpi_table(kpis: KpisByRun) -> str:
             numbers = (entry.number(values.get(name, math.nan)) for values in kpis.values())
             table.add_row(*(Text(cell) for cell in (f"  {entry.label}", entry.unit, *numbers)))
     # Full width: a terminal may wrap the lines, a file keeps them.
-    console = Console(file=io.StringIO(), width=_CONSOLE_WIDTH, color_system=None)
-    with console.capture() as capture:
-        console.print(table)
-    return "\n".join(line.rstrip() for line in capture.get().splitlines())
+    text = io.StringIO()
+    Console(file=text, width=100_000, color_system=None).print(table)
+    return "\n".join(line.rstrip() for line in text.getvalue().splitlines())
 
 
 def export(directory: Path, kind: Literal["csv", "parquet"]) -> list[Path]:
@@ -73,11 +69,6 @@ def export(directory: Path, kind: Literal["csv", "parquet"]) -> list[Path]:
 
     The table has one row per step, ``time`` in UTC, and one column per string or node, such as
     ``delivered_kw.0`` or ``node_temperature_c.0.15``. The folder is of runs or of a plant journal.
-
-    Raises
-    ------
-    InputError
-        If the folder has no run, or the Parquet library is not installed.
     """
     from bess.edge.plant_io.journal import is_journal, open_journal
 
@@ -93,7 +84,7 @@ def export(directory: Path, kind: Literal["csv", "parquet"]) -> list[Path]:
     for folder in folders.values():
         path = folder / f"record.{kind}"
         with opened(folder) as dataset:
-            frame = table_of(dataset)
+            frame = _table(dataset)
         with clear_errors(path), replacing(path) as temporary:
             if kind == "csv":
                 whole = (frame["time"].dt.microsecond == 0).all()
@@ -106,7 +97,7 @@ def export(directory: Path, kind: Literal["csv", "parquet"]) -> list[Path]:
     return written
 
 
-def table_of(dataset: xr.Dataset) -> pd.DataFrame:
+def _table(dataset: xr.Dataset) -> pd.DataFrame:
     """Return a record as a table with one row per step."""
     import pandas as pd
 

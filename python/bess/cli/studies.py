@@ -37,13 +37,7 @@ _SPLIT_S: Final = 1e-3
 
 
 def findings(study: Study) -> Iterator[str]:
-    """Yield readable findings, line by line.
-
-    Raises
-    ------
-    InputError
-        For the first problem in any run.
-    """
+    """Yield the facts of each run of a study, line by line; raise InputError for the first problem."""
     runs = expand(study)
     seen = None
     for name, each in runs.items():
@@ -93,16 +87,8 @@ def _seconds(study: Study, inputs: Inputs) -> float:
 def listing(words: Sequence[str] = ()) -> str:
     """Return bundled entries by kind; systems, cells and inverters with source and licence.
 
-    Parameters
-    ----------
-    words
-        Optional kind first (:data:`KINDS`, or its singular); the name or text of each returned entry
-        contains every other word, ignoring case.
-
-    Raises
-    ------
-    InputError
-        If no entry contains all words.
+    The first of ``words`` may be a kind (:data:`KINDS`, or its singular). The name or text of each entry
+    contains every other word, ignoring case; InputError if there is no such entry.
     """
     kind = next((kind for kind in KINDS if words and kind.startswith(_stem(words[0]))), None)
     wanted = [word.casefold() for word in (words if kind is None else words[1:])]
