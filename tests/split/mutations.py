@@ -94,7 +94,7 @@ PYTHON = [
     ("a string that has to run is off", GROUP, 'values[self._columns["on"]] = flag("must_run")', 'values[self._columns["on"]] = 0.0'),
     ("what may be shed is held at zero", GROUP, 'fixed[self._columns["a"][~sheds & (cells', 'fixed[self._columns["a"][True | (cells'),
     ("steps are cut as if nothing were shed", GROUP, "np.minimum(shed_kw.sum(axis=0), budget_kw)", "np.zeros(shed_kw.shape[1])"),
-    ("the shed budget is halved", GROUP, "cutoff.ceilings[g] / cost[g, :, 0].min()", "0.5 * cutoff.ceilings[g] / cost[g, :, 0].min()"),
+    ("the shed budget is halved", GROUP, "append(ceilings[g] / cost[g, :, 0].min()", "append(0.5 * ceilings[g] / cost[g, :, 0].min()"),
     ("ceilings of earlier groups are halved", GROUP, "ceilings[g] / units[g] if active", "0.5 * ceilings[g] / units[g] if active"),
     ("a node's bound is a per cent too high", GROUP, "min(answer.bound * self.unit, cutoff)", "min(1.01 * answer.bound * self.unit, cutoff)"),
     ("a closed gap reports the larger of bound and best", TREE, "TreeResult(closure, min(bound, best)", "TreeResult(closure, max(bound, best)"),
