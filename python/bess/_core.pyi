@@ -3,6 +3,8 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from bess.system import State
+
 _Array = NDArray[np.float64]
 
 __all__ = [
@@ -23,7 +25,6 @@ __all__ = [
     "StepBounds",
     "Store",
     "System",
-    "TightenedBounds",
     "TrackedArrays",
     "ageing_models",
     "cooling_kinds",
@@ -203,12 +204,6 @@ class SplitAnswer:
     rollouts: int
 
 @final
-class TightenedBounds:
-    bound: float
-    boxes: StateBoxes
-    may_shed: NDArray[np.bool_]
-
-@final
 class StepBounds:
     phi: _Array
     shed_slope: _Array
@@ -242,7 +237,9 @@ class ControlHorizon:
     def greedy(self) -> _Array: ...
     def reachable(self) -> StateBoxes: ...
     def step_bounds(self, boxes: StateBoxes, costs: _Array, budget_kw: _Array) -> StepBounds: ...
-    def tighten(self, request_kw: _Array, costs: _Array, shed_budget_kw: float) -> TightenedBounds: ...
+    def tighten(
+        self, request_kw: _Array, costs: _Array, shed_budget_kw: float
+    ) -> tuple[float, StateBoxes, NDArray[np.bool_]]: ...
     def n_kinds(self) -> int: ...
     def priced_bound(self, ceilings: _Array, objective: float, sample: int) -> float: ...
     def root(self, boxes: StateBoxes) -> Node: ...
@@ -311,15 +308,7 @@ class Rule:
         nominal_energy_kwh: _Array,
         stop_c: _Array,
     ) -> Rule: ...
-    def split(
-        self,
-        soc: _Array,
-        temperature_c: _Array,
-        soh_capacity: _Array,
-        soh_resistance: _Array,
-        limit_kw: _Array,
-        demand_kw: float,
-    ) -> _Array: ...
+    def split(self, state: State, limit_kw: _Array, demand_kw: float) -> _Array: ...
     def run(
         self, plant: Plant, demand_kw: _Array, limit_kw: _Array, ambient_c: _Array, duration_s: float
     ) -> dict[str, NDArray[Any]]: ...
@@ -330,16 +319,7 @@ class Explicit:
     DECISION: str
     def __new__(cls, tables: dict[str, Any]) -> Explicit: ...
     def demand_features(self, ahead_kw: _Array) -> _Array: ...
-    def split(
-        self,
-        weights: _Array,
-        soc: _Array,
-        temperature_c: _Array,
-        soh_capacity: _Array,
-        soh_resistance: _Array,
-        limit_kw: _Array,
-        ahead_kw: _Array,
-    ) -> _Array: ...
+    def split(self, weights: _Array, state: State, limit_kw: _Array, ahead_kw: _Array) -> _Array: ...
     def run(
         self,
         plant: Plant,

@@ -120,9 +120,9 @@ def test_relaxations_count_what_is_bounded_and_hold_earlier_groups_under_their_c
     )
     asked, certified = [], {}
 
-    def recorded(problem, control, constants, cost, cutoff, *rest, frozen=False):
-        asked.append((not frozen, cost, list(cutoff.ceilings)))
-        return RelaxedGroup(problem, control, constants, cost, cutoff, *rest, frozen=frozen)
+    def recorded(problem, control, constants, cost, ceilings, *rest, frozen=False):
+        asked.append((not frozen, cost, list(ceilings)))
+        return RelaxedGroup(problem, control, constants, cost, ceilings, *rest, frozen=frozen)
 
     def last(constants, problem, control, answer, costs, *rest):
         asked.clear()

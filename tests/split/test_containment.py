@@ -21,7 +21,7 @@ from bess.control.split.objectives import Costs
 from bess.control.split.problem import SplitProblem
 from bess.control.split.relaxation.branching import MIN_KW
 from bess.control.split.relaxation.data import THETA_UNIT_K, THETA_ZERO_C, PlantConstants
-from bess.control.split.relaxation.group import Cutoff, RelaxedGroup
+from bess.control.split.relaxation.group import RelaxedGroup
 
 SIZES = [(1, 2), (2, 3), (3, 2)]
 """Strings and steps: few sizes, because each is compiled once."""
@@ -216,11 +216,11 @@ def check_rows(schedules: Schedules, inside: NDArray[np.bool_], node: _core.Node
     objectives = case.horizon.evaluate(schedules.requests)[inside]
     near = points(schedules.soc[inside][0], schedules.temperature_c[inside][0])
     constants = PlantConstants.of(problem.system, DT_H)
-    cutoff = Cutoff([objectives[:, 0].max()], np.inf)
+    limits = [objectives[:, 0].max()], np.inf
     relaxed = RelaxedGroup(
-        problem, case.horizon, constants, case.costs, cutoff, near, lambda request_pu, on: None
+        problem, case.horizon, constants, case.costs, *limits, near, lambda request_pu, on: None
     )
-    data, fixed, settled = relaxed.instance(node, relaxed.cells(node), budget_kw)
+    _, (data, fixed, settled) = relaxed.instance(node, budget_kw)
     program = relaxed.program
     shape = data.b.size, program.n_columns
     matrix = sp.csr_array((data.values, (data.pattern.rows, data.pattern.columns)), shape=shape)
@@ -268,12 +268,12 @@ def check(seed: int) -> None:
 
     known = int(rng.integers(SCHEDULES))
     total, shed = cost.sum(axis=1), shed_kw.sum(axis=1)
-    tightened = horizon.tighten(schedules.requests[known], case.costs[1], shed[known])
+    bound, boxes, may_shed = horizon.tighten(schedules.requests[known], case.costs[1], shed[known])
     allowed = shed <= shed[known]
-    assert np.all(total[allowed] >= tightened.bound)
+    assert np.all(total[allowed] >= bound)
     no_worse = allowed & (total <= total[known])
-    assert schedules.inside(tightened.boxes)[no_worse].all()
-    assert not np.any(schedules.sheds[no_worse] & ~tightened.may_shed)
+    assert schedules.inside(boxes)[no_worse].all()
+    assert not np.any(schedules.sheds[no_worse] & ~may_shed)
 
 
 @pytest.mark.parametrize("seed", [*range(150), 1133])

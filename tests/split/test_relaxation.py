@@ -16,7 +16,7 @@ from bess.control.split import tree
 from bess.control.split.normalisation import constant_scale
 from bess.control.split.problem import SplitProblem
 from bess.control.split.relaxation.data import PlantConstants
-from bess.control.split.relaxation.group import Cutoff, RelaxedGroup
+from bess.control.split.relaxation.group import RelaxedGroup
 
 NODES = 400
 
@@ -46,7 +46,8 @@ def objective_and_bounds(
             control,
             PlantConstants.of(system, 0.25),
             costs.reported,
-            Cutoff([], np.inf),
+            [],
+            np.inf,
             schedule,
             lambda request_pu, on: None,
             frozen=frozen,

@@ -27,7 +27,6 @@ mod reach;
 mod reactive;
 mod rules;
 mod search;
-mod split;
 
 pub use dispatch::{DispatchBlock, DispatchProblem, Store, StoreGrid, StoreState};
 pub use explicit::{ExplicitLaw, Measured, Tables, DECISION, N_FEATURES, N_WEIGHTS};
@@ -37,7 +36,6 @@ pub use model::{
     MAX_GROUPS,
 };
 pub use plan::{Groups, Plan, PlanEffort, PlanProblem, Prices};
-pub use reach::{Cell, GroupBounds, LossUnits, NarrowNode, Node, StepBound, StepBounds, TightenedBounds};
+pub use reach::{Cell, GroupBounds, LossUnits, Node, StepBound, StepBounds, TightenedBounds};
 pub use rules::{water_fill, Rule, RuleLaw};
-pub use search::{Effort, Incumbent, Schedule};
-pub use split::Split;
+pub use search::{Effort, Incumbent, Schedule, Split};

@@ -1,5 +1,7 @@
 //! Rules: the demand of one step allocated without forecast, in closed loop and as starts of plans.
 
+use std::sync::Arc;
+
 use bess_tables::units::W_PER_KW;
 use bess_tables::{Direction, InputError, System};
 
@@ -28,7 +30,7 @@ impl Rule {
 
     /// Powers of `total` within `caps`, in any unit. `left` (energy that is left in the direction of power) and `cool`
     /// (nominal power times the distance from full derating) are the weights of a string; rotation begins with `first`.
-    /// What exceeds all caps is added within the `limits`, if it exceeds `crumbs` of the total.
+    /// Power above all caps is added within the `limits`, if it exceeds a share `crumbs` of the total.
     pub(crate) fn allocate(
         self,
         total: f64,
@@ -107,28 +109,42 @@ pub fn water_fill(total: f64, weights: &[f64], caps: &[f64]) -> Vec<f64> {
 /// A rule of a plant; arrays have one value for each string.
 #[derive(Debug, Clone)]
 pub struct RuleLaw {
-    /// The rule.
-    pub rule: Rule,
-    /// Control step [h].
-    pub dt_h: f64,
-    /// Nominal power [kW].
-    pub nominal_kw: Vec<f64>,
-    /// Energy when new [kWh].
-    pub nominal_energy_kwh: Vec<f64>,
-    /// Temperature of full derating [degC].
-    pub stop_c: Vec<f64>,
+    rule: Rule,
+    dt_h: f64,
+    nominal_kw: Vec<f64>,
+    nominal_energy_kwh: Vec<f64>,
+    stop_c: Vec<f64>,
+    system: Arc<System>,
+    /// The model of new strings.
+    fresh: ControlModel,
 }
 
 impl RuleLaw {
-    /// Checks the lengths of the arrays.
+    /// A rule for control steps of `dt_h`, with nominal power [kW], energy when new [kWh] and temperature of full derating
+    /// [degC] of each string.
     ///
     /// # Errors
     ///
-    /// An array of another length.
-    pub fn check(&self, n_strings: usize) -> Result<(), InputError> {
-        check_length("nominal", &self.nominal_kw, n_strings)?;
-        check_length("nominal energy", &self.nominal_energy_kwh, n_strings)?;
-        check_length("stop", &self.stop_c, n_strings)
+    /// An array does not have one value for each string.
+    pub fn new(
+        system: Arc<System>,
+        rule: Rule,
+        dt_h: f64,
+        nominal_kw: Vec<f64>,
+        nominal_energy_kwh: Vec<f64>,
+        stop_c: Vec<f64>,
+    ) -> Result<Self, InputError> {
+        let n = system.strings.len();
+        check_length("nominal", &nominal_kw, n)?;
+        check_length("nominal energy", &nominal_energy_kwh, n)?;
+        check_length("stop", &stop_c, n)?;
+        let fresh = ControlModel::new(&system);
+        Ok(Self { rule, dt_h, nominal_kw, nominal_energy_kwh, stop_c, system, fresh })
+    }
+
+    /// Number of strings.
+    pub fn n_strings(&self) -> usize {
+        self.nominal_kw.len()
     }
 
     /// Set-points `(M,)` [kW], signed as the demand. Demand above the total capability is requested within the free inverter
@@ -136,14 +152,17 @@ impl RuleLaw {
     ///
     /// # Errors
     ///
-    /// Lengths do not agree, or as [`ControlModel::states`].
-    pub fn split(
-        &self,
-        model: &ControlModel,
-        plant: &Measured<'_>,
-        demand_kw: f64,
-    ) -> Result<Vec<f64>, InputError> {
-        let n = self.nominal_kw.len();
+    /// Lengths do not agree, or as [`System::check_health`] and [`ControlModel::states`].
+    pub fn split(&self, plant: &Measured<'_>, demand_kw: f64) -> Result<Vec<f64>, InputError> {
+        let n = self.n_strings();
+        let is_new = plant.soh_capacity.iter().chain(plant.soh_resistance).all(|&factor| factor == 1.0);
+        let aged = if is_new {
+            None
+        } else {
+            self.system.check_health(plant.soh_capacity, plant.soh_resistance)?;
+            Some(self.fresh.aged(plant.soh_capacity, plant.soh_resistance))
+        };
+        let model = aged.as_ref().unwrap_or(&self.fresh);
         check_length("limit_kw", plant.limit_kw, n)?;
         check_length("soh_capacity", plant.soh_capacity, n)?;
         if demand_kw == 0.0 {
@@ -170,23 +189,6 @@ impl RuleLaw {
         let limit_w: Vec<f64> = plant.limit_kw.iter().map(|limit| limit * W_PER_KW).collect();
         model.set_points(&mut power_kw, &limit_w);
         Ok(power_kw.into_iter().map(|power| (power / W_PER_KW).copysign(demand_kw)).collect())
-    }
-
-    /// The control model `fresh` of a system with its strings at their present health, if they are not new.
-    ///
-    /// # Errors
-    ///
-    /// As [`System::check_health`].
-    pub fn model_at(
-        system: &System,
-        fresh: &ControlModel,
-        plant: &Measured<'_>,
-    ) -> Result<Option<ControlModel>, bess_tables::InputError> {
-        if plant.soh_capacity.iter().chain(plant.soh_resistance).all(|&factor| factor == 1.0) {
-            return Ok(None);
-        }
-        system.check_health(plant.soh_capacity, plant.soh_resistance)?;
-        Ok(Some(fresh.aged(plant.soh_capacity, plant.soh_resistance)))
     }
 }
 

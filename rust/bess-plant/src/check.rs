@@ -13,17 +13,10 @@ pub(crate) fn check_all<T>(name: &str, values: &[T], expected: usize) -> Result<
     }
 }
 
-/// The entry called `name`, or an error with the names that there are.
-pub(crate) fn named<T>(
-    what: &str,
-    name: &str,
-    all: impl Iterator<Item = T> + Clone,
-    name_of: impl Fn(&T) -> &'static str,
-) -> Result<T, InputError> {
-    all.clone().find(|entry| name_of(entry) == name).ok_or_else(|| {
-        let known = all.map(|entry| name_of(&entry)).collect::<Vec<_>>().join(", ");
-        InputError(format!("{what} '{name}' is unknown; there are {known}"))
-    })
+/// Index of `name` among `all`, or an error with the names that there are.
+pub(crate) fn named(what: &str, name: &str, all: &[&str]) -> Result<usize, InputError> {
+    let unknown = || InputError(format!("{what} '{name}' is unknown; there are {}", all.join(", ")));
+    all.iter().position(|entry| *entry == name).ok_or_else(unknown)
 }
 
 /// `value` lies in the closed range `limits`; NaN does not.

@@ -87,11 +87,6 @@ impl Demand {
         (active_w * active_w + self.reactive_var * self.reactive_var).sqrt()
     }
 
-    /// Current at which `operate` settles, the iterate of the measured resistance tables.
-    pub(crate) fn current_a(&self, string: &StringParameters, resistance_ohm: f64) -> f64 {
-        self.operate(string, resistance_ohm).current_a
-    }
-
     fn soc_after(&self, current_a: f64) -> f64 {
         self.soc - current_a * self.step_s / (SECONDS_PER_HOUR * self.capacity_ah)
     }
@@ -139,7 +134,16 @@ fn largest_below(knots: &[f64], reactive: f64, net: impl Fn(f64) -> f64, target:
         let net_low = net(low);
         if net_low <= target {
             if reactive > 0.0 {
-                return halved(low, high, |p| net(p) <= target);
+                let mut holds = low;
+                for _ in 0..HALVINGS {
+                    let middle = 0.5 * (holds + high);
+                    if net(middle) <= target {
+                        holds = middle;
+                    } else {
+                        high = middle;
+                    }
+                }
+                return holds;
             }
             let share = (target - net_low) / (net_high - net_low);
             return (low + share * (high - low)).clamp(low, high);
@@ -147,19 +151,6 @@ fn largest_below(knots: &[f64], reactive: f64, net: impl Fn(f64) -> f64, target:
         (high, net_high) = (low, net_low);
     }
     0.0
-}
-
-/// Bisection: the end of the range in which a condition holds, on the side of `low`; it does not hold at `high`.
-fn halved(mut low: f64, mut high: f64, holds: impl Fn(f64) -> bool) -> f64 {
-    for _ in 0..HALVINGS {
-        let middle = 0.5 * (low + high);
-        if holds(middle) {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    low
 }
 
 #[cfg(test)]

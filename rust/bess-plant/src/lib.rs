@@ -12,9 +12,9 @@
 //! the same plant, are stepped side by side; nothing is allocated per plant step.
 //!
 //! A call of [`Plant::run`] checks its requests (`plant/requests.rs`) into a `Schedule`, which every `Block` of strings
-//! runs from control step to control step (`block/mod.rs`) and, inside these, from plant step to plant step
-//! (`block/step.rs`: the electrical balance of all lanes at once, `electrical.rs` for the lanes that have a limit,
-//! `thermal.rs` for the heat). Flows are summed up in `Totals` and written to the [`Record`]. Where strings share a
+//! runs from control step to control step (`block/any.rs`, which also writes the [`Record`]) and, inside these, from plant
+//! step to plant step (`block/step.rs`: the electrical balance of all lanes at once, `electrical.rs` for the lanes that
+//! have a limit, `thermal.rs` for the heat). Where strings share a
 //! coolant, `cooling/station.rs` steps the blocks in turn, with the coolant between them.
 
 // The helpers that integration tests and benches share name the crate.
@@ -34,9 +34,7 @@ mod line;
 mod measured_resistance;
 mod plant;
 mod record;
-mod schedule;
 mod thermal;
-mod totals;
 
 pub use block::DeratingLaw;
 pub use cooling::CoolingState;

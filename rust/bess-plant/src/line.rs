@@ -22,7 +22,7 @@ impl Line {
         Self { low, high, intercept, slope: 0.0 }
     }
 
-    /// A value that must be asked for again at the next step.
+    /// A value that holds for one step only.
     pub(crate) fn once(value: f64) -> Self {
         Self::constant(f64::INFINITY, f64::NEG_INFINITY, value)
     }

@@ -54,7 +54,7 @@ impl MeasuredResistance {
         resistance
     }
 
-    /// Resistance of the string, were all of it at the temperature of this node [Ohm].
+    /// Resistance of a string with the temperature of this node throughout [Ohm].
     pub(crate) fn node(&self, node: usize) -> f64 {
         let (segment, share) = self.place[node];
         let low = self.row[segment];

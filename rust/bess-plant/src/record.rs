@@ -37,11 +37,11 @@ macro_rules! record {
             /// Temperature of the coolant as it reaches the first string, at the end of the step [degC], in that order; NaN
             /// where a plant has no cooling of its own.
             pub coolant_c: Vec<f64>,
-            /// Reactive power [var], signed as asked; empty where none was asked.
+            /// Reactive power [var], signed as its demand; empty without one.
             pub reactive_var: Vec<f64>,
             /// Limits that were active within the step.
             pub limits: Vec<Limits>,
-            /// Node temperatures at the end of the step [degC], `nodes` values for each lane; empty if not asked for.
+            /// Node temperatures at the end of the step [degC], `nodes` values for each lane; empty if not requested.
             pub node_temperature_c: Vec<f64>,
             /// Lanes of the record.
             pub lanes: usize,

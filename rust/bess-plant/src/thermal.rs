@@ -85,7 +85,7 @@ pub(crate) struct AirPath<const W: usize> {
     air_decay: Lanes<W>,
     air_gain: Lanes<W>,
     pub(crate) temperature: Vec<Lanes<W>>,
-    /// Resistance of the string, were all of it at the temperature of the node [Ohm].
+    /// Resistance of a string with the temperature of the node throughout [Ohm].
     pub(crate) resistance: Vec<Lanes<W>>,
     lines: Vec<Lines<W>>,
     temperature_sum: Lanes<W>,

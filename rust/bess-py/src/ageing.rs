@@ -7,7 +7,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::arrays::{refused, GivenMatrix, GivenVector, Matrix};
-use crate::system::System;
+use crate::model::System;
 
 /// Marginal rates of ageing of the strings of a plant, each by its own model.
 #[pyclass(frozen, module = "bess._core")]

@@ -24,7 +24,6 @@ impl Store {
     #[new]
     #[pyo3(signature = (model, *, energy_kwh, temperature_c, depth, soc, power_kw, request_kw, energies, mass_share, off_kw,
                         capacity_kwh, dt_h, parts, ambient_c, cooling_per_h, by_throughput))]
-    #[allow(clippy::too_many_arguments)]
     fn new(
         model: &ControlModel,
         energy_kwh: GivenVector<'_>,
@@ -72,7 +71,6 @@ impl Store {
     /// shadow prices of cycling [EUR/kWh] where it binds.
     #[pyo3(signature = (state, *, steps, period, ambient_c, is_new, income_eur, share, chance, wear, end_eur_kwh, allowed_kwh,
                         shadow_prices_eur_kwh))]
-    #[allow(clippy::too_many_arguments)]
     fn dispatch(
         &mut self,
         py: Python<'_>,

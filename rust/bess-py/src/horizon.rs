@@ -3,21 +3,225 @@
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use bess_control::{Effort, LossUnits, Losses, SplitProblem};
+use bess_control::{
+    Effort, Flow, LossUnits, Losses, Node as Part, Range, SplitProblem, StateBox, StringState,
+};
 use bess_tables::units::W_PER_KW;
 use numpy::ndarray::Dimension;
 use numpy::PyUntypedArrayMethods;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::answers::{signed_kw, Incumbent, SplitAnswer, StepBounds, TightenedBounds};
 use crate::arrays::{
-    check_shape, matrix, numbers, refused, scaled, watts, Given, GivenCube, GivenMatrix, GivenVector, Matrix,
+    check_shape, flags, kilowatts, matrix, numbers, refused, scaled, vector, watts, Flags, Given, GivenCube,
+    GivenMatrix, GivenVector, Matrix, Vector,
 };
-use crate::flows::FlowArrays;
-use crate::model::ControlModel;
-use crate::nodes::Node;
-use crate::states::StateBoxes;
+use crate::model::{ControlModel, FlowArrays};
+
+/// Ranges of the state of every string `(M, N)` at the start of each step, optionally also at the end of the
+/// last.
+#[pyclass(frozen, module = "bess._core")]
+pub struct StateBoxes {
+    n_strings: usize,
+    boxes: Vec<StateBox>,
+}
+
+impl StateBoxes {
+    /// Number of states of a string.
+    fn n_states(&self) -> usize {
+        self.boxes.len() / self.n_strings.max(1)
+    }
+
+    fn pick(&self, py: Python<'_>, of: fn(&StateBox) -> f64) -> Matrix {
+        matrix(py, self.n_strings, self.boxes.iter().map(of).collect())
+    }
+}
+
+#[pymethods]
+impl StateBoxes {
+    #[new]
+    fn new(
+        soc_low: GivenMatrix<'_>,
+        soc_high: GivenMatrix<'_>,
+        temperature_low_c: GivenMatrix<'_>,
+        temperature_high_c: GivenMatrix<'_>,
+    ) -> PyResult<Self> {
+        let shape = soc_low.shape().to_vec();
+        let arrays = [soc_low, soc_high, temperature_low_c, temperature_high_c];
+        for array in &arrays {
+            check_shape("states", &shape, array.shape())?;
+        }
+        let [soc_low, soc_high, t_low, t_high] = arrays.map(|array| numbers(&array));
+        let boxes: PyResult<Vec<_>> = (0..soc_low.len())
+            .map(|i| {
+                let soc = Range { low: soc_low[i], high: soc_high[i] };
+                let temperature_c = Range { low: t_low[i], high: t_high[i] };
+                if soc.low <= soc.high && temperature_c.low <= temperature_c.high {
+                    Ok(StateBox { soc, temperature_c })
+                } else {
+                    Err(PyValueError::new_err(format!("states: empty box or NaN at position {i}")))
+                }
+            })
+            .collect();
+        Ok(Self { n_strings: shape[0], boxes: boxes? })
+    }
+
+    /// Lower end of the SOC.
+    #[getter]
+    fn soc_low(&self, py: Python<'_>) -> Matrix {
+        self.pick(py, |b| b.soc.low)
+    }
+
+    /// Upper end of the SOC.
+    #[getter]
+    fn soc_high(&self, py: Python<'_>) -> Matrix {
+        self.pick(py, |b| b.soc.high)
+    }
+
+    /// Lower end of the mean temperature [degC].
+    #[getter]
+    fn temperature_low_c(&self, py: Python<'_>) -> Matrix {
+        self.pick(py, |b| b.temperature_c.low)
+    }
+
+    /// Upper end of the mean temperature [degC].
+    #[getter]
+    fn temperature_high_c(&self, py: Python<'_>) -> Matrix {
+        self.pick(py, |b| b.temperature_c.high)
+    }
+}
+
+/// A set of schedules: ranges of the requests `(M, T)` and of the states `(M, T + 1)`.
+#[pyclass(frozen, module = "bess._core")]
+pub struct Node {
+    n_strings: usize,
+    inner: Part,
+}
+
+impl Node {
+    fn pick(&self, py: Python<'_>, of: fn(&Range) -> f64) -> Matrix {
+        matrix(py, self.n_strings, self.inner.requests_w.iter().map(|r| of(r) / W_PER_KW).collect())
+    }
+
+    fn parts(&self, [below, above]: [Part; 2]) -> (Self, Self) {
+        let of = |inner| Self { n_strings: self.n_strings, inner };
+        (of(below), of(above))
+    }
+
+    fn check(&self, string: usize, step: usize, at: f64) -> PyResult<()> {
+        let n_steps = self.inner.requests_w.len() / self.n_strings.max(1);
+        if string < self.n_strings && step < n_steps && at.is_finite() {
+            return Ok(());
+        }
+        let range = format!("{} strings, {n_steps} steps, at a finite value", self.n_strings);
+        Err(PyValueError::new_err(format!("branch: string {string}, step {step}, at {at}: {range}")))
+    }
+
+    fn narrowed(&self) -> PyResult<&Part> {
+        if self.inner.cells.is_empty() {
+            return Err(PyValueError::new_err("node: not narrowed"));
+        }
+        Ok(&self.inner)
+    }
+}
+
+#[pymethods]
+impl Node {
+    /// Minimum request, a magnitude [kW].
+    #[getter]
+    fn request_low_kw(&self, py: Python<'_>) -> Matrix {
+        self.pick(py, |r| r.low)
+    }
+
+    /// Maximum request, a magnitude [kW].
+    #[getter]
+    fn request_high_kw(&self, py: Python<'_>) -> Matrix {
+        self.pick(py, |r| r.high)
+    }
+
+    /// Whether a string may have availability loss in a step.
+    #[getter]
+    fn may_shed(&self, py: Python<'_>) -> Flags {
+        flags(py, self.n_strings, self.inner.may_shed.clone())
+    }
+
+    /// Boxes of the states `(M, T + 1)`.
+    #[getter]
+    fn boxes(&self) -> StateBoxes {
+        StateBoxes { n_strings: self.n_strings, boxes: self.inner.boxes.clone() }
+    }
+
+    /// The parts below and above a request of one string in one step, a magnitude [kW].
+    fn branch_on_request(&self, string: usize, step: usize, at_kw: f64) -> PyResult<(Self, Self)> {
+        self.check(string, step, at_kw)?;
+        Ok(self.parts(self.inner.branch_on_request(string, step, at_kw * W_PER_KW)))
+    }
+
+    /// The parts of a narrowed node in which one string sheds nothing in one step, and in which it ends this
+    /// step full (empty) enough to shed.
+    fn branch_on_full(&self, string: usize, step: usize) -> PyResult<(Self, Self)> {
+        self.check(string, step, 0.0)?;
+        Ok(self.parts(self.narrowed()?.branch_on_full(string, step)))
+    }
+
+    /// The parts below and above an SOC of one string at the start of one step.
+    fn branch_on_soc(&self, string: usize, step: usize, at: f64) -> PyResult<(Self, Self)> {
+        self.check(string, step, at)?;
+        Ok(self.parts(self.inner.branch_on_soc(string, step, at)))
+    }
+}
+
+/// The best schedule of a search so far.
+#[pyclass(frozen, module = "bess._core")]
+pub struct Incumbent {
+    inner: bess_control::Incumbent,
+    /// Requests `(M, T)` [kW, signed].
+    #[pyo3(get)]
+    request_kw: Matrix,
+    /// Objectives of the groups in the costs of the search `(G,)`.
+    #[pyo3(get)]
+    objectives: Vector,
+}
+
+/// Objective and bounds of one group.
+#[pyclass(frozen, get_all, module = "bess._core")]
+pub struct GroupBounds {
+    /// Objective in reported costs.
+    objective: f64,
+    /// Ceiling of this objective while later groups are minimised.
+    ceiling: f64,
+    /// Lower bound of the nonlinear control model.
+    bound: f64,
+    /// Objective in search costs.
+    search_objective: f64,
+    search_ceiling: f64,
+    /// Lower bound of the convexified program, with coefficients frozen along the schedule.
+    search_bound: f64,
+    /// Whether `search_bound` is the optimum of the convexified program.
+    is_search_optimum: bool,
+    /// Boxes of the states of all schedules that are no worse `(M, T + 1)`; None if the bound needs none.
+    boxes: Option<Py<StateBoxes>>,
+}
+
+/// The best schedule found, its flows, and the bounds of each group.
+#[pyclass(frozen, get_all, module = "bess._core")]
+pub struct SplitAnswer {
+    incumbent: Py<Incumbent>,
+    flows: Py<FlowArrays>,
+    groups: Vec<Py<GroupBounds>>,
+    rollouts: usize,
+}
+
+/// Step cuts `cost + shed_slope shed >= phi`.
+#[pyclass(frozen, get_all, module = "bess._core")]
+pub struct StepBounds {
+    /// `(T,)`
+    phi: Vector,
+    /// Maximum saving per availability loss `(T,)` [1/kW].
+    shed_slope: Vector,
+    /// Best requests of each step if nothing is shed `(M, T)` [kW, signed].
+    request_kw: Matrix,
+}
 
 /// One split problem on the control model. Requests are signed as the demand is; limits are magnitudes.
 #[pyclass(frozen, module = "bess._core")]
@@ -26,13 +230,22 @@ pub struct ControlHorizon {
 }
 
 impl ControlHorizon {
+    /// Number of strings and steps.
+    fn shape(&self) -> [usize; 2] {
+        [self.inner.n_strings(), self.inner.n_steps()]
+    }
+
     /// Requests `(..., M, T)` [kW] as checked magnitudes [W].
     fn magnitudes<D: Dimension>(&self, request_kw: &Given<'_, D>) -> PyResult<Vec<f64>> {
         let shape = request_kw.shape();
-        let batch = &shape[..shape.len() - 2];
-        let needed = [batch, &[self.inner.n_strings(), self.inner.n_steps()]].concat();
+        let needed = [&shape[..shape.len() - 2], &self.shape()].concat();
         check_shape("request", &needed, shape)?;
         self.inner.magnitudes(&watts(request_kw)).map_err(refused)
+    }
+
+    /// Magnitudes `(M, T)` [W] as signed requests [kW].
+    fn signed_kw(&self, py: Python<'_>, request_w: &[f64]) -> Matrix {
+        matrix(py, self.inner.n_strings(), kilowatts(self.inner.signed(request_w)))
     }
 
     /// Costs of the losses of each string [1/W] from an array `(M, 4)` [1/kW].
@@ -40,12 +253,63 @@ impl ControlHorizon {
         check_shape("costs", &[self.inner.n_strings(), 4], costs.shape())?;
         Ok(Losses::rows(&scaled(costs, 1.0 / W_PER_KW)))
     }
+
+    /// Boxes at the starts of the steps.
+    fn at_starts(&self, states: &StateBoxes) -> PyResult<Vec<StateBox>> {
+        let ([n_strings, n_steps], given) = (self.shape(), states.n_states());
+        let needed = if given == n_steps + 1 { given } else { n_steps };
+        check_shape("states", &[n_strings, needed], &[states.n_strings, given])?;
+        Ok(states.boxes.chunks_exact(given.max(1)).flat_map(|row| row[..n_steps].to_vec()).collect())
+    }
+
+    /// States at the starts of the steps, of boxes that are points.
+    fn points(&self, states: &StateBoxes) -> PyResult<Vec<StringState>> {
+        let state = |b: &StateBox| StringState { soc: b.soc.low, temperature_c: b.temperature_c.low };
+        Ok(self.at_starts(states)?.iter().map(state).collect())
+    }
+
+    fn boxes(&self, boxes: Vec<StateBox>) -> StateBoxes {
+        StateBoxes { n_strings: self.inner.n_strings(), boxes }
+    }
+
+    fn flows(&self, py: Python<'_>, flows: &[Flow]) -> FlowArrays {
+        let directions: Vec<_> = (0..self.inner.n_steps()).map(|t| self.inner.direction(t)).collect();
+        FlowArrays::new(py, &self.shape(), flows, &directions)
+    }
+
+    fn incumbent(&self, py: Python<'_>, inner: bess_control::Incumbent) -> Incumbent {
+        let request_kw = self.signed_kw(py, &inner.schedule.request_w);
+        let objectives = vector(py, inner.schedule.objectives[..self.inner.n_groups()].to_vec());
+        Incumbent { request_kw, objectives, inner }
+    }
+
+    fn group(&self, py: Python<'_>, of: bess_control::GroupBounds) -> PyResult<Py<GroupBounds>> {
+        let boxes = (!of.boxes.is_empty()).then(|| Py::new(py, self.boxes(of.boxes))).transpose()?;
+        let group = GroupBounds {
+            objective: of.objective,
+            ceiling: of.ceiling,
+            bound: of.bound,
+            search_objective: of.search_objective,
+            search_ceiling: of.search_ceiling,
+            search_bound: of.search_bound,
+            is_search_optimum: of.is_search_optimum,
+            boxes,
+        };
+        Py::new(py, group)
+    }
+
+    fn cuts(&self, py: Python<'_>, of: &bess_control::StepBounds) -> StepBounds {
+        StepBounds {
+            phi: vector(py, of.bounds.iter().map(|b| b.phi).collect()),
+            shed_slope: vector(py, of.bounds.iter().map(|b| b.shed_slope * W_PER_KW).collect()),
+            request_kw: self.signed_kw(py, &of.request_w),
+        }
+    }
 }
 
 #[pymethods]
 impl ControlHorizon {
     #[new]
-    #[allow(clippy::too_many_arguments)]
     fn new(
         model: &ControlModel,
         soc: GivenVector<'_>,
@@ -91,21 +355,22 @@ impl ControlHorizon {
         time_limit_s: Option<f64>,
         gap: f64,
     ) -> PyResult<SplitAnswer> {
-        let (n_strings, n_steps) = (self.inner.n_strings(), self.inner.n_steps());
-        let warm_start_w = match &warm_start_kw {
-            None => None,
-            Some(array) => {
-                check_shape("warm_start", &[n_strings, n_steps], array.shape())?;
-                let given = watts(array);
-                // Requests opposite to the demand of their step carry no information.
-                Some(self.inner.signed(&given).into_iter().map(|p| p.max(0.0)).collect::<Vec<_>>())
-            }
+        // Requests opposite to the demand of their step carry no information.
+        let of_demand = |array: &GivenMatrix<'_>| -> PyResult<Vec<f64>> {
+            check_shape("warm_start", &self.shape(), array.shape())?;
+            Ok(self.inner.signed(&watts(array)).into_iter().map(|p| p.max(0.0)).collect())
         };
+        let warm_start_w = warm_start_kw.as_ref().map(of_demand).transpose()?;
         let deadline = time_limit_s
             .and_then(|s| Instant::now().checked_add(Duration::try_from_secs_f64(s.max(0.0)).ok()?));
         let effort = Effort { rollouts, deadline, gap };
         let answer = py.detach(|| self.inner.split(warm_start_w.as_deref(), &effort));
-        SplitAnswer::new(py, &self.inner, answer)
+        Ok(SplitAnswer {
+            incumbent: Py::new(py, self.incumbent(py, answer.incumbent))?,
+            flows: Py::new(py, self.flows(py, &answer.flows))?,
+            groups: answer.groups.into_iter().map(|of| self.group(py, of)).collect::<PyResult<_>>()?,
+            rollouts: answer.rollouts,
+        })
     }
 
     /// Best of the requests in the proportions of `wanted_kw` `(B, M, T)`, `>= 0`, that meet the demand; None
@@ -116,8 +381,7 @@ impl ControlHorizon {
         incumbent: &Incumbent,
         wanted_kw: GivenCube<'_>,
     ) -> PyResult<Option<Incumbent>> {
-        let (n_strings, n_steps) = (self.inner.n_strings(), self.inner.n_steps());
-        let shape = wanted_kw.shape();
+        let ([n_strings, n_steps], shape) = (self.shape(), wanted_kw.shape());
         check_shape("wanted", &[shape[0], n_strings, n_steps], shape)?;
         let wanted = numbers(&wanted_kw);
         if wanted.iter().any(|w| !(*w >= 0.0 && w.is_finite())) {
@@ -127,7 +391,7 @@ impl ControlHorizon {
         for wanted in wanted.chunks_exact((n_strings * n_steps).max(1)) {
             is_better |= best.offer(&self.inner, self.inner.rated(self.inner.fitted(wanted)));
         }
-        Ok(is_better.then(|| Incumbent::new(py, &self.inner, best)))
+        Ok(is_better.then(|| self.incumbent(py, best)))
     }
 
     /// Group objectives in the costs of the search `(B, G)` of requests `(B, M, T)` [kW].
@@ -140,12 +404,12 @@ impl ControlHorizon {
     /// Optimum of each step at the state reached, `(M, T)` [kW, signed].
     fn greedy(&self, py: Python<'_>) -> Matrix {
         let best = py.detach(|| self.inner.greedy());
-        signed_kw(py, &self.inner, &best.request_w)
+        self.signed_kw(py, &best.request_w)
     }
 
     /// All reachable states `(M, T + 1)`.
     fn reachable(&self, py: Python<'_>) -> StateBoxes {
-        StateBoxes { n_strings: self.inner.n_strings(), boxes: py.detach(|| self.inner.reachable()) }
+        self.boxes(py.detach(|| self.inner.reachable()))
     }
 
     /// Step cuts of one objective over boxes of states, with costs of the losses `(M, 4)` [1/kW]; tightest if
@@ -157,29 +421,28 @@ impl ControlHorizon {
         costs: GivenMatrix<'_>,
         budget_kw: GivenVector<'_>,
     ) -> PyResult<StepBounds> {
-        let boxes = boxes.at_starts(self.inner.n_strings(), self.inner.n_steps())?;
-        let costs = self.loss_costs(&costs)?;
-        let budget_w = watts(&budget_kw);
+        let boxes = self.at_starts(boxes)?;
+        let (costs, budget_w) = (self.loss_costs(&costs)?, watts(&budget_kw));
         let answer = py.detach(|| self.inner.step_bounds(&boxes, &costs, &budget_w)).map_err(refused)?;
-        Ok(StepBounds::new(py, &self.inner, &answer))
+        Ok(self.cuts(py, &answer))
     }
 
-    /// Bounds the cost of every schedule for costs of the losses `(M, 4)` [1/kW]; also the states of
+    /// Bounds the cost of every schedule for costs of the losses `(M, 4)` [1/kW]; also the states `(M, T + 1)` of
     /// schedules that cost at most as much as `request_kw` `(M, T)` and shed at most `shed_budget_kw` in
-    /// total.
+    /// total, and whether a string may shed in a step `(M, T)`.
     fn tighten(
         &self,
         py: Python<'_>,
         request_kw: GivenMatrix<'_>,
         costs: GivenMatrix<'_>,
         shed_budget_kw: f64,
-    ) -> PyResult<TightenedBounds> {
-        let request_w = self.magnitudes(&request_kw)?;
-        let costs = self.loss_costs(&costs)?;
+    ) -> PyResult<(f64, StateBoxes, Flags)> {
+        let (request_w, costs) = (self.magnitudes(&request_kw)?, self.loss_costs(&costs)?);
         let answer = py
             .detach(|| self.inner.tighten(&request_w, &costs, shed_budget_kw * W_PER_KW))
             .map_err(refused)?;
-        TightenedBounds::new(py, self.inner.n_strings(), answer)
+        let may_shed = flags(py, self.inner.n_strings(), answer.may_shed);
+        Ok((answer.bound, self.boxes(answer.boxes), may_shed))
     }
 
     /// Number of kinds of strings: strings of one kind are equal except for their states.
@@ -205,17 +468,16 @@ impl ControlHorizon {
 
     /// Node of all schedules with states in these boxes `(M, T + 1)`.
     fn root(&self, boxes: &StateBoxes) -> PyResult<Node> {
-        let n_strings = self.inner.n_strings();
-        let needed = [n_strings, self.inner.n_steps() + 1];
-        check_shape("boxes", &needed, &[boxes.n_strings, boxes.boxes.len() / boxes.n_strings.max(1)])?;
-        Ok(Node { n_strings, inner: self.inner.root(boxes.boxes.clone()), narrowed: None })
+        let [n_strings, n_steps] = self.shape();
+        check_shape("boxes", &[n_strings, n_steps + 1], &[boxes.n_strings, boxes.n_states()])?;
+        Ok(Node { n_strings, inner: self.inner.root(boxes.boxes.clone()) })
     }
 
     /// Tightens a node: removes schedules that cannot meet the demand with at most `shed_budget_kw` shed in
     /// total. None if the node is empty.
     fn narrowed(&self, py: Python<'_>, node: &Node, shed_budget_kw: f64) -> Option<Node> {
-        let narrowed = py.detach(|| self.inner.narrowed(&node.inner, shed_budget_kw * W_PER_KW));
-        narrowed.map(|narrowed| Node::of(self.inner.n_strings(), narrowed))
+        let inner = py.detach(|| self.inner.narrowed(&node.inner, shed_budget_kw * W_PER_KW))?;
+        Some(Node { n_strings: self.inner.n_strings(), inner })
     }
 
     /// Step cuts like [`Self::step_bounds`] over a narrowed node.
@@ -226,10 +488,10 @@ impl ControlHorizon {
         costs: GivenMatrix<'_>,
         budget_kw: GivenVector<'_>,
     ) -> PyResult<StepBounds> {
-        let narrowed = node.narrowed.as_ref().ok_or_else(|| PyValueError::new_err("node: not narrowed"))?;
+        let node = node.narrowed()?;
         let (costs, budget_w) = (self.loss_costs(&costs)?, watts(&budget_kw));
-        let answer = py.detach(|| self.inner.step_bounds_of(narrowed, &costs, &budget_w)).map_err(refused)?;
-        Ok(StepBounds::new(py, &self.inner, &answer))
+        let answer = py.detach(|| self.inner.step_bounds_of(node, &costs, &budget_w)).map_err(refused)?;
+        Ok(self.cuts(py, &answer))
     }
 
     /// Coefficients of the relaxation over a narrowed node by name, each `(M, T)`. Planes are tightest at the states
@@ -243,15 +505,14 @@ impl ControlHorizon {
         frozen: bool,
         units_kw: GivenMatrix<'_>,
     ) -> PyResult<BTreeMap<&'static str, Matrix>> {
-        let (n_strings, n_steps) = (self.inner.n_strings(), self.inner.n_steps());
-        let narrowed = node.narrowed.as_ref().ok_or_else(|| PyValueError::new_err("node: not narrowed"))?;
+        let (n_strings, node) = (self.inner.n_strings(), node.narrowed()?);
         check_shape("units", &[n_strings, 2], units_kw.shape())?;
         let units: Vec<_> = watts(&units_kw)
             .chunks_exact(2)
             .map(|u| LossUnits { inverter_w: u[0], battery_w: u[1] })
             .collect();
-        let near = near.points(n_strings, n_steps)?;
-        let values = py.detach(|| self.inner.relaxed(narrowed, &near, frozen, &units));
+        let near = self.points(near)?;
+        let values = py.detach(|| self.inner.relaxed(node, &near, frozen, &units));
         Ok(values.into_iter().map(|(name, row)| (name, matrix(py, n_strings, row))).collect())
     }
 
@@ -263,11 +524,8 @@ impl ControlHorizon {
         states: &StateBoxes,
         request_kw: GivenMatrix<'_>,
     ) -> PyResult<FlowArrays> {
-        let (n_strings, n_steps) = (self.inner.n_strings(), self.inner.n_steps());
-        check_shape("request", &[n_strings, n_steps], request_kw.shape())?;
-        let states = states.points(n_strings, n_steps)?;
-        let flows = self.inner.flows_from(&states, &watts(&request_kw));
-        let directions: Vec<_> = (0..n_steps).map(|t| self.inner.direction(t)).collect();
-        Ok(FlowArrays::new(py, &[n_strings, n_steps], &flows, &directions))
+        check_shape("request", &self.shape(), request_kw.shape())?;
+        let states = self.points(states)?;
+        Ok(self.flows(py, &self.inner.flows_from(&states, &watts(&request_kw))))
     }
 }

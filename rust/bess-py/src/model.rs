@@ -1,17 +1,74 @@
-//! The control model of a plant: roll-outs, tracking of a demand, limits, reactive power.
+//! The tables of a plant, and its control model: roll-outs, tracking of a demand, limits, reactive power.
 
-use bess_control::{CoefficientsFrom, StringState, TrackedDemand};
+use std::sync::Arc;
+
+use bess_control::{CoefficientsFrom, Flow, StringState};
 use bess_tables::units::W_PER_KW;
 use bess_tables::Direction;
 use numpy::PyUntypedArrayMethods;
 use pyo3::prelude::*;
 
 use crate::arrays::{
-    check_shape, kilowatts, matrix, numbers, refused, vector, watts, GivenCube, GivenMatrix, GivenVector,
-    Matrix, Vector,
+    check_shape, kilowatts, matrix, numbers, refused, shaped, vector, watts, GivenCube, GivenMatrix,
+    GivenVector, Matrix, Numbers, Vector,
 };
-use crate::flows::FlowArrays;
-use crate::system::System;
+
+/// Tables of a plant, shared by every object built from it.
+#[pyclass(frozen, module = "bess._core")]
+pub struct System {
+    pub(crate) inner: Arc<bess_tables::System>,
+}
+
+#[pymethods]
+impl System {
+    /// Creates the tables from the resolved description, JSON of `{"strings": [...]}`.
+    #[new]
+    fn new(document: &str) -> PyResult<Self> {
+        let inner = bess_tables::System::from_json(document).map_err(refused)?;
+        Ok(Self { inner: Arc::new(inner) })
+    }
+
+    /// Returns a copy with the capacity and resistance of each string scaled by these factors.
+    fn aged(&self, soh_capacity: GivenVector<'_>, soh_resistance: GivenVector<'_>) -> PyResult<Self> {
+        let inner = self.inner.aged(&numbers(&soh_capacity), &numbers(&soh_resistance)).map_err(refused)?;
+        Ok(Self { inner: Arc::new(inner) })
+    }
+}
+
+/// Flows of schedules, arrays `(M, T)` or, for a batch, `(B, M, T)`; positive = discharge, losses `>= 0`.
+#[pyclass(frozen, get_all, module = "bess._core")]
+pub struct FlowArrays {
+    delivered_kw: Numbers,
+    availability_loss_kw: Numbers,
+    derating_loss_kw: Numbers,
+    inverter_loss_kw: Numbers,
+    battery_loss_kw: Numbers,
+    current_a: Numbers,
+    /// At the end of the step, like the temperature.
+    soc: Numbers,
+    temperature_c: Numbers,
+}
+
+impl FlowArrays {
+    /// From flows of a shape `(..., M, T)` and directions `(..., T)`.
+    pub(crate) fn new(py: Python<'_>, shape: &[usize], flows: &[Flow], directions: &[Direction]) -> Self {
+        let [.., n_strings, n_steps] = *shape else { unreachable!("strings and steps") };
+        let sign = |i: usize| directions[i / (n_strings * n_steps) * n_steps + i % n_steps].sign();
+        let pick = |of: &dyn Fn(usize, &Flow) -> f64| {
+            shaped(py, shape, flows.iter().enumerate().map(|(i, flow)| of(i, flow)).collect())
+        };
+        Self {
+            delivered_kw: pick(&|i, flow| sign(i) * flow.delivered_w / W_PER_KW),
+            availability_loss_kw: pick(&|_, flow| flow.availability_w / W_PER_KW),
+            derating_loss_kw: pick(&|_, flow| flow.derating_w / W_PER_KW),
+            inverter_loss_kw: pick(&|_, flow| flow.inverter_w / W_PER_KW),
+            battery_loss_kw: pick(&|_, flow| flow.battery_w / W_PER_KW),
+            current_a: pick(&|i, flow| sign(i) * flow.current_a),
+            soc: pick(&|_, flow| flow.end.soc),
+            temperature_c: pick(&|_, flow| flow.end.temperature_c),
+        }
+    }
+}
 
 /// Control model of a plant.
 #[pyclass(frozen, module = "bess._core")]
@@ -48,7 +105,6 @@ impl ControlModel {
     /// Rolls out signed requests `(B, M, T)` [kW], with the coefficients at the start or the middle of each
     /// step.
     #[pyo3(signature = (soc, temperature_c, request_kw, ambient_c, dt_h, midpoint=false))]
-    #[allow(clippy::too_many_arguments)]
     fn rollout(
         &self,
         py: Python<'_>,
@@ -71,7 +127,6 @@ impl ControlModel {
     }
 
     /// Tracks a signed demand `(T,)` [kW], allocated at minimum loss, each step in `parts` of the midpoint rule.
-    #[allow(clippy::too_many_arguments)]
     fn track_demand(
         &self,
         py: Python<'_>,
@@ -88,7 +143,14 @@ impl ControlModel {
         let tracked = py
             .detach(|| self.inner.track_demand(&start, &demand_w, &ambient_c, dt_h, parts, &shares.inner))
             .map_err(refused)?;
-        Ok(TrackedArrays::new(py, start.len(), tracked))
+        let n_strings = start.len();
+        Ok(TrackedArrays {
+            asked_kw: vector(py, kilowatts(tracked.asked_w)),
+            delivered_kw: vector(py, kilowatts(tracked.delivered_w)),
+            request_kw: matrix(py, n_strings, kilowatts(tracked.request_w)),
+            soc: matrix(py, n_strings, tracked.soc),
+            temperature_c: matrix(py, n_strings, tracked.temperature_c),
+        })
     }
 
     /// Open-circuit voltage [V] and resistance [Ohm] of every string at states `(M, N)` in one direction.
@@ -200,16 +262,4 @@ pub struct TrackedArrays {
     request_kw: Matrix,
     soc: Matrix,
     temperature_c: Matrix,
-}
-
-impl TrackedArrays {
-    pub(crate) fn new(py: Python<'_>, n_strings: usize, of: TrackedDemand) -> Self {
-        Self {
-            asked_kw: vector(py, kilowatts(of.asked_w)),
-            delivered_kw: vector(py, kilowatts(of.delivered_w)),
-            request_kw: matrix(py, n_strings, kilowatts(of.request_w)),
-            soc: matrix(py, n_strings, of.soc),
-            temperature_c: matrix(py, n_strings, of.temperature_c),
-        }
-    }
 }

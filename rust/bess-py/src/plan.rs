@@ -38,7 +38,6 @@ pub struct Plan {
 #[pyfunction]
 #[pyo3(signature = (model, *, soc, temperature_c, running, demand_kw, ambient_c, dt_h, limit_kw, loss_prices, wear,
                     start_cost, balance, end_charge, previous_kw, rollouts, fresh_rollouts, bound_passes, proof_cells, turn, reactive_kvar=None, groups=None))]
-#[allow(clippy::too_many_arguments)]
 pub fn plan(
     py: Python<'_>,
     model: &ControlModel,

@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::arrays::{kilowatts, numbers, refused, watts, GivenVector};
-use crate::system::System;
+use crate::model::System;
 
 /// Electro-thermal plant of one or more scenarios. Arrays are flat, in the order (step, scenario, string, node).
 #[pyclass(module = "bess._core")]

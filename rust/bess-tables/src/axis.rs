@@ -14,8 +14,8 @@ pub struct Axis {
     last: Last,
 }
 
-/// The knot found last. Values of a simulation often follow each other in a segment: the processor then goes on with it while it
-/// still compares. Results do not depend on it.
+/// The knot found last. Successive values of a simulation are often in one segment, and the processor continues with it before
+/// the comparison is complete. Results do not depend on it.
 #[derive(Debug, Default)]
 struct Last(AtomicU32);
 

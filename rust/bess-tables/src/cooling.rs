@@ -16,7 +16,7 @@ pub struct Cooling {
     pub u_w_m2k: Option<f64>,
     /// Density of the coolant [kg/m3].
     pub density_kg_m3: f64,
-    /// Pressure that fan or pump has to make at full flow [Pa].
+    /// Pressure rise of fan or pump at full flow [Pa].
     pub pressure_pa: f64,
     /// Efficiency of fan or pump with its motor.
     pub mover_efficiency: f64,
@@ -30,15 +30,15 @@ pub struct Cooling {
     pub step_k: f64,
     /// Whether the flow varies between its first share and full, over the dead band and `step_k`.
     pub variable_flow: bool,
-    /// Temperature at which the coolant is held [degC]; none for the ambient's.
+    /// Temperature at which the coolant is held [degC]; none if the ambient sets it.
     pub supply_c: Option<f64>,
     /// Hybrid: mean temperature of the warmest string at which the chiller starts [degC].
     pub chill_c: Option<f64>,
     /// Temperature difference of each heat exchanger [K].
     pub approach_k: f64,
-    /// Share of Carnot's coefficient of performance that the chiller reaches.
+    /// Coefficient of performance of the chiller, relative to that of Carnot.
     pub carnot_share: f64,
-    /// Most that it reaches.
+    /// Maximum coefficient of performance.
     pub cop_max: f64,
     /// Power of the fans of free cooling, per heat.
     pub free_cooling_w_per_w: f64,
@@ -55,8 +55,8 @@ pub struct CoolantLoop {
     pub heat_capacity_kj_k: f64,
     /// Heat conductance of its walls to the ambient [W/K].
     pub wall_w_k: f64,
-    /// Heat that the source can take out [kW]; none for as much as it takes.
+    /// Maximum heat flow to the source [kW]; none without a limit.
     pub source_kw: Option<f64>,
-    /// Whether the coolant passes one string after the other.
+    /// Whether the coolant passes the strings in series.
     pub series: bool,
 }

@@ -4,12 +4,12 @@ use serde::Deserialize;
 
 use crate::{Cooling, Direction, Grid, InputError, Lut, Resistance, RestVoltage};
 
-/// Everything that is known about a plant before it runs.
+/// Parameters of a plant.
 #[derive(Debug, Clone, PartialEq)]
 pub struct System {
-    /// The strings, in the order of every array that crosses the boundary.
+    /// The strings, in the order of all arrays.
     pub strings: Vec<StringParameters>,
-    /// How they are cooled; none where air of the ambient passes them at a constant flow that costs nothing.
+    /// Cooling system; none if ambient air cools the strings at constant flow without auxiliary power.
     pub cooling: Option<Cooling>,
 }
 
@@ -36,7 +36,7 @@ pub struct StringParameters {
     pub ocv_discharge: Grid,
     /// Voltage that defines chemical energy.
     pub rest: RestVoltage,
-    /// Whether the loss of hysteresis warms the string.
+    /// Whether hysteresis loss heats the string.
     pub hysteresis_heat: bool,
     /// Internal resistance [Ohm].
     pub resistance: Resistance,
@@ -50,7 +50,7 @@ pub struct StringParameters {
     pub spatial: SpatialThermal,
     /// Lumped thermal model of the controller.
     pub lumped: LumpedThermal,
-    /// How it ages.
+    /// Ageing model.
     pub ageing: Ageing,
 }
 
@@ -180,8 +180,8 @@ impl StringParameters {
         self.resistance.scale(resistance);
     }
 
-    /// `count` strings like this one in parallel, as one string of theirs: with a charge capacity [Ah] in all, and with
-    /// `resistance` times that of this one. The spatial thermal model stays that of one string.
+    /// `count` such strings in parallel, as one string with their total charge capacity [Ah] and `resistance` times the
+    /// resistance of one. The spatial thermal model stays that of one string.
     pub fn in_parallel(&self, count: f64, capacity_ah: f64, resistance: f64) -> Self {
         let mut group = self.clone();
         group.capacity_ah = capacity_ah;

@@ -294,12 +294,4 @@ class ExplicitController(BaseModel):
         ndarray, shape (n_strings,)
             Set-points [kW], signed as the demand; they sum to the demand.
         """
-        return self.core.split(
-            np.array(self.weights),
-            state.soc,
-            state.temperature_c,
-            state.soh_capacity,
-            state.soh_resistance,
-            limit_kw,
-            ahead_kw,
-        )
+        return self.core.split(np.array(self.weights), state, limit_kw, ahead_kw)

@@ -92,9 +92,7 @@ class RulePolicy(Checkpointed):
         demand_kw = float(inputs.demand_kw[0])
         limit_kw = real_numbers(inputs.limit_kw)
         if self._law is not None:
-            at = inputs.state
-            health = at.soh_capacity, at.soh_resistance
-            return Decision(self._law.split(at.soc, at.temperature_c, *health, limit_kw, demand_kw))
+            return Decision(self._law.split(inputs.state, limit_kw, demand_kw))
         if demand_kw == 0.0:
             return Decision(np.zeros_like(limit_kw))
         discharge, state = demand_kw > 0.0, inputs.state

@@ -17,7 +17,7 @@ from bess.control.split import tree
 from bess.control.split.objectives import NAMES, Costs
 from bess.control.split.problem import SplitProblem
 from bess.control.split.relaxation.data import PlantConstants
-from bess.control.split.relaxation.group import Cutoff, RelaxedGroup
+from bess.control.split.relaxation.group import RelaxedGroup
 from bess.control.split.result import GroupResult, relative_gap
 from bess.control.split.settings import SplitSettings
 from bess.control.split.tree import Closure
@@ -193,7 +193,8 @@ class Certificate:
             self._control,
             self._constants,
             cost,
-            Cutoff(ceilings, objective if frozen else cost_limit),
+            ceilings,
+            objective if frozen else cost_limit,
             self._states_along(),
             self._propose,
             frozen=frozen,

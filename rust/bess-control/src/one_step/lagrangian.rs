@@ -49,13 +49,16 @@ struct DualPoint {
 /// A free string with its responses on and off.
 type FreeString = (usize, Response, Response);
 
-/// Best Lagrangian bound, and its requests.
+/// Best bound of the one-step problem, and its requests.
 #[derive(Debug, Clone)]
-pub(crate) struct DualSolution {
+pub(crate) struct OneStepSolution {
+    /// Lower bound of the cost (infinite if the demand cannot be met).
     pub bound: f64,
+    /// Price of the demand [1/W].
     pub price: f64,
     /// Requests that sum to the demand [W]; optimal if the modes are fixed and the curves convex.
     pub request_w: Vec<f64>,
+    /// Availability loss of these requests [W].
     pub shed_w: f64,
     /// Free strings, largest gain from switching on first.
     pub order: Vec<usize>,
@@ -148,13 +151,13 @@ pub(crate) fn maximise(
     commitment: &Commitment,
     demand_w: f64,
     guess: f64,
-) -> DualSolution {
+) -> OneStepSolution {
     let must_serve = !curves.iter().any(StringCost::may_shed);
     let possible = commitment
         .free_to_switch_on()
         .is_none_or(|n| n <= commitment.modes.iter().filter(|m| **m == InverterMode::Free).count());
     if !possible || (must_serve && capacity_w(curves, commitment) < demand_w * (1.0 - ROUNDING)) {
-        return DualSolution {
+        return OneStepSolution {
             bound: f64::INFINITY,
             price: guess,
             request_w: vec![0.0; curves.len()],
@@ -221,7 +224,7 @@ fn close(
     demand_w: f64,
     low: DualPoint,
     high: DualPoint,
-) -> DualSolution {
+) -> OneStepSolution {
     let gap = high.total_w - low.total_w;
     let share = if gap > 0.0 { ((demand_w - low.total_w) / gap).clamp(0.0, 1.0) } else { 0.0 };
     let best = if high.bound > low.bound { high } else { low };
@@ -238,5 +241,5 @@ fn close(
         }
     }
     let shed_w = low.shed_w + share * (high.shed_w - low.shed_w);
-    DualSolution { bound: best.bound, price: best.price, request_w, shed_w, order, n_on }
+    OneStepSolution { bound: best.bound, price: best.price, request_w, shed_w, order, n_on }
 }

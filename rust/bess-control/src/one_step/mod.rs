@@ -9,4 +9,5 @@ mod lagrangian;
 mod solve;
 
 pub(crate) use cost_curve::{CostCurve, OperatingTerms, Response, StringCost};
-pub(crate) use solve::{solve, OneStepSolution};
+pub(crate) use lagrangian::OneStepSolution;
+pub(crate) use solve::solve;

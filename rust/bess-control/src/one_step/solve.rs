@@ -1,25 +1,13 @@
 //! Solution of the one-step problem by branch and bound on the Lagrangian.
 
 use super::cost_curve::StringCost;
-use super::lagrangian::{bounds_by_count, maximise, Commitment, DualSolution, InverterMode};
+use super::lagrangian::{bounds_by_count, maximise, Commitment, InverterMode, OneStepSolution};
 
 /// Bounds closer than this (relative) count as equal.
 const GAP: f64 = 1e-10;
 
 /// Number of strings above which no further nodes are solved: the Lagrangian gap falls with their number.
 const MAX_STRINGS_WITH_NODES: usize = 32;
-
-#[derive(Debug, Clone)]
-pub(crate) struct OneStepSolution {
-    /// Lower bound of the cost (infinite if the demand cannot be met).
-    pub bound: f64,
-    /// Requests of the best known commitment; they sum to the demand [W].
-    pub request_w: Vec<f64>,
-    /// Availability loss of these requests [W].
-    pub shed_w: f64,
-    /// Price of the demand with every inverter free [1/W].
-    pub price: f64,
-}
 
 struct Node {
     bound: f64,
@@ -28,7 +16,7 @@ struct Node {
     border: Option<usize>,
 }
 
-/// Solves the one-step problem. Branches first on the number of inverters that are on, which leaves no
+/// Solves the one-step problem, at the price of the demand with every inverter free. Branches first on the number of inverters that are on, which leaves no
 /// Lagrangian gap for identical strings, then on the string at the border.
 pub(crate) fn solve(curves: &[impl StringCost], demand_w: f64) -> OneStepSolution {
     solve_within(curves, demand_w, 60 + 8 * curves.len().min(MAX_STRINGS_WITH_NODES))
@@ -38,8 +26,9 @@ pub(crate) fn solve(curves: &[impl StringCost], demand_w: f64) -> OneStepSolutio
 fn solve_within(curves: &[impl StringCost], demand_w: f64, mut n_nodes: usize) -> OneStepSolution {
     let free = Commitment::of(curves);
     let n_on = free.modes.iter().filter(|m| **m == InverterMode::On).count();
-    let DualSolution { bound: least, price, request_w, shed_w, .. } = maximise(curves, &free, demand_w, 0.0);
-    let mut best = OneStepSolution { bound: f64::INFINITY, request_w, shed_w, price };
+    let mut best = maximise(curves, &free, demand_w, 0.0);
+    let (least, price) = (best.bound, best.price);
+    best.bound = f64::INFINITY;
     if least.is_infinite() {
         return best;
     }
@@ -67,8 +56,7 @@ fn solve_within(curves: &[impl StringCost], demand_w: f64, mut n_nodes: usize) -
                 Some(_) => maximise(curves, &decided(&node.commitment, &dual), demand_w, dual.price),
             };
             if leaf.bound < best.bound {
-                let DualSolution { bound, request_w, shed_w, .. } = leaf;
-                best = OneStepSolution { bound, request_w, shed_w, price };
+                best = OneStepSolution { price, ..leaf };
             }
             if let (Some(_), true) = (border, bound.is_finite()) {
                 open.push(Node { bound, commitment: node.commitment, border });
@@ -86,7 +74,7 @@ fn solve_within(curves: &[impl StringCost], demand_w: f64, mut n_nodes: usize) -
 }
 
 /// The last string that the price switches on; None if all modes are determined.
-fn border_of(commitment: &Commitment, dual: &DualSolution) -> Option<usize> {
+fn border_of(commitment: &Commitment, dual: &OneStepSolution) -> Option<usize> {
     let n_free = commitment.modes.iter().filter(|m| **m == InverterMode::Free).count();
     if dual.n_on == 0 || dual.n_on >= n_free {
         return None;
@@ -95,7 +83,7 @@ fn border_of(commitment: &Commitment, dual: &DualSolution) -> Option<usize> {
 }
 
 /// Commitment with the free strings fixed to their modes in the dual solution.
-fn decided(commitment: &Commitment, dual: &DualSolution) -> Commitment {
+fn decided(commitment: &Commitment, dual: &OneStepSolution) -> Commitment {
     let mut modes = commitment.modes.clone();
     for (rank, &m) in dual.order.iter().enumerate() {
         modes[m] = if rank < dual.n_on { InverterMode::On } else { InverterMode::Off };

@@ -2,7 +2,7 @@
 //! with coefficients frozen along the incumbent.
 
 use super::bound_tightening::TightenedBounds;
-use super::step_bounds::{cheapest_shed, least_cost, Shed, StepBounds};
+use super::step_bounds::{cheapest_shed, least_cost, StepBounds};
 use crate::model::{ControlHorizon, CostsOf, Flow, Losses, StateBox};
 
 /// Bounds of one group, with earlier groups limited by their ceilings.
@@ -113,8 +113,7 @@ impl ControlHorizon {
             let max_w: Vec<f64> =
                 (0..n_steps).map(|t| if sheds(t) { self.demand_w[t] } else { 0.0 }).collect();
             let budgets_w: Vec<f64> = max_w.iter().map(|most| most.min(budget_w)).collect();
-            let steps =
-                self.step_bounds_over(&self.states_along(flows), costs, &budgets_w, Shed::OnlyAtLimits);
+            let steps = self.step_bounds_along(flows, costs, &budgets_w);
             bounds.search_bound = least_cost(&steps.bounds, cheapest_shed(costs), &max_w, budget_w);
         } else {
             bounds.search_bound = optimum.bounds.iter().map(|step| step.phi).sum();
@@ -169,9 +168,10 @@ mod tests {
     #[test]
     fn a_proof_of_the_schedule_replaces_its_bounds_and_one_of_another_does_not() {
         let horizon = common::horizon(&common::reference(2), 4, 0.5);
-        let found = horizon.find(None, &Effort { rollouts: 300, deadline: None, gap: 1e-3 });
-        let request_w = found.incumbent.schedule.request_w;
-        let bounds = |proof| format!("{:?}", horizon.bounds(&request_w, &found.flows, &found.optima, proof));
+        let split = horizon.split(None, &Effort { rollouts: 300, deadline: None, gap: 1e-3 });
+        let request_w = split.incumbent.schedule.request_w;
+        let optima = horizon.one_step_optima(&split.flows);
+        let bounds = |proof| format!("{:?}", horizon.bounds(&request_w, &split.flows, &optima, proof));
         let of = |request_w: Vec<f64>| horizon.proof(request_w, 1.0);
         let (proof, other) = (of(request_w.clone()), of(horizon.fitted(&[1.0; 8])));
         assert!(proof.is_complete && other.is_complete);

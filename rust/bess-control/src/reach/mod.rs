@@ -15,7 +15,7 @@ pub use bound_tightening::TightenedBounds;
 pub use cell::Cell;
 pub use certificate::GroupBounds;
 pub(crate) use certificate::Proof;
-pub use node::{NarrowNode, Node};
+pub use node::Node;
 pub(crate) use planes::Planes;
 pub use relaxed::LossUnits;
 pub(crate) use step_bounds::step_bound;

@@ -21,25 +21,18 @@ pub struct Node {
     pub boxes: Vec<StateBox>,
     /// Whether a string may have availability loss in a step, `(M, T)`.
     pub may_shed: Vec<bool>,
-}
-
-/// A tightened node, and the operating ranges of its strings.
-#[derive(Debug, Clone)]
-pub struct NarrowNode {
-    /// Ranges that contain every schedule of the node.
-    pub node: Node,
-    /// `(M, T)`
+    /// Operating ranges of the strings of a tightened node, `(M, T)`; of others, empty.
     pub cells: Vec<Cell>,
-    /// Maximum availability loss of each string in a step, `(M, T)` [W].
+    /// Maximum availability loss of each string in a step of a tightened node, `(M, T)` [W]; of others, empty.
     pub max_shed_w: Vec<f64>,
 }
 
 impl ControlHorizon {
     /// Tightens a node to the schedules that meet the demand with a total availability loss of at most `budget_w`; None if empty.
-    pub fn narrowed(&self, node: &Node, budget_w: f64) -> Option<NarrowNode> {
+    pub fn narrowed(&self, node: &Node, budget_w: f64) -> Option<Node> {
         let (n_strings, n_steps) = (self.n_strings(), self.n_steps());
         let budget_w = budget_w * (1.0 + BUDGET_ROUNDING);
-        let mut node = node.clone();
+        let mut node = node.untightened();
         let mut cells: Vec<Option<Cell>> = vec![None; n_strings * n_steps];
         let most = |may_shed: &bool| if *may_shed { budget_w } else { 0.0 };
         let mut max_shed_w: Vec<f64> = node.may_shed.iter().map(most).collect();
@@ -98,8 +91,7 @@ impl ControlHorizon {
         for t in 0..n_steps {
             self.balance(&mut node.requests_w, t)?;
         }
-        let cells = cells.into_iter().collect::<Option<Vec<_>>>()?;
-        Some(NarrowNode { node, cells, max_shed_w })
+        Some(Node { cells: cells.into_iter().collect::<Option<_>>()?, max_shed_w, ..node })
     }
 
     /// Tightens the requests of a step to the demand minus the ranges of the other strings; None if infeasible.
@@ -129,7 +121,8 @@ impl ControlHorizon {
     pub fn root(&self, boxes: Vec<StateBox>) -> Node {
         let cells = (0..self.n_strings()).flat_map(|m| (0..self.n_steps()).map(move |t| (m, t)));
         let requests_w: Vec<Range> = cells.map(|(m, t)| self.request_range(m, t)).collect();
-        Node { may_shed: vec![true; requests_w.len()], requests_w, boxes }
+        let may_shed = vec![true; requests_w.len()];
+        Node { may_shed, requests_w, boxes, cells: vec![], max_shed_w: vec![] }
     }
 }
 
@@ -137,7 +130,7 @@ impl Node {
     /// The parts below and above a request of one string in one step [W].
     pub fn branch_on_request(&self, m: usize, t: usize, at_w: f64) -> [Self; 2] {
         let place = m * self.n_steps() + t;
-        let mut parts = [self.clone(), self.clone()];
+        let mut parts = [self.untightened(), self.untightened()];
         parts[0].requests_w[place].high = at_w;
         parts[1].requests_w[place].low = at_w;
         parts
@@ -146,16 +139,18 @@ impl Node {
     /// The parts below and above an SOC of one string at the start of one step.
     pub fn branch_on_soc(&self, m: usize, t: usize, at: f64) -> [Self; 2] {
         let place = m * (self.n_steps() + 1) + t;
-        let mut parts = [self.clone(), self.clone()];
+        let mut parts = [self.untightened(), self.untightened()];
         parts[0].boxes[place].soc.high = at;
         parts[1].boxes[place].soc.low = at;
         parts
     }
 
-    /// The parts in which a string has no availability loss in a step, and in which it ends full (empty) enough for one.
-    pub fn branch_on_full(&self, m: usize, t: usize, shed_soc: Range) -> [Self; 2] {
+    /// The parts of a tightened node in which a string has no availability loss in a step, and in which it ends full (empty)
+    /// enough for one.
+    pub fn branch_on_full(&self, m: usize, t: usize) -> [Self; 2] {
         let n_steps = self.n_steps();
-        let mut parts = [self.clone(), self.clone()];
+        let shed_soc = self.cells[m * n_steps + t].shed_soc;
+        let mut parts = [self.untightened(), self.untightened()];
         parts[0].may_shed[m * n_steps + t] = false;
         let end = &mut parts[1].boxes[m * (n_steps + 1) + t + 1].soc;
         *end = Range {
@@ -163,6 +158,12 @@ impl Node {
             high: end.high.min(shed_soc.high + SOC_MARGIN).max(end.low),
         };
         parts
+    }
+
+    /// The same schedules, without the ranges that tightening adds.
+    fn untightened(&self) -> Self {
+        let Self { requests_w, boxes, may_shed, .. } = self.clone();
+        Self { requests_w, boxes, may_shed, cells: vec![], max_shed_w: vec![] }
     }
 
     fn n_steps(&self) -> usize {

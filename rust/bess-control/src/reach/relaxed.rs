@@ -4,7 +4,7 @@
 
 use bess_tables::{Direction, Resistance};
 
-use super::node::{NarrowNode, SOC_MARGIN};
+use super::node::{Node, SOC_MARGIN};
 use crate::model::{CoefficientRanges, ControlHorizon, LossCurve, Range, StateBox, StringModel, StringState};
 
 const THETA_ZERO_C: f64 = 25.0;
@@ -107,7 +107,7 @@ impl ControlHorizon {
     /// of the battery and the derating are taken at these states themselves if `frozen`.
     pub fn relaxed(
         &self,
-        of: &NarrowNode,
+        of: &Node,
         near: &[StringState],
         frozen: bool,
         units: &[LossUnits],
@@ -133,7 +133,7 @@ impl ControlHorizon {
 
     fn relaxed_cell(
         &self,
-        of: &NarrowNode,
+        of: &Node,
         potential: &Potential,
         (m, t): (usize, usize),
         near: StringState,
@@ -147,11 +147,11 @@ impl ControlHorizon {
         let discharges = direction == Direction::Discharge;
         let sign = direction.sign();
         let unit_w = string.nominal_w();
-        let (states, end) = (&of.node.boxes[b], &of.node.boxes[b + 1]);
+        let (states, end) = (&of.boxes[b], &of.boxes[b + 1]);
         let taken_from = if frozen { StateBox::from(near) } else { *states };
         let c = string.ranges(direction, &taken_from);
         let planes = string.planes(direction, &taken_from, near);
-        let u = of.node.requests_w[i];
+        let u = of.requests_w[i];
         let (u_lo, u_hi) = ((u.low / unit_w).max(0.0), (u.high / unit_w).max(0.0));
         let may_run = cell.may_run();
         // Coefficients along a schedule do not follow the states, so the ranges of the boxes do not apply.

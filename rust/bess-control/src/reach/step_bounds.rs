@@ -5,7 +5,7 @@ use bess_tables::InputError;
 use crate::error::{check_costs, check_length, check_range};
 use crate::model::{ControlHorizon, CostsOf, Flow, Losses, StateBox};
 use crate::one_step::{solve, CostCurve, OneStepSolution, OperatingTerms, StringCost};
-use crate::reach::NarrowNode;
+use crate::reach::Node;
 
 /// Safety margin for the rounding of a bound.
 const ROUNDING: f64 = 1e-11;
@@ -16,15 +16,6 @@ const GAP_OF_SLOPE: f64 = 1e-7;
 const MARGIN_OF_SLOPE: f64 = 1e-2;
 /// Highest slope, in units of the steepest marginal cost.
 const MAX_SLOPE: f64 = 2e3;
-
-/// Availability loss that a cut does not count.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Shed {
-    /// Amounts below the minimum power of a derated string, required for a rigorous bound.
-    AsTheModel,
-    /// None, as assumed by the search.
-    OnlyAtLimits,
-}
 
 /// `sum_m cost + slope * sum_m shed >= phi` for every decision of a step.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -62,55 +53,58 @@ impl ControlHorizon {
         costs: &[Losses],
         budget_w: &[f64],
     ) -> Result<StepBounds, InputError> {
-        check_costs(costs, self.n_strings())?;
-        check_length("boxes", boxes, self.n_strings() * self.n_steps())?;
-        check_length("budget", budget_w, self.n_steps())?;
-        check_range("budget", budget_w, (0.0, f64::INFINITY), " W")?;
-        Ok(self.step_bounds_over(boxes, costs, budget_w, Shed::AsTheModel))
-    }
-
-    /// [`Self::step_bounds`] without checks.
-    pub(crate) fn step_bounds_over(
-        &self,
-        boxes: &[StateBox],
-        costs: &[Losses],
-        budget_w: &[f64],
-        shed: Shed,
-    ) -> StepBounds {
-        let most = |m: usize, t: usize| {
-            let string = self.string(m);
-            let min_power_w = match shed {
-                Shed::AsTheModel => string.min_power_w(),
-                Shed::OnlyAtLimits => 0.0,
-            };
-            (self.limit(m, t), string.nominal_w(), min_power_w)
-        };
-        self.step_bounds_within(boxes, costs, budget_w, most)
+        check_length("boxes", boxes, self.size())?;
+        self.check_cuts(costs, budget_w)?;
+        let most =
+            |m: usize, t: usize| (self.limit(m, t), self.string(m).nominal_w(), self.string(m).min_power_w());
+        Ok(self.step_bounds_within(boxes, costs, budget_w, most))
     }
 
     /// Step cuts of one objective over a tightened node, like [`Self::step_bounds`].
     ///
     /// # Errors
     ///
-    /// Lengths do not agree, or a cost or the budget is negative or not a number.
+    /// As [`Self::step_bounds`].
     pub fn step_bounds_of(
         &self,
-        of: &NarrowNode,
+        of: &Node,
         costs: &[Losses],
         budget_w: &[f64],
     ) -> Result<StepBounds, InputError> {
-        check_costs(costs, self.n_strings())?;
-        check_length("budget", budget_w, self.n_steps())?;
-        check_range("budget", budget_w, (0.0, f64::INFINITY), " W")?;
+        self.check_cuts(costs, budget_w)?;
         let n_steps = self.n_steps();
         let boxes: Vec<StateBox> =
-            of.node.boxes.chunks_exact(n_steps + 1).flat_map(|row| row[..n_steps].to_vec()).collect();
+            of.boxes.chunks_exact(n_steps + 1).flat_map(|row| row[..n_steps].to_vec()).collect();
         let most = |m: usize, t: usize| {
             let i = m * n_steps + t;
-            let max_w = of.node.requests_w[i].high.max(0.0);
+            let max_w = of.requests_w[i].high.max(0.0);
             (max_w, of.cells[i].delivered_w.high.max(0.0), self.string(m).min_power_w())
         };
         Ok(self.step_bounds_within(&boxes, costs, budget_w, most))
+    }
+
+    fn check_cuts(&self, costs: &[Losses], budget_w: &[f64]) -> Result<(), InputError> {
+        check_costs(costs, self.n_strings())?;
+        check_length("budget", budget_w, self.n_steps())?;
+        check_range("budget", budget_w, (0.0, f64::INFINITY), " W")
+    }
+
+    /// Step cuts at the states along a schedule. As in the search, derated strings shed nothing below their limits.
+    pub(crate) fn step_bounds_along(&self, flows: &[Flow], costs: &[Losses], budget_w: &[f64]) -> StepBounds {
+        let n_steps = self.n_steps();
+        let state = |i: usize| if i % n_steps == 0 { self.start[i / n_steps] } else { flows[i - 1].end };
+        let states: Vec<StateBox> = (0..flows.len()).map(|i| state(i).into()).collect();
+        let most = |m: usize, t: usize| (self.limit(m, t), self.string(m).nominal_w(), 0.0);
+        self.step_bounds_within(&states, costs, budget_w, most)
+    }
+
+    /// Optimal requests of every single step along a schedule, without availability loss, with a lower bound of the cost, for
+    /// each group in search costs.
+    pub(crate) fn one_step_optima(&self, flows: &[Flow]) -> Vec<StepBounds> {
+        let nothing = vec![0.0; self.n_steps()];
+        let optimum =
+            |group| self.step_bounds_along(flows, &self.group_costs(group, CostsOf::Search), &nothing);
+        (0..self.n_groups()).map(optimum).collect()
     }
 
     /// Step cuts where `most(m, t)` is the largest request, the largest and the least delivered power of a string in a
@@ -159,25 +153,6 @@ impl ControlHorizon {
             }
         }
         out
-    }
-
-    /// Optimal requests of every single step at the states along a schedule, without availability loss, with a lower bound of
-    /// the cost, for each group in search costs.
-    pub(crate) fn one_step_optima(&self, flows: &[Flow]) -> Vec<StepBounds> {
-        let (states, nothing) = (self.states_along(flows), vec![0.0; self.n_steps()]);
-        (0..self.n_groups())
-            .map(|group| {
-                let costs = self.group_costs(group, CostsOf::Search);
-                self.step_bounds_over(&states, &costs, &nothing, Shed::OnlyAtLimits)
-            })
-            .collect()
-    }
-
-    /// States at the start of each step along a schedule, `(M, T)`, as degenerate boxes.
-    pub(crate) fn states_along(&self, flows: &[Flow]) -> Vec<StateBox> {
-        let n_steps = self.n_steps();
-        let state = |i: usize| if i % n_steps == 0 { self.start[i / n_steps] } else { flows[i - 1].end };
-        (0..flows.len()).map(|i| state(i).into()).collect()
     }
 }
 

@@ -1,9 +1,8 @@
 //! Lexicographic local search on the control model.
 
 use super::incremental_rollout::IncrementalRollout;
-use super::incumbent::Schedule;
+use super::incumbent::{Ranking, Schedule};
 use super::moves::{Line, Plane};
-use super::ranking::Ranking;
 use crate::model::ControlHorizon;
 
 /// Smallest shift of the polish, as a share of nominal power.

@@ -3,6 +3,8 @@
 
 use super::incumbent::Schedule;
 use super::multistart::Search;
+use crate::model::{CoefficientsFrom, ControlHorizon, CostsOf, Losses};
+use crate::plan::PlanEffort;
 
 /// String-steps of the perturbations of a kind in a round, and their minimum and maximum number.
 const PERTURBED_STRING_STEPS: usize = 480;
@@ -16,6 +18,15 @@ const MIN_RELATIVE_GAIN: f64 = 1e-6;
 const MAX_ROUNDS: usize = 3;
 /// String-steps after which no descent of a race starts.
 const MAX_STEPS: u64 = 5_000_000;
+
+/// Price of a group of objectives in the sum of a plan, relative to the next group.
+const PRICE_OF_FIRST_GROUP: f64 = 1e3;
+/// String-steps of the moves from each of the plan's starts.
+const STRING_STEPS_OF_MOVES: usize = 200_000;
+/// Iterations of the dual bound, whose schedule is one of these starts.
+const BOUND_PASSES: usize = 20;
+/// Number of strings above which plans start from rules only: the time for dynamic programs grows with its square.
+const MAX_STRINGS_WITH_DYNAMIC_PROGRAMS: usize = 64;
 
 impl Search<'_> {
     /// Searches from plans and perturbations, even if every step is optimal at its own states, because other states may be
@@ -59,5 +70,30 @@ impl Search<'_> {
             starts.dedup_by(|a, b| a.objectives.iter().zip(&b.objectives).all(equal));
             starts.truncate(starts.len().div_ceil(one_of));
         }
+    }
+}
+
+impl ControlHorizon {
+    /// Requests `(M, T)` of plans that minimise one sum of all groups: dynamic programs place scarce charge and coolness in
+    /// the steps that need them most, where descents from the other starts end in local optima. Empty if it cannot be planned.
+    fn planned(&self) -> Vec<Vec<f64>> {
+        let n_strings = self.n_strings();
+        let mut blended = [0.0; 4];
+        for group in 0..self.n_groups() {
+            blended = blended.map(|cost| PRICE_OF_FIRST_GROUP * cost);
+            for costs in self.group_costs(group, CostsOf::Search) {
+                blended.iter_mut().zip(costs.to_array()).for_each(|(sum, c)| *sum += c / n_strings as f64);
+            }
+        }
+        let effort = PlanEffort {
+            rollouts: 0,
+            fresh_rollouts: STRING_STEPS_OF_MOVES.div_ceil(self.size()),
+            bound_passes: if n_strings > MAX_STRINGS_WITH_DYNAMIC_PROGRAMS { 0 } else { BOUND_PASSES },
+            proof_cells: 0,
+            turn: 0,
+        };
+        self.plan_problem(Losses::from_array(blended)).map_or(vec![], |problem| {
+            problem.with_coefficients_from(CoefficientsFrom::Start).schedules(effort)
+        })
     }
 }

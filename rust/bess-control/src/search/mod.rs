@@ -8,12 +8,9 @@ mod iterated_local_search;
 mod moves;
 mod multistart;
 mod perturbation;
-mod planned;
-mod ranking;
 
 pub use incumbent::{Incumbent, Schedule};
-pub use multistart::Effort;
-pub(crate) use multistart::SearchResult;
+pub use multistart::{Effort, Split};
 
 #[cfg(test)]
 #[path = "../../tests/common/mod.rs"]

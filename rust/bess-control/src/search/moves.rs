@@ -3,7 +3,7 @@
 use bess_tables::Direction;
 
 use super::incremental_rollout::IncrementalRollout;
-use super::ranking::Ranking;
+use super::incumbent::Ranking;
 use crate::model::Objectives;
 
 /// Uniform shares tried in a line search, and in each direction of a two-step search.

@@ -1,4 +1,4 @@
-//! The complete search: its starts and stopping criteria.
+//! The split of one horizon: the complete search, with its starts and stopping criteria, then the lower bounds.
 
 use std::time::Instant;
 
@@ -6,7 +6,7 @@ use bess_tables::units::W_PER_KW;
 
 use super::incumbent::{Incumbent, Schedule};
 use crate::model::{ControlHorizon, CostsOf, Flow};
-use crate::reach::{Proof, StepBounds};
+use crate::reach::{GroupBounds, Proof, StepBounds};
 
 const MAX_SWAPS: usize = 64;
 /// Maximum number of descents after a gain from the one-step optima along the incumbent.
@@ -28,27 +28,29 @@ pub struct Effort {
     pub gap: f64,
 }
 
+/// The best schedule found, and its bounds.
 #[derive(Debug, Clone)]
-pub struct SearchResult {
+pub struct Split {
+    /// The schedule; its requests survive a conversion to kW and back to the last bit.
     pub incumbent: Incumbent,
-    pub rollouts: usize,
     /// Flows of the strings under this schedule, `(M, T)`.
     pub flows: Vec<Flow>,
-    /// One-step optima at the states of the schedule, for each group; empty if there is nothing to decide.
-    pub(crate) optima: Vec<StepBounds>,
-    /// The last attempt to prove a schedule.
-    pub(crate) proof: Option<Proof>,
+    /// Bounds of every group.
+    pub groups: Vec<GroupBounds>,
+    /// Number of roll-outs.
+    pub rollouts: usize,
 }
 
 impl ControlHorizon {
-    /// Searches for the best schedule, from a greedy pass and, if given, the shifted warm start
-    /// `warm_start_w` `(M, T)`. It uses more starts if the plant is or will soon be full or empty.
+    /// Splits the demand: searches, from a greedy pass and, if given, the shifted warm start `warm_start_w` `(M, T)`, and bounds
+    /// the result. The search uses more starts if the plant is or will soon be full or empty.
     ///
     /// Steps that share a scarce SOC cause local optima. A closed loop has a good warm start in every step; a
     /// search without warm start uses plans and exchanges, unless the bounds prove its schedule.
-    pub fn find(&self, warm_start_w: Option<&[f64]>, effort: &Effort) -> SearchResult {
+    pub fn split(&self, warm_start_w: Option<&[f64]>, effort: &Effort) -> Split {
         let proportional = self.rated(self.fitted(&self.limit_w));
-        let mut search = Search::new(self, effort, proportional);
+        let incumbent = Incumbent::new(proportional);
+        let mut search = Search { horizon: self, effort, incumbent, string_steps: 0, proof: None };
         let n_free = self.n_free_steps();
         if n_free > 0 {
             search.offer(self.greedy());
@@ -59,9 +61,11 @@ impl ControlHorizon {
                 search.explore(warm_start_w.is_none() && n_free > 1);
             }
         }
-        let (flows, optima) = if n_free > 0 { search.settle() } else { search.without_choice() };
-        let rollouts = (search.string_steps as usize).div_ceil(self.size());
-        SearchResult { incumbent: search.incumbent, rollouts, flows, optima, proof: search.proof }
+        let (flows, optima) = search.settle(n_free > 0);
+        let Search { incumbent, string_steps, proof, .. } = search;
+        let groups = self.bounds(&incumbent.schedule.request_w, &flows, &optima, proof);
+        let rollouts = (string_steps as usize).div_ceil(self.size());
+        Split { incumbent, flows, groups, rollouts }
     }
 
     /// Whether battery losses have a cost: steps then depend on each other away from limits, too, and their optima one by one are
@@ -106,11 +110,7 @@ pub(super) struct Search<'a> {
     proof: Option<Proof>,
 }
 
-impl<'a> Search<'a> {
-    fn new(horizon: &'a ControlHorizon, effort: &'a Effort, first: Schedule) -> Self {
-        Self { horizon, effort, incumbent: Incumbent::new(first), string_steps: 0, proof: None }
-    }
-
+impl Search<'_> {
     pub(super) fn best(&self) -> &[f64] {
         &self.incumbent.schedule.request_w
     }
@@ -184,29 +184,20 @@ impl<'a> Search<'a> {
         self.best().iter().map(|&w| there_and_back(there_and_back(w))).collect()
     }
 
-    fn round(&mut self) {
-        self.incumbent.schedule = self.horizon.rated(self.rounded());
-    }
-
-    fn without_choice(&mut self) -> (Vec<Flow>, Vec<StepBounds>) {
-        self.round();
-        (self.horizon.flows(self.best()), vec![])
-    }
-
-    /// Offers the one-step optima at the states of the incumbent, repeated after every improvement; returns
-    /// its flows and these optima.
-    fn settle(&mut self) -> (Vec<Flow>, Vec<StepBounds>) {
+    /// Offers the one-step optima at the states of the incumbent, if there `is_choice`, repeated after every improvement;
+    /// returns its flows and these optima.
+    fn settle(&mut self, is_choice: bool) -> (Vec<Flow>, Vec<StepBounds>) {
+        let horizon = self.horizon;
         let mut round = 1;
         loop {
-            self.round();
-            let flows = self.horizon.flows(self.best());
-            let optima = self.horizon.one_step_optima(&flows);
-            if round > MAX_ROUNDS {
-                return (flows, optima);
-            }
+            self.incumbent.schedule = horizon.rated(self.rounded());
+            let flows = horizon.flows(self.best());
+            let optima = if is_choice { horizon.one_step_optima(&flows) } else { vec![] };
             let mut gained = false;
-            for optimum in &optima {
-                gained |= self.offer(self.horizon.rated(self.horizon.fitted(&optimum.request_w)));
+            if round <= MAX_ROUNDS {
+                for optimum in &optima {
+                    gained |= self.offer(horizon.rated(horizon.fitted(&optimum.request_w)));
+                }
             }
             if !gained {
                 return (flows, optima);

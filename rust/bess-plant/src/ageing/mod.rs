@@ -8,7 +8,6 @@
 //!
 //! [`StringAgeing`] advances an [`AgeingState`] by one control step after the other; the plant reads its [`Loss`].
 
-mod graphite;
 mod law;
 pub mod models;
 mod rainflow;

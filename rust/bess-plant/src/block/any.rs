@@ -1,21 +1,32 @@
-//! Blocks of any width, as plant and cooling see them.
+//! Blocks of any width, as plant and cooling see them: state, control steps, and the record.
 
+use std::array::from_fn;
 use std::fmt::Debug;
 
-use super::Block;
+use bess_tables::units::SECONDS_PER_HOUR;
+use bess_tables::Direction;
+
+use super::{Block, ControlStep, Totals};
 use crate::lanes::Lanes;
-use crate::plant::PlantState;
-use crate::record::Record;
-use crate::schedule::Schedule;
+use crate::line::Lines;
+use crate::plant::{PlantState, Schedule};
+use crate::record::{Limits, Record};
 
 /// Temperatures along the coolant path in a plant step, by lane [degC].
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub(crate) struct Faces {
     pub(crate) inlet_c: Vec<f64>,
     pub(crate) outlet_c: Vec<f64>,
     /// First and last node before the step.
     pub(crate) front_c: Vec<f64>,
     pub(crate) rear_c: Vec<f64>,
+}
+
+impl Faces {
+    pub(crate) fn new(lanes: usize) -> Self {
+        let [inlet_c, outlet_c, front_c, rear_c] = from_fn(|_| vec![0.0; lanes]);
+        Self { inlet_c, outlet_c, front_c, rear_c }
+    }
 }
 
 /// Lanes that are stepped side by side, however many. They have the numbers of the plant.
@@ -27,9 +38,17 @@ pub(crate) trait AnyBlock: Debug + Send + Sync {
     fn write_state(&self, out: &mut PlantState);
     /// Takes the state of the lanes; SOC beyond its window by rounding is put on the limit.
     fn set_state(&mut self, state: &PlantState);
-    fn run(&mut self, schedule: &Schedule, record: &mut Record);
+    fn run(&mut self, schedule: &Schedule, record: &mut Record) {
+        for step in 0..schedule.steps {
+            self.begin(schedule, step);
+            self.advance(schedule.substeps);
+            self.finish(schedule, step, record);
+        }
+    }
 
     fn begin(&mut self, schedule: &Schedule, step: usize);
+    /// Plant steps of the control step.
+    fn advance(&mut self, substeps: usize);
     /// Writes the mean temperature of every lane [degC].
     fn means_c(&self, means_c: &mut [f64]);
     /// Changes the flow of a lane, if it is one of these, to a share of the full one.
@@ -72,16 +91,32 @@ impl<const W: usize> AnyBlock for Block<W> {
         self.follow_ageing();
     }
 
-    fn run(&mut self, schedule: &Schedule, record: &mut Record) {
-        for step in 0..schedule.steps {
-            let mut begun = self.begin_step(schedule, step);
-            self.plant_steps(&mut begun, schedule.substeps);
-            self.finish_step(&begun, schedule, step, record);
-        }
+    fn begin(&mut self, schedule: &Schedule, step: usize) {
+        let member = |l: usize| self.ids[l.min(self.ids.len() - 1)];
+        let request_w: [f64; W] = from_fn(|l| schedule.request_w(step, member(l)));
+        let direction = request_w.map(Direction::of);
+        let begun = ControlStep {
+            magnitude_w: Lanes::from_fn(|l| request_w[l].abs()),
+            reactive_var: Lanes::from_fn(|l| schedule.reactive_var(step, member(l)).abs()),
+            sign: Lanes::from_fn(|l| direction[l].sign()),
+            direction,
+            inlet_c: Lanes::from_fn(|l| schedule.ambient_c(step, member(l))),
+            soc: self.soc,
+            temperature_c: self.air_path.mean_temperature(),
+            totals: Totals { hottest_c: Lanes::splat(f64::NEG_INFINITY), ..Totals::default() },
+            limits: [Limits::NONE; W],
+        };
+        // The loss table in force changes with the direction.
+        self.loss_lines = Lines::unknown();
+        self.integrate_excess(schedule.substeps);
+        self.begun = Some(begun);
     }
 
-    fn begin(&mut self, schedule: &Schedule, step: usize) {
-        self.begun = Some(self.begin_step(schedule, step));
+    fn advance(&mut self, substeps: usize) {
+        if let Some(mut begun) = self.begun {
+            self.plant_steps(&mut begun, substeps);
+            self.begun = Some(begun);
+        }
     }
 
     fn means_c(&self, means_c: &mut [f64]) {
@@ -101,22 +136,121 @@ impl<const W: usize> AnyBlock for Block<W> {
     }
 
     fn cooled_step(&mut self, faces: &mut Faces) {
-        let Some(mut begun) = self.begun else { return };
-        let last = self.air_path.temperature.len() - 1;
+        let Some(begun) = &mut self.begun else { return };
+        let nodes = &self.air_path.temperature;
         for (lane, &id) in self.ids.iter().enumerate() {
             begun.inlet_c.0[lane] = faces.inlet_c[id];
-            faces.front_c[id] = self.air_path.temperature[0].0[lane];
-            faces.rear_c[id] = self.air_path.temperature[last].0[lane];
+            faces.front_c[id] = nodes[0].0[lane];
+            faces.rear_c[id] = nodes[nodes.len() - 1].0[lane];
         }
         let outlet_c = self.air_path.outlet(begun.inlet_c);
         self.ids.iter().enumerate().for_each(|(lane, &id)| faces.outlet_c[id] = outlet_c.0[lane]);
-        self.plant_steps(&mut begun, 1);
-        self.begun = Some(begun);
+        self.advance(1);
     }
 
     fn finish(&mut self, schedule: &Schedule, step: usize, record: &mut Record) {
-        if let Some(begun) = self.begun.take() {
-            self.finish_step(&begun, schedule, step, record);
+        let Some(begun) = self.begun.take() else { return };
+        let mean_c = self.air_path.mean_temperature();
+        for (lane, &id) in self.ids.iter().enumerate() {
+            let at = step * schedule.lanes + id;
+            self.report(&begun, lane, schedule.substeps as f64, at, record);
+            record.temperature_c[at] = mean_c.0[lane];
+            if schedule.reactive_var.is_some() {
+                let sign = if schedule.reactive_var(step, id) < 0.0 { -1.0 } else { 1.0 };
+                record.reactive_var[at] = sign * begun.totals.reactive_var.0[lane] / schedule.substeps as f64;
+            }
+        }
+        let duration_s = schedule.substeps as f64 * self.step_s;
+        self.age(begun.soc, begun.temperature_c, duration_s, step * schedule.lanes, record);
+    }
+}
+
+impl<const W: usize> Block<W> {
+    /// Chemical energy at a SOC less that at the one now, of one lane [J].
+    pub(super) fn drawn_j(&self, lane: usize, from_soc: f64) -> f64 {
+        let rest = &self.strings[lane].rest;
+        let volts = rest.integral_v(from_soc) - rest.integral_v(self.soc.0[lane]);
+        SECONDS_PER_HOUR * self.capacity_ah.0[lane] * volts
+    }
+
+    /// Writes the flows of one lane as entry `at`: means over `n` plant steps, and the ledger.
+    fn report(&self, begun: &ControlStep<W>, lane: usize, n: f64, at: usize, record: &mut Record) {
+        let totals = &begun.totals;
+        let drawn_j = self.drawn_j(lane, begun.soc.0[lane]);
+        let delivered_w = begun.sign.0[lane] * totals.delivered_w.0[lane];
+        let standby_w =
+            totals.off_steps.0[lane] * self.strings[lane].inverter.off_loss_w + totals.grid_loss_w.0[lane];
+        let loss_w = totals.loss_on_w.0[lane] + standby_w;
+        let (heat_w, hysteresis_w) = (totals.heat_w.0[lane], totals.hysteresis_w.0[lane]);
+        let shift_w = totals.ocv_shift_w.0[lane];
+        record.delivered_w[at] = delivered_w / n;
+        record.availability_loss_w[at] = totals.availability_loss_w.0[lane] / n;
+        record.derating_loss_w[at] = totals.derating_loss_w.0[lane] / n;
+        record.inverter_loss_w[at] = loss_w / n;
+        record.standby_w[at] = standby_w / n;
+        record.battery_loss_w[at] = heat_w / n;
+        record.reversible_heat_w[at] = totals.reversible_w.0[lane] / n;
+        record.hysteresis_loss_w[at] = hysteresis_w / n;
+        record.chemical_w[at] = drawn_j / (n * self.step_s);
+        record.ocv_shift_w[at] = shift_w / n;
+        record.current_a[at] = totals.current_a.0[lane] / n;
+        record.node_max_c[at] = totals.hottest_c.0[lane];
+        record.derating_factor[at] = totals.factor.0[lane] / n;
+        record.inverter_starts[at] = totals.starts.0[lane];
+        record.soc[at] = self.soc.0[lane];
+        // An inverter that is off, or has reactive power alone, takes its loss from the grid, beside the delivered power.
+        let ac_w = standby_w - delivered_w;
+        record.ledger_residual_j[at] =
+            (ac_w - (heat_w + hysteresis_w + loss_w - shift_w)) * self.step_s + drawn_j;
+        let derated = if totals.derating_loss_w.0[lane] > 0.0 { Limits::DERATING } else { Limits::NONE };
+        record.limits[at] = derated.with(begun.limits[lane]);
+        if !record.node_temperature_c.is_empty() {
+            for (node, value) in self.air_path.temperature.iter().enumerate() {
+                record.node_temperature_c[at * record.nodes + node] = value.0[lane];
+            }
+        }
+    }
+
+    /// Capacity and resistance become those that ageing has left.
+    fn follow_ageing(&mut self) {
+        for lane in 0..W {
+            let loss = self.aged[lane.min(self.aged.len() - 1)].loss();
+            let capacity_ah = self.strings[lane].capacity_ah * loss.soh_capacity;
+            self.capacity_ah.0[lane] = capacity_ah;
+            self.soc_per_a.0[lane] = self.step_s / (SECONDS_PER_HOUR * capacity_ah);
+            self.growth.0[lane] = loss.soh_resistance;
+        }
+    }
+
+    /// Ages the strings by a control step from `soc` and `temperature_c` to the present state, and records the loss.
+    #[inline(never)]
+    fn age(
+        &mut self,
+        soc: Lanes<W>,
+        temperature_c: Lanes<W>,
+        duration_s: f64,
+        first: usize,
+        record: &mut Record,
+    ) {
+        let now_c = self.air_path.mean_temperature();
+        let mut changed = false;
+        for (lane, &id) in self.ids.iter().enumerate() {
+            let moved = (soc.0[lane], self.soc.0[lane]);
+            let mean_c = 0.5 * (temperature_c.0[lane] + now_c.0[lane]);
+            changed |= self.ageing[lane].observe(&mut self.aged[lane], moved, mean_c, duration_s);
+            let loss = self.aged[lane].loss();
+            record.soh_capacity[first + id] = loss.soh_capacity;
+            record.soh_resistance[first + id] = loss.soh_resistance;
+            record.calendar_loss[first + id] = loss.calendar;
+            record.cyclic_loss[first + id] = loss.cyclic;
+        }
+        if changed {
+            let before_ah = self.capacity_ah;
+            self.follow_ageing();
+            for (lane, &id) in self.ids.iter().enumerate() {
+                let lost_ah = before_ah.0[lane] - self.capacity_ah.0[lane];
+                record.aged_charge_ah[first + id] = self.soc.0[lane] * lost_ah;
+            }
         }
     }
 }

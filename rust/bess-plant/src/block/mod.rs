@@ -1,6 +1,5 @@
-//! `W` strings stepped side by side through a whole schedule: parameters and state, control steps, the record.
+//! `W` strings stepped side by side: their parameters and state, and the flows of a control step.
 
-mod ageing;
 mod any;
 mod derating;
 mod step;
@@ -8,17 +7,41 @@ mod step;
 pub(crate) use any::{AnyBlock, Faces};
 pub use derating::DeratingLaw;
 
-use bess_tables::units::SECONDS_PER_HOUR;
 use bess_tables::{Direction, InputError, Resistance, StringParameters};
 
 use crate::ageing::{AgeingState, StringAgeing};
 use crate::lanes::Lanes;
 use crate::line::Lines;
 use crate::measured_resistance::MeasuredResistance;
-use crate::record::{Limits, Record};
-use crate::schedule::Schedule;
+use crate::record::Limits;
 use crate::thermal::{AirPath, Coefficients};
-use crate::totals::Totals;
+
+/// Sums over the plant steps of one control step.
+#[derive(Debug, Clone, Copy, Default)]
+struct Totals<const W: usize> {
+    /// Powers and losses as in the record: magnitudes in the direction of the request [W].
+    delivered_w: Lanes<W>,
+    availability_loss_w: Lanes<W>,
+    derating_loss_w: Lanes<W>,
+    /// Inverter loss of plant steps with active power.
+    loss_on_w: Lanes<W>,
+    /// Inverter loss of plant steps with reactive power alone.
+    grid_loss_w: Lanes<W>,
+    reactive_var: Lanes<W>,
+    /// Plant steps with the inverter off.
+    off_steps: Lanes<W>,
+    heat_w: Lanes<W>,
+    reversible_w: Lanes<W>,
+    hysteresis_w: Lanes<W>,
+    ocv_shift_w: Lanes<W>,
+    current_a: Lanes<W>,
+    /// Derating factor.
+    factor: Lanes<W>,
+    /// Off-to-on transitions of the inverter.
+    starts: Lanes<W>,
+    /// Hottest node so far [degC].
+    hottest_c: Lanes<W>,
+}
 
 /// A control step: its requests, its initial state, and the flows so far.
 #[derive(Debug, Clone, Copy)]
@@ -125,77 +148,14 @@ impl<const W: usize> Block<W> {
             step_s,
         })
     }
-
-    fn begin_step(&mut self, schedule: &Schedule, step: usize) -> ControlStep<W> {
-        let member = |l: usize| self.ids[l.min(self.ids.len() - 1)];
-        let request_w: [f64; W] = std::array::from_fn(|l| schedule.request_w(step, member(l)));
-        let inlet_c = Lanes::from_fn(|l| schedule.ambient_c(step, member(l)));
-        let (soc, temperature_c) = (self.soc, self.air_path.mean_temperature());
-        let magnitude_w = Lanes::from_fn(|l| request_w[l].abs());
-        let reactive_var = Lanes::from_fn(|l| schedule.reactive_var(step, member(l)).abs());
-        let direction: [Direction; W] = std::array::from_fn(|l| Direction::of(request_w[l]));
-        let sign = Lanes::from_fn(|l| direction[l].sign());
-        // The loss table in force changes with the direction.
-        self.loss_lines = Lines::unknown();
-        self.integrate_excess(schedule.substeps);
-        ControlStep {
-            magnitude_w,
-            reactive_var,
-            sign,
-            direction,
-            inlet_c,
-            soc,
-            temperature_c,
-            totals: Totals::new(),
-            limits: [Limits::NONE; W],
-        }
-    }
-
-    fn finish_step(&mut self, begun: &ControlStep<W>, schedule: &Schedule, step: usize, record: &mut Record) {
-        self.report(step, begun, schedule.substeps, record);
-        if schedule.reactive_var.is_some() {
-            for (lane, &id) in self.ids.iter().enumerate() {
-                let sign = if schedule.reactive_var(step, id) < 0.0 { -1.0 } else { 1.0 };
-                record.reactive_var[step * schedule.lanes + id] =
-                    sign * begun.totals.reactive_var.0[lane] / schedule.substeps as f64;
-            }
-        }
-        let duration_s = schedule.substeps as f64 * self.step_s;
-        self.age(begun.soc, begun.temperature_c, duration_s, step * schedule.lanes, record);
-    }
-
-    /// Chemical energy at a SOC less that at the one now, of one lane [J].
-    fn drawn_j(&self, lane: usize, from_soc: f64) -> f64 {
-        let rest = &self.strings[lane].rest;
-        let volts = rest.integral_v(from_soc) - rest.integral_v(self.soc.0[lane]);
-        SECONDS_PER_HOUR * self.capacity_ah.0[lane] * volts
-    }
-
-    fn report(&self, step: usize, begun: &ControlStep<W>, substeps: usize, record: &mut Record) {
-        let mean_c = self.air_path.mean_temperature();
-        for (lane, &id) in self.ids.iter().enumerate() {
-            let at = step * record.lanes + id;
-            let off_loss_w = self.strings[lane].inverter.off_loss_w;
-            let drawn_j = self.drawn_j(lane, begun.soc.0[lane]);
-            let per_lane = (off_loss_w, drawn_j);
-            begun.totals.write(lane, begun.sign.0[lane], per_lane, (substeps, self.step_s), at, record);
-            record.soc[at] = self.soc.0[lane];
-            record.temperature_c[at] = mean_c.0[lane];
-            record.limits[at] = record.limits[at].with(begun.limits[lane]);
-            if !record.node_temperature_c.is_empty() {
-                for (node, value) in self.air_path.temperature.iter().enumerate() {
-                    record.node_temperature_c[at * record.nodes + node] = value.0[lane];
-                }
-            }
-        }
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::common;
-    use crate::plant::{starting_ageing, PlantState};
+    use crate::plant::{starting_ageing, PlantState, Schedule};
+    use crate::record::Record;
 
     /// Eight strings through all regimes: full, empty, hot, idle.
     fn record<const W: usize>(
@@ -229,9 +189,11 @@ mod tests {
         };
         let mut record = Record::new(steps, (1, W), 40, true, reactive_var.is_some());
         for step in 0..steps {
-            let mut begun = block.begin_step(&schedule, step);
+            block.begin(&schedule, step);
+            let mut begun = block.begun.unwrap();
             plant_steps(&mut block, &mut begun, substeps);
-            block.finish_step(&begun, &schedule, step, &mut record);
+            block.begun = Some(begun);
+            block.finish(&schedule, step, &mut record);
         }
         record
     }

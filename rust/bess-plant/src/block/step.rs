@@ -3,13 +3,12 @@
 use bess_tables::units::ZERO_C_IN_K;
 use bess_tables::Resistance;
 
-use super::{Block, ControlStep};
+use super::{Block, ControlStep, Totals};
 use crate::electrical::{Demand, Operation};
 use crate::lanes::Lanes;
 use crate::line::{Line, Margin};
 use crate::measured_resistance;
 use crate::record::Limits;
-use crate::totals::Totals;
 
 struct Drawn<const W: usize> {
     delivered_w: Lanes<W>,
@@ -264,7 +263,7 @@ impl<const W: usize> Block<W> {
                 demand.soc,
                 temperatures,
                 string.capacity_ah,
-                |r| demand.current_a(string, r),
+                |r| demand.operate(string, r).current_a,
             );
             drawn.node_factor.0[lane] = 1.0;
             for (node, resistance) in self.air_path.resistance.iter_mut().enumerate() {

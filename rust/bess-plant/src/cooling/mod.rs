@@ -14,13 +14,11 @@
 //! removes the heat that holds it at the supply temperature, within its limit:
 //! `C dT/dt = sum Q + P_mover + UA (T_ambient - T) - Q_source`, explicit as the cells are.
 
-mod kind;
 mod kinds;
 mod station;
 mod thermostat;
 
-pub use kind::Kind;
-pub use kinds::KINDS;
+pub use kinds::{Kind, KINDS};
 pub use station::CoolingState;
 pub(crate) use station::Station;
 
@@ -30,7 +28,7 @@ use bess_tables::{Cooling, InputError, SpatialThermal};
 use crate::check::named;
 
 pub(crate) fn kind(name: &str) -> Result<&'static Kind, InputError> {
-    named("cooling kind", name, KINDS.into_iter(), |kind| kind.name)
+    named("cooling kind", name, &KINDS.map(|kind| kind.name)).map(|at| KINDS[at])
 }
 
 /// The thermal model of a string with its coolant in place of its air.

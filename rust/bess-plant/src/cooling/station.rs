@@ -3,13 +3,13 @@
 use bess_tables::units::W_PER_KW;
 use bess_tables::{Cooling, InputError, StringParameters};
 
-use super::kind::{Kind, Source, Supply};
+use super::kinds::{Kind, Source, Supply};
 use super::thermostat::{max_stages, share, stages};
 use super::{cop, kind};
 use crate::block::{AnyBlock, Faces};
 use crate::check::check_range;
+use crate::plant::Schedule;
 use crate::record::Record;
-use crate::schedule::Schedule;
 use crate::thermal::Coefficients;
 
 /// Cooling state of a plant.
@@ -90,12 +90,7 @@ impl Station {
                 loop_c: vec![0.0; scenarios],
             },
             share: zeros.clone(),
-            faces: Faces {
-                inlet_c: zeros.clone(),
-                outlet_c: zeros.clone(),
-                front_c: zeros.clone(),
-                rear_c: zeros.clone(),
-            },
+            faces: Faces::new(lanes),
             carried_w: zeros,
             auxiliary_w: vec![0.0; scenarios],
         })
@@ -107,7 +102,7 @@ impl Station {
 
     /// Runs a schedule: all blocks one plant step after the other, with the coolant between them.
     pub(crate) fn run(&mut self, blocks: &mut [Box<dyn AnyBlock>], schedule: &Schedule, record: &mut Record) {
-        // A flow that nothing has set yet differs from every share.
+        // NaN differs from every share: each flow is set in the first plant step.
         self.share.fill(f64::NAN);
         for step in 0..schedule.steps {
             blocks.iter_mut().for_each(|block| block.begin(schedule, step));
@@ -133,7 +128,7 @@ impl Station {
 
     fn plant_step(&mut self, blocks: &mut [Box<dyn AnyBlock>], schedule: &Schedule, step: usize) {
         let strings = self.units.len();
-        // Means stand in the place of outlets until the coolant has passed.
+        // `outlet_c` holds the mean temperatures until the coolant has passed.
         for block in blocks.iter() {
             block.means_c(&mut self.faces.outlet_c);
         }
@@ -167,26 +162,25 @@ impl Station {
         (supply, inlet_c)
     }
 
-    /// Thermostats: every string's own, or that of the one that asks for most where one flow passes all.
+    /// Sets the flow of each string by its thermostat or, where one flow passes all strings, by the thermostat with the largest flow.
     fn set_flows(&mut self, blocks: &mut [Box<dyn AnyBlock>]) {
         let strings = self.units.len();
         let one_flow = self.cooling.common.as_ref().is_some_and(|common| common.series);
-        let mut wanted = [0.0; 2];
         for first in (0..self.state.stages.len()).step_by(strings) {
-            wanted[0] = 0.0;
+            let mut most = 0.0_f64;
             for lane in first..first + strings {
                 let mean_c = self.faces.outlet_c[lane];
                 self.state.stages[lane] = stages(&self.cooling, self.state.stages[lane], mean_c);
                 // A thermostat lets no coolant pass that is warmer than the string.
                 let warms = self.cooling.start_c.is_some() && self.faces.inlet_c[lane] > mean_c;
-                wanted[1] = if warms { 0.0 } else { share(&self.cooling, self.state.stages[lane], mean_c) };
-                wanted[0] = wanted[1].max(wanted[0]);
+                let wanted = if warms { 0.0 } else { share(&self.cooling, self.state.stages[lane], mean_c) };
+                most = wanted.max(most);
                 if !one_flow {
-                    self.set_flow(blocks, lane, wanted[1]);
+                    self.set_flow(blocks, lane, wanted);
                 }
             }
             if one_flow {
-                (first..first + strings).for_each(|lane| self.set_flow(blocks, lane, wanted[0]));
+                (first..first + strings).for_each(|lane| self.set_flow(blocks, lane, most));
             }
         }
     }

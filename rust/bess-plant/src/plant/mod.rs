@@ -3,6 +3,7 @@
 mod requests;
 mod state;
 
+pub(crate) use requests::Schedule;
 pub use state::{starting_ageing, PlantState};
 
 use bess_tables::{InputError, StringParameters, System};

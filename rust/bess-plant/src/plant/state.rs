@@ -47,8 +47,7 @@ impl PlantState {
     }
 }
 
-/// Sum in the order of additions that NumPy takes for up to 128 numbers: a decision made here is that made from Python, to the
-/// last bit.
+/// Sum in NumPy's order of additions for up to 128 numbers, so that decisions here and in Python agree to the last bit.
 fn sum(values: &[f64]) -> f64 {
     let rows = values.chunks_exact(8);
     let rest = rows.remainder();

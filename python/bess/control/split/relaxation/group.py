@@ -7,7 +7,6 @@ strings in each step. The conic program with coefficients over these ranges then
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,22 +36,6 @@ Instance = tuple[conic.ConicData, NDArray[np.bool_], Array]
 """A program, its fixed variables and their values."""
 
 
-@dataclass(frozen=True)
-class Cutoff:
-    """Cost limits of a node: by earlier groups, and by the incumbent.
-
-    Attributes
-    ----------
-    ceilings : sequence of float
-        Limits of all earlier groups; their number is the index of this group.
-    cost : float
-        Limit of this group: schedules that do not improve the incumbent by the gap are cut off.
-    """
-
-    ceilings: Sequence[float]
-    cost: float
-
-
 class RelaxedGroup:
     """Relaxation of one group, with earlier groups at most at their ceilings.
 
@@ -62,8 +45,10 @@ class RelaxedGroup:
         The problem, its control model, and the constants of its plant.
     cost : ndarray, shape (n_groups, n_strings, 4)
         Costs of the losses [1/kW].
-    cutoff
-        Cost limits of earlier groups and of this group.
+    ceilings : sequence of float
+        Cost limits of all earlier groups; their number is the index of this group.
+    cutoff : float
+        Cost limit of this group: schedules that do not improve the incumbent by the gap are excluded.
     near : _core.StateBoxes
         States of the incumbent (points); planes are tight near them.
     frozen
@@ -78,13 +63,14 @@ class RelaxedGroup:
         control: _core.ControlHorizon,
         constants: PlantConstants,
         cost: Array,
-        cutoff: Cutoff,
+        ceilings: Sequence[float],
+        cutoff: float,
         near: _core.StateBoxes,
         propose: Propose,
         *,
         frozen: bool = False,
     ) -> None:
-        group, n_before = len(cutoff.ceilings), cost.shape[0] - 1
+        group, n_before = len(ceilings), cost.shape[0] - 1
         self._problem, self._control, self._constants = problem, control, constants.at(problem.state)
         self._cutoff, self._near, self._propose, self._frozen = cutoff, near, propose, frozen
         self._cost = cost[group]
@@ -108,9 +94,9 @@ class RelaxedGroup:
             active = g < group
             weight = per_unit[g] / units[g] if active else np.zeros_like(per_unit[g])
             static |= costs(f"cap{g}", weight)
-            static[f"cap{g}"] = cutoff.ceilings[g] / units[g] if active else 1.0
+            static[f"cap{g}"] = ceilings[g] / units[g] if active else 1.0
             if active and cost[g, :, 0].min() > 0.0:
-                shed_budgets_kw.append(cutoff.ceilings[g] / cost[g, :, 0].min())
+                shed_budgets_kw.append(ceilings[g] / cost[g, :, 0].min())
         self._shed_budget_kw = min(shed_budgets_kw)
         self.program = compiled(*problem.limit_kw.shape, n_before)
         self._theta = self.program.parameters(static)
@@ -135,8 +121,7 @@ class RelaxedGroup:
 
         The node excludes schedules that cost more than the cutoff, so no bound exceeds it.
         """
-        cutoff = self._cutoff.cost
-        budget_kw = self._shed_budget_kw
+        cutoff, budget_kw = self._cutoff, self._shed_budget_kw
         if self._cost[:, 0].min() > 0.0:
             budget_kw = min(budget_kw, cutoff / self._cost[:, 0].min())
         program = self._program(node, budget_kw)
@@ -171,22 +156,19 @@ class RelaxedGroup:
         narrowed = self._control.narrowed(node, budget_kw)
         if narrowed is None:
             return None
-        cells = self.cells(narrowed)
-        return narrowed, cells, self.instance(narrowed, cells, budget_kw)
+        cells, instance = self.instance(narrowed, budget_kw)
+        return narrowed, cells, instance
 
-    def cells(self, node: _core.Node) -> dict[str, Array]:
-        """Coefficients over a tightened node by name, each ``(n_strings, n_steps)``."""
-        return self._control.relaxed(node, self._near, self._frozen, self._units_kw)
-
-    def instance(self, node: _core.Node, cells: dict[str, Array], budget_kw: float) -> Instance:
-        """Program of a tightened node with a limit on the total availability loss, with its fixed variables
-        and their values."""
+    def instance(self, node: _core.Node, budget_kw: float) -> tuple[dict[str, Array], Instance]:
+        """Return the coefficients over a tightened node by name, each ``(n_strings, n_steps)``, and its
+        program with a limit on the total availability loss, its fixed variables and their values."""
+        cells = self._control.relaxed(node, self._near, self._frozen, self._units_kw)
         theta = self._theta.copy()
         for name in cells.keys() & self.program.places.keys():
             theta[self.program.places[name]] = cells[name]
         shed_kw = cells["a_hi"] * self._constants.nominal_kw[:, None]
         self._cut(theta, node, np.minimum(shed_kw.sum(axis=0), budget_kw))
-        return self.program.load(theta), *self._settled(cells)
+        return cells, (self.program.load(theta), *self._settled(cells))
 
     def _settled(self, cells: dict[str, Array]) -> tuple[NDArray[np.bool_], Array]:
         """Variables fixed by the ranges of a node, and their values."""

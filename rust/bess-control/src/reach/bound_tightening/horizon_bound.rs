@@ -5,9 +5,9 @@
 use bess_tables::units::SECONDS_PER_HOUR;
 use bess_tables::Direction;
 
-use crate::model::{heat_w, CoefficientRanges, ControlHorizon, Losses, Range, StateBox, StringState};
+use crate::model::{heat_w, CoefficientRanges, ControlHorizon, Losses, StateBox, StringState};
 use crate::one_step::{CostCurve, OneStepSolution, OperatingTerms};
-use crate::reach::{step_bound, Planes, StepBound};
+use crate::reach::{step_bound, Cell, Planes, StepBound};
 
 /// Value of the state of a string at a step.
 #[derive(Debug, Clone, Copy, Default)]
@@ -36,10 +36,7 @@ pub(super) struct OperatingRanges<'a> {
     pub(super) boxes: &'a [StateBox],
     pub(super) ranges: Vec<CoefficientRanges>,
     pub(super) planes: Vec<Planes>,
-    pub(super) current_a: Vec<Range>,
-    pub(super) heat_w: Vec<Range>,
-    /// `(M, T)`
-    pub(super) may_shed: Vec<bool>,
+    pub(super) cells: Vec<Cell>,
 }
 
 /// Bounds of all steps over boxes.
@@ -55,27 +52,26 @@ pub(super) struct HorizonBound<'a> {
 impl<'a> OperatingRanges<'a> {
     pub(super) fn new(horizon: &'a ControlHorizon, boxes: &'a [StateBox], near: &[StringState]) -> Self {
         let n_steps = horizon.n_steps();
-        let (mut ranges, mut planes, mut current_a) = (vec![], vec![], vec![]);
-        let (mut heat_w, mut may_shed) = (vec![], vec![]);
+        let (mut ranges, mut planes, mut cells) = (vec![], vec![], vec![]);
         for m in 0..horizon.n_strings() {
             let string = horizon.string(m);
-            for t in 0..n_steps {
+            for (t, interval) in horizon.intervals.iter().enumerate() {
                 let states = &boxes[m * (n_steps + 1) + t];
-                let (interval, requests) = (&horizon.intervals[t], horizon.request_range(m, t));
-                let coefficients = string.ranges(interval.direction, states);
+                ranges.push(string.ranges(interval.direction, states));
                 planes.push(string.planes(interval.direction, states, near[m * n_steps + t]));
-                let cell = string.cell(states, &requests, interval);
-                ranges.push(coefficients);
-                may_shed.push(cell.may_shed());
-                current_a.push(cell.current_a);
-                heat_w.push(cell.heat_w);
+                cells.push(string.cell(states, &horizon.request_range(m, t), interval));
             }
         }
-        Self { horizon, boxes, ranges, planes, current_a, heat_w, may_shed }
+        Self { horizon, boxes, ranges, planes, cells }
+    }
+
+    /// Whether a string may have availability loss in a step, `(M, T)`.
+    pub(super) fn may_shed(&self) -> Vec<bool> {
+        self.cells.iter().map(Cell::may_shed).collect()
     }
 
     /// Index of a string and a step in arrays `(M, T)`.
-    pub(super) fn cell(&self, m: usize, t: usize) -> usize {
+    pub(super) fn at(&self, m: usize, t: usize) -> usize {
         m * self.horizon.n_steps() + t
     }
 
@@ -117,7 +113,7 @@ impl<'a> HorizonBound<'a> {
             let values: Vec<StateValues> = (0..n_strings).map(|m| values[m][t]).collect();
             let curve = |m: usize| horizon_bound.curve(m, t, &values[m], f64::INFINITY);
             let (mut curves, constants): (Vec<_>, Vec<_>) = (0..n_strings).map(curve).unzip();
-            let sheds = (0..n_strings).any(|m| operating.may_shed[operating.cell(m, t)]);
+            let sheds = (0..n_strings).any(|m| operating.cells[operating.at(m, t)].may_shed());
             let budget_w = if sheds { shed_budget_w } else { 0.0 };
             let (mut bound, OneStepSolution { price, .. }) = step_bound(&mut curves, demand_w, budget_w);
             bound.phi += constants.iter().sum::<f64>();
@@ -156,7 +152,7 @@ impl<'a> HorizonBound<'a> {
     pub(super) fn curve(&self, m: usize, t: usize, values: &StateValues, shed_cost: f64) -> (CostCurve, f64) {
         let horizon = self.operating.horizon;
         let string = horizon.string(m);
-        let ranges = &self.operating.ranges[self.operating.cell(m, t)];
+        let ranges = &self.operating.ranges[self.operating.at(m, t)];
         let direction = horizon.direction(t);
         let limit_w = horizon.limit(m, t);
         let loss = string.loss(direction);
@@ -175,7 +171,7 @@ impl<'a> HorizonBound<'a> {
         costs.battery += if direction == Direction::Discharge { power_price } else { -power_price };
         costs.battery -= values.warmth * self.operating.kelvin_per_w(m, t);
         if costs.battery < 0.0 {
-            constant += costs.battery * self.operating.heat_w[self.operating.cell(m, t)].high;
+            constant += costs.battery * self.operating.cells[self.operating.at(m, t)].heat_w.high;
             costs.battery = 0.0;
         }
         if direction == Direction::Charge && gained != 0.0 {
@@ -220,6 +216,7 @@ impl<'a> HorizonBound<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::Range;
     use crate::search::common;
 
     const DEMAND_W: f64 = 150e3;

@@ -14,6 +14,7 @@ use bess_tables::InputError;
 
 use crate::error::{check_costs, check_range};
 use crate::model::{ControlHorizon, Flow, Losses, StateBox, StringState};
+use crate::reach::step_bounds::cheapest_shed;
 use horizon_bound::{HorizonBound, OperatingRanges};
 use tightening::Tightening;
 
@@ -73,7 +74,7 @@ impl ControlHorizon {
         }
         let reference = self.reference(flows, costs);
         let cutoff = reference.cost;
-        let cheapest_shed = costs.iter().map(|c| c.availability).fold(f64::INFINITY, f64::min);
+        let cheapest_shed = cheapest_shed(costs);
         let no_prices = vec![0.0; flows.len()];
         let (mut last, mut priced) = (f64::INFINITY, reference.scale_price == no_prices);
         for _ in 0..ROUNDS {
@@ -96,7 +97,7 @@ impl ControlHorizon {
             best.bound = best.bound.max(bound - ROUNDING * cutoff).min(cutoff);
             let slack = cutoff - bound + ROUNDING * cutoff;
             if slack <= MIN_RELATIVE_SLACK * cutoff || slack > MAX_REMAINING_SLACK * last {
-                best.may_shed = operating.may_shed.clone();
+                best.may_shed = operating.may_shed();
                 best.boxes = boxes;
                 return best;
             }
@@ -104,8 +105,7 @@ impl ControlHorizon {
             match Tightening::new(&horizon_bound, slack).narrowed() {
                 Some(boxes) => best.boxes = boxes,
                 None => {
-                    let may_shed = operating.may_shed.clone();
-                    return TightenedBounds { bound: cutoff, boxes, may_shed };
+                    return TightenedBounds { bound: cutoff, may_shed: operating.may_shed(), boxes };
                 }
             }
         }

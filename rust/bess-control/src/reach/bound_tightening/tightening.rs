@@ -26,14 +26,6 @@ enum Target {
     Warmth(f64),
 }
 
-/// Reward per unit of the target, and its index.
-#[derive(Debug, Clone, Copy)]
-struct Reward {
-    target: Target,
-    level: usize,
-    per_unit: f64,
-}
-
 /// The Lagrangian of a step at a price of the demand: its value, and the part of each string.
 struct DualByString {
     price: f64,
@@ -123,14 +115,14 @@ impl<'a> Tightening<'a> {
         }
         let width: f64 = alone.iter().map(|range| range.high - range.low).sum();
         for level in 0..N_REWARDS {
-            let reward = Reward { target, level, per_unit: self.per_unit(m, level, target) };
-            if self.slack >= reward.per_unit * width {
+            let per_unit = self.per_unit(m, level, target);
+            if self.slack >= per_unit * width {
                 continue;
             }
-            let mut sum = self.slack / reward.per_unit;
+            let mut sum = self.slack / per_unit;
             for t in 0..n_steps {
                 let with_slack = self.duals[t].as_ref().map_or(f64::INFINITY, |duals| {
-                    (duals.step.bound.phi - self.rewarded(duals, m, t, reward)) / reward.per_unit
+                    (duals.step.bound.phi - self.rewarded(duals, (m, t), target, level, per_unit)) / per_unit
                 });
                 sum += with_slack.min(alone[t].high);
                 best[t + 1] = best[t + 1].min(sum);
@@ -142,13 +134,13 @@ impl<'a> Tightening<'a> {
     /// Maximum increase of the target in one step at any cost.
     fn of_step(&self, m: usize, t: usize, target: Target) -> Range {
         let operating = self.horizon_bound.operating;
-        let (horizon, cell) = (operating.horizon, operating.cell(m, t));
+        let (horizon, cell) = (operating.horizon, &operating.cells[operating.at(m, t)]);
         let (range, factor) = match target {
             Target::Charge(sign) => {
                 let per_ampere = horizon.intervals[t].dt_h / horizon.string(m).parameters.capacity_ah;
-                (operating.current_a[cell], -horizon.direction(t).sign() * sign * per_ampere)
+                (cell.current_a, -horizon.direction(t).sign() * sign * per_ampere)
             }
-            Target::Warmth(sign) => (operating.heat_w[cell], sign * operating.kelvin_per_w(m, t)),
+            Target::Warmth(sign) => (cell.heat_w, sign * operating.kelvin_per_w(m, t)),
         };
         [factor * range.low, factor * range.high].into_iter().collect()
     }
@@ -170,8 +162,14 @@ impl<'a> Tightening<'a> {
     }
 
     /// Lower bound of a step's cost minus the reward of string `m` for the target.
-    fn rewarded(&self, duals: &StepDuals<'_>, m: usize, t: usize, reward: Reward) -> f64 {
-        let Reward { target, level, per_unit } = reward;
+    fn rewarded(
+        &self,
+        duals: &StepDuals<'_>,
+        (m, t): (usize, usize),
+        target: Target,
+        level: usize,
+        per_unit: f64,
+    ) -> f64 {
         let mut values = duals.step.values[m];
         let eager = match target {
             Target::Charge(sign) => {

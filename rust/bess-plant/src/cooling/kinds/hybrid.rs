@@ -2,7 +2,7 @@
 
 use bess_tables::Cooling;
 
-use crate::cooling::kind::{conditioned, Kind, Source, Supply};
+use super::{conditioned, Kind, Source, Supply};
 
 pub(super) static KIND: Kind = Kind { name: "hybrid", washes_ends: false, chills, supply };
 

@@ -2,7 +2,7 @@
 
 use bess_tables::Cooling;
 
-use crate::cooling::kind::{conditioned, Kind, Supply};
+use super::{conditioned, Kind, Supply};
 
 pub(super) static KIND: Kind = Kind { name: "liquid", washes_ends: false, chills: |_, _, _| true, supply };
 
