@@ -53,7 +53,7 @@ def hypervolume(
 ) -> float:
     """Return the volume that the points dominate, bounded by ``reference``; exact in any dimension.
 
-    Array that do not dominate the reference add nothing. The unit is the product of the objectives' units.
+    Points that do not dominate the reference add nothing. The unit is the product of the objectives' units.
 
     Parameters
     ----------
