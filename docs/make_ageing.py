@@ -90,7 +90,7 @@ def _after_three_years(model: str) -> wear.MarginalWear:
     return wear.marginal(system, state)
 
 
-@styled
+@styled()
 def _figure() -> Figure:
     """Price of a kWh discharged over temperature and over depth, after three years."""
     figure = Figure(figsize=(DOUBLE_COLUMN_IN, 2.4), layout="constrained")

@@ -201,7 +201,7 @@ def test_the_energy_of_a_day_is_that_of_its_steps() -> None:
 
 def test_steps_that_fell_back_are_marked() -> None:
     data = record(2, 192)
-    marked = series(operation.solver_effort(data), 0, "fell back")[0]
+    marked = series(operation.solver_effort(data), 0, "fallback")[0]
     assert len(marked.x) == int(data["fallback"].sum()) == 2
 
 

@@ -14,7 +14,7 @@ from bess.report import figures
 from bess.report.charts import operation
 from bess.report.charts.maps import MIN_MAP_DAYS, days_of, months_of
 from bess.report.data import Results, TimeAxis
-from bess.report.drawing.chart import Chart, draw
+from bess.report.drawing.chart import Chart
 from bess.report.runs import Run
 from bess.simulation.analysis.services import is_reserve, is_site
 
@@ -32,11 +32,6 @@ class FigureSpec:
     title: str
     caption: str
     make: Callable[[], Chart | Figure]
-
-    def drawn(self) -> tuple[Figure, Chart | None]:
-        """Return the figure, and the chart behind it if there is one."""
-        made = self.make()
-        return (draw(made), made) if isinstance(made, Chart) else (made, None)
 
 
 def comparison(runs: Mapping[str, Run]) -> Iterator[FigureSpec]:

@@ -46,8 +46,11 @@ def dataset_of(result: Result) -> xr.Dataset:
     return dataset
 
 
-def named(results: Results) -> dict[str, xr.Dataset]:
-    """Return datasets by name; a single result gets the empty name.
+def told_apart(results: Results) -> Iterator[tuple[str, xr.Dataset, str, bool]]:
+    """Yield name, dataset, colour, and whether lines are dashed, for each result; a single one has no name.
+
+    Curves of runs with bit-identical delivered powers coincide: the later ones are dashed, so that the first
+    remains visible, and named after it.
 
     Raises
     ------
@@ -55,22 +58,13 @@ def named(results: Results) -> dict[str, xr.Dataset]:
         There is no result, or one without steps.
     """
     # A dataset is a mapping of its variables, so it has to be ruled out first.
-    if isinstance(results, Mapping) and not hasattr(results, "sizes"):
-        if not results:
-            raise InputError("there is no result to draw")
-        return {name: dataset_of(result) for name, result in results.items()}
-    return {"": dataset_of(results)}  # type: ignore[arg-type]
-
-
-def told_apart(results: Results) -> Iterator[tuple[str, xr.Dataset, str, bool]]:
-    """Yield name, dataset, colour, and whether lines are dashed, for each result.
-
-    Curves of runs with bit-identical delivered powers coincide: the later ones are dashed, so that the first
-    remains visible, and named after it.
-    """
+    several = isinstance(results, Mapping) and not hasattr(results, "sizes")
+    named: Mapping[str, Result] = results if several else {"": results}  # type: ignore[assignment, dict-item]
+    if not named:
+        raise InputError("there is no result to draw")
     seen: dict[bytes, str] = {}
-    datasets = named(results)
-    for (name, dataset), colour in zip(datasets.items(), colours(len(datasets)), strict=True):
+    for (name, result), colour in zip(named.items(), colours(len(named)), strict=True):
+        dataset = dataset_of(result)
         first = seen.setdefault(dataset["delivered_kw"].values.tobytes(), name)
         yield (name if first == name else f"{name} (as {first})"), dataset, colour, first != name
 
@@ -157,7 +151,7 @@ def curve(
     colour: str,
     label: str = "",
     *,
-    kind: Literal["line", "step"] = "line",
+    kind: Literal["line", "step", "band"] = "line",
     dashed: bool = False,
     among: int = 1,
     band: bool = True,
@@ -183,7 +177,7 @@ def curve(
         limit = int(np.clip(_POINTS_PER_CHART // among, 500, POINTS_PER_SERIES))
         return [Series(*thin(time.edges, shown, limit), colour, label, kind, dashed=dashed)]
     days, low, mean, high = daily(time, values[1:] if edges else values)
-    series = [Series(days, held(mean), colour, label, "step" if kind == "step" else "line", dashed=dashed)]
+    series = [Series(days, held(mean), colour, label, kind, dashed=dashed)]
     if band:
         series.insert(0, Series(days, held(high), pale(colour), "", "band", held(low)))
     return series

@@ -4,7 +4,7 @@
   // A finger that scrolls must not zoom.
   const still = (key, value) => (coarse && key === "active_drag" ? null : value);
 
-  // The still picture stays until the interactive one is there, and comes back if it fails.
+  // If the interactive figure fails, the still picture is shown again.
   async function draw(chart) {
     const figure = chart.closest("figure");
     figure.classList.add("drawn");
@@ -29,7 +29,7 @@
     }
   }
 
-  // A page of many figures draws those that come into view.
+  // Figures are drawn when they come into view.
   const seen = new IntersectionObserver(function (entries) {
     for (const entry of entries) {
       if (!entry.isIntersecting) continue;
@@ -43,7 +43,7 @@
     link.href = link.closest("figure").querySelector(".still img").src;
   }
 
-  // What is folded on the screen is open on paper.
+  // Print folded sections as well.
   window.addEventListener("beforeprint", function () {
     for (const folded of document.querySelectorAll("details")) folded.open = true;
   });

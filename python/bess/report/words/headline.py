@@ -40,12 +40,12 @@ def tiles(run: Run) -> list[Tile]:
 def _service(run: Run) -> Iterator[Tile]:
     kpis, data = run.kpis, run.dataset
     if is_reserve(data):
-        sold_mw = float(data["capacity_kw"].values.mean()) / _KW_PER_MW
+        sold_kw = float(data["capacity_kw"].values.mean())
         hours = data.sizes["time"] * step_h(data)
-        yield Tile("Reserve sold", _whole(_KW_PER_MW * sold_mw), "kW", f"on average of {hours:,.0f} h")
+        yield Tile("Reserve sold", _whole(sold_kw), "kW", f"on average of {hours:,.0f} h")
         yield _tile("outside_window_h", kpis, "hours in which the store could not sustain all of it")
-        if sold_mw > 0.0 and "net_eur" in kpis:
-            per_mw = kpis["net_eur"] / sold_mw
+        if sold_kw > 0.0 and "net_eur" in kpis:
+            per_mw = kpis["net_eur"] / (sold_kw / _KW_PER_MW)
             yield Tile("Net per MW of reserve", _whole(per_mw), "EUR/MW", f"{per_mw / hours:.2f} EUR/MW/h")
     if is_site(data):
         yield _tile("peak_draw_kw", kpis, f"without the plant {_quantity('peak_before_kw', kpis)}")

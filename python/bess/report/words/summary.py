@@ -34,12 +34,10 @@ def subject(runs: Mapping[str, Run], *, alike: bool = True) -> str:
     n_strings = data.sizes["string"]
     start = np.datetime_as_string(data["time"].values[0], unit="m").replace("T", " ")
     policies = dict.fromkeys(run.policy for run in runs.values())
+    count = [f"{len(runs)} scenarios"] if len(runs) > 1 else []
     where = [f"{n_strings} string{'s' if n_strings > 1 else ''}", f"{length} from {start} UTC"]
-    parts = [
-        *(where if alike else []),
-        f"polic{'ies' if len(policies) > 1 else 'y'} {', '.join(filter(None, policies))}",
-    ]
-    return " · ".join([*([f"{len(runs)} scenarios"] if len(runs) > 1 else []), *parts])
+    policy = f"polic{'ies' if len(policies) > 1 else 'y'} {', '.join(filter(None, policies))}"
+    return " · ".join([*count, *(where if alike else []), policy])
 
 
 def summary(runs: Mapping[str, Run], *, hindsight: bool = False) -> list[str]:
