@@ -117,7 +117,7 @@ def over_time(run: Run) -> Iterator[FigureSpec]:
         "State of the strings",
         "State of charge and temperature: daily mean of every string, daily range over all of them in grey."
         if daily
-        else "State of charge and mean temperature of every string, demand behind.",
+        else "State of charge and mean temperature of every string, with the demand in grey.",
         partial(operation.strings, data),
     )
     if days_of(data) < MIN_MAP_DAYS:  # of longer runs the map shows power: stacks would be blocks
@@ -140,7 +140,7 @@ def over_time(run: Run) -> Iterator[FigureSpec]:
         yield FigureSpec(
             "inverters",
             "Inverters on and off",
-            "Hours on per day of every inverter." if daily else "Which inverter ran when.",
+            "Hours on per day of every inverter." if daily else "Operating state of every inverter.",
             partial(figures.inverter_pattern, data),
         )
     if _spread_apart(run) and not daily:

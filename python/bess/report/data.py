@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
 import numpy as np
 from matplotlib.colors import to_hex, to_rgb
-from numpy.typing import NDArray
 
 from bess.errors import InputError
 from bess.report.drawing.chart import Series, Span, Values
@@ -98,35 +97,28 @@ class TimeAxis:
         times = dataset["time"].values.astype("datetime64[s]")
         self.step_h = step_h(dataset)
         step = np.timedelta64(round(self.step_h * 3600.0), "s")
-        edges: NDArray[Any] = np.append(times, times[-1] + step)
-        hours = (edges - edges[0]) / np.timedelta64(3600, "s")
-        if hours[-1] <= _HOURS_UP_TO:
-            self.edges = hours
-            self.label = f"Time since {np.datetime_as_string(edges[0], unit='m').replace('T', ' ')} UTC (h)"
-        else:
-            self.edges = edges
-            self.label = "Time (UTC)"
-        self._instants = edges
+        self._first, self._last = times[0], times[-1] + step
+        hours = (self._last - self._first) / np.timedelta64(3600, "s")
+        self._in_hours = bool(hours <= _HOURS_UP_TO)
+        since = np.datetime_as_string(self._first, unit="m").replace("T", " ")
+        self.label = f"Time since {since} UTC (h)" if self._in_hours else "Time (UTC)"
+        self.edges = self.place(np.append(times, self._last))
         self.start = self.edges[:-1]
         self.steps_per_day = max(round(24.0 / self.step_h), 1)
-        self.daily = bool(hours[-1] > 24.0 * _DAILY_FROM_DAYS)
+        self.daily = bool(hours > 24.0 * _DAILY_FROM_DAYS)
 
-    def place(self, instant: np.datetime64) -> Any:
-        """Return an instant on this axis, no earlier than its start and no later than its end."""
-        within = min(max(instant, self._instants[0]), self._instants[-1])
-        if np.issubdtype(self.edges.dtype, np.datetime64):
-            return within
-        return (within - self._instants[0]) / np.timedelta64(3600, "s")
+    def place(self, instants: Values) -> Values:
+        """Return instants on this axis, no earlier than its start and no later than its end."""
+        within: Values = np.clip(instants, self._first, self._last)
+        return (within - self._first) / np.timedelta64(3600, "s") if self._in_hours else within
 
 
 def event_spans(dataset: xr.Dataset, time: TimeAxis) -> list[Span]:
     """Events of the study in a record, within its time span."""
     spans = []
     for event in study_of(dataset).get("event", ()):
-        start, end = (
-            np.datetime64(event[key].astimezone(UTC).replace(tzinfo=None), "s") for key in ("start", "end")
-        )
-        low, high = (time.place(instant) for instant in (start, end))
+        ends = [event[key].astimezone(UTC).replace(tzinfo=None) for key in ("start", "end")]
+        low, high = time.place(np.array(ends, dtype="datetime64[s]"))
         if low < high:
             spans.append(Span(low, high, f"string {event['string']} {limit_of(event)}"))
     return spans

@@ -158,6 +158,10 @@ def energy_flow(result: Result) -> Figure:
     axes.invert_yaxis()
     axes.set_xlim(0.0, 1.16 * max(row[2] for row in rows) or 1.0)
     axes.set_xlabel("Energy (kWh)")
+    axes.locator_params(axis="x", nbins=5)
+    axes.xaxis.set_major_formatter(
+        "{x:,.10g}"
+    )  # a year of a large plant without a power of ten beside the axis
     axes.grid(visible=False, axis="y")
     return figure
 
@@ -241,6 +245,13 @@ def losses_compared(kpis: KpisByRun) -> Figure:
     return figure
 
 
+def front_of(kpis: KpisByRun, x: str, y: str) -> tuple[Values, Values, int]:
+    """Scenarios as points ``(n, 2)`` of two KPIs, whether each is on the front, and the index of the knee."""
+    points = np.array([[values[x], values[y]] for values in kpis.values()], dtype=float)
+    directions = [better(x), better(y)]
+    return points, non_dominated(points, directions), knee_point(points, directions)
+
+
 def pareto_front(
     kpis: KpisByRun,
     *,
@@ -258,11 +269,8 @@ def pareto_front(
         :data:`bess.simulation.analysis.catalogue.CATALOGUE`.
     """
     names = list(kpis)
-    points = np.array([[kpis[name][x], kpis[name][y]] for name in names], dtype=float)
-    directions = [better(x), better(y)]
-    on_front = non_dominated(points, directions)
+    points, on_front, knee = front_of(kpis, x, y)
     order = np.flatnonzero(on_front)[np.argsort(points[on_front][:, 0])]
-    knee = knee_point(points, directions)
 
     def dots(rows: Sequence[int] | Values, colour: str, label: str, kind: Literal["dots", "star"]) -> Series:
         x, y = points[list(rows)].T

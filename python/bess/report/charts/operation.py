@@ -192,16 +192,8 @@ def _sorted(values: Values) -> tuple[Values, Values]:
 
 _MAX_STRINGS = 4
 
-_REQUEST = (
-    ("delivered_kw", "delivered", style.DISCHARGE),
-    ("derating_loss_kw", "derating loss", style.DERATING),
-    ("availability_loss_kw", "availability loss", style.AVAILABILITY),
-)
-_CONVERSION = (
-    ("inverter_loss_kw", "inverter loss", style.INVERTER),
-    ("battery_loss_kw", "battery loss", style.BATTERY),
-    ("hysteresis_loss_kw", "hysteresis loss", style.HYSTERESIS),
-)
+_REQUEST = ("delivered", "derating_loss", "availability_loss")
+_CONVERSION = ("inverter_loss", "battery_loss", "hysteresis_loss")
 
 
 def power_split(result: Result) -> Chart:
@@ -232,22 +224,21 @@ def power_split(result: Result) -> Chart:
     return Chart(time.label, panels, columns=2, panel_height_in=1.5, spans=event_spans(dataset, time))
 
 
-def _stack(
-    time: TimeAxis, strings: xr.Dataset, parts: Sequence[tuple[str, str, str]], factor: Values
-) -> list[Series]:
+def _stack(time: TimeAxis, strings: xr.Dataset, parts: Sequence[str], factor: Values) -> list[Series]:
     """Bands of powers, summed over the strings and stacked from zero; ``factor``: 1 upwards, -1 downwards."""
     bands: list[Series] = []
     edges, base = time.edges, np.zeros(1)
-    for name, label, colour in parts:
-        if name not in strings:
+    for name in parts:
+        if f"{name}_kw" not in strings:
             continue
-        power = (np.abs(strings[name].values) * factor).sum(axis=1)
+        power = (np.abs(strings[f"{name}_kw"].values) * factor).sum(axis=1)
         if not power.any():
             continue
         if time.daily:
             edges, _, power, _ = daily(time, power)
         top = base + held(power)
-        bands.append(Series(edges, top, colour, label, "band", base))
+        colour = style.LOSSES.get(name, style.DISCHARGE)
+        bands.append(Series(edges, top, colour, name.replace("_", " "), "band", base))
         base = top
     return bands
 

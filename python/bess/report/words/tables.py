@@ -13,14 +13,12 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bess.errors import InputError
 from bess.report.charts import kpi_figures
-from bess.report.charts.kpi_figures import RADAR_KPIS, changing_kpis
+from bess.report.charts.kpi_figures import RADAR_KPIS, changing_kpis, front_of
 from bess.report.contents import FigureSpec
 from bess.simulation.analysis.catalogue import KpisByRun, better, grouped, kpi
-from bess.simulation.analysis.pareto import Direction, knee_point, non_dominated
 from bess.simulation.sweep import RESERVED, SWEEP_CSV, is_parameter
 
 DECISION: Final = (
@@ -149,14 +147,12 @@ class SweepTable:
             return ""
         if self.maximised is not None:
             return self._search_sentence(self.maximised)
-        names = list(self.kpis)
-        points, directions = self._points()
-        knee = names[knee_point(points, directions)]
-        row = self.kpis[knee]
+        _, on_front, place = front_of(self.kpis, _X, _Y)
+        knee, row = list(self.kpis.items())[place]
         return (
             f"Knee of the front: {self._said(knee)}, with {kpi(_Y).quantity(row[_Y])} inverter and "
-            f"{kpi(_X).quantity(row[_X])} battery efficiency. {int(non_dominated(points, directions).sum())} "
-            f"of {len(names)} scenarios lie on the front of these two."
+            f"{kpi(_X).quantity(row[_X])} battery efficiency. {int(on_front.sum())} "
+            f"of {on_front.size} scenarios lie on the front of these two."
         )
 
     def _search_sentence(self, name: str) -> str:
@@ -187,7 +183,7 @@ class SweepTable:
         if not self.has_front:
             return None
         names = list(self.kpis)
-        reasons = {names[knee_point(*self._points())]: ["knee of the front"]}
+        reasons = {names[front_of(self.kpis, _X, _Y)[2]]: ["knee of the front"]}
         for key, reason in _ATTENTION.items():
             values = {name: row.get(key, math.nan) for name, row in self.kpis.items()}
             known = {name: value for name, value in values.items() if math.isfinite(value)}
@@ -203,10 +199,6 @@ class SweepTable:
             for name, why in reasons.items()
         ]  # fmt: skip
         return heads, rows
-
-    def _points(self) -> tuple[NDArray[np.float64], list[Direction]]:
-        points = np.array([[row[_X], row[_Y]] for row in self.kpis.values()])
-        return points, [better(_X), better(_Y)]
 
     def _said(self, name: str) -> str:
         """Parameters of a scenario as numbers."""
