@@ -166,15 +166,14 @@ def duration_curves(results: Results) -> Chart:
     power: list[Series] = []
     temperature: list[Series] = []
     apart = list(told_apart(results))
-    if len(apart) == 1:
-        dataset = apart[0][1]
-        power.append(Series(*_sorted(dataset["demand_kw"].values), style.INK, "demand", dashed=True))
     for name, dataset, colour, dashed in apart:
         delivered = dataset["delivered_kw"].values.sum(axis=1)
         hottest = dataset["temperature_c"].values.max(axis=1)
         label = name or "delivered"
         power.append(Series(*_sorted(delivered), colour, label, dashed=dashed))
         temperature.append(Series(*_sorted(hottest), colour, name, dashed=dashed))
+    if len(apart) == 1:  # over the curve of the delivered power, which it often equals
+        power.append(Series(*_sorted(dataset["demand_kw"].values), style.INK, "demand", dashed=True))
     return Chart(
         "Share of the time (%)",
         (Panel("Plant power (kW)", power), Panel("Hottest string (°C)", temperature)),

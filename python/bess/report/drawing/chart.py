@@ -118,6 +118,7 @@ def draw(chart: Chart) -> Figure:
         unused.remove()
     for column in range(chart.columns):
         axes[(len(chart.panels) - 1 - column) // chart.columns, column].set_xlabel(chart.x_label)
+    figure.align_ylabels()
     _legend(figure, axes, chart)
     return figure
 
@@ -198,5 +199,6 @@ def _legend(figure: Figure, axes: Any, chart: Chart) -> None:
         bar.ax.minorticks_off()
         entries = {label: handle for label, handle in entries.items() if label not in strings}
     if len(entries) > 1 or (entries and not strings):
-        fitting = max(int(chart.width_in * 11 / (max(map(len, entries)) + 5)), 1)
-        figure.legend(entries.values(), entries, loc="outside upper center", ncols=min(len(entries), fitting))
+        wide, widths = int(11 * chart.width_in), [len(label) + 5 for label in entries]  # in characters
+        columns = len(entries) if sum(widths) <= wide else max(wide // max(widths), 1)
+        figure.legend(entries.values(), entries, loc="outside upper center", ncols=columns)
