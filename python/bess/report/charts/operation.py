@@ -334,8 +334,8 @@ def service(result: Result) -> Chart:
     power = steps(dataset["delivered_kw"].values.sum(axis=1), style.DISCHARGE, "delivered")
     if is_reserve(dataset):
         power += steps(dataset["schedule_kw"].values, style.AVAILABILITY, "scheduled")
-        for name, label in (("soc_low", "required window"), ("soc_high", "")):
-            soc += steps(dataset[name].values, style.AVAILABILITY, label, dashed=True)
+        for name in ("soc_low", "soc_high"):
+            soc += steps(dataset[name].values, style.AVAILABILITY, "required window", dashed=True)
         first = Panel("Frequency (mHz from nominal)", steps(dataset["frequency_mhz"].values, style.INK))
     elif is_site(dataset):
         load = steps(dataset["load_kw"].values, style.BACKGROUND, "load")

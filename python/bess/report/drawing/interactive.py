@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
 from typing import Any, Final
@@ -30,7 +29,7 @@ from bokeh.models import (
 from bokeh.plotting import figure
 from bokeh.themes import Theme
 
-from bess.report.drawing.chart import Chart, Panel, Series, Span, Values, background_reach, spans_label
+from bess.report.drawing.chart import Chart, Panel, Series, Values, background_reach, spans_label
 from bess.report.drawing.style import BACKGROUND_ALPHA, GRID, INK, SOFT_INK
 
 _ALONE_PX = 300
@@ -103,7 +102,7 @@ def bokeh_document(chart: Chart) -> str:
     height = _ALONE_PX if count == 1 else (_PANEL_PX if count <= _MAX_TALL_PANELS else _SMALL_PANEL_PX)
     x_range = DataRange1d(range_padding=0.01)
     plots = [
-        _plot(panel, x_range, height, chart.spans, chart.x_label if index == count - 1 else None)
+        _plot(panel, x_range, height, chart, chart.x_label if index == count - 1 else None)
         for index, panel in enumerate(chart.panels)
     ]
     layout = column(plots, sizing_mode="stretch_width", spacing=2)
@@ -113,7 +112,7 @@ def bokeh_document(chart: Chart) -> str:
     return _ID.sub(lambda found: numbers.setdefault(found[0], f'"p{len(numbers) + 1}"'), text)
 
 
-def _plot(panel: Panel, x_range: Any, height: int, spans: Sequence[Span], x_label: str | None) -> Any:
+def _plot(panel: Panel, x_range: Any, height: int, chart: Chart, x_label: str | None) -> Any:
     """Return the plot of a panel; only one with ``x_label`` shows the axis that all share."""
     drawn = [series for series in panel.series if len(series.x)]
     dates = bool(drawn) and np.issubdtype(drawn[0].x.dtype, np.datetime64)
@@ -134,9 +133,10 @@ def _plot(panel: Panel, x_range: Any, height: int, spans: Sequence[Span], x_labe
     plot.axis.major_label_policy = NoOverlap(min_distance=6)  # a telephone is narrow
     plot.xaxis.visible = x_label is not None
     plot.yaxis.ticker.desired_num_ticks = 4
-    for span in spans:
-        left, right = (float(_numbers(np.array([edge]))[0]) for edge in (span.start, span.end))
-        plot.add_layout(BoxAnnotation(left=left, right=right, fill_color=INK, fill_alpha=0.07))
+    for span in chart.spans:
+        left, right = _numbers(np.array([span.start, span.end])).tolist()
+        event = {"left": left, "right": right, "name": spans_label(chart)}
+        plot.add_layout(BoxAnnotation(fill_color=INK, fill_alpha=0.07, **event))
     sources: dict[bytes, ColumnDataSource] = {}
     if panel.background is not None:
         reach = background_reach(panel.background)
@@ -180,22 +180,17 @@ def _reader(read: list[GlyphRenderer[Any]], panel: Panel, *, dates: bool) -> Hov
 def _glyph(
     plot: Any, series: Series, sources: dict[bytes, ColumnDataSource], y_label: str = "", **place: Any
 ) -> GlyphRenderer[Any]:
-    """Draw a series, named by its label (the legend) and, unless it is a band, read from that column."""
-    x = _numbers(series.x)
+    """Draw a series from the column of its label, by which the legend and the tooltip find it.
+
+    Values are in single precision, finer than any screen."""
+    name, x, y = series.label or y_label, _numbers(series.x), series.y.astype(np.float32)
     source = sources.setdefault(x.tobytes(), ColumnDataSource({"x": x}))  # series over the same x share it
-
-    def put(values: Values, name: str) -> str:
-        """Add a column in single precision, finer than any screen; return its name."""
-        single = values.astype(np.float32)
-        if not np.array_equal(source.data.get(name, single), single, equal_nan=True):
-            name = f"{name} {len(source.data)}"
-        source.data[name] = single
-        return name
-
-    y = put(series.y, series.label or y_label)
+    if not np.array_equal(source.data.get(name, y), y, equal_nan=True):
+        source = ColumnDataSource({"x": x})  # the name is taken
+    source.data[name] = y
     if series.names:
         source.data["point"] = list(series.names)
-    place |= {"source": source, "name": series.label if series.kind == "band" else y}
+    place |= {"source": source, "name": name}
     line = {
         "line_color": series.colour,
         "line_width": 1.6,
@@ -203,17 +198,19 @@ def _glyph(
     }
     match series.kind:
         case "line":
-            return plot.line("x", y, **line, **place)
+            return plot.line("x", name, **line, **place)
         case "step":
-            return plot.step("x", y, mode="after", **line, **place)
+            return plot.step("x", name, mode="after", **line, **place)
         case "dots":
             size = 4 if len(series.x) > _FEW_DOTS else 7
-            return plot.scatter("x", y, size=size, color=series.colour, **place)
+            return plot.scatter("x", name, size=size, color=series.colour, **place)
         case "star":
-            return plot.scatter("x", y, size=15, marker="star", color=series.colour, **place)
+            return plot.scatter("x", name, size=15, marker="star", color=series.colour, **place)
         case "band":
-            base = put(np.broadcast_to(series.base, series.y.shape), f"below {y}")
-            return plot.varea_step(x="x", y1=base, y2=y, step_mode="after", fill_color=series.colour, **place)
+            base = f"below {name}"
+            source.data[base] = np.broadcast_to(series.base, y.shape).astype(np.float32)
+            place["fill_color"] = series.colour
+            return plot.varea_step(x="x", y1=base, y2=name, step_mode="after", **place)
 
 
 def _numbers(x: Values) -> Values:
