@@ -10,10 +10,10 @@
     figure.classList.add("drawn");
     try {
       const item = JSON.parse(chart.nextElementSibling.textContent, still);
-      await Bokeh.embed.embed_item(item, chart.id);
-      const document = Bokeh.documents[Bokeh.documents.length - 1];
+      const views = await Bokeh.embed.embed_item(item, chart.id);
+      const models = views.roots[0].model.document.all_models;
       for (const button of figure.querySelectorAll(".legend button")) {
-        button.addEventListener("click", () => toggle(document, button));
+        button.addEventListener("click", () => toggle(models, button));
       }
     } catch (error) {
       figure.classList.remove("drawn");
@@ -21,10 +21,10 @@
     }
   }
 
-  function toggle(document, button) {
+  function toggle(models, button) {
     const shown = button.getAttribute("aria-pressed") !== "true";
     button.setAttribute("aria-pressed", String(shown));
-    for (const model of document.all_models) {
+    for (const model of models) {
       if (model.name === button.dataset.label) model.visible = shown;
     }
   }
