@@ -278,7 +278,7 @@ def pareto_front(
 
     series = [
         Series(points[order, 0], points[order, 1], style.DISCHARGE, "front"),
-        dots(order, style.DISCHARGE, "", "dots"),
+        dots(order, style.DISCHARGE, "front", "dots"),
         dots([knee], style.AVAILABILITY, f"knee: {names[knee]}", "star"),
     ]
     if not on_front.all():
