@@ -1,7 +1,6 @@
-"""Tables of the manual that are made of the code: every key of a study and a system, every key figure.
+"""Tables of the manual, generated from the code: every key of a study and a system, and every KPI.
 
-The build calls :func:`write`; nothing here is typed by hand. The scripts beside this module write their
-tables and figures with it, too.
+The build calls :func:`write`. The scripts beside this module use its functions for their tables and figures.
 """
 
 from collections.abc import Sequence

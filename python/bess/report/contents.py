@@ -43,8 +43,8 @@ def comparison(runs: Mapping[str, Run]) -> Iterator[FigureSpec]:
         "Shorter is better. The figure at the end of each bar is the sum of its parts.",
         partial(figures.losses_compared, {name: run.kpis for name, run in runs.items()}),
     )
-    together = _share_their_time(runs)
-    if together:
+    together = len({run.dataset["time"].values.tobytes() for run in runs.values()}) == 1
+    if together:  # on one time axis
         first = next(iter(runs.values()))
         derating_c = first.system.strings[0].derating.start_c
         yield FigureSpec(
@@ -191,12 +191,6 @@ def _spread(results: Results) -> FigureSpec:
         "Largest minus smallest value over the strings.",
         partial(operation.string_spread, results),
     )
-
-
-def _share_their_time(runs: Mapping[str, Run]) -> bool:
-    """Whether all runs have the same steps, so that they share one time axis."""
-    first, *others = (run.dataset["time"].values for run in runs.values())
-    return all(np.array_equal(first, other) for other in others)
 
 
 def _spread_apart(run: Run) -> bool:

@@ -130,7 +130,7 @@ def _plot(panel: Panel, x_range: Any, height: int, chart: Chart, x_label: str | 
         active_drag=zoom,
         toolbar_location="right",
     )
-    plot.axis.major_label_policy = NoOverlap(min_distance=6)  # a telephone is narrow
+    plot.axis.major_label_policy = NoOverlap(min_distance=6)  # for narrow screens
     plot.xaxis.visible = x_label is not None
     plot.yaxis.ticker.desired_num_ticks = 4
     for span in chart.spans:
