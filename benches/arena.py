@@ -37,10 +37,10 @@ SHORTFALL = 3.0
 
 @dataclass(frozen=True)
 class Score:
-    """What a controller made of a scenario; energies in kWh, both directions.
+    """Results of a controller in a scenario; energies in kWh, both directions.
 
-    ``undelivered_kwh`` is what strings were asked for and did not give; what was above the power in service
-    (unmet) is beyond any controller.
+    ``undelivered_kwh`` is availability and derating loss. It excludes unmet demand (above the power in
+    service), which no controller can deliver.
     """
 
     asked_kwh: float

@@ -12,9 +12,9 @@ shorter cycle may take their place until the end. Each runs through the bundled 
 ``case2`` (certified controller, the paper's weights) and is held against
 :func:`bess.report.words.paper.comparisons`.
 
-Every candidate is a line of LOG, so the search goes on where it was stopped: new candidates are mutations and
-crossings of the best ones there. What is minimised is how far statements are from coming out; once all do,
-how far the numbers are from the paper's.
+Every candidate is a line of LOG, so a stopped search continues there: new candidates are mutations and
+crossings of its best ones. The search minimises the distance of the statements from being reproduced and,
+once all are, the distance of the numbers from those of the paper.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a benchmark result has to say about where it was measured."""
+"""Machine, versions and date of a benchmark result."""
 
 from __future__ import annotations
 

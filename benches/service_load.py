@@ -1,10 +1,10 @@
-"""Load on the service: many callers at once, some of whom send what makes no sense.
+"""Load on the service: many callers at once, with some malformed requests.
 
     python benches/service_load.py [--requests 10000] [--at-once 20] [--malformed 0.05] [--strings 2 4 8]
 
-Starts ``bess serve`` as a process of its own for each number of strings, and prints the times of answers as
-the callers saw them, the memory of the process, and what was wrong. Times depend on the machine and on what
-else runs on it; sums and statuses do not.
+Starts ``bess serve`` as a separate process for each number of strings, and prints response times at the
+callers, the memory of the process, and wrong answers. Times depend on the machine and its load; sums and
+statuses do not.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ MALFORMED = (
 
 @dataclass
 class Outcome:
-    """What callers saw."""
+    """Answers as the callers received them."""
 
     times_s: list[float] = field(default_factory=list)
     statuses: dict[int, int] = field(default_factory=dict)

@@ -1,16 +1,16 @@
 """Write the tables and the figure of ``ageing.md``: ``python docs/make_ageing.py``, a few seconds."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from tables import markdown_table, save_picture
 
 import bess
 from bess._core import ageing_models
 from bess.control import wear
-from bess.report.drawing.style import DOUBLE_COLUMN_IN, PALETTE, save_figure, styled
+from bess.report.drawing.style import DOUBLE_COLUMN_IN, PALETTE, styled
 
 DOCS = Path(__file__).parent
 MODELS = dict(ageing_models())
@@ -22,10 +22,7 @@ def main() -> None:
     """Write everything."""
     for name, text in tables().items():
         (DOCS / "_cases" / name).write_text(text, encoding="utf-8")
-    svg, *others = save_figure(_figure(), DOCS / "_static" / "ageing-prices")
-    for other in others:
-        other.unlink()
-    print(svg)
+    save_picture(_figure(), "ageing-prices")
 
 
 def tables() -> dict[str, str]:
@@ -44,7 +41,7 @@ def tables() -> dict[str, str]:
         ]
         prices.append([f"`{model}`", *(f"{value:.1f}" for value in [*cycle_ct, *day_ct])])
     named = {"models": models, "ten-years": lost, "prices": prices}
-    return {f"ageing-{name}.md": _table(rows) for name, rows in named.items()}
+    return {f"ageing-{name}.md": markdown_table(rows) for name, rows in named.items()}
 
 
 def _system(model: str, **battery: float) -> bess.System:
@@ -90,7 +87,7 @@ def _after_three_years(model: str) -> wear.MarginalWear:
     return wear.marginal(system, state)
 
 
-@styled
+@styled()
 def _figure() -> Figure:
     """Price of a kWh discharged over temperature and over depth, after three years."""
     figure = Figure(figsize=(DOUBLE_COLUMN_IN, 2.4), layout="constrained")
@@ -111,12 +108,6 @@ def _figure() -> Figure:
     over_depth.set(xlabel="Depth of cycle, 25 °C", ylim=(0.0, None))
     over_temperature.legend()
     return figure
-
-
-def _table(rows: Sequence[Sequence[str]]) -> str:
-    head, *body = rows
-    lines = [head, ["---"] * len(head), *body]
-    return "".join("| " + " | ".join(row) + " |\n" for row in lines)
 
 
 if __name__ == "__main__":

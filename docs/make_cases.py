@@ -10,9 +10,9 @@ import sys
 from pathlib import Path
 
 import numbers_of_pages as numbers
+from tables import save_picture
 
 from bess.report import figures
-from bess.report.drawing.style import save_figure
 
 
 def main(folder: Path) -> None:
@@ -39,10 +39,7 @@ def main(folder: Path) -> None:
         "differing-spread": figures.string_spread({name: r.dataset for name, r in differing.items()}),
     }
     for name, figure in drawn.items():
-        svg, *others = save_figure(figure, numbers.DOCS / "_static" / name)
-        for other in others:
-            other.unlink()
-        print(f"{svg.name}: {svg.stat().st_size / 1000:.0f} kB")
+        save_picture(figure, name)
 
 
 if __name__ == "__main__":

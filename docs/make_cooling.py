@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from tables import markdown_table
 
 import bess
 
@@ -122,18 +123,17 @@ def _figures(cooling: dict[str, Any], demand: Path, weather: Path) -> dict[str, 
 def _table(rows: dict[str, dict[str, float]]) -> str:
     first, *others = next(iter(rows.values()))
     names = [first, COLD, *(name for name in others if name != COLD)]
-    lines = ["| | " + " | ".join(names) + " |", "|" + " --- |" * (len(names) + 1)]
+    table = [["", *names]]
     for kind, values in rows.items():
-        shown = [f"{values[name]:.1f}" if "°C" in name else f"{values[name]:.2f}" for name in names]
-        lines.append(f"| {kind} | " + " | ".join(shown) + " |")
-    return "\n".join(lines) + "\n"
+        digits = [1 if "°C" in name else 2 for name in names]
+        table.append([kind, *(f"{values[name]:.{n}f}" for name, n in zip(names, digits, strict=True))])
+    return markdown_table(table)
 
 
 def _model_table() -> str:
     """What the controller's lumped model of each kind is, as the plant shows it."""
-    lines = [
-        "| | k1 [K/MJ] | k2 [1/h] | cools to [°C] at ambient 5 | at 20 | at 35 | error of a step [K] |",
-        "|" + " --- |" * 7,
+    rows = [
+        ["", "k1 [K/MJ]", "k2 [1/h]", "cools to [°C] at ambient 5", "at 20", "at 35", "error of a step [K]"]
     ]
     for kind, cooling in {"air, open": {"kind": "air"}, **KINDS}.items():
         document = bess.System.reference(1).document | {"cooling": cooling}
@@ -142,8 +142,8 @@ def _model_table() -> str:
         k1, k2 = 1e6 * system.lumped.k1_k_per_j[0], 3600.0 * system.lumped.k2_per_s[0]
         towards = [f"{value:.1f}" for value in system.surroundings_c(np.array([5.0, 20.0, 35.0]))]
         error_k = f"{system.lumped.error_k[0]:.3f}"
-        lines.append("| " + " | ".join([kind, f"{k1:.3f}", f"{k2:.4f}", *towards, error_k]) + " |")
-    return "\n".join(lines) + "\n"
+        rows.append([kind, f"{k1:.3f}", f"{k2:.4f}", *towards, error_k])
+    return markdown_table(rows)
 
 
 if __name__ == "__main__":

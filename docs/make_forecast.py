@@ -5,6 +5,8 @@ Prices are read from ``../shared/data/prices``.
 
 from pathlib import Path
 
+from tables import markdown_table
+
 import bess
 
 DOCS = Path(__file__).parent
@@ -38,9 +40,7 @@ def main() -> None:
             print(rows[-1], flush=True)
     rows.append(["all", *(f"{each:.0f}" for each in total.values())])
     rows.append(["share of `perfect`", *(f"{each / total['perfect']:.1%}" for each in total.values())])
-    head, *body = ("| " + " | ".join(row) + " |" for row in rows)
-    table = "\n".join([head, "|" + " --- |" * len(rows[0]), *body])
-    text = f"<!-- written by docs/make_forecast.py -->\n\n{table}\n"
+    text = f"<!-- written by docs/make_forecast.py -->\n\n{markdown_table(rows)}"
     (DOCS / "_cases" / "forecast.md").write_text(text, encoding="utf-8")
 
 

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from tables import markdown_table, save_picture
 
 import bess
 from bess.dispatch.synthetic import market_prices
 from bess.report import figures
-from bess.report.drawing.style import save_figure
 from bess.simulation.analysis import pareto
 from bess.simulation.analysis.catalogue import better, kpi
 
@@ -84,11 +84,7 @@ def main(folder: Path) -> None:
     for name, text in tables(read()).items():
         (DOCS / "_cases" / name).write_text(text, encoding="utf-8")
     for name, axes in (("weights", WEIGHTS), ("wear", WEAR)):
-        drawn = figures.pareto_front(read()[name], x=axes[0], y=axes[1])
-        svg, *others = save_figure(drawn, DOCS / "_static" / f"front-{name}")
-        for other in others:
-            other.unlink()
-        print(f"{svg.name}: {svg.stat().st_size / 1000:.0f} kB")
+        save_picture(figures.pareto_front(read()[name], x=axes[0], y=axes[1]), f"front-{name}")
 
 
 def weights(folder: Path) -> pd.DataFrame:
@@ -198,15 +194,13 @@ def preferences(
     chosen["a balance of both: the knee"] = front["knee"]
     for wish, name in chosen.items():
         rows.append([wish, label(name), *(kpi(key).number(runs[name][key]) for key in shown)])
-    head, *body = ("| " + " | ".join(row) + " |" for row in rows)
-    table = "\n".join([head, "|" + " --- |" * len(rows[0]), *body])
     units = " ".join(kpi(axis).unit for axis in axes)
     sentence = (
         f"{len(front['names'])} settings, {len(front['on_front'])} of them on the front; knee at "
         f"{label(front['knee'])}; hypervolume {front['hypervolume']:.4g} ({units}), which is "
         f"{100.0 * front['share']:.0f} % of the box between the ends of the front."
     )
-    return f"{table}\n\n{sentence}\n"
+    return f"{markdown_table(rows)}\n{sentence}\n"
 
 
 def _best(runs: Mapping[str, Mapping[str, float]], key: str) -> str:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from tables import markdown_table
 
 import bess
 from bess import _core
@@ -214,10 +215,9 @@ def measure(n: int) -> list[dict[str, float | str]]:
 def table(rows: Sequence[Mapping[str, float | str]]) -> str:
     """One line for each kind of state, and one for all."""
     lines = [
-        "| state | problems | suboptimal by more than 0.1 % | worst excess [%] | bounds above best known | "
-        "median rigorous gap [%] | OPTIMAL |",
-        "|" + " --- |" * 7,
-    ]
+        ["state", "problems", "suboptimal by more than 0.1 %", "worst excess [%]",
+         "bounds above best known", "median rigorous gap [%]", "OPTIMAL"]
+    ]  # fmt: skip
     for kind in (*dict.fromkeys(row["kind"] for row in rows), "all"):
         of_kind = [row for row in rows if kind in ("all", row["kind"])]
         missed, gap, above, optimal = (
@@ -225,10 +225,11 @@ def table(rows: Sequence[Mapping[str, float | str]]) -> str:
             for name in ("missed", "gap", "bound above", "optimal")
         )
         lines.append(
-            f"| {kind} | {len(of_kind)} | {np.count_nonzero(missed > MISSED)} | {100 * missed.max():.2f} | "
-            f"{np.count_nonzero(above > 0.0)} | {100 * np.median(gap):.2f} | {optimal.sum():.0f} |"
-        )
-    return "\n".join(lines) + "\n"
+            [str(kind), str(len(of_kind)), str(np.count_nonzero(missed > MISSED)),
+             f"{100 * missed.max():.2f}", str(np.count_nonzero(above > 0.0)), f"{100 * np.median(gap):.2f}",
+             f"{optimal.sum():.0f}"]
+        )  # fmt: skip
+    return markdown_table(lines)
 
 
 def stored() -> list[dict[str, float | str]]:

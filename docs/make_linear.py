@@ -12,6 +12,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from tables import markdown_table
+
 import bess
 from bess.study.scenarios import expand
 
@@ -78,8 +80,7 @@ def table(numbers: Numbers) -> str:
             lost = ["–" if entry is None else f"{lost_pct(entry):.2f}" for entry in entries]
             cpu = ["–" if entry is None else f"{entry['cpu_s']:.0f}" for entry in entries]
             rows.append([service, str(minutes), *lost, *cpu])
-    head, *body = ("| " + " | ".join(row) + " |" for row in rows)
-    return "\n".join([head, "|" + " --- |" * len(rows[0]), *body]) + "\n"
+    return markdown_table(rows)
 
 
 def answer(numbers: Numbers) -> str:

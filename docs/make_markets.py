@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tables import markdown_table
 
 import bess
 
@@ -77,10 +78,8 @@ def reserve(month: int, **keys: object) -> dict[str, float]:
 
 def write(name: str, rows: list[list[str]]) -> None:
     """Write a table of the page."""
-    head, *body = ("| " + " | ".join(row) + " |" for row in rows)
-    table = "\n".join([head, "|" + " --- |" * len(rows[0]), *body])
-    path = DOCS / "_cases" / f"{name}.md"
-    path.write_text(f"<!-- written by docs/make_markets.py -->\n\n{table}\n", encoding="utf-8")
+    text = f"<!-- written by docs/make_markets.py -->\n\n{markdown_table(rows)}"
+    (DOCS / "_cases" / f"{name}.md").write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
+from tables import markdown_table
 
 import bess
 from bess.control.split.rollout import Model
@@ -23,16 +24,12 @@ def main() -> None:
 
 def table() -> str:
     """Error of one step of the control model against the plant, root mean square over random states."""
-    rows = [
-        "| SOC | coefficients | SOC [%] | temperature [K] | delivered [kW] | heat [kW] |",
-        "|" + " --- |" * 6,
-    ]
+    rows = [["SOC", "coefficients", "SOC [%]", "temperature [K]", "delivered [kW]", "heat [kW]"]]
     for low, high in SOC:
         for model, errors in _errors(low, high).items():
             named = {"start": "start", "midpoint": "middle"}[model]
-            values = " | ".join(f"{value:.3f}" for value in errors)
-            rows.append(f"| {low:g} to {high:g} | {named} | {values} |")
-    return "\n".join(rows) + "\n"
+            rows.append([f"{low:g} to {high:g}", named, *(f"{value:.3f}" for value in errors)])
+    return markdown_table(rows)
 
 
 def _errors(low: float, high: float) -> dict[str, NDArray[np.float64]]:

@@ -11,6 +11,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from tables import markdown_table
+
 import bess
 from bess.study import Study, expand
 
@@ -151,7 +153,10 @@ def tables(numbers: Mapping[str, Any]) -> dict[str, str]:
         "money-accuracy.md": _accuracy(numbers["accuracy"]),
         "money-year.md": _year(numbers["year"]),
     }
-    return {name: f"<!-- written by docs/make_money.py -->\n\n{_table(rows)}" for name, rows in made.items()}
+    return {
+        name: f"<!-- written by docs/make_money.py -->\n\n{markdown_table(rows)}"
+        for name, rows in made.items()
+    }
 
 
 def _month(runs: Figures) -> list[list[str]]:
@@ -226,11 +231,6 @@ def _year(runs: Figures) -> list[list[str]]:
                 ]
             )
     return rows
-
-
-def _table(rows: list[list[str]]) -> str:
-    head, *body = ("| " + " | ".join(row) + " |" for row in rows)
-    return "\n".join([head, "|" + " --- |" * len(rows[0]), *body]) + "\n"
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from tables import markdown_table
 
 import bess
 
@@ -174,8 +175,7 @@ def table() -> str:
             errors = rmse_k(thermal, entropy)
             shown = [f"{errors[each]:.2f}{'*' if each == rate else ''}" for each in RATES]
             rows.append([rate, kind, f"{heat:.0f}", f"{film:.1f}", *shown])
-    head, *body = ("| " + " | ".join(row) + " |" for row in rows)
-    return "\n".join([head, "|" + " --- |" * len(rows[0]), *body]) + "\n"
+    return markdown_table(rows)
 
 
 def main() -> None:

@@ -9,6 +9,8 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
+from tables import markdown_table
+
 import bess
 from bess.simulation.analysis.catalogue import grouped, kpi
 
@@ -97,7 +99,7 @@ def tables(numbers: dict[str, Any]) -> dict[str, str]:
                 for key in chain.from_iterable(grouped(SHOWN).values())
             ]
             rows.append([f"`{kind}`", f"`{policy}`", *shown])
-    made = {TABLES["weeks"]: _table(rows)}
+    made = {TABLES["weeks"]: markdown_table(rows)}
     if "month" in numbers:
         runs = numbers["month"]
         rows = [["rule and policy", *runs]]
@@ -105,18 +107,13 @@ def tables(numbers: dict[str, Any]) -> dict[str, str]:
             [kpi(key).heading, *(kpi(key).number(values[key]) for values in runs.values())]
             for key in chain.from_iterable(grouped(MONTH_KPIS).values())
         ]
-        made[TABLES["month"]] = _table(rows)
+        made[TABLES["month"]] = markdown_table(rows)
     return {name: f"<!-- written by docs/make_services.py -->\n\n{text}" for name, text in made.items()}
 
 
 def _figures(study: bess.Study, keys: tuple[str, ...]) -> dict[str, float]:
     kpis = bess.run(study, progress=False).kpis
     return {key: float(f"{kpis[key]:.7g}") for key in keys if key in kpis}
-
-
-def _table(rows: list[list[str]]) -> str:
-    head, *body = ("| " + " | ".join(row) + " |" for row in rows)
-    return "\n".join([head, "|" + " --- |" * len(rows[0]), *body]) + "\n"
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+from tables import markdown_table
 
 import bess
 from bess.report.charts.kpi_figures import EFFICIENCIES
@@ -140,7 +141,7 @@ def tables(numbers: Mapping[str, Any]) -> dict[str, str]:
     paper = [["", "the paper", "here", "reproduced"]]
     paper += [[row.statement, row.paper, row.here, str(row.verdict)] for row in rows]
     made = {
-        "case2-paper.md": _table(paper) + "\n" + "\n\n".join(reading(rows)) + "\n",
+        "case2-paper.md": markdown_table(paper) + "\n" + "\n\n".join(reading(rows)) + "\n",
         "case2-kpis.md": _kpi_table(numbers["case2"], CASES),
         "policies.md": _kpi_table(numbers["case1"], CASES),
         "differing.md": _differing_table(numbers["differing"]),
@@ -184,7 +185,7 @@ def _kpi_table(kpis: Mapping[str, Mapping[str, float]], keys: Sequence[str]) -> 
         for key in chain.from_iterable(grouped(keys).values())
         if any(key in k for k in kpis.values())
     ]
-    return _table(table)
+    return markdown_table(table)
 
 
 def _differing_table(kpis: Mapping[str, Mapping[str, float]]) -> str:
@@ -197,7 +198,7 @@ def _differing_table(kpis: Mapping[str, Mapping[str, float]]) -> str:
     ):
         ends = [(k[name.format("start")] * factor, k[name.format("end")] * factor) for k in kpis.values()]
         rows.append([label, *(f"{start:.{digits}f} → {end:.{digits}f}" for start, end in ends)])
-    return _table(rows)
+    return markdown_table(rows)
 
 
 def _units_table(units: Mapping[str, Mapping[str, float]]) -> str:
@@ -211,7 +212,7 @@ def _units_table(units: Mapping[str, Mapping[str, float]]) -> str:
         counts = [values[f"{name}, units"] for name in names]
         shown = ("–" if math.isnan(v) else f"{v:.1f}" for v in (real, *counts))
         rows.append([f"{low} to {high}", *shown])
-    return _table(rows)
+    return markdown_table(rows)
 
 
 def _saved_pct(runs: Mapping[str, Mapping[str, float]]) -> float:
@@ -235,7 +236,7 @@ def _losses_table(losses: Mapping[str, Mapping[str, float]]) -> str:
     ):
         shown = (f"{losses[name][key]:.{digits}f}" if key in losses[name] else " " for name in names)
         rows.append([label, *shown])
-    return _table(rows)
+    return markdown_table(rows)
 
 
 def _m5bat_table(day: Mapping[str, Any]) -> str:
@@ -253,12 +254,7 @@ def _m5bat_table(day: Mapping[str, Any]) -> str:
         ("not delivered [kWh]", "not delivered, kWh", 0),
     ):
         rows.append([label, *(f"{values[key]:.{digits}f}" for values in policies.values())])
-    return _table(rows)
-
-
-def _table(rows: Sequence[Sequence[str]]) -> str:
-    head, *body = ("| " + " | ".join(row) + " |" for row in rows)
-    return "\n".join([head, "|" + " --- |" * len(rows[0]), *body]) + "\n"
+    return markdown_table(rows)
 
 
 def _rounded(value: float) -> float:

@@ -44,11 +44,11 @@ def year(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
 
 
-def opened(browser: Any, page: Path, width: int) -> list[Any]:
-    """Open the page at a width, scroll through it until every figure is drawn, and return its charts."""
+def opened(browser: Any, page: Path, width: int, height: int = 900) -> list[Any]:
+    """Open the page at a size, scroll through it until every figure is drawn, and return its charts."""
     from selenium.webdriver.support.ui import WebDriverWait
 
-    metrics = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 600}
+    metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
     browser.get_log("browser")
     browser.get(page.as_uri())
@@ -143,13 +143,21 @@ def test_a_scenario_is_one_click_away_and_leads_back(browser: Any, scenarios: Pa
     assert browser.current_url == scenarios.as_uri()
 
 
-def test_an_entry_of_the_legend_hides_what_it_names(browser: Any, scenarios: Path) -> None:
-    (chart, *_) = opened(browser, scenarios, 1400)
-    shown = "return [...Bokeh.documents[0].all_models].filter(m => m.name === 'S1' && m.visible).length"
-    button = chart.find_element("xpath", "ancestor::figure").find_element("css selector", ".legend button")
-    assert button.text == "S1" and browser.execute_script(shown) > 0
-    browser.execute_script("arguments[0].click()", button)
-    assert browser.execute_script(shown) == 0 and button.get_attribute("aria-pressed") == "false"
+SHOWN = """
+const [figure, label] = arguments;
+const view = Bokeh.index.roots.find((view) => figure.contains(view.el));
+return [...view.model.document.all_models].filter((model) => model.name === label && model.visible).length;
+"""
+
+
+def test_an_entry_of_the_legend_hides_what_it_names_in_its_own_figure(browser: Any, scenarios: Path) -> None:
+    for chart in opened(browser, scenarios, 1400, height=9000):  # draws all figures at once
+        figure = chart.find_element("xpath", "ancestor::figure")
+        button = figure.find_element("css selector", ".legend button")
+        assert button.text == "S1" and browser.execute_script(SHOWN, figure, "S1") > 0
+        browser.execute_script("arguments[0].click()", button)
+        assert browser.execute_script(SHOWN, figure, "S1") == 0
+        assert button.get_attribute("aria-pressed") == "false"
 
 
 def test_print_shows_the_still_pictures_instead(browser: Any, scenarios: Path) -> None:

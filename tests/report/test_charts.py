@@ -1,6 +1,7 @@
 """Claims about what charts show: nothing is invented, nothing is lost, and a year stays light."""
 
 import json
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from matplotlib.colors import to_rgb
-from synthetic import kpis, record
+from synthetic import kpis, record, with_reserve
 
 import bess
 from bess.report.charts import kpi_figures, operation
@@ -150,6 +151,24 @@ def test_interactive_data_are_those_of_the_chart(steps: int) -> None:
     assert [entry.label for entry in legend(chart)].count("string 1") == 1
 
 
+EVENT = "[[event]]\nstring = 1\nstart = 2024-01-01T06:00:00+01:00\nend = 2024-01-05T00:00:00Z\n"
+
+
+def test_every_entry_of_a_legend_hides_all_that_it_names() -> None:
+    data = with_reserve(record(2, 96)).assign_attrs(study=EVENT)
+    added = {"soc_low": 0.2, "soc_high": 0.8, "frequency_mhz": 0.0, "schedule_kw": 50.0}
+    data = data.assign({name: ("time", np.full(96, value)) for name, value in added.items()})
+    for chart, expected in (
+        (operation.strings(data), {"string 1": 2, "event: string 1 out of service": 2}),
+        (operation.power_split(data), {"delivered": 4, "inverter loss": 2}),
+        (operation.service(data), {"required window": 2, "scheduled": 1}),
+    ):
+        document = Document.from_json(json.loads(bokeh_document(chart))["doc"])
+        named = Counter(model.name for model in document.models)
+        assert {entry.label for entry in legend(chart)} <= set(named)
+        assert {name: named[name] for name in expected} == expected
+
+
 def test_missing_numbers_become_gaps_not_zeros() -> None:
     data = record(1, 8)
     data["solver_gap"][3] = np.nan
@@ -185,8 +204,7 @@ def test_runs_that_did_the_same_are_told_apart() -> None:
 
 def test_events_are_marked_where_they_were_and_no_longer() -> None:
     data = record(2, 96)
-    event = "[[event]]\nstring = 1\nstart = 2024-01-01T06:00:00+01:00\nend = 2024-01-05T00:00:00Z\n"
-    data.attrs["study"] = event
+    data.attrs["study"] = EVENT
     (span,) = operation.strings(data).spans
     assert (span.start, span.end, span.label) == (5.0, 24.0, "string 1 out of service")
 
@@ -201,7 +219,7 @@ def test_the_energy_of_a_day_is_that_of_its_steps() -> None:
 
 def test_steps_that_fell_back_are_marked() -> None:
     data = record(2, 192)
-    marked = series(operation.solver_effort(data), 0, "fell back")[0]
+    marked = series(operation.solver_effort(data), 0, "fallback")[0]
     assert len(marked.x) == int(data["fallback"].sum()) == 2
 
 

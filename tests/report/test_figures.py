@@ -94,7 +94,7 @@ def test_a_file_name_with_a_dot_keeps_its_name(tmp_path: Path) -> None:
 
 
 def test_a_notebook_that_turns_interactive_at_its_first_figure_stays_so() -> None:
-    @styled
+    @styled()
     def first() -> Figure:
         mpl.interactive(True)  # as the backend of notebooks does
         return Figure()

@@ -59,6 +59,15 @@ def test_what_limits_the_numbers_is_said(tmp_path: Path, variable: str, value: f
     assert message in sentence
 
 
+def test_a_warning_that_runs_share_is_said_once_with_their_names(tmp_path: Path) -> None:
+    for name in ("day", "night"):
+        data = record(2, 96)
+        data["fallback"][:] = np.arange(96) == 5
+        write_run(tmp_path / "set" / name, data, name)
+    (sentence,) = warnings(runs_in(tmp_path / "set")[0], {})
+    assert sentence.startswith("day and night: in 1 of 96 steps a fallback")
+
+
 def test_net_income_is_what_the_entries_beside_it_add_up_to(tmp_path: Path) -> None:
     data = with_reserve(record(2, 960, price=True))
     write_run(tmp_path / "run", data)

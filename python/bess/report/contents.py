@@ -14,7 +14,7 @@ from bess.report import figures
 from bess.report.charts import operation
 from bess.report.charts.maps import MIN_MAP_DAYS, days_of, months_of
 from bess.report.data import Results, TimeAxis
-from bess.report.drawing.chart import Chart, draw
+from bess.report.drawing.chart import Chart
 from bess.report.runs import Run
 from bess.simulation.analysis.services import is_reserve, is_site
 
@@ -33,11 +33,6 @@ class FigureSpec:
     caption: str
     make: Callable[[], Chart | Figure]
 
-    def drawn(self) -> tuple[Figure, Chart | None]:
-        """Return the figure, and the chart behind it if there is one."""
-        made = self.make()
-        return (draw(made), made) if isinstance(made, Chart) else (made, None)
-
 
 def comparison(runs: Mapping[str, Run]) -> Iterator[FigureSpec]:
     """Figures that compare several runs."""
@@ -48,8 +43,8 @@ def comparison(runs: Mapping[str, Run]) -> Iterator[FigureSpec]:
         "Shorter is better. The figure at the end of each bar is the sum of its parts.",
         partial(figures.losses_compared, {name: run.kpis for name, run in runs.items()}),
     )
-    together = _share_their_time(runs)
-    if together:
+    together = len({run.dataset["time"].values.tobytes() for run in runs.values()}) == 1
+    if together:  # on one time axis
         first = next(iter(runs.values()))
         derating_c = first.system.strings[0].derating.start_c
         yield FigureSpec(
@@ -122,7 +117,7 @@ def over_time(run: Run) -> Iterator[FigureSpec]:
         "State of the strings",
         "State of charge and temperature: daily mean of every string, daily range over all of them in grey."
         if daily
-        else "State of charge and mean temperature of every string, demand behind.",
+        else "State of charge and mean temperature of every string, with the demand in grey.",
         partial(operation.strings, data),
     )
     if days_of(data) < MIN_MAP_DAYS:  # of longer runs the map shows power: stacks would be blocks
@@ -145,7 +140,7 @@ def over_time(run: Run) -> Iterator[FigureSpec]:
         yield FigureSpec(
             "inverters",
             "Inverters on and off",
-            "Hours on per day of every inverter." if daily else "Which inverter ran when.",
+            "Hours on per day of every inverter." if daily else "Operating state of every inverter.",
             partial(figures.inverter_pattern, data),
         )
     if _spread_apart(run) and not daily:
@@ -196,12 +191,6 @@ def _spread(results: Results) -> FigureSpec:
         "Largest minus smallest value over the strings.",
         partial(operation.string_spread, results),
     )
-
-
-def _share_their_time(runs: Mapping[str, Run]) -> bool:
-    """Whether all runs have the same steps, so that they share one time axis."""
-    first, *others = (run.dataset["time"].values for run in runs.values())
-    return all(np.array_equal(first, other) for other in others)
 
 
 def _spread_apart(run: Run) -> bool:

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
 import numpy as np
 from matplotlib.colors import to_hex, to_rgb
-from numpy.typing import NDArray
 
 from bess.errors import InputError
 from bess.report.drawing.chart import Series, Span, Values
@@ -46,8 +45,11 @@ def dataset_of(result: Result) -> xr.Dataset:
     return dataset
 
 
-def named(results: Results) -> dict[str, xr.Dataset]:
-    """Return datasets by name; a single result gets the empty name.
+def told_apart(results: Results) -> Iterator[tuple[str, xr.Dataset, str, bool]]:
+    """Yield name, dataset, colour, and whether lines are dashed, for each result; a single one has no name.
+
+    Curves of runs with bit-identical delivered powers coincide: the later ones are dashed, so that the first
+    remains visible, and named after it.
 
     Raises
     ------
@@ -55,22 +57,13 @@ def named(results: Results) -> dict[str, xr.Dataset]:
         There is no result, or one without steps.
     """
     # A dataset is a mapping of its variables, so it has to be ruled out first.
-    if isinstance(results, Mapping) and not hasattr(results, "sizes"):
-        if not results:
-            raise InputError("there is no result to draw")
-        return {name: dataset_of(result) for name, result in results.items()}
-    return {"": dataset_of(results)}  # type: ignore[arg-type]
-
-
-def told_apart(results: Results) -> Iterator[tuple[str, xr.Dataset, str, bool]]:
-    """Yield name, dataset, colour, and whether lines are dashed, for each result.
-
-    Curves of runs with bit-identical delivered powers coincide: the later ones are dashed, so that the first
-    remains visible, and named after it.
-    """
+    several = isinstance(results, Mapping) and not hasattr(results, "sizes")
+    named: Mapping[str, Result] = results if several else {"": results}  # type: ignore[assignment, dict-item]
+    if not named:
+        raise InputError("there is no result to draw")
     seen: dict[bytes, str] = {}
-    datasets = named(results)
-    for (name, dataset), colour in zip(datasets.items(), colours(len(datasets)), strict=True):
+    for (name, result), colour in zip(named.items(), colours(len(named)), strict=True):
+        dataset = dataset_of(result)
         first = seen.setdefault(dataset["delivered_kw"].values.tobytes(), name)
         yield (name if first == name else f"{name} (as {first})"), dataset, colour, first != name
 
@@ -104,35 +97,28 @@ class TimeAxis:
         times = dataset["time"].values.astype("datetime64[s]")
         self.step_h = step_h(dataset)
         step = np.timedelta64(round(self.step_h * 3600.0), "s")
-        edges: NDArray[Any] = np.append(times, times[-1] + step)
-        hours = (edges - edges[0]) / np.timedelta64(3600, "s")
-        if hours[-1] <= _HOURS_UP_TO:
-            self.edges = hours
-            self.label = f"Time since {np.datetime_as_string(edges[0], unit='m').replace('T', ' ')} UTC (h)"
-        else:
-            self.edges = edges
-            self.label = "Time (UTC)"
-        self._instants = edges
+        self._first, self._last = times[0], times[-1] + step
+        hours = (self._last - self._first) / np.timedelta64(3600, "s")
+        self._in_hours = bool(hours <= _HOURS_UP_TO)
+        since = np.datetime_as_string(self._first, unit="m").replace("T", " ")
+        self.label = f"Time since {since} UTC (h)" if self._in_hours else "Time (UTC)"
+        self.edges = self.place(np.append(times, self._last))
         self.start = self.edges[:-1]
         self.steps_per_day = max(round(24.0 / self.step_h), 1)
-        self.daily = bool(hours[-1] > 24.0 * _DAILY_FROM_DAYS)
+        self.daily = bool(hours > 24.0 * _DAILY_FROM_DAYS)
 
-    def place(self, instant: np.datetime64) -> Any:
-        """Return an instant on this axis, no earlier than its start and no later than its end."""
-        within = min(max(instant, self._instants[0]), self._instants[-1])
-        if np.issubdtype(self.edges.dtype, np.datetime64):
-            return within
-        return (within - self._instants[0]) / np.timedelta64(3600, "s")
+    def place(self, instants: Values) -> Values:
+        """Return instants on this axis, no earlier than its start and no later than its end."""
+        within: Values = np.clip(instants, self._first, self._last)
+        return (within - self._first) / np.timedelta64(3600, "s") if self._in_hours else within
 
 
 def event_spans(dataset: xr.Dataset, time: TimeAxis) -> list[Span]:
     """Events of the study in a record, within its time span."""
     spans = []
     for event in study_of(dataset).get("event", ()):
-        start, end = (
-            np.datetime64(event[key].astimezone(UTC).replace(tzinfo=None), "s") for key in ("start", "end")
-        )
-        low, high = (time.place(instant) for instant in (start, end))
+        ends = [event[key].astimezone(UTC).replace(tzinfo=None) for key in ("start", "end")]
+        low, high = time.place(np.array(ends, dtype="datetime64[s]"))
         if low < high:
             spans.append(Span(low, high, f"string {event['string']} {limit_of(event)}"))
     return spans
@@ -157,7 +143,7 @@ def curve(
     colour: str,
     label: str = "",
     *,
-    kind: Literal["line", "step"] = "line",
+    kind: Literal["line", "step", "band"] = "line",
     dashed: bool = False,
     among: int = 1,
     band: bool = True,
@@ -183,7 +169,7 @@ def curve(
         limit = int(np.clip(_POINTS_PER_CHART // among, 500, POINTS_PER_SERIES))
         return [Series(*thin(time.edges, shown, limit), colour, label, kind, dashed=dashed)]
     days, low, mean, high = daily(time, values[1:] if edges else values)
-    series = [Series(days, held(mean), colour, label, "step" if kind == "step" else "line", dashed=dashed)]
+    series = [Series(days, held(mean), colour, label, kind, dashed=dashed)]
     if band:
         series.insert(0, Series(days, held(high), pale(colour), "", "band", held(low)))
     return series

@@ -7,7 +7,7 @@ These functions neither read nor write files, and keep the caller's matplotlib s
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import wraps
+from functools import partial, wraps
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -66,16 +66,6 @@ Panels = NDArray[Any]
 """Axes of a figure, from top to bottom and left to right."""
 
 
-def _panels(make: Callable[..., Figure]) -> Callable[[Plot], Panels]:
-    """Return a method that draws a figure of several axes."""
-    return _method(make, lambda axes: np.array(axes, dtype=object))
-
-
-def _axes(make: Callable[..., Figure]) -> Callable[[Plot], Axes]:
-    """Return a method that draws a figure of one pair of axes."""
-    return _method(make, lambda axes: axes[0])
-
-
 def _method(make: Callable[..., Figure], shown: Callable[[list[Axes]], T]) -> Callable[[Plot], T]:
     def method(self: Plot) -> T:
         with through_pyplot():
@@ -83,6 +73,10 @@ def _method(make: Callable[..., Figure], shown: Callable[[list[Axes]], T]) -> Ca
 
     method.__name__, method.__doc__ = make.__name__, make.__doc__
     return method
+
+
+_panels = partial(_method, shown=lambda axes: np.array(axes, dtype=object))
+_axes = partial(_method, shown=lambda axes: axes[0])
 
 
 class Plot:

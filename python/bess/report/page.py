@@ -25,6 +25,7 @@ from bess.report.contents import (
     over_time,
     overview,
 )
+from bess.report.drawing.chart import Chart, draw
 from bess.report.drawing.interactive import LegendEntry, bokeh_document, bokeh_script, legend
 from bess.report.drawing.style import save_figure, save_svg
 from bess.report.runs import Run, runs_in
@@ -76,12 +77,11 @@ def write_pages(directory: Path, options: Options) -> Path:
     """Write the pages of :func:`bess.write_report`; return that of the folder."""
     runs, problems = runs_in(directory)
     if len(runs) == 1 and (directory / IDENTITY).exists():
-        (run,) = runs.values()
-        return _run_page(directory, run, problems, options)
+        return _run_page(next(iter(runs.values())), problems, options)
     sweep = read_sweep(directory)
     if len(runs) <= MAX_COMPARED_RUNS:
         for run in runs.values():
-            _run_page(run.directory, run, {}, options, within=_title(directory))
+            _run_page(run, {}, options, within=_title(directory))
     return _comparison_page(directory, runs, problems, sweep, options)
 
 
@@ -106,47 +106,40 @@ def write_comparison(runs: dict[str, Run], directory: Path) -> Path:
     return _comparison_page(directory, runs, {}, None, Options(), title="Comparison of " + ", ".join(runs))
 
 
-def _run_page(
-    directory: Path, run: Run, problems: dict[str, str], options: Options, within: str = ""
-) -> Path:
+def _run_page(run: Run, problems: dict[str, str], options: Options, within: str = "") -> Path:
     if options.rules or (options.rules is None and run.dataset.sizes["time"] <= _STEPS_WITH_RULES):
         try:
             run.run_rules()
         except BessError as error:
             problems = problems | {"the rules on the same demand": str(error)}
-    shown = partial(section, folder=directory / FIGURES, print_files=options.print_files)
-    sections = [
-        shown("overview", "Overview", overview(run)),
-        shown("time", "Over time", over_time(run)),
-        shown("optimiser", "Optimiser", optimiser(run)),
-    ]
+    hindsight = []
+    if options.hindsight:
+        from bess.simulation.hindsight.best_known import benchmark  # loads the solver, only needed here
+
+        hindsight = [str(benchmark(run.replay))]
+    shown = partial(section, folder=run.directory / FIGURES, print_files=options.print_files)
     one = {run.name: run}
     values = {
-        "title": run.name if within else _title(directory),
+        "title": run.name if within else _title(run.directory),
         "within": within,
         "subject": subject(one),
         "lead": gain_sentence(run),
         "limits": limit_sentences(run),
         "beside": shown("flow", "", first_screen(run)).figures,
-        "summary": [
-            *([_hindsight(run)] if options.hindsight else []),
-            *summary(one, hindsight=options.hindsight),
-        ],
+        "summary": hindsight + summary(one, hindsight=options.hindsight),
         "tiles": tiles(run),
         "warnings": warnings(one, problems),
-        "sections": sections,
+        "sections": [
+            shown("overview", "Overview", overview(run)),
+            shown("time", "Over time", over_time(run)),
+            shown("optimiser", "Optimiser", optimiser(run)),
+        ],
         "groups": kpi_groups({"": run.kpis}),
         "names": [""],
         "studies": {run.name: run.study_toml},
         "made_with": run.identity["version"],
     }
-    return write_page(directory, values)
-
-
-def _hindsight(run: Run) -> str:
-    from bess.simulation.hindsight.best_known import benchmark  # loads the solver, only needed here
-
-    return str(benchmark(run.replay))
+    return write_page(run.directory, values)
 
 
 def _comparison_page(
@@ -198,7 +191,8 @@ def section(
 
 
 def _show(exhibit: FigureSpec, folder: Path, print_files: bool) -> PageFigure:
-    figure, chart = exhibit.drawn()
+    made = exhibit.make()
+    figure, chart = (draw(made), made) if isinstance(made, Chart) else (made, None)
     path = folder / f"{exhibit.name}.svg"
     svg = save_figure(figure, path)[0].read_text(encoding="utf-8") if print_files else save_svg(figure, path)
     # "</" would end the script element that holds the data, "<!--" change how it is read.

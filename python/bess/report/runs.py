@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -149,9 +148,10 @@ def runs_in(directory: Path) -> tuple[dict[str, Run], dict[str, str]]:
     """
     runs: dict[str, Run] = {}
     problems: dict[str, str] = {}
-    folders = scenario_directories(directory)
-    for name in sorted(folders, key=_order_in(directory)):
-        folder = folders[name]
+    # In the order of the study file, as in the summary of all runs; names not in it come last.
+    places = {name: index for index, name in enumerate(_saved_kpis(directory))}
+    folders = scenario_directories(directory).items()
+    for name, folder in sorted(folders, key=lambda item: (places.get(item[0], len(places)), item[0])):
         run = Run(name, folder, read_identity(folder) or {})
         try:
             _ = run.kpis
@@ -163,12 +163,6 @@ def runs_in(directory: Path) -> tuple[dict[str, Run], dict[str, str]]:
         reason = next(iter(problems.values()), f"{directory}: holds no run")
         raise InputError(f"{reason}; give a folder that bess run or bess sweep wrote")
     return runs, problems
-
-
-def _order_in(directory: Path) -> Callable[[str], tuple[int, str]]:
-    """Order of the study file, as in the summary of all runs; names not in it come last."""
-    places = {name: index for index, name in enumerate(_saved_kpis(directory))}
-    return lambda name: (places.get(name, len(places)), name)
 
 
 def _saved_kpis(directory: Path) -> dict[str, Any]:

@@ -7,7 +7,6 @@ from typing import Final, Literal
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 
 from bess.errors import InputError
 from bess.report.data import Result, dataset_of
@@ -32,7 +31,7 @@ _INNERMOST = 0.25
 _MAX_LABELLED_BARS = 15
 
 
-@styled
+@styled()
 def kpi_bars(kpis: KpisByRun) -> Figure:
     """Efficiencies as bars with their values; the axis is truncated to show differences, with a note.
 
@@ -41,7 +40,7 @@ def kpi_bars(kpis: KpisByRun) -> Figure:
     kpis
         KPIs of each scenario (``bess.kpis``), by name; one scenario may have the empty name.
     """
-    check_drawable(kpis, EFFICIENCIES)
+    _check_drawable(kpis, EFFICIENCIES)
     values = np.array([[entry[key] for key in EFFICIENCIES] for entry in kpis.values()])
     count = len(kpis)
     figure = new_figure(style.SINGLE_COLUMN_IN if count == 1 else style.DOUBLE_COLUMN_IN, 2.7)
@@ -49,9 +48,9 @@ def kpi_bars(kpis: KpisByRun) -> Figure:
     width = 0.62 if count == 1 else 0.82 / count
     lowest = float(np.nanmin(values))
     floor = min(max(5.0 * np.floor((lowest - 1.0) / 5.0), 0.0), 95.0)
-    for index, (row, colour) in enumerate(zip(values, colours(count), strict=True)):
+    for index, (name, row, colour) in enumerate(zip(kpis, values, colours(count), strict=True)):
         place = np.arange(len(EFFICIENCIES)) + (index - (count - 1) / 2) * width
-        bars = axes.bar(place, row - floor, width * 0.94, bottom=floor, color=colour)
+        bars = axes.bar(place, row - floor, width * 0.94, bottom=floor, color=colour, label=name)
         if values.size <= _MAX_LABELLED_BARS:
             axes.bar_label(bars, [f"{value:.1f}" for value in row], padding=1.5, fontsize=7)
     axes.set_xticks(
@@ -61,12 +60,11 @@ def kpi_bars(kpis: KpisByRun) -> Figure:
     axes.set_ylabel("KPI (%)" if floor == 0.0 else f"KPI (%), axis starts at {floor:g} %")
     axes.grid(visible=False, axis="x")
     if count > 1:
-        handles = [Patch(color=c, label=name) for name, c in zip(kpis, colours(count), strict=True)]
-        figure.legend(handles=handles, loc="outside upper center", ncols=min(count, 8))
+        figure.legend(loc="outside upper center", ncols=min(count, 8))
     return figure
 
 
-@styled
+@styled()
 def kpi_radar(kpis: KpisByRun) -> Figure:
     """Radar of KPIs, one polygon for each scenario, better outwards.
 
@@ -78,7 +76,7 @@ def kpi_radar(kpis: KpisByRun) -> Figure:
     InputError
         There are fewer than two scenarios.
     """
-    check_drawable(kpis, RADAR_KPIS)
+    _check_drawable(kpis, RADAR_KPIS)
     if len(kpis) < 2:
         raise InputError("kpi_radar: needs at least two scenarios to compare")
     values = np.array([[entry[key] for key in RADAR_KPIS] for entry in kpis.values()])
@@ -91,9 +89,7 @@ def kpi_radar(kpis: KpisByRun) -> Figure:
     angles = np.linspace(0.0, 2.0 * np.pi, len(RADAR_KPIS), endpoint=False)
 
     figure = new_figure(4.6, 4.3)
-    axes = figure.add_subplot(projection="polar")
-    axes.set_theta_offset(np.pi / 2)  # type: ignore[attr-defined]
-    axes.set_theta_direction(-1)  # type: ignore[attr-defined]
+    axes = figure.add_subplot(projection="polar", theta_offset=np.pi / 2, theta_direction=-1)
     closed = np.append(angles, angles[0])
     markers = "osD^vP*"
     for index, (row, name, colour) in enumerate(zip(radius, kpis, colours(len(kpis)), strict=True)):
@@ -121,7 +117,7 @@ def kpi_radar(kpis: KpisByRun) -> Figure:
     return figure
 
 
-def check_drawable(kpis: KpisByRun, needed: Iterable[str]) -> None:
+def _check_drawable(kpis: KpisByRun, needed: Iterable[str]) -> None:
     """Raise InputError unless there are runs, and each has a number for every KPI that is ``needed``."""
     if not kpis:
         raise InputError("no scenario to draw")
@@ -134,12 +130,9 @@ def check_drawable(kpis: KpisByRun, needed: Iterable[str]) -> None:
 
 _NOT_IN_EVERY_RUN = ("hysteresis_loss_kwh", "auxiliary_kwh")
 _NEGLIGIBLE_KWH = 0.05
-_FLOW_IN, _FLOW_ROW_IN = 4.6, 0.19
-_WIDTH_IN = 5.6
-_ROW_IN = 0.29
 
 
-@styled
+@styled()
 def energy_flow(result: Result) -> Figure:
     """Energy flow from grid to storage and back, with undelivered energy and losses of each direction.
 
@@ -151,7 +144,7 @@ def energy_flow(result: Result) -> Figure:
         Result of :func:`bess.run`, or its dataset.
     """
     rows = _flow_rows(analysis.energy_flow(dataset_of(result)))
-    figure = new_figure(_FLOW_IN, 0.55 + _FLOW_ROW_IN * len(rows))
+    figure = new_figure(4.6, 0.55 + 0.19 * len(rows))
     axes = figure.subplots()
     for place, (_, low, high, colour) in enumerate(rows):
         total = colour in (style.CHARGE, style.DISCHARGE, style.INK)
@@ -165,6 +158,10 @@ def energy_flow(result: Result) -> Figure:
     axes.invert_yaxis()
     axes.set_xlim(0.0, 1.16 * max(row[2] for row in rows) or 1.0)
     axes.set_xlabel("Energy (kWh)")
+    axes.locator_params(axis="x", nbins=5)
+    axes.xaxis.set_major_formatter(
+        "{x:,.10g}"
+    )  # a year of a large plant without a power of ten beside the axis
     axes.grid(visible=False, axis="y")
     return figure
 
@@ -210,7 +207,7 @@ def _flow_rows(flow: analysis.EnergyFlow) -> list[tuple[str, float, float, str]]
     return rows
 
 
-@styled
+@styled()
 def losses_compared(kpis: KpisByRun) -> Figure:
     """Undelivered energy and losses of each run, stacked; their sum at the end of the bar.
 
@@ -220,19 +217,19 @@ def losses_compared(kpis: KpisByRun) -> Figure:
         KPIs of each run, by name.
     """
     every = {f"{name}_kwh": colour for name, colour in style.LOSSES.items()}
-    check_drawable(kpis, [part for part in every if part not in _NOT_IN_EVERY_RUN])
+    _check_drawable(kpis, [part for part in every if part not in _NOT_IN_EVERY_RUN])
     parts = {
         part: colour
         for part, colour in every.items()
         if any(entry.get(part, 0.0) > _NEGLIGIBLE_KWH for entry in kpis.values())
     }
-    figure = new_figure(_WIDTH_IN, 1.0 + _ROW_IN * len(kpis))
+    figure = new_figure(5.6, 1.0 + 0.29 * len(kpis))
     axes = figure.subplots()
     places = np.arange(len(kpis))
     ends = np.zeros(len(kpis))
     for part, colour in parts.items():
         values = np.array([entry.get(part, 0.0) for entry in kpis.values()])
-        axes.barh(places, values, 0.7, left=ends, color=colour)
+        axes.barh(places, values, 0.7, left=ends, color=colour, label=kpi(part).label)
         ends += values
     for place, end in zip(places, ends, strict=True):
         axes.annotate(
@@ -244,9 +241,15 @@ def losses_compared(kpis: KpisByRun) -> Figure:
     axes.set_xlim(0.0, 1.13 * max(float(ends.max()), _NEGLIGIBLE_KWH))
     axes.set_xlabel("Undelivered energy and losses (kWh)")
     axes.grid(visible=False, axis="y")
-    handles = [Patch(color=colour, label=kpi(part).label) for part, colour in parts.items()]
-    figure.legend(handles=handles, loc="outside upper center", ncols=2)
+    figure.legend(loc="outside upper center", ncols=2)
     return figure
+
+
+def front_of(kpis: KpisByRun, x: str, y: str) -> tuple[Values, Values, int]:
+    """Scenarios as points ``(n, 2)`` of two KPIs, whether each is on the front, and the index of the knee."""
+    points = np.array([[values[x], values[y]] for values in kpis.values()], dtype=float)
+    directions = [better(x), better(y)]
+    return points, non_dominated(points, directions), knee_point(points, directions)
 
 
 def pareto_front(
@@ -266,11 +269,8 @@ def pareto_front(
         :data:`bess.simulation.analysis.catalogue.CATALOGUE`.
     """
     names = list(kpis)
-    points = np.array([[kpis[name][x], kpis[name][y]] for name in names], dtype=float)
-    directions = [better(x), better(y)]
-    on_front = non_dominated(points, directions)
+    points, on_front, knee = front_of(kpis, x, y)
     order = np.flatnonzero(on_front)[np.argsort(points[on_front][:, 0])]
-    knee = knee_point(points, directions)
 
     def dots(rows: Sequence[int] | Values, colour: str, label: str, kind: Literal["dots", "star"]) -> Series:
         x, y = points[list(rows)].T
@@ -278,7 +278,7 @@ def pareto_front(
 
     series = [
         Series(points[order, 0], points[order, 1], style.DISCHARGE, "front"),
-        dots(order, style.DISCHARGE, "", "dots"),
+        dots(order, style.DISCHARGE, "front", "dots"),
         dots([knee], style.AVAILABILITY, f"knee: {names[knee]}", "star"),
     ]
     if not on_front.all():
@@ -322,7 +322,7 @@ def kpi_lines(kpis: KpisByRun, values: Sequence[float], label: str, keys: Sequen
     panels = []
     changing = list(keys) or changing_kpis(kpis)
     if not changing:
-        raise InputError(f"kpi_lines: no key figure changes with {label}")
+        raise InputError(f"kpi_lines: no KPI changes with {label}")
     for key, colour in zip(changing, colours(len(changing)), strict=True):
         y = np.array([entry[key] for entry in kpis.values()], dtype=float)[order]
         line = [Series(x, y, colour), Series(x, y, colour, kind="dots")]

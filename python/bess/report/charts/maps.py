@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import BoundaryNorm, ListedColormap, Normalize, TwoSlopeNorm
+from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.dates import date2num
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
 
 MIN_MAP_DAYS = 14
 _SHADES = 24
-"""More shades are not distinguishable and enlarge the figure of a year several times."""
+"""More shades cannot be told apart, and enlarge the figure of a year several times."""
 
 
 class _Map(NamedTuple):
@@ -60,7 +59,7 @@ def _months(dataset: xr.Dataset) -> Values:
     return local.to_numpy().astype("datetime64[M]")
 
 
-@styled
+@styled()
 def heat_maps(result: Result) -> Figure:
     """Maps of day by hour of the day (UTC): delivered power, mean SOC, hottest string, and price if any.
 
@@ -98,15 +97,14 @@ def _draw_map(figure: Figure, axes: Axes, times: Values, shown: _Map) -> None:
     field[skipped : skipped + len(times)] = shown.values
     # A single price peak would leave all other values in one colour.
     low, high = np.nanquantile(shown.values, [0.002, 0.998])
-    norm: Any = Normalize(low, high)
     if shown.around_zero:
-        reach = max(abs(low), abs(high), 1e-9)
-        norm = TwoSlopeNorm(0.0, -reach, reach)
+        high = max(abs(low), abs(high), 1e-9)
+        low = -high
     extent = (float(date2num(first)), float(date2num(first + n_days * day)), 0.0, 24.0)
     shades = colormaps[shown.colours].resampled(_SHADES)
     image = axes.imshow(
         field.reshape(n_days, per_day).T, aspect="auto", origin="lower", extent=extent, cmap=shades,
-        norm=norm, interpolation="none",
+        vmin=low, vmax=high, interpolation="none",
     )  # fmt: skip
     axes.xaxis_date()
     axes.yaxis.set_major_locator(MultipleLocator(6))
@@ -120,7 +118,7 @@ _Bars = tuple[str, list[tuple[str, str, Values]], Values | None]
 """A panel: its label; name, colour and values of its bars; and a line over them."""
 
 
-@styled
+@styled()
 def monthly_bars(result: Result) -> Figure:
     """Bars for each month: money if there are prices, energy of both directions, losses, and full cycles."""
     dataset = dataset_of(result)
@@ -185,7 +183,7 @@ def _draw_months(months: Values, panels: list[_Bars]) -> Figure:
 _CHARGING, _OFF, _DISCHARGING, _REACTIVE = "#56B4E9", "#EFEFEF", "#D55E00", "#009E73"
 
 
-@styled
+@styled()
 def inverter_pattern(result: Result) -> Figure:
     """Inverter states: charge, discharge, off; for runs above a month, hours of operation on each day."""
     dataset = dataset_of(result)
@@ -228,7 +226,7 @@ def inverter_pattern(result: Result) -> Figure:
     return figure
 
 
-@styled
+@styled()
 def node_temperatures(result: Result) -> Figure:
     """Space-time map of node temperatures along the air path, a panel for each string, one colour scale.
 
@@ -239,7 +237,7 @@ def node_temperatures(result: Result) -> Figure:
     """
     dataset = dataset_of(result)
     if "node_temperature_c" not in dataset:
-        raise InputError("the result has no node_temperature_c; ask for it in the study's [output]")
+        raise InputError("the result has no node_temperature_c; set output.node_temperatures in the study")
     time = TimeAxis(dataset)
     field = dataset["node_temperature_c"]
     n_strings, n_nodes = field.sizes["string"], field.sizes["node"]
@@ -248,26 +246,21 @@ def node_temperatures(result: Result) -> Figure:
     height = 2.0 if rows == 1 else (1.35 if rows <= 4 else 0.95)
     figure = new_figure(style.DOUBLE_COLUMN_IN, rows * height + 0.5)
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-    low, high = float(field.min()), float(field.max())
-    shade: dict[str, Any] = {"cmap": "inferno", "vmin": low, "vmax": high, "origin": "lower"}
     for index, axes in enumerate(panels):
         if index >= n_strings:
             axes.remove()
             continue
-        axes.imshow(
-            field.isel(string=index).values.T,
-            aspect="auto",
-            extent=(*_horizontal(axes, time), -0.5, n_nodes - 0.5),
-            rasterized=True,
-            **shade,
-        )
+        image = axes.imshow(
+            field.isel(string=index).values.T, aspect="auto", origin="lower", cmap="inferno",
+            extent=(*_horizontal(axes, time), -0.5, n_nodes - 0.5), rasterized=True,
+            vmin=float(field.min()), vmax=float(field.max()),
+        )  # fmt: skip
         axes.set_title(f"string {index}", loc="left", fontsize=7.5, pad=2)
         axes.grid(visible=False)
         axes.tick_params(labelbottom=index + columns >= n_strings)
     figure.supylabel("Node (0 = air inlet)", fontsize=8)
     figure.supxlabel(time.label, fontsize=8)
-    scale = ScalarMappable(Normalize(low, high), "inferno")
-    figure.colorbar(scale, ax=list(panels[:n_strings]), label="Temperature (°C)", aspect=30, pad=0.01)
+    figure.colorbar(image, ax=list(panels[:n_strings]), label="Temperature (°C)", aspect=30, pad=0.01)
     return figure
 
 

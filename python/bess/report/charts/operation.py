@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,6 +31,9 @@ from bess.simulation.analysis.services import draw_kw, is_reserve, is_site
 from bess.simulation.record.dataset import with_initial
 from bess.system import System
 
+if TYPE_CHECKING:
+    import xarray as xr
+
 
 def strings(result: Result) -> Chart:
     """SOC and mean temperature of every string, with the demand behind.
@@ -42,7 +46,13 @@ def strings(result: Result) -> Chart:
     n_strings = dataset.sizes["string"]
     demand = None
     if not time.daily:
-        (demand,) = curve(time, dataset["demand_kw"].values, style.BACKGROUND, "demand, positive = discharge")
+        (demand,) = curve(
+            time,
+            dataset["demand_kw"].values,
+            style.BACKGROUND,
+            "demand, positive = discharge",
+            kind="band",
+        )
     panels = []
     for variable, label, limits in (
         ("soc", "SOC", (-0.02, 1.02)),
@@ -156,15 +166,14 @@ def duration_curves(results: Results) -> Chart:
     power: list[Series] = []
     temperature: list[Series] = []
     apart = list(told_apart(results))
-    if len(apart) == 1:
-        dataset = apart[0][1]
-        power.append(Series(*_sorted(dataset["demand_kw"].values), style.INK, "demand", dashed=True))
     for name, dataset, colour, dashed in apart:
         delivered = dataset["delivered_kw"].values.sum(axis=1)
         hottest = dataset["temperature_c"].values.max(axis=1)
         label = name or "delivered"
         power.append(Series(*_sorted(delivered), colour, label, dashed=dashed))
         temperature.append(Series(*_sorted(hottest), colour, name, dashed=dashed))
+    if len(apart) == 1:  # over the curve of the delivered power, which it often equals
+        power.append(Series(*_sorted(dataset["demand_kw"].values), style.INK, "demand", dashed=True))
     return Chart(
         "Share of the time (%)",
         (Panel("Plant power (kW)", power), Panel("Hottest string (°C)", temperature)),
@@ -182,16 +191,8 @@ def _sorted(values: Values) -> tuple[Values, Values]:
 
 _MAX_STRINGS = 4
 
-_REQUEST = (
-    ("delivered_kw", "delivered", style.DISCHARGE),
-    ("derating_loss_kw", "lost to derating", style.DERATING),
-    ("availability_loss_kw", "lost to availability", style.AVAILABILITY),
-)
-_CONVERSION = (
-    ("inverter_loss_kw", "inverter loss", style.INVERTER),
-    ("battery_loss_kw", "battery loss", style.BATTERY),
-    ("hysteresis_loss_kw", "hysteresis loss", style.HYSTERESIS),
-)
+_REQUEST = ("delivered", "derating_loss", "availability_loss")
+_CONVERSION = ("inverter_loss", "battery_loss", "hysteresis_loss")
 
 
 def power_split(result: Result) -> Chart:
@@ -210,17 +211,10 @@ def power_split(result: Result) -> Chart:
     panels = []
     for group in groups:
         title = f"string {group[0]}" if apart else f"sum of {n_strings} strings"
-
-        def flows(parts: tuple[tuple[str, str, str], ...], mask: Values, sign: float) -> list[Series]:
-            powers = [
-                (sign * (np.abs(dataset[name].values) * mask)[:, group].sum(axis=1), label, colour)  # noqa: B023
-                for name, label, colour in parts
-                if name in dataset
-            ]
-            return _stack(time, powers)
-
-        request = flows(_REQUEST, discharging, 1.0) + flows(_REQUEST, ~discharging, -1.0)
-        losses = flows(_CONVERSION, np.ones_like(discharging), 1.0)
+        strings = dataset.isel(string=group)
+        up = discharging[:, group]
+        request = _stack(time, strings, _REQUEST, up) + _stack(time, strings, _REQUEST, -1.0 * ~up)
+        losses = _stack(time, strings, _CONVERSION, np.ones_like(up))
         nothing = curve(time, np.zeros(len(time.start)), style.INK, kind="step")
         panels += [
             Panel("Requested (kW)", request or nothing, title=title),
@@ -229,16 +223,21 @@ def power_split(result: Result) -> Chart:
     return Chart(time.label, panels, columns=2, panel_height_in=1.5, spans=event_spans(dataset, time))
 
 
-def _stack(time: TimeAxis, powers: list[tuple[Values, str, str]]) -> list[Series]:
-    bands = []
+def _stack(time: TimeAxis, strings: xr.Dataset, parts: Sequence[str], factor: Values) -> list[Series]:
+    """Bands of powers, summed over the strings and stacked from zero; ``factor``: 1 upwards, -1 downwards."""
+    bands: list[Series] = []
     edges, base = time.edges, np.zeros(1)
-    for power, label, colour in powers:
+    for name in parts:
+        if f"{name}_kw" not in strings:
+            continue
+        power = (np.abs(strings[f"{name}_kw"].values) * factor).sum(axis=1)
         if not power.any():
             continue
         if time.daily:
             edges, _, power, _ = daily(time, power)
         top = base + held(power)
-        bands.append(Series(edges, top, colour, label, "band", np.broadcast_to(base, top.shape)))
+        colour = style.LOSSES.get(name, style.DISCHARGE)
+        bands.append(Series(edges, top, colour, name.replace("_", " "), "band", base))
         base = top
     return bands
 
@@ -253,15 +252,15 @@ def reactive_power(result: Result) -> Chart:
     """
     dataset = dataset_of(result)
     if "reactive_kvar" not in dataset:
-        raise InputError("the result has no reactive_kvar; ask for it in the study's [reactive]")
+        raise InputError("the result has no reactive_kvar; set [reactive] in the study")
     time = TimeAxis(dataset)
     q_kvar = dataset["reactive_kvar"].values
     apparent_kva = np.hypot(dataset["delivered_kw"].values, q_kvar)
-    carried_kvar, asked_kvar = q_kvar.sum(axis=1), dataset["reactive_demand_kvar"].values
-    plant = curve(time, carried_kvar, style.INK, "carried", kind="step")
-    plant += curve(time, asked_kvar, style.AVAILABILITY, "asked", kind="step", dashed=True)
+    delivered_kvar, demand_kvar = q_kvar.sum(axis=1), dataset["reactive_demand_kvar"].values
+    plant = curve(time, delivered_kvar, style.INK, "delivered", kind="step")
+    plant += curve(time, demand_kvar, style.AVAILABILITY, "demand", kind="step", dashed=True)
     panels = (
-        Panel("Plant (kvar)", plant, y_limits=_with_zero(carried_kvar, asked_kvar)),
+        Panel("Plant (kvar)", plant, y_limits=_with_zero(delivered_kvar, demand_kvar)),
         Panel("Strings (kvar)", string_curves(time, q_kvar)),
         Panel("Strings (kVA)", string_curves(time, apparent_kva)),
     )
@@ -334,9 +333,9 @@ def service(result: Result) -> Chart:
     steps = partial(curve, time, kind="step")
     power = steps(dataset["delivered_kw"].values.sum(axis=1), style.DISCHARGE, "delivered")
     if is_reserve(dataset):
-        power += steps(dataset["schedule_kw"].values, style.AVAILABILITY, "agreed ahead")
-        for name, label in (("soc_low", "required window"), ("soc_high", "")):
-            soc += steps(dataset[name].values, style.AVAILABILITY, label, dashed=True)
+        power += steps(dataset["schedule_kw"].values, style.AVAILABILITY, "scheduled")
+        for name in ("soc_low", "soc_high"):
+            soc += steps(dataset[name].values, style.AVAILABILITY, "required window", dashed=True)
         first = Panel("Frequency (mHz from nominal)", steps(dataset["frequency_mhz"].values, style.INK))
     elif is_site(dataset):
         load = steps(dataset["load_kw"].values, style.BACKGROUND, "load")
@@ -382,7 +381,7 @@ def solver_effort(result: Result, solve_time_s: ArrayLike | None = None) -> Char
     effort = [_dots(time.start, nodes, style.DISCHARGE)]
     fell_back = dataset["fallback"].values.astype(bool)
     if fell_back.any():
-        effort.append(_dots(time.start[fell_back], nodes[fell_back], style.AVAILABILITY, "fell back"))
+        effort.append(_dots(time.start[fell_back], nodes[fell_back], style.AVAILABILITY, "fallback"))
     panels.append(Panel("Nodes", effort))
     shown = [
         _dots(time.start, np.maximum(gap, _MIN_GAP_PCT), colour, label)

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from bess.report.drawing.style import BACKGROUND, INK, new_figure, styled
+from bess.report.drawing.style import BACKGROUND, BACKGROUND_ALPHA, INK, SOFT_INK, new_figure, styled
 
 Values = NDArray[Any]
 
@@ -29,7 +29,7 @@ class Series:
     ----------
     x, y : ndarray, shape (n,)
         For ``step`` and ``band``, ``y[i]`` holds on ``[x[i], x[i + 1])``.
-    base : ndarray, shape (n,), optional
+    base : float or ndarray, shape (n,)
         Lower edge of a ``band``; ``y`` is the upper one.
     colour : str
         Hexadecimal.
@@ -48,14 +48,14 @@ class Series:
     colour: str
     label: str = ""
     kind: Literal["line", "step", "dots", "star", "band"] = "line"
-    base: Values | None = None
+    base: Values | float = 0.0
     dashed: bool = False
     names: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One pair of axes."""
+    """One pair of axes, and a band on a separate axis behind it."""
 
     y_label: str
     series: Sequence[Series]
@@ -93,11 +93,16 @@ def spans_label(chart: Chart) -> str:
     return "event: " + "; ".join(dict.fromkeys(span.label for span in chart.spans))
 
 
+def background_reach(background: Series) -> float:
+    """Upper end of the axis of a background; the lower end is its negative."""
+    return 1.15 * float(np.nanmax(np.abs(background.y), initial=1e-9))
+
+
 _MAX_LEGEND_ENTRIES = 8
 _MAX_VECTOR_DOTS = 100
 
 
-@styled
+@styled()
 def draw(chart: Chart) -> Figure:
     """Draw a chart. The legend stands above the panels, never over data; many strings get a colour scale."""
     rows = -(-len(chart.panels) // chart.columns)
@@ -113,6 +118,7 @@ def draw(chart: Chart) -> Figure:
         unused.remove()
     for column in range(chart.columns):
         axes[(len(chart.panels) - 1 - column) // chart.columns, column].set_xlabel(chart.x_label)
+    figure.align_ylabels()
     _legend(figure, axes, chart)
     return figure
 
@@ -123,14 +129,10 @@ def _panel(axes: Axes, panel: Panel) -> None:
         behind.grid(visible=False)
         behind.spines["right"].set_visible(True)
         behind.spines["right"].set_color(BACKGROUND)
-        behind.tick_params(axis="y", colors="#6A6A6A")
-        behind.set_ylabel(panel.background_label, color="#6A6A6A")
-        grey = panel.background
-        values = grey.y.astype(float)
-        behind.fill_between(
-            grey.x, values, step="post", color=BACKGROUND, alpha=0.28, linewidth=0, label=grey.label
-        )
-        reach = 1.15 * float(np.nanmax(np.abs(grey.y), initial=1e-9))
+        behind.tick_params(axis="y", colors=SOFT_INK)
+        behind.set_ylabel(panel.background_label, color=SOFT_INK)
+        _series(behind, panel.background, alpha=BACKGROUND_ALPHA)
+        reach = background_reach(panel.background)
         behind.set_ylim(-reach, reach)
         axes.set_zorder(behind.get_zorder() + 1)
         axes.patch.set_visible(False)
@@ -151,9 +153,9 @@ def _panel(axes: Axes, panel: Panel) -> None:
     axes.margins(x=0.01)
 
 
-def _series(axes: Axes, series: Series) -> None:
-    x, y = series.x, series.y.astype(float)
-    shown: dict[str, Any] = {"color": series.colour, "label": series.label or None}
+def _series(axes: Axes, series: Series, **shown: Any) -> None:
+    x, y = series.x, series.y
+    shown |= {"color": series.colour, "label": series.label or None}
     dash: dict[str, Any] = {"linestyle": (0, (4, 2)) if series.dashed else "-"}
     many = len(x) > _MAX_VECTOR_DOTS
     match series.kind:
@@ -168,7 +170,7 @@ def _series(axes: Axes, series: Series) -> None:
         case "star":
             axes.plot(x, y, "*", markersize=13, zorder=5, **shown)
         case "band":
-            base = np.zeros_like(y) if series.base is None else series.base.astype(float)
+            base = np.broadcast_to(series.base, y.shape)
             turns = _turns(y, base)
             axes.fill_between(x[turns], base[turns], y[turns], step="post", linewidth=0, **shown)
 
@@ -197,5 +199,6 @@ def _legend(figure: Figure, axes: Any, chart: Chart) -> None:
         bar.ax.minorticks_off()
         entries = {label: handle for label, handle in entries.items() if label not in strings}
     if len(entries) > 1 or (entries and not strings):
-        fitting = max(int(chart.width_in * 11 / (max(map(len, entries)) + 5)), 1)
-        figure.legend(entries.values(), entries, loc="outside upper center", ncols=min(len(entries), fitting))
+        wide, widths = int(11 * chart.width_in), [len(label) + 5 for label in entries]  # in characters
+        columns = len(entries) if sum(widths) <= wide else max(wide // max(widths), 1)
+        figure.legend(entries.values(), entries, loc="outside upper center", ncols=columns)

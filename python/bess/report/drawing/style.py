@@ -7,15 +7,12 @@ import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from functools import wraps
 from pathlib import Path
-from typing import Any, Final, ParamSpec
+from typing import Any, Final
 
 from matplotlib import colormaps, rcParams
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-
-P = ParamSpec("P")
 
 SINGLE_COLUMN_IN: Final = 3.5
 _NOTEBOOK_DPI: Final = 110
@@ -42,7 +39,10 @@ LOSSES: Final = {
     "auxiliary": AUXILIARY,
 }
 """Colours of undelivered energy and losses, by names without unit, in the order of a stack."""
+BACKGROUND_ALPHA: Final = 0.28
 INK: Final = "#222222"
+SOFT_INK: Final = "#6A6A6A"
+GRID: Final = "#E3E3E3"
 
 _RC: Final[Any] = {
     "axes.axisbelow": True,
@@ -57,7 +57,7 @@ _RC: Final[Any] = {
     "figure.dpi": 100,
     "font.family": "DejaVu Sans",
     "font.size": 8,
-    "grid.color": "#E3E3E3",
+    "grid.color": GRID,
     "grid.linewidth": 0.5,
     "legend.fontsize": 7.5,
     "legend.frameon": False,
@@ -73,25 +73,16 @@ _RC: Final[Any] = {
 
 
 @contextmanager
-def _looks() -> Iterator[None]:
-    """Set only the parameters of this module; others change when a notebook draws its first figure."""
+def styled() -> Iterator[None]:
+    """Draw in the style of this module, as context or decorator, for any settings of the caller.
+
+    Only these parameters are restored; others change when a notebook draws its first figure."""
     before = {name: rcParams[name] for name in _RC}
     rcParams.update(_RC)
     try:
         yield
     finally:
         rcParams.update(before)
-
-
-def styled(function: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Run a figure function with the style of this module, for any settings of the caller."""
-
-    @wraps(function)
-    def wrapper(*args: P.args, **kwargs: P.kwargs) -> Figure:
-        with _looks():
-            return function(*args, **kwargs)
-
-    return wrapper
 
 
 def colours(count: int) -> list[str]:
@@ -106,7 +97,7 @@ class NotebookFigure(Figure):
 
     def _repr_png_(self) -> bytes:
         picture = io.BytesIO()
-        with _looks():
+        with styled():
             self.savefig(picture, format="png", dpi=_NOTEBOOK_DPI)
         return picture.getvalue()
 
@@ -152,7 +143,7 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: int = 200) -> tuple[Pa
     stem = path.stem if path.suffix in (".svg", ".png", ".pdf") else path.name
     svg, png, pdf = (path.with_name(f"{stem}.{ending}") for ending in ("svg", "png", "pdf"))
     save_svg(figure, svg, dpi=dpi)
-    with _looks():
+    with styled():
         # The other files reuse this layout, which takes most of the time.
         engine = figure.get_layout_engine()
         figure.set_layout_engine("none")
@@ -165,7 +156,7 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: int = 200) -> tuple[Pa
 def save_svg(figure: Figure, path: Path, *, dpi: int = 200) -> str:
     """Save a figure as SVG only, in a third of the time of :func:`save_figure`; return the drawing."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with _looks(), io.StringIO() as text:
+    with styled(), io.StringIO() as text:
         # Rasterised parts are for screens.
         figure.savefig(text, format="svg", dpi=dpi // 2, metadata={"Date": None, "Creator": None})
         svg = shortened(text.getvalue())

@@ -4,16 +4,16 @@
   // A finger that scrolls must not zoom.
   const still = (key, value) => (coarse && key === "active_drag" ? null : value);
 
-  // The still picture stays until the interactive one is there, and comes back if it fails.
+  // If the interactive figure fails, the still picture is shown again.
   async function draw(chart) {
     const figure = chart.closest("figure");
     figure.classList.add("drawn");
     try {
       const item = JSON.parse(chart.nextElementSibling.textContent, still);
-      await Bokeh.embed.embed_item(item, chart.id);
-      const document = Bokeh.documents[Bokeh.documents.length - 1];
+      const views = await Bokeh.embed.embed_item(item, chart.id);
+      const models = views.roots[0].model.document.all_models;
       for (const button of figure.querySelectorAll(".legend button")) {
-        button.addEventListener("click", () => toggle(document, button));
+        button.addEventListener("click", () => toggle(models, button));
       }
     } catch (error) {
       figure.classList.remove("drawn");
@@ -21,15 +21,15 @@
     }
   }
 
-  function toggle(document, button) {
+  function toggle(models, button) {
     const shown = button.getAttribute("aria-pressed") !== "true";
     button.setAttribute("aria-pressed", String(shown));
-    for (const model of document.all_models) {
+    for (const model of models) {
       if (model.name === button.dataset.label) model.visible = shown;
     }
   }
 
-  // A page of many figures draws those that come into view.
+  // Figures are drawn when they come into view.
   const seen = new IntersectionObserver(function (entries) {
     for (const entry of entries) {
       if (!entry.isIntersecting) continue;
@@ -43,7 +43,7 @@
     link.href = link.closest("figure").querySelector(".still img").src;
   }
 
-  // What is folded on the screen is open on paper.
+  // Print folded sections as well.
   window.addEventListener("beforeprint", function () {
     for (const folded of document.querySelectorAll("details")) folded.open = true;
   });

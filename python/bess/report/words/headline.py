@@ -40,12 +40,12 @@ def tiles(run: Run) -> list[Tile]:
 def _service(run: Run) -> Iterator[Tile]:
     kpis, data = run.kpis, run.dataset
     if is_reserve(data):
-        sold_mw = float(data["capacity_kw"].values.mean()) / _KW_PER_MW
+        sold_kw = float(data["capacity_kw"].values.mean())
         hours = data.sizes["time"] * step_h(data)
-        yield Tile("Reserve sold", _whole(_KW_PER_MW * sold_mw), "kW", f"on average of {hours:,.0f} h")
-        yield _tile("outside_window_h", kpis, "hours in which the store could not sustain all of it")
-        if sold_mw > 0.0 and "net_eur" in kpis:
-            per_mw = kpis["net_eur"] / sold_mw
+        yield Tile("Reserve sold", _whole(sold_kw), "kW", f"on average of {hours:,.0f} h")
+        yield _tile("outside_window_h", kpis, "in which the strings could not sustain the full reserve")
+        if sold_kw > 0.0 and "net_eur" in kpis:
+            per_mw = kpis["net_eur"] / (sold_kw / _KW_PER_MW)
             yield Tile("Net per MW of reserve", _whole(per_mw), "EUR/MW", f"{per_mw / hours:.2f} EUR/MW/h")
     if is_site(data):
         yield _tile("peak_draw_kw", kpis, f"without the plant {_quantity('peak_before_kw', kpis)}")
@@ -71,7 +71,7 @@ def _years(run: Run) -> Iterator[Tile]:
             life = years * (1.0 - end) / (1.0 - left)
             detail = f"to {100.0 * end:.0f} % of capacity, at the mean pace of {years:.1f} years"
             yield Tile("To end of life", f"{life:.1f}", "years", detail)
-        yield Tile("Capacity left", f"{100.0 * left:.1f}", "%", "of the string that aged most")
+        yield Tile("Capacity left", f"{100.0 * left:.1f}", "%", "of the string with the lowest capacity")
     if "cash_npv_eur" in kpis and "investment_eur" in kpis:
         detail = f"{_whole(kpis['investment_eur'])} EUR of new batteries paid, residual value added"
         yield _tile("cash_npv_eur", kpis, detail)
@@ -158,9 +158,9 @@ def _causes(run: Run) -> Iterator[tuple[float, str, str]]:
     above = f"Demand above the power in service in {above_h:,.0f} h"
     yield kpis["unmet_kwh"], above, "More inverter power would help."
     losses = (
-        ("Derating of hot strings", hot_kw, "More cooling, or less power at a time,"),
-        ("Empty strings", shed_kw * discharge[:, None], "More energy in store, or charging before,"),
-        ("Full strings", shed_kw * ~discharge[:, None], "More room in store, or discharging before,"),
+        ("Derating of hot strings", hot_kw, "More cooling, or lower power,"),
+        ("Empty strings", shed_kw * discharge[:, None], "More energy capacity, or earlier charging,"),
+        ("Full strings", shed_kw * ~discharge[:, None], "More energy capacity, or earlier discharging,"),
     )
     for text, lost_kw, remedy in losses:
         lost_h = np.count_nonzero(lost_kw.sum(axis=1) > 0.0) * hours
@@ -173,7 +173,7 @@ def _causes(run: Run) -> Iterator[tuple[float, str, str]]:
     yield kpis["inverter_loss_kwh"], inverters, f"{better} would help."
     cells_kwh = kpis["battery_loss_kwh"] + kpis.get("hysteresis_loss_kwh", 0.0)
     yield cells_kwh, "Resistance and hysteresis of the cells", "Lower currents would help."
-    yield kpis["auxiliary_kwh"], "Cooling", "A higher temperature at which it starts would help."
+    yield kpis["auxiliary_kwh"], "Cooling", "A higher start temperature would help."
 
 
 def _another_split(run: Run, lost_kw: Array, discharge: NDArray[np.bool_]) -> str:

@@ -34,12 +34,10 @@ def subject(runs: Mapping[str, Run], *, alike: bool = True) -> str:
     n_strings = data.sizes["string"]
     start = np.datetime_as_string(data["time"].values[0], unit="m").replace("T", " ")
     policies = dict.fromkeys(run.policy for run in runs.values())
+    count = [f"{len(runs)} scenarios"] if len(runs) > 1 else []
     where = [f"{n_strings} string{'s' if n_strings > 1 else ''}", f"{length} from {start} UTC"]
-    parts = [
-        *(where if alike else []),
-        f"polic{'ies' if len(policies) > 1 else 'y'} {', '.join(filter(None, policies))}",
-    ]
-    return " · ".join([*([f"{len(runs)} scenarios"] if len(runs) > 1 else []), *parts])
+    policy = f"polic{'ies' if len(policies) > 1 else 'y'} {', '.join(filter(None, policies))}"
+    return " · ".join([*count, *(where if alike else []), policy])
 
 
 def summary(runs: Mapping[str, Run], *, hindsight: bool = False) -> list[str]:
@@ -195,10 +193,13 @@ def warnings(runs: Mapping[str, Run], problems: Mapping[str, str]) -> list[str]:
     found = [f"Missing: {sentence}" for sentence in by_reason(problems)]
     if len(runs) > MAX_COMPARED_RUNS:
         return found + list(_warnings_of_many(runs))
+    names: dict[str, list[str]] = {}
     for name, run in runs.items():
-        place = f"{name}: " if len(runs) > 1 else ""
-        sentences = (f"{place}{sentence}" for sentence in _warnings_of(run))
-        found += [sentence[:1].upper() + sentence[1:] for sentence in sentences]
+        for sentence in _warnings_of(run):
+            names.setdefault(sentence, []).append(name)
+    for sentence, named in names.items():
+        place = f"{_listed(named)}: {sentence}" if len(runs) > 1 else ""
+        found.append(place or f"{sentence[0].upper()}{sentence[1:]}")
     return found
 
 
@@ -212,7 +213,7 @@ def _warnings_of_many(runs: Mapping[str, Run]) -> Iterator[str]:
         )
     limits = {
         "fallback_steps": ("steps in which a fallback replaced the optimiser's answer", 0.0),
-        "ledger_residual_ratio": ("of the energy missing in the ledger", _LEDGER_TOLERANCE),
+        "ledger_residual_ratio": ("relative energy-balance error", _LEDGER_TOLERANCE),
     }
     for key, (text, limit) in limits.items():
         values = {name: run.kpis.get(key, 0.0) for name, run in runs.items()}
@@ -239,7 +240,7 @@ def _warnings_of(run: Run) -> Iterator[str]:
         )
     residual = float(np.abs(data["ledger_residual_kwh"]).max())
     if residual > _LEDGER_TOLERANCE_KWH:
-        yield f"the energy ledger does not close: residual of up to {residual:.2g} kWh in a step."
+        yield f"the energy balance does not close: residual of up to {residual:.2g} kWh in a step."
 
 
 _MIN_MENTIONED = 0.01

@@ -6,20 +6,19 @@ import csv
 import math
 import tomllib
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
-from functools import partial
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bess.errors import InputError
 from bess.report.charts import kpi_figures
-from bess.report.charts.kpi_figures import RADAR_KPIS, changing_kpis
+from bess.report.charts.kpi_figures import RADAR_KPIS, changing_kpis, front_of
 from bess.report.contents import FigureSpec
-from bess.simulation.analysis.catalogue import Kpi, KpisByRun, better, grouped, kpi
-from bess.simulation.analysis.pareto import Direction, knee_point, non_dominated
+from bess.simulation.analysis.catalogue import KpisByRun, better, grouped, kpi
 from bess.simulation.sweep import RESERVED, SWEEP_CSV, is_parameter
 
 DECISION: Final = (
@@ -66,26 +65,21 @@ def kpi_groups(kpis: KpisByRun, *, alike: bool = True) -> dict[str, list[Row]]:
 
 
 def _rows(kpis: KpisByRun, names: Iterable[str], alike: bool) -> list[Row]:
-    return [
-        _row(kpi(name), [values.get(name, math.nan) for values in kpis.values()], alike) for name in names
-    ]
-
-
-def _row(entry: Kpi, values: list[float], alike: bool) -> Row:
-    known = [value for value in values if not math.isnan(value)]
-    differ = len({entry.number(value) for value in known}) > 1
-    judged = alike and entry.better is not None and entry.decimals is not None and differ
-    best = (max if entry.better == "max" else min)(known, default=math.nan)
-    of_best = entry.number(best)
-    cells = []
-    for value in values:
-        text = entry.number(value)
-        first = judged and text == of_best
-        behind = ""
-        if judged and not first and not math.isnan(value):
-            behind = ("+" if value > best else "-") + entry.number(abs(value - best))
-        cells.append(Cell(text, first, behind))
-    return Row(entry.heading, entry.meaning, entry.detail, tuple(cells))
+    rows = []
+    for entry, values in ((kpi(name), [row.get(name, math.nan) for row in kpis.values()]) for name in names):
+        known = [value for value in values if not math.isnan(value)]
+        differ = len({entry.number(value) for value in known}) > 1
+        judged = alike and entry.better is not None and entry.decimals is not None and differ
+        best = (max if entry.better == "max" else min)(known, default=math.nan)
+        cells = []
+        for value in values:
+            first = judged and entry.number(value) == entry.number(best)
+            behind = ""
+            if judged and not first and not math.isnan(value):
+                behind = ("+" if value > best else "-") + entry.number(abs(value - best))
+            cells.append(Cell(entry.number(value), first, behind))
+        rows.append(Row(entry.heading, entry.meaning, entry.detail, tuple(cells)))
+    return rows
 
 
 _X, _Y = "battery_efficiency_pct", "inverter_efficiency_pct"
@@ -112,7 +106,7 @@ class SweepTable:
     @property
     def has_front(self) -> bool:
         """Whether a number was swept: a handful of named scenarios is compared, but forms no front."""
-        return len(self.kpis) >= _MIN_POINTS and any(True for _ in self._numeric_parameters())
+        return len(self.kpis) >= _MIN_POINTS and bool(self._swept)
 
     def exhibits(self) -> Iterator[FigureSpec]:
         """Front of inverter and battery efficiency, and KPIs over the parameter if one number was swept."""
@@ -125,10 +119,13 @@ class SweepTable:
             "chord between the ends of the front.",
             partial(kpi_figures.pareto_front, self.kpis, x=_X, y=_Y),
         )
-        for key in self._numeric_parameters():
-            values = [float(row[key]) for row in self.parameters.values()]
+        for key, values in self._swept.items():
             if self.maximised is not None:
-                shown = [name for name in (self.maximised, *_OF_A_LIFE) if self._has(name)]
+                shown = [
+                    name
+                    for name in (self.maximised, *_OF_A_LIFE)
+                    if all(math.isfinite(row.get(name, math.nan)) for row in self.kpis.values())
+                ]
                 yield FigureSpec(
                     "search",
                     f"{kpi(self.maximised).label} over {key}",
@@ -138,7 +135,7 @@ class SweepTable:
             if len(set(values)) == len(values) and changing_kpis(self.kpis):
                 yield FigureSpec(
                     "kpis-over-parameter",
-                    f"Key figures over {key}",
+                    f"KPIs over {key}",
                     "One point for each scenario.",
                     partial(kpi_figures.kpi_lines, self.kpis, values, key),
                 )
@@ -150,20 +147,18 @@ class SweepTable:
             return ""
         if self.maximised is not None:
             return self._search_sentence(self.maximised)
-        names = list(self.kpis)
-        points, directions = self._points()
-        knee = self._knee()
-        row = self.kpis[knee]
+        _, on_front, place = front_of(self.kpis, _X, _Y)
+        knee, row = list(self.kpis.items())[place]
         return (
             f"Knee of the front: {self._said(knee)}, with {kpi(_Y).quantity(row[_Y])} inverter and "
-            f"{kpi(_X).quantity(row[_X])} battery efficiency. {int(non_dominated(points, directions).sum())} "
-            f"of {len(names)} scenarios lie on the front of these two."
+            f"{kpi(_X).quantity(row[_X])} battery efficiency. {int(on_front.sum())} "
+            f"of {on_front.size} scenarios lie on the front of these two."
         )
 
     def _search_sentence(self, name: str) -> str:
         """Best parameter value of a search, and what is lost at both ends of its range."""
-        key = next(self._numeric_parameters())
-        points = sorted((float(self.parameters[run][key]), row[name]) for run, row in self.kpis.items())
+        key = next(iter(self._swept))
+        points = sorted(zip(self._swept[key], (row[name] for row in self.kpis.values()), strict=True))
         values, found = np.array(points).T
         place = int(np.argmax(found))
         best = next(run for run, row in self.kpis.items() if row[name] == found[place])
@@ -183,16 +178,12 @@ class SweepTable:
             text += f" The depreciation price, {depreciation:.1f}, costs about {cost(depreciation)}."
         return text
 
-    def _has(self, name: str) -> bool:
-        """Whether all runs have a KPI."""
-        return all(math.isfinite(row.get(name, math.nan)) for row in self.kpis.values())
-
     def picks(self) -> tuple[list[str], list[tuple[str, list[str]]]] | None:
         """Heads of a table, and its rows: the reason to show a point, its parameters and KPIs."""
         if not self.has_front:
             return None
         names = list(self.kpis)
-        reasons = {self._knee(): ["knee of the front"]}
+        reasons = {names[front_of(self.kpis, _X, _Y)[2]]: ["knee of the front"]}
         for key, reason in _ATTENTION.items():
             values = {name: row.get(key, math.nan) for name, row in self.kpis.items()}
             known = {name: value for name, value in values.items() if math.isfinite(value)}
@@ -209,25 +200,20 @@ class SweepTable:
         ]  # fmt: skip
         return heads, rows
 
-    def _points(self) -> tuple[NDArray[np.float64], list[Direction]]:
-        points = np.array([[row[_X], row[_Y]] for row in self.kpis.values()])
-        return points, [better(_X), better(_Y)]
-
-    def _knee(self) -> str:
-        return list(self.kpis)[knee_point(*self._points())]
-
     def _said(self, name: str) -> str:
         """Parameters of a scenario as numbers."""
         return ", ".join(f"{_short(key)} {_number(value)}" for key, value in self.parameters[name].items())
 
-    def _numeric_parameters(self) -> Iterator[str]:
+    @cached_property
+    def _swept(self) -> dict[str, list[float]]:
+        """Parameters that are numbers and vary: their values in all scenarios."""
+        swept = {}
         for key in next(iter(self.parameters.values())):
-            try:
-                values = {float(row[key]) for row in self.parameters.values()}
-            except ValueError:
-                continue
-            if len(values) > 1:
-                yield key
+            with suppress(ValueError):
+                values = [float(row[key]) for row in self.parameters.values()]
+                if len(set(values)) > 1:
+                    swept[key] = values
+        return swept
 
 
 def _short(key: str) -> str:
@@ -253,7 +239,7 @@ def read_sweep(directory: Path) -> SweepTable | None:
     if not path.exists():
         return None
     try:
-        return replace(_read(path), maximised=_maximised(directory / "study.toml"))
+        return _read(path)
     except (OSError, ValueError, LookupError, TypeError, csv.Error) as error:
         raise InputError(
             f"{path}: is damaged ({error}); run the sweep again, which writes it from what is done"
@@ -289,4 +275,4 @@ def _read(path: Path) -> SweepTable:
                 continue
             kpis[name] = values
             parameters[name] = {key: value for key, value in row.items() if is_parameter(key)}
-    return SweepTable(parameters, kpis, failed)
+    return SweepTable(parameters, kpis, failed, _maximised(path.with_name("study.toml")))
