@@ -7,10 +7,9 @@ import numpy as np
 import pandas as pd
 
 from bess.market.columns import table_columns
-from bess.market.files import fail, first_line, listed, reading
+from bess.market.files import Repairs, fail, first_line, listed, reading
 from bess.market.numbers import parse_numbers
 from bess.market.regular import regular
-from bess.market.repairs import Repairs
 from bess.market.table import Table, read_table
 
 _CLOCK: Final = "Europe/Berlin"

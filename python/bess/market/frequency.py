@@ -7,9 +7,8 @@ import pandas as pd
 
 from bess.files import Fill
 from bess.market.columns import Columns, read_columns
-from bess.market.files import fail, first_line, reading
+from bess.market.files import Repairs, fail, first_line, reading
 from bess.market.regular import regular
-from bess.market.repairs import Repairs
 
 _NOMINAL_MHZ: Final = (50_000.0, 60_000.0)
 _MAX_DEVIATION_MHZ: Final = 2_500.0

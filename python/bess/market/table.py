@@ -12,10 +12,9 @@ from typing import Final
 
 import pandas as pd
 
-from bess.market.files import decode, fail
+from bess.market.files import Repairs, decode, fail
 from bess.market.json_tables import is_json, json_rows
 from bess.market.layouts import rewritten
-from bess.market.repairs import Repairs
 from bess.market.times import is_time
 from bess.market.workbook import is_workbook, workbook_rows
 

@@ -13,8 +13,7 @@ import numpy as np
 import pandas as pd
 
 from bess.errors import InputError
-from bess.market.files import fail, first_line
-from bess.market.repairs import Repairs
+from bess.market.files import Repairs, fail, first_line
 
 YEARS: Final = (1980, 2200)
 """Other years are numbers taken for times."""
@@ -86,6 +85,19 @@ def clock_of(name: str) -> tzinfo:
         raise InputError(
             f"time_zone {name!r} is unknown; give a name such as Europe/Berlin, UTC or UTC+1"
         ) from None
+
+
+def have_offsets(times: pd.DataFrame) -> bool:
+    """Return whether the cells give UTC offsets; raise InputError if only some of them do."""
+    labelled = times["offset_h"].notna()
+    if (line := first_line(labelled != labelled.iloc[0])) is not None:
+        has, other = ("has no", "has one") if labelled.iloc[0] else ("has a", "has none")
+        fail(
+            line,
+            f"the time {has} UTC offset while line {times.index[0]} {other}: mixed time zones; "
+            "write all times alike",
+        )
+    return bool(labelled.iloc[0])
 
 
 def localise(wall: pd.DatetimeIndex, clock: tzinfo) -> pd.DatetimeIndex:
