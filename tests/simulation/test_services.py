@@ -179,6 +179,22 @@ def test_reserve_that_is_not_sustained_is_paid_back_with_the_penalty() -> None:
     )
 
 
+def test_a_price_of_capacity_every_90_min_is_refused(tmp_path: Path) -> None:
+    times = pd.date_range("2024-01-01", periods=32, freq="90min", tz="UTC")
+    pd.Series(50.0, times, name="price").rename_axis("time").to_csv(tmp_path / "capacity.csv")
+    with pytest.raises(InputError, match="prices of capacity every 90 min; give whole hours"):
+        read_capacity_prices(tmp_path / "capacity.csv")
+
+
+def test_tender_results_without_the_regular_tender_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "tender.csv").write_text(
+        "DATE_FROM;TENDER_NUMBER;PRODUCTNAME;GERMANY_SETTLEMENTCAPACITY_PRICE_[EUR/MW]\n"
+        "01.01.2024;2;NEGPOS_00_04;12,5\n01.01.2024;2;NEGPOS_04_08;13,5\n"
+    )
+    with pytest.raises(InputError, match=r"line 2: .*repeated tenders only"):
+        read_capacity_prices(tmp_path / "tender.csv")
+
+
 # On measured files
 
 
