@@ -123,7 +123,7 @@ BAD_SETTINGS = {
     "system.initial_temperature_c=500": "must be in [-60, 150] degC",
     "system.ambient_c=900": "must be in [-60, 150] degC",
     "system.n_strings=0": "system.n_strings = 0",
-    "system.parameters.control.step_min=7": "whole number of control steps",
+    "system.parameters.control.step_min=7": "whole number of steps of",
     "system.parameters.batery.r_scale=1": "unknown section 'batery'; allowed: ",
     "system.parameters.initial_soc=1": "unknown section 'initial_soc'; it is a key of section 'system'",
     "system.file=nosuch": "system.file = 'nosuch': no bundled item has this name; allowed: reference",

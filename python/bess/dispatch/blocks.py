@@ -53,6 +53,11 @@ class Blocks:
         first = np.flatnonzero(since % np.maximum(1, (max_h / dt_h + 1e-9).astype(int)) == 0)
         return cls(first, np.diff(np.r_[first, steps.size]))
 
+    @classmethod
+    def single(cls, n_steps: int) -> Self:
+        """Return a block for each step."""
+        return cls(np.arange(n_steps), np.ones(n_steps, dtype=np.int64))
+
     @cached_property
     def of_step(self) -> npt.NDArray[np.int64]:
         """Block number of each step."""

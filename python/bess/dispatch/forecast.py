@@ -126,7 +126,7 @@ class PersistenceForecast:
 
 
 def steps_in(duration_h: float, dt_h: float, what: str) -> int:
-    """Return the number of control steps in `duration_h`, a whole number >= 1.
+    """Return the number of steps of `dt_h` in `duration_h`, a whole number >= 1.
 
     Raises
     ------
@@ -138,7 +138,7 @@ def steps_in(duration_h: float, dt_h: float, what: str) -> int:
     steps = duration_h / dt_h if np.isfinite(duration_h) else 0.0
     if round(steps) < 1 or abs(steps - round(steps)) > 1e-9 * steps:
         raise InputError(
-            f"{what} ({duration_h} h) must be a whole number of control steps of {dt_h} h, at least one"
+            f"{what} ({duration_h:g} h) must be a whole number of steps of {dt_h:g} h, at least one"
         )
     return round(steps)
 
