@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bess.arrays import Array, ByValue, real_numbers
-from bess.dispatch.forecast import PersistenceForecast, checked_series, present_step
+from bess.dispatch.forecast import PersistenceForecast, check_step, checked_series
 from bess.errors import InputError
 
 _ERROR_QUANTILES: Final = (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -137,7 +137,8 @@ class BandForecast:
         step, horizon : int
             As for :meth:`ahead`.
         """
-        step = present_step(step + self._first, horizon, self.values.size)
+        step += self._first
+        check_step(step, horizon, self.values.size)
         past = self._starts[(self._starts > step - self._window) & (self._starts <= step)]
         if self.forecast is None:
             levels, past, before = self._measured(step, horizon, past)

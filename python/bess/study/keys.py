@@ -15,13 +15,7 @@ _MAX_DEPTH = 12
 
 
 def check_bundled(key: str, name: str, bundled: Iterable[str]) -> None:
-    """Refuse a name that is not bundled and not a path: a path has a folder or an extension.
-
-    Raises
-    ------
-    InputError
-        The name is refused; the message gives the most similar bundled name.
-    """
+    """Raise InputError for a name that is neither bundled nor a path, which has a folder or an extension."""
     if name not in bundled and not Path(name).suffix and Path(name).name == name:
         raise InputError(f"{key} = {name!r}: no bundled item has this name; {nearest(name, list(bundled))}")
 
