@@ -108,7 +108,7 @@ class Columns:
                     f"{offset_h.iloc[0]:+g} h: mixed time zones; write all times in one zone",
                 )
         elif time_zone is not None:
-            clock = clock_of(str(time_zone))
+            clock = clock_of(time_zone)
         else:
             fail(
                 lines[0],

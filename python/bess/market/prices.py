@@ -78,8 +78,8 @@ def read_prices(
     InputError
         The file does not contain such prices; one sentence gives file, line and remedy.
     """
-    for name, value in (("zone", zone), ("product", "" if product is None else product)):
-        if not isinstance(value, str):
+    for name, value in {"zone": zone, "product": product, "time_zone": time_zone}.items():
+        if not isinstance(value, str) and (value is not None or name == "zone"):
             raise InputError(f"read_prices: {name} must be a text, not {type(value).__name__}")
     with reading(path) as (raw, repairs):
         rows, source, product = _prices(raw, zone, product, time_zone, repairs)

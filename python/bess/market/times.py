@@ -73,14 +73,14 @@ def clock_of(name: str) -> tzinfo:
     InputError
         The time zone is unknown.
     """
-    fixed = _FIXED.fullmatch(name.strip())
+    fixed = _FIXED.fullmatch(str(name).strip())
     if fixed:
         sign, hours, minutes = fixed.groups()
         shift = timedelta(hours=int(hours), minutes=int(minutes or 0))
         if shift < timedelta(hours=24):
             return timezone(-shift if sign == "-" else shift)
     try:
-        return ZoneInfo(name.strip())
+        return ZoneInfo(str(name).strip())
     except (ZoneInfoNotFoundError, ValueError, OSError):
         raise InputError(
             f"time_zone {name!r} is unknown; give a name such as Europe/Berlin, UTC or UTC+1"

@@ -134,7 +134,7 @@ class Study(Section):
         if _with_kind(document)["policy"]["objectives"]["kind"] != kind:
             # Differs from the default, so it was set explicitly and is kept.
             document["policy"]["objectives"]["kind"] = kind
-        for key, value in values.items():
+        for key, value in zip(map(str, values), values.values(), strict=True):
             if "." not in key and isinstance(value, Mapping):
                 raise InputError(f"{key}: give one key of this section, such as {key}.NAME = VALUE")
             document = with_value(document, key, value)
@@ -217,6 +217,8 @@ def load_study(name: str | Path, values: Mapping[str, Any] | None = None) -> Stu
     InputError
         File not found, not TOML, an unknown key (with the nearest one), or a value out of range.
     """
+    if not isinstance(name, str | Path):
+        raise InputError(f"a study is a bundled name or a path, not {type(name).__name__}")
     path, bundled = Path(name), _bundled()
     if str(name) in bundled:
         document = {"name": str(name), **bundled[str(name)]}
@@ -231,18 +233,8 @@ def load_study(name: str | Path, values: Mapping[str, Any] | None = None) -> Stu
 
 
 def as_study(study: Study | str | Path) -> Study:
-    """Return a study, given as :class:`Study`, bundled name or path.
-
-    Raises
-    ------
-    InputError
-        For any other type, or as :func:`load_study`.
-    """
-    if isinstance(study, Study):
-        return study
-    if isinstance(study, str | Path):
-        return load_study(study)
-    raise InputError(f"a study must be a bess.Study, a bundled name or a path, not {type(study).__name__}")
+    """Return a study, given as :class:`Study`, or as :func:`load_study` takes it."""
+    return study if isinstance(study, Study) else load_study(study)
 
 
 def _name_from(path: Path) -> str:
