@@ -168,6 +168,8 @@ BAD_COMMANDS = {
     ("report", "nowhere"): "holds no run",
     ("run", "arbitrage-2024", "--set", "demand.prices=empty.csv"): "the file is empty",
     ("run", "arbitrage-2024", "--set", "demand.prices=./folder"): "cannot be read",
+    ("run", "fcr-arbitrage", "--set", "demand.market_time_zone=Mars"): "= 'Mars': is no time zone; write a",
+    ("run", "peak-shaving", "--set", "demand.billing_time_zone=Mars"): "= 'Mars': is no time zone; write a",
     ("run", "case1", "--out", "file"): "is not a results folder",
     ("run", "case1", "--out", "file/x"): "is not a results folder",
     ("run", "case2", "--out", "file"): "is not a results folder",

@@ -40,7 +40,7 @@ from bess.study.demands.source import (
     padded,
 )
 from bess.study.grid import SampledSeries, TimeGrid
-from bess.study.sections import RunName
+from bess.study.sections import RunName, TimeZone
 from bess.system import System
 from bess.system.quantities import NonNegative, Positive, within
 from bess.system.section import Section
@@ -106,7 +106,7 @@ class ArbitrageDemand(DemandSection):
     product: str | None = None
     time_zone: str | None = None
     fill: Fill | None = None
-    market_time_zone: str = "Europe/Berlin"
+    market_time_zone: TimeZone = "Europe/Berlin"
     max_power_kw: Positive | None = None
     max_energy_kwh: Positive | None = None
     max_import_kw: Positive | None = None

@@ -37,6 +37,7 @@ from bess.study.demands.source import (
 )
 from bess.study.grid import SampledSeries, TimeGrid, seconds_of
 from bess.study.keys import check_bundled
+from bess.study.sections import TimeZone
 from bess.system import System
 from bess.system.quantities import Fraction, NonNegative, Positive, Price, within
 from bess.units import PERCENT
@@ -245,7 +246,7 @@ class FcrArbitrageDemand(FcrDemand):
     band: Fraction = 0.9
     choose_capacity: Literal["perfect", "persistence"] | None = None
     prices: str | None = SYNTHETIC
-    market_time_zone: str = "Europe/Berlin"
+    market_time_zone: TimeZone = "Europe/Berlin"
     cycles_per_day: Positive = 1.0
     look_ahead_h: Positive = 36.0
     replan_h: Positive = 1.0
