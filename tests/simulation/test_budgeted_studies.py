@@ -106,7 +106,7 @@ def test_a_reserve_is_not_there_once_the_budget_is_used() -> None:
 
 
 def test_a_demand_that_does_not_trade_has_no_budget() -> None:
-    with pytest.raises(bess.InputError, match=r'demand\.kind = "profile" has none'):
+    with pytest.raises(bess.InputError, match=r'demand\.kind = "profile" does not trade'):
         bess.load_study("case1", {"budget.cycles_per_year": 300.0})
 
 

@@ -97,6 +97,12 @@ def test_the_required_window_holds_the_reserve_for_its_duration_in_both_directio
     assert window.sustainable_kw(120.0, 500.0, 500.0) == 0.0
 
 
+def test_a_reserve_that_takes_no_energy_is_always_sustained() -> None:
+    """With a duration of almost 0 the window is the whole store."""
+    window = EnergyWindow.of(100.0, 1e-300, 200.0, 0.9)
+    assert window.sustainable_kw(100.0, 50.0, 200.0) == 100.0
+
+
 def test_a_recharge_is_agreed_on_ahead_and_reaches_the_band_at_the_end_of_its_slot() -> None:
     recharge = RechargeScheduler(power_kw=50.0, lead_steps=2, slot_steps=1, dt_h=0.25, one_way_efficiency=0.9)
     band, held, shifts = EnergyWindow(100.0, 300.0), 95.5, []

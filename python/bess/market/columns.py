@@ -81,7 +81,7 @@ class Columns:
     def labelled_at_start(self, repairs: Repairs) -> "Columns":
         """Return the columns with times that label the end of each interval moved to its start.
 
-        Such are whole days of which the first begins a step after midnight and the last ends at midnight.
+        Times label the ends if the first is a step after midnight and the last is midnight.
         """
         wall = self.times["wall"]
         if wall.size < 2:
@@ -226,7 +226,7 @@ def parquet_columns(raw: bytes) -> Columns:
             frame = pd.read_parquet(io.BytesIO(raw))
         except ImportError:
             raise
-        except Exception as error:  # pyarrow and pandas raise most of what there is for damaged bytes
+        except Exception as error:  # damaged bytes raise almost any exception in pyarrow and pandas
             what = (str(error).splitlines() or [""])[0] or type(error).__name__
             fail(None, f"the Parquet file is damaged or truncated ({what}); fetch it again")
     if not isinstance(frame.index, pd.DatetimeIndex):

@@ -137,7 +137,7 @@ def _unpacked(raw: bytes) -> bytes:
         raise
     except RuntimeError as error:  # a password
         fail(None, f"the archive cannot be unpacked ({error}); unpack it first")
-    except Exception as error:  # every kind of compression has its own for damaged bytes
+    except Exception as error:  # each kind of compression has its own exception for damaged bytes
         what = str(error) or type(error).__name__
         fail(None, f"the archive is damaged or truncated ({what}); fetch the file again")
     if not raw.removeprefix(next((mark for mark in _MARKS if raw.startswith(mark)), b"")).strip():

@@ -15,7 +15,7 @@ _MAX_DEVIATION_MHZ: Final = 2_500.0
 """Maximum deviation of a grid in service."""
 _MHZ_PER_HZ: Final = 1000.0
 _IN_HZ: Final = 1.0
-"""A deviation that hardly ever exceeds this is in Hz: meters resolve 1 mHz, and 1 Hz is a blackout."""
+"""Deviations of which 99 % are smaller are in Hz: meters resolve 1 mHz, and 1 Hz is a blackout."""
 
 
 def read_frequency(

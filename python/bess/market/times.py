@@ -121,7 +121,7 @@ def in_utc(times: pd.DataFrame, clock: tzinfo) -> pd.DatetimeIndex:
 def to_utc(
     times: pd.DataFrame, values: pd.Series, clock: tzinfo, repairs: Repairs, *, drop_skipped: bool = True
 ) -> pd.DataFrame:
-    """Place the rows of a file in UTC; a label in a cell goes before the clock.
+    """Place the rows of a file in UTC; a label in a cell has precedence over the clock.
 
     Rows in the hour that summer time skips are dropped if `drop_skipped` (exports, whose clock is known) or
     if they are empty; otherwise they are an error, since the clock is then probably another one.
@@ -195,7 +195,7 @@ def _digits(texts: pd.Series) -> pd.DataFrame:
 
 
 def _dated(texts: pd.Series, day_first: bool) -> pd.DataFrame:
-    """Read a date, a clock and an offset from UTC, of which the last may be absent, or the last two."""
+    """Read dates, each alone, with a time of day, or with a time of day and a UTC offset."""
     parts = texts.str.extract(rf"^{_TIME.pattern}$", flags=re.ASCII)
     dates, american = parts[0].fillna(""), bool(parts[4].notna().any())
     clock = parts[[1, 2, 3]].fillna("0").astype(float)
@@ -209,7 +209,7 @@ def _dated(texts: pd.Series, day_first: bool) -> pd.DataFrame:
 
 
 def _days(texts: pd.Series, dates: pd.Series, american: bool, day_first: bool) -> pd.Series:
-    """Return the reading with the fewest days left over, of equal ones the first, and the shorter period."""
+    """Return the dates in the format that fits most; day or month comes first as gives the shorter period."""
     codes, days = pd.factorize(dates)
     readings = {form: pd.to_datetime(pd.Index(days), format=form, errors="coerce") for form in _DATES}
     best = max(readings, key=lambda form: int(readings[form].notna().sum()))

@@ -1,8 +1,8 @@
 """Every key of a study file and of a system file: type, unit, default, range and meaning.
 
 Names, types, defaults and ranges are read from the models that check the files, meanings from
-``bess/data/keys.toml``. The schemas of ``bess schema``, the study of ``bess init`` and the tables of the
-manual are made of them.
+``bess/data/keys.toml``. They are the source of ``bess schema``, of the study of ``bess init`` and of the
+tables of the manual.
 """
 
 from __future__ import annotations

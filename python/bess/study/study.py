@@ -92,7 +92,7 @@ class Study(Section):
     def _check_budget(self) -> Self:
         if self.budget.is_set and self.demand.kind not in TRADES:
             raise ValueError(
-                f'budget: demand.kind = "{self.demand.kind}" has none; those that trade carry one, '
+                f'budget: demand.kind = "{self.demand.kind}" does not trade; a budget applies to '
                 + " and ".join(TRADES)
             )
         return self

@@ -122,7 +122,7 @@ def describe(
 
 
 def _remedy(loc: Sequence[str | int], model: type[BaseModel], shown: str) -> str:
-    """Return the allowed key of the same table that is most similar to an unknown one, or all of them."""
+    """Return the most similar allowed key of the same table as an unknown key, or all allowed keys."""
     *tables, key = (part for part in loc if isinstance(part, str))
     models = [model]
     for table in tables:

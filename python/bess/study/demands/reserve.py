@@ -275,7 +275,7 @@ class FcrArbitrageDemand(FcrDemand):
 
 
 def _steps(minutes: float, key: str, grid: TimeGrid, least: int) -> int:
-    """Return a time in control steps; a time shorter than a step gives ``least``."""
+    """Return a time in control steps, rounded up to one, and at least ``least``."""
     steps = minutes * _SECONDS_PER_MINUTE / grid.step_s
     if steps > 1.0 and abs(steps - round(steps)) > 1e-9:
         raise InputError(
