@@ -52,10 +52,10 @@ class PriceBands(ByValue):
         return cls(price_eur_mwh[None], np.ones((1, 1)), np.ones(1))
 
     @property
-    def reduced(self) -> PriceBands:
+    def reduced(self) -> Self:
         """Return bands of one level if all levels are equal."""
         first = self.price_eur_mwh[0]
-        return PriceBands.certain(first) if (self.price_eur_mwh == first).all() else self
+        return self.certain(first) if (self.price_eur_mwh == first).all() else self
 
     @cached_property
     def is_new(self) -> npt.NDArray[np.bool_]:

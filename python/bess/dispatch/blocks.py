@@ -1,7 +1,5 @@
 """Control steps of equal price merged into blocks of a plan: a smaller problem with the same income."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, Self

@@ -1,7 +1,5 @@
 """Dotted keys of a study: their values and assignment, and names of bundled items."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -24,7 +22,7 @@ def value_at(document: object, key: str) -> Any:
     """Return the value of a dotted key, in which a number is an index of a list; None without one."""
     for part in key.split("."):
         if isinstance(document, list | tuple):
-            document = dict(zip(map(str, range(len(document))), document, strict=True))
+            document = {str(index): entry for index, entry in enumerate(document)}
         document = document.get(part) if isinstance(document, Mapping) else None
     return document
 

@@ -5,8 +5,6 @@ Names, types, defaults and ranges are read from the models that check the files,
 tables of the manual.
 """
 
-from __future__ import annotations
-
 import json
 import tomllib
 from collections.abc import Iterator

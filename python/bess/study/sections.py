@@ -1,7 +1,5 @@
 """Sections of a study file except ``[demand]``; validated on load."""
 
-from __future__ import annotations
-
 import math
 import re
 from datetime import UTC, datetime

@@ -1,7 +1,5 @@
 """Studies: definition of closed-loop runs, read from TOML and validated."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 import unicodedata
@@ -176,19 +174,14 @@ def _without_kind(loc: tuple[int | str, ...]) -> tuple[int | str, ...]:
 
 def _with_kind(document: Any) -> Any:
     """Return the document with the default kind of objectives; a malformed document is unchanged."""
-    policy = value_at(document, "policy")
-    objectives = value_at(policy, "objectives")
-    malformed = any(
-        section is not None and not isinstance(section, Mapping) for section in (policy, objectives)
-    )
-    if not isinstance(document, Mapping) or malformed:
+    policy, objectives = (value_at(document, key) for key in ("policy", "policy.objectives"))
+    well_formed = all(isinstance(section, Mapping | None) for section in (policy, objectives))
+    if not isinstance(document, Mapping) or not well_formed:
         return document
     certified = value_at(policy, "horizon_steps") is not None or value_at(policy, "foresight_h") == 0
     priced = kind_of_demand(document.get("demand")) in TRADES
     kind = "money" if priced and not certified else "energy"
-    objectives = {**(objectives if isinstance(objectives, Mapping) else {}), "kind": kind}
-    policy = {**(policy if isinstance(policy, Mapping) else {}), "objectives": objectives}
-    return {**document, "policy": policy}
+    return {**document, "policy": {**(policy or {}), "objectives": {**(objectives or {}), "kind": kind}}}
 
 
 def bundled_studies() -> dict[str, str]:

@@ -1,7 +1,5 @@
 """Nested documents (TOML tables): reading, merging and error messages."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import date

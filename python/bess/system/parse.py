@@ -1,7 +1,5 @@
 """System documents to validated sections of every string."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 

@@ -4,8 +4,6 @@ The ranges include every realistic plant, and no product of two values overflows
 NaN and infinity are not accepted.
 """
 
-from __future__ import annotations
-
 from dataclasses import KW_ONLY, dataclass
 from itertools import pairwise
 from typing import Annotated, Any, Literal

@@ -1,7 +1,5 @@
 """Demands of kind ``fcr`` and ``fcr-arbitrage``: frequency containment reserve, with or without trade."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Annotated, ClassVar, Literal
 

@@ -4,8 +4,6 @@ SOC may be in per cent or a fraction, temperature is in kelvin and stands in the
 mOhm or Ohm. The result is tables of ``[battery]`` in a system file.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

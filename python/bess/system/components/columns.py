@@ -1,7 +1,5 @@
 """Small tables from text files and Parquet, as columns of texts or numbers."""
 
-from __future__ import annotations
-
 import csv
 import io
 from pathlib import Path

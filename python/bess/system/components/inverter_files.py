@@ -1,7 +1,5 @@
 """Inverter files; the layout is detected from the columns."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 

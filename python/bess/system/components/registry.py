@@ -5,8 +5,6 @@ is the cell-level part of a ``[battery]`` section. An inverter is an ``[inverter
 table with the coefficients of the CEC list, which is converted to a loss table here.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
