@@ -135,7 +135,7 @@ class ArbitrageDemand(DemandSection):
         if any(later.step_min > earlier.step_min for earlier, later in pairwise(self.market)):
             raise ValueError("market: a later auction must not have longer products than an earlier one")
         if self.meter is not None and self.plan != "linear":
-            raise ValueError('meter: load and generation behind a meter need plan = "linear"')
+            raise ValueError('meter: only plan = "linear" supports load and generation behind a meter')
         if self.replan_h is not None and self.replan_h > self.look_ahead_h:
             raise ValueError(
                 f"replan_h {self.replan_h:g} h must not exceed look_ahead_h {self.look_ahead_h:g} h"
