@@ -64,7 +64,7 @@ def test_a_forecast_cannot_be_changed_from_outside():
         (lambda: PerfectForecast([1.0]).ahead(1, 1), r"step 1 is outside the series of 1 steps \[0, 0\]"),
         (lambda: PerfectForecast([1.0]).ahead(0, 0), "horizon 0 steps must be at least 1"),
         (lambda: PerfectForecast([1.0]).ahead(0, -4), "horizon -4 steps"),
-        (lambda: PersistenceForecast([1.0], dt_h=0.7), "must be a whole number of control steps"),
+        (lambda: PersistenceForecast([1.0], dt_h=0.7), "must be a whole number of steps of"),
     ],
 )
 def test_bad_input_is_refused(make, match):

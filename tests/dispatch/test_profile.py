@@ -75,7 +75,7 @@ def test_parquet_with_a_clock_is_read(tmp_path):
         ({"column": "power", "unit": "GW"}, "unit 'GW' is unknown; allowed are W, kW, MW"),
         ({"column": "power", "positive": "up"}, "positive 'up' is unknown; allowed are discharge, charge"),
         ({"column": "power", "scale": 0.0}, "scale 0.0 must be finite and above 0"),
-        ({"column": "power", "dt_h": 0.4}, "whole number of control steps"),
+        ({"column": "power", "dt_h": 0.4}, "whole number of steps of"),
         ({"column": "power", "dt_h": 8.0}, "4 h is less than one step of 8 h"),
     ],
 )

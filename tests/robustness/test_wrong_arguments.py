@@ -22,6 +22,7 @@ PRICES = [50.0, 80.0] * 48
         ({"hours": "24"}, "hours must be .*texts"),
         ({"terms": "cheap"}, r"terms must be bess\.system\.terms\.SettlementTerms, not str"),
         ({"market_time_zone": "Mars"}, "time_zone 'Mars' is unknown"),
+        ({"market_time_zone": 1}, "time_zone 1 is unknown"),
         ({"system": "reference"}, r"system must be a bess\.System, not str"),
     ],
 )
@@ -67,13 +68,17 @@ def test_true_is_no_number_of_a_study(key):
 def test_studies_and_runs():
     with pytest.raises(bess.InputError, match="values must be a table of keys, not str"):
         bess.load_study("case1", "run.days = 2")
+    with pytest.raises(bess.InputError, match="3: unknown key"):
+        bess.load_study("case1", {3: 1})
+    with pytest.raises(bess.InputError, match="a study is a bundled name or a path, not int"):
+        bess.load_study(1)
     with pytest.raises(
         bess.InputError, match=r"system must be a bess\.System, not str; see bess\.load_system"
     ):
         bess.run("case1", system="m5bat")
 
 
-@pytest.mark.parametrize(("name", "value"), [("zone", None), ("product", ["id1"])])
+@pytest.mark.parametrize(("name", "value"), [("zone", None), ("product", ["id1"]), ("time_zone", 1)])
 def test_prices(tmp_path, name, value):
     with pytest.raises(
         bess.InputError, match=f"read_prices: {name} must be a text, not {type(value).__name__}"

@@ -55,6 +55,16 @@ def test_throughput_is_energy_discharged(values: dict[str, Any]) -> None:
     assert kpis["budget_used_pct"] == pytest.approx(100.0 * kpis["discharged_kwh"] / 1.2e3)
 
 
+def test_a_plant_whose_throughput_is_used_up_has_no_demand(values: dict[str, Any]) -> None:
+    """Without a limit of cycles, the charging power of the budget is infinite."""
+    limits = {"budget.cycles_per_year": None, "budget.throughput_mwh_per_year": 0.01 * 365.0 / DAYS}
+    given = {key: value for key, value in (values | limits).items() if value is not None}
+    result = bess.run(bess.load_study("arbitrage-2024", given | {"demand.plan": "linear"}), progress=False)
+    demand_kw = result.dataset["demand_kw"].values
+    assert 5.0 < result.kpis["discharged_kwh"] <= 10.0
+    assert np.isfinite(demand_kw).all() and not demand_kw[-96:].any()
+
+
 def test_a_run_that_was_stopped_goes_on_with_what_it_had_used(
     values: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -96,7 +106,7 @@ def test_a_reserve_is_not_there_once_the_budget_is_used() -> None:
 
 
 def test_a_demand_that_does_not_trade_has_no_budget() -> None:
-    with pytest.raises(bess.InputError, match=r'demand\.kind = "profile" has none'):
+    with pytest.raises(bess.InputError, match=r'demand\.kind = "profile" does not trade'):
         bess.load_study("case1", {"budget.cycles_per_year": 300.0})
 
 

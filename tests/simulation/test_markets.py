@@ -135,6 +135,19 @@ def test_an_auction_without_a_product_reads_the_default_of_its_file(
     np.testing.assert_allclose(record.series["auction_price_eur_mwh"][:, 0], FIRST[: 2 * DAY], atol=0.006)
 
 
+@pytest.mark.parametrize("other", ["market", "forecast"])
+def test_all_prices_repeat_if_those_of_the_last_market_do(values: dict[str, Any], other: str) -> None:
+    """The run lasts a day longer than the files, which have three days."""
+    more = {"run.days": 4.0, "demand.repeat": True}
+    if other == "forecast":
+        more |= {"demand.market": [], "demand.forecast": "file"}
+        more["demand.forecast_prices"] = values["demand.market"][0]["prices"]
+    inputs = prepare(bess.load_study("arbitrage-2024", values | more))
+    np.testing.assert_allclose(inputs.price_eur_mwh, np.r_[LAST, LAST[:DAY]])
+    if other == "market":
+        np.testing.assert_allclose(inputs.series["auction_price_eur_mwh"][:, 0], np.r_[FIRST, FIRST[:DAY]])
+
+
 def test_auctions_that_cannot_be_settled_are_refused(values: dict[str, Any], tmp_path: Path) -> None:
     with pytest.raises(InputError, match="positions of several markets are not settled behind a meter"):
         bess.load_study("arbitrage-2024", values | {"demand.meter.pv": "solar-week"})

@@ -97,6 +97,12 @@ def test_the_required_window_holds_the_reserve_for_its_duration_in_both_directio
     assert window.sustainable_kw(120.0, 500.0, 500.0) == 0.0
 
 
+def test_a_reserve_that_takes_no_energy_is_always_sustained() -> None:
+    """With a duration of almost 0 the window is the whole store."""
+    window = EnergyWindow.of(100.0, 1e-300, 200.0, 0.9)
+    assert window.sustainable_kw(100.0, 50.0, 200.0) == 100.0
+
+
 def test_a_recharge_is_agreed_on_ahead_and_reaches_the_band_at_the_end_of_its_slot() -> None:
     recharge = RechargeScheduler(power_kw=50.0, lead_steps=2, slot_steps=1, dt_h=0.25, one_way_efficiency=0.9)
     band, held, shifts = EnergyWindow(100.0, 300.0), 95.5, []
@@ -177,6 +183,22 @@ def test_reserve_that_is_not_sustained_is_paid_back_with_the_penalty() -> None:
         + kpis["discharge_revenue_eur"]
         - sum(kpis.get(name, 0.0) for name in COSTS)
     )
+
+
+def test_a_price_of_capacity_every_90_min_is_refused(tmp_path: Path) -> None:
+    times = pd.date_range("2024-01-01", periods=32, freq="90min", tz="UTC")
+    pd.Series(50.0, times, name="price").rename_axis("time").to_csv(tmp_path / "capacity.csv")
+    with pytest.raises(InputError, match="prices of capacity every 90 min; give whole hours"):
+        read_capacity_prices(tmp_path / "capacity.csv")
+
+
+def test_tender_results_without_the_regular_tender_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "tender.csv").write_text(
+        "DATE_FROM;TENDER_NUMBER;PRODUCTNAME;GERMANY_SETTLEMENTCAPACITY_PRICE_[EUR/MW]\n"
+        "01.01.2024;2;NEGPOS_00_04;12,5\n01.01.2024;2;NEGPOS_04_08;13,5\n"
+    )
+    with pytest.raises(InputError, match=r"line 2: .*repeated tenders only"):
+        read_capacity_prices(tmp_path / "tender.csv")
 
 
 # On measured files

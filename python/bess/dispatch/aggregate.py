@@ -1,7 +1,5 @@
 """The plant as one aggregate store: losses, stored energy and delivered power of all strings."""
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

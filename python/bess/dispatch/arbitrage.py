@@ -208,9 +208,7 @@ class Arbitrage:
 
     def program(self, price_eur_mwh: Array, step: int, energy_kwh: float) -> StoreProgram:
         """Return the program from ``step`` on, in per unit of ``power_kw``; cost has the :meth:`weight`."""
-        hours, free = np.full(price_eur_mwh.size, self.dt_h), np.ones(price_eur_mwh.size)
-        days = self.days[step : step + price_eur_mwh.size]
-        return self._program(price_eur_mwh, hours, days, free, energy_kwh)
+        return self._program(price_eur_mwh, step, energy_kwh, Blocks.single(price_eur_mwh.size))
 
     def _choose_peak(
         self, connection: GridConnection, tariff: PeakTariff, step: int, price: Array, energy_kwh: float
@@ -234,18 +232,17 @@ class Arbitrage:
         """Return the demand of an optimal schedule; ``limits`` are those of :meth:`_program`."""
         connection = self.connection
         days, free = self.days[step : step + price.size], self._free[step : step + price.size]
-        blocks = Blocks.of(price, days, self.dt_h)
         if connection is not None or np.ptp(free) > 0.0:  # load, generation, reserve change from step to step
-            blocks = Blocks(np.arange(price.size), np.ones(price.size, np.int64))
-        price, days = price[blocks.first], days[blocks.first]
-        hours = np.asarray(blocks.count * self.dt_h, dtype=np.float64)
-        program = self._program(price, hours, days, free[blocks.first], energy_kwh, **limits)
+            blocks = Blocks.single(price.size)
+        else:
+            blocks = Blocks.of(price, days, self.dt_h)
+        program = self._program(price, step, energy_kwh, blocks, **limits)
         if connection is not None:
             net_kw, tariff = connection.net_kw(step, price.size), connection.tariff
             month = days if tariff is None else tariff.month[step : step + price.size]
             connection.constrain(program, price, net_kw, month, self.power_kw, self.weight(price))
         plan = program.solve()
-        negative = np.flatnonzero(price < 0.0)
+        negative = np.flatnonzero(price[blocks.first] < 0.0)
         if np.minimum(plan.charge, plan.discharge)[negative].max(initial=0.0) > _TOLERANCE:
             program.forbid_both_directions(negative)
             plan = program.solve()
@@ -266,17 +263,18 @@ class Arbitrage:
     def _program(
         self,
         price: Array,
-        hours: Array,
-        days: npt.NDArray[np.int64],
-        free: Array,
+        step: int,
         energy_kwh: float,
+        blocks: Blocks,
         *,
         discharged_today_kwh: float = 0.0,
         budget_price_eur_mwh: float = 0.0,
         remaining_kwh: float = np.inf,
     ) -> StoreProgram:
         """Return the program in per unit: power over `power_kw`, energy over `power_kw` times 1 h."""
-        per_unit = hours * self.weight(price)
+        hours = np.asarray(blocks.count * self.dt_h, dtype=np.float64)
+        days, free = self.days[step + blocks.first], self._free[step + blocks.first]
+        per_unit, price = hours * self.weight(price), price[blocks.first]
         program = StoreProgram(
             hours,
             float(np.sqrt(self.efficiency)),

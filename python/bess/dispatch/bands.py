@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bess.arrays import Array, ByValue, real_numbers
-from bess.dispatch.forecast import PersistenceForecast, checked_series, present_step
+from bess.dispatch.forecast import PersistenceForecast, check_step, checked_series
 from bess.errors import InputError
 
 _ERROR_QUANTILES: Final = (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -52,10 +52,10 @@ class PriceBands(ByValue):
         return cls(price_eur_mwh[None], np.ones((1, 1)), np.ones(1))
 
     @property
-    def reduced(self) -> PriceBands:
+    def reduced(self) -> Self:
         """Return bands of one level if all levels are equal."""
         first = self.price_eur_mwh[0]
-        return PriceBands.certain(first) if (self.price_eur_mwh == first).all() else self
+        return self.certain(first) if (self.price_eur_mwh == first).all() else self
 
     @cached_property
     def is_new(self) -> npt.NDArray[np.bool_]:
@@ -137,7 +137,8 @@ class BandForecast:
         step, horizon : int
             As for :meth:`ahead`.
         """
-        step = present_step(step + self._first, horizon, self.values.size)
+        step += self._first
+        check_step(step, horizon, self.values.size)
         past = self._starts[(self._starts > step - self._window) & (self._starts <= step)]
         if self.forecast is None:
             levels, past, before = self._measured(step, horizon, past)

@@ -1,7 +1,5 @@
 """Control steps of equal price merged into blocks of a plan: a smaller problem with the same income."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, Self
@@ -52,6 +50,11 @@ class Blocks:
         max_h = np.where(steps * dt_h < first_h, step_h, _MAX_BLOCK_H)
         first = np.flatnonzero(since % np.maximum(1, (max_h / dt_h + 1e-9).astype(int)) == 0)
         return cls(first, np.diff(np.r_[first, steps.size]))
+
+    @classmethod
+    def single(cls, n_steps: int) -> Self:
+        """Return a block for each step."""
+        return cls(np.arange(n_steps), np.ones(n_steps, dtype=np.int64))
 
     @cached_property
     def of_step(self) -> npt.NDArray[np.int64]:

@@ -153,7 +153,7 @@ class CycleBudget(Checkpointed):
         max_kw = np.array([charge_kwh, discharge_kwh]) / self._dt_h
         charge_kw, discharge_kw = np.where(max_kw < _MIN_POWER * self._power_kw, 0.0, max_kw)
         # Inverters supply small charging powers from the store: without a discharge budget the plant is off.
-        charge_kw *= discharge_kw > 0.0
+        charge_kw = charge_kw if discharge_kw > 0.0 else 0.0
         return np.asarray(np.clip(demand_kw, -charge_kw, discharge_kw))
 
     def for_plan(self) -> dict[str, float]:

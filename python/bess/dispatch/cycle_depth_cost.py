@@ -1,7 +1,5 @@
 """Wear cost of cycles of the aggregate store by depth of cycle."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final, Self
 

@@ -66,7 +66,8 @@ class ExternalForecast:
 
     def ahead(self, step: int, horizon: int) -> Array:
         """Return the present value and the forecast; see :class:`Forecast`."""
-        ahead = self.forecast[present_step(step, horizon, self.values.size) : step + horizon].copy()
+        check_step(step, horizon, self.values.size)
+        ahead = self.forecast[step : step + horizon].copy()
         ahead[: self._price_ends[step] - step] = self.values[step]
         return ahead
 
@@ -116,7 +117,8 @@ class PersistenceForecast:
 
     def ahead(self, step: int, horizon: int) -> Array:
         """Return the values of the day before; see :class:`Forecast`."""
-        start = present_step(step + self._first, horizon, self.values.size)
+        start = step + self._first
+        check_step(start, horizon, self.values.size)
         later = np.arange(start, min(start + horizon, self.values.size))
         days_back = -(-(later - start) // self.steps_per_day)
         source = later - days_back * self.steps_per_day
@@ -126,7 +128,7 @@ class PersistenceForecast:
 
 
 def steps_in(duration_h: float, dt_h: float, what: str) -> int:
-    """Return the number of control steps in `duration_h`, a whole number >= 1.
+    """Return the number of steps of `dt_h` in `duration_h`, a whole number >= 1.
 
     Raises
     ------
@@ -138,7 +140,7 @@ def steps_in(duration_h: float, dt_h: float, what: str) -> int:
     steps = duration_h / dt_h if np.isfinite(duration_h) else 0.0
     if round(steps) < 1 or abs(steps - round(steps)) > 1e-9 * steps:
         raise InputError(
-            f"{what} ({duration_h} h) must be a whole number of control steps of {dt_h} h, at least one"
+            f"{what} ({duration_h:g} h) must be a whole number of steps of {dt_h:g} h, at least one"
         )
     return round(steps)
 
@@ -170,16 +172,9 @@ def checked_series(values: npt.ArrayLike) -> Array:
     return series
 
 
-def present_step(step: int, horizon: int, size: int) -> int:
-    """Return ``step``.
-
-    Raises
-    ------
-    InputError
-        It is outside the series, or the horizon is empty.
-    """
+def check_step(step: int, horizon: int, size: int) -> None:
+    """Raise InputError for a step outside a series of ``size`` steps, and for an empty horizon."""
     if not 0 <= step < size:
         raise InputError(f"step {step} is outside the series of {size} steps [0, {size - 1}]")
     if horizon < 1:
         raise InputError(f"horizon {horizon} steps must be at least 1")
-    return step

@@ -15,6 +15,7 @@ from bess.dispatch.synthetic import (
     frequency_week,
     industrial_load,
     market_week,
+    on_steps,
     peak_shaving_week,
     solar_power,
 )
@@ -50,11 +51,10 @@ def two_cycles_48h(hi_kw: float = 78.0, lo_kw: float = 30.0, dt_h: float = 0.25)
     for name, value in (("hi_kw", hi_kw), ("lo_kw", lo_kw)):
         if not (np.isfinite(value) and value >= 0.0):
             raise InputError(f"profile two-cycle-48h: {name} {value} kW must be finite and >= 0 kW")
-    per_quarter = steps_in(0.25, dt_h, "profile two-cycle-48h: its quarter of an hour")
     level = {"hi": hi_kw, "lo": lo_kw}
     power = [sign * level[name] for _, sign, name in _DAY]
     quarters = [round(hours / 0.25) for hours, _, _ in _DAY]
-    return np.tile(np.repeat(power, quarters), 2).astype(np.float64).repeat(per_quarter)
+    return on_steps(np.tile(np.repeat(power, quarters), 2).astype(np.float64), dt_h, "two-cycle-48h")
 
 
 _FITTED_LEVELS_KW: Final = (-76.0, -5.0, 0.0, 78.0, 76.0, 0.0)
@@ -69,9 +69,8 @@ def fitted_48h(dt_h: float = 0.25) -> Array:
     Fitted to the results of the paper (:mod:`bess.report.words.paper`), so agreement does not confirm them;
     the original demand is unpublished.
     """
-    per_quarter = steps_in(0.25, dt_h, "profile two-cycle-fitted-48h: its quarter of an hour")
     day = np.repeat(np.tile(_FITTED_LEVELS_KW, 2), _FITTED_QUARTERS)
-    return np.tile(np.roll(day, -_FITTED_START), 2).repeat(per_quarter)
+    return on_steps(np.tile(np.roll(day, -_FITTED_START), 2), dt_h, "two-cycle-fitted-48h")
 
 
 PROFILES: Final[dict[str, Callable[..., Array]]] = {
@@ -193,7 +192,7 @@ def _resampled(name: str, series: pd.Series, dt_h: float) -> pd.Series:
     file_h = (series.index[1] - series.index[0]) / pd.Timedelta(hours=1)
     values = series.to_numpy()
     if file_h <= dt_h:
-        per_step = steps_in(dt_h, file_h, f"profile {name}: control step over the step of the file")
+        per_step = steps_in(dt_h, file_h, f"profile {name}: the control step, in steps of the file,")
         whole = values.size // per_step
         if whole == 0:
             raise InputError(

@@ -78,8 +78,8 @@ class EnergyWindow:
 
     def sustainable_kw(self, capacity_kw: float, stored_kwh: float, capacity_kwh: float) -> float:
         """Return the reserve that ``stored_kwh`` sustains for the required duration in both directions."""
-        if capacity_kw == 0.0:
-            return 0.0
+        if self.high_kwh >= capacity_kwh:  # no reserve, or none that takes energy
+            return capacity_kw
         below, above = stored_kwh / self.low_kwh, (capacity_kwh - stored_kwh) / (capacity_kwh - self.high_kwh)
         return capacity_kw * float(np.clip(min(below, above), 0.0, 1.0))
 

@@ -28,7 +28,7 @@ def frequency_week(dt_h: float = 0.25, seed: int = 1) -> Array:
     wave = np.cos(2.0 * np.pi * hours / period_h + phase).sum(axis=1)
     power_kw = 11.0 * wave
     power_kw[np.abs(power_kw) < 6.0] = 0.0
-    return _on_steps(np.clip(power_kw - 2.0 * (power_kw != 0.0), -150.0, 150.0), dt_h, "frequency-week")
+    return on_steps(np.clip(power_kw - 2.0 * (power_kw != 0.0), -150.0, 150.0), dt_h, "frequency-week")
 
 
 def peak_shaving_week(dt_h: float = 0.25, seed: int = 2) -> Array:
@@ -50,7 +50,7 @@ def peak_shaving_week(dt_h: float = 0.25, seed: int = 2) -> Array:
         midnight = day * _QUARTERS_PER_DAY
         power_kw[midnight : midnight + _QUARTERS_PER_DAY] += peaks_kw
         power_kw[midnight + 80 : midnight + 112] = -1.08 * peaks_kw.sum() / 32.0
-    return _on_steps(power_kw, dt_h, "peak-shaving-week")
+    return on_steps(power_kw, dt_h, "peak-shaving-week")
 
 
 def market_week(dt_h: float = 0.25, seed: int = 3) -> Array:
@@ -68,7 +68,7 @@ def market_week(dt_h: float = 0.25, seed: int = 3) -> Array:
             share = random.choice(levels, hours)
             energy = float(np.minimum(random.uniform(280.0, 420.0), 170.0 * share.sum()))
             day[start : start + hours] = sign * share * (energy / share.sum())
-    return _on_steps(np.clip(power_kw, -184.0, 184.0).ravel().repeat(4), dt_h, "market-week")
+    return on_steps(np.clip(power_kw, -184.0, 184.0).ravel().repeat(4), dt_h, "market-week")
 
 
 def industrial_load(dt_h: float = 0.25, seed: int = 4) -> Array:
@@ -85,7 +85,7 @@ def industrial_load(dt_h: float = 0.25, seed: int = 4) -> Array:
         for _ in range(random.integers(6, 10)):
             start = first + int(random.integers(22, 76))
             load_kw[start : start + int(random.integers(1, 7))] += random.uniform(30.0, 140.0)
-    return _on_steps(np.clip(load_kw, 60.0, 420.0), dt_h, "industrial-week")
+    return on_steps(np.clip(load_kw, 60.0, 420.0), dt_h, "industrial-week")
 
 
 def commercial_load(dt_h: float = 0.25, seed: int = 5) -> Array:
@@ -95,7 +95,7 @@ def commercial_load(dt_h: float = 0.25, seed: int = 5) -> Array:
     day = np.arange(_QUARTERS_PER_WEEK) // _QUARTERS_PER_DAY
     is_open = (hour >= 6.0) & (hour < 20.0) & (day < 6)
     load_kw = 35.0 + 55.0 * is_open + 25.0 * np.exp(-(((hour - 17.5) / 2.5) ** 2)) * (day < 6)
-    return _on_steps(load_kw + 5.0 * random.standard_normal(_QUARTERS_PER_WEEK), dt_h, "commercial-week")
+    return on_steps(load_kw + 5.0 * random.standard_normal(_QUARTERS_PER_WEEK), dt_h, "commercial-week")
 
 
 def solar_power(dt_h: float = 0.25, seed: int = 6) -> Array:
@@ -107,7 +107,7 @@ def solar_power(dt_h: float = 0.25, seed: int = 6) -> Array:
     for clearness in random.permutation([1.0, 0.95, 0.9, 0.75, 0.6, 0.45, 0.3]):
         clouds = 1.0 - (1.0 - clearness) * random.uniform(0.4, 1.6, _QUARTERS_PER_DAY)
         days.append(250.0 * clear * np.clip(clouds, 0.05, 1.0))
-    return _on_steps(np.concatenate(days), dt_h, "solar-week")
+    return on_steps(np.concatenate(days), dt_h, "solar-week")
 
 
 def market_prices(seed: int = 8) -> Array:
@@ -143,6 +143,6 @@ def frequency_deviation(seed: int = 7) -> Array:
     return total + 16.0 * (hour - 0.5)
 
 
-def _on_steps(quarters_kw: Array, dt_h: float, name: str) -> Array:
-    """Return quarter-hourly values on shorter control steps."""
+def on_steps(quarters_kw: Array, dt_h: float, name: str) -> Array:
+    """Return the quarter-hourly values of the profile ``name`` on control steps that divide a quarter."""
     return quarters_kw.repeat(steps_in(0.25, dt_h, f"profile {name}: its quarter of an hour"))

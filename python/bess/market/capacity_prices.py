@@ -7,10 +7,9 @@ import numpy as np
 import pandas as pd
 
 from bess.market.columns import table_columns
-from bess.market.files import fail, first_line, listed, reading
+from bess.market.files import Repairs, fail, first_line, listed, reading
 from bess.market.numbers import parse_numbers
 from bess.market.regular import regular
-from bess.market.repairs import Repairs
 from bess.market.table import Table, read_table
 
 _CLOCK: Final = "Europe/Berlin"
@@ -67,6 +66,10 @@ def _tenders(table: Table, country: str, repairs: Repairs) -> pd.Series:
         fail(1, f"there is no price of {country!r}; give one of: {listed(known)}")
     tender = table.named("TENDER_NUMBER")
     wanted = pd.Series(True, table.lines) if tender is None else table.column(tender) == _TENDER
+    if not wanted.any():
+        fail(
+            table.lines[0], "begins a file of repeated tenders only; fetch the results of the regular tender"
+        )
     repairs.add("other-tenders", "left out rows of repeated tenders", (~wanted).sum())
     blocks = _spans(table, wanted).assign(price=parse_numbers(table.column(column)[wanted], ","))
     blocks = blocks.sort_values("start", kind="stable")
@@ -110,8 +113,9 @@ def _plain(table: Table, country: str, time_zone: str | None, repairs: Repairs) 
     columns = table_columns(table)
     chosen = columns.choose(country if len(columns.names) > 1 else None, "price of capacity")
     series = regular(columns.rows(chosen, time_zone, repairs), None, repairs, max_step_s=_DAY_S)
-    hours = (series.index[1] - series.index[0]) / pd.Timedelta(hours=1)
-    if hours < 1.0:
-        fail(None, f"prices of capacity every {60 * hours:g} min; give hours or longer blocks")
-    index = pd.date_range(series.index[0], periods=round(series.size * hours), freq="h", name="time")
-    return pd.Series(series.to_numpy().repeat(round(hours)) / hours, index, name="capacity_price_eur_mw_h")
+    hours, rest = divmod(series.index[1] - series.index[0], pd.Timedelta(hours=1))
+    if not hours or rest:
+        minutes = (series.index[1] - series.index[0]) / pd.Timedelta(minutes=1)
+        fail(None, f"prices of capacity every {minutes:g} min; give whole hours, such as blocks of four")
+    index = pd.date_range(series.index[0], periods=series.size * hours, freq="h", name="time")
+    return pd.Series(series.to_numpy().repeat(hours) / hours, index, name="capacity_price_eur_mw_h")

@@ -4,18 +4,17 @@ import io
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from datetime import UTC
+from datetime import UTC, tzinfo
 from itertools import pairwise
 from typing import Final, Literal
 
 import numpy as np
 import pandas as pd
 
-from bess.market.files import fail, first_line, listed
+from bess.market.files import Repairs, fail, first_line, listed
 from bess.market.numbers import check_size, parse_numbers
-from bess.market.repairs import Repairs
 from bess.market.table import Ending, Table, read_table
-from bess.market.times import YEARS, clock_of, ends_day, is_time, parse_times, to_utc
+from bess.market.times import YEARS, clock_of, ends_day, have_offsets, is_time, parse_times, to_utc
 from bess.optional_dependencies import extra
 
 _CLOCK_CELL: Final = re.compile(r"\d{1,2}:\d\d(:\d\d)?")
@@ -82,7 +81,7 @@ class Columns:
     def labelled_at_start(self, repairs: Repairs) -> "Columns":
         """Return the columns with times that label the end of each interval moved to its start.
 
-        Such are whole days of which the first begins a step after midnight and the last ends at midnight.
+        Times label the ends if the first is a step after midnight and the last is midnight.
         """
         wall = self.times["wall"]
         if wall.size < 2:
@@ -97,39 +96,30 @@ class Columns:
 
     def rows(self, name: str, time_zone: str | None, repairs: Repairs) -> pd.DataFrame:
         """Return the numbers of one column in UTC; times need an offset in the file or a `time_zone`."""
-        labelled, lines = self.times["offset_h"].notna(), self.times.index
+        lines, offset_h = self.times.index, self.times["offset_h"]
         time_zone = time_zone or self.clock
-        if labelled.any() and not labelled.all():
-            has, other = ("has no", "has one") if labelled.iloc[0] else ("has a", "has none")
-            fail(
-                first_line(labelled != labelled.iloc[0]),
-                f"the time {has} UTC offset while line {lines[0]} {other}: mixed time zones; "
-                "write all times alike",
-            )
-        if labelled.all():
-            self._check_offsets()
-        elif time_zone is None:
+        if have_offsets(self.times):
+            clock: tzinfo = UTC
+            # Offsets differ by the hour of summer time at most.
+            if (line := first_line((offset_h - offset_h.iloc[0]).abs() > 1.0)) is not None:
+                fail(
+                    line,
+                    f"the time is {offset_h[line]:+g} h from UTC while line {lines[0]} is "
+                    f"{offset_h.iloc[0]:+g} h: mixed time zones; write all times in one zone",
+                )
+        elif time_zone is not None:
+            clock = clock_of(time_zone)
+        else:
             fail(
                 lines[0],
                 f"the time {self.times['wall'].iloc[0]:%Y-%m-%d %H:%M} has no time zone; give time_zone, "
                 "such as 'UTC' or 'Europe/Berlin'",
             )
-        clock = UTC if labelled.all() else clock_of(str(time_zone))
         rows = to_utc(self.times, self.values(name), clock, repairs, drop_skipped=False)
         whole = ends_day(rows["utc"], clock) or ends_day(rows["utc"], UTC)
         if name == self.last and (self.ending is Ending.CUT or (self.ending is Ending.OPEN and not whole)):
             refuse_end(lines[-1], self.ending)
         return rows
-
-    def _check_offsets(self) -> None:
-        """Raise InputError if UTC offsets differ by more than the hour of summer time."""
-        offset = self.times["offset_h"]
-        if (line := first_line((offset - offset.iloc[0]).abs() > 1.0)) is not None:
-            fail(
-                line,
-                f"the time is {offset[line]:+g} h from UTC while line {offset.index[0]} is "
-                f"{offset.iloc[0]:+g} h: mixed time zones; write all times in one zone",
-            )
 
 
 def without_unit(name: str) -> str:
@@ -236,7 +226,7 @@ def parquet_columns(raw: bytes) -> Columns:
             frame = pd.read_parquet(io.BytesIO(raw))
         except ImportError:
             raise
-        except Exception as error:  # pyarrow and pandas raise most of what there is for damaged bytes
+        except Exception as error:  # damaged bytes raise almost any exception in pyarrow and pandas
             what = (str(error).splitlines() or [""])[0] or type(error).__name__
             fail(None, f"the Parquet file is damaged or truncated ({what}); fetch it again")
     if not isinstance(frame.index, pd.DatetimeIndex):

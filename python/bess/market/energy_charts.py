@@ -14,14 +14,12 @@ from zoneinfo import ZoneInfo
 import numpy as np
 import pandas as pd
 
-from bess.market.files import fail, first_line, listed
+from bess.market.files import Repairs, fail, first_line, listed
 from bess.market.numbers import parse_numbers
-from bess.market.price_series import PriceSeries, fail_no_zone, whole_days
-from bess.market.repairs import Repairs
 from bess.market.table import Table
-from bess.market.times import by_label, clock_of, localise, parse_times, to_utc
+from bess.market.times import by_label, clock_of, have_offsets, localise, parse_times, to_utc
 from bess.market.units import check_price_unit
-from bess.market.zones import is_zone, wanted_codes, zone_code
+from bess.market.zones import DAY_AHEAD, fail_no_zone, is_zone, wanted_codes, zone_code
 
 PRODUCTS: Final = {
     "ida1": r"\bida\s?1",
@@ -35,14 +33,14 @@ PRODUCTS: Final = {
     "index": r"intraday.*\bindex",
     "average": r"intraday.*(average|durchschnitt|mittel)",
     "auction": r"intraday.*(auction|auktion|enchère|asta|subasta)",
-    "day_ahead": r"day[ -]?ahead|vortag",
+    DAY_AHEAD: r"day[ -]?ahead|vortag",
 }
 """Products by name, and how their columns are called, in the order in which they are tried."""
-_DEFAULTS: Final = ("day_ahead", "id1", "auction", "average", "index")
+_DEFAULTS: Final = (DAY_AHEAD, "id1", "auction", "average", "index")
 """Without `product` the first of these that the file has."""
 _ALIASES: Final = {
-    "day-ahead": "day_ahead",
-    "dayahead": "day_ahead",
+    "day-ahead": DAY_AHEAD,
+    "dayahead": DAY_AHEAD,
     "intraday_auction": "auction",
     "ida": "auction",
 }
@@ -61,8 +59,11 @@ def matches(table: Table) -> bool:
 
 def read(
     table: Table, zone: str, product: str | None, time_zone: str | None, repairs: Repairs
-) -> PriceSeries:
-    """Return the prices of a product: by default day-ahead, else ID1, else the intraday auction."""
+) -> tuple[pd.DataFrame, tzinfo, str]:
+    """Return the prices of a product, their clock and their product.
+
+    By default the product is day-ahead, else ID1, else the intraday auction.
+    """
     units = [""] * len(table.header)
     if _has_units(table):
         units = [cell.strip() for cell in table.rows[0]]
@@ -72,12 +73,11 @@ def read(
     column, found = _column(table, zone, product, units)
     check_price_unit(f"{table.header[column]} {units[column]}".replace("EUR/tCO2", ""))
     times, values = parse_times(table.column(0)), parse_numbers(table.column(column))
-    if time_zone is not None and times["offset_h"].isna().all():
+    if time_zone is not None and not have_offsets(times):
         clock = clock_of(time_zone)
     else:
         clock = _clock(times, repairs)
-    rows = to_utc(times.assign(offset_h=np.nan), values, clock, repairs)
-    return PriceSeries(whole_days(rows, table, clock, repairs), "Energy-Charts", found)
+    return to_utc(times.assign(offset_h=np.nan), values, clock, repairs), clock, found
 
 
 def _has_units(table: Table) -> bool:
@@ -124,15 +124,9 @@ def _zone(header: str) -> str:
 
 def _clock(times: pd.DataFrame, repairs: Repairs) -> tzinfo:
     """Return the time zone of the file, by the majority of its offsets or by the hour skipped in spring."""
-    wall, labelled = pd.DatetimeIndex(times["wall"]), times["offset_h"].notna()
-    if not labelled.any():
+    wall = pd.DatetimeIndex(times["wall"])
+    if not have_offsets(times):
         return ZoneInfo("Europe/Berlin") if _has_summer_time(wall) else _UTC1
-    if not labelled.all():
-        fail(
-            first_line(labelled != labelled.iloc[0]),
-            f"only one of this time and that of line {labelled.index[0]} has a UTC offset: mixed time zones; "
-            "write all times alike",
-        )
     usual = timedelta(hours=float(times["offset_h"].mode()[0]))
     clocks: list[tzinfo] = [*map(ZoneInfo, _CLOCKS), timezone(usual)]
     wrong = [pd.Series(localise(wall, clock) != by_label(times), times.index) for clock in clocks]

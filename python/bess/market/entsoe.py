@@ -12,14 +12,12 @@ from typing import Final
 import pandas as pd
 
 from bess.market.columns import named_clock
-from bess.market.files import fail, first_line, listed
+from bess.market.files import Repairs, fail, first_line, listed
 from bess.market.numbers import parse_numbers
-from bess.market.price_series import PriceSeries, check_values, fail_no_zone, only_day_ahead, whole_days
-from bess.market.repairs import Repairs
 from bess.market.table import Table
 from bess.market.times import clock_of, in_utc, parse_times, to_utc
 from bess.market.units import check_price_unit
-from bess.market.zones import SPLIT, wanted_codes, zone_code
+from bess.market.zones import SPLIT, check_values, fail_no_zone, only_day_ahead, wanted_codes, zone_code
 
 _TIME: Final = re.compile(r"(?:MTU|Time)\b", re.IGNORECASE)
 _PRICE: Final = re.compile(r"day[- ]ahead(?: price)?\s*(?:[\[(]|$)", re.IGNORECASE)
@@ -33,9 +31,12 @@ def matches(table: Table) -> bool:
 
 def read(
     table: Table, zone: str, product: str | None, time_zone: str | None, repairs: Repairs
-) -> PriceSeries:
-    """Return the day-ahead prices of `zone`; of several sequences the first, others only beyond its time."""
-    only_day_ahead(product)
+) -> tuple[pd.DataFrame, tzinfo, str]:
+    """Return the day-ahead prices of `zone`, their clock and their product.
+
+    Of several sequences the first counts, others only beyond its time.
+    """
+    product = only_day_ahead(product)
     price = next((i for i, name in enumerate(table.header) if _PRICE.match(name)), None)
     if price is None:
         there = listed(table.header)
@@ -49,7 +50,7 @@ def read(
         prices = _in_order(prices, clock, repairs)
     rows = to_utc(prices, prices["value"], clock, repairs)
     check_values(zone, rows["value"], [zone])
-    return PriceSeries(whole_days(rows, table, clock, repairs), "ENTSO-E")
+    return rows, clock, product
 
 
 def _of_zone(table: Table, zone: str, prices: pd.DataFrame, repairs: Repairs) -> pd.DataFrame:

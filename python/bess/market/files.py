@@ -1,19 +1,21 @@
-"""File content to text: file type, compression and encoding are detected from the content."""
+"""File content to text, found from the content (file type, compression, encoding), and its repairs."""
 
 import gzip
 import io
+import logging
 import os
 import zipfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from os import PathLike
-from typing import Final, NoReturn
+from typing import Final, NamedTuple, NoReturn
 
 import pandas as pd
 
 from bess.errors import InputError
 from bess.files import MAX_BYTES, limited, read_file
-from bess.market.repairs import Repairs
+
+log = logging.getLogger("bess.market")
 
 _UTF16_MARKS: Final = (b"\xff\xfe", b"\xfe\xff")
 _MARKS: Final = (b"\xef\xbb\xbf", *_UTF16_MARKS)
@@ -31,6 +33,49 @@ _OTHER_KINDS: Final = {
     b"BZh": "a bzip2 archive; unpack it first",
     b"\xfd7zXZ": "an xz archive; unpack it first",
 }
+
+
+class Repair(NamedTuple):
+    """One kind of repair: description, number of rows, and first line of the file concerned.
+
+    Attributes
+    ----------
+    kind : str
+        Short machine-readable name, such as ``"autumn-hour"`` or ``"gap-filled"``.
+    text : str
+        Description of the correction.
+    rows : int
+        Rows or values concerned.
+    line : int or None
+        First line of the file concerned (1-based), if there is one.
+    """
+
+    kind: str
+    text: str
+    rows: int = 1
+    line: int | None = None
+
+    def __str__(self) -> str:
+        place = "" if self.line is None else f" from line {self.line}"
+        return f"{self.text} ({self.rows} row{'s' if self.rows != 1 else ''}{place})"
+
+
+class Repairs(list[Repair]):
+    """The repairs of one file in the order they were made; kept in ``series.attrs["repairs"]``."""
+
+    def add(self, kind: str, text: str, rows: int = 1, line: int | None = None) -> None:
+        """Add a repair, unless it concerns no rows."""
+        if rows:
+            self.append(Repair(kind, text, int(rows), None if line is None else int(line)))
+
+    def rows(self, kind: str) -> int:
+        """Return the number of rows with repairs of the given kind."""
+        return sum(repair.rows for repair in self if repair.kind == kind)
+
+    def report(self, path: str) -> None:
+        """Log all repairs as one line, level INFO, on the logger ``bess.market``."""
+        if self:
+            log.info("%s: %s", path, "; ".join(map(str, self)))
 
 
 def fail(line: int | None, text: str) -> NoReturn:
@@ -92,7 +137,7 @@ def _unpacked(raw: bytes) -> bytes:
         raise
     except RuntimeError as error:  # a password
         fail(None, f"the archive cannot be unpacked ({error}); unpack it first")
-    except Exception as error:  # every kind of compression has its own for damaged bytes
+    except Exception as error:  # each kind of compression has its own exception for damaged bytes
         what = str(error) or type(error).__name__
         fail(None, f"the archive is damaged or truncated ({what}); fetch the file again")
     if not raw.removeprefix(next((mark for mark in _MARKS if raw.startswith(mark)), b"")).strip():

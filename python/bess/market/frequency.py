@@ -7,16 +7,15 @@ import pandas as pd
 
 from bess.files import Fill
 from bess.market.columns import Columns, read_columns
-from bess.market.files import fail, first_line, reading
+from bess.market.files import Repairs, fail, first_line, reading
 from bess.market.regular import regular
-from bess.market.repairs import Repairs
 
 _NOMINAL_MHZ: Final = (50_000.0, 60_000.0)
 _MAX_DEVIATION_MHZ: Final = 2_500.0
 """Maximum deviation of a grid in service."""
 _MHZ_PER_HZ: Final = 1000.0
 _IN_HZ: Final = 1.0
-"""A deviation that hardly ever exceeds this is in Hz: meters resolve 1 mHz, and 1 Hz is a blackout."""
+"""Deviations of which 99 % are smaller are in Hz: meters resolve 1 mHz, and 1 Hz is a blackout."""
 
 
 def read_frequency(

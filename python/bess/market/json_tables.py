@@ -18,8 +18,8 @@ def is_json(text: str) -> bool:
 def json_rows(text: str) -> list[tuple[int, list[str]]]:
     """Return the rows of the largest table in a JSON document, below its UTC offset if it has one.
 
-    Read are PVGIS, Open-Meteo, Energy-Charts, Energi Data Service, aWATTar and SMARD, and others that hold
-    lists of equal length, a list of records, or a list of pairs.
+    The reader accepts documents of PVGIS, Open-Meteo, Energy-Charts, Energi Data Service, aWATTar and SMARD,
+    and others with lists of equal length, a list of records, or a list of pairs.
     """
     try:
         document = parse_json(text)

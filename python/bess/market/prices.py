@@ -1,33 +1,30 @@
 """Electricity prices from files of common formats."""
 
 from dataclasses import replace
+from datetime import tzinfo
 from os import PathLike
 from typing import Final
 
+import numpy as np
 import pandas as pd
 
 from bess.errors import InputError
 from bess.files import Fill
 from bess.market import energy_charts, entsoe, smard
 from bess.market.columns import Columns, parquet_columns, refuse_end, table_columns, without_unit
-from bess.market.files import fail, listed, reading
-from bess.market.price_series import PriceSeries, fail_no_zone, only_day_ahead
+from bess.market.files import Repairs, fail, first_line, listed, reading
 from bess.market.regular import regular
-from bess.market.repairs import Repairs
 from bess.market.table import Ending, Table, read_table
+from bess.market.times import ends_day
 from bess.market.units import check_price_unit, foreign_unit, is_currency_column, names_euro
-from bess.market.zones import is_zone, zone_code
+from bess.market.zones import fail_no_zone, is_zone, only_day_ahead, zone_code
 
 _AREAS: Final = (
     "PriceArea", "Price Area", "price_area", "Area", "Zone", "Bidding Zone", "bidding_zone", "BiddingZone",
     "BZN", "MapCode", "AreaDisplayName", "DeliveryArea", "Delivery Area", "Country", "ISO3 Code", "region",
 )  # fmt: skip
-FORMATS: Final = (
-    (entsoe.matches, entsoe.read),
-    (smard.matches, smard.read),
-    (energy_charts.matches, energy_charts.read),
-)
-"""Formats, tried in this order on the content of a CSV file; any other file is a plain table."""
+FORMATS: Final = {"ENTSO-E": entsoe, "SMARD": smard, "Energy-Charts": energy_charts}
+"""Formats by source, tried in this order on the content of a table; any other file is a plain table."""
 
 
 def read_prices(
@@ -81,17 +78,17 @@ def read_prices(
     InputError
         The file does not contain such prices; one sentence gives file, line and remedy.
     """
-    for name, value in (("zone", zone), ("product", "" if product is None else product)):
-        if not isinstance(value, str):
+    for name, value in {"zone": zone, "product": product, "time_zone": time_zone}.items():
+        if not isinstance(value, str) and (value is not None or name == "zone"):
             raise InputError(f"read_prices: {name} must be a text, not {type(value).__name__}")
     with reading(path) as (raw, repairs):
-        prices = _prices(raw, zone, product, time_zone, repairs)
-        series = regular(prices.rows, fill, repairs).rename("price_eur_mwh")
+        rows, source, product = _prices(raw, zone, product, time_zone, repairs)
+        series = regular(rows, fill, repairs).rename("price_eur_mwh")
     series.attrs = {
         "units": "EUR/MWh",
         "zone": zone_code(zone),
-        "product": prices.product,
-        "source": prices.source,
+        "product": product,
+        "source": source,
         "repairs": repairs,
     }
     return series
@@ -99,23 +96,55 @@ def read_prices(
 
 def _prices(
     raw: bytes, zone: str, product: str | None, time_zone: str | None, repairs: Repairs
-) -> PriceSeries:
+) -> tuple[pd.DataFrame, str, str]:
+    """Return the prices in UTC, their source and their product."""
     if raw[:4] == b"PAR1":
         columns, column = parquet_columns(raw), zone
     else:
         table = read_table(raw, repairs)
         _check_currency(table)
-        for matches, read in FORMATS:
-            if matches(table):
-                return read(table, zone, product, time_zone, repairs)
+        for source, platform in FORMATS.items():
+            if platform.matches(table):
+                rows, clock, product = platform.read(table, zone, product, time_zone, repairs)
+                return _whole_days(rows, table, clock, repairs), source, product
         columns, column = _of_zone(table, zone, repairs)
-    only_day_ahead(product)
+    product = only_day_ahead(product)
     column = _column(columns, column)
     check_price_unit(column)
     if not names_euro(column):
         lines = columns.times.index
         repairs.add("assumed-unit", "took prices without a unit as EUR/MWh", lines.size, lines[0])
-    return PriceSeries(columns.rows(column, time_zone, repairs), "plain")
+    return columns.rows(column, time_zone, repairs), "plain", product
+
+
+def _whole_days(rows: pd.DataFrame, table: Table, clock: tzinfo, repairs: Repairs) -> pd.DataFrame:
+    """Drop the stray rows that an export has after its last day, and refuse one that breaks off.
+
+    Platforms export whole local days. A lone row at midnight, or a few on 1 January, belong to the next
+    export. A file that ends within a day and within a line (no line break) was cut off: its last number
+    cannot be trusted.
+    """
+    end = rows.index[-1]
+    if table.ending is Ending.CUT:
+        fail(end, "ends in the middle of a number: the file is truncated; fetch it again")
+    local = pd.DatetimeIndex(rows["utc"]).tz_convert(clock)
+    days = local.normalize()
+    last, whole = np.asarray(days == days[-1]), ends_day(rows["utc"], clock)
+    new_year = days[-1].day_of_year == 1 and days[-1].year > days[0].year and not whole
+    lone = last.sum() == 1 and local[-1] == days[-1]
+    if local[0] == days[0] and not last.all() and (new_year or lone):
+        text = "dropped rows after the last whole day"
+        repairs.add("stray-rows", text, last.sum(), first_line(pd.Series(last, rows.index)))
+        return rows[~last]
+    if not whole:
+        if table.ending is not Ending.CLEAN and not last.all():
+            fail(
+                end,
+                f"is the last one, at {local[-1]:%Y-%m-%d %H:%M}, within a day and without a line break: "
+                "the file is truncated; fetch it again",
+            )
+        repairs.add("part-of-a-day", "the last day is not complete", 1, end)
+    return rows
 
 
 def _check_currency(table: Table) -> None:

@@ -8,8 +8,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from bess.files import Fill
-from bess.market.files import fail, first_line
-from bess.market.repairs import Repairs
+from bess.market.files import Repairs, fail, first_line
 
 _HOUR: Final = 3600
 _DAY: Final = 24 * _HOUR

@@ -5,18 +5,17 @@ is wrong by a day.
 """
 
 import re
+from datetime import tzinfo
 from typing import Final
 
 import pandas as pd
 
-from bess.market.files import fail, first_line, listed
+from bess.market.files import Repairs, fail, first_line, listed
 from bess.market.numbers import MISSING, parse_numbers
-from bess.market.price_series import PriceSeries, check_values, fail_no_zone, only_day_ahead, whole_days
-from bess.market.repairs import Repairs
 from bess.market.table import Table
 from bess.market.times import clock_of, parse_times, to_utc
 from bess.market.units import check_price_unit
-from bess.market.zones import SPLIT, wanted_codes, zone_code
+from bess.market.zones import SPLIT, check_values, fail_no_zone, only_day_ahead, wanted_codes, zone_code
 
 _PRICE: Final = re.compile(r"(.*?)\s*\[([^\]]*)/MWh\]")
 _BOTH: Final = ("Datum von", "Start date", "Beginn")
@@ -32,12 +31,11 @@ def matches(table: Table) -> bool:
 
 def read(
     table: Table, zone: str, product: str | None, time_zone: str | None, repairs: Repairs
-) -> PriceSeries:
-    """Return the day-ahead prices of `zone`."""
-    only_day_ahead(product)
+) -> tuple[pd.DataFrame, tzinfo, str]:
+    """Return the day-ahead prices of `zone`, their clock and their product."""
+    product = only_day_ahead(product)
     times, clock = _times(table), clock_of(time_zone or "Europe/Berlin")
-    rows = to_utc(times, _prices(table, zone, times["wall"], repairs), clock, repairs)
-    return PriceSeries(whole_days(rows, table, clock, repairs), "SMARD")
+    return to_utc(times, _prices(table, zone, times["wall"], repairs), clock, repairs), clock, product
 
 
 def _times(table: Table) -> pd.DataFrame:

@@ -12,10 +12,9 @@ from typing import Final
 
 import pandas as pd
 
-from bess.market.files import decode, fail
+from bess.market.files import Repairs, decode, fail
 from bess.market.json_tables import is_json, json_rows
 from bess.market.layouts import rewritten
-from bess.market.repairs import Repairs
 from bess.market.times import is_time
 from bess.market.workbook import is_workbook, workbook_rows
 
@@ -111,7 +110,7 @@ def _text_table(text: str, repairs: Repairs) -> Table:
         repairs.add("quoted-lines", "every line was one quoted cell", text.count("\n"))
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
     collects = gc.isenabled()
-    gc.disable()  # it would go through millions of rows again and again, and find nothing
+    gc.disable()  # the collector would scan millions of rows repeatedly, without result
     try:
         numbered = [(reader.line_num, row) for row in reader]
     except csv.Error as error:
@@ -212,7 +211,7 @@ def _header(numbered: Numbered, separator: str) -> int:
     below = numbered[start + 1 : start + _MAX_HEADER_ROW]
     titled = (i for i, (_, row) in enumerate(below, start + 1) if len(row) == width and _TITLE.match(row[0]))
     if (found := next(titled, None)) is not None:
-        return found  # what is above has as many cells by chance
+        return found  # the rows above it have the same width by chance
     for _, row in numbered[:start]:
         split_otherwise = (separator.join(row).count(other) + 1 for other in _SEPARATORS)
         if _is_data(numbered[start][1]) or width in split_otherwise:

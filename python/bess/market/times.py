@@ -13,8 +13,7 @@ import numpy as np
 import pandas as pd
 
 from bess.errors import InputError
-from bess.market.files import fail, first_line
-from bess.market.repairs import Repairs
+from bess.market.files import Repairs, fail, first_line
 
 YEARS: Final = (1980, 2200)
 """Other years are numbers taken for times."""
@@ -74,18 +73,31 @@ def clock_of(name: str) -> tzinfo:
     InputError
         The time zone is unknown.
     """
-    fixed = _FIXED.fullmatch(name.strip())
+    fixed = _FIXED.fullmatch(str(name).strip())
     if fixed:
         sign, hours, minutes = fixed.groups()
         shift = timedelta(hours=int(hours), minutes=int(minutes or 0))
         if shift < timedelta(hours=24):
             return timezone(-shift if sign == "-" else shift)
     try:
-        return ZoneInfo(name.strip())
+        return ZoneInfo(str(name).strip())
     except (ZoneInfoNotFoundError, ValueError, OSError):
         raise InputError(
             f"time_zone {name!r} is unknown; give a name such as Europe/Berlin, UTC or UTC+1"
         ) from None
+
+
+def have_offsets(times: pd.DataFrame) -> bool:
+    """Return whether the cells give UTC offsets; raise InputError if only some of them do."""
+    labelled = times["offset_h"].notna()
+    if (line := first_line(labelled != labelled.iloc[0])) is not None:
+        has, other = ("has no", "has one") if labelled.iloc[0] else ("has a", "has none")
+        fail(
+            line,
+            f"the time {has} UTC offset while line {times.index[0]} {other}: mixed time zones; "
+            "write all times alike",
+        )
+    return bool(labelled.iloc[0])
 
 
 def localise(wall: pd.DatetimeIndex, clock: tzinfo) -> pd.DatetimeIndex:
@@ -109,7 +121,7 @@ def in_utc(times: pd.DataFrame, clock: tzinfo) -> pd.DatetimeIndex:
 def to_utc(
     times: pd.DataFrame, values: pd.Series, clock: tzinfo, repairs: Repairs, *, drop_skipped: bool = True
 ) -> pd.DataFrame:
-    """Place the rows of a file in UTC; a label in a cell goes before the clock.
+    """Place the rows of a file in UTC; a label in a cell has precedence over the clock.
 
     Rows in the hour that summer time skips are dropped if `drop_skipped` (exports, whose clock is known) or
     if they are empty; otherwise they are an error, since the clock is then probably another one.
@@ -183,7 +195,7 @@ def _digits(texts: pd.Series) -> pd.DataFrame:
 
 
 def _dated(texts: pd.Series, day_first: bool) -> pd.DataFrame:
-    """Read a date, a clock and an offset from UTC, of which the last may be absent, or the last two."""
+    """Read dates, each alone, with a time of day, or with a time of day and a UTC offset."""
     parts = texts.str.extract(rf"^{_TIME.pattern}$", flags=re.ASCII)
     dates, american = parts[0].fillna(""), bool(parts[4].notna().any())
     clock = parts[[1, 2, 3]].fillna("0").astype(float)
@@ -197,7 +209,7 @@ def _dated(texts: pd.Series, day_first: bool) -> pd.DataFrame:
 
 
 def _days(texts: pd.Series, dates: pd.Series, american: bool, day_first: bool) -> pd.Series:
-    """Return the reading with the fewest days left over, of equal ones the first, and the shorter period."""
+    """Return the dates in the format that fits most; day or month comes first as gives the shorter period."""
     codes, days = pd.factorize(dates)
     readings = {form: pd.to_datetime(pd.Index(days), format=form, errors="coerce") for form in _DATES}
     best = max(readings, key=lambda form: int(readings[form].notna().sum()))

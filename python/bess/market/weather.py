@@ -34,10 +34,10 @@ def read_weather(
 ) -> pd.Series:
     """Read the ambient temperature of a weather file as a series in UTC without gaps.
 
-    Read are tables (CSV with any block above the header, Parquet, xlsx, JSON, in archives too) with a column
-    of times, or year, month, day, hour and minute, as the German weather service (archives of its stations as
-    they come), HiSim, Meteonorm, PVGIS, Open-Meteo and the NSRDB write them; EPW files, and test reference
-    years of the German weather service.
+    The reader accepts tables (CSV with any block above the header, Parquet, xlsx, JSON, in archives too) with
+    a column of times, or of year, month, day, hour and minute. The German weather service (archives of its
+    stations as they come), HiSim, Meteonorm, PVGIS, Open-Meteo and the NSRDB write such tables. It also
+    accepts EPW files, and test reference years of the German weather service.
 
     Parameters
     ----------

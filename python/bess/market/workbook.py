@@ -26,7 +26,7 @@ def workbook_rows(raw: bytes) -> list[tuple[int, list[str]]]:
         import openpyxl
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of styles and extensions that are not read
+            warnings.simplefilter("ignore")  # about styles and extensions, which are not needed
             book = openpyxl.load_workbook(io.BytesIO(raw), read_only=True, data_only=True)
             for sheet in book.worksheets:
                 rows = _rows(sheet)
@@ -34,7 +34,7 @@ def workbook_rows(raw: bytes) -> list[tuple[int, list[str]]]:
                     return rows
     except InputError:
         raise
-    except Exception as error:  # openpyxl, zipfile and zlib each have their own for damaged bytes
+    except Exception as error:  # openpyxl, zipfile and zlib each have their own exception for damaged bytes
         what = str(error) or type(error).__name__
         fail(None, f"the workbook is damaged or truncated ({what}); fetch it again")
     fail(None, "no sheet of the workbook holds a table; save the sheet wanted as CSV")

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from bess.market.columns import Columns
-from bess.market.repairs import Repairs
+from bess.market.files import Repairs
 
 _NOMINAL_YEAR: Final = 2001
 _WHOLE_DAYS: Final = (365, 366)

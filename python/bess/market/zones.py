@@ -1,8 +1,15 @@
-"""Bidding zones and their names."""
+"""Bidding zones and products: their names, and errors for those that a file does not hold."""
 
 import re
 import unicodedata
-from typing import Final
+from collections.abc import Iterable
+from typing import Final, NoReturn
+
+import pandas as pd
+
+from bess.market.files import fail, listed
+
+DAY_AHEAD: Final = "day_ahead"
 
 _NAMES: Final = {
     "DE-LU": "DE/LU, DE, Germany, Deutschland, Germany/Luxembourg, Deutschland/Luxemburg, "
@@ -68,3 +75,25 @@ def wanted_codes(zone: str) -> tuple[str, ...]:
     """Return the codes that make up the series of `zone`: its own and its predecessor's."""
     code = zone_code(zone)
     return (code, "DE-AT-LU") if code == "DE-LU" else (code,)
+
+
+def only_day_ahead(product: str | None) -> str:
+    """Return the product of a format that holds day-ahead prices only; raise InputError for any other."""
+    if product not in (None, DAY_AHEAD):
+        fail(1, f"there is no product {product!r} in this file; it holds {DAY_AHEAD}")
+    return DAY_AHEAD
+
+
+def fail_no_zone(zone: str, names: Iterable[str]) -> NoReturn:
+    """Raise an InputError for a zone that the file does not contain."""
+    fail(1, f"zone {zone!r} is not in this file; choose another zone or file, the file has: {listed(names)}")
+
+
+def check_values(zone: str, values: pd.Series, names: Iterable[str]) -> None:
+    """Raise InputError if the prices of a zone are all missing; `names` are the zones of the file."""
+    if values.isna().all():
+        fail(
+            values.index[0],
+            f"from here to line {values.index[-1]} zone {zone!r} has no value; "
+            f"choose another zone or file, the file has: {listed(names)}",
+        )

@@ -59,8 +59,12 @@ class TimeGrid:
         return cls(start_s, round(3600.0 * float(dataset.attrs["step_h"])), dataset.sizes["time"])
 
     def __str__(self) -> str:
-        end_s = self.start_s + self.step_s * self.n_steps
-        return f"{_span(self.start_s, end_s)}, {self.n_steps} steps of {self.step_s / 60:g} min"
+        return f"{_span(self)}, {self.n_steps} steps of {self.step_s / 60:g} min"
+
+    @property
+    def end_s(self) -> int:
+        """End of the last step."""
+        return self.start_s + self.step_s * self.n_steps
 
     @property
     def times(self) -> NDArray[np.datetime64]:
@@ -82,7 +86,7 @@ class TimeGrid:
     @property
     def end(self) -> datetime:
         """End of the last step, UTC."""
-        return datetime.fromtimestamp(self.start_s + self.step_s * self.n_steps, tz=UTC)
+        return datetime.fromtimestamp(self.end_s, tz=UTC)
 
     @property
     def dt_h(self) -> float:
@@ -148,6 +152,11 @@ class SampledSeries:
         return cls(values, int(seconds[0]), step_s, what, key, repairs)
 
     @property
+    def end_s(self) -> int:
+        """End of the last value."""
+        return self.start_s + self.step_s * self.values.size
+
+    @property
     def start(self) -> datetime:
         """Start of the first value."""
         return datetime.fromtimestamp(self.start_s, tz=UTC)
@@ -160,12 +169,11 @@ class SampledSeries:
         InputError
             If the series has no whole step after ``start``.
         """
-        end_s = self.start_s + self.step_s * self.values.size
-        steps = (end_s - seconds_of(start)) // step_s
+        steps = (self.end_s - seconds_of(start)) // step_s
         if steps < 1:
             raise InputError(
-                f"run.start = {start:%Y-%m-%d %H:%M}: {self.key} {self.what} covers "
-                f"{_span(self.start_s, end_s)}; start at least one step of {step_s / 60:g} min before its end"
+                f"run.start = {start:%Y-%m-%d %H:%M}: {self.key} {self.what} covers {_span(self)}; "
+                f"start at least one step of {step_s / 60:g} min before its end"
             )
         return steps * step_s / _S_PER_DAY
 
@@ -182,12 +190,10 @@ class SampledSeries:
         InputError
             The series does not cover the first step of the grid, or, if ``whole``, all of them.
         """
-        end_s = self.start_s + self.step_s * self.values.size
-        n_steps = min(grid.n_steps, (end_s - grid.start_s) // grid.step_s)
-        if not self.start_s <= grid.start_s < end_s or (whole and n_steps < grid.n_steps):
-            need = _span(grid.start_s, grid.start_s + grid.step_s * grid.n_steps)
+        n_steps = min(grid.n_steps, (self.end_s - grid.start_s) // grid.step_s)
+        if not self.start_s <= grid.start_s < self.end_s or (whole and n_steps < grid.n_steps):
             raise InputError(
-                f"{self.key}: {self.what} covers {_span(self.start_s, end_s)}, the run needs {need}; "
+                f"{self.key}: {self.what} covers {_span(self)}, the run needs {_span(grid)}; "
                 f"set run.start and run.days, or {self.key.partition('.')[0]}.repeat = true"
             )
         # The integral of a held series is piecewise linear: its differences are exact means for any steps.
@@ -216,6 +222,6 @@ class SampledSeries:
         return self.on(longer, whole=False)
 
 
-def _span(first_s: int, last_s: int) -> str:
-    first, last = (datetime.fromtimestamp(s, tz=UTC).strftime("%Y-%m-%d %H:%M") for s in (first_s, last_s))
-    return f"{first} to {last} UTC"
+def _span(part: TimeGrid | SampledSeries) -> str:
+    first, last = (datetime.fromtimestamp(second, tz=UTC) for second in (part.start_s, part.end_s))
+    return f"{first:%Y-%m-%d %H:%M} to {last:%Y-%m-%d %H:%M} UTC"

@@ -1,7 +1,5 @@
 """Dotted keys of a study: their values and assignment, and names of bundled items."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -15,13 +13,7 @@ _MAX_DEPTH = 12
 
 
 def check_bundled(key: str, name: str, bundled: Iterable[str]) -> None:
-    """Refuse a name that is not bundled and not a path: a path has a folder or an extension.
-
-    Raises
-    ------
-    InputError
-        The name is refused; the message gives the most similar bundled name.
-    """
+    """Raise InputError for a name that is neither bundled nor a path, which has a folder or an extension."""
     if name not in bundled and not Path(name).suffix and Path(name).name == name:
         raise InputError(f"{key} = {name!r}: no bundled item has this name; {nearest(name, list(bundled))}")
 
@@ -30,7 +22,7 @@ def value_at(document: object, key: str) -> Any:
     """Return the value of a dotted key, in which a number is an index of a list; None without one."""
     for part in key.split("."):
         if isinstance(document, list | tuple):
-            document = dict(zip(map(str, range(len(document))), document, strict=True))
+            document = {str(index): entry for index, entry in enumerate(document)}
         document = document.get(part) if isinstance(document, Mapping) else None
     return document
 

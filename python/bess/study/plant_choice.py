@@ -1,7 +1,5 @@
 """System and policy settings of a study, with its overrides in place."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,11 +1,9 @@
 """Every key of a study file and of a system file: type, unit, default, range and meaning.
 
 Names, types, defaults and ranges are read from the models that check the files, meanings from
-``bess/data/keys.toml``. The schemas of ``bess schema``, the study of ``bess init`` and the tables of the
-manual are made of them.
+``bess/data/keys.toml``. They are the source of ``bess schema``, of the study of ``bess init`` and of the
+tables of the manual.
 """
-
-from __future__ import annotations
 
 import json
 import tomllib
@@ -21,10 +19,8 @@ from pydantic import create_model
 
 from bess.errors import InputError
 from bess.study.study import Study
-from bess.system.battery import Battery
-from bess.system.cooling import Cooling
+from bess.system.parse import COMPONENTS, STRING_SECTIONS, PlantSections
 from bess.system.section import Section
-from bess.system.sections import About, Control, Derating, Inverter, SystemDefaults, Thermal, Wear
 
 Kind = Literal["study", "system"]
 KINDS: Final[tuple[Kind, ...]] = ("study", "system")
@@ -42,8 +38,6 @@ _UNITS: Final = {
     "_per_s": "1/s", "_mohm": "mΩ", "_ah": "Ah", "_kg": "kg", "soc_min": "", "_min": "min", "_h": "h",
     "_s": "s", "_c": "°C", "_k": "K", "_m": "m", "days": "days",
 }  # fmt: skip
-_COMPONENTS: Final = {"Battery": "cell", "Inverter": "model"}
-"""Keys of a system file that stand for a bundled component and are gone once it is put in their place."""
 
 
 @dataclass(frozen=True)
@@ -104,11 +98,9 @@ def _described(kind: Kind) -> dict[str, Any]:
     model = Study if kind == "study" else _system_file()
     made: dict[str, Any] = model.model_json_schema()
     if kind == "system":
-        for section, key in _COMPONENTS.items():
-            made["$defs"][section]["properties"] = {
-                key: {"type": "string"},
-                **made["$defs"][section]["properties"],
-            }
+        for section, (key, *_) in COMPONENTS.items():
+            table = made["$defs"][section.capitalize()]
+            table["properties"] = {key: {"type": "string"}, **table["properties"]}
     for prefix, _, table in _tables(made, made):
         for name, field in table.get("properties", {}).items():
             if meaning := _meaning(kind, prefix + name):
@@ -136,17 +128,9 @@ def keys(kind: Kind) -> list[Key]:
 
 
 def _system_file() -> type[Section]:
-    sections: dict[str, Any] = {
-        "about": (About | None, None),
-        "system": (SystemDefaults, ...),
-        "battery": (Battery, ...),
-        "inverter": (Inverter, ...),
-        "derating": (Derating, ...),
-        "thermal": (Thermal, ...),
-        "wear": (Wear, Wear()),
-        "cooling": (Cooling | None, None),
-        "control": (Control, Control()),
-    }
+    whole = dict(PlantSections.model_fields)
+    fields = {"about": whole.pop("about"), **STRING_SECTIONS, **whole}
+    sections: dict[str, Any] = {name: (field.annotation, field) for name, field in fields.items()}
     return create_model("SystemFile", __base__=Section, **sections)
 
 

@@ -1,7 +1,5 @@
 """Expansion of scenarios and sweep axes to named studies."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import re

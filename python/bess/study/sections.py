@@ -1,11 +1,10 @@
 """Sections of a study file except ``[demand]``; validated on load."""
 
-from __future__ import annotations
-
 import math
 import re
 from datetime import UTC, datetime
 from typing import Annotated, Any, Literal, Self
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -48,6 +47,18 @@ def _folder_name(value: str) -> str:
 
 RunName = Annotated[str, AfterValidator(_folder_name)]
 """Name of a run and of its folder."""
+
+
+def _time_zone(value: str) -> str:
+    try:
+        return value if _FIXED_OFFSET.fullmatch(value) else ZoneInfo(value).key
+    except (ZoneInfoNotFoundError, ValueError, OSError):
+        raise ValueError("is no time zone; write a name such as Europe/Berlin, or UTC+01:00") from None
+
+
+_FIXED_OFFSET = re.compile(r"UTC[+-](0\d|1[0-4]):[0-5]\d")
+TimeZone = Annotated[str, AfterValidator(_time_zone)]
+"""Name of a time zone (IANA), or a fixed offset."""
 
 Instant = Annotated[datetime, AfterValidator(_aware)]
 

@@ -1,7 +1,5 @@
 """Studies: definition of closed-loop runs, read from TOML and validated."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 import unicodedata
@@ -92,7 +90,7 @@ class Study(Section):
     def _check_budget(self) -> Self:
         if self.budget.is_set and self.demand.kind not in TRADES:
             raise ValueError(
-                f'budget: demand.kind = "{self.demand.kind}" has none; those that trade carry one, '
+                f'budget: demand.kind = "{self.demand.kind}" does not trade; a budget applies to '
                 + " and ".join(TRADES)
             )
         return self
@@ -134,7 +132,7 @@ class Study(Section):
         if _with_kind(document)["policy"]["objectives"]["kind"] != kind:
             # Differs from the default, so it was set explicitly and is kept.
             document["policy"]["objectives"]["kind"] = kind
-        for key, value in values.items():
+        for key, value in zip(map(str, values), values.values(), strict=True):
             if "." not in key and isinstance(value, Mapping):
                 raise InputError(f"{key}: give one key of this section, such as {key}.NAME = VALUE")
             document = with_value(document, key, value)
@@ -176,19 +174,14 @@ def _without_kind(loc: tuple[int | str, ...]) -> tuple[int | str, ...]:
 
 def _with_kind(document: Any) -> Any:
     """Return the document with the default kind of objectives; a malformed document is unchanged."""
-    policy = value_at(document, "policy")
-    objectives = value_at(policy, "objectives")
-    malformed = any(
-        section is not None and not isinstance(section, Mapping) for section in (policy, objectives)
-    )
-    if not isinstance(document, Mapping) or malformed:
+    policy, objectives = (value_at(document, key) for key in ("policy", "policy.objectives"))
+    well_formed = all(isinstance(section, Mapping | None) for section in (policy, objectives))
+    if not isinstance(document, Mapping) or not well_formed:
         return document
     certified = value_at(policy, "horizon_steps") is not None or value_at(policy, "foresight_h") == 0
     priced = kind_of_demand(document.get("demand")) in TRADES
     kind = "money" if priced and not certified else "energy"
-    objectives = {**(objectives if isinstance(objectives, Mapping) else {}), "kind": kind}
-    policy = {**(policy if isinstance(policy, Mapping) else {}), "objectives": objectives}
-    return {**document, "policy": policy}
+    return {**document, "policy": {**(policy or {}), "objectives": {**(objectives or {}), "kind": kind}}}
 
 
 def bundled_studies() -> dict[str, str]:
@@ -217,6 +210,8 @@ def load_study(name: str | Path, values: Mapping[str, Any] | None = None) -> Stu
     InputError
         File not found, not TOML, an unknown key (with the nearest one), or a value out of range.
     """
+    if not isinstance(name, str | Path):
+        raise InputError(f"a study is a bundled name or a path, not {type(name).__name__}")
     path, bundled = Path(name), _bundled()
     if str(name) in bundled:
         document = {"name": str(name), **bundled[str(name)]}
@@ -231,18 +226,8 @@ def load_study(name: str | Path, values: Mapping[str, Any] | None = None) -> Stu
 
 
 def as_study(study: Study | str | Path) -> Study:
-    """Return a study, given as :class:`Study`, bundled name or path.
-
-    Raises
-    ------
-    InputError
-        For any other type, or as :func:`load_study`.
-    """
-    if isinstance(study, Study):
-        return study
-    if isinstance(study, str | Path):
-        return load_study(study)
-    raise InputError(f"a study must be a bess.Study, a bundled name or a path, not {type(study).__name__}")
+    """Return a study, given as :class:`Study`, or as :func:`load_study` takes it."""
+    return study if isinstance(study, Study) else load_study(study)
 
 
 def _name_from(path: Path) -> str:

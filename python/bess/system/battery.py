@@ -1,7 +1,5 @@
 """Section ``[battery]`` of a system file: one string's battery, with electrical tables at cell level."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Section ``[cooling]`` of a system file: coolant, thermostat and chiller."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator

@@ -1,7 +1,5 @@
 """Nested documents (TOML tables): reading, merging and error messages."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import date
@@ -91,7 +89,6 @@ def describe(
     name: str,
     *,
     prefix: str = "",
-    rename: Mapping[str, str] | None = None,
     model: type[BaseModel] | None = None,
 ) -> str:
     """Return one sentence for each validation error, joined by ``; ``: file, key, value, allowed values.
@@ -99,7 +96,6 @@ def describe(
     ``found`` is from ``ValidationError.errors()``. With ``model``, the sentence of an unknown key names the
     most similar key of the same table.
     """
-    rename = rename or {}
     problems: dict[str, list[str]] = {}
     for problem in found:
         unknown = problem["type"] == "extra_forbidden"
@@ -108,7 +104,7 @@ def describe(
             if isinstance(part, int):
                 path += f"[{part}]"
             elif unknown or not _is_kind(part):
-                path += f".{rename.get(part, part)}"
+                path += f".{part}"
         key = (prefix + path.lstrip(".")).rstrip(".")
         message = problem["msg"].removeprefix("Value error, ")
         message = _PLAIN_WORDS.get(problem["type"], message[:1].lower() + message[1:])
@@ -124,11 +120,16 @@ def describe(
 
 
 def _remedy(loc: Sequence[str | int], model: type[BaseModel], shown: str) -> str:
-    """Return the allowed key of the same table that is most similar to an unknown one, or all of them."""
+    """Return the most similar allowed key of the same table as an unknown key, or all allowed keys."""
     *tables, key = (part for part in loc if isinstance(part, str))
     models = [model]
     for table in tables:
-        fields = [each.model_fields[table] for each in models if table in each.model_fields]
+        fields = [
+            field
+            for each in models
+            for name, field in each.model_fields.items()
+            if table in (name, field.alias)
+        ]
         models = [part for field in fields for part in _parts(field.annotation)]
     allowed = sorted({name for each in models for name in each.model_fields})
     # A key of another kind of demand is not a typing error.

@@ -7,8 +7,6 @@ and warm initial states. ``1 / k1`` is the heat stored in a string per kelvin; t
 removes in a control step is regressed on the string's temperature before it and on the ambient.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,11 +1,9 @@
 """System documents to validated sections of every string."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
-from pydantic import ValidationError
+from pydantic import Field, ValidationError
 
 from bess.errors import InputError
 from bess.system.battery import Battery
@@ -17,21 +15,13 @@ from bess.system.sections import About, Control, Derating, Inverter, SystemDefau
 
 _T = TypeVar("_T", bound=Section)
 
-_OVERRIDABLE: dict[str, type[Section]] = {
-    "system": SystemDefaults,
-    "battery": Battery,
-    "inverter": Inverter,
-    "derating": Derating,
-    "thermal": Thermal,
-    "wear": Wear,
-}
 PER_STRING_SITE = (
     "initial_soc",
     "initial_temperature_c",
     "initial_soh_capacity",
     "initial_soh_resistance",
 )
-_COMPONENTS: dict[str, tuple[str, Callable[[str], dict[str, Any]], tuple[str, ...]]] = {
+COMPONENTS: dict[str, tuple[str, Callable[[str], dict[str, Any]], tuple[str, ...]]] = {
     "battery": ("cell", cell_tables, CELL_KEYS),
     "inverter": ("model", inverter_section, INVERTER_KEYS),
 }
@@ -41,7 +31,7 @@ _COMPONENTS: dict[str, tuple[str, Callable[[str], dict[str, Any]], tuple[str, ..
 class StringParameters(Section):
     """All sections of one string."""
 
-    site: SystemDefaults
+    site: SystemDefaults = Field(alias="system")
     battery: Battery
     inverter: Inverter
     derating: Derating
@@ -50,9 +40,9 @@ class StringParameters(Section):
 
     def table(self) -> dict[str, Any]:
         """Return the sections as a ``[[string]]`` table."""
-        tables = self.model_dump(exclude_none=True)
-        site = tables.pop("site")
-        return {"system": {key: site[key] for key in PER_STRING_SITE}, **tables}
+        tables = self.model_dump(by_alias=True, exclude_none=True)
+        tables["system"] = {key: tables["system"][key] for key in PER_STRING_SITE}
+        return tables
 
     def core_document(self) -> dict[str, Any]:
         """Return the parameters of a string for the compiled core."""
@@ -64,8 +54,12 @@ class PlantSections(Section):
     """Sections of the whole plant."""
 
     about: About | None = None
-    control: Control = Control()
     cooling: Cooling | None = None
+    control: Control = Control()
+
+
+STRING_SECTIONS = {field.alias or name: field for name, field in StringParameters.model_fields.items()}
+"""Sections that a ``[[string]]`` table may override, by their name in a file."""
 
 
 def parse_system(
@@ -88,7 +82,7 @@ def parse_system(
     if len(overrides) > n_strings:
         raise InputError(f"{name}: {len(overrides)} [[string]] tables for system.n_strings = {n_strings}")
 
-    base = {key: document.get(key, {}) for key in _OVERRIDABLE} | {"system": whole_site}
+    base = {key: document.get(key, {}) for key in STRING_SECTIONS} | {"system": whole_site}
     if len(overrides) < n_strings:
         plain_string = _string({}, base, name, "")
     strings = []
@@ -97,9 +91,9 @@ def parse_system(
             strings.append(plain_string)
             continue
         place, override = f"string[{index}].", overrides[index]
-        if unknown := sorted(set(override) - set(_OVERRIDABLE)):
+        if unknown := sorted(set(override) - set(STRING_SECTIONS)):
             raise InputError(
-                f"{name}: {place}{unknown[0]}: unknown section; allowed: {', '.join(_OVERRIDABLE)}"
+                f"{name}: {place}{unknown[0]}: unknown section; allowed: {', '.join(STRING_SECTIONS)}"
             )
         _check_single(override, f"{name}: {place}")
         own_site = override.get("system", {})
@@ -116,16 +110,20 @@ def check_layout(document: object, name: str) -> None:
     """Raise :class:`InputError` unless ``document`` consists of sections of a system file."""
     if not isinstance(document, Mapping):
         raise InputError(f"{name}: a system is a table of sections, not {type(document).__name__}")
-    known = {*_OVERRIDABLE, *PlantSections.model_fields, "string"}
+    known = {*STRING_SECTIONS, *PlantSections.model_fields, "string"}
     if unknown := sorted(set(document) - known):
-        homes = [section for section, model in _OVERRIDABLE.items() if unknown[0] in model.model_fields]
+        homes = [
+            section
+            for section, field in STRING_SECTIONS.items()
+            if unknown[0] in getattr(field.annotation, "model_fields", ())
+        ]
         remedy = f"it is a key of section {homes[0]!r}" if homes else f"allowed: {', '.join(sorted(known))}"
         raise InputError(f"{name}: unknown section {unknown[0]!r}; {remedy}")
     overrides = document.get("string", [])
     if not isinstance(overrides, list) or not all(isinstance(entry, Mapping) for entry in overrides):
         raise InputError(f"{name}: string: write one [[string]] table for each string")
     _check_single(document, f"{name}: ")
-    for section in (*_OVERRIDABLE, *PlantSections.model_fields):
+    for section in (*STRING_SECTIONS, *PlantSections.model_fields):
         if not isinstance(document.get(section, {}), Mapping):
             raise InputError(f"{name}: {section}: must be a table")
 
@@ -153,7 +151,7 @@ def put_over(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, 
     A named component replaces the component of the base; further keys override those of the component.
     """
     base, override = dict(base), dict(override)
-    for section, (key, tables, keys) in _COMPONENTS.items():
+    for section, (key, tables, keys) in COMPONENTS.items():
         table, old = override.get(section), base.get(section, {})
         if isinstance(table, Mapping) and key in table:
             kept = {k: v for k, v in old.items() if k not in keys} if isinstance(old, Mapping) else {}
@@ -166,7 +164,7 @@ def replaced(override: object, section: str, key: str) -> bool:
     """Return whether ``override`` replaces ``key`` of a ``section`` completely."""
     if not isinstance(override, Mapping):
         return False
-    named, _, keys = _COMPONENTS.get(section, (None, None, ()))
+    named, _, keys = COMPONENTS.get(section, (None, None, ()))
     if named in override and key in (named, *keys):
         return True
     return key in override and not isinstance(override[key], Mapping)
@@ -177,14 +175,11 @@ def _string(base: Mapping[str, Any], override: Mapping[str, Any], name: str, pla
         sections = put_over(put_over({}, base), override)
     except InputError as error:
         raise InputError(f"{name}: {place}{error}") from error
-    renamed = {"site" if key == "system" else key: value for key, value in sections.items()}
-    return _validated(StringParameters, renamed, name, place)
+    return _validated(StringParameters, sections, name, place)
 
 
 def _validated(kind: type[_T], table: object, name: str, prefix: str) -> _T:
     try:
         return kind.model_validate(table)
     except ValidationError as error:
-        raise InputError(
-            describe(error.errors(), name, prefix=prefix, rename={"site": "system"}, model=kind)
-        ) from error
+        raise InputError(describe(error.errors(), name, prefix=prefix, model=kind)) from error

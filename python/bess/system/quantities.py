@@ -4,9 +4,7 @@ The ranges include every realistic plant, and no product of two values overflows
 NaN and infinity are not accepted.
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from itertools import pairwise
 from typing import Annotated, Any, Literal
 
@@ -23,9 +21,10 @@ class Within:
 
     low: float
     high: float
-    unit: str
-    above: bool
-    below: bool
+    unit: str = ""
+    _: KW_ONLY
+    above: bool = False
+    below: bool = False
 
     def __call__(self, value: float) -> float:
         """Return the value if it is in the range.
@@ -55,10 +54,7 @@ class Within:
         return {**handler(made), low: self.low, high: self.high}
 
 
-def within(low: float, high: float, unit: str = "", *, above: bool = False, below: bool = False) -> Within:
-    """Return a validator for the range ``[low, high]``; see :class:`Within`."""
-    return Within(low, high, unit, above, below)
-
+within = Within
 
 Count = Annotated[int, within(1, 10_000)]
 Fraction = Annotated[float, within(0.0, 1.0)]

@@ -1,7 +1,5 @@
 """Sections of a system file other than the battery, one class each, as in ``data/systems/reference.toml``."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Annotated, ClassVar, Self
 

@@ -61,16 +61,12 @@ class System:
         self.lumped: Lumped | None = None
         if self.cooling is not None:
             self.lumped = self._identified()
-            self.strings = tuple(
-                string.model_copy(
-                    update={
-                        "thermal": string.thermal.model_copy(
-                            update={"lumped": LumpedThermal(k1_k_per_j=float(k1), k2_per_s=float(k2))}
-                        )
-                    }
-                )
-                for string, k1, k2 in zip(strings, self.lumped.k1_k_per_j, self.lumped.k2_per_s, strict=True)
-            )
+            cooled = []
+            for string, k1, k2 in zip(strings, self.lumped.k1_k_per_j, self.lumped.k2_per_s, strict=True):
+                lumped = LumpedThermal(k1_k_per_j=float(k1), k2_per_s=float(k2))
+                thermal = string.thermal.model_copy(update={"lumped": lumped})
+                cooled.append(string.model_copy(update={"thermal": thermal}))
+            self.strings = tuple(cooled)
             self.core = self._tables()
 
     def __getstate__(self) -> dict[str, Any]:

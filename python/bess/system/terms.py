@@ -1,7 +1,5 @@
 """Section ``[settlement]``: terms in addition to the market price, used by both dispatch and settlement."""
 
-from __future__ import annotations
-
 from typing import Annotated, TypeVar
 
 import numpy as np

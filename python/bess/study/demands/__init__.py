@@ -1,7 +1,5 @@
 """Section ``[demand]`` of a study file: one module for each kind of demand, and the list of the kinds."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Annotated, get_args
 

@@ -40,7 +40,7 @@ from bess.study.demands.source import (
     padded,
 )
 from bess.study.grid import SampledSeries, TimeGrid
-from bess.study.sections import RunName
+from bess.study.sections import RunName, TimeZone
 from bess.system import System
 from bess.system.quantities import NonNegative, Positive, within
 from bess.system.section import Section
@@ -106,7 +106,7 @@ class ArbitrageDemand(DemandSection):
     product: str | None = None
     time_zone: str | None = None
     fill: Fill | None = None
-    market_time_zone: str = "Europe/Berlin"
+    market_time_zone: TimeZone = "Europe/Berlin"
     max_power_kw: Positive | None = None
     max_energy_kwh: Positive | None = None
     max_import_kw: Positive | None = None
@@ -135,7 +135,7 @@ class ArbitrageDemand(DemandSection):
         if any(later.step_min > earlier.step_min for earlier, later in pairwise(self.market)):
             raise ValueError("market: a later auction must not have longer products than an earlier one")
         if self.meter is not None and self.plan != "linear":
-            raise ValueError('meter: only plan = "linear" knows of a meter with load and generation')
+            raise ValueError('meter: only plan = "linear" supports load and generation behind a meter')
         if self.replan_h is not None and self.replan_h > self.look_ahead_h:
             raise ValueError(
                 f"replan_h {self.replan_h:g} h must not exceed look_ahead_h {self.look_ahead_h:g} h"
@@ -150,8 +150,6 @@ class ArbitrageDemand(DemandSection):
         InputError
             As there, or the study names no price file.
         """
-        from bess.market import extended
-
         file, key = self.prices, "demand.prices"
         if file is None:
             raise InputError(
@@ -159,12 +157,11 @@ class ArbitrageDemand(DemandSection):
                 "ENTSO-E export), such as demand.prices = FILE.csv"
             )
         read = self._read(file, self.product)
-        sampled = given = setting.series_of(read, file, key)
+        given = setting.series_of(read, file, key)
         grid = setting.grid_of(given)
-        if self.repeat:
-            sampled = SampledSeries.from_pandas(extended(read, grid.end), file, key)
-        price = sampled.on(grid)
-        forecast = self._price_forecast(setting, grid, sampled)
+        prices = self._to_the_end(setting, grid, read, file, key)
+        price = prices.on(grid)
+        forecast = self._price_forecast(setting, grid, prices)
         span = f"{price.min():.2f} / {price.mean():.2f} / {price.max():.2f} EUR/MWh"
         setting.note(f"prices: {file}, min / mean / max of the run {span}", given)
         connection, fee_eur_mwh = None, 0.0
@@ -200,22 +197,23 @@ class ArbitrageDemand(DemandSection):
 
         return read_prices(file, zone or self.zone, product, time_zone=self.time_zone, fill=self.fill)
 
+    def _to_the_end(
+        self, setting: Setting, grid: TimeGrid, read: pd.Series[float], file: str, key: str
+    ) -> SampledSeries:
+        """Return the prices read from ``file``; with ``repeat`` they last to the end of the run."""
+        from bess.market import extended
+
+        return setting.series_of(extended(read, grid.end) if self.repeat else read, file, key)
+
     def _auctions(self, last_file: str, setting: Setting, grid: TimeGrid, price: Array) -> dict[str, Array]:
         """Positions and prices of the auctions before the last market, as recorded series."""
         prices, steps = [], []
         for number, market in enumerate(self.market):
             key, file = f"demand.market.{number}", market.prices or last_file
             read = self._read(file, market.product)
-            prices.append(setting.series_of(read, file, f"{key}.prices").on(grid))
+            prices.append(self._to_the_end(setting, grid, read, file, f"{key}.prices").on(grid))
             steps.append(steps_in(market.step_min / 60.0, grid.dt_h, f"{key}.step_min"))
-        planner = self._linear(
-            setting.system,
-            grid,
-            PerfectForecast(price),
-            max_import_kw=self.max_import_kw,
-            max_export_kw=self.max_export_kw,
-            replan_h=grid.dt_h,
-        )
+        planner = self._linear(setting.system, grid, PerfectForecast(price), replan_h=grid.dt_h)
         stored_kwh = StorageEstimator(setting.system, self.efficiency).stored_kwh(
             setting.system.initial_state()
         )
@@ -243,9 +241,8 @@ class ArbitrageDemand(DemandSection):
             return kind(price, grid.dt_h, price_ends=price_ends_of(price, grid.dt_h), first=before)
 
         def forecast_of(zone: str) -> Array:
-            return setting.series_of(self._read(file, self.product, zone), file, "demand.forecast_prices").on(
-                grid
-            )
+            read = self._read(file, self.product, zone)
+            return self._to_the_end(setting, grid, read, file, "demand.forecast_prices").on(grid)
 
         price = series.on(grid)
         ends = price_ends_of(price, grid.dt_h)
@@ -266,11 +263,9 @@ class ArbitrageDemand(DemandSection):
                 setting.system,
                 grid,
                 forecast,
+                connection,
                 cycles_per_plan=self.cycles_per_plan,
-                max_import_kw=self.max_import_kw if connection is None else None,
-                max_export_kw=self.max_export_kw if connection is None else None,
                 replan_h=self.replan_h or COMPARE_H,
-                connection=connection,
             )
             return LinearPlanner(arbitrage)
         dispatch = DynamicProgramDispatch(
@@ -298,7 +293,14 @@ class ArbitrageDemand(DemandSection):
             bands=forecast if self.forecast == "bands" and isinstance(forecast, BandForecast) else None,
         )
 
-    def _linear(self, system: System, grid: TimeGrid, prices: Forecast, **more: Any) -> Arbitrage:
+    def _linear(
+        self,
+        system: System,
+        grid: TimeGrid,
+        prices: Forecast,
+        connection: GridConnection | None = None,
+        **more: Any,
+    ) -> Arbitrage:
         """Return the linear dispatch of the section; ``more`` are further arguments of it."""
         power_kw, energy_kwh = self._size(system)
         return Arbitrage(
@@ -308,8 +310,12 @@ class ArbitrageDemand(DemandSection):
             energy_kwh=energy_kwh,
             efficiency=self.efficiency,
             cycles_per_day=self.cycles_per_day,
+            # Behind a meter the connection has the limits.
+            max_import_kw=self.max_import_kw if connection is None else None,
+            max_export_kw=self.max_export_kw if connection is None else None,
             look_ahead_h=self.look_ahead_h,
             dt_h=grid.dt_h,
+            connection=connection,
             **more,
         )
 

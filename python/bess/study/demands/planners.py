@@ -1,7 +1,5 @@
 """Dispatch plans of a demand at market prices, and when they are replaced."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

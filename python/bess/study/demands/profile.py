@@ -1,7 +1,5 @@
 """Demand of kind ``profile``: a given power series."""
 
-from __future__ import annotations
-
 from typing import ClassVar, Literal
 
 import numpy as np

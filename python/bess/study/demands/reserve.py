@@ -1,7 +1,5 @@
 """Demands of kind ``fcr`` and ``fcr-arbitrage``: frequency containment reserve, with or without trade."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Annotated, ClassVar, Literal
 
@@ -37,6 +35,7 @@ from bess.study.demands.source import (
 )
 from bess.study.grid import SampledSeries, TimeGrid, seconds_of
 from bess.study.keys import check_bundled
+from bess.study.sections import TimeZone
 from bess.system import System
 from bess.system.quantities import Fraction, NonNegative, Positive, Price, within
 from bess.units import PERCENT
@@ -245,7 +244,7 @@ class FcrArbitrageDemand(FcrDemand):
     band: Fraction = 0.9
     choose_capacity: Literal["perfect", "persistence"] | None = None
     prices: str | None = SYNTHETIC
-    market_time_zone: str = "Europe/Berlin"
+    market_time_zone: TimeZone = "Europe/Berlin"
     cycles_per_day: Positive = 1.0
     look_ahead_h: Positive = 36.0
     replan_h: Positive = 1.0
@@ -274,7 +273,7 @@ class FcrArbitrageDemand(FcrDemand):
 
 
 def _steps(minutes: float, key: str, grid: TimeGrid, least: int) -> int:
-    """Return a time in control steps; a time shorter than a step gives ``least``."""
+    """Return a time in control steps, rounded up to one, and at least ``least``."""
     steps = minutes * _SECONDS_PER_MINUTE / grid.step_s
     if steps > 1.0 and abs(steps - round(steps)) > 1e-9:
         raise InputError(

@@ -24,6 +24,7 @@ from bess.study.demands.source import (
     padded,
 )
 from bess.study.grid import TimeGrid
+from bess.study.sections import TimeZone
 from bess.system.quantities import Fraction, NonNegative, Positive, Price
 from bess.system.section import Section
 
@@ -52,7 +53,7 @@ class MeterSection(Section):
     fill: Fill | None = None
     repeat: bool = False
     peak_eur_kw_month: Positive | None = None
-    billing_time_zone: str = "Europe/Berlin"
+    billing_time_zone: TimeZone = "Europe/Berlin"
     forecast: Literal["perfect", "persistence"] = "perfect"
 
 

@@ -3,7 +3,11 @@
 from bess.system.components.cell_files import read_ocv, read_resistance
 from bess.system.components.inverter_files import read_inverter
 from bess.system.components.loss_table import LossTable
-from bess.system.components.losses import inverter_from_efficiency, inverter_from_loss
+from bess.system.components.losses import (
+    inverter_from_efficiency,
+    inverter_from_loss,
+    inverter_from_sandia,
+)
 from bess.system.components.registry import (
     Entry,
     cell_tables,
@@ -12,7 +16,6 @@ from bess.system.components.registry import (
     list_inverters,
     list_systems,
 )
-from bess.system.components.sandia import inverter_from_sandia
 
 __all__ = [
     "Entry",

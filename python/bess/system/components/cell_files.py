@@ -4,8 +4,6 @@ SOC may be in per cent or a fraction, temperature is in kelvin and stands in the
 mOhm or Ohm. The result is tables of ``[battery]`` in a system file.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any
@@ -57,7 +55,7 @@ def read_ocv(
         kelvin = _kelvin(name)
         soc_name = next((s for s in socs if _kelvin(s) == kelvin), None)
         if soc_name is None:
-            raise InputError(f"{path}: no SOC column belongs to column {name!r}")
+            raise InputError(f"{path}: column {name!r} has no SOC column of the same temperature")
         pairs[25.0 if kelvin is None else round(kelvin - ZERO_CELSIUS_K, 3)] = (soc_name, name)
     if not pairs:
         raise InputError(f"{path}: no column OCV; columns are {', '.join(list(columns)[:6])}")
@@ -111,7 +109,7 @@ def read_resistance(path: str | Path, *, control_c_rate: float) -> dict[str, Any
     Raises
     ------
     InputError
-        A column is missing or does not say its temperature, or a resistance is out of its range.
+        A column is missing, its title has no temperature, or a resistance is out of its range.
     """
     columns = read_columns(path)
     if "SOC" not in columns:
@@ -123,7 +121,7 @@ def read_resistance(path: str | Path, *, control_c_rate: float) -> dict[str, Any
             continue
         kelvin, rate = _kelvin(name), _C_RATE.search(name)
         if kelvin is None:
-            raise InputError(f"{path}: column {name!r} does not say its temperature in kelvin")
+            raise InputError(f"{path}: the title of column {name!r} has no temperature in kelvin")
         direction = "charge_mohm" if name.startswith("R_Ch") else "discharge_mohm"
         key = (direction, float(rate.group(1)) if rate else 1.0, round(kelvin - ZERO_CELSIUS_K, 3))
         values[key] = numbers(path, columns, name)

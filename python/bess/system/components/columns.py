@@ -1,7 +1,5 @@
 """Small tables from text files and Parquet, as columns of texts or numbers."""
 
-from __future__ import annotations
-
 import csv
 import io
 from pathlib import Path
@@ -62,7 +60,7 @@ def _parquet(path: Path, raw: bytes) -> Columns:
         import pyarrow.parquet as pq
     try:
         table = pq.read_table(io.BytesIO(raw)).to_pydict()
-    except Exception as error:  # pyarrow raises most of what there is for damaged bytes
+    except Exception as error:  # damaged bytes raise almost any exception in pyarrow
         raise InputError(f"{path}: the Parquet file is damaged or truncated ({error})") from error
     return {str(k): ["nan" if v is None else str(v) for v in column] for k, column in table.items()}
 

@@ -1,7 +1,5 @@
 """Inverter files; the layout is detected from the columns."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 
@@ -10,8 +8,7 @@ import numpy as np
 from bess.errors import InputError
 from bess.system.components.columns import Columns, numbers, read_columns
 from bess.system.components.loss_table import LossTable, table_from_curves
-from bess.system.components.losses import Axis, PowerUnit, inverter_from_efficiency
-from bess.system.components.sandia import inverter_from_sandia
+from bess.system.components.losses import Axis, PowerUnit, inverter_from_efficiency, inverter_from_sandia
 
 _MAX_ERROR = 5e-5
 _SANDIA = {
@@ -46,10 +43,10 @@ def read_inverter(
 ) -> LossTable:
     """Read an inverter from a file and reduce it to the loss table of a system file.
 
-    Recognised are: the CEC list with Sandia coefficients (as pvlib and SAM ship it), the inverter and storage
-    list of bslib, and plain efficiency tables. These have a column of charge and a column of discharge
-    efficiency, or only one efficiency column, which then holds for both directions; a power column, or none
-    if the rows divide 0 to 100 % of nominal power evenly.
+    The reader recognises the CEC list with Sandia coefficients (as pvlib and SAM ship it), the inverter and
+    storage list of bslib, and plain efficiency tables. Plain tables have a column of charge and a column of
+    discharge efficiency, or only one efficiency column, which then holds for both directions; a power column,
+    or none if the rows divide 0 to 100 % of nominal power evenly.
 
     Parameters
     ----------
@@ -83,24 +80,19 @@ def read_inverter(
         raise InputError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error
 
 
-def _pick(names: list[str], model: str | None) -> str:
-    found = [name for name in names if name == model] or [
-        name for name in names if model is None or model in name
-    ]
+def _row_of(columns: Columns, model: str | None) -> int:
+    """Return the row of the inverter with this name, or the only one with this part of a name."""
+    named = [columns[key] for key in ("Name", "", "Model (PE)", "ID") if key in columns]
+    fitting = (names for names in named if model is None or any(model in name for name in names))
+    names = next(fitting, next(iter(columns.values())))
+    found = [name for name in names if name == model]
+    found = found or [name for name in names if model is None or model in name]
     if len(set(found)) != 1:
         some = ", ".join(map(repr, sorted(set(found or names))[:6]))
         raise InputError(
             f"model {model!r} fits {len(set(found))} of {len(set(names))} inverters; choose one of {some}"
         )
-    return found[0]
-
-
-def _row_of(columns: Columns, model: str | None) -> int:
-    for key in ("Name", "", "Model (PE)", "ID"):
-        if key in columns and (model is None or any(model in name for name in columns[key])):
-            return columns[key].index(_pick(columns[key], model))
-    first = next(iter(columns.values()))
-    return first.index(_pick(first, model))
+    return names.index(found[0])
 
 
 def _cell(path: str | Path, columns: Columns, name: str, row: int, *, gaps: bool = False) -> float:
@@ -139,7 +131,7 @@ def _from_plain(
     max_error: float,
 ) -> LossTable:
     if nominal_kw is None:
-        raise InputError("a plain efficiency table does not say its nominal power; give nominal_kw")
+        raise InputError("a plain efficiency table does not contain the nominal power; give nominal_kw")
     words = {name: name.lower() for name in columns}
     discharging = [name for name, word in words.items() if "discharg" in word or "dch" in word]
     charging = [name for name, word in words.items() if "charg" in word and name not in discharging]

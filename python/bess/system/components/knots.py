@@ -1,7 +1,5 @@
 """Fewer knots for a finely measured table (Ramer 1972, Douglas and Peucker 1973)."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

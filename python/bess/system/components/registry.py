@@ -2,10 +2,8 @@
 
 Every file is a system file or a part of one, with an ``[about]`` table (description, source, licence). A cell
 is the cell-level part of a ``[battery]`` section. An inverter is an ``[inverter]`` section, or a ``[sandia]``
-table with the coefficients of the CEC list, of which the loss table is made here.
+table with the coefficients of the CEC list, which is converted to a loss table here.
 """
-
-from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
@@ -14,7 +12,7 @@ from importlib import resources
 from typing import Any
 
 from bess.errors import InputError
-from bess.system.components.sandia import inverter_from_sandia
+from bess.system.components.losses import inverter_from_sandia
 
 SYSTEMS = {
     "reference": "systems/reference.toml",
