@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from bess.arrays import Array, real_numbers
 from bess.control.policies import NO_OPTIMISATION, Decision, Policy, PolicyInput, SolverReport
@@ -17,13 +18,29 @@ from bess.errors import BessError, InputError
 from bess.plant import Flows, Plant, PlantSnapshot
 from bess.simulation.inputs import Inputs
 from bess.simulation.record.dataset import FLOWS, OPTIONAL_FLOWS
-from bess.simulation.record.store import Record, joined
+from bess.simulation.record.store import Record
 from bess.study.demands.source import StepInputs
 
 SKIPPED_STEPS = 12
 """Steps that a policy is first asked to skip; results do not depend on it."""
 _TOLERANCE = 1e-9
 """Relative tolerance between the sum of set-points and the demand, for rounding only."""
+
+
+@dataclass(frozen=True)
+class _PassedSteps:
+    """Consecutive steps that ran together, with the capacities before; steps are the first axis of arrays."""
+
+    demand_kw: Array
+    served_kw: Array
+    request_kw: Array
+    flows: Flows
+    soh_capacity: Array
+    planned: list[dict[str, float]]
+    in_service: NDArray[np.bool_]
+    solver: SolverReport
+    reactive_demand_kvar: Any = None
+    investment_eur: Any = None
 
 
 class ClosedLoop:
@@ -65,8 +82,8 @@ class ClosedLoop:
         self._surroundings_c = inputs.system.surroundings_c(inputs.ambient_c)
         self._delivered_kw = 0.0
         self._skipped_steps = SKIPPED_STEPS
-        # Demand and forecast of the next steps as far as known, a row for each; capacities at their start.
-        self._ahead_kw = np.zeros((0, inputs.horizon_steps))
+        # Demand and forecast of the next steps as far as known, a row each, and as served; capacities before.
+        self._ahead_kw = self._served_kw = np.zeros((0, inputs.horizon_steps))
         self._soh_capacity = np.zeros(0)
         self.step = 0
         self.policy_s = self.plant_s = 0.0
@@ -75,19 +92,15 @@ class ClosedLoop:
         self, most: int, is_over: Callable[[int], bool] = lambda step: False
     ) -> tuple[Record, list[dict[str, Any]]]:
         """Run up to ``most`` steps, at least one, until ``is_over(step)``; see :meth:`advance`."""
-        parts: list[Record] = []
-        log: list[dict[str, Any]] = []
         last = min(self.step + most, self.inputs.grid.n_steps)
-        whole = False
-        while not whole:
-            part, lines = self.advance_block(last - self.step) if self.in_blocks else self.advance()
-            parts.append(part)
-            log += lines
-            whole = is_over(self.step) or self.step == last
-        return joined(parts), log
+        in_blocks = self.in_blocks
+        passed: list[_PassedSteps] = []
+        while not passed or not (is_over(self.step) or self.step == last):
+            passed.append(self._pass_block(last - self.step) if in_blocks else self._pass_step())
+        return self._recorded(passed)
 
-    def advance(self, ahead_kw: Array | None = None) -> tuple[Record, list[dict[str, Any]]]:
-        """Run one control step; its demand and forecast are read here if not given.
+    def advance(self) -> tuple[Record, list[dict[str, Any]]]:
+        """Run one control step.
 
         Returns
         -------
@@ -96,16 +109,22 @@ class ClosedLoop:
         log : list of dict
             Log lines: one for each step with a solve or with undelivered energy.
         """
+        return self._recorded([self._pass_step()])
+
+    def _pass_step(self, known_kw: tuple[Array, Array] | None = None) -> _PassedSteps:
+        """Run one control step; demand with forecast, and both as served, are read here if not given."""
         step, inputs = self.step, self.inputs
         investment_eur = inputs.installations.install(step, self._plant)
         in_service = inputs.installations.in_service(step)
         state = self._plant.state
         limit_kw = np.where(in_service, inputs.limit_kw[step], 0.0)
         total_kw = float(limit_kw.sum())
-        now = StepInputs(state, limit_kw, self._surroundings_c[step:], self._delivered_kw)
-        if ahead_kw is None:
+        if known_kw is None:
+            now = StepInputs(state, limit_kw, self._surroundings_c[step:], self._delivered_kw)
             ahead_kw = inputs.demand.ahead(step, inputs.horizon_steps, now)
-        served_kw = self._served(ahead_kw, total_kw)
+            served_kw = self._served(ahead_kw, total_kw)
+        else:
+            ahead_kw, served_kw = known_kw
         asked_kvar = None if inputs.reactive is None else inputs.reactive(step, served_kw)
         price = inputs.price_eur_mwh
         policy_input = PolicyInput(
@@ -131,19 +150,18 @@ class ClosedLoop:
         )
         self.policy_s += decided - began
         self.plant_s += time.perf_counter() - decided
-        record, log = self._recorded(
-            ahead_kw[:1],
-            served_kw[:1],
-            request_kw[None],
-            decision.solver,
-            flows,
-            state.soh_capacity,
-            None if asked_kvar is None else asked_kvar[:1],
-        )
-        if inputs.installations.any:
-            record["investment_eur"] = investment_eur[None]
         inputs.installations.count_ended(in_service, flows.soh_capacity[0])
-        return record, log
+        return self._passed(
+            demand_kw=ahead_kw[:1],
+            served_kw=served_kw[:1],
+            request_kw=request_kw[None],
+            flows=flows,
+            soh_capacity=state.soh_capacity,
+            in_service=in_service,
+            solver=decision.solver,
+            reactive_demand_kvar=None if asked_kvar is None else asked_kvar[:1],
+            investment_eur=investment_eur,
+        )
 
     @property
     def in_blocks(self) -> bool:
@@ -156,11 +174,10 @@ class ClosedLoop:
             and "node_temperature_c" not in self._flows
         )
 
-    def advance_block(self, most: int) -> tuple[Record, list[dict[str, Any]]]:
+    def _pass_block(self, most: int) -> _PassedSteps:
         """Run up to ``most`` control steps in one call of the core; only where :attr:`in_blocks`.
 
-        A policy without controller decides step by step; steps that it skips run together. Returns as
-        :meth:`advance`.
+        A policy without controller decides step by step; steps that it skips run together.
 
         Raises
         ------
@@ -177,19 +194,18 @@ class ClosedLoop:
             changes = np.append((limits_kw != limits_kw[0]).any(axis=1), True)
             now = StepInputs(state, limits_kw[0], self._surroundings_c[first:], self._delivered_kw)
             self._ahead_kw = inputs.demand.block(first, int(np.argmax(changes)), inputs.horizon_steps, now)
+            self._served_kw = self._served(self._ahead_kw, limits_kw[0].sum())
             self._soh_capacity = state.soh_capacity
-        ahead_kw = self._ahead_kw[: most if controller is not None else self._skipped_steps]
-        n_steps = len(ahead_kw)
-        limit_kw = inputs.limit_kw[first : first + n_steps]
-        served_kw = self._served(ahead_kw, limit_kw.sum(axis=1, keepdims=True))
+        n_steps = min(len(self._ahead_kw), most if controller is not None else self._skipped_steps)
+        limit_kw, served_kw = inputs.limit_kw[first : first + n_steps], self._served_kw[:n_steps]
         if controller is None:
             request_kw = policy.skip(served_kw, limit_kw)
             # After each skipped block a longer one is likely: fewer calls, and few rows that are not used.
             self._skipped_steps = 2 * n_steps if len(request_kw) == n_steps else SKIPPED_STEPS
             n_steps = len(request_kw)
             if n_steps == 0:
-                return self._passed(*self.advance(ahead_kw[0]))
-            ahead_kw, served_kw, limit_kw = ahead_kw[:n_steps], served_kw[:n_steps], limit_kw[:n_steps]
+                return self._pass_step((self._ahead_kw[0], self._served_kw[0]))
+            served_kw, limit_kw = served_kw[:n_steps], limit_kw[:n_steps]
         ambient_c = inputs.ambient_c[first : first + n_steps]
         step_s = float(inputs.grid.step_s)
         began = time.perf_counter()
@@ -206,71 +222,75 @@ class ClosedLoop:
         missed_kw = np.abs(request_kw.sum(axis=1) - served_kw[:, 0])
         if (missed_kw > self._slack_kw(limit_kw.sum(axis=1))).any():
             raise BessError(f"{self._place}: set-points do not sum to the demand; please report this")
-        demand_kw, served_kw = ahead_kw[:, 0], served_kw[:, 0]
         return self._passed(
-            *self._recorded(demand_kw, served_kw, request_kw, SolverReport(), flows, self._soh_capacity)
+            demand_kw=self._ahead_kw[:n_steps, 0],
+            served_kw=served_kw[:, 0],
+            request_kw=request_kw,
+            flows=flows,
+            soh_capacity=self._soh_capacity,
+            in_service=inputs.installations.in_service(first),
+            solver=SolverReport(),
         )
 
-    def _passed(self, record: Record, log: list[dict[str, Any]]) -> tuple[Record, list[dict[str, Any]]]:
-        """Pass the rows of the steps of a block; the demand measures the starts of later steps."""
-        soc, soh_capacity = record["soc"], record["soh_capacity"]
-        first = self.step - len(soc)
-        self._ahead_kw, self._soh_capacity = self._ahead_kw[len(soc) :], soh_capacity[-1]
-        for index in range(len(soc) if len(self._ahead_kw) else len(soc) - 1):
-            self.inputs.demand.measured(first + index + 1, soc[index], soh_capacity[index])
-        return record, log
+    def _passed(self, *, flows: Flows, **values: Any) -> _PassedSteps:
+        """Pass the steps of ``flows``, with these values; the demand measures the starts of later steps."""
+        steps = range(self.step, self.step + len(flows.soc))
+        planned = [self.inputs.demand.planned(step) for step in steps]
+        self.step, self._delivered_kw = steps.stop, float(flows.delivered_kw[-1].sum())
+        self._ahead_kw, self._served_kw = self._ahead_kw[len(steps) :], self._served_kw[len(steps) :]
+        self._soh_capacity = flows.soh_capacity[-1]
+        measured = steps if len(self._ahead_kw) else steps[:-1]
+        for step, soc, soh_capacity in zip(measured, flows.soc, flows.soh_capacity, strict=False):
+            self.inputs.demand.measured(step + 1, soc, soh_capacity)
+        return _PassedSteps(flows=flows, planned=planned, **values)
 
-    def _recorded(
-        self,
-        demand_kw: Array,
-        served_kw: Array,
-        request_kw: Array,
-        solver: SolverReport,
-        flows: Flows,
-        soh_capacity: Array,
-        reactive_demand_kvar: Array | None = None,
-    ) -> tuple[Record, list[dict[str, Any]]]:
-        """Record and log of the steps of ``flows``, from these capacities on; the next step follows them."""
-        inputs, first, n_steps = self.inputs, self.step, len(request_kw)
-        steps = slice(first, first + n_steps)
-        in_service = inputs.installations.in_service(first)
-        planned = [inputs.demand.planned(step) for step in range(first, first + n_steps)]
+    def _recorded(self, passed: list[_PassedSteps]) -> tuple[Record, list[dict[str, Any]]]:
+        """Record and log of the last steps."""
+        inputs = self.inputs
+        of_step = [each for each in passed for _ in each.planned]
+        steps = slice(self.step - len(of_step), self.step)
+        demand_kw = np.concatenate([each.demand_kw for each in passed])
         record: Record = {
             "demand_kw": demand_kw,
-            "unmet_kw": np.abs(demand_kw - served_kw),
+            "unmet_kw": np.abs(demand_kw - np.concatenate([each.served_kw for each in passed])),
             "ambient_c": inputs.ambient_c[steps],
-            "request_kw": request_kw,
-            "solver_status": np.full(n_steps, solver.status),
-            "solver_gap": np.full(n_steps, solver.gap),
-            "solver_search_gap": np.full(n_steps, solver.search_gap),
-            "solver_nodes": np.full(n_steps, solver.nodes),
-            "fallback": np.full(n_steps, int(solver.fallback)),
+            "request_kw": np.concatenate([each.request_kw for each in passed]),
+            "solver_status": np.array([each.solver.status for each in of_step]),
+            "solver_gap": np.array([each.solver.gap for each in of_step]),
+            "solver_search_gap": np.array([each.solver.search_gap for each in of_step]),
+            "solver_nodes": np.array([each.solver.nodes for each in of_step]),
+            "fallback": np.array([int(each.solver.fallback) for each in of_step]),
         }
         if inputs.price_eur_mwh is not None:
             record["price_eur_mwh"] = inputs.price_eur_mwh[steps]
-        if reactive_demand_kvar is not None:
-            record["reactive_demand_kvar"] = reactive_demand_kvar
+        if inputs.reactive is not None:
+            record["reactive_demand_kvar"] = np.concatenate([each.reactive_demand_kvar for each in passed])
+        planned = [row for each in passed for row in each.planned]
         record |= {name: np.array([row[name] for row in planned]) for name in planned[0]}
         record |= {name: values[steps] for name, values in inputs.series.items()}
-        record |= {name: getattr(flows, name) for name in self._flows}
-        discharged_kwh = np.maximum(flows.delivered_kw, 0.0) * inputs.grid.dt_h
-        soh_capacity = np.concatenate([soh_capacity[None], flows.soh_capacity[:-1]])
-        lost = np.where(in_service, soh_capacity - flows.soh_capacity, 0.0)
+        for name in self._flows:
+            record[name] = np.concatenate([getattr(each.flows, name) for each in passed])
+        in_service = np.array([each.in_service for each in of_step])
+        discharged_kwh = np.maximum(record["delivered_kw"], 0.0) * inputs.grid.dt_h
+        after = np.concatenate([each.flows.soh_capacity for each in passed])
+        before = np.concatenate([[each.soh_capacity, *each.flows.soh_capacity[:-1]] for each in passed])
+        lost = np.where(in_service, before - after, 0.0)
         record["wear_eur"] = self._prices.cost_eur(lost, discharged_kwh)
         if self._ages:
             limit = self._prices.end_of_life
-            reached = in_service & (soh_capacity > limit) & (flows.soh_capacity <= limit)
+            reached = in_service & (before > limit) & (after <= limit)
             record["end_of_life"] = reached.astype(np.int32)
-        log = list(self._logged(solver, record["unmet_kw"]))
-        self._delivered_kw = float(flows.delivered_kw[-1].sum())
-        self.step += n_steps
-        return record, log
+        if inputs.installations.any:
+            record["investment_eur"] = np.array([each.investment_eur for each in passed])
+        return record, list(self._logged([each.solver for each in of_step], record["unmet_kw"]))
 
-    def _logged(self, solver: SolverReport, unmet_kw: Array) -> Iterator[dict[str, Any]]:
-        """Log lines of steps from the present one on."""
-        solved = solver.status != NO_OPTIMISATION or solver.solve_time_s > 0.0 or solver.fallback
-        for index in np.flatnonzero((unmet_kw > 0.0) | solved).tolist():
-            step = self.step + index
+    def _logged(self, solvers: list[SolverReport], unmet_kw: Array) -> Iterator[dict[str, Any]]:
+        """Log lines of the last steps."""
+        first = self.step - len(solvers)
+        for step, (solver, lacking_kw) in enumerate(zip(solvers, unmet_kw.tolist(), strict=True), first):
+            solved = solver.status != NO_OPTIMISATION or solver.solve_time_s > 0.0 or solver.fallback
+            if not (solved or lacking_kw > 0.0):
+                continue
             start = np.datetime64(self.inputs.grid.start_s + step * self.inputs.grid.step_s, "s")
             yield {
                 "step": step,
@@ -280,7 +300,7 @@ class ClosedLoop:
                 "search_gap": solver.search_gap,
                 "nodes": solver.nodes,
                 "fallback": solver.fallback,
-                "unmet_kw": float(unmet_kw[index]),
+                "unmet_kw": lacking_kw,
                 "solve_time_s": solver.solve_time_s,
             }
 

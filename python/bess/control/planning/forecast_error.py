@@ -47,12 +47,12 @@ class ForecastErrorTracker(Checkpointed):
         return min(error + self._outage_share, 1.0)
 
     def compare(self, demand_kw: Array, limit_kw: Array | None = None) -> bool:
-        """Update the error with a step.
+        """Update the error with a step, or with several consecutive steps.
 
         Parameters
         ----------
         demand_kw : ndarray, shape (n_steps,)
-            Demand of this step and forecast of the next ones [kW].
+            Demand of this step and forecast of the next ones [kW]; for several steps, a row for each.
         limit_kw : ndarray, shape (n_strings,), optional
             Limits of this step [kW]; unchanged if omitted.
 
@@ -64,13 +64,14 @@ class ForecastErrorTracker(Checkpointed):
         known = self.limit_kw if limit_kw is None else limit_kw
         # Demand above the inverters in service is unmet and is not allocated.
         max_kw = float((self._nominal_kw if known is None else known).sum())
-        now = min(max(float(demand_kw[0]), -max_kw), max_kw)
-        if self._forecast_kw is not None:
-            forecast_kw = min(max(self._forecast_kw, -max_kw), max_kw)
-            self._error_kw += self._weight * (abs(now - forecast_kw) - self._error_kw)
-            self._mean_kw += self._weight * (abs(now) - self._mean_kw)
-        self._forecast_kw = float(demand_kw[1]) if demand_kw.size > 1 else None
-        self._outage_share *= 1.0 - self._weight
+        for now_kw, *next_kw in np.atleast_2d(demand_kw)[:, :2].tolist():
+            now = min(max(now_kw, -max_kw), max_kw)
+            if self._forecast_kw is not None:
+                forecast_kw = min(max(self._forecast_kw, -max_kw), max_kw)
+                self._error_kw += self._weight * (abs(now - forecast_kw) - self._error_kw)
+                self._mean_kw += self._weight * (abs(now) - self._mean_kw)
+            self._forecast_kw = next_kw[0] if next_kw else None
+            self._outage_share *= 1.0 - self._weight
         before, self.limit_kw = self.limit_kw, known
         if limit_kw is None or before is None:
             return False

@@ -269,11 +269,12 @@ class Planner(Checkpointed):
         )
 
     def advance(self, demand_kw: ArrayLike, request_kw: ArrayLike = 0.0) -> None:
-        """Advance one step of known set-points ``(n_strings,)``; ``demand_kw`` as in a call."""
-        self._forecast_error.compare(np.asarray(demand_kw, dtype=np.float64))
-        self.plan_kw = self._shifted_plan()
+        """Advance one step, or several with a row each: demand as in a call, set-points ``(n_strings,)``."""
+        rows_kw = np.atleast_2d(np.asarray(demand_kw, dtype=np.float64))
+        self._forecast_error.compare(rows_kw)
+        self.plan_kw = self._shifted_plan(len(rows_kw))
         if self.plan_kw is not None:
-            self.plan_kw[:, 0] = request_kw
+            self.plan_kw[:, 0] = np.atleast_2d(request_kw)[-1]
 
     def _imbalance_price(self) -> float:
         """Price of SOC differences [kWh/Ah/h], converted from energy to charge with the mean voltage."""
@@ -294,9 +295,11 @@ class Planner(Checkpointed):
         weights[:, :2] = shortfall[:, None]
         return weights
 
-    def _shifted_plan(self) -> Array | None:
-        """Shifted warm start: the last plan from its second step on, with zero power in the new last step."""
-        return None if self.plan_kw is None else np.pad(self.plan_kw[:, 1:], ((0, 0), (0, 1)))
+    def _shifted_plan(self, n_steps: int = 1) -> Array | None:
+        """Shifted warm start: the last plan without its first steps, and zero power in the new last steps."""
+        if (plan_kw := self.plan_kw) is None:
+            return None
+        return np.hstack([plan_kw[:, n_steps:], np.zeros_like(plan_kw[:, :n_steps])])
 
     def _running(self) -> NDArray[np.bool_]:
         """Inverters that were on in the first step of the previous plan."""

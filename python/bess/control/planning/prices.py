@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import statistics
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -113,5 +112,6 @@ def _bought_again_eur_mwh(buy_eur_mwh: Array, demand_kw: Array) -> Array:
     # Sums from each step to the end.
     power = np.cumsum(charging_kw[::-1])[::-1]
     paid = np.cumsum((charging_kw * buy_eur_mwh)[::-1])[::-1]
-    median = np.full(buy_eur_mwh.size, statistics.median(buy_eur_mwh.tolist()))
+    ordered, half = np.sort(buy_eur_mwh), buy_eur_mwh.size // 2
+    median = np.full(buy_eur_mwh.size, (ordered[half] + ordered[-half - 1]) / 2.0)
     return np.asarray(np.divide(paid, power, out=median, where=power > 0.0))

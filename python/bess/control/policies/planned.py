@@ -53,6 +53,8 @@ class PlannedPolicy(Checkpointed):
         self._terms = terms
         self._wear = WearRates(planner.system)
         self._ran: NDArray[np.bool_] | None = None
+        # Capacities, and the wear prices at them.
+        self._known_wear = np.zeros(0), np.zeros(0)
 
     def __call__(self, inputs: PolicyInput) -> Decision:
         """Plan the prediction horizon, unless this step leaves no choice."""
@@ -88,8 +90,8 @@ class PlannedPolicy(Checkpointed):
         leaves_a_choice = (share != 0.0) & (np.abs(share) < 1.0 - FULL_POWER_TOLERANCE)
         n_steps = int(np.argmax(np.append(leaves_a_choice, True)))
         request_kw: Array = share[:n_steps, None] * limit_kw[:n_steps] + 0.0  # no -0
-        for ahead_kw, power_kw in zip(demand_kw, request_kw, strict=False):
-            self._planner.advance(ahead_kw, power_kw)
+        if n_steps:
+            self._planner.advance(demand_kw[:n_steps], request_kw)
         return request_kw
 
     def _reactive(self, inputs: PolicyInput, request_kw: Array) -> Array | None:
@@ -126,5 +128,7 @@ class PlannedPolicy(Checkpointed):
 
     def _wear_eur_ah(self, state: State) -> NDArray[np.float64]:
         """Wear price of charge throughput in each string [EUR/Ah], at its temperature."""
-        by_string = self._wear.at(state).cycling_eur_ah(TYPICAL_DEPTH, state.temperature_c[:, None])
-        return np.ascontiguousarray(by_string[:, 0])
+        if self._wear.depend_on_state or not np.array_equal(self._known_wear[0], state.soh_capacity):
+            by_string = self._wear.at(state).cycling_eur_ah(TYPICAL_DEPTH, state.temperature_c[:, None])
+            self._known_wear = state.soh_capacity, np.ascontiguousarray(by_string[:, 0])
+        return self._known_wear[1]

@@ -79,9 +79,8 @@ impl<'a> DynamicProgram<'a> {
         let mut income = Vec::new();
         for b in (0..n_blocks).rev() {
             let (before, later) = values[b * size..].split_at_mut(size);
-            if self.next_is_certain(b) {
-                self.at_ambient(b, &later[..size], &mut moved);
-            } else {
+            let mut end = &later[..size];
+            if !self.next_is_certain(b) {
                 let row = grid.energy_kwh.len() * columns;
                 let rows = after.chunks_exact_mut(row).zip(later.chunks_exact(row));
                 for (_, (out, later)) in self.reachable(b + 1, rows) {
@@ -89,9 +88,13 @@ impl<'a> DynamicProgram<'a> {
                         self.expected_after(b, later, out);
                     }
                 }
-                self.at_ambient(b, &after, &mut moved);
+                end = &after;
             }
-            self.bellman_step(b, &moved, &mut income, before);
+            if self.ambient_shift_k(b) != 0.0 {
+                self.at_ambient(b, end, &mut moved);
+                end = &moved;
+            }
+            self.bellman_step(b, end, &mut income, before);
         }
         values
     }
@@ -185,15 +188,20 @@ impl<'a> DynamicProgram<'a> {
                 let has_some = &transitions.has_some[power];
                 let from = power * energies;
                 let income = &mut income[from..][..energies];
-                income.fill(0.0);
+                let mut is_first = true;
                 for ((amount, eur), some) in transitions.amounts.iter().zip(eur).zip(has_some) {
                     // Most rows neither sell and buy nor lose by derating: what is zero is not added.
                     if *some && *eur != 0.0 {
                         let amount = &amount[from..][..energies];
                         for i in 0..energies {
-                            income[i] += amount[i] * eur;
+                            let before = if is_first { 0.0 } else { income[i] };
+                            income[i] = before + amount[i] * eur;
                         }
+                        is_first = false;
                     }
+                }
+                if is_first {
+                    income.fill(0.0);
                 }
                 if !wear_eur.is_empty() {
                     let wear_eur = &wear_eur[rows / self.levels * n + from..][..energies];

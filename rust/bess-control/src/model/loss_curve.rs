@@ -69,12 +69,19 @@ impl LossCurve {
     }
 
     /// Loss and running maximum of `g` at a power [W].
-    #[inline]
+    #[inline(always)]
     pub fn at(&self, power_w: f64) -> (f64, f64) {
         let segment = self.power.below(power_w);
         let beyond = power_w - self.power[segment];
         let (loss_slope, internal_slope) = self.slopes[segment];
         (self.loss[segment] + loss_slope * beyond, self.internal[segment] + internal_slope * beyond)
+    }
+
+    /// [`Self::at`] for repeated reading at one power, which is read once.
+    #[inline(always)]
+    pub fn known_at(&self, known_w: f64) -> impl Fn(f64) -> (f64, f64) + '_ {
+        let known = self.at(known_w);
+        move |power_w| if power_w == known_w { known } else { self.at(power_w) }
     }
 
     /// Largest AC power up to which the internal power is at most `internal_w` [W].

@@ -18,16 +18,17 @@ impl StringModel {
         interval: &Interval,
     ) -> Flow {
         if state.soc >= self.parameters.low_soc_switch {
-            let (middle, end_soc) = self.middle(curve, &c, state, request_w, interval);
+            let loss_at = curve.known_at(request_w);
+            let (middle, end_soc) = self.middle(curve, &loss_at, &c, state, request_w, interval);
             if end_soc >= self.parameters.low_soc_switch {
                 let c = self.coefficients(interval.direction, middle);
-                return self.carry_out(curve, state, request_w, interval, &c);
+                return self.carry_out(curve, loss_at, state, request_w, interval, &c);
             }
         }
         self.step_in_parts(curve, c, state, request_w, interval)
     }
 
-    #[cold]
+    #[inline(never)]
     fn step_in_parts(
         &self,
         curve: &LossCurve,
@@ -39,18 +40,14 @@ impl StringModel {
         let share = 1.0 / LOW_SOC_PARTS as f64;
         let part = Interval { dt_h: share * interval.dt_h, ..*interval };
         let mut whole = Flow { end: state, ..Flow::default() };
+        let loss_at = curve.known_at(request_w);
         for number in 0..LOW_SOC_PARTS {
             if number > 0 {
                 c = self.coefficients(part.direction, whole.end);
             }
-            let (middle, _) = self.middle(curve, &c, whole.end, request_w, &part);
-            let flow = self.carry_out(
-                curve,
-                whole.end,
-                request_w,
-                &part,
-                &self.coefficients(part.direction, middle),
-            );
+            let (middle, _) = self.middle(curve, &loss_at, &c, whole.end, request_w, &part);
+            c = self.coefficients(part.direction, middle);
+            let flow = self.carry_out(curve, &loss_at, whole.end, request_w, &part, &c);
             whole.delivered_w += share * flow.delivered_w;
             whole.availability_w += share * flow.availability_w;
             whole.derating_w += share * flow.derating_w;
@@ -63,17 +60,18 @@ impl StringModel {
     }
 
     /// Predicted state in the middle of an interval, and SOC at its end.
-    #[inline]
+    #[inline(always)]
     fn middle(
         &self,
         curve: &LossCurve,
+        loss_at: impl Fn(f64) -> (f64, f64),
         c: &Coefficients,
         state: StringState,
         request_w: f64,
         interval: &Interval,
     ) -> (StringState, f64) {
         let wanted = c.derating * request_w;
-        let internal = curve.internal_w(wanted, curve.at(wanted).0);
+        let internal = curve.internal_w(wanted, loss_at(wanted).0);
         let (current_a, _) = small_root(c, interval.direction, internal);
         let half = Interval { dt_h: 0.5 * interval.dt_h, ..*interval };
         let (low, high) = (self.parameters.soc_min, self.parameters.soc_max);

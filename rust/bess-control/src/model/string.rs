@@ -117,7 +117,7 @@ impl StringModel {
     }
 
     /// `k`, `V`, `R` at a state.
-    #[inline]
+    #[inline(always)]
     pub fn coefficients(&self, direction: Direction, state: StringState) -> Coefficients {
         let StringState { soc, temperature_c } = state;
         Coefficients {
@@ -211,15 +211,19 @@ impl StringModel {
             return self.idle(state, 0.0, 0.0, interval);
         }
         match from {
-            CoefficientsFrom::Start => self.carry_out(curve, state, request_w, interval, &at_start()),
+            CoefficientsFrom::Start => {
+                self.carry_out(curve, |power_w| curve.at(power_w), state, request_w, interval, &at_start())
+            }
             CoefficientsFrom::Middle => self.midpoint(curve, at_start(), state, request_w, interval),
         }
     }
 
-    #[inline]
+    /// Simulates a positive request; `loss_at` is [`LossCurve::at`] of `curve`.
+    #[inline(always)]
     pub(super) fn carry_out(
         &self,
         curve: &LossCurve,
+        loss_at: impl Fn(f64) -> (f64, f64),
         state: StringState,
         request_w: f64,
         interval: &Interval,
@@ -233,7 +237,7 @@ impl StringModel {
         }
 
         let p = &self.parameters;
-        let (mut inverter_w, highest_internal) = curve.at(wanted);
+        let (mut inverter_w, highest_internal) = loss_at(wanted);
         let mut delivered_w = wanted;
         let (mut current_a, has_root) = small_root(c, direction, highest_internal);
         let mut soc = self.soc_after(state.soc, current_a, interval);

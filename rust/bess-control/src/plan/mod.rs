@@ -243,7 +243,11 @@ impl PlanProblem<'_> {
             let margin = self.fill[t].min(1.0 - self.fill[t]);
             tightness = tightness
                 .max(((HARMLESS_MARGIN - margin) / (HARMLESS_MARGIN - HARMFUL_MARGIN)).clamp(0.0, 1.0));
-            self.tightness[t] = tightness;
+            for m in 0..self.n_strings() {
+                let price = self.prices.balance * tightness * self.usable_ah(m);
+                let place = m * self.n_steps() + t;
+                self.imbalance[place] = price;
+            }
         }
     }
 }

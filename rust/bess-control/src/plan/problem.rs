@@ -45,8 +45,9 @@ pub struct PlanProblem<'a> {
     coefficients_from: CoefficientsFrom,
     /// Fill of the plant at the end of each step `(T,)`, the reference of SOC differences.
     pub(crate) fill: Vec<f64>,
-    /// Weight of SOC differences in each step `(T,)`: 1 if the plant will still be nearly empty or full, otherwise small.
-    pub(crate) tightness: Vec<f64>,
+    /// Price of the squared SOC difference of each string in each step `(M, T)` [cost/h]; falls while the plant will be neither
+    /// nearly empty nor nearly full.
+    pub(crate) imbalance: Vec<f64>,
     /// Reactive power demand, magnitudes `(T,)` [var]; empty without one.
     pub(crate) reactive_var: Vec<f64>,
     /// Losses of each kind of inverter with the reactive power of each step `(K, T)`; empty without reactive power.
@@ -111,7 +112,7 @@ impl<'a> PlanProblem<'a> {
         }
         let total: f64 = limit_w.iter().sum();
         let demand_w = demand_w.iter().map(|d| d.min(total)).collect();
-        let (fill, tightness) = (vec![0.0; n_steps], vec![0.0; n_steps]);
+        let (fill, imbalance) = (vec![0.0; n_steps], vec![0.0; n_strings * n_steps]);
         Ok(Self {
             model,
             start,
@@ -122,7 +123,7 @@ impl<'a> PlanProblem<'a> {
             prices,
             coefficients_from: CoefficientsFrom::Middle,
             fill,
-            tightness,
+            imbalance,
             reactive_var: vec![],
             curves: vec![],
             inverters: vec![],
@@ -359,7 +360,7 @@ impl<'a> PlanProblem<'a> {
         let mut rate = flow.losses().cost(&p.losses[t]) + p.wear[m] * flow.current_a.abs();
         if p.balance > 0.0 {
             let off = self.fill_of(m, flow.end) - self.fill[t];
-            rate += p.balance * self.tightness[t] * self.usable_ah(m) * off * off;
+            rate += self.imbalance[m * self.n_steps() + t] * off * off;
         }
         let start = if running || request_w <= 0.0 { 0.0 } else { p.start };
         (rate * interval.dt_h + start, flow.end)
