@@ -20,10 +20,10 @@ from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from bess.edge.serve.messages import read_json
 from bess.edge.serve.page import PAGE, PAGE_HEADERS
 from bess.edge.serve.service import LOG, Service
 from bess.errors import InputError
+from bess.files import parse_json
 
 REFUSALS: Final = LOG.getChild("requests")
 HEALTH: Final = "/v1/health"
@@ -329,13 +329,13 @@ def _limited(request: Request) -> Receive:
                     body += part
                     if len(body) > MAX_BODY:
                         raise HTTPException(413, f"the body is longer than {MAX_BODY} bytes", _CLOSE)
-            read_json(body)
+            parse_json(body)
         except ClientDisconnect:
             raise HTTPException(400, "the caller has gone before the body was complete") from None
         except TimeoutError:
             raise HTTPException(408, f"the body took longer than {_READ_S:g} s", _CLOSE) from None
-        except InputError as error:
-            raise HTTPException(422, str(error)) from None
+        except ValueError as error:
+            raise HTTPException(422, f"the body is not JSON ({error})") from None
         return {"type": "http.request", "body": body, "more_body": False}
 
     return received

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Annotated, Any, Final
@@ -94,22 +93,6 @@ class CalibrationMessage(Message):
     )
 
 
-def read_json(body: bytes) -> Any:
-    """Return the content of a body.
-
-    Raises
-    ------
-    InputError
-        The body is not valid JSON.
-    """
-    try:
-        return json.loads(body, parse_constant=_refuse_constant)
-    except RecursionError:
-        raise InputError("the body is nested too deeply") from None
-    except ValueError as error:
-        raise InputError(f"the body is no JSON ({error})") from None
-
-
 _EXAMPLES: Final = {
     "/v1/split": '"demand_kw": 78.0, "strings": [{"soc": 0.5, "temperature_c": 25.0}, ...]',
     "/v1/demand": '"demand_kw": 78.0, "valid_for_s": 900',
@@ -163,7 +146,3 @@ def measurements_of(message: SplitMessage, system: System) -> Measurements:
         available=np.array([string.available for string in strings]),
         plant_kw=np.nan if message.plant_kw is None else message.plant_kw,
     )
-
-
-def _refuse_constant(name: str) -> float:
-    raise ValueError(f"{name} is not a number of JSON; every value must be finite")
