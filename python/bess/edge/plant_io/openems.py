@@ -27,11 +27,10 @@ from typing import Any, Final, TypeVar
 
 import httpx
 import numpy as np
-from numpy.typing import NDArray
 
 from bess.edge.plant_io.address import Address
 from bess.edge.plant_io.calls import CLOSING_TIME_S, Calls, NotReached, Rounds, Stalled
-from bess.edge.plant_io.link import LinkError, Measurements, checked_setpoints, number, whole_watts
+from bess.edge.plant_io.link import LinkError, Measurements, StringLink, number
 from bess.errors import InputError
 
 
@@ -112,7 +111,7 @@ class _RefusedError(LinkError):
     """The edge answered with a refusal."""
 
 
-class Link:
+class Link(StringLink[str]):
     """A plant behind an OpenEMS edge; one ``ess`` component for each string.
 
     Without names in the address, strings are all ``essN`` that accept set-points, in the order of their
@@ -140,7 +139,7 @@ class Link:
             )
         self.n_strings = n_strings
         self._url = address.url
-        self._names: Sequence[str] = address.strings
+        self._strings: Sequence[str] = address.strings
         self._meter = address.meter
         user = address.user or os.environ.get(USER) or "x"  # the edge identifies users by password only
         password = address.password or os.environ.get(PASSWORD)
@@ -165,11 +164,11 @@ class Link:
 
     async def _read(self) -> Measurements:
         components = await self._components()
-        if not self._names:
-            self._names = self._found(components)
-        strings = [components.get(name, {}) for name in self._names]
+        if not self._strings:
+            self._strings = self._found(components)
+        strings = [components.get(name, {}) for name in self._strings]
         if not any(strings):
-            raise LinkError(f"{self._url}: knows none of {', '.join(self._names)}")
+            raise LinkError(f"{self._url}: knows none of {', '.join(self._strings)}")
         self._check_units(strings)
         limits = [
             (_limit(s, "AllowedChargePower", -1.0), _limit(s, "AllowedDischargePower", 1.0)) for s in strings
@@ -191,19 +190,12 @@ class Link:
             setpoint_kw=np.array([number(s.get(_SET)) for s in strings]) / 1000.0,
             remarks=tuple(
                 "" if name in components and is_known else f"the edge says nothing of {name}, or not all"
-                for name, is_known in zip(self._names, known, strict=True)
+                for name, is_known in zip(self._strings, known, strict=True)
             ),
         )
 
-    def write(self, power_kw: NDArray[np.float64]) -> None:
-        """Write set-points [kW]; NaN clears that of a string.
-
-        Raises
-        ------
-        LinkError
-            A set-point did not arrive, or nothing may be written for now (:class:`SharedWatchdog`).
-        """
-        setpoints = checked_setpoints(power_kw, self.n_strings)
+    def _may_write(self) -> None:
+        """Read the units first; wait for a string whose set-point must expire (:class:`SharedWatchdog`)."""
         if not self._units_are_known:
             self.read()
         stuck, wait_s = self._watchdog.wait_s()
@@ -212,14 +204,9 @@ class Link:
                 f"{self._url}: {', '.join(stuck)} may still have a set-point that cannot be changed; "
                 f"nothing is written for another {wait_s:.0f} s, so that it lapses"
             )
-        values = dict(zip(self._names, whole_watts(setpoints), strict=True))
-        failures = self._set({n: v for n, v in values.items() if v is not None or self._watchdog.may_hold(n)})
-        # A set-point that cannot be cleared is left to the watchdog.
-        self._raise({name: error for name, error in failures.items() if values[name] is not None})
 
-    def release(self) -> None:
-        """Clear all set-points; those that cannot be cleared expire after ``apiTimeout``."""
-        self._raise(self._set(dict.fromkeys(self._names)))
+    def _may_hold(self, string: str) -> bool:
+        return self._watchdog.may_hold(string)
 
     def close(self) -> None:
         """Close the connections."""
@@ -235,18 +222,16 @@ class Link:
     def _late(self) -> LinkError:
         return LinkError(f"{self._url}: no answer within {ANSWER_S:g} s")
 
-    def _set(self, values: Mapping[str, int | None]) -> dict[str, LinkError]:
-        """Write values, cleared set-points first; return failures."""
-
+    def _set(self, power_w: Mapping[str, int | None]) -> dict[str, LinkError]:
         def post(name: str) -> Coroutine[Any, Any, bytes]:
-            return self._call("POST", f"/rest/channel/{name}/{_SET}", {"value": values[name]})
+            return self._call("POST", f"/rest/channel/{name}/{_SET}", {"value": power_w[name]})
 
         turn = asyncio.Semaphore(self._at_once)
         written: dict[str, bytes] = {}
-        failed: Mapping[str, Exception] = dict.fromkeys(values, TimeoutError())
+        failed: Mapping[str, Exception] = dict.fromkeys(power_w, TimeoutError())
         try:
             written, failed = self._within(
-                self._rounds(list(values), post, lambda name: turn, ANSWER_S, lambda n: values[n] is None),
+                self._rounds(list(power_w), post, lambda name: turn, ANSWER_S, lambda n: power_w[n] is None),
                 ANSWER_S + CLOSING_TIME_S,
             )
         finally:
@@ -256,21 +241,15 @@ class Link:
                 # The edge may accept fewer connections; if one at a time does not help, the string stalls.
                 self._at_once = self._at_once // 2 or CONNECTIONS
             self._watchdog.note(
-                written={name: values[name] is not None for name in written},
+                written={name: power_w[name] is not None for name in written},
                 unknown=failed.keys() - untouched - set(refused),
                 refused=refused,
             )
         return {n: error if isinstance(error, LinkError) else self._late() for n, error in failed.items()}
 
-    @staticmethod
-    def _raise(failures: Mapping[str, LinkError]) -> None:
-        if failures:
-            reason = next(iter(failures.values()))
-            raise LinkError(f"set-points of {', '.join(failures)} not written: {reason}")
-
     async def _components(self) -> dict[str, _Channels]:
         """Return the values of all channels of possible strings; check their units."""
-        pattern = "ess.*" if all(name.startswith("ess") for name in self._names) else ".*"
+        pattern = "ess.*" if all(name.startswith("ess") for name in self._strings) else ".*"
         if self._meter:
             pattern = f"({pattern}|{self._meter})"
         answer = await self._call("GET", f"/rest/channel/{pattern}/.*")
@@ -287,7 +266,7 @@ class Link:
                 f"{self._url}: does not answer as the REST interface of OpenEMS does "
                 f"({type(error).__name__}: {error})"
             ) from error
-        used = (*(self._names or components), self._meter)
+        used = (*(self._strings or components), self._meter)
         for (name, channel), unit in units.items():
             if name in used and unit not in _UNITS.get(channel, (unit,)):
                 self._units_are_known = False
@@ -300,7 +279,9 @@ class Link:
     def _check_units(self, strings: Sequence[_Channels]) -> None:
         """Require the channels of each present string, so that their units are known."""
         mute = [
-            name for name, s in zip(self._names, strings, strict=True) if s and not {_SET, "Soc"} <= s.keys()
+            name
+            for name, s in zip(self._strings, strings, strict=True)
+            if s and not {_SET, "Soc"} <= s.keys()
         ]
         if mute:
             raise LinkError(f"{self._url}: {', '.join(mute)} has no {_SET} or no Soc; name others with ?ess=")

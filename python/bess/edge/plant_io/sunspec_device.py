@@ -228,11 +228,22 @@ class Device:
         self._models: dict[int, tuple[int, int]] = {}
         self._losses = 0
         self._heartbeat = Heartbeat(clock)
+        self._clock = clock
+        # An earlier process may have written.
+        self._holds_until_s = clock() + REVERT_S + 1.0
+
+    def __str__(self) -> str:
+        return self.name
 
     @property
     def may_watch_heartbeat(self) -> bool:
         """Whether it has a register for the controller's heartbeat, or has not been read yet."""
         return not self._models or 802 in self._models
+
+    @property
+    def may_hold_setpoint(self) -> bool:
+        """Whether its last set-point may not have been cleared or reverted."""
+        return self._clock() < self._holds_until_s
 
     async def measure(self) -> DeviceReadings:
         """Return the present readings."""
@@ -279,6 +290,7 @@ class Device:
             raise LinkError(f"{self.name}: has no WSetRvrtTms, its set-points would never lapse; not driven")
         if power_w is None:
             await self._send(start + points["WSetEna"].offset, [_OFF])
+            self._holds_until_s = -math.inf
         elif doubt := self._heartbeat.doubt:
             raise NoResponseError(f"{self.name}: {doubt}")
         else:
@@ -290,6 +302,7 @@ class Device:
             ]
             await self._send(start + points["WSetEnaRvrt"].offset, revert)
             setpoint = [_ON, _WATTS, *registers_of(control, "WSet", steps)]
+            self._holds_until_s = self._clock() + REVERT_S + 1.0
             await self._send(start + points["WSetEna"].offset, setpoint)
         if 802 in self._models:
             battery, _ = self._models[802]
