@@ -38,7 +38,7 @@ _DAY_S: Final = 86_400.0
 class Calibration(Checkpointed):
     """Charges one string at a time, and plans the next calibration.
 
-    With ``background``, a separate thread searches for start times.
+    A thread of ``pool`` searches for start times; without a pool, the caller waits.
 
     Attributes
     ----------
@@ -58,10 +58,13 @@ class Calibration(Checkpointed):
     _carried = ("string", "target_soc", "planned", "full_s")
 
     def __init__(
-        self, system: System, service: ServiceSection, limits: SocLimits, *, background: bool
+        self,
+        system: System,
+        service: ServiceSection,
+        limits: SocLimits,
+        pool: ThreadPoolExecutor | None = None,
     ) -> None:
-        self._system, self._service, self._limits = system, service, limits
-        self._pool = ThreadPoolExecutor(1, "calibration") if background else None
+        self._system, self._service, self._limits, self._pool = system, service, limits, pool
         self._power_kw = QUARTER * system.nominal_kw
         if service.calibration_kw is not None:
             self._power_kw = np.minimum(service.calibration_kw, system.nominal_kw)
@@ -193,7 +196,7 @@ def place(
     def days(start: int) -> tuple[float, int]:
         """Cost of both days, and the step at which the string is full."""
         state, cost_kwh, full = valid.state, 0.0, demand_kw.size + 1
-        calibration = Calibration(system, service, limits, background=False)
+        calibration = Calibration(system, service, limits)
         for k, asked_kw in enumerate(demand_kw):
             now = replace(valid, state=state, soc_low=state.soc, soc_high=state.soc)
             able = limits.able(now)
