@@ -152,7 +152,8 @@ class Calibration(Checkpointed):
         if spare_kw < 0.0:
             return request, np.ones(n, dtype=bool)
         wanted_kw = max(self._power_kw[i], -demand_kw - rest.charge_kw.sum())
-        room_kwh = (self.target_soc - valid.soc_high[i]) * self._system.nominal_energy_kwh[i]
+        energy_kwh = self._system.nominal_energy_kwh[i] * valid.state.soh_capacity[i]
+        room_kwh = (self.target_soc - valid.soc_high[i]) * energy_kwh
         can_kw = min(wanted_kw, valid.charge_kw[i], room_kwh / dt_h, spare_kw)
         request[i] = -can_kw if can_kw >= self._limits.minimum_kw[i] else 0.0
         return request, others
@@ -163,7 +164,8 @@ class Calibration(Checkpointed):
         """Begin the search for a time if a string is due within the day."""
         due_s = np.where(valid.in_service, self.full_s + period_s, np.inf)
         i = int(np.argmin(due_s))
-        missing_kwh = (self._limits.full[i] - valid.soc_low[i]) * self._system.nominal_energy_kwh[i]
+        energy_kwh = self._system.nominal_energy_kwh[i] * valid.state.soh_capacity[i]
+        missing_kwh = (self._limits.full[i] - valid.soc_low[i]) * energy_kwh
         ahead_s = max(min(_DAY_S, period_s / 2.0), 3600.0 * SLACK * missing_kwh / self._power_kw[i])
         if now_s < due_s[i] - ahead_s:
             return

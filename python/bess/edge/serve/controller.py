@@ -196,7 +196,7 @@ class Controller(Checkpointed):
         discharge = demand_kw >= 0.0
         known = measured.available & (measured.soc >= 0.0) & (measured.soc <= 1.0)
         room = self.soc_limits.room(np.where(known, measured.soc, 0.5), discharge)
-        left_kwh = room * self.system.nominal_energy_kwh
+        left_kwh = room * self.system.nominal_energy_kwh * self.ageing.soh_capacity
         limit = measured.discharge_limit_kw if discharge else measured.charge_limit_kw
         most = np.minimum(np.minimum(limit, self.system.nominal_kw), left_kwh * 3600.0 / self.step_s)
         most = np.maximum(np.nan_to_num(np.where(known, most, 0.0)), 0.0)
