@@ -15,7 +15,6 @@ It relies on these facts of the edge's source:
 from __future__ import annotations
 
 import asyncio
-import json
 import math
 import os
 import re
@@ -32,6 +31,7 @@ from bess.edge.plant_io.address import Address
 from bess.edge.plant_io.calls import CLOSING_TIME_S, Calls, NotReached, Rounds, Stalled
 from bess.edge.plant_io.link import LinkError, Measurements, StringLink, number
 from bess.errors import InputError
+from bess.files import parse_json
 
 
 class SharedWatchdog:
@@ -253,27 +253,24 @@ class Link(StringLink[str]):
         if self._meter:
             pattern = f"({pattern}|{self._meter})"
         answer = await self._call("GET", f"/rest/channel/{pattern}/.*")
+        components: dict[str, _Channels] = {}
         try:
-            rows = json.loads(answer)
-            components: dict[str, _Channels] = {}
-            units: dict[tuple[str, str], object] = {}
+            rows = parse_json(answer)
             for row in rows if isinstance(rows, list) else [rows]:  # one channel comes without a list
                 name, _, channel = row["address"].partition("/")
                 components.setdefault(name, {})[channel] = row.get("value")
-                units[name, channel] = row.get("unit")
-        except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+                unit, is_used = row.get("unit"), not self._strings or name in (*self._strings, self._meter)
+                if is_used and unit not in _UNITS.get(channel, (unit,)):
+                    self._units_are_known = False
+                    raise LinkError(
+                        f"{self._url}: {name}/{channel} is in {unit!r}, expected "
+                        f"{' or '.join(_UNITS[channel])}; nothing is read or written until this is corrected"
+                    )
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
             raise LinkError(
                 f"{self._url}: does not answer as the REST interface of OpenEMS does "
                 f"({type(error).__name__}: {error})"
             ) from error
-        used = (*(self._strings or components), self._meter)
-        for (name, channel), unit in units.items():
-            if name in used and unit not in _UNITS.get(channel, (unit,)):
-                self._units_are_known = False
-                raise LinkError(
-                    f"{self._url}: {name}/{channel} is in {unit!r}, expected {' or '.join(_UNITS[channel])}; "
-                    "nothing is read or written until this is put right"
-                )
         return components
 
     def _check_units(self, strings: Sequence[_Channels]) -> None:

@@ -76,7 +76,7 @@ def scale(model: Any, name: str) -> int:
     if factor not in _SCALES:
         raise LinkError(
             f"model {model.model_id} gives {name} with scale factor {point.sf} = {factor}; "
-            "nothing is read or written until this is put right"
+            "nothing is read or written until this is corrected"
         )
     return int(factor)
 
