@@ -225,7 +225,7 @@ def test_a_device_that_cannot_revert_is_not_driven(
 
     link = connecting(altering(without).address)
     assert link.read().available.all()
-    with pytest.raises(LinkError, match="would never lapse; not driven"):
+    with pytest.raises(LinkError, match="would never expire, so it is not controlled"):
         link.write(ASKED)
     assert watched.asked == []
 

@@ -168,7 +168,7 @@ class Link(StringLink[str]):
             self._strings = self._found(components)
         strings = [components.get(name, {}) for name in self._strings]
         if not any(strings):
-            raise LinkError(f"{self._url}: knows none of {', '.join(self._strings)}")
+            raise LinkError(f"{self._url}: has none of {', '.join(self._strings)}")
         self._check_units(strings)
         limits = [
             (_limit(s, "AllowedChargePower", -1.0), _limit(s, "AllowedDischargePower", 1.0)) for s in strings
@@ -189,7 +189,7 @@ class Link(StringLink[str]):
             plant_kw=number(components.get(self._meter, {}).get("ActivePower")) / 1000.0,
             setpoint_kw=np.array([number(s.get(_SET)) for s in strings]) / 1000.0,
             remarks=tuple(
-                "" if name in components and is_known else f"the edge says nothing of {name}, or not all"
+                "" if name in components and is_known else f"the edge reports no values of {name}, or not all"
                 for name, is_known in zip(self._strings, known, strict=True)
             ),
         )
@@ -202,7 +202,7 @@ class Link(StringLink[str]):
         if wait_s > 0.0:
             raise LinkError(
                 f"{self._url}: {', '.join(stuck)} may still have a set-point that cannot be changed; "
-                f"nothing is written for another {wait_s:.0f} s, so that it lapses"
+                f"nothing is written for another {wait_s:.0f} s, so that it expires"
             )
 
     def _may_hold(self, string: str) -> bool:
@@ -294,7 +294,7 @@ class Link(StringLink[str]):
         if len(names) != self.n_strings:
             raise LinkError(
                 f"{self._url}: has {', '.join(names) or 'no battery'}, the study {self.n_strings} strings; "
-                "name those to drive with ?ess=ess1,ess2 (a cluster is an ess too)"
+                "name the strings with ?ess=ess1,ess2 (a cluster is an ess too)"
             )
         return names
 
@@ -323,7 +323,7 @@ def _refusal(status: int, answer: bytes) -> str:
         )
     if status == httpx.codes.NOT_FOUND:
         return "there is no such channel (status 404)"
-    return f"failed (status {status}); the edge's log says why"
+    return f"failed (status {status}); see the log of the edge"
 
 
 def _limit(string: _Channels, channel: str, sign: float) -> float:

@@ -274,7 +274,7 @@ class Device:
             self._heartbeat.see(value(models[802], "Hb"))
         remark = self._heartbeat.doubt
         if not (math.isfinite(soc) and math.isfinite(power_kw)):
-            remark = "its device names no state of charge, or no power"
+            remark = "the device reports no state of charge or no power"
         fit = in_service and not remark
         return DeviceReadings(soc, temperature_c, power_kw, charge_kw, discharge_kw, setpoint_kw, fit, remark)
 
@@ -287,7 +287,9 @@ class Device:
         control = await self._model(704)
         points = control.points
         if points["WSetRvrtTms"].value is None:
-            raise LinkError(f"{self.name}: has no WSetRvrtTms, its set-points would never lapse; not driven")
+            raise LinkError(
+                f"{self.name}: has no WSetRvrtTms: its set-points would never expire, so it is not controlled"
+            )
         if power_w is None:
             await self._send(start + points["WSetEna"].offset, [_OFF])
             self._holds_until_s = -math.inf

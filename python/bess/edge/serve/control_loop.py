@@ -164,7 +164,7 @@ class ControlLoop:
                 self.step()
             except Exception:
                 LOG.exception("a control step failed")
-                self._release("a control step failed; the log says why")
+                self._release("a control step failed; see the log")
             self._completed_s = self._monotonic()
             due_s = max(due_s + self.period_s, self._completed_s)
             while not self._stop.wait(max(0.0, min(due_s - self._monotonic(), self._refresh_in_s()))):
@@ -255,7 +255,7 @@ class ControlLoop:
         """Stop writing for now, so that the last set-points expire."""
         self._report(sentence)
         self._written = None
-        # Strings cannot follow set-points that did not reach them.
+        # Strings cannot follow set-points that did not arrive.
         self._service.controller.drives = False
 
     def _report(self, sentence: str) -> None:
@@ -272,4 +272,4 @@ class ControlLoop:
         try:
             self._link.release()
         except LinkError as error:
-            LOG.warning(f"the plant could not be told ({error}); its watchdog takes over")
+            LOG.warning(f"the set-points could not be cleared ({error}); the plant's watchdog clears them")

@@ -216,7 +216,7 @@ class Controller(Checkpointed):
             running=power > 0.0,
             in_service=known,
             flowing_kw=flowing_kw,
-            reasons=tuple(f"string {i} {verb}: shared by the energy left" for i, verb in enumerate(verbs)),
+            reasons=tuple(f"string {i} {verb}: shared by stored energy" for i, verb in enumerate(verbs)),
         )
 
     def applied(self, fallback: Answer) -> None:

@@ -96,8 +96,8 @@ def serve(
             limit_concurrency=1000,
         )
         server = _Server(config, loop)
-        # Before the thread starts, as an exception raised wherever Python happens to be may be lost;
-        # a signal that was handled is raised again at the end.
+        # Signals are captured before the thread starts: an exception raised at any other place may be lost.
+        # A handled signal is raised again at the end.
         with suppress(KeyboardInterrupt), server.capture_signals(), closing(service), ExitStack() as end:
             if loop is not None:
                 thread = threading.Thread(target=loop.run, name="cycle", daemon=True)
@@ -127,7 +127,7 @@ class _Server(uvicorn.Server):
 
 def _end_process() -> None:
     """End the process although a thread still waits for a plant, a disk or a name server."""
-    LOG.error(f"not done {MAX_SHUTDOWN_S:g} s after the signal; what the plant was given lapses")
+    LOG.error(f"not stopped {MAX_SHUTDOWN_S:g} s after the signal; the set-points of the plant expire")
     logging.shutdown()
     os._exit(1)
 
@@ -150,10 +150,8 @@ def _held(folder: Path) -> Iterator[None]:
         except (BessError, OSError, ValueError) as error:
             cause = error.__cause__ if isinstance(error, BessError) else error
             if not isinstance(cause, OSError) or cause.errno in _NO_FOLDER:
-                raise InputError(
-                    f"--state {folder}: is no folder that can be written to ({cause})"
-                ) from error
-            LOG.error(f"{folder}: cannot be held ({cause.strerror}); goes on without")
+                raise InputError(f"--state {folder}: is not a writable folder ({cause})") from error
+            LOG.error(f"{folder}: cannot be locked ({cause.strerror}); continues without a lock")
         yield
 
 
@@ -164,7 +162,7 @@ def _listening(host: str, port: int) -> Iterator[socket.socket]:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         listener = socket.socket(family, kind, protocol)
     except OSError as error:
-        raise InputError(f"--host {host}: is no address of this machine ({error})") from error
+        raise InputError(f"--host {host}: is not an address of this machine ({error})") from error
     with listener:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
