@@ -40,8 +40,6 @@ if TYPE_CHECKING:
 
 SYNC_S: Final = 10.0
 """Maximum period of records lost in a power failure; a killed process loses none."""
-MAX_MB: Final = 2000.0
-"""Size limit of earlier days: a year of ten strings, read every second."""
 HEADER: Final = "journal.json"
 RECORDS: Final = "journal"
 _OPEN, _FULL, _PACKED = ".bin", ".full", ".gz"
@@ -101,7 +99,7 @@ class Journal:
         The folder holds the journal of another number of strings.
     """
 
-    def __init__(self, directory: Path, system: System, title: str, max_mb: float = MAX_MB) -> None:
+    def __init__(self, directory: Path, system: System, title: str, max_mb: float = 2000.0) -> None:
         self._directory, self._records, self._max_bytes = directory, directory / RECORDS, 1e6 * max_mb
         self._header = _Header(n_strings=system.n_strings, title=title, system=system.to_toml())
         self._layout = self._header.layout()

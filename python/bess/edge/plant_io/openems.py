@@ -20,7 +20,7 @@ import os
 import re
 import ssl
 import time
-from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
+from collections.abc import Coroutine, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any, Final, TypeVar
 
@@ -32,46 +32,6 @@ from bess.edge.plant_io.calls import CLOSING_TIME_S, Calls, NotReached, Rounds, 
 from bess.edge.plant_io.link import LinkError, Measurements, StringLink, number
 from bess.errors import InputError
 from bess.files import parse_json
-
-
-class SharedWatchdog:
-    """Strings that may hold a set-point that cannot be changed, at a plant with one watchdog for all writes.
-
-    Writes to other strings would refresh such a set-point for ever. Once a string has refused writes for
-    ``patience_s`` while others accepted them, nothing is written for ``forgets_s``, after which the watchdog
-    must have acted. Then the others continue without it.
-    """
-
-    def __init__(self, patience_s: float, forgets_s: float, clock: Callable[[], float]) -> None:
-        self._patience_s, self._forgets_s, self._clock = patience_s, forgets_s, clock
-        self._may_hold: set[str] | None = None
-        self._refuses_since: dict[str, float] = {}
-        self._fed_at_s = clock()
-
-    def may_hold(self, name: str) -> bool:
-        """Whether the plant may hold a set-point of this string; true for all before the first writes."""
-        return self._may_hold is None or name in self._may_hold
-
-    def wait_s(self) -> tuple[list[str], float]:
-        """Return the strings that refuse, and the time for which nothing may be written because of them."""
-        now = self._clock()
-        if now - self._fed_at_s >= self._forgets_s:
-            self._may_hold, self._refuses_since = set(), {}
-        stuck = [name for name, since in self._refuses_since.items() if now - since >= self._patience_s]
-        return stuck, self._fed_at_s + self._forgets_s - now if stuck else 0.0
-
-    def note(self, written: Mapping[str, bool], unknown: Iterable[str], refused: Iterable[str]) -> None:
-        """Record one round of writes: whether written strings now have a set-point, and failed ones."""
-        failed = {name for name in refused if self.may_hold(name)} | set(unknown)
-        kept = set() if self._may_hold is None else self._may_hold - written.keys()
-        self._may_hold = kept | failed | {name for name, holds in written.items() if holds}
-        for name in written:
-            self._refuses_since.pop(name, None)
-        if written:
-            self._fed_at_s = self._clock()
-            for name in failed:
-                self._refuses_since.setdefault(name, self._fed_at_s)
-
 
 USER, PASSWORD = "BESS_PLANT_USER", "BESS_PLANT_PASSWORD"
 """Environment variables for an address without user or password."""
@@ -89,6 +49,8 @@ IDLE_S: Final = 20.0
 """Lifetime of idle connections: an edge accepts ten new ones in 5 s, and closes idle ones after 30 s."""
 
 _SET: Final = "SetActivePowerEquals"
+_REQUIRED: Final = {_SET, "Soc"}
+"""Channels that each string has."""
 _UNITS: Final[Mapping[str, tuple[str, ...]]] = {
     "Soc": ("%",),
     "ActivePower": ("W",),
@@ -105,6 +67,44 @@ _MAX_ANSWER: Final = 8 * 2**20
 
 _Channels = dict[str, Any]
 T = TypeVar("T")
+
+
+class SharedWatchdog:
+    """Strings that may hold a set-point that cannot be changed, at a plant with one watchdog for all writes.
+
+    Writes to other strings would refresh such a set-point for ever. Once a string has refused writes for
+    :data:`REFRESH_S` while others accepted them, nothing is written for :data:`SETPOINT_TIMEOUT_S`, after
+    which the watchdog must have acted. Then the others continue without it.
+    """
+
+    def __init__(self) -> None:
+        self._may_hold: set[str] | None = None
+        self._refuses_since: dict[str, float] = {}
+        self._fed_at_s = CLOCK()
+
+    def may_hold(self, name: str) -> bool:
+        """Whether the plant may hold a set-point of this string; true for all before the first writes."""
+        return self._may_hold is None or name in self._may_hold
+
+    def wait_s(self) -> tuple[list[str], float]:
+        """Return the strings that refuse, and the time for which nothing may be written because of them."""
+        now = CLOCK()
+        if now - self._fed_at_s >= SETPOINT_TIMEOUT_S:
+            self._may_hold, self._refuses_since = set(), {}
+        stuck = [name for name, since in self._refuses_since.items() if now - since >= REFRESH_S]
+        return stuck, self._fed_at_s + SETPOINT_TIMEOUT_S - now if stuck else 0.0
+
+    def note(self, written: Mapping[str, bool], unknown: Iterable[str], refused: Iterable[str]) -> None:
+        """Record one round of writes: whether written strings now have a set-point, and failed ones."""
+        failed = {name for name in refused if self.may_hold(name)} | set(unknown)
+        kept = set() if self._may_hold is None else self._may_hold - written.keys()
+        self._may_hold = kept | failed | {name for name, holds in written.items() if holds}
+        for name in written:
+            self._refuses_since.pop(name, None)
+        if written:
+            self._fed_at_s = CLOCK()
+            for name in failed:
+                self._refuses_since.setdefault(name, self._fed_at_s)
 
 
 class _RefusedError(LinkError):
@@ -156,7 +156,7 @@ class Link(StringLink[str]):
             verify=ssl.create_default_context() if address.scheme == "https" else False,
         )
         self._units_are_known = False
-        self._watchdog = SharedWatchdog(REFRESH_S, SETPOINT_TIMEOUT_S, CLOCK)
+        self._watchdog = SharedWatchdog()
 
     def read(self) -> Measurements:
         """Return the present measurements."""
@@ -169,7 +169,12 @@ class Link(StringLink[str]):
         strings = [components.get(name, {}) for name in self._strings]
         if not any(strings):
             raise LinkError(f"{self._url}: has none of {', '.join(self._strings)}")
-        self._check_units(strings)
+        mute = [
+            name for name, s in zip(self._strings, strings, strict=True) if s and not s.keys() >= _REQUIRED
+        ]
+        if mute:
+            raise LinkError(f"{self._url}: {', '.join(mute)} has no {_SET} or no Soc; name others with ?ess=")
+        self._units_are_known = True
         limits = [
             (_limit(s, "AllowedChargePower", -1.0), _limit(s, "AllowedDischargePower", 1.0)) for s in strings
         ]
@@ -273,22 +278,9 @@ class Link(StringLink[str]):
             ) from error
         return components
 
-    def _check_units(self, strings: Sequence[_Channels]) -> None:
-        """Require the channels of each present string, so that their units are known."""
-        mute = [
-            name
-            for name, s in zip(self._strings, strings, strict=True)
-            if s and not {_SET, "Soc"} <= s.keys()
-        ]
-        if mute:
-            raise LinkError(f"{self._url}: {', '.join(mute)} has no {_SET} or no Soc; name others with ?ess=")
-        self._units_are_known = True
-
     def _found(self, components: Mapping[str, _Channels]) -> list[str]:
         names = [
-            name
-            for name, s in components.items()
-            if re.fullmatch(r"ess\d+", name) and {_SET, "Soc"} <= s.keys()
+            name for name, s in components.items() if re.fullmatch(r"ess\d+", name) and s.keys() >= _REQUIRED
         ]
         names.sort(key=lambda name: int(name[3:]))
         if len(names) != self.n_strings:
