@@ -117,7 +117,7 @@ class Heartbeat:
         still_s = 0.0 if self._moved_at_s is None else self._clock() - self._moved_at_s
         if still_s < HEARTBEAT_TIMEOUT_S:
             return ""
-        return f"its heartbeat has stood at {self._count:.0f} for {still_s:.0f} s; it counts as lost"
+        return f"its heartbeat has been constant at {self._count:.0f} for {still_s:.0f} s; it is lost"
 
 
 REVERT_S: Final = 60

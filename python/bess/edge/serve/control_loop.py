@@ -1,7 +1,7 @@
 """Control loop of a plant, in control or in shadow mode: read, decide, write, in every period.
 
-In doubt nothing is written, so that the plant's own watchdog ends the last set-point; zero is written only if
-it is the demand.
+Without certain data nothing is written, so that the watchdog of the plant clears the last set-point; zero is
+written only if it is the demand.
 """
 
 from __future__ import annotations
@@ -144,7 +144,7 @@ class ControlLoop:
     def health(self, with_details: bool) -> dict[str, Any]:
         """State of the loop; ``with_details`` adds the plant's address and messages that may contain it."""
         age_s, period_s = self.age_s, self.period_s
-        still = f"the control cycle, of {period_s:g} s, has stood still for {age_s:.0f} s"
+        still = f"the control loop, with a period of {period_s:g} s, has been stalled for {age_s:.0f} s"
         still = still if age_s > 2.0 * period_s else ""
         troubles = [trouble for trouble in (still, self.trouble, self.journal_trouble) if trouble]
         health: dict[str, Any] = {"cycle_age_s": round(age_s, 3), "cycle_period_s": period_s}

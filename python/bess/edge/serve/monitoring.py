@@ -27,7 +27,7 @@ _OF_STRINGS: Final[Mapping[str, tuple[str, Callable[[Controller, Answer], Any]]]
     "charged_kwh": ("Energy charged since the state began.", lambda c, a: c.charged_kwh),
     "discharged_kwh": ("Energy discharged since the state began.", lambda c, a: c.discharged_kwh),
     "soh_capacity_ratio": ("Estimated capacity relative to nominal.", lambda c, a: c.ageing.soh_capacity),
-    "out_of_control_kw": ("Power that a string out of service still gives.", lambda c, a: a.flowing_kw),
+    "out_of_control_kw": ("Power that a string out of service still supplies.", lambda c, a: a.flowing_kw),
     "calibration_due_seconds": ("When the string must be full again.", lambda c, a: c.calibration.due_s()),
 }
 """Gauges of each string: their meaning, and their values, or None if these are unknown."""
