@@ -223,7 +223,6 @@ class Device:
 
     def __init__(self, gateway: Gateway, unit: int, clock: Callable[[], float]) -> None:
         self.gateway = gateway
-        self.name = f"unit {unit} at {gateway.place}"
         self._unit = unit
         self._models: dict[int, tuple[int, int]] = {}
         self._losses = 0
@@ -233,7 +232,7 @@ class Device:
         self._holds_until_s = clock() + REVERT_S + 1.0
 
     def __str__(self) -> str:
-        return self.name
+        return f"unit {self._unit} at {self.gateway.place}"
 
     @property
     def may_watch_heartbeat(self) -> bool:
@@ -265,7 +264,7 @@ class Device:
             if 803 in models:
                 temperature_c = (value(models[803], "ModTmpMin") + value(models[803], "ModTmpMax")) / 2.0
         except LinkError as error:
-            raise LinkError(f"{self.name}: {error}") from error
+            raise LinkError(f"{self}: {error}") from error
         in_service = all(
             model_id not in models or models[model_id].points[name].value not in states
             for (model_id, name), states in _OUT_OF_SERVICE.items()
@@ -288,13 +287,13 @@ class Device:
         points = control.points
         if points["WSetRvrtTms"].value is None:
             raise LinkError(
-                f"{self.name}: has no WSetRvrtTms: its set-points would never expire, so it is not controlled"
+                f"{self}: has no WSetRvrtTms: its set-points would never expire, so it is not controlled"
             )
         if power_w is None:
             await self._send(start + points["WSetEna"].offset, [_OFF])
             self._holds_until_s = -math.inf
         elif doubt := self._heartbeat.doubt:
-            raise NoResponseError(f"{self.name}: {doubt}")
+            raise NoResponseError(f"{self}: {doubt}")
         else:
             steps = self._steps(control, power_w)
             # The time first, so that the set-point reverts from the beginning.
@@ -318,10 +317,10 @@ class Device:
         try:
             step_w = 10.0 ** scale(control, "WSet")
         except LinkError as error:
-            raise LinkError(f"{self.name}: {error}") from error
+            raise LinkError(f"{self}: {error}") from error
         steps = math.trunc(power_w / step_w)
         if abs(steps) > _MAX_STEPS:
-            raise LinkError(f"{self.name}: WSet in steps of {step_w:g} W is too fine for {power_w} W")
+            raise LinkError(f"{self}: WSet in steps of {step_w:g} W is too fine for {power_w} W")
         return steps
 
     async def _layout(self) -> Mapping[int, tuple[int, int]]:
@@ -340,7 +339,7 @@ class Device:
                     return base
             except _RefusedError:
                 continue
-        raise NoResponseError(f"{self.name} holds no SunSpec models at {', '.join(map(str, BASES))}")
+        raise NoResponseError(f"{self} holds no SunSpec models at {', '.join(map(str, BASES))}")
 
     async def _walk(self, base: int) -> dict[int, tuple[int, int]]:
         models: dict[int, tuple[int, int]] = {}
@@ -353,11 +352,11 @@ class Device:
             address += length + 2
         if missing := {701, 704} - models.keys():
             raise LinkError(
-                f"{self.name}: has no model {' and '.join(map(str, sorted(missing)))}, "
+                f"{self}: has no model {' and '.join(map(str, sorted(missing)))}, "
                 f"only {', '.join(map(str, models))}"
             )
         if not {713, 802} & models.keys():
-            raise LinkError(f"{self.name}: has neither model 713 nor 802, so no state of charge")
+            raise LinkError(f"{self}: has neither model 713 nor 802, so no state of charge")
         return models
 
     async def _model(self, model_id: int) -> Any:
@@ -368,13 +367,13 @@ class Device:
             registers += await self._registers(address + len(registers), piece)
         if registers[0] != model_id:
             self._models = {}
-            raise NoResponseError(f"{self.name} has another layout than before")
+            raise NoResponseError(f"{self} has another layout than before")
         return decode(model_id, registers)
 
     async def _registers(self, address: int, count: int) -> list[int]:
         answer = await self.gateway.request("read_holding_registers", self._unit, address, count=count)
         if len(answer.registers) != count:
-            raise NoResponseError(f"{self.name} answers with {len(answer.registers)} registers of {count}")
+            raise NoResponseError(f"{self} answers with {len(answer.registers)} registers of {count}")
         return list(answer.registers)
 
     async def _send(self, address: int, registers: Sequence[int]) -> None:
