@@ -49,4 +49,4 @@ def test_watching_writes_nothing_and_keeps_what_was_done_and_recommended(
     assert np.isnan(data["written_kw"].values).all()
     page = write_journal_report(folder).read_text(encoding="utf-8")
     assert "Shadow mode: no set-point was written." in page
-    assert "of what was recommended at" in page
+    assert "for the computed set-points" in page
