@@ -118,7 +118,7 @@ def test_no_fault_sends_what_should_not_be_sent(
     ("fault", "sentence"),
     [
         ("deaf", "does not follow"),
-        ("frozen", "its state of charge has stood at"),
+        ("frozen", "its state of charge has been constant at"),
         ("hung", "for any set-point"),
         ("dead", "out of service"),
     ],
@@ -150,7 +150,9 @@ def test_a_string_that_is_cut_off_from_what_answers_for_it_is_not_missed(rig: Ri
     assert rig.watched.plant.holds(victim) is None
     assert rig.follows()
     reason = rig.service.last[-1].reasons[victim]  # type: ignore[index]
-    known = "says the plant" if isinstance(rig.partner, SimulatedEdge) else "its heartbeat has stood at"
+    known = (
+        "says the plant" if isinstance(rig.partner, SimulatedEdge) else "its heartbeat has been constant at"
+    )
     assert known in reason
     FAULTS["a string severed"].end(rig)
     rig.step(2)

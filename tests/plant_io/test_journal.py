@@ -100,7 +100,7 @@ def test_a_full_disk_stops_nobody_and_costs_only_what_it_must(tmp_path: Path) ->
 def test_a_folder_that_vanished_is_an_error_that_passes(tmp_path: Path) -> None:
     with Journal(tmp_path, SYSTEM, "") as journal:
         journal.append(_said(0), 0.0, [0.0, 0.0])
-        journal._days.close_day()
+        journal._close_day()
         shutil.rmtree(tmp_path / "journal")
         journal.append(_said(1), 1.0, [0.0, 0.0])
         assert "cannot be written (No such file or directory)" in journal.error

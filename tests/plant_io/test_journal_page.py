@@ -83,7 +83,7 @@ def test_losses_are_those_of_the_control_model_where_both_serve_the_same_demand(
 def test_the_page_says_what_was_watched_and_what_was_missing(folder: Path) -> None:
     page = write_journal_report(folder).read_text(encoding="utf-8")
     assert "A plant that was watched" in page
-    assert "The plant was watched, not driven: no set-point was written." in page
+    assert "Shadow mode: no set-point was written." in page
     assert "1 gap of 610 s" in page
     assert "String 1 was out of service in 27.3 % of the readings." in page
     assert sorted(path.name for path in (folder / "figures").glob("*.svg")) == [

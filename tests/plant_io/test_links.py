@@ -153,7 +153,7 @@ def _is_slow(link: PlantLink, watched: Watched) -> None:
 def test_powers_in_other_units_are_an_error_and_stop_all_writing(link: PlantLink, watched: Watched) -> None:
     watched.plant.faults.kilowatts = True
     for attempt in (link.read, lambda: link.write(ASKED)):
-        with pytest.raises(LinkError, match="nothing is read or written until this is put right"):
+        with pytest.raises(LinkError, match="nothing is read or written until this is corrected"):
             attempt()
     assert watched.asked == []
     watched.plant.faults.kilowatts = False
@@ -166,10 +166,10 @@ def test_units_that_change_while_driving_are_noticed_by_the_next_reading(
 ) -> None:
     link.write(ASKED)
     watched.plant.faults.kilowatts = True
-    with pytest.raises(LinkError, match="put right"):
+    with pytest.raises(LinkError, match="is corrected"):
         link.read()
     watched.asked.clear()
-    with pytest.raises(LinkError, match="put right"):
+    with pytest.raises(LinkError, match="is corrected"):
         link.write(ASKED)
     assert watched.asked == []
 

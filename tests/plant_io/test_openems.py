@@ -91,7 +91,7 @@ def test_the_password_may_come_from_the_environment(
 
 
 def test_more_batteries_than_strings_must_be_named(connecting: Connecting, edge: SimulatedEdge) -> None:
-    with pytest.raises(LinkError, match=r"has ess0, ess1, ess2, the study 2 strings; name those to drive"):
+    with pytest.raises(LinkError, match=r"has ess0, ess1, ess2, the study 2 strings; name the strings with"):
         connecting(edge.address, 2).read()
     assert connecting(f"{edge.address}?ess=ess1,ess2", 2).read().soc.shape == (2,)
 
@@ -101,7 +101,7 @@ def test_a_component_that_there_is_not_is_a_string_that_is_out_of_service(
 ) -> None:
     said = connecting(f"{edge.address}?ess=ess0,ess7", 2).read()
     assert said.available.tolist() == [True, False]
-    with pytest.raises(LinkError, match="knows none of ess7, ess8"):
+    with pytest.raises(LinkError, match="has none of ess7, ess8"):
         connecting(f"{edge.address}?ess=ess7,ess8", 2).read()
 
 

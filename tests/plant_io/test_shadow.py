@@ -48,5 +48,5 @@ def test_watching_writes_nothing_and_keeps_what_was_done_and_recommended(
     assert data["recommended_kw"].values.sum(axis=1) == pytest.approx(DEMAND_KW, abs=1e-3)
     assert np.isnan(data["written_kw"].values).all()
     page = write_journal_report(folder).read_text(encoding="utf-8")
-    assert "The plant was watched, not driven" in page
-    assert "of what was recommended at" in page
+    assert "Shadow mode: no set-point was written." in page
+    assert "for the computed set-points" in page

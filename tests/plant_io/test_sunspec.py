@@ -137,7 +137,9 @@ def test_a_device_whose_heartbeat_stops_between_two_readings_is_written_nothing(
         watched.clock.now_s += 1.0
         link.write(ASKED)
     watched.clock.now_s += 1.0
-    with pytest.raises(LinkError, match=r"set-points of unit 2 at .* its heartbeat has stood at 2 for 10 s"):
+    with pytest.raises(
+        LinkError, match=r"set-points of unit 2 at .* its heartbeat has been constant at 2 for 10 s"
+    ):
         link.write(ASKED)
     assert link.read().available.tolist() == [True, False, True]
     watched.plant.faults.severed.clear()
@@ -225,7 +227,7 @@ def test_a_device_that_cannot_revert_is_not_driven(
 
     link = connecting(altering(without).address)
     assert link.read().available.all()
-    with pytest.raises(LinkError, match="would never lapse; not driven"):
+    with pytest.raises(LinkError, match="would never expire, so it is not controlled"):
         link.write(ASKED)
     assert watched.asked == []
 

@@ -36,3 +36,23 @@ def test_without_a_cell_model_nothing_ages_and_with_one_nothing_is_forgotten() -
     second.load_state_dict(from_json(to_json(first.state_dict())))
     assert (second.ageing.soh_capacity < 1.0).all()
     np.testing.assert_array_equal(second.ageing.soh_capacity, first.ageing.soh_capacity)
+
+
+def _aged(soh_capacity: float) -> bess.System:
+    document = bess.System.reference(2).document
+    return bess.System(document | {"system": document["system"] | {"initial_soh_capacity": soh_capacity}})
+
+
+def test_a_calibration_charges_an_aged_string_with_no_more_than_it_can_take() -> None:
+    live = controller(system=_aged(0.7), policy="equal", calibration_kw=92.0)
+    live.calibration.begin(0)
+    soc = 0.98
+    answer = live.step(measured([soc, 0.6]), 0.0, 0.0)
+    room_kwh = (1.0 - soc) * 0.7 * live.system.nominal_energy_kwh[0]
+    assert -answer.request_kw[0] * 0.25 == pytest.approx(room_kwh)
+
+
+def test_the_fallback_asks_an_aged_string_for_no_more_than_it_holds() -> None:
+    live = controller(system=_aged(0.7), policy="equal")
+    answer = live.fallback(measured([0.04, 0.0]), 90.0, "why")
+    assert answer.request_kw[0] * 0.25 == pytest.approx(0.04 * 0.7 * live.system.nominal_energy_kwh[0])

@@ -74,13 +74,13 @@ def test_a_string_out_of_service_needs_no_measurements(client: TestClient) -> No
 
 
 BAD = {
-    "no JSON": (b"{", "the body is no JSON"),
-    "empty": (b"", "the body is no JSON"),
-    "no text": (b"\xff\xfe{}", "the body is no JSON"),
-    "NaN": (b'{"demand_kw": NaN, "strings": []}', "NaN is not a number of JSON"),
-    "infinite": (b'{"demand_kw": -Infinity, "strings": []}', "-Infinity is not a number"),
+    "no JSON": (b"{", "the body is not JSON"),
+    "empty": (b"", "the body is not JSON"),
+    "no text": (b"\xff\xfe{}", "the body is not JSON"),
+    "NaN": (b'{"demand_kw": NaN, "strings": []}', "demand_kw = nan: must be a finite number"),
+    "infinite": (b'{"demand_kw": -Infinity, "strings": []}', "demand_kw = -inf: must be a finite number"),
     "overflow": (b'{"demand_kw": 1e999, "strings": [{"soc": 0.5}, {"soc": 0.5}]}', "demand_kw = inf"),
-    "many digits": (b'{"demand_kw": ' + b"9" * 5000 + b"}", "the body is no JSON"),
+    "many digits": (b'{"demand_kw": ' + b"9" * 5000 + b"}", "the body is not JSON"),
     "nested": (b"[" * 60000, "nested too deeply"),
     "a list": (b"[]", "must be a JSON object"),
     "no strings": (b'{"demand_kw": 5}', "strings: missing"),

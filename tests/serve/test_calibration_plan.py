@@ -1,5 +1,7 @@
 """SOC calibration on a period: every string is full once in it, at the time that costs least."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from live_cases import controller, measured
@@ -69,7 +71,7 @@ def test_a_string_that_was_full_anyway_is_not_calibrated() -> None:
 
 def test_after_a_search_that_fails_another_one_begins(monkeypatch: pytest.MonkeyPatch) -> None:
     system, service = bess.System.reference(2), ServiceSection(calibration_days=2.0)
-    plans = Calibration(system, service, SocLimits(system, service, 900.0), background=True)
+    plans = Calibration(system, service, SocLimits(system, service, 900.0), ThreadPoolExecutor(1))
     valid = ValidState.without_doubt(bess.State([0.6, 0.6], [25.0, 25.0]), system.nominal_kw)
     plans.full_s = np.zeros(2)
 

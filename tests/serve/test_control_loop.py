@@ -176,7 +176,7 @@ def test_a_gap_in_the_journal_is_told(driven: Driven, tmp_path: Path) -> None:
     driven.demands.post(80.0, 1000.0, driven.now_s)
     driven.steps(1)
     assert "status" not in app.health(with_details=True)
-    journal._days.close_day()
+    journal._close_day()
     folder = (tmp_path / "state" / "journal").rename(tmp_path / "elsewhere")
     driven.steps(1)
     assert app.health(with_details=True)["status"] == "impaired"

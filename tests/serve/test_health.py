@@ -100,7 +100,7 @@ def test_a_cycle_that_stands_still_shows_within_two_periods(driven: Driven) -> N
     driven.now_s += 0.5
     seen = health(driven)
     assert seen["status"] == "impaired"
-    assert seen["trouble"] == "the control cycle, of 10 s, has stood still for 20 s"
+    assert seen["trouble"] == "the control loop, with a period of 10 s, has been stalled for 20 s"
     assert seen["cycle_age_s"] == pytest.approx(2 * period_s + 0.5)
     text = client_of(driven).get("/metrics", headers=BEARER).text
     assert "bess_cycle_age_seconds 20.5" in text
@@ -125,7 +125,7 @@ def test_a_plant_that_hangs_in_a_call_is_told_while_it_hangs(driven: Driven) -> 
     try:
         assert called.wait(60.0)
         driven.now_s += 2.0 * driven.cycle.period_s + 1.0
-        assert "stood still for 21 s" in health(driven)["trouble"]
+        assert "stalled for 21 s" in health(driven)["trouble"]
     finally:
         driven.cycle.stop()
         answers.set()

@@ -19,7 +19,7 @@ def test_a_frozen_state_of_charge_takes_the_string_out_and_names_it() -> None:
     for k in range(30):
         answer = live.step(measured(soc), 120.0, 60.0 * k)
         soc[1] -= answer.request_kw[1] / 266.0 / 60.0
-        if "has stood at 60 % for" in answer.reasons[0]:
+        if "has been constant at 60 % for" in answer.reasons[0]:
             break
     assert k < 10
     assert answer.request_kw[0] == 0.0
@@ -134,7 +134,7 @@ def test_a_string_whose_every_value_stands_still_is_named_for_that() -> None:
         answer = live.step(measured([0.6, 0.6 - 1e-4 * k], power_kw=[60.0, 60.0 + k]), demand_kw, 10.0 * k)
         if k == 0:
             live.last_kw = np.array([60.0, 60.0])
-    assert "its state of charge has stood at 60 % and its power at 60 kW" in answer.reasons[0]
+    assert "its state of charge has been constant at 60 % and its power at 60 kW" in answer.reasons[0]
     assert answer.request_kw[0] == 0.0
     # Any value that moves is enough to be believed again.
     power = [0.0, answer.request_kw[1]]

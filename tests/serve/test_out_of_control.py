@@ -36,7 +36,7 @@ def test_the_meter_of_the_plant_knows_what_a_silent_string_gives(demand_kw: floa
     assert answer.request_kw.sum() == pytest.approx(demand_kw - 60.0)
     assert answer.unmet_kw == 0.0
     assert "string 2 flows" in answer.reasons[2]
-    assert "it still gives 60 kW" in answer.reasons[2]
+    assert "it still supplies 60 kW" in answer.reasons[2]
 
 
 def test_a_string_at_rest_gives_nothing_whatever_the_meter_adds() -> None:

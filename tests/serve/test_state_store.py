@@ -72,7 +72,7 @@ def test_a_journal_whose_disk_hangs_has_a_gap_and_holds_nobody_up(
     journal = Journal(tmp_path, live.system, "test")
     goes_on = threading.Event()
     with monkeypatch.context() as disk:
-        disk.setattr(journal._days, "append", lambda day, record: goes_on.wait())
+        disk.setattr(journal, "_write", lambda path, record: goes_on.wait())
         for _ in range(3):
             journal.append(measured([0.6, 0.5]), 100.0, [50.0, 50.0])
             assert "the disk does not answer" in journal.error

@@ -98,14 +98,14 @@ def report(study: Study, controller: ExplicitController, made: list[Evaluation])
     tables = controller.tables
     return "\n".join(
         [
-            f"# What was lost: {study.name}",
+            f"# Evaluation: {study.name}",
             "",
             f"A controller of {tables.strings} strings ({controller.system}), steps of "
-            f"{tables.step_h * 60:g} min, told {tables.steps * tables.step_h:g} h ahead. Energies in kWh "
-            "over the run. Lost is what was asked for and not delivered, and the losses of inverters and "
-            f"batteries; cost counts what was not delivered {tables.shortfall:g} times. Kept is the share of "
-            "what `mpc` saves against the best rule; above 100 % the distilled controller loses less than "
-            "`mpc`. Runs other than the study itself were no part of the training.",
+            f"{tables.step_h * 60:g} min, prediction horizon {tables.steps * tables.step_h:g} h. Energies in "
+            "kWh over the run. Lost: undelivered energy plus losses of inverters and batteries. Cost: the "
+            f"same, with undelivered energy counted {tables.shortfall:g} times. Kept: the share of the "
+            "savings of `mpc` over the best rule; above 100 %, the distilled controller loses less than "
+            "`mpc`. Of these runs, only the study itself was part of the training.",
             "",
             *rows,
             "",

@@ -38,6 +38,9 @@ class Address:
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{self.scheme}://{host}:{self.port}"
 
+    def __str__(self) -> str:
+        return f"{self.kind} at {self.url}"
+
 
 def parse_address(text: str) -> Address:
     """Parse the address of a plant.

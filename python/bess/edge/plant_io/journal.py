@@ -22,16 +22,16 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from datetime import UTC
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Final, Self
+from typing import TYPE_CHECKING, Annotated, BinaryIO, Final, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import BaseModel, Field, ValidationError
 
 from bess import __version__
 from bess.edge.plant_io.calls import Aside
 from bess.edge.plant_io.link import Measurements
 from bess.errors import InputError
-from bess.files import parse_json
 from bess.simulation.record.files import put_bytes
 from bess.system import System
 
@@ -40,100 +40,9 @@ if TYPE_CHECKING:
 
 SYNC_S: Final = 10.0
 """Maximum period of records lost in a power failure; a killed process loses none."""
-_OPEN, _FULL, _PACKED = ".bin", ".full", ".gz"
-
-
-class DayFiles:
-    """Appends records to the file of a day; ``error`` is the last failure to compress earlier days."""
-
-    def __init__(self, directory: Path, record_bytes: int, max_bytes: float) -> None:
-        self._directory, self._record_bytes, self._max_bytes = directory, record_bytes, max_bytes
-        self.error = ""
-        self._file: BinaryIO | None = None
-        self._path = directory
-        self._synced_s = time.monotonic()
-        self._packer = ThreadPoolExecutor(1, "journal")
-
-    def append(self, day: str, record: bytes) -> None:
-        """Append a record to a day, ``2026-11-22``.
-
-        Raises
-        ------
-        OSError
-            The record was not written as a whole; the next call tries again.
-        """
-        path = self._directory / f"{day}{_OPEN}"
-        if self._file is None or path != self._path:
-            self.close_day()
-            for other in self._directory.glob(f"*{_OPEN}"):
-                if other != path:
-                    other.rename(self._free(other.stem))
-            self._packer.submit(self._tidy)
-            self._file, self._path = path.open("ab", buffering=0), path
-        # An incomplete record is removed before the next.
-        whole = os.fstat(self._file.fileno()).st_size // self._record_bytes * self._record_bytes
-        self._file.truncate(whole)
-        written = self._file.write(record)
-        if written != len(record):
-            raise OSError(errno.ENOSPC, "no space for a whole record")
-        if time.monotonic() - self._synced_s > SYNC_S:
-            os.fsync(self._file.fileno())
-            self._synced_s = time.monotonic()
-
-    def close_day(self) -> None:
-        """Close the file of the day; the next :meth:`append` opens it again."""
-        if self._file is not None:
-            self._file.close()
-            self._file = None
-
-    def close(self) -> None:
-        """Close the file of the day, and wait until earlier days are packed."""
-        self.close_day()
-        self._packer.shutdown(wait=True)
-
-    def _free(self, day: str) -> Path:
-        number = 0
-        while any((self._directory / f"{day}.{number}{kind}").exists() for kind in (_FULL, _PACKED)):
-            number += 1
-        return self._directory / f"{day}.{number}{_FULL}"
-
-    def _tidy(self) -> None:
-        """Pack earlier days, and remove the oldest beyond the limit of size."""
-        try:
-            for path in sorted(self._directory.glob(f"*{_FULL}")):
-                put_bytes(path.with_suffix(_PACKED), gzip.compress(path.read_bytes(), 6))
-                path.unlink()
-            self.error = ""
-        except OSError as error:
-            self.error = f"{self._directory}: days that are over cannot be packed ({error.strerror})"
-        over = [path for path in _files(self._directory) if path.suffix != _OPEN]
-        sizes = [path.stat().st_size for path in over]
-        total = sum(sizes)
-        for path, size in zip(over, sizes, strict=True):
-            if total > self._max_bytes:
-                path.unlink(missing_ok=True)
-                total -= size
-
-
-def _files(directory: Path) -> list[Path]:
-    return sorted(path for path in directory.glob("*") if path.suffix in (_OPEN, _FULL, _PACKED))
-
-
-def _content(path: Path) -> bytes:
-    try:
-        content = path.read_bytes()
-        return gzip.decompress(content) if path.suffix == _PACKED else content
-    except FileNotFoundError:
-        raise
-    except (OSError, EOFError, zlib.error) as error:
-        raise InputError(f"{path}: cannot be read ({error})") from error
-
-
 HEADER: Final = "journal.json"
 RECORDS: Final = "journal"
-FORMAT: Final = 1
-MAX_MB: Final = 2000.0
-"""Size limit of earlier days: a year of ten strings, read every second."""
+_OPEN, _FULL, _PACKED = ".bin", ".full", ".gz"
 
 _OF_PLANT: Final = {
     "demand_kw": ("kW", "power asked of the plant, positive = discharge"),
@@ -150,6 +59,33 @@ _OF_STRINGS: Final = {
 }
 
 
+class _Header(BaseModel, strict=True):
+    """Content of ``journal.json``; ``system`` is the text of a system file."""
+
+    format: Literal[1] = 1
+    n_strings: Annotated[int, Field(gt=0, le=10_000)]
+    title: str
+    system: str
+    bess_version: str = __version__
+
+    @classmethod
+    def of(cls, directory: Path) -> _Header:
+        path = directory / HEADER
+        try:
+            return cls.model_validate_json(path.read_bytes())
+        except FileNotFoundError:
+            raise InputError(f"{directory}: holds no journal of a plant") from None
+        except (OSError, ValidationError) as error:
+            why = error.errors()[0]["msg"] if isinstance(error, ValidationError) else error
+            raise InputError(f"{path}: is damaged ({why}); without it the journal cannot be read") from error
+
+    def layout(self) -> np.dtype[np.void]:
+        """Layout of a record."""
+        strings = [(name, "<f4", (self.n_strings,)) for name in _OF_STRINGS]
+        last = ("available", "i1", (self.n_strings,))
+        return np.dtype([("time_ms", "<i8"), ("demand_kw", "<f8"), *strings, last])
+
+
 class Journal:
     """Appends to the journal of a plant, a new or an existing one, in a folder that may hold other files.
 
@@ -163,31 +99,24 @@ class Journal:
         The folder holds the journal of another number of strings.
     """
 
-    def __init__(self, directory: Path, system: System, title: str, max_mb: float = MAX_MB) -> None:
-        self._directory, self._records = directory, directory / RECORDS
-        self._layout = _layout(system.n_strings)
-        self._aside = Aside("journal")
-        self._header = json.dumps(
-            {
-                "format": FORMAT,
-                "n_strings": system.n_strings,
-                "title": title,
-                "system": system.to_toml(),
-                "bess_version": __version__,
-            },
-            indent=1,
-        ).encode()
-        self._days = DayFiles(self._records, self._layout.itemsize, 1e6 * max_mb)
+    def __init__(self, directory: Path, system: System, title: str, max_mb: float = 2000.0) -> None:
+        self._directory, self._records, self._max_bytes = directory, directory / RECORDS, 1e6 * max_mb
+        self._header = _Header(n_strings=system.n_strings, title=title, system=system.to_toml())
+        self._layout = self._header.layout()
+        self._aside, self._packer = Aside("journal"), ThreadPoolExecutor(1, "journal")
         self._has_header = False
-        self._gap = self._damage = ""
+        self._file: BinaryIO | None = None
+        self._path = directory
+        self._synced_s = time.monotonic()
+        self._gap = self._damage = self._unpacked = ""
         try:
-            n_strings = _header(directory)["n_strings"] if is_journal(directory) else system.n_strings
+            before = _Header.of(directory) if is_journal(directory) else self._header
         except InputError as error:
             self._gap = self._damage = str(error)
             return
-        if n_strings != system.n_strings:
+        if before.n_strings != system.n_strings:
             raise InputError(
-                f"{directory}: holds the journal of a plant of {n_strings} strings, "
+                f"{directory}: holds the journal of a plant of {before.n_strings} strings, "
                 f"this one has {system.n_strings}; use another folder"
             )
         self._do(lambda: None)
@@ -195,7 +124,7 @@ class Journal:
     @property
     def error(self) -> str:
         """Present disk failure, in a sentence; empty without one."""
-        return self._gap or self._days.error
+        return self._gap or self._unpacked
 
     def append(
         self,
@@ -217,12 +146,12 @@ class Journal:
         for name in ("power_kw", "soc", "temperature_c", "charge_limit_kw", "discharge_limit_kw"):
             record[name] = getattr(measurements, name)
         day = measurements.time.astimezone(UTC).strftime("%Y-%m-%d")
-        self._do(lambda: self._days.append(day, record.tobytes()))
+        self._do(lambda: self._write(self._records / f"{day}{_OPEN}", record.tobytes()))
 
     def close(self) -> None:
-        """Close the files."""
+        """Close the files, and wait until earlier days are packed."""
         with suppress(OSError):
-            self._aside(self._days.close)
+            self._aside(self._close)
         self._aside.close()
 
     def _do(self, call: Callable[[], None]) -> None:
@@ -240,19 +169,81 @@ class Journal:
         try:
             if not self._has_header:
                 self._records.mkdir(parents=True, exist_ok=True)
-                put_bytes(self._directory / HEADER, self._header)
+                put_bytes(self._directory / HEADER, json.dumps(dict(self._header), indent=1).encode())
                 self._has_header = True
             call()
         except OSError:
-            self._days.close_day()
+            self._close_day()
             self._has_header = False
             raise
+
+    def _write(self, path: Path, record: bytes) -> None:
+        """Append a record to the file of its day, after an incomplete one is removed."""
+        if self._file is None or path != self._path:
+            self._close_day()
+            for other in self._records.glob(f"*{_OPEN}"):
+                if other != path:
+                    other.rename(self._free(other.stem))
+            self._packer.submit(self._tidy)
+            self._file, self._path = path.open("ab", buffering=0), path
+        size = os.fstat(self._file.fileno()).st_size
+        self._file.truncate(size - size % len(record))
+        if self._file.write(record) != len(record):
+            raise OSError(errno.ENOSPC, "no space for a whole record")
+        if time.monotonic() - self._synced_s > SYNC_S:
+            os.fsync(self._file.fileno())
+            self._synced_s = time.monotonic()
+
+    def _close_day(self) -> None:
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+    def _close(self) -> None:
+        self._close_day()
+        self._packer.shutdown(wait=True)
+
+    def _free(self, day: str) -> Path:
+        number = 0
+        while any((self._records / f"{day}.{number}{kind}").exists() for kind in (_FULL, _PACKED)):
+            number += 1
+        return self._records / f"{day}.{number}{_FULL}"
+
+    def _tidy(self) -> None:
+        """Pack earlier days, and remove the oldest beyond the limit of size."""
+        try:
+            for path in sorted(self._records.glob(f"*{_FULL}")):
+                put_bytes(path.with_suffix(_PACKED), gzip.compress(path.read_bytes(), 6))
+                path.unlink()
+            self._unpacked = ""
+        except OSError as error:
+            self._unpacked = f"{self._records}: earlier days cannot be compressed ({error.strerror})"
+        sizes = {path: path.stat().st_size for path in _files(self._records) if path.suffix != _OPEN}
+        total = sum(sizes.values())
+        for path, size in sizes.items():
+            if total > self._max_bytes:
+                path.unlink(missing_ok=True)
+                total -= size
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *exception: object) -> None:
         self.close()
+
+
+def _files(directory: Path) -> list[Path]:
+    return sorted(path for path in directory.glob("*") if path.suffix in (_OPEN, _FULL, _PACKED))
+
+
+def _content(path: Path) -> bytes:
+    try:
+        content = path.read_bytes()
+        return gzip.decompress(content) if path.suffix == _PACKED else content
+    except FileNotFoundError:
+        raise
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(f"{path}: cannot be read ({error})") from error
 
 
 def is_journal(directory: Path) -> bool:
@@ -273,8 +264,8 @@ def open_journal(directory: str | Path) -> xr.Dataset:
     import xarray as xr
 
     directory = Path(directory)
-    header = _header(directory)
-    layout = _layout(header["n_strings"])
+    header = _Header.of(directory)
+    layout = header.layout()
     while True:
         try:
             contents = [_content(path) for path in _files(directory / RECORDS)]
@@ -285,7 +276,7 @@ def open_journal(directory: str | Path) -> xr.Dataset:
     days = [np.frombuffer(content[: len(content) // size * size], dtype=layout) for content in contents]
     records = np.concatenate([np.zeros(0, dtype=layout), *days])
     if not records.size:
-        raise InputError(f"{directory}: the journal is empty; let bess serve drive or watch the plant first")
+        raise InputError(f"{directory}: the journal is empty; run bess serve with --plant first")
     records = records[np.argsort(records["time_ms"], kind="stable")]
     records = records[np.append(np.diff(records["time_ms"]) > 0, True)]
     dims = ("time", "string")
@@ -297,26 +288,7 @@ def open_journal(directory: str | Path) -> xr.Dataset:
         variables,
         coords={
             "time": records["time_ms"].astype("datetime64[ms]"),
-            "string": np.arange(header["n_strings"]),
+            "string": np.arange(header.n_strings),
         },
-        attrs={key: header[key] for key in ("title", "system", "bess_version")} | {"time_zone": "UTC"},
+        attrs=header.model_dump(include={"title", "system", "bess_version"}) | {"time_zone": "UTC"},
     )
-
-
-def _layout(n_strings: int) -> np.dtype[np.void]:
-    strings = [(name, "<f4", (n_strings,)) for name in _OF_STRINGS]
-    return np.dtype([("time_ms", "<i8"), ("demand_kw", "<f8"), *strings, ("available", "i1", (n_strings,))])
-
-
-def _header(directory: Path) -> dict[str, Any]:
-    path = directory / HEADER
-    try:
-        header: dict[str, Any] = parse_json(path.read_text(encoding="utf-8"))
-        known = header["format"] == FORMAT and 0 < int(header["n_strings"]) < 10_000
-        if not known or not all(isinstance(header[key], str) for key in ("title", "system", "bess_version")):
-            raise ValueError("of another layout")
-    except FileNotFoundError:
-        raise InputError(f"{directory}: holds no journal of a plant") from None
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path}: is damaged ({error}); without it the journal cannot be read") from error
-    return header

@@ -1,4 +1,4 @@
-"""Report of a journal: power of the plant compared with the recommended set-points."""
+"""Report of a journal: actual power of the plant compared with the computed set-points."""
 
 from __future__ import annotations
 
@@ -89,9 +89,9 @@ class Losses:
     def sentence(self) -> str:
         """Sentence of the summary."""
         return (
-            f"Where both gave the same plant power ({self.hours:.3g} of {self.of_hours:.3g} h), the control "
-            f"model puts losses in inverters and batteries of what the plant did at {self.did_kwh:.4g} kWh, "
-            f"of what was recommended at {self.recommended_kwh:.4g} kWh; neither was measured."
+            f"Modelled losses of inverters and batteries, over {self.hours:.3g} of {self.of_hours:.3g} h in "
+            f"which both splits gave the same plant power: {self.did_kwh:.4g} kWh for the actual power, "
+            f"{self.recommended_kwh:.4g} kWh for the computed set-points. Neither was measured."
         )
 
 
@@ -123,19 +123,19 @@ def _figures(binned: xr.Dataset) -> Iterator[FigureSpec]:
     yield FigureSpec(
         "plant",
         "The plant",
-        "Power asked of the plant, what it gave, and the sum of the set-points that were recommended.",
+        "Demand, actual power of the plant, and the sum of the computed set-points.",
         partial(_plant, binned),
     )
     yield FigureSpec(
         "split",
-        "The strings: did and recommended",
-        "Power of every string, the set-point recommended for it, and the difference of both.",
+        "The strings: actual power and set-points",
+        "Actual power of each string, its computed set-point, and the difference.",
         partial(_split, binned),
     )
     yield FigureSpec(
         "state",
         "State of the strings",
-        "State of charge and temperature as they were read; a gap where nothing was.",
+        "Measured state of charge and temperature; gaps without readings.",
         partial(_state, binned),
     )
 
@@ -144,8 +144,8 @@ def _plant(binned: xr.Dataset) -> Chart:
     time = _time(binned)
     did, recommended = (_total(binned[name].values) for name in ("power_kw", "recommended_kw"))
     demand = binned["demand_kw"].values
-    powers = curve(time, did, DISCHARGE, "did", kind="step")
-    powers += curve(time, recommended, AVAILABILITY, "recommended", kind="step", dashed=True)
+    powers = curve(time, did, DISCHARGE, "actual", kind="step")
+    powers += curve(time, recommended, AVAILABILITY, "computed", kind="step", dashed=True)
     powers += curve(time, demand, INK, "demand", kind="step", dashed=True)
     deviation = curve(time, did - demand, DISCHARGE, kind="step")
     return Chart(time.label, [Panel("Power (kW)", powers), Panel("Deviation from demand (kW)", deviation)])
@@ -153,7 +153,7 @@ def _plant(binned: xr.Dataset) -> Chart:
 
 def _split(binned: xr.Dataset) -> Chart:
     did, recommended = binned["power_kw"].values, binned["recommended_kw"].values
-    rows = (("Did (kW)", did), ("Recommended (kW)", recommended), ("Difference (kW)", did - recommended))
+    rows = (("Actual (kW)", did), ("Computed (kW)", recommended), ("Difference (kW)", did - recommended))
     time = _time(binned)
     return Chart(time.label, [Panel(label, string_curves(time, values)) for label, values in rows])
 
@@ -189,12 +189,12 @@ def _summary(journal: xr.Dataset) -> Iterator[str]:
     if written.any():
         yield f"Set-points were written at {written.sum():,} of {journal.sizes['time']:,} readings."
     else:
-        yield "The plant was watched, not driven: no set-point was written."
+        yield "Shadow mode: no set-point was written."
     did, recommended = journal["power_kw"].values, journal["recommended_kw"].values
     both = np.isfinite(did) & np.isfinite(recommended)
     if both.any():
         rms = float(np.sqrt(np.mean(np.square((did - recommended)[both]))))
-        yield f"What a string did was {rms:.3g} kW (rms) from what was recommended for it."
+        yield f"The power of a string differs from its computed set-point by {rms:.3g} kW (rms)."
 
 
 def _tiles(journal: xr.Dataset) -> Iterator[Tile]:
@@ -208,7 +208,7 @@ def _tiles(journal: xr.Dataset) -> Iterator[Tile]:
         yield Tile(label, f"{given + taken:,.4g}", "kWh", f"{given:,.4g} discharged + {taken:,.4g} charged")
     missed = np.abs(demand - np.nan_to_num(_total(journal["recommended_kw"].values)))
     yield Tile(
-        "Recommended less than asked for", f"{float((missed * hours).sum()):,.3g}", "kWh", "both directions"
+        "Demand above the set-points", f"{float((missed * hours).sum()):,.3g}", "kWh", "both directions"
     )
 
 
@@ -217,8 +217,8 @@ def _warnings(journal: xr.Dataset) -> Iterator[str]:
     gaps = steps[steps > _GAP * usual]
     if gaps.size:
         yield (
-            f"{gaps.size} gap{'s' if gaps.size > 1 else ''} of {gaps.sum():,.0f} s in all between "
-            f"readings, which come every {usual:g} s; energies leave them out."
+            f"{gaps.size} gap{'s' if gaps.size > 1 else ''} of {gaps.sum():,.0f} s in total between "
+            f"readings, which usually come every {usual:g} s; energies exclude the gaps."
         )
     out = 1.0 - journal["available"].values.mean(axis=0)
     for string in np.flatnonzero(out > 0.0):

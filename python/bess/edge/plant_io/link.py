@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Protocol
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bess.errors import BessError, InputError
+
+K = TypeVar("K", bound=Hashable)
 
 
 class LinkError(BessError):
@@ -119,22 +123,52 @@ class PlantLink(Protocol):
         ...
 
 
+class StringLink(ABC, Generic[K]):
+    """Base of links that write each string separately, in whole watts.
+
+    ``_strings`` are the strings in their order; as text, they are names for messages.
+    """
+
+    n_strings: int
+    _strings: Sequence[K]
+
+    def write(self, power_kw: NDArray[np.float64]) -> None:
+        """Write set-points [kW]; NaN clears that of a string."""
+        setpoints = np.asarray(power_kw, dtype=np.float64)
+        if setpoints.shape != (self.n_strings,) or np.isinf(setpoints).any():
+            raise InputError(
+                f"set-points {setpoints} kW: expected {self.n_strings} finite powers, or NaN for none"
+            )
+        self._may_write()
+        power_w = dict(zip(self._strings, whole_watts(setpoints), strict=True))
+        failures = self._set({s: w for s, w in power_w.items() if w is not None or self._may_hold(s)})
+        # A set-point that cannot be cleared expires.
+        self._raise({string: error for string, error in failures.items() if power_w[string] is not None})
+
+    def release(self) -> None:
+        """Clear all set-points; those that cannot be cleared expire."""
+        self._raise(self._set(dict.fromkeys(self._strings)))
+
+    def _may_write(self) -> None:
+        """Raise LinkError while nothing may be written."""
+
+    @abstractmethod
+    def _may_hold(self, string: K) -> bool:
+        """Whether the plant may hold a set-point of this string."""
+
+    @abstractmethod
+    def _set(self, power_w: Mapping[K, int | None]) -> Mapping[K, Exception]:
+        """Write set-points [W], cleared ones (None) first; return failures."""
+
+    @staticmethod
+    def _raise(failures: Mapping[K, Exception]) -> None:
+        if failures:
+            reason = next(iter(failures.values()))
+            raise LinkError(f"set-points of {', '.join(map(str, failures))} not written: {reason}")
+
+
 _ROUNDING_W = 1e-6
 """Tolerance for the rounding errors of whole W given in kW [W]."""
-
-
-def checked_setpoints(power_kw: NDArray[np.float64], n_strings: int) -> NDArray[np.float64]:
-    """Return set-points [kW], one for each string, finite or NaN.
-
-    Raises
-    ------
-    InputError
-        The number of set-points differs from that of the strings, or one is infinite.
-    """
-    setpoints = np.asarray(power_kw, dtype=np.float64)
-    if setpoints.shape != (n_strings,) or np.isinf(setpoints).any():
-        raise InputError(f"set-points {setpoints} kW: expected {n_strings} finite powers, or NaN for none")
-    return setpoints
 
 
 def whole_watts(power_kw: NDArray[np.float64]) -> list[int | None]:

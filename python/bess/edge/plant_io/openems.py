@@ -15,64 +15,23 @@ It relies on these facts of the edge's source:
 from __future__ import annotations
 
 import asyncio
-import json
 import math
 import os
 import re
 import ssl
 import time
-from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
+from collections.abc import Coroutine, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any, Final, TypeVar
 
 import httpx
 import numpy as np
-from numpy.typing import NDArray
 
 from bess.edge.plant_io.address import Address
 from bess.edge.plant_io.calls import CLOSING_TIME_S, Calls, NotReached, Rounds, Stalled
-from bess.edge.plant_io.link import LinkError, Measurements, checked_setpoints, number, whole_watts
+from bess.edge.plant_io.link import LinkError, Measurements, StringLink, number
 from bess.errors import InputError
-
-
-class SharedWatchdog:
-    """Strings that may hold a set-point that cannot be changed, at a plant with one watchdog for all writes.
-
-    Writes to other strings would refresh such a set-point for ever. Once a string has refused writes for
-    ``patience_s`` while others accepted them, nothing is written for ``forgets_s``, after which the watchdog
-    must have acted. Then the others continue without it.
-    """
-
-    def __init__(self, patience_s: float, forgets_s: float, clock: Callable[[], float]) -> None:
-        self._patience_s, self._forgets_s, self._clock = patience_s, forgets_s, clock
-        self._may_hold: set[str] | None = None
-        self._refuses_since: dict[str, float] = {}
-        self._fed_at_s = clock()
-
-    def may_hold(self, name: str) -> bool:
-        """Whether the plant may hold a set-point of this string; true for all before the first writes."""
-        return self._may_hold is None or name in self._may_hold
-
-    def wait_s(self) -> tuple[list[str], float]:
-        """Return the strings that refuse, and the time for which nothing may be written because of them."""
-        now = self._clock()
-        if now - self._fed_at_s >= self._forgets_s:
-            self._may_hold, self._refuses_since = set(), {}
-        stuck = [name for name, since in self._refuses_since.items() if now - since >= self._patience_s]
-        return stuck, self._fed_at_s + self._forgets_s - now if stuck else 0.0
-
-    def note(self, written: Mapping[str, bool], unknown: Iterable[str], refused: Iterable[str]) -> None:
-        """Record one round of writes: whether written strings now have a set-point, and failed ones."""
-        failed = {name for name in refused if self.may_hold(name)} | set(unknown)
-        kept = set() if self._may_hold is None else self._may_hold - written.keys()
-        self._may_hold = kept | failed | {name for name, holds in written.items() if holds}
-        for name in written:
-            self._refuses_since.pop(name, None)
-        if written:
-            self._fed_at_s = self._clock()
-            for name in failed:
-                self._refuses_since.setdefault(name, self._fed_at_s)
-
+from bess.files import parse_json
 
 USER, PASSWORD = "BESS_PLANT_USER", "BESS_PLANT_PASSWORD"
 """Environment variables for an address without user or password."""
@@ -90,6 +49,8 @@ IDLE_S: Final = 20.0
 """Lifetime of idle connections: an edge accepts ten new ones in 5 s, and closes idle ones after 30 s."""
 
 _SET: Final = "SetActivePowerEquals"
+_REQUIRED: Final = {_SET, "Soc"}
+"""Channels that each string has."""
 _UNITS: Final[Mapping[str, tuple[str, ...]]] = {
     "Soc": ("%",),
     "ActivePower": ("W",),
@@ -108,11 +69,49 @@ _Channels = dict[str, Any]
 T = TypeVar("T")
 
 
+class SharedWatchdog:
+    """Strings that may hold a set-point that cannot be changed, at a plant with one watchdog for all writes.
+
+    Writes to other strings would refresh such a set-point for ever. Once a string has refused writes for
+    :data:`REFRESH_S` while others accepted them, nothing is written for :data:`SETPOINT_TIMEOUT_S`, after
+    which the watchdog must have acted. Then the others continue without it.
+    """
+
+    def __init__(self) -> None:
+        self._may_hold: set[str] | None = None
+        self._refuses_since: dict[str, float] = {}
+        self._fed_at_s = CLOCK()
+
+    def may_hold(self, name: str) -> bool:
+        """Whether the plant may hold a set-point of this string; true for all before the first writes."""
+        return self._may_hold is None or name in self._may_hold
+
+    def wait_s(self) -> tuple[list[str], float]:
+        """Return the strings that refuse, and the time for which nothing may be written because of them."""
+        now = CLOCK()
+        if now - self._fed_at_s >= SETPOINT_TIMEOUT_S:
+            self._may_hold, self._refuses_since = set(), {}
+        stuck = [name for name, since in self._refuses_since.items() if now - since >= REFRESH_S]
+        return stuck, self._fed_at_s + SETPOINT_TIMEOUT_S - now if stuck else 0.0
+
+    def note(self, written: Mapping[str, bool], unknown: Iterable[str], refused: Iterable[str]) -> None:
+        """Record one round of writes: whether written strings now have a set-point, and failed ones."""
+        failed = {name for name in refused if self.may_hold(name)} | set(unknown)
+        kept = set() if self._may_hold is None else self._may_hold - written.keys()
+        self._may_hold = kept | failed | {name for name, holds in written.items() if holds}
+        for name in written:
+            self._refuses_since.pop(name, None)
+        if written:
+            self._fed_at_s = CLOCK()
+            for name in failed:
+                self._refuses_since.setdefault(name, self._fed_at_s)
+
+
 class _RefusedError(LinkError):
     """The edge answered with a refusal."""
 
 
-class Link:
+class Link(StringLink[str]):
     """A plant behind an OpenEMS edge; one ``ess`` component for each string.
 
     Without names in the address, strings are all ``essN`` that accept set-points, in the order of their
@@ -140,7 +139,7 @@ class Link:
             )
         self.n_strings = n_strings
         self._url = address.url
-        self._names: Sequence[str] = address.strings
+        self._strings: Sequence[str] = address.strings
         self._meter = address.meter
         user = address.user or os.environ.get(USER) or "x"  # the edge identifies users by password only
         password = address.password or os.environ.get(PASSWORD)
@@ -157,7 +156,7 @@ class Link:
             verify=ssl.create_default_context() if address.scheme == "https" else False,
         )
         self._units_are_known = False
-        self._watchdog = SharedWatchdog(REFRESH_S, SETPOINT_TIMEOUT_S, CLOCK)
+        self._watchdog = SharedWatchdog()
 
     def read(self) -> Measurements:
         """Return the present measurements."""
@@ -165,12 +164,17 @@ class Link:
 
     async def _read(self) -> Measurements:
         components = await self._components()
-        if not self._names:
-            self._names = self._found(components)
-        strings = [components.get(name, {}) for name in self._names]
+        if not self._strings:
+            self._strings = self._found(components)
+        strings = [components.get(name, {}) for name in self._strings]
         if not any(strings):
-            raise LinkError(f"{self._url}: knows none of {', '.join(self._names)}")
-        self._check_units(strings)
+            raise LinkError(f"{self._url}: has none of {', '.join(self._strings)}")
+        mute = [
+            name for name, s in zip(self._strings, strings, strict=True) if s and not s.keys() >= _REQUIRED
+        ]
+        if mute:
+            raise LinkError(f"{self._url}: {', '.join(mute)} has no {_SET} or no Soc; name others with ?ess=")
+        self._units_are_known = True
         limits = [
             (_limit(s, "AllowedChargePower", -1.0), _limit(s, "AllowedDischargePower", 1.0)) for s in strings
         ]
@@ -190,36 +194,24 @@ class Link:
             plant_kw=number(components.get(self._meter, {}).get("ActivePower")) / 1000.0,
             setpoint_kw=np.array([number(s.get(_SET)) for s in strings]) / 1000.0,
             remarks=tuple(
-                "" if name in components and is_known else f"the edge says nothing of {name}, or not all"
-                for name, is_known in zip(self._names, known, strict=True)
+                "" if name in components and is_known else f"the edge reports no values of {name}, or not all"
+                for name, is_known in zip(self._strings, known, strict=True)
             ),
         )
 
-    def write(self, power_kw: NDArray[np.float64]) -> None:
-        """Write set-points [kW]; NaN clears that of a string.
-
-        Raises
-        ------
-        LinkError
-            A set-point did not arrive, or nothing may be written for now (:class:`SharedWatchdog`).
-        """
-        setpoints = checked_setpoints(power_kw, self.n_strings)
+    def _may_write(self) -> None:
+        """Read the units first; wait for a string whose set-point must expire (:class:`SharedWatchdog`)."""
         if not self._units_are_known:
             self.read()
         stuck, wait_s = self._watchdog.wait_s()
         if wait_s > 0.0:
             raise LinkError(
                 f"{self._url}: {', '.join(stuck)} may still have a set-point that cannot be changed; "
-                f"nothing is written for another {wait_s:.0f} s, so that it lapses"
+                f"nothing is written for another {wait_s:.0f} s, so that it expires"
             )
-        values = dict(zip(self._names, whole_watts(setpoints), strict=True))
-        failures = self._set({n: v for n, v in values.items() if v is not None or self._watchdog.may_hold(n)})
-        # A set-point that cannot be cleared is left to the watchdog.
-        self._raise({name: error for name, error in failures.items() if values[name] is not None})
 
-    def release(self) -> None:
-        """Clear all set-points; those that cannot be cleared expire after ``apiTimeout``."""
-        self._raise(self._set(dict.fromkeys(self._names)))
+    def _may_hold(self, string: str) -> bool:
+        return self._watchdog.may_hold(string)
 
     def close(self) -> None:
         """Close the connections."""
@@ -235,18 +227,16 @@ class Link:
     def _late(self) -> LinkError:
         return LinkError(f"{self._url}: no answer within {ANSWER_S:g} s")
 
-    def _set(self, values: Mapping[str, int | None]) -> dict[str, LinkError]:
-        """Write values, cleared set-points first; return failures."""
-
+    def _set(self, power_w: Mapping[str, int | None]) -> dict[str, LinkError]:
         def post(name: str) -> Coroutine[Any, Any, bytes]:
-            return self._call("POST", f"/rest/channel/{name}/{_SET}", {"value": values[name]})
+            return self._call("POST", f"/rest/channel/{name}/{_SET}", {"value": power_w[name]})
 
         turn = asyncio.Semaphore(self._at_once)
         written: dict[str, bytes] = {}
-        failed: Mapping[str, Exception] = dict.fromkeys(values, TimeoutError())
+        failed: Mapping[str, Exception] = dict.fromkeys(power_w, TimeoutError())
         try:
             written, failed = self._within(
-                self._rounds(list(values), post, lambda name: turn, ANSWER_S, lambda n: values[n] is None),
+                self._rounds(list(power_w), post, lambda name: turn, ANSWER_S, lambda n: power_w[n] is None),
                 ANSWER_S + CLOSING_TIME_S,
             )
         finally:
@@ -256,67 +246,47 @@ class Link:
                 # The edge may accept fewer connections; if one at a time does not help, the string stalls.
                 self._at_once = self._at_once // 2 or CONNECTIONS
             self._watchdog.note(
-                written={name: values[name] is not None for name in written},
+                written={name: power_w[name] is not None for name in written},
                 unknown=failed.keys() - untouched - set(refused),
                 refused=refused,
             )
         return {n: error if isinstance(error, LinkError) else self._late() for n, error in failed.items()}
 
-    @staticmethod
-    def _raise(failures: Mapping[str, LinkError]) -> None:
-        if failures:
-            reason = next(iter(failures.values()))
-            raise LinkError(f"set-points of {', '.join(failures)} not written: {reason}")
-
     async def _components(self) -> dict[str, _Channels]:
         """Return the values of all channels of possible strings; check their units."""
-        pattern = "ess.*" if all(name.startswith("ess") for name in self._names) else ".*"
+        pattern = "ess.*" if all(name.startswith("ess") for name in self._strings) else ".*"
         if self._meter:
             pattern = f"({pattern}|{self._meter})"
         answer = await self._call("GET", f"/rest/channel/{pattern}/.*")
+        components: dict[str, _Channels] = {}
         try:
-            rows = json.loads(answer)
-            components: dict[str, _Channels] = {}
-            units: dict[tuple[str, str], object] = {}
+            rows = parse_json(answer)
             for row in rows if isinstance(rows, list) else [rows]:  # one channel comes without a list
                 name, _, channel = row["address"].partition("/")
                 components.setdefault(name, {})[channel] = row.get("value")
-                units[name, channel] = row.get("unit")
-        except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+                unit, is_used = row.get("unit"), not self._strings or name in (*self._strings, self._meter)
+                if is_used and unit not in _UNITS.get(channel, (unit,)):
+                    self._units_are_known = False
+                    raise LinkError(
+                        f"{self._url}: {name}/{channel} is in {unit!r}, expected "
+                        f"{' or '.join(_UNITS[channel])}; nothing is read or written until this is corrected"
+                    )
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
             raise LinkError(
                 f"{self._url}: does not answer as the REST interface of OpenEMS does "
                 f"({type(error).__name__}: {error})"
             ) from error
-        used = (*(self._names or components), self._meter)
-        for (name, channel), unit in units.items():
-            if name in used and unit not in _UNITS.get(channel, (unit,)):
-                self._units_are_known = False
-                raise LinkError(
-                    f"{self._url}: {name}/{channel} is in {unit!r}, expected {' or '.join(_UNITS[channel])}; "
-                    "nothing is read or written until this is put right"
-                )
         return components
-
-    def _check_units(self, strings: Sequence[_Channels]) -> None:
-        """Require the channels of each present string, so that their units are known."""
-        mute = [
-            name for name, s in zip(self._names, strings, strict=True) if s and not {_SET, "Soc"} <= s.keys()
-        ]
-        if mute:
-            raise LinkError(f"{self._url}: {', '.join(mute)} has no {_SET} or no Soc; name others with ?ess=")
-        self._units_are_known = True
 
     def _found(self, components: Mapping[str, _Channels]) -> list[str]:
         names = [
-            name
-            for name, s in components.items()
-            if re.fullmatch(r"ess\d+", name) and {_SET, "Soc"} <= s.keys()
+            name for name, s in components.items() if re.fullmatch(r"ess\d+", name) and s.keys() >= _REQUIRED
         ]
         names.sort(key=lambda name: int(name[3:]))
         if len(names) != self.n_strings:
             raise LinkError(
                 f"{self._url}: has {', '.join(names) or 'no battery'}, the study {self.n_strings} strings; "
-                "name those to drive with ?ess=ess1,ess2 (a cluster is an ess too)"
+                "name the strings with ?ess=ess1,ess2 (a cluster is an ess too)"
             )
         return names
 
@@ -345,7 +315,7 @@ def _refusal(status: int, answer: bytes) -> str:
         )
     if status == httpx.codes.NOT_FOUND:
         return "there is no such channel (status 404)"
-    return f"failed (status {status}); the edge's log says why"
+    return f"failed (status {status}); see the log of the edge"
 
 
 def _limit(string: _Channels, channel: str, sign: float) -> float:

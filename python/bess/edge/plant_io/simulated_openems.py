@@ -8,18 +8,17 @@ channel comes without a list, a battery without response is in fault, and a wron
 from __future__ import annotations
 
 import asyncio
-import base64
 import hmac
 import json
 import math
 import re
 import socket
 import threading
-from contextlib import suppress
 from typing import Annotated, Any, Final
 
 import uvicorn
-from fastapi import Depends, FastAPI, Header, Request
+from fastapi import Depends, FastAPI, Request
+from fastapi.security import HTTPBasic, HTTPBasicCredentials
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
@@ -31,6 +30,7 @@ PASSWORD: Final = "owner"
 
 _FAILURES: Final = (HTTPException, ValueError, TypeError, KeyError, re.error)
 _SET: Final = "SetActivePowerEquals"
+_BASIC: Final = HTTPBasic(auto_error=False)
 
 
 class SimulatedEdge(SimulatedPartner):
@@ -108,14 +108,11 @@ class SimulatedEdge(SimulatedPartner):
         self._thread.start()
         return int(listener.getsockname()[1])
 
-    async def _admit(self, authorization: Annotated[str, Header()] = "") -> None:
+    async def _admit(self, given: Annotated[HTTPBasicCredentials | None, Depends(_BASIC)]) -> None:
         """Admit clients with the password."""
         await asyncio.sleep(self.plant.faults.delay_s)
-        with suppress(ValueError):
-            said = base64.b64decode(authorization.partition(" ")[2]).decode().partition(":")[2]
-            if hmac.compare_digest(said.encode(), self.password.encode()):
-                return
-        raise HTTPException(500, "Authentication failed")
+        if given is None or not hmac.compare_digest(given.password.encode(), self.password.encode()):
+            raise HTTPException(500, "Authentication failed")
 
     async def _get(self, component: str, channel: str) -> Response:
         rows = []

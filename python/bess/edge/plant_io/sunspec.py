@@ -9,22 +9,20 @@ this controller.
 
 from __future__ import annotations
 
-import math
 import re
 import time
-from collections.abc import Awaitable, Callable, Iterable, Mapping
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import fields
 from datetime import UTC, datetime
 from typing import Any, Final, TypeVar
 from urllib.parse import urlsplit
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bess.edge.plant_io.address import PORTS, Address
 from bess.edge.plant_io.calls import CLOSING_TIME_S, Calls, Rounds
-from bess.edge.plant_io.link import LinkError, Measurements, checked_setpoints, whole_watts
-from bess.edge.plant_io.sunspec_device import REVERT_S, Device, DeviceReadings, Gateway, NoResponseError
+from bess.edge.plant_io.link import LinkError, Measurements, StringLink
+from bess.edge.plant_io.sunspec_device import Device, DeviceReadings, Gateway, NoResponseError
 from bess.errors import InputError
 
 REFRESH_S: Final = 20.0
@@ -37,7 +35,7 @@ CLOCK: Final = time.monotonic
 T = TypeVar("T")
 
 
-class Link:
+class Link(StringLink[Device]):
     """A plant of SunSpec devices; several addresses are read and written in parallel.
 
     The address names units as ``1`` or, at another host, ``1@10.0.0.6:502``; the default is 1, 2, ... Methods
@@ -61,18 +59,16 @@ class Link:
         known = [place for place in places if place is not None]
         gateways = {place[:2]: Gateway(*place[:2]) for place in known}
         self._gateways = tuple(gateways.values())
-        self._devices = [Device(gateways[place[:2]], place[2], CLOCK) for place in known]
+        self._strings = [Device(gateways[place[:2]], place[2], CLOCK) for place in known]
         self._heartbeat = 0
-        # An earlier process may have written.
-        self._holds_until = [CLOCK() + REVERT_S + 1.0] * n_strings
         self._calls = Calls()
-        self._readings: Rounds[int, DeviceReadings] = Rounds(NoResponseError)
-        self._writings: Rounds[int, None] = Rounds(NoResponseError)
+        self._readings: Rounds[Device, DeviceReadings] = Rounds(NoResponseError)
+        self._writings: Rounds[Device, None] = Rounds(NoResponseError)
 
     @property
     def refresh_s(self) -> float:
         """Maximum time [s] between two writes: 1 s if a device may monitor the heartbeat."""
-        return HEARTBEAT_S if any(device.may_watch_heartbeat for device in self._devices) else REFRESH_S
+        return HEARTBEAT_S if any(device.may_watch_heartbeat for device in self._strings) else REFRESH_S
 
     def read(self) -> Measurements:
         """Return the present measurements.
@@ -82,31 +78,19 @@ class Link:
         LinkError
             No device can be read.
         """
-        said, silent = self._each(self._readings, range(self.n_strings), lambda i: self._devices[i].measure())
+        said, silent = self._each(self._readings, self._strings, Device.measure)
         if not said:
             raise LinkError(f"no device can be read: {next(iter(silent.values()))}")
-        devices = [
-            said[i] if i in said else DeviceReadings(remarks=str(silent[i])) for i in range(self.n_strings)
+        readings = [
+            said[device] if device in said else DeviceReadings(remarks=str(silent[device]))
+            for device in self._strings
         ]
         columns: dict[str, Any] = {
-            entry.name: np.array([getattr(device, entry.name) for device in devices])
+            entry.name: np.array([getattr(each, entry.name) for each in readings])
             for entry in fields(DeviceReadings)
         }
         remarks = tuple(columns.pop("remarks").tolist())
         return Measurements(time=datetime.now(UTC), remarks=remarks, **columns)
-
-    def write(self, power_kw: NDArray[np.float64]) -> None:
-        """Write set-points; NaN clears that of a string."""
-        setpoints = whole_watts(checked_setpoints(power_kw, self.n_strings))
-        now = CLOCK()
-        wanted = {i: w for i, w in enumerate(setpoints) if w is not None or now < self._holds_until[i]}
-        failures = self._write(wanted)
-        # A set-point that cannot be cleared reverts by itself.
-        self._raise({i: error for i, error in failures.items() if setpoints[i] is not None})
-
-    def release(self) -> None:
-        """Clear all set-points; those that cannot be cleared revert by themselves."""
-        self._raise(self._write(dict.fromkeys(range(self.n_strings))))
 
     def close(self) -> None:
         """Close the connections."""
@@ -116,50 +100,39 @@ class Link:
         for gateway in self._gateways:
             gateway.disconnect()
 
-    def _write(self, power_w: Mapping[int, int | None]) -> dict[int, NoResponseError]:
-        """Write set-points, cleared ones first; return failures."""
+    def _may_hold(self, string: Device) -> bool:
+        return string.may_hold_setpoint
+
+    def _set(self, power_w: Mapping[Device, int | None]) -> Mapping[Device, Exception]:
         self._heartbeat = (self._heartbeat + 1) % 0xFFFF
         beat = self._heartbeat
-        now = CLOCK()
-        for i, watts in power_w.items():
-            if watts is not None:
-                self._holds_until[i] = now + REVERT_S + 1.0
-        done, failures = self._each(
+        _, failures = self._each(
             self._writings,
-            power_w,
-            lambda i: self._devices[i].write(power_w[i], beat),
-            lambda i: power_w[i] is None,
+            list(power_w),
+            lambda device: device.write(power_w[device], beat),
+            lambda device: power_w[device] is None,
         )
-        for i in done:
-            if power_w[i] is None:
-                self._holds_until[i] = -math.inf
         return failures
-
-    def _raise(self, failures: Mapping[int, NoResponseError]) -> None:
-        if failures:
-            names = ", ".join(self._devices[i].name for i in failures)
-            reason = next(iter(failures.values()))
-            raise LinkError(f"set-points of {names} not written: {reason}")
 
     def _each(
         self,
-        rounds: Rounds[int, T],
-        strings: Iterable[int],
-        call: Callable[[int], Awaitable[T]],
-        first: Callable[[int], bool] = lambda i: False,
-    ) -> tuple[dict[int, T], dict[int, NoResponseError]]:
-        """Call all strings, in parallel for several addresses; return results and failures."""
-        round_ = rounds(list(strings), call, lambda i: self._devices[i].gateway.turn, ALL_S, first)
+        rounds: Rounds[Device, T],
+        devices: Sequence[Device],
+        call: Callable[[Device], Awaitable[T]],
+        first: Callable[[Device], bool] = lambda device: False,
+    ) -> tuple[dict[Device, T], dict[Device, Exception]]:
+        """Call all devices, in parallel for several addresses; return results and failures."""
+        round_ = rounds(devices, call, lambda device: device.gateway.turn, ALL_S, first)
         try:
             done, failed = self._calls(round_, ALL_S + CLOSING_TIME_S)
         except TimeoutError:
             raise LinkError(f"no answer within {ALL_S:g} s") from None
         late = f"is too slow: not done within {ALL_S:g} s"
         return done, {
-            i: error
+            device: error
             if isinstance(error, NoResponseError)
-            else NoResponseError(f"{self._devices[i].gateway.place} {late}")
-            for i, error in failed.items()
+            else NoResponseError(f"{device.gateway.place} {late}")
+            for device, error in failed.items()
         }
 
 

@@ -76,7 +76,7 @@ def scale(model: Any, name: str) -> int:
     if factor not in _SCALES:
         raise LinkError(
             f"model {model.model_id} gives {name} with scale factor {point.sf} = {factor}; "
-            "nothing is read or written until this is put right"
+            "nothing is read or written until this is corrected"
         )
     return int(factor)
 
@@ -117,7 +117,7 @@ class Heartbeat:
         still_s = 0.0 if self._moved_at_s is None else self._clock() - self._moved_at_s
         if still_s < HEARTBEAT_TIMEOUT_S:
             return ""
-        return f"its heartbeat has stood at {self._count:.0f} for {still_s:.0f} s; it counts as lost"
+        return f"its heartbeat has been constant at {self._count:.0f} for {still_s:.0f} s; it is lost"
 
 
 REVERT_S: Final = 60
@@ -223,16 +223,26 @@ class Device:
 
     def __init__(self, gateway: Gateway, unit: int, clock: Callable[[], float]) -> None:
         self.gateway = gateway
-        self.name = f"unit {unit} at {gateway.place}"
         self._unit = unit
         self._models: dict[int, tuple[int, int]] = {}
         self._losses = 0
         self._heartbeat = Heartbeat(clock)
+        self._clock = clock
+        # An earlier process may have written.
+        self._holds_until_s = clock() + REVERT_S + 1.0
+
+    def __str__(self) -> str:
+        return f"unit {self._unit} at {self.gateway.place}"
 
     @property
     def may_watch_heartbeat(self) -> bool:
         """Whether it has a register for the controller's heartbeat, or has not been read yet."""
         return not self._models or 802 in self._models
+
+    @property
+    def may_hold_setpoint(self) -> bool:
+        """Whether its last set-point may not have been cleared or reverted."""
+        return self._clock() < self._holds_until_s
 
     async def measure(self) -> DeviceReadings:
         """Return the present readings."""
@@ -254,7 +264,7 @@ class Device:
             if 803 in models:
                 temperature_c = (value(models[803], "ModTmpMin") + value(models[803], "ModTmpMax")) / 2.0
         except LinkError as error:
-            raise LinkError(f"{self.name}: {error}") from error
+            raise LinkError(f"{self}: {error}") from error
         in_service = all(
             model_id not in models or models[model_id].points[name].value not in states
             for (model_id, name), states in _OUT_OF_SERVICE.items()
@@ -263,7 +273,7 @@ class Device:
             self._heartbeat.see(value(models[802], "Hb"))
         remark = self._heartbeat.doubt
         if not (math.isfinite(soc) and math.isfinite(power_kw)):
-            remark = "its device names no state of charge, or no power"
+            remark = "the device reports no state of charge or no power"
         fit = in_service and not remark
         return DeviceReadings(soc, temperature_c, power_kw, charge_kw, discharge_kw, setpoint_kw, fit, remark)
 
@@ -276,11 +286,14 @@ class Device:
         control = await self._model(704)
         points = control.points
         if points["WSetRvrtTms"].value is None:
-            raise LinkError(f"{self.name}: has no WSetRvrtTms, its set-points would never lapse; not driven")
+            raise LinkError(
+                f"{self}: has no WSetRvrtTms: its set-points would never expire, so it is not controlled"
+            )
         if power_w is None:
             await self._send(start + points["WSetEna"].offset, [_OFF])
+            self._holds_until_s = -math.inf
         elif doubt := self._heartbeat.doubt:
-            raise NoResponseError(f"{self.name}: {doubt}")
+            raise NoResponseError(f"{self}: {doubt}")
         else:
             steps = self._steps(control, power_w)
             # The time first, so that the set-point reverts from the beginning.
@@ -290,6 +303,7 @@ class Device:
             ]
             await self._send(start + points["WSetEnaRvrt"].offset, revert)
             setpoint = [_ON, _WATTS, *registers_of(control, "WSet", steps)]
+            self._holds_until_s = self._clock() + REVERT_S + 1.0
             await self._send(start + points["WSetEna"].offset, setpoint)
         if 802 in self._models:
             battery, _ = self._models[802]
@@ -303,10 +317,10 @@ class Device:
         try:
             step_w = 10.0 ** scale(control, "WSet")
         except LinkError as error:
-            raise LinkError(f"{self.name}: {error}") from error
+            raise LinkError(f"{self}: {error}") from error
         steps = math.trunc(power_w / step_w)
         if abs(steps) > _MAX_STEPS:
-            raise LinkError(f"{self.name}: WSet in steps of {step_w:g} W is too fine for {power_w} W")
+            raise LinkError(f"{self}: WSet in steps of {step_w:g} W is too fine for {power_w} W")
         return steps
 
     async def _layout(self) -> Mapping[int, tuple[int, int]]:
@@ -325,7 +339,7 @@ class Device:
                     return base
             except _RefusedError:
                 continue
-        raise NoResponseError(f"{self.name} holds no SunSpec models at {', '.join(map(str, BASES))}")
+        raise NoResponseError(f"{self} holds no SunSpec models at {', '.join(map(str, BASES))}")
 
     async def _walk(self, base: int) -> dict[int, tuple[int, int]]:
         models: dict[int, tuple[int, int]] = {}
@@ -338,11 +352,11 @@ class Device:
             address += length + 2
         if missing := {701, 704} - models.keys():
             raise LinkError(
-                f"{self.name}: has no model {' and '.join(map(str, sorted(missing)))}, "
+                f"{self}: has no model {' and '.join(map(str, sorted(missing)))}, "
                 f"only {', '.join(map(str, models))}"
             )
         if not {713, 802} & models.keys():
-            raise LinkError(f"{self.name}: has neither model 713 nor 802, so no state of charge")
+            raise LinkError(f"{self}: has neither model 713 nor 802, so no state of charge")
         return models
 
     async def _model(self, model_id: int) -> Any:
@@ -353,13 +367,13 @@ class Device:
             registers += await self._registers(address + len(registers), piece)
         if registers[0] != model_id:
             self._models = {}
-            raise NoResponseError(f"{self.name} has another layout than before")
+            raise NoResponseError(f"{self} has another layout than before")
         return decode(model_id, registers)
 
     async def _registers(self, address: int, count: int) -> list[int]:
         answer = await self.gateway.request("read_holding_registers", self._unit, address, count=count)
         if len(answer.registers) != count:
-            raise NoResponseError(f"{self.name} answers with {len(answer.registers)} registers of {count}")
+            raise NoResponseError(f"{self} answers with {len(answer.registers)} registers of {count}")
         return list(answer.registers)
 
     async def _send(self, address: int, registers: Sequence[int]) -> None:

@@ -1,1 +1,1 @@
-"""The service: a controller that a plant can call, or that drives a plant by itself."""
+"""The service: a controller that is called over HTTP, or controls a plant itself."""

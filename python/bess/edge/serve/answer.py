@@ -80,7 +80,7 @@ def status(unmet_kw: float, demand_kw: float, has_plan: bool, plan_error: str) -
         return f"{unmet_kw:.4g} kW of {demand_kw:.4g} kW cannot be met; see the reasons of the strings."
     if not has_plan:
         why = f" ({plan_error})" if plan_error else ""
-        return f"Shared at the least loss of this step; there is no plan yet{why}."
+        return f"Shared at minimum loss of this step; there is no plan yet{why}."
     return "Shared within the plan."
 
 
@@ -100,7 +100,7 @@ def reasons(
             why = doubt
             if valid.flowing_kw[i]:
                 verb = "flows"
-                why += f"; it still gives {valid.flowing_kw[i]:.4g} kW, which the others make up for"
+                why += f"; it still supplies {valid.flowing_kw[i]:.4g} kW, which the other strings compensate"
         elif calibration.string == i:
             why = f"it is charged to {100.0 * calibration.target_soc:g} % for calibration"
         else:

@@ -74,11 +74,11 @@ def build_app(
 
     async def without_plant() -> None:
         if loop is not None:
-            raise HTTPException(409, "this service reads its plant by itself; post the demand to /v1/demand")
+            raise HTTPException(409, "this service reads its plant itself; post the demand to /v1/demand")
 
     async def with_plant() -> ControlLoop:
         if loop is None:
-            raise HTTPException(409, "this service drives no plant; call /v1/split, or start it with --plant")
+            raise HTTPException(409, "this service controls no plant; call /v1/split, or start with --plant")
         return loop
 
     to_plant = Depends(with_plant)

@@ -38,7 +38,7 @@ _DAY_S: Final = 86_400.0
 class Calibration(Checkpointed):
     """Charges one string at a time, and plans the next calibration.
 
-    With ``background``, a separate thread searches for start times.
+    A thread of ``pool`` searches for start times; without a pool, the caller waits.
 
     Attributes
     ----------
@@ -58,10 +58,13 @@ class Calibration(Checkpointed):
     _carried = ("string", "target_soc", "planned", "full_s")
 
     def __init__(
-        self, system: System, service: ServiceSection, limits: SocLimits, *, background: bool
+        self,
+        system: System,
+        service: ServiceSection,
+        limits: SocLimits,
+        pool: ThreadPoolExecutor | None = None,
     ) -> None:
-        self._system, self._service, self._limits = system, service, limits
-        self._pool = ThreadPoolExecutor(1, "calibration") if background else None
+        self._system, self._service, self._limits, self._pool = system, service, limits, pool
         self._power_kw = QUARTER * system.nominal_kw
         if service.calibration_kw is not None:
             self._power_kw = np.minimum(service.calibration_kw, system.nominal_kw)
@@ -149,7 +152,8 @@ class Calibration(Checkpointed):
         if spare_kw < 0.0:
             return request, np.ones(n, dtype=bool)
         wanted_kw = max(self._power_kw[i], -demand_kw - rest.charge_kw.sum())
-        room_kwh = (self.target_soc - valid.soc_high[i]) * self._system.nominal_energy_kwh[i]
+        energy_kwh = self._system.nominal_energy_kwh[i] * valid.state.soh_capacity[i]
+        room_kwh = (self.target_soc - valid.soc_high[i]) * energy_kwh
         can_kw = min(wanted_kw, valid.charge_kw[i], room_kwh / dt_h, spare_kw)
         request[i] = -can_kw if can_kw >= self._limits.minimum_kw[i] else 0.0
         return request, others
@@ -160,7 +164,8 @@ class Calibration(Checkpointed):
         """Begin the search for a time if a string is due within the day."""
         due_s = np.where(valid.in_service, self.full_s + period_s, np.inf)
         i = int(np.argmin(due_s))
-        missing_kwh = (self._limits.full[i] - valid.soc_low[i]) * self._system.nominal_energy_kwh[i]
+        energy_kwh = self._system.nominal_energy_kwh[i] * valid.state.soh_capacity[i]
+        missing_kwh = (self._limits.full[i] - valid.soc_low[i]) * energy_kwh
         ahead_s = max(min(_DAY_S, period_s / 2.0), 3600.0 * SLACK * missing_kwh / self._power_kw[i])
         if now_s < due_s[i] - ahead_s:
             return
@@ -193,7 +198,7 @@ def place(
     def days(start: int) -> tuple[float, int]:
         """Cost of both days, and the step at which the string is full."""
         state, cost_kwh, full = valid.state, 0.0, demand_kw.size + 1
-        calibration = Calibration(system, service, limits, background=False)
+        calibration = Calibration(system, service, limits)
         for k, asked_kw in enumerate(demand_kw):
             now = replace(valid, state=state, soc_low=state.soc, soc_high=state.soc)
             able = limits.able(now)

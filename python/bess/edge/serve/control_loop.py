@@ -1,7 +1,7 @@
 """Control loop of a plant, in control or in shadow mode: read, decide, write, in every period.
 
-In doubt nothing is written, so that the plant's own watchdog ends the last set-point; zero is written only if
-it is the demand.
+Without certain data nothing is written, so that the watchdog of the plant clears the last set-point; zero is
+written only if it is the demand.
 """
 
 from __future__ import annotations
@@ -144,7 +144,7 @@ class ControlLoop:
     def health(self, with_details: bool) -> dict[str, Any]:
         """State of the loop; ``with_details`` adds the plant's address and messages that may contain it."""
         age_s, period_s = self.age_s, self.period_s
-        still = f"the control cycle, of {period_s:g} s, has stood still for {age_s:.0f} s"
+        still = f"the control loop, with a period of {period_s:g} s, has been stalled for {age_s:.0f} s"
         still = still if age_s > 2.0 * period_s else ""
         troubles = [trouble for trouble in (still, self.trouble, self.journal_trouble) if trouble]
         health: dict[str, Any] = {"cycle_age_s": round(age_s, 3), "cycle_period_s": period_s}
@@ -164,7 +164,7 @@ class ControlLoop:
                 self.step()
             except Exception:
                 LOG.exception("a control step failed")
-                self._release("a control step failed; the log says why")
+                self._release("a control step failed; see the log")
             self._completed_s = self._monotonic()
             due_s = max(due_s + self.period_s, self._completed_s)
             while not self._stop.wait(max(0.0, min(due_s - self._monotonic(), self._refresh_in_s()))):
@@ -255,7 +255,7 @@ class ControlLoop:
         """Stop writing for now, so that the last set-points expire."""
         self._report(sentence)
         self._written = None
-        # Strings cannot follow set-points that did not reach them.
+        # Strings cannot follow set-points that did not arrive.
         self._service.controller.drives = False
 
     def _report(self, sentence: str) -> None:
@@ -272,4 +272,4 @@ class ControlLoop:
         try:
             self._link.release()
         except LinkError as error:
-            LOG.warning(f"the plant could not be told ({error}); its watchdog takes over")
+            LOG.warning(f"the set-points could not be cleared ({error}); the plant's watchdog clears them")

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Final
 
@@ -50,7 +51,7 @@ class Controller(Checkpointed):
     policy
         Any policy of the closed loop; it plans ``plan_steps`` ahead.
     background
-        Plan in a separate thread. Without it, for simulations, a call waits for its plan and is reproducible
+        Plan in separate threads. Without them, for simulations, a call waits for its plan and is reproducible
         to the last bit.
 
     Attributes
@@ -91,7 +92,9 @@ class Controller(Checkpointed):
                 f"service.control_step_s = {self.step_s:g} s: must not exceed the plan's step, {plan_s:g} s"
             )
         self.soc_limits = SocLimits(system, service, self.step_s)
-        self.plan = CarriedPlan(system, policy, plan_s, plan_steps, background=background)
+        # One thread for plans, one for calibrations.
+        self._pool = ThreadPoolExecutor(2, "planning") if background else None
+        self.plan = CarriedPlan(system, policy, plan_s, plan_steps, self._pool)
         self._near_s = 0.0
         self._forecast = DemandForecast(self.step_s, plan_s, plan_steps)
         self.ageing = Ageing(system)
@@ -106,7 +109,7 @@ class Controller(Checkpointed):
         self.charged_kwh: Array = np.zeros(n)
         self.discharged_kwh: Array = np.zeros(n)
         self.drives = True
-        self.calibration = Calibration(system, service, self.soc_limits, background=background)
+        self.calibration = Calibration(system, service, self.soc_limits, self._pool)
         self.last_kw: Array = np.zeros(n)
         self.valid: ValidState | None = None
         self.able = PowerCapability(np.zeros(n), np.zeros(n))
@@ -193,7 +196,7 @@ class Controller(Checkpointed):
         discharge = demand_kw >= 0.0
         known = measured.available & (measured.soc >= 0.0) & (measured.soc <= 1.0)
         room = self.soc_limits.room(np.where(known, measured.soc, 0.5), discharge)
-        left_kwh = room * self.system.nominal_energy_kwh
+        left_kwh = room * self.system.nominal_energy_kwh * self.ageing.soh_capacity
         limit = measured.discharge_limit_kw if discharge else measured.charge_limit_kw
         most = np.minimum(np.minimum(limit, self.system.nominal_kw), left_kwh * 3600.0 / self.step_s)
         most = np.maximum(np.nan_to_num(np.where(known, most, 0.0)), 0.0)
@@ -213,7 +216,7 @@ class Controller(Checkpointed):
             running=power > 0.0,
             in_service=known,
             flowing_kw=flowing_kw,
-            reasons=tuple(f"string {i} {verb}: shared by the energy left" for i, verb in enumerate(verbs)),
+            reasons=tuple(f"string {i} {verb}: shared by stored energy" for i, verb in enumerate(verbs)),
         )
 
     def applied(self, fallback: Answer) -> None:
@@ -238,8 +241,9 @@ class Controller(Checkpointed):
         return share(demand_kw, wanted, chosen.running, limits, self.soc_limits.minimum_kw)
 
     def close(self) -> None:
-        """End the thread of the plan."""
-        self.plan.close()
+        """End the threads of plan and calibration."""
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, cancel_futures=True)
 
     def _validate(self, measured: Measurements, elapsed_s: float) -> ValidState:
         """Validate the measurements; count energy and ageing since the last step."""

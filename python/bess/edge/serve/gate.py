@@ -20,10 +20,10 @@ from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from bess.edge.serve.messages import read_json
 from bess.edge.serve.page import PAGE, PAGE_HEADERS
 from bess.edge.serve.service import LOG, Service
 from bess.errors import InputError
+from bess.files import parse_json
 
 REFUSALS: Final = LOG.getChild("requests")
 HEALTH: Final = "/v1/health"
@@ -98,12 +98,12 @@ def check_token(host: str, token: str | None, drives: bool) -> None:
         return
     if drives:
         raise InputError(
-            "--plant: whoever calls this service moves the plant; give --token-file FILE "
-            "(openssl rand -hex 32 makes a token), or only watch with --shadow"
+            "--plant: every caller of this service controls the plant; give --token-file FILE "
+            "(openssl rand -hex 32 makes a token), or use --shadow to observe only"
         )
     if not _is_loopback(host):
         raise InputError(
-            f"--host {host}: others than this machine can reach it; give --token-file FILE, or use 127.0.0.1"
+            f"--host {host}: other machines can reach the service; give --token-file FILE, or use 127.0.0.1"
         )
 
 
@@ -202,17 +202,17 @@ class Rate:
 
     def __init__(self, per_s: float, clock: Callable[[], float] = time.monotonic) -> None:
         self.per_s, self._clock = per_s, clock
-        self._most = max(1.0, per_s * _BURST_S)
-        self._left, self._at_s = self._most, clock()
+        self._max_tokens = max(1.0, per_s * _BURST_S)
+        self._tokens, self._at_s = self._max_tokens, clock()
 
     def take(self) -> bool:
         """Whether another request passes."""
         now_s = self._clock()
-        self._left = min(self._most, self._left + (now_s - self._at_s) * self.per_s)
+        self._tokens = min(self._max_tokens, self._tokens + (now_s - self._at_s) * self.per_s)
         self._at_s = now_s
-        if self._left < 1.0:
+        if self._tokens < 1.0:
             return False
-        self._left -= 1.0
+        self._tokens -= 1.0
         return True
 
 
@@ -253,7 +253,7 @@ class Gate:
             LOG.exception("a request failed")
             if status:
                 raise
-            await refusal(503, "the service could not answer; its log says why")(scope, receive, sending)
+            await refusal(503, "the service failed to answer; see its log")(scope, receive, sending)
         is_known = any(getattr(route, "path", None) == path for route in scope["app"].routes)
         self._requests.labels(path if is_known else "other", str(status)).inc()
         if status >= 400:
@@ -266,8 +266,8 @@ class Gate:
         if not self._names.answers(host):
             raise HTTPException(
                 421,
-                f"the header Host holds {(host or '')[:80]!r}, which is no name of this service; if it is to "
-                "be one, start the service with --allowed-host NAME",
+                f"the header Host is {(host or '')[:80]!r}, not a name of this service; to add a name, "
+                "start the service with --allowed-host NAME",
             )
         origins, sites = headers.getlist("origin"), headers.getlist("sec-fetch-site")
         if not self._names.is_own_page(host, origins, sites) and not _opens_page(request):
@@ -329,44 +329,45 @@ def _limited(request: Request) -> Receive:
                     body += part
                     if len(body) > MAX_BODY:
                         raise HTTPException(413, f"the body is longer than {MAX_BODY} bytes", _CLOSE)
-            read_json(body)
+            parse_json(body)
         except ClientDisconnect:
-            raise HTTPException(400, "the caller has gone before the body was complete") from None
+            raise HTTPException(400, "the client disconnected before the body was complete") from None
         except TimeoutError:
             raise HTTPException(408, f"the body took longer than {_READ_S:g} s", _CLOSE) from None
-        except InputError as error:
-            raise HTTPException(422, str(error)) from None
+        except ValueError as error:
+            raise HTTPException(422, f"the body is not JSON ({error})") from None
         return {"type": "http.request", "body": body, "more_body": False}
 
     return received
 
 
 class Connection(H11Protocol):
-    """A connection with time limits; it is a stranger's until a request on it is admitted.
+    """A connection with time limits, which counts as unadmitted until a request on it is admitted.
 
     The application finds it in ``request.state.connection``.
     """
 
     def __init__(self, config: Any, server_state: Any, app_state: Any, _loop: Any = None) -> None:
         super().__init__(config, server_state, {**app_state, "connection": self}, _loop)
-        self._is_stranger = True
-        self._serves = False
-        self._late: asyncio.TimerHandle | None = None
+        self._is_unadmitted = True
+        self._is_answering = False
+        self._timeout: asyncio.TimerHandle | None = None
 
     def admit(self) -> None:
         """End the time limit of the head: the request is admitted."""
-        self._is_stranger, self._serves = False, True
+        self._is_unadmitted, self._is_answering = False, True
         self._stop_waiting()
 
     def connection_made(self, transport: Any) -> None:
-        """Wait for a request; with too many strangers end the oldest of their connections."""
+        """Wait for a request; close the oldest of too many unadmitted connections."""
         super().connection_made(transport)
         self._peer = self.client[0] if self.client else ""
         self._made_s = self.loop.time()
         self._wait()
-        strangers = [each for each in self.connections if isinstance(each, Connection) and each._is_stranger]
-        of_peer = [each for each in strangers if each._peer == self._peer]
-        for connections, most in ((of_peer, MAX_UNADMITTED_PER_ADDRESS), (strangers, MAX_UNADMITTED)):
+        ours = [each for each in self.connections if isinstance(each, Connection)]
+        unadmitted = [each for each in ours if each._is_unadmitted]
+        of_peer = [each for each in unadmitted if each._peer == self._peer]
+        for connections, most in ((of_peer, MAX_UNADMITTED_PER_ADDRESS), (unadmitted, MAX_UNADMITTED)):
             if len(connections) > most:
                 oldest = min(connections, key=lambda each: each._made_s)
                 self.connections.discard(oldest)
@@ -374,13 +375,13 @@ class Connection(H11Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Start the time limit of the head with its first data."""
-        if not self._serves and self._late is None:
+        if not self._is_answering and self._timeout is None:
             self._wait()
         super().data_received(data)
 
     def on_response_complete(self) -> None:
         """Wait for the next request without a time limit."""
-        self._serves = False
+        self._is_answering = False
         self._stop_waiting()
         super().on_response_complete()
 
@@ -390,9 +391,9 @@ class Connection(H11Protocol):
         super().connection_lost(exc)
 
     def _wait(self) -> None:
-        self._late = self.loop.call_later(HEADER_TIMEOUT_S, self.transport.abort)
+        self._timeout = self.loop.call_later(HEADER_TIMEOUT_S, self.transport.abort)
 
     def _stop_waiting(self) -> None:
-        if self._late is not None:
-            self._late.cancel()
-            self._late = None
+        if self._timeout is not None:
+            self._timeout.cancel()
+            self._timeout = None

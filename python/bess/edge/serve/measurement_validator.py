@@ -264,7 +264,7 @@ class _StringMonitor(Checkpointed):
         if self.out_reason:
             moves = soc != self.last_reading or (self.stands == "all" and not same_power)
             return self._still_out(moves, soc, elapsed_s)
-        stood = f"its state of charge has stood at {100.0 * soc:.4g} %"
+        stood = f"its state of charge has been constant at {100.0 * soc:.4g} %"
         if self._is_frozen(soc, abs(expected)):
             self.out_until_s, self.stands = self._service.retry_after_s, "soc"
             return self._take_out(f"{stood} for {self.unchanged} readings while it carried power", 0.0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Annotated, Any, Final
@@ -41,18 +40,18 @@ class StringMessage(Message):
     """Measurements of one string."""
 
     soc: Annotated[float, within(0.0, 1.0)] | None = Field(
-        None, description="State of charge, 0 to 1; may be left out of a string that is not available."
+        None, description="State of charge, 0 to 1; optional for a string that is not available."
     )
     temperature_c: Annotated[float, within(MIN_READING_C, MAX_READING_C, "degC")] | None = Field(
-        None, description="Mean temperature [degC]; that of the surroundings if left out."
+        None, description="Mean temperature [degC]; by default that of the surroundings."
     )
     limit_kw: Limit | None = Field(
-        None, description="Largest power of the inverter now [kW]; its nominal power if left out."
+        None, description="Present power limit of the inverter [kW]; by default its nominal power."
     )
     available: bool = Field(True, strict=True, description="Whether the string takes set-points.")
     power_kw: Power | None = Field(
         None,
-        description="Power that it gives now [kW], positive = discharge, to find out whether it follows.",
+        description="Measured power [kW], positive = discharge; shows whether the set-point is followed.",
     )
 
 
@@ -81,7 +80,7 @@ class DemandMessage(Message):
 
     demand_kw: Demand = Field(description=_DEMAND)
     valid_for_s: Annotated[float, within(1.0, 86_400.0, "s")] = Field(
-        900.0, description="How long it holds [s]; after that the plant is let go."
+        900.0, description="Validity [s]; afterwards all set-points of the plant are cleared."
     )
 
 
@@ -92,22 +91,6 @@ class CalibrationMessage(Message):
     target_soc: Annotated[float, within(0.0, 1.0)] = Field(
         1.0, description="State of charge at which it ends."
     )
-
-
-def read_json(body: bytes) -> Any:
-    """Return the content of a body.
-
-    Raises
-    ------
-    InputError
-        The body is not valid JSON.
-    """
-    try:
-        return json.loads(body, parse_constant=_refuse_constant)
-    except RecursionError:
-        raise InputError("the body is nested too deeply") from None
-    except ValueError as error:
-        raise InputError(f"the body is no JSON ({error})") from None
 
 
 _EXAMPLES: Final = {
@@ -163,7 +146,3 @@ def measurements_of(message: SplitMessage, system: System) -> Measurements:
         available=np.array([string.available for string in strings]),
         plant_kw=np.nan if message.plant_kw is None else message.plant_kw,
     )
-
-
-def _refuse_constant(name: str) -> float:
-    raise ValueError(f"{name} is not a number of JSON; every value must be finite")

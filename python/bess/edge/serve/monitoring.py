@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, Final
 
@@ -13,20 +14,23 @@ from bess.arrays import Array
 from bess.edge.serve.answer import Answer
 from bess.edge.serve.controller import Controller
 
-STRINGS: Final = {
-    "request_kw": "Set-point; positive = discharge.",
-    "soc_ratio": "State of charge, as validated.",
-    "temperature_celsius": "Temperature, as validated.",
-    "running": "Whether the inverter is on.",
-    "in_service": "Whether the string takes set-points.",
-    "starts": "Starts of the inverter since the state began.",
-    "charged_kwh": "Energy charged since the state began.",
-    "discharged_kwh": "Energy discharged since the state began.",
-    "soh_capacity_ratio": "Estimated capacity relative to nominal.",
-    "out_of_control_kw": "Power that a string out of service still gives.",
-    "calibration_due_seconds": "When the string must be full again.",
+_OF_STRINGS: Final[Mapping[str, tuple[str, Callable[[Controller, Answer], Any]]]] = {
+    "request_kw": ("Set-point; positive = discharge.", lambda c, a: a.request_kw),
+    "soc_ratio": ("State of charge, as validated.", lambda c, a: c.valid and c.valid.state.soc),
+    "temperature_celsius": (
+        "Temperature, as validated.",
+        lambda c, a: c.valid and c.valid.state.temperature_c,
+    ),
+    "running": ("Whether the inverter is on.", lambda c, a: a.running),
+    "in_service": ("Whether the string takes set-points.", lambda c, a: c.valid and c.valid.in_service),
+    "starts": ("Starts of the inverter since the state began.", lambda c, a: c.commitment.starts),
+    "charged_kwh": ("Energy charged since the state began.", lambda c, a: c.charged_kwh),
+    "discharged_kwh": ("Energy discharged since the state began.", lambda c, a: c.discharged_kwh),
+    "soh_capacity_ratio": ("Estimated capacity relative to nominal.", lambda c, a: c.ageing.soh_capacity),
+    "out_of_control_kw": ("Power that a string out of service still supplies.", lambda c, a: a.flowing_kw),
+    "calibration_due_seconds": ("When the string must be full again.", lambda c, a: c.calibration.due_s()),
 }
-"""Gauges of each string, and their meaning."""
+"""Gauges of each string: their meaning, and their values, or None if these are unknown."""
 SPANS: Final = {"2h": (60.0, 120), "day": (300.0, 288), "week": (1800.0, 336)}
 """Spans of the history: length of a step [s], and number of steps."""
 QUANTILES: Final = (0.0, 0.1, 0.5, 0.9, 1.0)
@@ -54,7 +58,10 @@ class Metrics:
         self._demand = gauge("bess_demand_kw", "Demand of the last answer; positive = discharge.")
         self._unmet = gauge("bess_unmet_kw", "Unmet demand of the last answer.")
         self._plan_age = gauge("bess_plan_steps_old", "Age of the plan in steps.")
-        self._strings = {name: gauge(f"bess_{name}", help_, ["string"]) for name, help_ in STRINGS.items()}
+        self._strings = [
+            (gauge(f"bess_{name}", meaning, ["string"]), values_of)
+            for name, (meaning, values_of) in _OF_STRINGS.items()
+        ]
         self._cost = gauge("bess_calibration_cost_kwh", "Expected cost of the next calibration.")
         self.state_errors = gauge("bess_state_error", "1 while the state cannot be written.")
         self.cycle_age = gauge("bess_cycle_age_seconds", "Time since a control cycle of the plant ended.")
@@ -72,26 +79,12 @@ class Metrics:
         self._unmet.set(answer.unmet_kw)
         plan = controller.plan.current
         self._plan_age.set(-1 if plan is None else controller.plan.slot(at_s) - plan.slot)
-        valid, calibration = controller.valid, controller.calibration
-        self._cost.set(np.nan if calibration.planned is None else calibration.planned[2])
-        columns: dict[str, Any] = {
-            "request_kw": answer.request_kw,
-            "running": answer.running,
-            "out_of_control_kw": answer.flowing_kw,
-            "starts": controller.commitment.starts,
-            "charged_kwh": controller.charged_kwh,
-            "discharged_kwh": controller.discharged_kwh,
-            "soh_capacity_ratio": controller.ageing.soh_capacity,
-        }
-        if (due_s := calibration.due_s()) is not None:
-            columns["calibration_due_seconds"] = due_s
-        if valid is not None:
-            columns["soc_ratio"] = valid.state.soc
-            columns["temperature_celsius"] = valid.state.temperature_c
-            columns["in_service"] = valid.in_service
-        for name, values in columns.items():
-            for i, value in enumerate(values):
-                self._strings[name].labels(str(i)).set(value)
+        planned = controller.calibration.planned
+        self._cost.set(np.nan if planned is None else planned[2])
+        for metric, values_of in self._strings:
+            values = values_of(controller, answer)
+            for i, value in enumerate(() if values is None else values):
+                metric.labels(str(i)).set(value)
 
 
 class History:

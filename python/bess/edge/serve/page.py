@@ -47,10 +47,9 @@ pre {{ background: #8881; padding: 10px; overflow: auto; font-size: 13px; }}
 code {{ font-size: 14px; }}</style>
 </head><body><h1>Routes of bess serve</h1>
 <p>JSON over HTTP, sent as <code>Content-Type: application/json</code>; powers in kW, positive = discharge.
-Every route but /v1/health asks for <code>Authorization: Bearer TOKEN</code> if the service was started with a
-token. Bad values are answered
-with status 422 and one sentence in <code>detail</code>. The same for machines:
-<a href="openapi.json">openapi.json</a>.</p>
+If the service was started with a token, every route except /v1/health requires
+<code>Authorization: Bearer TOKEN</code>. Invalid values return status 422 and one sentence in
+<code>detail</code>. Machine-readable: <a href="openapi.json">openapi.json</a>.</p>
 {routes}</body></html>
 """
 

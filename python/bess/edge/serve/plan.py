@@ -119,18 +119,19 @@ class ActivePlan:
 class CarriedPlan(Checkpointed):
     """Keeps the plan of a policy up to date: in each of its steps, and after a change within a step.
 
-    With ``background``, a separate thread computes the plans, so no answer waits longer than permitted.
+    A thread of ``pool`` computes the plans, so no answer waits longer than permitted; without a pool, the
+    caller waits.
     """
 
     _carried = ("_before", "_after", "_asked_at_s", "current")
     _classes: ClassVar = {"current": ActivePlan}
 
     def __init__(
-        self, system: System, policy: Policy, step_s: float, n_steps: int, *, background: bool
+        self, system: System, policy: Policy, step_s: float, n_steps: int, pool: ThreadPoolExecutor | None
     ) -> None:
         self._system, self._policy = system, policy
         self.step_s, self.n_steps = step_s, n_steps
-        self._pool = ThreadPoolExecutor(1, "plan") if background else None
+        self._pool = pool
         self._pending: Future[ActivePlan] | None = None
         self._asked: tuple[int, Array, Array] | None = None
         self._asked_at_s = -np.inf
@@ -180,11 +181,6 @@ class CarriedPlan(Checkpointed):
         self._policy.load_state_dict(self._after)
         if self.current is not None:
             self._asked = (self.current.slot, self.current.demand_kw, self.current.limit_kw)
-
-    def close(self) -> None:
-        """End the thread."""
-        if self._pool is not None:
-            self._pool.shutdown(wait=True, cancel_futures=True)
 
     def _is_due(self, now_s: float, forecast_kw: Array, limit_kw: Array) -> bool:
         if self._asked is None or self.slot(now_s) != self._asked[0]:

@@ -9,7 +9,7 @@ import os
 import socket
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from queue import Full, Queue
@@ -66,7 +66,7 @@ def serve(
     names = Names.of(host, allowed_hosts)
     if shadow and plant is None:
         raise InputError("--shadow: watches a plant; name one with --plant openems=URL or sunspec=HOST")
-    address = None if plant is None else parse_address(plant)
+    address = "" if plant is None else str(parse_address(plant))
     _log_to_standard_error()
     if plant is not None and study.service.control_step_s is None:
         study = study.with_values({"service.control_step_s": STEP_S})
@@ -75,15 +75,13 @@ def serve(
         service = Service(study, folder)
         for note in service.notes:
             LOG.info(note)
-        loop, thread = None, None
-        if plant is not None and address is not None:
+        loop = None
+        if plant is not None:
             system = service.controller.system
             link = connect(plant, system.n_strings)
             demands = Demands(study, service.controller.plan.step_s)
             journal = Journal(folder, system, study.title or study.name, study.service.journal_mb)
-            named = f"{address.kind} at {address.url}"
-            loop = ControlLoop(service, link, demands, journal, address=named, shadow=shadow)
-            thread = threading.Thread(target=loop.run, name="cycle", daemon=True)
+            loop = ControlLoop(service, link, demands, journal, address=address, shadow=shadow)
         config = uvicorn.Config(
             build_app(service, token, loop, names),
             http=Connection,
@@ -98,18 +96,15 @@ def serve(
             limit_concurrency=1000,
         )
         server = _Server(config, loop)
-        # Before the thread starts, as an exception raised wherever Python happens to be may be lost;
-        # a signal that was handled is raised again at the end.
-        with suppress(KeyboardInterrupt), server.capture_signals():
-            try:
-                if thread is not None:
-                    thread.start()
-                server.run(sockets=[listener])
-            finally:
-                if loop is not None and thread is not None and thread.is_alive():
-                    loop.stop()
-                    thread.join()
-                service.close()
+        # Signals are captured before the thread starts: an exception raised at any other place may be lost.
+        # A handled signal is raised again at the end.
+        with suppress(KeyboardInterrupt), server.capture_signals(), closing(service), ExitStack() as end:
+            if loop is not None:
+                thread = threading.Thread(target=loop.run, name="cycle", daemon=True)
+                thread.start()
+                end.callback(thread.join)
+                end.callback(loop.stop)
+            server.run(sockets=[listener])
 
 
 class _Server(uvicorn.Server):
@@ -132,7 +127,7 @@ class _Server(uvicorn.Server):
 
 def _end_process() -> None:
     """End the process although a thread still waits for a plant, a disk or a name server."""
-    LOG.error(f"not done {MAX_SHUTDOWN_S:g} s after the signal; what the plant was given lapses")
+    LOG.error(f"not stopped {MAX_SHUTDOWN_S:g} s after the signal; the set-points of the plant expire")
     logging.shutdown()
     os._exit(1)
 
@@ -155,10 +150,8 @@ def _held(folder: Path) -> Iterator[None]:
         except (BessError, OSError, ValueError) as error:
             cause = error.__cause__ if isinstance(error, BessError) else error
             if not isinstance(cause, OSError) or cause.errno in _NO_FOLDER:
-                raise InputError(
-                    f"--state {folder}: is no folder that can be written to ({cause})"
-                ) from error
-            LOG.error(f"{folder}: cannot be held ({cause.strerror}); goes on without")
+                raise InputError(f"--state {folder}: is not a writable folder ({cause})") from error
+            LOG.error(f"{folder}: cannot be locked ({cause.strerror}); continues without a lock")
         yield
 
 
@@ -169,7 +162,7 @@ def _listening(host: str, port: int) -> Iterator[socket.socket]:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         listener = socket.socket(family, kind, protocol)
     except OSError as error:
-        raise InputError(f"--host {host}: is no address of this machine ({error})") from error
+        raise InputError(f"--host {host}: is not an address of this machine ({error})") from error
     with listener:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:

@@ -43,7 +43,7 @@ def build_controller(study: Study, *, background: bool = True) -> tuple[Controll
     if study.policy.objectives.kind == "money":
         # Prices belong to the demand, which comes from outside here.
         study = study.with_values({"policy.objectives.kind": "energy"})
-        notes.append("plans count kWh lost, not EUR: a service is given a demand, no prices")
+        notes.append("plans minimise undelivered energy and losses, not cost: a service receives no prices")
     system = build_system(study.system, study.run, study.wear)
     settings = policy_settings(study, system)
     policy = build_policy(study.policy.name, system, settings)
@@ -164,7 +164,7 @@ class Service:
             work.cancel()
             outcome = f"The controller had no answer within {self.controller.service.answer_within_s:g} s"
         if isinstance(outcome, str):
-            status = f"{outcome}; shared by the energy left."
+            status = f"{outcome}; shared by stored energy."
             n_steps = len(request.forecast_kw or [0.0])
             outcome = self.controller.fallback(request.measured, request.demand_kw, status, n_steps)
             self.metrics.fallbacks.inc()
