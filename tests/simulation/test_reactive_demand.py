@@ -170,18 +170,18 @@ def test_a_policy_of_ones_own_may_share_it_or_leave_it() -> None:
 def test_an_interrupted_run_goes_on_bit_by_bit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     study = _study("mpc", kvar=-50.0)
     whole = bess.run(study, progress=False).dataset
-    advance = closed_loop.ClosedLoop.advance
+    advance_part = closed_loop.ClosedLoop.advance_part
 
-    def interrupted(self: closed_loop.ClosedLoop) -> Any:
+    def interrupted(self: closed_loop.ClosedLoop, *arguments: Any) -> Any:
         if self.step == 40:
             raise KeyboardInterrupt
-        return advance(self)
+        return advance_part(self, *arguments)
 
-    monkeypatch.setattr(closed_loop.ClosedLoop, "advance", interrupted)
+    monkeypatch.setattr(closed_loop.ClosedLoop, "advance_part", interrupted)
     monkeypatch.setattr("bess.simulation.runner.MAX_PART_STEPS", 10)
     with pytest.raises((StoppedEarly, KeyboardInterrupt)):
         bess.run(study, out=tmp_path, progress=False)
-    monkeypatch.setattr(closed_loop.ClosedLoop, "advance", advance)
+    monkeypatch.setattr(closed_loop.ClosedLoop, "advance_part", advance_part)
     continued = bess.run(study, out=tmp_path, resume=True, progress=False).dataset
     for name in ("request_kw", "reactive_kvar", "soc", "inverter_loss_kw"):
         np.testing.assert_array_equal(continued[name].values, whole[name].values)

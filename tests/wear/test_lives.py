@@ -179,15 +179,15 @@ def test_a_replacement_that_cannot_be_is_refused(table: dict[str, Any], message:
 def test_a_run_continues_from_a_checkpoint_at_an_end_of_life(at_end: str) -> None:
     study = bess.load_study("case1", AGEING | {"wear.at_end_of_life": at_end})
     whole, steps = closed_loop(study, prepare(study)), 240
-    rows = [whole.advance()[0] for _ in range(steps)]
+    rows = [whole.advance_part(1)[0] for _ in range(steps)]
     end = int(np.argmax([row["end_of_life"][0, 0] for row in rows]))
     first = closed_loop(study, prepare(study))
     for _ in range(end + 1):
-        first.advance()
+        first.advance_part(1)
     second = closed_loop(study, prepare(study))
     second.restore(first.checkpoint())
     for row in rows[end + 1 :]:
-        again = second.advance()[0]
+        again = second.advance_part(1)[0]
         for name in ("soh_capacity", "request_kw", "wear_eur", "investment_eur"):
             np.testing.assert_array_equal(again[name], row[name])
 

@@ -91,25 +91,21 @@ class ClosedLoop:
     def advance_part(
         self, most: int, is_over: Callable[[int], bool] = lambda step: False
     ) -> tuple[Record, list[dict[str, Any]]]:
-        """Run up to ``most`` steps, at least one, until ``is_over(step)``; see :meth:`advance`."""
+        """Run up to ``most`` control steps, at least one, until ``is_over(step)``.
+
+        Returns
+        -------
+        record : dict of arrays
+            Variables of the dataset for these steps.
+        log : list of dict
+            Log lines: one for each step with a solve or with undelivered energy.
+        """
         last = min(self.step + most, self.inputs.grid.n_steps)
         in_blocks = self.in_blocks
         passed: list[_PassedSteps] = []
         while not passed or not (is_over(self.step) or self.step == last):
             passed.append(self._pass_block(last - self.step) if in_blocks else self._pass_step())
         return self._recorded(passed)
-
-    def advance(self) -> tuple[Record, list[dict[str, Any]]]:
-        """Run one control step.
-
-        Returns
-        -------
-        record : dict of ndarray
-            Values by variable name, with the steps along the first axis.
-        log : list of dict
-            Log lines: one for each step with a solve or with undelivered energy.
-        """
-        return self._recorded([self._pass_step()])
 
     def _pass_step(self, known_kw: tuple[Array, Array] | None = None) -> _PassedSteps:
         """Run one control step; demand with forecast, and both as served, are read here if not given."""

@@ -70,6 +70,7 @@ class _Header(BaseModel, strict=True):
 
     @classmethod
     def of(cls, directory: Path) -> _Header:
+        """Raise InputError if the folder has no header or a damaged one."""
         path = directory / HEADER
         try:
             return cls.model_validate_json(path.read_bytes())

@@ -133,7 +133,15 @@ class StringLink(ABC, Generic[K]):
     _strings: Sequence[K]
 
     def write(self, power_kw: NDArray[np.float64]) -> None:
-        """Write set-points [kW]; NaN clears that of a string."""
+        """Write set-points [kW], as the protocol of a link.
+
+        Raises
+        ------
+        InputError
+            The set-points have another shape or are infinite.
+        LinkError
+            A set-point did not arrive.
+        """
         setpoints = np.asarray(power_kw, dtype=np.float64)
         if setpoints.shape != (self.n_strings,) or np.isinf(setpoints).any():
             raise InputError(
