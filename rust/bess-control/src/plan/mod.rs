@@ -5,15 +5,14 @@
 //! warm start.
 //!
 //! `problem` defines the data, `starts` the initial schedules, and `paths` an incremental roll-out, which evaluates a
-//! change from its step on. Two strings at a time exchange power (`pair`): over a block of steps
-//! (`blocks`), or in one step and back in a later one (`sweep`) if the `co_states` predict a gain.
+//! change from its step on, with its co-states. Two strings at a time exchange power (`pair`): over a block of steps
+//! (`blocks`), or in one step and back in a later one (`sweep`) if the co-states predict a gain.
 //!
 //! Many strings are planned in `groups`: like strings in like states as one, which then share its power.
 //!
 //! [`StringModel::step_midpoint`]: crate::StringModel::step_midpoint
 
 mod blocks;
-mod co_states;
 pub(crate) mod dual;
 mod groups;
 mod look_ahead;
@@ -31,11 +30,10 @@ pub use problem::{PlanProblem, Prices};
 
 use bess_tables::InputError;
 
-use co_states::CoStates;
 use look_ahead::look_ahead;
 use pair::Pair;
 use pairs::PairValues;
-use paths::Paths;
+use paths::{CoStates, Paths};
 
 use crate::cores;
 use crate::rules::Rule;

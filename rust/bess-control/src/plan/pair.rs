@@ -1,7 +1,6 @@
 //! Two strings that exchange power: range of requests of the first string at a constant sum.
 
-use crate::plan::co_states::CoStates;
-use crate::plan::paths::Paths;
+use crate::plan::paths::{CoStates, Paths};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Pair {

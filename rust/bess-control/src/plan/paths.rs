@@ -1,9 +1,12 @@
 //! A plan with the state and the cost of every string along it, so that a change is costed from the changed step on and
-//! only for the strings that it touches.
+//! only for the strings that it touches; and the co-states along it, the marginal cost of charge and temperature.
 
 use crate::model::StringState;
-use crate::plan::co_states::CoStates;
 use crate::plan::problem::PlanProblem;
+
+/// Steps of the difference quotients.
+const SOC_SHIFT: f64 = 1e-3;
+const TEMPERATURE_SHIFT_K: f64 = 0.1;
 
 /// A string at the start of a step: state, accumulated cost, inverter state.
 #[derive(Debug, Clone, Copy)]
@@ -112,11 +115,6 @@ impl<'a> Paths<'a> {
         &self.strings[m].points[t]
     }
 
-    /// Co-states along the path of a string, if known.
-    pub fn co_states(&mut self, m: usize) -> &mut Option<CoStates> {
-        &mut self.strings[m].co_states
-    }
-
     /// Cost of one string.
     #[inline]
     pub fn total(&self, m: usize) -> f64 {
@@ -162,5 +160,60 @@ impl<'a> Paths<'a> {
     fn close(&mut self, m: usize) {
         let last = *self.at(m, self.problem.n_steps());
         self.strings[m].total = last.cost + self.problem.end_cost(m, last.state);
+    }
+}
+
+/// Co-states of one string: derivatives of the remaining cost at the start of each step `(T + 1,)`, from a backward
+/// pass of difference quotients along its schedule.
+#[derive(Debug, Clone)]
+pub(crate) struct CoStates {
+    pub soc: Vec<f64>,
+    pub temperature: Vec<f64>,
+}
+
+impl CoStates {
+    /// Co-states of a schedule are computed once, but count as work whenever they are asked for.
+    pub fn along(paths: &mut Paths<'_>, m: usize) -> Self {
+        let n_steps = paths.problem.n_steps();
+        if let Some(known) = paths.strings[m].co_states.clone() {
+            paths.work += 2 * n_steps as u64;
+            return known;
+        }
+        let mut slopes = Self { soc: vec![0.0; n_steps + 1], temperature: vec![0.0; n_steps + 1] };
+        slopes.renew(paths, m, 0);
+        paths.strings[m].co_states = Some(slopes.clone());
+        slopes
+    }
+
+    /// Co-states along the present path, from the start of step `from` on.
+    pub fn renew(&mut self, paths: &mut Paths<'_>, m: usize, from: usize) {
+        let problem = paths.problem;
+        let n_steps = problem.n_steps();
+        self.soc[n_steps] = problem.prices.end_charge * problem.capacity_ah(m);
+        for t in (from..n_steps).rev() {
+            let (here, next) = (*paths.at(m, t), *paths.at(m, t + 1));
+            let request_w = paths.request(m, t);
+            let change = |state: StringState| {
+                let shifted = paths.next(m, t, &Point { state, ..here }, request_w);
+                self.change(t + 1, &next, &shifted)
+            };
+            // Towards the inside of the window: states beyond a limit are invalid.
+            let shift = if here.state.soc < 0.5 { SOC_SHIFT } else { -SOC_SHIFT };
+            let by_soc = change(StringState { soc: here.state.soc + shift, ..here.state }) / shift;
+            let warmer = here.state.temperature_c + TEMPERATURE_SHIFT_K;
+            let by_temperature =
+                change(StringState { temperature_c: warmer, ..here.state }) / TEMPERATURE_SHIFT_K;
+            self.soc[t] = by_soc;
+            self.temperature[t] = by_temperature;
+        }
+        paths.work += 2 * (n_steps - from) as u64;
+    }
+
+    /// First-order cost of the state `other` instead of `here` at the start of step `t`.
+    #[inline]
+    pub fn change(&self, t: usize, here: &Point, other: &Point) -> f64 {
+        other.cost - here.cost
+            + self.soc[t] * (other.state.soc - here.state.soc)
+            + self.temperature[t] * (other.state.temperature_c - here.state.temperature_c)
     }
 }

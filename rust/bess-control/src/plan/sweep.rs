@@ -1,9 +1,8 @@
 //! Moves of a pair of strings in one step, or in one step and back in a later one, ranked by their predicted gain: the cost of
 //! the step plus the co-states of later steps. Only moves with a predicted gain are rolled out.
 
-use crate::plan::co_states::CoStates;
 use crate::plan::pair::{Pair, Room};
-use crate::plan::paths::Paths;
+use crate::plan::paths::{CoStates, Paths};
 
 /// Uniform cells over the range of the first string's request.
 const CELLS: usize = 12;
