@@ -171,7 +171,7 @@ def _complete(directory: Path, study: Study, loop: ClosedLoop, *, progress: bool
     files.write_bytes(directory / "study.toml", study.to_toml().encode())
     log_bytes = 0
     if saved := store.parts(directory):
-        _, checkpoint = store.read_part(saved[-1])
+        checkpoint = store.read_checkpoint(saved[-1])
         loop.restore(checkpoint["loop"])
         log_bytes = checkpoint["log_bytes"]
     # Lines of steps that were not saved are written again.

@@ -18,7 +18,7 @@ from bess.optional_dependencies import extra
 from bess.simulation.record.dataset import write_netcdf
 from bess.simulation.record.files import check_file
 from bess.simulation.record.provenance import IDENTITY, read_identity
-from bess.simulation.record.store import records
+from bess.simulation.record.store import parts, read_record, records
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -118,14 +118,14 @@ def open_result(directory: str | Path) -> xr.Dataset:
         others = f"several runs; open one of {', '.join(names[:8])}{', ...' * (len(names) > 8)}"
         held = f"holds {others if names else 'no run'}" if directory.is_dir() else "no such folder"
         raise InputError(f"{directory}: {held}")
-    saved = list(records(directory))
+    saved = parts(directory)
     if not saved:
         raise InputError(f"{directory}: nothing has been saved yet; continue the run with resume")
-    first, last = saved[-1]
-    frame = identity["frame"] | {"n_steps": first + len(last["demand_kw"])}
+    n_last = len(read_record(saved[-1])["demand_kw"])
+    frame = identity["frame"] | {"n_steps": int(saved[-1].stem) + n_last}
     with tempfile.TemporaryDirectory(prefix="bess-") as scratch:
         path = Path(scratch) / RESULTS
-        write_netcdf(path, frame, iter(saved))
+        write_netcdf(path, frame, records(directory))
         with open_netcdf(path) as dataset:
             return dataset.load()
 

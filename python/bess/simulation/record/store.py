@@ -56,21 +56,23 @@ def parts(directory: Path) -> list[Path]:
     return sorted((directory / PARTS).glob("*.npz"))
 
 
-def read_part(path: Path) -> tuple[Record, dict[str, Any]]:
-    """Return the arrays of a part, with the steps along the first axis, and the checkpoint after them.
+def read_record(path: Path) -> Record:
+    """Return the arrays of a part, with the steps along the first axis; raise InputError if it is damaged."""
+    arrays = _arrays(path)
+    return {name.removeprefix(_RECORD): arrays[name] for name in arrays if name.startswith(_RECORD)}
 
-    Raises
-    ------
-    InputError
-        The file is damaged.
-    """
+
+def read_checkpoint(path: Path) -> dict[str, Any]:
+    """Return the state of the closed loop after a part; raise InputError if the part is damaged."""
+    return from_json(_arrays(path)[_CHECKPOINT].tobytes())
+
+
+def _arrays(path: Path) -> Record:
     try:
         with np.load(io.BytesIO(unsealed(path.read_bytes())), allow_pickle=False) as archive:
-            arrays = dict(archive)
+            return dict(archive)
     except (OSError, ValueError, MemoryError) as error:
         raise InputError(f"{path}: damaged ({error}); delete it and all later parts, then resume") from error
-    checkpoint = from_json(arrays.pop(_CHECKPOINT).tobytes())
-    return {name.removeprefix(_RECORD): values for name, values in arrays.items()}, checkpoint
 
 
 def records(directory: Path) -> Iterator[tuple[int, Record]]:
@@ -88,7 +90,7 @@ def records(directory: Path) -> Iterator[tuple[int, Record]]:
                 f"{path}: the part before it, from step {step} on, is missing; delete it and all later "
                 f"parts, then resume"
             )
-        record, _ = read_part(path)
+        record = read_record(path)
         yield step, record
         step += len(record["demand_kw"])
 

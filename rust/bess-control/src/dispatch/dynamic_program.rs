@@ -188,20 +188,15 @@ impl<'a> DynamicProgram<'a> {
                 let has_some = &transitions.has_some[power];
                 let from = power * energies;
                 let income = &mut income[from..][..energies];
-                let mut is_first = true;
+                income.fill(0.0);
                 for ((amount, eur), some) in transitions.amounts.iter().zip(eur).zip(has_some) {
                     // Most rows neither sell and buy nor lose by derating: what is zero is not added.
                     if *some && *eur != 0.0 {
                         let amount = &amount[from..][..energies];
                         for i in 0..energies {
-                            let before = if is_first { 0.0 } else { income[i] };
-                            income[i] = before + amount[i] * eur;
+                            income[i] += amount[i] * eur;
                         }
-                        is_first = false;
                     }
-                }
-                if is_first {
-                    income.fill(0.0);
                 }
                 if !wear_eur.is_empty() {
                     let wear_eur = &wear_eur[rows / self.levels * n + from..][..energies];

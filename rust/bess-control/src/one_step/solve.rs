@@ -16,8 +16,8 @@ struct Node {
     border: Option<usize>,
 }
 
-/// Solves the one-step problem, at the price of the demand with every inverter free. Branches first on the number of inverters that are on, which leaves no
-/// Lagrangian gap for identical strings, then on the string at the border.
+/// Solves the one-step problem; the price of the result is that with every inverter free. Branches first on the number of
+/// inverters that are on, which leaves no Lagrangian gap for identical strings, then on the string at the border.
 pub(crate) fn solve(curves: &[impl StringCost], demand_w: f64) -> OneStepSolution {
     solve_within(curves, demand_w, 60 + 8 * curves.len().min(MAX_STRINGS_WITH_NODES))
 }
