@@ -229,6 +229,8 @@ def test_a_planned_run_says_how_far_its_plans_may_be_from_the_best(tmp_path: Pat
     assert warnings(runs, {}) == []
     assert list(optimiser(run)) == []
     assert not [name for name in run.kpis if name.startswith(("solver_gap", "solver_nodes"))]
+    del run.kpis["plan_gap_pct"]
+    assert "Plans are within 1.5 % of the estimated lower bound (medians" in summary(runs)[-1]
 
 
 @pytest.mark.parametrize(

@@ -50,6 +50,8 @@ FORECAST_ERROR_DISCOUNT_TIME_H = 5.0
 """Time constant of the additional discount on undelivered energy at a forecast error of 1 [h]."""
 FORECAST_ERROR_FIRST_STEP_WEIGHT = 1.0
 """Increase of :data:`FIRST_STEP_WEIGHT` at a forecast error of 1."""
+ROUNDING = 1e-9
+"""Relative difference of a cost and its bound that is due to rounding."""
 MAX_STEPS = 48 * 60
 """Maximum number of steps of a plan: two days of one-minute steps."""
 
@@ -71,9 +73,10 @@ class Plan(ByValue):
     rollouts : int
         Number of roll-outs of the control model.
     bound : float
-        Proven lower bound of the cost of every schedule, without starts, on the control model of
-        :func:`bess.rollout` (docs/equations.md, 1 to 6). It is the larger of the dual bound and the sum of
-        the minimum costs of single steps (of strings that are planned one by one). NaN if not computed.
+        Proven lower bound of the cost of every schedule, without starts, on the control model with the
+        coefficients of the start of each step (``model="start"`` of :func:`bess.rollout`), while ``cost`` has
+        those of its middle. It is the larger of the dual bound and the sum of the minimum costs of single
+        steps (of strings that are planned one by one). NaN if not computed.
     search_bound : float
         Dual bound on a grid, an estimate. NaN if not computed.
     """
@@ -88,16 +91,28 @@ class Plan(ByValue):
 
     @property
     def gap(self) -> float:
-        """Proven optimality gap: the cost exceeds the optimum by at most this share of the cost."""
-        return (self.cost - self.bound) / self.cost if self.cost > 0.0 else 0.0
+        """Share of the cost above :attr:`bound`, including the difference of both forms of the model.
+
+        NaN if the bound is above the cost: the forms then differ by more than the gap (strings near empty,
+        steps of an hour).
+        """
+        gap = self._share_above(self.bound)
+        return gap if gap >= -ROUNDING else np.nan
 
     @property
     def search_gap(self) -> float:
         """Optimality gap estimated with :attr:`search_bound`, as a share of the cost.
 
-        The grid can raise the search bound by about 0.5 % of the cost; negative gaps are reported as 0.
+        The grid can raise the search bound by about 0.5 % of the cost, and by more over few steps or at a
+        demand below a tenth of the power; negative gaps are reported as 0.
         """
-        return float(np.maximum((self.cost - self.search_bound) / self.cost, 0.0)) if self.cost > 0.0 else 0.0
+        return float(np.maximum(self._share_above(self.search_bound), 0.0))
+
+    def _share_above(self, bound: float) -> float:
+        """NaN for a cost that is negative because of the credit for stored charge."""
+        if self.cost > 0.0:
+            return (self.cost - bound) / self.cost
+        return 0.0 if self.cost == bound else np.nan
 
 
 class Planner(Checkpointed):

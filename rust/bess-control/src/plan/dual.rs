@@ -49,7 +49,7 @@ pub(crate) struct Dual {
 /// Four successive temperature nodes and their weights (cubic convolution; linear at the ends).
 type Stencil = (usize, [f64; 4]);
 
-/// Moves of a string from every node, in one direction; arrays `(steps of SOC, soc, n_temperature)`.
+/// Moves of a string from every node, in one direction; arrays `(steps of SOC, soc, n_temperature)`, from none on.
 #[derive(Default)]
 struct Moves {
     request_w: Vec<f64>,
@@ -89,14 +89,16 @@ impl Grid {
         grid
     }
 
-    /// All moves to other SOC nodes: request and losses with the mean voltage and resistance of the move. Infeasible
-    /// moves have an infinite request.
+    /// All moves to SOC nodes: request and losses with the mean voltage and resistance of the move. Infeasible moves have an
+    /// infinite request. Moves whose internal power is below the no-load loss have a request below 0, straight on from the
+    /// table: requests between it and that of the next move exist.
     fn moves(&self, string: &StringModel, direction: Direction, dt_h: f64) -> Moves {
         let p = &string.parameters;
         let curve = string.loss(direction);
         let highest = curve.at(string.nominal_w()).1;
+        let no_load_w = curve.internal_w(0.0, curve.at(0.0).0);
         let mut out = Moves::default();
-        for k in 1.. {
+        for k in 0.. {
             let current_a = self.soc.step * k as f64 * p.capacity_ah / dt_h;
             let mut any = false;
             for (i, j) in (0..self.soc.len).flat_map(|i| (0..TEMPERATURE_NODES).map(move |j| (i, j))) {
@@ -119,15 +121,18 @@ impl Grid {
                     let has_root = direction == Direction::Charge || 2.0 * ohm * current_a <= volt;
                     let allowed = p.voltage_allows(direction, volt, ohm * current_a);
                     if has_root && allowed && internal_w <= highest && middle.derating > 0.0 {
-                        let power_w = curve.largest_power(internal_w);
+                        let power_w = match internal_w - no_load_w {
+                            below_w if below_w < 0.0 => below_w,
+                            _ => curve.largest_power(internal_w),
+                        };
                         let asked_w = power_w / middle.derating;
-                        if power_w > 0.0 && asked_w <= string.nominal_w() * (1.0 + 1e-9) {
+                        if asked_w <= string.nominal_w() * (1.0 + 1e-9) {
                             any = true;
                             request_w = asked_w;
                             losses = Losses {
                                 availability: 0.0,
                                 derating: asked_w - power_w,
-                                inverter: curve.at(power_w).0,
+                                inverter: curve.at(power_w.max(0.0)).0,
                                 battery: heat_w,
                             };
                         }
@@ -248,21 +253,23 @@ impl<'a> StringValues<'a> {
             if let (true, Some((_, to_c)), Some((_, cost))) = (cap_w > 0.0, &led[which], &priced[which]) {
                 above.fill(f64::INFINITY);
                 for (move_index, request_w) in moves.request_w.iter().enumerate() {
-                    let (k, node) = (move_index / size + 1, move_index % size);
+                    let (k, node) = (move_index / size, move_index % size);
                     let Some(to) = grid.soc.after(interval.direction, node / TEMPERATURE_NODES, k) else {
                         continue;
                     };
-                    let shorter_w = if k == 1 { 0.0 } else { moves.request_w[move_index - size] };
+                    let shorter_w = if k == 0 { 0.0 } else { moves.request_w[move_index - size] };
                     if *request_w == f64::INFINITY || shorter_w >= cap_w {
                         continue;
                     }
                     let row = &next_on[to * TEMPERATURE_NODES..(to + 1) * TEMPERATURE_NODES];
                     let value = cost[move_index] - price * request_w + along(row, &to_c[move_index]);
-                    if *request_w <= cap_w {
+                    if *request_w > cap_w {
+                        if above[node].is_finite() {
+                            let share = (cap_w - shorter_w) / (request_w - shorter_w);
+                            now_on[node] = now_on[node].min(above[node] + share * (value - above[node]));
+                        }
+                    } else if k > 0 && *request_w > 0.0 {
                         now_on[node] = now_on[node].min(value);
-                    } else if above[node].is_finite() {
-                        let share = (cap_w - shorter_w) / (request_w - shorter_w);
-                        now_on[node] = now_on[node].min(above[node] + share * (value - above[node]));
                     }
                     above[node] = value;
                 }
