@@ -63,7 +63,8 @@ class Plan(ByValue):
     Attributes
     ----------
     request_kw : ndarray, shape (n_strings, n_steps)
-        Set-points [kW], signed as the demand.
+        Set-points [kW], signed as the demand. A string may be left with less than the minimum power of its
+        inverter, which it sheds; a closed loop gives such power to other strings first.
     cost : float
         Cost of the plan [kWh or EUR, the unit of the prices].
     rule_cost : float
