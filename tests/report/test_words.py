@@ -251,6 +251,13 @@ def test_hindsight_is_offered_only_where_it_does_not_refuse(tmp_path: Path, flow
     assert ["--hindsight" in sentence for sentence in said] == [True, False]
 
 
+def test_hindsight_is_not_offered_where_hysteresis_heats_the_strings(tmp_path: Path) -> None:
+    planned(tmp_path / "run")
+    (run,) = runs_in(tmp_path / "run")[0].values()
+    run.identity["system"]["battery"]["hysteresis_heat"] = True
+    assert "--hindsight" not in summary({"run": run})[-1]
+
+
 def test_a_comparison_says_which_runs_were_planned_and_how_far(tmp_path: Path) -> None:
     planned(tmp_path / "set" / "day")
     planned(tmp_path / "set" / "short", foresight_h=6.0)

@@ -158,7 +158,7 @@ def _plan_sentences(runs: Mapping[str, Run], *, hindsight: bool) -> Iterator[str
     for name, run in runs.items():
         if (run.dataset["solver_status"].values == PLANNED).any():
             hours = run.study.get("policy", {}).get("foresight_h", DEFAULT_FORESIGHT_H)
-            planned.setdefault((float(hours), unprovable(run.dataset) is None), []).append(name)
+            planned.setdefault((float(hours), unprovable(run.dataset, run.system) is None), []).append(name)
     for (hours, provable), names in planned.items():
         who = f"{_listed(names)}: every" if len(runs) > 1 else "Every"
         yield (
