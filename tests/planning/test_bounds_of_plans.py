@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from problems import DT_H, case
+from problems import DT_H, ENERGY, case
 
 import bess
+from bess.control.planning import Plan
 
 BLOCKS = [
     (10, -78),
@@ -61,7 +62,7 @@ def test_no_proven_bound_is_above_a_random_schedule(seed: int, n_strings: int, n
     costs = cost_kwh(
         problem.system, problem.state, np.sign(problem.demand_kw) * wanted, bess.Objectives.energy(), "start"
     )
-    assert plan.bound <= costs.min() * (1.0 + 1e-9) + 1e-9
+    assert not plan.bound > costs.min() * (1.0 + 1e-9) + 1e-9  # NaN: none
     assert plan.cost <= plan.rule_cost
 
 
@@ -101,12 +102,23 @@ def test_the_search_bound_knows_requests_between_the_nodes_of_its_grid(
     assert 0.95 * plan.cost < plan.search_bound < 1.01 * plan.cost
 
 
-@pytest.mark.parametrize("demand_kw", [-184.0, -180.0, -120.0, 184.0, 0.0])
-def test_a_plan_has_no_bound_above_its_cost(demand_kw: float) -> None:
-    """Strings that charge at full power take up more in the model of plans than in that of the bound."""
-    plan = bess.plan_power(bess.System.reference(2), bess.State([0.5, 0.5], [25.0, 25.0]), [demand_kw] * 8)
-    assert not plan.bound > plan.cost
-    assert np.isnan(plan.bound) == (demand_kw < -150.0)
+@pytest.mark.parametrize(
+    ("soc", "dt_h", "demand_kw", "has_bound"),
+    [
+        (0.5, 0.25, [-184.0] * 8, False),
+        (0.5, 0.25, [-120.0] * 8, True),
+        (0.5, 0.25, [184.0] * 8, True),
+        (0.02, 1.0, [-160.0] * 2, False),
+        (0.0, 0.25, [-160.0] * 2, False),
+        (0.2, 1.0, [-160.0] * 2, False),
+    ],
+)
+def test_a_plan_has_no_bound_above_its_cost(
+    soc: float, dt_h: float, demand_kw: list[float], has_bound: bool
+) -> None:
+    """The bound takes the coefficients of the start of each step, the cost those of the middle."""
+    plan = bess.plan_power(bess.System.reference(2), bess.State([soc] * 2, [25.0] * 2), demand_kw, ENERGY, dt_h)
+    assert plan.bound <= plan.cost if has_bound else np.isnan(plan.bound) and np.isnan(plan.gap)
 
 
 def test_a_day_at_rated_demand_is_planned_to_three_per_cent() -> None:
@@ -137,3 +149,23 @@ def test_plan_power_takes_one_sum_in_kwh() -> None:
         )
     with pytest.raises(bess.InputError, match='start_kwh is for kind = "energy"'):
         bess.Objectives(start_kwh=0.1)
+
+
+@pytest.mark.parametrize(("n_steps", "dt_h"), [(32, 0.25), (4, 1 / 60), (17, 1 / 60), (6, 1.0)])
+def test_the_search_bound_of_a_low_demand_is_near_the_optimum(n_steps: int, dt_h: float) -> None:
+    """A single string has one schedule, the optimum; its step is less than a cell of SOC."""
+    system, state = bess.System.reference(1), bess.State([0.5], [25.0])
+    plan = bess.plan_power(system, state, [6.0] * n_steps, ENERGY, dt_h)
+    assert plan.cost * 0.99 <= plan.search_bound <= plan.cost * 1.07
+
+
+def test_a_negative_cost_has_no_relative_gap() -> None:
+    """The credit for stored charge exceeds the losses; 0 would state an optimum."""
+    nothing = np.zeros((1, 1))
+    plan = Plan(nothing, -2.0, -1.0, nothing[0], rollouts=1, bound=-5.0, search_bound=-3.0)
+    assert np.isnan(plan.gap) and np.isnan(plan.search_gap)
+
+
+def test_nothing_to_do_is_done_at_no_cost_and_without_a_gap() -> None:
+    plan = bess.plan_power(bess.System.reference(2), bess.State([0.5, 0.5], [25.0, 25.0]), [0.0] * 4)
+    assert plan.cost == plan.gap == plan.search_gap == 0.0

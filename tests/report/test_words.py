@@ -229,6 +229,8 @@ def test_a_planned_run_says_how_far_its_plans_may_be_from_the_best(tmp_path: Pat
     assert warnings(runs, {}) == []
     assert list(optimiser(run)) == []
     assert not [name for name in run.kpis if name.startswith(("solver_gap", "solver_nodes"))]
+    del run.kpis["plan_gap_pct"]
+    assert "Plans are within 1.5 % of the estimated lower bound (medians" in summary(runs)[-1]
 
 
 @pytest.mark.parametrize(
@@ -247,6 +249,13 @@ def test_hindsight_is_offered_only_where_it_does_not_refuse(tmp_path: Path, flow
         assert "--hindsight" not in " ".join(summary({name: run}, hindsight=True))
     said = [sentence for sentence in summary(runs_in(tmp_path / "set")[0]) if "planned" in sentence]
     assert ["--hindsight" in sentence for sentence in said] == [True, False]
+
+
+def test_hindsight_is_not_offered_where_hysteresis_heats_the_strings(tmp_path: Path) -> None:
+    planned(tmp_path / "run")
+    (run,) = runs_in(tmp_path / "run")[0].values()
+    run.identity["system"]["battery"]["hysteresis_heat"] = True
+    assert "--hindsight" not in summary({"run": run})[-1]
 
 
 def test_a_comparison_says_which_runs_were_planned_and_how_far(tmp_path: Path) -> None:

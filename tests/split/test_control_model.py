@@ -217,3 +217,11 @@ def _horizon(
         np.array([1e-6]),
         np.array([1e-4]),
     )
+
+
+@pytest.mark.parametrize("min_power_kw", [0.24353825567371942, 0.11273066557310799])
+def test_a_request_of_the_minimum_power_is_delivered(system: bess.System, min_power_kw: float) -> None:
+    document = copy.deepcopy(system.document)
+    document["inverter"]["min_power_kw"] = min_power_kw
+    roll = bess.rollout(bess.System(document), HALF, [[min_power_kw], [0.0]])
+    assert roll.delivered_kw[0, 0] == min_power_kw

@@ -126,3 +126,12 @@ def test_a_request_that_two_ceilings_leave_a_few_watts_for_is_found() -> None:
     goals = bess.Objectives(derating=bess.Objective(priority=3))
     split = bess.split_power(bess.System(document, name="differing"), state, demand, goals, node_limit=1)
     assert split.objective <= 0.3427
+
+
+def test_a_priority_of_weight_zero_is_no_objective() -> None:
+    """No schedule on a grid of 41 shares in each of four steps has a lower objective than 0.26695."""
+    system, state = bess.System.reference(2), bess.State([0.03, 0.1], [48.0, 50.0])
+    split = bess.split_power(system, state, [100.0, 60.0, 80.0, 40.0], bess.Objectives(availability=0.0))
+    assert split.groups[0].objective == split.groups[0].bound == 0.0
+    assert split.objective < 0.26696
+    assert split.gap < 1e-3 and split.status is bess.SplitStatus.OPTIMAL

@@ -104,3 +104,15 @@ def test_a_refused_call_leaves_the_splitter_as_it_was(splitter):
     with pytest.raises(bess.InputError):
         splitter(bess.State(**GOOD_STATE), [10.0] * 3)
     np.testing.assert_array_equal(splitter.warm_start, before)
+
+
+def test_a_demand_that_one_of_two_inverters_is_too_large_for_goes_to_the_other():
+    document = bess.System.reference(2).document
+    document["string"] = [{}, {"inverter": {"min_power_kw": 0.17}}]
+    system, state = bess.System(document), bess.State(**GOOD_STATE)
+    split = bess.split_power(system, state, [0.0556, -0.0556])
+    np.testing.assert_allclose(split.request_kw, [[0.0556, -0.0556], [0.0, 0.0]], rtol=1e-12)
+    # With the first one out of service there is none for it, which is said.
+    split = bess.PowerSplit(system, 2)(state, [0.0556, -0.0556], limit_kw=[0.0, 92.0])
+    np.testing.assert_allclose(split.unmet_kw, 0.0556, rtol=1e-12)
+    assert not split.request_kw.any()

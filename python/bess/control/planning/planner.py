@@ -51,8 +51,8 @@ FORECAST_ERROR_DISCOUNT_TIME_H = 5.0
 """Time constant of the additional discount on undelivered energy at a forecast error of 1 [h]."""
 FORECAST_ERROR_FIRST_STEP_WEIGHT = 1.0
 """Increase of :data:`FIRST_STEP_WEIGHT` at a forecast error of 1."""
-_ROUNDING = 1e-9
-"""Relative rounding of a cost."""
+ROUNDING = 1e-9
+"""Relative difference of a cost and its bound that is due to rounding."""
 MAX_STEPS = 48 * 60
 """Maximum number of steps of a plan: two days of one-minute steps."""
 
@@ -64,7 +64,8 @@ class Plan(ByValue):
     Attributes
     ----------
     request_kw : ndarray, shape (n_strings, n_steps)
-        Set-points [kW], signed as the demand.
+        Set-points [kW], signed as the demand. A string may be left with less than the minimum power of its
+        inverter, which it sheds; a closed loop gives such power to other strings first.
     cost : float
         Cost of the plan [kWh or EUR, the unit of the prices].
     rule_cost : float
@@ -74,11 +75,11 @@ class Plan(ByValue):
     rollouts : int
         Number of roll-outs of the control model.
     bound : float
-        Proven lower bound of the cost of every schedule, without starts, on the control model of
-        :func:`bess.rollout` (docs/equations.md, 1 to 6). It is the larger of the dual bound and the sum of
-        the minimum costs of single steps (of strings that are planned one by one). NaN if not computed, or
-        if it is above ``cost``: plans use the midpoint form of the model, in which strings that charge at
-        full power take up more energy.
+        Proven lower bound of the cost of every schedule, without starts, on the control model with the
+        coefficients of the start of each step (``model="start"`` of :func:`bess.rollout`), while ``cost`` has
+        those of its middle. It is the larger of the dual bound and the sum of the minimum costs of single
+        steps (of strings that are planned one by one). NaN if not computed, or if it is above ``cost``, which
+        the difference of the two forms can cause.
     search_bound : float
         Dual bound on a grid, an estimate. NaN if not computed.
     """
@@ -93,8 +94,8 @@ class Plan(ByValue):
 
     @property
     def gap(self) -> float:
-        """Proven optimality gap: the cost exceeds the optimum by at most this share of the cost."""
-        return (self.cost - self.bound) / self.cost if self.cost > 0.0 else 0.0
+        """Share of the cost above :attr:`bound`, including the difference of both forms of the model."""
+        return self._share_above(self.bound)
 
     @property
     def search_gap(self) -> float:
@@ -103,7 +104,13 @@ class Plan(ByValue):
         The grid can raise the search bound, seldom by more than 0.5 % of the cost (docs/foresight.md);
         negative gaps are reported as 0.
         """
-        return float(np.maximum((self.cost - self.search_bound) / self.cost, 0.0)) if self.cost > 0.0 else 0.0
+        return float(np.maximum(self._share_above(self.search_bound), 0.0))
+
+    def _share_above(self, bound: float) -> float:
+        """NaN for a cost that is negative because of the credit for stored charge."""
+        if self.cost > 0.0:
+            return (self.cost - bound) / self.cost
+        return 0.0 if self.cost == bound else np.nan
 
     def _facts(self) -> dict[str, str]:
         return {
@@ -276,7 +283,7 @@ class Planner(Checkpointed):
         if plan.search_bound is not None and groups is None:
             # Its computing time grows with the number of strings, identical or not.
             proven = float(np.fmax(proven, proven_bound(problem, loss_prices.min(axis=0))))
-        if proven > plan.cost * (1.0 + _ROUNDING):
+        if proven > plan.cost + ROUNDING * abs(plan.cost):
             proven = np.nan
         return Plan(
             plan.request_kw,

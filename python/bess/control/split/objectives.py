@@ -213,6 +213,9 @@ class Objectives(Choice):
         ``(n_strings, 4)``."""
         weights = np.array([objective.weight for objective in self.members])
         search_weights = np.where(weights == 0.0, TIE_BREAK_WEIGHT, weights)
+        for group in self.groups:
+            # A priority of zero weights only is no objective: there is nothing to break a tie of.
+            search_weights[list(group)] *= weights[list(group)].any()
         reported, searched = (np.zeros((len(self.groups), *scale_per_kw.shape)) for _ in range(2))
         for g, group in enumerate(self.groups):
             for i in group:

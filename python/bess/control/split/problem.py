@@ -26,7 +26,7 @@ class SplitProblem:
     system : System
     state : State
     demand_kw : ndarray, shape (n_steps,)
-        Demand within the limits of the strings, signed; 0 if below the minimum power.
+        Demand within the limits of the strings, signed; 0 if below the minimum power of all in service.
     unmet_kw : ndarray, shape (n_steps,)
         Remaining demand, ``>= 0``.
     ambient_c : ndarray, shape (n_steps,)
@@ -73,8 +73,9 @@ class SplitProblem:
         limit = _limits(system, n_steps, limit_kw)
         largest = limit.sum(axis=0)
         asked = np.minimum(np.maximum(demand, -largest), largest)
-        # Demand below the minimum power of an inverter is treated as zero.
-        asked[np.abs(asked) < system.min_power_kw.min()] = 0.0
+        # Demand below the minimum power of every inverter in service is treated as zero.
+        min_kw = np.where(limit > 0.0, system.min_power_kw[:, None], np.inf).min(axis=0)
+        asked[np.abs(asked) < min_kw] = 0.0
         return cls(
             system=system,
             state=state,

@@ -109,7 +109,7 @@ def _every(run: Run) -> Iterator[Tile]:
     )
     if "plan_gap_pct" in kpis:
         search = _quantity("plan_search_gap_pct", kpis)
-        yield _tile("plan_gap_pct", kpis, f"at most, to the best plan; estimated {search}")
+        yield _tile("plan_gap_pct", kpis, f"to the rigorous lower bound; estimated {search}")
 
 
 def _tile(name: str, kpis: Kpis, detail: str) -> Tile:

@@ -158,7 +158,7 @@ def _plan_sentences(runs: Mapping[str, Run], *, hindsight: bool) -> Iterator[str
     for name, run in runs.items():
         if (run.dataset["solver_status"].values == PLANNED).any():
             hours = run.study.get("policy", {}).get("foresight_h", DEFAULT_FORESIGHT_H)
-            planned.setdefault((float(hours), unprovable(run.dataset) is None), []).append(name)
+            planned.setdefault((float(hours), unprovable(run.dataset, run.system) is None), []).append(name)
     for (hours, provable), names in planned.items():
         who = f"{_listed(names)}: every" if len(runs) > 1 else "Every"
         yield (
@@ -171,13 +171,11 @@ def _plan_sentences(runs: Mapping[str, Run], *, hindsight: bool) -> Iterator[str
 
 def _plan_gap(run: Run, of_run: str) -> str:
     """Optimality gap of the plans of a run."""
-    gap = run.kpis.get("plan_search_gap_pct")
-    if gap is None:
+    bounds = {"plan_search_gap_pct": "the estimated lower bound", "plan_gap_pct": "the rigorous one"}
+    gaps = [f"within {run.kpis[name]:.2g} % of {bound}" for name, bound in bounds.items() if name in run.kpis]
+    if not gaps:
         return f"No plan{of_run} has a bound."
-    return (
-        f"Plans{of_run} are within {gap:.2g} % of the estimated lower bound and within "
-        f"{run.kpis['plan_gap_pct']:.2g} % of the rigorous one (medians of the plans with a bound)."
-    )
+    return f"Plans{of_run} are {' and '.join(gaps)} (medians of the plans with a bound)."
 
 
 def _listed(names: Sequence[str]) -> str:

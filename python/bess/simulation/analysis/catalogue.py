@@ -379,7 +379,8 @@ CATALOGUE: Final[dict[str, Kpi]] = {
     ),
     "plan_gap_pct": Kpi(
         "Rigorous gap of plans", "%", None, 2,
-        "Median gap of the plans with bounds to a rigorous lower bound of the control model.", "solver",
+        "Median gap of the plans with bounds to a rigorous lower bound of the control model with the "
+        "coefficients of the start of each step.", "solver",
     ),
     **_over_steps(
         "solver_gap", "Rigorous gap", "%", 3,

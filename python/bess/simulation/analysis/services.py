@@ -16,6 +16,8 @@ from bess.units import KWH_PER_MWH, PERCENT
 if TYPE_CHECKING:
     import xarray as xr
 
+    from bess.system import System
+
 
 _MIN_SUSTAINED_SHARE: Final = 1.0 - 1e-9
 """Minimum share of the reserve that counts as sustained."""
@@ -159,6 +161,8 @@ _UNPROVABLE: Final = {
 """Reasons why hindsight does not support a record, by a variable that only such records have."""
 
 
-def unprovable(dataset: xr.Dataset) -> str | None:
-    """Return the reason why :func:`bess.hindsight` does not support a record; None if it does."""
+def unprovable(dataset: xr.Dataset, system: System) -> str | None:
+    """Return the reason why :func:`bess.hindsight` does not support a run; None if it does."""
+    if any(string.battery.hysteresis_heat for string in system.strings):
+        return "hysteresis heats the strings of this run, and the lower bound supports ohmic heat only"
     return next((reason for name, reason in _UNPROVABLE.items() if name in dataset), None)

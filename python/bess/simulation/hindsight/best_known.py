@@ -120,7 +120,7 @@ def benchmark(replay: Replay, effort: Effort = "quick") -> Hindsight:
         The record has no hindsight benchmark.
     """
     record = replay.record
-    if reason := unprovable(record):
+    if reason := unprovable(record, replay.system):
         raise InputError(f"hindsight: {reason}")
     inputs = replay.inputs
     bound = partial(

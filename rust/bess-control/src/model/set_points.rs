@@ -19,13 +19,13 @@ impl ControlModel {
         let total_w: f64 = request_w.iter().sum();
         let mut waiting: Vec<(usize, f64)> = Vec::new();
         for (m, power_w) in request_w.iter_mut().enumerate() {
-            if below(m, *power_w) {
+            if *power_w < min_w(m) {
                 waiting.push((m, *power_w));
                 *power_w = 0.0;
             }
         }
         let mut left_w: f64 = waiting.iter().map(|(_, power_w)| power_w).sum();
-        // The string with the largest request is switched on first.
+        // The string with the largest request is switched on first, those without a request last.
         waiting.sort_by(|a, b| b.1.total_cmp(&a.1));
         let mut waiting = waiting.into_iter().map(|(m, _)| m);
         loop {
@@ -107,6 +107,15 @@ mod tests {
     fn where_all_are_below_it_the_one_that_was_asked_for_most_takes_all_or_none_does() {
         assert_eq!(settled([0.3, 0.5, 0.2, 0.4], [LIMIT_W; N_STRINGS]), [0.0, 1.4, 0.0, 0.0]);
         assert_eq!(settled([0.3, 0.3, 0.0, 0.0], [LIMIT_W; N_STRINGS]), [0.0; N_STRINGS]);
+    }
+
+    #[test]
+    fn what_is_too_little_for_a_string_goes_to_one_that_it_can_switch_on() {
+        let mut system = common::reference(2);
+        system.strings[1].inverter.min_power_w = 170.0;
+        let mut request_w = [0.0, 55.6];
+        ControlModel::new(&system).set_points(&mut request_w, &[LIMIT_W; 2]);
+        assert_eq!(request_w, [55.6, 0.0]);
     }
 
     #[test]

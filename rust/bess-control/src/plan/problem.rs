@@ -172,7 +172,8 @@ impl<'a> PlanProblem<'a> {
         Ok(self)
     }
 
-    /// The problem in steps `per` times as long: mean demand, ambient temperature and prices of each `per` steps.
+    /// The problem in steps `per` times as long: mean demand, ambient temperature and prices of each `per` steps. A last one
+    /// beyond the horizon has the energy of the steps within.
     pub(crate) fn coarsened(&self, per: usize) -> Self {
         let n_steps = self.n_steps();
         let blocks: Vec<_> = (0..n_steps).step_by(per).map(|from| from..(from + per).min(n_steps)).collect();
@@ -181,7 +182,8 @@ impl<'a> PlanProblem<'a> {
         };
         let signed_w = |t: usize| self.intervals[t].direction.sign() * self.demand_w[t];
         let mut coarse = self.clone();
-        coarse.demand_w = blocks.iter().map(|b| mean(b, &signed_w).abs()).collect();
+        coarse.demand_w =
+            blocks.iter().map(|b| (b.clone().map(signed_w).sum::<f64>() / per as f64).abs()).collect();
         coarse.intervals = blocks
             .iter()
             .map(|b| Interval {
@@ -224,9 +226,11 @@ impl<'a> PlanProblem<'a> {
         (sample, share)
     }
 
-    /// Number of steps in about `hours`, at least one.
+    /// Number of steps in at most about `hours`, at least one, that divides the horizon as evenly as possible.
     pub(crate) fn steps_of(&self, hours: f64) -> usize {
-        self.intervals.first().map_or(1, |i| ((hours / i.dt_h).round() as usize).max(1))
+        let n_steps = self.n_steps();
+        let most = self.intervals.first().map_or(1, |i| ((hours / i.dt_h).round() as usize).max(1));
+        n_steps.div_ceil(n_steps.div_ceil(most).max(1)).max(1)
     }
 
     /// Whether two strings are equal except for their states.

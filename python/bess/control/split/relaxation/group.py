@@ -76,6 +76,7 @@ class RelaxedGroup:
         self._cost = cost[group]
         per_unit = cost * constants.scale_kw
         units = per_unit.max(axis=(1, 2))
+        units[units == 0.0] = 1.0  # a priority whose weights are all zero
         self.unit = float(units[group])
         # Step cuts of a group without losses are in kW, because losses use up stored charge.
         own = per_unit[group] if per_unit[group][:, 1:].any() else constants.scale_kw * IN_KW
